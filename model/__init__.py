@@ -1,0 +1,26 @@
+"""The mechanics of tendon-driven arms: arms, scenes, and the shapes that they settle to."""
+
+from model.arm import Anchorage, Arm, Material, conical
+from model.errors import CollapsedError, InputError, NotSettledError, OctoplanError
+from model.paths import Linear, Sampled
+from model.scene import Scene
+from model.settle import Shapes, settle, settle_many
+from model.shape import Shape
+
+__all__ = [
+    "Anchorage",
+    "Arm",
+    "CollapsedError",
+    "InputError",
+    "Linear",
+    "Material",
+    "NotSettledError",
+    "OctoplanError",
+    "Sampled",
+    "Scene",
+    "Shape",
+    "Shapes",
+    "conical",
+    "settle",
+    "settle_many",
+]

@@ -1,0 +1,238 @@
+"""The arm: a tapered body, its material, and the tendons anchored along it. Numbers only."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from model.checks import finite_array, positive, within
+from model.errors import InputError
+from model.paths import Array, Linear, Path
+
+QUARTERS = (0.0, np.pi / 2, np.pi, 3 * np.pi / 2)
+PAPER_FRAME = ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0))
+
+
+@dataclass(frozen=True)
+class Material:
+    """An isotropic elastic material; the default is the silicone of tables 2 and 4.
+
+    Attributes
+    ----------
+    E : float
+        Young's modulus [Pa].
+    nu : float
+        Poisson's ratio, in (-1, 0.5].
+    density : float
+        [kg/m3].
+    """
+
+    E: float = 110e3
+    nu: float = 0.5
+    density: float = 1080.0
+
+    def __post_init__(self) -> None:
+        positive("Material.E", self.E)
+        positive("Material.density", self.density)
+        if within("Material.nu", self.nu, -1.0, 0.5) == -1.0:
+            raise InputError("Material.nu", self.nu, "a number above -1, up to 0.5")
+
+    @property
+    def G(self) -> float:
+        """Shear modulus E / (2 (1 + nu)) [Pa]."""
+        return self.E / (2 * (1 + self.nu))
+
+
+@dataclass(frozen=True)
+class Anchorage:
+    """A cross-section where tendons end, and the way that these take to it from the base.
+
+    Attributes
+    ----------
+    at : float
+        Arc length l_i of the section from the base [m].
+    offset : Path
+        Distance y_i(s) of the tendons from the midline on [0, l_i] [m]; eq. (5) is `Linear(a, b)`.
+    angles : tuple of float
+        One tendon for each: the angle phi of its side d = cos(phi) n + sin(phi) b [rad].
+        The paper's four tendons j = 1..4 (n, b, -n, -b) unless given.
+    """
+
+    at: float
+    offset: Path
+    angles: tuple[float, ...] = QUARTERS
+
+    def __post_init__(self) -> None:
+        positive("Anchorage.at", self.at)
+        angles = finite_array("Anchorage.angles", self.angles, (None,))
+        if angles.size == 0:
+            raise InputError("Anchorage.angles", self.angles, "at least one tendon")
+        if not hasattr(self.offset, "evaluate"):
+            raise InputError("Anchorage.offset", self.offset, "a Linear or a Sampled path")
+        object.__setattr__(self, "angles", tuple(angles.tolist()))
+
+
+@dataclass(frozen=True)
+class Arm:
+    """A tendon-driven arm, clamped at its base.
+
+    Attributes
+    ----------
+    length : float
+        L [m].
+    radius : Path
+        Radius R(s) of the round body on [0, L] [m]; eq. (7) is `Linear(R_max, R_min)`.
+    sections : tuple of Anchorage
+        From the tip to the base, so that section 1 is the one nearest the tip.
+    material : Material
+    base_frame : 3x3 nested tuple
+        Columns t, n, b of the base; the paper's unless given.
+    base_position : tuple of three floats
+        [m].
+
+    Raises
+    ------
+    InputError
+        Naming the field, for anything that is not an arm of this kind.
+    """
+
+    length: float
+    radius: Path
+    sections: tuple[Anchorage, ...]
+    material: Material = field(default_factory=Material)
+    base_frame: tuple[tuple[float, ...], ...] = PAPER_FRAME
+    base_position: tuple[float, ...] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        positive("Arm.length", self.length)
+        object.__setattr__(self, "sections", tuple(self.sections))
+        if not self.sections:
+            raise InputError("Arm.sections", (), "at least one Anchorage")
+        self._check_order()
+        self._check_radii()
+        frame = finite_array("Arm.base_frame", self.base_frame, (3, 3))
+        if not np.allclose(frame.T @ frame, np.eye(3), atol=1e-9) or np.linalg.det(frame) < 0:
+            raise InputError("Arm.base_frame", self.base_frame, "a right-handed orthonormal frame")
+        position = finite_array("Arm.base_position", self.base_position, (3,))
+        object.__setattr__(self, "base_frame", tuple(tuple(row) for row in frame.tolist()))
+        object.__setattr__(self, "base_position", tuple(position.tolist()))
+
+    def _check_order(self) -> None:
+        ends = [section.at for section in self.sections]
+        if ends[0] > self.length * (1 + 1e-12):
+            raise InputError("Arm.sections[0].at", ends[0], f"up to the length {self.length:g} m")
+        for i, (outer, inner) in enumerate(pairwise(ends)):
+            if inner >= outer:
+                raise InputError(
+                    f"Arm.sections[{i + 1}].at", inner, f"below {outer:g} m, tip to base"
+                )
+
+    def _check_radii(self) -> None:
+        s = np.linspace(0.0, self.length, 401)
+        radius = self.radius.evaluate(s, self.length)[0]
+        if radius.min() <= 0:
+            at = s[np.argmin(radius)]
+            raise InputError("Arm.radius", float(radius.min()), f"above 0 m; see s = {at:.4g} m")
+        for i, section in enumerate(self.sections):
+            s = np.linspace(0.0, section.at, 401)
+            offset = np.abs(section.offset.evaluate(s, section.at)[0])
+            room = self.radius.evaluate(s, self.length)[0]
+            worst = int(np.argmax(offset - room))
+            if offset[worst] > room[worst] * (1 + 1e-9):
+                raise InputError(
+                    f"Arm.sections[{i}].offset",
+                    float(offset[worst]),
+                    f"up to the body's radius, {room[worst]:.4g} m at s = {s[worst]:.4g} m",
+                )
+
+    @classmethod
+    def from_paper(cls, name: str) -> Arm:
+        """Return an arm of the paper: "table-2", "table-4", "section-5.1" or "section-5.2"."""
+        from model.presets import preset
+
+        return preset(name)
+
+    @cached_property
+    def tendons(self) -> tuple[tuple[int, float], ...]:
+        """(section index from 0, angle [rad]) of each tendon, in tendon order."""
+        return tuple((i, phi) for i, sec in enumerate(self.sections) for phi in sec.angles)
+
+    @property
+    def n_tendons(self) -> int:
+        """The number of tendons."""
+        return len(self.tendons)
+
+    def tendon_name(self, index: int) -> str:
+        """Return the paper's name of a tendon, T_ij: section i and place j in it, both from 1."""
+        section = self.tendons[index][0]
+        place = index - sum(len(sec.angles) for sec in self.sections[:section])
+        return f"T_{section + 1}{place + 1}" if place < 9 else f"T_{section + 1},{place + 1}"
+
+    def tendons_of(self, section: int) -> tuple[int, ...]:
+        """Return the indices of the tendons of a section, numbered from 1 at the tip."""
+        if section not in range(1, len(self.sections) + 1):
+            raise InputError("section", section, f"a whole number from 1 to {len(self.sections)}")
+        return tuple(j for j, (i, _) in enumerate(self.tendons) if i == section - 1)
+
+    def flat(self, values: Any, name: str = "tensions") -> Array:
+        """Return one number per tendon in tendon order, from a flat vector or a row per section.
+
+        Raises InputError for a wrong shape and for NaN, infinite or negative numbers.
+        """
+        try:
+            rows = [np.atleast_1d(np.asarray(row, dtype=float)) for row in values]
+            flat = np.concatenate(rows) if rows else np.zeros(0)
+        except (TypeError, ValueError):
+            raise InputError(name, values, self._shapes) from None
+        by_section = [row.shape for row in rows] == [(len(s.angles),) for s in self.sections]
+        flat_vector = all(np.ndim(v) == 0 for v in values) and flat.size == self.n_tendons
+        if not (by_section or flat_vector):
+            shapes = ", ".join(str(row.shape) for row in rows[:4])
+            raise InputError(name, f"{len(rows)} rows of shapes {shapes}", self._shapes)
+        for j, value in enumerate(flat):
+            if not 0 <= value < np.inf:
+                raise InputError(
+                    f"{name}[{j}] ({self.tendon_name(j)})",
+                    float(value),
+                    "a finite number, 0 or above",
+                )
+        return flat
+
+    @property
+    def _shapes(self) -> str:
+        rows = "+".join(str(len(sec.angles)) for sec in self.sections)
+        return f"{self.n_tendons} numbers, flat or a row per section, tip first ({rows})"
+
+    def by_section(self, flat: Sequence[float] | Array) -> Array:
+        """Return one row per section if all have as many tendons, else the flat vector."""
+        counts = {len(sec.angles) for sec in self.sections}
+        array = np.asarray(flat, dtype=float)
+        return array.reshape(len(self.sections), -1) if len(counts) == 1 else array
+
+
+def conical(
+    length: float,
+    radii: tuple[float, float],
+    anchorages: Sequence[tuple[float, float, float]],
+    **others: Any,
+) -> Arm:
+    """Return a conical arm with four tendons per section, in the way the paper tabulates them.
+
+    Parameters
+    ----------
+    length : float
+        L [m].
+    radii : (R_max, R_min)
+        At base and tip [m].
+    anchorages : sequence of (l_i, a_i, b_i)
+        From the tip to the base [m].
+    **others
+        Further fields of Arm.
+    """
+    sections = tuple(Anchorage(at, Linear(a, b)) for at, a, b in anchorages)
+    return Arm(length, Linear(*radii), sections, **others)

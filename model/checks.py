@@ -1,0 +1,51 @@
+"""Checks of what users hand in, each raising InputError with the name of the field."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.errors import InputError
+
+
+def finite_array(field: str, value: Any, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
+    """Return value as a float array of the given shape; None in shape is any size."""
+    wanted = "x".join("n" if n is None else str(n) for n in shape) or "scalar"
+    try:
+        array = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(field, value, f"numbers of shape {wanted}") from None
+    matches = array.ndim == len(shape) and all(
+        n in (None, m) for n, m in zip(shape, array.shape, strict=True)
+    )
+    if not matches:
+        raise InputError(field, f"shape {array.shape}", f"shape {wanted}")
+    if not np.all(np.isfinite(array)):
+        raise InputError(field, value, "finite numbers")
+    return array
+
+
+def positive(field: str, value: Any) -> float:
+    """Return value as a finite float above zero."""
+    number = float(finite_array(field, value, ()))
+    if number <= 0:
+        raise InputError(field, value, "a number above 0")
+    return number
+
+
+def not_negative(field: str, value: Any) -> float:
+    """Return value as a finite float, zero or above."""
+    number = float(finite_array(field, value, ()))
+    if number < 0:
+        raise InputError(field, value, "0 or a number above it")
+    return number
+
+
+def within(field: str, value: Any, low: float, high: float) -> float:
+    """Return value as a float in [low, high]."""
+    number = float(finite_array(field, value, ()))
+    if not low <= number <= high:
+        raise InputError(field, value, f"a number from {low:g} to {high:g}")
+    return number

@@ -1,0 +1,7 @@
+"""The effects that a scene can call for, one small file each."""
+
+from model.effects.base import Effect
+from model.effects.extension import Extension
+from model.effects.printed import PrintedStatics
+
+__all__ = ["Effect", "Extension", "PrintedStatics"]

@@ -1,0 +1,69 @@
+"""The tree of exceptions: everything raised on purpose derives from OctoplanError."""
+
+from __future__ import annotations
+
+
+class OctoplanError(Exception):
+    """Root of all errors raised by octoplan."""
+
+
+class InputError(OctoplanError, ValueError):
+    """A value that was given is not allowed.
+
+    Attributes
+    ----------
+    field : str
+        What was given, by name (for a scene file: its key path).
+    given : object
+        The offending value.
+    allowed : str
+        What would have been accepted.
+    """
+
+    def __init__(self, field: str, given: object, allowed: str) -> None:
+        self.field, self.given, self.allowed = field, given, allowed
+        super().__init__(f"{field}: got {given!r}, allowed is {allowed}")
+
+    def __reduce__(self) -> tuple[type, tuple[str, object, str]]:
+        return type(self), (self.field, self.given, self.allowed)
+
+
+class CollapsedError(OctoplanError):
+    """The tensions shorten a cross-section to nothing: 1 + q reaches 0.
+
+    Attributes
+    ----------
+    s : float
+        Where, in m from the base.
+    stretch : float
+        The value of 1 + q there.
+    """
+
+    def __init__(self, s: float, stretch: float) -> None:
+        self.s, self.stretch = s, stretch
+        super().__init__(
+            f"the arm is crushed at s = {s:.6g} m: 1 + q = {stretch:.4g}, it has to stay above 0; "
+            "lower the tensions that cross this section or raise E A there"
+        )
+
+    def __reduce__(self) -> tuple[type, tuple[float, float]]:
+        return type(self), (self.s, self.stretch)
+
+
+class NotSettledError(OctoplanError):
+    """No equilibrium was found to the accuracy asked for.
+
+    Attributes
+    ----------
+    asked, reached : float
+        Tip error over arm length.
+    """
+
+    def __init__(self, asked: float, reached: float, remedy: str) -> None:
+        self.asked, self.reached, self.remedy = asked, reached, remedy
+        super().__init__(
+            f"the arm was settled to {reached:.2g} of its length, {asked:.2g} was asked; {remedy}"
+        )
+
+    def __reduce__(self) -> tuple[type, tuple[float, float, str]]:
+        return type(self), (self.asked, self.reached, self.remedy)

@@ -1,0 +1,88 @@
+"""Meshes along the arm, graded for its taper."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from model.arm import Arm
+from model.paths import Array
+from model.stations import Counts
+
+_FINE = 64
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Steps along the arm, from base to tip.
+
+    Attributes
+    ----------
+    s : (S + 1,)
+        The nodes, among them every anchorage and every station asked for [m].
+    active : (S,)
+        How many sections' tendons cross each step.
+    """
+
+    s: Array
+    active: Counts
+
+    @property
+    def steps(self) -> int:
+        """The number of steps S."""
+        return self.active.size
+
+    def segment_ends(self) -> tuple[Array, Counts]:
+        """Return both ends of each anchorage segment, and how many sections cross there."""
+        last = np.flatnonzero(np.diff(self.active, append=-1))
+        first = np.concatenate([[0], last[:-1] + 1])
+        ends = np.column_stack([self.s[first], self.s[last + 1]]).ravel()
+        return ends, np.repeat(self.active[last], 2)
+
+    def node(self, s: float) -> int:
+        """Return the index of the node at arc length s, which has to be one of the mesh's."""
+        return int(np.argmin(np.abs(self.s - s)))
+
+
+def graded(arm: Arm, refinement: int, at: Iterable[float] = ()) -> Mesh:
+    """Return a mesh whose steps are equal in log R(s) + s/L, refined by a whole number.
+
+    Strains of a slender tip change with R^-3 or so, so steps that are equal in log R spread the
+    error evenly; the second term keeps a cylinder's steps finite. Doubling the refinement halves
+    every step, so that differences between the two estimate the error.
+
+    Parameters
+    ----------
+    at : iterable of float
+        Arc lengths that have to be nodes [m].
+    """
+    breaks = _breaks(arm, at)
+    nodes = [breaks[:1]]
+    for left, right in pairwise(breaks):
+        fine = np.linspace(left, right, _FINE + 1)
+        R = arm.radius.evaluate(fine, arm.length)[0]
+        weight = np.abs(np.diff(np.log(R))) + np.diff(fine) / arm.length
+        total = np.concatenate([[0.0], np.cumsum(weight)])
+        count = refinement * max(1, int(np.ceil(2 * total[-1])))
+        inner = np.interp(np.linspace(0, total[-1], count + 1), total, fine)[1:]
+        inner[-1] = right
+        nodes.append(inner)
+    s = np.concatenate(nodes)
+    ends = np.array([section.at for section in arm.sections])
+    middle = (s[:-1] + s[1:]) / 2
+    return Mesh(s, (ends[:, None] > middle).sum(axis=0))
+
+
+def _breaks(arm: Arm, at: Iterable[float]) -> Array:
+    """Return where the solution is not smooth, or is wanted: sorted and without near copies."""
+    places = {0.0, arm.length, *(section.at for section in arm.sections)}
+    paths = (arm.radius, *(section.offset for section in arm.sections))
+    knots = [s for path in paths for s in path.knots()]
+    result = sorted(places)
+    for s in [*at, *knots]:
+        if 0 < s < arm.length and min(abs(s - other) for other in result) > 1e-9 * arm.length:
+            result.append(s)
+    return np.array(sorted(result))

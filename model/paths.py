@@ -1,0 +1,98 @@
+"""Smooth functions of arc length: the radius of the body and the offsets of the tendons."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Protocol
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from model.checks import finite_array
+from model.errors import InputError
+
+Array = NDArray[np.float64]
+
+
+class Path(Protocol):
+    """A smooth function of arc length on [0, span]."""
+
+    def evaluate(self, s: Array, span: float) -> tuple[Array, Array, Array]:
+        """Value [m], first [-] and second [1/m] derivative at s [m], each of the shape of s."""
+
+    def knots(self) -> tuple[float, ...]:
+        """Return the arc lengths [m] where the function is less smooth than elsewhere."""
+
+
+@dataclass(frozen=True)
+class Linear:
+    """Linear in s, eqs. (5) and (7).
+
+    Attributes
+    ----------
+    base, end : float
+        Value at s = 0 and at the end of the path [m]: a_i and b_i, or R_max and R_min.
+    """
+
+    base: float
+    end: float
+
+    def __post_init__(self) -> None:
+        finite_array("Linear", (self.base, self.end), (2,))
+
+    def evaluate(self, s: Array, span: float) -> tuple[Array, Array, Array]:
+        """See Path.evaluate."""
+        slope = (self.end - self.base) / span
+        return self.base + slope * s, np.full_like(s, slope), np.zeros_like(s)
+
+    def knots(self) -> tuple[float, ...]:
+        """See Path.knots."""
+        return ()
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """A cubic spline (not-a-knot) through samples.
+
+    Attributes
+    ----------
+    s : tuple of float
+        Arc lengths from the base, increasing, at least four [m].
+    values : tuple of float
+        The values there [m].
+    """
+
+    s: tuple[float, ...]
+    values: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        s = finite_array("Sampled.s", self.s, (None,))
+        values = finite_array("Sampled.values", self.values, (s.size,))
+        if s.size < 4:
+            raise InputError("Sampled.s", s.size, "at least 4 samples")
+        if np.any(np.diff(s) <= 0):
+            raise InputError("Sampled.s", self.s, "strictly increasing arc lengths")
+        object.__setattr__(self, "s", tuple(s.tolist()))
+        object.__setattr__(self, "values", tuple(values.tolist()))
+
+    def evaluate(self, s: Array, span: float) -> tuple[Array, Array, Array]:
+        """See Path.evaluate; raises InputError where the samples do not cover [0, span]."""
+        if self.s[0] > 1e-12 * span or self.s[-1] < span * (1 - 1e-12):
+            raise InputError("Sampled.s", (self.s[0], self.s[-1]), f"samples from 0 to {span:g} m")
+        rows = np.array(_spline(self)(np.clip(s, self.s[0], self.s[-1])[None, :]))
+        return rows[0], rows[1], rows[2]
+
+    def knots(self) -> tuple[float, ...]:
+        """See Path.knots."""
+        return self.s[1:-1]
+
+
+@lru_cache(maxsize=256)
+def _spline(path: Sampled) -> ca.Function:
+    spline = ca.interpolant("spline", "bspline", [list(path.s)], list(path.values))
+    x = ca.MX.sym("x")
+    value = spline(x)
+    slope = ca.jacobian(value, x)
+    return ca.Function("spline", [x], [ca.vertcat(value, slope, ca.jacobian(slope, x))])

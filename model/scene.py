@@ -1,0 +1,50 @@
+"""A scene: the effects that are called for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeVar
+
+from model.effects import Effect, Extension, PrintedStatics
+from model.errors import InputError
+
+E = TypeVar("E", bound=Effect)
+
+
+@dataclass(frozen=True, init=False)
+class Scene:
+    """What is simulated: nothing but bending, and each effect that is named.
+
+    `Scene()` is the bare arm, `Scene(Extension())` the paper's, `Scene.as_printed()` the paper's to
+    the letter.
+
+    Raises
+    ------
+    InputError
+        For what is not an effect, and for an effect given twice.
+    """
+
+    effects: tuple[Effect, ...]
+
+    def __init__(self, *effects: Effect) -> None:
+        for i, effect in enumerate(effects):
+            if not isinstance(effect, Effect):
+                raise InputError(f"Scene effect {i + 1}", effect, "an effect such as Extension()")
+        kinds = [type(effect).__name__ for effect in effects]
+        for kind in kinds:
+            if kinds.count(kind) > 1:
+                raise InputError("Scene", kind, "each effect once")
+        object.__setattr__(self, "effects", tuple(effects))
+
+    @classmethod
+    def as_printed(cls) -> Scene:
+        """Return the paper's scene to the letter: eqs. (10) and (11) as they stand."""
+        return cls(Extension(), PrintedStatics())
+
+    def find(self, kind: type[E]) -> E | None:
+        """Return the scene's effect of a kind, or None if it is not called for."""
+        return next((effect for effect in self.effects if isinstance(effect, kind)), None)
+
+    def has(self, kind: type[Effect]) -> bool:
+        """Return whether an effect of a kind is called for."""
+        return self.find(kind) is not None

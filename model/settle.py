@@ -1,0 +1,165 @@
+"""Settle an arm: tensions to shape, to the accuracy asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from model.arm import Arm
+from model.checks import finite_array, within
+from model.errors import CollapsedError, InputError, NotSettledError
+from model.forward import ForwardMap, check_scheme, forward_map
+from model.paths import Array
+from model.rotations import matrices
+from model.scene import Scene
+from model.shape import Shape
+from model.stations import Counts
+
+ACCURACY = 1e-6
+_FINEST = 256
+_CAUTION = 4.0
+
+
+def settle(
+    arm: Arm,
+    tensions: Any,
+    scene: Scene | None = None,
+    accuracy: float = ACCURACY,
+    scheme: str | None = None,
+) -> Shape:
+    """Return the shape that an arm takes under tensions.
+
+    Parameters
+    ----------
+    tensions : (n_sections, n) or (n_tendons,)
+        [N], tip section first.
+    scene : Scene
+        The effects called for; the bare arm `Scene()` unless given.
+    accuracy : float
+        Tip error over arm length that is accepted, from 1e-12 to 0.1. The mesh is refined by
+        doubling until the difference between two meshes says that the finer one is as good.
+    scheme : str
+        The integrator; the scene's fastest unless given.
+
+    Raises
+    ------
+    InputError
+        For tensions, accuracies and schemes that are not allowed.
+    CollapsedError
+        Where 1 + q reaches 0.
+    NotSettledError
+        If the finest mesh is not as accurate as asked.
+    """
+    scene = scene or Scene()
+    T = arm.flat(tensions)
+    scheme = check_scheme(scene, scheme)
+    coarse: Array | None = None
+    error = np.inf
+    for refinement, forward in _ladder(arm, scene, scheme, accuracy):
+        states = forward.run(T)
+        if coarse is not None:
+            error = _estimate(states[-1, 4:7] - coarse, forward.order, arm.length)
+            if error <= accuracy:
+                _check_stretch(forward, T)
+                return Shape(arm, scene, T, float(error), scheme, refinement, states)
+        coarse = states[-1, 4:7]
+    _check_stretch(forward, T)
+    raise NotSettledError(accuracy, float(error), "ask for less accuracy or a smoother arm")
+
+
+@dataclass(frozen=True, eq=False)
+class Shapes:
+    """The tips of many settled shapes.
+
+    Attributes
+    ----------
+    tip : (m, 3)
+        [m].
+    tip_frame : (m, 3, 3)
+        Columns t, n, b.
+    error : (m,)
+        Estimated tip error over arm length [-].
+    """
+
+    tip: Array
+    tip_frame: Array
+    error: Array
+
+
+def settle_many(
+    arm: Arm, tensions: Any, scene: Scene | None = None, accuracy: float = ACCURACY
+) -> Shapes:
+    """Return the tips for many sets of tensions (m, n_sections, n) or (m, n_tendons) [N].
+
+    As settle, without the overhead of a call for each; only those that a mesh does not settle to
+    the accuracy go on to the next. Raises as settle does, naming the set.
+    """
+    scene = scene or Scene()
+    T = _stack(arm, tensions)
+    scheme = check_scheme(scene, None)
+    poses, errors = np.zeros((len(T), 7)), np.full(len(T), np.inf)
+    coarse = np.full((len(T), 3), np.inf)
+    left = np.arange(len(T))
+    for _, forward in _ladder(arm, scene, scheme, accuracy):
+        tips, stretch = _tips(forward)(T[left].T)[:2]
+        poses[left] = np.array(tips).T
+        error = _estimate(poses[left, 4:] - coarse[left], forward.order, arm.length)
+        coarse[left], errors[left] = poses[left, 4:], error
+        settled = error <= accuracy
+        _check_stretches(np.array(stretch)[0][settled], left[settled])
+        left = left[~settled]
+        if left.size == 0:
+            return Shapes(poses[:, 4:], matrices(poses[:, :4]), errors)
+    raise NotSettledError(
+        accuracy, float(errors[left].max()), f"ask for less accuracy, or look at set {left[0]}"
+    )
+
+
+def _ladder(
+    arm: Arm, scene: Scene, scheme: str, accuracy: float
+) -> Iterator[tuple[int, ForwardMap]]:
+    """Yield meshes of doubled refinement, from where the accuracy is usually met next."""
+    within("accuracy", accuracy, 1e-12, 0.1)
+    order = forward_map(arm, scene, scheme, 1).order
+    guess = np.log2((1e-3 / accuracy) ** (1 / order))
+    refinement = 2 ** int(np.clip(np.floor(guess), 0, 5))
+    while refinement <= _FINEST:
+        yield refinement, forward_map(arm, scene, scheme, refinement)
+        refinement *= 2
+
+
+def _estimate(change: Array, order: int, length: float) -> Any:
+    """Return the error of the finer of two meshes, over L, from the change between them."""
+    return _CAUTION * np.linalg.norm(change, axis=-1) / (2**order - 1) / length
+
+
+def _check_stretch(forward: ForwardMap, tensions: Array) -> None:
+    stretch = np.array(forward.function(tensions)[1])[0]
+    if not stretch.min() > 0:
+        worst = int(np.argmin(stretch))
+        raise CollapsedError(float(forward.stretch_at[worst]), float(stretch[worst]))
+
+
+def _check_stretches(least: Array, sets: Counts) -> None:
+    for i, value in zip(sets, least, strict=True):
+        if not value > 0:
+            given, allowed = f"1 + q = {value:.4g}", "tensions that leave 1 + q above 0"
+            raise InputError(f"tensions[{i}]", given, allowed)
+
+
+def _tips(forward: ForwardMap) -> ca.Function:
+    """Return tensions (n_tendons,) -> tip pose (7,), least 1 + q."""
+    T = ca.MX.sym("T", forward.function.size1_in(0))
+    poses, stretch = forward.function(T)[:2]
+    return ca.Function("tips", [T], [poses[:, -1], ca.mmin(stretch)])
+
+
+def _stack(arm: Arm, tensions: Any) -> Array:
+    rows = list(tensions)
+    if not rows:
+        return finite_array("tensions", np.zeros((0, arm.n_tendons)), (None, arm.n_tendons))
+    return np.array([arm.flat(row, f"tensions[{i}]") for i, row in enumerate(rows)])

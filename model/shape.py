@@ -1,0 +1,115 @@
+"""A settled shape: numbers, and what can be read off them anywhere along the arm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from model.arm import Arm
+from model.checks import finite_array
+from model.closed_form import ClosedForm
+from model.errors import InputError
+from model.forward import ForwardMap, forward_map
+from model.paths import Array
+from model.rotations import matrices
+from model.scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """The shape that an arm takes under given tensions.
+
+    Attributes
+    ----------
+    arm, scene
+        What was settled.
+    tensions : (n_tendons,)
+        [N], tendon order.
+    error : float
+        Estimated tip error over arm length [-].
+    scheme, refinement
+        The integrator and mesh that were used.
+    states : (S + 1, 7 or more)
+        Poses (quaternion, position [m]) at the nodes of that mesh, then what else it carries.
+    """
+
+    arm: Arm
+    scene: Scene
+    tensions: Array
+    error: float
+    scheme: str
+    refinement: int
+    states: Array
+
+    @property
+    def tip(self) -> Array:
+        """Position of the tip (3,) in the base frame [m]."""
+        return self.states[-1, 4:7].copy()
+
+    @property
+    def tip_frame(self) -> Array:
+        """Frame of the tip (3, 3): columns t, n, b."""
+        return matrices(self.states[-1, :4])
+
+    @property
+    def s(self) -> Array:
+        """Arc lengths of the mesh's nodes (S + 1,) [m]."""
+        return self._map.mesh.s.copy()
+
+    def position(self, s: Any) -> Array:
+        """Return positions [m], (3,) or (N, 3), at arc length s [m], a scalar or (N,)."""
+        return self._at(s, lambda pose, _: pose[:, 4:7])
+
+    def frame(self, s: Any) -> Array:
+        """Return frames, (3, 3) or (N, 3, 3), columns t, n, b, at arc length s [m]."""
+        return self._at(s, lambda pose, _: matrices(pose[:, :4]))
+
+    def strain(self, s: Any) -> Array:
+        """Return strains (tau, xi, k, q), (4,) or (N, 4), at arc length s [m].
+
+        Curvatures are about t, n, b per unit deformed length [1/m], q is the longitudinal strain
+        [-]; at an anchorage, those on its base side (the paper's half-open domains).
+        """
+        return self._at(s, lambda _, strain: strain)
+
+    @cached_property
+    def tendon_lengths(self) -> Array:
+        """Length of each tendon from base to anchorage (n_tendons,) [m], tendon order.
+
+        The integral of |du_c/ds| with u_c of eq. (6), by Gauss quadrature on the mesh.
+        """
+        mesh = self._map.mesh
+        s = ClosedForm.gauss_nodes(mesh.s[:-1], mesh.s[1:])
+        weight = (np.diff(mesh.s)[:, None] * np.array([5, 8, 5]) / 18).ravel()
+        strain = self.strain(s)
+        lengths = []
+        for i, phi in self.arm.tendons:
+            section = self.arm.sections[i]
+            inside = s < section.at
+            y, y_rate, _ = section.offset.evaluate(s[inside], section.at)
+            tangent = tendon_tangent(strain[inside], y, y_rate, phi)
+            lengths.append(weight[inside] @ np.linalg.norm(tangent, axis=1))
+        return np.array(lengths)
+
+    @property
+    def _map(self) -> ForwardMap:
+        return forward_map(self.arm, self.scene, self.scheme, self.refinement)
+
+    def _at(self, s: Any, read: Any) -> Array:
+        wanted = finite_array("s", np.atleast_1d(s), (None,))
+        L = self.arm.length
+        if wanted.size and (wanted.min() < 0 or wanted.max() > L * (1 + 1e-12)):
+            raise InputError("s", s, f"arc lengths from 0 to {L:g} m")
+        pose, strain = self._map.dense(self.tensions, self.states, np.minimum(wanted, L))
+        values = np.asarray(read(pose, strain))
+        return values[0] if np.ndim(s) == 0 else values
+
+
+def tendon_tangent(strain: Array, y: Array, y_rate: Array, phi: float) -> Array:
+    """Return du_c/ds (N, 3) in local components: (1 + q) (t + y omega x d) + y' d, from eq. (6)."""
+    d = np.array([0.0, np.cos(phi), np.sin(phi)])
+    along = np.array([1.0, 0.0, 0.0]) + y[:, None] * np.cross(strain[:, :3], d)
+    return np.asarray((1 + strain[:, 3])[:, None] * along + y_rate[:, None] * d)

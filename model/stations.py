@@ -1,0 +1,96 @@
+"""Numbers at given arc lengths of an arm: what the equations need of body and tendons there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.arm import Arm
+from model.paths import Array
+
+Counts = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Stations:
+    """Geometry of N cross-sections.
+
+    Attributes
+    ----------
+    s : (N,)
+        Arc lengths from the base [m].
+    active : (N,)
+        How many anchorage sections' tendons cross each, counted from the tip: an anchorage is a
+        place with two sides, and this number says which is meant.
+    body, body_rate : (3, N)
+        E A [N], E J [N m2], G I [N m2], and their derivatives along s; eq. (7).
+    y, y_rate, y_curve : (n_sections, N)
+        Offset y_i(s) of each section's tendons and its first two derivatives; eq. (5).
+        Zero where the tendons do not cross.
+    """
+
+    s: Array
+    active: Counts
+    body: Array
+    body_rate: Array
+    y: Array
+    y_rate: Array
+    y_curve: Array
+
+
+def stations(arm: Arm, s: Array, active: Counts) -> Stations:
+    """Return the numbers of the cross-sections at s (N,), crossed by `active` sections each."""
+    R, slope, _ = arm.radius.evaluate(s, arm.length)
+    E, G = arm.material.E, arm.material.G
+    area, area_rate = np.pi * R**2, 2 * np.pi * R * slope
+    J, J_rate = np.pi * R**4 / 4, np.pi * R**3 * slope
+    y = np.zeros((3, len(arm.sections), s.size))
+    for i, section in enumerate(arm.sections):
+        inside = active > i
+        if inside.any():
+            y[:, i, inside] = section.offset.evaluate(np.minimum(s[inside], section.at), section.at)
+    return Stations(
+        s,
+        active,
+        np.array([E * area, E * J, 2 * G * J]),
+        np.array([E * area_rate, E * J_rate, 2 * G * J_rate]),
+        *y,
+    )
+
+
+def pulls(arm: Arm, at: Stations) -> tuple[Array, Array]:
+    """Return the six sums over tendons that the reference tangent needs, as linear maps of tension.
+
+    With phi the tendon's angle and S the sum over the tendons that cross the section, the rows are
+    S[T], S[T y cos], S[T y sin], S[T y2 cos2], S[T y2 sin cos], S[T y2 sin2]. For the paper's four
+    tendons these are S[T1+T2+T3+T4], S[y (T1-T3)], S[y (T2-T4)], S[y2 (T1+T3)], 0, S[y2 (T2+T4)].
+
+    Returns
+    -------
+    map, map_rate : (N, 6, n_tendons)
+        The sums per newton of each tendon, and their derivatives along s.
+    """
+    section = np.array([i for i, _ in arm.tendons])
+    phi = np.array([angle for _, angle in arm.tendons])
+    cos, sin = _quarter_exact(np.cos(phi)), _quarter_exact(np.sin(phi))
+    crosses = (at.active[:, None] > section).astype(float)
+    y, y_rate = at.y[section].T, at.y_rate[section].T
+    lever, lever_rate = y**2, 2 * y * y_rate
+    rows = [crosses, y * cos, y * sin, lever * cos**2, lever * sin * cos, lever * sin**2]
+    rates = [
+        np.zeros_like(crosses),
+        y_rate * cos,
+        y_rate * sin,
+        lever_rate * cos**2,
+        lever_rate * sin * cos,
+        lever_rate * sin**2,
+    ]
+    return np.stack(rows, axis=1), np.stack(rates, axis=1)
+
+
+def _quarter_exact(values: Array) -> Array:
+    """Round the sines and cosines of right angles to 0 and 1, so that planar pulls stay planar."""
+    nearest = np.round(values)
+    return np.where(np.abs(values - nearest) < 1e-15, nearest, values)
