@@ -90,7 +90,8 @@ class ClosedForm:
     ----------
     function : casadi.Function
         tensions (n_tendons,) -> poses at the mesh's nodes (7, S + 1), and 1 + q at the arc lengths
-        `stretch_at` (1, K): the Gauss nodes of the steps and both ends of each segment.
+        `stretch_at` (1, K), the Gauss nodes of the steps and both ends of each segment, which
+        `stretch_active` sections cross.
     """
 
     order = ORDER
@@ -105,6 +106,7 @@ class ClosedForm:
         ends, active = mesh.segment_ends()
         stretch = 1 + ca.horzcat(strains[3, :], strains_at(arm, scene, ends, active, T)[3, :])
         self.stretch_at = np.concatenate([self.gauss_nodes(mesh.s[:-1], mesh.s[1:]), ends])
+        self.stretch_active = np.concatenate([np.repeat(mesh.active, 3), active])
         self.function = ca.Function("closed_form", [T], [poses, stretch])
 
     def _steps(self, left: Array, right: Array, active: Counts, T: ca.MX) -> tuple[ca.MX, ca.MX]:

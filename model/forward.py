@@ -15,6 +15,7 @@ from model.mesh import Mesh, graded
 from model.paths import Array
 from model.runge_kutta import RK4, RK6
 from model.scene import Scene
+from model.stations import Counts
 from model.strain_ode import StrainOde
 
 SCHEMES = {"magnus6": None, "rk6": RK6, "rk4": RK4}
@@ -27,6 +28,7 @@ class ForwardMap(Protocol):
     order: int
     function: ca.Function
     stretch_at: Array
+    stretch_active: Counts
 
     def run(self, tensions: Array) -> Array:
         """Return the node states (S + 1, 7 or more), poses first, base to tip."""

@@ -67,6 +67,10 @@ class Shape:
         """Return frames, (3, 3) or (N, 3, 3), columns t, n, b, at arc length s [m]."""
         return self._at(s, lambda pose, _: matrices(pose[:, :4]))
 
+    def poses(self, s: Any) -> Array:
+        """Return poses (quaternion, position [m]), (7,) or (N, 7), at arc length s [m]."""
+        return self._at(s, lambda pose, _: pose)
+
     def strain(self, s: Any) -> Array:
         """Return strains (tau, xi, k, q), (4,) or (N, 4), at arc length s [m].
 

@@ -152,7 +152,8 @@ class StrainOde:
     ----------
     function : casadi.Function
         tensions (n_tendons,) -> poses at the mesh's nodes (7, S + 1), 1 + q at the arc lengths
-        `stretch_at` (1, K), and strains on the base side of each node (n, S + 1).
+        `stretch_at` (1, K), which `stretch_active` sections cross, and strains on the base side of
+        each node (n, S + 1).
     """
 
     def __init__(self, arm: Arm, scene: Scene, mesh: Mesh, scheme: RungeKutta) -> None:
@@ -170,6 +171,8 @@ class StrainOde:
             x = states[:, -1]
         states = ca.horzcat(*columns, x)[:, ::-1]
         self.stretch_at = np.concatenate(places)
+        counts = [place.size for place in places]
+        self.stretch_active = np.repeat(np.unique(mesh.active), counts)
         outputs = [self._anchored(states), ca.horzcat(*stretches), states[7:, :]]
         self.function = ca.Function("strain_ode", [T], outputs)
 

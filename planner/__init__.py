@@ -1,0 +1,9 @@
+"""Planning: targets, the nonlinear program, and plans that are checked."""
+
+from planner.certificate import Certificate
+from planner.limits import Limits
+from planner.plan import Plan, Start
+from planner.problem import Problem, build
+from planner.solve import plan
+
+__all__ = ["Certificate", "Limits", "Plan", "Problem", "Start", "build", "plan"]

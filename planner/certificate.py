@@ -1,0 +1,155 @@
+"""The certificate: a plan checked by means that did not make it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from model.arm import Arm
+from model.errors import OctoplanError
+from model.forward import schemes_of
+from model.paths import Array
+from model.scene import Scene
+from model.settle import settle
+from model.shape import Shape
+from planner.limits import Limits
+from planner.targets.base import Target
+from planner.terms import stations_of, term_names, terms_function
+
+CHECK_ACCURACY = 1e-10
+KKT_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What the check of a plan found. Lengths are over the arm's length, angles in rad.
+
+    Attributes
+    ----------
+    match : largest residual of each thing that has to be met
+    approach : size of each thing that was to be made as small as the limits allow
+    margin : least value of each thing that has to be 0 or above
+    bounds : largest violation of a tension limit [N]
+    kkt : residual of the first-order conditions, scaled; their multipliers are the plan's
+    agreement : distance of the planner's tip from the check's, over L
+    error : estimated tip error of the check, over L
+    scheme : the integrator of the check
+    tolerance : what match, margin and agreement are held to
+    problem : why the check could not be made, if so
+    """
+
+    match: Mapping[str, float] = field(default_factory=dict)
+    approach: Mapping[str, float] = field(default_factory=dict)
+    margin: Mapping[str, float] = field(default_factory=dict)
+    bounds: float = np.inf
+    kkt: float = np.inf
+    agreement: float = np.inf
+    error: float = np.inf
+    scheme: str = ""
+    tolerance: float = 1e-6
+    problem: str = ""
+
+    @property
+    def residual(self) -> float:
+        """The largest residual of what has to be met."""
+        return max(self.match.values(), default=0.0)
+
+    @property
+    def reached(self) -> bool:
+        """Whether everything that has to be met is met."""
+        return not self.problem and self.residual <= self.tolerance
+
+    @property
+    def attained(self) -> bool:
+        """Whether everything asked for is there: what has to be met, and the margins."""
+        return self.reached and min(self.margin.values(), default=0.0) >= -self.tolerance
+
+    @property
+    def failures(self) -> tuple[str, ...]:
+        """What did not pass, a sentence each."""
+        if self.problem:
+            return (self.problem,)
+        checks = [
+            (max(self.match.values(), default=0.0), self.tolerance, "target residual"),
+            (-min(self.margin.values(), default=0.0), self.tolerance, "margin below 0 by"),
+            (self.bounds, 0.0, "tension limit violated by [N]"),
+            (self.kkt, KKT_TOLERANCE, "optimality residual"),
+            (self.agreement, self.tolerance, "integrators differ by"),
+        ]
+        failed = [check for check in checks if not check[0] <= check[1]]
+        return tuple(f"{name} {value:.2g}, allowed {limit:.2g}" for value, limit, name in failed)
+
+    @property
+    def passed(self) -> bool:
+        """Whether the plan is proven: the target met, within the limits, and a local optimum."""
+        return not self.failures
+
+    def __str__(self) -> str:
+        lines = [f"certificate: {'PASSED' if self.passed else 'FAILED'} (checked by {self.scheme})"]
+        lines += [f"  {name:<28} {value:9.2e}" for name, value in self.match.items()]
+        lines += [f"  {name:<28} {value:9.2e}" for name, value in self.approach.items()]
+        lines += [f"  {name:<28} {value:9.2e} (at least 0)" for name, value in self.margin.items()]
+        lines.append(f"  {'limits violated by [N]':<28} {self.bounds:9.2e}")
+        lines.append(f"  {'optimality residual':<28} {self.kkt:9.2e}")
+        lines.append(f"  {'integrators differ by [L]':<28} {self.agreement:9.2e}")
+        lines.append(f"  {'estimated tip error [L]':<28} {self.error:9.2e}")
+        return "\n".join(lines + [f"  failed: {failure}" for failure in self.failures])
+
+
+def other_scheme(scene: Scene) -> str:
+    """Return an integrator that the planner does not use in this scene."""
+    return schemes_of(scene)[1]
+
+
+def certify(
+    arm: Arm,
+    scene: Scene,
+    targets: tuple[Target, ...],
+    limits: Limits,
+    shape: Shape | None,
+    tensions: Array,
+    kkt: float,
+    tolerance: float,
+) -> Certificate:
+    """Settle the tensions again, by another integrator at 1e-10, and look at everything anew."""
+    scheme = other_scheme(scene)
+    low, high = np.array(limits.lower), np.array(limits.upper)
+    excess = max(float((low - tensions).max()), float((tensions - high).max()), 0.0)
+    if limits.total is not None:
+        excess = max(excess, float(tensions.sum()) - limits.total * (1 + 1e-9))
+    try:
+        check = settle(arm, tensions, scene, CHECK_ACCURACY, scheme)
+    except OctoplanError as reason:
+        return Certificate(bounds=excess, scheme=scheme, tolerance=tolerance, problem=str(reason))
+    match, approach, margin = measure(arm, targets, check)
+    agreement = np.inf if shape is None else np.linalg.norm(check.tip - shape.tip) / arm.length
+    return Certificate(
+        {name: float(np.abs(values).max()) for name, values in match.items()},
+        {name: float(np.linalg.norm(values)) for name, values in approach.items()},
+        {name: float(np.min(values)) for name, values in margin.items()},
+        excess,
+        kkt,
+        float(agreement),
+        check.error,
+        scheme,
+        tolerance,
+    )
+
+
+def measure(
+    arm: Arm, targets: tuple[Target, ...], shape: Shape
+) -> tuple[dict[str, Array], dict[str, Array], dict[str, Array]]:
+    """Return the targets' match, approach and margin terms of a shape, by name."""
+    s = np.array(stations_of(arm, targets))
+    poses = shape.poses(s).T
+    numbers = np.concatenate([target.parameters(arm) for target in targets])
+    values = terms_function(arm, targets)(poses, numbers)
+    names = term_names(arm, targets)
+    found: list[dict[str, Array]] = []
+    for kind, value in zip(names, values, strict=True):
+        flat = np.array(value).ravel()
+        own = np.array(kind)
+        found.append({name: flat[own == name] for name in dict.fromkeys(kind)})
+    return found[0], found[1], found[2]

@@ -1,0 +1,108 @@
+"""The only file that knows ipopt: its options, its words, and what they mean."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import casadi as ca
+import numpy as np
+
+from model.paths import Array
+from planner.problem import Problem
+
+_QUIET: dict[str, Any] = {
+    "print_level": 0,
+    "sb": "yes",
+    "tol": 1e-9,
+    "max_iter": 150,
+    "bound_relax_factor": 0.0,
+}
+_COLD = {"mu_init": 1e-2}
+_WARM: dict[str, Any] = {
+    "mu_init": 1e-8,
+    "warm_start_init_point": "yes",
+    "warm_start_bound_push": 1e-9,
+    "warm_start_bound_frac": 1e-9,
+    "warm_start_slack_bound_push": 1e-9,
+    "warm_start_slack_bound_frac": 1e-9,
+    "warm_start_mult_bound_push": 1e-9,
+    "tol": 1e-12,
+    "acceptable_tol": 1e-9,
+    "max_iter": 60,
+}
+STOPPED = {
+    "Infeasible_Problem_Detected": "no tensions within the limits meet the target near this start",
+    "Maximum_Iterations_Exceeded": "the iteration limit was reached",
+    "Restoration_Failed": "no way back to the constraints was found",
+    "Invalid_Number_Detected": "a number that is not finite came up",
+    "Invalid_Option": "the solver was given an option it does not have",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """A point that the solver stopped at: numbers, and why it stopped.
+
+    `met` says that the solver believes in the point; that is a hint, never a verdict.
+    """
+
+    x: Array
+    lam_x: Array
+    lam_g: Array
+    f: float
+    g: Array
+    met: bool
+    reason: str
+    iterations: int
+
+    @cached_property
+    def finite(self) -> bool:
+        """Whether every number is finite."""
+        return bool(np.all(np.isfinite(self.x)) and np.all(np.isfinite(self.g)))
+
+
+_solvers: WeakKeyDictionary[Problem, dict[bool, ca.Function]] = WeakKeyDictionary()
+
+
+def solver(problem: Problem, warm: bool) -> ca.Function:
+    """Return ipopt for a problem, for a cold start or a warm one, built once."""
+    built = _solvers.setdefault(problem, {})
+    if warm not in built:
+        options: dict[str, Any] = {
+            "print_time": False,
+            "error_on_fail": False,
+            "ipopt": _QUIET | (_WARM if warm else _COLD),
+        }
+        built[warm] = ca.nlpsol("ipopt", "ipopt", problem.nlp, options)
+    return built[warm]
+
+
+def solve(
+    problem: Problem,
+    x: Array,
+    p: Array,
+    bounds: tuple[Array, Array, Array, Array],
+    multipliers: tuple[Array, Array] | None = None,
+) -> Solution:
+    """Solve from x; with multipliers (lam_x, lam_g) it is a warm start."""
+    run = solver(problem, multipliers is not None)
+    lbx, ubx, lbg, ubg = bounds
+    inputs = {"x0": x, "p": p, "lbx": lbx, "ubx": ubx, "lbg": lbg, "ubg": ubg}
+    if multipliers is not None:
+        inputs |= {"lam_x0": multipliers[0], "lam_g0": multipliers[1]}
+    found = run(**inputs)
+    stats = run.stats()
+    status = stats["return_status"]
+    return Solution(
+        np.array(found["x"]).ravel(),
+        np.array(found["lam_x"]).ravel(),
+        np.array(found["lam_g"]).ravel(),
+        float(found["f"]),
+        np.array(found["g"]).ravel(),
+        status in ("Solve_Succeeded", "Solved_To_Acceptable_Level"),
+        STOPPED.get(status, status.replace("_", " ").lower()),
+        int(stats["iter_count"]),
+    )

@@ -1,0 +1,170 @@
+"""A plan: tensions for a target, and everything that was found out about them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from model.arm import Arm
+from model.errors import OctoplanError
+from model.paths import Array
+from model.scene import Scene
+from model.settle import settle
+from model.shape import Shape
+from planner.certificate import Certificate, certify
+from planner.effort import Norm, effort
+from planner.limits import Limits
+from planner.outcome import sentence
+from planner.polish import optimality
+from planner.problem import Form, Mode, Problem, build
+from planner.targets.base import Target
+
+
+@dataclass(frozen=True)
+class Start:
+    """One first guess and what became of it: the objective reached, and whether it was met."""
+
+    objective: float
+    met: bool
+    iterations: int
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """Tensions for a target. Numbers only; shape, certificate and outcome are derived from them.
+
+    A plan whose tensions are changed (dataclasses.replace) is checked afresh.
+
+    Attributes
+    ----------
+    arm, scene, targets, limits, norm, form
+        What was asked.
+    tensions : (n_sections, n), or (n_tendons,) where sections differ in number
+        [N].
+    lam_x, lam_g : tuple of float
+        Multipliers of bounds and constraints of the problem, scaled, CasADi's signs.
+    refinement : int
+        Of the mesh that the problem was solved on.
+    mode : "exact", "closest" or "nearest"
+        How the targets were read in the end, see planner.problem: the nearest attainable shape is
+        what is left if they cannot be met.
+    accuracy : float
+        What residuals and tip errors are held to, over the arm's length.
+    starts : tuple of Start
+        The first guesses tried, in order.
+    """
+
+    arm: Arm
+    scene: Scene
+    targets: tuple[Target, ...]
+    limits: Limits
+    norm: Norm
+    form: Form
+    tensions: Array
+    lam_x: tuple[float, ...]
+    lam_g: tuple[float, ...]
+    refinement: int
+    mode: Mode
+    accuracy: float
+    starts: tuple[Start, ...]
+
+    @cached_property
+    def shape(self) -> Shape:
+        """The shape under the plan's tensions, a digit more accurate than asked."""
+        return settle(self.arm, self.tensions, self.scene, max(self.accuracy / 10, 1e-12))
+
+    @cached_property
+    def certificate(self) -> Certificate:
+        """The check of the tensions by another integrator; see planner.certificate."""
+        T = np.ravel(self.tensions)
+        try:
+            shape: Shape | None = self.shape
+        except OctoplanError:
+            shape = None
+        return certify(
+            self.arm, self.scene, self.targets, self.limits, shape, T, self._kkt(T), self.accuracy
+        )
+
+    @property
+    def reached(self) -> bool:
+        """Whether the target is met, by the certificate."""
+        return self.certificate.passed
+
+    @property
+    def effort(self) -> float:
+        """The norm of the tensions that was made least [N]."""
+        return effort(np.ravel(self.tensions), self.norm)
+
+    @property
+    def agreed(self) -> int:
+        """How many starts ended at the best objective, to a thousandth."""
+        best = min((start.objective for start in self.starts if start.met), default=np.inf)
+        near = best + 1e-3 * abs(best) + 1e-12
+        return sum(start.met and start.objective <= near for start in self.starts)
+
+    @property
+    def outcome(self) -> str:
+        """What happened, what holds it, and what to try: a sentence."""
+        return sentence(self)
+
+    def holding(self) -> list[str]:
+        """Return the names of the limits that hold the tensions back, hardest first."""
+        T, lam = np.ravel(self.tensions), np.array(self.lam_x)
+        found = []
+        for j, upper in enumerate(self.limits.upper):
+            if upper > self.limits.lower[j] and T[j] >= upper * (1 - 1e-6) and lam[j] > 1e-9:
+                name = f"{self.arm.tendon_name(j)} at its maximum of {upper:g} N"
+                found.append((float(lam[j]), name))
+        if np.ravel(self._rows("stretch")).min(initial=0.0) < -1e-9:
+            found.append((np.inf, "the body, which would be crushed (1 + q at its least)"))
+        total = self.limits.total
+        if total is not None and T.sum() >= total * (1 - 1e-6):
+            found.append((np.inf, f"the total pull at its maximum of {total:g} N"))
+        return [name for _, name in sorted(found, key=lambda item: -item[0])]
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw the arm in 3-D with its tendons, tensions and target; see planner.plot."""
+        from planner.plot import plot_plan
+
+        return plot_plan(self, ax)
+
+    def _problem(self) -> Problem:
+        limited = self.limits.total is not None
+        structure = (self.form, self.norm, self.refinement, self.mode, limited)
+        return build(self.arm, self.targets, self.scene, *structure)
+
+    def _rows(self, name: str) -> Array:
+        """Return the multipliers of the constraints of a name."""
+        names = np.concatenate([[rows.name] * rows.size for rows in self._problem().rows])
+        return np.asarray(np.array(self.lam_g)[names == name])
+
+    def _kkt(self, T: Array) -> float:
+        problem = self._problem()
+        limits = allowed(self.arm, self.targets, self.limits)
+        p = problem.parameters(self.targets, limits)
+        x = problem.unknowns(T, limits)
+        lam_x, lam_g = np.array(self.lam_x), np.array(self.lam_g)
+        if lam_x.shape != x.shape:
+            return np.inf
+        return optimality(problem, x, p, lam_x, lam_g, problem.bounds(limits)).worst
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Plan):
+            return NotImplemented
+        return all(
+            np.array_equal(getattr(self, f.name), getattr(other, f.name))
+            if f.name == "tensions"
+            else getattr(self, f.name) == getattr(other, f.name)
+            for f in fields(self)
+        )
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+def allowed(arm: Arm, targets: tuple[Target, ...], limits: Limits) -> Limits:
+    """Return the limits, with tendons that a target does not let pull held at their minima."""
+    tendons = frozenset.intersection(*(target.tendons(arm) for target in targets))
+    return limits.restricted(tendons)

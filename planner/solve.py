@@ -1,0 +1,243 @@
+"""From a question to a plan: build, solve from several starts, polish, and look at it twice."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from model.arm import Arm
+from model.checks import within
+from model.errors import InputError, OctoplanError
+from model.paths import Array
+from model.scene import Scene
+from model.settle import settle
+from planner.effort import Norm, check_norm
+from planner.ipopt import Solution, solve
+from planner.limits import Limits
+from planner.plan import Plan, Start, allowed
+from planner.polish import optimality, polish
+from planner.problem import FORMS, TRACES, Form, Mode, Problem, build, units
+from planner.starts import candidates, spread
+from planner.targets.base import Target
+
+_COARSE = 2
+_FIRST_STARTS = 3
+_INSIDE = 0.02
+_LITTLE = 1e-5
+
+
+def plan(
+    arm: Arm,
+    target: Target | Iterable[Target],
+    scene: Scene | None = None,
+    tension_max: Any = np.inf,
+    *,
+    tension_min: Any = 0.0,
+    total_pull: float | None = None,
+    norm: Any = "2",
+    form: Form = "condensed",
+    accuracy: float = 1e-6,
+    starts: int = 8,
+) -> Plan:
+    """Return the tensions of least effort that give an arm the shape that a target wants.
+
+    Parameters
+    ----------
+    target : Target, or several to be met together
+    scene : Scene
+        The effects called for; the bare arm unless given.
+    tension_max, tension_min : float, or one for each tendon
+        [N].
+    total_pull : float
+        The most that all tendons together may pull [N]; no limit unless given.
+    norm : "2", "1" or "inf"
+        What effort is: root of the sum of squares, sum, or largest tension.
+    form : "condensed" or "multiple-shooting"
+        Unknowns of the problem: tensions alone, or with the states of each segment.
+    accuracy : float
+        What residuals and tip errors are held to, over the arm's length (angles: rad).
+    starts : int
+        The most first guesses that are tried; fewer are, once the best was found twice.
+
+    Returns
+    -------
+    Plan
+        Also when the target cannot be met: then it is the nearest attainable shape, and
+        `outcome` says how far off it is and what holds it.
+
+    Raises
+    ------
+    InputError
+        Naming the field, for anything that is not allowed; targets that contradict each other.
+    """
+    scene, targets = scene or Scene(), check_targets(arm, target)
+    if form not in FORMS:
+        raise InputError("form", form, ", ".join(FORMS))
+    if isinstance(starts, bool) or not isinstance(starts, int) or starts < 1:
+        raise InputError("starts", starts, "a whole number from 1")
+    within("accuracy", accuracy, 1e-9, 1e-2)
+    limits = Limits.of(arm, tension_max, tension_min, total_pull)
+    search = _Search(arm, targets, scene, limits, form, check_norm(norm), accuracy)
+    return search.run(starts)
+
+
+def check_targets(arm: Arm, target: Target | Iterable[Target]) -> tuple[Target, ...]:
+    """Return the targets as a tuple; InputError for what is none, misfits and contradictions."""
+    targets = tuple(target) if isinstance(target, tuple | list) else (target,)
+    if not targets:
+        raise InputError("target", target, "at least one target")
+    claims: dict[str, Array] = {}
+    for t in targets:
+        if not hasattr(t, "terms"):
+            raise InputError("target", t, "a target such as TipPosition(...)")
+        t.check(arm)
+        for name, value in t.claims(arm).items():
+            if name in claims:
+                raise InputError(f"target: {name}", value.tolist(), "one target for it, not two")
+            claims[name] = value
+    if not frozenset.intersection(*(t.tendons(arm) for t in targets)):
+        raise InputError(
+            "target", targets, "targets that leave some tendon to pull for all of them"
+        )
+    return targets
+
+
+class _Search:
+    """One planning question and the steps that answer it."""
+
+    def __init__(
+        self,
+        arm: Arm,
+        targets: tuple[Target, ...],
+        scene: Scene,
+        limits: Limits,
+        form: Form,
+        norm: Norm,
+        accuracy: float,
+    ) -> None:
+        self.arm, self.targets, self.scene = arm, targets, scene
+        self.asked, self.limits = limits, allowed(arm, targets, limits)
+        self.form, self.norm, self.accuracy = form, norm, accuracy
+
+    def run(self, most: int) -> Plan:
+        """Try the readings of the targets in turn; see planner.problem for the three modes."""
+        guesses = candidates(self._problem(_COARSE, "exact"), self.targets, self.limits)
+        starts = spread(guesses, most)
+        first, others = starts[:_FIRST_STARTS], starts[_FIRST_STARTS:]
+        records: list[Start] = []
+        best: Solution | None = None
+        if self._can_be_exact():
+            records, best = self._from_starts(first, "exact", records, best)
+        if best is None:
+            fallback = self._fallback(first)
+            if not self._can_be_exact() or fallback[0].f > _LITTLE:
+                return self._finish(*fallback)
+            others = [self._tensions(fallback[0]), *others]
+        records, best = self._from_starts(others, "exact", records, best)
+        return self._finish(best, records, "exact") if best else self._finish(*fallback)
+
+    def _can_be_exact(self) -> bool:
+        """Return whether there are tendons enough to meet every row of match and approach."""
+        terms = self._problem(_COARSE, "exact").terms
+        free = np.sum(np.array(self.limits.upper) > self.limits.lower)
+        return bool(terms.numel_out(0) + terms.numel_out(1) <= free)
+
+    def _fallback(self, starts: list[Array]) -> tuple[Solution, list[Start], Mode]:
+        """Return the closest shape, or the nearest if what has to be met cannot be."""
+        approaches = self._problem(_COARSE, "exact").terms.numel_out(1) > 0
+        modes: tuple[Mode, ...] = ("closest", "nearest") if approaches else ("nearest",)
+        for mode in modes:
+            records, best = self._from_starts(starts, mode, [], None)
+            if best is not None:
+                return best, records, mode
+        problem = self._problem(_COARSE, mode)
+        found = [s for s in (self._solve(problem, T) for T in starts) if s.finite]
+        if not found:
+            raise OctoplanError("no start led to a shape; check the arm, the limits and the target")
+        return min(found, key=lambda s: s.f), records, mode
+
+    def _from_starts(
+        self, starts: list[Array], mode: Mode, records: list[Start], best: Solution | None
+    ) -> tuple[list[Start], Solution | None]:
+        """Go on solving on the coarse mesh, from each start, until the best was found twice."""
+        problem, records = self._problem(_COARSE, mode), list(records)
+        for T in starts:
+            if best is not None and len(records) >= _FIRST_STARTS and _twice(records, best.f):
+                break
+            solution = self._solve(problem, T)
+            records.append(Start(solution.f, solution.met, solution.iterations))
+            if solution.met and (best is None or solution.f < best.f):
+                best = solution
+        return records, best
+
+    def _solve(self, problem: Problem, T: Array) -> Solution:
+        p = problem.parameters(self.targets, self.limits, TRACES[0])
+        bounds, x = problem.bounds(self.limits), problem.unknowns(T, self.limits)
+        n = self.arm.n_tendons
+        x[:n] = np.clip(np.maximum(x[:n], _INSIDE), bounds[0][:n], bounds[1][:n])
+        return solve(problem, x, p, bounds)
+
+    def _finish(self, coarse: Solution, records: list[Start], mode: Mode) -> Plan:
+        """Return the plan on a mesh as fine as the accuracy asks for."""
+        T = self._tensions(coarse)
+        refinement = self._refinement(T)
+        problem = self._problem(refinement, mode)
+        p, bounds = problem.parameters(self.targets, self.limits), problem.bounds(self.limits)
+        guess = self._warm(problem, coarse, T)
+        fine = polish(problem, guess, p, bounds)
+        if fine is guess:
+            multipliers = (guess.lam_x, guess.lam_g)
+            solved = solve(problem, guess.x, p, bounds, multipliers)
+            if solved.met and solved.finite:
+                fine = polish(problem, solved, p, bounds)
+            fine = min((fine, guess), key=lambda s: self._worst(problem, s, p, bounds))
+        tensions = self.arm.by_section(problem.tensions(fine.x, self.limits))
+        lam_x, lam_g = tuple(fine.lam_x.tolist()), tuple(fine.lam_g.tolist())
+        return Plan(
+            self.arm,
+            self.scene,
+            self.targets,
+            self.asked,
+            self.norm,
+            self.form,
+            tensions,
+            lam_x,
+            lam_g,
+            refinement,
+            mode,
+            self.accuracy,
+            tuple(records),
+        )
+
+    def _worst(self, problem: Problem, s: Solution, p: Array, bounds: Any) -> float:
+        return optimality(problem, s.x, p, s.lam_x, s.lam_g, bounds).worst
+
+    def _warm(self, problem: Problem, coarse: Solution, T: Array) -> Solution:
+        """Return the coarse solution as a guess on the fine mesh; multipliers carry over."""
+        x = problem.unknowns(T, self.limits)
+        g = np.array(problem.derivatives(x, problem.parameters(self.targets, self.limits), 0)[1])
+        parts = (x, coarse.lam_x, coarse.lam_g, coarse.f, g.ravel())
+        return Solution(*parts, coarse.met, coarse.reason, coarse.iterations)
+
+    def _refinement(self, T: Array) -> int:
+        try:
+            return max(_COARSE, settle(self.arm, T, self.scene, self.accuracy / 10).refinement)
+        except OctoplanError:
+            return 8 * _COARSE
+
+    def _problem(self, refinement: int, mode: Mode) -> Problem:
+        limited = self.limits.total is not None
+        structure = (self.form, self.norm, refinement, mode, limited)
+        return build(self.arm, self.targets, self.scene, *structure)
+
+    def _tensions(self, solution: Solution) -> Array:
+        n = self.arm.n_tendons
+        T = solution.x[:n] * units(self.arm, self.limits)
+        return np.clip(T, self.limits.lower, self.limits.upper)
+
+
+def _twice(records: list[Start], best: float) -> bool:
+    near = best + 1e-3 * abs(best) + 1e-12
+    return sum(record.met and record.objective <= near for record in records) >= 2

@@ -1,0 +1,20 @@
+"""Targets: the shapes that an arm can be asked for, one small file each."""
+
+from planner.targets.backbone import Backbone
+from planner.targets.base import Target, Terms, View
+from planner.targets.bending_plane import BendingPlane
+from planner.targets.fetch import Bend, Fetch, FetchReach
+from planner.targets.tip import TipPose, TipPosition
+
+__all__ = [
+    "Backbone",
+    "Bend",
+    "BendingPlane",
+    "Fetch",
+    "FetchReach",
+    "Target",
+    "Terms",
+    "TipPose",
+    "TipPosition",
+    "View",
+]

@@ -1,0 +1,93 @@
+"""Follow points with the whole backbone."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from model.arm import Arm
+from model.checks import finite_array
+from model.errors import InputError
+from model.paths import Array
+from planner.targets.base import Free, Terms, View
+
+
+@dataclass(frozen=True)
+class Backbone(Free):
+    """Pass as near as the limits allow to points, in the sense of weighted least squares.
+
+    Attributes
+    ----------
+    points : (m, 3)
+        In the base frame [m].
+    s : (m,)
+        The arc lengths of the arm that are to be there [m]; unless given, in proportion to the
+        length of the chord from the base through the points, the last being the tip's.
+    weights : (m,)
+        1 unless given; the sum of weights times squared distances is made least.
+    """
+
+    points: tuple[tuple[float, ...], ...]
+    s: tuple[float, ...] | None = None
+    weights: tuple[float, ...] | None = None
+
+    def __post_init__(self) -> None:
+        points = finite_array("Backbone.points", self.points, (None, 3))
+        m = len(points)
+        if m == 0:
+            raise InputError("Backbone.points", self.points, "at least one point")
+        object.__setattr__(self, "points", tuple(tuple(row) for row in points.tolist()))
+        for name in ("s", "weights"):
+            self._freeze(name, m)
+        if self.weights is not None and (min(self.weights) < 0 or max(self.weights) == 0):
+            raise InputError("Backbone.weights", self.weights, "0 or above, not all 0")
+        if self.s is not None and (min(self.s) <= 0 or np.any(np.diff(self.s) <= 0)):
+            raise InputError("Backbone.s", self.s, "increasing arc lengths above 0 m")
+
+    def _freeze(self, name: str, m: int) -> None:
+        given: Any = getattr(self, name)
+        if given is not None:
+            values = finite_array(f"Backbone.{name}", given, (m,))
+            object.__setattr__(self, name, tuple(values.tolist()))
+
+    def check(self, arm: Arm) -> None:
+        """See Target.check."""
+        if self.s is not None and self.s[-1] > arm.length * (1 + 1e-12):
+            raise InputError("Backbone.s", self.s[-1], f"up to the arm's length, {arm.length:g} m")
+        if min(np.diff(self.stations(arm), prepend=0.0)) < 1e-6 * arm.length:
+            raise InputError("Backbone.points", self.points, "points apart from each other")
+
+    def structure(self, arm: Arm) -> Hashable:
+        """See Target.structure."""
+        return ("Backbone", self.stations(arm))
+
+    def stations(self, arm: Arm) -> tuple[float, ...]:
+        """See Target.stations."""
+        if self.s is not None:
+            return self.s
+        points = np.vstack([arm.base_position, self.points])
+        chord = np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))
+        return tuple((chord / chord[-1] * arm.length).tolist())
+
+    def parameters(self, arm: Arm) -> Array:
+        """See Target.parameters: the points, then the roots of the weights over their sum."""
+        weights = np.array(self.weights or [1.0] * len(self.points))
+        return np.concatenate([np.ravel(self.points), np.sqrt(weights / weights.sum())])
+
+    def terms(self, view: View, p: ca.MX) -> Terms:
+        """See Target.terms."""
+        stations = self.stations(view.arm)
+        m = len(stations)
+        gaps = [
+            p[3 * m + i] * (view.position(s) - p[3 * i : 3 * i + 3]) / view.arm.length
+            for i, s in enumerate(stations)
+        ]
+        return Terms(approach={"distance to the points": ca.vertcat(*gaps)})
+
+    def lean(self, arm: Arm) -> Array:
+        """See Target.lean."""
+        return np.array(self.points[-1])

@@ -1,0 +1,127 @@
+"""What a target is: a small value that states residuals of a shape and knows no solver."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Protocol
+
+import casadi as ca
+import numpy as np
+
+from model.arm import Arm
+from model.paths import Array
+from model.rotations import matrix
+
+
+@dataclass(frozen=True)
+class Terms:
+    """What a target asks of a shape; lengths are in units of L, angles in rad.
+
+    Attributes
+    ----------
+    match : residuals that have to be 0, by name
+    approach : residuals to be made as small as the limits allow, by name
+    margin : quantities that have to be 0 or above, by name
+    firm : names of matches that come first where not all can be had
+    """
+
+    match: Mapping[str, ca.MX] = field(default_factory=dict)
+    approach: Mapping[str, ca.MX] = field(default_factory=dict)
+    margin: Mapping[str, ca.MX] = field(default_factory=dict)
+    firm: frozenset[str] = frozenset()
+
+
+class View:
+    """The poses of a shape at the stations that a target asked for."""
+
+    def __init__(self, arm: Arm, poses: Mapping[float, ca.MX]) -> None:
+        self.arm, self._poses = arm, poses
+        self.base_frame = ca.MX(ca.DM(np.array(arm.base_frame)))
+        self.base_position = ca.MX(ca.DM(np.array(arm.base_position)))
+
+    def position(self, s: float) -> ca.MX:
+        """Return the position (3,) at station s [m]."""
+        return self._poses[s][4:7] if s > 0 else self.base_position
+
+    def frame(self, s: float) -> ca.MX:
+        """Return the frame (3, 3), columns t, n, b, at station s."""
+        return _frame()(self._poses[s][:4]) if s > 0 else self.base_frame
+
+    @property
+    def tip(self) -> ca.MX:
+        """Position of the tip (3,) [m]."""
+        return self.position(self.arm.length)
+
+    @property
+    def tip_frame(self) -> ca.MX:
+        """Frame of the tip (3, 3)."""
+        return self.frame(self.arm.length)
+
+
+@cache
+def _frame() -> ca.Function:
+    q = ca.SX.sym("q", 4)
+    return ca.Function("frame", [q], [matrix(q)])
+
+
+class Target(Protocol):
+    """A shape that is wanted.
+
+    The numbers of a target enter the equations as parameters, so that two targets of one structure
+    share what is built.
+    """
+
+    def check(self, arm: Arm) -> None:
+        """Raise InputError if the target is not one that this arm can be asked for."""
+
+    def structure(self, arm: Arm) -> Hashable:
+        """Return what the equations depend on besides the parameters."""
+
+    def stations(self, arm: Arm) -> tuple[float, ...]:
+        """Return the arc lengths at which the target looks at the shape [m]."""
+
+    def parameters(self, arm: Arm) -> Array:
+        """Return the target's numbers (n,)."""
+
+    def terms(self, view: View, p: ca.MX) -> Terms:
+        """Return the residuals of the shape in view, with the numbers p (n,)."""
+
+    def tendons(self, arm: Arm) -> frozenset[int]:
+        """Return the tendons that may pull."""
+
+    def claims(self, arm: Arm) -> Mapping[str, Array]:
+        """Return the quantities that the target fixes, by name; two targets have to agree."""
+
+    def lean(self, arm: Arm) -> Array:
+        """Return a point (3,) that the arm has to lean towards [m]: what its first guesses use."""
+
+
+class Free:
+    """Defaults of a target that fixes nothing in particular."""
+
+    def check(self, arm: Arm) -> None:
+        """See Target.check."""
+
+    def structure(self, arm: Arm) -> Hashable:
+        """See Target.structure."""
+        return type(self).__name__
+
+    def stations(self, arm: Arm) -> tuple[float, ...]:
+        """See Target.stations: the tip."""
+        return (arm.length,)
+
+    def tendons(self, arm: Arm) -> frozenset[int]:
+        """See Target.tendons: all."""
+        return frozenset(range(arm.n_tendons))
+
+    def claims(self, arm: Arm) -> Mapping[str, Array]:
+        """See Target.claims: none."""
+        return {}
+
+
+def toward(arm: Arm, angle: float) -> Array:
+    """Return the direction cos(angle) b - sin(angle) n of the base frame (3,), as in figure 10."""
+    frame = np.array(arm.base_frame)
+    return np.asarray(np.cos(angle) * frame[:, 2] - np.sin(angle) * frame[:, 1])

@@ -1,0 +1,84 @@
+"""Bend in a given plane, by the tendons of one section."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from model.arm import Arm
+from model.checks import finite_array
+from model.errors import InputError
+from model.paths import Array
+from planner.targets.base import Free, Terms, View, toward
+
+
+@dataclass(frozen=True)
+class BendingPlane(Free):
+    """Bend by an angle in a plane, pulling tendons of one section only.
+
+    The plane is where the tip goes, as section 6.1 and figure 10 have it: towards
+    e = cos(angle) b - sin(angle) n of the base. The bend is the angle in that plane from the
+    tangent at the base to the tangent at the tip.
+
+    Attributes
+    ----------
+    angle : float
+        Of the plane [rad]; pulling T_i2 alone is 0, T_i3 90, T_i4 180, T_i1 -90 degrees.
+    bend : float
+        In (0, pi] [rad].
+    section : int
+        Whose tendons pull, 1 at the tip.
+    """
+
+    angle: float
+    bend: float
+    section: int = 1
+
+    def __post_init__(self) -> None:
+        finite_array("BendingPlane.angle", self.angle, ())
+        if not 0 < float(finite_array("BendingPlane.bend", self.bend, ())) <= np.pi:
+            raise InputError("BendingPlane.bend", self.bend, "an angle in rad above 0, up to pi")
+
+    def check(self, arm: Arm) -> None:
+        """See Target.check."""
+        arm.tendons_of(self.section)
+
+    def structure(self, arm: Arm) -> Hashable:
+        """See Target.structure."""
+        return ("BendingPlane", self.section)
+
+    def parameters(self, arm: Arm) -> Array:
+        """See Target.parameters: e (3,) and the bend."""
+        return np.append(toward(arm, self.angle), self.bend)
+
+    def terms(self, view: View, p: ca.MX) -> Terms:
+        """See Target.terms."""
+        e, bend = p[:3], p[3]
+        t = view.base_frame[:, 0]
+        tip = (view.tip - view.base_position) / view.arm.length
+        tangent = view.tip_frame[:, 0]
+        along, across = ca.dot(tangent, t), ca.dot(tangent, e)
+        off = across * ca.cos(bend) - along * ca.sin(bend)
+        near = across * ca.sin(bend) + along * ca.cos(bend)
+        return Terms(
+            match={
+                "bending plane": ca.dot(tip, ca.cross(t, e)),
+                "bend": ca.atan2(off, near),
+            },
+            firm=frozenset({"bending plane"}),
+        )
+
+    def tendons(self, arm: Arm) -> frozenset[int]:
+        """See Target.tendons."""
+        return frozenset(arm.tendons_of(self.section))
+
+    def claims(self, arm: Arm) -> Mapping[str, Array]:
+        """See Target.claims."""
+        return {"bending plane and bend": np.array([self.angle, self.bend, self.section])}
+
+    def lean(self, arm: Arm) -> Array:
+        """See Target.lean."""
+        return np.array(arm.base_position) + arm.length * toward(arm, self.angle)

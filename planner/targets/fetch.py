@@ -1,0 +1,172 @@
+"""The octopus's fetch: a proximal, a medial and a distal bend."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from model.arm import Arm
+from model.checks import finite_array
+from model.errors import InputError
+from model.paths import Array
+from planner.targets.base import Free, Terms, View, toward
+
+
+class Bend(NamedTuple):
+    """One bend: its angle in [0, pi] and its plane, as figure 10 counts planes [rad]."""
+
+    angle: float
+    plane: float
+
+
+def stretches(arm: Arm) -> tuple[float, float, float, float]:
+    """Return the ends of the proximal, medial and distal stretch, from base to tip [m].
+
+    They end at anchorages; on an arm with more than three, at the three that divide the sections
+    most evenly. Raises InputError for an arm with less than three.
+    """
+    n = len(arm.sections)
+    if n < 3:
+        raise InputError("arm.sections", n, "at least 3 anchorage sections for a fetch")
+    first, second = round(2 * n / 3), round(n / 3)
+    return 0.0, arm.sections[first].at, arm.sections[second].at, arm.sections[0].at
+
+
+@dataclass(frozen=True)
+class Fetch(Free):
+    """Three prescribed bends; `Fetch.reach(...)` is the form that brings the tip to a mouth.
+
+    Each is seen in the frame in which its stretch begins: there the tangent at its end is
+    cos(angle) t + sin(angle) (cos(plane) b - sin(plane) n). The stretches end at anchorages.
+
+    Attributes
+    ----------
+    proximal, medial, distal : (angle, plane)
+        [rad].
+    """
+
+    proximal: Bend
+    medial: Bend
+    distal: Bend
+
+    def __post_init__(self) -> None:
+        for name in ("proximal", "medial", "distal"):
+            angle, plane = finite_array(f"Fetch.{name}", getattr(self, name), (2,)).tolist()
+            if not 0 <= angle <= np.pi:
+                raise InputError(f"Fetch.{name}", angle, "a bend from 0 to pi rad")
+            object.__setattr__(self, name, Bend(angle, plane))
+
+    @staticmethod
+    def reach(
+        mouth: tuple[float, ...], bend: float = np.radians(30), plane: float | None = None
+    ) -> FetchReach:
+        """Return the target that brings the tip near a mouth; see FetchReach."""
+        return FetchReach(mouth, bend, plane)
+
+    def check(self, arm: Arm) -> None:
+        """See Target.check."""
+        stretches(arm)
+
+    def stations(self, arm: Arm) -> tuple[float, ...]:
+        """See Target.stations."""
+        return stretches(arm)[1:]
+
+    def parameters(self, arm: Arm) -> Array:
+        """See Target.parameters: angle and plane of each bend, base to tip."""
+        return np.ravel([self.proximal, self.medial, self.distal])
+
+    def terms(self, view: View, p: ca.MX) -> Terms:
+        """See Target.terms: two components of each tangent across the one wanted."""
+        match, margin = {}, {}
+        for i, (name, (start, end)) in enumerate(
+            zip(("proximal", "medial", "distal"), pairwise(stretches(view.arm)), strict=True)
+        ):
+            tangent = view.frame(start).T @ view.frame(end)[:, 0]
+            cos, sin = ca.cos(p[2 * i]), ca.sin(p[2 * i])
+            b, n = ca.cos(p[2 * i + 1]), -ca.sin(p[2 * i + 1])
+            bend = ca.dot(tangent, ca.vertcat(-sin, cos * n, cos * b))
+            plane = ca.dot(tangent, ca.vertcat(0, -b, n))
+            match[f"{name} bend"] = ca.vertcat(bend, plane)
+            margin[f"side of the {name} bend"] = ca.dot(tangent, ca.vertcat(cos, sin * n, sin * b))
+        return Terms(match=match, margin=margin)
+
+    def claims(self, arm: Arm) -> Mapping[str, Array]:
+        """See Target.claims."""
+        return {"three bends": self.parameters(arm)}
+
+    def lean(self, arm: Arm) -> Array:
+        """See Target.lean."""
+        return np.array(arm.base_position) + arm.length * toward(arm, self.proximal.plane)
+
+
+@dataclass(frozen=True)
+class FetchReach(Free):
+    """Bring the tip as near to a mouth as the limits allow, through three bends.
+
+    Attributes
+    ----------
+    mouth : (3,)
+        In the base frame [m].
+    bend : float
+        The least angle between the tangents at the two ends of each stretch, in [0, pi) [rad].
+    plane : float or None
+        The angle of the plane, as figure 10 counts them, that holds every anchorage [rad];
+        None leaves the arm free in space.
+    """
+
+    mouth: tuple[float, ...]
+    bend: float
+    plane: float | None = None
+
+    def __post_init__(self) -> None:
+        mouth = finite_array("Fetch.reach mouth", self.mouth, (3,))
+        if not 0 <= float(finite_array("Fetch.reach bend", self.bend, ())) < np.pi:
+            raise InputError("Fetch.reach bend", self.bend, "an angle from 0 up to, not with, pi")
+        if self.plane is not None:
+            finite_array("Fetch.reach plane", self.plane, ())
+        object.__setattr__(self, "mouth", tuple(mouth.tolist()))
+
+    def check(self, arm: Arm) -> None:
+        """See Target.check."""
+        stretches(arm)
+
+    def structure(self, arm: Arm) -> Hashable:
+        """See Target.structure."""
+        return ("FetchReach", self.plane is None)
+
+    def stations(self, arm: Arm) -> tuple[float, ...]:
+        """See Target.stations."""
+        return tuple(sorted({*stretches(arm)[1:], arm.length}))
+
+    def parameters(self, arm: Arm) -> Array:
+        """See Target.parameters: mouth, cosine of the least bend, direction across the plane."""
+        e = toward(arm, self.plane or 0.0)
+        across = np.cross(np.array(arm.base_frame)[:, 0], e)
+        return np.concatenate([self.mouth, [np.cos(self.bend)], across])
+
+    def terms(self, view: View, p: ca.MX) -> Terms:
+        """See Target.terms."""
+        ends = stretches(view.arm)
+        tangents = [view.frame(s)[:, 0] for s in ends]
+        bends = [p[3] - ca.dot(a, b) for a, b in pairwise(tangents)]
+        match = {}
+        if self.plane is not None:
+            off = [ca.dot(view.position(s) - view.base_position, p[4:]) for s in ends[1:]]
+            match["distance from the plane"] = ca.vertcat(*off) / view.arm.length
+        return Terms(
+            match=match,
+            approach={"distance to the mouth": (view.tip - p[:3]) / view.arm.length},
+            margin={"least bend": ca.vertcat(*bends)},
+            firm=frozenset(match),
+        )
+
+    def lean(self, arm: Arm) -> Array:
+        """See Target.lean."""
+        if self.plane is None:
+            return np.array(self.mouth)
+        return np.array(arm.base_position) + arm.length * toward(arm, self.plane)

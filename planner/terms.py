@@ -1,0 +1,62 @@
+"""The terms of several targets put together: stacked, named and weighted."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from model.arm import Arm
+from planner.targets.base import Target, Terms, View
+
+FIRM = 1e2
+KINDS = ("match", "approach", "margin")
+
+
+def stations_of(arm: Arm, targets: tuple[Target, ...]) -> tuple[float, ...]:
+    """Return all arc lengths that targets look at, once each."""
+    return tuple(sorted({s for target in targets for s in target.stations(arm)}))
+
+
+def terms_function(arm: Arm, targets: tuple[Target, ...]) -> ca.Function:
+    """Return (poses (7, K), target numbers) -> (match, approach, margin), stacked by target."""
+    stations = stations_of(arm, targets)
+    poses = ca.MX.sym("poses", 7, len(stations))
+    view = View(arm, {s: poses[:, i] for i, s in enumerate(stations)})
+    numbers, found = [], []
+    for target in targets:
+        p = ca.MX.sym("p", target.parameters(arm).size)
+        numbers.append(p)
+        found.append(target.terms(view, p))
+    stacks = [_stack(found, kind) for kind in KINDS]
+    return ca.Function("terms", [poses, ca.vertcat(*numbers)], stacks)
+
+
+def term_names(arm: Arm, targets: tuple[Target, ...]) -> tuple[list[str], list[str], list[str]]:
+    """Return the name of each component of match, approach and margin."""
+    terms = _symbolic_terms(arm, targets)
+    match, approach, margin = (
+        [
+            name
+            for term in terms
+            for name, v in getattr(term, kind).items()
+            for _ in range(v.numel())
+        ]
+        for kind in ("match", "approach", "margin")
+    )
+    return match, approach, margin
+
+
+def firmness(arm: Arm, targets: tuple[Target, ...]) -> ca.DM:
+    """Return the weight of each component of match where not all can be had."""
+    firm = {name for term in _symbolic_terms(arm, targets) for name in term.firm}
+    return ca.DM([FIRM if name in firm else 1.0 for name in term_names(arm, targets)[0]])
+
+
+def _symbolic_terms(arm: Arm, targets: tuple[Target, ...]) -> list[Terms]:
+    view = View(arm, {s: ca.MX.sym("pose", 7) for s in stations_of(arm, targets)})
+    return [t.terms(view, ca.MX.sym("p", t.parameters(arm).size)) for t in targets]
+
+
+def _stack(terms: list[Terms], kind: str) -> ca.MX:
+    return ca.vertcat(
+        ca.MX(0, 1), *(value for term in terms for value in getattr(term, kind).values())
+    )

@@ -1,0 +1,73 @@
+"""Shapes of random arms against section-by-section moment balance and SciPy integration."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from model import Scene, Shape, settle
+from model.effects import Extension
+from tests.model.cases import arm_of, mild_tensions, random_rod
+from tests.oracles import Array, Rod, poses, strain, tendon_length
+
+SEEDS = range(20)
+
+
+def drawn(seed: int) -> tuple[Rod, Array, bool, Shape]:
+    rng = np.random.default_rng(seed)
+    rod = random_rod(rng)
+    T, extension = mild_tensions(rng, rod), seed % 3 != 2
+    scene = Scene(Extension()) if extension else Scene()
+    return rod, T, extension, settle(arm_of(rod), T, scene, accuracy=1e-11)
+
+
+def places(rod: Rod, count: int) -> Array:
+    inside = np.random.default_rng(7).uniform(0, rod.length, count)
+    return np.unique([0.0, *inside, *(section.at for section in rod.sections), rod.length])
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_strains_balance_every_cross_section(seed: int) -> None:
+    rod, T, extension, shape = drawn(seed)
+    s = places(rod, 40)
+    wanted = np.array([strain(rod, T, x, extension) for x in s])
+    found = shape.strain(s)
+    bend = np.linalg.norm(wanted[:, :3], axis=1)
+    assert bend.max() * rod.length > 0.1
+    assert np.all(np.linalg.norm(found - wanted, axis=1)[bend == 0] == 0)
+    assert np.all(np.linalg.norm((found - wanted)[:, :3], axis=1) <= 1e-9 * bend)
+    assert np.all(np.abs((found - wanted)[:, 3]) <= 1e-9 * np.abs(wanted[:, 3]))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_no_torsion_arises_without_loads(seed: int) -> None:
+    rod, _, _, shape = drawn(seed)
+    assert np.all(shape.strain(places(rod, 40))[:, 0] == 0)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_poses_along_the_arm_are_those_of_integrated_frames(seed: int) -> None:
+    rod, T, extension, shape = drawn(seed)
+    s = places(rod, 3)
+    position, frame = poses(rod, T, s, extension)
+    assert np.linalg.norm(shape.position(s) - position, axis=1).max() <= 1e-9 * rod.length
+    assert np.abs(shape.frame(s) - frame).max() <= 1e-9
+    assert np.array_equal(shape.tip, shape.position(rod.length))
+    assert np.array_equal(shape.tip_frame, shape.frame(rod.length))
+
+
+@pytest.mark.parametrize("seed", SEEDS[:10])
+def test_tendon_lengths_are_the_integrals_of_their_tangents(seed: int) -> None:
+    rod, T, extension, shape = drawn(seed)
+    tendons = shape.arm.tendons
+    for index in np.random.default_rng(seed).permutation(len(tendons))[:3]:
+        wanted = tendon_length(rod, T, *tendons[index], extension)
+        assert abs(shape.tendon_lengths[index] - wanted) <= 1e-9 * rod.length
+
+
+def test_random_arms_cover_what_an_arm_can_be() -> None:
+    rods = [random_rod(np.random.default_rng(seed)) for seed in SEEDS]
+    assert len({len(rod.sections) for rod in rods}) >= 5
+    assert {len(x.angles) for rod in rods for x in rod.sections} == {1, 2, 3, 4, 5}
+    assert 2 <= sum(rod.radius.x.size > 2 for rod in rods) <= 18
+    assert 2 <= sum(rod.sections[0].at < rod.length for rod in rods) <= 18

@@ -1,0 +1,63 @@
+"""Every fixed-step scheme converges at its order."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from model import Arm, Scene
+from model.effects import Extension
+from model.forward import forward_map, schemes_of
+from tests.oracles import Array
+
+ORDERS = {"magnus6": 6, "rk6": 6, "rk4": 4}
+SCENES = {"bare": Scene(), "extension": Scene(Extension()), "as_printed": Scene.as_printed()}
+TENSIONS = {
+    "table-2": np.array([0, 0.5, 0.8, 0, 1, 0, 0, 0.5, 0, 0, 2, 1]),
+    "table-4": np.array([0, 0.1, 0.2, 0, 1, 0, 0, 0.5, 0, 0, 2, 1]),
+}
+COARSEST = {"magnus6": 4, "rk6": 8, "rk4": 8}
+EACH = [
+    pytest.param(arm, scene, scheme, id=f"{arm}-{key}-{scheme}")
+    for arm in TENSIONS
+    for key, scene in SCENES.items()
+    for scheme in schemes_of(scene)
+]
+
+
+def slopes(errors: list[float]) -> Array:
+    """Return the orders that errors on meshes of halved steps show."""
+    return np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
+
+
+def node_states(name: str, scene: Scene, scheme: str, refinement: int) -> Array:
+    return forward_map(Arm.from_paper(name), scene, scheme, refinement).run(TENSIONS[name])
+
+
+@pytest.mark.parametrize(("name", "scene", "scheme"), EACH)
+def test_tip_error_falls_at_the_order_of_the_scheme(name: str, scene: Scene, scheme: str) -> None:
+    start = COARSEST[scheme] // (2 if name == "table-2" else 1)
+    wanted = node_states(name, scene, "rk6", 256)[-1, 4:7]
+    errors = [
+        float(np.linalg.norm(node_states(name, scene, scheme, start * n)[-1, 4:7] - wanted))
+        for n in (1, 2, 4)
+    ]
+    assert np.all(np.abs(slopes(errors) - ORDERS[scheme]) <= 0.3)
+
+
+@pytest.mark.parametrize(("name", "scene", "scheme"), [p for p in EACH if "rk" in str(p.id)])
+def test_strain_error_falls_at_the_order_of_the_scheme(
+    name: str, scene: Scene, scheme: str
+) -> None:
+    start = COARSEST[scheme] // (2 if name == "table-2" else 1)
+    wanted = node_states(name, scene, "rk6", 256)[0, 7:]
+    errors = [
+        float(np.linalg.norm(node_states(name, scene, scheme, start * n)[0, 7:] - wanted))
+        for n in (1, 2, 4)
+    ]
+    assert np.all(np.abs(slopes(errors) - ORDERS[scheme]) <= 0.3)
+
+
+@pytest.mark.parametrize("scheme", ORDERS)
+def test_a_forward_map_states_its_order(scheme: str) -> None:
+    assert forward_map(Arm.from_paper("table-2"), Scene(), scheme, 1).order == ORDERS[scheme]

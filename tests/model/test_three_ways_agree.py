@@ -1,0 +1,111 @@
+"""Multiple shooting, single shooting and the closed form on the arms of the paper."""
+
+from __future__ import annotations
+
+from functools import cache, lru_cache
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from model import Arm, Scene
+from model.effects import Extension
+from model.mesh import graded
+from model.runge_kutta import RK6
+from model.shooting import Shooting
+from model.strain_ode import StrainOde
+from tests.model.cases import paper_tensions
+from tests.oracles import Array, Rod, balance, paper_rod, poses, strain
+
+SCENE = Scene(Extension())
+REFINEMENT = 32
+FEW = [(name, seed) for name in ("table-2", "table-4") for seed in range(10)]
+REST = [(name, seed) for name in ("table-2", "table-4") for seed in range(10, 100)]
+EACH = [*FEW, *(pytest.param(*case, marks=pytest.mark.slow) for case in REST)]
+
+
+class Ways:
+    """The shooting formulations of one arm, built once."""
+
+    def __init__(self, name: str) -> None:
+        self.arm, self.rod = Arm.from_paper(name), paper_rod(name)
+        self.mesh = graded(self.arm, REFINEMENT)
+        self.shooting = Shooting(self.arm, SCENE, self.mesh, RK6)
+        self.ode = StrainOde(self.arm, SCENE, self.mesh, RK6)
+        X = ca.MX.sym("X", self.shooting.n_x, self.shooting.n_segments)
+        T = ca.MX.sym("T", self.arm.n_tendons)
+        trajectories = self.shooting.trajectories(X, T)
+        residual = self.shooting.residual(X, T, trajectories)
+        self.trajectories = ca.Function("trajectories", [X, T], trajectories)
+        self.residual = ca.Function("residual", [X, T], [residual])
+
+    def states(self, X: Array, T: Array) -> list[Array]:
+        """Return the states (7 + n, N) at the nodes of each segment."""
+        return [np.array(states) for states in self.trajectories(X, T)]
+
+
+ways = lru_cache(Ways)
+
+
+@cache
+def solved(name: str, seed: int) -> tuple[Array, Array]:
+    """Return random tensions, and the unknowns that multiple shooting finds from a bad start."""
+    way, rng = ways(name), np.random.default_rng(seed)
+    T = paper_tensions(rng, name)
+    start = way.shooting.guess(T)
+    start += 0.05 * rng.standard_normal(start.shape)
+    assert np.abs(np.array(way.residual(start, T))).max() > 1e-3
+    return T, way.shooting.solve(T, start)
+
+
+def relative(found: Array, wanted: Array) -> float:
+    """Return the largest difference of curvatures (N, 2), relative to the curvature there."""
+    gap = np.linalg.norm(found - wanted, axis=1)
+    return float((gap / np.linalg.norm(wanted, axis=1)).max())
+
+
+def curvatures(rod: Rod, T: Array, nodes: Array, active: int) -> Array:
+    return np.array([strain(rod, T, s, True, active)[1:3] for s in nodes])
+
+
+@pytest.mark.parametrize(("name", "seed"), EACH)
+def test_strains_of_all_three_agree_at_every_node(name: str, seed: int) -> None:
+    way = ways(name)
+    T, X = solved(name, seed)
+    single = way.ode.run(T)[:, 7:]
+    closed = np.array([strain(way.rod, T, s, True)[1:3] for s in way.mesh.s])
+    assert relative(single, closed) <= 1e-9
+    segments = way.shooting.segments
+    for i, (segment, states) in enumerate(zip(segments, way.states(X, T), strict=True)):
+        wanted = curvatures(way.rod, T, segment.nodes, i + 1)
+        assert relative(states[7:].T, wanted) <= 1e-9
+        inner = [way.mesh.node(s) for s in segment.nodes[:-1]]
+        assert relative(states[7:, :-1].T, single[inner]) <= 1e-9
+
+
+@pytest.mark.parametrize(("name", "seed"), EACH)
+def test_moment_is_continuous_across_every_anchorage(name: str, seed: int) -> None:
+    way = ways(name)
+    T, X = solved(name, seed)
+    for unknowns in (X, way.shooting.guess(T)):
+        trajectories = way.states(unknowns, T)
+        beyond = np.zeros(2)
+        for i, (section, states) in enumerate(zip(way.rod.sections, trajectories, strict=True)):
+            D_outer, m_outer = balance(way.rod, T, section.at, i)
+            D, m = balance(way.rod, T, section.at, i + 1)
+            inner, outer = np.append(0, states[7:, 0]), np.append(0, beyond)
+            jump = D @ inner - D_outer @ outer - (m - m_outer)
+            assert np.linalg.norm(m - m_outer) > 0
+            assert np.linalg.norm(jump) <= 1e-10 * np.linalg.norm(D @ inner)
+            beyond = states[7:, -1]
+
+
+@pytest.mark.parametrize(("name", "seed"), EACH)
+def test_tip_is_the_same_by_all_three(name: str, seed: int) -> None:
+    way = ways(name)
+    T, X = solved(name, seed)
+    wanted = poses(way.rod, T, [way.rod.length], True)[0][0]
+    multiple = X[4:7, 0] * way.shooting.scale[4:7]
+    single = way.ode.run(T)[-1, 4:7]
+    assert np.linalg.norm(multiple - wanted) <= 1e-9 * way.rod.length
+    assert np.linalg.norm(single - wanted) <= 1e-9 * way.rod.length
