@@ -14,7 +14,8 @@ def sentence(plan: Plan) -> str:
     certificate = plan.certificate
     if certificate.problem:
         return f"Not certified: {certificate.problem}."
-    tried = f"{len(plan.starts)} starts tried, {plan.agreed} agree on the best"
+    count = len(plan.starts)
+    tried = f"{count} start{'s' * (count > 1)} tried, {plan.agreed} at the best optimum"
     if certificate.passed:
         return f"{_success(plan)}; effort {plan.effort:.4g} N; {tried}."
     if plan.mode == "nearest" and not certificate.attained:

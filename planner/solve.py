@@ -131,7 +131,7 @@ class _Search:
         if self._can_be_exact():
             records, best = self._from_starts(first, "exact", records, best)
         if best is None:
-            fallback = self._fallback(first)
+            fallback = self._fallback(starts)
             if not self._can_be_exact() or fallback[0].f > _LITTLE:
                 return self._finish(*fallback)
             others = [self._tensions(fallback[0]), *others]

@@ -105,14 +105,13 @@ def compare_efforts(
     best = np.array([best_of(arm, point, count, rng) for point in points])
     ratio = efforts / np.minimum(best, efforts)
     # 1 % of the sum of squares, which is what is minimised, is 0.5 % of the norm.
-    print(f"within 1 % of the best {np.mean(ratio**2 < 1.01):8.1%} (sum of squares; of {count} starts)")
+    share = np.mean(ratio**2 < 1.01)
+    print(f"within 1 % of the best {share:8.1%} (sum of squares; of {count} starts)")
     print(f"worst ratio            {np.max(ratio**2):8.4f}")
     print(f"better than all starts {np.mean(efforts**2 < best**2 / 1.01):8.1%}")
 
 
-def compare_scipy(
-    arm: Arm, points: list[Array], seconds: Array, rng: np.random.Generator
-) -> None:
+def compare_scipy(arm: Arm, points: list[Array], seconds: Array, rng: np.random.Generator) -> None:
     """Print how long SLSQP takes from one random start of moderate tensions."""
     scipy, taken, solved = ScipyArm(arm), [], []
     for point in points:

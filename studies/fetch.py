@@ -1,0 +1,114 @@
+"""Is a fetch in space more efficient than one in a plane, and by how much?
+
+Question: the paper shows two fetches of equal pull (figures 14 and 15) and finds that the one in
+space brings the tip closer to the base, the mouth. Is that so for the best fetch of each kind?
+
+Assumptions: table 4; the paper's scene; mouth at the centre of the base; each of the three
+stretches bends by at least 30 degrees; each tendon up to 13 N, the largest of the paper's; the
+plane is figure 14's. A fetch in space may also stay in a plane, so it can never be worse.
+
+Command: python -m studies.fetch [--budgets 3 4 5 6 7 8 10 17.5] [--out out]
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from planner.plot import plot_shape
+
+from model import Arm, Scene, Shape, settle
+from model.effects import Extension
+from planner import Plan, plan
+from planner.targets import Fetch, FetchReach
+
+SCENE = Scene(Extension())
+FIGURES = {
+    "figure 14": {(0, 2): 0.5, (1, 0): 4.0, (2, 2): 13.0},
+    "figure 15": {(0, 2): 0.5, (1, 0): 4.0, (2, 1): 13.0},
+}
+MOUTH = (0.0, 0.0, 0.0)
+BEND = np.radians(30)
+PLANE = np.radians(90)
+MAXIMUM = 13.0
+KINDS: dict[str, FetchReach] = {
+    "in a plane": Fetch.reach(MOUTH, BEND, PLANE),
+    "in space": Fetch.reach(MOUTH, BEND),
+}
+
+
+def paper_shape(name: str, scene: Scene) -> Shape:
+    """Return the settled shape of a figure of the paper."""
+    T = np.zeros((3, 4))
+    for place, tension in FIGURES[name].items():
+        T[place] = tension
+    return settle(Arm.from_paper("table-4"), T, scene)
+
+
+def distance(found: Plan) -> float:
+    """Return how far the tip is from the mouth [mm]."""
+    return float(1e3 * np.linalg.norm(found.shape.tip - np.array(MOUTH)))
+
+
+def least_pull(kind: str) -> Plan:
+    """Return the fetch that brings the tip to the mouth with the least total pull."""
+    arm = Arm.from_paper("table-4")
+    return plan(arm, KINDS[kind], SCENE, MAXIMUM, norm="1")
+
+
+def nearest(kind: str, budget: float) -> Plan:
+    """Return the fetch that comes nearest to the mouth with a total pull up to a budget."""
+    arm = Arm.from_paper("table-4")
+    return plan(arm, KINDS[kind], SCENE, MAXIMUM, total_pull=budget)
+
+
+def draw(curves: dict[str, list[float]], budgets: Sequence[float]) -> Figure:
+    """Return the figure: the paper's two fetches, and distance over the total pull allowed."""
+    figure = Figure(figsize=(12, 4), layout="constrained")
+    for i, name in enumerate(FIGURES):
+        ax = figure.add_subplot(1, 3, i + 1, projection="3d")
+        shape = paper_shape(name, SCENE)
+        plot_shape(shape, ax)
+        gap = 1e3 * np.linalg.norm(shape.tip)
+        ax.set_title(f"{name}: tip {gap:.0f} mm from the base")
+    ax = figure.add_subplot(1, 3, 3)
+    for kind, gaps in curves.items():
+        ax.plot(budgets, gaps, "o-", label=f"best {kind}")
+    for name, marker in zip(FIGURES, "^v", strict=True):
+        gap = 1e3 * np.linalg.norm(paper_shape(name, SCENE).tip)
+        ax.plot(17.5, gap, marker, color="k", label=name)
+    ax.set(xlabel="total pull allowed [N]", ylabel="tip to mouth [mm]", title="Best fetches")
+    ax.set_ylim(bottom=0)
+    ax.grid(alpha=0.3)
+    ax.legend()
+    return figure
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Run the study: print its table, save its figure."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--budgets", type=float, nargs="+", default=[3, 4, 5, 6, 7, 8, 10, 17.5])
+    parser.add_argument("--out", type=Path, default=Path("out"))
+    args = parser.parse_args(argv)
+    for name in FIGURES:
+        for statics, scene in (("as printed", Scene.as_printed()), ("consistent", SCENE)):
+            tip = paper_shape(name, scene).tip
+            gap = np.linalg.norm(tip)
+            print(f"{name} {statics:<11} tip [mm]", *(f"{1e3 * x:9.4f}" for x in tip), end="")
+            print(f"   {1e3 * gap:6.1f} mm from the mouth")
+    for kind in KINDS:
+        found = least_pull(kind)
+        print(f"least total pull {kind:<10} {found.effort:7.3f} N: {found.outcome}")
+    curves = {kind: [distance(nearest(kind, b)) for b in args.budgets] for kind in KINDS}
+    print("total pull allowed [N] ", *(f"{b:8.1f}" for b in args.budgets))
+    for kind, gaps in curves.items():
+        print(f"nearest {kind:<10} [mm]", *(f"{gap:8.2f}" for gap in gaps))
+    args.out.mkdir(parents=True, exist_ok=True)
+    draw(curves, args.budgets).savefig(args.out / "fetch.png", dpi=150)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,55 @@
+"""Arms, targets and measures that several tests share."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model import Anchorage, Arm, Linear, Sampled, Scene, Shape, settle
+from model.effects import Extension
+
+Array = NDArray[np.float64]
+PAPER = Scene(Extension())
+
+
+def figure_15() -> Array:
+    """Tensions of the paper's fetch in space [N]."""
+    T = np.zeros((3, 4))
+    T[0, 2], T[1, 0], T[2, 1] = 0.5, 4.0, 13.0
+    return T
+
+
+def moderate() -> Array:
+    """Tensions that bend every section of table 4 a little, in different directions [N]."""
+    T = np.zeros((3, 4))
+    T[0, 1], T[1, 2], T[1, 3], T[2, 0] = 0.05, 0.8, 0.3, 1.5
+    return T
+
+
+def barrel_arm() -> Arm:
+    """Five sections of three tendons at 120 degrees, staggered, on a sampled barrel."""
+    s = np.linspace(0, 0.5, 9)
+    radius = Sampled(tuple(s), tuple(0.009 + 0.005 * np.sin(np.pi * (0.15 + 0.85 * s / 0.5))))
+    third = 2 * np.pi / 3
+    sections = tuple(
+        Anchorage(at, Linear(0.006, 0.004), tuple(stagger + third * j for j in range(3)))
+        for at, stagger in zip(
+            (0.49, 0.4, 0.31, 0.2, 0.1), np.radians([0, 24, 48, 72, 96]), strict=True
+        )
+    )
+    return Arm(0.5, radius, sections)
+
+
+def bend_and_plane(arm: Arm, shape: Shape) -> tuple[float, float]:
+    """Angle between the tangents at base and tip, and plane in which the tip went [rad]."""
+    t, n, b = np.array(arm.base_frame).T
+    way = shape.tip - np.array(arm.base_position)
+    plane = float(np.arctan2(-way @ n, way @ b))
+    e = np.cos(plane) * b - np.sin(plane) * n
+    tangent = shape.tip_frame[:, 0]
+    return float(np.arctan2(tangent @ e, tangent @ t)), plane
+
+
+def paper_tip(arm: Arm, T: Array) -> tuple[float, ...]:
+    """Tip position of settled tensions [m]."""
+    return tuple(settle(arm, T, PAPER, 1e-9).tip.tolist())

@@ -1,0 +1,102 @@
+"""The command line: what it prints, writes and returns."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from planner.cli import main
+
+SCENES = Path(__file__).parents[2] / "studies" / "scenes"
+
+
+def test_a_plan_is_shown_as_a_table_with_its_certificate(capsys: pytest.CaptureFixture) -> None:
+    assert main(["plan", str(SCENES / "bending_135.toml")]) == 0
+    shown = capsys.readouterr().out
+    assert "T_13" in shown
+    assert "certificate: PASSED" in shown
+
+
+def test_a_plan_for_machines_is_json_in_si_units(capsys: pytest.CaptureFixture) -> None:
+    assert main(["plan", str(SCENES / "bending_135.toml"), "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["certified"]
+    assert len(result["tensions_N"]) == 3
+    assert result["certificate"]["passed"]
+
+
+def test_result_and_figure_are_written_whole(tmp_path: Path) -> None:
+    assert main(["plan", str(SCENES / "bending_135.toml"), "--out", str(tmp_path / "new")]) == 0
+    assert {path.name for path in (tmp_path / "new").iterdir()} == {"plan.json", "plan.png"}
+
+
+def test_given_tensions_are_settled(capsys: pytest.CaptureFixture) -> None:
+    assert main(["settle", str(SCENES / "figure_15.toml"), "--json", "--accuracy", "1e-9"]) == 0
+    tip = json.loads(capsys.readouterr().out)["tip_m"]
+    assert tip == pytest.approx([0.04314773918701631, -0.06442327980356158, -0.03984290693421615])
+
+
+def _scene(tmp_path: Path, text: str) -> str:
+    path = tmp_path / "scene.toml"
+    path.write_text(text)
+    return str(path)
+
+
+def test_a_target_out_of_reach_returns_1(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    text = """
+    arm = { preset = "table-4" }
+    effects = { extension = true }
+    target = { type = "tip-position", position_mm = [600, 0, 0] }
+    limits = { tension_max = 20 }
+    """
+    assert main(["plan", _scene(tmp_path, text)]) == 1
+    assert "Not reached" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("[arm]\npreset = 'table-9'", "table-2, table-4"),
+        ("[arm]\npreset = 'table-4'\nlength = 3", "length"),
+        ("[arm]\npreset = 'table-4'\n[effects]\nextention = true", "$.effects"),
+        ("[arm]\npreset = 'table-4'\n[target]\ntype = 'tip'", "$.target.type"),
+        ("[arm]\npreset = 'table-4'", "[target]"),
+        (
+            "[arm]\npreset = 'table-4'\n[target]\ntype='tip-position'\nposition_mm=[1,2,3]",
+            "tension_max",
+        ),
+        (
+            "[arm]\npreset = 'table-4'\n[target]\ntype='tip-position'\nposition_mm=[1,2]",
+            "TipPosition.position",
+        ),
+        ("[arm]\nlength_mm = 300\nradius_mm = [10, 2]", "at least one Anchorage"),
+        ("[arm]\nlength_mm = 300\nradius_mm = [10]", "radius_mm"),
+        ("[arm\n", "TOML"),
+        ("", "arm"),
+        ("[arm]\npreset = 'table-4'\n[limits]\ntension_max = 'much'", "$.limits.tension_max"),
+    ],
+)
+def test_a_mistake_in_a_scene_file_returns_2_and_tells_where(
+    tmp_path: Path, capsys: pytest.CaptureFixture, text: str, told: str
+) -> None:
+    out = tmp_path / "out"
+    assert main(["plan", _scene(tmp_path, text), "--out", str(out)]) == 2
+    captured = capsys.readouterr()
+    assert told in captured.err
+    assert captured.out == ""
+    assert not out.exists()
+
+
+def test_a_file_that_is_not_there_is_told(capsys: pytest.CaptureFixture) -> None:
+    assert main(["plan", "nowhere.toml"]) == 2
+    assert "nowhere.toml" in capsys.readouterr().err
+
+
+def test_tensions_that_crush_the_arm_are_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    text = (
+        "tensions = [9,9,9,9,9,9,9,9,9,9,9,9]\n[arm]\npreset='table-4'\n[effects]\nextension=true"
+    )
+    assert main(["settle", _scene(tmp_path, text)]) == 1
+    assert "crushed" in capsys.readouterr().err
