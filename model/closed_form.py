@@ -1,6 +1,6 @@
-"""The fast path: strains in closed form, poses by sixth-order Magnus steps from the base.
+"""The fast path: strains in closed form, poses by Magnus steps from the base.
 
-Data flow: tensions -> sums over tendons at the Gauss nodes (one sparse linear map) -> strains
+Data flow: tensions -> sums over tendons at the steps' nodes (one sparse linear map) -> strains
 (closed form) -> one relative pose per step (Magnus) -> poses at the nodes (products from the base).
 """
 
@@ -11,8 +11,8 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from model import magnus
 from model.arm import Arm
+from model.magnus import Magnus
 from model.mesh import Mesh
 from model.paths import Array
 from model.rotations import compose, from_matrix
@@ -20,8 +20,6 @@ from model.scene import Scene
 from model.statics import ClosedStatics, statics_of
 from model.statics.base import curvature
 from model.stations import Counts, pulls, stations
-
-ORDER = magnus.ORDER
 
 
 def base_pose(arm: Arm) -> Array:
@@ -47,15 +45,13 @@ def strain_function(scene: Scene) -> ca.Function:
 
 
 @lru_cache(maxsize=64)
-def step_function(scene: Scene) -> ca.Function:
-    """Return (pulls (6, 3), bodies (3, 3), h) -> (relative pose (7,), strains (4, 3)) of a step."""
-    strain = strain_function(scene)
-    pull, body, h = ca.SX.sym("pull", 6, 3), ca.SX.sym("body", 3, 3), ca.SX.sym("h")
-    strains = [strain(pull[:, i], body[:, i]) for i in range(3)]
-    twists = [twist(e) for e in strains]
-    return ca.Function(
-        "step", [pull, body, h], [magnus.step(twists, h), ca.horzcat(*strains)], {"cse": True}
-    )
+def step_function(scene: Scene, scheme: Magnus) -> ca.Function:
+    """Return (pulls (6, m), bodies (3, m), h) -> relative pose (7,), strains (4, m), of a step."""
+    strain, m = strain_function(scene), len(scheme.nodes)
+    pull, body, h = ca.SX.sym("pull", 6, m), ca.SX.sym("body", 3, m), ca.SX.sym("h")
+    strains = [strain(pull[:, i], body[:, i]) for i in range(m)]
+    pose = scheme.step([twist(e) for e in strains], h)
+    return ca.Function("step", [pull, body, h], [pose, ca.horzcat(*strains)], {"cse": True})
 
 
 def twist(strain: ca.SX) -> ca.SX:
@@ -83,6 +79,11 @@ def strains_at(arm: Arm, scene: Scene, s: Array, active: Counts, T: ca.MX) -> ca
     return strain_function(scene).map(s.size)(pull, body)
 
 
+def nodes_of(scheme: Magnus, left: Array, right: Array) -> Array:
+    """Return the arc lengths (m N,) of a scheme's nodes in N steps."""
+    return np.ravel(left[:, None] + (right - left)[:, None] * np.array(scheme.nodes))
+
+
 class ClosedForm:
     """The forward map of an unloaded scene with closed-form strains, on one mesh.
 
@@ -90,14 +91,13 @@ class ClosedForm:
     ----------
     function : casadi.Function
         tensions (n_tendons,) -> poses at the mesh's nodes (7, S + 1), and 1 + q at the arc lengths
-        `stretch_at` (1, K), the Gauss nodes of the steps and both ends of each segment, which
+        `stretch_at` (1, K), the scheme's nodes in the steps and both ends of each segment, which
         `stretch_active` sections cross.
     """
 
-    order = ORDER
-
-    def __init__(self, arm: Arm, scene: Scene, mesh: Mesh) -> None:
-        self.arm, self.scene, self.mesh = arm, scene, mesh
+    def __init__(self, arm: Arm, scene: Scene, mesh: Mesh, scheme: Magnus) -> None:
+        self.arm, self.scene, self.mesh, self.scheme = arm, scene, mesh, scheme
+        self.order = scheme.order
         T = ca.MX.sym("T", arm.n_tendons)
         relative, strains = self._steps(mesh.s[:-1], mesh.s[1:], mesh.active, T)
         chain = _chain().mapaccum(mesh.steps)
@@ -105,24 +105,21 @@ class ClosedForm:
         poses = ca.horzcat(base, chain(base, relative)[1])
         ends, active = mesh.segment_ends()
         stretch = 1 + ca.horzcat(strains[3, :], strains_at(arm, scene, ends, active, T)[3, :])
-        self.stretch_at = np.concatenate([self.gauss_nodes(mesh.s[:-1], mesh.s[1:]), ends])
-        self.stretch_active = np.concatenate([np.repeat(mesh.active, 3), active])
+        self.stretch_at = np.concatenate([nodes_of(scheme, mesh.s[:-1], mesh.s[1:]), ends])
+        self.stretch_active = np.concatenate([np.repeat(mesh.active, len(scheme.nodes)), active])
         self.function = ca.Function("closed_form", [T], [poses, stretch])
 
     def _steps(self, left: Array, right: Array, active: Counts, T: ca.MX) -> tuple[ca.MX, ca.MX]:
-        """Return the relative poses (7, N) and strains (4, 3 N) of N steps."""
+        """Return the relative poses (7, N) and strains (4, m N) of N steps."""
         h = right - left
-        s = self.gauss_nodes(left, right)
-        active = np.repeat(active, 3)
+        s = nodes_of(self.scheme, left, right)
+        active = np.repeat(active, len(self.scheme.nodes))
         pull = ca.reshape(pull_map(self.arm, s, active) @ T, 6, s.size)
         body = ca.DM(stations(self.arm, s, active).body)
-        relative, strains = step_function(self.scene).map(h.size)(pull, body, ca.DM(h).T)
+        relative, strains = step_function(self.scene, self.scheme).map(h.size)(
+            pull, body, ca.DM(h).T
+        )
         return relative, strains
-
-    @staticmethod
-    def gauss_nodes(left: Array, right: Array) -> Array:
-        """Return the arc lengths (3 N,) of the Gauss nodes of N steps."""
-        return np.ravel(left[:, None] + (right - left)[:, None] * magnus.GAUSS)
 
     def run(self, tensions: Array) -> Array:
         """Return the poses (S + 1, 7) at the nodes for tensions (n_tendons,)."""

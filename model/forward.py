@@ -11,14 +11,17 @@ from model.arm import Arm
 from model.closed_form import ClosedForm
 from model.effects import PrintedStatics
 from model.errors import InputError
+from model.magnus import MAGNUS2, MAGNUS4, MAGNUS6, Magnus
 from model.mesh import Mesh, graded
 from model.paths import Array
-from model.runge_kutta import RK4, RK6
+from model.runge_kutta import RK4, RK6, RungeKutta
 from model.scene import Scene
 from model.stations import Counts
 from model.strain_ode import StrainOde
 
-SCHEMES = {"magnus6": None, "rk6": RK6, "rk4": RK4}
+SCHEMES: dict[str, Magnus | RungeKutta] = {
+    scheme.name: scheme for scheme in (MAGNUS6, RK6, RK4, MAGNUS4, MAGNUS2)
+}
 
 
 class ForwardMap(Protocol):
@@ -38,12 +41,18 @@ class ForwardMap(Protocol):
 
 
 def schemes_of(scene: Scene) -> tuple[str, ...]:
-    """Return the names of the schemes that can carry a scene, the fastest first."""
-    return ("rk6", "rk4") if scene.has(PrintedStatics) else ("magnus6", "rk6", "rk4")
+    """Return the names of the schemes that can carry a scene.
+
+    First the one that is used unless another is named, then the one that checks it.
+    """
+    steps_only = scene.has(PrintedStatics)
+    return tuple(
+        name for name, scheme in SCHEMES.items() if isinstance(scheme, RungeKutta) or not steps_only
+    )
 
 
 def check_scheme(scene: Scene, scheme: str | None) -> str:
-    """Return the scheme by name, the scene's fastest for None; InputError if it cannot carry it."""
+    """Return the scheme by name, the scene's first for None; InputError if it cannot carry it."""
     allowed = schemes_of(scene)
     if scheme is not None and scheme not in allowed:
         raise InputError("scheme", scheme, ", ".join(allowed) + " in this scene")
@@ -56,5 +65,7 @@ def forward_map(
 ) -> ForwardMap:
     """Return the forward map on a mesh of a refinement that has the arc lengths `at` as nodes."""
     mesh = graded(arm, refinement, at)
-    tableau = SCHEMES[scheme]
-    return ClosedForm(arm, scene, mesh) if tableau is None else StrainOde(arm, scene, mesh, tableau)
+    method = SCHEMES[scheme]
+    if isinstance(method, Magnus):
+        return ClosedForm(arm, scene, mesh, method)
+    return StrainOde(arm, scene, mesh, method)

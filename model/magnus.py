@@ -2,38 +2,65 @@
 
 The twist is local, g' = g A(s), so brackets have the opposite sign of the textbook's Y' = A Y.
 Source: Blanes, Casas, Oteo, Ros, "The Magnus expansion and some of its applications", Physics
-Reports 470 (2009), sections 5.3 and 5.4, with Gauss-Legendre nodes.
+Reports 470 (2009), section 5, with Gauss-Legendre nodes. Frames stay rotations by construction.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
 from model.rotations import exponential
 
-_ROOT = np.sqrt(15.0)
-GAUSS = np.array([0.5 - _ROOT / 10, 0.5, 0.5 + _ROOT / 10])
-ORDER = 6
 
+@dataclass(frozen=True)
+class Magnus:
+    """A scheme of order 2, 4 or 6.
 
-def step(twists: list[ca.SX], h: ca.SX) -> ca.SX:
-    """Return the pose (7,) across a step of length h [m], to sixth order.
-
-    Parameters
+    Attributes
     ----------
-    twists : three (6,)
-        (kappa, nu) per unit reference length at the Gauss nodes of the step.
+    name : str
+    order : int
+    nodes : (order / 2,)
+        Gauss-Legendre nodes on [0, 1].
+    weights : (order / 2,)
+        Of the quadrature with these nodes.
     """
+
+    name: str
+    order: int
+    nodes: tuple[float, ...]
+    weights: tuple[float, ...]
+
+    def step(self, twists: list[ca.SX], h: ca.SX) -> ca.SX:
+        """Return the pose (7,) across a step of length h [m].
+
+        `twists` are (kappa, nu) (6,) per unit reference length at the nodes of the step.
+        """
+        omega = {2: _second, 4: _fourth, 6: _sixth}[self.order](twists, h)
+        return exponential(omega[:3], omega[3:])
+
+
+def _second(twists: list[ca.SX], h: ca.SX) -> ca.SX:
+    return h * twists[0]
+
+
+def _fourth(twists: list[ca.SX], h: ca.SX) -> ca.SX:
+    first, last = twists
+    return h / 2 * (first + last) - h**2 * np.sqrt(3) / 12 * _bracket(first, last)
+
+
+def _sixth(twists: list[ca.SX], h: ca.SX) -> ca.SX:
     first, middle, last = twists
     a = h * middle
-    b = h * _ROOT / 3 * (last - first)
+    b = h * np.sqrt(15) / 3 * (last - first)
     c = h * 10 / 3 * (first - 2 * middle + last)
     ab = _bracket(a, b)
     inner = -20 * a - c + ab
     outer = b - _bracket(a, 2 * c + ab) / 60
-    omega = a + c / 12 + _bracket(inner, outer) / 240
-    return exponential(omega[:3], omega[3:])
+    return a + c / 12 + _bracket(inner, outer) / 240
 
 
 def _bracket(a: ca.SX, b: ca.SX) -> ca.SX:
@@ -41,3 +68,12 @@ def _bracket(a: ca.SX, b: ca.SX) -> ca.SX:
     turn = ca.cross(b[:3], a[:3])
     shift = ca.cross(b[:3], a[3:]) - ca.cross(a[:3], b[3:])
     return ca.vertcat(turn, shift)
+
+
+def _scheme(order: int) -> Magnus:
+    nodes, weights = np.polynomial.legendre.leggauss(order // 2)
+    unit, half = (nodes + 1) / 2, weights / 2
+    return Magnus(f"magnus{order}", order, tuple(unit.tolist()), tuple(half.tolist()))
+
+
+MAGNUS2, MAGNUS4, MAGNUS6 = (_scheme(order) for order in (2, 4, 6))

@@ -12,7 +12,8 @@ import numpy as np
 from model.paths import Array
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-_SERIES = 9
+_SERIES = 5
+_SMALL = 0.01
 
 
 def multiply(p: ca.SX, q: ca.SX) -> ca.SX:
@@ -46,12 +47,12 @@ def matrix(q: ca.SX) -> ca.SX:
 def exponential(w: ca.SX, v: ca.SX) -> ca.SX:
     """Return the pose reached by a constant local twist: rotation vector w, displacement v.
 
-    Smooth at w = 0: below an angle of 1 the coefficients are power series in the angle squared,
+    Smooth at w = 0: below an angle of 0.1 the coefficients are power series in the angle squared,
     above it closed forms whose argument is kept off 0, so that no derivative is NaN.
     """
     x = ca.sumsqr(w)
-    small = x < 1
-    angle = ca.sqrt(ca.if_else(small, 1.0, x))
+    small = x < _SMALL
+    angle = ca.sqrt(ca.if_else(small, _SMALL, x))
     sin, cos = ca.sin(angle / 2), ca.cos(angle / 2)
     half_cos = ca.if_else(small, _series(x / 4, 0), cos)
     half_sinc = ca.if_else(small, _series(x / 4, 1), 2 * sin / angle)
@@ -62,7 +63,7 @@ def exponential(w: ca.SX, v: ca.SX) -> ca.SX:
 
 
 def _series(x: ca.SX, order: int) -> ca.SX:
-    """Return sum over k of (-x)^k / (2 k + order)! by Horner's rule, good to rounding for x < 1."""
+    """Return sum over k of (-x)^k / (2 k + order)! by Horner's rule, exact for x < 0.01."""
     total = ca.SX(1)
     for k in reversed(range(1, _SERIES + 1)):
         total = 1.0 - x / ((2 * k + order - 1) * (2 * k + order)) * total

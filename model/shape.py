@@ -10,9 +10,10 @@ import numpy as np
 
 from model.arm import Arm
 from model.checks import finite_array
-from model.closed_form import ClosedForm
+from model.closed_form import nodes_of
 from model.errors import InputError
 from model.forward import ForwardMap, forward_map
+from model.magnus import MAGNUS6
 from model.paths import Array
 from model.rotations import matrices
 from model.scene import Scene
@@ -86,8 +87,8 @@ class Shape:
         The integral of |du_c/ds| with u_c of eq. (6), by Gauss quadrature on the mesh.
         """
         mesh = self._map.mesh
-        s = ClosedForm.gauss_nodes(mesh.s[:-1], mesh.s[1:])
-        weight = (np.diff(mesh.s)[:, None] * np.array([5, 8, 5]) / 18).ravel()
+        s = nodes_of(MAGNUS6, mesh.s[:-1], mesh.s[1:])
+        weight = (np.diff(mesh.s)[:, None] * np.array(MAGNUS6.weights)).ravel()
         strain = self.strain(s)
         lengths = []
         for i, phi in self.arm.tendons:

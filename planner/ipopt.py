@@ -20,7 +20,8 @@ _QUIET: dict[str, Any] = {
     "max_iter": 150,
     "bound_relax_factor": 0.0,
 }
-_COLD = {"mu_init": 1e-2}
+# A small barrier keeps to the basin of the first guess, which was chosen for it.
+_COLD = {"mu_init": 1e-4, "bound_push": 5e-3, "bound_frac": 5e-3}
 _WARM: dict[str, Any] = {
     "mu_init": 1e-8,
     "warm_start_init_point": "yes",
@@ -74,10 +75,30 @@ def solver(problem: Problem, warm: bool) -> ca.Function:
         options: dict[str, Any] = {
             "print_time": False,
             "error_on_fail": False,
+            **_derivatives(problem),
             "ipopt": _QUIET | (_WARM if warm else _COLD),
         }
         built[warm] = ca.nlpsol("ipopt", "ipopt", problem.nlp, options)
     return built[warm]
+
+
+def _derivatives(problem: Problem) -> dict[str, ca.Function]:
+    """Return the problem's own derivatives in the form that nlpsol takes them."""
+    x, p = problem.nlp["x"], problem.nlp["p"]
+    sigma, lam = ca.MX.sym("sigma"), ca.MX.sym("lam", problem.nlp["g"].numel())
+    _, g, jacobian = problem.derivatives.slopes(x, p)
+    hessian = ca.triu(problem.derivatives.curvature(x, p, sigma, lam))
+    return {
+        "grad_f": problem.derivatives.gradient,
+        "jac_g": ca.Function("nlp_jac_g", [x, p], [g, jacobian], ["x", "p"], ["g", "jac:g:x"]),
+        "hess_lag": ca.Function(
+            "nlp_hess_l",
+            [x, p, sigma, lam],
+            [hessian],
+            ["x", "p", "lam:f", "lam:g"],
+            ["triu:hess:gamma:x:x"],
+        ),
+    }
 
 
 def solve(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -69,6 +70,7 @@ def _each(arm: Arm, name: str, values: Any) -> Array:
     return np.where(flat >= 1e300, np.inf, flat)
 
 
+@lru_cache(maxsize=64)
 def natural_tensions(arm: Arm) -> Array:
     """Return for each tendon about the tension that bends the arm by 1 rad on its own [N].
 

@@ -15,11 +15,12 @@ from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
 from planner.certificate import Certificate, certify
-from planner.effort import Norm, effort
+from planner.effort import effort
 from planner.limits import Limits
 from planner.outcome import sentence
 from planner.polish import optimality
-from planner.problem import Form, Mode, Problem, build
+from planner.problem import Problem, build
+from planner.statement import Mode, Statement
 from planner.targets.base import Target
 
 
@@ -40,17 +41,14 @@ class Plan:
 
     Attributes
     ----------
-    arm, scene, targets, limits, norm, form
+    arm, scene, targets, limits
         What was asked.
+    statement : Statement
+        How it was stated in the end: its `mode` is "nearest" if the targets could not be met.
     tensions : (n_sections, n), or (n_tendons,) where sections differ in number
         [N].
     lam_x, lam_g : tuple of float
         Multipliers of bounds and constraints of the problem, scaled, CasADi's signs.
-    refinement : int
-        Of the mesh that the problem was solved on.
-    mode : "exact", "closest" or "nearest"
-        How the targets were read in the end, see planner.problem: the nearest attainable shape is
-        what is left if they cannot be met.
     accuracy : float
         What residuals and tip errors are held to, over the arm's length.
     starts : tuple of Start
@@ -61,13 +59,10 @@ class Plan:
     scene: Scene
     targets: tuple[Target, ...]
     limits: Limits
-    norm: Norm
-    form: Form
+    statement: Statement
     tensions: Array
     lam_x: tuple[float, ...]
     lam_g: tuple[float, ...]
-    refinement: int
-    mode: Mode
     accuracy: float
     starts: tuple[Start, ...]
 
@@ -89,6 +84,11 @@ class Plan:
         )
 
     @property
+    def mode(self) -> Mode:
+        """How the targets were read in the end: "exact", "closest" or "nearest"."""
+        return self.statement.mode
+
+    @property
     def reached(self) -> bool:
         """Whether the target is met, by the certificate."""
         return self.certificate.passed
@@ -96,7 +96,7 @@ class Plan:
     @property
     def effort(self) -> float:
         """The norm of the tensions that was made least [N]."""
-        return effort(np.ravel(self.tensions), self.norm)
+        return effort(np.ravel(self.tensions), self.statement.norm)
 
     @property
     def agreed(self) -> int:
@@ -132,9 +132,7 @@ class Plan:
         return plot_plan(self, ax)
 
     def _problem(self) -> Problem:
-        limited = self.limits.total is not None
-        structure = (self.form, self.norm, self.refinement, self.mode, limited)
-        return build(self.arm, self.targets, self.scene, *structure)
+        return build(self.arm, self.targets, self.scene, self.statement)
 
     def _rows(self, name: str) -> Array:
         """Return the multipliers of the constraints of a name."""
@@ -145,7 +143,7 @@ class Plan:
         problem = self._problem()
         limits = allowed(self.arm, self.targets, self.limits)
         p = problem.parameters(self.targets, limits)
-        x = problem.unknowns(T, limits)
+        x = problem.unknowns(T, limits, p)
         lam_x, lam_g = np.array(self.lam_x), np.array(self.lam_g)
         if lam_x.shape != x.shape:
             return np.inf

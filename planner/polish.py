@@ -18,9 +18,10 @@ from planner.problem import Problem
 
 Bounds = tuple[Array, Array, Array, Array]
 Mask = NDArray[np.bool_]
-_STEPS = 8
+_STEPS = 15
+_SLOW = 0.05
 _ACCEPTED = 1e-10
-_ROUNDING = 1e-14
+_ROUNDING = 1e-12
 _NEAR = 1e-4
 
 
@@ -50,13 +51,13 @@ def optimality(
     problem: Problem, x: Array, p: Array, lam_x: Array, lam_g: Array, bounds: Bounds
 ) -> Optimality:
     """Return the residuals of the first-order conditions; multipliers in CasADi's convention."""
-    gradient, g, jacobian, _ = _evaluate(problem, x, p, lam_g)
+    gradient, g, jacobian = _slopes(problem, x, p)
     return _residuals(gradient, g, jacobian, x, lam_x, lam_g, bounds)
 
 
-def _evaluate(problem: Problem, x: Array, p: Array, lam_g: Array) -> tuple[Array, ...]:
-    values = [np.array(value) for value in problem.derivatives(x, p, lam_g)]
-    return values[0].ravel(), values[1].ravel(), values[2], values[3]
+def _slopes(problem: Problem, x: Array, p: Array) -> tuple[Array, Array, Array]:
+    gradient, g, jacobian = (np.array(value) for value in problem.derivatives.slopes(x, p))
+    return gradient.ravel(), g.ravel(), jacobian
 
 
 def _residuals(
@@ -102,16 +103,18 @@ def polish(problem: Problem, start: Solution, p: Array, bounds: Bounds) -> Solut
     level = np.where(start.lam_g < 0, lbg, ubg)
     level = np.where(lbg == ubg, lbg, level)
     lam_g = np.where(rows, start.lam_g, 0.0)
+    hessian, previous = np.zeros(0), np.inf
     for _ in range(_STEPS):
-        gradient, g, jacobian, hessian = _evaluate(problem, x, p, lam_g)
+        gradient, g, jacobian = _slopes(problem, x, p)
         lam_x = np.where(fixed, -(gradient + jacobian.T @ lam_g), 0.0)
-        if not np.all(np.isfinite(hessian)):
-            break
         found = _residuals(gradient, g, jacobian, x, lam_x, lam_g, bounds).worst
         if found <= least:
             best, least = replace(start, x=x, lam_x=lam_x, lam_g=lam_g, g=g), found
-        if found <= _ROUNDING:
+        if found <= _ROUNDING or not np.isfinite(found):
             break
+        if found > _SLOW * previous or not hessian.size:
+            hessian = np.array(problem.derivatives.curvature(x, p, 1.0, lam_g))
+        previous = found
         step, lam_step = _newton(
             hessian[np.ix_(~fixed, ~fixed)],
             jacobian[np.ix_(rows, ~fixed)],

@@ -10,22 +10,24 @@ import numpy as np
 from model.arm import Arm
 from model.checks import within
 from model.errors import InputError, OctoplanError
+from model.forward import schemes_of
 from model.paths import Array
 from model.scene import Scene
 from model.settle import settle
-from planner.effort import Norm, check_norm
+from planner.effort import check_norm
 from planner.ipopt import Solution, solve
 from planner.limits import Limits
 from planner.plan import Plan, Start, allowed
 from planner.polish import optimality, polish
-from planner.problem import FORMS, TRACES, Form, Mode, Problem, build, units
+from planner.problem import TRACES, Problem, build
 from planner.starts import candidates, spread
+from planner.statement import FORMS, Form, Mode, Statement
 from planner.targets.base import Target
 
-_COARSE = 2
 _FIRST_STARTS = 3
-_INSIDE = 0.02
+_INSIDE = 0.005
 _LITTLE = 1e-5
+_FINE_IF_UNSETTLED = 16
 
 
 def plan(
@@ -79,7 +81,8 @@ def plan(
         raise InputError("starts", starts, "a whole number from 1")
     within("accuracy", accuracy, 1e-9, 1e-2)
     limits = Limits.of(arm, tension_max, tension_min, total_pull)
-    search = _Search(arm, targets, scene, limits, form, check_norm(norm), accuracy)
+    statement = Statement(form, check_norm(norm), limited=total_pull is not None)
+    search = _Search(arm, targets, scene, limits, statement, accuracy)
     return search.run(starts)
 
 
@@ -113,17 +116,17 @@ class _Search:
         targets: tuple[Target, ...],
         scene: Scene,
         limits: Limits,
-        form: Form,
-        norm: Norm,
+        statement: Statement,
         accuracy: float,
     ) -> None:
         self.arm, self.targets, self.scene = arm, targets, scene
         self.asked, self.limits = limits, allowed(arm, targets, limits)
-        self.form, self.norm, self.accuracy = form, norm, accuracy
+        self.statement, self.accuracy = statement, accuracy
+        self.coarse = search_mesh(scene, statement)
 
     def run(self, most: int) -> Plan:
         """Try the readings of the targets in turn; see planner.problem for the three modes."""
-        guesses = candidates(self._problem(_COARSE, "exact"), self.targets, self.limits)
+        guesses = candidates(self._problem("exact"), self.targets, self.limits)
         starts = spread(guesses, most)
         first, others = starts[:_FIRST_STARTS], starts[_FIRST_STARTS:]
         records: list[Start] = []
@@ -140,20 +143,19 @@ class _Search:
 
     def _can_be_exact(self) -> bool:
         """Return whether there are tendons enough to meet every row of match and approach."""
-        terms = self._problem(_COARSE, "exact").terms
+        terms = self._problem("exact").terms
         free = np.sum(np.array(self.limits.upper) > self.limits.lower)
         return bool(terms.numel_out(0) + terms.numel_out(1) <= free)
 
     def _fallback(self, starts: list[Array]) -> tuple[Solution, list[Start], Mode]:
         """Return the closest shape, or the nearest if what has to be met cannot be."""
-        approaches = self._problem(_COARSE, "exact").terms.numel_out(1) > 0
+        approaches = self._problem("exact").terms.numel_out(1) > 0
         modes: tuple[Mode, ...] = ("closest", "nearest") if approaches else ("nearest",)
         for mode in modes:
             records, best = self._from_starts(starts, mode, [], None)
             if best is not None:
                 return best, records, mode
-        problem = self._problem(_COARSE, mode)
-        found = [s for s in (self._solve(problem, T) for T in starts) if s.finite]
+        found = [s for s in (self._solve(self._problem(mode), T) for T in starts) if s.finite]
         if not found:
             raise OctoplanError("no start led to a shape; check the arm, the limits and the target")
         return min(found, key=lambda s: s.f), records, mode
@@ -162,7 +164,7 @@ class _Search:
         self, starts: list[Array], mode: Mode, records: list[Start], best: Solution | None
     ) -> tuple[list[Start], Solution | None]:
         """Go on solving on the coarse mesh, from each start, until the best was found twice."""
-        problem, records = self._problem(_COARSE, mode), list(records)
+        problem, records = self._problem(mode), list(records)
         for T in starts:
             if best is not None and len(records) >= _FIRST_STARTS and _twice(records, best.f):
                 break
@@ -174,7 +176,7 @@ class _Search:
 
     def _solve(self, problem: Problem, T: Array) -> Solution:
         p = problem.parameters(self.targets, self.limits, TRACES[0])
-        bounds, x = problem.bounds(self.limits), problem.unknowns(T, self.limits)
+        bounds, x = problem.bounds(self.limits), problem.unknowns(T, self.limits, p)
         n = self.arm.n_tendons
         x[:n] = np.clip(np.maximum(x[:n], _INSIDE), bounds[0][:n], bounds[1][:n])
         return solve(problem, x, p, bounds)
@@ -182,31 +184,24 @@ class _Search:
     def _finish(self, coarse: Solution, records: list[Start], mode: Mode) -> Plan:
         """Return the plan on a mesh as fine as the accuracy asks for."""
         T = self._tensions(coarse)
-        refinement = self._refinement(T)
-        problem = self._problem(refinement, mode)
+        statement = self._fine_statement(T, mode)
+        problem = build(self.arm, self.targets, self.scene, statement)
         p, bounds = problem.parameters(self.targets, self.limits), problem.bounds(self.limits)
-        guess = self._warm(problem, coarse, T)
+        guess = self._warm(problem, coarse, T, p)
         fine = polish(problem, guess, p, bounds)
         if fine is guess:
-            multipliers = (guess.lam_x, guess.lam_g)
-            solved = solve(problem, guess.x, p, bounds, multipliers)
-            if solved.met and solved.finite:
-                fine = polish(problem, solved, p, bounds)
-            fine = min((fine, guess), key=lambda s: self._worst(problem, s, p, bounds))
-        tensions = self.arm.by_section(problem.tensions(fine.x, self.limits))
-        lam_x, lam_g = tuple(fine.lam_x.tolist()), tuple(fine.lam_g.tolist())
+            solved = solve(problem, guess.x, p, bounds, (guess.lam_x, guess.lam_g))
+            polished = polish(problem, solved, p, bounds) if solved.finite else guess
+            fine = min((polished, guess), key=lambda s: self._worst(problem, s, p, bounds))
         return Plan(
             self.arm,
             self.scene,
             self.targets,
             self.asked,
-            self.norm,
-            self.form,
-            tensions,
-            lam_x,
-            lam_g,
-            refinement,
-            mode,
+            statement,
+            self.arm.by_section(problem.tensions(fine.x, self.limits)),
+            tuple(fine.lam_x.tolist()),
+            tuple(fine.lam_g.tolist()),
             self.accuracy,
             tuple(records),
         )
@@ -214,28 +209,40 @@ class _Search:
     def _worst(self, problem: Problem, s: Solution, p: Array, bounds: Any) -> float:
         return optimality(problem, s.x, p, s.lam_x, s.lam_g, bounds).worst
 
-    def _warm(self, problem: Problem, coarse: Solution, T: Array) -> Solution:
+    def _warm(self, problem: Problem, coarse: Solution, T: Array, p: Array) -> Solution:
         """Return the coarse solution as a guess on the fine mesh; multipliers carry over."""
-        x = problem.unknowns(T, self.limits)
-        g = np.array(problem.derivatives(x, problem.parameters(self.targets, self.limits), 0)[1])
-        parts = (x, coarse.lam_x, coarse.lam_g, coarse.f, g.ravel())
+        x = problem.unknowns(T, self.limits, p)
+        g = np.array(problem.derivatives.slopes(x, p)[1]).ravel()
+        parts = (x, coarse.lam_x, coarse.lam_g, coarse.f, g)
         return Solution(*parts, coarse.met, coarse.reason, coarse.iterations)
 
-    def _refinement(self, T: Array) -> int:
+    def _fine_statement(self, T: Array, mode: Mode) -> Statement:
+        """Return the statement on the mesh that settles T to a tenth of the accuracy."""
+        scheme = fine_scheme(self.scene, self.statement)
         try:
-            return max(_COARSE, settle(self.arm, T, self.scene, self.accuracy / 10).refinement)
+            mesh = settle(self.arm, T, self.scene, self.accuracy / 10, scheme).refinement
         except OctoplanError:
-            return 8 * _COARSE
+            mesh = _FINE_IF_UNSETTLED
+        return self.statement.but(mode=mode, scheme=scheme, refinement=mesh)
 
-    def _problem(self, refinement: int, mode: Mode) -> Problem:
-        limited = self.limits.total is not None
-        structure = (self.form, self.norm, refinement, mode, limited)
-        return build(self.arm, self.targets, self.scene, *structure)
+    def _problem(self, mode: Mode) -> Problem:
+        """Return the problem on the coarse mesh."""
+        return build(self.arm, self.targets, self.scene, self.coarse.but(mode=mode))
 
     def _tensions(self, solution: Solution) -> Array:
-        n = self.arm.n_tendons
-        T = solution.x[:n] * units(self.arm, self.limits)
-        return np.clip(T, self.limits.lower, self.limits.upper)
+        return self._problem("exact").tensions(solution.x, self.limits)
+
+
+def fine_scheme(scene: Scene, statement: Statement) -> str:
+    """Return the scheme on which a plan is finished; multiple shooting is by Runge-Kutta."""
+    return schemes_of(scene)[0] if statement.form == "condensed" else "rk6"
+
+
+def search_mesh(scene: Scene, statement: Statement) -> Statement:
+    """Return the statement by a scheme and mesh that cost little: good to 1 % of L or so."""
+    if fine_scheme(scene, statement) == "magnus6":
+        return statement.but(scheme="magnus2", refinement=2)
+    return statement.but(scheme="rk4", refinement=2)
 
 
 def _twice(records: list[Start], best: float) -> bool:

@@ -1,15 +1,17 @@
 """First guesses with a physical meaning.
 
-An arm of this kind has few ways to lean towards a point: one section pulls towards it, or one
-pulls towards it and another away, or neighbours alternate. Each way is a pattern; how hard each
-section of a pattern pulls is read off a coarse mesh, all levels in one sweep. The patterns are then
-taken in the order of how near they come, those with fewer sections first.
+An arm that leans towards a point can do it in several ways that a local method cannot leave, and
+what tells them apart is how far its tip is curled up: a tip that hangs loose, one that is bent,
+one that is wound up into a coil. So there is one first guess for each degree of curling; the
+sections nearer the base pull, towards the point or away from it, as brings the arm closest to what
+is wanted. All are read off a coarse mesh in one sweep.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
-from itertools import permutations, product
+from itertools import product
 
 import casadi as ca
 import numpy as np
@@ -22,34 +24,34 @@ from planner.limits import Limits, natural_tensions
 from planner.problem import Problem
 from planner.targets.base import Target
 
-_LEVELS = (0.15, 0.3, 0.6, 1.0, 1.6, 2.5, 4.0, 6.0)
-_PAIR_LEVELS = (0.2, 0.5, 1.0, 2.0, 4.0)
-_MOST_PAIRS = 12
+# In units of what bends the arm by about 1 rad. A slender tip saturates, so it takes many. The
+# order is that in which they add to the share of targets whose best optimum is found.
+_CURLS = (0.0, 12.0, 3.0, -2.0, 18.0, 7.0, -6.0)
+_MIDDLE = (-4.0, -1.5, -0.5, 0.0, 0.4, 0.8, 1.4, 2.2, 3.5, 6.0)
+_BASE = (-2.0, -1.0, -0.4, 0.0, 0.3, 0.7, 1.5, 3.5)
+_ALONE = (0.15, 0.3, 0.6, 1.0, 1.6, 2.5, 4.0, 6.0)
 _FEASIBLE = 0.05
 
 
 def candidates(
     problem: Problem, targets: tuple[Target, ...], limits: Limits
 ) -> list[tuple[float, Array]]:
-    """Return (distance from what is wanted, tensions), most promising first.
+    """Return (distance from what is wanted, tensions): one for each degree of curling, in order.
 
-    First the best of each pattern over all directions, single sections before others; then the
-    patterns in their other directions.
+    Each is the best over all directions to lean in; the other directions come after.
     """
     groups = _patterns(problem.arm, targets, limits)
     score = _scores(problem, targets, np.vstack([T for _, T in groups]))
-    best: dict[str, list[tuple[float, Array]]] = {}
+    best: dict[float, list[tuple[float, Array]]] = {}
     first = 0
-    for name, T in groups:
+    for curl, T in groups:
         here = score[first : first + len(T)]
-        best.setdefault(name, []).append((float(here.min()), T[int(np.argmin(here))]))
+        best.setdefault(curl, []).append((float(here.min()), T[int(np.argmin(here))]))
         first += len(T)
     ranked = [sorted(found, key=_first) for found in best.values()]
     leading = [found[0] for found in ranked]
-    singles = sum(name.startswith("one") for name in best)
     others = [item for found in ranked for item in found[1:]]
-    ordered = sorted(leading[:singles], key=_first) + sorted(leading[singles:], key=_first)
-    return ordered + sorted(others, key=_first)
+    return leading + sorted(others, key=_first)
 
 
 def _first(item: tuple[float, Array]) -> float:
@@ -71,41 +73,41 @@ def _scores(problem: Problem, targets: tuple[Target, ...], T: Array) -> Array:
 @lru_cache(maxsize=64)
 def _sweep(arm: Arm, scene: Scene, stations: tuple[float, ...]) -> ca.Function:
     """Return tensions -> station poses (7, K), least 1 + q, on the coarsest mesh."""
-    forward = forward_map(arm, scene, schemes_of(scene)[0], 1, stations)
+    scheme = "magnus2" if "magnus2" in schemes_of(scene) else "rk4"
+    forward = forward_map(arm, scene, scheme, 1, stations)
     T = ca.MX.sym("T", arm.n_tendons)
     poses, stretch = forward.function(T)[:2]
     columns = [forward.mesh.node(s) for s in stations]
     return ca.Function("sweep", [T], [poses[:, columns], ca.mmin(stretch)])
 
 
-def _patterns(arm: Arm, targets: tuple[Target, ...], limits: Limits) -> list[tuple[str, Array]]:
-    """Return (name of a pattern, tensions (m, n_tendons) at all its levels), for each direction."""
+def _patterns(arm: Arm, targets: tuple[Target, ...], limits: Limits) -> list[tuple[float, Array]]:
+    """Return (degree of curling, tensions (m, n_tendons) to choose from), for each direction."""
     tendons = frozenset.intersection(*(target.tendons(arm) for target in targets))
     sections = sorted({arm.tendons[j][0] for j in tendons})
-    singles, others = [], []
+    groups = []
     for angle in _leans(arm, targets):
-        toward = [section_pulls(arm, i, angle, tendons) for i in sections]
-        away = [section_pulls(arm, i, angle + np.pi, tendons) for i in sections]
-        for i, pull in enumerate(toward):
-            singles.append((f"one {i}", np.outer(_LEVELS, pull)))
-        pairs = list(permutations(range(len(sections)), 2))
-        near = [pair for pair in pairs if abs(pair[0] - pair[1]) == 1]
-        for i, j in pairs if len(pairs) <= _MOST_PAIRS else near:
-            levels = product(_PAIR_LEVELS, _PAIR_LEVELS)
-            pulls = [a * toward[i] + b * away[j] for a, b in levels]
-            others.append((f"two {i} {j}", np.array(pulls)))
-        if len(sections) > 2:
-            others.append(("all, tip towards", _alternating(toward, away)))
-            others.append(("all, tip away", _alternating(away, toward)))
-    return [(name, _pulled(T, limits)) for name, T in singles + others]
+        sides = [
+            [section_pulls(arm, i, turned, tendons) for i in sections]
+            for turned in (angle, angle + np.pi)
+        ]
+        if len(sections) == 1:
+            groups.append((0.0, np.outer(_ALONE, sides[0][0])))
+            continue
+        tip, base = (_signed(sides, [k]) for k in (0, len(sections) - 1))
+        middle = _signed(sides, list(range(1, len(sections) - 1)))
+        inner = [a for a in _MIDDLE if len(sections) > 2] or [0.0]
+        for curl in _CURLS:
+            pulls = [tip(curl) + middle(a) + base(b) for a, b in product(inner, _BASE)]
+            groups.append((curl, np.array(pulls)))
+    return [(curl, _pulled(T, limits)) for curl, T in groups]
 
 
-def _alternating(one: list[Array], other: list[Array]) -> Array:
-    """Return pulls (m, n_tendons) that change sides from section to section, tip first."""
-    sides = np.array([one[i] if i % 2 == 0 else other[i] for i in range(len(one))])
-    powers = np.arange(len(sides))
-    shares = [ratio**powers @ sides for ratio in (0.7, 1.0, 1.5)]
-    return np.array([level * share for share in shares for level in (0.5, 1.0, 2.0, 4.0)])
+def _signed(sides: list[list[Array]], sections: list[int]) -> Callable[[float], Array]:
+    """Return the pull of some sections together: towards for levels above 0, away below."""
+    zero = np.zeros_like(sides[0][0])
+    toward, away = (sum((side[k] for k in sections), zero) for side in sides)
+    return lambda level: level * toward if level >= 0 else -level * away
 
 
 def _pulled(T: Array, limits: Limits) -> Array:

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from model import Arm, CollapsedError, Scene, settle
 from model.effects import Extension
-from planner import Limits, plan
+from planner import Limits, Statement, plan
 from planner.ipopt import solve
 from planner.problem import TRACES, build
 from planner.targets import TipPosition
@@ -56,13 +56,13 @@ def best_of(arm: Arm, point: Array, count: int, rng: np.random.Generator) -> flo
     """Return the least effort [N] that random starts lead to."""
     limits = Limits.of(arm, MAXIMUM)
     target = (TipPosition(tuple(point)),)
-    problem = build(arm, target, Scene(Extension()), refinement=2)
+    problem = build(arm, target, Scene(Extension()), Statement(refinement=2))
     p, bounds = problem.parameters(target, limits, TRACES[0]), problem.bounds(limits)
     scale = np.repeat([1.0, 5.0, 15.0], 4)
     least = np.inf
     for _ in range(count):
         T = rng.uniform(size=12) * rng.uniform() * scale
-        found = solve(problem, problem.unknowns(T, limits), p, bounds)
+        found = solve(problem, problem.unknowns(T, limits, p), p, bounds)
         if found.met:
             least = min(least, float(np.linalg.norm(problem.tensions(found.x, limits))))
     return least

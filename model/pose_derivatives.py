@@ -1,0 +1,178 @@
+"""First and second derivatives of poses with respect to tensions, by the structure of the chain.
+
+A pose is a product of steps, g = g_0 r_1 ... r_S. A change of tensions turns each step into
+exp(x_i) r_i, where x_i is a spatial twist; to second order the product is exp(z) g with
+
+    z = sum x_i + 1/2 sum over i < j of [x_i, x_j] + what the x_i have of second order themselves.
+
+So the Jacobian of a pose is a sum of 6 x n blocks, and its Hessian against a covector a product of
+two matrices with six rows a step, instead of a sweep along the arm for each tendon. Only what is
+small and local to a step is differentiated symbol by symbol.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from model.arm import Arm
+from model.closed_form import base_pose, nodes_of, pull_map, strain_function, twist
+from model.magnus import Magnus
+from model.mesh import Mesh
+from model.rotations import compose, exponential, inverse, matrix, rotate
+from model.scene import Scene
+from model.stations import stations
+
+
+class PoseDerivatives:
+    """Derivatives of the poses at stations of a closed-form scene, on one mesh.
+
+    Attributes
+    ----------
+    first : casadi.Function
+        tensions (n,) -> poses (7, K) at the stations, twists (6 K, n): the spatial twist of each
+        pose per newton, (turn, shift of the point at the base frame's origin).
+    second : casadi.Function
+        tensions (n,), covectors (6, K) -> (n, n): the sum over stations of covector times the
+        second derivative of z above.
+    """
+
+    def __init__(
+        self, arm: Arm, scene: Scene, mesh: Mesh, scheme: Magnus, at: tuple[float, ...]
+    ) -> None:
+        self.n, self.m, self.S = arm.n_tendons, len(scheme.nodes), mesh.steps
+        n, m, S = self.n, self.m, self.S
+        s = nodes_of(scheme, mesh.s[:-1], mesh.s[1:])
+        active = np.repeat(mesh.active, m)
+        W = pull_map(arm, s, active)
+        body, h = ca.DM(stations(arm, s, active).body), ca.DM(np.diff(mesh.s)).T
+        columns = [mesh.node(place) for place in at]
+        T, G = ca.MX.sym("T", n), ca.MX.sym("G", 6, len(at))
+
+        pull = ca.reshape(W @ T, 6, s.size)
+        strains, slopes = _strain_slopes(scene).map(s.size)(pull, body)
+        steps, local = _step_slopes(scene, scheme).map(S)(_by_step(strains, S), h)
+        g = ca.horzcat(ca.DM(base_pose(arm)), _chain().mapaccum(S)(ca.DM(base_pose(arm)), steps))
+        D = _blocks(slopes, 3, 6) @ W
+        X = _blocks(_adjoint().map(S)(g[:, :S]), 6, 6) @ (_blocks(local, 6, 3 * m) @ D)
+        Y = _sums(X, S)
+        twists = ca.vertcat(*(Y[c] for c in columns))
+        self.first = ca.Function("first", [T], [g[:, columns], twists])
+
+        beyond = G @ ca.DM([[float(i < column) for i in range(S)] for column in columns])
+        turned = _blocks(_bracket_form().map(S)(beyond), 6, 6) @ X
+        crossed = ca.vertcat(*Y[:S]).T @ turned
+        covectors = _pulled_back().map(S)(g[:, :S], beyond)
+        Q, in_strains = _step_curvature(scene, scheme).map(S)(_by_step(strains, S), h, covectors)
+        K = _strain_curvature(scene).map(s.size)(pull, body, ca.reshape(in_strains, 3, s.size))
+        own = D.T @ (_blocks(Q, 3 * m, 3 * m) @ D) + W.T @ (_blocks(K, 6, 6) @ W)
+        self.second = ca.Function("second", [T, G], [(crossed + crossed.T) / 2 + own])
+
+
+def _by_step(strains: ca.MX, S: int) -> ca.MX:
+    return ca.reshape(strains, -1, S)
+
+
+def _blocks(dense: ca.MX, rows: int, columns: int) -> ca.MX:
+    """Return the block diagonal matrix of blocks that stand side by side (rows, columns N)."""
+    count = dense.numel() // (rows * columns)
+    pattern = ca.diagcat(*[ca.Sparsity.dense(rows, columns)] * count)
+    return ca.MX(pattern, ca.vec(dense))
+
+
+def _sums(X: ca.MX, S: int) -> list[ca.MX]:
+    """Return the sums of the first 0, 1, ... S blocks (6, n) of X (6 S, n)."""
+    total = [ca.MX.zeros(6, X.shape[1])]
+    for block in ca.vertsplit(X, 6):
+        total.append(total[-1] + block)
+    return total
+
+
+@lru_cache(maxsize=64)
+def _strain_slopes(scene: Scene) -> ca.Function:
+    """Return (pull, body) -> strains xi, k, q (3,), their slopes (3, 6) against pull."""
+    pull, body = ca.SX.sym("pull", 6), ca.SX.sym("body", 3)
+    e = strain_function(scene)(pull, body)[1:]
+    return ca.Function("slopes", [pull, body], [e, ca.densify(ca.jacobian(e, pull))], {"cse": True})
+
+
+@lru_cache(maxsize=64)
+def _strain_curvature(scene: Scene) -> ca.Function:
+    """Return (pull, body, covector (3,)) -> second derivative (6, 6) of the strains in pull."""
+    pull, body, mu = ca.SX.sym("pull", 6), ca.SX.sym("body", 3), ca.SX.sym("mu", 3)
+    e = strain_function(scene)(pull, body)[1:]
+    hessian = ca.densify(ca.hessian(ca.dot(mu, e), pull)[0])
+    return ca.Function("curvature", [pull, body, mu], [hessian], {"cse": True})
+
+
+def _moved_step(scene: Scene, scheme: Magnus) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
+    """Return strains e (3 m,), their change d, h, the step's pose, and z(d) to second order."""
+    m = len(scheme.nodes)
+    e, d, h = ca.SX.sym("e", 3 * m), ca.SX.sym("d", 3 * m), ca.SX.sym("h")
+    start, end = (
+        scheme.step([twist(ca.vertcat(0, v[3 * i : 3 * i + 3])) for i in range(m)], h)
+        for v in (e, e + d)
+    )
+    g = compose(end, inverse(start))
+    turn = 2 * g[0] * g[1:4]
+    return e, d, h, start, ca.vertcat(turn, g[4:] - ca.cross(turn, g[4:]) / 2)
+
+
+@lru_cache(maxsize=64)
+def _step_slopes(scene: Scene, scheme: Magnus) -> ca.Function:
+    """Return (strains (3 m,), h) -> pose (7,), slopes (6, 3 m) of its twist against strains."""
+    e, d, h, pose, z = _moved_step(scene, scheme)
+    slope = ca.densify(ca.substitute(ca.jacobian(z, d), d, ca.SX.zeros(d.numel())))
+    return ca.Function("step", [e, h], [pose, slope], {"cse": True})
+
+
+@lru_cache(maxsize=64)
+def _step_curvature(scene: Scene, scheme: Magnus) -> ca.Function:
+    """Return (strains (3 m,), h, covector (6,)) -> second derivative of z, its slope (3 m,)."""
+    e, d, h, _, z = _moved_step(scene, scheme)
+    G, rest = ca.SX.sym("G", 6), ca.SX.zeros(d.numel())
+    found = [ca.substitute(ca.densify(v), d, rest) for v in ca.hessian(ca.dot(G, z), d)]
+    return ca.Function("step_curvature", [e, h, G], found, {"cse": True})
+
+
+@lru_cache(maxsize=8)
+def _chain() -> ca.Function:
+    g, r = ca.SX.sym("g", 7), ca.SX.sym("r", 7)
+    return ca.Function("chain", [g, r], [compose(g, r)])
+
+
+@lru_cache(maxsize=8)
+def _adjoint() -> ca.Function:
+    """Return pose -> (6, 6), the map of local twists to spatial ones."""
+    g = ca.SX.sym("g", 7)
+    R = matrix(g[:4])
+    return ca.Function(
+        "adjoint", [g], [ca.densify(ca.blockcat([[R, ca.SX(3, 3)], [ca.skew(g[4:]) @ R, R]]))]
+    )
+
+
+@lru_cache(maxsize=8)
+def _bracket_form() -> ca.Function:
+    """Return covector G -> the form (6, 6) with y . form . x = G . [y, x]."""
+    G = ca.SX.sym("G", 6)
+    turn, shift = -ca.skew(G[:3]), -ca.skew(G[3:])
+    form = ca.blockcat([[turn, shift], [shift, ca.SX(3, 3)]])
+    return ca.Function("bracket", [G], [ca.densify(form)])
+
+
+@lru_cache(maxsize=8)
+def _pulled_back() -> ca.Function:
+    """Return (g, G) -> the covector G (6,) seen from the frame g."""
+    g, G = ca.SX.sym("g", 7), ca.SX.sym("G", 6)
+    back = ca.vertcat(g[0], -g[1:4])
+    moment = G[:3] + ca.cross(G[3:], g[4:])
+    return ca.Function("back", [g, G], [ca.vertcat(rotate(back, moment), rotate(back, G[3:]))])
+
+
+@lru_cache(maxsize=8)
+def moved_pose() -> ca.Function:
+    """Return (pose, z (6,)) -> exp(z) pose: what a spatial twist does to a pose."""
+    g, z = ca.SX.sym("g", 7), ca.SX.sym("z", 6)
+    return ca.Function("moved", [g, z], [compose(exponential(z[:3], z[3:]), g)], {"cse": True})

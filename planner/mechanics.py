@@ -1,0 +1,114 @@
+"""The mechanics inside a program: from tensions to the poses that targets look at."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from model.arm import Arm
+from model.closed_form import strains_at
+from model.effects import Extension
+from model.forward import SCHEMES, forward_map
+from model.magnus import Magnus
+from model.mesh import graded
+from model.paths import Array
+from model.pose_derivatives import PoseDerivatives
+from model.runge_kutta import RungeKutta
+from model.scene import Scene
+from model.shooting import Shooting
+from model.stations import Counts
+from planner.statement import Statement
+
+
+@dataclass(frozen=True, eq=False)
+class Mechanics:
+    """Expressions of the tensions.
+
+    Attributes
+    ----------
+    states : (n,)
+        Further unknowns, scaled; none in the condensed form.
+    poses : (7, K)
+        At the stations.
+    stretch : (m,)
+        1 + q where it is least in each segment; none without extension.
+    closure : (n,)
+        Constraints that settle the states.
+    chain : PoseDerivatives or None
+        The derivatives of the poses, where they are a chain of steps.
+    """
+
+    states: ca.MX
+    poses: ca.MX
+    stretch: ca.MX
+    closure: ca.MX
+    chain: PoseDerivatives | None
+
+
+def mechanics(
+    arm: Arm, scene: Scene, statement: Statement, stations: tuple[float, ...], T: ca.MX
+) -> Mechanics:
+    """Return the mechanics of a statement as expressions of the tensions T."""
+    state = _condensed if statement.form == "condensed" else _multiple_shooting
+    found = state(arm, scene, statement, stations, T)
+    if scene.has(Extension):
+        return found
+    return replace(found, stretch=ca.MX(0, 1))
+
+
+def _condensed(
+    arm: Arm, scene: Scene, statement: Statement, stations: tuple[float, ...], T: ca.MX
+) -> Mechanics:
+    forward = forward_map(arm, scene, statement.scheme, statement.refinement, stations)
+    poses, stretch = forward.function(T)[:2]
+    poses = poses[:, [forward.mesh.node(s) for s in stations]]
+    rows = slimmest(arm, forward.stretch_at, forward.stretch_active)
+    scheme, none = SCHEMES[statement.scheme], ca.MX(0, 1)
+    if not isinstance(scheme, Magnus):
+        return Mechanics(none, poses, stretch[rows].T, none, None)
+    chain = PoseDerivatives(arm, scene, forward.mesh, scheme, stations)
+    s, active = forward.stretch_at[rows], forward.stretch_active[rows]
+    least = 1 + strains_at(arm, scene, s, active, T)[3, :].T
+    return Mechanics(none, poses, least, none, chain)
+
+
+def _multiple_shooting(
+    arm: Arm, scene: Scene, statement: Statement, stations: tuple[float, ...], T: ca.MX
+) -> Mechanics:
+    system = shooting_system(arm, scene, statement.scheme, statement.refinement, stations)
+    X = ca.MX.sym("X", system.n_x, system.n_segments)
+    paths = system.trajectories(X, T)
+    poses, stretch = {}, []
+    for path, segment in zip(paths, system.segments, strict=True):
+        radius = arm.radius.evaluate(segment.nodes, arm.length)[0]
+        stretch.append(segment.stretch(path[7:, :], T)[0, int(np.argmin(radius))])
+        for s in stations:
+            near = int(np.argmin(np.abs(segment.nodes - s)))
+            if abs(segment.nodes[near] - s) <= 1e-9 * arm.length:
+                poses[s] = path[:7, near]
+    columns = ca.horzcat(*(poses[s] for s in stations))
+    closure = system.residual(X, T, paths)
+    return Mechanics(ca.vec(X), columns, ca.vertcat(*stretch), closure, None)
+
+
+@lru_cache(maxsize=64)
+def shooting_system(
+    arm: Arm, scene: Scene, scheme: str, refinement: int, stations: tuple[float, ...]
+) -> Shooting:
+    """Return the shooting constraints on a mesh with the stations, by a Runge-Kutta scheme."""
+    method = SCHEMES[scheme]
+    assert isinstance(method, RungeKutta)
+    return Shooting(arm, scene, graded(arm, refinement, stations), method)
+
+
+def slimmest(arm: Arm, s: Array, active: Counts) -> list[int]:
+    """Return, for each segment with tendons, where its body is slimmest and 1 + q least."""
+    radius = arm.radius.evaluate(s, arm.length)[0]
+    rows = []
+    for count in np.unique(active[active > 0]):
+        inside = np.flatnonzero(active == count)
+        rows.append(int(inside[np.argmin(radius[inside])]))
+    return rows
