@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from model.checks import finite_array, positive, within
+from model.checks import finite_array, kind, numbers, positive, within
 from model.errors import InputError
 from model.paths import Array, Linear, Path
 
@@ -37,10 +37,11 @@ class Material:
     density: float = 1080.0
 
     def __post_init__(self) -> None:
-        positive("Material.E", self.E)
-        positive("Material.density", self.density)
         if within("Material.nu", self.nu, -1.0, 0.5) == -1.0:
             raise InputError("Material.nu", self.nu, "a number above -1, up to 0.5")
+        object.__setattr__(self, "E", positive("Material.E", self.E))
+        object.__setattr__(self, "nu", float(self.nu))
+        object.__setattr__(self, "density", positive("Material.density", self.density))
 
     @property
     def G(self) -> float:
@@ -68,12 +69,11 @@ class Anchorage:
     angles: tuple[float, ...] = QUARTERS
 
     def __post_init__(self) -> None:
-        positive("Anchorage.at", self.at)
+        object.__setattr__(self, "at", positive("Anchorage.at", self.at))
         angles = finite_array("Anchorage.angles", self.angles, (None,))
         if angles.size == 0:
             raise InputError("Anchorage.angles", self.angles, "at least one tendon")
-        if not hasattr(self.offset, "evaluate"):
-            raise InputError("Anchorage.offset", self.offset, "a Linear or a Sampled path")
+        kind("Anchorage.offset", self.offset, Path, "a Linear or a Sampled path")
         object.__setattr__(self, "angles", tuple(angles.tolist()))
 
 
@@ -109,7 +109,12 @@ class Arm:
     base_position: tuple[float, ...] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        positive("Arm.length", self.length)
+        object.__setattr__(self, "length", positive("Arm.length", self.length))
+        kind("Arm.radius", self.radius, Path, "a Linear or a Sampled path")
+        kind("Arm.material", self.material, Material, "a Material")
+        kind("Arm.sections", self.sections, Sequence, "a tuple of Anchorage, tip to base")
+        for i, section in enumerate(self.sections):
+            kind(f"Arm.sections[{i}]", section, Anchorage, "an Anchorage")
         object.__setattr__(self, "sections", tuple(self.sections))
         if not self.sections:
             raise InputError("Arm.sections", (), "at least one Anchorage")
@@ -184,11 +189,12 @@ class Arm:
 
         Raises InputError for a wrong shape and for NaN, infinite or negative numbers.
         """
-        try:
-            rows = [np.atleast_1d(np.asarray(row, dtype=float)) for row in values]
-            flat = np.concatenate(rows) if rows else np.zeros(0)
-        except (TypeError, ValueError):
-            raise InputError(name, values, self._shapes) from None
+        if not hasattr(values, "__iter__") or isinstance(values, str | bytes):
+            raise InputError(name, values, self._shapes)
+        rows = [np.atleast_1d(numbers(name, row, self._shapes)) for row in values]
+        if any(row.ndim != 1 for row in rows):
+            raise InputError(name, f"{len(rows)} rows of shape {rows[0].shape}", self._shapes)
+        flat = np.concatenate(rows) if rows else np.zeros(0)
         by_section = [row.shape for row in rows] == [(len(s.angles),) for s in self.sections]
         flat_vector = all(np.ndim(v) == 0 for v in values) and flat.size == self.n_tendons
         if not (by_section or flat_vector):
@@ -211,7 +217,7 @@ class Arm:
     def by_section(self, flat: Sequence[float] | Array) -> Array:
         """Return one row per section if all have as many tendons, else the flat vector."""
         counts = {len(sec.angles) for sec in self.sections}
-        array = np.asarray(flat, dtype=float)
+        array = finite_array("flat", flat, (self.n_tendons,))
         return array.reshape(len(self.sections), -1) if len(counts) == 1 else array
 
 

@@ -13,10 +13,7 @@ from model.errors import InputError
 def finite_array(field: str, value: Any, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
     """Return value as a float array of the given shape; None in shape is any size."""
     wanted = "x".join("n" if n is None else str(n) for n in shape) or "scalar"
-    try:
-        array = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(field, value, f"numbers of shape {wanted}") from None
+    array = numbers(field, value, f"numbers of shape {wanted}")
     matches = array.ndim == len(shape) and all(
         n in (None, m) for n, m in zip(shape, array.shape, strict=True)
     )
@@ -25,6 +22,23 @@ def finite_array(field: str, value: Any, shape: tuple[int | None, ...]) -> NDArr
     if not np.all(np.isfinite(array)):
         raise InputError(field, value, "finite numbers")
     return array
+
+
+def numbers(field: str, value: Any, allowed: str) -> NDArray[np.float64]:
+    """Return value as a float array of any shape; strings of digits are not numbers."""
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError):
+        raise InputError(field, value, allowed) from None
+    if array.size and array.dtype.kind not in "iuf":
+        raise InputError(field, value, allowed)
+    return array.astype(float)
+
+
+def kind(field: str, value: Any, wanted: type, allowed: str) -> None:
+    """Refuse a value that is not of a type; a class is not one of its values."""
+    if isinstance(value, type) or not isinstance(value, wanted):
+        raise InputError(field, value, allowed)
 
 
 def positive(field: str, value: Any) -> float:

@@ -37,17 +37,20 @@ class CollapsedError(OctoplanError):
         Where, in m from the base.
     stretch : float
         The value of 1 + q there.
+    which : str
+        Which set of tensions, where there were many.
     """
 
-    def __init__(self, s: float, stretch: float) -> None:
-        self.s, self.stretch = s, stretch
+    def __init__(self, s: float, stretch: float, which: str = "") -> None:
+        self.s, self.stretch, self.which = s, stretch, which
         super().__init__(
-            f"the arm is crushed at s = {s:.6g} m: 1 + q = {stretch:.4g}, it has to stay above 0; "
+            f"{which}{': ' * bool(which)}the arm is crushed at s = {s:.6g} m: "
+            f"1 + q = {stretch:.4g}, it has to stay above 0; "
             "lower the tensions that cross this section or raise E A there"
         )
 
-    def __reduce__(self) -> tuple[type, tuple[float, float]]:
-        return type(self), (self.s, self.stretch)
+    def __reduce__(self) -> tuple[type, tuple[float, float, str]]:
+        return type(self), (self.s, self.stretch, self.which)
 
 
 class NotSettledError(OctoplanError):

@@ -7,6 +7,7 @@ Reports 470 (2009), section 5, with Gauss-Legendre nodes. Frames stay rotations 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import casadi as ca
@@ -39,12 +40,13 @@ class Magnus:
 
         `twists` are (kappa, nu) (6,) per unit reference length at the nodes of the step.
         """
-        omega = {2: _second, 4: _fourth, 6: _sixth}[self.order](twists, h)
+        omega = _EXPANSIONS[self.order](twists, h)
         return exponential(omega[:3], omega[3:])
 
 
 def _second(twists: list[ca.SX], h: ca.SX) -> ca.SX:
-    return h * twists[0]
+    omega: ca.SX = h * twists[0]
+    return omega
 
 
 def _fourth(twists: list[ca.SX], h: ca.SX) -> ca.SX:
@@ -68,6 +70,13 @@ def _bracket(a: ca.SX, b: ca.SX) -> ca.SX:
     turn = ca.cross(b[:3], a[:3])
     shift = ca.cross(b[:3], a[3:]) - ca.cross(a[:3], b[3:])
     return ca.vertcat(turn, shift)
+
+
+_EXPANSIONS: dict[int, Callable[[list[ca.SX], ca.SX], ca.SX]] = {
+    2: _second,
+    4: _fourth,
+    6: _sixth,
+}
 
 
 def _scheme(order: int) -> Magnus:

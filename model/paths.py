@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import casadi as ca
 import numpy as np
@@ -16,6 +16,7 @@ from model.errors import InputError
 Array = NDArray[np.float64]
 
 
+@runtime_checkable
 class Path(Protocol):
     """A smooth function of arc length on [0, span]."""
 
@@ -40,7 +41,9 @@ class Linear:
     end: float
 
     def __post_init__(self) -> None:
-        finite_array("Linear", (self.base, self.end), (2,))
+        ends = finite_array("Linear", (self.base, self.end), (2,))
+        object.__setattr__(self, "base", float(ends[0]))
+        object.__setattr__(self, "end", float(ends[1]))
 
     def evaluate(self, s: Array, span: float) -> tuple[Array, Array, Array]:
         """See Path.evaluate."""

@@ -20,7 +20,7 @@ def preset(name: str) -> Arm:
         "section-5.1": lambda: conical(0.3, (10 * _MM, 1.5 * _MM), [(0.3, 0.66 * _MM, 1 * _MM)]),
         "section-5.2": lambda: conical(0.27, (15 * _MM, 7.4 * _MM), [(0.27, 5 * _MM, 2.5 * _MM)]),
     }
-    if name not in builders:
+    if not isinstance(name, str) or name not in builders:
         raise InputError("arm", name, ", ".join(builders))
     return builders[name]()
 

@@ -34,7 +34,8 @@ class Scene:
         for kind in kinds:
             if kinds.count(kind) > 1:
                 raise InputError("Scene", kind, "each effect once")
-        object.__setattr__(self, "effects", tuple(effects))
+        in_order = sorted(effects, key=lambda effect: type(effect).__name__)
+        object.__setattr__(self, "effects", tuple(in_order))
 
     @classmethod
     def as_printed(cls) -> Scene:

@@ -108,6 +108,8 @@ class Shape:
         L = self.arm.length
         if wanted.size and (wanted.min() < 0 or wanted.max() > L * (1 + 1e-12)):
             raise InputError("s", s, f"arc lengths from 0 to {L:g} m")
+        if not wanted.size:
+            return np.asarray(read(np.ones((0, 7)), np.ones((0, 4))))
         pose, strain = self._map.dense(self.tensions, self.states, np.minimum(wanted, L))
         values = np.asarray(read(pose, strain))
         return values[0] if np.ndim(s) == 0 else values

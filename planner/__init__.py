@@ -5,5 +5,6 @@ from planner.limits import Limits
 from planner.plan import Plan, Start
 from planner.problem import Problem, build
 from planner.solve import plan
+from planner.statement import Statement
 
-__all__ = ["Certificate", "Limits", "Plan", "Problem", "Start", "build", "plan"]
+__all__ = ["Certificate", "Limits", "Plan", "Problem", "Start", "Statement", "build", "plan"]

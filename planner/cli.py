@@ -9,6 +9,7 @@ import argparse
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from model import InputError, OctoplanError, settle
 from planner.report import plan_dict, plan_text, shape_dict, shape_text, to_json, write_whole
@@ -95,7 +96,7 @@ def _show(text: str) -> None:
     sys.stdout.flush()
 
 
-def _write(folder: Path, name: str, content: bytes, draw: Callable[[], object]) -> None:
+def _write(folder: Path, name: str, content: bytes, draw: Callable[[], Any]) -> None:
     """Write the result and its figure into a folder, each whole or not at all."""
     from planner.plot import save
 

@@ -200,3 +200,36 @@ def printed_rate(rod: Rod, T: Array, s: float, omega: Array, active: int) -> Arr
     about_b = -k * (EJ * relative + w1 + w3) + tau * xi * (z1 + z3) + tau * (y4 - y2) + v1 - v3
     D = [GI + z1 + z2 + z3 + z4, EJ + z2 + z4, EJ + z1 + z3]
     return np.array([twist, about_n, about_b]) / D
+
+
+def printed_states(rod: Rod, T: Array, s: Array) -> tuple[Array, Array, Array]:
+    """Return strains, positions, frames at s, which has all breaks: eqs. (1), (10), (11).
+
+    Strains are integrated from the tip to the base, the pose with them and then set on the base.
+    """
+    state = np.concatenate([np.zeros(6), np.eye(3).ravel()])
+    rows, stretch = [], []
+    for right, left in pairwise([*s[::-1], None]):
+        i = rod.active(right)
+        if right in [section.at for section in rod.sections]:
+            own = paper_sums(rod, T, right, i)[0] - paper_sums(rod, T, right, i - 1)[0]
+            (_, (y1, y2, y3, y4), (z1, z2, z3, z4)), EJ = own, body_stiffness(rod, right)[1]
+            state[1:3] += [(y4 - y2) / (z4 + z2 + EJ), (y1 - y3) / (z1 + z3 + EJ)]
+        rows.append(state)
+        stretch.append(axial(rod, T, right, state[:3], i))
+        if left is None:
+            break
+
+        def rate(x: float, state: Array, i: int = i) -> Array:
+            omega, F = state[:3], state[6:].reshape(3, 3)
+            spin = F @ twist_matrix(omega, T_AXIS)[:3, :3]
+            pose = (1 + axial(rod, T, x, omega, i)) * np.concatenate([F[:, 0], spin.ravel()])
+            return np.concatenate([printed_rate(rod, T, x, omega, i), pose])
+
+        run = solve_ivp(rate, (right, left), state, "DOP853", rtol=1e-12, atol=1e-14)
+        state = run.y[:, -1]
+    found = np.array(rows[::-1])
+    frames = found[:, 6:].reshape(-1, 3, 3)
+    turn = rod.frame @ frames[0].T
+    position = rod.position + (found[:, 3:6] - found[0, 3:6]) @ turn.T
+    return np.column_stack([found[:, :3], stretch[::-1]]), position, turn @ frames

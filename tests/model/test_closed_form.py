@@ -65,6 +65,18 @@ def test_tendon_lengths_are_the_integrals_of_their_tangents(seed: int) -> None:
         assert abs(shape.tendon_lengths[index] - wanted) <= 1e-9 * rod.length
 
 
+@pytest.mark.parametrize("scheme", ["rk4", "rk6", "magnus4"])
+@pytest.mark.parametrize("seed", SEEDS[:6])
+def test_other_schemes_read_the_same_between_their_nodes(seed: int, scheme: str) -> None:
+    rod, T, _, wanted = drawn(seed)
+    shape = settle(wanted.arm, T, wanted.scene, accuracy=1e-8, scheme=scheme)
+    s = places(rod, 20)
+    gap = np.linalg.norm(shape.position(s) - wanted.position(s), axis=1)
+    bend = np.linalg.norm(wanted.strain(s), axis=1)
+    assert gap.max() <= 1e-7 * rod.length
+    assert np.linalg.norm(shape.strain(s) - wanted.strain(s), axis=1).max() <= 1e-6 * bend.max()
+
+
 def test_random_arms_cover_what_an_arm_can_be() -> None:
     rods = [random_rod(np.random.default_rng(seed)) for seed in SEEDS]
     assert len({len(rod.sections) for rod in rods}) >= 5

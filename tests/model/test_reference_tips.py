@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Arm, Scene, settle
+from model import Arm, NotSettledError, Scene, settle
 from model.effects import Extension
 from model.forward import schemes_of
 
@@ -24,6 +24,12 @@ EACH = [
     for case in CASES["cases"]
     for key, scene in SCENES.items()
     for scheme in schemes_of(scene)
+    if scheme != "magnus2"
+]
+SECOND = [
+    pytest.param(case, key, id=f"{case['name']}-{key}")
+    for case in CASES["cases"]
+    for key in ("paper", "paper_no_extension")
 ]
 
 
@@ -35,6 +41,17 @@ def test_tip_is_that_of_the_independent_program(
     shape = settle(arm, case["tensions"], SCENES[key], accuracy=1e-8, scheme=scheme)
     assert shape.scheme == scheme
     assert np.linalg.norm(shape.tip - case["tip"][key]) <= 1e-6
+
+
+@pytest.mark.parametrize(("case", "key"), SECOND)
+def test_second_order_reaches_a_coarse_accuracy_and_owns_to_missing_a_fine_one(
+    case: dict[str, Any], key: str
+) -> None:
+    arm = Arm.from_paper(case["arm"])
+    shape = settle(arm, case["tensions"], SCENES[key], accuracy=1e-4, scheme="magnus2")
+    assert np.linalg.norm(shape.tip - case["tip"][key]) <= 1e-4 * arm.length
+    with pytest.raises(NotSettledError):
+        settle(arm, case["tensions"], SCENES[key], accuracy=1e-8, scheme="magnus2")
 
 
 def test_every_statics_of_the_paper_is_among_the_references() -> None:

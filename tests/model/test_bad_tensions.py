@@ -1,0 +1,136 @@
+"""Tensions that are not tensions, and tensions that crush the arm."""
+
+from __future__ import annotations
+
+import pickle
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from model import (
+    Arm,
+    CollapsedError,
+    InputError,
+    NotSettledError,
+    OctoplanError,
+    Scene,
+    settle,
+    settle_many,
+)
+from model.effects import Extension
+from tests.oracles import Array, paper_rod, strain
+
+ARM = Arm.from_paper("table-2")
+PAPER = Scene(Extension())
+CRUSHING = np.array([0, 0, 0, 0, 0, 0, 0, 0, 20.0, 20, 20, 20])
+
+
+def tensions(index: int, value: float) -> Array:
+    T = np.ones(12)
+    T[index] = value
+    return T
+
+
+@pytest.mark.parametrize("value", [-1e-9, -1.0, np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize(("index", "name"), [(0, "T_11"), (4, "T_21"), (11, "T_34")])
+def test_a_tension_that_cannot_be_is_refused_by_the_name_of_its_tendon(
+    index: int, name: str, value: float
+) -> None:
+    for given_as in (tensions(index, value), tensions(index, value).reshape(3, 4)):
+        with pytest.raises(InputError, match=rf"\({name}\)") as caught:
+            settle(ARM, given_as)
+        assert caught.value.field == f"tensions[{index}] ({name})"
+        assert caught.value.given == pytest.approx(value, nan_ok=True)
+        assert "finite number, 0 or above" in caught.value.allowed
+
+
+@settings(max_examples=20, deadline=None, derandomize=True)
+@given(st.integers(0, 11), st.floats(max_value=0, exclude_max=True))
+def test_any_negative_tension_is_refused(index: int, value: float) -> None:
+    with pytest.raises(InputError, match=ARM.tendon_name(index)):
+        ARM.flat(tensions(index, value))
+
+
+WRONG = {
+    "too few": np.zeros(11),
+    "too many": np.zeros(13),
+    "none": [],
+    "columns for rows": np.zeros((4, 3)),
+    "a set of sets": np.zeros((1, 12)),
+    "a table of tables": np.zeros((3, 4, 1)),
+    "ragged rows": [[0.0] * 4, [0.0] * 3, [0.0] * 5],
+    "one number": 1.0,
+    "nothing": None,
+    "words": ["tight"] * 12,
+    "complex numbers": [1j] * 12,
+}
+
+
+@pytest.mark.parametrize("value", WRONG.values(), ids=WRONG)
+def test_tensions_of_a_wrong_shape_are_refused_with_the_right_one(value: Any) -> None:
+    with pytest.raises(InputError) as caught:
+        settle(ARM, value)
+    assert caught.value.field == "tensions"
+    wanted = "12 numbers, flat or a row per section, tip first (4+4+4)"
+    assert caught.value.allowed == wanted
+
+
+def test_a_bad_set_among_many_is_named() -> None:
+    with pytest.raises(InputError) as caught:
+        settle_many(ARM, [np.zeros(12), np.zeros(12), tensions(5, -1.0)])
+    assert caught.value.field == "tensions[2][5] (T_22)"
+    with pytest.raises(InputError) as caught:
+        settle_many(ARM, [np.zeros(12), np.zeros(11)])
+    assert caught.value.field == "tensions[1]"
+
+
+@pytest.mark.parametrize("scene", [PAPER, Scene.as_printed()], ids=["paper", "as_printed"])
+def test_an_arm_is_not_crushed_unnoticed(scene: Scene) -> None:
+    with pytest.raises(CollapsedError) as caught:
+        settle(ARM, CRUSHING, scene)
+    error = caught.value
+    at = ARM.sections[2].at
+    assert error.s == pytest.approx(at)
+    assert error.stretch == pytest.approx(1 + strain(paper_rod("table-2"), CRUSHING, at, True)[3])
+    assert error.stretch < 0
+    assert f"s = {error.s:.6g} m" in str(error)
+    assert settle(ARM, CRUSHING).error < 1e-6
+
+
+def test_an_arm_just_short_of_crushing_settles() -> None:
+    rod, at = paper_rod("table-2"), ARM.sections[2].at
+    limit = CRUSHING / -strain(rod, CRUSHING, at, True)[3]
+    assert settle(ARM, 0.999 * limit, PAPER).strain(at)[3] == pytest.approx(-0.999)
+    with pytest.raises(CollapsedError):
+        settle(ARM, 1.001 * limit, PAPER)
+
+
+def test_a_crushed_set_among_many_is_named() -> None:
+    with pytest.raises(OctoplanError, match=r"tensions\[1\]"):
+        settle_many(ARM, [np.zeros(12), CRUSHING], PAPER)
+
+
+ERRORS = [
+    InputError("arm", "table-3", "table-2"),
+    InputError("tensions", np.float64(-1.0), "0 or above"),
+    CollapsedError(0.093, -0.5),
+    NotSettledError(1e-6, 1e-3, "ask for less"),
+]
+
+
+@pytest.mark.parametrize("error", ERRORS, ids=lambda e: type(e).__name__)
+def test_errors_travel_between_processes(error: OctoplanError) -> None:
+    there = pickle.loads(pickle.dumps(error))
+    assert type(there) is type(error)
+    assert isinstance(there, OctoplanError)
+    assert str(there) == str(error)
+    assert vars(there) == vars(error)
+
+
+def test_an_error_that_was_raised_travels_too() -> None:
+    with pytest.raises(CollapsedError) as caught:
+        settle(ARM, CRUSHING, PAPER)
+    assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
