@@ -40,7 +40,16 @@ def _build(function: ca.Function) -> ca.Function:
         generator.add(function)
         source = generator.generate(f"{folder}/")
         library = Path(folder) / "function.so"
-        command = [compiler, "-O2", "-ffp-contract=off", "-fPIC", "-shared", source, "-o", str(library)]
+        command = [
+            compiler,
+            "-O2",
+            "-ffp-contract=off",
+            "-fPIC",
+            "-shared",
+            source,
+            "-o",
+            str(library),
+        ]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode != 0:
             raise CompilerError(f"{compiler} failed: {done.stderr.strip()[-2000:]}")

@@ -33,6 +33,9 @@ class ForwardMap(Protocol):
     stretch_at: Array
     stretch_active: Counts
 
+    def __hash__(self) -> int:
+        """Return the hash of this object, not of its values."""
+
     def run(self, tensions: Array) -> Array:
         """Return the node states (S + 1, 7 or more), poses first, base to tip."""
 

@@ -51,7 +51,8 @@ def _second(twists: list[ca.SX], h: ca.SX) -> ca.SX:
 
 def _fourth(twists: list[ca.SX], h: ca.SX) -> ca.SX:
     first, last = twists
-    return h / 2 * (first + last) - h**2 * np.sqrt(3) / 12 * _bracket(first, last)
+    omega: ca.SX = h / 2 * (first + last) - h**2 * np.sqrt(3) / 12 * _bracket(first, last)
+    return omega
 
 
 def _sixth(twists: list[ca.SX], h: ca.SX) -> ca.SX:

@@ -154,7 +154,7 @@ def _check_stretch(forward: ForwardMap, tensions: Array, which: str = "") -> Non
 
 
 @lru_cache(maxsize=64)
-def _tips(forward: Any, machine_code: bool) -> ca.Function:
+def _tips(forward: ForwardMap, machine_code: bool) -> ca.Function:
     """Return tensions (n_tendons,) -> tip pose (7,), least 1 + q."""
     T = ca.MX.sym("T", forward.function.size1_in(0))
     poses, stretch = forward.function(T)[:2]

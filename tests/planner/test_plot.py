@@ -1,0 +1,271 @@
+"""Figures: what is in them, where they are drawn, and how they are written."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib import pyplot
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+
+from model import Arm, InputError, Shape, settle
+from planner import Plan, plan
+from planner.limits import Limits
+from planner.plot import plot_plan, plot_shape, plot_strains, save
+from planner.plot_arm import draw_arm
+from planner.plot_strains import broken_strains
+from planner.targets import Backbone, BendingPlane, Fetch, Target, TipPose, TipPosition
+from tests.planner.cases import PAPER, barrel_arm, figure_15
+
+MARKED = {
+    "position": "tip wanted",
+    "pose": "tip wanted",
+    "backbone": "points to follow",
+    "plane": "bending plane",
+    "bends": "tangents wanted",
+    "reach": "mouth",
+    "reach in a plane": "mouth",
+}
+
+
+def target(kind: str, arm: Arm) -> Target:
+    """Return a target of a kind that a few tendons of a paper's arm can meet."""
+    shape = settle(arm, [0, 0.1, 0, 0, 0.3, *[0] * 7], PAPER)
+    tip = tuple(shape.tip.tolist())
+    points = shape.position(np.linspace(0.1, 0.3, 3)).tolist()
+    quarter = np.pi / 2
+    return {
+        "position": TipPosition(tip),
+        "pose": TipPose(tip, tuple(map(tuple, shape.tip_frame.tolist()))),
+        "backbone": Backbone(tuple(map(tuple, points))),
+        "plane": BendingPlane(np.radians(135), np.radians(40)),
+        "bends": Fetch((0.6, quarter), (0.5, -quarter), (0.6, 0.0)),
+        "reach": Fetch.reach((0.05, 0.05, 0.0), np.radians(50)),
+        "reach in a plane": Fetch.reach((0.05, 0.05, 0.0), np.radians(50), quarter),
+    }[kind]
+
+
+@pytest.fixture(scope="module")
+def fetch() -> Plan:
+    arm = Arm.from_paper("table-4")
+    return plan(arm, target("reach", arm), PAPER, 20.0)
+
+
+@pytest.fixture(scope="module")
+def shape() -> Shape:
+    return settle(Arm.from_paper("table-4"), figure_15(), PAPER)
+
+
+@pytest.fixture(autouse=True)
+def no_figure_is_left_open() -> Any:
+    yield
+    assert pyplot.get_fignums() == []
+
+
+def three_d() -> Any:
+    return Figure().add_subplot(projection="3d")
+
+
+def panels(figure: Figure) -> dict[str, Any]:
+    """Return the axes of a figure by the label that tells them apart."""
+    found = {}
+    for ax in figure.axes:
+        found[ax.get_ylabel() if ax.name == "3d" or ax.get_ylabel() else ax.get_xlabel()] = ax
+    return found
+
+
+def legend(ax: Any) -> set[str]:
+    return set(ax.get_legend_handles_labels()[1])
+
+
+@pytest.mark.parametrize("name", ["table-2", "table-4"])
+@pytest.mark.parametrize("kind", MARKED)
+def test_the_figure_of_a_plan_shows_its_target(name: str, kind: str) -> None:
+    arm = Arm.from_paper(name)
+    figure = plot_plan(plan(arm, target(kind, arm), PAPER, 20.0, starts=1))
+    assert isinstance(figure, Figure)
+    assert MARKED[kind] in legend(panels(figure)["y [mm]"])
+    figure.draw_without_rendering()
+
+
+def test_a_kind_of_target_that_is_unknown_leaves_the_arm_drawn(shape: Shape) -> None:
+    ax = three_d()
+    assert np.all(np.isfinite(draw_arm(shape, ax, (object(),))))
+    assert not legend(ax)
+    assert ax.has_data()
+
+
+def test_axes_name_quantities_and_units(fetch: Plan) -> None:
+    figure = plot_plan(fetch)
+    found = panels(figure)
+    assert set(found) == {"y [mm]", "curvature [1/m]", "longitudinal strain q [-]", "tension [N]"}
+    arm = found["y [mm]"]
+    assert (arm.get_xlabel(), arm.get_zlabel()) == ("x [mm]", "z [mm]")
+    assert found["curvature [1/m]"].get_xlabel() == "s [mm]"
+    assert [ax.get_xlabel() for ax in figure.axes].count("tension [N]") == 1
+
+
+def test_the_title_says_the_outcome_and_the_effort(fetch: Plan) -> None:
+    figure = plot_plan(fetch)
+    assert figure.get_suptitle().startswith("Reached")
+    assert f"{fetch.effort:.3g} N" in figure.get_suptitle()
+    off = replace(fetch, tensions=1.1 * fetch.tensions)
+    assert plot_plan(off).get_suptitle().startswith("Not certified")
+
+
+def bars(figure: Figure) -> Any:
+    return next(ax for ax in figure.axes if ax.get_ylabel() == "tension [N]")
+
+
+def test_bars_are_the_tensions_by_tendon_name(fetch: Plan) -> None:
+    ax = bars(plot_plan(fetch))
+    assert [bar.get_height() for bar in ax.patches] == list(np.ravel(fetch.tensions))
+    names = [label.get_text() for label in ax.get_xticklabels()]
+    assert names[0] == "$T_{11}$" and names[-1] == "$T_{34}$" and len(names) == 12
+
+
+@pytest.mark.parametrize(("maximum", "shown"), [(np.inf, 0), (1000.0, 0), (3.0, 12)])
+def test_maxima_are_marked_where_finite_and_of_comparable_size(
+    fetch: Plan, maximum: float, shown: int
+) -> None:
+    ax = bars(plot_plan(replace(fetch, limits=Limits.of(fetch.arm, maximum))))
+    marks = [c for c in ax.collections if isinstance(c, LineCollection)]
+    assert sum(len(mark.get_segments()) for mark in marks) == shown
+
+
+def test_given_axes_are_drawn_in_and_returned_and_get_no_company(fetch: Plan) -> None:
+    for draw in (lambda ax: plot_plan(fetch, ax), lambda ax: plot_shape(fetch.shape, ax)):
+        ax = three_d()
+        assert draw(ax) is ax
+        assert ax.figure.axes == [ax]
+    flat = Figure().add_subplot()
+    assert plot_strains(fetch.shape, flat) is flat
+
+
+def test_axes_of_the_wrong_kind_are_refused_by_name(fetch: Plan) -> None:
+    for draw in (lambda ax: plot_plan(fetch, ax), lambda ax: plot_shape(fetch.shape, ax)):
+        for wrong in (Figure().add_subplot(), "axes"):
+            with pytest.raises(InputError, match="3d"):
+                draw(wrong)
+    with pytest.raises(InputError, match="two-dimensional"):
+        plot_strains(fetch.shape, three_d())
+
+
+def test_scales_of_the_three_axes_are_equal_and_hold_the_arm(shape: Shape) -> None:
+    ax = three_d()
+    plot_shape(shape, ax)
+    sides = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()])
+    aspect = np.ptp(sides, axis=1) / ax._box_aspect
+    assert np.allclose(aspect, aspect[0])
+    path = 1e3 * shape.position(np.linspace(0, shape.arm.length, 500))
+    assert np.all((path > sides[:, 0]) & (path < sides[:, 1]))
+
+
+def test_a_second_arm_in_the_same_axes_leaves_the_first_in_sight(shape: Shape) -> None:
+    ax = three_d()
+    straight = settle(shape.arm, np.zeros(12), PAPER)
+    plot_shape(straight, ax)
+    plot_shape(shape, ax)
+    assert ax.get_xlim()[1] > 1e3 * straight.tip[0]
+    assert ax.get_ylim()[0] < 1e3 * shape.position(shape.s)[:, 1].min()
+
+
+def test_pulled_tendons_end_at_their_anchorage_and_carry_their_tension(shape: Shape) -> None:
+    ax = three_d()
+    plot_shape(shape, ax)
+    tight = ax.collections[-1]
+    assert np.array_equal(tight.get_array(), [0.5, 4.0, 13.0])
+    for path, j in zip(tight._segments3d, (2, 4, 9), strict=True):
+        i, phi = shape.arm.tendons[j]
+        section = shape.arm.sections[i]
+        end = shape.position(section.at) + section.offset.end * (
+            shape.frame(section.at) @ [0, np.cos(phi), np.sin(phi)]
+        )
+        assert np.allclose(path[-1], 1e3 * end, atol=1e-9)
+        assert np.linalg.norm(path[0]) == pytest.approx(1e3 * section.offset.base)
+
+
+def test_curves_break_at_anchorages_with_both_sides_exact(shape: Shape) -> None:
+    s, strain = broken_strains(shape)
+    gaps = np.flatnonzero(np.isnan(strain[:, 0]))
+    assert s[gaps].tolist() == [section.at for section in shape.arm.sections[:0:-1]]
+    for gap in gaps:
+        assert np.allclose(strain[gap - 1], shape.strain(s[gap]))
+        assert np.allclose(strain[gap + 1], shape.strain(s[gap] + 1e-6), rtol=1e-3)
+    jump = np.abs(strain[gaps[0] + 1] - strain[gaps[0] - 1])
+    assert jump[1] > 40
+
+
+def test_torsion_is_drawn_only_where_there_is_any(shape: Shape) -> None:
+    ax = Figure().add_subplot()
+    plot_strains(shape, ax)
+    assert legend(ax) == {"ξ [1/m]", "k [1/m]"}
+    printed = settle(shape.arm, figure_15(), shape.scene.as_printed())
+    ax = Figure().add_subplot()
+    plot_strains(printed, ax)
+    assert "τ [1/m]" in legend(ax)
+
+
+def test_both_scales_of_strains_have_their_zero_at_one_height(shape: Shape) -> None:
+    figure = plot_strains(shape)
+    assert isinstance(figure, Figure)
+    heights = [-low / (high - low) for low, high in (ax.get_ylim() for ax in figure.axes)]
+    assert heights[0] == pytest.approx(heights[1])
+
+
+def test_arms_without_pull_and_arms_of_many_sections_are_drawn() -> None:
+    for arm in (barrel_arm(), Arm.from_paper("section-5.1")):
+        for tensions in (np.zeros(arm.n_tendons), np.full(arm.n_tendons, 1e-3)):
+            drawn = settle(arm, tensions, PAPER)
+            for figure in (plot_shape(drawn), plot_strains(drawn)):
+                assert isinstance(figure, Figure)
+                figure.draw_without_rendering()
+    found = plan(barrel_arm(), TipPosition((0.42, 0.1, 0.05)), PAPER, starts=1)
+    assert len(bars(plot_plan(found)).patches) == 15
+
+
+@pytest.mark.parametrize(
+    ("suffix", "magic"), [("png", b"\x89PNG"), ("pdf", b"%PDF"), ("PNG", b"\x89PNG")]
+)
+def test_saving_writes_the_format_of_the_suffix_and_nothing_else(
+    shape: Shape, tmp_path: Path, suffix: str, magic: bytes
+) -> None:
+    wanted = tmp_path / f"arm.{suffix}"
+    assert save(plot_shape(shape), str(wanted)) == wanted
+    assert wanted.read_bytes().startswith(magic)
+    assert list(tmp_path.iterdir()) == [wanted]
+    assert wanted.stat().st_size < 300_000
+
+
+def test_a_figure_of_a_plan_is_1100_pixels_wide_and_small(fetch: Plan, tmp_path: Path) -> None:
+    written = save(plot_plan(fetch), tmp_path / "plan.png").read_bytes()
+    assert int.from_bytes(written[16:20]) == 1100
+    assert len(written) < 300_000
+
+
+def test_an_error_while_saving_leaves_the_old_file_and_no_part(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wanted = tmp_path / "arm.png"
+    wanted.write_bytes(b"old")
+
+    def fail(part: Path, **_: Any) -> None:
+        part.write_bytes(b"half")
+        raise OSError("disk full")
+
+    figure = Figure()
+    monkeypatch.setattr(figure, "savefig", fail)
+    with pytest.raises(OSError, match="disk full"):
+        save(figure, wanted)
+    assert list(tmp_path.iterdir()) == [wanted]
+    assert wanted.read_bytes() == b"old"
+
+
+def test_paths_that_cannot_be_written_are_refused_by_name(tmp_path: Path) -> None:
+    for path in (tmp_path / "arm.jpeg", tmp_path / "arm", tmp_path / "none" / "arm.png"):
+        with pytest.raises(InputError, match="path"):
+            save(Figure(), path)
