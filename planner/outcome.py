@@ -27,18 +27,11 @@ def sentence(plan: Plan) -> str:
 
 def _success(plan: Plan) -> str:
     certificate = plan.certificate
-    met = ""
-    if certificate.match:
-        met = f"every target met to {certificate.residual:.1e} (asked {certificate.tolerance:.0e})"
-    if not certificate.approach:
-        return f"Reached: {met}"
-    gaps = ", ".join(
-        f"{name} {_length(plan, value)}" for name, value in certificate.approach.items()
-    )
-    near = f"as near as the limits allow: {gaps}"
-    if max(certificate.approach.values()) > certificate.tolerance:
-        near += f" ({_holders(plan)})"
-    return f"Reached, {near}" + (f"; {met}" if met else "")
+    met = max([certificate.residual, *(v for v in certificate.approach.values())])
+    if met <= certificate.tolerance:
+        return f"Reached: every target met to {met:.1e} (asked {certificate.tolerance:.0e})"
+    gaps = [f"{name} {_length(plan, value)}" for name, value in certificate.approach.items()]
+    return f"Reached, as near as the limits allow: {', '.join(gaps)} ({_holders(plan)})"
 
 
 def _gaps(plan: Plan) -> str:

@@ -24,7 +24,8 @@ from planner.starts import candidates, spread
 from planner.statement import FORMS, Form, Mode, Statement
 from planner.targets.base import Target
 
-_FIRST_STARTS = 3
+# Starts before agreement counts: three sufficed for points, mirrored optima agree without meaning.
+_FEW, _MORE = 3, 10
 _INSIDE = 0.005
 _LITTLE = 1e-5
 _FINE_IF_UNSETTLED = 16
@@ -41,7 +42,7 @@ def plan(
     norm: Any = "2",
     form: Form = "condensed",
     accuracy: float = 1e-6,
-    starts: int = 8,
+    starts: int = 14,
 ) -> Plan:
     """Return the tensions of least effort that give an arm the shape that a target wants.
 
@@ -123,12 +124,15 @@ class _Search:
         self.asked, self.limits = limits, allowed(arm, targets, limits)
         self.statement, self.accuracy = statement, accuracy
         self.coarse = search_mesh(scene, statement)
+        terms = self._problem("exact").terms
+        is_point = terms.numel_out(0) + terms.numel_out(1) <= 3 and terms.numel_out(2) == 0
+        self.least = _FEW if is_point else _MORE
 
     def run(self, most: int) -> Plan:
         """Try the readings of the targets in turn; see planner.problem for the three modes."""
         guesses = candidates(self._problem("exact"), self.targets, self.limits)
         starts = spread(guesses, most)
-        first, others = starts[:_FIRST_STARTS], starts[_FIRST_STARTS:]
+        first, others = starts[: self.least], starts[self.least :]
         records: list[Start] = []
         best: Solution | None = None
         if self._can_be_exact():
@@ -166,7 +170,7 @@ class _Search:
         """Go on solving on the coarse mesh, from each start, until the best was found twice."""
         problem, records = self._problem(mode), list(records)
         for T in starts:
-            if best is not None and len(records) >= _FIRST_STARTS and _twice(records, best.f):
+            if best is not None and len(records) >= self.least and _twice(records, best.f):
                 break
             solution = self._solve(problem, T)
             records.append(Start(solution.f, solution.met, solution.iterations))

@@ -119,7 +119,7 @@ def report_plans(results: list[tuple[int, Plan]]) -> None:
 
 def draw(angles: Array, table: dict[str, Array]) -> Figure:
     """Return the figure: deviation over angle, a line for each tension."""
-    figure = Figure(figsize=(9, 3.6), layout="constrained")
+    figure = Figure(figsize=(10, 3.6), layout="constrained")
     axes = figure.subplots(1, len(table), sharey=True)
     for ax, (name, rows) in zip(axes, table.items(), strict=True):
         for tension, row in zip(TENSIONS, rows, strict=True):
@@ -127,7 +127,8 @@ def draw(angles: Array, table: dict[str, Array]) -> Figure:
         ax.set(title=name, xlabel="angle asked of the law [deg]", xticks=range(-180, 181, 90))
         ax.grid(alpha=0.3)
     axes[0].set_ylabel("settled plane minus law [deg]")
-    axes[-1].legend(title="tension", fontsize="small")
+    lines, labels = axes[0].get_legend_handles_labels()
+    figure.legend(lines, labels, title="tension", loc="outside right center")
     return figure
 
 

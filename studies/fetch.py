@@ -8,6 +8,13 @@ stretches bends by at least 30 degrees; each tendon up to 13 N, the largest of t
 plane is figure 14's. A fetch in space may also stay in a plane, so it can never be worse.
 
 Command: python -m studies.fetch [--budgets 3 4 5 6 7 8 10 17.5] [--out out]
+
+Answer: no. The paper's two figures differ as it says (tip 135 mm from the base in a plane, 87 mm in
+space, both for 17.5 N), but neither is near the best: planned, the tip reaches the mouth in either
+way, and the least total pull is the same 6.36 N, because the best fetch in space lies in a plane.
+With less pull than that, both come equally near: 19 mm at 5 N. Nor are three bends of equal size to
+alternating sides cheaper when their planes are turned against each other as in figure 15: 1 % less
+pull at 60 degrees, 3 % more at 80. What decides is the choice of tensions, not the third dimension.
 """
 
 from __future__ import annotations
@@ -18,12 +25,12 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from planner.plot import plot_shape
 
 from model import Arm, Scene, Shape, settle
 from model.effects import Extension
 from planner import Plan, plan
-from planner.targets import Fetch, FetchReach
+from planner.plot import plot_shape
+from planner.targets import Bend, Fetch, FetchReach
 
 SCENE = Scene(Extension())
 FIGURES = {
@@ -59,6 +66,13 @@ def least_pull(kind: str) -> Plan:
     return plan(arm, KINDS[kind], SCENE, MAXIMUM, norm="1")
 
 
+def equal_bends(bend: float, planes: Sequence[float]) -> float:
+    """Return the least total pull [N] for three bends of a size in planes [deg], base to tip."""
+    bends = [Bend(float(np.radians(bend)), float(np.radians(plane))) for plane in planes]
+    found = plan(Arm.from_paper("table-4"), Fetch(*bends), SCENE, norm="1")
+    return found.effort if found.reached else float("nan")
+
+
 def nearest(kind: str, budget: float) -> Plan:
     """Return the fetch that comes nearest to the mouth with a total pull up to a budget."""
     arm = Arm.from_paper("table-4")
@@ -67,7 +81,8 @@ def nearest(kind: str, budget: float) -> Plan:
 
 def draw(curves: dict[str, list[float]], budgets: Sequence[float]) -> Figure:
     """Return the figure: the paper's two fetches, and distance over the total pull allowed."""
-    figure = Figure(figsize=(12, 4), layout="constrained")
+    figure = Figure(figsize=(13, 4.2))
+    figure.subplots_adjust(left=0.0, right=0.98, bottom=0.13, top=0.9, wspace=0.25)
     for i, name in enumerate(FIGURES):
         ax = figure.add_subplot(1, 3, i + 1, projection="3d")
         shape = paper_shape(name, SCENE)
@@ -75,8 +90,8 @@ def draw(curves: dict[str, list[float]], budgets: Sequence[float]) -> Figure:
         gap = 1e3 * np.linalg.norm(shape.tip)
         ax.set_title(f"{name}: tip {gap:.0f} mm from the base")
     ax = figure.add_subplot(1, 3, 3)
-    for kind, gaps in curves.items():
-        ax.plot(budgets, gaps, "o-", label=f"best {kind}")
+    for (kind, gaps), style in zip(curves.items(), ("o-", "x--"), strict=True):
+        ax.plot(budgets, gaps, style, label=f"best {kind}")
     for name, marker in zip(FIGURES, "^v", strict=True):
         gap = 1e3 * np.linalg.norm(paper_shape(name, SCENE).tip)
         ax.plot(17.5, gap, marker, color="k", label=name)
@@ -91,6 +106,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Run the study: print its table, save its figure."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--budgets", type=float, nargs="+", default=[3, 4, 5, 6, 7, 8, 10, 17.5])
+    parser.add_argument("--bends", type=float, nargs="+", default=[20, 40, 60, 80])
     parser.add_argument("--out", type=Path, default=Path("out"))
     args = parser.parse_args(argv)
     for name in FIGURES:
@@ -102,6 +118,10 @@ def main(argv: Sequence[str] | None = None) -> None:
     for kind in KINDS:
         found = least_pull(kind)
         print(f"least total pull {kind:<10} {found.effort:7.3f} N: {found.outcome}")
+    for bend in args.bends:
+        pulls = [equal_bends(bend, planes) for planes in ((90, -90, 90), (0, -90, 90))]
+        print(f"three bends of {bend:3.0f} degrees: in a plane {pulls[0]:6.3f} N", end="")
+        print(f", as in figure 15 {pulls[1]:6.3f} N")
     curves = {kind: [distance(nearest(kind, b)) for b in args.budgets] for kind in KINDS}
     print("total pull allowed [N] ", *(f"{b:8.1f}" for b in args.budgets))
     for kind, gaps in curves.items():

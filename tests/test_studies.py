@@ -1,0 +1,51 @@
+"""Each study runs at a small size, prints its table and saves its figure."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import pytest
+
+from studies import bending_plane, fetch, tip_targets
+
+Main = Callable[[Sequence[str]], None]
+SMALL: dict[str, tuple[Main, list[str], str, str]] = {
+    "bending_plane": (bending_plane.main, ["--angles", "2"], "planned", "bending_plane.png"),
+    "fetch": (
+        fetch.main,
+        ["--budgets", "5", "--bends", "40"],
+        "least total pull",
+        "fetch.png",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_a_study_prints_its_table_and_saves_its_figure(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main, options, told, figure = SMALL[name]
+    main([*options, "--out", str(tmp_path)])
+    assert told in capsys.readouterr().out
+    assert (tmp_path / figure).stat().st_size > 10_000
+
+
+def test_the_study_of_tip_targets_compares_with_random_starts_and_scipy(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    tip_targets.main(["--targets", "3", "--best-of", "2", "--scipy", "1"])
+    shown = capsys.readouterr().out
+    assert "certified                100.0%" in shown
+    assert "SLSQP" in shown
+
+
+@pytest.mark.slow
+def test_two_hundred_random_tips_are_certified_at_the_best_known_effort(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    tip_targets.main(["--scipy", "0", "--best-of", "20"])
+    shares = {
+        line.split("  ")[0]: float(line.split("%")[0].split()[-1])
+        for line in capsys.readouterr().out.splitlines()
+        if line.startswith(("certified", "within 1 % of the best"))
+    }
+    assert shares["certified"] >= 99
