@@ -24,8 +24,8 @@ from planner.starts import candidates, spread
 from planner.statement import FORMS, Form, Mode, Statement
 from planner.targets.base import Target
 
-# Starts before agreement counts: three sufficed for points, mirrored optima agree without meaning.
-_FEW, _MORE = 3, 10
+# Starts before agreement counts: five do for points; mirrored optima agree without meaning.
+_FEW, _MORE = 5, 10
 _INSIDE = 0.005
 _LITTLE = 1e-5
 _FINE_IF_UNSETTLED = 16
