@@ -6,6 +6,7 @@ Data flow: tensions -> sums over tendons at the steps' nodes (one sparse linear 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 
 import casadi as ca
@@ -17,9 +18,9 @@ from model.mesh import Mesh
 from model.paths import Array
 from model.rotations import compose, from_matrix
 from model.scene import Scene
-from model.statics import ClosedStatics, statics_of
+from model.statics import ClosedStatics, Statics, statics_of
 from model.statics.base import curvature
-from model.stations import Counts, pulls, stations
+from model.stations import Counts, stations
 
 
 def base_pose(arm: Arm) -> Array:
@@ -27,31 +28,35 @@ def base_pose(arm: Arm) -> Array:
     return np.concatenate([from_matrix(np.array(arm.base_frame)), arm.base_position])
 
 
-def closed_statics(scene: Scene) -> ClosedStatics:
+def closed_statics(scene: Scene, arm: Arm) -> ClosedStatics:
     """Return the scene's statics, which have to be in closed form."""
-    statics = statics_of(scene)
+    statics = statics_of(scene, arm)
     assert isinstance(statics, ClosedStatics)
     return statics
 
 
 @lru_cache(maxsize=64)
-def strain_function(scene: Scene) -> ca.Function:
-    """Return (pull (6,), body (3,)) -> (tau, xi, k, q) at one cross-section."""
-    statics = closed_statics(scene)
-    pull, body = ca.SX.sym("pull", 6), ca.SX.sym("body", 3)
-    strain = statics.solve(pull, body, ca.SX.zeros(len(statics.names)))
-    q = statics.stretch(strain, pull, body)
-    return ca.Function("strain", [pull, body], [ca.vertcat(curvature(statics.names, strain), q)])
+def strain_function(statics: ClosedStatics) -> ca.Function:
+    """Return (pull, data) -> (tau, xi, k, q) at one cross-section."""
+    pull, data = ca.SX.sym("pull", statics.n_pull), ca.SX.sym("data", statics.n_data)
+    strain = statics.solve(pull, data)
+    full = full_strain(statics, strain, pull, data)
+    return ca.Function("strain", [pull, data], [full], {"cse": True})
+
+
+def full_strain(statics: Statics, strain: ca.SX, pull: ca.SX, data: ca.SX) -> ca.SX:
+    """Return (tau, xi, k, q) from the strains that the statics carry."""
+    q = statics.stretch(strain, pull, data)
+    return ca.vertcat(curvature(statics.names, strain), q)
 
 
 @lru_cache(maxsize=64)
-def step_function(scene: Scene, scheme: Magnus) -> ca.Function:
-    """Return (pulls (6, m), bodies (3, m), h) -> relative pose (7,), strains (4, m), of a step."""
-    strain, m = strain_function(scene), len(scheme.nodes)
-    pull, body, h = ca.SX.sym("pull", 6, m), ca.SX.sym("body", 3, m), ca.SX.sym("h")
-    strains = [strain(pull[:, i], body[:, i]) for i in range(m)]
-    pose = scheme.step([twist(e) for e in strains], h)
-    return ca.Function("step", [pull, body, h], [pose, ca.horzcat(*strains)], {"cse": True})
+def step_function(scheme: Magnus) -> ca.Function:
+    """Return (strains (4, m), h) -> relative pose (7,) of a step."""
+    m = len(scheme.nodes)
+    strains, h = ca.SX.sym("strains", 4, m), ca.SX.sym("h")
+    pose = scheme.step([twist(strains[:, i]) for i in range(m)], h)
+    return ca.Function("step", [strains, h], [pose], {"cse": True})
 
 
 def twist(strain: ca.SX) -> ca.SX:
@@ -66,17 +71,44 @@ def _chain() -> ca.Function:
     return ca.Function("chain", [g, h], [product, product])
 
 
-def pull_map(arm: Arm, s: Array, active: Counts) -> ca.DM:
-    """Return the linear map (6 N, n_tendons) from tensions to the sums at N stations."""
-    rows = pulls(arm, stations(arm, s, active))[0]
-    return ca.sparsify(ca.DM(rows.reshape(-1, arm.n_tendons)))
+@dataclass(frozen=True, eq=False)
+class Sections:
+    """What statics take from N cross-sections.
+
+    Attributes
+    ----------
+    map, map_rate : (n_pull N, n_tendons)
+        From tensions to pull, and its derivative along s.
+    data, data_rate : (n_data, N)
+        Numbers of body and tendon paths, and their derivatives along s.
+    """
+
+    map: ca.DM
+    map_rate: ca.DM
+    data: ca.DM
+    data_rate: ca.DM
+
+    def pull(self, T: ca.MX) -> ca.MX:
+        """Return pull (n_pull, N) of tensions (n_tendons,)."""
+        return ca.reshape(self.map @ T, -1, self.data.shape[1])
+
+    def pull_rate(self, T: ca.MX) -> ca.MX:
+        """Return the derivative of pull along s (n_pull, N)."""
+        return ca.reshape(self.map_rate @ T, -1, self.data.shape[1])
+
+
+def sections(arm: Arm, statics: Statics, s: Array, active: Counts) -> Sections:
+    """Return what statics take from the cross-sections at s (N,)."""
+    at = stations(arm, s, active)
+    maps = [ca.sparsify(ca.DM(m.reshape(-1, arm.n_tendons))) for m in statics.pulls(arm, at)]
+    return Sections(*maps, *(ca.DM(values) for values in statics.data(at)))
 
 
 def strains_at(arm: Arm, scene: Scene, s: Array, active: Counts, T: ca.MX) -> ca.MX:
     """Return the strains (4, N), rows tau, xi, k, q, at stations s as an expression of tensions."""
-    pull = ca.reshape(pull_map(arm, s, active) @ T, 6, s.size)
-    body = ca.DM(stations(arm, s, active).body)
-    return strain_function(scene).map(s.size)(pull, body)
+    statics = closed_statics(scene, arm)
+    at = sections(arm, statics, s, active)
+    return strain_function(statics).map(s.size)(at.pull(T), at.data)
 
 
 def nodes_of(scheme: Magnus, left: Array, right: Array) -> Array:
@@ -111,14 +143,10 @@ class ClosedForm:
 
     def _steps(self, left: Array, right: Array, active: Counts, T: ca.MX) -> tuple[ca.MX, ca.MX]:
         """Return the relative poses (7, N) and strains (4, m N) of N steps."""
-        h = right - left
+        m = len(self.scheme.nodes)
         s = nodes_of(self.scheme, left, right)
-        active = np.repeat(active, len(self.scheme.nodes))
-        pull = ca.reshape(pull_map(self.arm, s, active) @ T, 6, s.size)
-        body = ca.DM(stations(self.arm, s, active).body)
-        relative, strains = step_function(self.scene, self.scheme).map(h.size)(
-            pull, body, ca.DM(h).T
-        )
+        strains = strains_at(self.arm, self.scene, s, np.repeat(active, m), T)
+        relative = step_function(self.scheme).map(left.size)(strains, ca.DM(right - left).T)
         return relative, strains
 
     def run(self, tensions: Array) -> Array:

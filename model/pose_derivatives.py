@@ -18,12 +18,20 @@ import casadi as ca
 import numpy as np
 
 from model.arm import Arm
-from model.closed_form import base_pose, nodes_of, pull_map, strain_function, twist
+from model.closed_form import (
+    base_pose,
+    closed_statics,
+    full_strain,
+    nodes_of,
+    sections,
+    strain_function,
+    twist,
+)
 from model.magnus import Magnus
 from model.mesh import Mesh
 from model.rotations import compose, exponential, inverse, matrix, rotate
 from model.scene import Scene
-from model.stations import stations
+from model.statics import ClosedStatics
 
 
 class PoseDerivatives:
@@ -46,16 +54,18 @@ class PoseDerivatives:
         n, m, S = self.n, self.m, self.S
         s = nodes_of(scheme, mesh.s[:-1], mesh.s[1:])
         active = np.repeat(mesh.active, m)
-        W = pull_map(arm, s, active)
-        body, h = ca.DM(stations(arm, s, active).body), ca.DM(np.diff(mesh.s)).T
+        statics = closed_statics(scene, arm)
+        u, at_nodes = statics.n_pull, sections(arm, statics, s, active)
+        W, data, h = at_nodes.map, at_nodes.data, ca.DM(np.diff(mesh.s)).T
         columns = [mesh.node(place) for place in at]
         T, G = ca.MX.sym("T", n), ca.MX.sym("G", 6, len(at))
 
-        pull = ca.reshape(W @ T, 6, s.size)
-        strains, slopes = _strain_slopes(scene).map(s.size)(pull, body)
-        steps, local = _step_slopes(scene, scheme).map(S)(_by_step(strains, S), h)
+        pull = at_nodes.pull(T)
+        strains = strain_function(statics).map(s.size)(pull, data)[1:, :]
+        slopes = _strain_slopes(statics).map(s.size)(strains, pull, data)
+        steps, local = _step_slopes(scheme).map(S)(_by_step(strains, S), h)
         g = ca.horzcat(ca.DM(base_pose(arm)), _chain().mapaccum(S)(ca.DM(base_pose(arm)), steps))
-        D = _blocks(slopes, 3, 6) @ W
+        D = _blocks(slopes, 3, u) @ W
         X = _blocks(_adjoint().map(S)(g[:, :S]), 6, 6) @ (_blocks(local, 6, 3 * m) @ D)
         Y = _sums(X, S)
         twists = ca.vertcat(*(Y[c] for c in columns))
@@ -65,9 +75,10 @@ class PoseDerivatives:
         turned = _blocks(_bracket_form().map(S)(beyond), 6, 6) @ X
         crossed = ca.vertcat(*Y[:S]).T @ turned
         covectors = _pulled_back().map(S)(g[:, :S], beyond)
-        Q, in_strains = _step_curvature(scene, scheme).map(S)(_by_step(strains, S), h, covectors)
-        K = _strain_curvature(scene).map(s.size)(pull, body, ca.reshape(in_strains, 3, s.size))
-        own = D.T @ (_blocks(Q, 3 * m, 3 * m) @ D) + W.T @ (_blocks(K, 6, 6) @ W)
+        Q, in_strains = _step_curvature(scheme).map(S)(_by_step(strains, S), h, covectors)
+        weights = ca.reshape(in_strains, 3, s.size)
+        K = _strain_curvature(statics).map(s.size)(strains, pull, data, weights)
+        own = D.T @ (_blocks(Q, 3 * m, 3 * m) @ D) + W.T @ (_blocks(K, u, u) @ W)
         self.second = ca.Function("second", [T, G], [(crossed + crossed.T) / 2 + own])
 
 
@@ -90,24 +101,33 @@ def _sums(X: ca.MX, S: int) -> list[ca.MX]:
     return total
 
 
-@lru_cache(maxsize=64)
-def _strain_slopes(scene: Scene) -> ca.Function:
-    """Return (pull, body) -> strains xi, k, q (3,), their slopes (3, 6) against pull."""
-    pull, body = ca.SX.sym("pull", 6), ca.SX.sym("body", 3)
-    e = strain_function(scene)(pull, body)[1:]
-    return ca.Function("slopes", [pull, body], [e, ca.densify(ca.jacobian(e, pull))], {"cse": True})
+def _refined(statics: ClosedStatics) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+    """Return xi, k, q that solve, pull, data, and the same strains as functions of pull."""
+    pull, data = ca.SX.sym("pull", statics.n_pull), ca.SX.sym("data", statics.n_data)
+    e = ca.SX.sym("e", 3)
+    states = ca.vertcat(*(e[i] for i, name in enumerate(("xi", "k", "q")) if name in statics.names))
+    strain = statics.refine(states, pull, data)
+    return e, pull, data, full_strain(statics, strain, pull, data)[1:]
 
 
 @lru_cache(maxsize=64)
-def _strain_curvature(scene: Scene) -> ca.Function:
-    """Return (pull, body, covector (3,)) -> second derivative (6, 6) of the strains in pull."""
-    pull, body, mu = ca.SX.sym("pull", 6), ca.SX.sym("body", 3), ca.SX.sym("mu", 3)
-    e = strain_function(scene)(pull, body)[1:]
-    hessian = ca.densify(ca.hessian(ca.dot(mu, e), pull)[0])
-    return ca.Function("curvature", [pull, body, mu], [hessian], {"cse": True})
+def _strain_slopes(statics: ClosedStatics) -> ca.Function:
+    """Return (strains xi, k, q, pull, data) -> slopes (3, n_pull) of the strains against pull."""
+    e, pull, data, strain = _refined(statics)
+    slope = ca.densify(ca.jacobian(strain, pull))
+    return ca.Function("slopes", [e, pull, data], [slope], {"cse": True})
 
 
-def _moved_step(scene: Scene, scheme: Magnus) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
+@lru_cache(maxsize=64)
+def _strain_curvature(statics: ClosedStatics) -> ca.Function:
+    """Return (strains, pull, data, weights (3,)) -> second derivative of the strains in pull."""
+    e, pull, data, strain = _refined(statics)
+    mu = ca.SX.sym("mu", 3)
+    hessian = ca.densify(ca.hessian(ca.dot(mu, strain), pull)[0])
+    return ca.Function("curvature", [e, pull, data, mu], [hessian], {"cse": True})
+
+
+def _moved_step(scheme: Magnus) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
     """Return strains e (3 m,), their change d, h, the step's pose, and z(d) to second order."""
     m = len(scheme.nodes)
     e, d, h = ca.SX.sym("e", 3 * m), ca.SX.sym("d", 3 * m), ca.SX.sym("h")
@@ -121,17 +141,17 @@ def _moved_step(scene: Scene, scheme: Magnus) -> tuple[ca.SX, ca.SX, ca.SX, ca.S
 
 
 @lru_cache(maxsize=64)
-def _step_slopes(scene: Scene, scheme: Magnus) -> ca.Function:
+def _step_slopes(scheme: Magnus) -> ca.Function:
     """Return (strains (3 m,), h) -> pose (7,), slopes (6, 3 m) of its twist against strains."""
-    e, d, h, pose, z = _moved_step(scene, scheme)
+    e, d, h, pose, z = _moved_step(scheme)
     slope = ca.densify(ca.substitute(ca.jacobian(z, d), d, ca.SX.zeros(d.numel())))
     return ca.Function("step", [e, h], [pose, slope], {"cse": True})
 
 
 @lru_cache(maxsize=64)
-def _step_curvature(scene: Scene, scheme: Magnus) -> ca.Function:
+def _step_curvature(scheme: Magnus) -> ca.Function:
     """Return (strains (3 m,), h, covector (6,)) -> second derivative of z, its slope (3 m,)."""
-    e, d, h, _, z = _moved_step(scene, scheme)
+    e, d, h, _, z = _moved_step(scheme)
     G, rest = ca.SX.sym("G", 6), ca.SX.zeros(d.numel())
     found = [ca.substitute(ca.densify(v), d, rest) for v in ca.hessian(ca.dot(G, z), d)]
     return ca.Function("step_curvature", [e, h, G], found, {"cse": True})

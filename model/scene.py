@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TypeVar
 
-from model.effects import Effect, Extension, PrintedStatics
+from model.effects import Effect, ExactTendons, Extension, NeoHookean, PrintedStatics
 from model.errors import InputError
 
 E = TypeVar("E", bound=Effect)
@@ -34,6 +34,7 @@ class Scene:
         for kind in kinds:
             if kinds.count(kind) > 1:
                 raise InputError("Scene", kind, "each effect once")
+        _check_together(kinds)
         in_order = sorted(effects, key=lambda effect: type(effect).__name__)
         object.__setattr__(self, "effects", tuple(in_order))
 
@@ -42,6 +43,11 @@ class Scene:
         """Return the paper's scene to the letter: eqs. (10) and (11) as they stand."""
         return cls(Extension(), PrintedStatics())
 
+    @classmethod
+    def silicone(cls) -> Scene:
+        """Return what a real silicone arm calls for: extension, exact tendons, neo-Hookean."""
+        return cls(Extension(), ExactTendons(), NeoHookean())
+
     def find(self, kind: type[E]) -> E | None:
         """Return the scene's effect of a kind, or None if it is not called for."""
         return next((effect for effect in self.effects if isinstance(effect, kind)), None)
@@ -49,3 +55,28 @@ class Scene:
     def has(self, kind: type[Effect]) -> bool:
         """Return whether an effect of a kind is called for."""
         return self.find(kind) is not None
+
+
+# (effect, what it needs), (effect, what it contradicts), each with the reason.
+_NEEDS = {
+    "NeoHookean": (
+        ("Extension", "the body shortens at constant volume"),
+        ("ExactTendons", "its section is the stationary point of an energy"),
+    ),
+}
+_CONTRADICTS = {
+    "PrintedStatics": (
+        ("ExactTendons", "eqs. (10) and (11) are written for the reference tangent"),
+        ("NeoHookean", "eqs. (10) and (11) are written for a linear material"),
+    ),
+}
+
+
+def _check_together(kinds: list[str]) -> None:
+    for kind in kinds:
+        for other, reason in _NEEDS.get(kind, ()):
+            if other not in kinds:
+                raise InputError("Scene", kind, f"{kind} with {other}: {reason}")
+        for other, reason in _CONTRADICTS.get(kind, ()):
+            if other in kinds:
+                raise InputError("Scene", f"{kind} and {other}", f"one of them: {reason}")

@@ -148,6 +148,12 @@ def _estimate(change: Array, order: int, length: float) -> Any:
 
 def _check_stretch(forward: ForwardMap, tensions: Array, which: str = "") -> None:
     stretch = np.array(forward.function(tensions)[1])[0]
+    if np.isnan(stretch).any():
+        s = forward.stretch_at[np.argmax(np.isnan(stretch))]
+        place = (
+            f"{which}{': ' * bool(which)}no equilibrium of the section at s = {s:.6g} m was found"
+        )
+        raise NotSettledError(0.0, np.inf, f"{place}; lower the tensions that cross it")
     if not stretch.min() > 0:
         worst = int(np.argmin(stretch))
         raise CollapsedError(float(forward.stretch_at[worst]), float(stretch[worst]), which)

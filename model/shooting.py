@@ -40,7 +40,7 @@ class Shooting:
     def __init__(self, arm: Arm, scene: Scene, mesh: Mesh, scheme: RungeKutta) -> None:
         self.arm, self.scene, self.mesh, self.scheme = arm, scene, mesh, scheme
         self.segments = segments(arm, scene, mesh, scheme)
-        self.n_strains = len(statics_of(scene).names)
+        self.n_strains = len(statics_of(scene, arm).names)
         self.n_x, self.n_segments = 7 + self.n_strains, len(self.segments)
         L = arm.length
         self.scale = np.array([1.0] * 4 + [L] * 3 + [1 / L] * self.n_strains)

@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from model.arm import Arm
-from model.closed_form import base_pose, pull_map
+from model.closed_form import base_pose, full_strain, sections
 from model.mesh import Mesh
 from model.paths import Array
 from model.rotations import IDENTITY, compose, inverse, multiply, rotate
@@ -22,49 +22,58 @@ from model.runge_kutta import RungeKutta
 from model.scene import Scene
 from model.statics import Statics, statics_of
 from model.statics.base import curvature
-from model.stations import Counts, pulls, stations
+from model.stations import Counts
 
 
 @lru_cache(maxsize=64)
-def step_function(scene: Scene, scheme: RungeKutta) -> ca.Function:
-    """Return (x, pulls, pull rates, bodies, body rates, h) -> x across one step.
+def step_function(statics: Statics, scheme: RungeKutta) -> ca.Function:
+    """Return (x, pulls, pull rates, data, data rates, h) -> x across one step.
 
     The state x is the pose (7,) and the strains; the other arguments have a column for each
     distinct node of the scheme.
     """
-    statics = statics_of(scene)
     nodes = sorted(set(scheme.nodes))
     m, n = len(nodes), len(statics.names)
     x, h = ca.SX.sym("x", 7 + n), ca.SX.sym("h")
-    pull, pull_rate = ca.SX.sym("pull", 6, m), ca.SX.sym("pull_rate", 6, m)
-    body, body_rate = ca.SX.sym("body", 3, m), ca.SX.sym("body_rate", 3, m)
+    pull, pull_rate = (ca.SX.sym(name, statics.n_pull, m) for name in ("pull", "pull_rate"))
+    data, data_rate = (ca.SX.sym(name, statics.n_data, m) for name in ("data", "data_rate"))
+    slope = _slope(statics)
 
     def rate(stage: int, x: ca.SX) -> ca.SX:
         i = nodes.index(scheme.nodes[stage])
-        sums, section = pull[:, i], body[:, i]
-        strain_rate = statics.rate(x[7:], sums, section, pull_rate[:, i], body_rate[:, i])
-        return ca.vertcat(pose_rate(statics, x, sums, section), strain_rate)
+        return slope(x, pull[:, i], data[:, i], pull_rate[:, i], data_rate[:, i])
 
-    args = [x, pull, pull_rate, body, body_rate, h]
+    args = [x, pull, pull_rate, data, data_rate, h]
     return ca.Function("step", args, [scheme.step(rate, x, h)], {"cse": True})
 
 
-def pose_rate(statics: Statics, x: ca.SX, pull: ca.SX, body: ca.SX) -> ca.SX:
+@lru_cache(maxsize=64)
+def _slope(statics: Statics) -> ca.Function:
+    """Return (x, pull, data, pull rate, data rate) -> derivative of x along s."""
+    x = ca.SX.sym("x", 7 + len(statics.names))
+    pull, pull_rate = (ca.SX.sym(name, statics.n_pull) for name in ("pull", "pull_rate"))
+    data, data_rate = (ca.SX.sym(name, statics.n_data) for name in ("data", "data_rate"))
+    strain_rate = statics.rate(x[7:], pull, data, pull_rate, data_rate)
+    slope = ca.vertcat(pose_rate(statics, x, pull, data), strain_rate)
+    return ca.Function("slope", [x, pull, data, pull_rate, data_rate], [slope], {"cse": True})
+
+
+def pose_rate(statics: Statics, x: ca.SX, pull: ca.SX, data: ca.SX) -> ca.SX:
     """Return the derivative (7,) of the pose along s, eq. (1)."""
-    stretch = 1 + statics.stretch(x[7:], pull, body)
+    stretch = 1 + statics.stretch(x[7:], pull, data)
     kappa = stretch * curvature(statics.names, x[7:])
     turn = multiply(x[:4], ca.vertcat(0, kappa)) / 2
     return ca.vertcat(turn, rotate(x[:4], ca.vertcat(stretch, 0, 0)))
 
 
 @lru_cache(maxsize=64)
-def jump_function(scene: Scene) -> ca.Function:
-    """Return (strain on the tip side, outer pull, inner pull, body) -> strain on the base side."""
-    statics = statics_of(scene)
+def jump_function(statics: Statics) -> ca.Function:
+    """Return (strain on the tip side, outer pull, inner pull, data) -> strain on the base side."""
     strain = ca.SX.sym("strain", len(statics.names))
-    outer, inner, body = ca.SX.sym("outer", 6), ca.SX.sym("inner", 6), ca.SX.sym("body", 3)
-    jump = statics.jump(strain, outer, inner, body)
-    return ca.Function("jump", [strain, outer, inner, body], [jump])
+    outer, inner = (ca.SX.sym(name, statics.n_pull) for name in ("outer", "inner"))
+    data = ca.SX.sym("data", statics.n_data)
+    jump = statics.jump(strain, outer, inner, data)
+    return ca.Function("jump", [strain, outer, inner, data], [jump], {"cse": True})
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,18 +113,18 @@ def segments(arm: Arm, scene: Scene, mesh: Mesh, scheme: RungeKutta) -> list[Seg
 
 
 def _jump(arm: Arm, scene: Scene, s: float, outer: int, inner: int) -> ca.Function:
+    statics = statics_of(scene, arm)
     T = ca.MX.sym("T", arm.n_tendons)
-    strain = ca.MX.sym("strain", len(statics_of(scene).names))
-    place, sides = np.array([s, s]), np.array([outer, inner])
-    sums = ca.reshape(pull_map(arm, place, sides) @ T, 6, 2)
-    body = ca.DM(stations(arm, place, sides).body[:, 0])
-    after = jump_function(scene)(strain, sums[:, 0], sums[:, 1], body)
+    strain = ca.MX.sym("strain", len(statics.names))
+    at = sections(arm, statics, np.array([s, s]), np.array([outer, inner]))
+    pull = at.pull(T)
+    after = jump_function(statics)(strain, pull[:, 0], pull[:, 1], at.data[:, 1])
     return ca.Function("jump", [strain, T], [after])
 
 
 def _stretch(arm: Arm, scene: Scene, nodes: Array, active: int) -> ca.Function:
     T = ca.MX.sym("T", arm.n_tendons)
-    strains = ca.MX.sym("strains", len(statics_of(scene).names), nodes.size)
+    strains = ca.MX.sym("strains", len(statics_of(scene, arm).names), nodes.size)
     full = full_strains(arm, scene, nodes, np.full(nodes.size, active), strains, T)
     return ca.Function("stretch", [strains, T], [1 + full[3, :]])
 
@@ -123,26 +132,29 @@ def _stretch(arm: Arm, scene: Scene, nodes: Array, active: int) -> ca.Function:
 def _segment_map(
     arm: Arm, scene: Scene, scheme: RungeKutta, nodes: Array, active: int
 ) -> ca.Function:
-    step = step_function(scene, scheme)
+    statics = statics_of(scene, arm)
+    step = step_function(statics, scheme)
     T, x = ca.MX.sym("T", arm.n_tendons), ca.MX.sym("x", step.size1_in(0))
     h = np.diff(nodes)
-    data = _node_data(arm, scheme, nodes[:-1], h, np.full(h.size, active), T)
+    data = _node_data(arm, statics, scheme, nodes[:-1], h, np.full(h.size, active), T)
     states = step.mapaccum(h.size)(x, *data, ca.DM(h).T)
     return ca.Function("segment", [x, T], [states])
 
 
 def _node_data(
-    arm: Arm, scheme: RungeKutta, start: Array, h: Array, active: Counts, T: ca.MX
+    arm: Arm,
+    statics: Statics,
+    scheme: RungeKutta,
+    start: Array,
+    h: Array,
+    active: Counts,
+    T: ca.MX,
 ) -> tuple[ca.MX | ca.DM, ...]:
-    """Return pulls, pull rates, bodies and body rates at the nodes of steps from start by h."""
+    """Return pulls, pull rates, data and data rates at the nodes of steps from start by h."""
     c = np.array(sorted(set(scheme.nodes)))
     s = (start[:, None] + h[:, None] * c).ravel()
-    at = stations(arm, s, np.repeat(active, c.size))
-    sums = [
-        ca.reshape(ca.sparsify(ca.DM(rows.reshape(-1, arm.n_tendons))) @ T, 6, s.size)
-        for rows in pulls(arm, at)
-    ]
-    return (*sums, ca.DM(at.body), ca.DM(at.body_rate))
+    at = sections(arm, statics, s, np.repeat(active, c.size))
+    return at.pull(T), at.pull_rate(T), at.data, at.data_rate
 
 
 class StrainOde:
@@ -160,7 +172,7 @@ class StrainOde:
         self.arm, self.scene, self.mesh, self.scheme = arm, scene, mesh, scheme
         self.order = scheme.order
         T = ca.MX.sym("T", arm.n_tendons)
-        x = ca.vertcat(ca.MX(ca.DM(IDENTITY)), ca.MX.zeros(len(statics_of(scene).names)))
+        x = ca.vertcat(ca.MX(ca.DM(IDENTITY)), ca.MX.zeros(len(statics_of(scene, arm).names)))
         columns, stretches, places = [], [], []
         for segment in segments(arm, scene, mesh, scheme):
             x = ca.vertcat(x[:7], segment.jump(x[7:], T))
@@ -193,8 +205,9 @@ class StrainOde:
         step = np.clip(np.searchsorted(self.mesh.s, s, side="left") - 1, 0, self.mesh.steps - 1)
         active, start = self.mesh.active[step], self.mesh.s[step + 1]
         T = ca.MX.sym("T", self.arm.n_tendons)
-        data = _node_data(self.arm, self.scheme, start, s - start, active, T)
-        across = step_function(self.scene, self.scheme).map(s.size)
+        statics = statics_of(self.scene, self.arm)
+        data = _node_data(self.arm, statics, self.scheme, start, s - start, active, T)
+        across = step_function(statics, self.scheme).map(s.size)
         x = across(ca.DM(states[step + 1].T), *data, ca.DM(s - start).T)
         strains = full_strains(self.arm, self.scene, s, active, x[7:, :], T)
         values = ca.Function("dense", [T], [x[:7, :], strains])(tensions)
@@ -205,15 +218,14 @@ def full_strains(
     arm: Arm, scene: Scene, s: Array, active: Counts, strains: ca.MX, T: ca.MX
 ) -> ca.MX:
     """Return (tau, xi, k, q) (4, N) at stations s from the strains that are states there (n, N)."""
-    pull = ca.reshape(pull_map(arm, s, active) @ T, 6, s.size)
-    body = ca.DM(stations(arm, s, active).body)
-    return _full_strain_function(scene).map(s.size)(strains, pull, body)
+    statics = statics_of(scene, arm)
+    at = sections(arm, statics, s, active)
+    return _full_strain_function(statics).map(s.size)(strains, at.pull(T), at.data)
 
 
 @lru_cache(maxsize=64)
-def _full_strain_function(scene: Scene) -> ca.Function:
-    statics = statics_of(scene)
+def _full_strain_function(statics: Statics) -> ca.Function:
     strain = ca.SX.sym("strain", len(statics.names))
-    pull, body = ca.SX.sym("pull", 6), ca.SX.sym("body", 3)
-    full = ca.vertcat(curvature(statics.names, strain), statics.stretch(strain, pull, body))
-    return ca.Function("full_strain", [strain, pull, body], [full])
+    pull, data = ca.SX.sym("pull", statics.n_pull), ca.SX.sym("data", statics.n_data)
+    full = full_strain(statics, strain, pull, data)
+    return ca.Function("full_strain", [strain, pull, data], [full])

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 
 from model import Anchorage, Arm, InputError, Linear, Material, Sampled, Scene
-from model.effects import Effect, Extension
+from model.effects import Effect, ExactTendons, Extension, NeoHookean, PrintedStatics
 from planner.targets import Backbone, Bend, BendingPlane, Fetch, Target, TipPose, TipPosition
 
 _MM = 1e-3
@@ -56,6 +56,9 @@ class EffectsTable(_Table, frozen=True):
     """The effects called for."""
 
     extension: bool = False
+    exact_tendons: bool = False
+    neo_hookean: bool = False
+    anticlastic: bool = False
     as_printed: bool = False
 
 
@@ -214,10 +217,15 @@ def _path(key: str, value: PathKey) -> Linear | Sampled:
 
 
 def _scene(table: EffectsTable) -> Scene:
-    if table.as_printed:
-        return Scene.as_printed()
-    effects: list[Effect] = [Extension()] if table.extension else []
-    return Scene(*effects)
+    if table.anticlastic and not table.neo_hookean:
+        raise InputError("anticlastic", True, "anticlastic = true with neo_hookean = true only")
+    called: list[tuple[bool, Effect]] = [
+        (table.extension or table.as_printed, Extension()),
+        (table.exact_tendons, ExactTendons()),
+        (table.neo_hookean, NeoHookean(table.anticlastic)),
+        (table.as_printed, PrintedStatics()),
+    ]
+    return Scene(*(effect for wanted, effect in called if wanted))
 
 
 def _target(table: TargetTable) -> Target:

@@ -6,57 +6,95 @@ from typing import Protocol, runtime_checkable
 
 import casadi as ca
 
-from model.effects import Extension, PrintedStatics
+from model.arm import Arm
+from model.effects import ExactTendons, Extension, NeoHookean, PrintedStatics
+from model.paths import Array
 from model.scene import Scene
+from model.stations import Stations, sides
 
 
 class Statics(Protocol):
-    """Relations between tendon sums, body and strains at one cross-section, as SX expressions.
+    """Relations between tensions, section and strains at one cross-section, as SX expressions.
 
-    The arguments are those of model.stations: `pull` (6,) the sums over tendons, `body` (3,)
-    E A, E J, G I, and their derivatives along s. The strains are (xi, k) or (tau, xi, k): curvature
-    per unit deformed length about t, n, b [1/m], torsion only where the statics produce any.
+    A statics is a frozen value. What it needs of a cross-section are `pull` (n_pull,), numbers that
+    are linear in the tensions, and `data` (n_data,), numbers of body and tendon paths. Its strains
+    are (xi, k), with tau before and q after where these are not to be had from the others:
+    curvature per unit deformed length about t, n, b [1/m], and longitudinal strain [-].
     """
+
+    def __hash__(self) -> int:
+        """Return the hash of the value."""
 
     @property
     def names(self) -> tuple[str, ...]:
         """Return the names of the strains that are states."""
 
-    def rate(
-        self, strain: ca.SX, pull: ca.SX, body: ca.SX, pull_rate: ca.SX, body_rate: ca.SX
-    ) -> ca.SX:
-        """Return the derivative of the strains along s [1/m2]: the tip-to-base equations."""
+    @property
+    def n_pull(self) -> int:
+        """Return the size of pull."""
 
-    def jump(self, strain: ca.SX, outer: ca.SX, inner: ca.SX, body: ca.SX) -> ca.SX:
+    @property
+    def n_data(self) -> int:
+        """Return the size of data."""
+
+    def pulls(self, arm: Arm, at: Stations) -> tuple[Array, Array]:
+        """Return the maps (N, n_pull, n_tendons) from tensions to pull, and their s-derivatives."""
+
+    def data(self, at: Stations) -> tuple[Array, Array]:
+        """Return data (n_data, N) and its s-derivative."""
+
+    def rate(
+        self, strain: ca.SX, pull: ca.SX, data: ca.SX, pull_rate: ca.SX, data_rate: ca.SX
+    ) -> ca.SX:
+        """Return the derivative of the strains along s: the tip-to-base equations."""
+
+    def jump(self, strain: ca.SX, outer: ca.SX, inner: ca.SX, data: ca.SX) -> ca.SX:
         """Return the strains on the base side of an anchorage from those on its tip side.
 
-        `outer` and `inner` are the tendon sums on the tip and the base side.
+        `outer` and `inner` are the pull on the tip and the base side.
         """
 
-    def stretch(self, strain: ca.SX, pull: ca.SX, body: ca.SX) -> ca.SX:
+    def stretch(self, strain: ca.SX, pull: ca.SX, data: ca.SX) -> ca.SX:
         """Return the longitudinal strain q [-]."""
 
 
 @runtime_checkable
 class ClosedStatics(Statics, Protocol):
-    """Statics whose strains are in closed form, so that nothing needs integrating but the pose."""
+    """Statics whose strains follow from one cross-section, so that only the pose is integrated."""
 
-    def solve(self, pull: ca.SX, body: ca.SX, moment: ca.SX) -> ca.SX:
-        """Return the strains under an external moment (components like the strains) [N m]."""
+    def solve(self, pull: ca.SX, data: ca.SX) -> ca.SX:
+        """Return the strains without external load, NaN where there are none."""
 
-    def moment(self, strain: ca.SX, pull: ca.SX, body: ca.SX) -> ca.SX:
-        """Return the external moment that balances body and tendons [N m]."""
+    def refine(self, strain: ca.SX, pull: ca.SX, data: ca.SX) -> ca.SX:
+        """Return the strains again from strains that solve; differentiable twice in pull."""
 
 
-def statics_of(scene: Scene) -> Statics:
-    """Return the statics that a scene calls for."""
+def statics_of(scene: Scene, arm: Arm) -> Statics:
+    """Return the statics that a scene calls for, for an arm's tendons."""
+    from model.statics.exact import Exact
     from model.statics.printed import Printed
     from model.statics.reference import ReferenceTangent
 
     extension = scene.has(Extension)
-    return Printed(extension) if scene.has(PrintedStatics) else ReferenceTangent(extension)
+    if scene.has(PrintedStatics):
+        return Printed(extension)
+    if not scene.has(ExactTendons):
+        return ReferenceTangent(extension)
+    rubber = scene.find(NeoHookean)
+    section = tuple(i for i, _ in arm.tendons)
+    cos, sin = sides(arm)
+    return Exact(
+        section,
+        tuple(cos.tolist()),
+        tuple(sin.tolist()),
+        extension,
+        rubber is not None,
+        rubber is not None and rubber.anticlastic,
+    )
 
 
 def curvature(names: tuple[str, ...], strain: ca.SX) -> ca.SX:
     """Return (tau, xi, k), with tau = 0 where the statics carry no torsion."""
-    return strain if "tau" in names else ca.vertcat(0, strain)
+    zero = ca.SX(0)
+    parts = [strain[names.index(name)] if name in names else zero for name in ("tau", "xi", "k")]
+    return ca.vertcat(*parts)

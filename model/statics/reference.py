@@ -2,10 +2,45 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 import casadi as ca
 
+from model.arm import Arm
+from model.paths import Array
+from model.statics.sums import tendon_sums
+from model.stations import Stations
 
-class ReferenceTangent:
+
+@dataclass(frozen=True)
+class SumsOverTendons:
+    """What statics with the reference tangent take from a cross-section.
+
+    `pull` are the six sums of model.statics.sums, `data` is E A, E J, G I.
+    """
+
+    extension: bool
+    n_pull: int = field(default=6, init=False)
+    n_data: int = field(default=3, init=False)
+
+    def pulls(self, arm: Arm, at: Stations) -> tuple[Array, Array]:
+        """See Statics.pulls."""
+        return tendon_sums(arm, at)
+
+    def data(self, at: Stations) -> tuple[Array, Array]:
+        """See Statics.data."""
+        return at.body, at.body_rate
+
+    def stretch(self, strain: ca.SX, pull: ca.SX, data: ca.SX) -> ca.SX:
+        """See Statics.stretch: E A q = - sum T t . c, reference tangent, eqs. (3b), (9a)."""
+        if not self.extension:
+            return ca.SX(0)
+        xi, k = strain[-2], strain[-1]
+        return (k * pull[1] - xi * pull[2] - pull[0]) / data[0]
+
+
+@dataclass(frozen=True)
+class ReferenceTangent(SumsOverTendons):
     """Tendon tangent c = t + y' d + y omega x d, as the paper takes it; linear in omega.
 
     Moment balance of the part beyond the section, K omega = - sum T y d x c + M, becomes
@@ -14,48 +49,39 @@ class ReferenceTangent:
     the differential form is the derivative of the balance, eq. (10) with omega x K omega added.
     """
 
-    names: tuple[str, ...] = ("xi", "k")
+    names: tuple[str, ...] = field(default=("xi", "k"), init=False)
 
-    def __init__(self, extension: bool) -> None:
-        self.extension = extension
-
-    def _balance(self, pull: ca.SX, body: ca.SX) -> tuple[ca.SX, ca.SX]:
+    def _balance(self, pull: ca.SX, data: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return D and m in D omega - m = M."""
         _, c, s, cc, sc, ss = ca.vertsplit(pull)
-        EJ = body[1]
+        EJ = data[1]
         return ca.blockcat([[EJ + ss, -sc], [-sc, EJ + cc]]), ca.vertcat(-s, c)
 
-    def solve(self, pull: ca.SX, body: ca.SX, moment: ca.SX) -> ca.SX:
-        """See Statics.solve."""
-        D, m = self._balance(pull, body)
-        return solve_2x2(D, m + moment)
+    def solve(self, pull: ca.SX, data: ca.SX) -> ca.SX:
+        """See ClosedStatics.solve."""
+        return solve_2x2(*self._balance(pull, data))
 
-    def moment(self, strain: ca.SX, pull: ca.SX, body: ca.SX) -> ca.SX:
-        """See Statics.moment."""
-        D, m = self._balance(pull, body)
+    def refine(self, strain: ca.SX, pull: ca.SX, data: ca.SX) -> ca.SX:
+        """See ClosedStatics.refine: the closed form needs no guess."""
+        return self.solve(pull, data)
+
+    def moment(self, strain: ca.SX, pull: ca.SX, data: ca.SX) -> ca.SX:
+        """Return the external moment (2,) that balances body and tendons [N m]."""
+        D, m = self._balance(pull, data)
         return D @ strain - m
 
     def rate(
-        self, strain: ca.SX, pull: ca.SX, body: ca.SX, pull_rate: ca.SX, body_rate: ca.SX
+        self, strain: ca.SX, pull: ca.SX, data: ca.SX, pull_rate: ca.SX, data_rate: ca.SX
     ) -> ca.SX:
         """See Statics.rate: eq. (10) with the turning of the frame; the external moment is zero."""
-        D, _ = self._balance(pull, body)
-        D_rate, m_rate = self._balance(pull_rate, body_rate)
+        D, _ = self._balance(pull, data)
+        D_rate, m_rate = self._balance(pull_rate, data_rate)
         return solve_2x2(D, m_rate - D_rate @ strain)
 
-    def jump(self, strain: ca.SX, outer: ca.SX, inner: ca.SX, body: ca.SX) -> ca.SX:
+    def jump(self, strain: ca.SX, outer: ca.SX, inner: ca.SX, data: ca.SX) -> ca.SX:
         """See Statics.jump: the external moment is continuous."""
-        return self.solve(inner, body, self.moment(strain, outer, body))
-
-    def stretch(self, strain: ca.SX, pull: ca.SX, body: ca.SX) -> ca.SX:
-        """See Statics.stretch."""
-        return axial_strain(strain, pull, body) if self.extension else ca.SX(0)
-
-
-def axial_strain(strain: ca.SX, pull: ca.SX, body: ca.SX) -> ca.SX:
-    """Return q from E A q = - sum T t . c with the reference tangent, eqs. (3b), (9a)."""
-    xi, k = strain[-2], strain[-1]
-    return (k * pull[1] - xi * pull[2] - pull[0]) / body[0]
+        D, m = self._balance(inner, data)
+        return solve_2x2(D, m + self.moment(strain, outer, data))
 
 
 def solve_2x2(D: ca.SX, rhs: ca.SX) -> ca.SX:

@@ -11,7 +11,8 @@ import pytest
 from model import Arm, Scene, settle
 from model.effects import Extension, PrintedStatics
 from model.statics import Statics, statics_of
-from model.stations import pulls, stations
+from model.statics.sums import tendon_sums
+from model.stations import stations
 from model.strain_ode import jump_function
 from tests.model.cases import paper_tensions
 from tests.oracles import (
@@ -40,7 +41,7 @@ def drawn(seed: int) -> tuple[Array, float, Array]:
 
 @lru_cache(maxsize=2)
 def rate_function(scene: Scene) -> ca.Function:
-    statics: Statics = statics_of(scene)
+    statics: Statics = statics_of(scene, ARM)
     sizes = (len(statics.names), 6, 3, 6, 3)
     args = [ca.SX.sym(f"x{i}", n) for i, n in enumerate(sizes)]
     return ca.Function("rate", args, [statics.rate(*args)])
@@ -48,7 +49,7 @@ def rate_function(scene: Scene) -> ca.Function:
 
 def model_rate(scene: Scene, T: Array, s: float, omega: Array) -> Array:
     at = stations(ARM, np.array([s]), np.array([ROD.active(s)]))
-    sums, slopes = (rows[0] @ T for rows in pulls(ARM, at))
+    sums, slopes = (rows[0] @ T for rows in tendon_sums(ARM, at))
     rate = rate_function(scene)(omega, sums, at.body[:, 0], slopes, at.body_rate[:, 0])
     return np.array(rate).ravel()
 
@@ -104,10 +105,10 @@ def jumps(T: Array, anchorage: int) -> tuple[Array, Array, Array]:
     """Return (xi, k) in balance beyond an anchorage, and after the printed and the true jump."""
     s = np.full(2, ROD.sections[anchorage].at)
     at = stations(ARM, s, np.array([anchorage, anchorage + 1]))
-    outer, inner = pulls(ARM, at)[0] @ T
+    outer, inner = tendon_sums(ARM, at)[0] @ T
     before = strain(ROD, T, s[0], False, anchorage)[:3]
-    printed = jump_function(PRINTED)(before, outer, inner, at.body[:, 0])
-    true = jump_function(CONSISTENT)(before[1:], outer, inner, at.body[:, 0])
+    printed = jump_function(statics_of(PRINTED, ARM))(before, outer, inner, at.body[:, 0])
+    true = jump_function(statics_of(CONSISTENT, ARM))(before[1:], outer, inner, at.body[:, 0])
     return before[1:], np.array(printed).ravel()[1:], np.array(true).ravel()
 
 
