@@ -101,30 +101,57 @@ def _sums(X: ca.MX, S: int) -> list[ca.MX]:
     return total
 
 
-def _refined(statics: ClosedStatics) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-    """Return xi, k, q that solve, pull, data, and the same strains as functions of pull."""
-    pull, data = ca.SX.sym("pull", statics.n_pull), ca.SX.sym("data", statics.n_data)
-    e = ca.SX.sym("e", 3)
-    states = ca.vertcat(*(e[i] for i, name in enumerate(("xi", "k", "q")) if name in statics.names))
-    strain = statics.refine(states, pull, data)
-    return e, pull, data, full_strain(statics, strain, pull, data)[1:]
-
-
 @lru_cache(maxsize=64)
 def _strain_slopes(statics: ClosedStatics) -> ca.Function:
     """Return (strains xi, k, q, pull, data) -> slopes (3, n_pull) of the strains against pull."""
-    e, pull, data, strain = _refined(statics)
-    slope = ca.densify(ca.jacobian(strain, pull))
-    return ca.Function("slopes", [e, pull, data], [slope], {"cse": True})
+    e, v, pull, data = _section_symbols(statics)
+    residual = statics.residual(v, pull, data)
+    strain = full_strain(statics, statics.strain(v), pull, data)[1:]
+    turn = -_solve(ca.jacobian(residual, v), ca.jacobian(residual, pull))
+    slope = ca.jacobian(strain, v) @ turn + ca.jacobian(strain, pull)
+    found = ca.substitute([ca.densify(slope)], [v], [statics.unknowns(_states(statics, e))])
+    return ca.Function("slopes", [e, pull, data], found, {"cse": True})
 
 
 @lru_cache(maxsize=64)
 def _strain_curvature(statics: ClosedStatics) -> ca.Function:
-    """Return (strains, pull, data, weights (3,)) -> second derivative of the strains in pull."""
-    e, pull, data, strain = _refined(statics)
-    mu = ca.SX.sym("mu", 3)
-    hessian = ca.densify(ca.hessian(ca.dot(mu, strain), pull)[0])
-    return ca.Function("curvature", [e, pull, data, mu], [hessian], {"cse": True})
+    """Return (strains, pull, data, weights (3,)) -> second derivative of the strains in pull.
+
+    With v(u) from R(v, u) = 0 and the strains S(v, u), the second derivative of mu . S is that of
+    L = mu . S - lam . R along (v', 1), where lam = R_v^-T S_v^T mu.
+    """
+    e, v, pull, data = _section_symbols(statics)
+    mu, lam = ca.SX.sym("mu", 3), ca.SX.sym("lam", v.numel())
+    residual = statics.residual(v, pull, data)
+    strain = full_strain(statics, statics.strain(v), pull, data)[1:]
+    R_v = ca.jacobian(residual, v)
+    turn = -_solve(R_v, ca.jacobian(residual, pull))
+    weight = _solve(R_v.T, ca.jtimes(strain, v, mu, True))
+    L = ca.dot(mu, strain) - ca.dot(lam, residual)
+    L_vv, L_v = ca.hessian(L, v)
+    L_vu, L_uu = ca.jacobian(L_v, pull), ca.hessian(L, pull)[0]
+    mixed = turn.T @ L_vu
+    hessian = turn.T @ L_vv @ turn + mixed + mixed.T + L_uu
+    hessian = ca.substitute(ca.densify(hessian), lam, weight)
+    found = ca.substitute([hessian], [v], [statics.unknowns(_states(statics, e))])
+    return ca.Function("curvature", [e, pull, data, mu], found, {"cse": True})
+
+
+def _section_symbols(statics: ClosedStatics) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+    """Return symbols: strains xi, k, q, unknowns v, pull, data."""
+    e, v = ca.SX.sym("e", 3), ca.SX.sym("v", len(statics.names))
+    return e, v, ca.SX.sym("pull", statics.n_pull), ca.SX.sym("data", statics.n_data)
+
+
+def _states(statics: ClosedStatics, e: ca.SX) -> ca.SX:
+    """Return those of xi, k, q that the statics carry as states."""
+    kept = [e[i] for i, name in enumerate(("xi", "k", "q")) if name in statics.names]
+    return ca.vertcat(*kept)
+
+
+def _solve(A: ca.SX, B: ca.SX) -> ca.SX:
+    """Return A^-1 B for a small matrix A, by minors."""
+    return ca.inv_minor(A) @ B
 
 
 def _moved_step(scheme: Magnus) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:

@@ -65,8 +65,14 @@ class ClosedStatics(Statics, Protocol):
     def solve(self, pull: ca.SX, data: ca.SX) -> ca.SX:
         """Return the strains without external load, NaN where there are none."""
 
-    def refine(self, strain: ca.SX, pull: ca.SX, data: ca.SX) -> ca.SX:
-        """Return the strains again from strains that solve; differentiable twice in pull."""
+    def unknowns(self, strain: ca.SX) -> ca.SX:
+        """Return the unknowns v that the strains were found as."""
+
+    def residual(self, v: ca.SX, pull: ca.SX, data: ca.SX) -> ca.SX:
+        """Return what vanishes where v solves; as many as there are unknowns."""
+
+    def strain(self, v: ca.SX) -> ca.SX:
+        """Return the strains of unknowns v."""
 
 
 def statics_of(scene: Scene, arm: Arm) -> Statics:

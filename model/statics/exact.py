@@ -75,14 +75,12 @@ class Exact:
         v = self._guess(pull, data)
         for _ in range(_STEPS):
             v, step = newton(v, pull, data)
-        return self._strain(ca.if_else(step < _SETTLED, v, np.nan))
+        return self.strain(ca.if_else(step < _SETTLED, v, np.nan))
 
-    def refine(self, strain: ca.SX, pull: ca.SX, data: ca.SX) -> ca.SX:
-        """See ClosedStatics.refine: two Newton steps are exact to third order."""
-        newton, v = self._newton(), self._unknowns(strain)
-        for _ in range(2):
-            v, _ = newton(v, pull, data)
-        return self._strain(v)
+    def residual(self, v: ca.SX, pull: ca.SX, data: ca.SX) -> ca.SX:
+        """See ClosedStatics.residual: the gradient of the energy."""
+        u, slope, _ = self._symbols(pull, data)
+        return ca.substitute([slope], [u], [v])[0]
 
     def rate(
         self, strain: ca.SX, pull: ca.SX, data: ca.SX, pull_rate: ca.SX, data_rate: ca.SX
@@ -90,7 +88,7 @@ class Exact:
         """See Statics.rate: the derivative along s of the energy's vanishing gradient."""
         v, slope, hessian = self._symbols(pull, data)
         along = ca.jtimes(slope, data, data_rate) + ca.jtimes(slope, pull, pull_rate)
-        change = ca.substitute([_solve(hessian, -along)], [v], [self._unknowns(strain)])[0]
+        change = ca.substitute([_solve(hessian, -along)], [v], [self.unknowns(strain)])[0]
         if not self.extension:
             return change
         stretch = 1 + strain[2]
@@ -165,10 +163,12 @@ class Exact:
         stiff = EJ * (1 + 2 / stretch**3) / (3 * ca.sqrt(stretch))
         return ca.vertcat(m_n / stiff, m_b / stiff, stretch)
 
-    def _strain(self, v: ca.SX) -> ca.SX:
+    def strain(self, v: ca.SX) -> ca.SX:
+        """See ClosedStatics.strain."""
         return ca.vertcat(v[:2] / v[2], v[2] - 1) if self.extension else v
 
-    def _unknowns(self, strain: ca.SX) -> ca.SX:
+    def unknowns(self, strain: ca.SX) -> ca.SX:
+        """See ClosedStatics.unknowns: (kappa_n, kappa_b, lambda)."""
         if not self.extension:
             return strain
         return ca.vertcat(strain[:2] * (1 + strain[2]), 1 + strain[2])

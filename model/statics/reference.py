@@ -61,9 +61,17 @@ class ReferenceTangent(SumsOverTendons):
         """See ClosedStatics.solve."""
         return solve_2x2(*self._balance(pull, data))
 
-    def refine(self, strain: ca.SX, pull: ca.SX, data: ca.SX) -> ca.SX:
-        """See ClosedStatics.refine: the closed form needs no guess."""
-        return self.solve(pull, data)
+    def unknowns(self, strain: ca.SX) -> ca.SX:
+        """See ClosedStatics.unknowns: the strains themselves."""
+        return strain
+
+    def residual(self, v: ca.SX, pull: ca.SX, data: ca.SX) -> ca.SX:
+        """See ClosedStatics.residual."""
+        return self.moment(v, pull, data)
+
+    def strain(self, v: ca.SX) -> ca.SX:
+        """See ClosedStatics.strain."""
+        return v
 
     def moment(self, strain: ca.SX, pull: ca.SX, data: ca.SX) -> ca.SX:
         """Return the external moment (2,) that balances body and tendons [N m]."""
