@@ -21,7 +21,6 @@ from model.arm import Arm
 from model.closed_form import (
     base_pose,
     closed_statics,
-    full_strain,
     nodes_of,
     sections,
     strain_function,
@@ -31,7 +30,7 @@ from model.magnus import Magnus
 from model.mesh import Mesh
 from model.rotations import compose, exponential, inverse, matrix, rotate
 from model.scene import Scene
-from model.statics import ClosedStatics
+from model.strain_derivatives import block_diagonal, strain_curvature, strain_slopes
 
 
 class PoseDerivatives:
@@ -62,35 +61,30 @@ class PoseDerivatives:
 
         pull = at_nodes.pull(T)
         strains = strain_function(statics).map(s.size)(pull, data)[1:, :]
-        slopes = _strain_slopes(statics).map(s.size)(strains, pull, data)
+        slopes = strain_slopes(statics).map(s.size)(strains, pull, data)
         steps, local = _step_slopes(scheme).map(S)(_by_step(strains, S), h)
         g = ca.horzcat(ca.DM(base_pose(arm)), _chain().mapaccum(S)(ca.DM(base_pose(arm)), steps))
-        D = _blocks(slopes, 3, u) @ W
-        X = _blocks(_adjoint().map(S)(g[:, :S]), 6, 6) @ (_blocks(local, 6, 3 * m) @ D)
+        D = block_diagonal(slopes, 3, u) @ W
+        X = block_diagonal(_adjoint().map(S)(g[:, :S]), 6, 6) @ (
+            block_diagonal(local, 6, 3 * m) @ D
+        )
         Y = _sums(X, S)
         twists = ca.vertcat(*(Y[c] for c in columns))
         self.first = ca.Function("first", [T], [g[:, columns], twists])
 
         beyond = G @ ca.DM([[float(i < column) for i in range(S)] for column in columns])
-        turned = _blocks(_bracket_form().map(S)(beyond), 6, 6) @ X
+        turned = block_diagonal(_bracket_form().map(S)(beyond), 6, 6) @ X
         crossed = ca.vertcat(*Y[:S]).T @ turned
         covectors = _pulled_back().map(S)(g[:, :S], beyond)
         Q, in_strains = _step_curvature(scheme).map(S)(_by_step(strains, S), h, covectors)
         weights = ca.reshape(in_strains, 3, s.size)
-        K = _strain_curvature(statics).map(s.size)(strains, pull, data, weights)
-        own = D.T @ (_blocks(Q, 3 * m, 3 * m) @ D) + W.T @ (_blocks(K, u, u) @ W)
+        K = strain_curvature(statics).map(s.size)(strains, pull, data, weights)
+        own = D.T @ (block_diagonal(Q, 3 * m, 3 * m) @ D) + W.T @ (block_diagonal(K, u, u) @ W)
         self.second = ca.Function("second", [T, G], [(crossed + crossed.T) / 2 + own])
 
 
 def _by_step(strains: ca.MX, S: int) -> ca.MX:
     return ca.reshape(strains, -1, S)
-
-
-def _blocks(dense: ca.MX, rows: int, columns: int) -> ca.MX:
-    """Return the block diagonal matrix of blocks that stand side by side (rows, columns N)."""
-    count = dense.numel() // (rows * columns)
-    pattern = ca.diagcat(*[ca.Sparsity.dense(rows, columns)] * count)
-    return ca.MX(pattern, ca.vec(dense))
 
 
 def _sums(X: ca.MX, S: int) -> list[ca.MX]:
@@ -99,59 +93,6 @@ def _sums(X: ca.MX, S: int) -> list[ca.MX]:
     for block in ca.vertsplit(X, 6):
         total.append(total[-1] + block)
     return total
-
-
-@lru_cache(maxsize=64)
-def _strain_slopes(statics: ClosedStatics) -> ca.Function:
-    """Return (strains xi, k, q, pull, data) -> slopes (3, n_pull) of the strains against pull."""
-    e, v, pull, data = _section_symbols(statics)
-    residual = statics.residual(v, pull, data)
-    strain = full_strain(statics, statics.strain(v), pull, data)[1:]
-    turn = -_solve(ca.jacobian(residual, v), ca.jacobian(residual, pull))
-    slope = ca.jacobian(strain, v) @ turn + ca.jacobian(strain, pull)
-    found = ca.substitute([ca.densify(slope)], [v], [statics.unknowns(_states(statics, e))])
-    return ca.Function("slopes", [e, pull, data], found, {"cse": True})
-
-
-@lru_cache(maxsize=64)
-def _strain_curvature(statics: ClosedStatics) -> ca.Function:
-    """Return (strains, pull, data, weights (3,)) -> second derivative of the strains in pull.
-
-    With v(u) from R(v, u) = 0 and the strains S(v, u), the second derivative of mu . S is that of
-    L = mu . S - lam . R along (v', 1), where lam = R_v^-T S_v^T mu.
-    """
-    e, v, pull, data = _section_symbols(statics)
-    mu, lam = ca.SX.sym("mu", 3), ca.SX.sym("lam", v.numel())
-    residual = statics.residual(v, pull, data)
-    strain = full_strain(statics, statics.strain(v), pull, data)[1:]
-    R_v = ca.jacobian(residual, v)
-    turn = -_solve(R_v, ca.jacobian(residual, pull))
-    weight = _solve(R_v.T, ca.jtimes(strain, v, mu, True))
-    L = ca.dot(mu, strain) - ca.dot(lam, residual)
-    L_vv, L_v = ca.hessian(L, v)
-    L_vu, L_uu = ca.jacobian(L_v, pull), ca.hessian(L, pull)[0]
-    mixed = turn.T @ L_vu
-    hessian = turn.T @ L_vv @ turn + mixed + mixed.T + L_uu
-    hessian = ca.substitute(ca.densify(hessian), lam, weight)
-    found = ca.substitute([hessian], [v], [statics.unknowns(_states(statics, e))])
-    return ca.Function("curvature", [e, pull, data, mu], found, {"cse": True})
-
-
-def _section_symbols(statics: ClosedStatics) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-    """Return symbols: strains xi, k, q, unknowns v, pull, data."""
-    e, v = ca.SX.sym("e", 3), ca.SX.sym("v", len(statics.names))
-    return e, v, ca.SX.sym("pull", statics.n_pull), ca.SX.sym("data", statics.n_data)
-
-
-def _states(statics: ClosedStatics, e: ca.SX) -> ca.SX:
-    """Return those of xi, k, q that the statics carry as states."""
-    kept = [e[i] for i, name in enumerate(("xi", "k", "q")) if name in statics.names]
-    return ca.vertcat(*kept)
-
-
-def _solve(A: ca.SX, B: ca.SX) -> ca.SX:
-    """Return A^-1 B for a small matrix A, by minors."""
-    return ca.inv_minor(A) @ B
 
 
 def _moved_step(scheme: Magnus) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:

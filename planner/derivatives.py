@@ -1,11 +1,12 @@
 """Exact derivatives of a program: through the chain of poses where there is one, else by CasADi.
 
-The program's functions depend on the tensions directly and through the poses at the stations. A
-change of poses is written as spatial twists zeta, so that with Z the twists per unknown
+The program's functions depend on the tensions directly, through the poses at the stations, and
+through the least stretches. A change of poses is written as spatial twists; with w the twists and
+the changes of stretch, and Z their slopes against the unknowns,
 
-    Jacobian = g_x + g_zeta Z      Hessian = V^T L_ww V + L_zeta . Z'      V = [1; Z], w = (x, zeta)
+    Jacobian = g_x + g_w Z        Hessian = L_xx + L_xw Z + (L_xw Z)^T + Z^T L_ww Z + L_w . Z'
 
-where Z and Z' come from model.pose_derivatives and everything else is small.
+where Z and Z' come from the model's derivatives and everything else is small.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from model.pose_derivatives import PoseDerivatives, moved_pose
+from model.strain_derivatives import StretchDerivatives
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,48 +50,56 @@ def plain(x: ca.MX, p: ca.MX, f: ca.MX, g: ca.MX) -> Derivatives:
 
 
 def through_poses(
-    x: ca.MX, p: ca.MX, unit: ca.MX, outer: ca.Function, chain: PoseDerivatives
+    x: ca.MX,
+    p: ca.MX,
+    unit: ca.MX,
+    outer: ca.Function,
+    chain: PoseDerivatives,
+    least: StretchDerivatives | None,
 ) -> Derivatives:
-    """Return the derivatives of a program, `outer`: x, p, poses (7, K) -> f, g.
+    """Return the derivatives of a program, `outer`: x, p, poses (7, K), stretches (r,) -> f, g.
 
     `unit` (n,), an expression of p, scales the first n unknowns to tensions [N].
     """
-    K = outer.size2_in(2)
-    here, zeta = ca.MX.sym("here", 7, K), ca.MX.sym("zeta", 6 * K)
-    moved = [moved_pose()(here[:, k], zeta[6 * k : 6 * k + 6]) for k in range(K)]
-    f, g = outer(x, p, ca.horzcat(*moved))
+    K, r = outer.size2_in(2), outer.size1_in(3)
+    here, thin = ca.MX.sym("here", 7, K), ca.MX.sym("thin", r)
+    w = ca.MX.sym("w", 6 * K + r)
+    moved = [moved_pose()(here[:, k], w[6 * k : 6 * k + 6]) for k in range(K)]
+    f, g = outer(x, p, ca.horzcat(*moved), thin + w[6 * K :])
     sigma, lam = ca.MX.sym("sigma"), ca.MX.sym("lam", g.numel())
-    order1 = [ca.jacobian(v, part) for v in (f, g) for part in (x, zeta)]
-    first = ca.Function("first", [x, p, here, zeta], [g, *order1])
-    blocks = _hessian_blocks(sigma * f + ca.dot(lam, g), x, zeta)
-    second = ca.Function("second", [x, p, here, zeta, sigma, lam], blocks)
+    order1 = [ca.jacobian(v, part) for v in (f, g) for part in (x, w)]
+    first = ca.Function("first", [x, p, here, thin, w], [g, *order1])
+    blocks = _hessian_blocks(sigma * f + ca.dot(lam, g), x, w)
+    second = ca.Function("second", [x, p, here, thin, w, sigma, lam], blocks)
 
-    n, still = unit.numel(), ca.DM.zeros(6 * K)
+    n, still = unit.numel(), ca.DM.zeros(6 * K + r)
     T = x[:n] * unit
-    at, twists = chain.first(T)
-    scaled = twists @ ca.diag(unit)
-    Z = ca.horzcat(scaled, ca.MX(6 * K, x.numel() - n))
-    value, f_x, f_zeta, g_x, g_zeta = first(x, p, at, still)
-    slopes = [(f_x + f_zeta @ Z).T, value, g_x + g_zeta @ Z]
-    L_xx, L_xz, L_zz, L_z = second(x, p, at, still, sigma, lam)
-    bent = ca.diag(unit) @ chain.second(T, ca.reshape(L_z, 6, K)) @ ca.diag(unit)
-    own = ca.diagcat(bent, ca.MX(x.numel() - n, x.numel() - n))
-    mixed = L_xz @ Z
-    hessian = L_xx + mixed + mixed.T + Z.T @ (L_zz @ Z) + own
+    poses, twists = chain.first(T)
+    stretch, slopes = least.first(T) if least else (ca.MX(0, 1), ca.MX(0, n))
+    Z = ca.horzcat(ca.vertcat(twists, slopes) @ ca.diag(unit), ca.MX(6 * K + r, x.numel() - n))
+    at = (x, p, poses, stretch, still)
+    value, f_x, f_w, g_x, g_w = first(*at)
+    outputs = [(f_x + f_w @ Z).T, value, g_x + g_w @ Z]
+    L_xx, L_xw, L_ww, L_w = second(*at, sigma, lam)
+    bent = chain.second(T, ca.reshape(L_w[: 6 * K], 6, K))
+    bent = bent + least.second(T, L_w[6 * K :]) if least else bent
+    own = ca.diagcat(ca.diag(unit) @ bent @ ca.diag(unit), ca.MX(x.numel() - n, x.numel() - n))
+    mixed = L_xw @ Z
+    hessian = L_xx + mixed + mixed.T + Z.T @ (L_ww @ Z) + own
     return Derivatives(
-        _gradient(x, p, *_objective(x, p, at, outer, slopes[0])),
-        ca.Function("slopes", [x, p], slopes),
+        _gradient(x, p, *_objective(x, p, (poses, stretch), outer, outputs[0])),
+        ca.Function("slopes", [x, p], outputs),
         ca.Function("curvature", [x, p, sigma, lam], [ca.densify(hessian)]),
     )
 
 
 def _objective(
-    x: ca.MX, p: ca.MX, at: ca.MX, outer: ca.Function, slope: ca.MX
+    x: ca.MX, p: ca.MX, at: tuple[ca.MX, ca.MX], outer: ca.Function, slope: ca.MX
 ) -> tuple[ca.MX, ca.MX]:
     """Return f and its gradient, without the chain where f does not look at the poses."""
     if outer.jac_sparsity(0, 2).nnz() > 0:
-        return outer(x, p, at)[0], slope
-    f = outer(x, p, ca.DM.ones(outer.size_in(2)))[0]
+        return outer(x, p, *at)[0], slope
+    f = outer(x, p, ca.DM.ones(outer.size_in(2)), ca.DM.ones(outer.size_in(3)))[0]
     return f, ca.gradient(f, x)
 
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import casadi as ca
 import numpy as np
 
 from model.arm import Arm
-from model.closed_form import strains_at
 from model.effects import Extension
 from model.forward import SCHEMES, forward_map
 from model.magnus import Magnus
@@ -20,6 +19,7 @@ from model.runge_kutta import RungeKutta
 from model.scene import Scene
 from model.shooting import Shooting
 from model.stations import Counts
+from model.strain_derivatives import StretchDerivatives
 from planner.statement import Statement
 
 
@@ -39,13 +39,16 @@ class Mechanics:
         Constraints that settle the states.
     chain : PoseDerivatives or None
         The derivatives of the poses, where they are a chain of steps.
+    least : StretchDerivatives or None
+        Those of the stretches, where sections settle by themselves.
     """
 
     states: ca.MX
     poses: ca.MX
     stretch: ca.MX
     closure: ca.MX
-    chain: PoseDerivatives | None
+    chain: PoseDerivatives | None = None
+    least: StretchDerivatives | None = None
 
 
 def mechanics(
@@ -53,10 +56,7 @@ def mechanics(
 ) -> Mechanics:
     """Return the mechanics of a statement as expressions of the tensions T."""
     state = _condensed if statement.form == "condensed" else _multiple_shooting
-    found = state(arm, scene, statement, stations, T)
-    if scene.has(Extension):
-        return found
-    return replace(found, stretch=ca.MX(0, 1))
+    return state(arm, scene, statement, stations, T)
 
 
 def _condensed(
@@ -65,14 +65,14 @@ def _condensed(
     forward = forward_map(arm, scene, statement.scheme, statement.refinement, stations)
     poses, stretch = forward.function(T)[:2]
     poses = poses[:, [forward.mesh.node(s) for s in stations]]
-    rows = slimmest(arm, forward.stretch_at, forward.stretch_active)
+    rows = slimmest(arm, forward.stretch_at, forward.stretch_active) if scene.has(Extension) else []
     scheme, none = SCHEMES[statement.scheme], ca.MX(0, 1)
     if not isinstance(scheme, Magnus):
-        return Mechanics(none, poses, stretch[rows].T, none, None)
+        return Mechanics(none, poses, stretch[rows].T if rows else none, none)
     chain = PoseDerivatives(arm, scene, forward.mesh, scheme, stations)
     s, active = forward.stretch_at[rows], forward.stretch_active[rows]
-    least = 1 + strains_at(arm, scene, s, active, T)[3, :].T
-    return Mechanics(none, poses, least, none, chain)
+    least = StretchDerivatives(arm, scene, s, active) if rows else None
+    return Mechanics(none, poses, least.first(T)[0] if least else none, none, chain, least)
 
 
 def _multiple_shooting(
@@ -90,8 +90,9 @@ def _multiple_shooting(
             if abs(segment.nodes[near] - s) <= 1e-9 * arm.length:
                 poses[s] = path[:7, near]
     columns = ca.horzcat(*(poses[s] for s in stations))
+    thin = ca.vertcat(*stretch) if scene.has(Extension) else ca.MX(0, 1)
     closure = system.residual(X, T, paths)
-    return Mechanics(ca.vec(X), columns, ca.vertcat(*stretch), closure, None)
+    return Mechanics(ca.vec(X), columns, thin, closure)
 
 
 @lru_cache(maxsize=64)

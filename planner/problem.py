@@ -80,6 +80,7 @@ class Problem:
         T, none = z * unit, ca.MX(0, 1)
         arm = mechanics(self.arm, self.scene, self.statement, self.stations, T)
         poses = ca.MX.sym("poses", 7, len(self.stations))
+        thin = ca.MX.sym("thin", arm.stretch.numel())
         match, approach, margin = self.terms(poses, target)
         effort, peak, peaks = smooth_norm(T / reference, self.statement.norm)
         mode = self.statement.mode
@@ -90,7 +91,7 @@ class Problem:
         blocks = [
             ("match", met, 0.0, 0.0),
             ("margin", margin + lack if mode == "nearest" else margin, 0.0, np.inf),
-            ("stretch", arm.stretch, LEAST_STRETCH, np.inf),
+            ("stretch", thin, LEAST_STRETCH, np.inf),
             ("total pull", (total - ca.sum1(T)) / reference, 0.0, np.inf),
             ("peak", peaks, 0.0, np.inf),
             ("shooting", arm.closure, 0.0, 0.0),
@@ -103,14 +104,16 @@ class Problem:
         p = ca.vertcat(target, unit, reference, total, trace)
         f = effort if mode == "exact" else gaps + trace * effort
         g = ca.vertcat(*(g for _, g, _, _ in blocks))
-        outer = ca.Function("outer", [x, p, poses], [f, g])
-        inner = ca.Function("inner", [x, p], [arm.poses, unit])
+        outer = ca.Function("outer", [x, p, poses, thin], [f, g])
+        inner = ca.Function("inner", [x, p], [arm.poses, arm.stretch])
         x, p = ca.MX.sym("x", x.numel()), ca.MX.sym("p", p.numel())
-        at, unit = inner(x, p)
-        f, g = outer(x, p, at)
+        f, g = outer(x, p, *inner(x, p))
         self.nlp = {"x": x, "p": p, "f": f, "g": g}
+        unit = p[target.numel() : target.numel() + n]
         self.derivatives = (
-            plain(x, p, f, g) if arm.chain is None else through_poses(x, p, unit, outer, arm.chain)
+            plain(x, p, f, g)
+            if arm.chain is None
+            else through_poses(x, p, unit, outer, arm.chain, arm.least)
         )
 
     def parameters(
