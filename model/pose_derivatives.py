@@ -65,9 +65,8 @@ class PoseDerivatives:
         steps, local = _step_slopes(scheme).map(S)(_by_step(strains, S), h)
         g = ca.horzcat(ca.DM(base_pose(arm)), _chain().mapaccum(S)(ca.DM(base_pose(arm)), steps))
         D = block_diagonal(slopes, 3, u) @ W
-        X = block_diagonal(_adjoint().map(S)(g[:, :S]), 6, 6) @ (
-            block_diagonal(local, 6, 3 * m) @ D
-        )
+        seen = block_diagonal(_adjoint().map(S)(g[:, :S]), 6, 6)
+        X = seen @ (block_diagonal(local, 6, 3 * m) @ D)
         Y = _sums(X, S)
         twists = ca.vertcat(*(Y[c] for c in columns))
         self.first = ca.Function("first", [T], [g[:, columns], twists])
