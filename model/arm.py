@@ -13,6 +13,7 @@ import numpy as np
 from model.checks import finite_array, kind, numbers, positive, within
 from model.errors import InputError
 from model.paths import Array, Linear, Path
+from model.presets import PAPER_ARMS
 
 QUARTERS = (0.0, np.pi / 2, np.pi, 3 * np.pi / 2)
 PAPER_FRAME = ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0))
@@ -158,9 +159,9 @@ class Arm:
     @classmethod
     def from_paper(cls, name: str) -> Arm:
         """Return an arm of the paper: "table-2", "table-4", "section-5.1" or "section-5.2"."""
-        from model.presets import preset
-
-        return preset(name)
+        if not isinstance(name, str) or name not in PAPER_ARMS:
+            raise InputError("arm", name, ", ".join(PAPER_ARMS))
+        return conical(*PAPER_ARMS[name])
 
     @cached_property
     def tendons(self) -> tuple[tuple[int, float], ...]:

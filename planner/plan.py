@@ -17,7 +17,7 @@ from model.shape import Shape
 from planner.certificate import Certificate, certify
 from planner.effort import effort
 from planner.limits import Limits
-from planner.outcome import sentence
+from planner.outcome import Facts, sentence
 from planner.polish import optimality
 from planner.problem import Problem, build
 from planner.statement import Mode, Statement
@@ -108,7 +108,8 @@ class Plan:
     @property
     def outcome(self) -> str:
         """What happened, what holds it, and what to try: a sentence."""
-        return sentence(self)
+        found = (self.certificate, self.mode, self.effort, len(self.starts), self.agreed)
+        return sentence(Facts(*found, tuple(self.holding()), self.arm.length))
 
     def holding(self) -> list[str]:
         """Return the names of the limits that hold the tensions back, hardest first."""

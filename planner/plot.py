@@ -4,26 +4,59 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from model.arm import Arm
 from model.errors import InputError
+from model.paths import Array
 from model.shape import Shape
+from planner.limits import Limits
 from planner.plot_arm import draw_arm, look
 from planner.plot_strains import SIZE, plot_strains, plot_tensions
-
-if TYPE_CHECKING:
-    from planner.plan import Plan
+from planner.targets.base import Target
 
 __all__ = ["plot_plan", "plot_shape", "plot_strains", "save"]
 
 DPI = 110
 
 
-def plot_plan(plan: Plan, ax: Any = None) -> Figure | Axes:
+class Planned(Protocol):
+    """What is drawn of a plan."""
+
+    @property
+    def arm(self) -> Arm:
+        """Return the arm."""
+
+    @property
+    def shape(self) -> Shape:
+        """Return the settled shape."""
+
+    @property
+    def targets(self) -> tuple[Target, ...]:
+        """Return what was asked."""
+
+    @property
+    def limits(self) -> Limits:
+        """Return the limits of the tensions."""
+
+    @property
+    def tensions(self) -> Array:
+        """Return the tensions [N]."""
+
+    @property
+    def outcome(self) -> str:
+        """Return what happened, in words."""
+
+    @property
+    def effort(self) -> float:
+        """Return the norm of the tensions [N]."""
+
+
+def plot_plan(plan: Planned, ax: Any = None) -> Figure | Axes:
     """Draw a plan: the arm with its target in 3-D, strains along it, and tensions.
 
     With 3-D axes given, draws the arm and the target in them and returns them; colours are those

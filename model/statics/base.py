@@ -1,4 +1,4 @@
-"""What the integrators ask of the statics of a cross-section, and which statics a scene means."""
+"""What the integrators ask of the statics of a cross-section."""
 
 from __future__ import annotations
 
@@ -7,10 +7,8 @@ from typing import Protocol, runtime_checkable
 import casadi as ca
 
 from model.arm import Arm
-from model.effects import ExactTendons, Extension, NeoHookean, PrintedStatics
 from model.paths import Array
-from model.scene import Scene
-from model.stations import Stations, sides
+from model.stations import Stations
 
 
 class Statics(Protocol):
@@ -73,30 +71,6 @@ class ClosedStatics(Statics, Protocol):
 
     def strain(self, v: ca.SX) -> ca.SX:
         """Return the strains of unknowns v."""
-
-
-def statics_of(scene: Scene, arm: Arm) -> Statics:
-    """Return the statics that a scene calls for, for an arm's tendons."""
-    from model.statics.exact import Exact
-    from model.statics.printed import Printed
-    from model.statics.reference import ReferenceTangent
-
-    extension = scene.has(Extension)
-    if scene.has(PrintedStatics):
-        return Printed(extension)
-    if not scene.has(ExactTendons):
-        return ReferenceTangent(extension)
-    rubber = scene.find(NeoHookean)
-    section = tuple(i for i, _ in arm.tendons)
-    cos, sin = sides(arm)
-    return Exact(
-        section,
-        tuple(cos.tolist()),
-        tuple(sin.tolist()),
-        extension,
-        rubber is not None,
-        rubber is not None and rubber.anticlastic,
-    )
 
 
 def curvature(names: tuple[str, ...], strain: ca.SX) -> ca.SX:

@@ -48,7 +48,11 @@ def test_the_constraints_of_multiple_shooting_vanish_at_a_settled_shape() -> Non
 
 @pytest.mark.parametrize("form", ["condensed", "multiple-shooting"])
 @pytest.mark.parametrize("mode", ["exact", "nearest"])
-@pytest.mark.parametrize("scene", [PAPER, Scene.as_printed()], ids=["paper", "printed"])
+@pytest.mark.parametrize(
+    "scene",
+    [PAPER, Scene(), Scene.as_printed(), Scene.silicone()],
+    ids=["paper", "bare", "printed", "silicone"],
+)
 def test_derivatives_are_those_of_finite_differences(form: Any, mode: Any, scene: Scene) -> None:
     targets = (Fetch.reach((0.05, 0.05, 0.0), 0.6, 0.3),)
     limits = Limits.of(ARM, 20.0)
