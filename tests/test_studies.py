@@ -5,11 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from studies import bending_plane, fetch, tip_targets
+from studies import bending_plane, fetch, tip_targets, which_statics
 
 Main = Callable[[Sequence[str]], None]
 SMALL: dict[str, tuple[Main, list[str], str, str]] = {
     "bending_plane": (bending_plane.main, ["--angles", "2"], "planned", "bending_plane.png"),
+    "which_statics": (which_statics.main, [], "neo-Hookean", "which_statics.png"),
     "fetch": (
         fetch.main,
         ["--budgets", "5", "--bends", "40"],

@@ -30,11 +30,12 @@ def test_a_pose_is_reached_in_place_and_turn(tensions: np.ndarray) -> None:
     assert np.abs(found.shape.tip_frame - shape.tip_frame).max() < 1e-6
 
 
-@pytest.mark.parametrize("section", [1, 2, 3])
-@pytest.mark.parametrize("bend", [30, 90, 150])
+@pytest.mark.parametrize(
+    ("section", "bend"),
+    # Section 3 cannot bend by 150 degrees in all planes: with extension it is crushed first.
+    [(1, 30), (1, 90), (1, 150), (2, 30), (2, 90), (2, 150), (3, 30), (3, 90)],
+)
 def test_a_plane_and_bend_are_hit_by_neighbouring_tendons(section: int, bend: int) -> None:
-    if (section, bend) == (3, 150):
-        pytest.skip("beyond what section 3 can bend with extension")
     arm = Arm.from_paper("table-2")
     for angle in np.radians([-160, -45, 0, 20, 101]):
         found = plan(arm, BendingPlane(angle, np.radians(bend), section), PAPER, 60.0)

@@ -1,0 +1,117 @@
+"""Which statics may be trusted, and up to which bend?
+
+Question: how far are the tips of the paper's statics, of exact tendons on a linear body, and of
+exact tendons on a neo-Hookean body from three-dimensional finite elements, over the bend?
+
+Assumptions: the unloaded cases of tests/data/fem_reference.json with one tendon, or two next to
+each other, pulled (incompressible neo-Hookean cones with frictionless tendons, each with its
+uncertainty); tip error over arm length.
+
+Command: python -m studies.which_statics [--out out]
+
+Answer: below about 30 degrees all are within 0.6 % of the arm's length. Beyond, exact tendons on a
+linear body are the worst (5.4 % at 94 degrees), the paper's statics second (1.9 %), because their
+spurious stiffness happens to have the sign of the true one; the neo-Hookean body stays within
+0.42 %, and within 0.14 % with the anticlastic shift. `Scene.silicone()` is what a real arm calls
+for.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from model import Anchorage, Arm, Linear, Scene, settle
+from model.effects import ExactTendons, Extension, NeoHookean
+
+REFERENCE = Path(__file__).parents[1] / "tests" / "data" / "fem_reference.json"
+SCENES = {
+    "paper": Scene(Extension()),
+    "exact, linear body": Scene(Extension(), ExactTendons()),
+    "exact, neo-Hookean": Scene.silicone(),
+    "the same, anticlastic": Scene(Extension(), ExactTendons(), NeoHookean(anticlastic=True)),
+}
+
+
+def cases() -> list[dict[str, Any]]:
+    """Return the cases with tendons pulled to one side, by bend."""
+    found = json.loads(REFERENCE.read_text())["cases"]
+    return sorted(
+        (case for case in found if "tendons" in case["params"]), key=lambda case: case["theta"]
+    )
+
+
+def arm_of(case: dict[str, Any]) -> tuple[Arm, list[float]]:
+    """Return a case's arm in the paper's base frame (n = -y, b = -z), and its tensions [N]."""
+    p = case["params"]
+    tendons = p["tendons"]
+    angles = tuple(float(np.arctan2(-t["dir"][2], -t["dir"][1])) for t in tendons)
+    anchorage = Anchorage(p["L"], Linear(tendons[0]["a"], tendons[0]["b"]), angles)
+    arm = Arm(p["L"], Linear(p["Rmax"], p["Rmin"]), (anchorage,))
+    return arm, [float(case["label"])] * len(angles)
+
+
+def errors(case: dict[str, Any]) -> dict[str, float]:
+    """Return the distance of each statics' tip from the finite elements', in % of L."""
+    arm, T = arm_of(case)
+    wanted = np.array([*case["tip"], 0.0])
+    return {
+        name: float(100 * np.linalg.norm(settle(arm, T, scene).tip - wanted) / arm.length)
+        for name, scene in SCENES.items()
+    }
+
+
+def uncertainty(case: dict[str, Any]) -> float:
+    """Return the finite elements' own uncertainty of the tip, in % of L."""
+    total = case["mesh_uncertainty"] + (case["bundle_uncertainty"] or 0.0)
+    return float(100 * total / case["params"]["L"])
+
+
+def draw(table: list[tuple[dict[str, Any], dict[str, float]]]) -> Figure:
+    """Return the figure: error of each statics, case by case in the order of the bend."""
+    figure = Figure(figsize=(8, 4), layout="constrained")
+    ax = figure.subplots()
+    places = np.arange(len(table))
+    floor = [uncertainty(case) for case, _ in table]
+    ax.bar(places, floor, width=0.8, color="0.85", label="finite elements' uncertainty")
+    for name, marker in zip(SCENES, "os^v", strict=True):
+        ax.plot(places, [row[name] for _, row in table], marker, ms=7, label=name)
+    bends = [f"{np.degrees(case['theta']):.0f} deg" for case, _ in table]
+    names = [f"{case['case']} {case['label']} N" for case, _ in table]
+    labels = [f"{name}\n{bend}" for name, bend in zip(names, bends, strict=True)]
+    ax.set_xticks(places, labels)
+    ax.set(
+        yscale="log",
+        xlabel="case: arm (a: section 5.1, b: section 5.2, c: table 2), tension, bend of the tip",
+        ylabel="tip error [% of L]",
+        ylim=(1e-3, 10),
+        title="Tips against 3-D finite elements",
+    )
+    ax.grid(alpha=0.3, axis="y")
+    figure.legend(loc="outside right center", fontsize="small")
+    return figure
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Run the study: print its table, save its figure."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("out"))
+    args = parser.parse_args(argv)
+    table = [(case, errors(case)) for case in cases()]
+    print(f"{'case':<10}{'bend [deg]':>11}", *(f"{name:>22}" for name in SCENES), "   FEM +-")
+    for case, row in table:
+        name = f"{case['case']} {case['label']} N"
+        print(f"{name:<10}{np.degrees(case['theta']):11.1f}", end=" ")
+        print(*(f"{value:20.3f} %" for value in row.values()), f"{uncertainty(case):8.3f} %")
+    args.out.mkdir(parents=True, exist_ok=True)
+    draw(table).savefig(args.out / "which_statics.png", dpi=130)
+
+
+if __name__ == "__main__":
+    main()
