@@ -16,7 +16,7 @@ from planner.problem import Problem
 _QUIET: dict[str, Any] = {
     "print_level": 0,
     "sb": "yes",
-    "tol": 1e-9,
+    "tol": 1e-7,
     "max_iter": 150,
     "bound_relax_factor": 0.0,
 }
