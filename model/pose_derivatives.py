@@ -49,8 +49,7 @@ class PoseDerivatives:
     def __init__(
         self, arm: Arm, scene: Scene, mesh: Mesh, scheme: Magnus, at: tuple[float, ...]
     ) -> None:
-        self.n, self.m, self.S = arm.n_tendons, len(scheme.nodes), mesh.steps
-        n, m, S = self.n, self.m, self.S
+        n, m, S = arm.n_tendons, len(scheme.nodes), mesh.steps
         s = nodes_of(scheme, mesh.s[:-1], mesh.s[1:])
         active = np.repeat(mesh.active, m)
         statics = closed_statics(scene, arm)
