@@ -1,7 +1,7 @@
 """The mechanics of tendon-driven arms: arms, scenes, and the shapes that they settle to."""
 
 from model.arm import Anchorage, Arm, Material, conical
-from model.errors import CollapsedError, InputError, NotSettledError, OctoplanError
+from model.errors import CollapsedError, InputError, NotSettledError, OctoplanError, SnapError
 from model.paths import Linear, Sampled
 from model.scene import Scene
 from model.settle import Shapes, settle, settle_many
@@ -20,6 +20,7 @@ __all__ = [
     "Scene",
     "Shape",
     "Shapes",
+    "SnapError",
     "conical",
     "settle",
     "settle_many",

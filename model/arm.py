@@ -95,6 +95,9 @@ class Arm:
         Columns t, n, b of the base; the paper's unless given.
     base_position : tuple of three floats
         [m].
+    hull : Path
+        Radius within which tendons run [m], where discs hold them outside of the body; the body's
+        radius unless given.
 
     Raises
     ------
@@ -108,11 +111,14 @@ class Arm:
     material: Material = field(default_factory=Material)
     base_frame: tuple[tuple[float, ...], ...] = PAPER_FRAME
     base_position: tuple[float, ...] = (0.0, 0.0, 0.0)
+    hull: Path | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "length", positive("Arm.length", self.length))
         kind("Arm.radius", self.radius, Path, "a Linear or a Sampled path")
         kind("Arm.material", self.material, Material, "a Material")
+        if self.hull is not None:
+            kind("Arm.hull", self.hull, Path, "a Linear or a Sampled path")
         kind("Arm.sections", self.sections, Sequence, "a tuple of Anchorage, tip to base")
         for i, section in enumerate(self.sections):
             kind(f"Arm.sections[{i}]", section, Anchorage, "an Anchorage")
@@ -147,13 +153,14 @@ class Arm:
         for i, section in enumerate(self.sections):
             s = np.linspace(0.0, section.at, 401)
             offset = np.abs(section.offset.evaluate(s, section.at)[0])
-            room = self.radius.evaluate(s, self.length)[0]
+            room = (self.hull or self.radius).evaluate(s, self.length)[0]
             worst = int(np.argmax(offset - room))
             if offset[worst] > room[worst] * (1 + 1e-9):
                 raise InputError(
                     f"Arm.sections[{i}].offset",
                     float(offset[worst]),
-                    f"up to the body's radius, {room[worst]:.4g} m at s = {s[worst]:.4g} m",
+                    f"up to the radius of the {'hull' if self.hull else 'body'}, "
+                    f"{room[worst]:.4g} m at s = {s[worst]:.4g} m",
                 )
 
     @classmethod

@@ -63,3 +63,8 @@ def within(field: str, value: Any, low: float, high: float) -> float:
     if not low <= number <= high:
         raise InputError(field, value, f"a number from {low:g} to {high:g}")
     return number
+
+
+def vector(field: str, value: Any) -> tuple[float, ...]:
+    """Return value as three finite floats."""
+    return tuple(finite_array(field, value, (3,)).tolist())

@@ -149,9 +149,16 @@ class ClosedForm:
         relative = step_function(self.scheme).map(left.size)(strains, ca.DM(right - left).T)
         return relative, strains
 
-    def run(self, tensions: Array) -> Array:
+    def run(self, tensions: Array, near: Array | None = None) -> Array:
         """Return the poses (S + 1, 7) at the nodes for tensions (n_tendons,)."""
         return np.array(self.function(tensions)[0]).T
+
+    def starts(self, states: Array) -> None:
+        """See ForwardMap.starts: nothing, the map is explicit."""
+
+    def stretch(self, tensions: Array, states: Array) -> Array:
+        """See ForwardMap.stretch."""
+        return np.array(self.function(tensions)[1]).ravel()
 
     def dense(self, tensions: Array, poses: Array, s: Array) -> tuple[Array, Array]:
         """Return poses (N, 7) and strains (N, 4) at arc lengths s, a step from the nodes below."""

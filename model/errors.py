@@ -70,3 +70,25 @@ class NotSettledError(OctoplanError):
 
     def __reduce__(self) -> tuple[type, tuple[float, float, str]]:
         return type(self), (self.asked, self.reached, self.remedy)
+
+
+class SnapError(OctoplanError):
+    """No equilibrium under the full loads is connected with the unloaded arm.
+
+    Attributes
+    ----------
+    share : float
+        How much of the loads, from 0 to 1, the arm bears.
+    why : str
+        What happens to it there.
+    """
+
+    def __init__(self, share: float, why: str) -> None:
+        self.share, self.why = share, why
+        super().__init__(
+            f"the arm does not bear its loads: at {100 * share:.1f} % of them {why}, and no "
+            "equilibrium beyond is connected with the unloaded arm; lower the loads or stiffen it"
+        )
+
+    def __reduce__(self) -> tuple[type, tuple[float, str]]:
+        return type(self), (self.share, self.why)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TypeVar
 
-from model.effects import Effect, ExactTendons, Extension, NeoHookean, PrintedStatics
+from model.effects import Effect, ExactTendons, Extension, NeoHookean, PointLoad, PrintedStatics
 from model.errors import InputError
 
 E = TypeVar("E", bound=Effect)
@@ -31,11 +31,12 @@ class Scene:
             if not isinstance(effect, Effect):
                 raise InputError(f"Scene effect {i + 1}", effect, "an effect such as Extension()")
         kinds = [type(effect).__name__ for effect in effects]
+        places = [effect.s for effect in effects if isinstance(effect, PointLoad)]
         for kind in kinds:
-            if kinds.count(kind) > 1:
-                raise InputError("Scene", kind, "each effect once")
+            if kinds.count(kind) > 1 and (kind != "PointLoad" or len({*places}) < len(places)):
+                raise InputError("Scene", kind, "each effect once (point loads: once at a place)")
         _check_together(kinds)
-        in_order = sorted(effects, key=lambda effect: type(effect).__name__)
+        in_order = sorted(effects, key=lambda e: (type(e).__name__, getattr(e, "s", 0.0)))
         object.__setattr__(self, "effects", tuple(in_order))
 
     @classmethod
@@ -57,17 +58,22 @@ class Scene:
         return self.find(kind) is not None
 
 
+_LOADS = ("Current", "PointLoad", "Shear", "TipLoad", "Weight")
+
 # (effect, what it needs), (effect, what it contradicts), each with the reason.
 _NEEDS = {
     "NeoHookean": (
         ("Extension", "the body shortens at constant volume"),
         ("ExactTendons", "its section is the stationary point of an energy"),
     ),
+    "Buoyancy": (("Weight", "it is a weight, that of the fluid displaced, and acts against g"),),
 }
 _CONTRADICTS = {
     "PrintedStatics": (
         ("ExactTendons", "eqs. (10) and (11) are written for the reference tangent"),
         ("NeoHookean", "eqs. (10) and (11) are written for a linear material"),
+        ("Friction", "eqs. (10) and (11) are written for tensions that do not vary along a tendon"),
+        *((load, "eqs. (10) and (11) are written without loads or shear") for load in _LOADS),
     ),
 }
 

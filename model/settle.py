@@ -14,11 +14,13 @@ from model.arm import Arm
 from model.checks import finite_array, kind, within
 from model.compiled import compiled
 from model.errors import CollapsedError, InputError, NotSettledError
-from model.forward import ForwardMap, check_scheme, forward_map
+from model.forward import ExplicitMap, ForwardMap, check_scheme, explicit_map, forward_map
+from model.loads import check_loads
 from model.paths import Array
 from model.rotations import matrices
 from model.scene import Scene
 from model.shape import Shape
+from model.statics import is_loaded
 
 ACCURACY = 1e-6
 _FINEST = 256
@@ -55,21 +57,25 @@ def settle(
         Where 1 + q reaches 0.
     NotSettledError
         If the finest mesh is not as accurate as asked.
+    SnapError
+        If the arm snaps, folds or buckles before the loads are in full.
     """
     scene = _checked(arm, scene)
     T = arm.flat(tensions)
     scheme = check_scheme(scene, scheme)
     coarse: Array | None = None
+    near: Array | None = None
     error = np.inf
     for refinement, forward in _ladder(arm, scene, scheme, accuracy):
-        states = forward.run(T)
+        states = forward.run(T, near)
+        near = forward.starts(states)
         if coarse is not None:
             error = _estimate(states[-1, 4:7] - coarse, forward.order, arm.length)
             if error <= accuracy:
-                _check_stretch(forward, T)
+                _check_stretch(forward, T, states)
                 return Shape(arm, scene, T, float(error), scheme, refinement, states)
         coarse = states[-1, 4:7]
-    _check_stretch(forward, T)
+    _check_stretch(forward, T, states)
     raise NotSettledError(accuracy, float(error), "ask for less accuracy or a smoother arm")
 
 
@@ -108,22 +114,36 @@ def settle_many(
     scene = _checked(arm, scene)
     T = _stack(arm, tensions)
     scheme = check_scheme(scene, None)
+    if is_loaded(scene):
+        return _one_by_one(arm, T, scene, accuracy, compile)
     poses, errors = np.zeros((len(T), 7)), np.full(len(T), np.inf)
     coarse = np.full((len(T), 3), np.inf)
     left = np.arange(len(T))
-    for _, forward in _ladder(arm, scene, scheme, accuracy):
+    for refinement, _ in _ladder(arm, scene, scheme, accuracy):
+        forward = explicit_map(arm, scene, scheme, refinement)
         tips, stretch = _tips(forward, compile)(T[left].T)[:2]
         poses[left] = np.array(tips).T
         error = _estimate(poses[left, 4:] - coarse[left], forward.order, arm.length)
         coarse[left], errors[left] = poses[left, 4:], error
         settled = error <= accuracy
         for i in left[settled & ~(np.array(stretch)[0] > 0)]:
-            _check_stretch(forward, T[i], f"tensions[{i}]")
+            _check_stretch(forward, T[i], forward.run(T[i]), f"tensions[{i}]")
         left = left[~settled]
         if left.size == 0:
             return Shapes(poses[:, 4:], matrices(poses[:, :4]), errors)
     raise NotSettledError(
         accuracy, float(errors[left].max()), f"ask for less accuracy, or look at set {left[0]}"
+    )
+
+
+def _one_by_one(arm: Arm, T: Array, scene: Scene, accuracy: float, machine_code: bool) -> Shapes:
+    if machine_code:
+        raise InputError("compile", True, "False in a scene with loads, whose maps are implicit")
+    shapes = [settle(arm, row, scene, accuracy) for row in T]
+    return Shapes(
+        np.array([shape.tip for shape in shapes]).reshape(-1, 3),
+        np.array([shape.tip_frame for shape in shapes]).reshape(-1, 3, 3),
+        np.array([shape.error for shape in shapes]),
     )
 
 
@@ -146,8 +166,8 @@ def _estimate(change: Array, order: int, length: float) -> Any:
     return np.maximum(error, _ROUNDING)
 
 
-def _check_stretch(forward: ForwardMap, tensions: Array, which: str = "") -> None:
-    stretch = np.array(forward.function(tensions)[1])[0]
+def _check_stretch(forward: ForwardMap, tensions: Array, states: Array, which: str = "") -> None:
+    stretch = forward.stretch(tensions, states)
     if np.isnan(stretch).any():
         s = forward.stretch_at[np.argmax(np.isnan(stretch))]
         place = (
@@ -160,7 +180,7 @@ def _check_stretch(forward: ForwardMap, tensions: Array, which: str = "") -> Non
 
 
 @lru_cache(maxsize=64)
-def _tips(forward: ForwardMap, machine_code: bool) -> ca.Function:
+def _tips(forward: ExplicitMap, machine_code: bool) -> ca.Function:
     """Return tensions (n_tendons,) -> tip pose (7,), least 1 + q."""
     T = ca.MX.sym("T", forward.function.size1_in(0))
     poses, stretch = forward.function(T)[:2]
@@ -172,7 +192,9 @@ def _checked(arm: Arm, scene: Scene | None) -> Scene:
     """Return the scene, the bare one for None; refuse what is not an arm or a scene."""
     kind("arm", arm, Arm, "an Arm, such as Arm.from_paper(...)")
     kind("scene", scene if scene is not None else Scene(), Scene, "a Scene, such as Scene()")
-    return scene if scene is not None else Scene()
+    scene = scene if scene is not None else Scene()
+    check_loads(arm, scene)
+    return scene
 
 
 def _stack(arm: Arm, tensions: Any) -> Array:

@@ -7,7 +7,6 @@ for a tapered arm is small; from base to tip it would grow by the inverse.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import casadi as ca
@@ -20,6 +19,7 @@ from model.paths import Array
 from model.rotations import IDENTITY, compose, inverse, multiply, rotate
 from model.runge_kutta import RungeKutta
 from model.scene import Scene
+from model.segment import Segment
 from model.statics import Statics, statics_of
 from model.statics.base import curvature
 from model.stations import Counts
@@ -76,69 +76,64 @@ def jump_function(statics: Statics) -> ca.Function:
     return ca.Function("jump", [strain, outer, inner, data], [jump], {"cse": True})
 
 
-@dataclass(frozen=True, eq=False)
-class Segment:
-    """A stretch of the arm between two anchorages, with the functions that carry a state across.
+class StrainSegments:
+    """The segments of a scene without loads: x is the pose, then the strains; p the tensions."""
 
-    Attributes
-    ----------
-    nodes : (N + 1,)
-        Mesh nodes from the tip side to the base side [m].
-    jump : casadi.Function
-        (strains on the tip side of its first node, T) -> strains on the base side.
-    map : casadi.Function
-        (x at the first node, T) -> x at all further nodes (7 + n, N); x is pose, then strains.
-    stretch : casadi.Function
-        (strains at the nodes (n, N + 1), T) -> 1 + q there (1, N + 1).
-    """
+    def __init__(self, arm: Arm, scene: Scene, mesh: Mesh, scheme: RungeKutta) -> None:
+        self.arm, self.scene, self.mesh, self.scheme = arm, scene, mesh, scheme
+        self.statics = statics_of(scene, arm)
+        L, n = arm.length, len(self.statics.names)
+        self.scale = np.array([1.0] * 4 + [L] * 3 + [1 / L] * n)
+        self.segments: list[Segment] = []
+        outer = 0
+        for active in np.unique(mesh.active):
+            steps = np.flatnonzero(mesh.active == active)
+            nodes = mesh.s[steps[0] : steps[-1] + 2][::-1]
+            self.segments.append(self._segment(nodes, outer, int(active)))
+            outer = int(active)
 
-    nodes: Array
-    jump: ca.Function
-    map: ca.Function
-    stretch: ca.Function
+    def parameters(self, T: ca.MX) -> ca.MX:
+        """See Segments.parameters."""
+        return T
 
+    def closure(self, x: ca.MX, p: ca.MX) -> ca.MX:
+        """See Segments.closure."""
+        return (x[:7] - base_pose(self.arm)) / self.scale[:7]
 
-def segments(arm: Arm, scene: Scene, mesh: Mesh, scheme: RungeKutta) -> list[Segment]:
-    """Return the segments from tip to base."""
-    result = []
-    outer = 0
-    for active in np.unique(mesh.active):
-        steps = np.flatnonzero(mesh.active == active)
-        nodes = mesh.s[steps[0] : steps[-1] + 2][::-1]
-        jump = _jump(arm, scene, nodes[0], outer, int(active))
-        across = _segment_map(arm, scene, scheme, nodes, int(active))
-        result.append(Segment(nodes, jump, across, _stretch(arm, scene, nodes, int(active))))
-        outer = int(active)
-    return result
+    def jump(self, s: float, outer: int, inner: int) -> ca.Function:
+        """Return (strains on the tip side of s, T) -> strains on its base side."""
+        T = ca.MX.sym("T", self.arm.n_tendons)
+        strain = ca.MX.sym("strain", len(self.statics.names))
+        at = sections(self.arm, self.statics, np.array([s, s]), np.array([outer, inner]))
+        pull = at.pull(T)
+        after = jump_function(self.statics)(strain, pull[:, 0], pull[:, 1], at.data[:, 1])
+        return ca.Function("jump", [strain, T], [after])
 
+    def _segment(self, nodes: Array, outer: int, active: int) -> Segment:
+        entry = self._entry(nodes[0], outer, active, nodes[0] == self.mesh.s[-1])
+        return Segment(nodes, entry, self._map(nodes, active), self._stretch(nodes, active))
 
-def _jump(arm: Arm, scene: Scene, s: float, outer: int, inner: int) -> ca.Function:
-    statics = statics_of(scene, arm)
-    T = ca.MX.sym("T", arm.n_tendons)
-    strain = ca.MX.sym("strain", len(statics.names))
-    at = sections(arm, statics, np.array([s, s]), np.array([outer, inner]))
-    pull = at.pull(T)
-    after = jump_function(statics)(strain, pull[:, 0], pull[:, 1], at.data[:, 1])
-    return ca.Function("jump", [strain, T], [after])
+    def _entry(self, s: float, outer: int, inner: int, tip: bool) -> ca.Function:
+        x, before = (ca.MX.sym(name, self.scale.size) for name in ("x", "before"))
+        T = ca.MX.sym("T", self.arm.n_tendons)
+        strain = ca.MX.zeros(self.scale.size - 7) if tip else before[7:]
+        rows = x[7:] - self.jump(s, outer, inner)(strain, T)
+        joined = rows if tip else ca.vertcat(x[:7] - before[:7], rows)
+        return ca.Function("entry", [x, before, T], [joined])
 
+    def _stretch(self, nodes: Array, active: int) -> ca.Function:
+        T, x = ca.MX.sym("T", self.arm.n_tendons), ca.MX.sym("x", self.scale.size, nodes.size)
+        counts = np.full(nodes.size, active)
+        full = full_strains(self.arm, self.scene, nodes, counts, x[7:, :], T)
+        return ca.Function("stretch", [x, T], [1 + full[3, :]])
 
-def _stretch(arm: Arm, scene: Scene, nodes: Array, active: int) -> ca.Function:
-    T = ca.MX.sym("T", arm.n_tendons)
-    strains = ca.MX.sym("strains", len(statics_of(scene, arm).names), nodes.size)
-    full = full_strains(arm, scene, nodes, np.full(nodes.size, active), strains, T)
-    return ca.Function("stretch", [strains, T], [1 + full[3, :]])
-
-
-def _segment_map(
-    arm: Arm, scene: Scene, scheme: RungeKutta, nodes: Array, active: int
-) -> ca.Function:
-    statics = statics_of(scene, arm)
-    step = step_function(statics, scheme)
-    T, x = ca.MX.sym("T", arm.n_tendons), ca.MX.sym("x", step.size1_in(0))
-    h = np.diff(nodes)
-    data = _node_data(arm, statics, scheme, nodes[:-1], h, np.full(h.size, active), T)
-    states = step.mapaccum(h.size)(x, *data, ca.DM(h).T)
-    return ca.Function("segment", [x, T], [states])
+    def _map(self, nodes: Array, active: int) -> ca.Function:
+        T, x = ca.MX.sym("T", self.arm.n_tendons), ca.MX.sym("x", self.scale.size)
+        h = np.diff(nodes)
+        counts = np.full(h.size, active)
+        data = _node_data(self.arm, self.statics, self.scheme, nodes[:-1], h, counts, T)
+        states = step_function(self.statics, self.scheme).mapaccum(h.size)(x, *data, ca.DM(h).T)
+        return ca.Function("segment", [x, T], [states])
 
 
 def _node_data(
@@ -173,14 +168,16 @@ class StrainOde:
         self.order = scheme.order
         T = ca.MX.sym("T", arm.n_tendons)
         x = ca.vertcat(ca.MX(ca.DM(IDENTITY)), ca.MX.zeros(len(statics_of(scene, arm).names)))
-        columns, stretches, places = [], [], []
-        for segment in segments(arm, scene, mesh, scheme):
-            x = ca.vertcat(x[:7], segment.jump(x[7:], T))
+        columns, stretches, places, outer = [], [], [], 0
+        self.system = StrainSegments(arm, scene, mesh, scheme)
+        counts = np.unique(mesh.active).tolist()
+        for segment, inner in zip(self.system.segments, counts, strict=True):
+            x = ca.vertcat(x[:7], self.system.jump(segment.nodes[0], outer, inner)(x[7:], T))
             states = ca.horzcat(x, segment.map(x, T))
             columns.append(states[:, :-1])
-            stretches.append(segment.stretch(states[7:, :], T))
+            stretches.append(segment.stretch(states, T))
             places.append(segment.nodes)
-            x = states[:, -1]
+            x, outer = states[:, -1], inner
         states = ca.horzcat(*columns, x)[:, ::-1]
         self.stretch_at = np.concatenate(places)
         counts = [place.size for place in places]
@@ -195,10 +192,19 @@ class StrainOde:
         anchor = ca.Function("anchor", [first, here], [pose])
         return anchor.map(states.shape[1])(states[:7, 0], states[:7, :])
 
-    def run(self, tensions: Array) -> Array:
+    def run(self, tensions: Array, near: Array | None = None) -> Array:
         """Return poses and strains (S + 1, 7 + n) at the nodes for tensions (n_tendons,)."""
         poses, _, strains = self.function(tensions)
         return np.array(ca.vertcat(poses, strains)).T
+
+    def starts(self, states: Array) -> Array:
+        """See ForwardMap.starts."""
+        nodes = [segment.nodes[0] for segment in self.system.segments]
+        return states[[self.mesh.node(s) for s in nodes]].T
+
+    def stretch(self, tensions: Array, states: Array) -> Array:
+        """See ForwardMap.stretch."""
+        return np.array(self.function(tensions)[1]).ravel()
 
     def dense(self, tensions: Array, states: Array, s: Array) -> tuple[Array, Array]:
         """Return poses (N, 7) and strains (N, 4) at arc lengths s, a step from the nodes above."""

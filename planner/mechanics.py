@@ -10,7 +10,11 @@ import numpy as np
 
 from model.arm import Arm
 from model.effects import Extension
-from model.forward import SCHEMES, forward_map
+from model.errors import SnapError
+from model.forward import SCHEMES, explicit_map, forward_map
+from model.load_segments import LoadSegments
+from model.loaded import Loaded
+from model.loads import places
 from model.magnus import Magnus
 from model.mesh import graded
 from model.paths import Array
@@ -18,8 +22,10 @@ from model.pose_derivatives import PoseDerivatives
 from model.runge_kutta import RungeKutta
 from model.scene import Scene
 from model.shooting import Shooting
+from model.statics import is_loaded
 from model.stations import Counts
 from model.strain_derivatives import StretchDerivatives
+from model.strain_ode import StrainSegments
 from planner.statement import Statement
 
 
@@ -62,7 +68,7 @@ def mechanics(
 def _condensed(
     arm: Arm, scene: Scene, statement: Statement, stations: tuple[float, ...], T: ca.MX
 ) -> Mechanics:
-    forward = forward_map(arm, scene, statement.scheme, statement.refinement, stations)
+    forward = explicit_map(arm, scene, statement.scheme, statement.refinement, stations)
     poses, stretch = forward.function(T)[:2]
     poses = poses[:, [forward.mesh.node(s) for s in stations]]
     rows = slimmest(arm, forward.stretch_at, forward.stretch_active) if scene.has(Extension) else []
@@ -80,18 +86,19 @@ def _multiple_shooting(
 ) -> Mechanics:
     system = shooting_system(arm, scene, statement.scheme, statement.refinement, stations)
     X = ca.MX.sym("X", system.n_x, system.n_segments)
-    paths = system.trajectories(X, T)
+    p = system.system.parameters(T)
+    paths = system.trajectories(X, p)
     poses, stretch = {}, []
     for path, segment in zip(paths, system.segments, strict=True):
         radius = arm.radius.evaluate(segment.nodes, arm.length)[0]
-        stretch.append(segment.stretch(path[7:, :], T)[0, int(np.argmin(radius))])
+        stretch.append(segment.stretch(path, p)[0, int(np.argmin(radius))])
         for s in stations:
             near = int(np.argmin(np.abs(segment.nodes - s)))
             if abs(segment.nodes[near] - s) <= 1e-9 * arm.length:
                 poses[s] = path[:7, near]
     columns = ca.horzcat(*(poses[s] for s in stations))
     thin = ca.vertcat(*stretch) if scene.has(Extension) else ca.MX(0, 1)
-    closure = system.residual(X, T, paths)
+    closure = system.residual(paths, p)
     return Mechanics(ca.vec(X), columns, thin, closure)
 
 
@@ -102,7 +109,29 @@ def shooting_system(
     """Return the shooting constraints on a mesh with the stations, by a Runge-Kutta scheme."""
     method = SCHEMES[scheme]
     assert isinstance(method, RungeKutta)
-    return Shooting(arm, scene, graded(arm, refinement, stations), method)
+    if is_loaded(scene):
+        mesh = graded(arm, refinement, (*stations, *places(arm, scene)))
+        return Shooting(LoadSegments(arm, scene, mesh, method))
+    return Shooting(StrainSegments(arm, scene, graded(arm, refinement, stations), method))
+
+
+def starts_of(
+    arm: Arm, scene: Scene, statement: Statement, stations: tuple[float, ...], tensions: Array
+) -> Array:
+    """Return the scaled states (n_x, segments) that settle the arm under tensions.
+
+    Where it does not bear its loads, they are those without loads.
+    """
+    mesh = (statement.scheme, statement.refinement, stations)
+    forward = forward_map(arm, scene, *mesh)
+    try:
+        found = forward.starts(forward.run(tensions))
+    except SnapError:
+        assert isinstance(forward, Loaded)
+        found = forward.without_loads(tensions)
+    assert found is not None
+    scale = shooting_system(arm, scene, *mesh).system.scale
+    return np.asarray(found / scale[:, None])
 
 
 def slimmest(arm: Arm, s: Array, active: Counts) -> list[int]:

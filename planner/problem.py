@@ -29,7 +29,7 @@ from model.scene import Scene
 from planner.derivatives import plain, through_poses
 from planner.effort import smooth_norm
 from planner.limits import Limits, natural_tensions
-from planner.mechanics import mechanics, shooting_system
+from planner.mechanics import mechanics, starts_of
 from planner.statement import Statement
 from planner.targets.base import Target
 from planner.terms import FIRM, firmness, stations_of, terms_function
@@ -135,14 +135,13 @@ class Problem:
         return lbx, ubx, lbg, ubg
 
     def unknowns(self, tensions: Array, limits: Limits, p: Array) -> Array:
-        """Return x for tensions: states by single shooting, what margins lack by the margins."""
+        """Return x for tensions: states that settle them, what margins lack by the margins."""
         unit = units(self.arm, limits)
         peak = np.full(self.n_peak, tensions.max() / unit.max())
         parts = [tensions / unit, peak, np.zeros(self.n_lack)]
         if self.n_states:
-            mesh = (self.statement.scheme, self.statement.refinement)
-            system = shooting_system(self.arm, self.scene, *mesh, self.stations)
-            parts.append(system.guess(tensions).T.ravel())
+            found = starts_of(self.arm, self.scene, self.statement, self.stations, tensions)
+            parts.append(found.T.ravel())
         x = np.concatenate(parts)
         if self.n_lack:
             margin = np.array(self.derivatives.slopes(x, p)[1]).ravel()[: self.n_lack]

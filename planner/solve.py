@@ -11,9 +11,11 @@ from model.arm import Arm
 from model.checks import within
 from model.errors import InputError, OctoplanError
 from model.forward import schemes_of
+from model.loads import check_loads
 from model.paths import Array
 from model.scene import Scene
 from model.settle import settle
+from model.statics import is_loaded
 from planner.effort import check_norm
 from planner.ipopt import Solution, solve
 from planner.limits import Limits
@@ -40,7 +42,7 @@ def plan(
     tension_min: Any = 0.0,
     total_pull: float | None = None,
     norm: Any = "2",
-    form: Form = "condensed",
+    form: Form | None = None,
     accuracy: float = 1e-6,
     starts: int = 14,
 ) -> Plan:
@@ -58,7 +60,8 @@ def plan(
     norm : "2", "1" or "inf"
         What effort is: root of the sum of squares, sum, or largest tension.
     form : "condensed" or "multiple-shooting"
-        Unknowns of the problem: tensions alone, or with the states of each segment.
+        Unknowns of the problem: tensions alone, or with the states of each segment. Condensed
+        unless given, except under loads, where the shape is not a function written out.
     accuracy : float
         What residuals and tip errors are held to, over the arm's length (angles: rad).
     starts : int
@@ -76,8 +79,8 @@ def plan(
         Naming the field, for anything that is not allowed; targets that contradict each other.
     """
     scene, targets = scene or Scene(), check_targets(arm, target)
-    if form not in FORMS:
-        raise InputError("form", form, ", ".join(FORMS))
+    check_loads(arm, scene)
+    form = _checked_form(form, is_loaded(scene))
     if isinstance(starts, bool) or not isinstance(starts, int) or starts < 1:
         raise InputError("starts", starts, "a whole number from 1")
     within("accuracy", accuracy, 1e-9, 1e-2)
@@ -85,6 +88,16 @@ def plan(
     statement = Statement(form, check_norm(norm), limited=total_pull is not None)
     search = _Search(arm, targets, scene, limits, statement, accuracy)
     return search.run(starts)
+
+
+def _checked_form(form: Form | None, loaded: bool) -> Form:
+    if form is None:
+        return "multiple-shooting" if loaded else "condensed"
+    if form not in FORMS:
+        raise InputError("form", form, ", ".join(FORMS))
+    if loaded and form == "condensed":
+        raise InputError("form", form, '"multiple-shooting" in a scene with loads')
+    return form
 
 
 def check_targets(arm: Arm, target: Target | Iterable[Target]) -> tuple[Target, ...]:

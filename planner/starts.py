@@ -17,9 +17,11 @@ import casadi as ca
 import numpy as np
 
 from model.arm import Arm
-from model.forward import forward_map, schemes_of
+from model.forward import explicit_map, schemes_of
+from model.loaded import unloaded
 from model.paths import Array
 from model.scene import Scene
+from model.statics import is_loaded
 from planner.limits import Limits, natural_tensions
 from planner.problem import Problem
 from planner.targets.base import Target
@@ -72,9 +74,10 @@ def _scores(problem: Problem, targets: tuple[Target, ...], T: Array) -> Array:
 
 @lru_cache(maxsize=64)
 def _sweep(arm: Arm, scene: Scene, stations: tuple[float, ...]) -> ca.Function:
-    """Return tensions -> station poses (7, K), least 1 + q, on the coarsest mesh."""
+    """Return tensions -> station poses (7, K), least 1 + q, on the coarsest mesh, without loads."""
+    scene = unloaded(scene) if is_loaded(scene) else scene
     scheme = "magnus2" if "magnus2" in schemes_of(scene) else "rk4"
-    forward = forward_map(arm, scene, scheme, 1, stations)
+    forward = explicit_map(arm, scene, scheme, 1, stations)
     T = ca.MX.sym("T", arm.n_tendons)
     poses, stretch = forward.function(T)[:2]
     columns = [forward.mesh.node(s) for s in stations]

@@ -1,9 +1,28 @@
 """The effects that a scene can call for, one small file each."""
 
 from model.effects.base import Effect
+from model.effects.current import Current
 from model.effects.exact_tendons import ExactTendons
 from model.effects.extension import Extension
+from model.effects.friction import Friction
 from model.effects.neo_hookean import NeoHookean
+from model.effects.point_load import PointLoad
 from model.effects.printed import PrintedStatics
+from model.effects.shear import Shear
+from model.effects.tip_load import TipLoad
+from model.effects.weight import Buoyancy, Weight
 
-__all__ = ["Effect", "ExactTendons", "Extension", "NeoHookean", "PrintedStatics"]
+__all__ = [
+    "Buoyancy",
+    "Current",
+    "Effect",
+    "ExactTendons",
+    "Extension",
+    "Friction",
+    "NeoHookean",
+    "PointLoad",
+    "PrintedStatics",
+    "Shear",
+    "TipLoad",
+    "Weight",
+]

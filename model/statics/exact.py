@@ -1,4 +1,4 @@
-"""Statics from an energy: exact tendons on a linear or a neo-Hookean body."""
+"""Statics from an energy without loads: exact tendons on a linear or a neo-Hookean body."""
 
 from __future__ import annotations
 
@@ -7,67 +7,25 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from model.arm import Arm
-from model.paths import Array
-from model.stations import Stations, crossing
+from model.statics.algebra import solve_symmetric
+from model.statics.energy import SectionEnergy
 
 _STEPS = 14
 _SETTLED = 1e-9
 
 
 @dataclass(frozen=True)
-class Exact:
+class Exact(SectionEnergy):
     """A section settles where its energy is stationary; see ExactTendons and NeoHookean.
 
     Unknowns are v = (kappa_n, kappa_b, lambda) per unit reference length, lambda = 1 + q only with
-    extension. Without loads kappa_t = 0: the energy is even in it. `pull` are the tensions of the
-    tendons that cross the section, `data` is E A, E J, G I, then y_i, then y_i'.
-
-    Attributes
-    ----------
-    section, cos, sin
-        Section index and direction (n, b) of each tendon.
-    extension, rubber, anticlastic : bool
-        Which effects are called for.
+    extension. Without loads kappa_t = 0: the energy is even in it.
     """
-
-    section: tuple[int, ...]
-    cos: tuple[float, ...]
-    sin: tuple[float, ...]
-    extension: bool
-    rubber: bool
-    anticlastic: bool
 
     @property
     def names(self) -> tuple[str, ...]:
         """See Statics.names."""
         return ("xi", "k", "q") if self.extension else ("xi", "k")
-
-    @property
-    def n_pull(self) -> int:
-        """See Statics.n_pull: a tension for each tendon."""
-        return len(self.section)
-
-    @property
-    def n_data(self) -> int:
-        """See Statics.n_data."""
-        return 3 + 2 * self._sections
-
-    @property
-    def _sections(self) -> int:
-        return max(self.section) + 1
-
-    def pulls(self, arm: Arm, at: Stations) -> tuple[Array, Array]:
-        """See Statics.pulls: 1 for a tendon that crosses."""
-        maps = crossing(arm, at)[:, :, None] * np.eye(arm.n_tendons)
-        return maps, np.zeros_like(maps)
-
-    def data(self, at: Stations) -> tuple[Array, Array]:
-        """See Statics.data."""
-        return (
-            np.vstack([at.body, at.y, at.y_rate]),
-            np.vstack([at.body_rate, at.y_rate, at.y_curve]),
-        )
 
     def solve(self, pull: ca.SX, data: ca.SX) -> ca.SX:
         """See ClosedStatics.solve: Newton's method from the solution for y' = 0."""
@@ -88,7 +46,7 @@ class Exact:
         """See Statics.rate: the derivative along s of the energy's vanishing gradient."""
         v, slope, hessian = self._symbols(pull, data)
         along = ca.jtimes(slope, data, data_rate) + ca.jtimes(slope, pull, pull_rate)
-        change = ca.substitute([_solve(hessian, -along)], [v], [self.unknowns(strain)])[0]
+        change = ca.substitute([solve_symmetric(hessian, -along)], [v], [self.unknowns(strain)])[0]
         if not self.extension:
             return change
         stretch = 1 + strain[2]
@@ -103,33 +61,10 @@ class Exact:
         """See Statics.stretch."""
         return strain[2] if self.extension else ca.SX(0)
 
-    def energy(self, v: ca.SX, pull: ca.SX, data: ca.SX) -> ca.SX:
-        """Return the energy per unit reference length, tendons included [N]."""
-        kn, kb = v[0], v[1]
-        stretch = v[2] if self.extension else ca.SX(1)
-        EA, EJ = data[0], data[1]
-        bend = EJ * (kn**2 + kb**2) / 2
-        if self.rubber:
-            body = EA / 6 * (stretch**2 + 2 / stretch - 3)
-            body += bend * (1 + 2 / stretch**3) / (3 * stretch)
-            shrink = 1 / ca.sqrt(stretch)
-        else:
-            body = EA / 2 * (stretch - 1) ** 2 + bend
-            shrink = ca.SX(1)
-        for j, i in enumerate(self.section):
-            y, y_rate = data[3 + i], data[3 + self._sections + i]
-            inward = y * (kb * self.cos[j] - kn * self.sin[j])
-            along = stretch - shrink * inward
-            if self.anticlastic:
-                across = y * (kb * self.sin[j] + kn * self.cos[j])
-                along -= (inward**2 - across**2) / (4 * stretch**2)
-            body += pull[j] * ca.sqrt(along**2 + (shrink * y_rate) ** 2 + _TINY)
-        return body
-
     def _symbols(self, pull: ca.SX, data: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Return v, the energy's gradient and its Hessian in v."""
         v = ca.SX.sym("v", len(self.names))
-        hessian, slope = ca.hessian(self.energy(v, pull, data), v)
+        hessian, slope = ca.hessian(self(v, pull, data), v)
         return v, slope, hessian
 
     def _newton(self) -> ca.Function:
@@ -139,7 +74,7 @@ class Exact:
         """
         pull, data = ca.SX.sym("pull", self.n_pull), ca.SX.sym("data", self.n_data)
         v, slope, hessian = self._symbols(pull, data)
-        step = _solve(hessian, -slope)
+        step = solve_symmetric(hessian, -slope)
         moved = v + step
         if self.extension:
             moved[2] = ca.fmax(moved[2], v[2] / 2)
@@ -172,18 +107,3 @@ class Exact:
         if not self.extension:
             return strain
         return ca.vertcat(strain[:2] * (1 + strain[2]), 1 + strain[2])
-
-
-# Keeps the root differentiable where a tendon on the axis of a section has no length left.
-_TINY = 1e-30
-
-
-def _solve(hessian: ca.SX, rhs: ca.SX) -> ca.SX:
-    """Return the solution of a small symmetric system, by Cramer's rule."""
-    det = ca.det(hessian)
-    columns = []
-    for i in range(rhs.numel()):
-        replaced = ca.SX(hessian)
-        replaced[:, i] = rhs
-        columns.append(ca.det(replaced) / det)
-    return ca.vertcat(*columns)

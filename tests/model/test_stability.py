@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from model import Arm, Scene
 from model.mesh import graded
 from model.runge_kutta import RK6
-from model.strain_ode import segments
+from model.strain_ode import StrainSegments
 from tests.oracles import (
     Array,
     Rod,
@@ -81,7 +81,7 @@ def test_without_tension_the_ratio_is_that_of_the_fourth_powers_of_the_radii() -
 def test_the_model_carries_errors_from_tip_to_base_by_the_same_factor() -> None:
     paper = Arm.from_paper("table-4")
     arm = Arm(paper.length, paper.radius, paper.sections[:1])
-    (segment,) = segments(arm, Scene(), graded(arm, 16), RK6)
+    (segment,) = StrainSegments(arm, Scene(), graded(arm, 16), RK6).segments
     x, T = ca.MX.sym("x", 9), ca.MX.sym("T", 4)
     slope = ca.Function("slope", [x, T], [ca.jacobian(segment.map(x, T)[7:, -1], x)[:, 7:]])
     start = np.concatenate([[1, 0, 0, 0, 0, 0, 0], strain(one_section(), PULL, 0.45, False)[1:3]])

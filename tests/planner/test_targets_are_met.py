@@ -117,4 +117,4 @@ def test_a_scene_as_printed_is_planned_too() -> None:
     point = tuple(settle(ARM, moderate(), Scene.as_printed(), 1e-9).tip)
     found = plan(ARM, TipPosition(point), Scene.as_printed(), 20.0)
     assert found.certificate.passed, found.outcome
-    assert found.certificate.scheme == "rk4"
+    assert found.certificate.scheme == "rk8"

@@ -1,0 +1,31 @@
+"""A force somewhere along the arm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from model.checks import not_negative, vector
+from model.effects.base import Effect
+
+
+@dataclass(frozen=True)
+class PointLoad(Effect):
+    """A dead force on the midline at arc length s; a scene may have several, at different places.
+
+    The force in the arm jumps there, the moment does not. Adds torsion as a state, a segment that
+    begins at s, and a boundary value problem. Without it what the arm leans on is not felt.
+
+    Attributes
+    ----------
+    s : float
+        From the base [m]; has to lie on the arm.
+    force : (3,)
+        In the base frame [N].
+    """
+
+    s: float
+    force: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "s", not_negative("PointLoad.s", self.s))
+        object.__setattr__(self, "force", vector("PointLoad.force", self.force))

@@ -1,0 +1,38 @@
+"""A force and a moment at the tip."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from model.checks import vector
+from model.effects.base import Effect
+from model.errors import InputError
+
+
+@dataclass(frozen=True)
+class TipLoad(Effect):
+    """A force and a moment on the tip: dead in the base frame, or following the tip.
+
+    F(L) = force and M(L) = moment, in the base frame or, with `follower`, in the tip's. Adds
+    torsion as a state and makes the scene a boundary value problem; a follower adds the force's
+    three components as well. Without it a payload, or what the tip pushes against, is not felt.
+
+    Attributes
+    ----------
+    force : (3,)
+        [N].
+    moment : (3,)
+        [N m].
+    follower : bool
+        Whether force and moment turn with the tip frame (t, n, b).
+    """
+
+    force: tuple[float, ...] = (0.0, 0.0, 0.0)
+    moment: tuple[float, ...] = (0.0, 0.0, 0.0)
+    follower: bool = False
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "force", vector("TipLoad.force", self.force))
+        object.__setattr__(self, "moment", vector("TipLoad.moment", self.moment))
+        if not isinstance(self.follower, bool):
+            raise InputError("TipLoad.follower", self.follower, "True or False")

@@ -1,0 +1,47 @@
+"""Weight and buoyancy: dead loads spread along the arm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from model.checks import not_negative, vector
+from model.effects.base import Effect
+
+
+@dataclass(frozen=True)
+class Weight(Effect):
+    """The arm's own weight, rho A(s) g per unit reference length, with the material's density.
+
+    Adds torsion as a state and makes the scene a boundary value problem: the loads beyond a
+    section depend on the shape. Without it a silicone arm in air is told to hold itself up for
+    nothing: table 2 under figure 11(b) sags by 3.8 cm even in water.
+
+    Attributes
+    ----------
+    g : (3,)
+        Acceleration of gravity in the base frame [m/s2].
+    """
+
+    g: tuple[float, ...] = (0.0, 0.0, -9.81)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "g", vector("Weight.g", self.g))
+
+
+@dataclass(frozen=True)
+class Buoyancy(Effect):
+    """The weight of the fluid that the arm displaces, taken off: (rho - rho_fluid) A(s) g.
+
+    Needs Weight, whose g it acts against; adds nothing to it. Without it an arm in water hangs
+    like one in air, 13 times too heavy for the silicone of the paper.
+
+    Attributes
+    ----------
+    density : float
+        Of the fluid [kg/m3].
+    """
+
+    density: float = 1000.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "density", not_negative("Buoyancy.density", self.density))

@@ -1,0 +1,106 @@
+"""The forward map of a loaded scene, on one mesh: tensions to states by multiple shooting."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from model.arm import Arm
+from model.closed_form import ClosedForm
+from model.continuation import LoadedEquilibrium
+from model.effects import ExactTendons, Extension, NeoHookean
+from model.load_equations import load_step, strain_reader
+from model.load_segments import LoadSegments
+from model.magnus import MAGNUS6
+from model.mesh import Mesh
+from model.paths import Array
+from model.runge_kutta import RungeKutta
+from model.scene import Scene
+from model.shooting import Shooting
+
+
+def unloaded(scene: Scene) -> Scene:
+    """Return the scene with what a section settles by itself, and nothing else."""
+    kept = (Extension, ExactTendons, NeoHookean)
+    return Scene(*(effect for effect in scene.effects if isinstance(effect, kept)))
+
+
+class Loaded:
+    """See ForwardMap; its states are the pose, the strains, and what else the loads call for."""
+
+    def __init__(self, arm: Arm, scene: Scene, mesh: Mesh, scheme: RungeKutta) -> None:
+        self.arm, self.scene, self.mesh, self.scheme = arm, scene, mesh, scheme
+        self.order = scheme.order
+        self.system = LoadSegments(arm, scene, mesh, scheme)
+        self.equilibrium = LoadedEquilibrium(self.system)
+        self.free = ClosedForm(arm, unloaded(scene), mesh, MAGNUS6)
+        self.paths = self._paths()
+        places = [segment.nodes for segment in self.system.segments]
+        self.stretch_at = np.concatenate(places)
+
+    def _paths(self) -> ca.Function:
+        """Return (X, p) -> states at the nodes from base to tip, 1 + q at `stretch_at`."""
+        shooting = Shooting(self.system)
+        X = ca.MX.sym("X", shooting.n_x, shooting.n_segments)
+        p = ca.MX.sym("p", self.arm.n_tendons + 1)
+        paths = shooting.trajectories(X / ca.DM(self.system.scale), p)
+        columns = ca.horzcat(*(path[:, :-1] for path in paths), paths[-1][:, -1])
+        pairs = zip(self.system.segments, paths, strict=True)
+        stretch = ca.horzcat(*(segment.stretch(path, p) for segment, path in pairs))
+        return ca.Function("paths", [X, p], [columns[:, ::-1], stretch])
+
+    def run(self, tensions: Array, near: Array | None = None) -> Array:
+        """See ForwardMap.run; raises SnapError."""
+        if near is None:
+            X = self.equilibrium.bring_on(self.without_loads(tensions), tensions)
+        else:
+            X = self.equilibrium.solve(near, tensions)
+        return np.array(self.paths(X, np.append(tensions, 1.0))[0]).T
+
+    def starts(self, states: Array) -> Array:
+        """See ForwardMap.starts."""
+        return states[self._first].T
+
+    @property
+    def _first(self) -> list[int]:
+        return [self.mesh.node(segment.nodes[0]) for segment in self.system.segments]
+
+    def stretch(self, tensions: Array, states: Array) -> Array:
+        """See ForwardMap.stretch."""
+        found = self.paths(self.starts(states), np.append(tensions, 1.0))[1]
+        return np.array(found).ravel()
+
+    def without_loads(self, tensions: Array) -> Array:
+        """Return the states at the segments' starts where the share of the loads is 0."""
+        poses = self.free.run(tensions)
+        s = self.mesh.s[self._first]
+        pose, strain = self.free.dense(tensions, poses, s)
+        e = self.system.equations
+        force = np.zeros((s.size, e.n_force))
+        pulls = np.tile(tensions[: e.n_tension], (s.size, 1))
+        return np.hstack([pose, e.statics.strain(strain), force, pulls]).T
+
+    def dense(self, tensions: Array, states: Array, s: Array) -> tuple[Array, Array]:
+        """See ForwardMap.dense: a step from the nodes above."""
+        step = np.clip(np.searchsorted(self.mesh.s, s, side="left") - 1, 0, self.mesh.steps - 1)
+        poses, strains = np.zeros((s.size, 7)), np.zeros((s.size, 4))
+        for segment in self.system.segments:
+            below = self.mesh.s[step]
+            inside = (below >= segment.nodes[-1]) & (below < segment.nodes[0])
+            if inside.any():
+                found = self._dense(tensions, states, s[inside], step[inside], segment.nodes[0])
+                poses[inside], strains[inside] = found
+        return poses, strains
+
+    def _dense(
+        self, tensions: Array, states: Array, s: Array, step: Array, beyond: float
+    ) -> tuple[Array, Array]:
+        p = ca.MX.sym("p", tensions.size + 1)
+        active, start = self.mesh.active[step], self.mesh.s[step + 1]
+        data = self.system.step_data(start, s - start, active, beyond, p)
+        across = load_step(self.system.equations, self.scheme).map(s.size)
+        x = across(ca.DM(states[step + 1].T), *data, ca.DM(s - start).T)
+        here = self.system.sections(s, active, beyond, p).still
+        full = strain_reader(self.system.equations).map(s.size)(x, *here)
+        values = ca.Function("dense", [p], [x[:7, :], full])(np.append(tensions, 1.0))
+        return np.array(values[0]).T, np.array(values[1]).T

@@ -1,0 +1,156 @@
+"""What a scene's loads are at given arc lengths of an arm: numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from model.arm import Arm
+from model.effects import Buoyancy, Current, Friction, PointLoad, TipLoad, Weight
+from model.errors import InputError
+from model.paths import Array
+from model.scene import Scene
+from model.stations import Stations, crossing
+
+_GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(6)
+
+
+@dataclass(frozen=True)
+class LoadForm:
+    """Which kinds of load there are: what the equations depend on besides numbers.
+
+    Attributes
+    ----------
+    force : bool
+        Whether any load pulls on the arm.
+    weight : bool
+        Whether a dead load is spread along it.
+    velocity : (3,) or None
+        Of a current [m/s].
+    follower : bool
+        Whether the load at the tip turns with it.
+    friction : tuple of int or None
+        The way each tendon slides: 1 in, -1 out.
+    n_sections : int
+        Sections whose tendon paths friction looks at.
+    """
+
+    force: bool
+    weight: bool
+    velocity: tuple[float, ...] | None
+    follower: bool
+    friction: tuple[int, ...] | None
+    n_sections: int
+
+    @property
+    def moving(self) -> bool:
+        """Whether some of the force depends on the shape, so that it is a state."""
+        return self.follower or self.velocity is not None
+
+    @property
+    def rows(self) -> dict[str, int]:
+        """The numbers that a cross-section has, by name, and how many of each."""
+        tendons = len(self.friction or ())
+        wanted = {
+            "force": 3 * self.force,
+            "density": 3 * self.weight,
+            "drag": int(self.velocity is not None),
+            "paths": 3 * self.n_sections * (tendons > 0),
+            "crosses": tendons,
+            "mu": int(tendons > 0),
+        }
+        return {name: size for name, size in wanted.items() if size}
+
+
+def load_form(arm: Arm, scene: Scene) -> LoadForm:
+    """Return the kinds of load in a scene."""
+    tip, current, friction = scene.find(TipLoad), scene.find(Current), scene.find(Friction)
+    return LoadForm(
+        any(scene.has(kind) for kind in (TipLoad, PointLoad, Weight, Current)),
+        scene.has(Weight),
+        current.velocity if current else None,
+        tip is not None and tip.follower,
+        _directions(arm, friction) if friction else None,
+        len(arm.sections),
+    )
+
+
+def check_loads(arm: Arm, scene: Scene) -> None:
+    """Raise InputError for loads that this arm cannot have."""
+    for load in point_loads(scene):
+        if load.s > arm.length * (1 + 1e-12):
+            raise InputError("PointLoad.s", load.s, f"from 0 to the arm's length, {arm.length:g} m")
+    friction = scene.find(Friction)
+    if friction:
+        _directions(arm, friction)
+
+
+def point_loads(scene: Scene) -> list[PointLoad]:
+    """Return the scene's point loads."""
+    return [effect for effect in scene.effects if isinstance(effect, PointLoad)]
+
+
+def places(arm: Arm, scene: Scene) -> tuple[float, ...]:
+    """Return the arc lengths inside of the arm at which a point load acts [m]."""
+    return tuple(load.s for load in point_loads(scene) if 0 < load.s < arm.length)
+
+
+def load_numbers(arm: Arm, scene: Scene, at: Stations, beyond: float) -> dict[str, Array]:
+    """Return the numbers (rows, N) of LoadForm.rows at stations, as if all loads were in full.
+
+    `beyond`: point loads from this arc length on pull on what is there [m].
+    """
+    form, N = load_form(arm, scene), at.s.size
+    current, friction = scene.find(Current), scene.find(Friction)
+    numbers: dict[str, Array] = {}
+    if form.force:
+        tip = scene.find(TipLoad)
+        force = np.array(tip.force) if tip and not tip.follower else np.zeros(3)
+        for load in point_loads(scene):
+            force = force + np.array(load.force) * (load.s >= beyond - 1e-9 * arm.length)
+        numbers["force"] = force[:, None] + np.outer(_heaviness(arm, scene), volume(arm, at.s))
+    if form.weight:
+        area = np.pi * arm.radius.evaluate(at.s, arm.length)[0] ** 2
+        numbers["density"] = np.outer(_heaviness(arm, scene), area)
+    if current:
+        R = arm.radius.evaluate(at.s, arm.length)[0]
+        numbers["drag"] = (current.density * current.coefficient * R)[None, :]
+    if friction:
+        numbers["paths"] = np.vstack([at.y, at.y_rate, at.y_curve])
+        numbers["crosses"] = crossing(arm, at).T
+        numbers["mu"] = np.full((1, N), friction.mu)
+    return numbers
+
+
+def volume(arm: Arm, s: Array) -> Array:
+    """Return the volume of the body between arc lengths s (N,) and the tip [m3].
+
+    By Gauss quadrature between the arc lengths and the radius path's knots, which is exact for
+    radii that are polynomials up to the fifth degree in between.
+    """
+    ends = np.unique(np.concatenate([[0.0, arm.length], s, arm.radius.knots()]))
+    ends = ends[(ends >= 0) & (ends <= arm.length)]
+    h = np.diff(ends)
+    nodes = (ends[:-1] + h / 2)[:, None] + h[:, None] / 2 * _GAUSS
+    area = np.pi * arm.radius.evaluate(nodes.ravel(), arm.length)[0].reshape(nodes.shape) ** 2
+    parts = h / 2 * (area @ _WEIGHTS)
+    beyond = np.concatenate([np.cumsum(parts[::-1])[::-1], [0.0]])
+    return np.asarray(beyond[np.searchsorted(ends, np.clip(s, 0.0, arm.length))])
+
+
+def _heaviness(arm: Arm, scene: Scene) -> Array:
+    """Return the weight of a volume of the body, less that of the fluid displaced [N/m3]."""
+    weight, fluid = scene.find(Weight), scene.find(Buoyancy)
+    if weight is None:
+        return np.zeros(3)
+    return (arm.material.density - (fluid.density if fluid else 0.0)) * np.array(weight.g)
+
+
+def _directions(arm: Arm, friction: Friction) -> tuple[int, ...]:
+    if isinstance(friction.direction, int):
+        return (friction.direction,) * arm.n_tendons
+    if len(friction.direction) != arm.n_tendons:
+        allowed = f"one number, or one for each of {arm.n_tendons} tendons"
+        raise InputError("Friction.direction", friction.direction, allowed)
+    return friction.direction
