@@ -159,9 +159,13 @@ class LoadedEquilibrium:
         return float(np.delete(relative, (4, 5, 6), axis=0).max())
 
     def _placed(self, X: Array, p: Array) -> Array:
-        """Return X moved as a whole, so that the arm begins at its base."""
-        end = np.array(self.system.segments[-1].map(X[:, -1], p))[4:7, -1]
-        X[4:7] += (np.array(self.system.base[4:7]).ravel() - end)[:, None]
+        """Return X moved as a whole, so that the arm begins at its base.
+
+        Newton's method leaves the position of the tip and the length of the quaternions alone.
+        """
+        end = np.array(self.system.segments[-1].map(X[:, -1], p))[:, -1]
+        X[4:7] += (np.array(self.system.base[4:7]).ravel() - end[4:7])[:, None]
+        X[:4] /= np.linalg.norm(end[:4])
         return X
 
     def _is_past_critical(self, X: Array, tensions: Array, share: float) -> bool:

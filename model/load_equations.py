@@ -132,8 +132,8 @@ class LoadEquations:
         inner_pose, inner_strain, inner_force, inner_tensions = self.split(y)
         moment = self.statics.wrench(strain, self.pulled(outer[0], tensions), outer[1])[:3]
         wrench = self._with_forces(moment, self.force(y, inner[2]))
-        balance = self.statics.wrench(inner_strain, self.pulled(inner[0], inner_tensions), inner[1])
-        rows = [inner_pose - pose, balance - wrench, inner_force - force]
+        at = (inner_strain, self.pulled(inner[0], inner_tensions), inner[1])
+        rows = [inner_pose - pose, self._balance(at, wrench), inner_force - force]
         if self.n_tension:
             slip = self._slip(strain, inner_strain, outer[2], inner[2])
             rows.append(inner_tensions - tensions * slip)
@@ -146,12 +146,18 @@ class LoadEquations:
         """
         pose, strain, force, tensions = self.split(y)
         moment = load[3:] if self.form.follower else rotate(_back(pose), load[3:])
-        balance = self.statics.wrench(strain, self.pulled(inner[0], tensions), inner[1])
-        rows = [balance - self._with_forces(moment, self.force(y, inner[2]))]
+        at = (strain, self.pulled(inner[0], tensions), inner[1])
+        rows = [self._balance(at, self._with_forces(moment, self.force(y, inner[2])))]
         if self.n_force:
             known = rotate(pose[:4], load[:3]) if self.form.follower else ca.SX.zeros(3)
             rows.append(force - known)
         return ca.vertcat(*rows)
+
+    def _balance(self, at: tuple[ca.SX, ca.SX, ca.SX], wrench: ca.SX) -> ca.SX:
+        """Return L less the wrench as strains: moments over E J, forces over E A."""
+        EA, EJ = at[2][0], at[2][1]
+        gap = self.statics.wrench(*at) - wrench
+        return ca.vertcat(gap[:3] / EJ, gap[3:] / EA)
 
     def _with_forces(self, moment: ca.SX, force: ca.SX) -> ca.SX:
         return ca.vertcat(moment, *(force[i] for i in self.statics.forces))

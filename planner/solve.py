@@ -11,6 +11,7 @@ from model.arm import Arm
 from model.checks import within
 from model.errors import InputError, OctoplanError
 from model.forward import schemes_of
+from model.loaded import unloaded
 from model.loads import check_loads
 from model.paths import Array
 from model.scene import Scene
@@ -28,6 +29,8 @@ from planner.targets.base import Target
 
 # Starts before agreement counts: five do for points; mirrored optima agree without meaning.
 _FEW, _MORE = 5, 10
+# Loaded arms start from the optima of the unloaded one, among which the search was.
+_FEWEST = 2
 _INSIDE = 0.005
 _LITTLE = 1e-5
 _FINE_IF_UNSETTLED = 16
@@ -140,11 +143,15 @@ class _Search:
         terms = self._problem("exact").terms
         is_point = terms.numel_out(0) + terms.numel_out(1) <= 3 and terms.numel_out(2) == 0
         self.least = _FEW if is_point else _MORE
+        if is_loaded(scene):
+            self.least = _FEWEST
 
     def run(self, most: int) -> Plan:
         """Try the readings of the targets in turn; see planner.problem for the three modes."""
         guesses = candidates(self._problem("exact"), self.targets, self.limits)
         starts = spread(guesses, most)
+        if is_loaded(self.scene):
+            starts = spread([*self._without_loads(starts), *((0.0, T) for T in starts)], most)
         first, others = starts[: self.least], starts[self.least :]
         records: list[Start] = []
         best: Solution | None = None
@@ -157,6 +164,14 @@ class _Search:
             others = [self._tensions(fallback[0]), *others]
         records, best = self._from_starts(others, "exact", records, best)
         return self._finish(best, records, "exact") if best else self._finish(*fallback)
+
+    def _without_loads(self, starts: list[Array]) -> list[tuple[float, Array]]:
+        """Return the optima of the unloaded arm, best first: the loaded ones are near."""
+        scene, statement = unloaded(self.scene), self.statement.but(form="condensed")
+        free = _Search(self.arm, self.targets, scene, self.asked, statement, self.accuracy)
+        found = [free._solve(free._problem("exact"), T) for T in starts[: free.least]]
+        met = sorted((s for s in found if s.finite), key=lambda s: (not s.met, s.f))
+        return [(0.0, free._tensions(s)) for s in met]
 
     def _can_be_exact(self) -> bool:
         """Return whether there are tendons enough to meet every row of match and approach."""
