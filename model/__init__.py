@@ -6,6 +6,7 @@ from model.paths import Linear, Sampled
 from model.scene import Scene
 from model.settle import Shapes, settle, settle_many
 from model.shape import Shape
+from model.switching import Switch, switch_effects
 
 __all__ = [
     "Anchorage",
@@ -21,7 +22,9 @@ __all__ = [
     "Shape",
     "Shapes",
     "SnapError",
+    "Switch",
     "conical",
     "settle",
     "settle_many",
+    "switch_effects",
 ]

@@ -1,4 +1,4 @@
-"""The command line: `octoplan plan SCENE.toml`, `octoplan settle SCENE.toml`.
+"""The command line: `octoplan plan SCENE.toml`, `octoplan settle SCENE.toml`, `octoplan effects`.
 
 Exit codes: 0 certified (or settled), 1 not reached or not certified, 2 bad input.
 """
@@ -11,8 +11,17 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from model import InputError, OctoplanError, settle
-from planner.report import plan_dict, plan_text, shape_dict, shape_text, to_json, write_whole
+from model import InputError, OctoplanError, settle, switch_effects
+from planner.report import (
+    plan_dict,
+    plan_text,
+    shape_dict,
+    shape_text,
+    switch_table,
+    switches_dict,
+    to_json,
+    write_whole,
+)
 from planner.scenefile import Question, load
 from planner.solve import plan
 
@@ -46,6 +55,7 @@ def _parser() -> argparse.ArgumentParser:
     for name, command, text in (
         ("plan", _plan, "find the tensions of least effort for the scene's target"),
         ("settle", _settle, "find the shape under the scene's tensions"),
+        ("effects", _effects, "tell which effects matter to the scene's shape, and what they cost"),
     ):
         sub = commands.add_parser(name, help=text, description=text)
         sub.add_argument("scene", type=Path, help="scene file (TOML)")
@@ -78,10 +88,8 @@ def _plan(question: Question, args: argparse.Namespace) -> int:
 
 
 def _settle(question: Question, args: argparse.Namespace) -> int:
-    if question.tensions is None:
-        raise InputError("tensions", "none", "tensions = [[...], ...] in N in the scene file")
     accuracy = args.accuracy or question.accuracy
-    shape = settle(question.arm, question.tensions, question.scene, accuracy)
+    shape = settle(question.arm, _tensions(question), question.scene, accuracy)
     values = shape_dict(shape)
     if args.out:
         from planner.plot import plot_shape
@@ -89,6 +97,24 @@ def _settle(question: Question, args: argparse.Namespace) -> int:
         _write(args.out, "shape", to_json(values), lambda: plot_shape(shape))
     _show(to_json(values).decode() if args.json else shape_text(shape))
     return OK
+
+
+def _effects(question: Question, args: argparse.Namespace) -> int:
+    accuracy = args.accuracy or question.accuracy
+    switches = switch_effects(question.arm, _tensions(question), question.scene, accuracy)
+    values = switches_dict(switches)
+    if args.out:
+        from planner.plot_effects import plot_effects
+
+        _write(args.out, "effects", to_json(values), lambda: plot_effects(switches, accuracy))
+    _show(to_json(values).decode() if args.json else switch_table(switches, accuracy))
+    return OK
+
+
+def _tensions(question: Question) -> Any:
+    if question.tensions is None:
+        raise InputError("tensions", "none", "tensions = [[...], ...] in N in the scene file")
+    return question.tensions
 
 
 def _show(text: str) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from model import Arm, Shape
+from model import Arm, Shape, Switch
 from model.paths import Array
 from planner.plan import Plan
 
@@ -81,6 +81,35 @@ def shape_dict(shape: Shape) -> dict[str, Any]:
         "strain": shape.strain(s).tolist(),
         "versions": versions(),
     }
+
+
+def switch_table(switches: tuple[Switch, ...], accuracy: float) -> str:
+    """Return what each effect does to a scene and what it costs, a line each."""
+    head = (
+        f"{'effect':<38}{'in scene':>9}{'tip change [L]':>15}{'states':>8}{'unknowns':>10}"
+        f"{'instructions':>14}{'time':>8}  matters at {accuracy:.0e}"
+    )
+    lines = [head]
+    for switch in switches:
+        more = switch.sizes.instructions / switch.sizes_without.instructions
+        cells = (
+            f"{switch.effect:<38}{'yes' if switch.called_for else 'no':>9}"
+            f"{_or_dash(switch.tip_change, '.1e'):>15}{switch.states_added:>+8}"
+            f"{switch.sizes.unknowns - switch.sizes_without.unknowns:>+10}"
+            f"{more:>13.2g}x{_or_dash(switch.time_factor, '.2g'):>7}x"
+        )
+        verdict = "yes" if switch.matters else "no"
+        lines.append(f"{cells}  {verdict}{f': {switch.problem}' if switch.problem else ''}")
+    return "\n".join(lines)
+
+
+def _or_dash(value: float, form: str) -> str:
+    return "-" if np.isnan(value) else format(value, form)
+
+
+def switches_dict(switches: tuple[Switch, ...]) -> dict[str, Any]:
+    """Return what each effect does and costs as plain values."""
+    return {"effects": [asdict(switch) for switch in switches], "versions": versions()}
 
 
 def versions() -> dict[str, str]:

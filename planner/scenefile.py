@@ -11,133 +11,37 @@ import msgspec
 import numpy as np
 
 from model import Anchorage, Arm, InputError, Linear, Material, Sampled, Scene
-from model.effects import Effect, ExactTendons, Extension, NeoHookean, PrintedStatics
+from model.effects import (
+    Buoyancy,
+    Current,
+    Effect,
+    ExactTendons,
+    Extension,
+    Friction,
+    NeoHookean,
+    PointLoad,
+    PrintedStatics,
+    Shear,
+    TipLoad,
+    Weight,
+)
+from planner.scene_tables import (
+    ArmTable,
+    BackboneTable,
+    BendingPlaneTable,
+    EffectsTable,
+    FetchTable,
+    PathKey,
+    SamplesTable,
+    SceneTable,
+    TargetTable,
+    TipPoseTable,
+    TipPositionTable,
+)
 from planner.targets import Backbone, Bend, BendingPlane, Fetch, Target, TipPose, TipPosition
 
 _MM = 1e-3
 R = TypeVar("R")
-
-
-class _Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """A table of a scene file; keys that it does not know are refused."""
-
-
-class SamplesTable(_Table, frozen=True):
-    """A function of arc length by samples."""
-
-    s_mm: list[float]
-    values_mm: list[float]
-
-
-PathKey = list[float] | SamplesTable
-
-
-class SectionTable(_Table, frozen=True):
-    """An anchorage section."""
-
-    at_mm: float
-    offset_mm: PathKey
-    angles_deg: tuple[float, ...] = (0.0, 90.0, 180.0, 270.0)
-
-
-class ArmTable(_Table, frozen=True):
-    """An arm: `preset` alone, or length, radius and sections."""
-
-    preset: str | None = None
-    length_mm: float | None = None
-    radius_mm: PathKey | None = None
-    sections: list[SectionTable] = []
-    E_kPa: float = 110.0
-    nu: float = 0.5
-    density: float = 1080.0
-
-
-class EffectsTable(_Table, frozen=True):
-    """The effects called for."""
-
-    extension: bool = False
-    exact_tendons: bool = False
-    neo_hookean: bool = False
-    anticlastic: bool = False
-    as_printed: bool = False
-
-
-class BendingPlaneTable(_Table, tag="bending-plane", frozen=True):
-    """See BendingPlane."""
-
-    angle_deg: float
-    bend_deg: float
-    section: int = 1
-
-
-class TipPositionTable(_Table, tag="tip-position", frozen=True):
-    """See TipPosition."""
-
-    position_mm: list[float]
-
-
-class TipPoseTable(_Table, tag="tip-pose", frozen=True):
-    """See TipPose; tangent, normal and binormal are the columns of the frame."""
-
-    position_mm: list[float]
-    tangent: list[float]
-    normal: list[float]
-
-
-class BackboneTable(_Table, tag="backbone", frozen=True):
-    """See Backbone."""
-
-    points_mm: list[list[float]]
-    s_mm: list[float] | None = None
-    weights: list[float] | None = None
-
-
-class FetchTable(_Table, tag="fetch", frozen=True):
-    """See Fetch: (bend, plane) of each stretch."""
-
-    proximal_deg: list[float]
-    medial_deg: list[float]
-    distal_deg: list[float]
-
-
-class FetchReachTable(_Table, tag="fetch-reach", frozen=True):
-    """See FetchReach."""
-
-    mouth_mm: list[float]
-    bend_deg: float = 30.0
-    plane_deg: float | None = None
-
-
-TargetTable = (
-    BendingPlaneTable
-    | TipPositionTable
-    | TipPoseTable
-    | BackboneTable
-    | FetchTable
-    | FetchReachTable
-)
-
-
-class LimitsTable(_Table, frozen=True):
-    """Limits of the tensions [N]."""
-
-    tension_max: float | list[list[float] | float]
-    tension_min: float | list[list[float] | float] = 0.0
-    total_pull: float | None = None
-
-
-class SceneTable(_Table, frozen=True):
-    """A whole scene file."""
-
-    arm: ArmTable
-    effects: EffectsTable = EffectsTable()
-    target: TargetTable | None = None
-    targets: list[TargetTable] = []
-    limits: LimitsTable | None = None
-    tensions: list[list[float] | float] | None = None
-    accuracy: float = 1e-6
-    norm: str = "2"
-    form: str = "condensed"
 
 
 @dataclass(frozen=True)
@@ -225,7 +129,22 @@ def _scene(table: EffectsTable) -> Scene:
         (table.neo_hookean, NeoHookean(table.anticlastic)),
         (table.as_printed, PrintedStatics()),
     ]
-    return Scene(*(effect for wanted, effect in called if wanted))
+    return Scene(*(effect for wanted, effect in called if wanted), *_loads(table))
+
+
+def _loads(table: EffectsTable) -> list[Effect]:
+    """Return the effects that have tables of their own."""
+    kinds = {
+        "shear": Shear,
+        "weight": Weight,
+        "buoyancy": Buoyancy,
+        "tip_load": TipLoad,
+        "current": Current,
+        "friction": Friction,
+    }
+    tables = [(kind, getattr(table, key)) for key, kind in kinds.items()]
+    loads = [kind(**msgspec.structs.asdict(own)) for kind, own in tables if own is not None]
+    return [*loads, *(PointLoad(own.s_mm * _MM, own.force) for own in table.point_loads)]
 
 
 def _target(table: TargetTable) -> Target:

@@ -27,7 +27,11 @@ REFUSED: dict[str, tuple[Callable[[], object], str, str]] = {
     "accuracy too coarse": (lambda: settle(ARM, REST, accuracy=0.11), "accuracy", "to 0.1"),
     "accuracy not a number": (lambda: settle(ARM, REST, accuracy=NAN), "accuracy", "finite"),
     "accuracy in words": (lambda: settle(ARM, REST, accuracy="fine"), "accuracy", "numbers"),
-    "unknown scheme": (lambda: settle(ARM, REST, scheme="euler"), "scheme", "magnus6, rk6, rk8, rk4"),
+    "unknown scheme": (
+        lambda: settle(ARM, REST, scheme="euler"),
+        "scheme",
+        "magnus6, rk6, rk8",
+    ),
     "scheme of another scene": (
         lambda: settle(ARM, REST, Scene.as_printed(), scheme="magnus6"),
         "scheme",

@@ -1,0 +1,49 @@
+"""How large the functions of a scene are: what its effects cost, counted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+
+from model.arm import Arm
+from model.forward import explicit_map, loaded_map, schemes_of
+from model.scene import Scene
+from model.shooting import Shooting
+from model.statics import is_loaded
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Counts that do not depend on the machine.
+
+    Attributes
+    ----------
+    states : int
+        Numbers carried along the arm: the pose, and what is integrated with it.
+    unknowns, constraints : int
+        Of the boundary value problem; none where the shape is an explicit function.
+    instructions : int
+        Elementary operations to evaluate the shape, or the constraints, on the coarsest mesh.
+    """
+
+    states: int
+    unknowns: int
+    constraints: int
+    instructions: int
+
+
+def sizes(arm: Arm, scene: Scene) -> Sizes:
+    """Return the sizes of a scene's functions, by the scheme that is used unless one is named."""
+    scheme = schemes_of(scene)[0]
+    if not is_loaded(scene):
+        function = explicit_map(arm, scene, scheme, 1).function
+        carried = 7 + (function.size1_out(2) if function.n_out() > 2 else 0)
+        return Sizes(carried, 0, 0, function.expand().n_instructions())
+    shooting = Shooting(loaded_map(arm, scene, scheme, 1).system)
+    X = ca.MX.sym("X", shooting.n_x, shooting.n_segments)
+    T = ca.MX.sym("T", arm.n_tendons)
+    p = shooting.system.parameters(T)
+    residual = ca.Function("residual", [X, T], [shooting.residual(shooting.trajectories(X, p), p)])
+    rows = residual.numel_out(0)
+    return Sizes(shooting.n_x, X.numel(), rows, residual.expand().n_instructions())

@@ -1,0 +1,185 @@
+"""Which effects matter: a scene settled with each of its effects switched off, and others on."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from model.arm import Arm
+from model.effects import (
+    Buoyancy,
+    Effect,
+    ExactTendons,
+    Extension,
+    NeoHookean,
+    PrintedStatics,
+    Shear,
+    Weight,
+)
+from model.errors import InputError, OctoplanError
+from model.scene import Scene
+from model.settle import ACCURACY, settle
+from model.shape import Shape
+from model.sizes import Sizes, sizes
+
+# Effects that need no numbers of the user's, and what a scene that has them needs besides.
+_KNOWN: tuple[tuple[Effect, ...], ...] = (
+    (Extension(),),
+    (ExactTendons(),),
+    (NeoHookean(), Extension(), ExactTendons()),
+    (Shear(),),
+    (Weight(),),
+    (Buoyancy(), Weight()),
+)
+_REPEATS = 5
+
+
+@dataclass(frozen=True)
+class Switch:
+    """One effect, and the scene with and without it.
+
+    Attributes
+    ----------
+    effect : str
+        Its name, with the names of what had to be switched along with it.
+    called_for : bool
+        Whether the scene has it.
+    tip_change : float
+        Distance between the tips with and without it, over L; NaN where one does not settle.
+    sizes, sizes_without : Sizes
+        Of the scene with and without it.
+    time_factor : float
+        Time of a settle with it over that without it.
+    matters : bool
+        Whether the tip change is above the accuracy, or the arm does not settle without it or
+        with it.
+    problem : str
+        Why one of the two does not settle, if so.
+    """
+
+    effect: str
+    called_for: bool
+    tip_change: float
+    sizes: Sizes
+    sizes_without: Sizes
+    time_factor: float
+    matters: bool
+    problem: str = ""
+
+    @property
+    def states_added(self) -> int:
+        """How many states it adds."""
+        return self.sizes.states - self.sizes_without.states
+
+
+def switch_effects(
+    arm: Arm,
+    tensions: Any,
+    scene: Scene,
+    accuracy: float = ACCURACY,
+    repeats: int = _REPEATS,
+) -> tuple[Switch, ...]:
+    """Settle a scene with each of its effects switched off in turn, and others switched on.
+
+    The others are those that have natural values: extension, exact tendons, the neo-Hookean body,
+    shear, weight in air and in water. What an effect needs is switched along with it.
+
+    Returns
+    -------
+    tuple of Switch
+        First the scene's own effects, then the others.
+
+    Raises
+    ------
+    InputError
+        As settle does; the scene itself has to settle.
+    """
+    settle(arm, tensions, scene, accuracy)
+    found = []
+    for effect in scene.effects:
+        pair = (_without(scene, effect), scene)
+        found.append(_compare(arm, tensions, pair, effect, True, accuracy, repeats))
+    for effect, richer in _richer(scene):
+        found.append(_compare(arm, tensions, (scene, richer), effect, False, accuracy, repeats))
+    return tuple(found)
+
+
+def switch_on(
+    arm: Arm,
+    tensions: Any,
+    scene: Scene,
+    effects: tuple[Effect, ...],
+    accuracy: float = ACCURACY,
+    repeats: int = _REPEATS,
+) -> Switch:
+    """Settle a scene with and without some effects that it lacks; the first gives its name."""
+    pair = (scene, Scene(*scene.effects, *effects))
+    return _compare(arm, tensions, pair, effects[0], False, accuracy, repeats)
+
+
+def _without(scene: Scene, effect: Effect) -> Scene:
+    """Return the scene without an effect, and without those that need it."""
+    left = [other for other in scene.effects if other != effect]
+    while True:
+        try:
+            return Scene(*left)
+        except InputError as reason:
+            kinds = [type(other).__name__ for other in left]
+            left.pop(kinds.index(str(reason.given)))
+
+
+def _richer(scene: Scene) -> list[tuple[Effect, Scene]]:
+    """Return each of the known effects that the scene lacks and can have, and the scene with it."""
+    found = []
+    for effect, *needs in () if scene.has(PrintedStatics) else _KNOWN:
+        if not scene.has(type(effect)):
+            added = [effect, *(need for need in needs if not scene.has(type(need)))]
+            found.append((effect, Scene(*scene.effects, *added)))
+    return found
+
+
+def _compare(
+    arm: Arm,
+    tensions: Any,
+    pair: tuple[Scene, Scene],
+    effect: Effect,
+    called_for: bool,
+    accuracy: float,
+    repeats: int,
+) -> Switch:
+    without, with_it = pair
+    others = set(with_it.effects) - set(without.effects) - {effect}
+    name = " and ".join([*_names([effect]), *_names(others)])
+    counted = (sizes(arm, with_it), sizes(arm, without))
+
+    def settled(scene: Scene) -> Shape:
+        return settle(arm, tensions, scene, accuracy)
+
+    try:
+        shapes = [settled(with_it), settled(without)]
+    except OctoplanError as reason:
+        return Switch(name, called_for, np.nan, *counted, np.nan, True, str(reason))
+    change = float(np.linalg.norm(shapes[0].tip - shapes[1].tip)) / arm.length
+    factor = _time_factor(lambda: settled(with_it), lambda: settled(without), repeats)
+    return Switch(name, called_for, change, *counted, factor, change > accuracy)
+
+
+def _names(effects: Iterable[Effect]) -> list[str]:
+    return sorted(type(effect).__name__ for effect in effects)
+
+
+def _time_factor(first: Callable[[], Shape], second: Callable[[], Shape], repeats: int) -> float:
+    """Return the median ratio of the times of two calls made in turn."""
+    ratios = []
+    for _ in range(repeats):
+        times = []
+        for call in (first, second):
+            begin = time.perf_counter()
+            call()
+            times.append(time.perf_counter() - begin)
+        ratios.append(times[0] / times[1])
+    return float(np.median(ratios))

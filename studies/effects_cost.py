@@ -1,0 +1,124 @@
+"""What does each effect do to the paper's shapes, and what does it cost?
+
+Question: by how much does each effect, alone and all together, move the tip of the bending of
+figure 11(b) and of the fetch of figure 15, and by what factor is a settle dearer?
+
+Assumptions: the tensions of tables 3 and 5; each effect is added to the paper's scene (extension
+alone) with the values listed in EFFECTS, which are those of a laboratory tank; accuracy 1e-6;
+times are medians of ratios, with and without the effect in turn.
+
+Command: python -m studies.effects_cost [--repeats 5] [--out out]
+
+Answer: @ANSWER@
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from model import Arm, Scene, Switch
+from model.effects import (
+    Buoyancy,
+    Current,
+    Effect,
+    ExactTendons,
+    Extension,
+    Friction,
+    NeoHookean,
+    PointLoad,
+    Shear,
+    TipLoad,
+    Weight,
+)
+from model.switching import switch_on
+
+PAPER = Scene(Extension())
+CASES = {
+    "figure 11(b)": ("table-2", [[1, np.sqrt(3), 0, 0], [0] * 4, [0] * 4]),
+    "figure 15": ("table-4", [[0, 0, 0.5, 0], [4, 0, 0, 0], [0, 13, 0, 0]]),
+}
+EFFECTS: dict[str, tuple[Effect, ...]] = {
+    "exact tendons": (ExactTendons(),),
+    "neo-Hookean, exact tendons": (NeoHookean(), ExactTendons()),
+    "shear": (Shear(),),
+    "weight in air": (Weight(),),
+    "weight in water": (Weight(), Buoyancy(1000.0)),
+    "2 mN at the tip": (TipLoad((0.0, 0.0, -0.002)),),
+    "2 mN following the tip": (TipLoad((0.0, 0.002, 0.0), follower=True),),
+    "5 mN at half length": (PointLoad(0.225, (0.0, 0.0, -0.005)),),
+    "current of 0.1 m/s": (Current((0.0, 0.0, -0.1)),),
+    "friction of 0.1": (Friction(0.1),),
+}
+TOGETHER: tuple[Effect, ...] = (
+    ExactTendons(),
+    NeoHookean(),
+    Shear(),
+    Weight(),
+    Buoyancy(1000.0),
+    TipLoad((0.0, 0.0, -0.002)),
+    PointLoad(0.225, (0.0, 0.0, -0.005)),
+    Current((0.0, 0.0, -0.1)),
+    Friction(0.1),
+)
+
+
+def measure(case: str, repeats: int) -> dict[str, Switch]:
+    """Return what each effect, and all together, do to a case and cost."""
+    name, T = CASES[case]
+    arm = Arm.from_paper(name)
+    rows = {**EFFECTS, "all together": TOGETHER}
+    return {
+        label: switch_on(arm, T, PAPER, effects, repeats=repeats) for label, effects in rows.items()
+    }
+
+
+def draw(tables: dict[str, dict[str, Switch]]) -> Figure:
+    """Return the figure: tip change against the time it costs, a panel for each case."""
+    figure = Figure(figsize=(9, 4.2), layout="constrained")
+    panels = figure.subplots(1, len(tables), sharey=True, squeeze=False)[0]
+    for ax, (case, table) in zip(panels, tables.items(), strict=True):
+        ax.axhline(1e-6, color="#9aa0a6", linewidth=0.8, linestyle="--")
+        for i, (label, switch) in enumerate(table.items(), 1):
+            ax.plot([switch.time_factor], [switch.tip_change], "o", color=f"C{i % 10}", markersize=9)
+            ax.annotate(
+                str(i), (switch.time_factor, switch.tip_change), ha="center", va="center",
+                fontsize=6, color="white",
+            )
+            ax.plot([], [], "o", color=f"C{i % 10}", label=f"{i}  {label}")
+        ax.set(xscale="log", yscale="log", title=case, xlabel="time of a settle, over the paper's")
+        ax.grid(color="#e3e5e8", linewidth=0.6)
+        ax.spines[["top", "right"]].set_visible(False)
+    panels[0].set_ylabel("tip moves by [L]")
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside right upper", fontsize=8, frameon=False)
+    return figure
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Print the table and save the figure."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--out", type=Path, default=Path("out"))
+    args = parser.parse_args(argv)
+    tables = {case: measure(case, args.repeats) for case in CASES}
+    for case, table in tables.items():
+        print(f"\n{case}: what is added to the paper's scene")
+        print(f"{'effect':<28}{'tip [L]':>10}{'states':>8}{'unknowns':>10}{'instr.':>9}{'time':>8}")
+        for label, switch in table.items():
+            more = switch.sizes.instructions / switch.sizes_without.instructions
+            print(
+                f"{label:<28}{switch.tip_change:>10.1e}{switch.states_added:>+8}"
+                f"{switch.sizes.unknowns:>+10}{more:>8.3g}x{switch.time_factor:>7.3g}x"
+                f"{'  ' + switch.problem if switch.problem else ''}"
+            )
+    args.out.mkdir(parents=True, exist_ok=True)
+    draw(tables).savefig(args.out / "effects_cost.png", dpi=110)
+
+
+if __name__ == "__main__":
+    main()

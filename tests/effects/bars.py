@@ -1,0 +1,114 @@
+"""Bars without pull, and loaded bars in a plane by SciPy: what loads are tested against."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.optimize import newton
+
+from model import Anchorage, Arm, Linear, Material
+from tests.effects.cases import Array
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A conical bar: radii at base and tip, length, material."""
+
+    base: float = 0.01
+    tip: float = 0.01
+    length: float = 0.3
+    E: float = 110e3
+    nu: float = 0.5
+    density: float = 1080.0
+
+    @cached_property
+    def arm(self) -> Arm:
+        """The bar with one tendon on its axis, in the paper's base frame."""
+        return self.turned()
+
+    def turned(self, **others: Any) -> Arm:
+        """The same with other fields of Arm, such as the base's frame."""
+        L, axis = self.length, Linear(0.0, 0.0)
+        material = Material(self.E, self.nu, self.density)
+        sections = (Anchorage(L, axis, (0.0,)),)
+        return Arm(L, Linear(self.base, self.tip), sections, material, **others)
+
+    def R(self, s: Any) -> Any:
+        return self.base + (self.tip - self.base) * s / self.length
+
+    def A(self, s: Any) -> Any:
+        return np.pi * self.R(s) ** 2
+
+    def EJ(self, s: Any) -> Any:
+        return self.E * np.pi * self.R(s) ** 4 / 4
+
+    def GI(self, s: Any) -> Any:
+        return self.EJ(s) / (1 + self.nu)
+
+    def volume(self, s: Any) -> Any:
+        """The volume of the frustum beyond s."""
+        near, far = self.R(s), self.tip
+        return np.pi * (self.length - s) / 3 * (near**2 + near * far + far**2)
+
+
+NO_PULL = [0.0]
+
+
+def elastica(
+    bar: Bar,
+    force: Callable[[float], Array],
+    moment: float = 0.0,
+    spread: Callable[[Array], Array] | None = None,
+    extension: bool = False,
+    breaks: tuple[float, ...] = (),
+    shares: int = 8,
+) -> Callable[[Array], Array]:
+    """Return s -> (x, y, angle) (3, N) of a bar clamped along x, by shooting from the tip.
+
+    `force(s)` is the dead force (2,) beyond s, which jumps at `breaks`, `moment` that at the tip,
+    `spread(t)` what else pulls per unit deformed length. Loads are brought on in equal shares.
+    """
+    stops = [bar.length, *sorted(breaks, reverse=True), 0.0]
+
+    def run(angle: float, share: float) -> list[Any]:
+        def rate(s: float, state: Array, beyond: Array) -> Array:
+            t = np.array([np.cos(state[2]), np.sin(state[2])])
+            F = share * (force(s) if not breaks else beyond) + state[4:]
+            stretch = 1 + extension * (t @ F) / (bar.E * bar.A(s))
+            more = share * spread(t) if spread else np.zeros(2)
+            rows = [*t, state[3] / bar.EJ(s), t[1] * F[0] - t[0] * F[1], *-more]
+            return stretch * np.array(rows)
+
+        state = np.array([0.0, 0.0, angle, share * moment, 0.0, 0.0])
+        pieces = []
+        for high, low in pairwise(stops):
+            beyond = force((low + high) / 2)
+            args = {"rtol": 1e-12, "atol": 1e-14, "dense_output": True, "args": (beyond,)}
+            pieces.append(solve_ivp(rate, (high, low), state, "DOP853", **args))
+            state = pieces[-1].y[:, -1]
+        return pieces
+
+    angle = 0.0
+    for share in np.linspace(0, 1, shares + 1)[1:]:
+        angle = newton(
+            lambda a, share=share: run(a, share)[-1].y[2, -1], angle, x1=angle + 1e-3, tol=1e-12
+        )
+    pieces = run(angle, 1.0)
+    base = np.array([*pieces[-1].y[:2, -1], 0.0])
+
+    def at(s: Array) -> Array:
+        piece = np.clip(np.searchsorted(-np.array(stops), -s, side="left") - 1, 0, len(pieces) - 1)
+        return np.array([pieces[i].sol(x)[:3] - base for i, x in zip(piece, s, strict=True)]).T
+
+    return at
+
+
+def angle_in_plane(frame: Array) -> float:
+    """The angle of t in the x-y plane."""
+    return float(np.arctan2(frame[1, 0], frame[0, 0]))

@@ -1,0 +1,185 @@
+"""Forces and moments at the tip and on the way, against references and elastica in closed form."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
+from scipy.special import ellipeinc, ellipj, ellipkinc
+
+from model import Arm, InputError, Scene, settle
+from model.arm import PAPER_FRAME
+from model.effects import Buoyancy, Extension, PointLoad, TipLoad, Weight
+from tests.effects.bars import NO_PULL, Bar, elastica
+from tests.effects.cases import DATA, Array
+
+PAPER_CASES = json.loads((DATA / "reference_cases.json").read_text())["cases"]
+BAR = Bar()
+L, EJ = BAR.length, float(BAR.EJ(0.0))
+PAPER_LOADS = {
+    "paper + tip force (0,0,-0.002) N": (TipLoad((0, 0, -0.002)),),
+    "paper + weight (0,0,-9.81) m/s2, body 1080, fluid 1000 kg/m3": (Weight(), Buoyancy(1000.0)),
+}
+
+
+@pytest.mark.parametrize("load", PAPER_LOADS, ids=["tip force", "weight in water"])
+@pytest.mark.parametrize("name", ["Figure 11(b)", "Figure 15"])
+def test_the_paper_loaded_settles_to_the_references(name: str, load: str) -> None:
+    case = next(case for case in PAPER_CASES if case["name"] == name)
+    scene = Scene(Extension(), *PAPER_LOADS[load])
+    tip = settle(Arm.from_paper(case["arm"]), case["tensions"], scene, 1e-9).tip
+    assert np.linalg.norm(tip - case["tip"][load]) < 1e-7
+
+
+def dead_elastica(alpha: float, s: Array, length: float = L) -> Array:
+    """(x, y) of a bar under a dead force alpha EJ / L2 across it; Bisshopp and Drucker 1945."""
+
+    def first(m: float) -> float:
+        return float(np.arcsin(1 / np.sqrt(2 * m)))
+
+    def gap(turned: float) -> float:
+        m = (1 + np.sin(turned)) / 2
+        return float(ellipkinc(np.pi / 2, m) - ellipkinc(first(m), m) - np.sqrt(alpha))
+
+    m = (1 + np.sin(brentq(gap, 1e-12, np.pi / 2 - 1e-12, xtol=1e-16, rtol=1e-15))) / 2
+    start, root = first(m), np.sqrt(alpha)
+    u = ellipkinc(start, m) + root * s / length
+    phi = ellipj(u, m)[3]
+    x = 2 * np.sqrt(m) * (np.cos(start) - np.cos(phi))
+    y = root * s / length - 2 * (ellipeinc(phi, m) - ellipeinc(start, m))
+    return length / root * np.array([x, y])
+
+
+@pytest.mark.parametrize("alpha", [0.1, 1.0, 3.0, 10.0])
+def test_a_dead_force_across_the_tip_makes_an_elastica(alpha: float) -> None:
+    shape = settle(BAR.arm, NO_PULL, Scene(TipLoad((0, alpha * EJ / L**2, 0))), 1e-11)
+    s = np.linspace(0, L, 9)
+    wanted = dead_elastica(alpha, s)
+    assert np.allclose(shape.position(s)[:, :2], wanted.T, rtol=0, atol=2e-11 * L)
+    assert np.abs(shape.position(s)[:, 2]).max() < 1e-15
+
+
+@pytest.mark.parametrize("alpha", [0.5, 4.0, 10.0, 15.0])
+@pytest.mark.parametrize("bar", [BAR, Bar(0.012, 0.004)], ids=["uniform", "conical"])
+def test_a_follower_force_is_an_initial_value_problem_from_the_tip(bar: Bar, alpha: float) -> None:
+    force = alpha * bar.EJ(0.5 * L) / L**2
+    # n of the paper's frame is -y where t is x.
+    shape = settle(bar.arm, NO_PULL, Scene(TipLoad((0, -force, 0), follower=True)), 1e-10)
+    wanted = follower_elastica(bar, force, np.linspace(0, L, 9))
+    assert np.allclose(shape.position(np.linspace(0, L, 9))[:, :2], wanted, atol=1e-10 * L, rtol=0)
+
+
+def follower_elastica(bar: Bar, force: float, s: Array) -> Array:
+    """(x, y) under a force across the tip that turns with it, in the tip's frame, then clamped."""
+
+    def rate(s: float, state: Array) -> Array:
+        angle, bend = state[2:]
+        return np.array([np.cos(angle), np.sin(angle), bend / bar.EJ(s), -np.cos(angle) * force])
+
+    run = solve_ivp(rate, (L, 0), np.zeros(4), "DOP853", rtol=1e-12, atol=1e-15, dense_output=True)
+    turn = Rotation.from_euler("z", -run.y[2, -1]).as_matrix()[:2, :2]
+    return (turn @ (run.sol(s)[:2] - run.y[:2, -1:])).T
+
+
+PULLED = Arm.from_paper("table-4")
+PULLS = [[0, 0, 0.2, 0], [1.0, 0, 0, 0], [0, 3.0, 0, 0]]
+
+
+def test_a_point_load_at_the_tip_is_a_tip_load() -> None:
+    force = (0.001, -0.002, 0.003)
+    at_tip, point = (
+        settle(PULLED, PULLS, Scene(Extension(), load), 1e-9)
+        for load in (TipLoad(force), PointLoad(PULLED.length, force))
+    )
+    assert np.allclose(point.states, at_tip.states, rtol=0, atol=1e-12)
+
+
+def test_beyond_a_point_load_a_bar_is_straight_and_before_it_the_elastica() -> None:
+    at, alpha = 0.17, 4.0
+    shape = settle(BAR.arm, NO_PULL, Scene(PointLoad(at, (0, alpha * EJ / at**2, 0))), 1e-11)
+    s = np.linspace(0, at, 6)
+    wanted = dead_elastica(alpha, s, at).T
+    assert np.allclose(shape.position(s)[:, :2], wanted, rtol=0, atol=2e-11 * L)
+    beyond = np.linspace(at + 1e-9, L, 5)
+    assert np.abs(shape.strain(beyond)).max() < 1e-9
+    t = shape.tip_frame[:, 0]
+    assert np.allclose(shape.position(at) + (L - at) * t, shape.tip, rtol=0, atol=1e-12)
+
+
+def test_point_loads_far_from_small_bend_the_elastica_of_all_of_them() -> None:
+    loads = {0.08: (0.3, 1.0), 0.2: (-0.1, -1.2), 0.3: (0.2, 0.9)}
+    unit = 4 * EJ / L**2
+    points = [PointLoad(s, (unit * f[0], unit * f[1], 0)) for s, f in loads.items()]
+    shape = settle(BAR.arm, NO_PULL, Scene(*points), 1e-11)
+    found = elastica(
+        BAR,
+        lambda s: unit * sum(np.array(f) for at, f in loads.items() if at >= s),
+        breaks=(0.08, 0.2),
+    )
+    s = np.linspace(0, L, 7)
+    assert np.allclose(shape.position(s)[:, :2], found(s)[:2].T, rtol=0, atol=1e-9 * L)
+
+
+def test_small_point_loads_superpose() -> None:
+    size = 1e-6 * EJ / L**2
+    one, two = PointLoad(0.1, (0, size, size)), PointLoad(0.25, (0, -size, 2 * size))
+    bends = [settle(BAR.arm, NO_PULL, Scene(*s), 1e-12).tip[1:] for s in ((one,), (two,))]
+    both = settle(BAR.arm, NO_PULL, Scene(one, two), 1e-12).tip[1:]
+    assert np.allclose(both, sum(bends), rtol=1e-8, atol=0)
+    wanted = sum(np.array(p.force[1:]) * p.s**2 * (3 * L - p.s) / (6 * EJ) for p in (one, two))
+    assert np.allclose(both, wanted, rtol=1e-8, atol=0)
+
+
+@pytest.mark.parametrize("follower", [False, True], ids=["dead", "follower"])
+def test_a_turned_base_with_turned_loads_gives_the_turned_shape(follower: bool) -> None:
+    turn = Rotation.from_euler("xyz", [0.4, -1.1, 2.0]).as_matrix()
+    at = np.array([0.1, -0.2, 0.3])
+    force, moment, point, g = np.array(
+        [[1e-3, -2e-3, 3e-3], [1e-5, 2e-5, -3e-5], [0, 4e-3, 0], [0.5, 0.2, -0.3]]
+    )
+    there = np.eye(3) if follower else turn  # a follower's load is in the frame of the tip
+
+    def scene(turn: Array, tip_turn: Array) -> Scene:
+        tip = TipLoad(tuple(tip_turn @ force), tuple(tip_turn @ moment), follower)
+        return Scene(Extension(), tip, PointLoad(0.2, tuple(turn @ point)), Weight(tuple(turn @ g)))
+
+    frame = tuple(map(tuple, turn @ np.array(PAPER_FRAME)))
+    sections, material = PULLED.sections, PULLED.material
+    moved = Arm(PULLED.length, PULLED.radius, sections, material, frame, tuple(at))
+    plain = settle(PULLED, PULLS, scene(np.eye(3), np.eye(3)), 1e-9)
+    turned = settle(moved, PULLS, scene(turn, there), 1e-9)
+    assert np.allclose(turned.tip, at + turn @ plain.tip, rtol=0, atol=1e-11)
+    assert np.allclose(turned.tip_frame, turn @ plain.tip_frame, rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize(("s", "field"), [(0.31, "PointLoad.s"), (np.nextafter(0.3, 1), None)])
+def test_a_point_load_has_to_lie_on_the_arm(s: float, field: str | None) -> None:
+    scene = Scene(PointLoad(s, (0, 1e-3, 0)))
+    if field is None:
+        settle(BAR.arm, NO_PULL, scene)
+        return
+    with pytest.raises(InputError) as error:
+        settle(BAR.arm, NO_PULL, scene)
+    assert error.value.field == field
+
+
+@pytest.mark.parametrize("bad", [-0.1, np.nan, np.inf, "tip"], ids=str)
+def test_a_place_that_is_none_is_refused(bad: Any) -> None:
+    with pytest.raises(InputError, match=r"PointLoad\.s"):
+        PointLoad(bad, (0, 1, 0))
+
+
+def test_a_point_load_on_the_base_does_nothing() -> None:
+    shape = settle(BAR.arm, NO_PULL, Scene(PointLoad(0.0, (1.0, 2.0, 3.0))))
+    assert np.allclose(shape.tip, [L, 0, 0], rtol=0, atol=1e-15)
+
+
+def test_what_a_tip_load_is_made_of_is_checked() -> None:
+    for values in ({"force": (0, 1)}, {"moment": (0, 0, np.nan)}, {"follower": 1}):
+        with pytest.raises(InputError, match=f"TipLoad.{next(iter(values))}"):
+            TipLoad(**values)  # type: ignore[arg-type]
