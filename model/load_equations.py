@@ -67,6 +67,11 @@ class LoadEquations:
         return self.statics.n_pull * max(self.n_tension, 1)
 
     @property
+    def pull_varies(self) -> bool:
+        """Whether pull changes along a segment at constant tensions."""
+        return self.statics.pull_varies
+
+    @property
     def n_numbers(self) -> int:
         """Size of the numbers of the loads."""
         return sum(self.form.rows.values())

@@ -117,11 +117,12 @@ class LoadSegments:
         pairs = pairwise(bounds)
         return [self.mesh.s[low : high + 1][::-1] for high, low in pairs]
 
-    def _active(self, s: float) -> int:
+    def active(self, s: float) -> int:
+        """Return how many sections' tendons cross just beyond s."""
         return sum(section.at > s for section in self.arm.sections)
 
     def _segment(self, nodes: Array, first: bool) -> Segment:
-        active = self._active((nodes[0] + nodes[1]) / 2)
+        active = self.active((nodes[0] + nodes[1]) / 2)
         return Segment(
             nodes,
             self._tip(nodes, active) if first else self._jump(nodes, active),
@@ -146,7 +147,7 @@ class LoadSegments:
     def _jump(self, nodes: Array, active: int) -> ca.Function:
         x, before, p = self._symbols(1, 1)
         s, L = nodes[:1], self.arm.length
-        outside = self._active(min(nodes[0] + 1e-9 * L, L))
+        outside = self.active(min(nodes[0] + 1e-9 * L, L))
         outer = self.sections(s, np.array([outside]), nodes[0] + 1e-6 * L, p)
         inner = self.sections(s, np.array([active]), nodes[0], p)
         rows = jump_function(self.equations)(before, *outer.still, x, *inner.still)

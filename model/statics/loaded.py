@@ -42,6 +42,10 @@ class LoadedStatics(Protocol):
     def n_data(self) -> int:
         """See Statics.n_data."""
 
+    @property
+    def pull_varies(self) -> bool:
+        """Whether pull changes along a segment at constant tensions."""
+
     def pulls(self, arm: Arm, at: Stations) -> tuple[Array, Array]:
         """See Statics.pulls."""
 
@@ -87,6 +91,7 @@ class ReferenceLoaded:
     forces: tuple[int, ...] = field(default=(), init=False)
     n_pull: int = field(default=8, init=False)
     n_data: int = field(default=3, init=False)
+    pull_varies: bool = field(default=True, init=False)
 
     def pulls(self, arm: Arm, at: Stations) -> tuple[Array, Array]:
         """See Statics.pulls: six sums over tendons, and S[T y' cos], S[T y' sin]."""
@@ -131,6 +136,8 @@ class ReferenceLoaded:
 @dataclass(frozen=True)
 class ExactLoaded(SectionEnergy):
     """The gradient of the section's energy; strains are kappa, lambda, nu_n and nu_b."""
+
+    pull_varies: bool = field(default=False, init=False)
 
     @property
     def forces(self) -> tuple[int, ...]:

@@ -26,6 +26,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from model import Arm, Scene, Shape, settle
 from model.effects import Buoyancy, ExactTendons, Extension, Shear, Weight
@@ -70,6 +71,18 @@ class LinearSection(elastica.NoForces):
         system.bend_matrix[:] = self.bend * system.voronoi_dilatation**3
 
 
+class Clamp(elastica.NoForces):
+    """The half element from the base to the middle of the first element bends and twists."""
+
+    def __init__(self, base: Array, stiffness: Array) -> None:
+        super().__init__()
+        self.base, self.stiffness = base, stiffness
+
+    def apply_forces(self, system: Any, time: float = 0.0) -> None:
+        turn = Rotation.from_matrix(system.director_collection[..., 0] @ self.base.T).as_rotvec()
+        system.external_torques[:, 0] += self.stiffness * turn
+
+
 class Tendon(elastica.NoForces):
     """A tension along straight pieces, from the base through each element's hole to the tip's."""
 
@@ -101,15 +114,17 @@ def relaxed(n: int) -> Array:
     rod = elastica.CosseratRod.straight_rod(
         n, np.zeros(3), t, d, LENGTH, radius(middle), DENSITY, youngs_modulus=E, shear_modulus=E / 3
     )
-    rod.rest_voronoi_lengths[0] *= 1.5
     simulator = Simulator()
     simulator.append(rod)
     simulator.constrain(rod).using(
-        elastica.OneEndFixedBC, constrained_position_idx=(0,), constrained_director_idx=(0,)
+        elastica.FixedConstraint, constrained_position_idx=(0,)
     )
     weight = np.array([0.0, 0.0, -9.81 * (1 - WATER / DENSITY)])
     simulator.add_forcing_to(rod).using(elastica.GravityForces, acc_gravity=weight)
     stiffnesses = rod.shear_matrix.copy(), rod.bend_matrix.copy()
+    EJ = E * np.pi / 4 * radius(middle[0]) ** 4
+    clamp = np.array([EJ, EJ, EJ * 2 / 3]) / (h / 2)
+    simulator.add_forcing_to(rod).using(Clamp, rod.director_collection[..., 0].copy(), clamp)
     simulator.add_forcing_to(rod).using(LinearSection, *stiffnesses)
     holes = offset(np.append(middle, LENGTH))
     simulator.add_forcing_to(rod).using(Tendon, TENSION, offset(np.zeros(1)) * d, holes)
