@@ -18,10 +18,13 @@ from model.load_segments import LoadSegments
 from model.paths import Array
 from model.rotations import multiply
 from model.segment import Segment
+from model.segment_derivatives import tangents
 
 _STEPS = 12
 _SETTLED = 1e-10
-_CONTRACTION = 0.5
+_CONTRACTION = 0.25
+_TURN, _NEAR = 0.25, 0.02
+_SMALL = 1e-3
 _LEAST_SHARE = 1 / 512
 
 
@@ -50,7 +53,7 @@ class LoadedEquilibrium:
             x = X[:, i]
             move = self._at_tip()(x, p) if i == 0 else self._after(segment)(x, end, change, p)
             moves.append(move)
-            end, change = self._across(segment)(x, move, p)
+            end, change = tangents(self.system, segment, self.n_w + 1)(x, move, p)
         closure, turn = self._closure()(end, change, p)
         w = ca.vertcat(-ca.solve(turn, closure), 1)
         found = ca.horzcat(*(move @ w for move in moves))
@@ -92,12 +95,6 @@ class LoadedEquilibrium:
         move = -ca.solve(ca.jacobian(G, x), known)
         return ca.Function("after", [x, end, change, p], [ca.densify(move)])
 
-    def _across(self, segment: Segment) -> ca.Function:
-        """Return (x, its change, p) -> state at the segment's end, its change."""
-        x, _, change, p = self._symbols()
-        end = segment.map(x, p)[:, -1]
-        return ca.Function("across", [x, change, p], [end, ca.jtimes(end, x, change)])
-
     def _closure(self) -> ca.Function:
         """Return (end, its change, p) -> what is left at the base (n_w,), its slope against w."""
         x, _, change, p = self._symbols()
@@ -107,15 +104,13 @@ class LoadedEquilibrium:
         moved = ca.jtimes(gap, x, change)
         return ca.Function("closure", [x, change, p], [gap + moved[:, -1], moved[:, :-1]])
 
-    def solve(self, X: Array, tensions: Array) -> Array:
-        """Return the states X (n_x, segments) under the full loads, from others near them.
+    def near(self, X: Array, tensions: Array) -> Array | None:
+        """Return the states X (n_x, segments) under the full loads, if others near them lead there.
 
-        Raises SnapError if Newton's method does not contract from there.
+        Those may be of another mesh, where the loads may have led elsewhere: what is not quite near
+        is not taken.
         """
-        found = self._newton(X, np.append(tensions, 1.0))
-        if found is None:
-            raise SnapError(1.0, "Newton's method does not settle it from a coarser mesh")
-        return found
+        return self._newton(X, np.append(tensions, 1.0), _NEAR)
 
     def bring_on(self, X: Array, tensions: Array) -> Array:
         """Return the states under the full loads, on the branch that begins at X without any.
@@ -137,19 +132,29 @@ class LoadedEquilibrium:
             X, share, step = found, trial, 2 * step
         return X
 
-    def _newton(self, X: Array, p: Array) -> Array | None:
-        """Return the solution near X, or None where the steps do not shrink fast enough."""
-        last = np.inf
+    def _newton(self, X: Array, p: Array, farthest: float = _TURN) -> Array | None:
+        """Return the solution near X, or None where the steps are not small or do not shrink.
+
+        That keeps to the branch that X is on. The last step need not be seen to vanish: it shrinks
+        quadratically.
+        """
+        last: float | None = None
         for _ in range(_STEPS):
             change = np.array(self.step(X, p)[0])
             if not np.all(np.isfinite(change)):
                 return None
             X = X + change
             size = self._size(change, X)
-            if size < _SETTLED:
+            if last is None:
+                if np.abs(change[:4]).max() > farthest:
+                    return None
+                shrinks = 1.0
+            else:
+                shrinks = size / last
+                if shrinks > _CONTRACTION and size > _SMALL:
+                    return None
+            if size * min(shrinks, 1.0) < _SETTLED:
                 return self._placed(X, p)
-            if size > _CONTRACTION * last and size > 1e-8:
-                return None
             last = size
         return None
 

@@ -127,7 +127,7 @@ class LoadSegments:
             nodes,
             self._tip(nodes, active) if first else self._jump(nodes, active),
             self._map(nodes, active),
-            self._stretch(nodes, active),
+            self.stretch(nodes, active, nodes[0]),
         )
 
     def _symbols(self, *columns: int) -> tuple[ca.MX, ...]:
@@ -169,8 +169,9 @@ class LoadSegments:
         s = (start[:, None] + h[:, None] * c).ravel()
         return self.sections(s, np.repeat(active, c.size), beyond, p).all
 
-    def _stretch(self, nodes: Array, active: int) -> ca.Function:
+    def stretch(self, nodes: Array, active: int, beyond: float) -> ca.Function:
+        """Return (x (n_x, N), p) -> 1 + q at nodes of a segment; see sections."""
         x, p = self._symbols(nodes.size)
-        here = self.sections(nodes, np.full(nodes.size, active), nodes[0], p)
+        here = self.sections(nodes, np.full(nodes.size, active), beyond, p)
         full = strain_reader(self.equations).map(nodes.size)(x, *here.still)
         return ca.Function("stretch", [x, p], [1 + full[3, :]])

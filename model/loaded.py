@@ -51,10 +51,9 @@ class Loaded:
 
     def run(self, tensions: Array, near: Array | None = None) -> Array:
         """See ForwardMap.run; raises SnapError."""
-        if near is None:
+        X = None if near is None else self.equilibrium.near(near, tensions)
+        if X is None:
             X = self.equilibrium.bring_on(self.without_loads(tensions), tensions)
-        else:
-            X = self.equilibrium.solve(near, tensions)
         return np.array(self.paths(X, np.append(tensions, 1.0))[0]).T
 
     def starts(self, states: Array) -> Array:

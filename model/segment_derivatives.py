@@ -82,17 +82,17 @@ def _pull_slopes(
     if e.n_tension:
         return [np.zeros((0, system.arm.n_tendons))] * s.size
     maps, rates = e.statics.pulls(system.arm, stations(system.arm, s, np.full(s.size, active)))
-    varied = [np.concatenate([m, r]) if e.pull_varies else m for m, r in zip(maps, rates, strict=True)]
+    varied = [
+        np.concatenate([m, r]) if e.pull_varies else m for m, r in zip(maps, rates, strict=True)
+    ]
     return list(varied)
 
 
 def _stacked(ZY: ca.MX, n: int, U: list[Array], picked: list[int], n_T: int) -> ca.MX:
     """Return the slopes of all stages' arguments, one below the other."""
-    stages = ca.horzsplit(ZY, n + n_T)
-    rows = []
-    for Z, node in zip(stages, picked, strict=True):
-        pulls = ca.horzcat(ca.DM(U[node].shape[0], n), ca.DM(U[node]))
-        rows += [Z, pulls]
+    rows: list[ca.MX] = []
+    for Z, node in zip(ca.horzsplit(ZY, n + n_T), picked, strict=True):
+        rows += [Z, ca.MX(ca.horzcat(ca.DM(U[node].shape[0], n), ca.DM(U[node])))]
     return ca.densify(ca.vertcat(*rows))
 
 
@@ -121,6 +121,42 @@ def rate_curvature(e: LoadEquations) -> ca.Function:
     return ca.Function("curvature", [x, *args, mu], [hessian], {"cse": True})
 
 
+def tangents(system: LoadSegments, segment: Segment, columns: int) -> ca.Function:
+    """Return (x, change of x (n_x, columns), p) -> state at the segment's end, its change."""
+    n, h = system.equations.n_x, np.diff(segment.nodes)
+    x, change = ca.MX.sym("x", n), ca.MX.sym("change", n, columns)
+    p = ca.MX.sym("p", system.arm.n_tendons + 1)
+    active = system.active((segment.nodes[0] + segment.nodes[1]) / 2)
+    counts = np.full(h.size, active)
+    data = system.step_data(segment.nodes[:-1], h, counts, segment.nodes[0], p)
+    across = _tangent_step(system.equations, system.scheme, columns).fold(h.size)
+    end = across(ca.horzcat(x, change), *data, ca.DM(h).T)
+    return ca.Function("tangents", [x, change, p], [end[:, 0], end[:, 1:]])
+
+
+@lru_cache(maxsize=64)
+def _tangent_step(e: LoadEquations, scheme: RungeKutta, columns: int) -> ca.Function:
+    """Return (x and its change, cross-sections, h) -> the same after a step."""
+    nodes = sorted(set(scheme.nodes))
+    xz, h = ca.MX.sym("xz", e.n_x, 1 + columns), ca.MX.sym("h")
+    args = [ca.MX.sym("data", *v.shape) for v in e.symbols(len(nodes))]
+    rates: list[ca.MX] = []
+    for c, row in zip(scheme.nodes, scheme.rows, strict=True):
+        inner = xz + h * _weighted(row, rates) if any(row) else xz
+        f, A = _state_slopes(e)(inner[:, 0], *(v[:, nodes.index(c)] for v in args))
+        rates.append(ca.horzcat(f, A @ inner[:, 1:]))
+    return ca.Function("tangent_step", [xz, *args, h], [xz + h * _weighted(scheme.weights, rates)])
+
+
+@lru_cache(maxsize=64)
+def _state_slopes(e: LoadEquations) -> ca.Function:
+    """Return (x, cross-section) -> rate f, its Jacobian in x."""
+    x, args = ca.SX.sym("x", e.n_x), e.symbols()
+    f = e.rate(x, *args)
+    slopes = ca.densify(ca.jacobian(f, x))
+    return ca.Function("state_slopes", [x, *args], [f, slopes], {"cse": True})
+
+
 @lru_cache(maxsize=64)
 def _step_slopes(e: LoadEquations, scheme: RungeKutta, n_T: int) -> ca.Function:
     """Return (x and slopes, cross-sections, h, U) -> the same after a step, stages, slopes, A."""
@@ -147,11 +183,8 @@ def _step_slopes(e: LoadEquations, scheme: RungeKutta, n_T: int) -> ca.Function:
 
 
 def _weighted(weights: tuple[float, ...], rates: list[ca.MX]) -> ca.MX:
-    total = [w * rate for w, rate in zip(weights, rates, strict=True) if w]
-    found = total[0]
-    for term in total[1:]:
-        found = found + term
-    return found
+    terms = [w * rate for w, rate in zip(weights, rates, strict=True) if w]
+    return sum(terms[1:], terms[0])
 
 
 @lru_cache(maxsize=64)

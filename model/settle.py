@@ -13,7 +13,7 @@ import numpy as np
 from model.arm import Arm
 from model.checks import finite_array, kind, within
 from model.compiled import compiled
-from model.errors import CollapsedError, InputError, NotSettledError
+from model.errors import CollapsedError, InputError, NotSettledError, SnapError
 from model.forward import ExplicitMap, ForwardMap, check_scheme, explicit_map, forward_map
 from model.loads import check_loads
 from model.paths import Array
@@ -25,6 +25,8 @@ from model.statics import is_loaded
 ACCURACY = 1e-6
 _FINEST = 256
 _CAUTION = 4.0
+# A mesh up to this one may be too coarse to say that the arm snaps.
+_COARSE = 16
 _ROUNDING = 1e-14
 
 
@@ -67,7 +69,12 @@ def settle(
     near: Array | None = None
     error = np.inf
     for refinement, forward in _ladder(arm, scene, scheme, accuracy):
-        states = forward.run(T, near)
+        try:
+            states = forward.run(T, near)
+        except SnapError:
+            if refinement >= _COARSE:
+                raise
+            continue
         near = forward.starts(states)
         if coarse is not None:
             error = _estimate(states[-1, 4:7] - coarse, forward.order, arm.length)

@@ -38,9 +38,13 @@ class Shooting:
 
     def residual(self, trajectories: list[ca.MX], p: ca.MX) -> ca.MX:
         """Return the scaled constraints (n_x n_segments,), zero at equilibrium."""
+        starts, ends = ([path[:, k] for path in trajectories] for k in (0, -1))
+        return self.joined(starts, ends, p)
+
+    def joined(self, starts: list[ca.MX], ends: list[ca.MX], p: ca.MX) -> ca.MX:
+        """Return the scaled constraints from the states at both ends of each segment."""
         scale, rows = ca.DM(self.system.scale), []
-        for i, (path, segment) in enumerate(zip(trajectories, self.segments, strict=True)):
-            before = trajectories[i - 1][:, -1]
-            found = segment.entry(path[:, 0], before, p)
+        for i, segment in enumerate(self.segments):
+            found = segment.entry(starts[i], ends[i - 1], p)
             rows.append(found / (scale[7 : 7 + found.numel()] if i == 0 else scale))
-        return ca.vertcat(*rows, self.system.closure(trajectories[-1][:, -1], p))
+        return ca.vertcat(*rows, self.system.closure(ends[-1], p))

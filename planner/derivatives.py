@@ -17,6 +17,7 @@ import casadi as ca
 
 from model.pose_derivatives import PoseDerivatives, moved_pose
 from model.strain_derivatives import StretchDerivatives
+from planner.segment_chain import SegmentChain
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,18 +94,57 @@ def through_poses(
     )
 
 
+def through_segments(
+    x: ca.MX, p: ca.MX, unit: ca.MX, outer: ca.Function, chain: SegmentChain, states: int
+) -> Derivatives:
+    """Return the derivatives of a program, `outer`: x, p, states at nodes (n_x, K) -> f, g.
+
+    `unit` (n,) scales the first n unknowns to tensions [N]; from `states` on they are the starts
+    of the segments.
+    """
+    n, size, shape = unit.numel(), x.numel(), outer.size_in(2)
+    flat = ca.MX.sym("nodes", shape[0] * shape[1])
+    f, g = outer(x, p, ca.reshape(flat, *shape))
+    sigma, lam = ca.MX.sym("sigma"), ca.MX.sym("lam", g.numel())
+    order1 = [ca.jacobian(v, part) for v in (f, g) for part in (x, flat)]
+    first = ca.Function("first", [x, p, flat], [g, *order1])
+    blocks = _hessian_blocks(sigma * f + ca.dot(lam, g), x, flat)
+    second = ca.Function("second", [x, p, flat, sigma, lam], blocks)
+
+    T, starts = x[:n] * unit, x[states:]
+    found, slopes = chain.first(T, starts)
+    place = ca.MX(n + starts.numel(), size)
+    place[:n, :n] = ca.diag(unit)
+    place[n:, states:] = ca.DM.eye(starts.numel())
+    Z = slopes @ place
+    at = (x, p, ca.vec(found))
+    value, f_x, f_w, g_x, g_w = first(*at)
+    L_xx, L_xw, L_ww, L_w = second(*at, sigma, lam)
+    bent = chain.second(T, starts, ca.reshape(L_w, *shape))
+    mixed = L_xw @ Z
+    hessian = L_xx + mixed + mixed.T + Z.T @ (L_ww @ Z) + place.T @ (bent @ place)
+    slope = ca.densify((f_x + f_w @ Z).T)
+    return Derivatives(
+        _gradient(x, p, *_objective(x, p, (found,), outer, slope)),
+        ca.Function("slopes", [x, p], [slope, value, g_x + g_w @ Z]),
+        ca.Function("curvature", [x, p, sigma, lam], [ca.densify(hessian)]),
+    )
+
+
 def _objective(
-    x: ca.MX, p: ca.MX, at: tuple[ca.MX, ca.MX], outer: ca.Function, slope: ca.MX
+    x: ca.MX, p: ca.MX, at: tuple[ca.MX, ...], outer: ca.Function, slope: ca.MX
 ) -> tuple[ca.MX, ca.MX]:
-    """Return f and its gradient, without the chain where f does not look at the poses."""
+    """Return f and its gradient, without the chain where f does not look at what it gives."""
     if outer.jac_sparsity(0, 2).nnz() > 0:
         return outer(x, p, *at)[0], slope
-    f = outer(x, p, ca.DM.ones(outer.size_in(2)), ca.DM.ones(outer.size_in(3)))[0]
+    f = outer(x, p, *(ca.DM.ones(value.shape) for value in at))[0]
     return f, ca.gradient(f, x)
 
 
 def _gradient(x: ca.MX, p: ca.MX, f: ca.MX, gradient: ca.MX) -> ca.Function:
-    return ca.Function("nlp_grad_f", [x, p], [f, gradient], ["x", "p"], ["f", "grad:f:x"])
+    return ca.Function(
+        "nlp_grad_f", [x, p], [f, ca.densify(gradient)], ["x", "p"], ["f", "grad:f:x"]
+    )
 
 
 def _hessian_blocks(L: ca.MX, x: ca.MX, zeta: ca.MX) -> list[ca.MX]:

@@ -26,6 +26,7 @@ from model.statics import is_loaded
 from model.stations import Counts
 from model.strain_derivatives import StretchDerivatives
 from model.strain_ode import StrainSegments
+from planner.segment_chain import SegmentChain
 from planner.statement import Statement
 
 
@@ -47,6 +48,11 @@ class Mechanics:
         The derivatives of the poses, where they are a chain of steps.
     least : StretchDerivatives or None
         Those of the stretches, where sections settle by themselves.
+    nodes : (n_x, K) symbol or None
+        States at nodes, which everything else is an expression of, where they have derivatives of
+        their own.
+    segments : SegmentChain or None
+        What finds these states, and their derivatives.
     """
 
     states: ca.MX
@@ -55,13 +61,17 @@ class Mechanics:
     closure: ca.MX
     chain: PoseDerivatives | None = None
     least: StretchDerivatives | None = None
+    nodes: ca.MX | None = None
+    segments: SegmentChain | None = None
 
 
 def mechanics(
     arm: Arm, scene: Scene, statement: Statement, stations: tuple[float, ...], T: ca.MX
 ) -> Mechanics:
     """Return the mechanics of a statement as expressions of the tensions T."""
-    state = _condensed if statement.form == "condensed" else _multiple_shooting
+    if statement.form == "condensed":
+        return _condensed(arm, scene, statement, stations, T)
+    state = _loaded if is_loaded(scene) else _multiple_shooting
     return state(arm, scene, statement, stations, T)
 
 
@@ -100,6 +110,30 @@ def _multiple_shooting(
     thin = ca.vertcat(*stretch) if scene.has(Extension) else ca.MX(0, 1)
     closure = system.residual(paths, p)
     return Mechanics(ca.vec(X), columns, thin, closure)
+
+
+def _loaded(
+    arm: Arm, scene: Scene, statement: Statement, stations: tuple[float, ...], T: ca.MX
+) -> Mechanics:
+    shooting = shooting_system(arm, scene, statement.scheme, statement.refinement, stations)
+    system = shooting.system
+    assert isinstance(system, LoadSegments)
+    chain, p = SegmentChain(system, stations), system.parameters(T)
+    X = ca.MX.sym("X", shooting.n_x, shooting.n_segments)
+    nodes = ca.MX.sym("nodes", shooting.n_x, len(chain.looks))
+    starts, ends, stretch = [], [], []
+    for i, segment in enumerate(system.segments):
+        starts.append(ca.DM(system.scale) * X[:, i])
+        ends.append(nodes[:, chain.end(i)])
+        slim = chain.slimmest(i)
+        read = system.stretch(
+            segment.nodes[[slim]], system.active(segment.nodes[:2].mean()), segment.nodes[0]
+        )
+        stretch.append(read(nodes[:, chain.looks.index((i, slim))], p))
+    closure = shooting.joined(starts, ends, p)
+    poses = ca.horzcat(*(nodes[:7, chain.station(s)] for s in stations))
+    thin = ca.vertcat(*stretch) if scene.has(Extension) else ca.MX(0, 1)
+    return Mechanics(ca.vec(X), poses, thin, closure, nodes=nodes, segments=chain)
 
 
 @lru_cache(maxsize=64)

@@ -26,10 +26,11 @@ import numpy as np
 from model.arm import Arm
 from model.paths import Array
 from model.scene import Scene
-from planner.derivatives import plain, through_poses
+from planner.derivatives import plain, through_poses, through_segments
 from planner.effort import smooth_norm
 from planner.limits import Limits, natural_tensions
 from planner.mechanics import mechanics, starts_of
+from planner.segment_chain import SegmentChain
 from planner.statement import Statement
 from planner.targets.base import Target
 from planner.terms import FIRM, firmness, stations_of, terms_function
@@ -79,8 +80,10 @@ class Problem:
         reference, total, trace = (ca.MX.sym(name) for name in ("reference", "total", "trace"))
         T, none = z * unit, ca.MX(0, 1)
         arm = mechanics(self.arm, self.scene, self.statement, self.stations, T)
-        poses = ca.MX.sym("poses", 7, len(self.stations))
-        thin = ca.MX.sym("thin", arm.stretch.numel())
+        poses, thin = arm.poses, arm.stretch
+        if arm.nodes is None:
+            poses = ca.MX.sym("poses", 7, len(self.stations))
+            thin = ca.MX.sym("thin", arm.stretch.numel())
         match, approach, margin = self.terms(poses, target)
         effort, peak, peaks = smooth_norm(T / reference, self.statement.norm)
         mode = self.statement.mode
@@ -104,17 +107,30 @@ class Problem:
         p = ca.vertcat(target, unit, reference, total, trace)
         f = effort if mode == "exact" else gaps + trace * effort
         g = ca.vertcat(*(g for _, g, _, _ in blocks))
+        counted = slice(target.numel(), target.numel() + n)
+        if arm.segments is not None and arm.nodes is not None:
+            outer = ca.Function("outer", [x, p, arm.nodes], [f, g])
+            self._through_segments(outer, arm.segments, counted)
+            return
         outer = ca.Function("outer", [x, p, poses, thin], [f, g])
         inner = ca.Function("inner", [x, p], [arm.poses, arm.stretch])
         x, p = ca.MX.sym("x", x.numel()), ca.MX.sym("p", p.numel())
         f, g = outer(x, p, *inner(x, p))
         self.nlp = {"x": x, "p": p, "f": f, "g": g}
-        unit = p[target.numel() : target.numel() + n]
         self.derivatives = (
             plain(x, p, f, g)
             if arm.chain is None
-            else through_poses(x, p, unit, outer, arm.chain, arm.least)
+            else through_poses(x, p, p[counted], outer, arm.chain, arm.least)
         )
+
+    def _through_segments(self, outer: ca.Function, chain: SegmentChain, counted: slice) -> None:
+        """Set the program from outer: x, p, states at nodes -> f, g."""
+        n = self.arm.n_tendons
+        x, p = ca.MX.sym("x", outer.numel_in(0)), ca.MX.sym("p", outer.numel_in(1))
+        first = x.numel() - self.n_states
+        f, g = outer(x, p, chain.states(x[:n] * p[counted], x[first:]))
+        self.nlp = {"x": x, "p": p, "f": f, "g": g}
+        self.derivatives = through_segments(x, p, p[counted], outer, chain, first)
 
     def parameters(
         self, targets: tuple[Target, ...], limits: Limits, trace: float = TRACES[-1]

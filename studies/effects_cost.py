@@ -84,10 +84,16 @@ def draw(tables: dict[str, dict[str, Switch]]) -> Figure:
     for ax, (case, table) in zip(panels, tables.items(), strict=True):
         ax.axhline(1e-6, color="#9aa0a6", linewidth=0.8, linestyle="--")
         for i, (label, switch) in enumerate(table.items(), 1):
-            ax.plot([switch.time_factor], [switch.tip_change], "o", color=f"C{i % 10}", markersize=9)
+            ax.plot(
+                [switch.time_factor], [switch.tip_change], "o", color=f"C{i % 10}", markersize=9
+            )
             ax.annotate(
-                str(i), (switch.time_factor, switch.tip_change), ha="center", va="center",
-                fontsize=6, color="white",
+                str(i),
+                (switch.time_factor, switch.tip_change),
+                ha="center",
+                va="center",
+                fontsize=6,
+                color="white",
             )
             ax.plot([], [], "o", color=f"C{i % 10}", label=f"{i}  {label}")
         ax.set(xscale="log", yscale="log", title=case, xlabel="time of a settle, over the paper's")
