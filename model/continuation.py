@@ -25,7 +25,8 @@ _SETTLED = 1e-10
 _CONTRACTION = 0.25
 _TURN, _NEAR = 0.25, 0.02
 _SMALL = 1e-3
-_LEAST_SHARE = 1 / 512
+_LEAST_SHARE = 1 / 1024
+_FOLLOWED = 0.6
 
 
 class LoadedEquilibrium:
@@ -37,6 +38,8 @@ class LoadedEquilibrium:
         states X (n_x, segments) in SI units, p -> change of X by a Newton step, and the map (3, 3)
         from a small turn of the tip to the turn of the base: the unit matrix without loads,
         singular where the equilibrium is critical.
+    frames : casadi.Function
+        states X, p -> quaternions (4, N) at the tip and at all further nodes.
     """
 
     def __init__(self, system: LoadSegments) -> None:
@@ -45,6 +48,8 @@ class LoadedEquilibrium:
         X = ca.MX.sym("X", system.scale.size, len(system.segments))
         p = ca.MX.sym("p", system.arm.n_tendons + 1)
         self.step = ca.Function("step", [X, p], self._step(X, p))
+        paths = [segment.map(X[:, i], p)[:4, :] for i, segment in enumerate(system.segments)]
+        self.frames = ca.Function("frames", [X, p], [ca.horzcat(X[:4, 0], *paths)])
 
     def _step(self, X: ca.MX, p: ca.MX) -> list[ca.MX]:
         moves = []
@@ -115,22 +120,30 @@ class LoadedEquilibrium:
     def bring_on(self, X: Array, tensions: Array) -> Array:
         """Return the states under the full loads, on the branch that begins at X without any.
 
-        A step in the loads is taken if Newton's method contracts from the start, and halved if it
-        does not, or if the equilibrium it leads to has lost its stability.
+        A step in the loads is taken if Newton's method contracts from the start and no frame turns
+        far, and halved if not, or if the equilibrium it leads to has lost its stability.
         """
         share, step = 0.0, 1.0
+        frames = self._frames(X, np.append(tensions, share))
         while share < 1:
-            trial = min(1.0, share + step)
-            found = self._newton(X, np.append(tensions, trial))
-            critical = found is not None and self._is_past_critical(found, tensions, trial)
-            if found is None or critical:
-                step /= 2
-                if step < _LEAST_SHARE:
-                    why = "it buckles" if critical else "it snaps or folds"
-                    raise SnapError(share, why)
-                continue
-            X, share, step = found, trial, 2 * step
+            trial = np.append(tensions, min(1.0, share + step))
+            found = self._newton(X, trial)
+            moved = None if found is None else self._frames(found, trial)
+            critical = False
+            if found is not None and moved is not None and _is_near(frames, moved):
+                critical = self._is_past_critical(found, trial)
+                if not critical:
+                    X, frames, share, step = found, moved, trial[-1], 2 * step
+                    continue
+            step /= 2
+            if step < _LEAST_SHARE:
+                raise SnapError(share, "it buckles" if critical else "it snaps or folds")
         return X
+
+    def _frames(self, X: Array, p: Array) -> Array:
+        """Return the quaternions (4, N) at all nodes of all segments."""
+        quaternions = np.array(self.frames(X, p))
+        return np.asarray(quaternions / np.linalg.norm(quaternions, axis=0))
 
     def _newton(self, X: Array, p: Array, farthest: float = _TURN) -> Array | None:
         """Return the solution near X, or None where the steps are not small or do not shrink.
@@ -173,8 +186,8 @@ class LoadedEquilibrium:
         X[:4] /= np.linalg.norm(end[:4])
         return X
 
-    def _is_past_critical(self, X: Array, tensions: Array, share: float) -> bool:
-        turn = np.array(self.step(X, np.append(tensions, share))[1])
+    def _is_past_critical(self, X: Array, p: Array) -> bool:
+        turn = np.array(self.step(X, p)[1])
         values = np.linalg.eigvals(turn)
         real = np.abs(values.imag) < 1e-6 * np.abs(values)
         return bool(np.any(values.real[real] <= 0))
@@ -184,3 +197,8 @@ def _times(p: ca.MX | ca.DM, q: ca.MX | ca.DM) -> ca.MX:
     """Return the product of two quaternions."""
     a, b = ca.SX.sym("a", 4), ca.SX.sym("b", 4)
     return ca.Function("times", [a, b], [multiply(a, b)])(p, q)
+
+
+def _is_near(before: Array, after: Array) -> bool:
+    """Return whether no frame turns by more than is followed in one step."""
+    return bool(np.abs((before * after).sum(axis=0)).min() > np.cos(_FOLLOWED / 2))

