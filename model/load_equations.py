@@ -1,8 +1,8 @@
 """The tip-to-base equations of a loaded arm, its jumps, and what holds at the tip: SX expressions.
 
 A state x is the pose (7,), the strains of the statics, then the part of the force beyond the
-section that depends on the shape (3,) and the tensions of tendons with friction (n_tendons,),
-where these are called for. With F and M the loads beyond s, kappa and nu the strains per unit
+section that depends on the shape (3,), the tensions of tendons with friction (n_tendons,), and the
+lengths of the tendons beyond the section (n_tendons,), where these are called for. With F and M the loads beyond s, kappa and nu the strains per unit
 reference length, and L the wrench that strains and tendons balance,
 
     F' = -f        M' = -u' x F        L(strain; T, s) = (M, F)
@@ -57,9 +57,14 @@ class LoadEquations:
         return len(self.form.friction or ())
 
     @property
+    def n_length(self) -> int:
+        """Number of tendon lengths that are states."""
+        return self.form.n_tendons * self.form.lengths
+
+    @property
     def n_x(self) -> int:
         """Size of a state."""
-        return 7 + self.statics.size + self.n_force + self.n_tension
+        return 7 + self.statics.size + self.n_force + self.n_tension + self.n_length
 
     @property
     def n_pull(self) -> int:
@@ -77,10 +82,14 @@ class LoadEquations:
         return sum(self.form.rows.values())
 
     def split(self, x: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-        """Return pose, strain, force and tensions of a state."""
+        """Return pose, strain, force and tensions of a state; what is left are the lengths."""
         strain = 7 + self.statics.size
         force = strain + self.n_force
-        return x[:7], x[7:strain], x[strain:force], x[force:]
+        return x[:7], x[7:strain], x[strain:force], x[force : force + self.n_tension]
+
+    def lengths(self, x: ca.SX) -> ca.SX:
+        """Return the lengths of the tendons beyond a section."""
+        return x[self.n_x - self.n_length :]
 
     def symbols(self, columns: int = 1) -> list[ca.SX]:
         """Return pull, data, pull rate, data rate and numbers of cross-sections."""
@@ -124,39 +133,50 @@ class LoadEquations:
             strain_rate = self._strain_rate(at, varied, data_rate, sides)
         turn = multiply(pose[:4], ca.vertcat(0, kappa)) / 2
         force_rate = -drag if self.n_force else ca.SX.zeros(0)
-        return ca.vertcat(turn, rotate(pose[:4], nu), strain_rate, force_rate, tension_rate)
+        spooled = self._length_rate(strain, kappa, nu, numbers)
+        shape_rate = ca.vertcat(turn, rotate(pose[:4], nu), strain_rate)
+        return ca.vertcat(shape_rate, force_rate, tension_rate, spooled)
 
-    def jump(self, x: ca.SX, outer: list[ca.SX], y: ca.SX, inner: list[ca.SX]) -> ca.SX:
+    def jump(
+        self, x: ca.SX, outer: list[ca.SX], y: ca.SX, inner: list[ca.SX], probe: ca.SX
+    ) -> ca.SX:
         """Return what vanishes across an anchorage or a load (n_x,).
 
-        x, y are the states on the tip and the base side; `outer`, `inner` pull, data and numbers.
-        The moment is continuous, the force is what lies beyond, and a tendon that goes on bends
-        by the angle between its tangents.
+        x, y are the states on the tip and the base side; `outer`, `inner` pull, data and numbers;
+        `probe` (3,) a moment that acts there, or nothing. The moment is continuous but for it, the
+        force is what lies beyond, and a tendon that goes on bends by the angle between its
+        tangents.
         """
         pose, strain, force, tensions = self.split(x)
         inner_pose, inner_strain, inner_force, inner_tensions = self.split(y)
         moment = self.statics.wrench(strain, self.pulled(outer[0], tensions), outer[1])[:3]
+        if self.form.probed:
+            moment = moment + rotate(_back(pose), probe)
         wrench = self._with_forces(moment, self.force(y, inner[2]))
         at = (inner_strain, self.pulled(inner[0], inner_tensions), inner[1])
         rows = [inner_pose - pose, self._balance(at, wrench), inner_force - force]
         if self.n_tension:
             slip = self._slip(strain, inner_strain, outer[2], inner[2])
             rows.append(inner_tensions - tensions * slip)
+        rows.append(self.lengths(y) - self.lengths(x))
         return ca.vertcat(*rows)
 
-    def tip(self, y: ca.SX, inner: list[ca.SX], load: ca.SX) -> ca.SX:
-        """Return what vanishes at the tip, for its strains and the force that is a state.
+    def tip(self, y: ca.SX, inner: list[ca.SX], load: ca.SX, probe: ca.SX) -> ca.SX:
+        """Return what vanishes at the tip, for its strains, force, and lengths that are states.
 
-        `load` (6,) is the force and moment of the load at the tip, in the base frame or the tip's.
+        `load` (6,) is the force and moment of the load at the tip, in the base frame or the tip's;
+        `probe` (3,) a further moment in the base frame, or nothing.
         """
         pose, strain, force, tensions = self.split(y)
         moment = load[3:] if self.form.follower else rotate(_back(pose), load[3:])
+        if self.form.probed:
+            moment = moment + rotate(_back(pose), probe)
         at = (strain, self.pulled(inner[0], tensions), inner[1])
         rows = [self._balance(at, self._with_forces(moment, self.force(y, inner[2])))]
         if self.n_force:
             known = rotate(pose[:4], load[:3]) if self.form.follower else ca.SX.zeros(3)
             rows.append(force - known)
-        return ca.vertcat(*rows)
+        return ca.vertcat(*rows, self.lengths(y))
 
     def _balance(self, at: tuple[ca.SX, ca.SX, ca.SX], wrench: ca.SX) -> ca.SX:
         """Return L less the wrench as strains: moments over E J, forces over E A."""
@@ -232,6 +252,15 @@ class LoadEquations:
             rates.append(-way * named["mu"] * tensions[j] * bend)
         return ca.vertcat(*rates)
 
+    def _length_rate(self, strain: ca.SX, kappa: ca.SX, nu: ca.SX, numbers: ca.SX) -> ca.SX:
+        """Return the derivative of the tendons' lengths beyond a section: -|c| of each."""
+        rates, named = [], self._numbers(numbers)
+        for j in range(self.n_length):
+            y, y_rate, _ = self._path(j, named["paths"])
+            c = self.statics.run(j, strain, kappa, nu, y, y_rate)
+            rates.append(-ca.norm_2(c) * named["crosses"][j])
+        return ca.vertcat(*rates)
+
     def _slip(self, strain: ca.SX, inner: ca.SX, outer_n: ca.SX, inner_n: ca.SX) -> ca.SX:
         """Return T on the base side over T on the tip side (n_tendons,)."""
         beyond, named = self._numbers(outer_n), self._numbers(inner_n)
@@ -280,19 +309,21 @@ def load_step(equations: LoadEquations, scheme: RungeKutta) -> ca.Function:
 
 @lru_cache(maxsize=64)
 def jump_function(equations: LoadEquations) -> ca.Function:
-    """Return (x, pull, data, numbers outside, y, pull, data, numbers inside) -> residual."""
+    """Return (x, pull, data, numbers outside, y, the same inside, probe) -> residual."""
     x, y = ca.SX.sym("x", equations.n_x), ca.SX.sym("y", equations.n_x)
     outer, inner = ([s[0], s[1], s[4]] for s in (equations.symbols(), equations.symbols()))
-    residual = equations.jump(x, outer, y, inner)
-    return ca.Function("jump", [x, *outer, y, *inner], [residual], {"cse": True})
+    probe = ca.SX.sym("probe", 3 * equations.form.probed)
+    residual = equations.jump(x, outer, y, inner, probe)
+    return ca.Function("jump", [x, *outer, y, *inner, probe], [residual], {"cse": True})
 
 
 @lru_cache(maxsize=64)
 def tip_function(equations: LoadEquations) -> ca.Function:
-    """Return (y, pull, data, numbers, load (6,)) -> residual at the tip."""
+    """Return (y, pull, data, numbers, load (6,), probe) -> residual at the tip."""
     y, load, s = ca.SX.sym("y", equations.n_x), ca.SX.sym("load", 6), equations.symbols()
-    inner = [s[0], s[1], s[4]]
-    return ca.Function("tip", [y, *inner, load], [equations.tip(y, inner, load)], {"cse": True})
+    inner, probe = [s[0], s[1], s[4]], ca.SX.sym("probe", 3 * equations.form.probed)
+    residual = equations.tip(y, inner, load, probe)
+    return ca.Function("tip", [y, *inner, load, probe], [residual], {"cse": True})
 
 
 @lru_cache(maxsize=64)

@@ -1,6 +1,7 @@
 """The stretches between anchorages and loads of a loaded arm, on one mesh.
 
-Parameters p are the tensions at the motors (n_tendons,) and the share of the loads that acts.
+Parameters p are the tensions at the motors (n_tendons,), the share of the loads that acts, and with
+a probe a further dead force and moment (6,) there, in the base frame.
 """
 
 from __future__ import annotations
@@ -31,10 +32,13 @@ from model.statics import loaded_statics_of
 from model.stations import Counts, Stations, stations
 
 
-def load_equations(arm: Arm, scene: Scene) -> LoadEquations:
+def load_equations(
+    arm: Arm, scene: Scene, probed: bool = False, lengths: bool = False
+) -> LoadEquations:
     """Return the equations of a loaded scene."""
     section = tuple(i for i, _ in arm.tendons)
-    return LoadEquations(loaded_statics_of(scene, arm), load_form(arm, scene), section)
+    form = load_form(arm, scene, probed, lengths)
+    return LoadEquations(loaded_statics_of(scene, arm), form, section)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,26 +70,46 @@ class LoadSegments:
     equations : LoadEquations
     base : (7,)
         The clamped pose.
+    probe : float or None
+        Where a further force and moment may act [m].
+    n_p : int
+        Size of the parameters.
     """
 
-    def __init__(self, arm: Arm, scene: Scene, mesh: Mesh, scheme: RungeKutta) -> None:
+    def __init__(
+        self,
+        arm: Arm,
+        scene: Scene,
+        mesh: Mesh,
+        scheme: RungeKutta,
+        probe: float | None = None,
+        lengths: bool = False,
+    ) -> None:
         self.arm, self.scene, self.mesh, self.scheme = arm, scene, mesh, scheme
-        self.equations, self.base = load_equations(arm, scene), ca.DM(base_pose(arm))
+        self.probe, self.base = probe, ca.DM(base_pose(arm))
+        self.equations = load_equations(arm, scene, probe is not None, lengths)
+        self.n_p = arm.n_tendons + 1 + 6 * (probe is not None)
         L, e = arm.length, self.equations
-        rest = e.statics.size - 3 + e.n_force + e.n_tension
+        rest = e.n_x - 10
         self.scale = np.array([1.0] * 4 + [L] * 3 + [1 / L] * 3 + [1.0] * rest)
         cuts = self._cuts()
         self.segments = [self._segment(nodes, i == 0) for i, nodes in enumerate(cuts)]
 
     def parameters(self, T: ca.MX, share: ca.MX | float = 1.0) -> ca.MX:
         """See Segments.parameters; `share` of the loads."""
-        return ca.vertcat(T, share)
+        return ca.vertcat(T, share, ca.MX.zeros(self.n_p - self.arm.n_tendons - 1))
 
     def closure(self, x: ca.MX, p: ca.MX) -> ca.MX:
         """See Segments.closure: the pose of the base, and the motors' tensions with friction."""
         pose = (x[:7] - self.base) / self.scale[:7]
         n = self.equations.n_tension
-        return ca.vertcat(pose, x[x.numel() - n :] - p[:n])
+        return ca.vertcat(pose, x[self.tensions] - p[:n])
+
+    @property
+    def tensions(self) -> slice:
+        """Where the tensions are in a state."""
+        start = 7 + self.equations.statics.size + self.equations.n_force
+        return slice(start, start + self.equations.n_tension)
 
     def sections(self, s: Array, active: Counts, beyond: float, p: ca.MX) -> Sections:
         """Return what the equations take from sections at s (N,)."""
@@ -101,17 +125,31 @@ class LoadSegments:
                 flat = ca.sparsify(ca.DM(maps.reshape(-1, n)))
                 pulls.append(ca.reshape(flat @ T, -1, s.size))
         data, data_rate = (ca.DM(values) for values in statics.data(at))
-        return Sections(pulls[0], data, pulls[1], data_rate, self._numbers(at, beyond, share))
+        return Sections(pulls[0], data, pulls[1], data_rate, self._numbers(at, beyond, share, p))
 
-    def _numbers(self, at: Stations, beyond: float, share: ca.MX) -> ca.MX:
-        rows = load_numbers(self.arm, self.scene, at, beyond)
+    def _numbers(self, at: Stations, beyond: float, share: ca.MX, p: ca.MX) -> ca.MX:
+        rows = load_numbers(self.arm, self.scene, self.equations.form, at, beyond)
         scaled = ("force", "density", "drag", "mu")
         parts = [ca.DM(v) * share if name in scaled else ca.DM(v) for name, v in rows.items()]
+        if self.reaches(beyond):
+            parts[0] = parts[0] + ca.repmat(p[-6:-3], 1, at.s.size)
         return ca.vertcat(*parts) if parts else ca.MX(0, at.s.size)
+
+    def reaches(self, s: float) -> bool:
+        """Return whether the probe pulls on what is on the base side of s."""
+        return self.probe is not None and s <= self.probe + 1e-9 * self.arm.length
+
+    def _moment(self, s: float, p: ca.MX) -> ca.MX:
+        """Return the probe's moment if it acts at s, zero if it acts elsewhere."""
+        if self.probe is None:
+            return ca.MX(0, 1)
+        here = abs(s - self.probe) <= 1e-9 * self.arm.length
+        return p[-3:] if here else ca.MX.zeros(3)
 
     def _cuts(self) -> list[Array]:
         """Return the nodes of each segment, tip side first."""
         ends = {section.at for section in self.arm.sections} | {*places(self.arm, self.scene)}
+        ends |= {self.probe} if self.probe is not None else set()
         inner = sorted({self.mesh.node(s) for s in ends} - {0, self.mesh.steps}, reverse=True)
         bounds = [self.mesh.steps, *inner, 0]
         pairs = pairwise(bounds)
@@ -133,7 +171,7 @@ class LoadSegments:
     def _symbols(self, *columns: int) -> tuple[ca.MX, ...]:
         """Return states of so many columns each, and p."""
         states = [ca.MX.sym(f"x{i}", self.equations.n_x, m) for i, m in enumerate(columns)]
-        return (*states, ca.MX.sym("p", self.arm.n_tendons + 1))
+        return (*states, ca.MX.sym("p", self.n_p))
 
     def _tip(self, nodes: Array, active: int) -> ca.Function:
         x, before, p = self._symbols(1, 1)
@@ -141,7 +179,8 @@ class LoadSegments:
         load = np.concatenate([tip.force, tip.moment]) if tip else np.zeros(6)
         here = self.sections(nodes[:1], np.array([active]), nodes[0], p)
         share = p[self.arm.n_tendons]
-        rows = tip_function(self.equations)(x, *here.still, share * ca.DM(load))
+        moment = self._moment(nodes[0], p)
+        rows = tip_function(self.equations)(x, *here.still, share * ca.DM(load), moment)
         return ca.Function("tip", [x, before, p], [rows])
 
     def _jump(self, nodes: Array, active: int) -> ca.Function:
@@ -150,7 +189,8 @@ class LoadSegments:
         outside = self.active(min(nodes[0] + 1e-9 * L, L))
         outer = self.sections(s, np.array([outside]), nodes[0] + 1e-6 * L, p)
         inner = self.sections(s, np.array([active]), nodes[0], p)
-        rows = jump_function(self.equations)(before, *outer.still, x, *inner.still)
+        moment = self._moment(nodes[0], p)
+        rows = jump_function(self.equations)(before, *outer.still, x, *inner.still, moment)
         return ca.Function("jump", [x, before, p], [rows])
 
     def _map(self, nodes: Array, active: int) -> ca.Function:

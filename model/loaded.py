@@ -42,7 +42,7 @@ class Loaded:
         """Return (X, p) -> states at the nodes from base to tip, 1 + q at `stretch_at`."""
         shooting = Shooting(self.system)
         X = ca.MX.sym("X", shooting.n_x, shooting.n_segments)
-        p = ca.MX.sym("p", self.arm.n_tendons + 1)
+        p = ca.MX.sym("p", self.system.n_p)
         paths = shooting.trajectories(X / ca.DM(self.system.scale), p)
         columns = ca.horzcat(*(path[:, :-1] for path in paths), paths[-1][:, -1])
         pairs = zip(self.system.segments, paths, strict=True)

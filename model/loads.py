@@ -32,8 +32,12 @@ class LoadForm:
         Whether the load at the tip turns with it.
     friction : tuple of int or None
         The way each tendon slides: 1 in, -1 out.
-    n_sections : int
-        Sections whose tendon paths friction looks at.
+    n_sections, n_tendons : int
+        Of the arm.
+    probed : bool
+        Whether a further small force and moment act somewhere: what stiffness asks for.
+    lengths : bool
+        Whether the lengths of the tendons are states.
     """
 
     force: bool
@@ -42,6 +46,9 @@ class LoadForm:
     follower: bool
     friction: tuple[int, ...] | None
     n_sections: int
+    n_tendons: int
+    probed: bool = False
+    lengths: bool = False
 
     @property
     def moving(self) -> bool:
@@ -51,28 +58,31 @@ class LoadForm:
     @property
     def rows(self) -> dict[str, int]:
         """The numbers that a cross-section has, by name, and how many of each."""
-        tendons = len(self.friction or ())
+        tendons = self.n_tendons * (self.friction is not None or self.lengths)
         wanted = {
             "force": 3 * self.force,
             "density": 3 * self.weight,
             "drag": int(self.velocity is not None),
             "paths": 3 * self.n_sections * (tendons > 0),
             "crosses": tendons,
-            "mu": int(tendons > 0),
+            "mu": int(self.friction is not None),
         }
         return {name: size for name, size in wanted.items() if size}
 
 
-def load_form(arm: Arm, scene: Scene) -> LoadForm:
-    """Return the kinds of load in a scene."""
+def load_form(arm: Arm, scene: Scene, probed: bool = False, lengths: bool = False) -> LoadForm:
+    """Return the kinds of load in a scene, and what else is wanted of it."""
     tip, current, friction = scene.find(TipLoad), scene.find(Current), scene.find(Friction)
     return LoadForm(
-        any(scene.has(kind) for kind in (TipLoad, PointLoad, Weight, Current)),
+        probed or any(scene.has(kind) for kind in (TipLoad, PointLoad, Weight, Current)),
         scene.has(Weight),
         current.velocity if current else None,
         tip is not None and tip.follower,
         _directions(arm, friction) if friction else None,
         len(arm.sections),
+        arm.n_tendons,
+        probed,
+        lengths,
     )
 
 
@@ -96,12 +106,13 @@ def places(arm: Arm, scene: Scene) -> tuple[float, ...]:
     return tuple(load.s for load in point_loads(scene) if 0 < load.s < arm.length)
 
 
-def load_numbers(arm: Arm, scene: Scene, at: Stations, beyond: float) -> dict[str, Array]:
+def load_numbers(
+    arm: Arm, scene: Scene, form: LoadForm, at: Stations, beyond: float
+) -> dict[str, Array]:
     """Return the numbers (rows, N) of LoadForm.rows at stations, as if all loads were in full.
 
     `beyond`: point loads from this arc length on pull on what is there [m].
     """
-    form, N = load_form(arm, scene), at.s.size
     current, friction = scene.find(Current), scene.find(Friction)
     numbers: dict[str, Array] = {}
     if form.force:
@@ -116,10 +127,11 @@ def load_numbers(arm: Arm, scene: Scene, at: Stations, beyond: float) -> dict[st
     if current:
         R = arm.radius.evaluate(at.s, arm.length)[0]
         numbers["drag"] = (current.density * current.coefficient * R)[None, :]
-    if friction:
+    if friction or form.lengths:
         numbers["paths"] = np.vstack([at.y, at.y_rate, at.y_curve])
         numbers["crosses"] = crossing(arm, at).T
-        numbers["mu"] = np.full((1, N), friction.mu)
+    if friction:
+        numbers["mu"] = np.full((1, at.s.size), friction.mu)
     return numbers
 
 

@@ -121,31 +121,60 @@ def rate_curvature(e: LoadEquations) -> ca.Function:
     return ca.Function("curvature", [x, *args, mu], [hessian], {"cse": True})
 
 
-def tangents(system: LoadSegments, segment: Segment, columns: int) -> ca.Function:
-    """Return (x, change of x (n_x, columns), p) -> state at the segment's end, its change."""
-    n, h = system.equations.n_x, np.diff(segment.nodes)
+def tangents(
+    system: LoadSegments, segment: Segment, columns: int, directions: ca.DM | None = None
+) -> ca.Function:
+    """Return (x, change of x (n_x, columns), p) -> state at the segment's end, its change.
+
+    The last columns are changes of the parameters too, along the directions (n_p, m) if any.
+    """
+    e, n, h = system.equations, system.equations.n_x, np.diff(segment.nodes)
     x, change = ca.MX.sym("x", n), ca.MX.sym("change", n, columns)
-    p = ca.MX.sym("p", system.arm.n_tendons + 1)
+    p = ca.MX.sym("p", system.n_p)
     active = system.active((segment.nodes[0] + segment.nodes[1]) / 2)
     counts = np.full(h.size, active)
     data = system.step_data(segment.nodes[:-1], h, counts, segment.nodes[0], p)
-    across = _tangent_step(system.equations, system.scheme, columns).fold(h.size)
-    end = across(ca.horzcat(x, change), *data, ca.DM(h).T)
+    moved = _moved(system, segment, active, columns, directions)
+    across = _tangent_step(e, system.scheme, columns, directions is not None).fold(h.size)
+    end = across(ca.horzcat(x, change), *data, ca.DM(h).T, moved)
     return ca.Function("tangents", [x, change, p], [end[:, 0], end[:, 1:]])
 
 
+def _moved(
+    system: LoadSegments, segment: Segment, active: int, columns: int, directions: ca.DM | None
+) -> ca.DM:
+    """Return the change of pull and force at each node of each step (n_v, columns) side by side."""
+    if directions is None:
+        return ca.DM(0, 0)
+    h, nodes = np.diff(segment.nodes), np.array(sorted(set(system.scheme.nodes)))
+    n_T, D = system.arm.n_tendons, np.array(directions)
+    force = D[-6:-3] * system.reaches(segment.nodes[0])
+    U = _pull_slopes(system, segment.nodes[:-1], h, active, nodes)
+    none = columns - D.shape[1]
+    blocks = [np.vstack([u @ D[:n_T], force]) for u in U]
+    return ca.DM(np.hstack([np.pad(block, ((0, 0), (none, 0))) for block in blocks]))
+
+
 @lru_cache(maxsize=64)
-def _tangent_step(e: LoadEquations, scheme: RungeKutta, columns: int) -> ca.Function:
-    """Return (x and its change, cross-sections, h) -> the same after a step."""
+def _tangent_step(e: LoadEquations, scheme: RungeKutta, columns: int, driven: bool) -> ca.Function:
+    """Return (x and its change, cross-sections, h, change of pull and force) -> after a step."""
     nodes = sorted(set(scheme.nodes))
     xz, h = ca.MX.sym("xz", e.n_x, 1 + columns), ca.MX.sym("h")
     args = [ca.MX.sym("data", *v.shape) for v in e.symbols(len(nodes))]
+    slopes = _driven_slopes(e) if driven else _state_slopes(e)
+    size = (slopes.size2_out(2), columns * len(nodes)) if driven else (0, 0)
+    moved = ca.MX.sym("moved", *size)
     rates: list[ca.MX] = []
     for c, row in zip(scheme.nodes, scheme.rows, strict=True):
+        i = nodes.index(c)
         inner = xz + h * _weighted(row, rates) if any(row) else xz
-        f, A = _state_slopes(e)(inner[:, 0], *(v[:, nodes.index(c)] for v in args))
-        rates.append(ca.horzcat(f, A @ inner[:, 1:]))
-    return ca.Function("tangent_step", [xz, *args, h], [xz + h * _weighted(scheme.weights, rates)])
+        f, A, *B = slopes(inner[:, 0], *(v[:, i] for v in args))
+        change = A @ inner[:, 1:]
+        if driven:
+            change = change + B[0] @ moved[:, i * columns : (i + 1) * columns]
+        rates.append(ca.horzcat(f, change))
+    after = xz + h * _weighted(scheme.weights, rates)
+    return ca.Function("tangent_step", [xz, *args, h, moved], [after])
 
 
 @lru_cache(maxsize=64)
@@ -155,6 +184,16 @@ def _state_slopes(e: LoadEquations) -> ca.Function:
     f = e.rate(x, *args)
     slopes = ca.densify(ca.jacobian(f, x))
     return ca.Function("state_slopes", [x, *args], [f, slopes], {"cse": True})
+
+
+@lru_cache(maxsize=64)
+def _driven_slopes(e: LoadEquations) -> ca.Function:
+    """Return (x, cross-section) -> rate f, its Jacobians in x, and in the pull and the force."""
+    x, args = ca.SX.sym("x", e.n_x), e.symbols()
+    f = e.rate(x, *args)
+    driven = ca.vertcat(_varied(e, args), args[4][:3])
+    slopes = [ca.densify(ca.jacobian(f, v)) for v in (x, driven)]
+    return ca.Function("driven_slopes", [x, *args], [f, *slopes], {"cse": True})
 
 
 @lru_cache(maxsize=64)

@@ -61,6 +61,9 @@ class LoadedStatics(Protocol):
     def tangent(self, j: int, strain: ca.SX, y: ca.SX, y_rate: ca.SX) -> ca.SX:
         """Return the tangent c (3,) along which tendon j pulls."""
 
+    def run(self, j: int, strain: ca.SX, kappa: ca.SX, nu: ca.SX, y: ca.SX, y_rate: ca.SX) -> ca.SX:
+        """Return the derivative along s (3,) of the curve that tendon j runs along."""
+
     def strain(self, full: Array) -> Array:
         """Return the strains (N, size) of (tau, xi, k, q) (N, 4)."""
 
@@ -128,6 +131,11 @@ class ReferenceLoaded:
         d = ca.vertcat(0, self.cos[j], self.sin[j])
         return ca.vertcat(1, 0, 0) + y_rate * d + y * ca.cross(strain, d)
 
+    def run(self, j: int, strain: ca.SX, kappa: ca.SX, nu: ca.SX, y: ca.SX, y_rate: ca.SX) -> ca.SX:
+        """See LoadedStatics.run: u_c' of eq. (6), which is not quite the tangent of the balance."""
+        d = ca.vertcat(0, self.cos[j], self.sin[j])
+        return nu + y_rate * d + y * ca.cross(kappa, d)
+
     def strain(self, full: Array) -> Array:
         """See LoadedStatics.strain."""
         return full[:, :3]
@@ -152,6 +160,10 @@ class ExactLoaded(SectionEnergy):
     def twist(self, strain: ca.SX, pull: ca.SX, data: ca.SX, force: ca.SX) -> tuple[ca.SX, ca.SX]:
         """See LoadedStatics.twist: the strains themselves."""
         return self.kappa_nu(strain)
+
+    def run(self, j: int, strain: ca.SX, kappa: ca.SX, nu: ca.SX, y: ca.SX, y_rate: ca.SX) -> ca.SX:
+        """See LoadedStatics.run: the tangent."""
+        return self.tangent(j, strain, y, y_rate)
 
     def strain(self, full: Array) -> Array:
         """See LoadedStatics.strain."""

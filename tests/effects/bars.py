@@ -64,7 +64,7 @@ def elastica(
     bar: Bar,
     force: Callable[[float], Array],
     moment: float = 0.0,
-    spread: Callable[[Array], Array] | None = None,
+    spread: Callable[[float, Array], Array] | None = None,
     extension: bool = False,
     breaks: tuple[float, ...] = (),
     shares: int = 8,
@@ -72,7 +72,7 @@ def elastica(
     """Return s -> (x, y, angle) (3, N) of a bar clamped along x, by shooting from the tip.
 
     `force(s)` is the dead force (2,) beyond s, which jumps at `breaks`, `moment` that at the tip,
-    `spread(t)` what else pulls per unit deformed length. Loads are brought on in equal shares.
+    `spread(s, t)` what else pulls per unit deformed length. Loads are brought on in equal shares.
     """
     stops = [bar.length, *sorted(breaks, reverse=True), 0.0]
 
@@ -81,7 +81,7 @@ def elastica(
             t = np.array([np.cos(state[2]), np.sin(state[2])])
             F = share * (force(s) if not breaks else beyond) + state[4:]
             stretch = 1 + extension * (t @ F) / (bar.E * bar.A(s))
-            more = share * spread(t) if spread else np.zeros(2)
+            more = share * spread(s, t) if spread else np.zeros(2)
             rows = [*t, state[3] / bar.EJ(s), t[1] * F[0] - t[0] * F[1], *-more]
             return stretch * np.array(rows)
 

@@ -130,6 +130,15 @@ def test_without_roughness_no_pull_is_special() -> None:
         assert np.allclose(rough, smooth, rtol=0, atol=2e-8 * FEW.length)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("mu", [0.0, 0.2])
+def test_friction_keeps_no_arm_from_settling(mu: float) -> None:
+    arm, rng = Arm.from_paper("table-4"), np.random.default_rng(0)
+    for _ in range(60):
+        T = rng.uniform(size=(3, 4)) * [[0.1], [1], [3]] * (rng.uniform(size=(3, 4)) < 0.4)
+        assert settle(arm, T, Scene(Extension(), Friction(mu)), 1e-7).error <= 1e-7
+
+
 def bends(scene: Scene, pulls: Array) -> Array:
     """The angle between base and tip at each pull."""
     frames = [settle(FEW, on_table_2(T), scene, 1e-6).tip_frame for T in pulls]

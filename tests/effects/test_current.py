@@ -1,0 +1,153 @@
+"""The drag of a stream: beams under it for small loads, elastica that face it for large ones."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from model import Arm, InputError, Scene, settle
+from model.effects import Current, ExactTendons, Extension, Shear
+from tests.effects.bars import NO_PULL, Bar, elastica
+from tests.effects.cases import Array
+
+RHO, C = 1000.0, 1.1
+STIFF = {"uniform": Bar(E=1e10), "conical": Bar(0.012, 0.003, E=1e10)}
+SOFT = {"uniform": Bar(), "conical": Bar(0.012, 0.005)}
+BASE = (0.1, -0.2, 0.3)
+
+
+def deflection(bar: Bar, v: float) -> float:
+    """Of the tip under the line load rho C R v2, by the unit load theorem."""
+
+    def moment(s: float) -> float:
+        return quad(lambda x: RHO * C * bar.R(x) * v**2 * (x - s), s, bar.length)[0]
+
+    part = quad(lambda s: moment(s) * (bar.length - s) / bar.EJ(s), 0, bar.length, epsrel=1e-12)
+    return float(part[0])
+
+
+@pytest.mark.parametrize("name", STIFF)
+@pytest.mark.parametrize("v", [0.1, 1.0])
+def test_a_stiff_bar_across_a_stream_bends_like_a_beam(name: str, v: float) -> None:
+    bar = STIFF[name]
+    tip = settle(bar.arm, NO_PULL, Scene(Current((0, v, 0))), 1e-12).tip
+    assert tip[1] == pytest.approx(deflection(bar, v), rel=1e-6)
+    assert abs(tip[2]) < 1e-18
+    if name == "uniform":
+        w = RHO * C * 0.01 * v**2
+        assert tip[1] == pytest.approx(w * 0.3**4 / (8 * bar.EJ(0.0)), rel=1e-6)
+
+
+def test_density_and_coefficient_scale_the_drag() -> None:
+    bar, v = STIFF["conical"], (0, 0, 0.5)
+    plain = settle(bar.arm, NO_PULL, Scene(Current(v)), 1e-12).tip[2]
+    other = settle(bar.arm, NO_PULL, Scene(Current(v, 1.2, 0.7)), 1e-12).tip[2]
+    assert other / plain == pytest.approx(1.2 * 0.7 / (RHO * C), rel=1e-6)
+
+
+def test_only_the_stream_across_pushes_and_by_its_own_size() -> None:
+    bar, v = STIFF["conical"], np.array([3.0, 0.3, -0.4])
+    tip = settle(bar.arm, NO_PULL, Scene(Current(tuple(v))), 1e-12).tip
+    across = deflection(bar, 0.5)
+    assert np.allclose(tip[1:], across * np.array([0.6, -0.8]), rtol=1e-4, atol=0)
+
+
+@pytest.mark.parametrize("v", [2.0, -0.5])
+@pytest.mark.parametrize("name", SOFT)
+def test_a_stream_along_a_straight_arm_does_not_push(name: str, v: float) -> None:
+    bar = SOFT[name]
+    tip = settle(bar.arm, NO_PULL, Scene(Extension(), Current((v, 0, 0))), 1e-11).tip
+    assert np.allclose(tip, [bar.length, 0, 0], rtol=0, atol=1e-15)
+
+
+def test_still_water_does_not_push() -> None:
+    arm, T = Arm.from_paper("table-4"), [[0, 0, 0.2, 0], [1.0, 0, 0, 0], [0, 3.0, 0, 0]]
+    still = settle(arm, T, Scene(Extension(), Current((0, 0, 0))), 1e-11).tip
+    assert np.allclose(still, settle(arm, T, Scene(Extension()), 1e-11).tip, rtol=0, atol=1e-11)
+
+
+def test_the_drag_is_quadratic_in_speed() -> None:
+    bar = STIFF["conical"]
+    bends = [settle(bar.arm, NO_PULL, Scene(Current((0, v, 0))), 1e-12).tip[1] for v in (0.2, 0.6)]
+    assert bends[1] / bends[0] == pytest.approx(9, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", SOFT)
+def test_a_stream_the_other_way_pushes_the_other_way(name: str) -> None:
+    arm, v = SOFT[name].arm, np.array([0.1, 0.3, 0.2])
+    there, back = (
+        settle(arm, NO_PULL, Scene(Current((v[0], *(way * v[1:])))), 1e-9).tip for way in (1, -1)
+    )
+    assert there[1] > 0.05
+    assert np.allclose(there, back * [1, -1, -1], rtol=0, atol=1e-12)
+
+
+def pushed(bar: Bar, v: Array, extension: bool) -> Array:
+    """(x, y) at nine places of a bar in the plane of the stream."""
+
+    def drag_at(s: float, t: Array) -> Array:
+        across = v - t * (t @ v)
+        return RHO * C * bar.R(s) * np.linalg.norm(across) * across
+
+    s = np.linspace(0, bar.length, 9)
+    return elastica(bar, lambda s: np.zeros(2), spread=drag_at, extension=extension)(s)[:2]
+
+
+@pytest.mark.parametrize("extension", [False, True], ids=["bending", "extension"])
+@pytest.mark.parametrize("v", [(0.0, 0.2), (0.0, 0.6), (0.3, 0.3), (-0.2, 0.25)], ids=str)
+@pytest.mark.parametrize("name", SOFT)
+def test_a_soft_bar_gives_way_as_the_elastica_does(
+    name: str, v: tuple[float, float], extension: bool
+) -> None:
+    bar = SOFT[name]
+    scene = Scene(Current((*v, 0)), *([Extension()] if extension else []))
+    shape = settle(bar.arm, NO_PULL, scene, 1e-10)
+    found = pushed(bar, np.array(v), extension)
+    s = np.linspace(0, bar.length, 9)
+    assert found[1, -1] > 0.1 * bar.length
+    assert np.allclose(shape.position(s)[:, :2], found.T, rtol=0, atol=2e-10 * bar.length)
+
+
+def test_a_fast_stream_lays_the_arm_along_itself() -> None:
+    bar = SOFT["conical"]
+    slopes = []
+    for v in (0.3, 1.0, 3.0):
+        t = settle(bar.arm, NO_PULL, Scene(Current((0, v, 0))), 1e-7).tip_frame[:, 0]
+        slopes.append(np.arccos(t[1]))
+    assert np.all(np.diff(slopes) < 0)
+    assert slopes[-1] < 0.1
+
+
+@pytest.mark.parametrize("more", [(), (ExactTendons(), Shear())], ids=["paper", "exact, shear"])
+def test_the_moment_at_the_base_is_that_of_all_the_drag(more: tuple[object, ...]) -> None:
+    arm, T = Arm.from_paper("table-2"), np.zeros((3, 4))
+    v = np.array([0.1, -0.15, 0.3])
+    shape = settle(arm, T, Scene(Extension(), Current(tuple(v)), *more), 1e-10)
+    x, w = np.polynomial.legendre.leggauss(60)
+    s = (1 + x) * arm.length / 2
+    u, t, q = shape.position(s), shape.frame(s)[:, :, 0], shape.strain(s)[:, 3]
+    across = v - t * (t @ v)[:, None]
+    R = 15e-3 + (6.5e-3 - 15e-3) * s / arm.length
+    f = (RHO * C * R * (1 + q) * np.linalg.norm(across, axis=1))[:, None] * across
+    moment = (w * arm.length / 2) @ np.cross(u, f)
+    tau, xi, k, q = shape.strain(0.0)
+    stretch = 1 + q if more else 1.0
+    EJ = 110e3 * np.pi * 15e-3**4 / 4
+    found = stretch * EJ * np.array([tau * 2 / 3, -xi, -k])  # n and b are -y and -z at the base
+    assert np.allclose(found, moment, rtol=0, atol=1e-8 * np.linalg.norm(moment))
+
+
+@pytest.mark.parametrize(
+    ("values", "field"),
+    [
+        ({"velocity": (0, 1)}, "Current.velocity"),
+        ({"velocity": (0, 1, np.inf)}, "Current.velocity"),
+        ({"velocity": (0, 1, 0), "density": -1.0}, "Current.density"),
+        ({"velocity": (0, 1, 0), "coefficient": np.nan}, "Current.coefficient"),
+    ],
+)
+def test_a_stream_is_checked(values: dict[str, object], field: str) -> None:
+    with pytest.raises(InputError) as error:
+        Current(**values)  # type: ignore[arg-type]
+    assert error.value.field.startswith(field)
