@@ -89,8 +89,8 @@ class LoadedEquilibrium:
         """
         last: float | None = None
         for _ in range(_STEPS):
-            change = np.array(self.step(X, p)[0])
-            if not np.all(np.isfinite(change)):
+            change = self._change(X, p)
+            if change is None:
                 return None
             X = X + change
             size = self._size(change, X)
@@ -106,6 +106,14 @@ class LoadedEquilibrium:
                 return self._placed(X, p)
             last = size
         return None
+
+    def _change(self, X: Array, p: Array) -> Array | None:
+        """Return a Newton step, or None where there is none."""
+        try:
+            change = np.array(self.step(X, p)[0])
+        except RuntimeError:  # a singular matrix, in CasADi's words
+            return None
+        return change if np.all(np.isfinite(change)) else None
 
     def _size(self, change: Array, X: Array) -> float:
         scale = self.system.scale[:, None]

@@ -2,8 +2,9 @@
 
 A state x is the pose (7,), the strains of the statics, then the part of the force beyond the
 section that depends on the shape (3,), the tensions of tendons with friction (n_tendons,), and the
-lengths of the tendons beyond the section (n_tendons,), where these are called for. With F and M the loads beyond s, kappa and nu the strains per unit
-reference length, and L the wrench that strains and tendons balance,
+lengths of the tendons beyond the section (n_tendons,), where these are called for. With F and M
+the loads beyond s, kappa and nu the strains per unit reference length, and L the wrench that
+strains and tendons balance,
 
     F' = -f        M' = -u' x F        L(strain; T, s) = (M, F)
 

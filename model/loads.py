@@ -13,6 +13,8 @@ from model.paths import Array
 from model.scene import Scene
 from model.stations import Stations, crossing
 
+# Growth, as an exponent, that one segment may have; and the most segments that loads call for.
+_GROWTH, _MOST_PIECES = 3.0, 60
 _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(6)
 
 
@@ -102,8 +104,36 @@ def point_loads(scene: Scene) -> list[PointLoad]:
 
 
 def places(arm: Arm, scene: Scene) -> tuple[float, ...]:
-    """Return the arc lengths inside of the arm at which a point load acts [m]."""
-    return tuple(load.s for load in point_loads(scene) if 0 < load.s < arm.length)
+    """Return the arc lengths inside of the arm at which loads call for a segment to begin [m].
+
+    Where a point load acts; and, as solutions of the bent arm under a force F grow and decay like
+    the exponential of the integral of (F / EJ)^(1/2), wherever that integral has grown by some.
+    """
+    acts = [load.s for load in point_loads(scene) if 0 < load.s < arm.length]
+    s = np.linspace(0.0, arm.length, 1001)
+    EJ = arm.material.E * np.pi * arm.radius.evaluate(s, arm.length)[0] ** 4 / 4
+    rate = np.sqrt(_heaviest(arm, scene, s) / EJ)
+    growth = np.concatenate([[0.0], np.cumsum((rate[1:] + rate[:-1]) / 2 * np.diff(s))])
+    pieces = min(int(np.ceil(growth[-1] / _GROWTH)), _MOST_PIECES)
+    cuts = np.interp(np.arange(1, pieces) / max(pieces, 1) * growth[-1], growth, s)
+    near = 1e-3 * arm.length
+    taken = [*acts, *(section.at for section in arm.sections), 0.0, arm.length]
+    free = [float(cut) for cut in cuts if min(abs(cut - other) for other in taken) > near]
+    return tuple(acts + free)
+
+
+def _heaviest(arm: Arm, scene: Scene, s: Array) -> Array:
+    """Return a bound of the force beyond s (N,) [N]."""
+    tip, current = scene.find(TipLoad), scene.find(Current)
+    force = np.linalg.norm(_heaviness(arm, scene)) * volume(arm, s)
+    force += np.linalg.norm(tip.force) if tip else 0.0
+    for load in point_loads(scene):
+        force += np.linalg.norm(load.force) * (s <= load.s)
+    if current:
+        R = arm.radius.evaluate(s, arm.length)[0].max()
+        drag = current.density * current.coefficient * R * np.dot(current.velocity, current.velocity)
+        force += drag * (arm.length - s)
+    return np.asarray(force)
 
 
 def load_numbers(
