@@ -36,14 +36,10 @@ class LoadedEquilibrium:
         self.system = system
         X = ca.MX.sym("X", system.scale.size, len(system.segments))
         p = ca.MX.sym("p", system.n_p)
-        moves, turn = Lifting(system).solve(X, p)
+        moves, _, turn = Lifting(system).solve(X, p)
         self.step = ca.Function("step", [X, p], [ca.horzcat(*moves), turn])
         paths = [segment.map(X[:, i], p)[:4, :] for i, segment in enumerate(system.segments)]
         self.frames = ca.Function("frames", [X, p], [ca.horzcat(X[:4, 0], *paths)])
-
-    def _p(self, tensions: Array, share: float) -> Array:
-        probe = np.zeros(self.system.n_p - tensions.size - 1)
-        return np.concatenate([tensions, [share], probe])
 
     def near(self, X: Array, tensions: Array) -> Array | None:
         """Return the states X (n_x, segments) under the full loads, if others near them lead there.
@@ -51,7 +47,7 @@ class LoadedEquilibrium:
         Those may be of another mesh, where the loads may have led elsewhere: what is not quite near
         is not taken.
         """
-        return self._newton(X, self._p(tensions, 1.0), _NEAR)
+        return self._newton(X, self.system.p(tensions, 1.0), _NEAR)
 
     def bring_on(self, X: Array, tensions: Array) -> Array:
         """Return the states under the full loads, on the branch that begins at X without any.
@@ -60,9 +56,9 @@ class LoadedEquilibrium:
         far, and halved if not, or if the equilibrium it leads to has lost its stability.
         """
         share, step = 0.0, 1.0
-        frames = self._frames(X, self._p(tensions, share))
+        frames = self._frames(X, self.system.p(tensions, share))
         while share < 1:
-            trial = self._p(tensions, min(1.0, share + step))
+            trial = self.system.p(tensions, min(1.0, share + step))
             found = self._newton(X, trial)
             moved = None if found is None else self._frames(found, trial)
             critical = False

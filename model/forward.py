@@ -53,7 +53,10 @@ class ForwardMap(Protocol):
         """Return 1 + q (K,) at the arc lengths `stretch_at`."""
 
     def dense(self, tensions: Array, states: Array, s: Array) -> tuple[Array, Array]:
-        """Return poses (N, 7) and strains (N, 4), tau, xi, k, q, at arc lengths s (N,)."""
+        """Return poses (N, 7) and strains at arc lengths s (N,).
+
+        Strains (N, 4) are tau, xi, k, q; with nu_n, nu_b (N, 6) where sections may slide.
+        """
 
 
 class ExplicitMap(ForwardMap, Protocol):

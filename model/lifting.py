@@ -34,9 +34,10 @@ class Lifting:
         self.n_w = 3 + system.equations.n_tension
         self.columns = self.n_w + (1 if directions is None else directions.shape[1])
 
-    def solve(self, X: ca.MX, p: ca.MX) -> tuple[list[ca.MX], ca.MX]:
-        """Return the change of each start (n_x, m) at states X (n_x, segments), and the turn.
+    def solve(self, X: ca.MX, p: ca.MX) -> tuple[list[ca.MX], ca.MX, ca.MX]:
+        """Return the change of each start (n_x, m), that at the base, and the turn.
 
+        X (n_x, segments) are the states at the starts. Positions change as if the tip's were held.
         The turn (3, 3) takes a small turn of the tip to that of the base, tensions at the motors
         kept: the unit matrix without loads, singular where the equilibrium is critical.
         """
@@ -53,7 +54,8 @@ class Lifting:
         if self.n_w > 3:
             turn = turn[:3, :3] - turn[:3, 3:] @ ca.solve(turn[3:, 3:], turn[3:, :3])
         n = self.n_w
-        return [move[:, :n] @ w + move[:, n:] for move in moves], turn
+        found = [move[:, :n] @ w + move[:, n:] for move in (*moves, change)]
+        return found[:-1], found[-1], turn
 
     def _symbols(self) -> tuple[ca.MX, ca.MX, ca.MX, ca.MX]:
         """Return two states, a change of state (n_x, columns), and p."""

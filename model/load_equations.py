@@ -329,8 +329,16 @@ def tip_function(equations: LoadEquations) -> ca.Function:
 
 @lru_cache(maxsize=64)
 def strain_reader(equations: LoadEquations) -> ca.Function:
-    """Return (x, pull, data, numbers) -> (tau, xi, k, q)."""
+    """Return (x, pull, data, numbers) -> (tau, xi, k, q, nu_n, nu_b)."""
     x, s = ca.SX.sym("x", equations.n_x), equations.symbols()
     kappa, nu = equations.twist(x, s[0], s[1], s[4])
-    full = ca.vertcat(kappa / nu[0], nu[0] - 1)
+    full = ca.vertcat(kappa / nu[0], nu[0] - 1, nu[1:])
     return ca.Function("strain", [x, s[0], s[1], s[4]], [full], {"cse": True})
+
+
+@lru_cache(maxsize=64)
+def state_reader(equations: LoadEquations) -> ca.Function:
+    """Return (tau, xi, k, q) without loads -> the strains that are states."""
+    e = ca.SX.sym("e", 4)
+    kappa, nu = (1 + e[3]) * e[:3], ca.vertcat(1 + e[3], 0, 0)
+    return ca.Function("state", [e], [equations.statics.state(kappa, nu)])

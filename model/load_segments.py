@@ -99,6 +99,10 @@ class LoadSegments:
         """See Segments.parameters; `share` of the loads."""
         return ca.vertcat(T, share, ca.MX.zeros(self.n_p - self.arm.n_tendons - 1))
 
+    def p(self, tensions: Array, share: float = 1.0) -> Array:
+        """Return the parameters as numbers; see parameters."""
+        return np.concatenate([tensions, [share], np.zeros(self.n_p - tensions.size - 1)])
+
     def closure(self, x: ca.MX, p: ca.MX) -> ca.MX:
         """See Segments.closure: the pose of the base, and the motors' tensions with friction."""
         pose = (x[:7] - self.base) / self.scale[:7]

@@ -9,7 +9,7 @@ from model.arm import Arm
 from model.closed_form import ClosedForm
 from model.continuation import LoadedEquilibrium
 from model.effects import ExactTendons, Extension, NeoHookean
-from model.load_equations import load_step, strain_reader
+from model.load_equations import load_step, state_reader, strain_reader
 from model.load_segments import LoadSegments
 from model.magnus import MAGNUS6
 from model.mesh import Mesh
@@ -26,12 +26,24 @@ def unloaded(scene: Scene) -> Scene:
 
 
 class Loaded:
-    """See ForwardMap; its states are the pose, the strains, and what else the loads call for."""
+    """See ForwardMap; its states are those of model.load_equations.
 
-    def __init__(self, arm: Arm, scene: Scene, mesh: Mesh, scheme: RungeKutta) -> None:
+    With a `probe` a small force and moment can act there, and with `lengths` those of the tendons
+    are states: what stiffness asks for.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        scene: Scene,
+        mesh: Mesh,
+        scheme: RungeKutta,
+        probe: float | None = None,
+        lengths: bool = False,
+    ) -> None:
         self.arm, self.scene, self.mesh, self.scheme = arm, scene, mesh, scheme
         self.order = scheme.order
-        self.system = LoadSegments(arm, scene, mesh, scheme)
+        self.system = LoadSegments(arm, scene, mesh, scheme, probe, lengths)
         self.equilibrium = LoadedEquilibrium(self.system)
         self.free = ClosedForm(arm, unloaded(scene), mesh, MAGNUS6)
         self.paths = self._paths()
@@ -54,7 +66,7 @@ class Loaded:
         X = None if near is None else self.equilibrium.near(near, tensions)
         if X is None:
             X = self.equilibrium.bring_on(self.without_loads(tensions), tensions)
-        return np.array(self.paths(X, np.append(tensions, 1.0))[0]).T
+        return np.array(self.paths(X, self.system.p(tensions))[0]).T
 
     def starts(self, states: Array) -> Array:
         """See ForwardMap.starts."""
@@ -66,7 +78,7 @@ class Loaded:
 
     def stretch(self, tensions: Array, states: Array) -> Array:
         """See ForwardMap.stretch."""
-        found = self.paths(self.starts(states), np.append(tensions, 1.0))[1]
+        found = self.paths(self.starts(states), self.system.p(tensions))[1]
         return np.array(found).ravel()
 
     def without_loads(self, tensions: Array) -> Array:
@@ -77,12 +89,14 @@ class Loaded:
         e = self.system.equations
         force = np.zeros((s.size, e.n_force))
         pulls = np.tile(tensions[: e.n_tension], (s.size, 1))
-        return np.hstack([pose, e.statics.strain(strain), force, pulls]).T
+        lengths = np.zeros((s.size, e.n_length))
+        strains = state_reader(e).map(s.size)(strain.T)
+        return np.hstack([pose, np.array(strains).T, force, pulls, lengths]).T
 
     def dense(self, tensions: Array, states: Array, s: Array) -> tuple[Array, Array]:
         """See ForwardMap.dense: a step from the nodes above."""
         step = np.clip(np.searchsorted(self.mesh.s, s, side="left") - 1, 0, self.mesh.steps - 1)
-        poses, strains = np.zeros((s.size, 7)), np.zeros((s.size, 4))
+        poses, strains = np.zeros((s.size, 7)), np.zeros((s.size, 6))
         for segment in self.system.segments:
             below = self.mesh.s[step]
             inside = (below >= segment.nodes[-1]) & (below < segment.nodes[0])
@@ -94,12 +108,12 @@ class Loaded:
     def _dense(
         self, tensions: Array, states: Array, s: Array, step: Array, beyond: float
     ) -> tuple[Array, Array]:
-        p = ca.MX.sym("p", tensions.size + 1)
+        p = ca.MX.sym("p", self.system.n_p)
         active, start = self.mesh.active[step], self.mesh.s[step + 1]
         data = self.system.step_data(start, s - start, active, beyond, p)
         across = load_step(self.system.equations, self.scheme).map(s.size)
         x = across(ca.DM(states[step + 1].T), *data, ca.DM(s - start).T)
         here = self.system.sections(s, active, beyond, p).still
         full = strain_reader(self.system.equations).map(s.size)(x, *here)
-        values = ca.Function("dense", [p], [x[:7, :], full])(np.append(tensions, 1.0))
+        values = ca.Function("dense", [p], [x[:7, :], full])(self.system.p(tensions))
         return np.array(values[0]).T, np.array(values[1]).T

@@ -131,7 +131,9 @@ def _heaviest(arm: Arm, scene: Scene, s: Array) -> Array:
         force += np.linalg.norm(load.force) * (s <= load.s)
     if current:
         R = arm.radius.evaluate(s, arm.length)[0].max()
-        drag = current.density * current.coefficient * R * np.dot(current.velocity, current.velocity)
+        drag = (
+            current.density * current.coefficient * R * np.dot(current.velocity, current.velocity)
+        )
         force += drag * (arm.length - s)
     return np.asarray(force)
 

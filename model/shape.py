@@ -17,6 +17,7 @@ from model.magnus import MAGNUS6
 from model.paths import Array
 from model.rotations import matrices
 from model.scene import Scene
+from model.tendon_lengths import tendon_lengths
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,26 +79,18 @@ class Shape:
         Curvatures are about t, n, b per unit deformed length [1/m], q is the longitudinal strain
         [-]; at an anchorage, those on its base side (the paper's half-open domains).
         """
-        return self._at(s, lambda _, strain: strain)
+        return self._at(s, lambda _, strain: strain[:, :4])
 
     @cached_property
     def tendon_lengths(self) -> Array:
         """Length of each tendon from base to anchorage (n_tendons,) [m], tendon order.
 
-        The integral of |du_c/ds| with u_c of eq. (6), by Gauss quadrature on the mesh.
+        The integral of |du_c/ds| by Gauss quadrature on the mesh; see model.tendon_lengths.
         """
         mesh = self._map.mesh
         s = nodes_of(MAGNUS6, mesh.s[:-1], mesh.s[1:])
         weight = (np.diff(mesh.s)[:, None] * np.array(MAGNUS6.weights)).ravel()
-        strain = self.strain(s)
-        lengths = []
-        for i, phi in self.arm.tendons:
-            section = self.arm.sections[i]
-            inside = s < section.at
-            y, y_rate, _ = section.offset.evaluate(s[inside], section.at)
-            tangent = tendon_tangent(strain[inside], y, y_rate, phi)
-            lengths.append(weight[inside] @ np.linalg.norm(tangent, axis=1))
-        return np.array(lengths)
+        return tendon_lengths(self.arm, self.scene, s, weight, self._at(s, lambda _, e: e))
 
     @property
     def _map(self) -> ForwardMap:
@@ -113,10 +106,3 @@ class Shape:
         pose, strain = self._map.dense(self.tensions, self.states, np.minimum(wanted, L))
         values = np.asarray(read(pose, strain))
         return values[0] if np.ndim(s) == 0 else values
-
-
-def tendon_tangent(strain: Array, y: Array, y_rate: Array, phi: float) -> Array:
-    """Return du_c/ds (N, 3) in local components: (1 + q) (t + y omega x d) + y' d, from eq. (6)."""
-    d = np.array([0.0, np.cos(phi), np.sin(phi)])
-    along = np.array([1.0, 0.0, 0.0]) + y[:, None] * np.cross(strain[:, :3], d)
-    return np.asarray((1 + strain[:, 3])[:, None] * along + y_rate[:, None] * d)

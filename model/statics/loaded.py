@@ -64,8 +64,8 @@ class LoadedStatics(Protocol):
     def run(self, j: int, strain: ca.SX, kappa: ca.SX, nu: ca.SX, y: ca.SX, y_rate: ca.SX) -> ca.SX:
         """Return the derivative along s (3,) of the curve that tendon j runs along."""
 
-    def strain(self, full: Array) -> Array:
-        """Return the strains (N, size) of (tau, xi, k, q) (N, 4)."""
+    def state(self, kappa: ca.SX, nu: ca.SX) -> ca.SX:
+        """Return the strains that are states (size,) of kappa and nu (3,)."""
 
 
 @dataclass(frozen=True)
@@ -136,9 +136,9 @@ class ReferenceLoaded:
         d = ca.vertcat(0, self.cos[j], self.sin[j])
         return nu + y_rate * d + y * ca.cross(kappa, d)
 
-    def strain(self, full: Array) -> Array:
-        """See LoadedStatics.strain."""
-        return full[:, :3]
+    def state(self, kappa: ca.SX, nu: ca.SX) -> ca.SX:
+        """See LoadedStatics.state: per unit deformed length."""
+        return kappa / nu[0]
 
 
 @dataclass(frozen=True)
@@ -165,10 +165,8 @@ class ExactLoaded(SectionEnergy):
         """See LoadedStatics.run: the tangent."""
         return self.tangent(j, strain, y, y_rate)
 
-    def strain(self, full: Array) -> Array:
-        """See LoadedStatics.strain."""
-        stretch = 1 + full[:, 3:]
-        parts = [stretch * full[:, :3]]
-        parts += [stretch] if self.extension else []
-        parts += [np.zeros((len(full), 2))] if self.shear is not None else []
-        return np.hstack(parts)
+    def state(self, kappa: ca.SX, nu: ca.SX) -> ca.SX:
+        """See LoadedStatics.state."""
+        stretch = nu[0] if self.extension else ca.SX(0, 1)
+        slide = nu[1:] if self.shear is not None else ca.SX(0, 1)
+        return ca.vertcat(kappa, stretch, slide)

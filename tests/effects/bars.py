@@ -10,7 +10,9 @@ from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
-from scipy.optimize import newton
+from scipy.optimize import brentq, newton
+from scipy.spatial.transform import Rotation
+from scipy.special import ellipeinc, ellipj, ellipkinc
 
 from model import Anchorage, Arm, Linear, Material
 from tests.effects.cases import Array
@@ -109,6 +111,34 @@ def elastica(
     return at
 
 
-def angle_in_plane(frame: Array) -> float:
-    """The angle of t in the x-y plane."""
-    return float(np.arctan2(frame[1, 0], frame[0, 0]))
+def dead_elastica(alpha: float, s: Array, length: float) -> Array:
+    """(x, y) of a bar under a dead force alpha EJ / L2 across it; Bisshopp and Drucker 1945."""
+
+    def first(m: float) -> float:
+        return float(np.arcsin(1 / np.sqrt(2 * m)))
+
+    def gap(turned: float) -> float:
+        m = (1 + np.sin(turned)) / 2
+        return float(ellipkinc(np.pi / 2, m) - ellipkinc(first(m), m) - np.sqrt(alpha))
+
+    m = (1 + np.sin(brentq(gap, 1e-12, np.pi / 2 - 1e-12, xtol=1e-16, rtol=1e-15))) / 2
+    start, root = first(m), np.sqrt(alpha)
+    u = ellipkinc(start, m) + root * s / length
+    phi = ellipj(u, m)[3]
+    x = 2 * np.sqrt(m) * (np.cos(start) - np.cos(phi))
+    y = root * s / length - 2 * (ellipeinc(phi, m) - ellipeinc(start, m))
+    return length / root * np.array([x, y])
+
+
+def follower_elastica(bar: Bar, force: float, s: Array) -> Array:
+    """(x, y) under a force across the tip that turns with it, in the tip's frame, then clamped."""
+
+    def rate(s: float, state: Array) -> Array:
+        angle, bend = state[2:]
+        return np.array([np.cos(angle), np.sin(angle), bend / bar.EJ(s), -np.cos(angle) * force])
+
+    run = solve_ivp(
+        rate, (bar.length, 0), np.zeros(4), "DOP853", rtol=1e-12, atol=1e-15, dense_output=True
+    )
+    turn = Rotation.from_euler("z", -run.y[2, -1]).as_matrix()[:2, :2]
+    return (turn @ (run.sol(s)[:2] - run.y[:2, -1:])).T

@@ -7,15 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
-from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
-from scipy.special import ellipeinc, ellipj, ellipkinc
 
 from model import Arm, InputError, Scene, settle
 from model.arm import PAPER_FRAME
 from model.effects import Buoyancy, Extension, PointLoad, TipLoad, Weight
-from tests.effects.bars import NO_PULL, Bar, elastica
+from tests.effects.bars import NO_PULL, Bar, dead_elastica, elastica, follower_elastica
 from tests.effects.cases import DATA, Array
 
 PAPER_CASES = json.loads((DATA / "reference_cases.json").read_text())["cases"]
@@ -36,30 +33,11 @@ def test_the_paper_loaded_settles_to_the_references(name: str, load: str) -> Non
     assert np.linalg.norm(tip - case["tip"][load]) < 1e-7
 
 
-def dead_elastica(alpha: float, s: Array, length: float = L) -> Array:
-    """(x, y) of a bar under a dead force alpha EJ / L2 across it; Bisshopp and Drucker 1945."""
-
-    def first(m: float) -> float:
-        return float(np.arcsin(1 / np.sqrt(2 * m)))
-
-    def gap(turned: float) -> float:
-        m = (1 + np.sin(turned)) / 2
-        return float(ellipkinc(np.pi / 2, m) - ellipkinc(first(m), m) - np.sqrt(alpha))
-
-    m = (1 + np.sin(brentq(gap, 1e-12, np.pi / 2 - 1e-12, xtol=1e-16, rtol=1e-15))) / 2
-    start, root = first(m), np.sqrt(alpha)
-    u = ellipkinc(start, m) + root * s / length
-    phi = ellipj(u, m)[3]
-    x = 2 * np.sqrt(m) * (np.cos(start) - np.cos(phi))
-    y = root * s / length - 2 * (ellipeinc(phi, m) - ellipeinc(start, m))
-    return length / root * np.array([x, y])
-
-
 @pytest.mark.parametrize("alpha", [0.1, 1.0, 3.0, 10.0])
 def test_a_dead_force_across_the_tip_makes_an_elastica(alpha: float) -> None:
     shape = settle(BAR.arm, NO_PULL, Scene(TipLoad((0, alpha * EJ / L**2, 0))), 1e-11)
     s = np.linspace(0, L, 9)
-    wanted = dead_elastica(alpha, s)
+    wanted = dead_elastica(alpha, s, L)
     assert np.allclose(shape.position(s)[:, :2], wanted.T, rtol=0, atol=2e-11 * L)
     assert np.abs(shape.position(s)[:, 2]).max() < 1e-15
 
@@ -72,18 +50,6 @@ def test_a_follower_force_is_an_initial_value_problem_from_the_tip(bar: Bar, alp
     shape = settle(bar.arm, NO_PULL, Scene(TipLoad((0, -force, 0), follower=True)), 1e-10)
     wanted = follower_elastica(bar, force, np.linspace(0, L, 9))
     assert np.allclose(shape.position(np.linspace(0, L, 9))[:, :2], wanted, atol=1e-10 * L, rtol=0)
-
-
-def follower_elastica(bar: Bar, force: float, s: Array) -> Array:
-    """(x, y) under a force across the tip that turns with it, in the tip's frame, then clamped."""
-
-    def rate(s: float, state: Array) -> Array:
-        angle, bend = state[2:]
-        return np.array([np.cos(angle), np.sin(angle), bend / bar.EJ(s), -np.cos(angle) * force])
-
-    run = solve_ivp(rate, (L, 0), np.zeros(4), "DOP853", rtol=1e-12, atol=1e-15, dense_output=True)
-    turn = Rotation.from_euler("z", -run.y[2, -1]).as_matrix()[:2, :2]
-    return (turn @ (run.sol(s)[:2] - run.y[:2, -1:])).T
 
 
 PULLED = Arm.from_paper("table-4")

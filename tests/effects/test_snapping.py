@@ -1,0 +1,169 @@
+"""Loads that an arm does not bear, and heavy loads that it does."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+from scipy.special import jv
+
+from model import Arm, OctoplanError, Scene, SnapError, settle
+from model.effects import ExactTendons, Extension, NeoHookean, TipLoad, Weight
+from tests.effects.bars import NO_PULL, Bar, dead_elastica, elastica, follower_elastica
+from tests.effects.cases import Array
+
+BAR, CONICAL = Bar(), Bar(0.012, 0.005)
+L, EJ = BAR.length, float(BAR.EJ(0.0))
+UNIT = EJ / L**2
+
+
+def euler(bar: Bar) -> float:
+    """The least load along a cantilever at which EJ w'' + F w = 0 has a solution."""
+
+    def clamp(load: float) -> float:
+        def rate(s: float, y: Array) -> Array:
+            return np.array([y[1], -load * y[0] / bar.EJ(s)])
+
+        run = solve_ivp(rate, (bar.length, 0), [0.0, -1.0], "DOP853", rtol=1e-11, atol=1e-14)
+        return float(run.y[1, -1])
+
+    unit = bar.EJ(0.0) / bar.length**2
+    low, high = 0.05 * unit, 3 * unit
+    loads = np.linspace(low, high, 60)
+    first = next(b for b in loads if clamp(b) > 0)
+    return float(brentq(clamp, low, first, xtol=1e-14))
+
+
+def column(bar: Bar) -> float:
+    """The gravity at which a uniform column buckles under its own weight; Greenhill 1881."""
+    root = brentq(lambda x: jv(-1 / 3, x), 1.5, 2.2, xtol=1e-14)
+    return float((3 * root / 2) ** 2 * EJ / (bar.density * bar.A(0.0) * L**3))
+
+
+def test_the_critical_loads_are_eulers_and_greenhills() -> None:
+    assert euler(BAR) == pytest.approx(np.pi**2 * UNIT / 4, rel=1e-8)
+    heavy = column(BAR) * BAR.density * BAR.A(0.0) * L**3 / EJ
+    assert heavy == pytest.approx(7.83734744, rel=1e-8)
+
+
+@pytest.mark.parametrize("times", [1.02, 1.3, 4.0, 30.0])
+@pytest.mark.parametrize("bar", [BAR, CONICAL], ids=["uniform", "conical"])
+def test_above_eulers_load_a_straight_bar_buckles(bar: Bar, times: float) -> None:
+    scene = Scene(TipLoad((-times * euler(bar), 0, 0)))
+    with pytest.raises(SnapError) as error:
+        settle(bar.arm, NO_PULL, scene, 1e-8)
+    # The last share that settled is less than a least step below the critical one.
+    assert -1e-4 < 1 / times - error.value.share <= 1 / 256
+    copy = pickle.loads(pickle.dumps(error.value))
+    assert (str(copy), copy.share, copy.why) == (
+        str(error.value),
+        error.value.share,
+        error.value.why,
+    )
+
+
+@pytest.mark.parametrize("times", [0.5, 0.98])
+@pytest.mark.parametrize("bar", [BAR, CONICAL], ids=["uniform", "conical"])
+def test_below_eulers_load_it_stays_straight(bar: Bar, times: float) -> None:
+    tip = settle(bar.arm, NO_PULL, Scene(TipLoad((-times * euler(bar), 0, 0))), 1e-8).tip
+    assert np.allclose(tip, [L, 0, 0], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("times", [0.98, 1.02, 3.0])
+def test_a_column_buckles_under_its_own_weight(times: float) -> None:
+    scene = Scene(Weight((-times * column(BAR), 0, 0)))
+    if times < 1:
+        assert np.allclose(settle(BAR.arm, NO_PULL, scene).tip, [L, 0, 0], rtol=0, atol=1e-12)
+        return
+    with pytest.raises(SnapError) as error:
+        settle(BAR.arm, NO_PULL, scene)
+    assert -1e-4 < 1 / times - error.value.share <= 1 / 256
+
+
+@pytest.mark.parametrize("times", [0.98, 1.5, 5.0])
+def test_pushed_a_little_off_its_axis_it_gives_way_and_does_not_snap(times: float) -> None:
+    force = times * euler(BAR) * np.array([-np.cos(0.1), np.sin(0.1)])
+    shape = settle(BAR.arm, NO_PULL, Scene(TipLoad((*force, 0))), 1e-9)
+    s = np.linspace(0, L, 7)
+    found = elastica(BAR, lambda s: force, shares=40)(s)[:2]
+    assert np.allclose(shape.position(s)[:, :2], found.T, rtol=0, atol=2e-9 * L)
+
+
+@pytest.mark.parametrize("share", [1.0, 100.0])
+def test_a_push_that_follows_the_tip_buckles_no_static_bar(share: float) -> None:
+    # Beck's column flutters at 8.1 times Euler's load, but has one equilibrium only.
+    scene = Scene(TipLoad((-share * euler(BAR), 0, 0), follower=True))
+    assert np.allclose(settle(BAR.arm, NO_PULL, scene).tip, [L, 0, 0], rtol=0, atol=1e-10)
+
+
+def taut_elastica(alpha: float, s: Array) -> Array:
+    """(x, y) under alpha EJ / L2 across the tip of a bar that is long for it: exp(-root) is 0.
+
+    The angle to the force is 4 atan(tan(pi / 8) exp(-root s / L)), root = sqrt(alpha).
+    """
+    root = np.sqrt(alpha)
+    half = 2 * np.arctan(np.tan(np.pi / 8) * np.exp(-root * s / L))
+    x = 2 * (np.sin(np.pi / 4) - np.sin(half))
+    y = root * s / L - 2 * (np.cos(half) - np.cos(np.pi / 4))
+    return L / root * np.array([x, y])
+
+
+@pytest.mark.parametrize("alpha", [20.0, 50.0, 75.0, 110.0, 150.0, 400.0, 2000.0])
+def test_heavy_dead_loads_hang_straight_down(alpha: float) -> None:
+    shape = settle(BAR.arm, NO_PULL, Scene(TipLoad((0, alpha * UNIT, 0))), 1e-8)
+    s = np.linspace(0, L, 13)
+    wanted = dead_elastica(alpha, s, L) if alpha < 200 else taut_elastica(alpha, s)
+    assert np.allclose(shape.position(s)[:, :2], wanted.T, rtol=0, atol=1e-7 * L)
+    assert abs(shape.tip_frame[0, 0]) < 0.1
+
+
+@pytest.mark.parametrize("alpha", [30.0, 75.0, 150.0, 400.0])
+def test_heavy_followers_wind_the_bar_up(alpha: float) -> None:
+    force = alpha * UNIT
+    shape = settle(BAR.arm, NO_PULL, Scene(TipLoad((0, -force, 0), follower=True)), 1e-7)
+    s = np.linspace(0, L, 13)
+    wanted = follower_elastica(BAR, force, s)
+    assert np.allclose(shape.position(s)[:, :2], wanted, rtol=0, atol=2e-7 * L)
+
+
+@pytest.mark.parametrize("g", [100.0, 300.0, 1000.0, 3000.0])
+def test_what_hangs_straight_down_does_not_buckle(g: float) -> None:
+    shape = settle(BAR.arm, NO_PULL, Scene(Extension(), Weight((g, 0, 0))))
+    longer = BAR.density * g * L**2 / (2 * BAR.E)
+    assert np.allclose(shape.tip, [L + longer, 0, 0], rtol=0, atol=1e-9)
+
+
+RANDOM = Arm.from_paper("table-4")
+HEAVY = {
+    "paper": (Extension(),),
+    "bending": (),
+    "silicone": (Extension(), ExactTendons(), NeoHookean()),
+}
+
+
+def settles_or_says_why_not(name: str, seed: int) -> bool:
+    rng = np.random.default_rng(seed)
+    T = rng.uniform(size=(3, 4)) * [[0.2], [2], [5]] * (rng.uniform(size=(3, 4)) < 0.4)
+    force = rng.normal(size=3) * 10 ** rng.uniform(-2, 1)
+    scene = Scene(*HEAVY[name], TipLoad(tuple(force), follower=bool(seed % 2)))
+    try:
+        shape = settle(RANDOM, T, scene, 1e-4)
+    except OctoplanError:
+        return False
+    assert np.linalg.norm(shape.tip) < 2 * RANDOM.length
+    return True
+
+
+@pytest.mark.parametrize("name", ["paper", "bending"])
+def test_a_payload_that_folds_the_arm_ends_in_an_error_of_ours(name: str) -> None:
+    assert not all(settles_or_says_why_not(name, seed) for seed in range(6))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", HEAVY)
+def test_no_payload_ends_in_another_error(name: str) -> None:
+    for seed in range(40):
+        settles_or_says_why_not(name, 100 + seed)
