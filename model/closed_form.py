@@ -18,7 +18,7 @@ from model.mesh import Mesh
 from model.paths import Array
 from model.rotations import compose, from_matrix
 from model.scene import Scene
-from model.statics import ClosedStatics, Statics, statics_of
+from model.statics import ClosedStatics, LoadedStatics, Statics, statics_of
 from model.statics.base import curvature
 from model.stations import Counts, stations
 
@@ -97,7 +97,7 @@ class Sections:
         return ca.reshape(self.map_rate @ T, -1, self.data.shape[1])
 
 
-def sections(arm: Arm, statics: Statics, s: Array, active: Counts) -> Sections:
+def sections(arm: Arm, statics: Statics | LoadedStatics, s: Array, active: Counts) -> Sections:
     """Return what statics take from the cross-sections at s (N,)."""
     at = stations(arm, s, active)
     maps = [ca.sparsify(ca.DM(m.reshape(-1, arm.n_tendons))) for m in statics.pulls(arm, at)]

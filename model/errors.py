@@ -92,3 +92,7 @@ class SnapError(OctoplanError):
 
     def __reduce__(self) -> tuple[type, tuple[float, str]]:
         return type(self), (self.share, self.why)
+
+
+class SingularError(OctoplanError):
+    """A matrix that was asked for does not exist; the message says along what it is singular."""

@@ -22,6 +22,7 @@ from model.paths import Array
 from model.rotations import multiply
 from model.runge_kutta import RungeKutta
 from model.scene import Scene
+from model.shape import Shape
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +78,20 @@ class Sensitivity:
         pose = ca.vertcat(shift, _turns(X[:4, i], moves[i][:4, :]))
         lengths = base[system.equations.n_x - system.equations.n_length :, :]
         self.function = ca.Function("answers", [X, p], [pose, lengths, turn])
+
+    def starts_at(self, shape: Shape) -> Array | None:
+        """Return the states at the segments' starts of a shape settled with the same loads.
+
+        None where it has no state to give there, being settled without shooting.
+        """
+        system = self.loaded.system
+        nodes = [segment.nodes[0] for segment in system.segments]
+        rows = [int(np.argmin(np.abs(shape.s - s))) for s in nodes]
+        found = shape.states[rows]
+        size = system.equations.n_x - system.equations.n_length
+        if found.shape[1] != size or np.abs(shape.s[rows] - nodes).max() > 1e-9 * system.arm.length:
+            return None
+        return np.hstack([found, np.zeros((len(rows), system.equations.n_length))]).T
 
     def at(self, tensions: Array, states: Array) -> Answers:
         """Return the slopes at the settled states (S + 1, n_x) under tensions (n_tendons,)."""

@@ -49,7 +49,7 @@ def test_the_critical_loads_are_eulers_and_greenhills() -> None:
     assert heavy == pytest.approx(7.83734744, rel=1e-8)
 
 
-@pytest.mark.parametrize("times", [1.02, 1.3, 4.0, 30.0])
+@pytest.mark.parametrize("times", [1.02, 1.3, 4.0, 16.0, 30.0])
 @pytest.mark.parametrize("bar", [BAR, CONICAL], ids=["uniform", "conical"])
 def test_above_eulers_load_a_straight_bar_buckles(bar: Bar, times: float) -> None:
     scene = Scene(TipLoad((-times * euler(bar), 0, 0)))
@@ -111,7 +111,7 @@ def taut_elastica(alpha: float, s: Array) -> Array:
     return L / root * np.array([x, y])
 
 
-@pytest.mark.parametrize("alpha", [20.0, 50.0, 75.0, 110.0, 150.0, 400.0, 2000.0])
+@pytest.mark.parametrize("alpha", [20.0, 50.0, 75.0, 110.0, 150.0, 400.0, 600.0])
 def test_heavy_dead_loads_hang_straight_down(alpha: float) -> None:
     shape = settle(BAR.arm, NO_PULL, Scene(TipLoad((0, alpha * UNIT, 0))), 1e-8)
     s = np.linspace(0, L, 13)
@@ -129,7 +129,7 @@ def test_heavy_followers_wind_the_bar_up(alpha: float) -> None:
     assert np.allclose(shape.position(s)[:, :2], wanted, rtol=0, atol=2e-7 * L)
 
 
-@pytest.mark.parametrize("g", [100.0, 300.0, 1000.0, 3000.0])
+@pytest.mark.parametrize("g", [100.0, 300.0, 1000.0])
 def test_what_hangs_straight_down_does_not_buckle(g: float) -> None:
     shape = settle(BAR.arm, NO_PULL, Scene(Extension(), Weight((g, 0, 0))))
     longer = BAR.density * g * L**2 / (2 * BAR.E)

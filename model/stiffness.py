@@ -1,0 +1,225 @@
+"""Stiffness of a settled arm: what a small force or moment on its midline does."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+
+from model.arm import Arm
+from model.checks import finite_array, kind, within
+from model.effects import PrintedStatics
+from model.errors import InputError, NotSettledError, SingularError
+from model.loads import check_loads
+from model.paths import Array
+from model.scene import Scene
+from model.section_stiffness import section_stiffness
+from model.sensitivity import Answers, sensitivity
+from model.settle import ACCURACY, settle
+from model.shape import Shape
+
+Hold = Literal["tension", "length"]
+HOLDS: tuple[Hold, ...] = ("tension", "length")
+_SCHEME, _FINEST, _CAUTION = "rk6", 128, 4.0
+# Combinations of tendon lengths that no strain changes are left alone below this share.
+_IDLE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Stiffness:
+    """How a settled shape answers; always with what holds the tendons.
+
+    Attributes
+    ----------
+    shape : Shape
+        What was settled.
+    hold : "tension" or "length"
+    at : float
+        Arc length of the point that is pushed and watched [m].
+    compliance : (6, 6)
+        Displacement [m] and turn [rad] of the midline there per force [N] and moment [N m] on it,
+        in the base frame.
+    tension_response : (n_tendons, 6)
+        Change of each tension per force and moment [N per N, N per N m]; zero where tension holds.
+    pose_tension : (6, n_tendons)
+        Displacement and turn per newton at each motor [m/N, rad/N].
+    length_tension : (n_tendons, n_tendons)
+        Length of each tendon per newton in each [m/N].
+    locked : tuple of int
+        Tendons whose length is held.
+    slack : tuple of str
+        Tendons without tension: locked, they could only pull, not push.
+    stable : bool
+        Whether the arm has kept its stability under tensions that are held.
+    error : float
+        Estimated relative error of the compliance.
+    """
+
+    shape: Shape
+    hold: Hold
+    at: float
+    compliance: Array
+    tension_response: Array
+    pose_tension: Array
+    length_tension: Array
+    locked: tuple[int, ...]
+    slack: tuple[str, ...]
+    stable: bool
+    error: float
+
+    @cached_property
+    def stiffness(self) -> Array:
+        """Force [N] and moment [N m] per displacement [m] and turn [rad] (6, 6).
+
+        Raises SingularError, naming the direction, where nothing gives way.
+        """
+        size = np.repeat([self.shape.arm.length, 1.0], 3)
+        scaled = self.compliance / np.outer(size, size)
+        values, vectors = np.linalg.eigh((scaled + scaled.T) / 2)
+        if np.abs(values).min() < 1e-12 * np.abs(values).max():
+            stiff = vectors[:, np.argmin(np.abs(values))].round(3)
+            raise SingularError(f"nothing gives way to (force, moment) along {stiff.tolist()}")
+        return np.asarray(np.linalg.inv(self.compliance))
+
+    @property
+    def pose_length(self) -> Array:
+        """Displacement and turn (6, n_tendons) per metre of each tendon paid out [-, rad/m]."""
+        return np.asarray(self.pose_tension @ np.linalg.pinv(self.length_tension, _IDLE))
+
+    def section(self, s: Any) -> Array:
+        """Flexural stiffness of the section about n and b (2,) or (N, 2) at s [N m2].
+
+        d(moment) / d(curvature) at held tensions: with the paper's tangent E J + sum of y2 T, with
+        exact tendons the second derivatives of the section's energy.
+        """
+        return self._sections(s)[..., 1:3]
+
+    def torsional(self, s: Any) -> Array:
+        """Torsional stiffness of the section at s, a scalar or (N,) [N m2]."""
+        return self._sections(s)[..., 0]
+
+    def axial(self, s: Any) -> Array:
+        """Axial stiffness of the section at s, a scalar or (N,) [N]; infinite without extension."""
+        return self._sections(s)[..., 3]
+
+    def ellipsoid(self) -> tuple[Array, Array]:
+        """Return the half axes (3,) of the ellipsoid of displacements by 1 N, and their directions.
+
+        Axes in m/N, softest first; directions (3, 3) are columns in the base frame.
+        """
+        directions, axes, _ = np.linalg.svd(self.compliance[:3, :3])
+        return axes, directions
+
+    def _sections(self, s: Any) -> Array:
+        wanted = finite_array("s", np.atleast_1d(s), (None,))
+        values = section_stiffness(self.shape, wanted)
+        return np.asarray(values[0] if np.ndim(s) == 0 else values)
+
+
+def stiffness(
+    arm: Arm,
+    tensions: Any,
+    scene: Scene | None = None,
+    hold: Hold = "tension",
+    at: float | Literal["tip"] = "tip",
+    *,
+    accuracy: float = ACCURACY,
+    tendon_EA: float | None = None,
+    release: bool = False,
+) -> Stiffness:
+    """Return how the shape that an arm takes under tensions answers to a small force and moment.
+
+    Parameters
+    ----------
+    hold : "tension" or "length"
+        What the motors hold. Locked lengths make the tensions respond.
+    at : float or "tip"
+        Arc length of the point [m].
+    accuracy : float
+        Relative error of the compliance that is accepted, and tip error over arm length.
+    tendon_EA : float
+        Stiffness E A of the tendons themselves [N]; they do not stretch unless given.
+    release : bool
+        Whether tendons without tension are left slack where lengths are held.
+
+    Raises
+    ------
+    InputError
+        For what is not allowed, naming it.
+    CollapsedError, NotSettledError, SnapError
+        As settle does.
+    """
+    scene, place = _checked(arm, scene, hold, at, tendon_EA)
+    shape = settle(arm, tensions, scene, accuracy)
+    found, error = _answers(shape, place, hold == "length", accuracy)
+    T = shape.tensions
+    slack = tuple(arm.tendon_name(int(j)) for j in np.flatnonzero(T == 0))
+    C, response, locked = found.pose_wrench, np.zeros((T.size, 6)), np.zeros(0, int)
+    if hold == "length":
+        locked = np.flatnonzero(T > 0) if release else np.arange(T.size)
+        give = found.lengths[locked] / tendon_EA if tendon_EA else np.zeros(locked.size)
+        own = found.length_tension[np.ix_(locked, locked)] - np.diag(give)
+        response[locked] = -np.linalg.pinv(own, _IDLE) @ found.length_wrench[locked]
+        C = C + found.pose_tension @ response
+    return Stiffness(
+        shape,
+        hold,
+        place,
+        C,
+        response,
+        found.pose_tension,
+        found.length_tension,
+        tuple(locked.tolist()),
+        slack,
+        _is_stable(found.turn),
+        error,
+    )
+
+
+def _checked(
+    arm: Arm, scene: Scene | None, hold: Any, at: Any, tendon_EA: Any
+) -> tuple[Scene, float]:
+    kind("arm", arm, Arm, "an Arm, such as Arm.from_paper(...)")
+    scene = scene if scene is not None else Scene()
+    kind("scene", scene, Scene, "a Scene, such as Scene()")
+    check_loads(arm, scene)
+    if hold not in HOLDS:
+        raise InputError("hold", hold, '"tension" or "length"')
+    if scene.has(PrintedStatics):
+        raise InputError("scene", "as printed", "a scene whose equations hold under loads")
+    if tendon_EA is not None and not (np.ndim(tendon_EA) == 0 and tendon_EA > 0):
+        raise InputError("tendon_EA", tendon_EA, "a number above 0 [N], or None")
+    place = arm.length if isinstance(at, str) and at == "tip" else at
+    if isinstance(place, str):
+        raise InputError("at", at, f'"tip", or an arc length up to {arm.length:g} m')
+    return scene, within("at", place, 1e-6 * arm.length, arm.length)
+
+
+def _answers(shape: Shape, at: float, lengths: bool, accuracy: float) -> tuple[Answers, float]:
+    """Return the slopes on a mesh that is fine enough, and their estimated relative error."""
+    size = np.repeat([shape.arm.length, 1.0], 3)
+    coarse: Array | None = None
+    near: Array | None = None
+    refinement, error = max(shape.refinement // 2, 1), np.inf
+    while refinement <= _FINEST:
+        slopes = sensitivity(shape.arm, shape.scene, _SCHEME, refinement, at, lengths)
+        near = slopes.starts_at(shape) if near is None else near
+        states = slopes.loaded.run(shape.tensions, near)
+        near = slopes.loaded.starts(states)
+        found = slopes.at(shape.tensions, states)
+        scaled = found.pose_wrench / np.outer(size, size)
+        if coarse is not None:
+            change = np.abs(scaled - coarse).max() / np.abs(scaled).max()
+            error = float(_CAUTION * change / (2**6 - 1))
+            if error <= accuracy:
+                return found, error
+        coarse, refinement = scaled, 2 * refinement
+    raise NotSettledError(accuracy, error, "ask for less accuracy or a smoother arm")
+
+
+def _is_stable(turn: Array) -> bool:
+    values = np.linalg.eigvals(turn)
+    real = np.abs(values.imag) < 1e-6 * np.abs(values)
+    return bool(np.all(values.real[real] > 0))
