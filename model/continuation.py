@@ -15,7 +15,7 @@ _SETTLED = 1e-10
 _CONTRACTION = 0.25
 _TURN, _NEAR = 0.25, 0.02
 _SMALL = 1e-3
-_LEAST_SHARE = 1 / 1024
+_LEAST_STEP = 1 / 1024
 _FOLLOWED = 0.6
 
 
@@ -52,25 +52,43 @@ class LoadedEquilibrium:
     def bring_on(self, X: Array, tensions: Array) -> Array:
         """Return the states under the full loads, on the branch that begins at X without any.
 
-        A step in the loads is taken if Newton's method contracts from the start and no frame turns
-        far, and halved if not, or if the equilibrium it leads to has lost its stability.
+        Raises SnapError where it ends or loses its stability before.
         """
-        share, step = 0.0, 1.0
-        frames = self._frames(X, self.system.p(tensions, share))
-        while share < 1:
-            trial = self.system.p(tensions, min(1.0, share + step))
-            found = self._newton(X, trial)
-            moved = None if found is None else self._frames(found, trial)
-            critical = False
-            if found is not None and moved is not None and _is_near(frames, moved):
-                critical = self._is_past_critical(found, trial)
-                if not critical:
-                    X, frames, share, step = found, moved, min(1.0, share + step), 2 * step
-                    continue
-            step /= 2
-            if step < _LEAST_SHARE:
-                raise SnapError(share, "it buckles" if critical else "it snaps or folds")
+        X, share, why = self.follow(X, tensions, 1.0, _LEAST_STEP)
+        if share < 1:
+            raise SnapError(share, why)
         return X
+
+    def follow(
+        self, X: Array, tensions: Array, most: float, least: float
+    ) -> tuple[Array, float, str]:
+        """Follow the branch that begins at the states X without loads, up to a share of them.
+
+        A step in the loads is taken if Newton's method contracts from the start and no frame turns
+        far, and halved if not, or if the equilibrium it leads to has lost its stability; the end
+        is where steps are down to `least`.
+
+        Returns
+        -------
+        X, share, why
+            The last states, the share of the loads there, and what happens beyond.
+        """
+        share, step, why = 0.0, min(1.0, most), ""
+        frames = self._frames(X, self.system.p(tensions, share))
+        while share < most and step >= least:
+            trial = min(most, share + step)
+            p = self.system.p(tensions, trial)
+            found, why = self._newton(X, p), "it snaps or folds"
+            if found is not None:
+                moved = self._frames(found, p)
+                if not _is_near(frames, moved):
+                    found = None
+                elif self._is_past_critical(found, p):
+                    found, why = None, "it buckles"
+                else:
+                    X, frames, share, step = found, moved, trial, 2 * step
+            step = step / 2 if found is None else step
+        return X, share, why
 
     def _frames(self, X: Array, p: Array) -> Array:
         """Return the quaternions (4, N) at all nodes of all segments."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from model.arm import Arm
 from model.checks import finite_array, kind, within
+from model.compliance import closed_compliance
 from model.effects import PrintedStatics
 from model.errors import InputError, NotSettledError, SingularError
 from model.loads import check_loads
@@ -19,10 +20,11 @@ from model.section_stiffness import section_stiffness
 from model.sensitivity import Answers, sensitivity
 from model.settle import ACCURACY, settle
 from model.shape import Shape
+from model.statics import is_loaded
 
 Hold = Literal["tension", "length"]
 HOLDS: tuple[Hold, ...] = ("tension", "length")
-_SCHEME, _FINEST, _CAUTION = "rk6", 128, 4.0
+_ORDER, _FINEST, _CAUTION = 6, 128, 4.0
 # Combinations of tendon lengths that no strain changes are left alone below this share.
 _IDLE = 1e-9
 
@@ -201,22 +203,31 @@ def _answers(shape: Shape, at: float, lengths: bool, accuracy: float) -> tuple[A
     """Return the slopes on a mesh that is fine enough, and their estimated relative error."""
     size = np.repeat([shape.arm.length, 1.0], 3)
     coarse: Array | None = None
-    near: Array | None = None
     refinement, error = max(shape.refinement // 2, 1), np.inf
+    find = _of_loaded if is_loaded(shape.scene) else _of_closed
     while refinement <= _FINEST:
-        slopes = sensitivity(shape.arm, shape.scene, _SCHEME, refinement, at, lengths)
-        near = slopes.starts_at(shape) if near is None else near
-        states = slopes.loaded.run(shape.tensions, near)
-        near = slopes.loaded.starts(states)
-        found = slopes.at(shape.tensions, states)
+        found = find(shape, refinement, at, lengths)
         scaled = found.pose_wrench / np.outer(size, size)
         if coarse is not None:
             change = np.abs(scaled - coarse).max() / np.abs(scaled).max()
-            error = float(_CAUTION * change / (2**6 - 1))
+            error = float(_CAUTION * change / (2**_ORDER - 1))
             if error <= accuracy:
                 return found, error
         coarse, refinement = scaled, 2 * refinement
     raise NotSettledError(accuracy, error, "ask for less accuracy or a smoother arm")
+
+
+def _of_loaded(shape: Shape, refinement: int, at: float, lengths: bool) -> Answers:
+    slopes = sensitivity(shape.arm, shape.scene, "rk6", refinement, at, lengths)
+    states = slopes.loaded.run(shape.tensions, slopes.starts_at(shape))
+    return slopes.at(shape.tensions, states)
+
+
+def _of_closed(shape: Shape, refinement: int, at: float, lengths: bool) -> Answers:
+    function = closed_compliance(shape.arm, shape.scene, refinement, at, lengths).function
+    C, pose_tension, *rest = (np.array(value) for value in function(shape.tensions))
+    length, drawn, spread = rest or (np.zeros(0), np.zeros((0, 6)), np.zeros((0, 0)))
+    return Answers(C, pose_tension, drawn, spread, length.ravel(), np.eye(3))
 
 
 def _is_stable(turn: Array) -> bool:

@@ -55,13 +55,13 @@ def collocated(way: str) -> dict[float, Array]:
         def joined(a: Array, b: Array) -> Array:
             return np.concatenate([a[:3], b[:4] - a[4:8], b[4:8] - a[8:], b[11:]])
 
-        found = solve_bvp(rate, joined, x, guess, tol=1e-9, max_nodes=20000)
+        found = solve_bvp(rate, joined, x, guess, tol=1e-7, max_nodes=20000)
         assert found.success
         return found
 
-    last = solve(0.0, np.linspace(0, 1, 30), np.zeros((12, 30)))
+    last = solve(0.0, np.linspace(0, 1, 60), np.zeros((12, 60)))
     tips = {}
-    for size in sorted([*np.geomspace(1e-4, 1, 40), *PAYLOADS]):
+    for size in sorted([*np.geomspace(3e-4, 1, 8), *PAYLOADS]):
         last = solve(float(size), last.x, last.y)
         tips[float(size)] = last.y[8:10, -1]
     return tips

@@ -1,0 +1,254 @@
+"""Effects switched off and on: names, what they change, and what keeps an arm from settling."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+
+from model import Arm, InputError, OctoplanError, Scene, SnapError, Switch, settle, switch_effects
+from model.effects import (
+    Buoyancy,
+    Current,
+    Effect,
+    ExactTendons,
+    Extension,
+    NeoHookean,
+    PointLoad,
+    Shear,
+    TipLoad,
+    Weight,
+)
+from model.sizes import sizes
+from model.switching import switch_on
+from tests.effects.cases import EXACT, SILICONE
+
+ARM = Arm.from_paper("table-4")
+BENT = [[0, 0.05, 0, 0], [0, 0, 0.8, 0.3], [1.5, 0, 0, 0]]
+NO_PULL = np.zeros(12)
+PAPER = Scene(Extension())
+IN_WATER = Scene(Extension(), Weight(), Buoyancy())
+UPRIGHT = Weight((-9.81, 0.0, 0.0))  # the base's t is x: the arm stands on its base
+
+
+def switched(scene: Scene, accuracy: float = 1e-6) -> dict[str, Switch]:
+    """What switching the effects of a scene does to the bent arm, by name."""
+    return {s.effect: s for s in switch_effects(ARM, BENT, scene, accuracy, repeats=1)}
+
+
+@pytest.fixture(scope="module")
+def in_water() -> dict[str, Switch]:
+    return switched(IN_WATER)
+
+
+def tip_change(scene: Scene, other: Scene, accuracy: float = 1e-6) -> float:
+    """The distance between the tips of two settles, over L."""
+    tips = [settle(ARM, BENT, s, accuracy).tip for s in (scene, other)]
+    return float(np.linalg.norm(tips[0] - tips[1])) / ARM.length
+
+
+def test_the_scenes_own_effects_come_first_and_the_others_after(
+    in_water: dict[str, Switch],
+) -> None:
+    assert {name: switch.called_for for name, switch in in_water.items()} == {
+        "Buoyancy": True,
+        "Extension": True,
+        "Weight and Buoyancy": True,
+        "ExactTendons": False,
+        "NeoHookean and ExactTendons": False,
+        "Shear": False,
+    }
+    flags = [switch.called_for for switch in in_water.values()]
+    assert flags == sorted(flags, reverse=True)
+
+
+@pytest.mark.parametrize(
+    ("scene", "own", "others"),
+    [
+        (
+            Scene(),
+            [],
+            [
+                "Extension",
+                "ExactTendons",
+                "NeoHookean and ExactTendons and Extension",
+                "Shear",
+                "Weight",
+                "Buoyancy and Weight",
+            ],
+        ),
+        (
+            EXACT,
+            ["ExactTendons", "Extension"],
+            ["NeoHookean", "Shear", "Weight", "Buoyancy and Weight"],
+        ),
+        (
+            SILICONE,
+            ["ExactTendons and NeoHookean", "Extension and NeoHookean", "NeoHookean"],
+            ["Shear", "Weight", "Buoyancy and Weight"],
+        ),
+        (Scene.as_printed(), ["Extension", "PrintedStatics"], []),
+    ],
+    ids=["bending alone", "exact", "silicone", "as printed"],
+)
+def test_what_needs_an_effect_or_is_needed_by_it_is_switched_along(
+    scene: Scene, own: list[str], others: list[str]
+) -> None:
+    found = switched(scene, 1e-4)
+    assert [name for name, switch in found.items() if switch.called_for] == own
+    assert [name for name, switch in found.items() if not switch.called_for] == others
+
+
+def test_each_of_several_point_loads_is_switched_by_itself() -> None:
+    loads = (PointLoad(0.1, (0.0, 0.01, 0.0)), PointLoad(0.2, (0.0, 0.01, 0.0)))
+    found = switch_effects(ARM, BENT, Scene(*loads), 1e-4, repeats=1)
+    changes = [switch.tip_change for switch in found if switch.effect == "PointLoad"]
+    wanted = [tip_change(Scene(*loads), Scene(other), 1e-4) for other in reversed(loads)]
+    assert changes == pytest.approx(wanted, rel=1e-12)
+
+
+WITHOUT = {
+    "Buoyancy": Scene(Extension(), Weight()),
+    "Extension": Scene(Weight(), Buoyancy()),
+    "Weight and Buoyancy": PAPER,
+}
+WITH = {
+    "ExactTendons": (ExactTendons(),),
+    "NeoHookean and ExactTendons": (NeoHookean(), ExactTendons()),
+    "Shear": (Shear(),),
+}
+
+
+def test_the_tip_changes_by_what_two_settles_say(in_water: dict[str, Switch]) -> None:
+    others = WITHOUT | {name: Scene(*IN_WATER.effects, *more) for name, more in WITH.items()}
+    assert others.keys() == in_water.keys()
+    for name, other in others.items():
+        assert in_water[name].tip_change == pytest.approx(tip_change(IN_WATER, other), rel=1e-12)
+
+
+def test_sizes_are_those_of_the_scenes_with_and_without(in_water: dict[str, Switch]) -> None:
+    whole = sizes(ARM, IN_WATER)
+    for name, other in WITHOUT.items():
+        assert (in_water[name].sizes, in_water[name].sizes_without) == (whole, sizes(ARM, other))
+    for name, more in WITH.items():
+        richer = sizes(ARM, Scene(*IN_WATER.effects, *more))
+        assert (in_water[name].sizes, in_water[name].sizes_without) == (richer, whole)
+
+
+def test_states_are_added_by_what_makes_a_boundary_value_problem(
+    in_water: dict[str, Switch],
+) -> None:
+    added = {name: switch.states_added for name, switch in in_water.items()}
+    assert added == {
+        "Buoyancy": 0,
+        "Extension": 0,
+        "Weight and Buoyancy": 3,
+        "ExactTendons": 1,
+        "NeoHookean and ExactTendons": 1,
+        "Shear": 0,
+    }
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_an_effect_matters_if_it_moves_the_tip_by_more_than_the_accuracy(factor: float) -> None:
+    small = TipLoad((0.0, 0.0, -1e-6))
+    moved = tip_change(PAPER, Scene(Extension(), small), 1e-9)
+    assert 1e-6 < moved < 1e-3
+    switch = switch_on(ARM, BENT, PAPER, (small,), factor * moved, repeats=1)
+    assert switch.matters is (factor < 1)
+    assert switch.tip_change == pytest.approx(moved, rel=0.2)
+
+
+@pytest.mark.parametrize(
+    ("nothing", "states"),
+    [
+        (Weight((0.0, 0.0, 0.0)), 3),
+        (TipLoad(), 3),
+        (TipLoad(follower=True), 6),
+        (PointLoad(0.2, (0.0, 0.0, 0.0)), 3),
+        (Current((0.0, 0.0, 0.0)), 6),
+        (Current((0.3, 0.0, 0.0), density=0.0), 6),
+        (Current((0.3, 0.0, 0.0), coefficient=0.0), 6),
+    ],
+    ids=[
+        "no gravity",
+        "no tip load",
+        "no follower",
+        "no point load",
+        "still water",
+        "stream of nothing",
+        "no drag",
+    ],
+)
+def test_an_effect_of_nothing_is_told_as_states_wasted(nothing: Effect, states: int) -> None:
+    name = type(nothing).__name__
+    switch = switched(Scene(Extension(), nothing), 1e-5)[name]
+    assert switch.called_for
+    assert not switch.matters
+    assert switch.tip_change < 1e-5
+    assert switch.states_added == states
+    assert switch.sizes.unknowns > switch.sizes_without.unknowns == 0
+
+
+def test_an_arm_that_buckles_out_of_water_is_a_row_with_its_reason() -> None:
+    standing = Scene(Extension(), UPRIGHT, Buoyancy())
+    with pytest.raises(SnapError) as reason:
+        settle(ARM, NO_PULL, Scene(Extension(), UPRIGHT))
+    found = {s.effect: s for s in switch_effects(ARM, NO_PULL, standing, repeats=1)}
+    row = found["Buoyancy"]
+    assert np.isnan(row.tip_change)
+    assert np.isnan(row.time_factor)
+    assert row.matters
+    assert row.problem == str(reason.value)
+    assert found["Extension"].problem == ""
+
+
+@pytest.mark.parametrize(
+    ("load", "told"),
+    [
+        (TipLoad((-0.01, 0.0, 0.0)), "buckles"),
+        (TipLoad((-10.0, 0.0, 0.0)), "does not bear its loads|crushed"),
+        (TipLoad(moment=(0.0, 0.0, 1.0)), "snaps or folds"),
+    ],
+    ids=["buckles", "crushed", "coiled up"],
+)
+def test_a_load_that_is_too_much_is_a_row_with_its_reason(load: TipLoad, told: str) -> None:
+    with pytest.raises(OctoplanError, match=told) as reason:
+        settle(ARM, NO_PULL, Scene(Extension(), load))
+    row = switch_on(ARM, NO_PULL, PAPER, (load,), repeats=1)
+    assert (row.effect, row.called_for, row.matters) == ("TipLoad", False, True)
+    assert row.problem == str(reason.value)
+    assert np.isnan(row.tip_change)
+    assert row.states_added == 3
+
+
+def test_a_scene_that_does_not_settle_itself_is_an_error() -> None:
+    with pytest.raises(SnapError):
+        switch_effects(ARM, NO_PULL, Scene(Extension(), UPRIGHT), repeats=1)
+
+
+def test_what_is_given_is_checked() -> None:
+    with pytest.raises(InputError, match="accuracy"):
+        switch_effects(ARM, BENT, PAPER, 0.0)
+    with pytest.raises(InputError, match="tensions"):
+        switch_effects(ARM, [1.0, 2.0], PAPER)
+    with pytest.raises(InputError, match=r"PointLoad\.s"):
+        switch_effects(ARM, BENT, Scene(PointLoad(0.5, (0.0, 0.0, 0.0))))
+    with pytest.raises(InputError, match="each effect once"):
+        switch_on(ARM, BENT, PAPER, (Extension(),))
+    with pytest.raises(InputError, match="Buoyancy with Weight"):
+        switch_on(ARM, BENT, PAPER, (Buoyancy(),))
+
+
+def test_several_effects_switched_on_together_are_named_by_the_first() -> None:
+    row = switch_on(ARM, BENT, PAPER, (Weight(), Buoyancy()), 1e-4, repeats=1)
+    assert row.effect == "Weight and Buoyancy"
+    assert row.tip_change == pytest.approx(tip_change(PAPER, IN_WATER, 1e-4), rel=1e-12)
+
+
+def test_a_switch_travels_by_pickle(in_water: dict[str, Switch]) -> None:
+    for switch in in_water.values():
+        copy = pickle.loads(pickle.dumps(switch))
+        assert copy == switch
+        assert copy.states_added == switch.states_added
