@@ -25,8 +25,9 @@ from model.statics import is_loaded
 Hold = Literal["tension", "length"]
 HOLDS: tuple[Hold, ...] = ("tension", "length")
 _ORDER, _FINEST, _CAUTION = 6, 128, 4.0
-# Combinations of tendon lengths that no strain changes are left alone below this share.
-_IDLE = 1e-9
+# Locked tendons give by this share of what the arm does, so that combinations of lengths that no
+# strain changes do not matter; and combinations below this share are left alone in an inverse.
+GIVE, _IDLE = 1e-12, 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +164,8 @@ def stiffness(
         locked = np.flatnonzero(T > 0) if release else np.arange(T.size)
         give = found.lengths[locked] / tendon_EA if tendon_EA else np.zeros(locked.size)
         own = found.length_tension[np.ix_(locked, locked)] - np.diag(give)
-        response[locked] = -np.linalg.pinv(own, _IDLE) @ found.length_wrench[locked]
+        own += GIVE * np.trace(own) * np.eye(locked.size)
+        response[locked] = -np.linalg.solve(own, found.length_wrench[locked])
         C = C + found.pose_tension @ response
     return Stiffness(
         shape,

@@ -14,9 +14,10 @@ from model.paths import Array
 from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
+from model.stiffness import stiffness
 from planner.limits import Limits
 from planner.targets.base import Target
-from planner.terms import stations_of, term_names, terms_function
+from planner.terms import looks_of, stations_of, term_names, terms_function
 
 CHECK_ACCURACY = 1e-10
 KKT_TOLERANCE = 1e-6
@@ -145,7 +146,12 @@ def measure(
     s = np.array(stations_of(arm, targets))
     poses = shape.poses(s).T
     numbers = np.concatenate([target.parameters(arm) for target in targets])
-    values = terms_function(arm, targets)(poses, numbers)
+    found_stiff = [
+        stiffness(arm, shape.tensions, shape.scene, look.hold, look.at).compliance.ravel("F")
+        for look in looks_of(arm, targets)
+    ]
+    compliances = np.array(found_stiff).reshape(-1, 36).T
+    values = terms_function(arm, targets)(poses, numbers, compliances)
     names = term_names(arm, targets)
     found: list[dict[str, Array]] = []
     for kind, value in zip(names, values, strict=True):

@@ -29,11 +29,11 @@ from model.scene import Scene
 from planner.derivatives import plain, through_poses, through_segments
 from planner.effort import smooth_norm
 from planner.limits import Limits, natural_tensions
-from planner.mechanics import mechanics, starts_of
+from planner.mechanics import compliance, mechanics, starts_of
 from planner.segment_chain import SegmentChain
 from planner.statement import Statement
 from planner.targets.base import Target
-from planner.terms import FIRM, firmness, stations_of, terms_function
+from planner.terms import FIRM, firmness, looks_of, stations_of, terms_function
 
 LEAST_STRETCH = 1e-3
 TRACES = (1e-6, 1e-10)
@@ -69,7 +69,7 @@ class Problem:
         self, arm: Arm, scene: Scene, targets: tuple[Target, ...], statement: Statement
     ) -> None:
         self.arm, self.scene, self.statement = arm, scene, statement
-        self.stations = stations_of(arm, targets)
+        self.stations, self.looks = stations_of(arm, targets), looks_of(arm, targets)
         self.terms = terms_function(arm, targets)
         self._build(firmness(arm, targets))
 
@@ -84,7 +84,7 @@ class Problem:
         if arm.nodes is None:
             poses = ca.MX.sym("poses", 7, len(self.stations))
             thin = ca.MX.sym("thin", arm.stretch.numel())
-        match, approach, margin = self.terms(poses, target)
+        match, approach, margin, least = self.terms(poses, target, self._compliances(T))
         effort, peak, peaks = smooth_norm(T / reference, self.statement.norm)
         mode = self.statement.mode
         lack = ca.MX.sym("lack", margin.numel() if mode == "nearest" else 0)
@@ -105,7 +105,8 @@ class Problem:
         self.n_states, self.n_peak, self.n_lack = (v.numel() for v in (arm.states, peak, lack))
         x = ca.vertcat(z, peak, lack, arm.states)
         p = ca.vertcat(target, unit, reference, total, trace)
-        f = effort if mode == "exact" else gaps + trace * effort
+        aim = ca.sum1(least) + trace * effort if least.numel() else effort
+        f = aim if mode == "exact" else gaps + trace * aim
         g = ca.vertcat(*(g for _, g, _, _ in blocks))
         counted = slice(target.numel(), target.numel() + n)
         if arm.segments is not None and arm.nodes is not None:
@@ -131,6 +132,12 @@ class Problem:
         f, g = outer(x, p, chain.states(x[:n] * p[counted], x[first:]))
         self.nlp = {"x": x, "p": p, "f": f, "g": g}
         self.derivatives = through_segments(x, p, p[counted], outer, chain, first)
+
+    def _compliances(self, T: ca.MX) -> ca.MX:
+        """Return the compliances that the targets look at (36, N) as expressions of T."""
+        mesh = (self.statement.scheme, self.statement.refinement)
+        found = [compliance(self.arm, self.scene, *mesh, look)(T) for look in self.looks]
+        return ca.horzcat(*(ca.vec(C) for C in found)) if found else ca.MX(36, 0)
 
     def parameters(
         self, targets: tuple[Target, ...], limits: Limits, trace: float = TRACES[-1]

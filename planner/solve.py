@@ -9,6 +9,7 @@ import numpy as np
 
 from model.arm import Arm
 from model.checks import within
+from model.effects import PrintedStatics
 from model.errors import InputError, OctoplanError
 from model.forward import schemes_of
 from model.loaded import unloaded
@@ -26,6 +27,7 @@ from planner.problem import TRACES, Problem, build
 from planner.starts import candidates, spread
 from planner.statement import FORMS, Form, Mode, Statement
 from planner.targets.base import Target
+from planner.terms import looks_of
 
 # Starts before agreement counts: five do for points; mirrored optima agree without meaning.
 _FEW, _MORE = 5, 10
@@ -88,9 +90,22 @@ def plan(
         raise InputError("starts", starts, "a whole number from 1")
     within("accuracy", accuracy, 1e-9, 1e-2)
     limits = Limits.of(arm, tension_max, tension_min, total_pull)
+    _check_looks(arm, targets, scene, limits, form)
     statement = Statement(form, check_norm(norm), limited=total_pull is not None)
     search = _Search(arm, targets, scene, limits, statement, accuracy)
     return search.run(starts)
+
+
+def _check_looks(
+    arm: Arm, targets: tuple[Target, ...], scene: Scene, limits: Limits, form: Form
+) -> None:
+    """Refuse stiffness where it is not planned, and without limits."""
+    if not looks_of(arm, targets):
+        return
+    if form != "condensed" or scene.has(PrintedStatics):
+        raise InputError("target", "a stiffness", "shapes alone, in a scene with loads")
+    if not np.all(np.isfinite(limits.upper)) and limits.total is None:
+        raise InputError("tension_max", np.inf, "finite limits where a stiffness is wanted")
 
 
 def _checked_form(form: Form | None, loaded: bool) -> Form:

@@ -65,8 +65,9 @@ def _scores(problem: Problem, targets: tuple[Target, ...], T: Array) -> Array:
     sweep = _sweep(problem.arm, problem.scene, problem.stations).map(len(T))
     poses, least = (np.array(value) for value in sweep(T.T))
     numbers = np.concatenate([target.parameters(problem.arm) for target in targets])
-    terms = problem.terms.map(len(T))(poses, np.tile(numbers[:, None], len(T)))
-    match, approach, margin = (np.array(value).reshape(-1, len(T)) for value in terms)
+    compliances = np.tile(np.ravel(np.eye(6))[:, None], len(problem.looks) * len(T))
+    terms = problem.terms.map(len(T))(poses, np.tile(numbers[:, None], len(T)), compliances)
+    match, approach, margin = (np.array(value).reshape(-1, len(T)) for value in terms[:3])
     size = np.sqrt((match**2).sum(0) + (approach**2).sum(0) + (np.minimum(margin, 0) ** 2).sum(0))
     crushed = np.maximum(_FEASIBLE - least[0], 0)
     return np.asarray(np.where(np.isfinite(size), size, 1e3) + 10 * crushed)
@@ -129,7 +130,10 @@ def _leans(arm: Arm, targets: tuple[Target, ...]) -> list[float]:
     frame, base = np.array(arm.base_frame), np.array(arm.base_position)
     angles: list[float] = []
     for target in targets:
-        local = frame.T @ (target.lean(arm) - base)
+        point = target.lean(arm)
+        if point is None:
+            continue
+        local = frame.T @ (point - base)
         if np.hypot(local[1], local[2]) > 1e-3 * arm.length:
             angles.append(float(np.arctan2(local[2], local[1])))
     kept: list[float] = []

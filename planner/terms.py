@@ -5,10 +5,10 @@ from __future__ import annotations
 import casadi as ca
 
 from model.arm import Arm
-from planner.targets.base import Target, Terms, View
+from planner.targets.base import Look, Target, Terms, View
 
 FIRM = 1e2
-KINDS = ("match", "approach", "margin")
+KINDS = ("match", "approach", "margin", "least")
 
 
 def stations_of(arm: Arm, targets: tuple[Target, ...]) -> tuple[float, ...]:
@@ -16,33 +16,43 @@ def stations_of(arm: Arm, targets: tuple[Target, ...]) -> tuple[float, ...]:
     return tuple(sorted({s for target in targets for s in target.stations(arm)}))
 
 
+def looks_of(arm: Arm, targets: tuple[Target, ...]) -> tuple[Look, ...]:
+    """Return all compliances that targets look at, once each."""
+    return tuple(sorted({look for target in targets for look in target.looks(arm)}))
+
+
 def terms_function(arm: Arm, targets: tuple[Target, ...]) -> ca.Function:
-    """Return (poses (7, K), target numbers) -> (match, approach, margin), stacked by target."""
+    """Return (poses (7, K), target numbers, compliances (36, N)) -> stacked terms.
+
+    They are match, approach, margin, least, each by target; a compliance is column by column.
+    """
     stations = stations_of(arm, targets)
     poses = ca.MX.sym("poses", 7, len(stations))
-    view = View(arm, {s: poses[:, i] for i, s in enumerate(stations)})
+    looks = looks_of(arm, targets)
+    compliances = ca.MX.sym("compliances", 36, len(looks))
+    seen = {look: ca.reshape(compliances[:, i], 6, 6) for i, look in enumerate(looks)}
+    view = View(arm, {s: poses[:, i] for i, s in enumerate(stations)}, seen)
     numbers, found = [], []
     for target in targets:
         p = ca.MX.sym("p", target.parameters(arm).size)
         numbers.append(p)
         found.append(target.terms(view, p))
     stacks = [_stack(found, kind) for kind in KINDS]
-    return ca.Function("terms", [poses, ca.vertcat(*numbers)], stacks)
+    return ca.Function("terms", [poses, ca.vertcat(*numbers), compliances], stacks)
 
 
-def term_names(arm: Arm, targets: tuple[Target, ...]) -> tuple[list[str], list[str], list[str]]:
-    """Return the name of each component of match, approach and margin."""
+def term_names(arm: Arm, targets: tuple[Target, ...]) -> tuple[list[str], ...]:
+    """Return the name of each component of match, approach, margin and least."""
     terms = _symbolic_terms(arm, targets)
-    match, approach, margin = (
+    return tuple(
         [
             name
             for term in terms
             for name, v in getattr(term, kind).items()
             for _ in range(v.numel())
         ]
-        for kind in ("match", "approach", "margin")
+        for kind in KINDS
     )
-    return match, approach, margin
 
 
 def firmness(arm: Arm, targets: tuple[Target, ...]) -> ca.DM:
@@ -52,7 +62,8 @@ def firmness(arm: Arm, targets: tuple[Target, ...]) -> ca.DM:
 
 
 def _symbolic_terms(arm: Arm, targets: tuple[Target, ...]) -> list[Terms]:
-    view = View(arm, {s: ca.MX.sym("pose", 7) for s in stations_of(arm, targets)})
+    seen = {look: ca.MX.sym("C", 6, 6) for look in looks_of(arm, targets)}
+    view = View(arm, {s: ca.MX.sym("pose", 7) for s in stations_of(arm, targets)}, seen)
     return [t.terms(view, ca.MX.sym("p", t.parameters(arm).size)) for t in targets]
 
 

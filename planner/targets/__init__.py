@@ -4,6 +4,7 @@ from planner.targets.backbone import Backbone
 from planner.targets.base import Target, Terms, View
 from planner.targets.bending_plane import BendingPlane
 from planner.targets.fetch import Bend, Fetch, FetchReach
+from planner.targets.stiffness import MinimumStiffness, Softest, Stiffest
 from planner.targets.tip import TipPose, TipPosition
 
 __all__ = [
@@ -12,6 +13,9 @@ __all__ = [
     "BendingPlane",
     "Fetch",
     "FetchReach",
+    "MinimumStiffness",
+    "Softest",
+    "Stiffest",
     "Target",
     "Terms",
     "TipPose",

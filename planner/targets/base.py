@@ -13,6 +13,7 @@ import numpy as np
 from model.arm import Arm
 from model.paths import Array
 from model.rotations import matrix
+from model.stiffness import Hold
 
 
 @dataclass(frozen=True)
@@ -24,20 +25,35 @@ class Terms:
     match : residuals that have to be 0, by name
     approach : residuals to be made as small as the limits allow, by name
     margin : quantities that have to be 0 or above, by name
+    least : numbers whose sum is made least, by name, instead of effort
     firm : names of matches that come first where not all can be had
     """
 
     match: Mapping[str, ca.MX] = field(default_factory=dict)
     approach: Mapping[str, ca.MX] = field(default_factory=dict)
     margin: Mapping[str, ca.MX] = field(default_factory=dict)
+    least: Mapping[str, ca.MX] = field(default_factory=dict)
     firm: frozenset[str] = frozenset()
 
 
-class View:
-    """The poses of a shape at the stations that a target asked for."""
+@dataclass(frozen=True, order=True)
+class Look:
+    """A compliance that a target asks for: at arc length `at` [m], tendons held by `hold`."""
 
-    def __init__(self, arm: Arm, poses: Mapping[float, ca.MX]) -> None:
-        self.arm, self._poses = arm, poses
+    at: float
+    hold: Hold
+
+
+class View:
+    """The poses of a shape at the stations that a target asked for, and compliances."""
+
+    def __init__(
+        self,
+        arm: Arm,
+        poses: Mapping[float, ca.MX],
+        compliances: Mapping[Look, ca.MX] | None = None,
+    ) -> None:
+        self.arm, self._poses, self._compliances = arm, poses, compliances or {}
         self.base_frame = ca.MX(ca.DM(np.array(arm.base_frame)))
         self.base_position = ca.MX(ca.DM(np.array(arm.base_position)))
 
@@ -48,6 +64,10 @@ class View:
     def frame(self, s: float) -> ca.MX:
         """Return the frame (3, 3), columns t, n, b, at station s."""
         return _frame()(self._poses[s][:4]) if s > 0 else self.base_frame
+
+    def compliance(self, look: Look) -> ca.MX:
+        """Return the compliance (6, 6); see model.stiffness."""
+        return self._compliances[look]
 
     @property
     def tip(self) -> ca.MX:
@@ -94,7 +114,10 @@ class Target(Protocol):
     def claims(self, arm: Arm) -> Mapping[str, Array]:
         """Return the quantities that the target fixes, by name; two targets have to agree."""
 
-    def lean(self, arm: Arm) -> Array:
+    def looks(self, arm: Arm) -> tuple[Look, ...]:
+        """Return the compliances that the target looks at."""
+
+    def lean(self, arm: Arm) -> Array | None:
         """Return a point (3,) that the arm has to lean towards [m]: what its first guesses use."""
 
 
@@ -119,6 +142,10 @@ class Free:
     def claims(self, arm: Arm) -> Mapping[str, Array]:
         """See Target.claims: none."""
         return {}
+
+    def looks(self, arm: Arm) -> tuple[Look, ...]:
+        """See Target.looks: none."""
+        return ()
 
 
 def toward(arm: Arm, angle: float) -> Array:

@@ -1,0 +1,171 @@
+"""How stiff the arm has to be, or may be: targets that combine with any shape."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass, field
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from model.arm import Arm
+from model.checks import finite_array, positive
+from model.errors import InputError
+from model.paths import Array
+from model.stiffness import HOLDS, Hold
+from planner.targets.base import Free, Look, Terms, View
+
+
+@dataclass(frozen=True)
+class _Directed(Free):
+    """What is said of the tip's stiffness along a direction.
+
+    The stiffness is the force per displacement along the direction, with the tip free to move
+    across it and to turn: 1 / (d . C d) with the compliance C of model.stiffness.
+    """
+
+    direction: tuple[float, ...]
+    hold: Hold = field(default="tension", kw_only=True)
+
+    def __post_init__(self) -> None:
+        given = finite_array(f"{type(self).__name__}.direction", self.direction, (3,))
+        size = np.linalg.norm(given)
+        if not size > 0:
+            raise InputError(f"{type(self).__name__}.direction", self.direction, "a vector, not 0")
+        object.__setattr__(self, "direction", tuple((given / size).tolist()))
+        _check_hold(type(self).__name__, self.hold)
+
+    def structure(self, arm: Arm) -> Hashable:
+        """See Target.structure."""
+        return type(self).__name__, self.hold
+
+    def stations(self, arm: Arm) -> tuple[float, ...]:
+        """See Target.stations: none."""
+        return ()
+
+    def looks(self, arm: Arm) -> tuple[Look, ...]:
+        """See Target.looks."""
+        return (Look(arm.length, self.hold),)
+
+    def parameters(self, arm: Arm) -> Array:
+        """See Target.parameters."""
+        return np.array(self.direction)
+
+    def lean(self, arm: Arm) -> Array | None:
+        """See Target.lean: nowhere."""
+        return None
+
+    def give(self, view: View, direction: ca.MX) -> ca.MX:
+        """Return the compliance along the direction over that of the straight arm at rest."""
+        C = view.compliance(Look(view.arm.length, self.hold))[:3, :3]
+        return ca.dot(direction, C @ direction) / rest_give(view.arm)
+
+
+@dataclass(frozen=True)
+class Stiffest(_Directed):
+    """The tip as stiff along a direction as the limits allow; effort no longer matters.
+
+    Attributes
+    ----------
+    direction : (3,)
+        In the base frame.
+    hold : "tension" or "length"
+        What holds the tendons.
+    """
+
+    def terms(self, view: View, p: ca.MX) -> Terms:
+        """See Target.terms."""
+        return Terms(least={"compliance": ca.log(self.give(view, p))})
+
+
+@dataclass(frozen=True)
+class Softest(_Directed):
+    """The tip as soft along a direction as the limits allow; see Stiffest."""
+
+    def terms(self, view: View, p: ca.MX) -> Terms:
+        """See Target.terms."""
+        return Terms(least={"stiffness": -ca.log(self.give(view, p))})
+
+
+@dataclass(frozen=True)
+class MinimumStiffness(Free):
+    """The tip at least so stiff: against forces along a direction, or against all of them.
+
+    Attributes
+    ----------
+    direction : (3,) or (3, 3)
+        A direction in the base frame; or a symmetric positive definite matrix M, and the
+        stiffness against forces, (C_ff)^-1, has to be at least value M as a matrix.
+    value : float
+        Along a direction [N/m]; or the factor of the matrix.
+    hold : "tension" or "length"
+        What holds the tendons.
+    """
+
+    direction: Any
+    value: float
+    hold: Hold = "tension"
+
+    def __post_init__(self) -> None:
+        matrix = np.ndim(self.direction) == 2
+        given = finite_array(
+            "MinimumStiffness.direction", self.direction, (3, 3) if matrix else (3,)
+        )
+        if matrix and (not np.allclose(given, given.T) or np.linalg.eigvalsh(given)[0] <= 0):
+            allowed = "a direction, or a symmetric positive definite matrix"
+            raise InputError("MinimumStiffness.direction", self.direction, allowed)
+        if not matrix:
+            if not np.linalg.norm(given) > 0:
+                raise InputError("MinimumStiffness.direction", self.direction, "a vector, not 0")
+            given = given / np.linalg.norm(given)
+        kept = tuple(map(tuple, given.tolist())) if matrix else tuple(given.tolist())
+        object.__setattr__(self, "direction", kept)
+        object.__setattr__(self, "value", positive("MinimumStiffness.value", self.value))
+        _check_hold("MinimumStiffness", self.hold)
+
+    def structure(self, arm: Arm) -> Hashable:
+        """See Target.structure."""
+        return "MinimumStiffness", self.hold, np.ndim(self.direction)
+
+    def stations(self, arm: Arm) -> tuple[float, ...]:
+        """See Target.stations: none."""
+        return ()
+
+    def looks(self, arm: Arm) -> tuple[Look, ...]:
+        """See Target.looks."""
+        return (Look(arm.length, self.hold),)
+
+    def parameters(self, arm: Arm) -> Array:
+        """See Target.parameters: the direction, or the matrix's root; times the value's root."""
+        given = np.array(self.direction)
+        if given.ndim == 2:
+            values, vectors = np.linalg.eigh(given)
+            given = vectors @ np.diag(np.sqrt(values)) @ vectors.T
+        return np.ravel(given * np.sqrt(self.value))
+
+    def terms(self, view: View, p: ca.MX) -> Terms:
+        """See Target.terms: the stiffness over that wanted, less 1; or minors of a matrix."""
+        C = view.compliance(Look(view.arm.length, self.hold))[:3, :3]
+        if np.ndim(self.direction) == 1:
+            return Terms(margin={"stiffness over that wanted, less 1": 1 / ca.dot(p, C @ p) - 1})
+        root = ca.reshape(p, 3, 3)
+        spare = ca.MX.eye(3) - root @ C @ root
+        minors = [spare[0, 0], ca.det(spare[:2, :2]), ca.det(spare)]
+        return Terms(margin={"stiffness above that wanted": ca.vertcat(*minors)})
+
+    def lean(self, arm: Arm) -> Array | None:
+        """See Target.lean: nowhere."""
+        return None
+
+
+def rest_give(arm: Arm) -> float:
+    """Return about the lateral compliance of the straight arm at rest [m/N]."""
+    s = np.linspace(0.0, arm.length, 201)
+    EJ = arm.material.E * np.pi * arm.radius.evaluate(s, arm.length)[0] ** 4 / 4
+    return float(np.trapezoid((arm.length - s) ** 2 / EJ, s))
+
+
+def _check_hold(name: str, hold: Any) -> None:
+    if hold not in HOLDS:
+        raise InputError(f"{name}.hold", hold, '"tension" or "length"')
