@@ -13,9 +13,11 @@ from model.errors import InputError
 class TipLoad(Effect):
     """A force and a moment on the tip: dead in the base frame, or following the tip.
 
-    F(L) = force and M(L) = moment, in the base frame or, with `follower`, in the tip's. Adds
-    torsion as a state and makes the scene a boundary value problem; a follower adds the force's
-    three components as well. Without it a payload, or what the tip pushes against, is not felt.
+    F(L) = force and M(L) = moment, in the base frame or, with `follower`, in the tip's (boundary
+    conditions of F' = -f, M' = -u' x F). Adds to the paper's scene torsion, xi and k as states, a
+    follower the force's three components as well, and makes the scene a boundary value problem
+    with as many unknowns a segment as states: a settle takes 22 to 31 times as long. Without it a
+    payload is not felt: 2 mN (0.2 g) move the tips of the paper's figures by 5 to 10 mm.
 
     Attributes
     ----------
