@@ -3,9 +3,9 @@
 from model.stiffness import stiffness
 from planner.certificate import Certificate
 from planner.limits import Limits
-from planner.plan import Plan, Start
+from planner.plan import Plan, plan
 from planner.problem import Problem, build
-from planner.solve import plan
+from planner.search import Start
 from planner.statement import Statement
 
 __all__ = [

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from model import InputError, OctoplanError, settle, switch_effects
+from planner.plan import plan
 from planner.report import (
     plan_dict,
     plan_text,
@@ -23,7 +24,6 @@ from planner.report import (
     write_whole,
 )
 from planner.scenefile import Question, load
-from planner.solve import plan
 
 OK, NOT_REACHED, BAD_INPUT = 0, 1, 2
 

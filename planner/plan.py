@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
@@ -9,28 +10,23 @@ from typing import Any
 import numpy as np
 
 from model.arm import Arm
-from model.errors import OctoplanError
+from model.checks import not_negative, within
+from model.errors import InputError, OctoplanError
+from model.loads import check_loads
 from model.paths import Array
 from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
+from model.statics import is_loaded
 from planner.certificate import Certificate, certify
-from planner.effort import effort
+from planner.effort import check_norm, effort
 from planner.limits import Limits
 from planner.outcome import Facts, sentence
 from planner.polish import optimality
 from planner.problem import Problem, build
-from planner.statement import Mode, Statement
+from planner.search import Search, Start, allowed, check_looks, check_targets, checked_form
+from planner.statement import Form, Mode, Statement
 from planner.targets.base import Target
-
-
-@dataclass(frozen=True)
-class Start:
-    """One first guess and what became of it: the objective reached, and whether it was met."""
-
-    objective: float
-    met: bool
-    iterations: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,6 +122,26 @@ class Plan:
             found.append((np.inf, f"the total pull at its maximum of {total:g} N"))
         return [name for _, name in sorted(found, key=lambda item: -item[0])]
 
+    def co_contract(self, level: float) -> Plan:
+        """Return the plan for the same targets with every tendon pulling at least so hard [N].
+
+        Where the statics let tensions change without the shape (a straight arm without extension,
+        tendons that run parallel to the midline), the shape is the same; otherwise the targets are
+        still met, if the limits allow.
+        """
+        least = np.maximum(not_negative("level", level), self.limits.lower)
+        return plan(
+            self.arm,
+            self.targets,
+            self.scene,
+            self.limits.upper,
+            tension_min=least,
+            total_pull=self.limits.total,
+            norm=self.statement.norm,
+            form=self.statement.form,
+            accuracy=self.accuracy,
+        )
+
     def plot(self, ax: Any = None) -> Any:
         """Draw the arm in 3-D with its tendons, tensions and target; see planner.plot."""
         from planner.plot import plot_plan
@@ -163,7 +179,70 @@ class Plan:
     __hash__ = None  # type: ignore[assignment]
 
 
-def allowed(arm: Arm, targets: tuple[Target, ...], limits: Limits) -> Limits:
-    """Return the limits, with tendons that a target does not let pull held at their minima."""
-    tendons = frozenset.intersection(*(target.tendons(arm) for target in targets))
-    return limits.restricted(tendons)
+def plan(
+    arm: Arm,
+    target: Target | Iterable[Target],
+    scene: Scene | None = None,
+    tension_max: Any = np.inf,
+    *,
+    tension_min: Any = 0.0,
+    total_pull: float | None = None,
+    norm: Any = "2",
+    form: Form | None = None,
+    accuracy: float = 1e-6,
+    starts: int = 14,
+) -> Plan:
+    """Return the tensions of least effort that give an arm the shape that a target wants.
+
+    Parameters
+    ----------
+    target : Target, or several to be met together
+    scene : Scene
+        The effects called for; the bare arm unless given.
+    tension_max, tension_min : float, or one for each tendon
+        [N].
+    total_pull : float
+        The most that all tendons together may pull [N]; no limit unless given.
+    norm : "2", "1" or "inf"
+        What effort is: root of the sum of squares, sum, or largest tension.
+    form : "condensed" or "multiple-shooting"
+        Unknowns of the problem: tensions alone, or with the states of each segment. Condensed
+        unless given, except under loads, where the shape is not a function written out.
+    accuracy : float
+        What residuals and tip errors are held to, over the arm's length (angles: rad).
+    starts : int
+        The most first guesses that are tried; fewer are, once the best was found twice.
+
+    Returns
+    -------
+    Plan
+        Also when the target cannot be met: then it is the nearest attainable shape, and
+        `outcome` says how far off it is and what holds it.
+
+    Raises
+    ------
+    InputError
+        Naming the field, for anything that is not allowed; targets that contradict each other.
+    """
+    scene, targets = scene or Scene(), check_targets(arm, target)
+    check_loads(arm, scene)
+    form = checked_form(form, is_loaded(scene))
+    if isinstance(starts, bool) or not isinstance(starts, int) or starts < 1:
+        raise InputError("starts", starts, "a whole number from 1")
+    within("accuracy", accuracy, 1e-9, 1e-2)
+    limits = Limits.of(arm, tension_max, tension_min, total_pull)
+    check_looks(arm, targets, scene, limits, form)
+    statement = Statement(form, check_norm(norm), limited=total_pull is not None)
+    found = Search(arm, targets, scene, limits, statement, accuracy).run(starts)
+    return Plan(
+        arm,
+        scene,
+        targets,
+        limits,
+        found.statement,
+        found.tensions,
+        found.lam_x,
+        found.lam_g,
+        accuracy,
+        found.starts,
+    )

@@ -1,27 +1,24 @@
-"""From a question to a plan: build, solve from several starts, polish, and look at it twice."""
+"""From a question to tensions: build, solve from several starts, polish, look at it twice."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from model.arm import Arm
-from model.checks import within
 from model.effects import PrintedStatics
 from model.errors import InputError, OctoplanError
 from model.forward import schemes_of
 from model.loaded import unloaded
-from model.loads import check_loads
 from model.paths import Array
 from model.scene import Scene
 from model.settle import settle
 from model.statics import is_loaded
-from planner.effort import check_norm
 from planner.ipopt import Solution, solve
 from planner.limits import Limits
-from planner.plan import Plan, Start, allowed
 from planner.polish import optimality, polish
 from planner.problem import TRACES, Problem, build
 from planner.starts import candidates, spread
@@ -38,65 +35,27 @@ _LITTLE = 1e-5
 _FINE_IF_UNSETTLED = 16
 
 
-def plan(
-    arm: Arm,
-    target: Target | Iterable[Target],
-    scene: Scene | None = None,
-    tension_max: Any = np.inf,
-    *,
-    tension_min: Any = 0.0,
-    total_pull: float | None = None,
-    norm: Any = "2",
-    form: Form | None = None,
-    accuracy: float = 1e-6,
-    starts: int = 14,
-) -> Plan:
-    """Return the tensions of least effort that give an arm the shape that a target wants.
+@dataclass(frozen=True)
+class Start:
+    """One first guess and what became of it: the objective reached, and whether it was met."""
 
-    Parameters
-    ----------
-    target : Target, or several to be met together
-    scene : Scene
-        The effects called for; the bare arm unless given.
-    tension_max, tension_min : float, or one for each tendon
-        [N].
-    total_pull : float
-        The most that all tendons together may pull [N]; no limit unless given.
-    norm : "2", "1" or "inf"
-        What effort is: root of the sum of squares, sum, or largest tension.
-    form : "condensed" or "multiple-shooting"
-        Unknowns of the problem: tensions alone, or with the states of each segment. Condensed
-        unless given, except under loads, where the shape is not a function written out.
-    accuracy : float
-        What residuals and tip errors are held to, over the arm's length (angles: rad).
-    starts : int
-        The most first guesses that are tried; fewer are, once the best was found twice.
-
-    Returns
-    -------
-    Plan
-        Also when the target cannot be met: then it is the nearest attainable shape, and
-        `outcome` says how far off it is and what holds it.
-
-    Raises
-    ------
-    InputError
-        Naming the field, for anything that is not allowed; targets that contradict each other.
-    """
-    scene, targets = scene or Scene(), check_targets(arm, target)
-    check_loads(arm, scene)
-    form = _checked_form(form, is_loaded(scene))
-    if isinstance(starts, bool) or not isinstance(starts, int) or starts < 1:
-        raise InputError("starts", starts, "a whole number from 1")
-    within("accuracy", accuracy, 1e-9, 1e-2)
-    limits = Limits.of(arm, tension_max, tension_min, total_pull)
-    _check_looks(arm, targets, scene, limits, form)
-    statement = Statement(form, check_norm(norm), limited=total_pull is not None)
-    search = _Search(arm, targets, scene, limits, statement, accuracy)
-    return search.run(starts)
+    objective: float
+    met: bool
+    iterations: int
 
 
-def _check_looks(
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What a search ends with: how the question was stated, tensions, multipliers, starts."""
+
+    statement: Statement
+    tensions: Array
+    lam_x: tuple[float, ...]
+    lam_g: tuple[float, ...]
+    starts: tuple[Start, ...]
+
+
+def check_looks(
     arm: Arm, targets: tuple[Target, ...], scene: Scene, limits: Limits, form: Form
 ) -> None:
     """Refuse stiffness where it is not planned, and without limits."""
@@ -108,7 +67,8 @@ def _check_looks(
         raise InputError("tension_max", np.inf, "finite limits where a stiffness is wanted")
 
 
-def _checked_form(form: Form | None, loaded: bool) -> Form:
+def checked_form(form: Form | None, loaded: bool) -> Form:
+    """Return the form, the scene's own for None; refuse one that it cannot have."""
     if form is None:
         return "multiple-shooting" if loaded else "condensed"
     if form not in FORMS:
@@ -139,7 +99,7 @@ def check_targets(arm: Arm, target: Target | Iterable[Target]) -> tuple[Target, 
     return targets
 
 
-class _Search:
+class Search:
     """One planning question and the steps that answer it."""
 
     def __init__(
@@ -161,7 +121,7 @@ class _Search:
         if is_loaded(scene):
             self.least = _FEWEST
 
-    def run(self, most: int) -> Plan:
+    def run(self, most: int) -> Found:
         """Try the readings of the targets in turn; see planner.problem for the three modes."""
         guesses = candidates(self._problem("exact"), self.targets, self.limits)
         starts = spread(guesses, most)
@@ -183,7 +143,7 @@ class _Search:
     def _without_loads(self, starts: list[Array]) -> list[tuple[float, Array]]:
         """Return the optima of the unloaded arm, best first: the loaded ones are near."""
         scene, statement = unloaded(self.scene), self.statement.but(form="condensed")
-        free = _Search(self.arm, self.targets, scene, self.asked, statement, self.accuracy)
+        free = Search(self.arm, self.targets, scene, self.asked, statement, self.accuracy)
         found = [free._solve(free._problem("exact"), T) for T in starts[: free.least]]
         met = sorted((s for s in found if s.finite), key=lambda s: (not s.met, s.f))
         return [(0.0, free._tensions(s)) for s in met]
@@ -228,7 +188,7 @@ class _Search:
         x[:n] = np.clip(np.maximum(x[:n], _INSIDE), bounds[0][:n], bounds[1][:n])
         return solve(problem, x, p, bounds)
 
-    def _finish(self, coarse: Solution, records: list[Start], mode: Mode) -> Plan:
+    def _finish(self, coarse: Solution, records: list[Start], mode: Mode) -> Found:
         """Return the plan on a mesh as fine as the accuracy asks for."""
         T = self._tensions(coarse)
         statement = self._fine_statement(T, mode)
@@ -240,16 +200,11 @@ class _Search:
             solved = solve(problem, guess.x, p, bounds, (guess.lam_x, guess.lam_g))
             polished = polish(problem, solved, p, bounds) if solved.finite else guess
             fine = min((polished, guess), key=lambda s: self._worst(problem, s, p, bounds))
-        return Plan(
-            self.arm,
-            self.scene,
-            self.targets,
-            self.asked,
+        return Found(
             statement,
             self.arm.by_section(problem.tensions(fine.x, self.limits)),
             tuple(fine.lam_x.tolist()),
             tuple(fine.lam_g.tolist()),
-            self.accuracy,
             tuple(records),
         )
 
@@ -295,3 +250,9 @@ def search_mesh(scene: Scene, statement: Statement) -> Statement:
 def _twice(records: list[Start], best: float) -> bool:
     near = best + 1e-3 * abs(best) + 1e-12
     return sum(record.met and record.objective <= near for record in records) >= 2
+
+
+def allowed(arm: Arm, targets: tuple[Target, ...], limits: Limits) -> Limits:
+    """Return the limits, with tendons that a target does not let pull held at their minima."""
+    tendons = frozenset.intersection(*(target.tendons(arm) for target in targets))
+    return limits.restricted(tendons)
