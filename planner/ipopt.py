@@ -74,6 +74,7 @@ def solver(problem: Problem, warm: bool) -> ca.Function:
     if warm not in built:
         options: dict[str, Any] = {
             "print_time": False,
+            "show_eval_warnings": False,
             "error_on_fail": False,
             **_derivatives(problem),
             "ipopt": _QUIET | (_WARM if warm else _COLD),

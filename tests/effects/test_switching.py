@@ -95,7 +95,7 @@ def test_the_scenes_own_effects_come_first_and_the_others_after(
 def test_what_needs_an_effect_or_is_needed_by_it_is_switched_along(
     scene: Scene, own: list[str], others: list[str]
 ) -> None:
-    found = switched(scene, 1e-4)
+    found = switched(scene, 1e-3)
     assert [name for name, switch in found.items() if switch.called_for] == own
     assert [name for name, switch in found.items() if not switch.called_for] == others
 
@@ -160,10 +160,18 @@ def test_an_effect_matters_if_it_moves_the_tip_by_more_than_the_accuracy(factor:
     assert switch.tip_change == pytest.approx(moved, rel=0.2)
 
 
+def test_no_gravity_is_told_as_states_wasted() -> None:
+    switch = switched(Scene(Extension(), Weight((0.0, 0.0, 0.0))))["Weight"]
+    assert switch.called_for
+    assert not switch.matters
+    assert switch.tip_change < 1e-6
+    assert switch.states_added == 3
+    assert switch.sizes.unknowns > switch.sizes_without.unknowns == 0
+
+
 @pytest.mark.parametrize(
     ("nothing", "states"),
     [
-        (Weight((0.0, 0.0, 0.0)), 3),
         (TipLoad(), 3),
         (TipLoad(follower=True), 6),
         (PointLoad(0.2, (0.0, 0.0, 0.0)), 3),
@@ -171,31 +179,20 @@ def test_an_effect_matters_if_it_moves_the_tip_by_more_than_the_accuracy(factor:
         (Current((0.3, 0.0, 0.0), density=0.0), 6),
         (Current((0.3, 0.0, 0.0), coefficient=0.0), 6),
     ],
-    ids=[
-        "no gravity",
-        "no tip load",
-        "no follower",
-        "no point load",
-        "still water",
-        "stream of nothing",
-        "no drag",
-    ],
+    ids=["tip load", "follower", "point load", "still water", "stream of nothing", "no drag"],
 )
-def test_an_effect_of_nothing_is_told_as_states_wasted(nothing: Effect, states: int) -> None:
-    name = type(nothing).__name__
-    switch = switched(Scene(Extension(), nothing), 1e-5)[name]
-    assert switch.called_for
+def test_an_effect_of_nothing_moves_nothing(nothing: Effect, states: int) -> None:
+    switch = switch_on(ARM, BENT, PAPER, (nothing,), 1e-5, repeats=1)
     assert not switch.matters
     assert switch.tip_change < 1e-5
     assert switch.states_added == states
-    assert switch.sizes.unknowns > switch.sizes_without.unknowns == 0
 
 
 def test_an_arm_that_buckles_out_of_water_is_a_row_with_its_reason() -> None:
     standing = Scene(Extension(), UPRIGHT, Buoyancy())
     with pytest.raises(SnapError) as reason:
         settle(ARM, NO_PULL, Scene(Extension(), UPRIGHT))
-    found = {s.effect: s for s in switch_effects(ARM, NO_PULL, standing, repeats=1)}
+    found = {s.effect: s for s in switch_effects(ARM, NO_PULL, standing, 1e-4, repeats=1)}
     row = found["Buoyancy"]
     assert np.isnan(row.tip_change)
     assert np.isnan(row.time_factor)
@@ -209,9 +206,8 @@ def test_an_arm_that_buckles_out_of_water_is_a_row_with_its_reason() -> None:
     [
         (TipLoad((-0.01, 0.0, 0.0)), "buckles"),
         (TipLoad((-10.0, 0.0, 0.0)), "does not bear its loads|crushed"),
-        (TipLoad(moment=(0.0, 0.0, 1.0)), "snaps or folds"),
     ],
-    ids=["buckles", "crushed", "coiled up"],
+    ids=["buckles", "crushed"],
 )
 def test_a_load_that_is_too_much_is_a_row_with_its_reason(load: TipLoad, told: str) -> None:
     with pytest.raises(OctoplanError, match=told) as reason:

@@ -1,0 +1,213 @@
+"""Where does pulling against itself stiffen a soft arm, by how much, and how much of it is real?
+
+Questions: for a straight arm, a bend of 90 degrees and a fetch, how does the stiffness of the tip
+grow with co-contraction, by the paper's tangent, with exact tendons, and with a neo-Hookean body,
+with tensions held by the motors or lengths locked? How much of it is shortening, how much the
+thickened section? What do finite elements say? What does stiffness cost in effort?
+
+Assumptions: straight arm: table 2, two opposite tendons of section 1, lateral force in their plane
+(case d of tests/data/fem_reference.json); bend and fetch: planned shapes of tables 2 and 4, every
+tendon pulling at least at the level of co-contraction, the target met throughout; stiffness is the
+force per displacement of the tip along the softest direction. Pareto front: least effort over the
+stiffness that is asked for, the tip kept in place.
+
+Command: python -m studies.antagonistic_stiffness [--points 5] [--out out]
+
+Answer: @ANSWER@
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from model import Anchorage, Arm, Linear, Scene, settle
+from model.effects import ExactTendons, Extension, NeoHookean
+from model.paths import Array
+from model.stiffness import HOLDS
+from planner import Plan, plan, stiffness
+from planner.plot_stiffness import plot_ellipsoids
+from planner.targets import Bend, BendingPlane, Fetch, MinimumStiffness, Target, TipPosition
+
+REFERENCE = Path(__file__).parents[1] / "tests" / "data" / "fem_reference.json"
+SCENES = {
+    "paper's tangent": Scene(Extension()),
+    "exact tendons": Scene(Extension(), ExactTendons()),
+    "neo-Hookean": Scene.silicone(),
+    "anticlastic": Scene(Extension(), ExactTendons(), NeoHookean(anticlastic=True)),
+}
+LINES = {"tension": "-", "length": "--"}
+SHAPES: dict[str, tuple[str, Target]] = {
+    "90 degree bend": (
+        "table-2",
+        BendingPlane(angle=float(np.radians(90)), bend=float(np.radians(90)), section=1),
+    ),
+    "fetch": (
+        "table-4",
+        Fetch(*(Bend(*np.radians(bend).tolist()) for bend in ((40, 0), (40, 180), (40, 0)))),
+    ),
+}
+
+
+def straight_arm() -> Arm:
+    """Return the arm of case d: table 2's cone with two opposite tendons along it."""
+    anchorage = Anchorage(0.31, Linear(7.5e-3, 1e-3), (0.0, float(np.pi)))
+    return Arm(0.31, Linear(0.015, 0.0065), (anchorage,))
+
+
+def lateral(arm: Arm, pull: float, scene: Scene, hold: str) -> float:
+    """Return the lateral stiffness of the straight arm in the tendons' plane [N/m]."""
+    k = stiffness(arm, [pull, pull], scene, "length" if hold == "length" else "tension")
+    return float(1 / k.compliance[1, 1])
+
+
+def finite_elements() -> dict[str, float]:
+    """Return the lateral compliance at 2 x 1 N over that at rest, by finite elements."""
+    cases = {c["label"]: c["tip"][1] for c in json.loads(REFERENCE.read_text())["cases"]}
+    kinds = ("inplane", "outplane", "centre")
+    return {k: cases[f"{k} T1 F1e-3"] / cases[f"{k} T0 F1e-3"] for k in kinds}
+
+
+def shortening_alone(arm: Arm, pull: float) -> float:
+    """Return the share of lateral compliance that is left by the shorter lever, EJ as at rest."""
+    shape = settle(arm, [pull, pull], Scene.silicone())
+    s = np.linspace(0, arm.length, 801)
+    EJ = arm.material.E * np.pi * arm.radius.evaluate(s, arm.length)[0] ** 4 / 4
+    x = shape.position(s)[:, 0]
+    give = [np.trapezoid((lever[-1] - lever) ** 2 / EJ, s) for lever in (x, s)]
+    return float(give[0] / give[1])
+
+
+def softest(p: Plan, hold: str) -> float:
+    """Return the stiffness of a plan's tip along its softest direction [N/m]."""
+    k = stiffness(p.arm, p.tensions, p.scene, "length" if hold == "length" else "tension")
+    return float(1 / k.ellipsoid()[0][0])
+
+
+def front(arm: Arm, scene: Scene, point: Array, factors: Array) -> list[tuple[float, float]]:
+    """Return (factor of stiffness along z, effort [N]) with the tip kept in place, certified."""
+    target = TipPosition(tuple(point.tolist()))
+    free = plan(arm, target, scene, 10.0)
+    along = (0.0, 0.0, 1.0)
+    rest = 1 / stiffness(arm, free.tensions, scene).compliance[2, 2]
+    found = [(1.0, free.effort)]
+    for factor in factors:
+        p = plan(arm, [target, MinimumStiffness(along, factor * rest)], scene, 10.0, starts=2)
+        if p.certificate.passed:
+            found.append((float(factor), p.effort))
+    return found
+
+
+def contracted(levels: Array) -> dict[str, dict[str, dict[str, list[tuple[float, float]]]]]:
+    """Return (total pull [N], softest stiffness [N/m]) by shape, statics and hold."""
+    table: dict[str, dict[str, dict[str, list[tuple[float, float]]]]] = {}
+    for shape, (name, target) in SHAPES.items():
+        table[shape] = {}
+        for statics, scene in SCENES.items():
+            first = plan(Arm.from_paper(name), target, scene, 20.0)
+            plans = [p for level in levels if (p := first.co_contract(level)).certificate.passed]
+            table[shape][statics] = {
+                hold: [(float(np.sum(p.tensions)), softest(p, hold)) for p in plans]
+                for hold in HOLDS
+            }
+    return table
+
+
+def draw(
+    levels: Array,
+    straight: dict[str, dict[str, list[float]]],
+    table: dict[str, dict[str, dict[str, list[tuple[float, float]]]]],
+    fronts: dict[str, list[tuple[float, float]]],
+) -> Figure:
+    """Return the figure: stiffness over effort, shape by shape, and the Pareto front."""
+    figure = Figure(figsize=(11, 7), layout="constrained")
+    axes = figure.subplots(2, 2).ravel()
+    for i, (statics, held) in enumerate(straight.items()):
+        for hold, values in held.items():
+            label = f"{statics}, {hold} held"
+            axes[0].plot(levels, values, LINES[hold], color=f"C{i}", label=label)
+    for kind, share in finite_elements().items():
+        axes[0].plot([1.0], [1 / share], "k*", markersize=9)
+        axes[0].annotate(kind, (1.0, 1 / share), (5, -3), textcoords="offset points", fontsize=7)
+    axes[0].plot([], [], "k*", label="finite elements")
+    axes[0].set(
+        title="straight arm, two opposite tendons",
+        xlabel="pull of each [N]",
+        yscale="log",
+        ylabel="lateral stiffness over that at rest",
+    )
+    for ax, (shape, rows) in zip(axes[1:3], table.items(), strict=True):
+        for i, held in enumerate(rows.values()):
+            for hold, points in held.items():
+                ax.plot(*np.array(points).T, LINES[hold], marker=".", color=f"C{i}")
+        ax.set(title=shape, xlabel="pull of all tendons [N]", ylabel="softest stiffness [N/m]")
+        ax.set_yscale("log")
+    for i, points in enumerate(fronts.values()):
+        axes[3].plot(*np.array(points).T, "o-", color=f"C{i}", markersize=3)
+    axes[3].set(
+        title="same tip, stiffer",
+        xlabel="stiffness along z over that of least effort",
+        ylabel="effort [N]",
+    )
+    for ax in axes:
+        ax.grid(color="#e3e5e8", linewidth=0.6)
+        ax.spines[["top", "right"]].set_visible(False)
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside right upper", fontsize=8, frameon=False)
+    return figure
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Print the tables and save the figures."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--points", type=int, default=5)
+    parser.add_argument("--out", type=Path, default=Path("out"))
+    args = parser.parse_args(argv)
+    levels = np.linspace(0.0, 2.0, args.points)
+    arm = straight_arm()
+    straight: dict[str, dict[str, list[float]]] = {}
+    print("straight arm: lateral stiffness over that at rest, two opposite tendons of so much [N]")
+    print(f"{'statics':<18}{'held':<9}" + "".join(f"{level:>9.2f}" for level in levels))
+    for statics, scene in SCENES.items():
+        straight[statics] = {}
+        for hold in HOLDS:
+            rest = lateral(arm, 0.0, scene, "tension")
+            row = [lateral(arm, float(level), scene, hold) / rest for level in levels]
+            straight[statics][hold] = row
+            print(f"{statics:<18}{hold:<9}" + "".join(f"{value:>9.3f}" for value in row))
+    elements = ", ".join(f"{kind} {1 / share:.3f}" for kind, share in finite_elements().items())
+    print(f"finite elements at 1 N, tension held: {elements}")
+    lever = [1 / shortening_alone(arm, float(level)) for level in levels]
+    print(f"{'neo-Hookean by shortening alone':<27}" + "".join(f"{value:>9.3f}" for value in lever))
+    table = contracted(np.linspace(0.0, 0.5, args.points))
+    for shape, rows in table.items():
+        print(f"\n{shape}: pull of all tendons [N], softest stiffness of the tip [N/m]")
+        for statics, held in rows.items():
+            for hold, points in held.items():
+                cells = "".join(f"{pull:>8.2f} {k:<9.4f}" for pull, k in points)
+                print(f"{statics:<18}{hold:<9}{cells}")
+    fronts = {}
+    table4 = Arm.from_paper("table-4")
+    T = [[0, 0, 0.3, 0], [1, 0, 0, 0], [0, 2, 0, 0]]
+    for statics in ("paper's tangent", "exact tendons"):
+        scene = SCENES[statics]
+        factors = np.linspace(1.1, 2.0, args.points)
+        fronts[statics] = front(table4, scene, settle(table4, T, scene).tip, factors)
+        cells = "  ".join(f"x{factor:.2f}: {effort:.3f}" for factor, effort in fronts[statics])
+        print(f"\nsame tip, stiffer along z, least effort [N], {statics}: {cells}")
+    args.out.mkdir(parents=True, exist_ok=True)
+    draw(levels, straight, table, fronts).savefig(args.out / "antagonistic_stiffness.png", dpi=110)
+    name, target = SHAPES["90 degree bend"]
+    bent = plan(Arm.from_paper(name), target, Scene.silicone(), 20.0)
+    places = np.linspace(0.25, 1.0, 4) * bent.arm.length
+    found = [stiffness(bent.arm, bent.tensions, bent.scene, at=float(s)) for s in places]
+    plot_ellipsoids(found, 5e-3).savefig(args.out / "compliance_ellipsoids.png", dpi=110)
+
+
+if __name__ == "__main__":
+    main()
