@@ -119,23 +119,40 @@ class LoadEquations:
     def rate(
         self, x: ca.SX, pull: ca.SX, data: ca.SX, pull_rate: ca.SX, data_rate: ca.SX, numbers: ca.SX
     ) -> ca.SX:
-        """Return the derivative of the state along s."""
+        """Return the derivative of the state along s.
+
+        With friction the tensions fall with the turning of the tendons, which depends on the
+        strains' rates, which depend on the tensions' rates: a fixed point, found by sweeps.
+        """
+        args = [pull, data, pull_rate, data_rate, numbers]
+        found = self.swept(x, args, None)
+        for _ in range(_SWEEPS * (self.n_tension > 0)):
+            found = self.swept(x, args, found[self.strains])
+        return found
+
+    @property
+    def strains(self) -> slice:
+        """Where the strains are in a state."""
+        return slice(7, 7 + self.statics.size)
+
+    def swept(self, x: ca.SX, args: list[ca.SX], strain_rate: ca.SX | None) -> ca.SX:
+        """Return the derivative of the state, friction by a guess of that of the strains."""
+        pull, data, pull_rate, data_rate, numbers = args
         pose, strain, _, tensions = self.split(x)
         kappa, nu = self.twist(x, pull, data, numbers)
         drag = self._drag(pose, nu, numbers)
         at = (strain, self.pulled(pull, tensions), data)
         sides = self._wrench_rate(x, at, kappa, nu, drag, numbers)
         tension_rate = ca.SX.zeros(self.n_tension)
-        inner_rate = self.pulled(pull_rate, tensions)
-        strain_rate = self._strain_rate(at, inner_rate, data_rate, sides)
-        for _ in range(_SWEEPS * (self.n_tension > 0)):
+        varied = self.pulled(pull_rate, tensions)
+        if strain_rate is not None and self.n_tension:
             tension_rate = self._tension_rate(x, strain_rate, kappa, numbers)
-            varied = inner_rate + self.pulled(pull, tension_rate)
-            strain_rate = self._strain_rate(at, varied, data_rate, sides)
+            varied = varied + self.pulled(pull, tension_rate)
+        own_rate = self._strain_rate(at, varied, data_rate, sides)
         turn = multiply(pose[:4], ca.vertcat(0, kappa)) / 2
         force_rate = -drag if self.n_force else ca.SX.zeros(0)
         spooled = self._length_rate(strain, kappa, nu, numbers)
-        shape_rate = ca.vertcat(turn, rotate(pose[:4], nu), strain_rate)
+        shape_rate = ca.vertcat(turn, rotate(pose[:4], nu), own_rate)
         return ca.vertcat(shape_rate, force_rate, tension_rate, spooled)
 
     def jump(

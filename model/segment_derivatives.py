@@ -16,6 +16,7 @@ import numpy as np
 from model.load_equations import LoadEquations
 from model.load_segments import LoadSegments
 from model.paths import Array
+from model.rate_derivatives import driven_slopes, rate_curvature, rate_slopes, state_slopes
 from model.runge_kutta import RungeKutta
 from model.segment import Segment
 from model.stations import stations
@@ -96,31 +97,6 @@ def _stacked(ZY: ca.MX, n: int, U: list[Array], picked: list[int], n_T: int) -> 
     return ca.densify(ca.vertcat(*rows))
 
 
-def _varied(e: LoadEquations, args: list[ca.SX]) -> ca.SX:
-    """Return those arguments of the rate that vary with the tensions."""
-    if e.n_tension:
-        return ca.SX(0, 1)
-    return ca.vertcat(args[0], args[2]) if e.pull_varies else args[0]
-
-
-@lru_cache(maxsize=64)
-def rate_slopes(e: LoadEquations) -> ca.Function:
-    """Return (x, cross-section) -> rate f, its Jacobians in x and in the pull."""
-    x, args = ca.SX.sym("x", e.n_x), e.symbols()
-    f = e.rate(x, *args)
-    slopes = [ca.densify(ca.jacobian(f, v)) for v in (x, _varied(e, args))]
-    return ca.Function("slopes", [x, *args], [f, *slopes], {"cse": True})
-
-
-@lru_cache(maxsize=64)
-def rate_curvature(e: LoadEquations) -> ca.Function:
-    """Return (x, cross-section, covector mu) -> Hessian of mu . f in x and the pull."""
-    x, args, mu = ca.SX.sym("x", e.n_x), e.symbols(), ca.SX.sym("mu", e.n_x)
-    v = ca.vertcat(x, _varied(e, args))
-    hessian = ca.densify(ca.hessian(ca.dot(mu, e.rate(x, *args)), v)[0])
-    return ca.Function("curvature", [x, *args, mu], [hessian], {"cse": True})
-
-
 def tangents(
     system: LoadSegments, segment: Segment, columns: int, directions: ca.DM | None = None
 ) -> ca.Function:
@@ -161,7 +137,7 @@ def _tangent_step(e: LoadEquations, scheme: RungeKutta, columns: int, driven: bo
     nodes = sorted(set(scheme.nodes))
     xz, h = ca.MX.sym("xz", e.n_x, 1 + columns), ca.MX.sym("h")
     args = [ca.MX.sym("data", *v.shape) for v in e.symbols(len(nodes))]
-    slopes = _driven_slopes(e) if driven else _state_slopes(e)
+    slopes = driven_slopes(e) if driven else state_slopes(e)
     size = (slopes.size2_out(2), columns * len(nodes)) if driven else (0, 0)
     moved = ca.MX.sym("moved", *size)
     rates: list[ca.MX] = []
@@ -175,25 +151,6 @@ def _tangent_step(e: LoadEquations, scheme: RungeKutta, columns: int, driven: bo
         rates.append(ca.horzcat(f, change))
     after = xz + h * _weighted(scheme.weights, rates)
     return ca.Function("tangent_step", [xz, *args, h, moved], [after])
-
-
-@lru_cache(maxsize=64)
-def _state_slopes(e: LoadEquations) -> ca.Function:
-    """Return (x, cross-section) -> rate f, its Jacobian in x."""
-    x, args = ca.SX.sym("x", e.n_x), e.symbols()
-    f = e.rate(x, *args)
-    slopes = ca.densify(ca.jacobian(f, x))
-    return ca.Function("state_slopes", [x, *args], [f, slopes], {"cse": True})
-
-
-@lru_cache(maxsize=64)
-def _driven_slopes(e: LoadEquations) -> ca.Function:
-    """Return (x, cross-section) -> rate f, its Jacobians in x, and in the pull and the force."""
-    x, args = ca.SX.sym("x", e.n_x), e.symbols()
-    f = e.rate(x, *args)
-    driven = ca.vertcat(_varied(e, args), args[4][:3])
-    slopes = [ca.densify(ca.jacobian(f, v)) for v in (x, driven)]
-    return ca.Function("driven_slopes", [x, *args], [f, *slopes], {"cse": True})
 
 
 @lru_cache(maxsize=64)

@@ -1,0 +1,153 @@
+"""All loads together: against shooting in SciPy, by every scheme, and with nothing in them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from model import Arm, Scene, settle
+from model.effects import (
+    Buoyancy,
+    Current,
+    Effect,
+    ExactTendons,
+    Extension,
+    Friction,
+    NeoHookean,
+    PointLoad,
+    Shear,
+    TipLoad,
+    Weight,
+)
+from tests.effects.cases import Array
+from tests.effects.spatial import LoadedRod, Loads
+from tests.oracles import paper_rod
+
+FORCE, MOMENT = (1e-3, -2e-3, 1e-3), (1e-5, 2e-5, 0.0)
+POINTS = ((0.12, (0.0, 3e-3, 1e-3)), (0.2, (0.0, 4e-3, 0.0)))
+G, STREAM = (0.5, 0.3, -9.81), (0.1, 0.05, 0.1)
+SPREAD = (Weight(G), Buoyancy(1000.0), Current(STREAM))
+AT_POINTS = tuple(PointLoad(s, force) for s, force in POINTS)
+PULLS = [[0, 0.2, 0.1, 0], [1.0, 0, 0, 0], [0, 3.0, 0, 0]]
+
+
+def tip(follower: bool) -> TipLoad:
+    return TipLoad(FORCE, MOMENT, follower)
+
+
+@pytest.mark.parametrize("follower", [False, True], ids=["dead", "follower"])
+@pytest.mark.parametrize(
+    "kinds",
+    [(Extension(), Shear(0.9)), (Extension(),), (Shear(0.9),)],
+    ids=["extension, shear", "extension", "shear"],
+)
+def test_all_loads_on_the_papers_arm_agree_with_shooting_in_scipy(
+    kinds: tuple[Effect, ...], follower: bool
+) -> None:
+    compare("table-2", kinds, follower, 1e-9, 3e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("follower", [False, True], ids=["dead", "follower"])
+@pytest.mark.parametrize("kinds", [(Extension(), Shear(0.9)), (Extension(),)], ids=len)
+def test_so_they_do_on_the_arm_that_fetches(kinds: tuple[Effect, ...], follower: bool) -> None:
+    compare("table-4", kinds, follower, 1e-8, 3e-8)
+
+
+def compare(
+    name: str, kinds: tuple[Effect, ...], follower: bool, accuracy: float, far: float
+) -> None:
+    shear = next((kind for kind in kinds if isinstance(kind, Shear)), None)
+    loads = Loads(
+        np.array(FORCE),
+        np.array(MOMENT),
+        follower,
+        tuple((s, np.array(force)) for s, force in POINTS),
+        (1080 - 1000) * np.array(G),
+        np.array(STREAM),
+    )
+    k_s = shear.k_s if shear else None
+    rod = LoadedRod(paper_rod(name), np.ravel(PULLS), loads, Extension() in kinds, k_s)
+    arm = Arm.from_paper(name)
+    places = (0.05, 0.12, 0.25, arm.length)
+    u, R = rod.poses(places)
+    scene = Scene(*kinds, tip(follower), *AT_POINTS, *SPREAD)
+    shape = settle(arm, PULLS, scene, accuracy)
+    assert np.allclose(shape.position(places), u, rtol=0, atol=far * arm.length)
+    assert np.allclose(shape.frame(places), R, rtol=0, atol=10 * far)
+
+
+LOADED = (tip(True), *AT_POINTS, *SPREAD)
+SCENES = {
+    "paper": Scene(Extension(), Shear(), *LOADED),
+    "exact": Scene(Extension(), ExactTendons(), Shear(), *LOADED),
+    "rubber": Scene(Extension(), ExactTendons(), NeoHookean(anticlastic=True), Shear(), *LOADED),
+    "rubbing": Scene(Extension(), ExactTendons(), Shear(), *LOADED, Friction(0.2)),
+}
+
+
+def poses(scene: Scene, accuracy: float, scheme: str) -> tuple[Array, Array]:
+    shape = settle(Arm.from_paper("table-2"), PULLS, scene, accuracy, scheme)
+    assert shape.scheme == scheme
+    assert shape.error <= accuracy
+    return shape.tip, shape.tip_frame
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["paper", "exact", *(pytest.param(n, marks=pytest.mark.slow) for n in ("rubber", "rubbing"))],
+)
+def test_all_schemes_settle_to_the_same_shape(name: str) -> None:
+    scene, L = SCENES[name], 0.31
+    best = poses(scene, 1e-9, "rk8")
+    for scheme, accuracy in (("rk6", 1e-6), ("rk6", 1e-9), ("rk4", 1e-5), ("rk4", 1e-7)):
+        tip, frame = poses(scene, accuracy, scheme)
+        assert np.linalg.norm(tip - best[0]) < accuracy * L
+        assert np.abs(frame - best[1]).max() < 100 * accuracy
+
+
+NOTHING: dict[str, tuple[Effect, ...]] = {
+    "tip load": (TipLoad(),),
+    "follower": (TipLoad(follower=True),),
+    "point load": (PointLoad(0.1, (0, 0, 0)), PointLoad(0.2, (0, 0, 0))),
+    "weight": (Weight((0, 0, 0)),),
+    "buoyancy": (Weight((0, 0, -9.81)), Buoyancy(1080.0)),
+    "current": (Current((0, 0, 0)),),
+    "thin stream": (Current((0, 1.0, 0), 0.0),),
+    "friction": (Friction(0.0),),
+    "all": (TipLoad(), Weight((0, 0, 0)), Current((0, 0, 0)), PointLoad(0.1, (0, 0, 0))),
+}
+
+
+@pytest.mark.parametrize("name", NOTHING)
+@pytest.mark.parametrize(
+    "kinds",
+    [
+        pytest.param((Extension(),), id="paper"),
+        pytest.param((), id="bending", marks=pytest.mark.slow),
+        pytest.param((Extension(), ExactTendons()), id="exact", marks=pytest.mark.slow),
+    ],
+)
+def test_loads_of_nothing_change_nothing(name: str, kinds: tuple[Any, ...]) -> None:
+    arm = Arm.from_paper("table-2")
+    free = settle(arm, PULLS, Scene(*kinds), 1e-11)
+    shape = settle(arm, PULLS, Scene(*kinds, *NOTHING[name]), 1e-11)
+    assert np.allclose(shape.tip, free.tip, rtol=0, atol=2e-11 * arm.length)
+    assert np.allclose(shape.tip_frame, free.tip_frame, rtol=0, atol=1e-9)
+    s = np.linspace(0, arm.length, 11)
+    assert np.allclose(shape.strain(s), free.strain(s), rtol=0, atol=1e-7)
+
+
+def test_a_section_all_but_rigid_in_shear_is_one_without_shear() -> None:
+    arm, loads = Arm.from_paper("table-2"), (tip(False), *SPREAD)
+    for kinds in ((Extension(),), (Extension(), ExactTendons())):
+        free = settle(arm, PULLS, Scene(*kinds, *loads), 1e-10).tip
+        stiff = settle(arm, PULLS, Scene(*kinds, *loads, Shear(1e9)), 1e-10).tip
+        assert np.allclose(stiff, free, rtol=0, atol=1e-10)
+
+
+def test_the_order_in_which_loads_are_named_is_none() -> None:
+    one = Scene(*LOADED, Extension())
+    assert one == Scene(Extension(), *LOADED[::-1])
