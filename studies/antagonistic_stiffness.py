@@ -13,7 +13,15 @@ stiffness that is asked for, the tip kept in place.
 
 Command: python -m studies.antagonistic_stiffness [--points 5] [--out out]
 
-Answer: @ANSWER@
+Answer: with tensions held, pulling two opposite tendons of a straight arm by 1 N each makes it
+33 % stiffer (neo-Hookean; 31 % with the anticlastic shift), by 2 N 73 %; finite elements say 30 %
+in the plane of the tendons, 34 % across it, at 1 N. About half of it is the shorter lever (16 %),
+the other half the thickened section. Exact tendons on a linear body know the lever only (18 %); the
+paper's tangent says 27 %: the T y2 behind its claim is a property of the tangent, which by accident
+stands in for the thickening. A bend of 90 degrees stiffens by 62 % when 6.5 N more are pulled in
+all, a fetch fourfold for 7.5 N. Locking the lengths does far more: 20 times on the straight arm, 3
+times in the bend, 5 to 6 times in the fetch, and co-contraction adds to that. Twice the stiffness
+with the tip in place costs 1.5 to 1.8 times the least effort.
 """
 
 from __future__ import annotations
@@ -42,6 +50,7 @@ SCENES = {
     "anticlastic": Scene(Extension(), ExactTendons(), NeoHookean(anticlastic=True)),
 }
 LINES = {"tension": "-", "length": "--"}
+MARKS = {"inplane": "k^", "outplane": "kv", "centre": "ko"}
 SHAPES: dict[str, tuple[str, Target]] = {
     "90 degree bend": (
         "table-2",
@@ -128,17 +137,16 @@ def draw(
     figure = Figure(figsize=(11, 7), layout="constrained")
     axes = figure.subplots(2, 2).ravel()
     for i, (statics, held) in enumerate(straight.items()):
-        for hold, values in held.items():
-            label = f"{statics}, {hold} held"
-            axes[0].plot(levels, values, LINES[hold], color=f"C{i}", label=label)
+        axes[0].plot(levels, held["tension"], color=f"C{i}")
+        for hold in HOLDS:
+            axes[0].plot([], [], LINES[hold], color=f"C{i}", label=f"{statics}, {hold} held")
     for kind, share in finite_elements().items():
-        axes[0].plot([1.0], [1 / share], "k*", markersize=9)
-        axes[0].annotate(kind, (1.0, 1 / share), (5, -3), textcoords="offset points", fontsize=7)
-    axes[0].plot([], [], "k*", label="finite elements")
+        axes[0].plot(
+            [1.0], [1 / share], MARKS[kind], markersize=5, label=f"finite elements, {kind}"
+        )
     axes[0].set(
         title="straight arm, two opposite tendons",
         xlabel="pull of each [N]",
-        yscale="log",
         ylabel="lateral stiffness over that at rest",
     )
     for ax, (shape, rows) in zip(axes[1:3], table.items(), strict=True):
@@ -206,7 +214,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     bent = plan(Arm.from_paper(name), target, Scene.silicone(), 20.0)
     places = np.linspace(0.25, 1.0, 4) * bent.arm.length
     found = [stiffness(bent.arm, bent.tensions, bent.scene, at=float(s)) for s in places]
-    plot_ellipsoids(found, 5e-3).savefig(args.out / "compliance_ellipsoids.png", dpi=110)
+    plot_ellipsoids(found, 2e-2).savefig(args.out / "compliance_ellipsoids.png", dpi=110)
 
 
 if __name__ == "__main__":
