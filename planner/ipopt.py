@@ -75,6 +75,7 @@ def solver(problem: Problem, warm: bool) -> ca.Function:
         options: dict[str, Any] = {
             "print_time": False,
             "show_eval_warnings": False,
+            "calc_lam_p": False,
             "error_on_fail": False,
             **_derivatives(problem),
             "ipopt": _QUIET | (_WARM if warm else _COLD),

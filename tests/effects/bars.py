@@ -69,7 +69,7 @@ def elastica(
     spread: Callable[[float, Array], Array] | None = None,
     extension: bool = False,
     breaks: tuple[float, ...] = (),
-    shares: int = 8,
+    shares: int = 4,
 ) -> Callable[[Array], Array]:
     """Return s -> (x, y, angle) (3, N) of a bar clamped along x, by shooting from the tip.
 
@@ -91,7 +91,7 @@ def elastica(
         pieces = []
         for high, low in pairwise(stops):
             beyond = force((low + high) / 2)
-            args = {"rtol": 1e-12, "atol": 1e-14, "dense_output": True, "args": (beyond,)}
+            args = {"rtol": 1e-11, "atol": 1e-13, "dense_output": True, "args": (beyond,)}
             pieces.append(solve_ivp(rate, (high, low), state, "DOP853", **args))
             state = pieces[-1].y[:, -1]
         return pieces
@@ -99,7 +99,7 @@ def elastica(
     angle = 0.0
     for share in np.linspace(0, 1, shares + 1)[1:]:
         angle = newton(
-            lambda a, share=share: run(a, share)[-1].y[2, -1], angle, x1=angle + 1e-3, tol=1e-12
+            lambda a, share=share: run(a, share)[-1].y[2, -1], angle, x1=angle + 1e-3, tol=1e-11
         )
     pieces = run(angle, 1.0)
     base = np.array([*pieces[-1].y[:2, -1], 0.0])

@@ -93,13 +93,32 @@ def pushed(bar: Bar, v: Array, extension: bool) -> Array:
     return elastica(bar, lambda s: np.zeros(2), spread=drag_at, extension=extension)(s)[:2]
 
 
+STREAMS = {"weak": (0.0, 0.2), "strong": (0.0, 0.6), "outward": (0.3, 0.3), "back": (-0.2, 0.25)}
+
+
+@pytest.mark.parametrize(
+    ("name", "stream", "extension"),
+    [
+        ("uniform", "weak", True),
+        ("conical", "strong", True),
+        ("conical", "outward", False),
+        ("uniform", "back", True),
+    ],
+)
+def test_a_soft_bar_gives_way_as_the_elastica_does(name: str, stream: str, extension: bool) -> None:
+    give_way(name, stream, extension)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("extension", [False, True], ids=["bending", "extension"])
-@pytest.mark.parametrize("v", [(0.0, 0.2), (0.0, 0.6), (0.3, 0.3), (-0.2, 0.25)], ids=str)
+@pytest.mark.parametrize("stream", STREAMS)
 @pytest.mark.parametrize("name", SOFT)
-def test_a_soft_bar_gives_way_as_the_elastica_does(
-    name: str, v: tuple[float, float], extension: bool
-) -> None:
-    bar = SOFT[name]
+def test_soft_bars_give_way_to_all_streams(name: str, stream: str, extension: bool) -> None:
+    give_way(name, stream, extension)
+
+
+def give_way(name: str, stream: str, extension: bool) -> None:
+    bar, v = SOFT[name], STREAMS[stream]
     scene = Scene(Current((*v, 0)), *([Extension()] if extension else []))
     shape = settle(bar.arm, NO_PULL, scene, 1e-10)
     found = pushed(bar, np.array(v), extension)

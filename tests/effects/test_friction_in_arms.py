@@ -65,8 +65,18 @@ SCENES = {
 }
 
 
+SOME = pytest.mark.parametrize(
+    "name",
+    [
+        "paper, loaded",
+        "exact, loaded",
+        *(pytest.param(n, marks=pytest.mark.slow) for n in ("paper", "exact", "bending, exact")),
+    ],
+)
+
+
 @pytest.mark.parametrize("direction", [1, (-1, 1, 1, -1)], ids=["in", "each its own"])
-@pytest.mark.parametrize("name", SCENES)
+@SOME
 def test_each_tendon_loses_by_all_that_it_turns(name: str, direction: Any) -> None:
     mu, arm = 0.25, two_sections()
     shape = settle(arm, PULLS, Scene(*SCENES[name], Friction(mu, direction)), 1e-9)
@@ -80,7 +90,7 @@ def test_each_tendon_loses_by_all_that_it_turns(name: str, direction: Any) -> No
         assert ends[j] == pytest.approx(wanted, rel=1e-8)
 
 
-@pytest.mark.parametrize("name", SCENES)
+@SOME
 def test_a_tendon_that_goes_on_loses_a_kink_where_others_end(name: str) -> None:
     mu, arm = 0.5, two_sections()
     shape = settle(arm, PULLS, Scene(*SCENES[name], Friction(mu)), 1e-9)

@@ -88,7 +88,7 @@ def test_pushed_a_little_off_its_axis_it_gives_way_and_does_not_snap(times: floa
     force = times * euler(BAR) * np.array([-np.cos(0.1), np.sin(0.1)])
     shape = settle(BAR.arm, NO_PULL, Scene(TipLoad((*force, 0))), 1e-9)
     s = np.linspace(0, L, 7)
-    found = elastica(BAR, lambda s: force, shares=40)(s)[:2]
+    found = elastica(BAR, lambda s: force, shares=16)(s)[:2]
     assert np.allclose(shape.position(s)[:, :2], found.T, rtol=0, atol=2e-9 * L)
 
 
@@ -157,9 +157,8 @@ def settles_or_says_why_not(name: str, seed: int) -> bool:
     return True
 
 
-@pytest.mark.parametrize("name", ["paper", "bending"])
-def test_a_payload_that_folds_the_arm_ends_in_an_error_of_ours(name: str) -> None:
-    assert not all(settles_or_says_why_not(name, seed) for seed in range(6))
+def test_a_payload_that_folds_the_arm_ends_in_an_error_of_ours() -> None:
+    assert not all(settles_or_says_why_not("paper", seed) for seed in range(4))
 
 
 @pytest.mark.slow

@@ -75,7 +75,7 @@ LOADED = [
 def settled(case: dict[str, Any], rod: str) -> Shape:
     arm, T = fem_arm(case)
     load = TipLoad((0.0, 1e-3, 0.0))
-    return settle(arm, T, Scene(*RODS[rod].effects, load), 1e-9)
+    return settle(arm, T, Scene(*RODS[rod].effects, load), 1e-8)
 
 
 @pytest.mark.parametrize("rod", RODS)
