@@ -33,7 +33,7 @@ from planner.mechanics import compliance, mechanics, starts_of
 from planner.segment_chain import SegmentChain
 from planner.statement import Statement
 from planner.targets.base import Target
-from planner.terms import FIRM, firmness, looks_of, stations_of, terms_function
+from planner.terms import firmness, looks_of, margin_firmness, stations_of, terms_function
 
 LEAST_STRETCH = 1e-3
 TRACES = (1e-6, 1e-10)
@@ -71,9 +71,9 @@ class Problem:
         self.arm, self.scene, self.statement = arm, scene, statement
         self.stations, self.looks = stations_of(arm, targets), looks_of(arm, targets)
         self.terms = terms_function(arm, targets)
-        self._build(firmness(arm, targets))
+        self._build(firmness(arm, targets), margin_firmness(arm, targets))
 
-    def _build(self, weights: ca.DM) -> None:
+    def _build(self, weights: ca.DM, lacking: ca.DM) -> None:
         n = self.arm.n_tendons
         z, unit = ca.MX.sym("z", n), ca.MX.sym("unit", n)
         target = ca.MX.sym("target", self.terms.size1_in(1))
@@ -88,7 +88,7 @@ class Problem:
         effort, peak, peaks = smooth_norm(T / reference, self.statement.norm)
         mode = self.statement.mode
         lack = ca.MX.sym("lack", margin.numel() if mode == "nearest" else 0)
-        soft = ca.vertcat(weights * match, FIRM * lack) if mode == "nearest" else none
+        soft = ca.vertcat(weights * match, lacking * lack) if mode == "nearest" else none
         met = {"exact": ca.vertcat(match, approach), "closest": match, "nearest": none}[mode]
         gaps = ca.sumsqr(ca.vertcat(approach, soft)) / 2
         blocks = [

@@ -7,7 +7,7 @@ import casadi as ca
 from model.arm import Arm
 from planner.targets.base import Look, Target, Terms, View
 
-FIRM = 1e2
+FIRM, YIELDING = 1e2, 3e-4
 KINDS = ("match", "approach", "margin", "least")
 
 
@@ -59,6 +59,13 @@ def firmness(arm: Arm, targets: tuple[Target, ...]) -> ca.DM:
     """Return the weight of each component of match where not all can be had."""
     firm = {name for term in _symbolic_terms(arm, targets) for name in term.firm}
     return ca.DM([FIRM if name in firm else 1.0 for name in term_names(arm, targets)[0]])
+
+
+def margin_firmness(arm: Arm, targets: tuple[Target, ...]) -> ca.DM:
+    """Return the weight of what each component of margin lacks where not all can be had."""
+    yielding = {name for term in _symbolic_terms(arm, targets) for name in term.yielding}
+    names = term_names(arm, targets)[2]
+    return ca.DM([YIELDING if name in yielding else FIRM for name in names])
 
 
 def _symbolic_terms(arm: Arm, targets: tuple[Target, ...]) -> list[Terms]:

@@ -5,11 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from studies import bending_plane, fetch, tip_targets, which_statics
+from studies import bending_plane, effects_cost, fetch, tip_targets, which_statics
 
 Main = Callable[[Sequence[str]], None]
 SMALL: dict[str, tuple[Main, list[str], str, str]] = {
     "bending_plane": (bending_plane.main, ["--angles", "2"], "planned", "bending_plane.png"),
+    "effects_cost": (effects_cost.main, ["--repeats", "1"], "all together", "effects_cost.png"),
     "which_statics": (which_statics.main, [], "neo-Hookean", "which_statics.png"),
     "fetch": (
         fetch.main,

@@ -27,6 +27,7 @@ class Terms:
     margin : quantities that have to be 0 or above, by name
     least : numbers whose sum is made least, by name, instead of effort
     firm : names of matches that come first where not all can be had
+    yielding : names of margins that come last
     """
 
     match: Mapping[str, ca.MX] = field(default_factory=dict)
@@ -34,6 +35,7 @@ class Terms:
     margin: Mapping[str, ca.MX] = field(default_factory=dict)
     least: Mapping[str, ca.MX] = field(default_factory=dict)
     firm: frozenset[str] = frozenset()
+    yielding: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True, order=True)

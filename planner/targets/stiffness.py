@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any
 
 import casadi as ca
@@ -148,15 +149,24 @@ class MinimumStiffness(Free):
         """See Target.terms: the stiffness over that wanted, less 1; or minors of a matrix."""
         C = view.compliance(Look(view.arm.length, self.hold))[:3, :3]
         if np.ndim(self.direction) == 1:
-            return Terms(margin={"stiffness over that wanted, less 1": 1 / ca.dot(p, C @ p) - 1})
-        root = ca.reshape(p, 3, 3)
-        spare = ca.MX.eye(3) - root @ C @ root
-        minors = [spare[0, 0], ca.det(spare[:2, :2]), ca.det(spare)]
-        return Terms(margin={"stiffness above that wanted": ca.vertcat(*minors)})
+            name = "stiffness over that wanted, less 1"
+            margin = {name: 1 / ca.dot(p, C @ p) - 1}
+            return Terms(margin=margin, yielding=frozenset({name}))
+        name = "stiffness above that wanted"
+        return Terms(margin={name: _minors()(C, p)}, yielding=frozenset({name}))
 
     def lean(self, arm: Arm) -> Array | None:
         """See Target.lean: nowhere."""
         return None
+
+
+@cache
+def _minors() -> ca.Function:
+    """Return (C (3, 3), R (9,)) -> leading minors of 1 - R C R, above 0 where C < R^-2."""
+    C, R = ca.SX.sym("C", 3, 3), ca.SX.sym("R", 3, 3)
+    spare = ca.SX.eye(3) - R @ C @ R
+    minors = [spare[0, 0], ca.det(spare[:2, :2]), ca.det(spare)]
+    return ca.Function("minors", [C, ca.vec(R)], [ca.vertcat(*minors)])
 
 
 def rest_give(arm: Arm) -> float:

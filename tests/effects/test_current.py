@@ -137,7 +137,13 @@ def test_a_fast_stream_lays_the_arm_along_itself() -> None:
     assert slopes[-1] < 0.1
 
 
-@pytest.mark.parametrize("more", [(), (ExactTendons(), Shear())], ids=["paper", "exact, shear"])
+@pytest.mark.parametrize(
+    "more",
+    [
+        pytest.param((), id="paper"),
+        pytest.param((ExactTendons(), Shear()), id="exact, shear", marks=pytest.mark.slow),
+    ],
+)
 def test_the_moment_at_the_base_is_that_of_all_the_drag(more: tuple[object, ...]) -> None:
     arm, T = Arm.from_paper("table-2"), np.zeros((3, 4))
     v = np.array([0.1, -0.15, 0.3])

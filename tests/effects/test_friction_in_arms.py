@@ -122,7 +122,14 @@ def on_table_2(T: float) -> Array:
 
 
 @pytest.mark.parametrize(
-    "others", [(), (Extension(),), (Extension(), ExactTendons(), NeoHookean())]
+    "others",
+    [
+        pytest.param((Extension(),), id="paper"),
+        pytest.param((), id="bending", marks=pytest.mark.slow),
+        pytest.param(
+            (Extension(), ExactTendons(), NeoHookean()), id="silicone", marks=pytest.mark.slow
+        ),
+    ],
 )
 def test_without_roughness_friction_is_not_there(others: tuple[Any, ...]) -> None:
     arm = two_sections()
@@ -133,6 +140,7 @@ def test_without_roughness_friction_is_not_there(others: tuple[Any, ...]) -> Non
     assert np.allclose(rough.states[:, -4:], np.ravel(PULLS), rtol=1e-12, atol=0)
 
 
+@pytest.mark.slow
 def test_without_roughness_no_pull_is_special() -> None:
     for T in np.linspace(0, 0.8, 6):
         smooth = settle(FEW, on_table_2(T), Scene(Extension()), 1e-8).tip
@@ -151,12 +159,13 @@ def test_friction_keeps_no_arm_from_settling(mu: float) -> None:
 
 def bends(scene: Scene, pulls: Array) -> Array:
     """The angle between base and tip at each pull."""
-    frames = [settle(FEW, on_table_2(T), scene, 1e-6).tip_frame for T in pulls]
+    arm = two_sections()
+    frames = [settle(arm, [[T, 0.7 * T], [0, T]], scene, 1e-6).tip_frame for T in pulls]
     return np.array([np.arccos(min(1.0, frame[0, 0])) for frame in frames])
 
 
 def test_pulling_in_and_paying_out_make_a_loop_that_opens_with_roughness() -> None:
-    pulls = np.linspace(0, 0.8, 6)
+    pulls = np.linspace(0, 0.8, 5)
     smooth = bends(Scene(Extension()), pulls)
     areas = [0.0]
     for mu in (0.1, 0.3):

@@ -45,7 +45,7 @@ def pushed(scene: Scene, wrench: Array) -> Scene:
 
 
 def scaled(arm: Arm, compliance: Array) -> Array:
-    """A compliance (6, 6) with displacements over L, and moments over L."""
+    """A compliance (6, 6) per newton metre: displacements over L, forces times L."""
     size = np.repeat([arm.length, 1.0], 3)
     return np.asarray(compliance / np.outer(size, size))
 

@@ -21,14 +21,26 @@ from tests.stiffness.cases import IN_WATER, STATICS, Array, gap, pulling, scaled
 ARM, T = Arm.from_paper("table-4"), pulling("table-4", 21)
 FORCE = TipLoad((3e-4, -2e-4, 4e-4), (1e-6, 2e-6, -1e-6))
 DEAD = TipLoad((3e-4, -2e-4, 4e-4))
+# Three tendons a section: any change of their lengths asks for a strain.
+THREE = replace(ARM, sections=tuple(replace(s, angles=(0.0, 2.0, 4.0)) for s in ARM.sections))
+PULLS = np.delete(T, [3, 7, 11])
 CONSERVATIVE = {
     "exact": STATICS["exact"],
     "silicone": STATICS["silicone"],
-    "anticlastic": STATICS["anticlastic"],
     "exact, in water, with a tip force": with_effects(STATICS["exact"], *IN_WATER, DEAD),
+}
+RARER = {
+    "anticlastic": STATICS["anticlastic"],
     "silicone in water": with_effects(STATICS["silicone"], *IN_WATER),
 }
-EACH = pytest.mark.parametrize("scene", CONSERVATIVE.values(), ids=CONSERVATIVE)
+EACH = pytest.mark.parametrize(
+    "scene",
+    [
+        *CONSERVATIVE.values(),
+        *(pytest.param(scene, marks=pytest.mark.slow) for scene in RARER.values()),
+    ],
+    ids=[*CONSERVATIVE, *RARER],
+)
 
 
 def sizes(arm: Arm) -> Array:
@@ -62,15 +74,18 @@ def test_locked_lengths_are_never_softer_than_held_tensions(scene: Scene) -> Non
 
 @pytest.mark.parametrize("scene", ["paper", "exact", "silicone"])
 def test_stretchy_tendons_hold_their_tensions_and_stiff_ones_their_lengths(scene: str) -> None:
-    free = stiffness(ARM, T, STATICS[scene], accuracy=1e-9).compliance
-    soft, stiff, locked = (
-        stiffness(ARM, T, STATICS[scene], "length", accuracy=1e-9, tendon_EA=EA).compliance
-        for EA in (1e-7, 1e9, None)
+    free = stiffness(THREE, PULLS, STATICS[scene], accuracy=1e-9).compliance
+    soft, softer, stiff, stiffer, locked = (
+        stiffness(THREE, PULLS, STATICS[scene], "length", accuracy=1e-9, tendon_EA=EA).compliance
+        for EA in (1e-4, 1e-6, 1e6, 1e8, None)
     )
-    size = np.abs(scaled(ARM, free)).max()
-    assert np.abs(scaled(ARM, soft - free)).max() < 1e-5 * size
-    assert np.abs(scaled(ARM, stiff - locked)).max() < 1e-5 * size
-    assert np.abs(scaled(ARM, locked - free)).max() > 0.1 * size
+    size = np.abs(scaled(THREE, free)).max()
+    assert np.abs(scaled(THREE, locked - free)).max() > 0.1 * size
+    for far, near, end in ((soft, softer, free), (stiff, stiffer, locked)):
+        gaps = [np.abs(scaled(THREE, value - end)).max() / size for value in (far, near)]
+        assert gaps[1] < 1e-5
+        # To first order in the compliance of the tendons, or in their stiffness.
+        assert gaps[1] == pytest.approx(gaps[0] / 100, rel=0.02, abs=1e-9)
 
 
 def test_slack_tendons_are_named_and_can_be_released() -> None:
@@ -120,16 +135,16 @@ def test_pulling_a_tendon_shortens_it(scene: Scene) -> None:
 
 @pytest.mark.parametrize("scene", ["paper", "exact", "silicone"])
 def test_poses_per_length_are_poses_per_tension_over_lengths_per_tension(scene: str) -> None:
-    k = stiffness(ARM, T, STATICS[scene], "length", accuracy=1e-9)
-    back = k.pose_length @ k.length_tension
-    assert np.abs((back - k.pose_tension).T / sizes(ARM)).max() < 1e-6 * np.abs(
-        k.pose_tension.T / sizes(ARM)
-    ).max()
+    k = stiffness(THREE, PULLS, STATICS[scene], "length", accuracy=1e-9)
+    size = sizes(ARM)[:, None]
+    assert gap(k.pose_length @ k.length_tension / size, k.pose_tension / size) < 1e-10
 
 
-def test_poses_per_length_are_there_where_tensions_hold() -> None:
-    locked, free = (stiffness(ARM, T, STATICS["exact"], hold) for hold in ("length", "tension"))
-    assert free.length_tension.shape == (12, 12)
+def test_poses_and_lengths_per_tension_are_there_where_tensions_hold() -> None:
+    locked, free = (
+        stiffness(THREE, PULLS, STATICS["exact"], hold) for hold in ("length", "tension")
+    )
+    assert np.allclose(free.length_tension, locked.length_tension, rtol=1e-9, atol=0)
     assert np.allclose(free.pose_length, locked.pose_length, rtol=1e-6, atol=0)
 
 
@@ -161,18 +176,16 @@ def test_a_turned_base_turns_the_compliance(heavy: bool, hold: Any) -> None:
 def test_compliance_scales_with_length_and_modulus(scene: str, hold: Any) -> None:
     longer, stiffer = 3.0, 7.0
     sections = tuple(
-        Anchorage(longer * s.at, Linear(longer * s.offset.start, longer * s.offset.end), s.angles)
+        Anchorage(longer * s.at, Linear(longer * s.offset.base, longer * s.offset.end), s.angles)
         for s in ARM.sections
     )
-    radius = Linear(longer * ARM.radius.start, longer * ARM.radius.end)
+    radius = Linear(longer * ARM.radius.base, longer * ARM.radius.end)
     big = Arm(longer * ARM.length, radius, sections, Material(stiffer * 110e3))
     forces = stiffer * longer**2
     one = stiffness(ARM, T, STATICS[scene], hold, tendon_EA=5.0)
     other = stiffness(big, forces * T, STATICS[scene], hold, tendon_EA=forces * 5.0)
     wanted = scaled(ARM, one.compliance) / (forces * longer)
-    found = scaled(big, other.compliance)
-    # Moments are over the length, so that every entry is per newton of force.
-    assert gap(found * big.length, wanted * longer * ARM.length) < 1e-9
+    assert gap(scaled(big, other.compliance), wanted) < 1e-9
 
 
 def test_the_axes_of_the_ellipsoid_are_the_most_that_a_newton_moves() -> None:
@@ -244,7 +257,14 @@ def test_places_of_sections_have_to_lie_on_the_arm(bad: Any) -> None:
 
 
 @pytest.mark.parametrize("hold", ["tension", "length"])
-@pytest.mark.parametrize("name", STATICS)
+@pytest.mark.parametrize(
+    "name",
+    [
+        "paper",
+        "silicone",
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("bare", "exact", "anticlastic")),
+    ],
+)
 def test_a_load_of_nothing_changes_nothing(name: str, hold: Any) -> None:
     EA = 5.0 if hold == "length" else None
     closed, shot = (
@@ -254,9 +274,8 @@ def test_a_load_of_nothing_changes_nothing(name: str, hold: Any) -> None:
     size = sizes(ARM)[:, None]
     assert gap(scaled(ARM, shot.compliance), scaled(ARM, closed.compliance)) < 1e-6
     assert gap(shot.pose_tension / size, closed.pose_tension / size) < 1e-6
-    assert gap(shot.tension_response / size.T, closed.tension_response / size.T) < 1e-6 or (
-        hold == "tension" and not shot.tension_response.any()
-    )
+    if hold == "length":
+        assert gap(shot.tension_response / size.T, closed.tension_response / size.T) < 1e-6
     assert shot.stable == closed.stable
 
 

@@ -1,0 +1,375 @@
+"""octoplan effects: its table, JSON, figure and exit codes; effects in scene files."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from model import Arm, InputError, Scene, settle, switch_effects
+from model.effects import (
+    Buoyancy,
+    Current,
+    Effect,
+    ExactTendons,
+    Extension,
+    Friction,
+    NeoHookean,
+    PointLoad,
+    PrintedStatics,
+    Shear,
+    TipLoad,
+    Weight,
+)
+from model.sizes import Sizes
+from model.switching import Switch
+from planner.cli import main
+from planner.plot_effects import plot_effects
+from planner.scenefile import read
+
+SCENES = Path(__file__).parents[2] / "studies" / "scenes"
+ARM = "[arm]\npreset = 'section-5.2'\n"
+BENT = "tensions = [[0.3, 0.2, 0.0, 0.1]]\naccuracy = 1e-5\n"
+IN_WATER = "[effects]\nextension = true\nweight = {}\nbuoyancy = { density = 1000 }\n"
+UPRIGHT = "[effects]\nweight = { g = [-9.81, 0, 0] }\nbuoyancy = {}\n"
+TABLE_2 = "[arm]\npreset = 'table-2'\n[effects]\n"
+
+
+def _scene(tmp_path: Path, text: str) -> str:
+    path = tmp_path / "scene.toml"
+    path.write_text(text)
+    return str(path)
+
+
+def _found(arm: Arm, scene: Scene) -> dict[str, Switch]:
+    pulls = [[0.3, 0.2, 0.0, 0.1]]
+    return {s.effect: s for s in switch_effects(arm, pulls, scene, 1e-5, repeats=1)}
+
+
+def test_a_table_has_a_line_for_each_effect(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["effects", _scene(tmp_path, BENT + ARM + IN_WATER)]) == 0
+    captured = capsys.readouterr()
+    head, *lines = captured.out.splitlines()
+    assert head.split()[0] == "effect"
+    assert "matters at 1e-05" in head
+    names = [line[:38].strip() for line in lines]
+    assert names == [
+        "Buoyancy",
+        "Extension",
+        "Weight and Buoyancy",
+        "ExactTendons",
+        "NeoHookean and ExactTendons",
+        "Shear",
+    ]
+    assert [line[38:].split()[0] for line in lines] == ["yes"] * 3 + ["no"] * 3
+    assert all(len(line.split("  ")[-1]) <= 3 for line in lines)
+    assert captured.err == ""
+
+
+def test_json_holds_the_numbers_in_full(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["effects", _scene(tmp_path, BENT + ARM + IN_WATER), "--json"]) == 0
+    shown = json.loads(capsys.readouterr().out)
+    assert set(shown["versions"]) == {"octoplan", "casadi", "numpy"}
+    wanted = _found(Arm.from_paper("section-5.2"), Scene(Extension(), Weight(), Buoyancy()))
+    assert [row["effect"] for row in shown["effects"]] == list(wanted)
+    for row in shown["effects"]:
+        switch = wanted[row["effect"]]
+        assert row["tip_change"] == pytest.approx(switch.tip_change, rel=1e-12)
+        assert row["matters"] is switch.matters
+        assert row["called_for"] is switch.called_for
+        assert row["problem"] == ""
+        assert np.isfinite(row["time_factor"])
+        for key in ("sizes", "sizes_without"):
+            assert Sizes(**row[key]) == getattr(switch, key)
+
+
+def test_figure_and_result_are_written_whole(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "new" / "folder"
+    scene = _scene(tmp_path, BENT + ARM + IN_WATER)
+    assert main(["effects", scene, "--out", str(out), "--json", "--accuracy", "1e-3"]) == 0
+    assert {path.name for path in out.iterdir()} == {"effects.json", "effects.png"}
+    assert (out / "effects.png").stat().st_size > 10_000
+    assert json.loads((out / "effects.json").read_text()) == json.loads(capsys.readouterr().out)
+
+
+def test_an_arm_that_buckles_out_of_water_is_told_in_the_table_and_in_the_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = "tensions = [0, 0, 0, 0]\naccuracy = 1e-4\n" + ARM + UPRIGHT
+    assert main(["effects", _scene(tmp_path, text), "--out", str(tmp_path / "out")]) == 0
+    line = next(x for x in capsys.readouterr().out.splitlines() if x.startswith("Buoyancy "))
+    assert "yes: the arm does not bear its loads" in line
+    rows = json.loads((tmp_path / "out" / "effects.json").read_text())["effects"]
+    row = next(row for row in rows if row["effect"] == "Buoyancy")
+    assert row["tip_change"] is None
+    assert row["time_factor"] is None
+    assert row["matters"]
+    assert "it buckles" in row["problem"]
+
+
+def test_a_scene_that_does_not_settle_returns_1(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = "tensions = [0, 0, 0, 0]\n" + ARM + "[effects]\nweight = { g = [-9.81, 0, 0] }\n"
+    out = tmp_path / "out"
+    assert main(["effects", _scene(tmp_path, text), "--out", str(out)]) == 1
+    captured = capsys.readouterr()
+    assert "it buckles" in captured.err
+    assert captured.out == ""
+    assert not out.exists()
+
+
+MISTAKES = {
+    "no tensions": (ARM + IN_WATER, "tensions"),
+    "tensions for another arm": ("tensions = [1, 2]\n" + ARM, "tensions"),
+    "tensions below zero": ("tensions = [0, 0, 0, -1]\n" + ARM, "T_14"),
+    "no such effect": (BENT + ARM + "[effects]\nwieght = {}\n", "$.effects"),
+    "a density below zero": (
+        BENT + ARM + "[effects]\nweight = {}\nbuoyancy = { density = -1.0 }\n",
+        "[effects] Buoyancy.density",
+    ),
+    "a point load off the arm": (
+        BENT + ARM + "[effects]\npoint_loads = [{ s_mm = 271, force = [0, 0, 1] }]\n",
+        "PointLoad.s",
+    ),
+    "as printed with a load": (
+        BENT + ARM + "[effects]\nas_printed = true\ntip_load = {}\n",
+        "written without loads",
+    ),
+    "accuracy of zero": ("accuracy = 0\ntensions = [0, 0, 0, 0]\n" + ARM, "accuracy"),
+}
+
+
+@pytest.mark.parametrize(("text", "told"), MISTAKES.values(), ids=MISTAKES)
+def test_a_mistake_returns_2_and_names_the_key(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, told: str
+) -> None:
+    out = tmp_path / "out"
+    assert main(["effects", _scene(tmp_path, text), "--out", str(out), "--json"]) == 2
+    captured = capsys.readouterr()
+    assert told in captured.err
+    assert captured.out == ""
+    assert not out.exists()
+
+
+def test_no_scene_file_and_no_folder_to_write_to_return_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["effects", str(tmp_path / "nowhere.toml")]) == 2
+    assert "nowhere.toml" in capsys.readouterr().err
+    (tmp_path / "file").write_text("")
+    scene = _scene(tmp_path, "tensions = [0, 0, 0, 0]\naccuracy = 1e-2\n" + ARM)
+    assert main(["effects", scene, "--out", str(tmp_path / "file")]) == 2
+    assert "--out" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("accuracy", ["0", "-1", "1", "nan"])
+def test_an_accuracy_that_is_none_returns_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], accuracy: str
+) -> None:
+    scene = _scene(tmp_path, "tensions = [0, 0, 0, 0]\n" + ARM)
+    assert main(["effects", scene, f"--accuracy={accuracy}"]) == 2
+    assert "accuracy" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_the_payload_of_the_scene_files_is_told_effect_by_effect(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["effects", str(SCENES / "payload_in_water.toml")]) == 0
+    shown = capsys.readouterr().out
+    assert "TipLoad" in shown
+    assert "Weight and Buoyancy" in shown
+
+
+def test_the_payload_of_the_scene_files_is_settled(capsys: pytest.CaptureFixture[str]) -> None:
+    path = SCENES / "payload_in_water.toml"
+    assert main(["settle", str(path), "--json"]) == 0
+    question = read(path.read_bytes())
+    assert {Weight(), Buoyancy(), Extension()} < set(question.scene.effects)
+    tip = settle(question.arm, question.tensions, question.scene, 1e-9).tip
+    shown = json.loads(capsys.readouterr().out)
+    assert np.linalg.norm(np.array(shown["tip_m"]) - tip) < 1e-6 * question.arm.length
+
+
+def test_an_effect_that_does_not_settle_has_no_dot_and_the_figure_is_drawn() -> None:
+    size = Sizes(7, 0, 0, 100)
+    rows = tuple(
+        Switch(name, called, change, size, size, factor, matters, problem)
+        for name, called, change, factor, matters, problem in (
+            ("TipLoad", True, 0.1, 2.0, True, ""),
+            ("Shear", False, 0.0, 1.5, False, ""),
+            ("Weight", False, np.nan, np.nan, True, "it snaps"),
+        )
+    )
+    figure = plot_effects(rows, 1e-6)
+    left, right = figure.axes
+    assert [label.get_text() for label in left.get_yticklabels()] == ["TipLoad", "Shear", "Weight"]
+    drawn = [line for line in right.lines if np.isfinite(line.get_xdata()).all()]
+    dots = [line.get_xdata()[0] for line in drawn if line.get_marker() == "o"]
+    assert dots == [2.0, 1.5]
+    faces = {line.get_markerfacecolor() for line in right.lines if line.get_marker() == "o"}
+    assert "white" in faces
+    figure.draw_without_rendering()
+    only = plot_effects(rows[2:], 1e-6)
+    only.draw_without_rendering()
+
+
+TABLES: dict[str, tuple[str, tuple[Effect, ...]]] = {
+    "nothing": ("", ()),
+    "extension": ("extension = true", (Extension(),)),
+    "extension not called for": ("extension = false", ()),
+    "exact tendons": ("exact_tendons = true", (ExactTendons(),)),
+    "rubber": (
+        "extension = true\nexact_tendons = true\nneo_hookean = true",
+        (Extension(), ExactTendons(), NeoHookean()),
+    ),
+    "rubber, anticlastic": (
+        "extension = true\nexact_tendons = true\nneo_hookean = true\nanticlastic = true",
+        (Extension(), ExactTendons(), NeoHookean(True)),
+    ),
+    "as printed": ("as_printed = true", (Extension(), PrintedStatics())),
+    "shear": ("shear = {}", (Shear(),)),
+    "shear, corrected": ("shear = { k_s = 0.9 }", (Shear(0.9),)),
+    "weight": ("weight = {}", (Weight(),)),
+    "weight elsewhere": ("weight = { g = [0, -1.62, 0] }", (Weight((0.0, -1.62, 0.0)),)),
+    "buoyancy": ("weight = {}\nbuoyancy = {}", (Weight(), Buoyancy())),
+    "buoyancy in brine": (
+        "weight = {}\nbuoyancy = { density = 1025 }",
+        (Weight(), Buoyancy(1025.0)),
+    ),
+    "tip load": (
+        "tip_load = { force = [0.001, 0, -0.002], moment = [0, 1e-5, 0] }",
+        (TipLoad((0.001, 0.0, -0.002), (0.0, 1e-5, 0.0)),),
+    ),
+    "follower": (
+        "tip_load = { force = [0, 0.001, 0], follower = true }",
+        (TipLoad((0.0, 0.001, 0.0), follower=True),),
+    ),
+    "point loads": (
+        "[[effects.point_loads]]\ns_mm = 225\nforce = [0, 0, -0.005]\n"
+        "[[effects.point_loads]]\ns_mm = 100.5\nforce = [0.001, 0, 0]",
+        (PointLoad(0.225, (0.0, 0.0, -0.005)), PointLoad(0.1005, (0.001, 0.0, 0.0))),
+    ),
+    "current": ("current = { velocity = [0, 0, 0.1] }", (Current((0.0, 0.0, 0.1)),)),
+    "current of air": (
+        "[effects.current]\nvelocity = [0, 3, 0]\ndensity = 1.2\ncoefficient = 1.0",
+        (Current((0.0, 3.0, 0.0), 1.2, 1.0),),
+    ),
+    "friction": ("friction = { mu = 0.1 }", (Friction(0.1),)),
+    "friction, paying out": ("friction = { mu = 0.1, direction = -1 }", (Friction(0.1, -1),)),
+    "friction, each its own": (
+        "friction = { mu = 0.1, direction = [1, -1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1] }",
+        (Friction(0.1, (1, -1, *([1] * 10))),),
+    ),
+}
+
+
+@pytest.mark.parametrize(("table", "effects"), TABLES.values(), ids=TABLES)
+def test_a_table_of_a_scene_file_is_an_effect(table: str, effects: tuple[Effect, ...]) -> None:
+    assert read((TABLE_2 + table).encode()).scene == Scene(*effects)
+
+
+def test_tables_of_all_effects_together_are_a_scene() -> None:
+    loads = ("shear", "buoyancy in brine", "tip load", "current", "friction", "rubber")
+    text = "\n".join(TABLES[name][0] for name in (*loads, "point loads"))
+    wanted = [effect for name in (*loads, "point loads") for effect in TABLES[name][1]]
+    assert read((TABLE_2 + text).encode()).scene == Scene(*wanted)
+
+
+REFUSED: dict[str, tuple[str, str]] = {
+    "unknown effect": ("wieght = {}", "$.effects"),
+    "unknown key": ("weight = { gravity = [0, 0, 1] }", "$.effects.weight"),
+    "unknown key of a point load": (
+        "point_loads = [{ s = 0.1, force = [0, 0, 1] }]",
+        "$.effects.point_loads[0]",
+    ),
+    "switch in place of a table": ("weight = true", "$.effects.weight"),
+    "table in place of a switch": ("extension = {}", "$.effects.extension"),
+    "number in place of a table": ("friction = 0.1", "$.effects.friction"),
+    "number in place of a switch": ("exact_tendons = 1", "$.effects.exact_tendons"),
+    "number in place of a vector": ("weight = { g = 9.81 }", "$.effects.weight.g"),
+    "words in place of a number": (
+        "weight = {}\nbuoyancy = { density = 'brine' }",
+        "$.effects.buoyancy.density",
+    ),
+    "words in a vector": (
+        "tip_load = { force = [0, 0, 'down'] }",
+        "$.effects.tip_load.force[2]",
+    ),
+    "number in place of a truth": (
+        "tip_load = { force = [0, 0, 1], follower = 1 }",
+        "$.effects.tip_load.follower",
+    ),
+    "table in place of a list": (
+        "point_loads = { s_mm = 1, force = [0, 0, 1] }",
+        "$.effects.point_loads",
+    ),
+    "a way between in and out": ("friction = { mu = 0.1, direction = 0.5 }", "$.effects.friction"),
+    "no velocity": ("current = { density = 1.2 }", "$.effects.current"),
+    "no roughness": ("friction = {}", "$.effects.friction"),
+    "no place": ("point_loads = [{ force = [0, 0, 1] }]", "$.effects.point_loads[0]"),
+    "no force": (
+        "point_loads = [{ s_mm = 1, force = [0, 0, 1] }, { s_mm = 2 }]",
+        "$.effects.point_loads[1]",
+    ),
+    "negative density of a fluid": (
+        "weight = {}\nbuoyancy = { density = -1 }",
+        "[effects] Buoyancy.density",
+    ),
+    "negative density of a stream": (
+        "current = { velocity = [0, 0, 1], density = -1 }",
+        "[effects] Current.density",
+    ),
+    "negative drag": (
+        "current = { velocity = [0, 0, 1], coefficient = -0.1 }",
+        "[effects] Current.coefficient",
+    ),
+    "negative roughness": ("friction = { mu = -0.1 }", "[effects] Friction.mu"),
+    "a direction of 2": ("friction = { mu = 0.1, direction = 2 }", "[effects] Friction.direction"),
+    "no shear stiffness": ("shear = { k_s = 0 }", "[effects] Shear.k_s"),
+    "a plane vector": ("weight = { g = [0, -9.81] }", "[effects] Weight.g"),
+    "a vector not finite": ("tip_load = { moment = [0, nan, 0] }", "[effects] TipLoad.moment"),
+    "a velocity not finite": ("current = { velocity = [0, inf, 0] }", "[effects] Current.velocity"),
+    "a place before the base": (
+        "point_loads = [{ s_mm = -1, force = [0, 0, 1] }]",
+        "[effects] PointLoad.s",
+    ),
+    "two loads at a place": (
+        "point_loads = [{ s_mm = 1, force = [0, 0, 1] }, { s_mm = 1, force = [0, 1, 0] }]",
+        "once at a place",
+    ),
+    "buoyancy without weight": ("buoyancy = {}", "Buoyancy with Weight"),
+    "rubber without extension": ("exact_tendons = true\nneo_hookean = true", "with Extension"),
+    "shift without rubber": ("anticlastic = true", "[effects] anticlastic"),
+    "a load as printed": ("as_printed = true\nweight = {}", "written without loads"),
+    "a place beyond the arm": (
+        "point_loads = [{ s_mm = 310.1, force = [0, 0, 1] }]",
+        "[effects] PointLoad.s",
+    ),
+    "directions of another arm": (
+        "friction = { mu = 0.1, direction = [1, -1] }",
+        "[effects] Friction.direction",
+    ),
+}
+
+
+@pytest.mark.parametrize(("table", "told"), REFUSED.values(), ids=REFUSED)
+def test_a_mistake_in_a_table_is_told_by_file_and_key(table: str, told: str) -> None:
+    with pytest.raises(InputError) as caught:
+        read((TABLE_2 + table).encode(), "mine.toml")
+    assert caught.value.field.startswith("mine.toml")
+    assert told in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["[effects.weight]\n", "effects = {}\n", ""], ids=repr)
+def test_an_arm_is_needed_besides_effects(text: Any) -> None:
+    with pytest.raises(InputError, match="arm"):
+        read(text.encode())

@@ -1,0 +1,180 @@
+"""Plans that keep a shape and are as stiff, or as soft, as was asked."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from model import Arm, InputError, Scene, settle
+from model.effects import TipLoad
+from planner import Plan, plan, stiffness
+from planner.certificate import measure
+from planner.targets import MinimumStiffness, Softest, Stiffest, TipPosition
+from tests.stiffness.cases import STATICS, Array
+
+ARM, MOST = Arm.from_paper("table-2"), 10.0
+POINT = (0.18, 0.12, 0.06)
+PLACE, ALONG = TipPosition(POINT), (1.0, 0.0, 0.0)
+KEPT = 1e-6 * ARM.length
+
+
+@cache
+def least(scene: str) -> Plan:
+    """The plan of least effort for the tip at a place well within reach."""
+    return plan(ARM, PLACE, STATICS[scene], MOST, starts=5)
+
+
+def stiff(found: Plan, hold: Any = "tension", along: Any = ALONG) -> float:
+    """The stiffness of a planned shape's tip along a direction [N/m]."""
+    C = stiffness(found.arm, found.tensions, found.scene, hold, accuracy=1e-8).compliance
+    return float(1 / (np.array(along) @ C[:3, :3] @ along))
+
+
+def off(found: Plan) -> float:
+    """How far off the place the tip is [m]."""
+    return float(np.linalg.norm(settle(ARM, found.tensions, found.scene, 1e-10).tip - POINT))
+
+
+def bound(found: Plan) -> Array:
+    """The symmetric part of the stiffness against forces (3, 3) of a planned shape [N/m]."""
+    C = stiffness(ARM, found.tensions, found.scene, accuracy=1e-8).compliance[:3, :3]
+    return np.asarray(np.linalg.inv((C + C.T) / 2))
+
+
+@pytest.mark.parametrize(
+    ("scene", "factor"),
+    [
+        ("paper", 1.2),
+        ("paper", 1.5),
+        ("exact", 1.2),
+        pytest.param("exact", 1.5, marks=pytest.mark.slow),
+    ],
+)
+def test_the_tip_stays_and_stiffens_at_the_cost_of_effort(scene: str, factor: float) -> None:
+    wanted = factor * stiff(least(scene))
+    target = MinimumStiffness(ALONG, wanted)
+    found = plan(ARM, [PLACE, target], STATICS[scene], MOST, starts=5)
+    assert found.certificate.passed, found.outcome
+    assert off(found) < KEPT
+    # Effort grows with stiffness, so that no more of it is had than was asked.
+    assert stiff(found) == pytest.approx(wanted, rel=1e-5)
+    assert abs(next(iter(found.certificate.margin.values()))) < 1e-5
+    assert found.effort > least(scene).effort * (1 + 1e-4)
+
+
+def test_a_matrix_is_a_lower_bound_in_all_directions() -> None:
+    M = bound(least("paper").co_contract(0.3))
+    found = plan(ARM, [PLACE, MinimumStiffness(M, 0.98)], STATICS["paper"], MOST, starts=3)
+    assert found.certificate.passed, found.outcome
+    assert off(found) < KEPT
+    root = np.linalg.inv(np.linalg.cholesky(M))
+    shares = np.linalg.eigvalsh(root @ bound(found) @ root.T)
+    assert shares[0] > 0.98 * (1 - 1e-5)
+
+
+@pytest.mark.parametrize(
+    "spare",
+    [(0.1, 0.2, 0.3), (-0.1, 0.2, 0.3), (0.1, -0.2, -0.3), (0.0, -0.2, -0.1), (0.1, 0.0, -0.2)],
+    ids=str,
+)
+def test_a_matrix_that_is_not_attained_leaves_a_margin_below_0(spare: tuple[float, ...]) -> None:
+    # The bound M whose root r has r C r = 1 - diag(spare): attained where spare is 0 or above.
+    shape = least("paper").shape
+    values, vectors = np.linalg.eigh(np.linalg.inv(bound(least("paper"))))
+    half, back = ((vectors * values**power) @ vectors.T for power in (0.5, -0.5))
+    inner, turn = np.linalg.eigh(half @ np.diag(1 - np.array(spare)) @ half)
+    root = back @ (turn * np.sqrt(inner)) @ turn.T @ back
+    margin = measure(ARM, (MinimumStiffness(root @ root, 1.0),), shape)[2]
+    least_margin = min(float(np.min(rows)) for rows in margin.values())
+    assert (least_margin < -1e-3) == (min(spare) < 0)
+
+
+def test_the_stiffest_is_stiffer_than_any_asked_and_the_softest_softer_than_the_least() -> None:
+    scene, most_pull = STATICS["paper"], 4.0
+    stiffest = plan(ARM, [PLACE, Stiffest(ALONG)], scene, most_pull)
+    softest = plan(ARM, [PLACE, Softest(ALONG)], scene, most_pull)
+    for found in (stiffest, softest):
+        assert found.certificate.passed, found.outcome
+        assert off(found) < KEPT
+    assert stiff(softest) <= stiff(least("paper")) * (1 + 1e-6)
+    most = stiff(stiffest)
+    assert most > 1.05 * stiff(least("paper"))
+    target = MinimumStiffness(ALONG, 0.99 * most)
+    below = plan(ARM, [PLACE, target], scene, most_pull, starts=5)
+    assert stiff(below) <= most * (1 + 1e-5)
+    assert below.certificate.passed, below.outcome
+    assert below.effort <= stiffest.effort * (1 + 1e-6)
+
+
+def test_an_impossible_stiffness_is_not_reached_and_the_outcome_says_by_how_much() -> None:
+    wanted = 50 * stiff(least("paper"))
+    target = MinimumStiffness(ALONG, wanted)
+    found = plan(ARM, [PLACE, target], STATICS["paper"], 1.0)
+    assert not found.reached
+    assert found.outcome.startswith("Not reached")
+    assert "stiffness over that wanted, less 1" in found.outcome
+    assert "short by" in found.outcome
+    lack = min(found.certificate.margin.values())
+    assert lack == pytest.approx(stiff(found) / wanted - 1, rel=1e-4)
+    assert f"short by {-lack:.3g}" in found.outcome
+
+
+def test_stiffness_is_not_planned_without_limits() -> None:
+    with pytest.raises(InputError) as caught:
+        plan(ARM, [PLACE, Stiffest(ALONG)], STATICS["paper"])
+    assert caught.value.field == "tension_max"
+    assert "finite" in caught.value.allowed
+
+
+def test_stiffness_is_not_planned_under_loads() -> None:
+    scene = Scene(*STATICS["paper"].effects, TipLoad((1e-3, 0, 0)))
+    with pytest.raises(InputError, match="loads") as caught:
+        plan(ARM, [PLACE, Stiffest(ALONG)], scene, MOST)
+    assert caught.value.field == "target"
+
+
+BAD: list[tuple[Any, str]] = [
+    (lambda: MinimumStiffness((0, 0, 0), 1.0), "MinimumStiffness.direction"),
+    (lambda: MinimumStiffness((1, 0), 1.0), "MinimumStiffness.direction"),
+    (lambda: MinimumStiffness(((1, 2, 0), (2, 1, 0), (0, 0, 1)), 1.0), "MinimumStiffness.direc"),
+    (lambda: MinimumStiffness(((1, 1, 0), (0, 1, 0), (0, 0, 1)), 1.0), "MinimumStiffness.direc"),
+    (lambda: MinimumStiffness(ALONG, 0.0), "MinimumStiffness.value"),
+    (lambda: MinimumStiffness(ALONG, np.nan), "MinimumStiffness.value"),
+    (lambda: MinimumStiffness(ALONG, 1.0, "lengths"), "MinimumStiffness.hold"),  # type: ignore[arg-type]
+    (lambda: Stiffest((0, 0, 0)), "Stiffest.direction"),
+    (lambda: Softest((0, np.inf, 0)), "Softest.direction"),
+    (lambda: Softest(ALONG, hold="motor"), "Softest.hold"),  # type: ignore[arg-type]
+]
+
+
+@pytest.mark.parametrize(("make", "field"), BAD, ids=[f"{i} {row[1]}" for i, row in enumerate(BAD)])
+def test_targets_of_stiffness_are_checked(make: Any, field: str) -> None:
+    with pytest.raises(InputError) as caught:
+        make()
+    assert caught.value.field.startswith(field)
+
+
+@pytest.mark.parametrize("scene", ["paper", "silicone"])
+def test_co_contraction_keeps_the_tip_and_stiffens(scene: str) -> None:
+    before = least(scene)
+    levels = [before, before.co_contract(0.3), before.co_contract(0.8)]
+    for level, found in zip((0.3, 0.8), levels[1:], strict=True):
+        assert found.certificate.passed, found.outcome
+        assert found.tensions.min() >= level
+        assert off(found) < KEPT
+    found_stiff = [stiff(found) for found in levels]
+    assert np.all(np.diff(found_stiff) > 0)
+
+
+@pytest.mark.slow
+def test_locked_lengths_are_planned_stiffer_too() -> None:
+    start = least("exact").co_contract(0.1)
+    wanted = 1.05 * stiff(start, "length")
+    target = MinimumStiffness(ALONG, wanted, "length")
+    found = plan(ARM, [PLACE, target], STATICS["exact"], MOST, tension_min=0.1)
+    assert found.certificate.passed, found.outcome
+    assert off(found) < KEPT
+    assert stiff(found, "length") >= wanted * (1 - 1e-4)
