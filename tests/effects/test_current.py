@@ -90,7 +90,9 @@ def pushed(bar: Bar, v: Array, extension: bool) -> Array:
         return RHO * C * bar.R(s) * np.linalg.norm(across) * across
 
     s = np.linspace(0, bar.length, 9)
-    return elastica(bar, lambda s: np.zeros(2), spread=drag_at, extension=extension)(s)[:2]
+    return elastica(bar, lambda s: np.zeros(2), spread=drag_at, extension=extension, shares=8)(s)[
+        :2
+    ]
 
 
 STREAMS = {"weak": (0.0, 0.2), "strong": (0.0, 0.6), "outward": (0.3, 0.3), "back": (-0.2, 0.25)}

@@ -116,7 +116,7 @@ def test_heavy_dead_loads_hang_straight_down(alpha: float) -> None:
     shape = settle(BAR.arm, NO_PULL, Scene(TipLoad((0, alpha * UNIT, 0))), 1e-8)
     s = np.linspace(0, L, 13)
     wanted = dead_elastica(alpha, s, L) if alpha < 200 else taut_elastica(alpha, s)
-    assert np.allclose(shape.position(s)[:, :2], wanted.T, rtol=0, atol=1e-7 * L)
+    assert np.allclose(shape.position(s)[:, :2], wanted.T, rtol=0, atol=1e-8 * L)
     assert abs(shape.tip_frame[0, 0]) < 0.1
 
 
@@ -164,5 +164,5 @@ def test_a_payload_that_folds_the_arm_ends_in_an_error_of_ours() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", HEAVY)
 def test_no_payload_ends_in_another_error(name: str) -> None:
-    for seed in range(40):
+    for seed in range(12):
         settles_or_says_why_not(name, 100 + seed)

@@ -30,7 +30,7 @@ def test_the_paper_loaded_settles_to_the_references(name: str, load: str) -> Non
     case = next(case for case in PAPER_CASES if case["name"] == name)
     scene = Scene(Extension(), *PAPER_LOADS[load])
     tip = settle(Arm.from_paper(case["arm"]), case["tensions"], scene, 1e-9).tip
-    assert np.linalg.norm(tip - case["tip"][load]) < 1e-7
+    assert np.linalg.norm(tip - case["tip"][load]) < 1e-9
 
 
 @pytest.mark.parametrize("alpha", [0.1, 1.0, 3.0, 10.0])

@@ -194,7 +194,7 @@ def test_locked_antagonists_hold_the_turn_of_the_tip(exact: bool, tendon_EA: flo
 
 
 def euler_load(bar: Bar) -> float:
-    """The least P with (E J theta')' = -P theta, theta = 0 at the base and theta' = 0 at the tip."""
+    """The least P with (E J theta')' = -P theta, theta(0) = 0 and theta'(L) = 0."""
     unit = np.pi**2 * bar.EJ(0.5 * bar.length) / (4 * bar.length**2)
 
     def end(share: float) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -35,7 +36,7 @@ def stiff(found: Plan, hold: Any = "tension", along: Any = ALONG) -> float:
 
 def off(found: Plan) -> float:
     """How far off the place the tip is [m]."""
-    return float(np.linalg.norm(settle(ARM, found.tensions, found.scene, 1e-10).tip - POINT))
+    return float(np.linalg.norm(settle(found.arm, found.tensions, found.scene, 1e-10).tip - POINT))
 
 
 def bound(found: Plan) -> Array:
@@ -47,16 +48,16 @@ def bound(found: Plan) -> Array:
 @pytest.mark.parametrize(
     ("scene", "factor"),
     [
-        ("paper", 1.2),
+        pytest.param("paper", 1.2, marks=pytest.mark.slow),
         ("paper", 1.5),
-        ("exact", 1.2),
-        pytest.param("exact", 1.5, marks=pytest.mark.slow),
+        pytest.param("exact", 1.2, marks=pytest.mark.slow),
+        ("exact", 1.5),
     ],
 )
 def test_the_tip_stays_and_stiffens_at_the_cost_of_effort(scene: str, factor: float) -> None:
     wanted = factor * stiff(least(scene))
     target = MinimumStiffness(ALONG, wanted)
-    found = plan(ARM, [PLACE, target], STATICS[scene], MOST, starts=5)
+    found = plan(ARM, [PLACE, target], STATICS[scene], MOST, starts=2)
     assert found.certificate.passed, found.outcome
     assert off(found) < KEPT
     # Effort grows with stiffness, so that no more of it is had than was asked.
@@ -65,9 +66,10 @@ def test_the_tip_stays_and_stiffens_at_the_cost_of_effort(scene: str, factor: fl
     assert found.effort > least(scene).effort * (1 + 1e-4)
 
 
+@pytest.mark.slow
 def test_a_matrix_is_a_lower_bound_in_all_directions() -> None:
     M = bound(least("paper").co_contract(0.3))
-    found = plan(ARM, [PLACE, MinimumStiffness(M, 0.98)], STATICS["paper"], MOST, starts=3)
+    found = plan(ARM, [PLACE, MinimumStiffness(M, 0.98)], STATICS["paper"], MOST, starts=2)
     assert found.certificate.passed, found.outcome
     assert off(found) < KEPT
     root = np.linalg.inv(np.linalg.cholesky(M))
@@ -94,8 +96,8 @@ def test_a_matrix_that_is_not_attained_leaves_a_margin_below_0(spare: tuple[floa
 
 def test_the_stiffest_is_stiffer_than_any_asked_and_the_softest_softer_than_the_least() -> None:
     scene, most_pull = STATICS["paper"], 4.0
-    stiffest = plan(ARM, [PLACE, Stiffest(ALONG)], scene, most_pull)
-    softest = plan(ARM, [PLACE, Softest(ALONG)], scene, most_pull)
+    stiffest = plan(ARM, [PLACE, Stiffest(ALONG)], scene, most_pull, starts=3)
+    softest = plan(ARM, [PLACE, Softest(ALONG)], scene, most_pull, starts=3)
     for found in (stiffest, softest):
         assert found.certificate.passed, found.outcome
         assert off(found) < KEPT
@@ -103,7 +105,7 @@ def test_the_stiffest_is_stiffer_than_any_asked_and_the_softest_softer_than_the_
     most = stiff(stiffest)
     assert most > 1.05 * stiff(least("paper"))
     target = MinimumStiffness(ALONG, 0.99 * most)
-    below = plan(ARM, [PLACE, target], scene, most_pull, starts=5)
+    below = plan(ARM, [PLACE, target], scene, most_pull, starts=2)
     assert stiff(below) <= most * (1 + 1e-5)
     assert below.certificate.passed, below.outcome
     assert below.effort <= stiffest.effort * (1 + 1e-6)
@@ -169,12 +171,16 @@ def test_co_contraction_keeps_the_tip_and_stiffens(scene: str) -> None:
     assert np.all(np.diff(found_stiff) > 0)
 
 
-@pytest.mark.slow
-def test_locked_lengths_are_planned_stiffer_too() -> None:
-    start = least("exact").co_contract(0.1)
-    wanted = 1.05 * stiff(start, "length")
+THREE = replace(ARM, sections=tuple(replace(s, angles=(0.0, 2.0, 4.0)) for s in ARM.sections))
+
+
+@pytest.mark.parametrize("arm", [THREE, ARM], ids=["three tendons", "four tendons"])
+def test_locked_lengths_are_planned_stiffer_too(arm: Arm) -> None:
+    scene = STATICS["exact"]
+    start = plan(arm, PLACE, scene, MOST, starts=2)
+    wanted = 1.1 * stiff(start, "length")
     target = MinimumStiffness(ALONG, wanted, "length")
-    found = plan(ARM, [PLACE, target], STATICS["exact"], MOST, tension_min=0.1)
+    found = plan(arm, [PLACE, target], scene, MOST, starts=2)
     assert found.certificate.passed, found.outcome
     assert off(found) < KEPT
-    assert stiff(found, "length") >= wanted * (1 - 1e-4)
+    assert stiff(found, "length") >= wanted * (1 - 1e-5)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -66,7 +67,7 @@ def test_locked_lengths_are_never_softer_than_held_tensions(scene: Scene) -> Non
     for EA in (0.01, 0.3, 10.0, 300.0, None):
         k = stiffness(ARM, T, scene, "length", accuracy=1e-9, tendon_EA=EA)
         order.append(scaled(ARM, k.compliance))
-    for softer, stiffer in zip(order[:-1], order[1:], strict=True):
+    for softer, stiffer in pairwise(order):
         values = np.linalg.eigvalsh((softer - stiffer + (softer - stiffer).T) / 2)
         assert values[0] > -1e-9 * np.abs(free).max()
         assert values[-1] > 1e-6 * np.abs(free).max()
