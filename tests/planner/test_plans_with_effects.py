@@ -158,6 +158,7 @@ def test_three_prescribed_bends_in_a_current_are_made() -> None:
         assert np.allclose(start.T @ end[:, 0], way, rtol=0, atol=2e-6)
 
 
+@pytest.mark.slow
 def test_a_pose_under_a_payload_is_reached() -> None:
     scene = SCENES["payload in water"]
     shape = settle(ARM, moderate(), scene, 1e-9)
