@@ -15,7 +15,7 @@ _SETTLED = 1e-10
 _CONTRACTION = 0.25
 _TURN, _NEAR = 0.25, 0.02
 _SMALL = 1e-3
-_LEAST_STEP = 1 / 1024
+_LEAST_STEP = 1 / 8192
 _FOLLOWED = 0.6
 
 
@@ -25,9 +25,9 @@ class LoadedEquilibrium:
     Attributes
     ----------
     step : casadi.Function
-        states X (n_x, segments) in SI units, p -> change of X by a Newton step, and the map (3, 3)
-        from a small turn of the tip to the turn of the base: the unit matrix without loads,
-        singular where the equilibrium is critical.
+        states X (n_x, segments) in SI units, p -> change of X by a Newton step.
+    turns : casadi.Function
+        states X, p -> see Lifting.turns.
     frames : casadi.Function
         states X, p -> quaternions (4, N) at the tip and at all further nodes.
     """
@@ -36,8 +36,9 @@ class LoadedEquilibrium:
         self.system = system
         X = ca.MX.sym("X", system.scale.size, len(system.segments))
         p = ca.MX.sym("p", system.n_p)
-        moves, _, turn = Lifting(system).solve(X, p)
-        self.step = ca.Function("step", [X, p], [ca.horzcat(*moves), turn])
+        lifting = Lifting(system)
+        self.step = ca.Function("step", [X, p], [ca.horzcat(*lifting.solve(X, p)[0])])
+        self.turns = ca.Function("turns", [X, p], [lifting.turns(X, p)])
         paths = [segment.map(X[:, i], p)[:4, :] for i, segment in enumerate(system.segments)]
         self.frames = ca.Function("frames", [X, p], [ca.horzcat(X[:4, 0], *paths)])
 
@@ -83,7 +84,7 @@ class LoadedEquilibrium:
                 moved = self._frames(found, p)
                 if not _is_near(frames, moved):
                     found = None
-                elif self._is_past_critical(found, p):
+                elif self.is_past_critical(found, p):
                     found, why = None, "it buckles"
                 else:
                     X, frames, share, step = found, moved, trial, 2 * step
@@ -124,7 +125,7 @@ class LoadedEquilibrium:
     def _change(self, X: Array, p: Array) -> Array | None:
         """Return a Newton step, or None where there is none."""
         try:
-            change = np.array(self.step(X, p)[0])
+            change = np.array(self.step(X, p))
         except RuntimeError:  # a singular matrix, in CasADi's words
             return None
         return change if np.all(np.isfinite(change)) else None
@@ -144,11 +145,22 @@ class LoadedEquilibrium:
         X[:4] /= np.linalg.norm(end[:4])
         return X
 
-    def _is_past_critical(self, X: Array, p: Array) -> bool:
-        turn = np.array(self.step(X, p)[1])
-        values = np.linalg.eigvals(turn)
-        real = np.abs(values.imag) < 1e-6 * np.abs(values)
-        return bool(np.any(values.real[real] <= 0))
+    def is_past_critical(self, X: Array, p: Array) -> bool:
+        """Return whether an equilibrium has lost its stability.
+
+        Where a turn is singular between two nodes, the map from one node's turn to the next has an
+        eigenvalue on the negative side, once for each direction that turns over.
+        """
+        try:
+            found = np.array(self.turns(X, p))
+        except RuntimeError:  # a singular matrix, in CasADi's words
+            return True
+        turns = np.moveaxis(found.reshape(3, -1, 3), 1, 0)
+        before = np.concatenate([np.eye(3)[None], turns[:-1]])
+        if not np.all(np.isfinite(turns)):
+            return True
+        steps = turns @ np.linalg.pinv(before)
+        return bool(np.linalg.eigvals(steps).real.min() < 0)
 
 
 def _is_near(before: Array, after: Array) -> bool:

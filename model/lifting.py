@@ -17,7 +17,10 @@ import numpy as np
 from model.load_segments import LoadSegments
 from model.rotations import multiply
 from model.segment import Segment
-from model.segment_derivatives import tangents
+from model.segment_derivatives import tangents, trail
+
+# A dense factorisation with pivots: the sparse one that is the default fails on tiny entries.
+LINEAR = "lapacklu"
 
 
 class Lifting:
@@ -34,12 +37,10 @@ class Lifting:
         self.n_w = 3 + system.equations.n_tension
         self.columns = self.n_w + (1 if directions is None else directions.shape[1])
 
-    def solve(self, X: ca.MX, p: ca.MX) -> tuple[list[ca.MX], ca.MX, ca.MX]:
-        """Return the change of each start (n_x, m), that at the base, and the turn.
+    def solve(self, X: ca.MX, p: ca.MX) -> tuple[list[ca.MX], ca.MX]:
+        """Return the change of each start (n_x, m), and that at the base.
 
         X (n_x, segments) are the states at the starts. Positions change as if the tip's were held.
-        The turn (3, 3) takes a small turn of the tip to that of the base, tensions at the motors
-        kept: the unit matrix without loads, singular where the equilibrium is critical.
         """
         moves = []
         end = change = ca.MX()
@@ -50,12 +51,35 @@ class Lifting:
             across = tangents(self.system, segment, self.columns, self.directions)
             end, change = across(x, move, p)
         left, turn = self._closure()(end, change, p)
-        w = -ca.solve(turn, left)
-        if self.n_w > 3:
-            turn = turn[:3, :3] - turn[:3, 3:] @ ca.solve(turn[3:, 3:], turn[3:, :3])
+        w = -ca.solve(turn, left, LINEAR)
         n = self.n_w
         found = [move[:, :n] @ w + move[:, n:] for move in (*moves, change)]
-        return found[:-1], found[-1], turn
+        return found[:-1], found[-1]
+
+    def turns(self, X: ca.MX, p: ca.MX) -> ca.MX:
+        """Return the turns (3, 3 N) of the frames at the nodes for small turns of the tip.
+
+        From tip to base, tensions at the motors kept, and whatever that takes at the base. All are
+        the unit matrix without loads. By Jacobi's criterion the equilibrium is stable, in a
+        conservative scene, where none is singular.
+        """
+        end = change = ca.MX()
+        rows = []
+        for i, segment in enumerate(self.system.segments):
+            x = X[:, i]
+            move = self._at_tip()(x, p) if i == 0 else self._after(segment)(x, end, change, p)
+            along = trail(self.system, segment, self.columns)(x, move, p)
+            rows += ca.horzsplit(along, 1 + self.columns)
+            end, change = rows[-1][:, 0], rows[-1][:, 1:]
+        _, slope = self._closure()(end, change, p)
+        free = ca.MX.eye(3)
+        if self.n_w > 3:
+            free = ca.vertcat(free, -ca.solve(slope[3:, 3:], slope[3:, :3], LINEAR))
+        turn = _turn()
+        turned = [
+            ca.horzcat(*(turn(row[:4, 0], row[:4, 1 + k]) for k in range(self.n_w))) for row in rows
+        ]
+        return ca.horzcat(*(turned_by @ free for turned_by in turned))
 
     def _symbols(self) -> tuple[ca.MX, ca.MX, ca.MX, ca.MX]:
         """Return two states, a change of state (n_x, columns), and p."""
@@ -83,7 +107,7 @@ class Lifting:
         move[:4, :3] = ca.horzcat(*turned)
         move[pulls, 3 : self.n_w] = ca.DM.eye(self.n_w - 3)
         bound = [i for i in range(7, n) if not pulls.start <= i < pulls.stop]
-        move[bound, :] = -ca.solve(slope[:, bound], slope @ move + self._own(G, p))
+        move[bound, :] = -ca.solve(slope[:, bound], slope @ move + self._own(G, p), LINEAR)
         return ca.Function("tip", [x, p], [ca.densify(move)])
 
     def _after(self, segment: Segment) -> ca.Function:
@@ -91,7 +115,7 @@ class Lifting:
         x, end, change, p = self._symbols()
         G = segment.entry(x, end, p)
         known = ca.jtimes(G, end, change) + self._own(G, p)
-        move = -ca.solve(ca.jacobian(G, x), known)
+        move = -ca.solve(ca.jacobian(G, x), known, LINEAR)
         return ca.Function("after", [x, end, change, p], [ca.densify(move)])
 
     def _closure(self) -> ca.Function:
@@ -109,3 +133,10 @@ def _times(p: ca.MX | ca.DM, q: ca.MX | ca.DM) -> ca.MX:
     """Return the product of two quaternions."""
     a, b = ca.SX.sym("a", 4), ca.SX.sym("b", 4)
     return ca.Function("times", [a, b], [multiply(a, b)])(p, q)
+
+
+def _turn() -> ca.Function:
+    """Return (q, its change) -> the small turn (3,) about the base frame's axes."""
+    q, change = ca.SX.sym("q", 4), ca.SX.sym("change", 4)
+    back = ca.vertcat(q[0], -q[1:])
+    return ca.Function("turn", [q, change], [2 * multiply(change, back)[1:] / ca.sumsqr(q)])

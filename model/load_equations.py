@@ -26,8 +26,9 @@ from model.runge_kutta import RungeKutta
 from model.statics import LoadedStatics
 from model.statics.algebra import solve_symmetric
 
-# Sweeps of the fixed point T' -> strain' -> T', which contracts by mu T y y' / EJ or so, 0.05.
-_SWEEPS = 6
+# Sweeps of the fixed point T' -> strain' -> T', which contracts by mu T y y' / EJ or so: 0.05, or
+# 0.3 where tendons pull hard along a steep taper.
+_SWEEPS = 16
 _TINY = 1e-30
 
 

@@ -116,6 +116,21 @@ def tangents(
     return ca.Function("tangents", [x, change, p], [end[:, 0], end[:, 1:]])
 
 
+def trail(system: LoadSegments, segment: Segment, columns: int) -> ca.Function:
+    """Return (x, change of x (n_x, columns), p) -> both at each further node, side by side."""
+    e, n, h = system.equations, system.equations.n_x, np.diff(segment.nodes)
+    x, change = ca.MX.sym("x", n), ca.MX.sym("change", n, columns)
+    p = ca.MX.sym("p", system.n_p)
+    active = system.active((segment.nodes[0] + segment.nodes[1]) / 2)
+    counts = np.full(h.size, active)
+    data = system.step_data(segment.nodes[:-1], h, counts, segment.nodes[0], p)
+    across = _tangent_step(e, system.scheme, columns, False).mapaccum(h.size)
+    none = ca.DM(0, 0)
+    return ca.Function(
+        "trail", [x, change, p], [across(ca.horzcat(x, change), *data, ca.DM(h).T, none)]
+    )
+
+
 def _moved(
     system: LoadSegments, segment: Segment, active: int, columns: int, directions: ca.DM | None
 ) -> ca.DM:

@@ -41,8 +41,8 @@ class Answers:
         not asked for.
     lengths : (n_tendons,)
         Lengths of the tendons [m]; empty as well.
-    turn : (3, 3)
-        The turn of the base for a turn of the tip: see model.lifting.
+    stable : bool
+        Whether the equilibrium has kept its stability, tensions held.
     """
 
     pose_wrench: Array
@@ -50,7 +50,7 @@ class Answers:
     length_wrench: Array
     length_tension: Array
     lengths: Array
-    turn: Array
+    stable: bool
 
 
 class Sensitivity:
@@ -70,14 +70,14 @@ class Sensitivity:
         directions[:n_T, 6:] = ca.DM.eye(n_T)
         X = ca.MX.sym("X", system.scale.size, len(system.segments))
         p = ca.MX.sym("p", system.n_p)
-        moves, base, turn = Lifting(system, directions).solve(X, p)
+        moves, base = Lifting(system, directions).solve(X, p)
         at = [system.mesh.node(segment.nodes[0]) for segment in system.segments]
         assert system.probe is not None
         i = at.index(system.mesh.node(system.probe))
         shift = moves[i][4:7, :] - base[4:7, :]
         pose = ca.vertcat(shift, _turns(X[:4, i], moves[i][:4, :]))
         lengths = base[system.equations.n_x - system.equations.n_length :, :]
-        self.function = ca.Function("answers", [X, p], [pose, lengths, turn])
+        self.function = ca.Function("answers", [X, p], [pose, lengths])
 
     def starts_at(self, shape: Shape) -> Array | None:
         """Return the states at the segments' starts of a shape settled with the same loads.
@@ -96,10 +96,11 @@ class Sensitivity:
     def at(self, tensions: Array, states: Array) -> Answers:
         """Return the slopes at the settled states (S + 1, n_x) under tensions (n_tendons,)."""
         X, p = self.loaded.starts(states), self.loaded.system.p(tensions)
-        pose, lengths, turn = (np.array(value) for value in self.function(X, p))
+        pose, lengths = (np.array(value) for value in self.function(X, p))
+        stable = not self.loaded.equilibrium.is_past_critical(X, p)
         settled = states[0, states.shape[1] - lengths.shape[0] :]
         return Answers(
-            pose[:, :6], pose[:, 6:], lengths[:, :6], lengths[:, 6:], settled.copy(), turn
+            pose[:, :6], pose[:, 6:], lengths[:, :6], lengths[:, 6:], settled.copy(), stable
         )
 
 

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from model.arm import Arm
-from model.checks import finite_array, kind, within
+from model.checks import finite_array, kind, positive, within
 from model.compliance import closed_compliance
 from model.effects import PrintedStatics
 from model.errors import InputError, NotSettledError, SingularError
@@ -27,7 +27,7 @@ HOLDS: tuple[Hold, ...] = ("tension", "length")
 _ORDER, _FINEST, _CAUTION = 6, 128, 4.0
 # Locked tendons give by this share of what the arm does, so that combinations of lengths that no
 # strain changes do not matter; and combinations below this share are left alone in an inverse.
-GIVE, _IDLE = 1e-12, 1e-9
+GIVE, _IDLE = 1e-8, 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,8 +48,6 @@ class Stiffness:
         Change of each tension per force and moment [N per N, N per N m]; zero where tension holds.
     pose_tension : (6, n_tendons)
         Displacement and turn per newton at each motor [m/N, rad/N].
-    length_tension : (n_tendons, n_tendons)
-        Length of each tendon per newton in each [m/N].
     locked : tuple of int
         Tendons whose length is held.
     slack : tuple of str
@@ -66,7 +64,6 @@ class Stiffness:
     compliance: Array
     tension_response: Array
     pose_tension: Array
-    length_tension: Array
     locked: tuple[int, ...]
     slack: tuple[str, ...]
     stable: bool
@@ -85,6 +82,11 @@ class Stiffness:
             stiff = vectors[:, np.argmin(np.abs(values))].round(3)
             raise SingularError(f"nothing gives way to (force, moment) along {stiff.tolist()}")
         return np.asarray(np.linalg.inv(self.compliance))
+
+    @cached_property
+    def length_tension(self) -> Array:
+        """Length of each tendon per newton in each (n_tendons, n_tendons) [m/N], at the motors."""
+        return _answers(self.shape, self.at, True, max(self.error, 1e-10))[0].length_tension
 
     @property
     def pose_length(self) -> Array:
@@ -174,10 +176,9 @@ def stiffness(
         C,
         response,
         found.pose_tension,
-        found.length_tension,
         tuple(locked.tolist()),
         slack,
-        _is_stable(found.turn),
+        found.stable,
         error,
     )
 
@@ -193,8 +194,8 @@ def _checked(
         raise InputError("hold", hold, '"tension" or "length"')
     if scene.has(PrintedStatics):
         raise InputError("scene", "as printed", "a scene whose equations hold under loads")
-    if tendon_EA is not None and not (np.ndim(tendon_EA) == 0 and tendon_EA > 0):
-        raise InputError("tendon_EA", tendon_EA, "a number above 0 [N], or None")
+    if tendon_EA is not None:
+        positive("tendon_EA", tendon_EA)
     place = arm.length if isinstance(at, str) and at == "tip" else at
     if isinstance(place, str):
         raise InputError("at", at, f'"tip", or an arc length up to {arm.length:g} m')
@@ -229,10 +230,4 @@ def _of_closed(shape: Shape, refinement: int, at: float, lengths: bool) -> Answe
     function = closed_compliance(shape.arm, shape.scene, refinement, at, lengths).function
     C, pose_tension, *rest = (np.array(value) for value in function(shape.tensions))
     length, drawn, spread = rest or (np.zeros(0), np.zeros((0, 6)), np.zeros((0, 0)))
-    return Answers(C, pose_tension, drawn, spread, length.ravel(), np.eye(3))
-
-
-def _is_stable(turn: Array) -> bool:
-    values = np.linalg.eigvals(turn)
-    real = np.abs(values.imag) < 1e-6 * np.abs(values)
-    return bool(np.all(values.real[real] > 0))
+    return Answers(C, pose_tension, drawn, spread, length.ravel(), True)

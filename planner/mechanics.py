@@ -13,6 +13,7 @@ from model.compliance import ClosedCompliance
 from model.effects import Extension
 from model.errors import SnapError
 from model.forward import SCHEMES, explicit_map, forward_map
+from model.lifting import LINEAR
 from model.load_segments import LoadSegments
 from model.loaded import Loaded
 from model.loads import places
@@ -194,5 +195,5 @@ def compliance(arm: Arm, scene: Scene, scheme: str, refinement: int, look: Look)
     if locked:
         pose_tension, _, drawn, spread = rest
         give = GIVE * ca.trace(spread) * ca.DM.eye(arm.n_tendons)
-        C = C - pose_tension @ ca.solve(spread + give, drawn)
+        C = C - pose_tension @ ca.solve(spread + give, drawn, LINEAR)
     return ca.Function("compliance", [T], [ca.densify(C)])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from model.effects.base import Effect
+from model.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -28,3 +29,7 @@ class NeoHookean(Effect):
     """
 
     anticlastic: bool = False
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.anticlastic, bool):
+            raise InputError("NeoHookean.anticlastic", self.anticlastic, "True or False")

@@ -162,10 +162,11 @@ class MinimumStiffness(Free):
 
 @cache
 def _minors() -> ca.Function:
-    """Return (C (3, 3), R (9,)) -> leading minors of 1 - R C R, above 0 where C < R^-2."""
+    """Return (C (3, 3), R (9,)) -> principal minors of 1 - R C R, 0 or above where C <= R^-2."""
     C, R = ca.SX.sym("C", 3, 3), ca.SX.sym("R", 3, 3)
     spare = ca.SX.eye(3) - R @ C @ R
-    minors = [spare[0, 0], ca.det(spare[:2, :2]), ca.det(spare)]
+    pairs = ([0, 1], [0, 2], [1, 2])
+    minors = [ca.diag(spare), *(ca.det(spare[pair, pair]) for pair in pairs), ca.det(spare)]
     return ca.Function("minors", [C, ca.vec(R)], [ca.vertcat(*minors)])
 
 
