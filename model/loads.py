@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from model.scene import Scene
 from model.stations import Stations, crossing
 
 # Growth, as an exponent, that one segment may have; and the most segments that loads call for.
-_GROWTH, _MOST_PIECES = 3.0, 60
+_GROWTH, _MOST_PIECES, _STEEPEST = 3.0, 60, 1e80
 _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(6)
 
 
@@ -112,9 +113,9 @@ def places(arm: Arm, scene: Scene) -> tuple[float, ...]:
     acts = [load.s for load in point_loads(scene) if 0 < load.s < arm.length]
     s = np.linspace(0.0, arm.length, 1001)
     EJ = arm.material.E * np.pi * arm.radius.evaluate(s, arm.length)[0] ** 4 / 4
-    rate = np.sqrt(_heaviest(arm, scene, s) / EJ)
+    rate = np.sqrt(np.minimum(_heaviest(arm, scene, s) / EJ, _STEEPEST))
     growth = np.concatenate([[0.0], np.cumsum((rate[1:] + rate[:-1]) / 2 * np.diff(s))])
-    pieces = min(int(np.ceil(growth[-1] / _GROWTH)), _MOST_PIECES)
+    pieces = int(min(np.ceil(growth[-1] / _GROWTH), _MOST_PIECES))
     cuts = np.interp(np.arange(1, pieces) / max(pieces, 1) * growth[-1], growth, s)
     near = 1e-3 * arm.length
     taken = [*acts, *(section.at for section in arm.sections), 0.0, arm.length]
@@ -123,19 +124,21 @@ def places(arm: Arm, scene: Scene) -> tuple[float, ...]:
 
 
 def _heaviest(arm: Arm, scene: Scene, s: Array) -> Array:
-    """Return a bound of the force beyond s (N,) [N]."""
+    """Return a bound of the force beyond s (N,) [N]; capped for loads out of this world."""
     tip, current = scene.find(TipLoad), scene.find(Current)
-    force = np.linalg.norm(_heaviness(arm, scene)) * volume(arm, s)
-    force += np.linalg.norm(tip.force) if tip else 0.0
+    force = _size(_heaviness(arm, scene)) * volume(arm, s)
+    force += _size(tip.force) if tip else 0.0
     for load in point_loads(scene):
-        force += np.linalg.norm(load.force) * (s <= load.s)
+        force += _size(load.force) * (s <= load.s)
     if current:
         R = arm.radius.evaluate(s, arm.length)[0].max()
-        drag = (
-            current.density * current.coefficient * R * np.dot(current.velocity, current.velocity)
-        )
-        force += drag * (arm.length - s)
+        drag = min(current.density * current.coefficient * R, _STEEPEST)
+        force += drag * _size(current.velocity) ** 2 * (arm.length - s)
     return np.asarray(force)
+
+
+def _size(vector: Any) -> float:
+    return float(np.sqrt(3) * min(np.abs(vector).max(), _STEEPEST))
 
 
 def load_numbers(

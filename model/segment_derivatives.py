@@ -125,10 +125,8 @@ def trail(system: LoadSegments, segment: Segment, columns: int) -> ca.Function:
     counts = np.full(h.size, active)
     data = system.step_data(segment.nodes[:-1], h, counts, segment.nodes[0], p)
     across = _tangent_step(e, system.scheme, columns, False).mapaccum(h.size)
-    none = ca.DM(0, 0)
-    return ca.Function(
-        "trail", [x, change, p], [across(ca.horzcat(x, change), *data, ca.DM(h).T, none)]
-    )
+    along = across(ca.horzcat(x, change), *data, ca.DM(h).T, ca.DM(0, 0))
+    return ca.Function("trail", [x, change, p], [along])
 
 
 def _moved(

@@ -27,7 +27,7 @@ HOLDS: tuple[Hold, ...] = ("tension", "length")
 _ORDER, _FINEST, _CAUTION = 6, 128, 4.0
 # Locked tendons give by this share of what the arm does, so that combinations of lengths that no
 # strain changes do not matter; and combinations below this share are left alone in an inverse.
-GIVE, _IDLE = 1e-8, 1e-9
+GIVE, _IDLE = 1e-9, 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +166,7 @@ def stiffness(
         locked = np.flatnonzero(T > 0) if release else np.arange(T.size)
         give = found.lengths[locked] / tendon_EA if tendon_EA else np.zeros(locked.size)
         own = found.length_tension[np.ix_(locked, locked)] - np.diag(give)
-        own += GIVE * np.trace(own) * np.eye(locked.size)
+        own += GIVE * np.trace(found.length_tension) * np.eye(locked.size)
         response[locked] = -np.linalg.solve(own, found.length_wrench[locked])
         C = C + found.pose_tension @ response
     return Stiffness(
@@ -195,7 +195,11 @@ def _checked(
     if scene.has(PrintedStatics):
         raise InputError("scene", "as printed", "a scene whose equations hold under loads")
     if tendon_EA is not None:
-        positive("tendon_EA", tendon_EA)
+        try:
+            positive("tendon_EA", tendon_EA)
+        except InputError:
+            allowed = "a number above 0 [N], or None"
+            raise InputError("tendon_EA", tendon_EA, allowed) from None
     place = arm.length if isinstance(at, str) and at == "tip" else at
     if isinstance(place, str):
         raise InputError("at", at, f'"tip", or an arc length up to {arm.length:g} m')

@@ -75,7 +75,7 @@ def _plan(question: Question, args: argparse.Namespace) -> int:
         raise InputError("target", "none", "a [target] table, or [[targets]], in the scene file")
     if "tension_max" not in question.options:
         raise InputError("limits", "none", "a [limits] table with tension_max in the scene file")
-    accuracy = args.accuracy or question.accuracy
+    accuracy = _accuracy(question, args)
     arm, scene = question.arm, question.scene
     found = plan(arm, question.targets, scene, accuracy=accuracy, **question.options)
     values = plan_dict(found)
@@ -88,7 +88,7 @@ def _plan(question: Question, args: argparse.Namespace) -> int:
 
 
 def _settle(question: Question, args: argparse.Namespace) -> int:
-    accuracy = args.accuracy or question.accuracy
+    accuracy = _accuracy(question, args)
     shape = settle(question.arm, _tensions(question), question.scene, accuracy)
     values = shape_dict(shape)
     if args.out:
@@ -100,7 +100,7 @@ def _settle(question: Question, args: argparse.Namespace) -> int:
 
 
 def _effects(question: Question, args: argparse.Namespace) -> int:
-    accuracy = args.accuracy or question.accuracy
+    accuracy = _accuracy(question, args)
     switches = switch_effects(question.arm, _tensions(question), question.scene, accuracy)
     values = switches_dict(switches)
     if args.out:
@@ -109,6 +109,10 @@ def _effects(question: Question, args: argparse.Namespace) -> int:
         _write(args.out, "effects", to_json(values), lambda: plot_effects(switches, accuracy))
     _show(to_json(values).decode() if args.json else switch_table(switches, accuracy))
     return OK
+
+
+def _accuracy(question: Question, args: argparse.Namespace) -> float:
+    return question.accuracy if args.accuracy is None else float(args.accuracy)
 
 
 def _tensions(question: Question) -> Any:

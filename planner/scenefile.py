@@ -25,6 +25,7 @@ from model.effects import (
     TipLoad,
     Weight,
 )
+from model.loads import check_loads
 from planner.scene_tables import (
     ArmTable,
     BackboneTable,
@@ -76,6 +77,7 @@ def read(text: bytes, name: str = "scene") -> Question:
     tables = [*([table.target] if table.target else []), *table.targets]
     arm = _within(name, "arm", _arm, table.arm)
     scene = _within(name, "effects", _scene, table.effects)
+    _within(name, "effects", lambda _: check_loads(arm, scene), None)
     targets = tuple(_within(name, f"target {i + 1}", _target, t) for i, t in enumerate(tables))
     options: dict[str, Any] = {"norm": table.norm, "form": table.form}
     if table.limits is not None:
