@@ -27,7 +27,7 @@ HOLDS: tuple[Hold, ...] = ("tension", "length")
 _ORDER, _FINEST, _CAUTION = 6, 128, 4.0
 # Locked tendons give by this share of what the arm does, so that combinations of lengths that no
 # strain changes do not matter; and combinations below this share are left alone in an inverse.
-GIVE, _IDLE = 1e-9, 1e-9
+GIVE, _IDLE = 1e-10, 1e-9
 
 
 @dataclass(frozen=True, eq=False)
