@@ -138,7 +138,7 @@ def _heaviest(arm: Arm, scene: Scene, s: Array) -> Array:
 
 
 def _size(vector: Any) -> float:
-    return float(np.sqrt(3) * min(np.abs(vector).max(), _STEEPEST))
+    return float(np.linalg.norm(np.clip(vector, -_STEEPEST, _STEEPEST)))
 
 
 def load_numbers(
