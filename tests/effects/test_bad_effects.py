@@ -315,6 +315,7 @@ TOO_MUCH: dict[str, tuple[Effect, ...]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effects", TOO_MUCH.values(), ids=TOO_MUCH)
 def test_absurd_loads_are_settled_alike_by_two_schemes_or_told(effects: tuple[Effect, ...]) -> None:
     scene, T = Scene(Extension(), *effects), [0.3, 0.2, 0.0, 0.1]
