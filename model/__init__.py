@@ -2,9 +2,11 @@
 
 from model.arm import Anchorage, Arm, Material, conical
 from model.errors import CollapsedError, InputError, NotSettledError, OctoplanError, SnapError
+from model.jacobian import tip_jacobian
+from model.many import Shapes, settle_many
 from model.paths import Linear, Sampled
 from model.scene import Scene
-from model.settle import Shapes, settle, settle_many
+from model.settle import settle
 from model.shape import Shape
 from model.switching import Switch, switch_effects
 
@@ -27,4 +29,5 @@ __all__ = [
     "settle",
     "settle_many",
     "switch_effects",
+    "tip_jacobian",
 ]

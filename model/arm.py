@@ -14,6 +14,7 @@ from model.checks import finite_array, kind, numbers, positive, within
 from model.errors import InputError
 from model.paths import Array, Linear, Path
 from model.presets import PAPER_ARMS
+from model.values import remembers_hash
 
 QUARTERS = (0.0, np.pi / 2, np.pi, 3 * np.pi / 2)
 PAPER_FRAME = ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0))
@@ -78,6 +79,7 @@ class Anchorage:
         object.__setattr__(self, "angles", tuple(angles.tolist()))
 
 
+@remembers_hash
 @dataclass(frozen=True)
 class Arm:
     """A tendon-driven arm, clamped at its base.
@@ -199,6 +201,9 @@ class Arm:
         """
         if not hasattr(values, "__iter__") or isinstance(values, str | bytes):
             raise InputError(name, values, self._shapes)
+        array = isinstance(values, np.ndarray) and values.dtype == float
+        if array and self._fits(values.shape) and ((values >= 0) & (values < np.inf)).all():
+            return np.asarray(values.flatten())
         rows = [np.atleast_1d(numbers(name, row, self._shapes)) for row in values]
         if any(row.ndim != 1 for row in rows):
             raise InputError(name, f"{len(rows)} rows of shape {rows[0].shape}", self._shapes)
@@ -216,6 +221,16 @@ class Arm:
                     "a finite number, 0 or above",
                 )
         return flat
+
+    def _fits(self, shape: tuple[int, ...]) -> bool:
+        """Return whether an array of a shape has a number for each tendon."""
+        counts = self._counts
+        rows = (len(counts), counts[0])
+        return shape == (self.n_tendons,) or (len({*counts}) == 1 and shape == rows)
+
+    @cached_property
+    def _counts(self) -> tuple[int, ...]:
+        return tuple(len(section.angles) for section in self.sections)
 
     @property
     def _shapes(self) -> str:

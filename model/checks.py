@@ -59,6 +59,8 @@ def not_negative(field: str, value: Any) -> float:
 
 def within(field: str, value: Any, low: float, high: float) -> float:
     """Return value as a float in [low, high]."""
+    if type(value) is float and low <= value <= high:
+        return value
     number = float(finite_array(field, value, ()))
     if not low <= number <= high:
         raise InputError(field, value, f"a number from {low:g} to {high:g}")

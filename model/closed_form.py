@@ -1,7 +1,8 @@
 """The fast path: strains in closed form, poses by Magnus steps from the base.
 
-Data flow: tensions -> sums over tendons at the steps' nodes (one sparse linear map) -> strains
-(closed form) -> one relative pose per step (Magnus) -> poses at the nodes (products from the base).
+Data flow: tensions -> sums over tendons at the steps' nodes (polynomials carried on from section to
+section) -> strains (closed form) -> one relative pose per step (Magnus) -> poses at the nodes
+(products from the base).
 """
 
 from __future__ import annotations
@@ -13,9 +14,11 @@ import casadi as ca
 import numpy as np
 
 from model.arm import Arm
+from model.buffered import Buffered
 from model.magnus import Magnus
 from model.mesh import Mesh
 from model.paths import Array
+from model.pulls import PullPolynomials
 from model.rotations import compose, from_matrix
 from model.scene import Scene
 from model.statics import ClosedStatics, LoadedStatics, Statics, statics_of
@@ -50,25 +53,10 @@ def full_strain(statics: Statics, strain: ca.SX, pull: ca.SX, data: ca.SX) -> ca
     return ca.vertcat(curvature(statics.names, strain), q)
 
 
-@lru_cache(maxsize=64)
-def step_function(scheme: Magnus) -> ca.Function:
-    """Return (strains (4, m), h) -> relative pose (7,) of a step."""
-    m = len(scheme.nodes)
-    strains, h = ca.SX.sym("strains", 4, m), ca.SX.sym("h")
-    pose = scheme.step([twist(strains[:, i]) for i in range(m)], h)
-    return ca.Function("step", [strains, h], [pose], {"cse": True})
-
-
 def twist(strain: ca.SX) -> ca.SX:
     """Return (kappa, nu) per unit reference length from (tau, xi, k, q), eq. (1)."""
     stretch = 1 + strain[3]
     return ca.vertcat(stretch * strain[:3], stretch, 0, 0)
-
-
-def _chain() -> ca.Function:
-    g, h = ca.SX.sym("g", 7), ca.SX.sym("h", 7)
-    product = compose(g, h)
-    return ca.Function("chain", [g, h], [product, product])
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,6 +104,29 @@ def nodes_of(scheme: Magnus, left: Array, right: Array) -> Array:
     return np.ravel(left[:, None] + (right - left)[:, None] * np.array(scheme.nodes))
 
 
+@lru_cache(maxsize=64)
+def step_function(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
+    """Return (pull (n_pull, m), data (n_data, m), h) -> relative pose of a step (7,), 1 + q (m,).
+
+    Columns are the scheme's nodes in the step.
+    """
+    m, h = len(scheme.nodes), ca.SX.sym("h")
+    pull, data = ca.SX.sym("pull", statics.n_pull, m), ca.SX.sym("data", statics.n_data, m)
+    strains = [strain_function(statics)(pull[:, i], data[:, i]) for i in range(m)]
+    step = scheme.step([twist(strain) for strain in strains], h)
+    stretch = ca.vertcat(*(1 + strain[3] for strain in strains))
+    return ca.Function("step", [pull, data, h], [step, stretch], {"cse": True})
+
+
+@lru_cache(maxsize=64)
+def march_function(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
+    """Return (pose, pull, data, h) -> pose across a step, 1 + q; see step_function."""
+    step = step_function(statics, scheme)
+    g, *given = ca.SX.sym("g", 7), *step.sx_in()
+    relative, stretch = step(*given)
+    return ca.Function("march", [g, *given], [compose(g, relative), stretch], {"cse": True})
+
+
 class ClosedForm:
     """The forward map of an unloaded scene with closed-form strains, on one mesh.
 
@@ -129,45 +140,54 @@ class ClosedForm:
 
     def __init__(self, arm: Arm, scene: Scene, mesh: Mesh, scheme: Magnus) -> None:
         self.arm, self.scene, self.mesh, self.scheme = arm, scene, mesh, scheme
-        self.order = scheme.order
+        self.order, m = scheme.order, len(scheme.nodes)
+        statics = closed_statics(scene, arm)
+        ends, at_ends = mesh.segment_ends()
+        inner, at_inner = nodes_of(scheme, mesh.s[:-1], mesh.s[1:]), np.repeat(mesh.active, m)
+        self.stretch_at = np.concatenate([inner, ends])
+        self.stretch_active = np.concatenate([at_inner, at_ends])
+
         T = ca.MX.sym("T", arm.n_tendons)
-        relative, strains = self._steps(mesh.s[:-1], mesh.s[1:], mesh.active, T)
-        chain = _chain().mapaccum(mesh.steps)
-        base = base_pose(arm)
-        poses = ca.horzcat(base, chain(base, relative)[1])
-        ends, active = mesh.segment_ends()
-        stretch = 1 + ca.horzcat(strains[3, :], strains_at(arm, scene, ends, active, T)[3, :])
-        self.stretch_at = np.concatenate([nodes_of(scheme, mesh.s[:-1], mesh.s[1:]), ends])
-        self.stretch_active = np.concatenate([np.repeat(mesh.active, len(scheme.nodes)), active])
-        self.function = ca.Function("closed_form", [T], [poses, stretch])
+        pull, data = pull_and_data(arm, statics, inner, at_inner, T)
+        march = march_function(statics, scheme).mapaccum(mesh.steps)
+        h = ca.DM(np.diff(mesh.s)).T
+        poses, stretch = march(base_pose(arm), pull, data, h)
+        at = strain_function(statics).map(ends.size)
+        outer = 1 + at(*pull_and_data(arm, statics, ends, at_ends, T))[3, :]
+        everywhere = ca.horzcat(ca.reshape(stretch, 1, -1), outer)
+        nodes = ca.horzcat(base_pose(arm), poses)
+        self.function = ca.Function("closed_form", [T], [ca.densify(nodes), ca.densify(everywhere)])
+        self._call = Buffered(self.function)
 
-    def _steps(self, left: Array, right: Array, active: Counts, T: ca.MX) -> tuple[ca.MX, ca.MX]:
-        """Return the relative poses (7, N) and strains (4, m N) of N steps."""
-        m = len(self.scheme.nodes)
-        s = nodes_of(self.scheme, left, right)
-        strains = strains_at(self.arm, self.scene, s, np.repeat(active, m), T)
-        relative = step_function(self.scheme).map(left.size)(strains, ca.DM(right - left).T)
-        return relative, strains
-
-    def run(self, tensions: Array, near: Array | None = None) -> Array:
-        """Return the poses (S + 1, 7) at the nodes for tensions (n_tendons,)."""
-        return np.array(self.function(tensions)[0]).T
+    def run(self, tensions: Array, near: Array | None = None) -> tuple[Array, Array]:
+        """See ForwardMap.run: poses (S + 1, 7) and 1 + q (K,)."""
+        poses, stretch = self._call(tensions)
+        return poses, stretch[:, 0]
 
     def starts(self, states: Array) -> None:
         """See ForwardMap.starts: nothing, the map is explicit."""
 
-    def stretch(self, tensions: Array, states: Array) -> Array:
-        """See ForwardMap.stretch."""
-        return np.array(self.function(tensions)[1]).ravel()
-
     def dense(self, tensions: Array, poses: Array, s: Array) -> tuple[Array, Array]:
         """Return poses (N, 7) and strains (N, 4) at arc lengths s, a step from the nodes below."""
         step = np.clip(np.searchsorted(self.mesh.s, s, side="left") - 1, 0, self.mesh.steps - 1)
-        active = self.mesh.active[step]
+        active, left, m = self.mesh.active[step], self.mesh.s[step], len(self.scheme.nodes)
+        statics = closed_statics(self.scene, self.arm)
         T = ca.MX.sym("T", self.arm.n_tendons)
-        relative, _ = self._steps(self.mesh.s[step], s, active, T)
-        start = ca.DM(poses[step].T)
-        pose = _chain().map(s.size)(start, relative)[0]
+        at = sections(self.arm, statics, nodes_of(self.scheme, left, s), np.repeat(active, m))
+        march = march_function(statics, self.scheme).map(s.size)
+        pose, _ = march(ca.DM(poses[step].T), at.pull(T), at.data, ca.DM(s - left).T)
         strain = strains_at(self.arm, self.scene, s, active, T)
-        values = ca.Function("dense", [T], [pose, strain])(tensions)
-        return np.array(values[0]).T, np.array(values[1]).T
+        found, strains = ca.Function("dense", [T], [pose, strain])(tensions)
+        at_node = (s == self.mesh.s[step + 1])[:, None]
+        return np.where(at_node, poses[step + 1], np.array(found).T), np.array(strains).T
+
+
+def pull_and_data(
+    arm: Arm, statics: ClosedStatics, s: Array, active: Counts, T: ca.MX
+) -> tuple[ca.MX, ca.DM]:
+    """Return pull (n_pull, N) and data (n_data, N) at arc lengths s (N,), base to tip."""
+    polynomials = PullPolynomials.of(arm, statics)
+    if polynomials is None:
+        at = sections(arm, statics, s, active)
+        return at.pull(T), at.data
+    return polynomials.pull(T, s, active), ca.DM(statics.data(stations(arm, s, active))[0])

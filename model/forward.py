@@ -7,10 +7,14 @@ from typing import Protocol
 
 import casadi as ca
 
+from model.adaptive import CVODES, ERK
 from model.arm import Arm
 from model.closed_form import ClosedForm
+from model.collocation import GAUSS4, GAUSS6
 from model.effects import PrintedStatics
 from model.errors import InputError
+from model.integrator import Integrator
+from model.load_segments import LoadSegments
 from model.loaded import Loaded
 from model.loads import places
 from model.magnus import MAGNUS2, MAGNUS4, MAGNUS6, Magnus
@@ -22,9 +26,9 @@ from model.statics import is_loaded
 from model.stations import Counts
 from model.strain_ode import StrainOde
 
-SCHEMES: dict[str, Magnus | RungeKutta] = {
-    scheme.name: scheme for scheme in (MAGNUS6, RK6, RK8, RK4, MAGNUS4, MAGNUS2)
-}
+# In the order of preference: the first that carries a scene is used, the second checks it.
+_ALL = (MAGNUS6, RK6, RK8, RK4, GAUSS6, MAGNUS4, GAUSS4, MAGNUS2, ERK, CVODES)
+SCHEMES: dict[str, Magnus | Integrator] = {scheme.name: scheme for scheme in _ALL}
 
 
 class ForwardMap(Protocol):
@@ -37,10 +41,11 @@ class ForwardMap(Protocol):
     def __hash__(self) -> int:
         """Return the hash of this object, not of its values."""
 
-    def run(self, tensions: Array, near: Array | None = None) -> Array:
-        """Return the node states (S + 1, 7 or more), poses first, base to tip.
+    def run(self, tensions: Array, near: Array | None = None) -> tuple[Array, Array]:
+        """Return the states (S + 1, 7 or more) at the nodes, poses first, and 1 + q (K,).
 
-        `near` are the starts of the same equilibrium on another mesh; only loaded scenes use them.
+        Nodes from base to tip, 1 + q at the arc lengths `stretch_at`. `near` are the starts of the
+        same equilibrium on another mesh; only loaded scenes use them.
         """
 
     def starts(self, states: Array) -> Array | None:
@@ -48,9 +53,6 @@ class ForwardMap(Protocol):
 
         They are what `run` on another mesh takes as `near`, and what multiple shooting solves for.
         """
-
-    def stretch(self, tensions: Array, states: Array) -> Array:
-        """Return 1 + q (K,) at the arc lengths `stretch_at`."""
 
     def dense(self, tensions: Array, states: Array, s: Array) -> tuple[Array, Array]:
         """Return poses (N, 7) and strains at arc lengths s (N,).
@@ -69,15 +71,19 @@ class ExplicitMap(ForwardMap, Protocol):
     stretch_active: Counts
 
 
+@lru_cache(maxsize=256)
 def schemes_of(scene: Scene) -> tuple[str, ...]:
     """Return the names of the schemes that can carry a scene.
 
-    First the one that is used unless another is named, then the one that checks it.
+    First the one that is used unless another is named, then the one that checks it. With loads
+    only explicit Runge-Kutta schemes, whose derivatives are put together stage by stage; as printed
+    all that integrate strains; otherwise all.
     """
-    steps_only = scene.has(PrintedStatics) or is_loaded(scene)
-    return tuple(
-        name for name, scheme in SCHEMES.items() if isinstance(scheme, RungeKutta) or not steps_only
-    )
+    if is_loaded(scene):
+        return tuple(name for name, scheme in SCHEMES.items() if isinstance(scheme, RungeKutta))
+    if scene.has(PrintedStatics):
+        return tuple(name for name, scheme in SCHEMES.items() if not isinstance(scheme, Magnus))
+    return tuple(SCHEMES)
 
 
 def check_scheme(scene: Scene, scheme: str | None) -> str:
@@ -104,7 +110,8 @@ def loaded_map(
     """Return the forward map of a scene with loads; see forward_map."""
     method = SCHEMES[scheme]
     assert isinstance(method, RungeKutta)
-    return Loaded(arm, scene, graded(arm, refinement, (*at, *places(arm, scene))), method)
+    mesh = graded(arm, refinement, (*at, *places(arm, scene)))
+    return Loaded(LoadSegments(arm, scene, mesh, method))
 
 
 @lru_cache(maxsize=256)
@@ -116,4 +123,4 @@ def explicit_map(
     mesh = graded(arm, refinement, at)
     if isinstance(method, Magnus):
         return ClosedForm(arm, scene, mesh, method)
-    return StrainOde(arm, scene, mesh, method)
+    return StrainOde(arm, scene, mesh, method.refined(refinement))

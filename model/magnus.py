@@ -40,8 +40,12 @@ class Magnus:
 
         `twists` are (kappa, nu) (6,) per unit reference length at the nodes of the step.
         """
-        omega = _EXPANSIONS[self.order](twists, h)
+        omega = self.expansion(twists, h)
         return exponential(omega[:3], omega[3:])
+
+    def expansion(self, twists: list[ca.SX], h: ca.SX) -> ca.SX:
+        """Return (rotation vector, displacement) (6,) whose exponential is the step."""
+        return _EXPANSIONS[self.order](twists, h)
 
 
 def _second(twists: list[ca.SX], h: ca.SX) -> ca.SX:

@@ -28,8 +28,9 @@ from model.closed_form import (
 )
 from model.magnus import Magnus
 from model.mesh import Mesh
-from model.rotations import compose, exponential, inverse, matrix, rotate
+from model.rotations import compose, exponential, matrix, rotate
 from model.scene import Scene
+from model.step_twist import chain_function, step_curvature, step_slopes
 from model.strain_derivatives import block_diagonal, strain_curvature, strain_slopes
 
 
@@ -62,9 +63,11 @@ class PoseDerivatives:
         strains = strain_function(statics).map(s.size)(pull, data)[1:, :]
         slopes = strain_slopes(statics).map(s.size)(strains, pull, data)
         steps, local = _step_slopes(scheme).map(S)(_by_step(strains, S), h)
-        g = ca.horzcat(ca.DM(base_pose(arm)), _chain().mapaccum(S)(ca.DM(base_pose(arm)), steps))
+        g = ca.horzcat(
+            ca.DM(base_pose(arm)), chain_function().mapaccum(S)(ca.DM(base_pose(arm)), steps)
+        )
         D = block_diagonal(slopes, 3, u) @ W
-        seen = block_diagonal(_adjoint().map(S)(g[:, :S]), 6, 6)
+        seen = block_diagonal(adjoint_function().map(S)(g[:, :S]), 6, 6)
         X = seen @ (block_diagonal(local, 6, 3 * m) @ D)
         Y = _sums(X, S)
         twists = ca.vertcat(*(Y[c] for c in columns))
@@ -93,44 +96,31 @@ def _sums(X: ca.MX, S: int) -> list[ca.MX]:
     return total
 
 
-def _moved_step(scheme: Magnus) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
-    """Return strains e (3 m,), their change d, h, the step's pose, and z(d) to second order."""
-    m = len(scheme.nodes)
-    e, d, h = ca.SX.sym("e", 3 * m), ca.SX.sym("d", 3 * m), ca.SX.sym("h")
-    start, end = (
-        scheme.step([twist(ca.vertcat(0, v[3 * i : 3 * i + 3])) for i in range(m)], h)
-        for v in (e, e + d)
-    )
-    g = compose(end, inverse(start))
-    turn = 2 * g[0] * g[1:4]
-    return e, d, h, start, ca.vertcat(turn, g[4:] - ca.cross(turn, g[4:]) / 2)
-
-
 @lru_cache(maxsize=64)
 def _step_slopes(scheme: Magnus) -> ca.Function:
     """Return (strains (3 m,), h) -> pose (7,), slopes (6, 3 m) of its twist against strains."""
-    e, d, h, pose, z = _moved_step(scheme)
-    slope = ca.densify(ca.substitute(ca.jacobian(z, d), d, ca.SX.zeros(d.numel())))
-    return ca.Function("step", [e, h], [pose, slope], {"cse": True})
+    e, twists, h = _step_symbols(scheme)
+    return ca.Function("step", [e, h], step_slopes(scheme, twists, h, e), {"cse": True})
 
 
 @lru_cache(maxsize=64)
 def _step_curvature(scheme: Magnus) -> ca.Function:
     """Return (strains (3 m,), h, covector (6,)) -> second derivative of z, its slope (3 m,)."""
-    e, d, h, _, z = _moved_step(scheme)
-    G, rest = ca.SX.sym("G", 6), ca.SX.zeros(d.numel())
-    found = [ca.substitute(ca.densify(v), d, rest) for v in ca.hessian(ca.dot(G, z), d)]
+    e, twists, h = _step_symbols(scheme)
+    G = ca.SX.sym("G", 6)
+    found = step_curvature(scheme, twists, h, e, G)
     return ca.Function("step_curvature", [e, h, G], found, {"cse": True})
 
 
-@lru_cache(maxsize=8)
-def _chain() -> ca.Function:
-    g, r = ca.SX.sym("g", 7), ca.SX.sym("r", 7)
-    return ca.Function("chain", [g, r], [compose(g, r)])
+def _step_symbols(scheme: Magnus) -> tuple[ca.SX, list[ca.SX], ca.SX]:
+    """Return strains xi, k, q (3 m,) at a step's nodes, the twists they are, h."""
+    m = len(scheme.nodes)
+    e = ca.SX.sym("e", 3 * m)
+    return e, [twist(ca.vertcat(0, e[3 * i : 3 * i + 3])) for i in range(m)], ca.SX.sym("h")
 
 
 @lru_cache(maxsize=8)
-def _adjoint() -> ca.Function:
+def adjoint_function() -> ca.Function:
     """Return pose -> (6, 6), the map of local twists to spatial ones."""
     g = ca.SX.sym("g", 7)
     R = matrix(g[:4])

@@ -6,6 +6,9 @@ A rotation is a quaternion (w, x, y, z); a pose is (7,): the quaternion that tur
 
 from __future__ import annotations
 
+import math
+from functools import lru_cache
+
 import casadi as ca
 import numpy as np
 
@@ -22,6 +25,29 @@ def multiply(p: ca.SX, q: ca.SX) -> ca.SX:
     return ca.vertcat(p[0] * q[0] - ca.dot(v, w), p[0] * w + q[0] * v + ca.cross(v, w))
 
 
+def conjugate(q: ca.SX) -> ca.SX:
+    """Return the quaternion (4,) that turns the other way, as long as q."""
+    return ca.vertcat(q[0], -q[1:])
+
+
+@lru_cache(maxsize=1)
+def turning() -> ca.Function:
+    """Return q -> the changes of q (4, 3) by small turns about the base frame's axes.
+
+    q' = (0, turn) q / 2, per radian.
+    """
+    q = ca.SX.sym("q", 4)
+    columns = [multiply(ca.SX([0, *axis]), q) / 2 for axis in np.eye(3)]
+    return ca.Function("turning", [q], [ca.densify(ca.horzcat(*columns))])
+
+
+@lru_cache(maxsize=1)
+def small_turns() -> ca.Function:
+    """Return q -> the small turns (3, 4) [rad] that changes of q are; undoes turning."""
+    q = ca.SX.sym("q", 4)
+    return ca.Function("small_turns", [q], [4 * turning()(q).T / ca.sumsqr(q)])
+
+
 def rotate(q: ca.SX, v: ca.SX) -> ca.SX:
     """Return v turned by q; q need not be of unit length."""
     twice = 2 * ca.cross(q[1:], v) / ca.sumsqr(q)
@@ -35,7 +61,7 @@ def compose(g: ca.SX, h: ca.SX) -> ca.SX:
 
 def inverse(g: ca.SX) -> ca.SX:
     """Return the pose that undoes g."""
-    back = ca.vertcat(g[0], -g[1:4])
+    back = conjugate(g[:4])
     return ca.vertcat(back / ca.sumsqr(back), -rotate(back, g[4:]))
 
 
@@ -64,10 +90,10 @@ def exponential(w: ca.SX, v: ca.SX) -> ca.SX:
 
 def _series(x: ca.SX, order: int) -> ca.SX:
     """Return sum over k of (-x)^k / (2 k + order)! by Horner's rule, exact for x < 0.01."""
-    total = ca.SX(1)
-    for k in reversed(range(1, _SERIES + 1)):
-        total = 1.0 - x / ((2 * k + order - 1) * (2 * k + order)) * total
-    return total / (6.0 if order == 3 else 1.0)
+    total = ca.SX(0)
+    for k in reversed(range(_SERIES + 1)):
+        total = (-1.0) ** k / math.factorial(2 * k + order) + x * total
+    return total
 
 
 def from_matrix(frame: Array) -> Array:

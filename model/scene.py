@@ -7,10 +7,12 @@ from typing import TypeVar
 
 from model.effects import Effect, ExactTendons, Extension, NeoHookean, PointLoad, PrintedStatics
 from model.errors import InputError
+from model.values import remembers_hash
 
 E = TypeVar("E", bound=Effect)
 
 
+@remembers_hash
 @dataclass(frozen=True, init=False)
 class Scene:
     """What is simulated: nothing but bending, and each effect that is named.

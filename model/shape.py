@@ -79,7 +79,7 @@ class Shape:
         Curvatures are about t, n, b per unit deformed length [1/m], q is the longitudinal strain
         [-]; at an anchorage, those on its base side (the paper's half-open domains).
         """
-        return self._at(s, lambda _, strain: strain[:, :4])
+        return self._at(s, lambda _, strain: strain[:, :4], strains=True)
 
     @cached_property
     def tendon_lengths(self) -> Array:
@@ -90,19 +90,29 @@ class Shape:
         mesh = self._map.mesh
         s = nodes_of(MAGNUS6, mesh.s[:-1], mesh.s[1:])
         weight = (np.diff(mesh.s)[:, None] * np.array(MAGNUS6.weights)).ravel()
-        return tendon_lengths(self.arm, self.scene, s, weight, self._at(s, lambda _, e: e))
+        return tendon_lengths(
+            self.arm, self.scene, s, weight, self._at(s, lambda _, e: e, strains=True)
+        )
 
     @property
     def _map(self) -> ForwardMap:
         return forward_map(self.arm, self.scene, self.scheme, self.refinement)
 
-    def _at(self, s: Any, read: Any) -> Array:
+    def _at(self, s: Any, read: Any, strains: bool = False) -> Array:
         wanted = finite_array("s", np.atleast_1d(s), (None,))
         L = self.arm.length
         if wanted.size and (wanted.min() < 0 or wanted.max() > L * (1 + 1e-12)):
             raise InputError("s", s, f"arc lengths from 0 to {L:g} m")
         if not wanted.size:
             return np.asarray(read(np.ones((0, 7)), np.ones((0, 4))))
-        pose, strain = self._map.dense(self.tensions, self.states, np.minimum(wanted, L))
+        pose, strain = self._read(np.minimum(wanted, L), strains)
         values = np.asarray(read(pose, strain))
         return values[0] if np.ndim(s) == 0 else values
+
+    def _read(self, s: Array, strains: bool) -> tuple[Array, Array]:
+        """Return poses and strains at s; poses alone where all of s are nodes of the mesh."""
+        nodes = self._map.mesh.s
+        near = np.minimum(np.searchsorted(nodes, s), nodes.size - 1)
+        if not strains and np.array_equal(nodes[near], s):
+            return self.states[near, :7], np.zeros((s.size, 4))
+        return self._map.dense(self.tensions, self.states, s)

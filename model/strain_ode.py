@@ -1,8 +1,8 @@
 """The paper's way: strains and pose integrated together from the tip to the base.
 
-One shooting map per anchorage segment, by Runge-Kutta, and a jump of the strains between them. The
-derivative form carries an error made at the tip to the base multiplied by D(tip) / D(base), which
-for a tapered arm is small; from base to tip it would grow by the inverse.
+One shooting map per anchorage segment, by any integrator of model.integrator, and a jump of the
+strains between them. The derivative form carries an error made at the tip to the base multiplied by
+D(tip) / D(base), which for a tapered arm is small; from base to tip it would grow by the inverse.
 """
 
 from __future__ import annotations
@@ -13,77 +13,52 @@ import casadi as ca
 import numpy as np
 
 from model.arm import Arm
-from model.closed_form import base_pose, full_strain, sections
+from model.closed_form import base_pose, sections
+from model.errors import NotSettledError
+from model.integrator import Integrator
 from model.mesh import Mesh
 from model.paths import Array
-from model.rotations import IDENTITY, compose, inverse, multiply, rotate
-from model.runge_kutta import RungeKutta
+from model.rotations import IDENTITY, compose, inverse
 from model.scene import Scene
 from model.segment import Segment
 from model.statics import Statics, statics_of
-from model.statics.base import curvature
 from model.stations import Counts
+from model.strain_equations import (
+    full_strains,
+    jump_function,
+    section_numbers,
+    slope_function,
+    state_scale,
+)
 
 
 @lru_cache(maxsize=64)
-def step_function(statics: Statics, scheme: RungeKutta) -> ca.Function:
-    """Return (x, pulls, pull rates, data, data rates, h) -> x across one step.
-
-    The state x is the pose (7,) and the strains; the other arguments have a column for each
-    distinct node of the scheme.
-    """
-    nodes = sorted(set(scheme.nodes))
-    m, n = len(nodes), len(statics.names)
-    x, h = ca.SX.sym("x", 7 + n), ca.SX.sym("h")
-    pull, pull_rate = (ca.SX.sym(name, statics.n_pull, m) for name in ("pull", "pull_rate"))
-    data, data_rate = (ca.SX.sym(name, statics.n_data, m) for name in ("data", "data_rate"))
-    slope = _slope(statics)
-
-    def rate(stage: int, x: ca.SX) -> ca.SX:
-        i = nodes.index(scheme.nodes[stage])
-        return slope(x, pull[:, i], data[:, i], pull_rate[:, i], data_rate[:, i])
-
-    args = [x, pull, pull_rate, data, data_rate, h]
-    return ca.Function("step", args, [scheme.step(rate, x, h)], {"cse": True})
+def step_function(statics: Statics, scheme: Integrator, length: float) -> ca.Function:
+    """Return (x, numbers d at the scheme's samples, h) -> x across one step of an arm's length."""
+    return scheme.stepper(slope_function(statics), state_scale(statics, length))
 
 
-@lru_cache(maxsize=64)
-def _slope(statics: Statics) -> ca.Function:
-    """Return (x, pull, data, pull rate, data rate) -> derivative of x along s."""
-    x = ca.SX.sym("x", 7 + len(statics.names))
-    pull, pull_rate = (ca.SX.sym(name, statics.n_pull) for name in ("pull", "pull_rate"))
-    data, data_rate = (ca.SX.sym(name, statics.n_data) for name in ("data", "data_rate"))
-    strain_rate = statics.rate(x[7:], pull, data, pull_rate, data_rate)
-    slope = ca.vertcat(pose_rate(statics, x, pull, data), strain_rate)
-    return ca.Function("slope", [x, pull, data, pull_rate, data_rate], [slope], {"cse": True})
-
-
-def pose_rate(statics: Statics, x: ca.SX, pull: ca.SX, data: ca.SX) -> ca.SX:
-    """Return the derivative (7,) of the pose along s, eq. (1)."""
-    stretch = 1 + statics.stretch(x[7:], pull, data)
-    kappa = stretch * curvature(statics.names, x[7:])
-    turn = multiply(x[:4], ca.vertcat(0, kappa)) / 2
-    return ca.vertcat(turn, rotate(x[:4], ca.vertcat(stretch, 0, 0)))
-
-
-@lru_cache(maxsize=64)
-def jump_function(statics: Statics) -> ca.Function:
-    """Return (strain on the tip side, outer pull, inner pull, data) -> strain on the base side."""
-    strain = ca.SX.sym("strain", len(statics.names))
-    outer, inner = (ca.SX.sym(name, statics.n_pull) for name in ("outer", "inner"))
-    data = ca.SX.sym("data", statics.n_data)
-    jump = statics.jump(strain, outer, inner, data)
-    return ca.Function("jump", [strain, outer, inner, data], [jump], {"cse": True})
+def step_numbers(
+    arm: Arm,
+    statics: Statics,
+    scheme: Integrator,
+    start: Array,
+    h: Array,
+    active: Counts,
+    T: ca.MX,
+) -> ca.MX:
+    """Return d (n_d, m N) at the scheme's samples in N steps from start by h."""
+    s = (start[:, None] + h[:, None] * np.array(scheme.samples)).ravel()
+    return section_numbers(arm, statics, s, np.repeat(active, len(scheme.samples)), T)
 
 
 class StrainSegments:
     """The segments of a scene without loads: x is the pose, then the strains; p the tensions."""
 
-    def __init__(self, arm: Arm, scene: Scene, mesh: Mesh, scheme: RungeKutta) -> None:
+    def __init__(self, arm: Arm, scene: Scene, mesh: Mesh, scheme: Integrator) -> None:
         self.arm, self.scene, self.mesh, self.scheme = arm, scene, mesh, scheme
         self.statics = statics_of(scene, arm)
-        L, n = arm.length, len(self.statics.names)
-        self.scale = np.array([1.0] * 4 + [L] * 3 + [1 / L] * n)
+        self.scale = state_scale(self.statics, arm.length)
         self.segments: list[Segment] = []
         outer = 0
         for active in np.unique(mesh.active):
@@ -131,25 +106,10 @@ class StrainSegments:
         T, x = ca.MX.sym("T", self.arm.n_tendons), ca.MX.sym("x", self.scale.size)
         h = np.diff(nodes)
         counts = np.full(h.size, active)
-        data = _node_data(self.arm, self.statics, self.scheme, nodes[:-1], h, counts, T)
-        states = step_function(self.statics, self.scheme).mapaccum(h.size)(x, *data, ca.DM(h).T)
+        d = step_numbers(self.arm, self.statics, self.scheme, nodes[:-1], h, counts, T)
+        step = step_function(self.statics, self.scheme, self.arm.length)
+        states = step.mapaccum(h.size)(x, d, ca.DM(h).T)
         return ca.Function("segment", [x, T], [states])
-
-
-def _node_data(
-    arm: Arm,
-    statics: Statics,
-    scheme: RungeKutta,
-    start: Array,
-    h: Array,
-    active: Counts,
-    T: ca.MX,
-) -> tuple[ca.MX | ca.DM, ...]:
-    """Return pulls, pull rates, data and data rates at the nodes of steps from start by h."""
-    c = np.array(sorted(set(scheme.nodes)))
-    s = (start[:, None] + h[:, None] * c).ravel()
-    at = sections(arm, statics, s, np.repeat(active, c.size))
-    return at.pull(T), at.pull_rate(T), at.data, at.data_rate
 
 
 class StrainOde:
@@ -163,7 +123,7 @@ class StrainOde:
         each node (n, S + 1).
     """
 
-    def __init__(self, arm: Arm, scene: Scene, mesh: Mesh, scheme: RungeKutta) -> None:
+    def __init__(self, arm: Arm, scene: Scene, mesh: Mesh, scheme: Integrator) -> None:
         self.arm, self.scene, self.mesh, self.scheme = arm, scene, mesh, scheme
         self.order = scheme.order
         T = ca.MX.sym("T", arm.n_tendons)
@@ -192,19 +152,24 @@ class StrainOde:
         anchor = ca.Function("anchor", [first, here], [pose])
         return anchor.map(states.shape[1])(states[:7, 0], states[:7, :])
 
-    def run(self, tensions: Array, near: Array | None = None) -> Array:
-        """Return poses and strains (S + 1, 7 + n) at the nodes for tensions (n_tendons,)."""
-        poses, _, strains = self.function(tensions)
-        return np.array(ca.vertcat(poses, strains)).T
+    def run(self, tensions: Array, near: Array | None = None) -> tuple[Array, Array]:
+        """See ForwardMap.run: poses and strains (S + 1, 7 + n), and 1 + q (K,).
+
+        Raises NotSettledError where the scheme fails on a step.
+        """
+        try:
+            poses, stretch, strains = self.function(tensions)
+        except RuntimeError as error:
+            remedy = "ask for less accuracy, lower the tensions, or name another scheme"
+            raise NotSettledError(
+                0.0, np.inf, f"{self.scheme.name} failed on a step: {remedy}"
+            ) from error
+        return np.array(ca.vertcat(poses, strains)).T, np.array(stretch).ravel()
 
     def starts(self, states: Array) -> Array:
         """See ForwardMap.starts."""
         nodes = [segment.nodes[0] for segment in self.system.segments]
         return states[[self.mesh.node(s) for s in nodes]].T
-
-    def stretch(self, tensions: Array, states: Array) -> Array:
-        """See ForwardMap.stretch."""
-        return np.array(self.function(tensions)[1]).ravel()
 
     def dense(self, tensions: Array, states: Array, s: Array) -> tuple[Array, Array]:
         """Return poses (N, 7) and strains (N, 4) at arc lengths s, a step from the nodes above."""
@@ -212,26 +177,9 @@ class StrainOde:
         active, start = self.mesh.active[step], self.mesh.s[step + 1]
         T = ca.MX.sym("T", self.arm.n_tendons)
         statics = statics_of(self.scene, self.arm)
-        data = _node_data(self.arm, statics, self.scheme, start, s - start, active, T)
-        across = step_function(statics, self.scheme).map(s.size)
-        x = across(ca.DM(states[step + 1].T), *data, ca.DM(s - start).T)
+        d = step_numbers(self.arm, statics, self.scheme, start, s - start, active, T)
+        across = step_function(statics, self.scheme, self.arm.length).map(s.size)
+        x = across(ca.DM(states[step + 1].T), d, ca.DM(s - start).T)
         strains = full_strains(self.arm, self.scene, s, active, x[7:, :], T)
         values = ca.Function("dense", [T], [x[:7, :], strains])(tensions)
         return np.array(values[0]).T, np.array(values[1]).T
-
-
-def full_strains(
-    arm: Arm, scene: Scene, s: Array, active: Counts, strains: ca.MX, T: ca.MX
-) -> ca.MX:
-    """Return (tau, xi, k, q) (4, N) at stations s from the strains that are states there (n, N)."""
-    statics = statics_of(scene, arm)
-    at = sections(arm, statics, s, active)
-    return _full_strain_function(statics).map(s.size)(strains, at.pull(T), at.data)
-
-
-@lru_cache(maxsize=64)
-def _full_strain_function(statics: Statics) -> ca.Function:
-    strain = ca.SX.sym("strain", len(statics.names))
-    pull, data = ca.SX.sym("pull", statics.n_pull), ca.SX.sym("data", statics.n_data)
-    full = full_strain(statics, strain, pull, data)
-    return ca.Function("full_strain", [strain, pull, data], [full])

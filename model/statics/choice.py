@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 from model.arm import Arm
@@ -28,6 +29,7 @@ from model.stations import sides
 _LOADS = (Current, Friction, PointLoad, Shear, TipLoad, Weight)
 
 
+@lru_cache(maxsize=256)
 def is_loaded(scene: Scene) -> bool:
     """Return whether a scene has effects that couple sections, or turn them about t.
 

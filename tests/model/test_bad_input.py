@@ -35,7 +35,7 @@ REFUSED: dict[str, tuple[Callable[[], object], str, str]] = {
     "scheme of another scene": (
         lambda: settle(ARM, REST, Scene.as_printed(), scheme="magnus6"),
         "scheme",
-        "rk6, rk8, rk4 in this scene",
+        "rk6, rk8, rk4, gauss6, gauss4, erk, cvodes in this scene",
     ),
     "place before the base": (lambda: settle(ARM, REST).position(-1e-3), "s", "from 0 to 0.31 m"),
     "place beyond the tip": (lambda: settle(ARM, REST).frame([0, 0.32]), "s", "from 0 to 0.31 m"),

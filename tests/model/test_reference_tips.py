@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from model import Arm, NotSettledError, Scene, settle
-from model.effects import Extension
+from model.effects import ExactTendons, Extension
 from model.forward import schemes_of
 
 CASES = json.loads((Path(__file__).parents[1] / "data" / "reference_cases.json").read_text())
@@ -18,6 +18,8 @@ SCENES = {
     "as_printed": Scene.as_printed(),
     "paper": Scene(Extension()),
     "paper_no_extension": Scene(),
+    "exact": Scene(Extension(), ExactTendons()),
+    "exact_no_extension": Scene(ExactTendons()),
 }
 EACH = [
     pytest.param(case, key, scheme, id=f"{case['name']}-{key}-{scheme}")

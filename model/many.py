@@ -1,0 +1,180 @@
+"""Settle many sets of tensions at once: their tips, without the overhead of a call for each."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, Literal
+
+import casadi as ca
+import numpy as np
+
+from model.arm import Arm
+from model.batch import Batch
+from model.checks import finite_array
+from model.closed_form import ClosedForm, closed_statics
+from model.compiled import CompilerError, compiled
+from model.errors import InputError, NotSettledError
+from model.forward import SCHEMES, check_scheme, explicit_map
+from model.ladder import checked_accuracy, estimate, first_pair, next_refinement
+from model.paths import Array
+from model.pulls import PullPolynomials
+from model.rotations import matrices
+from model.scene import Scene
+from model.settle import ACCURACY, check_stretch, checked_scene, settle
+from model.statics import is_loaded
+
+
+@dataclass(frozen=True, eq=False)
+class Shapes:
+    """The tips of many settled shapes.
+
+    Attributes
+    ----------
+    tip : (m, 3)
+        [m].
+    tip_frame : (m, 3, 3)
+        Columns t, n, b.
+    error : (m,)
+        Estimated tip error over arm length [-].
+    """
+
+    tip: Array
+    tip_frame: Array
+    error: Array
+
+
+def settle_many(
+    arm: Arm,
+    tensions: Any,
+    scene: Scene | None = None,
+    accuracy: float = ACCURACY,
+    compile: bool | Literal["try"] = False,  # noqa: A002  (the name that scripts use)
+) -> Shapes:
+    """Return the tips for many sets of tensions (m, n_sections, n) or (m, n_tendons) [N].
+
+    As settle; only those that a mesh does not settle to the accuracy go on to a finer one. With
+    `compile` the C compiler of the machine is used: the same digits, sooner for many sets; "try"
+    goes on without, and warns, where that fails.
+
+    Raises
+    ------
+    InputError, CollapsedError, NotSettledError, SnapError
+        As settle does, naming the set.
+    CompilerError
+        If there is no compiler, or it fails.
+    """
+    scene = checked_scene(arm, scene)
+    T = _stack(arm, tensions)
+    accuracy = checked_accuracy(accuracy)
+    if not (isinstance(compile, bool) or compile == "try"):
+        raise InputError("compile", compile, 'True, False or "try"')
+    if is_loaded(scene):
+        return _one_by_one(arm, T, scene, accuracy, compile is True)
+    try:
+        return _Many(arm, T, scene, accuracy, bool(compile)).shapes()
+    except CompilerError as error:
+        if compile is True:
+            raise
+        warnings.warn(str(error), RuntimeWarning, stacklevel=2)
+        return _Many(arm, T, scene, accuracy, False).shapes()
+
+
+class _Many:
+    """Sets of tensions on their way to the accuracy, each on the mesh that it wants next."""
+
+    def __init__(
+        self, arm: Arm, T: Array, scene: Scene, accuracy: float, machine_code: bool
+    ) -> None:
+        self.arm, self.T, self.scene, self.accuracy = arm, T, scene, accuracy
+        self.machine_code, self.scheme = machine_code, check_scheme(scene, None)
+        self.order = SCHEMES[self.scheme].order
+        self.coarse, self.fine = first_pair(accuracy, self.order)
+        self.poses, self.errors = np.zeros((len(T), 7)), np.full(len(T), np.inf)
+        self.last, self.wanted = np.zeros(len(T), int), np.full(len(T), self.coarse)
+
+    def shapes(self) -> Shapes:
+        left = np.arange(len(self.T))
+        while left.size:
+            refinement = int(self.wanted[left].min())
+            self._step(left[self.wanted[left] == refinement], refinement)
+            left = left[~(self.errors[left] <= self.accuracy)]
+        return Shapes(self.poses[:, 4:], matrices(self.poses[:, :4]), self.errors)
+
+    def _step(self, now: Any, refinement: int) -> None:
+        """Settle the sets `now` on a mesh, and say which they want next."""
+        found, least = _tips(self.arm, self.scene, self.scheme, refinement)(
+            self.T[now].T, self.machine_code
+        )
+        if refinement == self.coarse:
+            self.wanted[now] = self.fine
+        else:
+            gap = np.linalg.norm(found[4:].T - self.poses[now, 4:], axis=1) / self.arm.length
+            self.errors[now] = estimate(gap, self.last[now], refinement, self.order)
+        self.poses[now], self.last[now] = found.T, refinement
+        settled = self.errors[now] <= self.accuracy
+        for i in now[settled & ~(least > 0)]:
+            self._refuse_collapsed(int(i), refinement)
+        if refinement != self.coarse:
+            self._choose(now[~settled], refinement)
+
+    def _choose(self, now: Any, refinement: int) -> None:
+        self.wanted[now] = [
+            next_refinement(refinement, error, self.accuracy, self.order)
+            for error in self.errors[now].tolist()
+        ]
+        for i in now[self.wanted[now] == 0]:
+            self._refuse_collapsed(int(i), refinement)
+            remedy = f"ask for less accuracy, or look at set {i}"
+            raise NotSettledError(self.accuracy, float(self.errors[i]), remedy)
+
+    def _refuse_collapsed(self, i: int, refinement: int) -> None:
+        forward = explicit_map(self.arm, self.scene, self.scheme, refinement)
+        check_stretch(forward, forward.run(self.T[i])[1], f"tensions[{i}]")
+
+
+@lru_cache(maxsize=64)
+def _tips(arm: Arm, scene: Scene, scheme: str, refinement: int) -> Any:
+    """Return (tensions (n_tendons, M), whether by machine code) -> tip poses (7, M), least 1 + q.
+
+    By tables of steps where strains are in closed form and offsets linear, else by CasADi.
+    """
+    forward = explicit_map(arm, scene, scheme, refinement)
+    if isinstance(forward, ClosedForm):
+        polynomials = PullPolynomials.of(arm, closed_statics(scene, arm))
+        if polynomials is not None:
+            return Batch(forward, polynomials).tips
+    T = ca.MX.sym("T", arm.n_tendons)
+    poses, stretch = forward.function(T)[:2]
+    function = ca.Function("tips", [T], [poses[:, -1], ca.mmin(stretch)])
+
+    def tips(tensions: Array, machine_code: bool) -> tuple[Array, Array]:
+        found, least = (compiled(function) if machine_code else function)(tensions)
+        return np.array(found), np.array(least)[0]
+
+    return tips
+
+
+def _one_by_one(arm: Arm, T: Array, scene: Scene, accuracy: float, machine_code: bool) -> Shapes:
+    if machine_code:
+        raise InputError("compile", True, "False in a scene with loads, whose maps are implicit")
+    shapes = [settle(arm, row, scene, accuracy) for row in T]
+    return Shapes(
+        np.array([shape.tip for shape in shapes]).reshape(-1, 3),
+        np.array([shape.tip_frame for shape in shapes]).reshape(-1, 3, 3),
+        np.array([shape.error for shape in shapes]),
+    )
+
+
+def _stack(arm: Arm, tensions: Any) -> Array:
+    if not hasattr(tensions, "__len__"):
+        raise InputError("tensions", tensions, "a set of tensions for each shape to settle")
+    if isinstance(tensions, np.ndarray) and tensions.dtype == float and len(tensions):
+        shapes = ((arm.n_tendons,), arm.by_section(np.zeros(arm.n_tendons)).shape)
+        if tensions.shape[1:] in shapes and np.all((tensions >= 0) & (tensions < np.inf)):
+            return tensions.reshape(len(tensions), -1)
+    rows = list(tensions)
+    if not rows:
+        return finite_array("tensions", np.zeros((0, arm.n_tendons)), (None, arm.n_tendons))
+    return np.array([arm.flat(row, f"tensions[{i}]") for i, row in enumerate(rows)])

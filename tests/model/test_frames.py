@@ -1,0 +1,77 @@
+"""Frames are orthonormal by every scheme, and what quaternions drift from unit length is small."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from model import Arm, Scene, settle
+from model.effects import ExactTendons, Extension
+from model.forward import forward_map, schemes_of
+from tests.oracles import Array
+
+SCENES = {
+    "bare": Scene(),
+    "extension": Scene(Extension()),
+    "as_printed": Scene.as_printed(),
+    "exact": Scene(Extension(), ExactTendons()),
+    "silicone": Scene.silicone(),
+}
+TENSIONS = np.array([0, 0.1, 0.2, 0, 1, 0, 0, 0.5, 0, 0, 2, 1])
+ARM = Arm.from_paper("table-4")
+EACH = [
+    pytest.param(scene, scheme, id=f"{key}-{scheme}")
+    for key, scene in SCENES.items()
+    for scheme in schemes_of(scene)
+]
+# Exponentials are rotations, and Gauss collocation keeps the length of a quaternion.
+UNIT = ("magnus2", "magnus4", "magnus6", "gauss4", "gauss6")
+EXPLICIT = {"rk4": (4, 8, 16), "rk6": (4, 8, 16), "rk8": (4, 8), "erk": (2, 4, 8), "cvodes": (1, 2)}
+
+
+def drift(scheme: str, refinement: int) -> float:
+    """Return by how much the longest quaternion differs from 1."""
+    states = forward_map(ARM, SCENES["extension"], scheme, refinement).run(TENSIONS)[0]
+    return float(np.abs(np.linalg.norm(states[:, :4], axis=1) - 1).max())
+
+
+def gap(frames: Array) -> float:
+    """Return how far frames (N, 3, 3) are from right-handed orthonormal ones."""
+    skew = np.abs(np.swapaxes(frames, 1, 2) @ frames - np.eye(3)).max()
+    return float(max(skew, np.abs(np.linalg.det(frames) - 1).max()))
+
+
+@pytest.mark.parametrize(("scene", "scheme"), EACH)
+def test_frames_are_orthonormal_at_coarse_accuracy(scene: Scene, scheme: str) -> None:
+    shape = settle(ARM, TENSIONS, scene, 1e-2, scheme)
+    assert gap(shape.tip_frame[None]) <= 1e-13
+    assert gap(shape.frame(np.linspace(0, ARM.length, 37))) <= 1e-13
+
+
+@pytest.mark.parametrize("scheme", UNIT)
+@pytest.mark.parametrize("refinement", [1, 16])
+def test_lie_group_and_gauss_schemes_keep_quaternions_at_unit_length(
+    scheme: str, refinement: int
+) -> None:
+    assert drift(scheme, refinement) <= 1e-14
+
+
+@pytest.mark.parametrize("scheme", EXPLICIT)
+def test_the_drift_that_the_projection_takes_away_falls_at_the_order(scheme: str) -> None:
+    drifts = np.array([drift(scheme, refinement) for refinement in EXPLICIT[scheme]])
+    order = forward_map(ARM, SCENES["extension"], scheme, 1).order
+    assert drifts.min() > 1e-13
+    assert np.all(np.log2(drifts[:-1] / drifts[1:]) > order - 0.3)
+
+
+def test_every_scheme_either_keeps_the_length_or_is_projected() -> None:
+    assert {*UNIT, *EXPLICIT} == set(schemes_of(SCENES["extension"]))
+
+
+@pytest.mark.parametrize("scheme", EXPLICIT)
+def test_position_does_not_feel_the_length_of_the_quaternion(scheme: str) -> None:
+    shape = settle(ARM, TENSIONS, SCENES["extension"], 1e-2, scheme)
+    s = np.linspace(0, ARM.length, 400)
+    run = np.linalg.norm(np.diff(shape.position(s), axis=0), axis=1).sum()
+    stretch = 1 + shape.strain(s)[:, 3]
+    assert run == pytest.approx(np.trapezoid(stretch, s), rel=1e-3)
