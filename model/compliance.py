@@ -18,6 +18,7 @@ import casadi as ca
 import numpy as np
 
 from model.arm import Arm
+from model.buffered import Buffered
 from model.closed_form import (
     base_pose,
     closed_statics,
@@ -28,11 +29,12 @@ from model.closed_form import (
 )
 from model.magnus import MAGNUS6, Magnus
 from model.mesh import Mesh, graded
-from model.rotations import compose, inverse, matrix
+from model.rotations import matrix
 from model.scene import Scene
 from model.statics import LoadedStatics, loaded_statics_of
 from model.statics.algebra import solve_symmetric
 from model.stations import crossing, stations
+from model.step_twist import chain_function, step_slopes
 from model.strain_derivatives import block_diagonal
 
 
@@ -44,6 +46,8 @@ class ClosedCompliance:
     function : casadi.Function
         tensions (n,) -> compliance (6, 6), pose per tension (6, n), and with `lengths`, lengths
         (n,), lengths per wrench (n, 6), lengths per tension (n, n); see model.sensitivity.Answers.
+    call : Buffered
+        The same for numbers.
     """
 
     def __init__(
@@ -58,13 +62,14 @@ class ClosedCompliance:
         T, inside = ca.MX.sym("T", n), sections(arm, closed, s, active)
         strains = strain_function(closed).map(s.size)(inside.pull(T), inside.data)
         own = sections(arm, statics, s, active)
-        S, S_u = _section(statics).map(s.size)(strains, own.pull(T), own.data)
+        S, S_u = section_function(statics).map(s.size)(strains, own.pull(T), own.data)
         S_T = block_diagonal(S_u, 6, statics.n_pull) @ own.map
 
         h = ca.DM(np.diff(mesh.s)).T
         twists = _twist().map(s.size)(strains)
         poses, slopes = _step(scheme).map(mesh.steps)(ca.reshape(twists, 6 * m, -1), h)
-        g = ca.horzcat(ca.DM(base_pose(arm)), _chain().mapaccum(mesh.steps)(base_pose(arm), poses))
+        chain = chain_function().mapaccum(mesh.steps)
+        g = ca.horzcat(ca.DM(base_pose(arm)), chain(base_pose(arm), poses))
         seen = _from_base().map(steps)(g[:, :steps], ca.repmat(g[4:, steps], 1, steps))
         J = _products(seen, slopes[:, : 6 * m * steps], steps, m)
         k = 6 * m * steps
@@ -82,6 +87,7 @@ class ClosedCompliance:
             drawn = counted[:, :k] @ (block_diagonal(S, 6, 6)[:k, :k] @ J.T)
             outputs += [(speed * crosses) @ w.T, drawn, spread @ S_T]
         self.function = ca.Function("compliance", [T], [ca.densify(v) for v in outputs])
+        self.call = Buffered(self.function)
 
 
 @lru_cache(maxsize=64)
@@ -105,7 +111,7 @@ def _products(seen: ca.MX, slopes: ca.MX, steps: int, m: int) -> ca.MX:
 
 
 @lru_cache(maxsize=64)
-def _section(statics: LoadedStatics) -> ca.Function:
+def section_function(statics: LoadedStatics) -> ca.Function:
     """Return (tau, xi, k, q; pull; data) -> slopes of z against the wrench (6, 6) and the pull."""
     e, v, F = ca.SX.sym("e", 4), ca.SX.sym("v", statics.size), ca.SX.sym("F", 3)
     pull, data = ca.SX.sym("pull", statics.n_pull), ca.SX.sym("data", statics.n_data)
@@ -153,20 +159,8 @@ def _kappa_nu(e: ca.SX) -> tuple[ca.SX, ca.SX]:
 @lru_cache(maxsize=64)
 def _step(scheme: Magnus) -> ca.Function:
     """Return (twists (6 m,), h) -> pose (7,) of a step, slopes (6, 6 m) of its local twist."""
-    m = len(scheme.nodes)
-    z, d, h = ca.SX.sym("z", 6 * m), ca.SX.sym("d", 6 * m), ca.SX.sym("h")
-    start, end = (scheme.step([v[6 * i : 6 * i + 6] for i in range(m)], h) for v in (z, z + d))
-    g = compose(end, inverse(start))
-    turn = 2 * g[0] * g[1:4]
-    moved = ca.vertcat(turn, g[4:] - ca.cross(turn, g[4:]) / 2)
-    slope = ca.densify(ca.substitute(ca.jacobian(moved, d), d, ca.SX.zeros(d.numel())))
-    return ca.Function("step", [z, h], [start, slope], {"cse": True})
-
-
-@lru_cache(maxsize=8)
-def _chain() -> ca.Function:
-    g, r = ca.SX.sym("g", 7), ca.SX.sym("r", 7)
-    return ca.Function("chain", [g, r], [compose(g, r)])
+    z, h = ca.SX.sym("z", 6 * len(scheme.nodes)), ca.SX.sym("h")
+    return ca.Function("step", [z, h], step_slopes(scheme, ca.vertsplit(z, 6), h, z), {"cse": True})
 
 
 @lru_cache(maxsize=8)

@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 
 from model.errors import SnapError
+from model.jacobi import Jacobi
 from model.lifting import Lifting
 from model.load_segments import LoadSegments
 from model.paths import Array
@@ -15,8 +16,10 @@ _SETTLED = 1e-10
 _CONTRACTION = 0.25
 _TURN, _NEAR = 0.25, 0.02
 _SMALL = 1e-3
-_LEAST_STEP = 1 / 8192
+# The least step in the loads over the share of them that acts; before the first, over a millionth.
+_LEAST_STEP, _FIRST = 1 / 8192, 1e-6
 _FOLLOWED = 0.6
+_SNAPS = "it snaps or folds"
 
 
 class LoadedEquilibrium:
@@ -26,8 +29,8 @@ class LoadedEquilibrium:
     ----------
     step : casadi.Function
         states X (n_x, segments) in SI units, p -> change of X by a Newton step.
-    turns : casadi.Function
-        states X, p -> see Lifting.turns.
+    jacobi : Jacobi
+        Tells what has lost its stability.
     frames : casadi.Function
         states X, p -> quaternions (4, N) at the tip and at all further nodes.
     """
@@ -37,8 +40,9 @@ class LoadedEquilibrium:
         X = ca.MX.sym("X", system.scale.size, len(system.segments))
         p = ca.MX.sym("p", system.n_p)
         lifting = Lifting(system)
-        self.step = ca.Function("step", [X, p], [ca.horzcat(*lifting.solve(X, p)[0])])
-        self.turns = ca.Function("turns", [X, p], [lifting.turns(X, p)])
+        crossings = lifting.sweep(X, p)
+        self.step = ca.Function("step", [X, p], [ca.horzcat(*lifting.solve(crossings, p)[0])])
+        self.jacobi = Jacobi(lifting, crossings, X, p)
         paths = [segment.map(X[:, i], p)[:4, :] for i, segment in enumerate(system.segments)]
         self.frames = ca.Function("frames", [X, p], [ca.horzcat(X[:4, 0], *paths)])
 
@@ -65,9 +69,8 @@ class LoadedEquilibrium:
     ) -> tuple[Array, float, str]:
         """Follow the branch that begins at the states X without loads, up to a share of them.
 
-        A step in the loads is taken if Newton's method contracts from the start and no frame turns
-        far, and halved if not, or if the equilibrium it leads to has lost its stability; the end
-        is where steps are down to `least`.
+        A step in the loads is halved where there is nothing that it leads to; the end is where it
+        is down to `least` of the share that is reached.
 
         Returns
         -------
@@ -76,20 +79,29 @@ class LoadedEquilibrium:
         """
         share, step, why = 0.0, min(1.0, most), ""
         frames = self._frames(X, self.system.p(tensions, share))
-        while share < most and step >= least:
+        while share < most and step >= least * max(share, _FIRST):
             trial = min(most, share + step)
-            p = self.system.p(tensions, trial)
-            found, why = self._newton(X, p), "it snaps or folds"
-            if found is not None:
-                moved = self._frames(found, p)
-                if not _is_near(frames, moved):
-                    found = None
-                elif self.is_past_critical(found, p):
-                    found, why = None, "it buckles"
-                else:
-                    X, frames, share, step = found, moved, trial, 2 * step
-            step = step / 2 if found is None else step
+            found, why = self._next(X, frames, self.system.p(tensions, trial))
+            if found is None:
+                step = step / 2
+            else:
+                (X, frames), share, step = found, trial, 2 * step
         return X, share, why
+
+    def _next(self, X: Array, frames: Array, p: Array) -> tuple[tuple[Array, Array] | None, str]:
+        """Return the states and frames that a step in the loads leads to, or why there are none.
+
+        Newton's method has to contract from the start, no frame to turn far, and the equilibrium
+        to have kept its stability.
+        """
+        found = self._newton(X, p)
+        if found is None:
+            return None, _SNAPS
+        moved = self._frames(found, p)
+        if not _is_near(frames, moved):
+            return None, _SNAPS
+        why = self.jacobi.lost(found, p)
+        return (None if why else (found, moved)), why
 
     def _frames(self, X: Array, p: Array) -> Array:
         """Return the quaternions (4, N) at all nodes of all segments."""
@@ -102,22 +114,17 @@ class LoadedEquilibrium:
         That keeps to the branch that X is on. The last step need not be seen to vanish: it shrinks
         quadratically.
         """
-        last: float | None = None
+        last = 0.0
         for _ in range(_STEPS):
             change = self._change(X, p)
             if change is None:
                 return None
             X = X + change
             size = self._size(change, X)
-            if last is None:
-                if np.abs(change[:4]).max() > farthest:
-                    return None
-                shrinks = 1.0
-            else:
-                shrinks = size / last
-                if shrinks > _CONTRACTION and size > _SMALL:
-                    return None
-            if size * min(shrinks, 1.0) < _SETTLED:
+            shrinks = size <= max(_CONTRACTION * last, _SMALL)
+            if not (shrinks if last else np.abs(change[:4]).max() <= farthest):
+                return None
+            if size < _SETTLED or size**2 < _SETTLED * last:
                 return self._placed(X, p)
             last = size
         return None
@@ -144,23 +151,6 @@ class LoadedEquilibrium:
         X[4:7] += (np.array(self.system.base[4:7]).ravel() - end[4:7])[:, None]
         X[:4] /= np.linalg.norm(end[:4])
         return X
-
-    def is_past_critical(self, X: Array, p: Array) -> bool:
-        """Return whether an equilibrium has lost its stability.
-
-        Where a turn is singular between two nodes, the map from one node's turn to the next has an
-        eigenvalue on the negative side, once for each direction that turns over.
-        """
-        try:
-            found = np.array(self.turns(X, p))
-        except RuntimeError:  # a singular matrix, in CasADi's words
-            return True
-        turns = np.moveaxis(found.reshape(3, -1, 3), 1, 0)
-        before = np.concatenate([np.eye(3)[None], turns[:-1]])
-        if not np.all(np.isfinite(turns)):
-            return True
-        steps = turns @ np.linalg.pinv(before)
-        return bool(np.linalg.eigvals(steps).real.min() < 0)
 
 
 def _is_near(before: Array, after: Array) -> bool:

@@ -5,16 +5,13 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from model.arm import Arm
 from model.closed_form import ClosedForm
 from model.continuation import LoadedEquilibrium
 from model.effects import ExactTendons, Extension, NeoHookean
-from model.load_equations import load_step, state_reader, strain_reader
+from model.load_functions import load_step, state_reader, strain_reader
 from model.load_segments import LoadSegments
 from model.magnus import MAGNUS6
-from model.mesh import Mesh
 from model.paths import Array
-from model.runge_kutta import RungeKutta
 from model.scene import Scene
 from model.shooting import Shooting
 
@@ -26,28 +23,14 @@ def unloaded(scene: Scene) -> Scene:
 
 
 class Loaded:
-    """See ForwardMap; its states are those of model.load_equations.
+    """See ForwardMap; its states are those of model.load_state."""
 
-    With a `probe` a small force and moment can act there, and with `lengths` those of the tendons
-    are states: what stiffness asks for.
-    """
-
-    def __init__(
-        self,
-        arm: Arm,
-        scene: Scene,
-        mesh: Mesh,
-        scheme: RungeKutta,
-        probe: float | None = None,
-        lengths: bool = False,
-    ) -> None:
-        self.arm, self.scene, self.mesh, self.scheme = arm, scene, mesh, scheme
-        self.order = scheme.order
-        self.system = LoadSegments(arm, scene, mesh, scheme, probe, lengths)
-        self.equilibrium = LoadedEquilibrium(self.system)
-        self.free = ClosedForm(arm, unloaded(scene), mesh, MAGNUS6)
+    def __init__(self, system: LoadSegments) -> None:
+        self.system, self.mesh, self.order = system, system.mesh, system.scheme.order
+        self.equilibrium = LoadedEquilibrium(system)
+        self.free = ClosedForm(system.arm, unloaded(system.scene), self.mesh, MAGNUS6)
         self.paths = self._paths()
-        places = [segment.nodes for segment in self.system.segments]
+        places = [segment.nodes for segment in system.segments]
         self.stretch_at = np.concatenate(places)
 
     def _paths(self) -> ca.Function:
@@ -61,12 +44,13 @@ class Loaded:
         stretch = ca.horzcat(*(segment.stretch(path, p) for segment, path in pairs))
         return ca.Function("paths", [X, p], [columns[:, ::-1], stretch])
 
-    def run(self, tensions: Array, near: Array | None = None) -> Array:
+    def run(self, tensions: Array, near: Array | None = None) -> tuple[Array, Array]:
         """See ForwardMap.run; raises SnapError."""
         X = None if near is None else self.equilibrium.near(near, tensions)
         if X is None:
             X = self.equilibrium.bring_on(self.without_loads(tensions), tensions)
-        return np.array(self.paths(X, self.system.p(tensions))[0]).T
+        states, stretch = self.paths(X, self.system.p(tensions))
+        return np.array(states).T, np.array(stretch).ravel()
 
     def starts(self, states: Array) -> Array:
         """See ForwardMap.starts."""
@@ -76,14 +60,9 @@ class Loaded:
     def _first(self) -> list[int]:
         return [self.mesh.node(segment.nodes[0]) for segment in self.system.segments]
 
-    def stretch(self, tensions: Array, states: Array) -> Array:
-        """See ForwardMap.stretch."""
-        found = self.paths(self.starts(states), self.system.p(tensions))[1]
-        return np.array(found).ravel()
-
     def without_loads(self, tensions: Array) -> Array:
         """Return the states at the segments' starts where the share of the loads is 0."""
-        poses = self.free.run(tensions)
+        poses, _ = self.free.run(tensions)
         s = self.mesh.s[self._first]
         pose, strain = self.free.dense(tensions, poses, s)
         e = self.system.equations
@@ -111,7 +90,7 @@ class Loaded:
         p = ca.MX.sym("p", self.system.n_p)
         active, start = self.mesh.active[step], self.mesh.s[step + 1]
         data = self.system.step_data(start, s - start, active, beyond, p)
-        across = load_step(self.system.equations, self.scheme).map(s.size)
+        across = load_step(self.system.equations, self.system.scheme).map(s.size)
         x = across(ca.DM(states[step + 1].T), *data, ca.DM(s - start).T)
         here = self.system.sections(s, active, beyond, p).still
         full = strain_reader(self.system.equations).map(s.size)(x, *here)

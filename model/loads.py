@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from model.arm import Arm
-from model.effects import Buoyancy, Current, Friction, PointLoad, TipLoad, Weight
+from model.effects import Buoyancy, Current, Extension, Friction, PointLoad, TipLoad, Weight
 from model.errors import InputError
 from model.paths import Array
 from model.scene import Scene
@@ -112,8 +112,10 @@ def places(arm: Arm, scene: Scene) -> tuple[float, ...]:
     """
     acts = [load.s for load in point_loads(scene) if 0 < load.s < arm.length]
     s = np.linspace(0.0, arm.length, 1001)
-    EJ = arm.material.E * np.pi * arm.radius.evaluate(s, arm.length)[0] ** 4 / 4
-    rate = np.sqrt(np.minimum(_heaviest(arm, scene, s) / EJ, _STEEPEST))
+    R, force = arm.radius.evaluate(s, arm.length)[0], _heaviest(arm, scene, s)
+    EA = arm.material.E * np.pi * R**2
+    longer = 1 + force / EA * scene.has(Extension)
+    rate = np.minimum(longer * np.sqrt(force / (EA * R**2 / 4)), _STEEPEST)
     growth = np.concatenate([[0.0], np.cumsum((rate[1:] + rate[:-1]) / 2 * np.diff(s))])
     pieces = int(min(np.ceil(growth[-1] / _GROWTH), _MOST_PIECES))
     cuts = np.interp(np.arange(1, pieces) / max(pieces, 1) * growth[-1], growth, s)

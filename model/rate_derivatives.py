@@ -18,7 +18,7 @@ def varied(e: LoadEquations, args: list[ca.SX]) -> ca.SX:
     """Return those numbers of a cross-section that vary with the tensions."""
     if e.n_tension:
         return ca.SX(0, 1)
-    return ca.vertcat(args[0], args[2]) if e.pull_varies else args[0]
+    return ca.vertcat(args[0], args[2]) if e.statics.pull_varies else args[0]
 
 
 @lru_cache(maxsize=64)

@@ -15,11 +15,12 @@ import numpy as np
 from model.arm import Arm
 from model.forward import SCHEMES
 from model.lifting import Lifting
+from model.load_segments import LoadSegments
 from model.loaded import Loaded
 from model.loads import places
 from model.mesh import graded
 from model.paths import Array
-from model.rotations import multiply
+from model.rotations import small_turns
 from model.runge_kutta import RungeKutta
 from model.scene import Scene
 from model.shape import Shape
@@ -70,12 +71,13 @@ class Sensitivity:
         directions[:n_T, 6:] = ca.DM.eye(n_T)
         X = ca.MX.sym("X", system.scale.size, len(system.segments))
         p = ca.MX.sym("p", system.n_p)
-        moves, base = Lifting(system, directions).solve(X, p)
+        lifting = Lifting(system, directions)
+        moves, base = lifting.solve(lifting.sweep(X, p), p)
         at = [system.mesh.node(segment.nodes[0]) for segment in system.segments]
         assert system.probe is not None
         i = at.index(system.mesh.node(system.probe))
         shift = moves[i][4:7, :] - base[4:7, :]
-        pose = ca.vertcat(shift, _turns(X[:4, i], moves[i][:4, :]))
+        pose = ca.vertcat(shift, small_turns()(X[:4, i]) @ moves[i][:4, :])
         lengths = base[system.equations.n_x - system.equations.n_length :, :]
         self.function = ca.Function("answers", [X, p], [pose, lengths])
 
@@ -97,19 +99,11 @@ class Sensitivity:
         """Return the slopes at the settled states (S + 1, n_x) under tensions (n_tendons,)."""
         X, p = self.loaded.starts(states), self.loaded.system.p(tensions)
         pose, lengths = (np.array(value) for value in self.function(X, p))
-        stable = not self.loaded.equilibrium.is_past_critical(X, p)
+        stable = not self.loaded.equilibrium.jacobi.lost(X, p)
         settled = states[0, states.shape[1] - lengths.shape[0] :]
         return Answers(
             pose[:, :6], pose[:, 6:], lengths[:, :6], lengths[:, 6:], settled.copy(), stable
         )
-
-
-def _turns(q: ca.MX, change: ca.MX) -> ca.MX:
-    """Return the turns (3, m) about the base frame's axes that changes (4, m) of q mean."""
-    a, b = ca.SX.sym("q", 4), ca.SX.sym("change", 4)
-    back = ca.vertcat(a[0], -a[1:])
-    turn = ca.Function("turn", [a, b], [2 * multiply(b, back)[1:] / ca.sumsqr(a)])
-    return turn.map(change.shape[1])(ca.repmat(q, 1, change.shape[1]), change)
 
 
 @lru_cache(maxsize=64)
@@ -120,4 +114,4 @@ def sensitivity(
     method = SCHEMES[scheme]
     assert isinstance(method, RungeKutta)
     mesh = graded(arm, refinement, (at, *places(arm, scene)))
-    return Sensitivity(Loaded(arm, scene, mesh, method, at, lengths))
+    return Sensitivity(Loaded(LoadSegments(arm, scene, mesh, method, at, lengths)))

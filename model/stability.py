@@ -58,8 +58,8 @@ def critical_share(
     refinement, before = _REFINEMENT, Critical(np.inf, "")
     while True:
         forward = loaded_map(arm, scene, "rk6", refinement)
-        X, least = forward.without_loads(T), accuracy / 4 * min(before.share, most)
-        found = Critical(*forward.equilibrium.follow(X, T, most, least)[1:])
+        X = forward.without_loads(T)
+        found = Critical(*forward.equilibrium.follow(X, T, most, accuracy / 4)[1:])
         if abs(found.share - before.share) <= accuracy * found.share or refinement >= _FINEST:
             return found if found.share < most else Critical(found.share, "")
         before, refinement = found, 2 * refinement

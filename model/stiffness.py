@@ -3,28 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, Literal
 
 import numpy as np
 
+from model.answers import compliance_of, slopes_of
 from model.arm import Arm
 from model.checks import finite_array, kind, positive, within
-from model.compliance import closed_compliance
 from model.effects import PrintedStatics
-from model.errors import InputError, NotSettledError, SingularError
+from model.errors import InputError, SingularError
+from model.legendre import is_definite
 from model.loads import check_loads
 from model.paths import Array
 from model.scene import Scene
 from model.section_stiffness import section_stiffness
-from model.sensitivity import Answers, sensitivity
 from model.settle import ACCURACY, settle
 from model.shape import Shape
-from model.statics import is_loaded
 
 Hold = Literal["tension", "length"]
 HOLDS: tuple[Hold, ...] = ("tension", "length")
-_ORDER, _FINEST, _CAUTION = 6, 128, 4.0
 # Locked tendons give by this share of what the arm does, so that combinations of lengths that no
 # strain changes do not matter; and combinations below this share are left alone in an inverse.
 GIVE, _IDLE = 1e-10, 1e-9
@@ -46,16 +44,16 @@ class Stiffness:
         in the base frame.
     tension_response : (n_tendons, 6)
         Change of each tension per force and moment [N per N, N per N m]; zero where tension holds.
-    pose_tension : (6, n_tendons)
-        Displacement and turn per newton at each motor [m/N, rad/N].
     locked : tuple of int
         Tendons whose length is held.
     slack : tuple of str
         Tendons without tension: locked, they could only pull, not push.
-    stable : bool
-        Whether the arm has kept its stability under tensions that are held.
+    jacobi : bool
+        Whether the loads leave the arm the stability that it has without them, tensions held.
+    refinement : int
+        Of the mesh on which all this was found.
     error : float
-        Estimated relative error of the compliance.
+        Estimated relative error of the compliance with tensions held.
     """
 
     shape: Shape
@@ -63,10 +61,10 @@ class Stiffness:
     at: float
     compliance: Array
     tension_response: Array
-    pose_tension: Array
     locked: tuple[int, ...]
     slack: tuple[str, ...]
-    stable: bool
+    jacobi: bool
+    refinement: int
     error: float
 
     @cached_property
@@ -84,9 +82,22 @@ class Stiffness:
         return np.asarray(np.linalg.inv(self.compliance))
 
     @cached_property
+    def stable(self) -> bool:
+        """Whether the shape is at a minimum of its energy under tensions that are held.
+
+        As a whole, by Jacobi's criterion, and section by section; see model.legendre.
+        """
+        return self.jacobi and is_definite(self.shape)
+
+    @cached_property
+    def pose_tension(self) -> Array:
+        """Displacement and turn (6, n_tendons) per newton at each motor [m/N, rad/N]."""
+        return slopes_of(self.shape, self.at, self.refinement, False).pose_tension
+
+    @cached_property
     def length_tension(self) -> Array:
         """Length of each tendon per newton in each (n_tendons, n_tendons) [m/N], at the motors."""
-        return _answers(self.shape, self.at, True, max(self.error, 1e-10))[0].length_tension
+        return slopes_of(self.shape, self.at, self.refinement, True).length_tension
 
     @property
     def pose_length(self) -> Array:
@@ -158,29 +169,46 @@ def stiffness(
     """
     scene, place = _checked(arm, scene, hold, at, tendon_EA)
     shape = settle(arm, tensions, scene, accuracy)
-    found, error = _answers(shape, place, hold == "length", accuracy)
-    T = shape.tensions
+    found, T = compliance_of(shape, place, accuracy, hold == "length"), shape.tensions
     slack = tuple(arm.tendon_name(int(j)) for j in np.flatnonzero(T == 0))
-    C, response, locked = found.pose_wrench, np.zeros((T.size, 6)), np.zeros(0, int)
+    C, response, locked = found.compliance, np.zeros((T.size, 6)), np.zeros(0, int)
     if hold == "length":
         locked = np.flatnonzero(T > 0) if release else np.arange(T.size)
-        give = found.lengths[locked] / tendon_EA if tendon_EA else np.zeros(locked.size)
-        own = found.length_tension[np.ix_(locked, locked)] - np.diag(give)
-        own += GIVE * np.trace(found.length_tension) * np.eye(locked.size)
-        response[locked] = -np.linalg.solve(own, found.length_wrench[locked])
-        C = C + found.pose_tension @ response
+        slopes = found.slopes or slopes_of(shape, place, found.refinement, True)
+        give = slopes.lengths[locked] / tendon_EA if tendon_EA else np.zeros(locked.size)
+        own = slopes.length_tension[np.ix_(locked, locked)] - np.diag(give)
+        own -= least_give(arm) * np.eye(locked.size)
+        response[locked] = -np.linalg.solve(own, slopes.length_wrench[locked])
+        C = C + slopes.pose_tension @ response
     return Stiffness(
         shape,
         hold,
         place,
         C,
         response,
-        found.pose_tension,
         tuple(locked.tolist()),
         slack,
         found.stable,
-        error,
+        found.refinement,
+        found.error,
     )
+
+
+@lru_cache(maxsize=64)
+def least_give(arm: Arm) -> float:
+    """Return by how much tendons give per newton where their lengths are locked [m/N].
+
+    A small share of what the straight arm at rest does for all of them: integrals of y2/EJ + 1/EA.
+    """
+    s = np.linspace(0.0, arm.length, 201)
+    R = arm.radius.evaluate(s, arm.length)[0]
+    EA = arm.material.E * np.pi * R**2
+    total = 0.0
+    for section in arm.sections:
+        y = section.offset.evaluate(np.minimum(s, section.at), section.at)[0]
+        gives = (4 * y**2 / R**2 + 1) / EA * (s <= section.at)
+        total += len(section.angles) * float(np.trapezoid(gives, s))
+    return GIVE * total
 
 
 def _checked(
@@ -204,34 +232,3 @@ def _checked(
     if isinstance(place, str):
         raise InputError("at", at, f'"tip", or an arc length up to {arm.length:g} m')
     return scene, within("at", place, 1e-6 * arm.length, arm.length)
-
-
-def _answers(shape: Shape, at: float, lengths: bool, accuracy: float) -> tuple[Answers, float]:
-    """Return the slopes on a mesh that is fine enough, and their estimated relative error."""
-    size = np.repeat([shape.arm.length, 1.0], 3)
-    coarse: Array | None = None
-    refinement, error = max(shape.refinement // 2, 1), np.inf
-    find = _of_loaded if is_loaded(shape.scene) else _of_closed
-    while refinement <= _FINEST:
-        found = find(shape, refinement, at, lengths)
-        scaled = found.pose_wrench / np.outer(size, size)
-        if coarse is not None:
-            change = np.abs(scaled - coarse).max() / np.abs(scaled).max()
-            error = float(_CAUTION * change / (2**_ORDER - 1))
-            if error <= accuracy:
-                return found, error
-        coarse, refinement = scaled, 2 * refinement
-    raise NotSettledError(accuracy, error, "ask for less accuracy or a smoother arm")
-
-
-def _of_loaded(shape: Shape, refinement: int, at: float, lengths: bool) -> Answers:
-    slopes = sensitivity(shape.arm, shape.scene, "rk6", refinement, at, lengths)
-    states = slopes.loaded.run(shape.tensions, slopes.starts_at(shape))
-    return slopes.at(shape.tensions, states)
-
-
-def _of_closed(shape: Shape, refinement: int, at: float, lengths: bool) -> Answers:
-    function = closed_compliance(shape.arm, shape.scene, refinement, at, lengths).function
-    C, pose_tension, *rest = (np.array(value) for value in function(shape.tensions))
-    length, drawn, spread = rest or (np.zeros(0), np.zeros((0, 6)), np.zeros((0, 0)))
-    return Answers(C, pose_tension, drawn, spread, length.ravel(), True)

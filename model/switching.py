@@ -96,8 +96,9 @@ def switch_effects(
     Raises
     ------
     InputError
-        As settle does; the scene itself has to settle.
+        As settle does, and for no repeats; the scene itself has to settle.
     """
+    _check_repeats(repeats)
     settle(arm, tensions, scene, accuracy)
     found = []
     for effect in scene.effects:
@@ -117,8 +118,14 @@ def switch_on(
     repeats: int = _REPEATS,
 ) -> Switch:
     """Settle a scene with and without some effects that it lacks; the first gives its name."""
+    _check_repeats(repeats)
     pair = (scene, Scene(*scene.effects, *effects))
     return _compare(arm, tensions, pair, effects[0], False, accuracy, repeats)
+
+
+def _check_repeats(repeats: int) -> None:
+    if isinstance(repeats, bool) or not isinstance(repeats, int) or repeats < 1:
+        raise InputError("repeats", repeats, "a whole number from 1")
 
 
 def _without(scene: Scene, effect: Effect) -> Scene:
