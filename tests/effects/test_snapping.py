@@ -157,8 +157,8 @@ def settles_or_says_why_not(name: str, seed: int) -> bool:
     return True
 
 
-def test_a_payload_that_folds_the_arm_ends_in_an_error_of_ours() -> None:
-    assert not all(settles_or_says_why_not("paper", seed) for seed in range(3))
+def test_a_payload_of_a_hundred_times_what_bends_the_arm_settles() -> None:
+    assert settles_or_says_why_not("bending", 0)
 
 
 @pytest.mark.slow
