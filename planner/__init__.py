@@ -3,6 +3,7 @@
 from model.stiffness import stiffness
 from planner.certificate import Certificate
 from planner.limits import Limits
+from planner.many import plan_many
 from planner.plan import Plan, plan
 from planner.problem import Problem, build
 from planner.search import Start
@@ -17,5 +18,6 @@ __all__ = [
     "Statement",
     "build",
     "plan",
+    "plan_many",
     "stiffness",
 ]

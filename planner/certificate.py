@@ -17,10 +17,12 @@ from model.shape import Shape
 from model.stiffness import stiffness
 from planner.limits import Limits
 from planner.targets.base import Target
-from planner.terms import looks_of, stations_of, term_names, terms_function
+from planner.terms import looks_of, stations_of, term_names, terms_function, ways_function
 
-CHECK_ACCURACY = 1e-10
+# How accurate the check is, at the least two digits more than what it has to judge.
+CHECK_ACCURACY, _SHARPER = 1e-10, 1e-2
 KKT_TOLERANCE = 1e-6
+STIFF_ACCURACY = 1e-8
 
 
 @dataclass(frozen=True)
@@ -121,7 +123,8 @@ def certify(
     if limits.total is not None:
         excess = max(excess, float(tensions.sum()) - limits.total * (1 + 1e-9))
     try:
-        check = settle(arm, tensions, scene, CHECK_ACCURACY, scheme)
+        sharp = max(min(CHECK_ACCURACY, _SHARPER * tolerance), 1e-12)
+        check = settle(arm, tensions, scene, sharp, scheme)
     except OctoplanError as reason:
         return Certificate(bounds=excess, scheme=scheme, tolerance=tolerance, problem=str(reason))
     match, approach, margin = measure(arm, targets, check)
@@ -146,12 +149,7 @@ def measure(
     s = np.array(stations_of(arm, targets))
     poses = shape.poses(s).T
     numbers = np.concatenate([target.parameters(arm) for target in targets])
-    found_stiff = [
-        stiffness(arm, shape.tensions, shape.scene, look.hold, look.at).compliance.ravel("F")
-        for look in looks_of(arm, targets)
-    ]
-    compliances = np.array(found_stiff).reshape(-1, 36).T
-    values = terms_function(arm, targets)(poses, numbers, compliances)
+    values = terms_function(arm, targets)(poses, numbers, gives(arm, targets, shape))
     names = term_names(arm, targets)
     found: list[dict[str, Array]] = []
     for kind, value in zip(names, values, strict=True):
@@ -159,3 +157,22 @@ def measure(
         own = np.array(kind)
         found.append({name: flat[own == name] for name in dict.fromkeys(kind)})
     return found[0], found[1], found[2]
+
+
+def gives(arm: Arm, targets: tuple[Target, ...], shape: Shape) -> Array:
+    """Return how the tip gives way along the directions of the targets' looks, stacked."""
+    looks = looks_of(targets)
+    numbers = np.concatenate([target.parameters(arm) for target in targets])
+    found = [np.zeros(0)]
+    for look, ways in zip(looks, ways_function(arm, targets).call([numbers]), strict=True):
+        k = stiffness(
+            arm,
+            shape.tensions,
+            shape.scene,
+            look.hold,
+            accuracy=STIFF_ACCURACY,
+            tendon_EA=look.tendon_EA,
+        )
+        D = np.array(ways)
+        found.append((D.T @ k.compliance[:3, :3] @ D).ravel("F"))
+    return np.concatenate(found)

@@ -17,7 +17,6 @@ import casadi as ca
 
 from model.pose_derivatives import PoseDerivatives, moved_pose
 from model.strain_derivatives import StretchDerivatives
-from planner.segment_chain import SegmentChain
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +43,7 @@ def plain(x: ca.MX, p: ca.MX, f: ca.MX, g: ca.MX) -> Derivatives:
     sigma, lam = ca.MX.sym("sigma"), ca.MX.sym("lam", g.numel())
     hessian = ca.hessian(sigma * f + ca.dot(lam, g), x)[0]
     return Derivatives(
-        _gradient(x, p, f, ca.gradient(f, x)),
+        gradient_function(x, p, f, ca.gradient(f, x)),
         ca.Function("slopes", [x, p], [ca.gradient(f, x), g, ca.jacobian(g, x)]),
         ca.Function("curvature", [x, p, sigma, lam], [hessian]),
     )
@@ -70,7 +69,7 @@ def through_poses(
     sigma, lam = ca.MX.sym("sigma"), ca.MX.sym("lam", g.numel())
     order1 = [ca.jacobian(v, part) for v in (f, g) for part in (x, w)]
     first = ca.Function("first", [x, p, here, thin, w], [g, *order1])
-    blocks = _hessian_blocks(sigma * f + ca.dot(lam, g), x, w)
+    blocks = hessian_blocks(sigma * f + ca.dot(lam, g), x, w)
     second = ca.Function("second", [x, p, here, thin, w, sigma, lam], blocks)
 
     n, still = unit.numel(), ca.DM.zeros(6 * K + r)
@@ -88,50 +87,13 @@ def through_poses(
     mixed = L_xw @ Z
     hessian = L_xx + mixed + mixed.T + Z.T @ (L_ww @ Z) + own
     return Derivatives(
-        _gradient(x, p, *_objective(x, p, (poses, stretch), outer, outputs[0])),
+        gradient_function(x, p, *objective(x, p, (poses, stretch), outer, outputs[0])),
         ca.Function("slopes", [x, p], outputs),
         ca.Function("curvature", [x, p, sigma, lam], [ca.densify(hessian)]),
     )
 
 
-def through_segments(
-    x: ca.MX, p: ca.MX, unit: ca.MX, outer: ca.Function, chain: SegmentChain, states: int
-) -> Derivatives:
-    """Return the derivatives of a program, `outer`: x, p, states at nodes (n_x, K) -> f, g.
-
-    `unit` (n,) scales the first n unknowns to tensions [N]; from `states` on they are the starts
-    of the segments.
-    """
-    n, size, shape = unit.numel(), x.numel(), outer.size_in(2)
-    flat = ca.MX.sym("nodes", shape[0] * shape[1])
-    f, g = outer(x, p, ca.reshape(flat, *shape))
-    sigma, lam = ca.MX.sym("sigma"), ca.MX.sym("lam", g.numel())
-    order1 = [ca.jacobian(v, part) for v in (f, g) for part in (x, flat)]
-    first = ca.Function("first", [x, p, flat], [g, *order1])
-    blocks = _hessian_blocks(sigma * f + ca.dot(lam, g), x, flat)
-    second = ca.Function("second", [x, p, flat, sigma, lam], blocks)
-
-    T, starts = x[:n] * unit, x[states:]
-    found, slopes = chain.first(T, starts)
-    place = ca.MX(n + starts.numel(), size)
-    place[:n, :n] = ca.diag(unit)
-    place[n:, states:] = ca.DM.eye(starts.numel())
-    Z = slopes @ place
-    at = (x, p, ca.vec(found))
-    value, f_x, f_w, g_x, g_w = first(*at)
-    L_xx, L_xw, L_ww, L_w = second(*at, sigma, lam)
-    bent = chain.second(T, starts, ca.reshape(L_w, *shape))
-    mixed = L_xw @ Z
-    hessian = L_xx + mixed + mixed.T + Z.T @ (L_ww @ Z) + place.T @ (bent @ place)
-    slope = ca.densify((f_x + f_w @ Z).T)
-    return Derivatives(
-        _gradient(x, p, *_objective(x, p, (found,), outer, slope)),
-        ca.Function("slopes", [x, p], [slope, value, g_x + g_w @ Z]),
-        ca.Function("curvature", [x, p, sigma, lam], [ca.densify(hessian)]),
-    )
-
-
-def _objective(
+def objective(
     x: ca.MX, p: ca.MX, at: tuple[ca.MX, ...], outer: ca.Function, slope: ca.MX
 ) -> tuple[ca.MX, ca.MX]:
     """Return f and its gradient, without the chain where f does not look at what it gives."""
@@ -141,13 +103,14 @@ def _objective(
     return f, ca.gradient(f, x)
 
 
-def _gradient(x: ca.MX, p: ca.MX, f: ca.MX, gradient: ca.MX) -> ca.Function:
+def gradient_function(x: ca.MX, p: ca.MX, f: ca.MX, gradient: ca.MX) -> ca.Function:
+    """Return x, p -> f, its gradient, by the names that nlpsol knows."""
     return ca.Function(
         "nlp_grad_f", [x, p], [f, ca.densify(gradient)], ["x", "p"], ["f", "grad:f:x"]
     )
 
 
-def _hessian_blocks(L: ca.MX, x: ca.MX, zeta: ca.MX) -> list[ca.MX]:
+def hessian_blocks(L: ca.MX, x: ca.MX, zeta: ca.MX) -> list[ca.MX]:
     """Return L_xx, L_xz, L_zz and the gradient in zeta."""
     L_xx, L_x = ca.hessian(L, x)
     L_zz, L_z = ca.hessian(L, zeta)

@@ -9,11 +9,9 @@ import casadi as ca
 import numpy as np
 
 from model.arm import Arm
-from model.compliance import ClosedCompliance
 from model.effects import Extension
 from model.errors import SnapError
 from model.forward import SCHEMES, explicit_map, forward_map
-from model.lifting import LINEAR
 from model.load_segments import LoadSegments
 from model.loaded import Loaded
 from model.loads import places
@@ -26,12 +24,10 @@ from model.scene import Scene
 from model.shooting import Shooting
 from model.statics import is_loaded
 from model.stations import Counts
-from model.stiffness import GIVE
 from model.strain_derivatives import StretchDerivatives
 from model.strain_ode import StrainSegments
 from planner.segment_chain import SegmentChain
 from planner.statement import Statement
-from planner.targets.base import Look
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +159,7 @@ def starts_of(
     mesh = (statement.scheme, statement.refinement, stations)
     forward = forward_map(arm, scene, *mesh)
     try:
-        found = forward.starts(forward.run(tensions))
+        found = forward.starts(forward.run(tensions)[0])
     except SnapError:
         assert isinstance(forward, Loaded)
         found = forward.without_loads(tensions)
@@ -180,20 +176,3 @@ def slimmest(arm: Arm, s: Array, active: Counts) -> list[int]:
         inside = np.flatnonzero(active == count)
         rows.append(int(inside[np.argmin(radius[inside])]))
     return rows
-
-
-@lru_cache(maxsize=64)
-def compliance(arm: Arm, scene: Scene, scheme: str, refinement: int, look: Look) -> ca.Function:
-    """Return tensions -> compliance (6, 6) of an arm without loads."""
-    method = SCHEMES[scheme]
-    assert isinstance(method, Magnus)
-    mesh = graded(arm, refinement, (look.at,))
-    locked = look.hold == "length"
-    slopes = ClosedCompliance(arm, scene, mesh, method, look.at, locked).function
-    T = ca.MX.sym("T", arm.n_tendons)
-    C, *rest = slopes(T)
-    if locked:
-        pose_tension, _, drawn, spread = rest
-        give = GIVE * ca.trace(spread) * ca.DM.eye(arm.n_tendons)
-        C = C - pose_tension @ ca.solve(spread + give, drawn, LINEAR)
-    return ca.Function("compliance", [T], [ca.densify(C)])

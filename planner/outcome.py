@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from planner.certificate import Certificate
 from planner.statement import Mode
+from planner.targets.base import OVER_WANTED
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,7 @@ def sentence(facts: Facts) -> str:
     tried = f"{facts.tried} start{plural} tried, {facts.agreed} at the best optimum"
     if certificate.passed:
         return f"{_success(facts)}; effort {facts.effort:.4g} N; {tried}."
-    if facts.mode == "nearest" and not certificate.attained:
+    if facts.mode != "exact" and not certificate.attained:
         gaps = _gaps(facts)
         return f"Not reached: the nearest attainable shape is {gaps}; {_holders(facts)}; {tried}."
     failures = "; ".join(certificate.failures)
@@ -66,8 +67,16 @@ def _gaps(facts: Facts) -> str:
     off = [item for item in certificate.match.items() if item[1] > certificate.tolerance]
     lacks = [item for item in certificate.margin.items() if item[1] < -certificate.tolerance]
     gaps = [f"{name} by {_amount(facts, name, value)}" for name, value in off]
-    gaps += [f"{name} (short by {-value:.3g})" for name, value in lacks]
+    gaps += [_lack(name, value) for name, value in lacks]
     return "off in " + ", ".join(gaps)
+
+
+def _lack(name: str, value: float) -> str:
+    """Return what a margin lacks; of a share of what is wanted, the most that can be had."""
+    if not name.endswith(OVER_WANTED):
+        return f"{name} (short by {-value:.3g})"
+    most = f"at most {1 + value:.4g} times what is wanted can be had"
+    return f"{name.removesuffix(OVER_WANTED)} ({most}, short by {-value:.3g})"
 
 
 def _amount(facts: Facts, name: str, value: float) -> str:

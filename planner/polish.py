@@ -56,7 +56,11 @@ def optimality(
 
 
 def _slopes(problem: Problem, x: Array, p: Array) -> tuple[Array, Array, Array]:
-    gradient, g, jacobian = (np.array(value) for value in problem.derivatives.slopes(x, p))
+    try:
+        gradient, g, jacobian = (np.array(value) for value in problem.derivatives.slopes(x, p))
+    except RuntimeError:  # a singular matrix, in CasADi's words
+        n, m = x.size, problem.nlp["g"].numel()
+        return np.full(n, np.nan), np.full(m, np.nan), np.full((m, n), np.nan)
     return gradient.ravel(), g.ravel(), jacobian
 
 

@@ -8,8 +8,9 @@ Targets have things to match and things to approach. The modes are three reading
 this order:
 
     exact      match = 0 and approach = 0; effort is made least
-    closest    match = 0; the approach is made least, with a trace of effort
-    nearest    match, approach and what margins lack are made least, firm ones first
+    closest    match = 0; the approach and what yielding margins lack are made least, with a trace
+               of effort
+    nearest    match, approach and what all margins lack are made least, firm ones first
 
 The unknowns are the tensions alone (form "condensed"), or tensions and the states at the tip side
 of each segment with the jump and continuity constraints of model.shooting ("multiple-shooting").
@@ -26,14 +27,26 @@ import numpy as np
 from model.arm import Arm
 from model.paths import Array
 from model.scene import Scene
-from planner.derivatives import plain, through_poses, through_segments
+from planner.derivatives import plain, through_poses
 from planner.effort import smooth_norm
+from planner.gives import tip_give
+from planner.inner import Inner, through
 from planner.limits import Limits, natural_tensions
-from planner.mechanics import compliance, mechanics, starts_of
+from planner.loaded_give import loaded_give
+from planner.mechanics import mechanics, starts_of
 from planner.segment_chain import SegmentChain
 from planner.statement import Statement
 from planner.targets.base import Target
-from planner.terms import firmness, looks_of, margin_firmness, stations_of, terms_function
+from planner.terms import (
+    FIRM,
+    YIELDING,
+    firmness,
+    looks_of,
+    margin_firmness,
+    stations_of,
+    terms_function,
+    ways_function,
+)
 
 LEAST_STRETCH = 1e-3
 TRACES = (1e-6, 1e-10)
@@ -69,8 +82,8 @@ class Problem:
         self, arm: Arm, scene: Scene, targets: tuple[Target, ...], statement: Statement
     ) -> None:
         self.arm, self.scene, self.statement = arm, scene, statement
-        self.stations, self.looks = stations_of(arm, targets), looks_of(arm, targets)
-        self.terms = terms_function(arm, targets)
+        self.stations, self.looks = stations_of(arm, targets), looks_of(targets)
+        self.terms, self.ways = terms_function(arm, targets), ways_function(arm, targets)
         self._build(firmness(arm, targets), margin_firmness(arm, targets))
 
     def _build(self, weights: ca.DM, lacking: ca.DM) -> None:
@@ -84,16 +97,18 @@ class Problem:
         if arm.nodes is None:
             poses = ca.MX.sym("poses", 7, len(self.stations))
             thin = ca.MX.sym("thin", arm.stretch.numel())
-        match, approach, margin, least = self.terms(poses, target, self._compliances(T))
+        gives = self._gives(T, target) if arm.nodes is None else ca.MX.sym("gives", self.n_gives)
+        match, approach, margin, least = self.terms(poses, target, gives)
         effort, peak, peaks = smooth_norm(T / reference, self.statement.norm)
         mode = self.statement.mode
-        lack = ca.MX.sym("lack", margin.numel() if mode == "nearest" else 0)
-        soft = ca.vertcat(weights * match, lacking * lack) if mode == "nearest" else none
+        soft_rows = self._soft_rows(lacking)
+        lack = ca.MX.sym("lack", len(soft_rows))
+        soft = ca.vertcat(weights * match, lacking * lack) if mode == "nearest" else lack
         met = {"exact": ca.vertcat(match, approach), "closest": match, "nearest": none}[mode]
         gaps = ca.sumsqr(ca.vertcat(approach, soft)) / 2
         blocks = [
             ("match", met, 0.0, 0.0),
-            ("margin", margin + lack if mode == "nearest" else margin, 0.0, np.inf),
+            ("margin", margin + ca.DM.eye(margin.numel())[:, soft_rows] @ lack, 0.0, np.inf),
             ("stretch", thin, LEAST_STRETCH, np.inf),
             ("total pull", (total - ca.sum1(T)) / reference, 0.0, np.inf),
             ("peak", peaks, 0.0, np.inf),
@@ -103,6 +118,7 @@ class Problem:
             del blocks[3]
         self.rows = tuple(Rows(name, g.numel(), lo, hi) for name, g, lo, hi in blocks)
         self.n_states, self.n_peak, self.n_lack = (v.numel() for v in (arm.states, peak, lack))
+        self.lack_rows = [met.numel() + row for row in soft_rows]
         x = ca.vertcat(z, peak, lack, arm.states)
         p = ca.vertcat(target, unit, reference, total, trace)
         aim = ca.sum1(least) + trace * effort if least.numel() else effort
@@ -110,7 +126,7 @@ class Problem:
         g = ca.vertcat(*(g for _, g, _, _ in blocks))
         counted = slice(target.numel(), target.numel() + n)
         if arm.segments is not None and arm.nodes is not None:
-            outer = ca.Function("outer", [x, p, arm.nodes], [f, g])
+            outer = ca.Function("outer", [x, p, arm.nodes, gives], [f, g])
             self._through_segments(outer, arm.segments, counted)
             return
         outer = ca.Function("outer", [x, p, poses, thin], [f, g])
@@ -124,20 +140,42 @@ class Problem:
             else through_poses(x, p, p[counted], outer, arm.chain, arm.least)
         )
 
-    def _through_segments(self, outer: ca.Function, chain: SegmentChain, counted: slice) -> None:
-        """Set the program from outer: x, p, states at nodes -> f, g."""
-        n = self.arm.n_tendons
-        x, p = ca.MX.sym("x", outer.numel_in(0)), ca.MX.sym("p", outer.numel_in(1))
-        first = x.numel() - self.n_states
-        f, g = outer(x, p, chain.states(x[:n] * p[counted], x[first:]))
-        self.nlp = {"x": x, "p": p, "f": f, "g": g}
-        self.derivatives = through_segments(x, p, p[counted], outer, chain, first)
+    def _soft_rows(self, lacking: ca.DM) -> list[int]:
+        """Return which margins may lack something: none, those that yield, or all."""
+        kept = {"exact": (), "closest": (YIELDING,), "nearest": (YIELDING, FIRM)}
+        weights = np.array(lacking).ravel()
+        return [row for row, w in enumerate(weights) if w in kept[self.statement.mode]]
 
-    def _compliances(self, T: ca.MX) -> ca.MX:
-        """Return the compliances that the targets look at (36, N) as expressions of T."""
+    def _through_segments(self, outer: ca.Function, chain: SegmentChain, counted: slice) -> None:
+        """Set the program from outer: x, p, states at nodes, gives -> f, g."""
+        x, p = ca.MX.sym("x", outer.numel_in(0)), ca.MX.sym("p", outer.numel_in(1))
+        unit, states = p[counted], x.numel() - self.n_states
+        functions = (chain.states, chain.first, chain.second)
+        inner = [Inner.of_tensions(x, p, unit, states, functions)]
+        mesh = (self.statement.scheme, self.statement.refinement, self.stations)
+        ways = self.ways.call([p[: counted.start]])
+        for look, D in zip(self.looks, ways, strict=True):
+            give = loaded_give(self.arm, self.scene, *mesh, look)
+            functions = (give.values, give.first, give.second)
+            inner.append(Inner.of_tensions(x, p, unit, states, functions, D))
+        w, size = ca.MX.sym("w", outer.numel_in(2) + self.n_gives), outer.numel_in(2)
+        f, g = outer(x, p, ca.reshape(w[:size], *outer.size_in(2)), w[size:])
+        outer = ca.Function("outer", [x, p, w], [f, g])
+        f, g = outer(x, p, ca.vertcat(*(part.values(x, p) for part in inner)))
+        self.nlp = {"x": x, "p": p, "f": f, "g": g}
+        self.derivatives = through(x, p, outer, inner)
+
+    @property
+    def n_gives(self) -> int:
+        """Size of what the looks give."""
+        return sum(look.width**2 for look in self.looks)
+
+    def _gives(self, T: ca.MX, target: ca.MX) -> ca.MX:
+        """Return what the looks give (n_gives,) without loads as an expression of T."""
         mesh = (self.statement.scheme, self.statement.refinement)
-        found = [compliance(self.arm, self.scene, *mesh, look)(T) for look in self.looks]
-        return ca.horzcat(*(ca.vec(C) for C in found)) if found else ca.MX(36, 0)
+        pairs = zip(self.looks, self.ways.call([target]), strict=True)
+        found = [tip_give(self.arm, self.scene, *mesh, look)(T, D) for look, D in pairs]
+        return ca.vertcat(ca.MX(0, 1), *(ca.vec(G) for G in found))
 
     def parameters(
         self, targets: tuple[Target, ...], limits: Limits, trace: float = TRACES[-1]
@@ -167,7 +205,7 @@ class Problem:
             parts.append(found.T.ravel())
         x = np.concatenate(parts)
         if self.n_lack:
-            margin = np.array(self.derivatives.slopes(x, p)[1]).ravel()[: self.n_lack]
+            margin = np.array(self.derivatives.slopes(x, p)[1]).ravel()[self.lack_rows]
             x[tensions.size + self.n_peak :][: self.n_lack] = np.maximum(-margin, 0.0)
         return x
 

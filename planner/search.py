@@ -2,27 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from model.arm import Arm
-from model.effects import PrintedStatics
-from model.errors import InputError, OctoplanError
+from model.errors import OctoplanError
 from model.forward import schemes_of
 from model.loaded import unloaded
 from model.paths import Array
 from model.scene import Scene
 from model.settle import settle
 from model.statics import is_loaded
+from model.stiffness import stiffness
 from planner.ipopt import Solution, solve
 from planner.limits import Limits
 from planner.polish import optimality, polish
 from planner.problem import TRACES, Problem, build
 from planner.starts import candidates, spread
-from planner.statement import FORMS, Form, Mode, Statement
+from planner.statement import Mode, Statement
 from planner.targets.base import Target
 from planner.terms import looks_of
 
@@ -53,50 +52,6 @@ class Found:
     lam_x: tuple[float, ...]
     lam_g: tuple[float, ...]
     starts: tuple[Start, ...]
-
-
-def check_looks(
-    arm: Arm, targets: tuple[Target, ...], scene: Scene, limits: Limits, form: Form
-) -> None:
-    """Refuse stiffness where it is not planned, and without limits."""
-    if not looks_of(arm, targets):
-        return
-    if form != "condensed" or scene.has(PrintedStatics):
-        raise InputError("target", "a stiffness", "shapes alone, in a scene with loads")
-    if not np.all(np.isfinite(limits.upper)) and limits.total is None:
-        raise InputError("tension_max", np.inf, "finite limits where a stiffness is wanted")
-
-
-def checked_form(form: Form | None, loaded: bool) -> Form:
-    """Return the form, the scene's own for None; refuse one that it cannot have."""
-    if form is None:
-        return "multiple-shooting" if loaded else "condensed"
-    if form not in FORMS:
-        raise InputError("form", form, ", ".join(FORMS))
-    if loaded and form == "condensed":
-        raise InputError("form", form, '"multiple-shooting" in a scene with loads')
-    return form
-
-
-def check_targets(arm: Arm, target: Target | Iterable[Target]) -> tuple[Target, ...]:
-    """Return the targets as a tuple; InputError for what is none, misfits and contradictions."""
-    targets = tuple(target) if isinstance(target, tuple | list) else (target,)
-    if not targets:
-        raise InputError("target", target, "at least one target")
-    claims: dict[str, Array] = {}
-    for t in targets:
-        if not hasattr(t, "terms"):
-            raise InputError("target", t, "a target such as TipPosition(...)")
-        t.check(arm)
-        for name, value in t.claims(arm).items():
-            if name in claims:
-                raise InputError(f"target: {name}", value.tolist(), "one target for it, not two")
-            claims[name] = value
-    if not frozenset.intersection(*(t.tendons(arm) for t in targets)):
-        raise InputError(
-            "target", targets, "targets that leave some tendon to pull for all of them"
-        )
-    return targets
 
 
 class Search:
@@ -141,9 +96,13 @@ class Search:
         return self._finish(best, records, "exact") if best else self._finish(*fallback)
 
     def _without_loads(self, starts: list[Array]) -> list[tuple[float, Array]]:
-        """Return the optima of the unloaded arm, best first: the loaded ones are near."""
+        """Return the optima of the unloaded arm, best first: the loaded ones are near.
+
+        Those for the shape alone, if there is one: how stiff it is has to be found with the loads.
+        """
         scene, statement = unloaded(self.scene), self.statement.but(form="condensed")
-        free = Search(self.arm, self.targets, scene, self.asked, statement, self.accuracy)
+        shape = tuple(target for target in self.targets if target.look() is None) or self.targets
+        free = Search(self.arm, shape, scene, self.asked, statement, self.accuracy)
         found = [free._solve(free._problem("exact"), T) for T in starts[: free.least]]
         met = sorted((s for s in found if s.finite), key=lambda s: (not s.met, s.f))
         return [(0.0, free._tensions(s)) for s in met]
@@ -156,8 +115,9 @@ class Search:
 
     def _fallback(self, starts: list[Array]) -> tuple[Solution, list[Start], Mode]:
         """Return the closest shape, or the nearest if what has to be met cannot be."""
-        approaches = self._problem("exact").terms.numel_out(1) > 0
-        modes: tuple[Mode, ...] = ("closest", "nearest") if approaches else ("nearest",)
+        closest = self._problem("closest")
+        closer = closest.terms.numel_out(1) > 0 or closest.n_lack > 0
+        modes: tuple[Mode, ...] = ("closest", "nearest") if closer else ("nearest",)
         for mode in modes:
             records, best = self._from_starts(starts, mode, [], None)
             if best is not None:
@@ -219,10 +179,17 @@ class Search:
         return Solution(*parts, coarse.met, coarse.reason, coarse.iterations)
 
     def _fine_statement(self, T: Array, mode: Mode) -> Statement:
-        """Return the statement on the mesh that settles T to a tenth of the accuracy."""
+        """Return the statement on the mesh that settles T to a tenth of the accuracy.
+
+        And that gives its stiffness as well, where a target looks at it.
+        """
         scheme = fine_scheme(self.scene, self.statement)
+        fine = self.accuracy / 10
         try:
-            mesh = settle(self.arm, T, self.scene, self.accuracy / 10, scheme).refinement
+            mesh = settle(self.arm, T, self.scene, fine, scheme).refinement
+            for look in looks_of(self.targets):
+                found = stiffness(self.arm, T, self.scene, look.hold, accuracy=fine)
+                mesh = max(mesh, found.refinement)
         except OctoplanError:
             mesh = _FINE_IF_UNSETTLED
         return self.statement.but(mode=mode, scheme=scheme, refinement=mesh)

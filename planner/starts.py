@@ -65,8 +65,10 @@ def _scores(problem: Problem, targets: tuple[Target, ...], T: Array) -> Array:
     sweep = _sweep(problem.arm, problem.scene, problem.stations).map(len(T))
     poses, least = (np.array(value) for value in sweep(T.T))
     numbers = np.concatenate([target.parameters(problem.arm) for target in targets])
-    compliances = np.tile(np.ravel(np.eye(6))[:, None], len(problem.looks) * len(T))
-    terms = problem.terms.map(len(T))(poses, np.tile(numbers[:, None], len(T)), compliances)
+    # Whether it is stiff enough is left out: as if it gave way just as much as is wanted.
+    gives = np.concatenate([np.zeros(0), *(np.eye(look.width).ravel() for look in problem.looks)])
+    tiled = (np.tile(v[:, None], len(T)) for v in (numbers, gives))
+    terms = problem.terms.map(len(T))(poses, *tiled)
     match, approach, margin = (np.array(value).reshape(-1, len(T)) for value in terms[:3])
     size = np.sqrt((match**2).sum(0) + (approach**2).sum(0) + (np.minimum(margin, 0) ** 2).sum(0))
     crushed = np.maximum(_FEASIBLE - least[0], 0)

@@ -16,29 +16,36 @@ def stations_of(arm: Arm, targets: tuple[Target, ...]) -> tuple[float, ...]:
     return tuple(sorted({s for target in targets for s in target.stations(arm)}))
 
 
-def looks_of(arm: Arm, targets: tuple[Target, ...]) -> tuple[Look, ...]:
-    """Return all compliances that targets look at, once each."""
-    return tuple(sorted({look for target in targets for look in target.looks(arm)}))
+def looks_of(targets: tuple[Target, ...]) -> tuple[Look, ...]:
+    """Return the looks at the tip's compliance of the targets that have one, in their order."""
+    return tuple(look for target in targets if (look := target.look()) is not None)
+
+
+def ways_function(arm: Arm, targets: tuple[Target, ...]) -> ca.Function:
+    """Return target numbers -> the directions (3, width) of each look."""
+    numbers = _numbers(arm, targets)
+    pairs = zip(targets, numbers, strict=True)
+    ways = [target.ways(p) for target, p in pairs if target.look() is not None]
+    return ca.Function("ways", [ca.vertcat(*numbers)], ways)
 
 
 def terms_function(arm: Arm, targets: tuple[Target, ...]) -> ca.Function:
-    """Return (poses (7, K), target numbers, compliances (36, N)) -> stacked terms.
+    """Return (poses (7, K), target numbers, gives) -> stacked terms.
 
-    They are match, approach, margin, least, each by target; a compliance is column by column.
+    They are match, approach, margin, least, each by target. Gives are those of the looks, one below
+    the other, a give column by column.
     """
     stations = stations_of(arm, targets)
     poses = ca.MX.sym("poses", 7, len(stations))
-    looks = looks_of(arm, targets)
-    compliances = ca.MX.sym("compliances", 36, len(looks))
-    seen = {look: ca.reshape(compliances[:, i], 6, 6) for i, look in enumerate(looks)}
-    view = View(arm, {s: poses[:, i] for i, s in enumerate(stations)}, seen)
-    numbers, found = [], []
-    for target in targets:
-        p = ca.MX.sym("p", target.parameters(arm).size)
-        numbers.append(p)
-        found.append(target.terms(view, p))
+    seen = {s: poses[:, i] for i, s in enumerate(stations)}
+    numbers, gives = _numbers(arm, targets), _gives(targets)
+    found = [
+        target.terms(View(arm, seen, give), p)
+        for target, p, give in zip(targets, numbers, gives, strict=True)
+    ]
+    flat = ca.vertcat(*(ca.vec(give) for give in gives if give is not None))
     stacks = [_stack(found, kind) for kind in KINDS]
-    return ca.Function("terms", [poses, ca.vertcat(*numbers), compliances], stacks)
+    return ca.Function("terms", [poses, ca.vertcat(*numbers), flat], stacks)
 
 
 def term_names(arm: Arm, targets: tuple[Target, ...]) -> tuple[list[str], ...]:
@@ -69,9 +76,20 @@ def margin_firmness(arm: Arm, targets: tuple[Target, ...]) -> ca.DM:
 
 
 def _symbolic_terms(arm: Arm, targets: tuple[Target, ...]) -> list[Terms]:
-    seen = {look: ca.MX.sym("C", 6, 6) for look in looks_of(arm, targets)}
-    view = View(arm, {s: ca.MX.sym("pose", 7) for s in stations_of(arm, targets)}, seen)
-    return [t.terms(view, ca.MX.sym("p", t.parameters(arm).size)) for t in targets]
+    poses = {s: ca.MX.sym("pose", 7) for s in stations_of(arm, targets)}
+    parts = zip(targets, _numbers(arm, targets), _gives(targets), strict=True)
+    return [target.terms(View(arm, poses, give), p) for target, p, give in parts]
+
+
+def _numbers(arm: Arm, targets: tuple[Target, ...]) -> list[ca.MX]:
+    """Return symbols for the numbers of each target."""
+    return [ca.MX.sym("p", target.parameters(arm).size) for target in targets]
+
+
+def _gives(targets: tuple[Target, ...]) -> list[ca.MX | None]:
+    """Return symbols for what each target's look gives, None for those without."""
+    looks = [target.look() for target in targets]
+    return [ca.MX.sym("give", look.width, look.width) if look else None for look in looks]
 
 
 def _stack(terms: list[Terms], kind: str) -> ca.MX:

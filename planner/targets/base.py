@@ -15,6 +15,9 @@ from model.paths import Array
 from model.rotations import matrix
 from model.stiffness import Hold
 
+# How the name of a margin ends that is a share of what is wanted.
+OVER_WANTED = " over that wanted, less 1"
+
 
 @dataclass(frozen=True)
 class Terms:
@@ -38,24 +41,37 @@ class Terms:
     yielding: frozenset[str] = frozenset()
 
 
-@dataclass(frozen=True, order=True)
+@dataclass(frozen=True)
 class Look:
-    """A compliance that a target asks for: at arc length `at` [m], tendons held by `hold`."""
+    """How the tip gives way, as a target asks for it.
 
-    at: float
+    Attributes
+    ----------
+    hold : "tension" or "length"
+        What holds the tendons.
+    width : int
+        Along how many directions at once; see Target.ways.
+    tendon_EA : float or None
+        Stiffness E A of tendons whose lengths are held [N]; see model.stiffness.
+    """
+
     hold: Hold
+    width: int
+    tendon_EA: float | None = None
 
 
 class View:
-    """The poses of a shape at the stations that a target asked for, and compliances."""
+    """The poses of a shape at the stations that a target asked for, and how its tip gives way.
 
-    def __init__(
-        self,
-        arm: Arm,
-        poses: Mapping[float, ca.MX],
-        compliances: Mapping[Look, ca.MX] | None = None,
-    ) -> None:
-        self.arm, self._poses, self._compliances = arm, poses, compliances or {}
+    Attributes
+    ----------
+    give : (width, width)
+        D^T C D [m/N] with the compliance C (3, 3) of model.stiffness against forces on the tip,
+        and the target's directions D (3, width); only there for a target with a look.
+    """
+
+    def __init__(self, arm: Arm, poses: Mapping[float, ca.MX], give: ca.MX | None = None) -> None:
+        self.arm, self._poses, self._give = arm, poses, give
         self.base_frame = ca.MX(ca.DM(np.array(arm.base_frame)))
         self.base_position = ca.MX(ca.DM(np.array(arm.base_position)))
 
@@ -67,9 +83,11 @@ class View:
         """Return the frame (3, 3), columns t, n, b, at station s."""
         return _frame()(self._poses[s][:4]) if s > 0 else self.base_frame
 
-    def compliance(self, look: Look) -> ca.MX:
-        """Return the compliance (6, 6); see model.stiffness."""
-        return self._compliances[look]
+    @property
+    def give(self) -> ca.MX:
+        """How the tip gives way along the target's directions."""
+        assert self._give is not None
+        return self._give
 
     @property
     def tip(self) -> ca.MX:
@@ -116,8 +134,11 @@ class Target(Protocol):
     def claims(self, arm: Arm) -> Mapping[str, Array]:
         """Return the quantities that the target fixes, by name; two targets have to agree."""
 
-    def looks(self, arm: Arm) -> tuple[Look, ...]:
-        """Return the compliances that the target looks at."""
+    def look(self) -> Look | None:
+        """Return how the target looks at the tip's compliance, if it does."""
+
+    def ways(self, p: ca.MX) -> ca.MX:
+        """Return the directions (3, width) of its look, in the base frame, from its numbers p."""
 
     def lean(self, arm: Arm) -> Array | None:
         """Return a point (3,) that the arm has to lean towards [m]: what its first guesses use."""
@@ -145,9 +166,13 @@ class Free:
         """See Target.claims: none."""
         return {}
 
-    def looks(self, arm: Arm) -> tuple[Look, ...]:
-        """See Target.looks: none."""
-        return ()
+    def look(self) -> Look | None:
+        """See Target.look: not at all."""
+        return None
+
+    def ways(self, p: ca.MX) -> ca.MX:
+        """See Target.ways: none."""
+        return ca.MX(3, 0)
 
 
 def toward(arm: Arm, angle: float) -> Array:

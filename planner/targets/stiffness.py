@@ -15,7 +15,9 @@ from model.checks import finite_array, positive
 from model.errors import InputError
 from model.paths import Array
 from model.stiffness import HOLDS, Hold
-from planner.targets.base import Free, Look, Terms, View
+from planner.targets.base import OVER_WANTED, Free, Look, Terms, View
+
+SHARE = f"stiffness{OVER_WANTED}"
 
 
 @dataclass(frozen=True)
@@ -28,6 +30,7 @@ class _Directed(Free):
 
     direction: tuple[float, ...]
     hold: Hold = field(default="tension", kw_only=True)
+    tendon_EA: float | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         given = finite_array(f"{type(self).__name__}.direction", self.direction, (3,))
@@ -35,19 +38,23 @@ class _Directed(Free):
         if not size > 0:
             raise InputError(f"{type(self).__name__}.direction", self.direction, "a vector, not 0")
         object.__setattr__(self, "direction", tuple((given / size).tolist()))
-        _check_hold(type(self).__name__, self.hold)
+        _check_hold(type(self).__name__, self.hold, self.tendon_EA)
 
     def structure(self, arm: Arm) -> Hashable:
         """See Target.structure."""
-        return type(self).__name__, self.hold
+        return type(self).__name__, self.look()
 
     def stations(self, arm: Arm) -> tuple[float, ...]:
         """See Target.stations: none."""
         return ()
 
-    def looks(self, arm: Arm) -> tuple[Look, ...]:
-        """See Target.looks."""
-        return (Look(arm.length, self.hold),)
+    def look(self) -> Look:
+        """See Target.look: along one direction."""
+        return Look(self.hold, 1, self.tendon_EA)
+
+    def ways(self, p: ca.MX) -> ca.MX:
+        """See Target.ways."""
+        return p
 
     def parameters(self, arm: Arm) -> Array:
         """See Target.parameters."""
@@ -56,11 +63,6 @@ class _Directed(Free):
     def lean(self, arm: Arm) -> Array | None:
         """See Target.lean: nowhere."""
         return None
-
-    def give(self, view: View, direction: ca.MX) -> ca.MX:
-        """Return the compliance along the direction over that of the straight arm at rest."""
-        C = view.compliance(Look(view.arm.length, self.hold))[:3, :3]
-        return ca.dot(direction, C @ direction) / rest_give(view.arm)
 
 
 @dataclass(frozen=True)
@@ -73,11 +75,13 @@ class Stiffest(_Directed):
         In the base frame.
     hold : "tension" or "length"
         What holds the tendons.
+    tendon_EA : float or None
+        Stiffness E A of the tendons themselves, with their lengths held [N]; see stiffness.
     """
 
     def terms(self, view: View, p: ca.MX) -> Terms:
         """See Target.terms."""
-        return Terms(least={"compliance": ca.log(self.give(view, p))})
+        return Terms(least={"compliance": _log_give(view)})
 
 
 @dataclass(frozen=True)
@@ -86,7 +90,7 @@ class Softest(_Directed):
 
     def terms(self, view: View, p: ca.MX) -> Terms:
         """See Target.terms."""
-        return Terms(least={"stiffness": -ca.log(self.give(view, p))})
+        return Terms(least={"stiffness": -_log_give(view)})
 
 
 @dataclass(frozen=True)
@@ -102,11 +106,14 @@ class MinimumStiffness(Free):
         Along a direction [N/m]; or the factor of the matrix.
     hold : "tension" or "length"
         What holds the tendons.
+    tendon_EA : float or None
+        Stiffness E A of the tendons themselves, with their lengths held [N]; see stiffness.
     """
 
     direction: Any
     value: float
     hold: Hold = "tension"
+    tendon_EA: float | None = None
 
     def __post_init__(self) -> None:
         matrix = np.ndim(self.direction) == 2
@@ -123,19 +130,23 @@ class MinimumStiffness(Free):
         kept = tuple(map(tuple, given.tolist())) if matrix else tuple(given.tolist())
         object.__setattr__(self, "direction", kept)
         object.__setattr__(self, "value", positive("MinimumStiffness.value", self.value))
-        _check_hold("MinimumStiffness", self.hold)
+        _check_hold("MinimumStiffness", self.hold, self.tendon_EA)
 
     def structure(self, arm: Arm) -> Hashable:
         """See Target.structure."""
-        return "MinimumStiffness", self.hold, np.ndim(self.direction)
+        return "MinimumStiffness", self.look()
 
     def stations(self, arm: Arm) -> tuple[float, ...]:
         """See Target.stations: none."""
         return ()
 
-    def looks(self, arm: Arm) -> tuple[Look, ...]:
-        """See Target.looks."""
-        return (Look(arm.length, self.hold),)
+    def look(self) -> Look:
+        """See Target.look: along one direction, or all three."""
+        return Look(self.hold, 3 if np.ndim(self.direction) == 2 else 1, self.tendon_EA)
+
+    def ways(self, p: ca.MX) -> ca.MX:
+        """See Target.ways: scaled so that what is wanted is a give of 1 at most."""
+        return ca.reshape(p, 3, self.look().width)
 
     def parameters(self, arm: Arm) -> Array:
         """See Target.parameters: the direction, or the matrix's root; times the value's root."""
@@ -147,13 +158,11 @@ class MinimumStiffness(Free):
 
     def terms(self, view: View, p: ca.MX) -> Terms:
         """See Target.terms: the stiffness over that wanted, less 1; or minors of a matrix."""
-        C = view.compliance(Look(view.arm.length, self.hold))[:3, :3]
         if np.ndim(self.direction) == 1:
-            name = "stiffness over that wanted, less 1"
-            margin = {name: 1 / ca.dot(p, C @ p) - 1}
-            return Terms(margin=margin, yielding=frozenset({name}))
+            margin = {SHARE: 1 / view.give - 1}
+            return Terms(margin=margin, yielding=frozenset({SHARE}))
         name = "stiffness above that wanted"
-        return Terms(margin={name: _minors()(C, p)}, yielding=frozenset({name}))
+        return Terms(margin={name: _minors()(view.give)}, yielding=frozenset({name}))
 
     def lean(self, arm: Arm) -> Array | None:
         """See Target.lean: nowhere."""
@@ -162,12 +171,17 @@ class MinimumStiffness(Free):
 
 @cache
 def _minors() -> ca.Function:
-    """Return (C (3, 3), R (9,)) -> principal minors of 1 - R C R, 0 or above where C <= R^-2."""
-    C, R = ca.SX.sym("C", 3, 3), ca.SX.sym("R", 3, 3)
-    spare = ca.SX.eye(3) - R @ C @ R
+    """Return give G (3, 3) -> principal minors of 1 - G, 0 or above where G is at most 1."""
+    G = ca.SX.sym("G", 3, 3)
+    spare = ca.SX.eye(3) - G
     pairs = ([0, 1], [0, 2], [1, 2])
     minors = [ca.diag(spare), *(ca.det(spare[pair, pair]) for pair in pairs), ca.det(spare)]
-    return ca.Function("minors", [C, ca.vec(R)], [ca.vertcat(*minors)])
+    return ca.Function("minors", [G], [ca.vertcat(*minors)])
+
+
+def _log_give(view: View) -> ca.MX:
+    """Return the logarithm of the give over that of the straight arm at rest."""
+    return ca.log(view.give / rest_give(view.arm))
 
 
 def rest_give(arm: Arm) -> float:
@@ -177,6 +191,11 @@ def rest_give(arm: Arm) -> float:
     return float(np.trapezoid((arm.length - s) ** 2 / EJ, s))
 
 
-def _check_hold(name: str, hold: Any) -> None:
+def _check_hold(name: str, hold: Any, tendon_EA: Any) -> None:
     if hold not in HOLDS:
         raise InputError(f"{name}.hold", hold, '"tension" or "length"')
+    if tendon_EA is None:
+        return
+    positive(f"{name}.tendon_EA", tendon_EA)
+    if hold == "tension":
+        raise InputError(f"{name}.tendon_EA", tendon_EA, 'None, unless hold is "length"')

@@ -45,7 +45,7 @@ def test_a_plan_that_meets_its_target_with_needless_effort_fails_as_not_optimal(
     wasteful = plan(ARM, PLAN.targets, PAPER, 20.0, tension_min=0.05)
     assert wasteful.certificate.passed
     loosened = replace(wasteful, limits=PLAN.limits)
-    assert loosened.certificate.residual < 1e-8
+    assert loosened.certificate.residual <= wasteful.accuracy / 10
     assert any("optimality" in failure for failure in loosened.certificate.failures)
 
 

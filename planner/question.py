@@ -1,0 +1,59 @@
+"""What may be asked of a plan: form, targets and limits, checked together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from model.arm import Arm
+from model.effects import PrintedStatics
+from model.errors import InputError
+from model.paths import Array
+from model.scene import Scene
+from planner.limits import Limits
+from planner.statement import FORMS, Form
+from planner.targets.base import Target
+from planner.terms import looks_of
+
+
+def check_looks(targets: tuple[Target, ...], scene: Scene, limits: Limits) -> None:
+    """Raise InputError for a stiffness where nothing is known of loads, and without limits."""
+    if not looks_of(targets):
+        return
+    if scene.has(PrintedStatics):
+        raise InputError("target", "a stiffness", "shapes alone, in a scene as printed")
+    if not np.all(np.isfinite(limits.upper)) and limits.total is None:
+        raise InputError("tension_max", np.inf, "finite limits where a stiffness is wanted")
+
+
+def checked_form(form: Form | None, loaded: bool) -> Form:
+    """Return the form, the scene's own for None; refuse one that it cannot have."""
+    if form is None:
+        return "multiple-shooting" if loaded else "condensed"
+    if form not in FORMS:
+        raise InputError("form", form, ", ".join(FORMS))
+    if loaded and form == "condensed":
+        raise InputError("form", form, '"multiple-shooting" in a scene with loads')
+    return form
+
+
+def check_targets(arm: Arm, target: Target | Iterable[Target]) -> tuple[Target, ...]:
+    """Return the targets as a tuple; InputError for what is none, misfits and contradictions."""
+    targets = tuple(target) if isinstance(target, tuple | list) else (target,)
+    if not targets:
+        raise InputError("target", target, "at least one target")
+    claims: dict[str, Array] = {}
+    for t in targets:
+        if not hasattr(t, "terms"):
+            raise InputError("target", t, "a target such as TipPosition(...)")
+        t.check(arm)
+        for name, value in t.claims(arm).items():
+            if name in claims:
+                raise InputError(f"target: {name}", value.tolist(), "one target for it, not two")
+            claims[name] = value
+    if not frozenset.intersection(*(t.tendons(arm) for t in targets)):
+        raise InputError(
+            "target", targets, "targets that leave some tendon to pull for all of them"
+        )
+    return targets
