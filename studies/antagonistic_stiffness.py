@@ -11,7 +11,7 @@ tendon pulling at least at the level of co-contraction, the target met throughou
 force per displacement of the tip along the softest direction. Pareto front: least effort over the
 stiffness that is asked for, the tip kept in place.
 
-Command: python -m studies.antagonistic_stiffness [--points 5] [--out out]
+Command: python -m studies.antagonistic_stiffness [--points 5] [--statics NAME ...] [--out out]
 
 Answer: with tensions held, pulling two opposite tendons of a straight arm by 1 N each makes it
 33 % stiffer (neo-Hookean; 31 % with the anticlastic shift), by 2 N 73 %; finite elements say 30 %
@@ -49,6 +49,7 @@ SCENES = {
     "neo-Hookean": Scene.silicone(),
     "anticlastic": Scene(Extension(), ExactTendons(), NeoHookean(anticlastic=True)),
 }
+FRONTS = ("paper's tangent", "exact tendons")
 LINES = {"tension": "-", "length": "--"}
 MARKS = {"inplane": "k^", "outplane": "kv", "centre": "ko"}
 SHAPES: dict[str, tuple[str, Target]] = {
@@ -112,12 +113,14 @@ def front(arm: Arm, scene: Scene, point: Array, factors: Array) -> list[tuple[fl
     return found
 
 
-def contracted(levels: Array) -> dict[str, dict[str, dict[str, list[tuple[float, float]]]]]:
+def contracted(
+    levels: Array, scenes: dict[str, Scene]
+) -> dict[str, dict[str, dict[str, list[tuple[float, float]]]]]:
     """Return (total pull [N], softest stiffness [N/m]) by shape, statics and hold."""
     table: dict[str, dict[str, dict[str, list[tuple[float, float]]]]] = {}
     for shape, (name, target) in SHAPES.items():
         table[shape] = {}
-        for statics, scene in SCENES.items():
+        for statics, scene in scenes.items():
             first = plan(Arm.from_paper(name), target, scene, 20.0)
             plans = [p for level in levels if (p := first.co_contract(level)).certificate.passed]
             table[shape][statics] = {
@@ -174,14 +177,16 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Print the tables and save the figures."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--points", type=int, default=5)
+    parser.add_argument("--statics", nargs="+", choices=SCENES, default=list(SCENES))
     parser.add_argument("--out", type=Path, default=Path("out"))
     args = parser.parse_args(argv)
     levels = np.linspace(0.0, 2.0, args.points)
+    scenes = {name: SCENES[name] for name in args.statics}
     arm = straight_arm()
     straight: dict[str, dict[str, list[float]]] = {}
     print("straight arm: lateral stiffness over that at rest, two opposite tendons of so much [N]")
     print(f"{'statics':<18}{'held':<9}" + "".join(f"{level:>9.2f}" for level in levels))
-    for statics, scene in SCENES.items():
+    for statics, scene in scenes.items():
         straight[statics] = {}
         for hold in HOLDS:
             rest = lateral(arm, 0.0, scene, "tension")
@@ -192,7 +197,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     print(f"finite elements at 1 N, tension held: {elements}")
     lever = [1 / shortening_alone(arm, float(level)) for level in levels]
     print(f"{'neo-Hookean by shortening alone':<27}" + "".join(f"{value:>9.3f}" for value in lever))
-    table = contracted(np.linspace(0.0, 0.5, args.points))
+    table = contracted(np.linspace(0.0, 0.5, args.points), scenes)
     for shape, rows in table.items():
         print(f"\n{shape}: pull of all tendons [N], softest stiffness of the tip [N/m]")
         for statics, held in rows.items():
@@ -202,8 +207,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     fronts = {}
     table4 = Arm.from_paper("table-4")
     T = [[0, 0, 0.3, 0], [1, 0, 0, 0], [0, 2, 0, 0]]
-    for statics in ("paper's tangent", "exact tendons"):
-        scene = SCENES[statics]
+    for statics in [name for name in FRONTS if name in scenes]:
+        scene = scenes[statics]
         factors = np.linspace(1.1, 2.0, args.points)
         fronts[statics] = front(table4, scene, settle(table4, T, scene).tip, factors)
         cells = "  ".join(f"x{factor:.2f}: {effort:.3f}" for factor, effort in fronts[statics])

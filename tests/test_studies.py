@@ -5,10 +5,23 @@ from pathlib import Path
 
 import pytest
 
-from studies import bending_plane, effects_cost, fetch, tip_targets, which_statics
+from studies import (
+    antagonistic_stiffness,
+    bending_plane,
+    effects_cost,
+    fetch,
+    tip_targets,
+    which_statics,
+)
 
 Main = Callable[[Sequence[str]], None]
 SMALL: dict[str, tuple[Main, list[str], str, str]] = {
+    "antagonistic_stiffness": (
+        antagonistic_stiffness.main,
+        ["--points", "1", "--statics", "paper's tangent"],
+        "same tip, stiffer along z",
+        "antagonistic_stiffness.png",
+    ),
     "bending_plane": (bending_plane.main, ["--angles", "2"], "planned", "bending_plane.png"),
     "effects_cost": (effects_cost.main, ["--repeats", "1"], "all together", "effects_cost.png"),
     "which_statics": (which_statics.main, [], "neo-Hookean", "which_statics.png"),

@@ -1,0 +1,127 @@
+"""What does accuracy cost: by which integrator, on which mesh, and against what users have today?
+
+Question: how does the error fall with the time and with the number of cross-sections looked at,
+for settling, for the tip Jacobian and for a whole plan; does `settle` choose well; and what does
+the accuracy of a plan buy, and that of the statics?
+
+Assumptions: the arm of table 4, random tensions that it bears (studies.draws), the paper's scene,
+one with weight in water, and one with exact tendons, which are those of SoRoMoX. Errors are
+verified: tips against a settle of 1e-11 by another scheme, over L; Jacobians relative to the exact
+one, tensions scaled by what each tendon is to pull; plans by the distance of the tip from its
+target, and by effort above the best that was found by any way. Points are medians over tensions and
+repeats, bars their quartiles, crosses failures; stars are what `settle`, `tip_jacobian` and `plan`
+choose by themselves, for accuracies of 1e-2 to 1e-10. A plan includes its certificate, SLSQP
+nothing of the kind; it starts once, from moderate tensions.
+
+Command: python -m studies.accuracy_cost [--cases 5] [--repeats 20] [--targets 7] [--out out]
+
+Answer: ANSWER
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from planner.plot_work import Curve, legend_below, plot_work
+from studies.timing import machine
+from studies.work import Measured, Size, by_count
+from studies.work_plan import plans, reachable, statics
+from studies.work_settle import EXACT, EXPLICIT, PAPER, WEIGHT, jacobians, settling
+
+TIP, SECTIONS = "verified tip error [L]", "cross-sections looked at"
+
+
+def draw_settling(settled: list[Measured], jacobian: list[Measured]) -> Figure:
+    """Return the figure of settling and of the tip Jacobian, over time and over counts."""
+    figure = Figure(figsize=(9.6, 8.4), layout="constrained")
+    panels = figure.subplots(2, 2, sharey="row")
+    slopes = "verified error of the Jacobian"
+    for row, curves, error, work in (
+        (panels[0], settled, TIP, "settling"),
+        (panels[1], jacobian, slopes, "tip Jacobian"),
+    ):
+        plot_work([curve.by_time() for curve in curves], f"{work}: time [ms]", error, row[0])
+        plot_work(by_count(curves), f"{work}: {SECTIONS}", "", row[1])
+    legend_below(figure, panels.ravel().tolist(), 5)
+    return figure
+
+
+def draw_dearer(loaded: list[Measured], exact: list[Measured]) -> Figure:
+    """Return the figure of settling under loads and with exact tendons, over time."""
+    figure = Figure(figsize=(9.6, 5.0), layout="constrained")
+    panels = figure.subplots(1, 2, sharey=True)
+    for ax, curves, work, error in (
+        (panels[0], loaded, "weight in water", TIP),
+        (panels[1], exact, "exact tendons", ""),
+    ):
+        plot_work([curve.by_time() for curve in curves], f"{work}: time [ms]", error, ax)
+    legend_below(figure, panels.tolist(), 5)
+    return figure
+
+
+def draw_planning(gaps: list[Curve], efforts: list[Curve], by_statics: list[Curve]) -> Figure:
+    """Return the figure of plans, and of statics, over time."""
+    figure = Figure(figsize=(9.6, 3.8), layout="constrained")
+    panels = figure.subplots(1, 3)
+    curves = (
+        (by_statics, "settling by other statics: time [ms]", "tip off the neo-Hookean one [L]"),
+        (gaps, "plan of a tip: time [s]", "tip off its target [L]"),
+        (efforts, "plan of a tip: time [s]", "effort above the best found"),
+    )
+    for ax, (lines, cost, error) in zip(panels, curves, strict=True):
+        plot_work(lines, cost, error, ax)
+    legend_below(figure, panels.tolist(), 4)
+    return figure
+
+
+def table(title: str, curves: Sequence[Curve], unit: str) -> None:
+    """Print medians: for each way its settings as (cost, error)."""
+    print(f"\n{title}: cost [{unit}] and error, medians")
+    for curve in curves:
+        pairs = zip(curve.cost[:, 1], curve.error[:, 1], strict=True)
+        text = "  ".join(f"{cost:.3g} {error:.1e}" for cost, error in pairs)
+        lost = f"  ({curve.failed.size} failed)" if curve.failed.size else ""
+        print(f"  {curve.name:<34}{text}{lost}")
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Print the tables and save the figures."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--cases", type=int, default=5, help="random sets of tensions")
+    parser.add_argument("--repeats", type=int, default=20)
+    parser.add_argument("--targets", type=int, default=7)
+    parser.add_argument("--finest", type=int, default=256, help="the finest mesh")
+    parser.add_argument("--settings", type=int, default=20, help="accuracies, at most")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", type=Path, default=Path("out"))
+    args = parser.parse_args(argv)
+    print(machine("soromox"))
+    size = Size(args.cases, args.repeats, args.finest, args.settings)
+    rng = np.random.default_rng(args.seed)
+    settled = settling(PAPER, size, rng)
+    loaded = settling(WEIGHT[0], size, rng)
+    exact = settling(EXACT, size, rng, EXPLICIT)
+    jacobian = jacobians(size, rng)
+    by_statics = statics(size, rng)
+    gaps, efforts = plans(reachable(args.targets, rng), size, rng)
+    table("settling", [curve.by_time() for curve in settled], "ms")
+    table("settling with weight in water", [curve.by_time() for curve in loaded], "ms")
+    table("settling with exact tendons", [curve.by_time() for curve in exact], "ms")
+    table("tip Jacobian", [curve.by_time() for curve in jacobian], "ms")
+    table("statics, tip off the neo-Hookean one", by_statics, "ms")
+    table("plans, tip off its target", gaps, "s")
+    table("plans, effort above the best found", efforts, "s")
+    args.out.mkdir(parents=True, exist_ok=True)
+    draw_settling(settled, jacobian).savefig(args.out / "accuracy_cost.png", dpi=110)
+    draw_dearer(loaded, exact).savefig(args.out / "accuracy_cost_dearer.png", dpi=110)
+    figure = draw_planning(gaps, efforts, by_statics)
+    figure.savefig(args.out / "accuracy_cost_plans.png", dpi=110)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,87 @@
+"""How the studies measure time: two works in turn, so that what loads the machine loads both."""
+
+from __future__ import annotations
+
+import os
+import platform
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+T = TypeVar("T")
+Work = Callable[[], Any]
+# A measurement shorter than this is repeated within, as a clock's reading is not free.
+_LEAST = 2e-3
+
+
+@dataclass(frozen=True)
+class Spread:
+    """A median and its quartiles."""
+
+    low: float
+    median: float
+    high: float
+
+    @classmethod
+    def of(cls, values: Any) -> Spread:
+        """Return the spread of some numbers."""
+        return cls(*np.percentile(values, [25, 50, 75]).tolist())
+
+    def __str__(self) -> str:
+        return f"{self.median:.3g} ({self.low:.3g} to {self.high:.3g})"
+
+
+def seconds(work: Work, calls: int = 1) -> float:
+    """Return the time of one call [s], the mean over `calls`."""
+    begin = time.perf_counter()
+    for _ in range(calls):
+        work()
+    return (time.perf_counter() - begin) / calls
+
+
+def timed(work: Callable[[], T]) -> tuple[float, T]:
+    """Return the time of a call [s], and what it returned."""
+    begin = time.perf_counter()
+    found = work()
+    return time.perf_counter() - begin, found
+
+
+def calls_for(work: Work) -> int:
+    """Return how many calls take long enough to be timed; the first call builds and is not."""
+    work()
+    return max(1, min(1000, int(np.ceil(_LEAST / max(seconds(work), 1e-7)))))
+
+
+def repeated(work: Work, repeats: int) -> Spread:
+    """Return the time of a call [s]."""
+    calls = calls_for(work)
+    return Spread.of([seconds(work, calls) for _ in range(repeats)])
+
+
+def ratios(ours: Work, theirs: Work, repeats: int) -> list[float]:
+    """Return how many times as long theirs takes as ours, measured in turn."""
+    few, many = calls_for(theirs), calls_for(ours)
+    return [seconds(theirs, few) / seconds(ours, many) for _ in range(repeats)]
+
+
+def machine(*packages: str) -> str:
+    """Return the machine and versions that times were measured with, in one line."""
+    parts = [_processor(), f"{os.cpu_count()} cores", f"Python {platform.python_version()}"]
+    for package in ("casadi", "numpy", "scipy", *packages):
+        try:
+            parts.append(f"{package} {version(package)}")
+        except PackageNotFoundError:
+            parts.append(f"{package} absent")
+    return ", ".join(parts)
+
+
+def _processor() -> str:
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text(encoding="utf-8").splitlines() if info.exists() else []
+    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor() or platform.machine()

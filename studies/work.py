@@ -1,0 +1,106 @@
+"""How the curves of work-precision diagrams are measured; see studies.accuracy_cost."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from model import OctoplanError
+from model.paths import Array
+from planner.plot_work import Curve
+from studies.timing import calls_for, seconds
+
+Tip = Callable[[Array], Any]
+FAILURES = (OctoplanError, RuntimeError, ArithmeticError, np.linalg.LinAlgError)
+
+
+@dataclass(frozen=True)
+class Size:
+    """How much is measured.
+
+    Attributes
+    ----------
+    cases : int
+        Random sets of tensions, or targets.
+    repeats : int
+        Measurements of each time, at least.
+    finest : int
+        The finest mesh.
+    settings : int
+        Of accuracies, tolerances and starts, how many at most.
+    """
+
+    cases: int
+    repeats: int
+    finest: int
+    settings: int
+
+
+@dataclass
+class Measured:
+    """A curve by time, and by a count where there is one, as settings are added to it."""
+
+    name: str
+    kind: str = "own"
+    errors: list[Array] = field(default_factory=list)
+    times: list[Array] = field(default_factory=list)
+    counts: list[float] = field(default_factory=list)
+    lost: list[float] = field(default_factory=list)
+
+    def add(
+        self,
+        work: Callable[[int], Any],
+        error: Callable[[int, Any], float],
+        size: Size,
+        count: Callable[[], float] = lambda: math.nan,
+    ) -> None:
+        """Do a work of all cases, `repeats` times at least; a failure is kept as such.
+
+        `work` and `error` take the number of the case; `count` says what the last work took.
+        """
+        try:
+            found = [work(i) for i in range(size.cases)]
+        except FAILURES:
+            self.lost.append(failing_time(work, size.cases))
+            return
+        errors = [error(i, value) for i, value in enumerate(found)]
+        many, times = calls_for(lambda: work(0)), []
+        for k in range(max(size.repeats, size.cases)):
+            times.append(seconds(lambda i=k % size.cases: work(i), many))
+        self.errors.append(np.percentile(errors, [25, 50, 75]))
+        self.times.append(1e3 * np.percentile(times, [25, 50, 75]))
+        self.counts.append(count())
+
+    def by_time(self) -> Curve:
+        """Return errors over milliseconds."""
+        rows = np.array(self.times).reshape(-1, 3), np.array(self.errors).reshape(-1, 3)
+        return Curve(self.name, *rows, 1e3 * np.array(self.lost), self.kind)
+
+    def by_count(self) -> Curve | None:
+        """Return errors over the count, None where it is not known."""
+        known = np.isfinite(self.counts)
+        if not known.any():
+            return None
+        counts = np.repeat(np.array(self.counts)[known, None], 3, axis=1)
+        return Curve(self.name, counts, np.array(self.errors)[known], np.zeros(0), self.kind)
+
+
+def failing_time(work: Callable[[int], Any], cases: int) -> float:
+    """Return how long a work takes, on the mean of its cases, though some of them fail [s]."""
+
+    def attempt(i: int) -> None:
+        try:
+            work(i)
+        except FAILURES:
+            return
+
+    return float(np.mean([seconds(lambda i=i: attempt(i)) for i in range(cases)]))
+
+
+def by_count(curves: Iterable[Measured]) -> list[Curve]:
+    """Return the curves of those whose count is known."""
+    return [curve for measured in curves if (curve := measured.by_count())]

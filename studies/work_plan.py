@@ -1,0 +1,167 @@
+"""Work-precision of whole plans, and the price of their statics; see studies.accuracy_cost."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from model import Arm, OctoplanError, Scene, settle
+from model.effects import ExactTendons, Extension
+from model.paths import Array
+from planner import plan
+from planner.plot_work import Curve
+from planner.targets import TipPosition
+from studies import draws
+from studies.baselines import ScipyArm
+from studies.speed_settle import PAPER
+from studies.timing import repeated, timed
+from studies.tip_targets import MAXIMUM, draw
+from studies.work import Size
+
+ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)
+STARTS = (1, 2, 3, 5, 8, 14)
+RTOLS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
+STATICS = {
+    "as printed": Scene.as_printed(),
+    "paper": PAPER,
+    "exact tendons": Scene(Extension(), ExactTendons()),
+    "neo-Hookean": Scene.silicone(),
+}
+# What a way made of target i: the tensions, or None where it did not solve it.
+Way = Callable[[int], Array | None]
+
+
+@dataclass(frozen=True, eq=False)
+class Attempts:
+    """What one setting of a way took [s], and the tensions it led to, target by target."""
+
+    seconds: list[float]
+    found: list[Array | None]
+
+    @classmethod
+    def of(cls, way: Way, targets: int, repeats: int) -> Attempts:
+        """Return at least `repeats` attempts, the targets in turn."""
+        way(0)
+        rows = [timed(partial(way, k % targets)) for k in range(max(repeats, targets))]
+        return cls([time for time, _ in rows], [T for _, T in rows])
+
+
+def reachable(count: int, rng: np.random.Generator) -> list[Array]:
+    """Return reachable tips (3,) [m] of the table 4 arm."""
+    arm = Arm.from_paper("table-4")
+    return [draw(arm, rng, i % 3) for i in range(count)]
+
+
+def planned(points: list[Array], accuracy: float, starts: int, i: int) -> Array | None:
+    """Return the tensions of a plan, None where its certificate does not pass."""
+    arm, target = Arm.from_paper("table-4"), TipPosition(tuple(points[i]))
+    found = plan(arm, target, PAPER, MAXIMUM, accuracy=accuracy, starts=starts)
+    return np.ravel(found.tensions) if found.certificate.passed else None
+
+
+def slsqp(
+    scipy: ScipyArm, points: list[Array], guesses: Array, rtol: float, i: int
+) -> Array | None:
+    """Return what SLSQP finds from one start, None where it gives up or misses by 1e-3 L."""
+    settings = {"ftol": rtol, "rtol": rtol, "within": 1e-3}
+    T, _, solved = scipy.plan_tip(points[i], MAXIMUM, guesses[i], **settings)
+    return T if solved else None
+
+
+def ways(
+    points: list[Array], size: Size, rng: np.random.Generator
+) -> dict[str, tuple[str, list[Way]]]:
+    """Return (kind of curve, settings) of the ways to plan, by name."""
+    scipy, few = ScipyArm(Arm.from_paper("table-4")), size.settings
+    guesses = rng.uniform(size=(len(points), 12)) * np.repeat([0.1, 0.5, 1.5], 4)
+    by_accuracy: list[Way] = [partial(planned, points, a, 14) for a in ACCURACIES[:few]]
+    by_starts: list[Way] = [partial(planned, points, 1e-6, n) for n in STARTS[:few]]
+    by_rtol: list[Way] = [partial(slsqp, scipy, points, guesses, r) for r in RTOLS[:few]]
+    return {
+        "plan, accuracy 1e-9 to 1e-2": ("choice", by_accuracy),
+        "plan, 1 to 14 starts": ("own", by_starts),
+        "SLSQP, one start, rtol 1e-8 to 1e-3": ("other", by_rtol),
+    }
+
+
+def plans(points: list[Array], size: Size, rng: np.random.Generator) -> tuple[list[Curve], ...]:
+    """Return curves of the tip's distance from the target over L, and of effort above the best.
+
+    The best is that of any way here or of 30 starts.
+    """
+    arm, n = Arm.from_paper("table-4"), len(points)
+    measured = {
+        name: (kind, [Attempts.of(way, n, size.repeats) for way in settings])
+        for name, (kind, settings) in ways(points, size, rng).items()
+    }
+    many = [planned(points, 1e-6, 30, i) for i in range(n)]
+    efforts = np.array([np.inf if T is None else np.linalg.norm(T) for T in many])
+    for _, settings in measured.values():
+        for attempts in settings:
+            for k, T in enumerate(attempts.found):
+                if T is not None and _gap(arm, T, points[k % n]) < 1e-6:
+                    efforts[k % n] = min(efforts[k % n], np.linalg.norm(T))
+
+    def gap(T: Array, i: int) -> float:
+        return _gap(arm, T, points[i])
+
+    def excess(T: Array, i: int) -> float:
+        return max(float(np.linalg.norm(T) / efforts[i]) - 1, 0.0)
+
+    return tuple(
+        [_curve(name, kind, rows, error, n) for name, (kind, rows) in measured.items()]
+        for error in (gap, excess)
+    )
+
+
+def _gap(arm: Arm, T: Array, point: Array) -> float:
+    return math.dist(settle(arm, T, PAPER, 1e-11).tip, point) / arm.length
+
+
+def _curve(
+    name: str,
+    kind: str,
+    settings: Sequence[Attempts],
+    error: Callable[[Array, int], float],
+    targets: int,
+) -> Curve:
+    """Return the curve of a way; crosses where not even half of the targets were solved."""
+    costs, errors, failed = [], [], []
+    for attempts in settings:
+        solved = [(k % targets, T) for k, T in enumerate(attempts.found) if T is not None]
+        cost = np.percentile(attempts.seconds, [25, 50, 75])
+        if len(solved) < len(attempts.found) / 2:
+            failed.append(cost[1])
+            continue
+        costs.append(cost)
+        errors.append(np.percentile([error(T, i) for i, T in solved], [25, 50, 75]))
+    rows = np.array(costs).reshape(-1, 3), np.array(errors).reshape(-1, 3)
+    return Curve(name, *rows, np.array(failed), kind)
+
+
+def statics(size: Size, rng: np.random.Generator) -> list[Curve]:
+    """Return how far tips are from those of the neo-Hookean body, over L, and times [ms].
+
+    Of tensions that all statics settle under.
+    """
+    arm, rows = Arm.from_paper("table-4"), []
+    sets = draws.endless(arm, rng)
+    while len(rows) < size.cases:
+        T = next(sets)
+        try:
+            rows.append((T, [settle(arm, T, scene).tip for scene in STATICS.values()]))
+        except OctoplanError:
+            continue
+    tips = np.array([found for _, found in rows])
+    # The last is the one to trust; it is off by what settle's accuracy leaves.
+    off = np.maximum(np.linalg.norm(tips - tips[:, -1:], axis=2) / arm.length, 1e-6)
+    curves = []
+    for i, (name, scene) in enumerate(STATICS.items()):
+        spread = repeated(partial(settle, arm, rows[0][0], scene), size.repeats)
+        cost = 1e3 * np.array([[spread.low, spread.median, spread.high]])
+        curves.append(Curve(name, cost, np.percentile(off[:, i], [25, 50, 75])[None]))
+    return curves

@@ -1,0 +1,188 @@
+"""Work-precision of settling and of the tip Jacobian; see studies.accuracy_cost."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+
+from model import Arm, Scene, settle, tip_jacobian
+from model.effects import ExactTendons, Extension
+from model.forward import SCHEMES, ForwardMap, forward_map, schemes_of
+from model.ladder import REFINEMENTS
+from model.magnus import Magnus
+from model.paths import Array
+from model.runge_kutta import RungeKutta
+from model.statics import is_loaded
+from model.tip_slopes import tip_slopes
+from studies import draws
+from studies.baseline_gvs import settler
+from studies.baseline_loads import ScipyLoadedArm
+from studies.baselines import ScipyArm
+from studies.speed_settle import LOADS
+from studies.work import Measured, Size
+
+PAPER = Scene(Extension())
+EXACT = Scene(Extension(), ExactTendons())
+WEIGHT = LOADS["weight in water"]
+Error = Callable[[int, Any], float]
+KNOB = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10)
+RTOLS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11)
+_FINE = 1e-10
+# Others are built for minutes where slopes are wanted, or sections have to settle by themselves.
+EXPLICIT = ("magnus6", "magnus4", "magnus2", "rk4", "rk6", "rk8")
+
+
+def cases(arm: Arm, scene: Scene, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Return tensions (count, n_tendons) [N], and the tips (count, 3) [m] that they lead to."""
+    T = draws.rows(arm, rng, count)
+    second = schemes_of(scene)[1]
+    return T, np.array([settle(arm, row, scene, 1e-11, second).tip for row in T])
+
+
+def settling(
+    scene: Scene, size: Size, rng: np.random.Generator, schemes: tuple[str, ...] | None = None
+) -> list[Measured]:
+    """Return every scheme on every mesh, the knob's choices, and SciPy, for a scene."""
+    arm = Arm.from_paper("table-4")
+    T, true = cases(arm, scene, size.cases, rng)
+
+    def off(i: int, tip: Array) -> float:
+        return float(np.linalg.norm(tip - true[i])) / arm.length
+
+    curves = []
+    for name in schemes or schemes_of(scene):
+        curve = Measured(name)
+        for refinement in (r for r in REFINEMENTS if r <= size.finest):
+            forward = forward_map(arm, scene, name, refinement)
+            work = partial(_tip, forward, T)
+            curve.add(work, off, size, partial(_sections, name, forward))
+            if curve.errors and curve.errors[-1][1] < _FINE:
+                break
+        curves.append(curve)
+    choice = Measured("settle's choice", "choice")
+    for accuracy in KNOB[: size.settings]:
+        choice.add(lambda i, a=accuracy: settle(arm, T[i], scene, a).tip, off, size)
+    return [*curves, choice, *_others(scene)(arm, T, off, size)]
+
+
+def _others(scene: Scene) -> Callable[[Arm, Array, Error, Size], list[Measured]]:
+    """Return what measures those that others offer for the statics of a scene."""
+    if is_loaded(scene):
+        return _scipy_loads
+    return _soromox if scene.has(ExactTendons) else _scipy
+
+
+def _tip(forward: ForwardMap, T: Array, i: int) -> Array:
+    return forward.run(T[i])[0][-1, 4:7]
+
+
+def _sections(name: str, forward: ForwardMap) -> float:
+    """Return how many cross-sections a settle looks at; not known where a scheme is implicit."""
+    scheme = SCHEMES[name]
+    if isinstance(scheme, Magnus):
+        return forward.mesh.steps * len(scheme.nodes)
+    explicit = isinstance(scheme, RungeKutta) and not hasattr(forward, "equilibrium")
+    return forward.mesh.steps * len(scheme.nodes) if explicit else np.nan
+
+
+def _scipy(arm: Arm, T: Array, off: Error, size: Size) -> list[Measured]:
+    scipy, curves = ScipyArm(arm), []
+    for method in ("DOP853", "RK45", "LSODA"):
+        curve = Measured(f"SciPy {method}", "other")
+        for rtol in RTOLS[: size.settings]:
+            scipy.rhs = 0
+            scipy.tip(T[0], method, rtol)
+            once = scipy.rhs
+            curve.add(
+                lambda i, m=method, r=rtol: scipy.tip(T[i], m, r),
+                off,
+                size,
+                lambda n=once: n,
+            )
+        curves.append(curve)
+    return curves
+
+
+def _soromox(arm: Arm, T: Array, off: Error, size: Size) -> list[Measured]:
+    """Return polynomial strains of several orders by SoRoMoX, compiled beforehand."""
+    if find_spec("soromox") is None:
+        print('SoRoMoX is not installed (pip install -e ".[soromox]"): left out')
+        return []
+    curve = Measured("SoRoMoX, order 0 to 8", "other")
+    for order in (0, 2, 4, 6, 8)[: size.settings]:
+        tip = settler(arm, order)
+        curve.add(lambda i, tip=tip: tip(T[i]), off, size)
+    return [curve]
+
+
+def _scipy_loads(arm: Arm, T: Array, off: Error, size: Size) -> list[Measured]:
+    _, force, gravity, fluid = WEIGHT
+    scipy, curves = ScipyLoadedArm(arm, np.array(force), np.array(gravity), fluid), []
+    for name, way in (("shooting", scipy.shoot), ("solve_bvp", scipy.collocate)):
+        curve = Measured(f"SciPy {name}", "other")
+        for rtol in RTOLS[: min(7, size.settings)]:
+            curve.add(lambda i, w=way, r=rtol: w(T[i], r), off, size)
+        curves.append(curve)
+    return curves
+
+
+def jacobians(size: Size, rng: np.random.Generator) -> list[Measured]:
+    """Return the tip Jacobian by scheme and mesh, the knob's choices, and differences by SciPy."""
+    arm = Arm.from_paper("table-4")
+    T, scale = draws.rows(arm, rng, size.cases), draws.most(arm)
+    true = [tip_jacobian(arm, row, PAPER, 1e-11)[:3] * scale for row in T]
+
+    def off(i: int, J: Array) -> float:
+        change = np.asarray(J)[:3] * scale - true[i]
+        return float(np.linalg.norm(change) / np.linalg.norm(true[i]))
+
+    curves = []
+    for name in EXPLICIT:
+        curve = Measured(name)
+        for refinement in (r for r in REFINEMENTS if r <= size.finest):
+            function = tip_slopes(arm, PAPER, name, refinement)
+            forward = forward_map(arm, PAPER, name, refinement)
+            work = partial(_called, function, T)
+            curve.add(work, off, size, partial(_sections, name, forward))
+            if curve.errors[-1][1] < _FINE:
+                break
+        curves.append(curve)
+    for machine_code in (False, True):
+        choice = Measured("tip_jacobian's choice" + ", compiled" * machine_code, "choice")
+        for accuracy in KNOB[: size.settings]:
+
+            def chosen(i: int, a: float = accuracy, c: bool = machine_code) -> Array:
+                return tip_jacobian(arm, T[i], PAPER, a, compile=c)
+
+            choice.add(chosen, off, size)
+        curves.append(choice)
+    return [*curves, *_differences(ScipyArm(arm), T, scale, off, size)]
+
+
+def _called(function: object, T: Array, i: int) -> Array:
+    return np.array(function(T[i]))
+
+
+def _differences(scipy: ScipyArm, T: Array, scale: Array, off: Error, size: Size) -> list[Measured]:
+    """Return forward and central differences, by the step that suits the tolerance."""
+    curves = []
+    for central in (False, True):
+        curve = Measured(f"SciPy DOP853, {'central' if central else 'forward'}", "other")
+        for rtol in RTOLS[1 : 1 + size.settings]:
+            steps = scale * (max(rtol, 1e-12) ** (1 / 3) / 10 if central else rtol**0.5 / 10)
+            work = partial(_difference, scipy, T, rtol, steps, central)
+            scipy.rhs = 0
+            work(0)
+            curve.add(work, off, size, lambda n=scipy.rhs: n)
+        curves.append(curve)
+    return curves
+
+
+def _difference(
+    scipy: ScipyArm, T: Array, rtol: float, steps: Array, central: bool, i: int
+) -> Array:
+    return scipy.tip_jacobian(T[i], rtol, steps, central)
