@@ -202,7 +202,7 @@ class Arm:
         if not hasattr(values, "__iter__") or isinstance(values, str | bytes):
             raise InputError(name, values, self._shapes)
         array = isinstance(values, np.ndarray) and values.dtype == float
-        if array and self._fits(values.shape) and ((values >= 0) & (values < np.inf)).all():
+        if array and self._fits(values.shape) and values.min() >= 0 and values.max() < np.inf:
             return np.asarray(values.flatten())
         rows = [np.atleast_1d(numbers(name, row, self._shapes)) for row in values]
         if any(row.ndim != 1 for row in rows):

@@ -7,6 +7,7 @@ section) -> strains (closed form) -> one relative pose per step (Magnus) -> pose
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -15,6 +16,7 @@ import numpy as np
 
 from model.arm import Arm
 from model.buffered import Buffered
+from model.compiled import compiled
 from model.magnus import Magnus
 from model.mesh import Mesh
 from model.paths import Array
@@ -158,6 +160,13 @@ class ClosedForm:
         nodes = ca.horzcat(base_pose(arm), poses)
         self.function = ca.Function("closed_form", [T], [ca.densify(nodes), ca.densify(everywhere)])
         self._call = Buffered(self.function)
+
+    def compiled(self) -> ClosedForm:
+        """See ExplicitMap.compiled."""
+        other = copy(self)
+        other.function = compiled(self.function)
+        other._call = Buffered(other.function)
+        return other
 
     def run(self, tensions: Array, near: Array | None = None) -> tuple[Array, Array]:
         """See ForwardMap.run: poses (S + 1, 7) and 1 + q (K,)."""

@@ -70,6 +70,9 @@ class ExplicitMap(ForwardMap, Protocol):
     function: ca.Function
     stretch_active: Counts
 
+    def compiled(self) -> ExplicitMap:
+        """Return the same map as machine code; raises CompilerError."""
+
 
 @lru_cache(maxsize=256)
 def schemes_of(scene: Scene) -> tuple[str, ...]:
@@ -94,6 +97,7 @@ def check_scheme(scene: Scene, scheme: str | None) -> str:
     return scheme or allowed[0]
 
 
+@lru_cache(maxsize=256)
 def forward_map(
     arm: Arm, scene: Scene, scheme: str, refinement: int, at: tuple[float, ...] = ()
 ) -> ForwardMap:
@@ -101,6 +105,12 @@ def forward_map(
     if is_loaded(scene):
         return loaded_map(arm, scene, scheme, refinement, at)
     return explicit_map(arm, scene, scheme, refinement, at)
+
+
+@lru_cache(maxsize=256)
+def machine_map(arm: Arm, scene: Scene, scheme: str, refinement: int) -> ExplicitMap:
+    """Return the forward map of a scene without loads as machine code; see forward_map."""
+    return explicit_map(arm, scene, scheme, refinement).compiled()
 
 
 @lru_cache(maxsize=256)

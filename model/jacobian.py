@@ -38,7 +38,7 @@ def tip_jacobian(
         if compile:
             raise InputError("compile", True, "False in a scene with loads")
         return stiffness(arm, tensions, scene, accuracy=accuracy).pose_tension
-    shape = settle(arm, tensions, scene, accuracy)
+    shape = settle(arm, tensions, scene, accuracy, compile=compile)
     call = _call(arm, scene, check_scheme(scene, None), shape.refinement, compile)
     return call(shape.tensions)[0].T
 

@@ -22,6 +22,7 @@ def checked_accuracy(accuracy: Any) -> float:
     return within("accuracy", accuracy, FINEST_ACCURACY, LOOSEST)
 
 
+@lru_cache(maxsize=64)
 def first_pair(accuracy: float, order: int) -> tuple[int, int]:
     """Return the two refinements to begin with, one about twice the other.
 

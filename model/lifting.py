@@ -25,9 +25,7 @@ from model.orthonormal import Orthonormal
 from model.rotations import small_turns, turning
 from model.segment import Segment
 from model.segment_tangents import tangents
-
-# A dense factorisation with pivots: the sparse one that is the default fails on tiny entries.
-LINEAR = "lapackqr"
+from model.small_systems import solve_small
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +97,7 @@ class Lifting:
         """Return the change of each start (n_x, m), and that at the base."""
         n, end = self.n_w, crossings[-1].end
         gap = self._gap(end, p)
-        w = -ca.solve(gap[:, :n], gap[:, n:], LINEAR)
+        w = -solve_small(gap[:, :n], gap[:, n:])
         base, moves = _moved(end, w), []
         for crossing in reversed(crossings):
             moves.append(_moved(crossing.start, w))
@@ -150,7 +148,7 @@ class Lifting:
         move[:4, :3] = turning()(x[:4])
         move[pulls, 3 : self.n_w] = ca.DM.eye(self.n_w - 3)
         bound = [i for i in range(7, n) if not pulls.start <= i < pulls.stop]
-        move[bound, :] = -ca.solve(slope[:, bound], slope @ move + self._own(G, p), LINEAR)
+        move[bound, :] = -solve_small(slope[:, bound], slope @ move + self._own(G, p))
         return ca.Function("tip", [x, p], [ca.densify(move)])
 
     def _after(self, segment: Segment) -> ca.Function:
@@ -158,7 +156,7 @@ class Lifting:
         x, end, change, p = self._symbols()
         G = segment.entry(x, end, p)
         known = ca.jtimes(G, end, change) + self._own(G, p)
-        move = -ca.solve(ca.jacobian(G, x), known, LINEAR)
+        move = -solve_small(ca.jacobian(G, x), known)
         return ca.Function("after", [x, end, change, p], [ca.densify(move)])
 
     def _gap(self, end: ca.MX, p: ca.MX) -> ca.MX:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from model.closed_form import ClosedForm
+from model.closed_form import ClosedForm, strains_at
 from model.continuation import LoadedEquilibrium
 from model.effects import ExactTendons, Extension, NeoHookean
 from model.load_functions import load_step, state_reader, strain_reader
@@ -28,7 +28,9 @@ class Loaded:
     def __init__(self, system: LoadSegments) -> None:
         self.system, self.mesh, self.order = system, system.mesh, system.scheme.order
         self.equilibrium = LoadedEquilibrium(system)
-        self.free = ClosedForm(system.arm, unloaded(system.scene), self.mesh, MAGNUS6)
+        self._first = [self.mesh.node(segment.nodes[0]) for segment in system.segments]
+        free = ClosedForm(system.arm, unloaded(system.scene), self.mesh, MAGNUS6)
+        self._unloaded = self._starts_unloaded(free)
         self.paths = self._paths()
         places = [segment.nodes for segment in system.segments]
         self.stretch_at = np.concatenate(places)
@@ -56,21 +58,27 @@ class Loaded:
         """See ForwardMap.starts."""
         return states[self._first].T
 
-    @property
-    def _first(self) -> list[int]:
-        return [self.mesh.node(segment.nodes[0]) for segment in self.system.segments]
-
     def without_loads(self, tensions: Array) -> Array:
         """Return the states at the segments' starts where the share of the loads is 0."""
-        poses, _ = self.free.run(tensions)
-        s = self.mesh.s[self._first]
-        pose, strain = self.free.dense(tensions, poses, s)
-        e = self.system.equations
-        force = np.zeros((s.size, e.n_force))
-        pulls = np.tile(tensions[: e.n_tension], (s.size, 1))
-        lengths = np.zeros((s.size, e.n_length))
-        strains = state_reader(e).map(s.size)(strain.T)
-        return np.hstack([pose, np.array(strains).T, force, pulls, lengths]).T
+        return np.array(self._unloaded(tensions))
+
+    def _starts_unloaded(self, free: ClosedForm) -> ca.Function:
+        """Return T -> the states at the segments' starts (n_x, segments) without loads.
+
+        Strains are those on the start's side of the segment.
+        """
+        T, e, n = ca.MX.sym("T", self.system.arm.n_tendons), self.system.equations, len(self._first)
+        s, step = self.mesh.s[self._first], np.array(self._first) - 1
+        strains = strains_at(free.arm, free.scene, s, self.mesh.active[step], T)
+        pulls = ca.repmat(ca.reshape(T[: e.n_tension], e.n_tension, 1), 1, n)
+        rows = [
+            free.function(T)[0][:, self._first],
+            state_reader(e).map(n)(strains),
+            ca.MX.zeros(e.n_force, n),
+            pulls,
+            ca.MX.zeros(e.n_length, n),
+        ]
+        return ca.Function("unloaded", [T], [ca.densify(ca.vertcat(*rows))])
 
     def dense(self, tensions: Array, states: Array, s: Array) -> tuple[Array, Array]:
         """See ForwardMap.dense: a step from the nodes above."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -89,6 +90,7 @@ def load_form(arm: Arm, scene: Scene, probed: bool = False, lengths: bool = Fals
     )
 
 
+@lru_cache(maxsize=256)
 def check_loads(arm: Arm, scene: Scene) -> None:
     """Raise InputError for loads that this arm cannot have."""
     for load in point_loads(scene):

@@ -9,11 +9,12 @@ import numpy as np
 
 from model.arm import Arm
 from model.checks import kind
-from model.errors import CollapsedError, NotSettledError, SnapError
-from model.forward import SCHEMES, ForwardMap, check_scheme, forward_map
+from model.errors import CollapsedError, InputError, NotSettledError, SnapError
+from model.forward import SCHEMES, ForwardMap, check_scheme, forward_map, machine_map
 from model.ladder import checked_accuracy, estimate, first_pair, next_refinement
 from model.loads import check_loads
 from model.paths import Array
+from model.patience import check_time
 from model.scene import Scene
 from model.shape import Shape
 from model.statics import is_loaded
@@ -29,6 +30,7 @@ def settle(
     scene: Scene | None = None,
     accuracy: float = ACCURACY,
     scheme: str | None = None,
+    compile: bool = False,  # noqa: A002  (the name that scripts use)
 ) -> Shape:
     """Return the shape that an arm takes under tensions.
 
@@ -44,6 +46,9 @@ def settle(
         twist the arm, it holds for points a base radius off the tip too.
     scheme : str
         The integrator; the scene's fastest unless given.
+    compile : bool
+        Whether the C compiler of the machine is used, in scenes without loads: the same digits,
+        twice as soon, after a second for the compiler.
 
     Raises
     ------
@@ -55,14 +60,21 @@ def settle(
         If the finest mesh is not as accurate as asked.
     SnapError
         If the arm snaps, folds or buckles before the loads are in full.
+    CompilerError
+        If `compile` is asked for, and there is no compiler or it fails.
     """
     scene = checked_scene(arm, scene)
     T = arm.flat(tensions)
     scheme = check_scheme(scene, scheme)
-    return _settled(arm, T, scene, checked_accuracy(accuracy), scheme)
+    if compile and is_loaded(scene):
+        raise InputError("compile", compile, "False in a scene with loads, whose maps are implicit")
+    return _settled(arm, T, scene, checked_accuracy(accuracy), scheme, compile)
 
 
-def _settled(arm: Arm, T: Array, scene: Scene, accuracy: float, scheme: str) -> Shape:
+def _settled(
+    arm: Arm, T: Array, scene: Scene, accuracy: float, scheme: str, machine_code: bool
+) -> Shape:
+    maps = machine_map if machine_code else forward_map
     order = SCHEMES[scheme].order
     lever = float(arm.radius.evaluate(np.zeros(1), arm.length)[0][0]) if is_loaded(scene) else 0.0
     coarse, fine = first_pair(accuracy, order)
@@ -70,7 +82,8 @@ def _settled(arm: Arm, T: Array, scene: Scene, accuracy: float, scheme: str) -> 
     before: tuple[int, Array] | None = None
     near: Array | None = None
     while refinement:
-        forward = forward_map(arm, scene, scheme, refinement)
+        check_time()
+        forward = maps(arm, scene, scheme, refinement)
         try:
             states, stretch = forward.run(T, near)
         except SnapError:

@@ -7,6 +7,7 @@ D(tip) / D(base), which for a tapered arm is small; from base to tip it would gr
 
 from __future__ import annotations
 
+from copy import copy
 from functools import lru_cache
 
 import casadi as ca
@@ -14,6 +15,7 @@ import numpy as np
 
 from model.arm import Arm
 from model.closed_form import base_pose, sections
+from model.compiled import compiled
 from model.errors import NotSettledError
 from model.integrator import Integrator
 from model.mesh import Mesh
@@ -151,6 +153,12 @@ class StrainOde:
         pose = compose(compose(ca.SX(ca.DM(base_pose(self.arm))), inverse(first)), here)
         anchor = ca.Function("anchor", [first, here], [pose])
         return anchor.map(states.shape[1])(states[:7, 0], states[:7, :])
+
+    def compiled(self) -> StrainOde:
+        """See ExplicitMap.compiled."""
+        other = copy(self)
+        other.function = compiled(self.function)
+        return other
 
     def run(self, tensions: Array, near: Array | None = None) -> tuple[Array, Array]:
         """See ForwardMap.run: poses and strains (S + 1, 7 + n), and 1 + q (K,).

@@ -10,10 +10,10 @@ from model.arm import Arm
 from model.compliance import ClosedCompliance
 from model.forward import SCHEMES
 from model.give import closed_give
-from model.lifting import LINEAR
 from model.magnus import MAGNUS6, Magnus
 from model.mesh import graded
 from model.scene import Scene
+from model.small_systems import DENSE
 from model.stiffness import least_give
 from planner.targets.base import Look
 
@@ -43,4 +43,4 @@ def _locked(arm: Arm, scene: Scene, scheme: Magnus, refinement: int, look: Look,
     own = spread - least_give(arm) * ca.DM.eye(arm.n_tendons)
     if look.tendon_EA is not None:
         own -= ca.diag(lengths) / look.tendon_EA
-    return C - pose_tension @ ca.solve(own, drawn, LINEAR)
+    return C - pose_tension @ ca.solve(own, drawn, DENSE)

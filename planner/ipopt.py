@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from model.paths import Array
+from planner.interrupt import Watch
 from planner.problem import Problem
 
 _QUIET: dict[str, Any] = {
@@ -39,6 +40,7 @@ STOPPED = {
     "Maximum_Iterations_Exceeded": "the iteration limit was reached",
     "Restoration_Failed": "no way back to the constraints was found",
     "Invalid_Number_Detected": "a number that is not finite came up",
+    "User_Requested_Stop": "the time limit was reached",
     "Invalid_Option": "the solver was given an option it does not have",
 }
 
@@ -65,6 +67,7 @@ class Solution:
         return bool(np.all(np.isfinite(self.x)) and np.all(np.isfinite(self.g)))
 
 
+_WATCH = Watch()
 _solvers: WeakKeyDictionary[Problem, dict[bool, ca.Function]] = WeakKeyDictionary()
 
 
@@ -77,6 +80,7 @@ def solver(problem: Problem, warm: bool) -> ca.Function:
             "show_eval_warnings": False,
             "calc_lam_p": False,
             "error_on_fail": False,
+            "iteration_callback": _WATCH,
             **_derivatives(problem),
             "ipopt": _QUIET | (_WARM if warm else _COLD),
         }
@@ -116,7 +120,8 @@ def solve(
     inputs = {"x0": x, "p": p, "lbx": lbx, "ubx": ubx, "lbg": lbg, "ubg": ubg}
     if multipliers is not None:
         inputs |= {"lam_x0": multipliers[0], "lam_g0": multipliers[1]}
-    found = run(**inputs)
+    with _WATCH.held():
+        found = run(**inputs)
     stats = run.stats()
     status = stats["return_status"]
     return Solution(

@@ -28,13 +28,13 @@ import casadi as ca
 from model.arm import Arm
 from model.effects import Current
 from model.forward import SCHEMES
-from model.lifting import LINEAR
 from model.load_segments import LoadSegments
 from model.loads import places
 from model.mesh import graded
 from model.runge_kutta import RungeKutta
 from model.scene import Scene
 from model.shooting import Shooting
+from model.small_systems import DENSE
 from model.stiffness import least_give
 from planner.derivatives import Derivatives
 from planner.inner import Inner, through
@@ -66,7 +66,7 @@ class LoadedGive:
         changed = _changes(constraints, system.arm, look.tendon_EA)
         z = place @ ca.vertcat(T, X)
         M = changed.slopes(z)
-        V, U = ca.solve(M, self._force() @ D, LINEAR), ca.solve(M.T, self._tip().T @ D, LINEAR)
+        V, U = ca.solve(M, self._force() @ D, DENSE), ca.solve(M.T, self._tip().T @ D, DENSE)
         changes = [changed.right(z, v) for v in ca.horzsplit(V)]
         G = ca.densify(ca.vec(D.T @ self._tip() @ V))
         slopes = ca.vertcat(*(-(U.T @ change) for change in changes))
@@ -74,7 +74,7 @@ class LoadedGive:
         along = ca.horzsplit(U @ ca.reshape(weights, width, width))
         for v, u, change in zip(ca.horzsplit(V), along, changes, strict=True):
             left, bent = changed.second(z, u, v)
-            turned = left.T @ ca.solve(M, change, LINEAR)
+            turned = left.T @ ca.solve(M, change, DENSE)
             curved += turned + turned.T - bent
         self.values = ca.Function("give", [T, X, D], [G])
         self.first = ca.Function("give_slopes", [T, X, D], [G, ca.densify(slopes @ place)])

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from model.arm import Arm
-from model.checks import kind, not_negative
+from model.checks import kind, not_negative, positive
 from model.errors import InputError, OctoplanError
 from model.ladder import checked_accuracy
 from model.loads import check_loads
@@ -52,6 +52,8 @@ class Plan:
         What residuals and tip errors are held to, over the arm's length.
     starts : tuple of Start
         The first guesses tried, in order.
+    stopped : bool
+        Whether the time limit ended the search: these are the best tensions it had come to.
     """
 
     arm: Arm
@@ -64,6 +66,7 @@ class Plan:
     lam_g: tuple[float, ...]
     accuracy: float
     starts: tuple[Start, ...]
+    stopped: bool = False
 
     @cached_property
     def shape(self) -> Shape:
@@ -108,10 +111,13 @@ class Plan:
     def outcome(self) -> str:
         """What happened, what holds it, and what to try: a sentence."""
         found = (self.certificate, self.mode, self.effort, len(self.starts), self.agreed)
-        return sentence(Facts(*found, tuple(self.holding()), self.arm.length))
+        said = sentence(Facts(*found, tuple(self.holding()), self.arm.length))
+        return f"Stopped at the time limit, the best so far. {said}" if self.stopped else said
 
     def holding(self) -> list[str]:
         """Return the names of the limits that hold the tensions back, hardest first."""
+        if not self.lam_x:
+            return []
         T, lam = np.ravel(self.tensions), np.array(self.lam_x)
         found = []
         for j, upper in enumerate(self.limits.upper):
@@ -195,6 +201,7 @@ def plan(
     accuracy: float = 1e-6,
     starts: int = 14,
     near: Plan | None = None,
+    time_limit: float | None = None,
 ) -> Plan:
     """Return the tensions of least effort that give an arm the shape that a target wants.
 
@@ -220,6 +227,9 @@ def plan(
         A plan for a target nearby, of the same kind, for the same arm and scene: its optimum is
         followed to this target, which is some ten times sooner. Where that fails all starts are
         tried.
+    time_limit : float
+        [s]. What is best then is returned, and `outcome` says so; what the first plan for an arm
+        and a scene needs to be set up is not cut short.
 
     Returns
     -------
@@ -238,12 +248,13 @@ def plan(
     if isinstance(starts, bool) or not isinstance(starts, int) or starts < 1:
         raise InputError("starts", starts, "a whole number from 1")
     accuracy = checked_accuracy(accuracy)
+    seconds = None if time_limit is None else positive("time_limit", time_limit)
     limits = Limits.of(arm, tension_max, tension_min, total_pull)
     check_looks(targets, scene, limits)
     statement = Statement(form, check_norm(norm), limited=total_pull is not None)
     found = None if near is None else _followed(near, arm, scene, targets, limits, accuracy)
     if found is None:
-        found = Search(arm, targets, scene, limits, statement, accuracy).run(starts)
+        found = Search(arm, targets, scene, limits, statement, accuracy).run(starts, seconds)
     return Plan(
         arm,
         scene,
@@ -255,6 +266,7 @@ def plan(
         found.lam_g,
         accuracy,
         found.starts,
+        found.stopped,
     )
 
 

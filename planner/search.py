@@ -12,6 +12,7 @@ from model.errors import OctoplanError
 from model.forward import schemes_of
 from model.loaded import unloaded
 from model.paths import Array
+from model.patience import OutOfTime, check_time, time_limit
 from model.scene import Scene
 from model.settle import settle
 from model.statics import is_loaded
@@ -45,13 +46,17 @@ class Start:
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What a search ends with: how the question was stated, tensions, multipliers, starts."""
+    """What a search ends with: how the question was stated, tensions, multipliers, starts.
+
+    `stopped` says that the time limit ended it.
+    """
 
     statement: Statement
     tensions: Array
     lam_x: tuple[float, ...]
     lam_g: tuple[float, ...]
     starts: tuple[Start, ...]
+    stopped: bool = False
 
 
 class Search:
@@ -75,8 +80,37 @@ class Search:
         self.least = _FEW if is_point else _MORE
         if is_loaded(scene):
             self.least = _FEWEST
+        self.seen: list[tuple[Mode, Solution]] = []
 
-    def run(self, most: int) -> Found:
+    def run(self, most: int, seconds: float | None = None) -> Found:
+        """Return the best optimum from so many starts, or the best so far after so long."""
+        try:
+            with time_limit(seconds):
+                return self._run(most)
+        except OutOfTime:
+            return self._so_far()
+
+    def _so_far(self) -> Found:
+        """Return the best that was seen before the time was over, on the coarse mesh.
+
+        Of optima the one of least effort, else where the last solve was, else the least tensions.
+        """
+        records = tuple(Start(s.f, s.met, s.iterations) for _, s in self.seen)
+        if not self.seen:
+            T = self.arm.by_section(np.array(self.limits.lower))
+            return Found(self.coarse, T, (), (), records, True)
+        met = [(mode, s) for mode, s in self.seen if mode == "exact" and s.met]
+        mode, best = min(met, key=lambda item: item[1].f) if met else self.seen[-1]
+        return Found(
+            self.coarse.but(mode=mode),
+            self.arm.by_section(self._tensions(best)),
+            tuple(best.lam_x.tolist()),
+            tuple(best.lam_g.tolist()),
+            records,
+            True,
+        )
+
+    def _run(self, most: int) -> Found:
         """Try the readings of the targets in turn; see planner.problem for the three modes."""
         guesses = candidates(self._problem("exact"), self.targets, self.limits)
         starts = spread(guesses, most)
@@ -146,7 +180,11 @@ class Search:
         bounds, x = problem.bounds(self.limits), problem.unknowns(T, self.limits, p)
         n = self.arm.n_tendons
         x[:n] = np.clip(np.maximum(x[:n], _INSIDE), bounds[0][:n], bounds[1][:n])
-        return solve(problem, x, p, bounds)
+        solution = solve(problem, x, p, bounds)
+        if solution.finite:
+            self.seen.append((problem.statement.mode, solution))
+        check_time()
+        return solution
 
     def _finish(self, coarse: Solution, records: list[Start], mode: Mode) -> Found:
         """Return the plan on a mesh as fine as the accuracy asks for."""

@@ -1,0 +1,38 @@
+"""How long a computation may go on: a time that its long loops look at."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+
+_end: ContextVar[float] = ContextVar("end", default=math.inf)
+
+
+class OutOfTime(Exception):  # noqa: N818  (a signal between loops, not an error that users see)
+    """The time limit is reached; whoever set it takes what there is so far."""
+
+
+@contextmanager
+def time_limit(seconds: float | None) -> Iterator[None]:
+    """Let what is inside go on for so long, no longer than limits further out; None is no limit."""
+    end = math.inf if seconds is None else time.monotonic() + seconds
+    token = _end.set(min(end, _end.get()))
+    try:
+        yield
+    finally:
+        _end.reset(token)
+
+
+def is_out_of_time() -> bool:
+    """Return whether the time limit is reached."""
+    end = _end.get()
+    return end < math.inf and time.monotonic() > end
+
+
+def check_time() -> None:
+    """Raise OutOfTime once the time limit is reached."""
+    if is_out_of_time():
+        raise OutOfTime
