@@ -137,7 +137,8 @@ class Search:
         scene, statement = unloaded(self.scene), self.statement.but(form="condensed")
         shape = tuple(target for target in self.targets if target.look() is None) or self.targets
         free = Search(self.arm, shape, scene, self.asked, statement, self.accuracy)
-        found = [free._solve(free._problem("exact"), T) for T in starts[: free.least]]
+        problem = free._problem("exact" if free._can_be_exact() else "closest")
+        found = [free._solve(problem, T) for T in starts[: free.least]]
         met = sorted((s for s in found if s.finite), key=lambda s: (not s.met, s.f))
         return [(0.0, free._tensions(s)) for s in met]
 
