@@ -10,6 +10,7 @@ from model.jacobi import Jacobi
 from model.lifting import Lifting
 from model.load_segments import LoadSegments
 from model.paths import Array
+from model.progress import tell
 
 _STEPS = 12
 _SETTLED = 1e-10
@@ -80,6 +81,7 @@ class LoadedEquilibrium:
         share, step, why = 0.0, min(1.0, most), ""
         frames = self._frames(X, self.system.p(tensions, share))
         while share < most and step >= least * max(share, _FIRST):
+            tell("percent of the loads", round(100 * share / most), 100)
             trial = min(most, share + step)
             found, why = self._next(X, frames, self.system.p(tensions, trial))
             if found is None:

@@ -27,7 +27,11 @@ def test_a_plan_for_machines_is_json_in_si_units(capsys: pytest.CaptureFixture) 
 
 def test_result_and_figure_are_written_whole(tmp_path: Path) -> None:
     assert main(["plan", str(SCENES / "bending_135.toml"), "--out", str(tmp_path / "new")]) == 0
-    assert {path.name for path in (tmp_path / "new").iterdir()} == {"plan.json", "plan.png"}
+    assert {path.name for path in (tmp_path / "new").iterdir()} == {
+        "plan.json",
+        "plan.png",
+        "plan.csv",
+    }
 
 
 def test_given_tensions_are_settled(capsys: pytest.CaptureFixture) -> None:
