@@ -11,6 +11,7 @@ from model.lifting import Lifting
 from model.load_segments import LoadSegments
 from model.paths import Array
 from model.patience import check_time
+from model.progress import tell
 
 _STEPS = 12
 _SETTLED = 1e-10
@@ -82,6 +83,7 @@ class LoadedEquilibrium:
         frames = self._frames(X, self.system.p(tensions, share))
         while share < most and step >= least * max(share, _FIRST):
             check_time()
+            tell("percent of the loads", round(100 * share / most), 100)
             trial = min(most, share + step)
             found, why = self._next(X, frames, self.system.p(tensions, trial))
             if found is None:

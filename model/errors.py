@@ -28,6 +28,37 @@ class InputError(OctoplanError, ValueError):
         return type(self), (self.field, self.given, self.allowed)
 
 
+class FileError(InputError):
+    """A file that was given does not say what it should.
+
+    Attributes
+    ----------
+    path : str
+        The file.
+    where : str
+        The place in it: a line, or a key by its path from the top, such as "effects.weight.g[1]".
+    problem : str
+        What is there and what is allowed.
+    """
+
+    def __init__(self, path: str, where: str, problem: str) -> None:
+        self.path, self.where, self.problem = path, where, problem
+        place = f"{path}: {where}" if where else path
+        self.field, self.given, self.allowed = place, where, problem
+        OctoplanError.__init__(self, f"{place}: {problem}")
+
+    def __reduce__(self) -> tuple[type, tuple[str, str, str]]:
+        return type(self), (self.path, self.where, self.problem)
+
+    @classmethod
+    def of(cls, reason: InputError, path: str, where: str) -> FileError:
+        """Return what is not allowed as an error of the file that said so."""
+        named = reason.field == where.rsplit(".", 1)[-1]
+        given = float(f"{reason.given:.9g}") if isinstance(reason.given, float) else reason.given
+        told = f"got {given!r}, allowed is {reason.allowed}"
+        return cls(path, where, told if named else f"{reason.field}: {told}")
+
+
 class CollapsedError(OctoplanError):
     """The tensions shorten a cross-section to nothing: 1 + q reaches 0.
 

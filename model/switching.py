@@ -21,6 +21,7 @@ from model.effects import (
     Weight,
 )
 from model.errors import InputError, OctoplanError
+from model.progress import told
 from model.scene import Scene
 from model.settle import ACCURACY, settle
 from model.shape import Shape
@@ -100,12 +101,12 @@ def switch_effects(
     """
     _check_repeats(repeats)
     settle(arm, tensions, scene, accuracy)
+    own = [(_without(scene, effect), scene, effect, True) for effect in scene.effects]
+    others = [(scene, richer, effect, False) for effect, richer in _richer(scene)]
     found = []
-    for effect in scene.effects:
-        pair = (_without(scene, effect), scene)
-        found.append(_compare(arm, tensions, pair, effect, True, accuracy, repeats))
-    for effect, richer in _richer(scene):
-        found.append(_compare(arm, tensions, (scene, richer), effect, False, accuracy, repeats))
+    for without, with_it, effect, called_for in told("effects switched", [*own, *others]):
+        pair = (without, with_it)
+        found.append(_compare(arm, tensions, pair, effect, called_for, accuracy, repeats))
     return tuple(found)
 
 

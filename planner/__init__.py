@@ -5,7 +5,9 @@ from planner.certificate import Certificate
 from planner.limits import Limits
 from planner.many import plan_many
 from planner.plan import Plan, plan
+from planner.plan_files import load_plan
 from planner.problem import Problem, build
+from planner.records.shape import save_shape
 from planner.search import Start
 from planner.statement import Statement
 
@@ -17,7 +19,9 @@ __all__ = [
     "Start",
     "Statement",
     "build",
+    "load_plan",
     "plan",
     "plan_many",
+    "save_shape",
     "stiffness",
 ]

@@ -1,7 +1,13 @@
-"""The only file that knows ipopt: its options, its words, and what they mean."""
+"""The only file that knows ipopt: its options, its words, and what they mean.
+
+What ipopt has to say goes to the logger of this module, at level DEBUG, and nowhere else.
+"""
 
 from __future__ import annotations
 
+import io
+import logging
+from contextlib import nullcontext, redirect_stdout
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -13,6 +19,8 @@ import numpy as np
 from model.paths import Array
 from planner.interrupt import Watch
 from planner.problem import Problem
+
+LOG = logging.getLogger(__name__)
 
 _QUIET: dict[str, Any] = {
     "print_level": 0,
@@ -68,13 +76,13 @@ class Solution:
 
 
 _WATCH = Watch()
-_solvers: WeakKeyDictionary[Problem, dict[bool, ca.Function]] = WeakKeyDictionary()
+_solvers: WeakKeyDictionary[Problem, dict[tuple[bool, bool], ca.Function]] = WeakKeyDictionary()
 
 
-def solver(problem: Problem, warm: bool) -> ca.Function:
+def solver(problem: Problem, warm: bool, talks: bool = False) -> ca.Function:
     """Return ipopt for a problem, for a cold start or a warm one, built once."""
     built = _solvers.setdefault(problem, {})
-    if warm not in built:
+    if (warm, talks) not in built:
         options: dict[str, Any] = {
             "print_time": False,
             "show_eval_warnings": False,
@@ -82,10 +90,10 @@ def solver(problem: Problem, warm: bool) -> ca.Function:
             "error_on_fail": False,
             "iteration_callback": _WATCH,
             **_derivatives(problem),
-            "ipopt": _QUIET | (_WARM if warm else _COLD),
+            "ipopt": _QUIET | (_WARM if warm else _COLD) | ({"print_level": 5} if talks else {}),
         }
-        built[warm] = ca.nlpsol("ipopt", "ipopt", problem.nlp, options)
-    return built[warm]
+        built[warm, talks] = ca.nlpsol("ipopt", "ipopt", problem.nlp, options)
+    return built[warm, talks]
 
 
 def _derivatives(problem: Problem) -> dict[str, ca.Function]:
@@ -115,13 +123,17 @@ def solve(
     multipliers: tuple[Array, Array] | None = None,
 ) -> Solution:
     """Solve from x; with multipliers (lam_x, lam_g) it is a warm start."""
-    run = solver(problem, multipliers is not None)
+    talks = LOG.isEnabledFor(logging.DEBUG)
+    run = solver(problem, multipliers is not None, talks)
     lbx, ubx, lbg, ubg = bounds
     inputs = {"x0": x, "p": p, "lbx": lbx, "ubx": ubx, "lbg": lbg, "ubg": ubg}
     if multipliers is not None:
         inputs |= {"lam_x0": multipliers[0], "lam_g0": multipliers[1]}
-    with _WATCH.held():
+    said = io.StringIO()
+    with _WATCH.held(), redirect_stdout(said) if talks else nullcontext():
         found = run(**inputs)
+    if talks:
+        LOG.debug(said.getvalue().strip())
     stats = run.stats()
     status = stats["return_status"]
     return Solution(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,12 +22,14 @@ from model.shape import Shape
 from model.statics import is_loaded
 from planner.certificate import Certificate, certify
 from planner.effort import check_norm, effort
+from planner.files import to_json, write_named
 from planner.follow import Known, follow
 from planner.limits import Limits
 from planner.outcome import Facts, sentence
 from planner.polish import optimality
 from planner.problem import Problem, build
 from planner.question import check_looks, check_targets, checked_form
+from planner.records.plan import plan_record
 from planner.search import Found, Search, Start, allowed
 from planner.statement import Form, Mode, Statement
 from planner.targets.base import Target
@@ -151,6 +154,14 @@ class Plan:
             accuracy=self.accuracy,
         )
 
+    def save(self, path: str | Path) -> Path:
+        """Write the plan, its certificate and all that was asked to a .json file; see load_plan.
+
+        The file is there whole or not at all. Raises InputError for another suffix, where it cannot
+        be written, and for targets, effects and paths that are not the project's own.
+        """
+        return write_named(path, ".json", to_json(plan_record(self)))
+
     def plot(self, ax: Any = None) -> Any:
         """Draw the arm in 3-D with its tendons, tensions and target; see planner.plot."""
         from planner.plot import plot_plan
@@ -171,9 +182,10 @@ class Plan:
         p = problem.parameters(self.targets, limits)
         x = problem.unknowns(T, limits, p)
         lam_x, lam_g = np.array(self.lam_x), np.array(self.lam_g)
-        if lam_x.shape != x.shape:
+        bounds = problem.bounds(limits)
+        if lam_x.shape != x.shape or lam_g.shape != bounds[2].shape:
             return np.inf
-        return optimality(problem, x, p, lam_x, lam_g, problem.bounds(limits)).worst
+        return optimality(problem, x, p, lam_x, lam_g, bounds).worst
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Plan):

@@ -38,7 +38,7 @@ def draw_arm(shape: Shape, ax: Any, targets: tuple[Any, ...] = ()) -> Array:
     skin = _body(shape, ax, s)
     goals = [draw_target(target, ax, shape) for target in targets]
     _tendons(shape, ax, s)
-    _fit(ax, np.vstack([skin, *goals]), fresh)
+    fit(ax, np.vstack([skin, *goals]), fresh)
     return np.vstack([shape.position(s), *goals])
 
 
@@ -55,7 +55,11 @@ def spaced(shape: Shape) -> Array:
 
 def look(ax: Any, shape: Shape, points: Array) -> None:
     """Turn 3-D axes to where points (N, 3) are seen best, and let their box fill the panel."""
-    elevation, azimuth = _best_view(points, shape.frame(0.0)[:, 0])
+    fill(ax, *best_view(points, shape.frame(0.0)[:, 0]))
+
+
+def fill(ax: Any, elevation: float, azimuth: float) -> None:
+    """Turn 3-D axes to a view [deg], and let their box fill the panel."""
     ax.view_init(elevation, azimuth)
     sides = (ax.get_xlim(), ax.get_ylim(), ax.get_zlim())
     corners = np.array(list(product(*sides)))
@@ -64,7 +68,7 @@ def look(ax: Any, shape: Shape, points: Array) -> None:
     ax.set_box_aspect(np.ptp(sides, axis=1), zoom=zoom)
 
 
-def _best_view(points: Array, t: Array) -> tuple[float, float]:
+def best_view(points: Array, t: Array) -> tuple[float, float]:
     """Return the elevation and azimuth [deg] from which points (N, 3) hide each other least.
 
     Views along an axis are left out; the usual side and the front of the base, to which t points,
@@ -147,7 +151,7 @@ def _tendons(shape: Shape, ax: Any, s: Array) -> None:
         ax.add_collection3d(tight)
 
 
-def _fit(ax: Any, points: Array, fresh: bool) -> None:
+def fit(ax: Any, points: Array, fresh: bool) -> None:
     """Fit equal scales to the points (N, 3) [m], and to what else the axes hold unless fresh."""
     ax.auto_scale_xyz(*(MM * points).T, had_data=not fresh)
     held = [ax.xy_dataLim.intervalx, ax.xy_dataLim.intervaly, ax.zz_dataLim.intervalx]

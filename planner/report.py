@@ -1,19 +1,12 @@
-"""Results for people and for machines: a table, a dictionary of numbers, files written whole."""
+"""Results as people read them."""
 
 from __future__ import annotations
 
-import os
-import tempfile
-from dataclasses import asdict
-from importlib.metadata import version
-from pathlib import Path
-from typing import Any
-
-import msgspec
 import numpy as np
 
-from model import Arm, Shape, Switch
+from model import Arm, OctoplanError, Shape, Switch
 from model.paths import Array
+from model.stiffness import Stiffness
 from planner.plan import Plan
 
 
@@ -35,26 +28,15 @@ def tension_table(arm: Arm, tensions: Array, upper: Array | None = None) -> str:
 def plan_text(plan: Plan) -> str:
     """Return a plan as it is shown to people."""
     table = tension_table(plan.arm, plan.tensions, np.array(plan.limits.upper))
-    tip = "  ".join(f"{1e3 * x:.3f}" for x in plan.shape.tip)
-    return "\n\n".join([plan.outcome, table, f"tip [mm]  {tip}", str(plan.certificate)])
+    parts = [plan.outcome, table, _tip(plan), str(plan.certificate)]
+    return "\n\n".join(part for part in parts if part)
 
 
-def plan_dict(plan: Plan) -> dict[str, Any]:
-    """Return a plan's results as plain values: SI units, angles in rad."""
-    certificate = asdict(plan.certificate)
-    return {
-        "outcome": plan.outcome,
-        "certified": plan.certificate.passed,
-        "tensions_N": plan.tensions.tolist(),
-        "tendons": [plan.arm.tendon_name(j) for j in range(plan.arm.n_tendons)],
-        "effort_N": plan.effort,
-        "tip_m": plan.shape.tip.tolist(),
-        "tip_frame": plan.shape.tip_frame.tolist(),
-        "certificate": certificate | {"passed": plan.certificate.passed},
-        "starts": [asdict(start) for start in plan.starts],
-        "mode": plan.mode,
-        "versions": versions(),
-    }
+def _tip(plan: Plan) -> str:
+    try:
+        return "tip [mm]  " + "  ".join(f"{1e3 * x:.3f}" for x in plan.shape.tip)
+    except OctoplanError:
+        return ""
 
 
 def shape_text(shape: Shape) -> str:
@@ -65,22 +47,6 @@ def shape_text(shape: Shape) -> str:
         f"{tension_table(shape.arm, shape.tensions)}\n\ntip [mm]  {tip}\n\n"
         f"tip frame (columns t, n, b)\n{frame}\n\nestimated tip error [L]  {shape.error:.1e}"
     )
-
-
-def shape_dict(shape: Shape) -> dict[str, Any]:
-    """Return a settled shape as plain values: SI units."""
-    s = np.linspace(0.0, shape.arm.length, 101)
-    return {
-        "tip_m": shape.tip.tolist(),
-        "tip_frame": shape.tip_frame.tolist(),
-        "tensions_N": shape.arm.by_section(shape.tensions).tolist(),
-        "error": shape.error,
-        "tendon_lengths_m": shape.tendon_lengths.tolist(),
-        "s_m": s.tolist(),
-        "position_m": shape.position(s).tolist(),
-        "strain": shape.strain(s).tolist(),
-        "versions": versions(),
-    }
 
 
 def switch_table(switches: tuple[Switch, ...], accuracy: float) -> str:
@@ -107,29 +73,25 @@ def _or_dash(value: float, form: str) -> str:
     return "-" if np.isnan(value) else format(value, form)
 
 
-def switches_dict(switches: tuple[Switch, ...]) -> dict[str, Any]:
-    """Return what each effect does and costs as plain values."""
-    return {"effects": [asdict(switch) for switch in switches], "versions": versions()}
-
-
-def versions() -> dict[str, str]:
-    """Return the versions of what computes."""
-    return {"octoplan": version("octoplan"), "casadi": version("casadi"), "numpy": version("numpy")}
-
-
-def to_json(values: dict[str, Any]) -> bytes:
-    """Return values as JSON, indented; numbers that are not finite become null."""
-    return msgspec.json.format(msgspec.json.encode(values), indent=2)
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file so that it is there whole or not at all."""
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(content)
-        Path(name).chmod(0o644)
-        Path(name).replace(path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
+def stiffness_text(k: Stiffness) -> str:
+    """Return how a shape answers to forces, as it is shown to people."""
+    held = "tensions held" if k.hold == "tension" else "lengths locked"
+    place = "the tip" if k.at == k.shape.arm.length else f"s = {1e3 * k.at:g} mm"
+    axes, directions = k.ellipsoid()
+    lines = [f"how {place} gives way, {held} [mm/N]", f"{'':14}{'x':>11}{'y':>11}{'z':>11}"]
+    for name, row in zip("xyz", k.compliance[:3, :3], strict=True):
+        cells = "".join(f"{1e3 * value:11.4g}" for value in row)
+        lines.append(f"  moves along {name}{cells[1:]}")
+    lines.append("  (columns: the direction of the force)")
+    soft = ["softest", "between", "stiffest"]
+    ways = [
+        f"  {name:<9}{1e3 * axis:11.4g} mm/N along {np.round(way, 3).tolist()}"
+        for name, axis, way in zip(soft, axes, directions.T, strict=True)
+    ]
+    stable = "stable" if k.stable else "not stable"
+    last = f"{stable} at held tensions; estimated relative error {k.error:.1e}"
+    slack = (
+        f"slack, could only pull: {', '.join(k.slack)}" if k.hold == "length" and k.slack else ""
+    )
+    parts = [tension_table(k.shape.arm, k.shape.tensions), "\n".join(lines), "\n".join(ways)]
+    return "\n\n".join(part for part in [*parts, slack, last] if part)

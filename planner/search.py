@@ -13,6 +13,7 @@ from model.forward import schemes_of
 from model.loaded import unloaded
 from model.paths import Array
 from model.patience import OutOfTime, check_time, time_limit
+from model.progress import tell, told
 from model.scene import Scene
 from model.settle import settle
 from model.statics import is_loaded
@@ -167,7 +168,7 @@ class Search:
     ) -> tuple[list[Start], Solution | None]:
         """Go on solving on the coarse mesh, from each start, until the best was found twice."""
         problem, records = self._problem(mode), list(records)
-        for T in starts:
+        for T in told(f"first guesses, {mode}", starts):
             if best is not None and len(records) >= self.least and _twice(records, best.f):
                 break
             solution = self._solve(problem, T)
@@ -189,6 +190,7 @@ class Search:
 
     def _finish(self, coarse: Solution, records: list[Start], mode: Mode) -> Found:
         """Return the plan on a mesh as fine as the accuracy asks for."""
+        tell("the last digits")
         T = self._tensions(coarse)
         statement = self._fine_statement(T, mode)
         problem = build(self.arm, self.targets, self.scene, statement)

@@ -115,10 +115,10 @@ MISTAKES = {
     "no tensions": (ARM + IN_WATER, "tensions"),
     "tensions for another arm": ("tensions = [1, 2]\n" + ARM, "tensions"),
     "tensions below zero": ("tensions = [0, 0, 0, -1]\n" + ARM, "T_14"),
-    "no such effect": (BENT + ARM + "[effects]\nwieght = {}\n", "$.effects"),
+    "no such effect": (BENT + ARM + "[effects]\nwieght = {}\n", "effects"),
     "a density below zero": (
         BENT + ARM + "[effects]\nweight = {}\nbuoyancy = { density = -1.0 }\n",
-        "[effects] Buoyancy.density",
+        "effects.buoyancy.density",
     ),
     "a point load off the arm": (
         BENT + ARM + "[effects]\npoint_loads = [{ s_mm = 271, force = [0, 0, 1] }]\n",

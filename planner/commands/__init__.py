@@ -1,0 +1,1 @@
+"""The commands of `octoplan`, a file each."""

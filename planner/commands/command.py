@@ -1,0 +1,107 @@
+"""What a command is, what it answers, and the options that commands share."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from model import InputError
+from model.ladder import FINEST_ACCURACY, LOOSEST, checked_accuracy
+from planner.scenefile import Question, load
+
+OK, NOT_REACHED, BAD_INPUT = 0, 1, 2
+INTERRUPTED, BROKEN_PIPE = 130, 141
+EXIT_CODES = """\
+exit codes:
+  0    certified, settled or written
+  1    not reached, not certified, or the arm does not settle
+  2    bad input: the message says where, what was given and what is allowed
+  130  interrupted (Ctrl-C); 141 whoever read the output went away"""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a command found, in the forms in which it can be handed out.
+
+    Attributes
+    ----------
+    code : int
+        The exit code.
+    text : function
+        Returns what people read.
+    record : msgspec.Struct or dict
+        What machines read.
+    name : str
+        Of the files, without suffix.
+    draw : function or None
+        Returns the figure.
+    tables : mapping
+        Further files by suffix, such as ".csv".
+    """
+
+    code: int
+    text: Callable[[], str]
+    record: Any = None
+    name: str = ""
+    draw: Callable[[], Any] | None = None
+    tables: Mapping[str, bytes] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command: its name, what it does in a sentence, its options, and what answers it."""
+
+    name: str
+    help: str
+    add: Callable[[argparse.ArgumentParser], None]
+    run: Callable[[argparse.Namespace], Answer]
+
+
+def add_scene_options(parser: argparse.ArgumentParser) -> None:
+    """Add what all commands on scene files have: the file, --json, --out, --accuracy, -v."""
+    parser.add_argument("scene", type=Path, metavar="SCENE.toml", help="scene file")
+    parser.add_argument(
+        "--json",
+        action="store_true",
+        help="print JSON, in SI units; `octoplan schema` tells its keys",
+    )
+    parser.add_argument("--out", type=Path, metavar="DIR", help="also write data and figure there")
+    parser.add_argument(
+        "--accuracy",
+        type=_accuracy,
+        metavar="X",
+        help="tip error over arm length; else the scene's",
+    )
+    parser.add_argument(
+        "-v", "--verbose", action="store_true", help="show the solver's own log on stderr"
+    )
+
+
+def question(args: argparse.Namespace) -> tuple[Question, float]:
+    """Return the question of the scene file and the accuracy; FileError, InputError."""
+    if args.out is not None and args.out.exists() and not args.out.is_dir():
+        raise InputError("--out", str(args.out), "a folder to write to, or one to make")
+    asked = load(args.scene)
+    return asked, asked.accuracy if args.accuracy is None else args.accuracy
+
+
+def tensions_of(asked: Question, name: Path) -> Any:
+    """Return the tensions of a scene file; InputError if it has none."""
+    if asked.tensions is None:
+        rows = ", ".join(
+            f"[{', '.join('0.0' for _ in section.angles)}]" for section in asked.arm.sections
+        )
+        place = "at the top of the file, above the first [table]"
+        raise InputError(f"{name}: tensions", "none", f"tensions = [{rows}] in N, {place}")
+    return asked.tensions
+
+
+def _accuracy(text: str) -> float:
+    try:
+        return checked_accuracy(float(text))
+    except ValueError:
+        allowed = f"a number from {FINEST_ACCURACY:g} to {LOOSEST:g}"
+        raise argparse.ArgumentTypeError(f"got {text!r}, allowed is {allowed}") from None

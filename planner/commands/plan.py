@@ -1,0 +1,60 @@
+"""octoplan plan: the tensions of least effort for a scene's targets."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from model import InputError, OctoplanError
+from planner.commands.command import (
+    NOT_REACHED,
+    OK,
+    Answer,
+    Command,
+    add_scene_options,
+    question,
+)
+from planner.plan import Plan, plan
+from planner.records.plan import plan_record
+from planner.records.shape import shape_csv
+from planner.report import plan_text
+
+_TARGET = 'a [target] table, such as [target] type = "tip-position", position_mm = [250, 0, -150]'
+_LIMITS = "a [limits] table, such as [limits] tension_max = 20.0 (N, each tendon)"
+
+
+def run(args: argparse.Namespace) -> Answer:
+    """Plan for the scene's targets."""
+    asked, accuracy = question(args)
+    if not asked.targets:
+        raise InputError(f"{args.scene}: target", "none", _TARGET)
+    if "tension_max" not in asked.options:
+        raise InputError(f"{args.scene}: limits", "none", _LIMITS)
+    found = plan(asked.arm, asked.targets, asked.scene, accuracy=accuracy, **asked.options)
+    return Answer(
+        OK if found.certificate.passed else NOT_REACHED,
+        lambda: plan_text(found),
+        plan_record(found),
+        "plan",
+        lambda: _draw(found),
+        {".csv": _csv(found)} if args.out else {},
+    )
+
+
+def _csv(found: Plan) -> bytes:
+    """Return the shape as CSV, of no lines where the tensions do not settle."""
+    try:
+        return shape_csv(found.shape)
+    except OctoplanError:
+        return b""
+
+
+def _draw(found: Plan) -> Any:
+    from planner.plot import plot_plan
+
+    return plot_plan(found)
+
+
+COMMAND = Command(
+    "plan", "find the tensions of least effort for the scene's target", add_scene_options, run
+)

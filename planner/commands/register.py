@@ -1,0 +1,12 @@
+"""The register of commands: a new one is an import and a line here."""
+
+from planner.commands import effects, new, plan, schema, settle, stiffness
+
+COMMANDS = (
+    new.COMMAND,
+    plan.COMMAND,
+    settle.COMMAND,
+    stiffness.COMMAND,
+    effects.COMMAND,
+    schema.COMMAND,
+)

@@ -1,0 +1,73 @@
+"""The parser of the command line; its mistakes are errors that say what to write instead."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from typing import NoReturn
+
+from model import OctoplanError
+from planner.commands.command import EXIT_CODES, Command
+from planner.files import versions
+from planner.scenes.mistakes import hint
+
+
+class UsageError(OctoplanError):
+    """The command line is not one that the program knows."""
+
+
+class Parser(argparse.ArgumentParser):
+    """Raises UsageError in place of leaving."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raise UsageError with where to read on."""
+        raise UsageError(f"{message} (see {self.prog} --help)")
+
+
+def parse(argv: Sequence[str], commands: Sequence[Command]) -> argparse.Namespace:
+    """Return the arguments, with `run` that answers them; raises UsageError."""
+    _check_command(argv, [command.name for command in commands])
+    parser, subs = _parser(commands)
+    args, others = parser.parse_known_args(argv)
+    if others:
+        sub = subs[args.command]
+        known = [text for action in sub._actions for text in action.option_strings]
+        sub.error(f"no such argument: {others[0]}{hint(others[0].split('=')[0], known)}")
+    return args
+
+
+def _parser(commands: Sequence[Command]) -> tuple[Parser, dict[str, Parser]]:
+    parser = Parser(
+        prog="octoplan",
+        description="Which tendons to pull, and how hard, so that a soft arm takes a shape.",
+        epilog=EXIT_CODES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    told = ", ".join(f"{name} {number}" for name, number in versions().items())
+    parser.add_argument("--version", action="version", version=told)
+    choices = parser.add_subparsers(required=True, metavar="COMMAND", dest="command")
+    subs = {}
+    for command in commands:
+        sub = choices.add_parser(
+            command.name,
+            help=command.help,
+            description=command.help,
+            epilog=EXIT_CODES,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        command.add(sub)
+        sub.set_defaults(run=command.run)
+        subs[command.name] = sub
+    return parser, subs
+
+
+def _check_command(argv: Sequence[str], names: list[str]) -> None:
+    listed = f"commands: {', '.join(names)}; see octoplan --help"
+    if not argv:
+        raise UsageError(f"no command; to begin: octoplan new ({listed})")
+    first = argv[0]
+    if first.startswith("-") or first in names:
+        return
+    if first.endswith(".toml"):
+        raise UsageError(f"what to do with {first}? For example: octoplan plan {first} ({listed})")
+    raise UsageError(f'no command "{first}"{hint(first, names)} ({listed})')

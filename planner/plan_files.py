@@ -1,0 +1,120 @@
+"""Plans that are loaded from files: checked as if they were asked afresh."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+
+from model import Arm, InputError, Scene
+from model.errors import FileError
+from model.forward import check_scheme
+from model.ladder import FINEST, checked_accuracy
+from model.loads import check_loads
+from model.statics import is_loaded
+from planner.limits import Limits
+from planner.plan import Plan
+from planner.question import check_targets, checked_form
+from planner.records.plan import AnswerRecord, PlanRecord, StartRecord
+from planner.records.values import Number, value
+from planner.scenes.mistakes import mistake, shown
+from planner.search import Start
+
+R = TypeVar("R")
+
+
+def load_plan(path: str | Path) -> Plan:
+    """Return the plan that `Plan.save` or `octoplan plan --json` wrote.
+
+    It is equal to the one that was saved. Only question, tensions and multipliers are read:
+    shape, certificate and outcome are worked out anew.
+
+    Raises
+    ------
+    FileError
+        With the file and the place, for what cannot be read or is not a plan.
+    """
+    name = str(path)
+    record = _record(Path(path), name)
+    question, answer = record.question, record.answer
+    arm = _kind(value(question.arm, name, "question.arm"), Arm, name, "question.arm")
+    scene = _kind(value(question.scene, name, "question.scene"), Scene, name, "question.scene")
+    found = value(question.targets, name, "question.targets")
+    own = question.limits
+    upper = _floats(own.upper, name, "question.limits.upper")
+    lower = _floats(own.lower, name, "question.limits.lower")
+    tensions = _floats(answer.tensions, name, "answer.tensions")
+    within = _Within(name)
+    within("question.scene", lambda: check_loads(arm, scene))
+    _check_statement(within, scene, answer)
+    return Plan(
+        arm,
+        scene,
+        within("question.targets", lambda: check_targets(arm, found)),
+        within("question.limits", lambda: Limits.of(arm, upper, lower, own.total)),
+        answer.statement,
+        within("answer.tensions", lambda: arm.by_section(arm.flat(tensions))),
+        tuple(_floats(answer.lam_x, name, "answer.lam_x")),
+        tuple(_floats(answer.lam_g, name, "answer.lam_g")),
+        within("question.accuracy", lambda: checked_accuracy(question.accuracy)),
+        tuple(_start(start, name, f"answer.starts[{i}]") for i, start in enumerate(answer.starts)),
+    )
+
+
+class _Within:
+    """Calls checks and tells what they find wrong as errors of a file."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def __call__(self, where: str, build: Callable[[], R]) -> R:
+        try:
+            return build()
+        except InputError as reason:
+            raise FileError.of(reason, self.name, where) from None
+
+
+def _record(path: Path, name: str) -> PlanRecord:
+    try:
+        table = msgspec.json.decode(path.read_bytes())
+    except OSError as reason:
+        told = (reason.strerror or str(reason)).lower()
+        raise FileError(name, "", f"{told}; a plan that was saved is wanted") from None
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as reason:
+        raise FileError(name, "", f"no JSON: {reason}") from None
+    try:
+        return msgspec.convert(table, PlanRecord)
+    except msgspec.ValidationError as reason:
+        raise mistake(str(reason), name, table, PlanRecord) from None
+
+
+def _check_statement(within: _Within, scene: Scene, answer: AnswerRecord) -> None:
+    stated = answer.statement
+    within("answer.statement", lambda: checked_form(stated.form, is_loaded(scene)))
+    within("answer.statement", lambda: check_scheme(scene, stated.scheme))
+    if not 1 <= stated.refinement <= FINEST:
+        told = f"got {stated.refinement}, allowed is a whole number from 1 to {FINEST}"
+        raise FileError(within.name, "answer.statement.refinement", told)
+
+
+def _kind(found: Any, wanted: type[R], name: str, where: str) -> R:
+    if not isinstance(found, wanted):
+        told = f"got {type(found).__name__}, allowed is {wanted.__name__}"
+        raise FileError(name, f"{where}.kind", told)
+    return found
+
+
+def _start(start: StartRecord, name: str, where: str) -> Start:
+    objective = _floats([start.objective], name, f"{where}.objective")[0]
+    return Start(objective, start.met, start.iterations)
+
+
+def _floats(values: list[Number], name: str, where: str) -> list[float]:
+    """Return numbers, of which those that are not finite are given by name."""
+    for i, given in enumerate(values):
+        if isinstance(given, str) and given not in ("inf", "-inf", "nan"):
+            told = f'got {shown(given)}, allowed is a number, "inf", "-inf" or "nan"'
+            raise FileError(name, f"{where}[{i}]", told)
+    return [float(given) for given in values]

@@ -1,0 +1,154 @@
+"""A plan as a record: what people and machines read of it, and all that it takes to load it."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Annotated, Any, Literal
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from model.errors import OctoplanError
+from planner.files import versions
+from planner.records.values import Number, number, plain
+from planner.statement import Statement
+
+
+class LimitsRecord(msgspec.Struct, kw_only=True):
+    """Limits of the tensions [N], in tendon order."""
+
+    upper: list[Number]
+    lower: list[Number]
+    total: float | None = None
+
+
+class QuestionRecord(msgspec.Struct, kw_only=True):
+    """What was asked; arm, scene and targets are tables with a kind and its fields."""
+
+    arm: dict[str, Any]
+    scene: dict[str, Any]
+    targets: list[dict[str, Any]]
+    limits: LimitsRecord
+    accuracy: float
+
+
+class StartRecord(msgspec.Struct, kw_only=True):
+    """A first guess and what became of it."""
+
+    objective: Number
+    met: bool
+    iterations: int
+
+
+class AnswerRecord(msgspec.Struct, kw_only=True):
+    """What was found: how the question was stated in the end, tensions [N], multipliers."""
+
+    statement: Statement
+    tensions: list[Number]
+    lam_x: list[Number]
+    lam_g: list[Number]
+    starts: list[StartRecord]
+
+
+class CertificateRecord(msgspec.Struct, kw_only=True):
+    """What the check by another integrator found; lengths over arm length, angles in rad."""
+
+    passed: bool
+    match: dict[str, float | None]
+    approach: dict[str, float | None]
+    margin: dict[str, float | None]
+    bounds: float | None
+    kkt: float | None
+    agreement: float | None
+    error: float | None
+    scheme: str
+    tolerance: float
+    problem: str
+
+
+class PlanRecord(msgspec.Struct, kw_only=True):
+    """A plan. `question` and `answer` are what it is loaded from, the rest is derived of them."""
+
+    schema: Annotated[Literal["octoplan plan 1"], Meta(description="what this is")]
+    versions: Annotated[dict[str, str], Meta(description="of what computed it")]
+    outcome: Annotated[str, Meta(description="what happened, what holds it, what to try")]
+    certified: bool
+    mode: Literal["exact", "closest", "nearest"]
+    tensions_N: Annotated[Any, Meta(description="a row a section, tip first, or flat")]
+    tendons: Annotated[list[str], Meta(description="their names, in tendon order")]
+    effort_N: float
+    tip_m: list[float] | None
+    tip_frame: Annotated[list[list[float]] | None, Meta(description="columns t, n, b")]
+    certificate: CertificateRecord
+    question: QuestionRecord
+    answer: AnswerRecord
+
+
+def plan_record(plan: Any) -> PlanRecord:
+    """Return the record of a Plan.
+
+    Raises InputError where arm, scene or targets are of kinds that could not be read back.
+    """
+    tip, tip_frame = _tip(plan)
+    return PlanRecord(
+        schema="octoplan plan 1",
+        versions=versions(),
+        outcome=plan.outcome,
+        certified=plan.certificate.passed,
+        mode=plan.mode,
+        tensions_N=plan.tensions.tolist(),
+        tendons=[plan.arm.tendon_name(j) for j in range(plan.arm.n_tendons)],
+        effort_N=plan.effort,
+        tip_m=tip,
+        tip_frame=tip_frame,
+        certificate=_certificate(plan.certificate),
+        question=QuestionRecord(
+            arm=plain(plan.arm),
+            scene=plain(plan.scene),
+            targets=[plain(target) for target in plan.targets],
+            limits=_limits(plan.limits),
+            accuracy=plan.accuracy,
+        ),
+        answer=AnswerRecord(
+            statement=plan.statement,
+            tensions=_numbers(np.ravel(plan.tensions)),
+            lam_x=_numbers(plan.lam_x),
+            lam_g=_numbers(plan.lam_g),
+            starts=[_start(start) for start in plan.starts],
+        ),
+    )
+
+
+def _tip(plan: Any) -> tuple[list[float] | None, list[list[float]] | None]:
+    """Return where the tip is, and its frame; None where the tensions do not settle."""
+    try:
+        return plan.shape.tip.tolist(), plan.shape.tip_frame.tolist()
+    except OctoplanError:
+        return None, None
+
+
+def _certificate(certificate: Any) -> CertificateRecord:
+    finite = {k: _finite(v) for k, v in asdict(certificate).items()}
+    return CertificateRecord(passed=certificate.passed, **finite)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _finite(own) for name, own in value.items()}
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def _limits(limits: Any) -> LimitsRecord:
+    lower = _numbers(limits.lower)
+    return LimitsRecord(upper=_numbers(limits.upper), lower=lower, total=limits.total)
+
+
+def _start(start: Any) -> StartRecord:
+    return StartRecord(
+        objective=number(start.objective), met=bool(start.met), iterations=start.iterations
+    )
+
+
+def _numbers(values: Any) -> list[Number]:
+    return [number(value) for value in values]

@@ -1,0 +1,97 @@
+"""The arm of a scene file: one of the paper's, or one of your own."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, get_args
+
+from msgspec import Meta
+
+from model import Anchorage, Arm, InputError, Material
+from model.arm import PAPER_FRAME
+from model.paths import Path
+from planner.scenes.keys import (
+    MM,
+    FrameTable,
+    PathKey,
+    Positive,
+    Table,
+    Vector,
+    frame,
+    metres,
+    path,
+    radians,
+)
+
+Preset = Literal["table-2", "table-4", "section-5.1", "section-5.2"]
+
+
+class SectionTable(Table, frozen=True):
+    """An anchorage section, where tendons end; from the tip to the base."""
+
+    at_mm: Annotated[Positive, Meta(description="arc length of the section from the base [mm]")]
+    offset_mm: Annotated[
+        PathKey,
+        Meta(description="distance of the tendons from the midline [mm]: [base, anchorage]"),
+    ]
+    angles_deg: Annotated[
+        tuple[float, ...],
+        Meta(min_length=1, description="a tendon each: its side, from n towards b [deg]"),
+    ] = (0.0, 90.0, 180.0, 270.0)
+
+
+class ArmTable(Table, frozen=True):
+    """An arm: a preset, or length_mm, radius_mm and sections; the other keys go with either."""
+
+    preset: Annotated[Preset | None, Meta(description="an arm of the paper")] = None
+    length_mm: Annotated[Positive | None, Meta(description="length [mm]")] = None
+    radius_mm: Annotated[
+        PathKey | None, Meta(description="radius of the body [mm]: [base, tip], or samples")
+    ] = None
+    sections: Annotated[tuple[SectionTable, ...], Meta(description="from the tip to the base")] = ()
+    E_kPa: Annotated[Positive, Meta(description="Young's modulus [kPa]")] = 110.0
+    nu: Annotated[float, Meta(gt=-1, le=0.5, description="Poisson's ratio")] = 0.5
+    density: Annotated[Positive, Meta(description="of the body [kg/m3]")] = 1080.0
+    base_frame: Annotated[
+        FrameTable | None, Meta(description="frame of the base; the paper's unless given")
+    ] = None
+    base_position_mm: Annotated[Vector, Meta(description="of the base [mm]")] = (0.0, 0.0, 0.0)
+    hull_mm: Annotated[
+        PathKey | None,
+        Meta(
+            description="radius within which tendons run [mm], where discs hold them off the body"
+        ),
+    ] = None
+
+
+def arm_of(table: ArmTable) -> Arm:
+    """Return the arm of a table; raises InputError that names a key, or a field of Arm."""
+    base: tuple[tuple[float, ...], ...] = PAPER_FRAME
+    if table.base_frame is not None:
+        base = frame(table.base_frame.tangent, table.base_frame.normal)
+    return Arm(
+        *_shape(table),
+        material=Material(table.E_kPa * 1e3, table.nu, table.density),
+        base_frame=base,
+        base_position=metres(table.base_position_mm),
+        hull=None if table.hull_mm is None else path("hull_mm", table.hull_mm),
+    )
+
+
+def _shape(table: ArmTable) -> tuple[float, Path, tuple[Anchorage, ...]]:
+    """Return length, radius and sections, of a preset or the table's own."""
+    if table.preset is not None:
+        if table.length_mm or table.radius_mm or table.sections:
+            allowed = "either a preset, or length_mm, radius_mm and sections of an arm of your own"
+            raise InputError("preset", table.preset, allowed)
+        arm = Arm.from_paper(table.preset)
+        return arm.length, arm.radius, arm.sections
+    lacking = [key for key in ("length_mm", "radius_mm", "sections") if not getattr(table, key)]
+    if table.length_mm is None or table.radius_mm is None or lacking:
+        presets = ", ".join(get_args(Preset))
+        allowed = f"a preset ({presets}), or length_mm, radius_mm and sections"
+        raise InputError("arm", f"no {', no '.join(lacking)}", allowed)
+    sections = tuple(
+        Anchorage(s.at_mm * MM, path("offset_mm", s.offset_mm), tuple(map(radians, s.angles_deg)))
+        for s in table.sections
+    )
+    return table.length_mm * MM, path("radius_mm", table.radius_mm), sections

@@ -1,0 +1,60 @@
+"""A whole scene file, table by table; the keys name their units where these are not SI."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from msgspec import Meta
+
+from planner.scenes.arm import ArmTable
+from planner.scenes.effects import EffectsTable
+from planner.scenes.keys import Accuracy, NotNegative, Positive, Table, Tensions
+from planner.scenes.targets import Hold, TargetTable, TendonEA
+
+
+class LimitsTable(Table, frozen=True):
+    """Limits of the tensions [N]: a number for all tendons, or one for each."""
+
+    tension_max: Annotated[NotNegative | Tensions, Meta(description="[N]")]
+    tension_min: Annotated[NotNegative | Tensions, Meta(description="[N]")] = 0.0
+    total_pull: Annotated[
+        NotNegative | None, Meta(description="the most that all together may pull [N]")
+    ] = None
+
+
+class StiffnessTable(Table, frozen=True):
+    """What `octoplan stiffness` is to tell; see model.stiffness."""
+
+    hold: Hold = "tension"
+    at_mm: Annotated[
+        Positive | None, Meta(description="arc length of the point [mm]; the tip unless given")
+    ] = None
+    tendon_EA: TendonEA = None
+    release: Annotated[
+        bool, Meta(description="whether tendons without tension are slack where lengths are held")
+    ] = False
+
+
+class SceneTable(Table, frozen=True):
+    """A scene file: an arm, the effects called for, and what is asked."""
+
+    arm: ArmTable
+    effects: EffectsTable = EffectsTable()
+    target: Annotated[TargetTable | None, Meta(description="what plan is to reach")] = None
+    targets: Annotated[
+        tuple[TargetTable, ...], Meta(description="what plan is to reach, all together")
+    ] = ()
+    limits: LimitsTable | None = None
+    tensions: Annotated[
+        Tensions | None, Meta(description="[N], a row a section, tip first, or flat")
+    ] = None
+    stiffness: StiffnessTable = StiffnessTable()
+    accuracy: Annotated[Accuracy, Meta(description="tip error over arm length")] = 1e-6
+    norm: Annotated[
+        Literal["2", "1", "inf", 1, 2],
+        Meta(description="effort: root of the sum of squares, sum, or largest tension"),
+    ] = "2"
+    form: Annotated[
+        Literal["condensed", "multiple-shooting"] | None,
+        Meta(description="unknowns of the problem; chosen unless given"),
+    ] = None

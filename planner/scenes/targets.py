@@ -1,0 +1,168 @@
+"""The targets of a scene file, one table each, told apart by their type."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from msgspec import Meta
+
+from model import InputError
+from planner.scenes.keys import (
+    NotNegative,
+    Positive,
+    Table,
+    Vector,
+    frame,
+    metres,
+    radians,
+)
+from planner.targets import (
+    Backbone,
+    Bend,
+    BendingPlane,
+    Fetch,
+    MinimumStiffness,
+    Softest,
+    Stiffest,
+    Target,
+    TipPose,
+    TipPosition,
+)
+
+Hold = Annotated[Literal["tension", "length"], Meta(description="what holds the tendons")]
+TendonEA = Annotated[
+    Positive | None, Meta(description="stiffness E A of tendons of held length [N]")
+]
+Direction = Annotated[Vector, Meta(description="in the base frame")]
+BendKey = Annotated[
+    tuple[Annotated[float, Meta(ge=0, le=180)], float],
+    Meta(description="[bend, plane of the bend] [deg]"),
+]
+
+
+class BendingPlaneTable(Table, tag="bending-plane", frozen=True):
+    """See BendingPlane."""
+
+    angle_deg: Annotated[
+        float, Meta(description="of the plane [deg]; T_i2 alone is 0, T_i3 90, T_i4 180, T_i1 -90")
+    ]
+    bend_deg: Annotated[float, Meta(gt=0, le=180, description="[deg]")]
+    section: Annotated[int, Meta(ge=1, description="whose tendons pull, 1 at the tip")] = 1
+
+
+class TipPositionTable(Table, tag="tip-position", frozen=True):
+    """See TipPosition."""
+
+    position_mm: Annotated[Vector, Meta(description="in the base frame [mm]")]
+
+
+class TipPoseTable(Table, tag="tip-pose", frozen=True):
+    """See TipPose; tangent, normal and their cross product are the columns of the frame."""
+
+    position_mm: Annotated[Vector, Meta(description="in the base frame [mm]")]
+    tangent: Annotated[Vector, Meta(description="t wanted at the tip, of length 1")]
+    normal: Annotated[Vector, Meta(description="n wanted at the tip, of length 1, across t")]
+
+
+class BackboneTable(Table, tag="backbone", frozen=True):
+    """See Backbone."""
+
+    points_mm: Annotated[list[Vector], Meta(min_length=1, description="base to tip [mm]")]
+    s_mm: Annotated[
+        list[Positive] | None, Meta(description="arc lengths that are to be there [mm]")
+    ] = None
+    weights: Annotated[list[NotNegative] | None, Meta(description="of the points")] = None
+
+
+class FetchTable(Table, tag="fetch", frozen=True):
+    """See Fetch: each stretch with its bend and the plane of that."""
+
+    proximal_deg: BendKey
+    medial_deg: BendKey
+    distal_deg: BendKey
+
+
+class FetchReachTable(Table, tag="fetch-reach", frozen=True):
+    """See FetchReach."""
+
+    mouth_mm: Annotated[Vector, Meta(description="in the base frame [mm]")]
+    bend_deg: Annotated[
+        float, Meta(ge=0, lt=180, description="least bend of each stretch [deg]")
+    ] = 30.0
+    plane_deg: Annotated[float | None, Meta(description="of all anchorages [deg]")] = None
+
+
+class MinimumStiffnessTable(Table, tag="minimum-stiffness", frozen=True):
+    """See MinimumStiffness: against forces along a direction, or as a matrix."""
+
+    value: Annotated[Positive, Meta(description="along the direction [N/m], or of the matrix")]
+    direction: Annotated[Vector | None, Meta(description="in the base frame")] = None
+    matrix: Annotated[
+        tuple[Vector, Vector, Vector] | None,
+        Meta(description="symmetric and positive definite, in place of a direction"),
+    ] = None
+    hold: Hold = "tension"
+    tendon_EA: TendonEA = None
+
+
+class StiffestTable(Table, tag="stiffest", frozen=True):
+    """See Stiffest."""
+
+    direction: Direction
+    hold: Hold = "tension"
+    tendon_EA: TendonEA = None
+
+
+class SoftestTable(Table, tag="softest", frozen=True):
+    """See Softest."""
+
+    direction: Direction
+    hold: Hold = "tension"
+    tendon_EA: TendonEA = None
+
+
+TargetTable = (
+    BendingPlaneTable
+    | TipPositionTable
+    | TipPoseTable
+    | BackboneTable
+    | FetchTable
+    | FetchReachTable
+    | MinimumStiffnessTable
+    | StiffestTable
+    | SoftestTable
+)
+
+
+def target_of(table: TargetTable) -> Target:
+    """Return the target of a table; raises InputError that names a key, or a target's field."""
+    match table:
+        case BendingPlaneTable():
+            return BendingPlane(radians(table.angle_deg), radians(table.bend_deg), table.section)
+        case TipPositionTable():
+            return TipPosition(metres(table.position_mm))
+        case TipPoseTable():
+            return TipPose(metres(table.position_mm), frame(table.tangent, table.normal))
+        case BackboneTable():
+            s = None if table.s_mm is None else metres(table.s_mm)
+            weights = None if table.weights is None else tuple(table.weights)
+            return Backbone(tuple(map(metres, table.points_mm)), s, weights)
+        case FetchTable():
+            bends = (table.proximal_deg, table.medial_deg, table.distal_deg)
+            return Fetch(*(Bend(radians(bend), radians(plane)) for bend, plane in bends))
+        case FetchReachTable():
+            plane = None if table.plane_deg is None else radians(table.plane_deg)
+            return Fetch.reach(metres(table.mouth_mm), radians(table.bend_deg), plane)
+        case MinimumStiffnessTable():
+            return _minimum(table)
+        case StiffestTable() | SoftestTable():
+            kind = Stiffest if isinstance(table, StiffestTable) else Softest
+            return kind(table.direction, hold=table.hold, tendon_EA=table.tendon_EA)
+
+
+def _minimum(table: MinimumStiffnessTable) -> MinimumStiffness:
+    if (table.direction is None) == (table.matrix is None):
+        given = "neither" if table.matrix is None else "both"
+        raise InputError("minimum-stiffness", given, "a direction, or a matrix")
+    wanted = table.matrix if table.direction is None else table.direction
+    return MinimumStiffness(wanted, table.value, table.hold, table.tendon_EA)

@@ -1,0 +1,91 @@
+"""The scene file that `octoplan new` writes."""
+
+TEMPLATE = """\
+#:schema scene.schema.json
+# A scene for octoplan. For an editor that knows the keys: octoplan schema > scene.schema.json
+#
+#   octoplan plan FILE       which tendons to pull so that the [target] is met
+#   octoplan settle FILE     the shape under `tensions`
+#   octoplan stiffness FILE  how that shape answers to a force
+#   octoplan effects FILE    which effects matter to that shape
+#
+# SI units, unless the key names another. What begins with # is off; the values there are examples.
+
+accuracy = 1e-6                 # tip error over arm length, from 1e-12 to 0.1
+# norm = "2"                    # effort: "2" root of squares, "1" sum, "inf" largest tension
+# form = "multiple-shooting"    # unknowns of the problem, or "condensed"; chosen unless given
+tensions = [                    # N, a row a section, tip first: for settle, stiffness, effects
+  [0.0, 0.0, 0.5, 0.0],
+  [4.0, 0.0, 0.0, 0.0],
+  [0.0, 6.0, 0.0, 0.0],
+]
+
+[arm]
+preset = "table-4"              # "table-2", "table-4", "section-5.1", "section-5.2"
+# An arm of your own in place of the preset:
+# length_mm = 310.0
+# radius_mm = [15.0, 6.5]       # base, tip; or { s_mm = [0, 100, 200, 310], values_mm = [...] }
+# sections = [                  # where tendons end, from the tip to the base
+#   { at_mm = 310.0, offset_mm = [7.5, 1.0] },    # distance from the midline: base, anchorage
+#   { at_mm = 150.0, offset_mm = [5.0, 5.0], angles_deg = [0.0, 120.0, 240.0] },
+# ]
+# hull_mm = [16.0, 16.0]        # where discs hold tendons outside of the body
+E_kPa = 110.0                   # Young's modulus
+nu = 0.5                        # Poisson's ratio
+density = 1080.0                # kg/m3
+# base_position_mm = [0.0, 0.0, 0.0]
+# base_frame = { tangent = [1.0, 0.0, 0.0], normal = [0.0, -1.0, 0.0] }
+
+[effects]                       # nothing but bending, unless named here
+extension = true                # the arm shortens under its tendons
+# exact_tendons = true          # both this and the next: what real silicone calls for
+# neo_hookean = true
+# anticlastic = true            # with neo_hookean
+# as_printed = true             # the paper's equations to the letter; no other effects
+# shear = { k_s = 1.0 }
+# weight = { g = [0.0, 0.0, -9.81] }              # m/s2
+# buoyancy = { density = 1000.0 }                 # kg/m3 of the water; with weight
+# tip_load = { force = [0.0, 0.0, -0.005], moment = [0.0, 0.0, 0.0], follower = false }  # N, N m
+# point_loads = [{ s_mm = 225.0, force = [0.0, 0.0, -0.005] }]
+# current = { velocity = [0.0, 0.1, 0.0], density = 1000.0, coefficient = 1.1 }          # m/s
+# friction = { mu = 0.1, direction = 1 }          # 1 pulling in, -1 paying out
+
+[target]                        # several at once: [[targets]], a table each, in place of this
+type = "tip-position"
+position_mm = [200.0, 150.0, -200.0]
+# type = "tip-pose"             # and position_mm
+# tangent = [0.0, 0.0, -1.0]
+# normal = [0.0, 1.0, 0.0]
+# type = "bending-plane"
+# angle_deg = 135.0
+# bend_deg = 90.0
+# section = 1
+# type = "fetch-reach"
+# mouth_mm = [40.0, 60.0, -50.0]
+# bend_deg = 70.0
+# plane_deg = 90.0
+# type = "fetch"                # [bend, plane] of each stretch
+# proximal_deg = [60.0, 0.0]
+# medial_deg = [50.0, 0.0]
+# distal_deg = [40.0, 90.0]
+# type = "backbone"
+# points_mm = [[150.0, 0.0, 0.0], [300.0, 50.0, -50.0]]
+# s_mm = [150.0, 320.0]
+# weights = [1.0, 1.0]
+# type = "minimum-stiffness"    # combined with one of those above
+# direction = [0.0, 0.0, 1.0]   # or matrix = [[...], [...], [...]]
+# value = 0.5                   # N/m
+# hold = "tension"              # or "length", with tendon_EA if tendons stretch [N]
+# type = "stiffest"             # or "softest": direction, hold
+
+[limits]
+tension_max = 20.0              # N, each tendon; or a row a section, as in tensions
+# tension_min = 0.0
+# total_pull = 40.0
+
+[stiffness]
+hold = "tension"                # what holds the tendons; or "length"
+# at_mm = 300.0                 # the tip unless given
+# tendon_EA = 1000.0            # N, with lengths held
+# release = true                # tendons without tension are slack, with lengths held
+"""

@@ -1,0 +1,229 @@
+"""octoplan as a program: JSON by its schema, files, exit codes, interruptions, progress."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import numpy as np
+import pytest
+
+from model import settle
+from planner import load_plan, stiffness
+from planner.cli import main
+from planner.commands.progress import Bar
+from planner.commands.register import COMMANDS
+from planner.commands.schema import schema_of
+from planner.scenefile import load, read
+from planner.scenes import scene_schema
+from planner.scenes.template import TEMPLATE
+
+ROOT = Path(__file__).parents[2]
+SCENES = ROOT / "studies" / "scenes"
+BENDING, FIGURE_15 = str(SCENES / "bending_135.toml"), str(SCENES / "figure_15.toml")
+LONG = str(SCENES / "payload_in_water.toml")
+CALM = (
+    "accuracy = 1e-4\ntensions = [[0.3, 0.2, 0.0, 0.1]]\n[arm]\npreset = 'section-5.2'\n"
+    "[effects]\nextension = true\n[stiffness]\nhold = 'length'\nat_mm = 135\n"
+)
+
+
+@pytest.fixture
+def calm(tmp_path: Path) -> str:
+    path = tmp_path / "calm.toml"
+    path.write_text(CALM)
+    return str(path)
+
+
+def _json(capsys: pytest.CaptureFixture[str], *argv: str) -> Any:
+    assert main([*argv, "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+@pytest.mark.parametrize("command", ["settle", "stiffness", "effects"])
+def test_json_is_as_its_schema_says(
+    command: str, calm: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shown = _json(capsys, command, calm)
+    assert main(["schema", command]) == 0
+    schema = json.loads(capsys.readouterr().out)
+    jsonschema.Draft202012Validator.check_schema(schema)
+    jsonschema.validate(shown, schema)
+    top = schema["$defs"][schema["$ref"].rpartition("/")[2]]
+    assert set(shown) == set(top["required"])
+
+
+def test_what_plan_prints_is_what_it_writes_and_is_loaded(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    shown = _json(capsys, "plan", BENDING, "--out", str(out))
+    assert {path.name for path in out.iterdir()} == {"plan.json", "plan.png", "plan.csv"}
+    assert json.loads((out / "plan.json").read_text()) == shown
+    p = load_plan(out / "plan.json")
+    assert p.tensions.tolist() == shown["tensions_N"]
+    assert p.certificate.passed
+    assert p.targets == load(BENDING).targets
+    jsonschema.validate(shown, schema_of("plan"))
+
+
+def test_stiffness_is_that_of_a_script(
+    tmp_path: Path, calm: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shown = _json(capsys, "stiffness", calm, "--out", str(tmp_path / "out"))
+    q = read(CALM.encode())
+    k = stiffness(q.arm, q.tensions, q.scene, "length", 0.135, accuracy=1e-4)
+    assert np.array_equal(shown["compliance"], k.compliance)
+    assert np.array_equal(shown["section_N_m2"], k.section(np.array(shown["s_m"])))
+    assert shown["hold"] == "length"
+    assert shown["slack"] == ["T_13"]
+    assert {p.name for p in (tmp_path / "out").iterdir()} == {"stiffness.json", "stiffness.png"}
+
+
+def test_stiffness_is_shown_to_people(calm: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["stiffness", calm]) == 0
+    shown = capsys.readouterr().out
+    assert "how s = 135 mm gives way, lengths locked" in shown
+    assert "softest" in shown
+    assert "could only pull: T_13" in shown
+
+
+def test_settle_writes_a_table_of_the_shape(tmp_path: Path, calm: str) -> None:
+    assert main(["settle", calm, "--out", str(tmp_path / "out")]) == 0
+    table = np.genfromtxt(tmp_path / "out" / "shape.csv", delimiter=",", names=True)
+    q = read(CALM.encode())
+    tip = settle(q.arm, q.tensions, q.scene, 1e-4).tip
+    assert np.array_equal([table["x_m"][-1], table["y_m"][-1], table["z_m"][-1]], tip)
+
+
+def test_a_new_scene_is_planned_at_once_and_never_written_over(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "mine.toml"
+    assert main(["new", str(path)]) == 0
+    assert f"octoplan plan {path}" in capsys.readouterr().out
+    assert main(["plan", str(path)]) == 0
+    assert "PASSED" in capsys.readouterr().out
+    path.write_text("# mine")
+    assert main(["new", str(path)]) == 2
+    assert "does not exist yet" in capsys.readouterr().err
+    assert path.read_text() == "# mine"
+    assert main(["new", str(tmp_path / "mine.json")]) == 2
+    assert main(["new", str(tmp_path / "nowhere" / "mine.toml")]) == 2
+    assert [p.name for p in tmp_path.iterdir()] == ["mine.toml"]
+
+
+def test_a_new_scene_shows_every_key_and_is_valid() -> None:
+    jsonschema.validate(tomllib.loads(TEMPLATE), json.loads(json.dumps(scene_schema())))
+    keys = set().union(*(set(t["properties"]) for t in scene_schema()["$defs"].values()))
+    keys -= {"targets", "matrix", "sections"}
+    words = {
+        line.strip("# ") for line in TEMPLATE.replace("{", "\n").replace(",", "\n").split("\n")
+    }
+    assigned = {word.partition("=")[0].strip() for word in words if "=" in word}
+    tables = {word.strip("[] ").partition("]")[0] for word in words if word.startswith("[")}
+    assert keys - assigned - tables == set()
+
+
+def test_each_switched_off_line_of_a_new_scene_is_one_that_can_be_switched_on() -> None:
+    alone = {"exact_tendons", "shear", "weight", "tip_load", "point_loads", "current", "friction"}
+    alone |= {"norm", "form", "hull_mm", "base_position_mm", "base_frame", "tension_min"}
+    alone |= {"total_pull", "at_mm"}
+    for key in sorted(alone):
+        assert f"# {key} = " in TEMPLATE
+        read(TEMPLATE.replace(f"# {key} = ", f"{key} = ").encode())
+
+
+@pytest.mark.parametrize("command", [command.name for command in COMMANDS])
+def test_help_tells_the_exit_codes(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as left:
+        main([command, "--help"])
+    assert left.value.code == 0
+    assert "130  interrupted" in capsys.readouterr().out
+
+
+def _octoplan(*argv: str, **options: Any) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-u", "-m", "planner.cli", *argv],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=options.get("stderr", subprocess.PIPE),
+        text=True,
+    )
+
+
+def test_a_reader_that_goes_away_ends_it_quietly() -> None:
+    process = _octoplan("settle", FIGURE_15, "--json")
+    assert process.stdout is not None
+    assert process.stderr is not None
+    process.stdout.close()
+    assert process.stderr.read() == ""
+    assert process.wait() == 141
+    process.stderr.close()
+
+
+def test_an_interrupt_ends_it_quietly_in_the_midst_of_the_solver() -> None:
+    process = _octoplan("plan", LONG, "-v")
+    assert process.stderr is not None
+    assert process.stdout is not None
+    first = process.stderr.readline()
+    process.send_signal(signal.SIGINT)
+    shown, told = process.communicate()
+    assert first.startswith("planner.ipopt: ")
+    assert process.returncode == 130
+    assert shown == ""
+    assert "Traceback" not in told
+    assert "KeyboardInterrupt" not in told
+
+
+def test_the_solver_speaks_on_stderr_if_asked_and_stdout_is_json(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["plan", BENDING, "--json", "-v"]) == 0
+    captured = capsys.readouterr()
+    assert json.loads(captured.out)["certified"]
+    assert "Number of Iterations" in captured.err
+    assert main(["plan", BENDING, "--json"]) == 0
+    assert capsys.readouterr().err == ""
+
+
+class _Terminal:
+    """A stderr that is a terminal, or is not."""
+
+    def __init__(self, tty: bool) -> None:
+        self.tty, self.written = tty, ""
+
+    def isatty(self) -> bool:
+        return self.tty
+
+    def write(self, text: str) -> int:
+        self.written += text
+        return len(text)
+
+    def flush(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize(
+    ("tty", "patience", "shown"), [(1, 0, True), (0, 0, False), (1, 99, False)]
+)
+def test_progress_is_shown_on_terminals_after_a_while(
+    tty: int, patience: float, shown: bool, calm: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    screen = _Terminal(bool(tty))
+    monkeypatch.setattr("sys.stderr", screen)
+    monkeypatch.setattr("planner.commands.progress.PATIENCE", patience)
+    monkeypatch.setenv("COLUMNS", "80")
+    assert main(["effects", calm, "--accuracy", "1e-3"]) == 0
+    assert ("effects switched: 1 of" in screen.written) == shown
+    assert (screen.written == "") == (not shown)
+
+
+def test_a_bar_that_heard_nothing_is_closed() -> None:
+    Bar().close()

@@ -1,0 +1,231 @@
+"""Plans and shapes in files: what is written is what is read, and bad files are told."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import pickle
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import numpy as np
+import pytest
+
+from model import Anchorage, Arm, InputError, Linear, Material, Sampled, Scene, settle
+from model.effects import (
+    Buoyancy,
+    Current,
+    ExactTendons,
+    Extension,
+    Friction,
+    NeoHookean,
+    PointLoad,
+    Shear,
+    TipLoad,
+    Weight,
+)
+from model.errors import FileError
+from planner import Plan, load_plan, plan, save_shape
+from planner.commands.schema import schema_of
+from planner.files import to_json
+from planner.records.plan import plan_record
+from planner.records.shape import shape_csv
+from planner.records.values import plain, value
+from planner.targets import BendingPlane, TipPosition
+from tests.planner.test_scene_files import TARGETS
+
+OWN = Arm(
+    0.3,
+    Sampled((0.0, 0.1, 0.2, 0.3), (0.012, 0.0105, 0.009, 0.007)),
+    (Anchorage(0.3, Linear(0.006, 0.002), (0.1, 2.2, 4.3)), Anchorage(0.13, Linear(0.005, 0.005))),
+    Material(9.9e4, 0.45, 1070.0),
+    base_position=(0.1, 0.2, 1 / 3),
+    hull=Linear(0.02, 0.02),
+)
+SCENES = (
+    Scene(),
+    Scene.silicone(),
+    Scene.as_printed(),
+    Scene(
+        Extension(),
+        ExactTendons(),
+        NeoHookean(True),
+        Weight((0.0, 1 / 3, 0.0)),
+        Buoyancy(1025.0),
+        TipLoad((0.0, 0.0, 0.1), follower=True),
+        PointLoad(0.1, (0.0, 0.0, 0.1)),
+        PointLoad(0.2, (0.0, 0.1, 0.1)),
+        Current((0.0, 0.0, 0.1)),
+        Friction(0.1, (1, -1, 1, 1, 1, 1, 1)),
+        Shear(0.9),
+    ),
+)
+
+
+@pytest.fixture(scope="module")
+def reached() -> Plan:
+    target = BendingPlane(np.radians(135.0), np.radians(60.0))
+    return plan(Arm.from_paper("table-2"), target, Scene(Extension()), 20.0)
+
+
+@pytest.fixture(scope="module")
+def unlimited() -> Plan:
+    """Sections differ in number of tendons; maxima are infinite, the least pull is not."""
+    return plan(OWN, TipPosition((0.3, 0.25, 0.3)), tension_min=1e-3, accuracy=1e-5)
+
+
+@pytest.mark.parametrize(
+    "given", [OWN, *SCENES, *(target for _, target in TARGETS.values())], ids=lambda x: repr(x)[:25]
+)
+def test_values_are_read_back_to_the_last_digit(given: Any) -> None:
+    through = json.loads(json.dumps(plain(given)))
+    assert value(through, "file", "there") == given
+
+
+@pytest.mark.parametrize("which", ["reached", "unlimited"])
+def test_a_plan_is_loaded_equal_and_certified_anew(
+    which: str, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    p: Plan = request.getfixturevalue(which)
+    path = p.save(tmp_path / "a plan.json")
+    assert [path.name for path in tmp_path.iterdir()] == ["a plan.json"]
+    loaded = load_plan(path)
+    assert loaded == p
+    assert loaded.limits == p.limits
+    assert loaded.certificate == p.certificate
+    assert loaded.certificate.passed
+    assert pickle.loads(pickle.dumps(loaded)) == p
+
+
+def test_the_record_is_as_its_schema_says(reached: Plan, unlimited: Plan) -> None:
+    for p in (reached, unlimited):
+        jsonschema.validate(json.loads(to_json(plan_record(p))), schema_of("plan"))
+
+
+def test_a_plan_that_does_not_settle_is_saved_as_well(reached: Plan, tmp_path: Path) -> None:
+    crushing = replace(reached, tensions=np.full((3, 4), 500.0))
+    assert not crushing.certificate.passed
+    path = crushing.save(tmp_path / "crushed.json")
+    assert json.loads(path.read_text())["tip_m"] is None
+    assert load_plan(path) == crushing
+
+
+def test_certificates_in_files_are_not_believed(reached: Plan, tmp_path: Path) -> None:
+    path = reached.save(tmp_path / "plan.json")
+    table = json.loads(path.read_text())
+    table["answer"]["tensions"][0] += 0.5
+    path.write_text(json.dumps(table))
+    assert not load_plan(path).certificate.passed
+
+
+def test_a_plan_of_another_shape_of_multipliers_is_not_certified(reached: Plan) -> None:
+    assert not replace(reached, lam_g=reached.lam_g[:-1]).certificate.passed
+
+
+def _without(table: dict[str, Any], *keys: Any) -> None:
+    for key in keys[:-1]:
+        table = table[key]
+    del table[keys[-1]]
+
+
+def _with(table: dict[str, Any], new: Any, *keys: Any) -> None:
+    for key in keys[:-1]:
+        table = table[key]
+    table[keys[-1]] = new
+
+
+BROKEN: dict[str, tuple[Any, str]] = {
+    "another file": (lambda t: _with(t, "octoplan shape 1", "schema"), "schema: got 'octoplan sh"),
+    "no arm": (lambda t: _without(t, "question", "arm"), "question.arm: missing"),
+    "no length": (lambda t: _without(t, "question", "arm", "length"), "question.arm.length"),
+    "a key more": (lambda t: _with(t, 1, "question", "arm", "mass"), "question.arm.mass: no such"),
+    "negative length": (lambda t: _with(t, -1.0, "question", "arm", "length"), "Arm.length"),
+    "words": (lambda t: _with(t, "long", "question", "arm", "length"), "question.arm"),
+    "another kind": (
+        lambda t: _with(t, "Extention", "question", "scene", "effects", 0, "kind"),
+        "question.scene.effects[0].kind: got 'Extention'",
+    ),
+    "arm in place of scene": (
+        lambda t: _with(t, t["question"]["arm"], "question", "scene"),
+        "question.scene.kind: got Arm",
+    ),
+    "a tension less": (lambda t: _without(t, "answer", "tensions", 3), "answer.tensions"),
+    "a tension below 0": (lambda t: _with(t, -1.0, "answer", "tensions", 3), "answer.tensions"),
+    "a tension in words": (
+        lambda t: _with(t, "much", "answer", "tensions", 3),
+        "answer.tensions[3]: got 'much'",
+    ),
+    "limits crossed": (lambda t: _with(t, 30.0, "question", "limits", "lower", 1), "T_12"),
+    "no such scheme": (lambda t: _with(t, "euler", "answer", "statement", "scheme"), "scheme"),
+    "no such form": (
+        lambda t: _with(t, "direct", "answer", "statement", "form"),
+        "answer.statement.form: got 'direct'",
+    ),
+    "no mesh": (lambda t: _with(t, 0, "answer", "statement", "refinement"), "refinement: got 0"),
+    "no accuracy": (lambda t: _with(t, 0.0, "question", "accuracy"), "question.accuracy"),
+    "no targets": (lambda t: _with(t, [], "question", "targets"), "question.targets"),
+}
+
+
+@pytest.mark.parametrize(("spoil", "told"), BROKEN.values(), ids=BROKEN)
+def test_a_spoilt_plan_is_told_with_its_place(
+    spoil: Any, told: str, reached: Plan, tmp_path: Path
+) -> None:
+    path = reached.save(tmp_path / "plan.json")
+    table = json.loads(path.read_text())
+    spoil(table)
+    path.write_text(json.dumps(table))
+    with pytest.raises(FileError) as caught:
+        load_plan(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert told in str(caught.value)
+    assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"[]", b"\xff\xfe", b"{}", b"[" * 100_000])
+def test_what_is_no_plan_is_told(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "plan.json"
+    path.write_bytes(content)
+    with pytest.raises(FileError, match=r"plan\.json"):
+        load_plan(path)
+
+
+def test_places_that_cannot_be_written_or_read_are_told(reached: Plan, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"ends in \.json"):
+        reached.save(tmp_path / "plan.txt")
+    with pytest.raises(InputError, match="no such file"):
+        reached.save(tmp_path / "nowhere" / "plan.json")
+    with pytest.raises(FileError, match="no such file"):
+        load_plan(tmp_path / "nowhere.json")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_could_not_be_read_back_is_not_saved(reached: Plan, tmp_path: Path) -> None:
+    class Narrower(Linear):
+        pass
+
+    arm = replace(reached.arm, radius=Narrower(0.015, 0.0065))
+    with pytest.raises(InputError, match="to save"):
+        replace(reached, arm=arm).save(tmp_path / "plan.json")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_shape_as_csv_holds_the_shape_in_full(tmp_path: Path) -> None:
+    shape = settle(OWN, [0.1, 0.0, 0.2, 0.0, 0.3, 0.0, 0.0], Scene(Extension()), 1e-8)
+    path = save_shape(shape, tmp_path / "shape.csv", 11)
+    rows = list(csv.DictReader(io.StringIO(path.read_text())))
+    s = np.array([float(row["s_m"]) for row in rows])
+    assert np.array_equal(s, np.linspace(0.0, 0.3, 11))
+    position = [[float(row[f"{axis}_m"]) for axis in "xyz"] for row in rows]
+    assert np.array_equal(position, shape.position(s))
+    b = [[float(row[f"b_{axis}"]) for axis in "xyz"] for row in rows]
+    assert np.array_equal(b, shape.frame(s)[:, :, 2])
+    assert np.array_equal([float(row["k_1_m"]) for row in rows], shape.strain(s)[:, 2])
+    assert np.array_equal([float(row["q"]) for row in rows], shape.strain(s)[:, 3])
+    with pytest.raises(InputError, match="points"):
+        shape_csv(shape, 1)
+    with pytest.raises(InputError, match=r"ends in \.csv"):
+        save_shape(shape, tmp_path / "shape.xls")

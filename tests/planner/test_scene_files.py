@@ -1,0 +1,209 @@
+"""Scene files: each thing that a script can ask has a key, and the schema knows the same keys."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import tomllib
+from pathlib import Path
+from typing import Any, get_args
+
+import jsonschema
+import numpy as np
+import pytest
+
+import model.effects
+import planner.targets
+from model import Anchorage, Arm, Linear, Material, Sampled
+from model.effects import Effect
+from model.errors import FileError
+from model.presets import PAPER_ARMS
+from planner.scenefile import load, read
+from planner.scenes import SceneTable, scene_schema
+from planner.scenes.arm import ArmTable, Preset
+from planner.scenes.targets import TargetTable
+from planner.targets import (
+    Backbone,
+    Bend,
+    BendingPlane,
+    Fetch,
+    MinimumStiffness,
+    Softest,
+    Stiffest,
+    Target,
+    TipPose,
+    TipPosition,
+)
+
+SCENES = sorted((Path(__file__).parents[2] / "studies" / "scenes").glob("*.toml"))
+TABLE_2 = "[arm]\npreset = 'table-2'\n"
+SCHEMA: dict[str, Any] = json.loads(json.dumps(scene_schema()))
+
+TARGETS: dict[str, tuple[str, Target]] = {
+    "plane": (
+        "type = 'bending-plane'\nangle_deg = 30\nbend_deg = 60\nsection = 2",
+        BendingPlane(np.radians(30.0), np.radians(60.0), 2),
+    ),
+    "position": ("type = 'tip-position'\nposition_mm = [1, 2, 4]", TipPosition((1e-3, 2e-3, 4e-3))),
+    "pose": (
+        "type = 'tip-pose'\nposition_mm = [0, 0, 1]\ntangent = [0, 1, 0]\nnormal = [1, 0, 0]",
+        TipPose((0.0, 0.0, 1e-3), ((0, 1, 0), (1, 0, 0), (0, 0, -1))),
+    ),
+    "backbone": (
+        "type = 'backbone'\npoints_mm = [[100, 0, 0], [200, 0, 8]]\ns_mm = [125, 250]\n"
+        "weights = [1, 2]",
+        Backbone(((0.1, 0, 0), (0.2, 0, 0.008)), (0.125, 0.25), (1.0, 2.0)),
+    ),
+    "fetch": (
+        "type = 'fetch'\nproximal_deg = [60, 0]\nmedial_deg = [0, 0]\ndistal_deg = [30, 90]",
+        Fetch(
+            Bend(np.radians(60.0), 0.0), Bend(0.0, 0.0), Bend(np.radians(30.0), np.radians(90.0))
+        ),
+    ),
+    "reach": (
+        "type = 'fetch-reach'\nmouth_mm = [0, 0, -50]\nbend_deg = 45\nplane_deg = 180",
+        Fetch.reach((0.0, 0.0, -0.05), np.radians(45.0), np.pi),
+    ),
+    "stiff": (
+        "type = 'minimum-stiffness'\ndirection = [0, 0, 2]\nvalue = 0.5\nhold = 'length'\n"
+        "tendon_EA = 100",
+        MinimumStiffness((0, 0, 1), 0.5, "length", 100.0),
+    ),
+    "stiff all round": (
+        "type = 'minimum-stiffness'\nmatrix = [[2, 0, 0], [0, 1, 0], [0, 0, 1]]\nvalue = 0.5",
+        MinimumStiffness(((2, 0, 0), (0, 1, 0), (0, 0, 1)), 0.5),
+    ),
+    "stiffest": ("type = 'stiffest'\ndirection = [0, 1, 0]", Stiffest((0, 1, 0))),
+    "softest": (
+        "type = 'softest'\ndirection = [1, 0, 0]\nhold = 'length'",
+        Softest((1, 0, 0), hold="length"),
+    ),
+}
+
+
+@pytest.mark.parametrize(("table", "target"), TARGETS.values(), ids=TARGETS)
+def test_a_target_table_is_a_target(table: str, target: Target) -> None:
+    text = f"{TABLE_2}[target]\n{table}"
+    assert read(text.encode()).targets == (target,)
+    jsonschema.validate(tomllib.loads(text), SCHEMA)
+
+
+def test_targets_combine() -> None:
+    both = "".join(f"[[targets]]\n{TARGETS[name][0]}\n" for name in ("position", "stiff"))
+    targets = read((TABLE_2 + both).encode()).targets
+    assert targets == (TARGETS["position"][1], TARGETS["stiff"][1])
+
+
+def test_every_field_of_an_arm_has_a_key() -> None:
+    text = """
+    [arm]
+    length_mm = 250
+    radius_mm = { s_mm = [0, 50, 125, 250], values_mm = [8, 7, 6, 4] }
+    E_kPa = 125
+    nu = 0.25
+    density = 1000
+    base_frame = { tangent = [0, 0, 1], normal = [1, 0, 0] }
+    base_position_mm = [125, 0, 250]
+    hull_mm = [16, 16]
+    sections = [
+      { at_mm = 250, offset_mm = [16, 8], angles_deg = [0, 180] },
+      { at_mm = 125, offset_mm = { s_mm = [0, 50, 100, 125], values_mm = [8, 8, 8, 4] } },
+    ]
+    """
+    mm = 1e-3
+    arm = Arm(
+        0.25,
+        Sampled((0, 50 * mm, 0.125, 0.25), (8 * mm, 7 * mm, 6 * mm, 4 * mm)),
+        (
+            Anchorage(0.25, Linear(16 * mm, 8 * mm), (0.0, np.pi)),
+            Anchorage(0.125, Sampled((0, 50 * mm, 0.1, 0.125), (8 * mm, 8 * mm, 8 * mm, 4 * mm))),
+        ),
+        Material(125e3, 0.25, 1000.0),
+        ((0, 1, 0), (0, 0, 1), (1, 0, 0)),
+        (0.125, 0, 0.25),
+        Linear(16 * mm, 16 * mm),
+    )
+    assert read(text.encode()).arm == arm
+    keys = {key.split("_mm")[0] for key in ArmTable.__struct_fields__}
+    fields = {f.name for f in dataclasses.fields(Arm)} - {"material"}
+    assert fields | {"E_kPa", "nu", "density", "preset"} == keys
+
+
+@pytest.mark.parametrize("name", PAPER_ARMS)
+def test_a_preset_is_an_arm_of_the_paper_of_another_material_if_wanted(name: str) -> None:
+    assert read(f"[arm]\npreset = '{name}'".encode()).arm == Arm.from_paper(name)
+    soft = read(f"[arm]\npreset = '{name}'\nE_kPa = 55".encode()).arm
+    assert soft == dataclasses.replace(Arm.from_paper(name), material=Material(55e3))
+
+
+def test_presets_effects_and_targets_are_all_there() -> None:
+    assert set(get_args(Preset)) == set(PAPER_ARMS)
+    keys = set(SCHEMA["$defs"]["EffectsTable"]["properties"])
+    effects = set(model.effects.__all__) - {Effect.__name__}
+    named = {"".join(part.title() for part in key.split("_")) for key in keys}
+    assert effects - {"PointLoad", "PrintedStatics"} == named - {
+        "PointLoads",
+        "AsPrinted",
+        "Anticlastic",
+    }
+    kinds = {kind.__name__ for kind in get_args(TargetTable)}
+    others = {"Bend", "Target", "Terms", "View"}
+    assert kinds == {f"{name}Table" for name in set(planner.targets.__all__) - others}
+
+
+def test_limits_and_what_is_asked_of_stiffness_are_read() -> None:
+    text = (
+        "norm = 1\nform = 'multiple-shooting'\naccuracy = 1e-4\n"
+        "tensions = [1,2,3,4,5,6,7,8,9,1,2,3]\n"
+        + TABLE_2
+        + "[limits]\ntension_max = [[1, 2, 3, 4], [5, 6, 7, 8], [9, 10, 11, 12]]\n"
+        "tension_min = 0.5\ntotal_pull = 30\n"
+        "[stiffness]\nhold = 'length'\nat_mm = 250\ntendon_EA = 1000\nrelease = true"
+    )
+    question = read(text.encode())
+    assert question.accuracy == 1e-4
+    assert question.tensions == [1, 2, 3, 4, 5, 6, 7, 8, 9, 1, 2, 3]
+    assert question.options == {
+        "norm": "1",
+        "form": "multiple-shooting",
+        "tension_max": [[1, 2, 3, 4], [5, 6, 7, 8], [9, 10, 11, 12]],
+        "tension_min": 0.5,
+        "total_pull": 30,
+    }
+    assert question.stiffness == {"hold": "length", "at": 0.25, "tendon_EA": 1e3, "release": True}
+    jsonschema.validate(tomllib.loads(text), SCHEMA)
+
+
+@pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
+def test_every_scene_of_the_studies_is_read_and_valid(path: Path) -> None:
+    load(path)
+    jsonschema.validate(tomllib.loads(path.read_text()), SCHEMA)
+
+
+def test_the_schema_is_one() -> None:
+    jsonschema.Draft202012Validator.check_schema(SCHEMA)
+    top = SCHEMA["$defs"]["SceneTable"]
+    assert set(top["properties"]) == set(SceneTable.__struct_fields__)
+    assert top["required"] == ["arm"]
+
+
+BROKEN = {
+    "unknown key": "[arm]\npreset = 'table-2'\nlength = 3",
+    "unknown preset": "[arm]\npreset = 'table-9'",
+    "wrong type": "accuracy = 'fine'\n" + TABLE_2,
+    "accuracy out of range": "accuracy = 0.5\n" + TABLE_2,
+    "negative length": "[arm]\nlength_mm = -300",
+    "no arm": "accuracy = 1e-6",
+    "no type of target": TABLE_2 + "[target]\nposition_mm = [1, 2, 3]",
+    "a position in a plane": TABLE_2 + "[target]\ntype = 'tip-position'\nposition_mm = [1, 2]",
+    "no density": TABLE_2 + "[effects]\nweight = {}\nbuoyancy = { density = -1 }",
+    "a way between": TABLE_2 + "[effects]\nfriction = { mu = 0.1, direction = 0.5 }",
+}
+
+
+@pytest.mark.parametrize("text", BROKEN.values(), ids=BROKEN)
+def test_what_the_schema_refuses_is_refused(text: str) -> None:
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate(tomllib.loads(text), SCHEMA)
+    with pytest.raises(FileError):
+        read(text.encode())
