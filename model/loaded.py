@@ -14,6 +14,7 @@ from model.magnus import MAGNUS6
 from model.paths import Array
 from model.scene import Scene
 from model.shooting import Shooting
+from model.stretch import check_sections
 
 
 def unloaded(scene: Scene) -> Scene:
@@ -61,8 +62,12 @@ class Loaded:
         return [self.mesh.node(segment.nodes[0]) for segment in self.system.segments]
 
     def without_loads(self, tensions: Array) -> Array:
-        """Return the states at the segments' starts where the share of the loads is 0."""
-        poses, _ = self.free.run(tensions)
+        """Return the states at the segments' starts where the share of the loads is 0.
+
+        Raises UnsettledSectionError.
+        """
+        poses, stretch = self.free.run(tensions)
+        check_sections(self.free, stretch)
         s = self.mesh.s[self._first]
         pose, strain = self.free.dense(tensions, poses, s)
         e = self.system.equations
