@@ -16,7 +16,7 @@ from model.errors import OctoplanError
 Array = NDArray[np.float64]
 
 
-class WrongAnswer(AssertionError):
+class WrongAnswerError(AssertionError):
     """A member that had to be refused was not, or one that had to be settled was refused."""
 
 
@@ -32,7 +32,7 @@ class Family:
     draw : Callable
         A generator of random numbers -> a member.
     check : Callable
-        A member -> its worst error, or a refusal: an error of the project's tree, or a `Refused`.
+        A member -> its worst error, or a refusal: an error of the project's tree or RefusedError.
     refuses : bool
         Whether a member may be refused.
     """
@@ -44,7 +44,7 @@ class Family:
     refuses: bool = False
 
 
-class Refused(Exception):
+class RefusedError(Exception):
     """An outcome that says why there is no answer."""
 
 
@@ -69,9 +69,9 @@ def judge(family: Family, seed: int) -> Verdict:
     error, refusal = math.inf, ""
     try:
         error = float(family.check(member))
-    except (OctoplanError, Refused) as caught:
+    except (OctoplanError, RefusedError) as caught:
         refusal = f"{type(caught).__name__}: {caught}"
-    except WrongAnswer:
+    except WrongAnswerError:
         pass
     error = math.inf if math.isnan(error) else error
     return Verdict(member, error, refusal, time.perf_counter() - begin)

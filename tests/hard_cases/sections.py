@@ -29,7 +29,7 @@ class CrossSection:
     rubber: bool
 
     def energy(self, x: Array, share: float) -> float:
-        """The energy over E A, of curvatures times the radius and lambda, at a share of the pull."""
+        """The energy over E A, of curvatures times the radius and lambda, at a share of T."""
         k, stretch = x[:2] / self.radius, x[2]
         if stretch <= 0:
             return np.inf

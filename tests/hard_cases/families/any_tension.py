@@ -8,7 +8,7 @@ import numpy as np
 
 from model import Scene, settle
 from model.effects import ExactTendons, Extension
-from tests.hard_cases.family import Array, Family, WrongAnswer, log_uniform, relative
+from tests.hard_cases.family import Array, Family, WrongAnswerError, log_uniform, relative
 from tests.hard_cases.sections import CrossSection
 from tests.model.cases import arm_of
 from tests.oracles import Rod, RodSection, linear, poses, strain
@@ -65,7 +65,7 @@ def check(member: Member) -> float:
     found = shape.strain(s)[:, 1:]
     bend = np.linalg.norm(found[:, :2], axis=1) * rod.sections[0].offset(s)
     if member.statics == "paper" and bend.max() >= 1:
-        raise WrongAnswer(f"curvature is {bend.max()} times 1 / y")
+        raise WrongAnswerError(f"curvature is {bend.max()} times 1 / y")
     error = relative(found, np.array([wanted_strain(member, x) for x in s]))
     if member.statics == "paper":
         tip = poses(rod, T, [rod.length], True)[0][0]

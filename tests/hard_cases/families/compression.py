@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 
 from model import Anchorage, Arm, CollapsedError, Linear, Scene, settle
 from model.effects import ExactTendons, Extension
-from tests.hard_cases.family import Family, WrongAnswer
+from tests.hard_cases.family import Family, WrongAnswerError
 
 SCENES = {
     "paper": Scene(Extension()),
@@ -50,7 +50,7 @@ def check(member: Member) -> float:
             return 0.0
         raise
     if wanted <= 0:
-        raise WrongAnswer("settled, with no length left")
+        raise WrongAnswerError("settled, with no length left")
     return float(np.linalg.norm(shape.tip - [wanted * L, 0, 0])) / L
 
 
