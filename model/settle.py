@@ -84,7 +84,8 @@ def _settled(arm: Arm, T: Array, scene: Scene, accuracy: float, scheme: str) -> 
         except SnapError:
             if refinement >= _COARSE:
                 raise
-            refinement = next_refinement(refinement, np.inf, accuracy, order)
+            # Nor does a coarser one that did bear the loads tell how accurate a finer one is.
+            refinement, before = next_refinement(refinement, np.inf, accuracy, order), None
             continue
         check_sections(forward, stretch)
         near, tip, error = forward.starts(states), states[-1, :7], np.inf
