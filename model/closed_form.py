@@ -171,6 +171,9 @@ class ClosedForm:
     def run(self, tensions: Array, near: Array | None = None) -> tuple[Array, Array]:
         """See ForwardMap.run: poses (S + 1, 7) and 1 + q (K,)."""
         poses, stretch = self._call(tensions)
+        lost = np.isnan(poses[:, 4])
+        if lost.any():  # without extension a section that does not settle shows in the poses only
+            stretch[self.stretch_at >= self.mesh.s[np.argmax(lost) - 1]] = np.nan
         return poses, stretch[:, 0]
 
     def starts(self, states: Array) -> None:

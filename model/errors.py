@@ -103,6 +103,30 @@ class NotSettledError(OctoplanError):
         return type(self), (self.asked, self.reached, self.remedy)
 
 
+class UnsettledSectionError(NotSettledError):
+    """No equilibrium of a cross-section was found.
+
+    Attributes
+    ----------
+    s : float
+        Where, in m from the base.
+    which : str
+        Which set of tensions, where there were many.
+    """
+
+    def __init__(self, s: float, which: str = "") -> None:
+        self.s, self.which, self.asked, self.reached = s, which, 0.0, float("inf")
+        self.remedy = "lower the tensions that cross it"
+        OctoplanError.__init__(
+            self,
+            f"{which}{': ' * bool(which)}no equilibrium of the section at s = {s:.6g} m was found; "
+            f"{self.remedy}",
+        )
+
+    def __reduce__(self) -> tuple[type, tuple[float, str]]:  # type: ignore[override]
+        return type(self), (self.s, self.which)
+
+
 class SnapError(OctoplanError):
     """No equilibrium under the full loads is connected with the unloaded arm.
 

@@ -39,7 +39,7 @@ def tip_jacobian(
             raise InputError("compile", True, "False in a scene with loads")
         return stiffness(arm, tensions, scene, accuracy=accuracy).pose_tension
     shape = settle(arm, tensions, scene, accuracy, compile=compile)
-    call = _call(arm, scene, check_scheme(scene, None), shape.refinement, compile)
+    call = _call(arm, shape.scene, check_scheme(scene, None), shape.refinement, compile)
     return call(shape.tensions)[0].T
 
 

@@ -14,6 +14,7 @@ from model.magnus import MAGNUS6
 from model.paths import Array
 from model.scene import Scene
 from model.shooting import Shooting
+from model.stretch import check_sections
 
 
 def unloaded(scene: Scene) -> Scene:
@@ -29,8 +30,8 @@ class Loaded:
         self.system, self.mesh, self.order = system, system.mesh, system.scheme.order
         self.equilibrium = LoadedEquilibrium(system)
         self._first = [self.mesh.node(segment.nodes[0]) for segment in system.segments]
-        free = ClosedForm(system.arm, unloaded(system.scene), self.mesh, MAGNUS6)
-        self._unloaded = self._starts_unloaded(free)
+        self.free = ClosedForm(system.arm, unloaded(system.scene), self.mesh, MAGNUS6)
+        self._unloaded = self._starts_unloaded()
         self.paths = self._paths()
         places = [segment.nodes for segment in system.segments]
         self.stretch_at = np.concatenate(places)
@@ -59,26 +60,31 @@ class Loaded:
         return states[self._first].T
 
     def without_loads(self, tensions: Array) -> Array:
-        """Return the states at the segments' starts where the share of the loads is 0."""
-        return np.array(self._unloaded(tensions))
+        """Return the states at the segments' starts where the share of the loads is 0.
 
-    def _starts_unloaded(self, free: ClosedForm) -> ca.Function:
-        """Return T -> the states at the segments' starts (n_x, segments) without loads.
+        Raises UnsettledSectionError.
+        """
+        states, stretch = self._unloaded(tensions)
+        check_sections(self.free, np.array(stretch).ravel())
+        return np.array(states)
+
+    def _starts_unloaded(self) -> ca.Function:
+        """Return T -> the states at the segments' starts (n_x, segments) without loads, 1 + q.
 
         Strains are those on the start's side of the segment.
         """
         T, e, n = ca.MX.sym("T", self.system.arm.n_tendons), self.system.equations, len(self._first)
         s, step = self.mesh.s[self._first], np.array(self._first) - 1
-        strains = strains_at(free.arm, free.scene, s, self.mesh.active[step], T)
-        pulls = ca.repmat(ca.reshape(T[: e.n_tension], e.n_tension, 1), 1, n)
+        strains = strains_at(self.free.arm, self.free.scene, s, self.mesh.active[step], T)
+        poses, stretch = self.free.function(T)
         rows = [
-            free.function(T)[0][:, self._first],
+            poses[:, self._first],
             state_reader(e).map(n)(strains),
             ca.MX.zeros(e.n_force, n),
-            pulls,
+            ca.repmat(ca.reshape(T[: e.n_tension], e.n_tension, 1), 1, n),
             ca.MX.zeros(e.n_length, n),
         ]
-        return ca.Function("unloaded", [T], [ca.densify(ca.vertcat(*rows))])
+        return ca.Function("unloaded", [T], [ca.densify(ca.vertcat(*rows)), stretch])
 
     def dense(self, tensions: Array, states: Array, s: Array) -> tuple[Array, Array]:
         """See ForwardMap.dense: a step from the nodes above."""

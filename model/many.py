@@ -15,15 +15,16 @@ from model.batch import Batch
 from model.checks import finite_array
 from model.closed_form import ClosedForm, closed_statics
 from model.compiled import CompilerError, compiled
-from model.errors import InputError, NotSettledError
+from model.errors import InputError, NotSettledError, UnsettledSectionError
 from model.forward import SCHEMES, check_scheme, explicit_map
 from model.ladder import checked_accuracy, estimate, first_pair, next_refinement
 from model.paths import Array
 from model.pulls import PullPolynomials
 from model.rotations import matrices
 from model.scene import Scene
-from model.settle import ACCURACY, check_stretch, checked_scene, settle
+from model.settle import ACCURACY, checked_scene, settle
 from model.statics import is_loaded
+from model.stretch import LEAST_STRETCH, check_stretch
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,11 +114,22 @@ class _Many:
             gap = np.linalg.norm(found[4:].T - self.poses[now, 4:], axis=1) / self.arm.length
             self.errors[now] = estimate(gap, self.last[now], refinement, self.order)
         self.poses[now], self.last[now] = found.T, refinement
+        lost = np.isnan(found).any(axis=0)
         settled = self.errors[now] <= self.accuracy
-        for i in now[settled & ~(least > 0)]:
+        for i in now[settled & ~(least > LEAST_STRETCH)]:
             self._refuse_collapsed(int(i), refinement)
         if refinement != self.coarse:
-            self._choose(now[~settled], refinement)
+            self._choose(now[~settled & ~lost], refinement)
+        for i in now[lost]:
+            self._settle_alone(int(i))
+
+    def _settle_alone(self, i: int) -> None:
+        """Settle a set that has a section without equilibrium, unless it is found carefully."""
+        try:
+            shape = settle(self.arm, self.T[i], self.scene, self.accuracy)
+        except UnsettledSectionError as error:
+            raise UnsettledSectionError(error.s, f"tensions[{i}]") from None
+        self.poses[i], self.errors[i] = shape.states[-1, :7], shape.error
 
     def _choose(self, now: Any, refinement: int) -> None:
         self.wanted[now] = [

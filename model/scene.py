@@ -51,6 +51,12 @@ class Scene:
         """Return what a real silicone arm calls for: extension, exact tendons, neo-Hookean."""
         return cls(Extension(), ExactTendons(), NeoHookean())
 
+    def careful(self) -> Scene:
+        """Return the scene with sections that settle the careful way; see ExactTendons."""
+        kept = [effect for effect in self.effects if not isinstance(effect, ExactTendons)]
+        exact = [ExactTendons(careful=True)] * self.has(ExactTendons)
+        return Scene(*kept, *exact)
+
     def find(self, kind: type[E]) -> E | None:
         """Return the scene's effect of a kind, or None if it is not called for."""
         return next((effect for effect in self.effects if isinstance(effect, kind)), None)

@@ -9,8 +9,8 @@ import numpy as np
 
 from model.arm import Arm
 from model.checks import kind
-from model.errors import CollapsedError, InputError, NotSettledError, SnapError
-from model.forward import SCHEMES, ForwardMap, check_scheme, forward_map, machine_map
+from model.errors import InputError, NotSettledError, SnapError, UnsettledSectionError
+from model.forward import SCHEMES, check_scheme, forward_map, machine_map
 from model.ladder import checked_accuracy, estimate, first_pair, next_refinement
 from model.loads import check_loads
 from model.paths import Array
@@ -18,6 +18,7 @@ from model.patience import check_time
 from model.scene import Scene
 from model.shape import Shape
 from model.statics import is_loaded
+from model.stretch import check_sections, check_stretch
 
 ACCURACY = 1e-6
 # A mesh up to this one may be too coarse to say that the arm snaps.
@@ -57,7 +58,8 @@ def settle(
     CollapsedError
         Where 1 + q reaches 0.
     NotSettledError
-        If the finest mesh is not as accurate as asked.
+        If the finest mesh is not as accurate as asked; UnsettledSectionError if a cross-section
+        has no equilibrium that is found, not even by the careful way of its tendons.
     SnapError
         If the arm snaps, folds or buckles before the loads are in full.
     CompilerError
@@ -65,10 +67,16 @@ def settle(
     """
     scene = checked_scene(arm, scene)
     T = arm.flat(tensions)
-    scheme = check_scheme(scene, scheme)
+    scheme, accuracy = check_scheme(scene, scheme), checked_accuracy(accuracy)
     if compile and is_loaded(scene):
         raise InputError("compile", compile, "False in a scene with loads, whose maps are implicit")
-    return _settled(arm, T, scene, checked_accuracy(accuracy), scheme, compile)
+    try:
+        return _settled(arm, T, scene, accuracy, scheme, compile)
+    except UnsettledSectionError:
+        careful = scene.careful()
+        if careful == scene:
+            raise
+        return _settled(arm, T, careful, accuracy, scheme, compile)
 
 
 def _settled(
@@ -89,8 +97,10 @@ def _settled(
         except SnapError:
             if refinement >= _COARSE:
                 raise
-            refinement = next_refinement(refinement, np.inf, accuracy, order)
+            # Nor does a coarser one that did bear the loads tell how accurate a finer one is.
+            refinement, before = next_refinement(refinement, np.inf, accuracy, order), None
             continue
+        check_sections(forward, stretch)
         near, tip, error = forward.starts(states), states[-1, :7], np.inf
         if before is not None:
             gap = _gap(tip, before[1], lever) / arm.length
@@ -114,24 +124,6 @@ def _gap(tip: Array, other: Array, lever: float) -> float:
     """
     shift = math.dist(tip[4:], other[4:])
     return max(shift, 2 * lever * math.dist(tip[:4], other[:4])) if lever else shift
-
-
-def check_stretch(forward: ForwardMap, stretch: Array, which: str = "") -> None:
-    """Refuse a shape whose 1 + q (K,) at the places that `forward` looks at is not above 0.
-
-    Raises CollapsedError, or NotSettledError where a section has no equilibrium; `which` says which
-    of many shapes it is.
-    """
-    if stretch.min() > 0:
-        return
-    if np.isnan(stretch).any():
-        s = forward.stretch_at[np.argmax(np.isnan(stretch))]
-        place = (
-            f"{which}{': ' * bool(which)}no equilibrium of the section at s = {s:.6g} m was found"
-        )
-        raise NotSettledError(0.0, np.inf, f"{place}; lower the tensions that cross it")
-    worst = int(np.argmin(stretch))
-    raise CollapsedError(float(forward.stretch_at[worst]), float(stretch[worst]), which)
 
 
 def checked_scene(arm: Arm, scene: Scene | None) -> Scene:

@@ -50,8 +50,10 @@ static void carry(const double *T, long n, const lanes *before, const double *ow
   }
 }
 
-/* Least so far, NaN where a number is NaN. */
-static inline lanes lowest(lanes low, lanes a) { return each_fmin(low, a) + (a - a); }
+/* Least so far, NaN from where a number is NaN. */
+static inline lanes lowest(lanes low, lanes a) {
+  return each_fmin(low, a) + (a - a) + where(truth(low != low), low);
+}
 
 /* T (tendons, n), n a multiple of LANES; pose (7, n) of the tip, least (n,) 1 + q. The tables are
    those of model/batch.py; room is for the coefficients. */

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from model.effects.base import Effect
+from model.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -19,4 +20,16 @@ class ExactTendons(Effect):
     cross-section, solved by Newton's method: a settle takes 13 times as long (figure 15). Without
     it the moment of a tendon grows less than in proportion as the arm curls up, by the term y2 T:
     on the paper's fetches the tip moves by 106 and 182 mm out of 450.
+
+    Attributes
+    ----------
+    careful : bool
+        Whether sections settle by forty Newton steps in place of ten. `settle` sees by itself where
+        that is called for: a neo-Hookean body under ten times the tension that curls it up.
     """
+
+    careful: bool = False
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.careful, bool):
+            raise InputError("ExactTendons.careful", self.careful, "True or False")

@@ -44,9 +44,10 @@ def statics_of(scene: Scene, arm: Arm) -> Statics:
     extension = scene.has(Extension)
     if scene.has(PrintedStatics):
         return Printed(extension)
-    if not scene.has(ExactTendons):
+    tendons = scene.find(ExactTendons)
+    if tendons is None:
         return ReferenceTangent(extension)
-    return Exact(**_energy(scene, arm))
+    return Exact(**_energy(scene, arm), careful=tendons.careful)
 
 
 def loaded_statics_of(scene: Scene, arm: Arm) -> LoadedStatics:

@@ -11,8 +11,9 @@ from model.arm import Arm
 from model.paths import Array
 from model.stations import Stations, crossing
 
-# Keeps the root differentiable where a tendon on the axis of a section has no length left.
-_TINY = 1e-30
+# Keeps the root differentiable where a tendon has no length left, wide enough for the rounding of
+# its length (1e-16) to be small beside it.
+TINY = 1e-24
 
 
 @dataclass(frozen=True)
@@ -102,7 +103,7 @@ class SectionEnergy:
         energy = self._body(v, data)
         for j, i in enumerate(self.section):
             c = self.tangent(j, v, data[3 + i], data[3 + self.n_sections + i])
-            energy += pull[j] * ca.sqrt(ca.sumsqr(c) + _TINY)
+            energy += pull[j] * ca.sqrt(ca.sumsqr(c) + TINY)
         return energy
 
     def _body(self, v: ca.SX, data: ca.SX) -> ca.SX:

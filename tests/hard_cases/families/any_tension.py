@@ -1,0 +1,80 @@
+"""From 1e-9 N to y2 T = 1000 E J: curvature grows to 1 / y and not beyond."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from model import Scene, settle
+from model.effects import ExactTendons, Extension
+from tests.hard_cases.family import Array, Family, WrongAnswerError, log_uniform, relative
+from tests.hard_cases.sections import CrossSection
+from tests.model.cases import arm_of
+from tests.oracles import Rod, RodSection, linear, poses, strain
+
+SCENES = {
+    "paper": Scene(Extension()),
+    "exact": Scene(Extension(), ExactTendons()),
+    "silicone": Scene.silicone(),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Member:
+    """A rod with one to four tendons that end at its tip, and its statics."""
+
+    statics: str
+    rod: Rod
+    T: Array
+
+
+def draw(rng: np.random.Generator, statics: str) -> Member:
+    """One tendon is taut, at 0.6 to 0.95 of the radius; others pull up to a twentieth as hard."""
+    L, thick = rng.uniform(0.1, 0.5), rng.uniform(8e-3, 20e-3)
+    thin = thick * rng.uniform(0.3, 0.9)
+    a, b = rng.uniform(0.6, 0.95, 2) * [thick, thin]
+    n = int(rng.integers(1, 5))
+    angles = tuple(rng.uniform(0, 2 * np.pi) + np.arange(n) * np.pi / 2)
+    rod = Rod(L, linear(thick, thin, L), (RodSection(L, linear(a, b, L), angles),))
+    most = 1000 * rod.E * np.pi * thick**4 / 4 / a**2
+    T = np.full(n, log_uniform(rng, 1e-9, most))
+    # Others that pulled as hard as the first would crush a linear body.
+    room = rod.E * np.pi * thin**2 / 20
+    T[1:] = np.minimum(T[1:] * rng.uniform(0, 0.05, n - 1), room * rng.uniform(0, 1, n - 1))
+    return Member(statics, rod, T)
+
+
+def wanted_strain(member: Member, s: float) -> Array:
+    """Return (xi, k, q) at s by the oracle."""
+    rod, T = member.rod, member.T
+    if member.statics == "paper":
+        return strain(rod, T, s, True)[1:]
+    R, section = float(rod.radius(s)), rod.sections[0]
+    EA, ones = rod.E * np.pi * R**2, np.ones(T.size)
+    y, slope = float(section.offset(s)) * ones, float(section.slope(s)) * ones
+    rubber = member.statics == "silicone"
+    return CrossSection(EA, EA * R**2 / 4, T, y, slope, np.array(section.angles), rubber).strains()
+
+
+def check(member: Member) -> float:
+    """Return the worst of the strains (relative), and with the paper's statics of the tip."""
+    rod, T = member.rod, member.T
+    shape = settle(arm_of(rod), T, SCENES[member.statics], 1e-9)
+    s = rod.length * np.array([0.0, 0.3, 0.7, 1.0])
+    found = shape.strain(s)[:, 1:]
+    bend = np.linalg.norm(found[:, :2], axis=1) * rod.sections[0].offset(s)
+    if member.statics == "paper" and bend.max() >= 1:
+        raise WrongAnswerError(f"curvature is {bend.max()} times 1 / y")
+    error = relative(found, np.array([wanted_strain(member, x) for x in s]))
+    if member.statics == "paper":
+        tip = poses(rod, T, [rod.length], True)[0][0]
+        error = max(error, float(np.linalg.norm(shape.tip - tip)) / rod.length)
+    return error
+
+
+def _family(statics: str) -> Family:
+    return Family(f"any tension, {statics}", 1e-8, lambda rng: draw(rng, statics), check)
+
+
+FAMILIES = [_family(statics) for statics in SCENES]

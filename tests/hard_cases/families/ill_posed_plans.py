@@ -1,0 +1,69 @@
+"""Ill-posed plans: certified, or an outcome that says why not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from model import Arm, Scene, settle
+from model.effects import Extension
+from planner import plan
+from planner.targets import TipPosition
+from tests.hard_cases.family import Array, Family, RefusedError, WrongAnswerError
+from tests.oracles import paper_rod, poses
+
+KINDS = ("redundant", "edge of reach", "straight", "few tendons", "all held")
+
+
+@dataclass(frozen=True, eq=False)
+class Member:
+    """A kind, a tip to reach with the arm of table 4, maxima and minima of the tensions."""
+
+    kind: str
+    tip: Array
+    most: Array
+    least: Array
+
+
+def draw(rng: np.random.Generator) -> Member:
+    """Tips of settled shapes, shifted or not, and limits that leave little or nothing to choose."""
+    kind, arm = str(rng.choice(KINDS)), Arm.from_paper("table-4")
+    T = np.ravel(rng.uniform(0, 1, (3, 4)) * [[0.2], [1], [3]] * (rng.uniform(size=(3, 4)) < 0.5))
+    most, least = np.full(12, 20.0), np.zeros(12)
+    if kind == "redundant":
+        T = np.repeat(rng.uniform(0, 0.2, 3), 4)
+    if kind == "few tendons":
+        most = 5.0 * (rng.uniform(size=12) < 0.25)
+        T = np.minimum(T, most)
+    if kind == "all held":
+        most = least = T
+    tip = settle(arm, T, Scene(Extension()), 1e-10).tip
+    if kind == "edge of reach":
+        tip = tip / np.linalg.norm(tip) * arm.length * rng.uniform(0.97, 1.1)
+    if kind == "straight":
+        tip = np.array([arm.length * (1 - rng.integers(2) * rng.uniform(0, 1e-3)), 0.0, 0.0])
+    if kind == "few tendons" and rng.integers(2):
+        tip = tip + rng.normal(size=3) * 0.02
+    return Member(kind, tip, most, least)
+
+
+def check(member: Member) -> float:
+    """Return how far the oracle's tip under a certified plan is from the target, over L."""
+    arm = Arm.from_paper("table-4")
+    target = TipPosition(tuple(member.tip.tolist()))
+    found = plan(arm, target, Scene(Extension()), member.most, tension_min=member.least)
+    T = np.ravel(found.tensions)
+    beyond = np.maximum(T - member.most, member.least - T)
+    if beyond.max() > 1e-9:
+        raise WrongAnswerError("tensions beyond their limits")
+    if not found.certificate.passed:
+        if not found.outcome.startswith("Not reached"):
+            raise WrongAnswerError(found.outcome)
+        raise RefusedError(found.outcome)
+    rod = paper_rod("table-4")
+    tip = poses(rod, T, [rod.length], True)[0][0]
+    return float(np.linalg.norm(tip - member.tip)) / arm.length
+
+
+FAMILY = Family("ill-posed plans", 2e-6, draw, check, refuses=True)

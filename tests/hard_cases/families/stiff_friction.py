@@ -1,0 +1,93 @@
+"""Stiff friction: coefficients from 0 to 2, tendons that cross the midline and bend both ways."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from model import Anchorage, Arm, Linear, Scene, settle
+from model.effects import Extension, Friction
+from tests.hard_cases.family import Array, Family
+
+E = 110e3
+
+
+@dataclass(frozen=True)
+class Member:
+    """Radii, offsets at base and tip [m], length [m], pull [N], mu, the way it slides."""
+
+    radii: tuple[float, float]
+    offsets: tuple[float, float]
+    length: float
+    T: float
+    mu: float
+    way: int
+
+
+def draw(rng: np.random.Generator) -> Member:
+    """A third of the offsets are constant, a third change sign; a quarter has no friction."""
+    L, base = rng.uniform(0.2, 0.4), 0.012
+    tip = base * rng.uniform(0.4, 1.0)
+    a = base * rng.uniform(0.2, 0.7)
+    b = [min(a, 0.7 * tip), -tip * rng.uniform(0.1, 0.6), tip * rng.uniform(0.1, 0.6)]
+    most = E * np.pi * tip**2 * 0.25
+    mu, way = rng.uniform(0, 2) * (rng.uniform() < 0.75), int(rng.choice([1, -1]))
+    # What pays out grows towards the tip: it must not crush it.
+    pull = most * rng.uniform(0.01, 1) * (1 if way == 1 else 0.2)
+    end = b[int(rng.integers(3))]
+    return Member((base, tip), (a, end), float(L), float(pull), float(mu), way)
+
+
+def planar(member: Member) -> Array:
+    """(x, y, angle of the tip, T there), from base to tip: the capstan law along the tendon.
+
+    With c = (1 - y k) t + y' n the tendon is at the angle psi = atan2(y', 1 - y k) to t and turns
+    at the rate (1 + q) k + psi', where k' has a part in T', and T' = -way mu T |turning|. Which way
+    the tendon turns is found by trying both.
+    """
+    (R0, R1), (a, b), L = member.radii, member.offsets, member.length
+    taper, slope, mu = (R1 - R0) / L, (b - a) / L, member.way * member.mu
+
+    def rate(s: float, state: Array) -> Array:
+        _, _, angle, T = state
+        R, y = R0 + taper * s, a + slope * s
+        EJ, EJ_rate = E * np.pi * R**4 / 4, E * np.pi * R**3 * taper
+        D = EJ + y**2 * T
+        k = T * y / D
+        stretch = 1 - T * (1 - y * k) / (E * np.pi * R**2)
+        k_T = y * EJ / D**2
+        k_s = (T * slope - k * (EJ_rate + 2 * y * slope * T)) / D
+        # psi' = y' (y k)' / ((1 - y k)^2 + y'^2), as y'' = 0.
+        lever = slope / ((1 - y * k) ** 2 + slope**2)
+        turn_s, turn_T = stretch * k + lever * (slope * k + y * k_s), lever * y * k_T
+        # turn = turn_s + turn_T T', T' = -mu T |turn|.
+        sign = np.sign(turn_s)
+        turn = turn_s / (1 + mu * T * sign * turn_T)
+        along = np.array([np.cos(angle), np.sin(angle)])
+        return np.array([*(stretch * along), stretch * k, -mu * T * abs(turn)])
+
+    stops, state = [0.0, L], np.array([0.0, 0.0, 0.0, member.T])
+    if a * b < 0:
+        stops.insert(1, L * a / (a - b))
+    for low, high in pairwise(stops):
+        args = {"rtol": 1e-10, "atol": 1e-13, "max_step": L / 200}
+        state = solve_ivp(rate, (low, high), state, "DOP853", **args).y[:, -1]
+    return np.asarray(state)
+
+
+def check(member: Member) -> float:
+    """Return the worst error of the tip over L and of the tension there over that at the motor."""
+    L = member.length
+    arm = Arm(L, Linear(*member.radii), (Anchorage(L, Linear(*member.offsets), (0.0,)),))
+    scene = Scene(Extension(), Friction(member.mu, member.way))
+    shape = settle(arm, [member.T], scene, 1e-7)
+    wanted = planar(member)
+    # The paper's base: n is -y, so that a pull towards n bends towards -y.
+    gap = np.linalg.norm(shape.tip - [wanted[0], -wanted[1], 0]) / L
+    return max(float(gap), abs(shape.states[-1, -1] - wanted[3]) / member.T)
+
+
+FAMILY = Family("stiff friction", 1e-6, draw, check)
