@@ -2,6 +2,7 @@
 
 from model.stiffness import stiffness
 from planner.certificate import Certificate
+from planner.export import export
 from planner.limits import Limits
 from planner.many import plan_many
 from planner.plan import Plan, plan
@@ -17,6 +18,7 @@ __all__ = [
     "Start",
     "Statement",
     "build",
+    "export",
     "plan",
     "plan_many",
     "stiffness",

@@ -1,4 +1,5 @@
-"""The command line: `octoplan plan SCENE.toml`, `octoplan settle SCENE.toml`, `octoplan effects`.
+"""The command line: `octoplan plan SCENE.toml`, `octoplan settle SCENE.toml`, `octoplan effects`,
+`octoplan export`.
 
 Exit codes: 0 certified (or settled), 1 not reached or not certified, 2 bad input.
 """
@@ -12,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from model import InputError, OctoplanError, settle, switch_effects
+from planner import export_command
 from planner.plan import plan
 from planner.report import (
     plan_dict,
@@ -67,6 +69,7 @@ def _parser() -> argparse.ArgumentParser:
             "--accuracy", type=float, help="tip error over arm length; else the scene's"
         )
         sub.set_defaults(command=command)
+    export_command.add_to(commands)
     return parser
 
 
