@@ -5,10 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
+
+from model.rotations import matrix
 
 Precision = Literal["double", "float"]
 PRECISIONS: tuple[Precision, ...] = ("double", "float")
@@ -18,6 +21,35 @@ _LITERAL = re.compile(r"(?<![\w.])(\d+\.\d*(?:[eE][+-]?\d+)?)(?![\w.])")
 _NAMES = "acos|asin|atan2?|ceil|cosh?|exp|fabs|floor|fm(?:ax|in|od)|log|pow|sinh?|sqrt|tanh?"
 _MATH = re.compile(rf"\b({_NAMES})\(")
 _GLOBAL = re.compile(r"^(?!static )((?:const )?\w+\*? \w+\([^;{}]*\) ?\{)", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class CSource:
+    """What becomes NAME.c.
+
+    Attributes
+    ----------
+    template : str
+        In planner/c_files.
+    functions : tuple of casadi.Function
+        Those that it calls.
+    places : dict
+        What fills the places that are marked in it.
+    numbers : int
+        In static work arrays.
+    """
+
+    template: str
+    functions: tuple[ca.Function, ...]
+    places: dict[str, str]
+    numbers: int
+
+    def code(self, name: str, precision: Precision) -> dict[str, str]:
+        """Return what fills all places; `name` is that of the file."""
+        work = work_of(self.functions)
+        sizes = {"SZ_W": work.w, "SZ_IW": work.iw, "SZ_ARG": work.arg, "SZ_RES": work.res}
+        code = c_code(self.functions, name, precision).strip()
+        return {**self.places, "CODE": code, **{key: str(size) for key, size in sizes.items()}}
 
 
 @dataclass(frozen=True)
@@ -72,3 +104,15 @@ def numbers(values: Any, precision: Precision) -> str:
     texts = [f"{value:.{digits - 1}e}{suffix}" for value in np.ravel(values).tolist()]
     lines = [", ".join(texts[i : i + 4]) for i in range(0, len(texts), 4)]
     return ",\n    ".join(lines)
+
+
+def whole_numbers(values: Any) -> str:
+    """Return whole numbers as what initialises an array in C."""
+    return ", ".join(map(str, np.ravel(values).tolist()))
+
+
+@lru_cache(maxsize=1)
+def frame_function() -> ca.Function:
+    """Return q -> its rotation matrix (9,), row by row."""
+    q = ca.SX.sym("q", 4)
+    return ca.Function("frame", [q], [ca.vec(matrix(q).T)], {"cse": True})

@@ -16,18 +16,17 @@ from model.shape import Shape
 from model.statics import is_loaded, statics_of
 from model.statics.exact import Exact
 from planner.c_code import PRECISIONS, Precision
-from planner.c_values import c_values, static_bytes
+from planner.c_values import BYTES, c_source, c_values
 from planner.report import write_together
 
 _TEMPLATES = {
     "@NAME@.h": "map.h",
-    "@NAME@.c": "map.c",
     "test_vector.h": "test_vector.h",
     "main.c": "main.c",
     "Makefile": "Makefile",
 }
 _NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)
-_TAKEN = ("main", "test_vector")
+_TAKEN = ("main", "test_vector", "casadi")
 
 
 @dataclass(frozen=True)
@@ -85,11 +84,12 @@ def export(
     """
     scene = _checked(arm, scene, precision, name)
     shape = settle(arm, tensions, scene, accuracy)
-    values = c_values(shape, precision, name)
+    source = c_source(shape, precision)
+    values = c_values(shape, source, precision, name)
     templates = files("planner").joinpath("c_files")
     texts = {
-        _filled(file, values): _filled(templates.joinpath(source).read_text("utf-8"), values)
-        for file, source in _TEMPLATES.items()
+        _filled(file, values): _filled(templates.joinpath(template).read_text("utf-8"), values)
+        for file, template in {**_TEMPLATES, "@NAME@.c": source.template}.items()
     }
     folder = Path(to)
     try:
@@ -97,7 +97,7 @@ def export(
     except OSError as reason:
         raise InputError("to", str(to), f"a folder to write to: {reason.strerror}") from None
     written = tuple(folder / file for file in texts)
-    return Exported(written, shape, static_bytes(shape, precision))
+    return Exported(written, shape, BYTES[precision] * source.numbers)
 
 
 def _checked(arm: Arm, scene: Scene | None, precision: Any, name: Any) -> Scene:
@@ -119,7 +119,7 @@ def _checked(arm: Arm, scene: Scene | None, precision: Any, name: Any) -> Scene:
             "digits than single precision has",
         )
     if not isinstance(name, str) or not _NAME.fullmatch(name) or name.lower() in _TAKEN:
-        allowed = f"letters, digits and _, a letter first, other than {' and '.join(_TAKEN)}"
+        allowed = f"letters, digits and _, a letter first, other than {', '.join(_TAKEN)}"
         raise InputError("name", name, allowed)
     return scene
 

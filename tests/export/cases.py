@@ -32,10 +32,21 @@ CURVED = Arm(
     ),
     base_position=(0.1, -0.2, 0.3),
 )
+# Tendons that end before the tip, not as many in one section as in the other.
+SHORT = Arm(
+    0.3,
+    Linear(0.01, 0.004),
+    (
+        Anchorage(0.25, Linear(0.008, 0.004), (0.0, 2.0, 4.0)),
+        Anchorage(0.1, Linear(0.008, 0.007), (1.0, 3.0)),
+    ),
+    base_frame=((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
+)
 SCENES: dict[str, tuple[Arm, Scene, Any]] = {
     "bending alone": (TABLE_4, Scene(), BENT),
     "the paper's": (TABLE_4, Scene(Extension()), BENT),
     "as printed": (SECTION_52, Scene.as_printed(), (0.3, 0.0, 0.0, 0.1)),
+    "short tendons": (SHORT, Scene(Extension()), (0.6, 0.0, 0.2, 1.0, 0.0)),
     "curved tendons": (CURVED, Scene(Extension()), (0.6, 0.0, 0.2, 1.0, 0.0)),
 }
 SETTLING = {

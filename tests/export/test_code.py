@@ -121,3 +121,11 @@ def test_a_finer_accuracy_gives_a_finer_mesh(tmp_path: Path) -> None:
     assert fine.error <= 1e-9
     assert f"arm_s[ARM_NODES] = {{\n    {0:.16e}" in (tmp_path / "arm.c").read_text()
     assert f"#define ARM_NODES {fine.s.size} " in (tmp_path / "arm.h").read_text()
+
+
+def test_work_arrays_hold_one_step_where_strains_are_in_closed_form(tmp_path: Path) -> None:
+    for name in ("the paper's", "short tendons"):
+        arm, scene, T = SCENES[name]
+        coarse, fine = (export(arm, scene, tmp_path, T, a) for a in (1e-3, 1e-9))
+        assert fine.shape.s.size > coarse.shape.s.size
+        assert fine.static_bytes == coarse.static_bytes < 8192

@@ -41,6 +41,7 @@ def test_newton_s_method_is_not_exported_in_single_precision(scene: Scene, tmp_p
         ({"name": "b\u00e4r"}, "name"),
         ({"name": "Main"}, "name"),
         ({"name": "test_vector"}, "name"),
+        ({"name": "casadi"}, "name"),
         ({"name": None}, "name"),
         ({"accuracy": 0.5}, "accuracy"),
         ({"tensions": [1.0]}, "tensions"),
