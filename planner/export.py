@@ -10,6 +10,7 @@ from typing import Any
 
 from model.arm import Arm
 from model.errors import InputError
+from model.ladder import checked_accuracy
 from model.scene import Scene
 from model.settle import ACCURACY, checked_scene, settle
 from model.shape import Shape
@@ -26,6 +27,7 @@ _TEMPLATES = {
     "Makefile": "Makefile",
 }
 _NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)
+_FINEST_FLOAT = 1e-6
 _TAKEN = ("main", "test_vector", "casadi")
 
 
@@ -67,7 +69,7 @@ def export(
         [N], tip section first: those that bend the arm most. The mesh is the one that settles them
         to the accuracy, and they are the test vector.
     accuracy : float
-        Tip error over arm length that is accepted, from 1e-12 to 0.1.
+        Tip error over arm length that is accepted, from 1e-12 (in single precision 1e-6) to 0.1.
     precision : "double" or "float"
         Of all numbers in C. The functions agree with `settle` and `tip_jacobian` to 1e-12 in double
         and to 1e-5 in single precision: positions over the arm's length, slopes over the largest.
@@ -83,6 +85,9 @@ def export(
         As settle does, at the tensions given.
     """
     scene = _checked(arm, scene, precision, name)
+    if precision == "float" and checked_accuracy(accuracy) < _FINEST_FLOAT:
+        allowed = f"{_FINEST_FLOAT:g} or above in single precision, which rounds about as much"
+        raise InputError("accuracy", accuracy, allowed)
     shape = settle(arm, tensions, scene, accuracy)
     source = c_source(shape, precision)
     values = c_values(shape, source, precision, name)

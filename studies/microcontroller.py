@@ -8,6 +8,11 @@ Assumed: 480 MHz and one instruction a cycle. A Cortex-M7 may issue two at once,
 memory and takes several cycles for divisions, roots and most operations in double precision; the
 rates say what order to expect, above all in double.
 
+Answer: yes. In single precision the pose of the tip takes 11 100 instructions at an accuracy of
+1e-3 of the length and 31 400 at 1e-6 (43 and 15 kHz), its Jacobian by 12 tensions 101 000 and
+296 000 (4.8 and 1.6 kHz); 45 kB of flash, 2.5 kB of work arrays, 1.3 kB of stack. In double
+precision a few percent more instructions, and twice the memory.
+
     python -m studies.microcontroller
 
 Needs arm-none-eabi-gcc with newlib, and qemu-system-arm.

@@ -2,7 +2,7 @@
 
    Written by octoplan @OCTOPLAN@ with CasADi @CASADI@.
    arm of @LENGTH@ m, @SCENE@, by @SCHEME@
-   tip error over arm length: @ERROR@ (estimate, at the tensions of test_vector.h)
+   tip error of its mesh over arm length: @ERROR@ (estimate, at the tensions of test_vector.h)
 
    Lengths are in m, forces in N, angles in rad. Vectors and frames are given in the axes that the
    arm's base is given in. Tendons are numbered from the tip section to the base section.

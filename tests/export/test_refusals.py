@@ -44,6 +44,7 @@ def test_newton_s_method_is_not_exported_in_single_precision(scene: Scene, tmp_p
         ({"name": "casadi"}, "name"),
         ({"name": None}, "name"),
         ({"accuracy": 0.5}, "accuracy"),
+        ({"accuracy": 1e-7, "precision": "float"}, "accuracy"),
         ({"tensions": [1.0]}, "tensions"),
         ({"scene": "paper"}, "scene"),
         ({"arm": "table-4"}, "arm"),
