@@ -9,6 +9,7 @@ grows with the number of tendons.
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import TypeVar
 
 import casadi as ca
 import numpy as np
@@ -33,9 +34,11 @@ from model.statics import ClosedStatics
 from model.step_twist import step_slopes
 from model.strain_derivatives import strain_slopes
 
+S = TypeVar("S", ca.SX, ca.MX)
+
 
 @lru_cache(maxsize=64)
-def _step(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
+def twist_step(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
     """Return (x, pull, data, h, basis (TERMS, m)) -> x across a step.
 
     x is the pose (7,), then the sum over steps so far of the spatial twists per unit of each
@@ -64,15 +67,18 @@ def tip_slopes(arm: Arm, scene: Scene, scheme: str, refinement: int) -> ca.Funct
     forward = explicit_map(arm, scene, scheme, refinement)
     T = ca.MX.sym("T", arm.n_tendons)
     if isinstance(forward, ClosedForm):
-        pose, twists = _twists(forward, T)
-        turns = twists[:3, :]
-        shifts = twists[3:, :] - ca.skew(pose[4:]) @ turns
+        found = shifts_and_turns(*_twists(forward, T))
     else:
         pose = forward.function(T)[0][:, -1]
         slopes = ca.jacobian(pose, T)
-        turns = small_turns()(pose[:4]) @ slopes[:4, :]
-        shifts = slopes[4:, :]
-    return ca.Function("tip_slopes", [T], [ca.densify(ca.vertcat(shifts, turns))])
+        found = ca.vertcat(slopes[4:, :], small_turns()(pose[:4]) @ slopes[:4, :])
+    return ca.Function("tip_slopes", [T], [ca.densify(found)])
+
+
+def shifts_and_turns(pose: S, twists: S) -> S:
+    """Return displacements and turns (6, n) at a pose (7,) from spatial twists (6, n)."""
+    turns = twists[:3, :]
+    return ca.vertcat(twists[3:, :] - ca.skew(pose[4:]) @ turns, turns)
 
 
 def _twists(forward: ClosedForm, T: ca.MX) -> tuple[ca.MX, ca.MX]:
@@ -87,7 +93,7 @@ def _twists(forward: ClosedForm, T: ca.MX) -> tuple[ca.MX, ca.MX]:
     s = nodes_of(scheme, mesh.s[:-1], mesh.s[1:])
     pull, data = pull_and_data(arm, statics, s, np.repeat(mesh.active, len(scheme.nodes)), T)
     start = ca.vertcat(base_pose(arm), ca.DM.zeros(6 * statics.n_pull * TERMS))
-    across = _step(statics, scheme).mapaccum(mesh.steps)
+    across = twist_step(statics, scheme).mapaccum(mesh.steps)
     x = across(start, pull, data, ca.DM(np.diff(mesh.s)).T, ca.DM(polynomials.basis(s)))
     columns = []
     for i, own in enumerate(polynomials.own):

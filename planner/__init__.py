@@ -2,6 +2,7 @@
 
 from model.stiffness import stiffness
 from planner.certificate import Certificate
+from planner.export import export
 from planner.limits import Limits
 from planner.many import plan_many
 from planner.plan import Plan, plan
@@ -19,6 +20,7 @@ __all__ = [
     "Start",
     "Statement",
     "build",
+    "export",
     "load_plan",
     "plan",
     "plan_many",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import tempfile
 from importlib.metadata import version
@@ -24,6 +25,28 @@ def write_whole(path: Path, content: bytes) -> None:
         Path(name).replace(path)
     except BaseException:
         Path(name).unlink(missing_ok=True)
+        raise
+
+
+def write_together(folder: Path, contents: dict[str, bytes]) -> None:
+    """Write files into a folder, which is made if need be: all of them, or on an error none.
+
+    They are staged in a folder inside it first, so that a full disk spoils nothing.
+    """
+    new = not folder.exists()
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        with tempfile.TemporaryDirectory(dir=folder, prefix=".new.") as staged:
+            for name, content in contents.items():
+                (Path(staged) / name).write_bytes(content)
+            for name in contents:
+                if (folder / name).is_dir():
+                    raise IsADirectoryError(errno.EISDIR, f"{name} in it is a folder")
+            for name in contents:
+                (Path(staged) / name).replace(folder / name)
+    except BaseException:
+        if new:
+            folder.rmdir()
         raise
 
 

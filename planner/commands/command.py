@@ -71,7 +71,7 @@ def add_scene_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, metavar="DIR", help="also write data and figure there")
     parser.add_argument(
         "--accuracy",
-        type=_accuracy,
+        type=accuracy,
         metavar="X",
         help="tip error over arm length; else the scene's",
     )
@@ -99,7 +99,8 @@ def tensions_of(asked: Question, name: Path) -> Any:
     return asked.tensions
 
 
-def _accuracy(text: str) -> float:
+def accuracy(text: str) -> float:
+    """Return an accuracy given on the command line."""
     try:
         return checked_accuracy(float(text))
     except ValueError:

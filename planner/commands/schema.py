@@ -10,6 +10,7 @@ import msgspec
 from planner.commands.command import OK, Answer, Command
 from planner.files import to_json
 from planner.records.effects import EffectsRecord
+from planner.records.export import ExportRecord
 from planner.records.plan import PlanRecord
 from planner.records.shape import ShapeRecord
 from planner.records.stiffness import StiffnessRecord
@@ -20,6 +21,7 @@ _RECORDS: dict[str, type[msgspec.Struct]] = {
     "settle": ShapeRecord,
     "stiffness": StiffnessRecord,
     "effects": EffectsRecord,
+    "export": ExportRecord,
 }
 
 

@@ -1,0 +1,60 @@
+"""octoplan export: the scene's forward map as C."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from pathlib import Path
+
+from planner.c_code import PRECISIONS
+from planner.commands.command import OK, Answer, Command, accuracy, tensions_of
+from planner.export import Exported, export
+from planner.records.export import export_record
+from planner.scenefile import load
+
+
+def add(parser: argparse.ArgumentParser) -> None:
+    """Add the scene, the folder, and the precision."""
+    parser.add_argument("scene", type=Path, metavar="SCENE.toml", help="scene file")
+    parser.add_argument("--to", type=Path, metavar="DIR", required=True, help="folder to write to")
+    parser.add_argument("--precision", default="double", help=f"{' or '.join(PRECISIONS)} (double)")
+    parser.add_argument("--json", action="store_true", help="print JSON, in SI units")
+    parser.add_argument(
+        "--accuracy",
+        type=accuracy,
+        metavar="X",
+        help="tip error over arm length; else the scene's",
+    )
+
+
+def run(args: argparse.Namespace) -> Answer:
+    """Write the scene's map; its mesh is as fine as the scene's tensions call for."""
+    asked = load(args.scene)
+    tensions = tensions_of(asked, args.scene)
+    wanted = asked.accuracy if args.accuracy is None else args.accuracy
+    name = c_name(args.scene)
+    found = export(asked.arm, asked.scene, args.to, tensions, wanted, args.precision, name)
+    return Answer(OK, lambda: _text(found, args.to), export_record(found), name)
+
+
+def _text(found: Exported, to: Path) -> str:
+    return (
+        f"{', '.join(file.name for file in found.files)} in {to}\n"
+        f"  {found.shape.s.size} nodes, tip error {found.shape.error:.1e} of the length at the "
+        f"scene's tensions, work arrays {found.static_bytes} bytes\n"
+        f"  check them: make -C {to} check"
+    )
+
+
+def c_name(scene: Path) -> str:
+    """Return a name for C made from that of a scene file: fetch-3d.toml gives fetch_3d."""
+    name = re.sub(r"\W", "_", scene.stem, flags=re.ASCII)
+    return name if name[:1].isalpha() else f"arm_{name}"
+
+
+COMMAND = Command(
+    "export",
+    "write the map from tensions to shape, and the tip's Jacobian, as C for small machines",
+    add,
+    run,
+)

@@ -1,0 +1,131 @@
+"""Exported C: compiles without a warning, says what Python says, asks the system for nothing."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from model import settle, tip_jacobian
+from model.forward import explicit_map
+from model.jacobian import tip_slopes
+from planner import export
+from tests.export.cases import BENT, NO_DOUBLE, SCENES, SETTLING, TABLE_4, Library, compiled
+
+AGREES = {"double": 1e-12, "float": 1e-5}
+CASES = [(name, precision) for name in SCENES for precision in AGREES]
+
+
+@pytest.mark.parametrize(("name", "precision"), CASES)
+def test_it_compiles_strictly_and_its_test_vector_agrees(
+    name: str, precision: str, tmp_path: Path
+) -> None:
+    arm, scene, T = SCENES[name]
+    export(arm, scene, tmp_path, T, 1e-4, precision)
+    program = compiled(tmp_path, *NO_DOUBLE * (precision == "float"))
+    done = subprocess.run([program], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+    assert done.stdout.count(": agrees\n") == 6
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SETTLING)
+def test_sections_that_settle_by_newton_agree_too(name: str, tmp_path: Path) -> None:
+    arm, scene, T = SETTLING[name]
+    export(arm, scene, tmp_path, T, 1e-4)
+    done = subprocess.run([compiled(tmp_path)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+
+
+@pytest.mark.parametrize("place", ["test_tension", "test_position", "test_frame", "test_turn"])
+def test_the_check_fails_where_a_number_is_not_python_s(place: str, tmp_path: Path) -> None:
+    arm, scene, T = SCENES["the paper's"]
+    export(arm, scene, tmp_path, T, 1e-3, "double", "octo")
+    header = tmp_path / "test_vector.h"
+    head, values = header.read_text().split(f"{place}[", 1)
+    start = values.index("{") + 1
+    end = values.index(",", start)
+    header.write_text(f"{head}{place}[{values[:start]} {values[start:end]} + 1e-6{values[end:]}")
+    done = subprocess.run([compiled(tmp_path)], capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert "DISAGREES" in done.stdout
+
+
+@pytest.mark.parametrize(("name", "precision"), CASES)
+def test_it_agrees_with_settle_and_tip_jacobian_at_other_tensions(
+    name: str, precision: str, tmp_path: Path
+) -> None:
+    arm, scene, T = SCENES[name]
+    found = export(arm, scene, tmp_path, T, 1e-6, precision, "octo")
+    mesh = (found.shape.scheme, found.shape.refinement)
+    code = Library(tmp_path, "octo", arm.n_tendons, found.shape.s.size, precision)
+    forward = explicit_map(arm, scene, *mesh)
+    rng, allowed = np.random.default_rng(3), AGREES[precision]
+    for _ in range(5):
+        other = np.ravel(np.concatenate([np.ravel(row) for row in T])) * rng.uniform(0, 1)
+        status, tip, frame = code.tip(other)
+        assert status == 0
+        poses = forward.run(other)[0]
+        assert np.abs(tip - poses[-1, 4:7]).max() <= allowed * arm.length
+        shape = settle(arm, other, scene, 1e-8)
+        assert np.linalg.norm(tip - shape.tip) <= (1e-6 + allowed) * arm.length
+        assert np.abs(frame - shape.tip_frame).max() <= 1e-4
+        status, positions, frames = code.nodes(other)
+        assert status == 0
+        assert np.abs(positions - poses[:, 4:7]).max() <= allowed * arm.length
+        assert np.abs(frames @ np.swapaxes(frames, 1, 2) - np.eye(3)).max() <= allowed
+        slopes, wanted = code.jacobian(other), np.array(tip_slopes(arm, scene, *mesh)(other))
+        true = tip_jacobian(arm, other, scene, 1e-8)
+        for rows in (slice(3), slice(3, 6)):
+            scale = np.abs(wanted[rows]).max()
+            assert np.abs(slopes[rows] - wanted[rows]).max() <= allowed * scale
+            assert np.abs(slopes[rows] - true[rows]).max() <= 1e-4 * scale
+
+
+def test_crushed_arms_and_nan_are_told_and_results_may_be_left_out(tmp_path: Path) -> None:
+    arm, scene, T = SCENES["the paper's"]
+    found = export(arm, scene, tmp_path, T, 1e-3, name="octo")
+    code = Library(tmp_path, "octo", arm.n_tendons, found.shape.s.size, "double")
+    assert code.without_results(T) == 0
+    assert code.without_results(np.full(12, 1000.0)) == 1
+    assert code.nodes(np.full(12, 1000.0))[0] == 1
+    assert code.without_results(np.full(12, np.nan)) == 1
+    assert code.without_results(T) == 0
+
+
+def test_only_the_header_s_names_are_seen_and_nothing_but_arithmetic_is_called(
+    tmp_path: Path,
+) -> None:
+    nm = shutil.which("nm")
+    if nm is None:
+        pytest.skip("nm is not installed")
+    arm, scene, T = SCENES["the paper's"]
+    found = export(arm, scene, tmp_path, T, 1e-3, "float", "octo")
+    code = Library(tmp_path, "octo", arm.n_tendons, found.shape.s.size, "float")
+    shown = subprocess.run([nm, "-D", code.path], capture_output=True, text=True, check=True).stdout
+    names = [line.split()[-2:] for line in shown.splitlines()]
+    given = {name for kind, name in names if kind in "TRDB"}
+    assert given == {"octo_tip", "octo_nodes", "octo_jacobian", "octo_s"}
+    asked = {name.split("@")[0] for kind, name in names if kind == "U"}
+    assert asked <= {"sinf", "cosf", "sincosf", "sqrtf", "memcpy", "memset", "memmove"}
+
+
+def test_a_finer_accuracy_gives_a_finer_mesh(tmp_path: Path) -> None:
+    scene = SCENES["the paper's"][1]
+    coarse, fine = (export(TABLE_4, scene, tmp_path, BENT, a).shape for a in (1e-3, 1e-9))
+    assert coarse.s.size < fine.s.size
+    assert coarse.error <= 1e-3
+    assert fine.error <= 1e-9
+    assert f"arm_s[ARM_NODES] = {{\n    {0:.16e}" in (tmp_path / "arm.c").read_text()
+    assert f"#define ARM_NODES {fine.s.size} " in (tmp_path / "arm.h").read_text()
+
+
+def test_work_arrays_hold_one_step_where_strains_are_in_closed_form(tmp_path: Path) -> None:
+    for name in ("the paper's", "short tendons"):
+        arm, scene, T = SCENES[name]
+        coarse, fine = (export(arm, scene, tmp_path, T, a) for a in (1e-3, 1e-9))
+        assert fine.shape.s.size > coarse.shape.s.size
+        assert fine.static_bytes == coarse.static_bytes < 8192
