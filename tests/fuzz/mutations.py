@@ -1,0 +1,102 @@
+"""Scene files with a mistake or more in them: mutations of sound ones, from a seed."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+SCENES = sorted((Path(__file__).parents[2] / "studies" / "scenes").glob("*.toml"))
+NUMBERS = (
+    "0", "-0.0", "1", "-1", "0.5", "3", "1e308", "-1e308", "1e309", "5e-324", "1e-300", "1e-9",
+    "nan", "-nan", "inf", "-inf", "1e6", "9223372036854775808", "1_000", "0x10", "true",
+)  # fmt: skip
+VALUES = (
+    *NUMBERS, '"text"', '""', '"1.0"', "[]", "{}", "[[]]", "[1.0]", "[1.0, 2.0, 3.0]",
+    "[[1.0, 2.0], [3.0]]", "[nan, nan, nan]", "1979-05-27", "[" * 200 + "]" * 200,
+    "[" + "1.0," * 3000 + "]", '"\\u0000"', '"table-4"', '"tip"', '"length"',
+)  # fmt: skip
+# A bare number, not a part of a name or of another number.
+_NUMBER = re.compile(r"(?<![\w.+-])[-+]?\d+\.?\d*(?:e[-+]?\d+)?(?![\w.])")
+_PAIR = re.compile(r"^(\s*[\w.-]+\s*=\s*)(.+?)(\s*(?:#.*)?)$", re.MULTILINE)
+Mutation = Callable[[np.random.Generator, str], str]
+
+
+def _one(rng: np.random.Generator, found: list[re.Match[str]], text: str, new: str) -> str:
+    if not found:
+        return text
+    match = found[rng.integers(len(found))]
+    return text[: match.start()] + new + text[match.end() :]
+
+
+def number(rng: np.random.Generator, text: str) -> str:
+    """Put another number in a number's place."""
+    return _one(rng, list(_NUMBER.finditer(text)), text, str(rng.choice(NUMBERS)))
+
+
+def nearby(rng: np.random.Generator, text: str) -> str:
+    """Change a number by up to some ten times, or its sign."""
+    found = list(_NUMBER.finditer(text))
+    if not found:
+        return text
+    match = found[rng.integers(len(found))]
+    factor = rng.choice([-1.0, 1.0], p=[0.1, 0.9]) * 10 ** rng.normal()
+    return text[: match.start()] + f"{float(match[0]) * factor:.6g}" + text[match.end() :]
+
+
+def value(rng: np.random.Generator, text: str) -> str:
+    """Put any value in a key's place."""
+    found = list(_PAIR.finditer(text))
+    if not found:
+        return text
+    match = found[rng.integers(len(found))]
+    new = match[1] + str(rng.choice(VALUES)) + match[3]
+    return text[: match.start()] + new + text[match.end() :]
+
+
+def without(rng: np.random.Generator, text: str) -> str:
+    """Leave a line out."""
+    lines = text.split("\n")
+    del lines[rng.integers(len(lines))]
+    return "\n".join(lines)
+
+
+def twice(rng: np.random.Generator, text: str) -> str:
+    """Say a line twice, the second time anywhere."""
+    lines = text.split("\n")
+    lines.insert(int(rng.integers(len(lines) + 1)), lines[rng.integers(len(lines))])
+    return "\n".join(lines)
+
+
+def misspelt(rng: np.random.Generator, text: str) -> str:
+    """Change one letter, or leave it out."""
+    i = int(rng.integers(max(len(text), 1)))
+    return (
+        text[:i] + str(rng.choice(["", "x", "_", "=", "[", '"', "\n", "é", "\x00"])) + text[i + 1 :]
+    )
+
+
+def crossed(rng: np.random.Generator, text: str) -> str:
+    """Go on with another scene from some line on."""
+    lines = text.split("\n")
+    others = SCENES[rng.integers(len(SCENES))].read_text(encoding="utf-8").split("\n")
+    cut, begin = rng.integers(len(lines)), rng.integers(len(others))
+    return "\n".join(lines[:cut] + others[begin:])
+
+
+MUTATIONS: tuple[Mutation, ...] = (number, nearby, nearby, value, without, twice, misspelt, crossed)
+
+
+def mutated(seed: int) -> bytes:
+    """Return the text of a scene file with one to four mutations, in some encoding."""
+    rng = np.random.default_rng(seed)
+    text = SCENES[rng.integers(len(SCENES))].read_text(encoding="utf-8")
+    for _ in range(rng.integers(1, 5)):
+        text = MUTATIONS[rng.integers(len(MUTATIONS))](rng, text)
+    way = rng.uniform()
+    if way < 0.01:
+        return rng.integers(256, size=rng.integers(200)).astype(np.uint8).tobytes()
+    encoding = "utf-8" if way < 0.97 else str(rng.choice(["utf-16", "utf-8-sig", "latin-1"]))
+    return text.encode(encoding, errors="replace")
