@@ -11,7 +11,6 @@ from model.statics.algebra import solve_symmetric
 from model.statics.energy import SectionEnergy
 
 _STEPS = 14
-_SETTLED = 1e-9
 
 
 @dataclass(frozen=True)
@@ -20,7 +19,14 @@ class Exact(SectionEnergy):
 
     Unknowns are v = (kappa_n, kappa_b, lambda) per unit reference length, lambda = 1 + q only with
     extension. Without loads kappa_t = 0: the energy is even in it.
+
+    Attributes
+    ----------
+    settled : float
+        A section has settled where the last step of Newton's method is below it, relative to v.
     """
+
+    settled: float = 1e-9
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -33,7 +39,7 @@ class Exact(SectionEnergy):
         v = self._guess(pull, data)
         for _ in range(_STEPS):
             v, step = newton(v, pull, data)
-        return self.strain(ca.if_else(step < _SETTLED, v, np.nan))
+        return self.strain(ca.if_else(step < self.settled, v, np.nan))
 
     def residual(self, v: ca.SX, pull: ca.SX, data: ca.SX) -> ca.SX:
         """See ClosedStatics.residual: the gradient of the energy."""
