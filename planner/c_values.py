@@ -19,7 +19,7 @@ BYTES: dict[Precision, int] = {"double": 8, "float": 4}
 
 def c_source(shape: Shape, precision: Precision) -> CSource:
     """Return what becomes NAME.c: a loop over steps where there is one."""
-    return steps_source(shape, precision) or whole_source(shape)
+    return steps_source(shape, precision) or whole_source(shape, precision)
 
 
 def c_values(shape: Shape, source: CSource, precision: Precision, name: str) -> dict[str, str]:

@@ -4,18 +4,24 @@ from __future__ import annotations
 
 import casadi as ca
 
+from model.errors import InputError
 from model.forward import explicit_map
 from model.shape import Shape
+from model.statics import statics_of
+from model.statics.exact import Exact
 from model.tip_slopes import tip_slopes
-from planner.c_code import CSource, frame_function, work_of
+from planner.c_code import CSource, Precision, frame_function, work_of
 
 
-def whole_source(shape: Shape) -> CSource:
+def whole_source(shape: Shape, precision: Precision) -> CSource:
     """Return the map of a shape's mesh; its work arrays grow with the number of steps.
 
     Poses are positions (3, N) and frames (9, N), column by column those of one node, and with them
-    goes 1 + q.
+    goes 1 + q. Raises InputError in single precision where sections settle by Newton's method.
     """
+    if precision == "float" and isinstance(statics_of(shape.scene, shape.arm), Exact):
+        allowed = "double with ExactTendons or NeoHookean where tendons run in curves"
+        raise InputError("precision", precision, allowed)
     arm, scene, mesh = shape.arm, shape.scene, (shape.scheme, shape.refinement)
     forward, frame = explicit_map(arm, scene, *mesh), frame_function()
     T = ca.MX.sym("T", arm.n_tendons)

@@ -14,8 +14,7 @@ from model.ladder import checked_accuracy
 from model.scene import Scene
 from model.settle import ACCURACY, checked_scene, settle
 from model.shape import Shape
-from model.statics import is_loaded, statics_of
-from model.statics.exact import Exact
+from model.statics import is_loaded
 from planner.c_code import PRECISIONS, Precision
 from planner.c_values import BYTES, c_source, c_values
 from planner.files import write_together
@@ -116,13 +115,6 @@ def _checked(arm: Arm, scene: Scene | None, precision: Any, name: Any) -> Scene:
         )
     if precision not in PRECISIONS:
         raise InputError("precision", precision, " or ".join(PRECISIONS))
-    if precision == "float" and isinstance(statics_of(scene, arm), Exact):
-        raise InputError(
-            "precision",
-            precision,
-            "double with ExactTendons and NeoHookean: sections settle by Newton's method to more "
-            "digits than single precision has",
-        )
     if not isinstance(name, str) or not _NAME.fullmatch(name) or name.lower() in _TAKEN:
         allowed = f"letters, digits and _, a letter first, other than {', '.join(_TAKEN)}"
         raise InputError("name", name, allowed)

@@ -13,7 +13,6 @@ from model.statics.section_newton import newton
 
 # Ordinary tensions settle in 4 to 7 steps; a thousand times as much in 30.
 _STEPS, _CAREFUL_STEPS = 10, 40
-_SETTLED = 1e-9
 
 
 @dataclass(frozen=True)
@@ -27,9 +26,12 @@ class Exact(SectionEnergy):
     ----------
     careful : bool
         Whether to take more steps, for tensions far beyond the usual.
+    settled : float
+        A section has settled where the last step of Newton's method is below it, relative to v.
     """
 
     careful: bool = False
+    settled: float = 1e-9
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -43,7 +45,7 @@ class Exact(SectionEnergy):
         for _ in range(_CAREFUL_STEPS if self.careful else _STEPS):
             u, w, size = step(u, w, pull, data)
         v = u if not self.rubber else ca.vertcat(u[:2] * ca.sqrt(u[2]), u[2])
-        return self.strain(ca.if_else(size < _SETTLED, v, np.nan))
+        return self.strain(ca.if_else(size < self.settled, v, np.nan))
 
     def taut_body(self, u: ca.SX, data: ca.SX) -> ca.SX:
         """Return the energy of the body of taut strains u.

@@ -31,13 +31,33 @@ def test_it_compiles_strictly_and_its_test_vector_agrees(
     assert done.stdout.count(": agrees\n") == 6
 
 
+def test_newton_s_method_settles_in_single_precision(tmp_path: Path) -> None:
+    _check_settling("exact tendons", "float", tmp_path)
+
+
 @pytest.mark.slow
+@pytest.mark.parametrize("precision", AGREES)
 @pytest.mark.parametrize("name", SETTLING)
-def test_sections_that_settle_by_newton_agree_too(name: str, tmp_path: Path) -> None:
+def test_sections_that_settle_by_newton_agree_too(
+    name: str, precision: str, tmp_path: Path
+) -> None:
+    _check_settling(name, precision, tmp_path)
+
+
+def _check_settling(name: str, precision: str, folder: Path) -> None:
     arm, scene, T = SETTLING[name]
-    export(arm, scene, tmp_path, T, 1e-4)
-    done = subprocess.run([compiled(tmp_path)], capture_output=True, text=True, check=False)
+    found = export(arm, scene, folder, T, 1e-4, precision, "octo")
+    program = compiled(folder, *NO_DOUBLE * (precision == "float"))
+    done = subprocess.run([program], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout
+    code = Library(folder, "octo", arm.n_tendons, found.shape.s.size, precision)
+    forward = explicit_map(arm, scene, found.shape.scheme, found.shape.refinement)
+    rng = np.random.default_rng(4)
+    for _ in range(20):
+        other = rng.uniform(0, 0.5, arm.n_tendons)
+        status, tip, _ = code.tip(other)
+        assert status == 0
+        assert np.abs(tip - forward.run(other)[0][-1, 4:7]).max() <= AGREES[precision] * arm.length
 
 
 @pytest.mark.parametrize("place", ["test_tension", "test_position", "test_frame", "test_turn"])
