@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from typing import Any
 
@@ -18,6 +19,7 @@ from model.scene import Scene
 from model.shape import Shape
 from model.statics import is_loaded
 
+LOG = logging.getLogger(__name__)
 ACCURACY = 1e-6
 # A mesh up to this one may be too coarse to say that the arm snaps.
 _COARSE = 16
@@ -82,6 +84,7 @@ def _settled(arm: Arm, T: Array, scene: Scene, accuracy: float, scheme: str) -> 
         if before is not None:
             gap = _gap(tip, before[1], lever) / arm.length
             error = estimate(gap, before[0], refinement, order)
+            LOG.debug("%s, mesh %d: estimated tip error %.1e of L", scheme, refinement, error)
             if error <= accuracy:
                 check_stretch(forward, stretch)
                 return Shape(arm, scene, T, error, scheme, refinement, states)
