@@ -211,8 +211,7 @@ class Arm:
         by_section = [row.shape for row in rows] == [(len(s.angles),) for s in self.sections]
         flat_vector = all(np.ndim(v) == 0 for v in values) and flat.size == self.n_tendons
         if not (by_section or flat_vector):
-            shapes = ", ".join(str(row.shape) for row in rows[:4])
-            raise InputError(name, f"{len(rows)} rows of shapes {shapes}", self._shapes)
+            raise InputError(name, _sizes(values, rows), self._shapes)
         for j, value in enumerate(flat):
             if not 0 <= value < np.inf:
                 raise InputError(
@@ -242,6 +241,13 @@ class Arm:
         counts = {len(sec.angles) for sec in self.sections}
         array = finite_array("flat", flat, (self.n_tendons,))
         return array.reshape(len(self.sections), -1) if len(counts) == 1 else array
+
+
+def _sizes(values: Any, rows: Sequence[Array]) -> str:
+    """Return how many numbers were given, in words."""
+    if all(np.ndim(value) == 0 for value in values):
+        return f"{len(rows)} numbers"
+    return f"{len(rows)} rows of {', '.join(str(row.size) for row in rows[:4])} numbers"
 
 
 def conical(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from typing import Any
 
@@ -20,6 +21,7 @@ from model.shape import Shape
 from model.statics import is_loaded
 from model.stretch import check_sections, check_stretch
 
+LOG = logging.getLogger(__name__)
 ACCURACY = 1e-6
 # A mesh up to this one may be too coarse to say that the arm snaps.
 _COARSE = 16
@@ -105,6 +107,7 @@ def _settled(
         if before is not None:
             gap = _gap(tip, before[1], lever) / arm.length
             error = estimate(gap, before[0], refinement, order)
+            LOG.debug("%s, mesh %d: estimated tip error %.1e of L", scheme, refinement, error)
             if error <= accuracy:
                 check_stretch(forward, stretch)
                 return Shape(arm, scene, T, error, scheme, refinement, states)

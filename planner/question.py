@@ -50,7 +50,8 @@ def check_targets(arm: Arm, target: Target | Iterable[Target]) -> tuple[Target, 
         t.check(arm)
         for name, value in t.claims(arm).items():
             if name in claims:
-                raise InputError(f"target: {name}", value.tolist(), "one target for it, not two")
+                allowed = f"one target for it, not two: another has {claims[name].tolist()}"
+                raise InputError(f"target: {name}", value.tolist(), allowed)
             claims[name] = value
     if not frozenset.intersection(*(t.tendons(arm) for t in targets)):
         raise InputError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,7 @@ from planner.scenes.arm import arm_of
 from planner.scenes.effects import scene_of
 from planner.scenes.keys import MM
 from planner.scenes.mistakes import mistake
+from planner.scenes.syntax import no_toml
 from planner.scenes.tables import LimitsTable, SceneTable, StiffnessTable
 from planner.scenes.targets import target_of
 from planner.targets import Target
@@ -65,8 +67,12 @@ def load(path: str | Path) -> Question:
     try:
         text = path.read_bytes()
     except OSError as reason:
-        problem = f"{(reason.strerror or str(reason)).lower()}; a scene file is wanted"
-        raise FileError(str(path), "", f"{problem}, `octoplan new FILE` writes one") from None
+        told = (reason.strerror or str(reason)).lower()
+        raise FileError(str(path), "", f"{told}; {_instead(path)}") from None
+    if path.suffix.lower() != ".toml":
+        raise FileError(
+            str(path), "", "no scene file: those are TOML, with names that end in .toml"
+        )
     return read(text, str(path))
 
 
@@ -87,24 +93,27 @@ def read(text: bytes, name: str = "scene") -> Question:
     return Question(arm, scene, targets, table.tensions, table.accuracy, options, stiff)
 
 
+def _instead(path: Path) -> str:
+    """Return what to name in place of a file that cannot be read."""
+    others = {other.stem: other.name for other in path.parent.glob("*.toml") if other.is_file()}
+    near = difflib.get_close_matches(path.stem, others, 1)
+    if near:
+        return f'did you mean "{path.with_name(others[near[0]])}"?'
+    return "a scene file is wanted, `octoplan new FILE` writes one"
+
+
 def _table(text: bytes, name: str) -> SceneTable:
     try:
         raw = msgspec.toml.decode(text)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as reason:
-        raise FileError(name, _line(str(reason)), f"no TOML: {_words(str(reason))}") from None
+        raise no_toml(str(reason), text, name) from None
+    if "arm" not in raw:
+        told = 'missing; a scene needs an arm, such as [arm] preset = "table-4"'
+        raise FileError(name, "arm", told)
     try:
         return msgspec.convert(raw, SceneTable)
     except msgspec.ValidationError as reason:
         raise mistake(str(reason), name, raw, SceneTable) from None
-
-
-def _line(reason: str) -> str:
-    """Return the place that a TOML parser names at the end of its words."""
-    return reason.rpartition(" (at ")[2].rstrip(")") if " (at " in reason else ""
-
-
-def _words(reason: str) -> str:
-    return reason.rpartition(" (at ")[0] or reason
 
 
 def _targets(name: str, arm: Arm, table: SceneTable) -> tuple[Target, ...]:

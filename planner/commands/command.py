@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from model import InputError
+from model.errors import FileError
 from model.ladder import FINEST_ACCURACY, LOOSEST, checked_accuracy
 from planner.scenefile import Question, load
 
@@ -89,13 +90,15 @@ def question(args: argparse.Namespace) -> tuple[Question, float]:
 
 
 def tensions_of(asked: Question, name: Path) -> Any:
-    """Return the tensions of a scene file; InputError if it has none."""
+    """Return the tensions of a scene file; FileError if it has none."""
     if asked.tensions is None:
         rows = ", ".join(
             f"[{', '.join('0.0' for _ in section.angles)}]" for section in asked.arm.sections
         )
         place = "at the top of the file, above the first [table]"
-        raise InputError(f"{name}: tensions", "none", f"tensions = [{rows}] in N, {place}")
+        raise FileError(
+            str(name), "tensions", f"missing; needed is tensions = [{rows}] (N) {place}"
+        )
     return asked.tensions
 
 

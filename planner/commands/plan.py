@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from model import InputError, OctoplanError
+from model import OctoplanError
+from model.errors import FileError
 from planner.commands.command import (
     NOT_REACHED,
     OK,
@@ -27,9 +28,9 @@ def run(args: argparse.Namespace) -> Answer:
     """Plan for the scene's targets."""
     asked, accuracy = question(args)
     if not asked.targets:
-        raise InputError(f"{args.scene}: target", "none", _TARGET)
+        raise FileError(str(args.scene), "target", f"missing; needed is {_TARGET}")
     if "tension_max" not in asked.options:
-        raise InputError(f"{args.scene}: limits", "none", _LIMITS)
+        raise FileError(str(args.scene), "limits", f"missing; needed is {_LIMITS}")
     found = plan(asked.arm, asked.targets, asked.scene, accuracy=accuracy, **asked.options)
     return Answer(
         OK if found.certificate.passed else NOT_REACHED,

@@ -12,6 +12,7 @@ from model import Linear, Sampled
 from model.errors import InputError
 
 MM = 1e-3
+_ROUNDED = 2e-3
 
 Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]
@@ -51,8 +52,20 @@ def path(key: str, value: PathKey) -> Linear | Sampled:
 
 
 def frame(tangent: Vector, normal: Vector) -> tuple[tuple[float, ...], ...]:
-    """Return the frame (3, 3), columns t, n and t x n, row by row."""
-    columns = np.column_stack([tangent, normal, np.cross(tangent, normal)])
+    """Return the frame (3, 3), columns t, n and t x n, row by row.
+
+    Vectors may be rounded to three digits; InputError for what is not orthonormal then.
+    """
+    t, n = np.array(tangent), np.array(normal)
+    for key, given in (("tangent", t), ("normal", n)):
+        if not abs(np.linalg.norm(given) - 1) < _ROUNDED:
+            raise InputError(key, given.tolist(), "a vector of length 1")
+    if not abs(t @ n) < _ROUNDED:
+        raise InputError("normal", n.tolist(), f"a vector at right angles to {t.tolist()}, tangent")
+    t = t / np.linalg.norm(t)
+    n = n - (t @ n) * t
+    n = n / np.linalg.norm(n)
+    columns = np.column_stack([t, n, np.cross(t, n)])
     return tuple(tuple(row) for row in columns.tolist())
 
 

@@ -45,11 +45,14 @@ def mistake(reason: str, name: str, table: Any, root: Any) -> FileError:
         return FileError(name, _join(path, missing[1]), _lacking(missing[1], path, kinds))
     if what.startswith("Invalid"):
         known = choices_of(kinds) or tags_of(kinds_at(root, table, steps(path)[:-1]))
-        allowed = f"one of {', '.join(map(str, known))}"
+        allowed = f"one of {', '.join(dict.fromkeys(map(str, known)))}"
         return FileError(
             name, path, f"got {shown(given)}, allowed is {allowed}{hint(given, known)}"
         )
-    return FileError(name, path or "the file", f"got {shown(given)}, allowed is {_plain(what)}")
+    allowed = _plain(what)
+    if allowed == "a table":
+        allowed = f"a table {{ ... }} of the keys {', '.join(keys_of(kinds))}"
+    return FileError(name, path or "the file", f"got {shown(given)}, allowed is {allowed}")
 
 
 def hint(given: Any, known: list[Any]) -> str:
@@ -71,13 +74,14 @@ def shown(value: Any) -> str:
 
 def _unknown(name: str, path: str, key: str, kinds: list[Any], root: Any) -> FileError:
     known = keys_of(kinds)
-    told = f"no such key{hint(key, known)}"
     elsewhere = places(root, key)
     if "" in elsewhere:
-        told += "; it belongs at the top of the file, above the first [table]"
-    elif elsewhere and "did you mean" not in told:
-        told += f"; it belongs in [{elsewhere[0]}]"
-    return FileError(name, _join(path, key), f"{told} (known here: {', '.join(known)})")
+        more = "; it belongs at the top of the file, above the first [table]"
+    elif len(elsewhere) == 1:
+        more = f"; it belongs in [{elsewhere[0]}]"
+    else:
+        more = hint(key, known)
+    return FileError(name, _join(path, key), f"no such key{more} (known here: {', '.join(known)})")
 
 
 def _lacking(key: str, path: str, kinds: list[Any]) -> str:

@@ -45,8 +45,8 @@ class _Directed(Free):
         return type(self).__name__, self.look()
 
     def stations(self, arm: Arm) -> tuple[float, ...]:
-        """See Target.stations: none."""
-        return ()
+        """See Target.stations: the tip, so that a stiffness can be asked for alone."""
+        return (arm.length,)
 
     def look(self) -> Look:
         """See Target.look: along one direction."""
@@ -137,8 +137,8 @@ class MinimumStiffness(Free):
         return "MinimumStiffness", self.look()
 
     def stations(self, arm: Arm) -> tuple[float, ...]:
-        """See Target.stations: none."""
-        return ()
+        """See Target.stations: the tip, so that a stiffness can be asked for alone."""
+        return (arm.length,)
 
     def look(self) -> Look:
         """See Target.look: along one direction, or all three."""

@@ -1,0 +1,199 @@
+"""The mistakes of the first ten minutes: each ends with 2 and a line on what to write instead."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from planner.cli import main
+
+ARM = "[arm]\npreset = 'table-4'\n"
+TARGET = "[target]\ntype = 'tip-position'\nposition_mm = [200, 150, -200]\n"
+LIMITS = "[limits]\ntension_max = 20\n"
+OWN = "[arm]\nlength_mm = 300\nradius_mm = [10, 5]\n"
+
+# What is in the file; what the message has to say.
+FILES: dict[str, tuple[str, str]] = {
+    "empty": ("", 'arm: missing; a scene needs an arm, such as [arm] preset = "table-4"'),
+    "key misspelt": (
+        "[arm]\nlenght_mm = 3",
+        'arm.lenght_mm: no such key; did you mean "length_mm"?',
+    ),
+    "unit left out of a key": (
+        "[arm]\nlength = 3",
+        'arm.length: no such key; did you mean "length_mm',
+    ),
+    "table misspelt": (ARM + "[limit]\ntension_max = 3", 'did you mean "limits"?'),
+    "accuracy after a table": (
+        ARM + LIMITS + "accuracy = 1e-5",
+        "limits.accuracy: no such key; it belongs at the top of the file, above the first [table]",
+    ),
+    "a key in another table": (
+        ARM + "mu = 0.1",
+        "arm.mu: no such key; it belongs in [effects.friction]",
+    ),
+    "a limit in words": (
+        ARM + TARGET + "[limits]\ntension_max = '20 N'",
+        "limits.tension_max: got '20 N', allowed is a number or a list",
+    ),
+    "no quotes": (
+        "[arm]\npreset = table-4",
+        "line 2: no TOML: invalid value: preset = table-4; text",
+    ),
+    "a decimal comma": ("[arm]\nlength_mm = 300,5", "300,5; decimal numbers have a point"),
+    "a unit": ("[arm]\nlength_mm = 300 mm", "its unit is in the key"),
+    "no zero before the point": ("[arm]\nnu = .5", "digits on both sides of a point"),
+    "a colon": ("[arm]\npreset: 'table-4'", "joined by ="),
+    "a table not closed": ("[arm\npreset = 'table-4'", "line 1: no TOML"),
+    "a table twice": (ARM + ARM, "[arm] is there twice"),
+    "an end in the middle": ("[arm]\npreset = 'table-4", "no TOML"),
+    "an unknown preset": ("[arm]\npreset = 'table4'", 'section-5.2; did you mean "table-4"?'),
+    "a preset and a length": (ARM + "length_mm = 300", "either a preset, or length_mm"),
+    "half an arm": ("[arm]\nlength_mm = 300", "no radius_mm, no sections"),
+    "a negative length": (
+        "[arm]\nlength_mm = -300",
+        "length_mm: got -300, allowed is a number above 0",
+    ),
+    "tendons outside of the body": (
+        OWN + "sections = [{ at_mm = 300, offset_mm = [5, 8] }]",
+        "got 0.008, allowed is up to the radius of the body, 0.005 m at s = 0.3 m",
+    ),
+    "sections from base to tip": (
+        OWN
+        + "sections = [{ at_mm = 100, offset_mm = [5, 5] }, { at_mm = 300, offset_mm = [5, 5] }]",
+        "allowed is below 0.1 m, tip to base",
+    ),
+    "rows too few": (
+        "tensions = [[0, 0, 0.5, 0], [4, 0, 0, 0]]\n" + ARM,
+        "tensions: got '2 rows of 4, 4 numbers', allowed is 12 numbers, flat or a row per section",
+    ),
+    "numbers too few": ("tensions = [1, 2]\n" + ARM, "got '2 numbers', allowed is 12 numbers"),
+    "a tension below 0": ("tensions = [0, 0, -1, 0, 0, 0, 0, 0, 0, 0, 0, 0]\n" + ARM, "T_13"),
+    "one tension": ("tensions = 3\n" + ARM, "tensions: got 3, allowed is a list"),
+    "target of no type": (
+        ARM + "[target]\nposition_mm = [1, 2, 3]",
+        "target.type: missing, allowed",
+    ),
+    "target type misspelt": (
+        ARM + "[target]\ntype = 'tip_position'",
+        'softest; did you mean "tip-position"?',
+    ),
+    "a point in a plane": (
+        ARM + "[target]\ntype = 'tip-position'\nposition_mm = [1, 2]",
+        "target.position_mm: got [1, 2], allowed is a list of 3",
+    ),
+    "two targets that contradict": (
+        ARM + TARGET.replace("[target]", "[[targets]]") + TARGET.replace("[target]", "[[targets]]"),
+        "tip position: got [0.2, 0.15, -0.2], allowed is one target for it, not two",
+    ),
+    "a section that is not there": (
+        ARM + "[target]\ntype = 'bending-plane'\nangle_deg = 1\nbend_deg = 2\nsection = 4",
+        "got 4, allowed is a whole number from 1 to 3",
+    ),
+    "a frame that is none": (
+        ARM + "[target]\ntype = 'tip-pose'\nposition_mm = [1, 2, 3]\ntangent = [1, 0, 0]\n"
+        "normal = [0.6, 0.8, 0]",
+        "normal: got [0.6, 0.8, 0.0], allowed is a vector at right angles to [1.0, 0.0, 0.0]",
+    ),
+    "an accuracy of 1": ("accuracy = 1\n" + ARM, "accuracy: got 1, allowed is a number up to 0.1"),
+    "limits crossed": (ARM + TARGET + LIMITS + "tension_min = 30", "T_11"),
+    "an effect by another name": (ARM + "[effects]\ngravity = true", "shear, weight, buoyancy"),
+    "a switch in place of a table": (
+        ARM + "[effects]\nweight = true",
+        "effects.weight: got true, allowed is a table { ... } of the keys g",
+    ),
+    "a list of effects": (ARM + "[effects]\n" + "[[effects.weight]]", "effects.weight: got [{}]"),
+    "an unknown norm": ("norm = 3\n" + ARM, "norm: got 3, allowed is one of 2, 1, inf"),
+    "no target": (
+        ARM + LIMITS,
+        "target: missing; needed is a [target] table, such as [target] type",
+    ),
+    "no limits": (ARM + TARGET, "limits: missing; needed is a [limits] table, such as [limits]"),
+}
+
+
+@pytest.mark.parametrize(("text", "told"), FILES.values(), ids=FILES)
+def test_a_mistake_in_a_file_is_told_in_a_line(
+    text: str, told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(text)
+    assert main(["plan", str(path)]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith(f"octoplan: {path}: ")
+    assert told in captured.err
+    assert captured.err.count("\n") == 1
+
+
+LINES: dict[str, tuple[list[str], str]] = {
+    "nothing": ([], "no command; to begin: octoplan new"),
+    "a command misspelt": (["paln", "mine.toml"], 'no command "paln"; did you mean "plan"?'),
+    "a file alone": (["mine.toml"], "For example: octoplan plan mine.toml"),
+    "no file": (["plan"], "required: SCENE.toml (see octoplan plan --help)"),
+    "two files": (["plan", "mine.toml", "other.toml"], "no such argument: other.toml"),
+    "an option misspelt": (
+        ["plan", "mine.toml", "--acuracy=1e-3"],
+        'no such argument: --acuracy=1e-3; did you mean "--accuracy"?',
+    ),
+    "an accuracy in words": (["plan", "mine.toml", "--accuracy", "fine"], "from 1e-12 to 0.1"),
+    "an accuracy out of range": (["plan", "mine.toml", "--accuracy", "2"], "got '2', allowed"),
+    "a file that is not there": (["plan", "mien.toml"], 'did you mean "mine.toml"?'),
+    "a file quite unlike": (["plan", "nowhere.toml"], "`octoplan new FILE` writes one"),
+    "a folder": (["plan", "."], "is a directory"),
+    "a result in place of a scene": (["plan", "plan.json"], "names that end in .toml"),
+    "a file in place of a folder": (
+        ["plan", "mine.toml", "--out", "plan.json"],
+        "a folder to write",
+    ),
+    "tensions that are not there": (
+        ["settle", "mine.toml"],
+        "mine.toml: tensions: missing; needed is tensions = [[0.0, 0.0, 0.0, 0.0], [0.0, 0.0",
+    ),
+    "stiffness without tensions": (["stiffness", "mine.toml"], "tensions: missing"),
+    "effects without tensions": (["effects", "mine.toml"], "tensions: missing"),
+    "a scene written over": (["new", "mine.toml"], "a file that does not exist yet"),
+    "a schema of nothing": (["schema", "tables"], "invalid choice: 'tables'"),
+}
+
+
+@pytest.mark.parametrize(("argv", "told"), LINES.values(), ids=LINES)
+def test_a_mistake_on_the_command_line_is_told_in_a_line(
+    argv: list[str],
+    told: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    (tmp_path / "mine.toml").write_text(ARM + TARGET + LIMITS)
+    (tmp_path / "plan.json").write_text("{}")
+    monkeypatch.chdir(tmp_path)
+    assert main(argv) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith("octoplan: ")
+    assert told in captured.err
+    assert captured.err.count("\n") == 1
+    assert {path.name for path in tmp_path.iterdir()} == {"mine.toml", "plan.json"}
+
+
+def test_rounded_frames_are_frames(tmp_path: Path) -> None:
+    text = "[target]\ntype = 'tip-pose'\nposition_mm = [1, 2, 3]\ntangent = [0, 0.707, 0.707]\n"
+    path = tmp_path / "mine.toml"
+    path.write_text("tensions = [0,0,0,0,0,0,0,0,0,0,0,0]\n" + ARM + text + "normal = [1, 0, 0]\n")
+    assert main(["settle", str(path)]) == 0
+
+
+@pytest.mark.parametrize("table", ["type = 'minimum-stiffness'\nvalue = 0.45", "type = 'stiffest'"])
+def test_a_stiffness_can_be_asked_for_without_a_shape(
+    table: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It used to end in an error of CasADi's: no place on the arm was looked at."""
+    path = tmp_path / "mine.toml"
+    path.write_text(
+        "accuracy = 1e-4\n[arm]\npreset = 'section-5.2'\n[effects]\nextension = true\n[limits]\n"
+        f"tension_max = 1\n[target]\ndirection = [0, 0, 1]\n{table}\n"
+    )
+    assert main(["plan", str(path)]) == 0
+    assert "PASSED" in capsys.readouterr().out
