@@ -10,6 +10,7 @@ from studies import (
     bending_plane,
     effects_cost,
     fetch,
+    hard_cases,
     tip_targets,
     which_statics,
 )
@@ -24,6 +25,12 @@ SMALL: dict[str, tuple[Main, list[str], str, str]] = {
     ),
     "bending_plane": (bending_plane.main, ["--angles", "2"], "planned", "bending_plane.png"),
     "effects_cost": (effects_cost.main, ["--repeats", "1"], "all together", "effects_cost.png"),
+    "hard_cases": (
+        hard_cases.main,
+        ["--members", "2", "--family", "many turns", "compression, paper"],
+        "from base to tip",
+        "hard_cases.png",
+    ),
     "which_statics": (which_statics.main, [], "neo-Hookean", "which_statics.png"),
     "fetch": (
         fetch.main,

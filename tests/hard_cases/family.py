@@ -82,7 +82,7 @@ def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
-def relative(found: Array, wanted: Array) -> float:
-    """Return the largest distance between rows (N, k), over the largest number in each row."""
-    size = np.maximum(np.abs(wanted).max(axis=1), 1e-30)
+def relative(found: Array, wanted: Array, least: float = 1e-30) -> float:
+    """Return the largest distance between rows (N, k), over the largest in each or the least."""
+    size = np.maximum(np.abs(wanted).max(axis=1), least)
     return float((np.abs(found - wanted).max(axis=1) / size).max())

@@ -79,7 +79,7 @@ def planar(member: Member) -> Array:
 
 
 def check(member: Member) -> float:
-    """Return the worst error of the tip over L and of the tension there over that at the motor."""
+    """Return the worst error of the tip over L and of the tension there, relative."""
     L = member.length
     arm = Arm(L, Linear(*member.radii), (Anchorage(L, Linear(*member.offsets), (0.0,)),))
     scene = Scene(Extension(), Friction(member.mu, member.way))
@@ -87,7 +87,7 @@ def check(member: Member) -> float:
     wanted = planar(member)
     # The paper's base: n is -y, so that a pull towards n bends towards -y.
     gap = np.linalg.norm(shape.tip - [wanted[0], -wanted[1], 0]) / L
-    return max(float(gap), abs(shape.states[-1, -1] - wanted[3]) / member.T)
+    return max(float(gap), abs(shape.states[-1, -1] / wanted[3] - 1))
 
 
 FAMILY = Family("stiff friction", 1e-6, draw, check)

@@ -1,0 +1,68 @@
+"""What hard cases broke once."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+
+from model import Anchorage, Arm, CollapsedError, InputError, Linear, Scene, settle, settle_many
+from model.effects import ExactTendons, Extension, Friction
+from model.errors import UnsettledSectionError
+from tests.hard_cases.families.stiff_friction import Member, planar
+
+ARM = Arm.from_paper("table-4")
+FETCH = np.zeros((3, 4))
+FETCH[0, 2], FETCH[1, 0], FETCH[2, 1] = 0.5, 4.0, 13.0
+
+
+@pytest.mark.parametrize("times", [1, 20, 1000])
+@pytest.mark.parametrize("extension", [True, False], ids=["extension", "bending"])
+def test_exact_tendons_settle_at_any_tension(times: float, extension: bool) -> None:
+    scene = Scene(*[Extension()] * extension, ExactTendons())
+    shape = settle(ARM, times * FETCH, scene, 1e-5)
+    assert np.isfinite(shape.tip).all()
+    assert shape.error <= 1e-5
+
+
+def test_a_thousand_times_the_tension_of_silicone_is_settled_carefully() -> None:
+    radius, anchorage = Linear(0.015, 0.008), Anchorage(0.3, Linear(0.01, 0.006), (0.3,))
+    arm = Arm(0.3, radius, (anchorage,))
+    shape = settle(arm, [3e3], Scene.silicone(), 1e-8)
+    assert shape.scene == Scene.silicone().careful() != Scene.silicone()
+    s = np.linspace(0, 0.3, 5)
+    assert np.all(np.linalg.norm(shape.strain(s)[:, 1:3], axis=1) * (0.01 - 0.004 / 0.3 * s) < 2)
+    many = settle_many(arm, [[0.1], [3e3]], Scene.silicone(), 1e-8)
+    assert np.array_equal(many.tip[1], shape.tip)
+
+
+def test_a_section_without_equilibrium_says_where() -> None:
+    with pytest.raises(UnsettledSectionError, match=r"at s = 0\.\d+ m was found; lower") as caught:
+        settle(ARM, 100 * FETCH, Scene.silicone())
+    assert 0 < caught.value.s < ARM.length
+    with pytest.raises(UnsettledSectionError, match=r"tensions\[1\]: no equilibrium"):
+        settle_many(ARM, [0 * FETCH, 100 * FETCH], Scene.silicone())
+    again = pickle.loads(pickle.dumps(caught.value))
+    assert (str(again), again.s) == (str(caught.value), caught.value.s)
+
+
+def test_exact_tendons_that_leave_no_length_crush_the_arm() -> None:
+    arm = Arm(0.3, Linear(0.01, 0.01), (Anchorage(0.3, Linear(5e-3, 5e-3)),))
+    with pytest.raises(CollapsedError):
+        settle(arm, np.full(4, 12.0), Scene(Extension(), ExactTendons()))
+
+
+def test_a_mesh_before_one_that_failed_says_nothing_about_one_after_it() -> None:
+    # Settled to 7 % of the length, with an estimate of 3e-6, as if the meshes 1 and 8 were near.
+    member = Member((0.012, 0.0067), (2.65e-3, 3.42e-3), 0.327, 0.43, 1.8, -1)
+    L = member.length
+    arm = Arm(L, Linear(*member.radii), (Anchorage(L, Linear(*member.offsets), (0.0,)),))
+    scene = Scene(Extension(), Friction(member.mu, member.way))
+    x, y, *_ = planar(member)
+    assert np.linalg.norm(settle(arm, [member.T], scene, 1e-5).tip - [x, -y, 0]) < 1e-5 * L
+
+
+def test_careful_is_true_or_false() -> None:
+    with pytest.raises(InputError, match=r"ExactTendons\.careful"):
+        ExactTendons(careful=2)  # type: ignore[arg-type]
