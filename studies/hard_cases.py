@@ -11,7 +11,12 @@ each is described at the top of its file. Errors are over the arm's length, or r
 
 Command: python -m studies.hard_cases [--members 20] [--seed 0] [--family NAME ...] [--out out]
 
-Answer: ANSWER
+Answer: none in 180 members, of 12 each. Errors are at most 2e-10 where 1e-8 is allowed (9e-9 for
+silicone under nanonewtons, where the sixteen digits of lambda say so much of q), 5e-15 in other
+units and turned scenes, 2e-8 under loads, 9e-9 for plans. One arm with friction is refused, whose
+tendon would be a million times as tight at its end as at its motor, and two plans, beyond reach. An
+error at the beginning shrinks 3142 times on the way from the tip to the base, and grows 3142 times
+the other way: E J + y2 T of the base over that of the tip.
 """
 
 from __future__ import annotations
@@ -62,14 +67,14 @@ def _draw_families(ax: Axes, table: list[Row]) -> None:
         ax.plot([family.tolerance] * 2, [i - 0.4, i + 0.4], color="C3", lw=2)
         refused = len(verdicts) - len(errors)
         if refused:
-            ax.text(2e-5, i, f"{refused} refused", va="center", fontsize="small")
+            ax.text(3e-6, i, f"{refused} refused", va="center", fontsize="small")
     ax.plot([], [], "o", color="C0", ms=4, label="a member")
     ax.plot([], [], color="C3", lw=2, label="tolerance")
     ax.set_yticks(range(len(table)), [family.name for family, _ in table])
     ax.set(xscale="log", xlim=(_LEAST / 2, 1e-3), xlabel="error", title="Hard cases")
     ax.invert_yaxis()
     ax.grid(alpha=0.3)
-    ax.legend(fontsize="small", loc="lower right")
+    ax.legend(fontsize="small", loc="upper right")
 
 
 def _draw_sweeps(ax: Axes, grown: Sweeps) -> None:
@@ -80,7 +85,7 @@ def _draw_sweeps(ax: Axes, grown: Sweeps) -> None:
         yscale="log",
         xlabel="s [m]",
         ylabel="error of curvature times radius [-]",
-        title="An error of 1e-9 at the beginning (table 4)",
+        title="1e-9 off at the beginning",
     )
     ax.grid(alpha=0.3)
     ax.legend(fontsize="small")
