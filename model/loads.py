@@ -17,6 +17,8 @@ from model.stations import Stations, crossing
 
 # Growth, as an exponent, that one segment may have; and the most segments that loads call for.
 _GROWTH, _MOST_PIECES, _STEEPEST = 3.0, 60, 1e80
+# Of a step of 1/400 of a tendon's length: its crossing is found to rounding.
+_HALVINGS = 50
 _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(6)
 
 
@@ -109,10 +111,14 @@ def point_loads(scene: Scene) -> list[PointLoad]:
 def places(arm: Arm, scene: Scene) -> tuple[float, ...]:
     """Return the arc lengths inside of the arm at which loads call for a segment to begin [m].
 
-    Where a point load acts; and, as solutions of the bent arm under a force F grow and decay like
-    the exponential of the integral of (F / EJ)^(1/2), wherever that integral has grown by some.
+    Where a point load acts; where a tendon with friction crosses the midline, as it turns the other
+    way from there on and its tension has a kink; and, as solutions of the bent arm under a force F
+    grow and decay like the exponential of the integral of (F / EJ)^(1/2), wherever that integral
+    has grown by some.
     """
     acts = [load.s for load in point_loads(scene) if 0 < load.s < arm.length]
+    if scene.has(Friction):
+        acts += _crossings(arm, [*acts, *(section.at for section in arm.sections)])
     s = np.linspace(0.0, arm.length, 1001)
     R, force = arm.radius.evaluate(s, arm.length)[0], _heaviest(arm, scene, s)
     EA = arm.material.E * np.pi * R**2
@@ -125,6 +131,30 @@ def places(arm: Arm, scene: Scene) -> tuple[float, ...]:
     taken = [*acts, *(section.at for section in arm.sections), 0.0, arm.length]
     free = [float(cut) for cut in cuts if min(abs(cut - other) for other in taken) > near]
     return tuple(acts + free)
+
+
+def _crossings(arm: Arm, others: list[float]) -> list[float]:
+    """Return the arc lengths where tendons cross the midline, found by bisection [m].
+
+    Each once, and none at the places of others.
+    """
+    found: list[float] = []
+    for section in arm.sections:
+        s = np.linspace(0.0, section.at, 401)
+        y = section.offset.evaluate(s, section.at)[0]
+        for i in np.flatnonzero(y[:-1] * y[1:] < 0):
+            low, high = float(s[i]), float(s[i + 1])
+            for _ in range(_HALVINGS):
+                middle = (low + high) / 2
+                same = section.offset.evaluate(np.array([middle]), section.at)[0][0] * y[i] > 0
+                low, high = (middle, high) if same else (low, middle)
+            found.append((low + high) / 2)
+        found += s[1:-1][y[1:-1] == 0].tolist() if y.any() else []
+    kept: list[float] = []
+    for place in sorted(found):
+        if all(abs(place - other) > 1e-9 * arm.length for other in [*others, *kept]):
+            kept.append(place)
+    return kept
 
 
 def _heaviest(arm: Arm, scene: Scene, s: Array) -> Array:

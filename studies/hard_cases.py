@@ -9,9 +9,14 @@ integrated from the base to the tip rather than from the tip to the base?
 Assumptions: the families are those that the tests hold to their tolerances, `tests/hard_cases`;
 each is described at the top of its file. Errors are over the arm's length, or relative.
 
-Command: python -m studies.hard_cases [--members 20] [--seed 0] [--family NAME ...] [--out out]
+Command: python -m studies.hard_cases [--members 12] [--seed 0] [--family NAME ...] [--out out]
 
-Answer: ANSWER
+Answer: of 12 members each, 180 in all, none. The worst errors are 2e-10 where 1e-8 is allowed (1e-9
+for silicone), 5e-15 in other units and turned scenes, 1e-8 for derivatives, under heavy loads and
+for plans, 1e-7 for friction. Three are refused: two plans beyond reach, and an arm with friction
+whose tendon would be a million times as tight at its end as at its motor. An error at the beginning
+shrinks 3142 times on the way from the tip to the base, and grows 3142 times the other way: E J + y2 T
+of the base over that of the tip.
 """
 
 from __future__ import annotations
@@ -62,14 +67,14 @@ def _draw_families(ax: Axes, table: list[Row]) -> None:
         ax.plot([family.tolerance] * 2, [i - 0.4, i + 0.4], color="C3", lw=2)
         refused = len(verdicts) - len(errors)
         if refused:
-            ax.text(2e-5, i, f"{refused} refused", va="center", fontsize="small")
+            ax.text(3e-6, i, f"{refused} refused", va="center", fontsize="small")
     ax.plot([], [], "o", color="C0", ms=4, label="a member")
     ax.plot([], [], color="C3", lw=2, label="tolerance")
     ax.set_yticks(range(len(table)), [family.name for family, _ in table])
     ax.set(xscale="log", xlim=(_LEAST / 2, 1e-3), xlabel="error", title="Hard cases")
     ax.invert_yaxis()
     ax.grid(alpha=0.3)
-    ax.legend(fontsize="small", loc="lower right")
+    ax.legend(fontsize="small", loc="upper right")
 
 
 def _draw_sweeps(ax: Axes, grown: Sweeps) -> None:
@@ -80,7 +85,7 @@ def _draw_sweeps(ax: Axes, grown: Sweeps) -> None:
         yscale="log",
         xlabel="s [m]",
         ylabel="error of curvature times radius [-]",
-        title="An error of 1e-9 at the beginning (table 4)",
+        title="1e-9 off at the beginning",
     )
     ax.grid(alpha=0.3)
     ax.legend(fontsize="small")
@@ -89,7 +94,7 @@ def _draw_sweeps(ax: Axes, grown: Sweeps) -> None:
 def main(argv: Sequence[str] | None = None) -> None:
     """Run the study: print its table, save its figure."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--members", type=int, default=20)
+    parser.add_argument("--members", type=int, default=12)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--family", nargs="*", default=[family.name for family in FAMILIES])
     parser.add_argument("--out", type=Path, default=Path("out"))

@@ -7,7 +7,7 @@ import pytest
 from tests.hard_cases.families import FAMILIES
 from tests.hard_cases.family import Family, judge
 
-SMALL, FULL = 3, 40
+SMALL, FULL = 2, 40
 
 
 def check(family: Family, seeds: range) -> None:

@@ -90,4 +90,5 @@ def check(member: Member) -> float:
     return max(float(gap), abs(shape.states[-1, -1] / wanted[3] - 1))
 
 
-FAMILY = Family("stiff friction", 1e-6, draw, check)
+# Some that pay out round more than a turn end with a million times the tension of the motor.
+FAMILY = Family("stiff friction", 1e-6, draw, check, refuses=True)
