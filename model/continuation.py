@@ -110,7 +110,9 @@ class LoadedEquilibrium:
     def _frames(self, X: Array, p: Array) -> Array:
         """Return the quaternions (4, N) at all nodes of all segments."""
         quaternions = np.array(self.frames(X, p))
-        return np.asarray(quaternions / np.linalg.norm(quaternions, axis=0))
+        # What a sweep has blown up is near nothing, and is not taken.
+        with np.errstate(all="ignore"):
+            return np.asarray(quaternions / np.linalg.norm(quaternions, axis=0))
 
     def _newton(self, X: Array, p: Array, farthest: float = _TURN) -> Array | None:
         """Return the solution near X, or None where the steps are not small or do not shrink.

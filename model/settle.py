@@ -14,6 +14,7 @@ from model.errors import InputError, NotSettledError, SnapError, UnsettledSectio
 from model.forward import SCHEMES, check_scheme, forward_map, machine_map
 from model.ladder import checked_accuracy, estimate, first_pair, next_refinement
 from model.loads import check_loads
+from model.magnus import Magnus
 from model.paths import Array
 from model.patience import check_time
 from model.scene import Scene
@@ -87,6 +88,8 @@ def _settled(
     maps = machine_map if machine_code else forward_map
     order = SCHEMES[scheme].order
     lever = float(arm.radius.evaluate(np.zeros(1), arm.length)[0][0]) if is_loaded(scene) else 0.0
+    # Elsewhere strains that are no numbers may be those of a step that is too long.
+    by_sections = isinstance(SCHEMES[scheme], Magnus)
     coarse, fine = first_pair(accuracy, order)
     refinement = coarse
     before: tuple[int, Array] | None = None
@@ -96,13 +99,14 @@ def _settled(
         forward = maps(arm, scene, scheme, refinement)
         try:
             states, stretch = forward.run(T, near)
-        except SnapError:
-            if refinement >= _COARSE:
+            check_sections(forward, stretch)
+        except (SnapError, UnsettledSectionError) as problem:
+            in_closed_form = isinstance(problem, UnsettledSectionError) and by_sections
+            if refinement >= _COARSE or in_closed_form:
                 raise
             # Nor does a coarser one that did bear the loads tell how accurate a finer one is.
             refinement, before = next_refinement(refinement, np.inf, accuracy, order), None
             continue
-        check_sections(forward, stretch)
         near, tip, error = forward.starts(states), states[-1, :7], np.inf
         if before is not None:
             gap = _gap(tip, before[1], lever) / arm.length

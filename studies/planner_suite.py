@@ -110,7 +110,10 @@ def run(job: tuple[int, int, int]) -> Case:
     except OctoplanError as problem:
         return Case(**case, outcome=f"{type(problem).__name__}: {problem}")
     seconds = time.perf_counter() - begin
-    error = off(settle(ARM, found.tensions, scene, 1e-9, schemes_of(scene)[1]), target)
+    try:
+        error = off(settle(ARM, found.tensions, scene, 1e-9, schemes_of(scene)[1]), target)
+    except OctoplanError:
+        error = np.inf
     near = max(found.certificate.approach.values(), default=0.0) <= _NEAR
     cost = max(float(found.effort / np.linalg.norm(T)), _over_best(found, scene, best_of, rng))
     done = (passed and near, error, cost, seconds, len(found.starts), outcome)

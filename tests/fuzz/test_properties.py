@@ -1,0 +1,123 @@
+"""Any arm, scene, tensions, targets: a finite answer within its accuracy, or an error of ours."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from model import Anchorage, Arm, Linear, Material, OctoplanError, Scene, settle
+from model.effects import Effect, ExactTendons, Extension, NeoHookean, TipLoad, Weight
+from model.patience import OutOfTime, time_limit
+from planner import plan, stiffness
+from planner.targets import Backbone, BendingPlane, Target, TipPosition
+
+# Numbers as users have them, and as no user has them.
+ANY = st.one_of(
+    st.floats(allow_nan=True, allow_infinity=True),
+    st.sampled_from([0.0, -0.0, 5e-324, 1e-300, 1e308, -1e308, float("nan"), float("inf")]),
+    st.floats(1e-3, 10.0),
+)
+SOUND = st.floats(1e-3, 1.0)
+SECONDS = 2.0
+
+
+@st.composite
+def arms(draw: st.DrawFn) -> Arm:
+    """An arm of up to four sections, most of them sound, some of them not."""
+    L = draw(st.floats(0.05, 1.0))
+    R = draw(st.floats(0.01, 0.1)) * L
+    n = draw(st.integers(1, 4))
+    tip = R * draw(st.floats(0.01, 1.0))
+    ends = [L * (1 - i / n) for i in range(n)]
+    share = draw(st.floats(0.1, 0.9))
+    angles = tuple(np.arange(draw(st.integers(1, 5))) * 2.1)
+    sections = tuple(
+        Anchorage(at, Linear(share * R, share * (R + (tip - R) * at / L)), angles) for at in ends
+    )
+    return Arm(L, Linear(R, tip), sections, Material(draw(st.floats(1e3, 1e9))))
+
+
+@st.composite
+def scenes(draw: st.DrawFn) -> Scene:
+    """A scene without loads or with small ones."""
+    effects: list[Effect] = []
+    if draw(st.booleans()):
+        effects.append(Extension())
+        if draw(st.booleans()):
+            effects.append(ExactTendons())
+            if draw(st.booleans()):
+                effects.append(NeoHookean())
+    if draw(st.integers(0, 9)) == 0:
+        effects.append(draw(st.sampled_from([Weight(), TipLoad((0.0, 0.0, -1e-3))])))
+    return Scene(*effects)
+
+
+@given(arms(), scenes(), st.lists(ANY, min_size=1, max_size=20), ANY)
+@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+def test_any_tensions_settle_or_are_refused(
+    arm: Arm, scene: Scene, numbers: list[float], accuracy: float
+) -> None:
+    T = np.resize(numbers, arm.n_tendons)
+    try:
+        with time_limit(SECONDS):
+            shape = settle(arm, T, scene, accuracy)
+    except (OctoplanError, OutOfTime):
+        return
+    assert np.all(np.isfinite(shape.states)) and shape.error <= accuracy
+    assert np.linalg.norm(shape.tip) <= arm.length * (1 + 1e-9) or not scene.effects
+
+
+def force(arm: Arm, share: float) -> float:
+    """Return a pull that is a share of what crushes the tip [N]."""
+    R = float(arm.radius.evaluate(np.array([arm.length]), arm.length)[0][0])
+    return share * arm.material.E * np.pi * R**2
+
+
+@given(arms(), scenes(), st.lists(SOUND, min_size=20, max_size=20))
+@settings(max_examples=30, deadline=None, suppress_health_check=list(HealthCheck))
+def test_moderate_pulls_have_a_compliance_that_is_symmetric(
+    arm: Arm, scene: Scene, shares: list[float]
+) -> None:
+    T = np.array([force(arm, 0.05 * share) for share in shares])
+    try:
+        with time_limit(SECONDS):
+            k = stiffness(arm, np.resize(T, arm.n_tendons), scene)
+    except (OctoplanError, OutOfTime):
+        return
+    size = np.repeat([arm.length, 1.0], 3)
+    scaled = k.compliance / np.outer(size, size)
+    assert np.abs(scaled - scaled.T).max() <= 1e-5 * np.abs(scaled).max()
+
+
+def targets_of(arm: Arm, numbers: list[float], kind: int) -> Target:
+    """Return a target of some kind, near the arm or far off it."""
+    L = arm.length
+    if kind == 0:
+        return TipPosition(tuple(L * x for x in numbers[:3]))
+    if kind == 1:
+        return BendingPlane(numbers[0], abs(numbers[1]), 1)
+    return Backbone(tuple(tuple(L * x for x in numbers[i : i + 3]) for i in (0, 3)))
+
+
+@given(
+    arms(),
+    scenes(),
+    st.lists(st.one_of(st.floats(-1.5, 1.5), ANY), min_size=6, max_size=6),
+    st.integers(0, 2),
+    ANY,
+)
+@settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
+def test_any_target_ends_in_a_plan_or_is_refused(
+    arm: Arm, scene: Scene, numbers: list[float], kind: int, most: Any
+) -> None:
+    try:
+        found = plan(arm, targets_of(arm, numbers, kind), scene, most, time_limit=SECONDS)
+    except OctoplanError:
+        return
+    T = np.ravel(found.tensions)
+    assert np.all(np.isfinite(T)) and np.all(T >= 0) and np.all(most >= T)
+    if found.reached:
+        assert found.certificate.residual <= found.accuracy
