@@ -89,7 +89,7 @@ def _settled(
     order = SCHEMES[scheme].order
     lever = float(arm.radius.evaluate(np.zeros(1), arm.length)[0][0]) if is_loaded(scene) else 0.0
     # Elsewhere strains that are no numbers may be those of a step that is too long.
-    by_sections = isinstance(SCHEMES[scheme], Magnus)
+    by_sections = isinstance(SCHEMES[scheme], Magnus) or is_loaded(scene)
     coarse, fine = first_pair(accuracy, order)
     refinement = coarse
     before: tuple[int, Array] | None = None

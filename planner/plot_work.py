@@ -15,9 +15,12 @@ from model.paths import Array
 from planner.plot_strains import INK, SIZE
 
 # Of the project's own ways: a colour each; what others offer is grey, and told by its marker.
-_OWN = ("#1f6fb4", "#d1495b", "#2a8c6e", "#e8912c", "#7a4fb5", "#4db6c4", "#9b6b3f", "#c2559d")
+_OWN = (
+    *("#1f6fb4", "#d1495b", "#2a8c6e", "#e8912c", "#7a4fb5"),
+    *("#4db6c4", "#9b6b3f", "#c2559d", "#6b8e23", "#17365d"),
+)
 _MARKS = ("o", "s", "D", "^", "v", "P", "<", ">")
-_CHOICE = "#111111"
+_CHOICE, _STARS = "#111111", ("*", "P")
 _LEAST = 1e-13
 
 
@@ -44,23 +47,26 @@ class Curve:
 
 
 def plot_work(
-    curves: Sequence[Curve], cost: str, error: str, ax: Axes | None = None
+    curves: Sequence[Curve],
+    cost: str,
+    error: str,
+    ax: Axes | None = None,
+    names: Sequence[str] = (),
 ) -> Figure | Axes:
     """Draw errors over costs, both logarithmic, with quartiles; failures are crosses at the top.
 
-    `cost` and `error` are the labels of the axes, with units. Returns a new Figure, or the axes if
+    `cost` and `error` are the labels of the axes, with units. Curves of `names` look the same in
+    all panels that are given the same names; others take the next looks. Returns a new Figure, or the axes if
     given; raises InputError for no curves.
     """
     if not curves:
         raise InputError("curves", (), "at least one Curve")
     if ax is None:
         figure = Figure(figsize=(6.4, 4.4), layout="constrained")
-        plot_work(curves, cost, error, figure.add_subplot())
+        plot_work(curves, cost, error, figure.add_subplot(), names)
         return figure
-    seen = {"own": 0, "choice": 0, "other": 0}
     for curve in curves:
-        _draw(curve, seen[curve.kind], ax)
-        seen[curve.kind] += 1
+        _draw(curve, _number(curve, curves, names), ax)
     ax.set(xscale="log", yscale="log")
     ax.set_xlabel(cost, fontsize=SIZE)
     ax.set_ylabel(error, fontsize=SIZE)
@@ -71,10 +77,18 @@ def plot_work(
     return ax
 
 
+def _number(curve: Curve, curves: Sequence[Curve], names: Sequence[str]) -> int:
+    """Return which look a curve has among those of its kind."""
+    if curve.name in names:
+        return list(names).index(curve.name)
+    others = [c.name for c in curves if c.kind == curve.kind and c.name not in names]
+    return len(names) + others.index(curve.name)
+
+
 def _draw(curve: Curve, number: int, ax: Axes) -> None:
     style = {
         "own": (_OWN[number % len(_OWN)], "o" if number < len(_OWN) else "s", "-", 1.2, 2),
-        "choice": (_CHOICE, "*", "", 0.8, 4),
+        "choice": (_CHOICE, _STARS[number % len(_STARS)], "", 0.8, 4),
         "other": ("#7d838b", _MARKS[number % len(_MARKS)], "--", 1.0, 1),
     }
     colour, mark, line, width, order = style[curve.kind]

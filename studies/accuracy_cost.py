@@ -15,7 +15,13 @@ nothing of the kind; it starts once, from moderate tensions.
 
 Command: python -m studies.accuracy_cost [--cases 5] [--repeats 20] [--targets 7] [--out out]
 
-Answer: ANSWER
+Answer: the sixth-order Magnus way is the cheapest for every error below 1e-3, by a factor of 3 to 6
+against the next (explicit Runge-Kutta of the paper's differential form), and 50 to 100 times cheaper
+than SciPy's integrators; `settle` pays two to four single maps of it, as it verifies and wraps. Each
+digit costs 1.5 times the time. Under loads rk6 and rk8 are 20 times cheaper than shooting or
+collocation by SciPy. A plan takes 0.1 s whatever its accuracy from 1e-2 to 1e-9, as its search is on a
+coarse mesh; one start is 0.04 s; SLSQP pays a second for 1e-4 and five for 1e-9. Exact tendons cost 20
+times the paper's statics. What the statics leave out matters more than any mesh: a tenth of L here.
 """
 
 from __future__ import annotations
@@ -27,12 +33,14 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from model.forward import SCHEMES
 from planner.plot_work import Curve, legend_below, plot_work
 from studies.timing import machine
 from studies.work import Measured, Size, by_count
 from studies.work_plan import plans, reachable, statics
 from studies.work_settle import EXACT, EXPLICIT, PAPER, WEIGHT, jacobians, settling
 
+NAMES = tuple(SCHEMES)
 TIP, SECTIONS = "verified tip error [L]", "cross-sections looked at"
 
 
@@ -45,8 +53,8 @@ def draw_settling(settled: list[Measured], jacobian: list[Measured]) -> Figure:
         (panels[0], settled, TIP, "settling"),
         (panels[1], jacobian, slopes, "tip Jacobian"),
     ):
-        plot_work([curve.by_time() for curve in curves], f"{work}: time [ms]", error, row[0])
-        plot_work(by_count(curves), f"{work}: {SECTIONS}", "", row[1])
+        plot_work([curve.by_time() for curve in curves], f"{work}: time [ms]", error, row[0], NAMES)
+        plot_work(by_count(curves), f"{work}: {SECTIONS}", "", row[1], NAMES)
     legend_below(figure, panels.ravel().tolist(), 5)
     return figure
 
@@ -59,7 +67,7 @@ def draw_dearer(loaded: list[Measured], exact: list[Measured]) -> Figure:
         (panels[0], loaded, "weight in water", TIP),
         (panels[1], exact, "exact tendons", ""),
     ):
-        plot_work([curve.by_time() for curve in curves], f"{work}: time [ms]", error, ax)
+        plot_work([curve.by_time() for curve in curves], f"{work}: time [ms]", error, ax, NAMES)
     legend_below(figure, panels.tolist(), 5)
     return figure
 
