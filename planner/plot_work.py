@@ -56,8 +56,8 @@ def plot_work(
     """Draw errors over costs, both logarithmic, with quartiles; failures are crosses at the top.
 
     `cost` and `error` are the labels of the axes, with units. Curves of `names` look the same in
-    all panels that are given the same names; others take the next looks. Returns a new Figure, or the axes if
-    given; raises InputError for no curves.
+    all panels that are given the same names; others take the next looks. Returns a new Figure, or
+    the axes if given; raises InputError for no curves.
     """
     if not curves:
         raise InputError("curves", (), "at least one Curve")

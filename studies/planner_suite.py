@@ -15,9 +15,9 @@ Times are shifted geometric means (shift 0.1 s), as benchmarks of optimisers hav
 Command: python -m studies.planner_suite [--targets 1000] [--best-of 10] [--jobs 2] [--seed 0]
 [--out out]
 
-Answer: of 300 (seed 0) 97.7 % are reached and certified, none is wrong, 96.9 % of the efforts are within
-1 % of the best known (tips and planes 100 %), in 0.6 s and from 5.3 starts; poses, fetches and
-backbones that are missed end at another local optimum.
+Answer: of 300 (seed 0) 97.7 % are reached and certified, none is wrong, 96.9 % of the efforts are
+within 1 % of the best known (tips and planes 100 %), in 0.6 s and from 5.3 starts; poses, fetches
+and backbones that are missed end at another local optimum.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """Exported C: compiles without a warning, says what Python says, asks the system for nothing."""
 
-from __future__ import annotations
+from __future__ from itertools import product
+import annotations
 
 import shutil
 import subprocess
@@ -16,7 +17,12 @@ from planner import export
 from tests.export.cases import BENT, NO_DOUBLE, SCENES, SETTLING, TABLE_4, Library, compiled
 
 AGREES = {"double": 1e-12, "float": 1e-5}
-CASES = [(name, precision) for name in SCENES for precision in AGREES]
+# The whole map as printed takes the compiler half a minute.
+LONG = {("as printed", "double")}
+CASES = [
+    pytest.param(*case, marks=[pytest.mark.slow] * (case in LONG))
+    for case in product(SCENES, AGREES)
+]
 
 
 @pytest.mark.parametrize(("name", "precision"), CASES)

@@ -12,7 +12,7 @@ needs_tools = pytest.mark.skipif(bool(missing()), reason=f"not installed: {missi
 
 
 @needs_tools
-@pytest.mark.parametrize("precision", ["float", "double"])
+@pytest.mark.parametrize("precision", ["float", pytest.param("double", marks=pytest.mark.slow)])
 def test_it_agrees_there_and_serves_a_kilohertz_loop(precision: str) -> None:
     arm, scene, T = SCENES["the paper's"]
     cost = measured(arm, scene, T, 1e-3, precision)

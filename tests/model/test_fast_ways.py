@@ -71,6 +71,7 @@ def test_machine_code_has_the_digits_of_the_interpreter(scheme: str, arm: Arm) -
     assert np.array_equal(plain[1], fast[1])
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 def test_machine_code_says_where_sections_have_no_equilibrium() -> None:
     T = np.repeat(tensions(1), 3, axis=1) * np.array([1.0, 7.0, 0.0])

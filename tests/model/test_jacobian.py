@@ -72,7 +72,10 @@ def test_jacobian_of_an_arm_at_rest_is_finite(scene: str) -> None:
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
-@pytest.mark.parametrize("scene", ["bare", "extension", "as printed"])
+AS_PRINTED = pytest.param("as printed", marks=pytest.mark.slow)
+
+
+@pytest.mark.parametrize("scene", ["bare", "extension", AS_PRINTED])
 def test_compiled_jacobian_has_the_digits_of_the_interpreted_one(scene: str) -> None:
     T = np.random.default_rng(3).uniform(0.02, 0.3, 12)
     plain, fast = (
