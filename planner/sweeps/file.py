@@ -22,10 +22,9 @@ from planner.scenes.mistakes import mistake
 from planner.sweeps.axes import Axis, values_of
 from planner.sweeps.keys import changed, checked_key, unit_of, whole
 from planner.sweeps.points import Job, Point
-from planner.sweeps.tables import AxisTable, SweepFile, SweepTable
+from planner.sweeps.tables import MOST_POINTS, AxisTable, SweepFile, SweepTable
 from planner.sweeps.variables import RESERVED
 
-MOST_POINTS = 10_000_000
 # A chunk is what an interruption loses; it is the same however many workers there are.
 _PARTS, _MANY, _SOME = 64, 1000, 16
 R = TypeVar("R")

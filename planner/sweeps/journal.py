@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import zlib
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -73,6 +74,7 @@ class Journal:
 
     def _begin(self, identity: str) -> None:
         """Check the head, or write it; end a last line that was torn."""
+        first = _line(_Head(_NAME, identity))
         self._stream.seek(0)
         head = _body(self._stream.readline(), _Head)
         size = self._stream.seek(0, os.SEEK_END)
@@ -85,12 +87,13 @@ class Journal:
         if head is None and size:
             self._stream.truncate(0)
             size = 0
+        self._empty = len(first)
         if size:
             self._stream.seek(size - 1)
             if self._stream.read(1) != b"\n":
                 self._write(b"\n")
         else:
-            self._write(_line(_Head(_NAME, identity)))
+            self._write(first)
 
     def done(self, like: Rows) -> Iterator[tuple[int, Rows]]:
         """Yield the chunks that are finished; arrays get the shape of `like`, but for the first."""
@@ -123,7 +126,11 @@ class Journal:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        """Close the journal; one in which nothing is finished is of no use."""
         self._stream.close()
+        with suppress(FileNotFoundError):
+            if self.path.stat().st_size == self._empty:
+                self.path.unlink()
 
 
 def _line(body: Any) -> bytes:

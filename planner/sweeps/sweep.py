@@ -10,11 +10,12 @@ import numpy as np
 from model.errors import InputError
 from model.progress import tell
 from planner.extras import needed
+from planner.sweeps.cluster import on_cluster
 from planner.sweeps.dataset import dataset, saver
 from planner.sweeps.file import Sweep, load_sweep
 from planner.sweeps.journal import Journal
 from planner.sweeps.variables import Rows, blank
-from planner.sweeps.workers import Found, here, on_cluster, on_machine
+from planner.sweeps.workers import Found, here, on_machine
 
 
 def sweep(
@@ -52,6 +53,8 @@ def sweep(
         Naming the command that installs what is missing.
     WorkersLostError
         If workers are killed again and again; what is finished is kept.
+    VersionsError
+        If a worker of the cluster has other versions of what computes.
     """
     asked = load_sweep(file)
     needed("xarray", "sweep")

@@ -11,7 +11,8 @@ from planner.scenes.keys import Positive, Table
 Compute = Literal["settle", "plan", "stiffness"]
 Distribution = Literal["uniform", "normal", "log-uniform"]
 Values = Annotated[list[float | int | str | bool], Meta(min_length=1)]
-Count = Annotated[int, Meta(ge=1)]
+MOST_POINTS = 10_000_000
+Count = Annotated[int, Meta(ge=1, le=MOST_POINTS)]
 
 
 class AxisTable(Table, frozen=True):

@@ -1,4 +1,4 @@
-"""Who works on a sweep: this process, processes of this machine, or a cluster.
+"""Who works on a sweep: this process, or processes of this machine; for a cluster see cluster.
 
 All hand out the same chunks, and yield what is found as it comes. Workers that are killed lose the
 chunks in their hands; these are handed out again.
@@ -6,20 +6,20 @@ chunks in their hands; these are handed out again.
 
 from __future__ import annotations
 
+import os
+import threading
+import time
 from collections.abc import Iterable, Iterator
-from itertools import islice
-from typing import Any
+from functools import cache
 
-from model.errors import InputError, OctoplanError
+from model.errors import OctoplanError
 from planner.extras import needed
 from planner.sweeps.file import Sweep
 from planner.sweeps.points import Job, Point, run
 from planner.sweeps.variables import Rows
 
 Found = Iterator[tuple[int, Rows]]
-_TRIES = 3
-_AHEAD = 3
-_PATIENCE = 60
+TRIES = 3
 
 
 class WorkersLostError(OctoplanError):
@@ -34,7 +34,7 @@ class WorkersLostError(OctoplanError):
     def __init__(self, left: int) -> None:
         self.left = left
         super().__init__(
-            f"workers were killed {_TRIES} times in a row, {left} chunks of points are left; "
+            f"workers were killed again and again, {left} chunks of points are left; "
             "what is finished is kept, start the sweep again with fewer jobs or more memory"
         )
 
@@ -42,13 +42,33 @@ class WorkersLostError(OctoplanError):
         return type(self), (self.left,)
 
 
-def _one(job: Job, chunk: int, points: list[Point]) -> tuple[int, Rows]:
+def one(job: Job, chunk: int, points: list[Point]) -> tuple[int, Rows]:
+    """Return a chunk's number and what is found at its points."""
     return chunk, run(job, points)
+
+
+def _for_parent(job: Job, chunk: int, points: list[Point]) -> tuple[int, Rows]:
+    """As one, in a process that ends when the one that began it does."""
+    _end_with_parent()
+    return one(job, chunk, points)
+
+
+@cache
+def _end_with_parent() -> None:
+    """Watch, from now on, whether this process was left alone by one that was killed."""
+    parent = os.getppid()
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(1.0)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def here(sweep: Sweep, chunks: Iterable[int]) -> Found:
     """Yield what is found at chunks in this process, in order."""
-    return (_one(sweep.job, chunk, sweep.points(chunk)) for chunk in chunks)
+    return (one(sweep.job, chunk, sweep.points(chunk)) for chunk in chunks)
 
 
 def on_machine(sweep: Sweep, chunks: Iterable[int], jobs: int) -> Found:
@@ -57,7 +77,7 @@ def on_machine(sweep: Sweep, chunks: Iterable[int], jobs: int) -> Found:
     broken = needed("joblib.externals.loky.process_executor", "sweep").BrokenProcessPool
     left, losses = dict.fromkeys(chunks), 0
     while left:
-        work = (joblib.delayed(_one)(sweep.job, c, sweep.points(c)) for c in list(left))
+        work = (joblib.delayed(_for_parent)(sweep.job, c, sweep.points(c)) for c in list(left))
         pool = joblib.Parallel(jobs, return_as="generator_unordered", batch_size=1)
         try:
             for chunk, rows in pool(work):
@@ -66,45 +86,5 @@ def on_machine(sweep: Sweep, chunks: Iterable[int], jobs: int) -> Found:
                 yield chunk, rows
         except broken:
             losses += 1
-            if losses == _TRIES:
+            if losses == TRIES:
                 raise WorkersLostError(len(left)) from None
-
-
-def on_cluster(sweep: Sweep, chunks: Iterable[int], scheduler: str) -> Found:
-    """Yield what is found at chunks by the workers of a Dask cluster.
-
-    Few chunks are under way at a time. Raises InputError where there is no scheduler, or none of
-    its workers comes; WorkersLostError.
-    """
-    distributed = needed("distributed", "cluster")
-    left = dict.fromkeys(chunks)
-    waiting = iter(list(left))
-    with _client(scheduler) as client:
-        threads = sum(w["nthreads"] for w in client.scheduler_info(-1)["workers"].values())
-        tasks = (client.submit(_one, sweep.job, c, sweep.points(c), pure=False) for c in waiting)
-        running = distributed.as_completed(islice(tasks, _AHEAD * threads))
-        for task in running:
-            try:
-                chunk, rows = task.result()
-            except distributed.KilledWorker:
-                raise WorkersLostError(len(left)) from None
-            task.release()
-            del left[chunk]
-            yield chunk, rows
-            for following in islice(tasks, 1):
-                running.add(following)
-
-
-def _client(scheduler: str) -> Any:
-    distributed = needed("distributed", "cluster")
-    try:
-        client = distributed.Client(scheduler, set_as_default=False)
-    except (OSError, ValueError) as reason:
-        allowed = f"the address of a running scheduler, tcp://HOST:PORT: {reason}"
-        raise InputError("scheduler", scheduler, allowed) from None
-    try:
-        client.wait_for_workers(1, timeout=_PATIENCE)
-    except TimeoutError:
-        client.close()
-        raise InputError("scheduler", scheduler, "a scheduler that has workers") from None
-    return client

@@ -137,6 +137,7 @@ E0 = 'key = "arm.E_kPa"'
         (STIFFNESS + "step = 1", "", "no such key"),
         ("", "axes = []", "at least 1"),
         (f"[[sweep.axes]]\n{E0}\nstart = 1.0\nstop = 2.0\ncount = 20000000", "", "up to 10000000"),
+        (GRID.replace("3", "5000") + DRAWN, "draws = 5000", "25000000 points; .* up to 10000000"),
     ],
 )
 def test_bad_axes_are_refused_saying_what_is_allowed(
