@@ -12,6 +12,7 @@ import pytest
 
 import planner
 from planner.sweeps import cluster as on_dask
+from planner.sweeps.file import load_sweep
 from tests.sweeps.cases import DRAWN, GRID, STIFFNESS, written
 
 ROOT = Path(__file__).parents[2]
@@ -41,6 +42,12 @@ def cluster(tmp_path: Path) -> "Iterator[tuple[str, list[subprocess.Popen[bytes]
 
 def _dask(what: str) -> list[str]:
     return [sys.executable, "-m", f"distributed.cli.dask_{what}"]
+
+
+def test_a_worker_with_other_versions_is_refused(tmp_path: Path) -> None:
+    asked = load_sweep(written(tmp_path, GRID))
+    with pytest.raises(on_dask.VersionsError, match="install alike"):
+        on_dask._for_others({"octoplan": "0"}, asked.job, 0, asked.points(0))
 
 
 def test_a_cluster_finds_what_one_process_finds_though_a_worker_is_killed(

@@ -1,5 +1,6 @@
 """Sweeps that are killed, whole or a worker at a time, end with what undisturbed ones find."""
 
+import os
 import signal
 import subprocess
 import sys
@@ -12,7 +13,9 @@ import xarray
 
 import planner
 from model import InputError
+from planner.sweeps.file import Sweep
 from planner.sweeps.sweep import journal_of
+from planner.sweeps.workers import WorkersLostError
 from tests.sweeps.cases import DRAWN, GRID, STIFFNESS, written
 
 ROOT = Path(__file__).parents[2]
@@ -94,6 +97,27 @@ def test_a_sweep_goes_on_when_a_worker_is_killed(tmp_path: Path) -> None:
     told = process.communicate()[1].decode()
     assert process.returncode == 0, told
     assert xarray.load_dataset(out).identical(planner.sweep(path))
+
+
+class _Deadly:
+    """Ends the process that unpickles it."""
+
+    def __reduce__(self) -> tuple:
+        return os._exit, (1,)
+
+
+def test_points_that_kill_their_workers_again_and_again_are_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, out = written(tmp_path, GRID), tmp_path / "out.nc"
+    good = Sweep.points
+    monkeypatch.setattr(
+        Sweep, "points", lambda own, chunk: [_Deadly()] if chunk == 2 else good(own, chunk)
+    )
+    with pytest.raises(WorkersLostError, match="kept"):
+        planner.sweep(path, out, jobs=2)
+    monkeypatch.undo()
+    assert planner.sweep(path, out, jobs=2).identical(planner.sweep(path))
 
 
 def test_a_changed_sweep_does_not_resume_another_one(tmp_path: Path) -> None:

@@ -70,6 +70,26 @@ def test_two_jobs_find_what_one_finds(tmp_path: Path) -> None:
     assert one.identical(two)
 
 
+def test_plans_depend_neither_on_jobs_nor_on_the_plans_before(tmp_path: Path) -> None:
+    axis = (
+        '[[sweep.axes]]\nkey = "target.position_mm[1]"\nvalues = [140.0, 150.0, 900.0]\nname = "y"'
+    )
+    data = planner.sweep(written(tmp_path, axis, "plan"), jobs=2)
+    assert data.reached.values.tolist() == [True, True, False]
+    assert "Not reached" in data.outcome.sel(y=900.0).item()
+    assert data.identical(planner.sweep(written(tmp_path, axis, "plan")))
+    alone = planner.sweep(written(tmp_path, axis.replace("140.0, ", ""), "plan"))
+    assert alone.equals(data.isel(y=slice(1, None)))
+
+
+def test_a_long_list_of_values_is_saved_with_its_text(tmp_path: Path) -> None:
+    values = np.linspace(0.1, 0.5, 8000).tolist()
+    axis = f'[[sweep.axes]]\nkey = "tensions[0][2]"\nvalues = {values}'
+    data = planner.sweep(written(tmp_path, axis), tmp_path / "out.nc")
+    assert len(data.attrs["sweep_file"]) > 2**16
+    assert xarray.load_dataset(tmp_path / "out.nc").identical(data)
+
+
 FAILING = """
 [[sweep.axes]]
 key = "tensions[0][2]"
