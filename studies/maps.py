@@ -16,7 +16,7 @@ Answer: 1996 of 2000 draws settle, with tips from 11 to 445 mm from the base. At
 straight arm the softest direction gives 52 mm/mN; 0.6 N in section 1, whose tendon stiffens the
 slender tip, bring that down to 8, while 15 N near the base hardly change it. Of 64 points on a grid
 (x to 450 mm, y to 350 mm) 51 are reached, all by less than 5 N; what is not lies beyond what any
-tensions give. Dearest are points at the base, for which the arm has to curl up.
+tensions give. Dearest are points beside and at the base, for which the arm has to curl up.
 """
 
 from __future__ import annotations

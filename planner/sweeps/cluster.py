@@ -54,7 +54,7 @@ def on_cluster(sweep: Sweep, chunks: Iterable[int], scheduler: str) -> Found:
     left = dict.fromkeys(chunks)
     waiting = iter(list(left))
     with _client(scheduler) as client:
-        threads = sum(w["nthreads"] for w in client.scheduler_info(-1)["workers"].values())
+        threads = sum(client.nthreads().values())
         tasks = (
             client.submit(_for_others, versions(), sweep.job, c, sweep.points(c), pure=False)
             for c in waiting

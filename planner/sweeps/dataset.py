@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -80,16 +79,20 @@ def saver(path: Path) -> Callable[[Any], None]:
     if path.exists() and not path.is_dir():
         raise InputError("out", str(path), "a folder of Zarr: this is a file")
     needed("zarr", "zarr")
+    # Texts are no settled part of Zarr's format 3 yet.
     return lambda data: _whole(path, lambda new: data.to_zarr(new, zarr_format=2))
 
 
 def _whole(path: Path, write: Callable[[Path], object]) -> None:
     """Write beside a path first, then put what is written in its place."""
-    with tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.name}.") as staged:
-        new, old = Path(staged) / path.name, Path(staged) / "old"
-        write(new)
-        if path.is_dir():
-            # A folder cannot take the place of another at once.
-            path.replace(old)
-        new.replace(path)
-        shutil.rmtree(old, ignore_errors=True)
+    try:
+        with tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.name}.") as staged:
+            new, old = Path(staged) / path.name, Path(staged) / "old"
+            write(new)
+            if path.is_dir():
+                # A folder cannot take the place of another at once.
+                path.replace(old)
+            new.replace(path)
+    except OSError as reason:
+        told = f"a place that can be written to: {(reason.strerror or str(reason)).lower()}"
+        raise InputError("out", str(path), told) from None

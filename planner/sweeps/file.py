@@ -23,7 +23,7 @@ from planner.sweeps.axes import Axis, values_of
 from planner.sweeps.keys import changed, checked_key, unit_of, whole
 from planner.sweeps.points import Job, Point
 from planner.sweeps.tables import MOST_POINTS, AxisTable, SweepFile, SweepTable
-from planner.sweeps.variables import RESERVED
+from planner.sweeps.variables import RESERVED, VARIABLES
 
 # A chunk is what an interruption loses; it is the same however many workers there are.
 _PARTS, _MANY, _SOME = 64, 1000, 16
@@ -93,7 +93,8 @@ class Sweep:
     def identity(self) -> str:
         """A hash of all that the numbers depend on: scene, values, versions."""
         axes = [(axis.key, axis.values, axis.drawn) for axis in self.axes]
-        told = [self.job.compute, self.job.scene, axes, self.draws, versions(), self.chunk]
+        kept = list(VARIABLES[self.job.compute])
+        told = [self.job.compute, kept, self.job.scene, axes, self.draws, versions(), self.chunk]
         return hashlib.sha256(repr(told).encode()).hexdigest()
 
 

@@ -62,10 +62,9 @@ class Journal:
     def __init__(self, path: Path, identity: str) -> None:
         self.path = path
         try:
-            self._stream = path.open("a+b")
+            self._stream = path.open("a+b", buffering=0)
         except OSError as reason:
-            told = (reason.strerror or str(reason)).lower()
-            raise InputError("out", str(path), f"a file that can be written: {told}") from None
+            raise _refused(path, reason) from None
         try:
             self._begin(identity)
         except BaseException:
@@ -113,9 +112,13 @@ class Journal:
         self.path.unlink(missing_ok=True)
 
     def _write(self, line: bytes) -> None:
-        self._stream.write(line)
-        self._stream.flush()
-        os.fsync(self._stream.fileno())
+        try:
+            left = memoryview(line)
+            while left:
+                left = left[self._stream.write(left) :]
+            os.fsync(self._stream.fileno())
+        except OSError as reason:
+            raise _refused(self.path, reason) from None
 
     def __enter__(self) -> Self:
         return self
@@ -131,6 +134,11 @@ class Journal:
         with suppress(FileNotFoundError):
             if self.path.stat().st_size == self._empty:
                 self.path.unlink()
+
+
+def _refused(path: Path, reason: OSError) -> InputError:
+    told = (reason.strerror or str(reason)).lower()
+    return InputError("journal", str(path), f"a file that can be written: {told}")
 
 
 def _line(body: Any) -> bytes:
