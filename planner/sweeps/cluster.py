@@ -48,28 +48,34 @@ def on_cluster(sweep: Sweep, chunks: Iterable[int], scheduler: str) -> Found:
     """Yield what is found at chunks by the workers of a Dask cluster.
 
     Few chunks are under way at a time. Raises InputError where there is no scheduler, or none of
-    its workers comes; WorkersLostError.
+    its workers comes; WorkersLostError where the scheduler goes, or workers do again and again;
+    VersionsError.
     """
     distributed = needed("distributed", "cluster")
     left = dict.fromkeys(chunks)
-    waiting = iter(list(left))
     with _client(scheduler) as client:
-        threads = sum(client.nthreads().values())
-        tasks = (
-            client.submit(_for_others, versions(), sweep.job, c, sweep.points(c), pure=False)
-            for c in waiting
-        )
-        running = distributed.as_completed(islice(tasks, _AHEAD * threads), loop=client.loop)
-        for task in running:
-            try:
-                chunk, rows = task.result()
-            except distributed.KilledWorker:
-                raise WorkersLostError(len(left)) from None
-            task.release()
-            del left[chunk]
-            yield chunk, rows
-            for following in islice(tasks, 1):
-                running.add(following)
+        try:
+            for chunk, rows in _handed_out(client, sweep, list(left)):
+                del left[chunk]
+                yield chunk, rows
+        except (distributed.KilledWorker, distributed.CancelledError, OSError):
+            raise WorkersLostError(len(left)) from None
+
+
+def _handed_out(client: Any, sweep: Sweep, chunks: list[int]) -> Found:
+    """Yield what is found at chunks; a further one is handed out for each that comes back."""
+    own = versions()
+    tasks = (
+        client.submit(_for_others, own, sweep.job, chunk, sweep.points(chunk), pure=False)
+        for chunk in chunks
+    )
+    first = islice(tasks, _AHEAD * sum(client.nthreads().values()))
+    running = needed("distributed", "cluster").as_completed(first, loop=client.loop)
+    for task in running:
+        yield task.result()
+        task.release()
+        for following in islice(tasks, 1):
+            running.add(following)
 
 
 def _client(scheduler: str) -> Any:

@@ -23,7 +23,7 @@ TRIES = 3
 
 
 class WorkersLostError(OctoplanError):
-    """Workers were killed again and again, with nothing finished between.
+    """Workers were killed again and again with nothing finished between, or all were lost.
 
     Attributes
     ----------
@@ -34,8 +34,8 @@ class WorkersLostError(OctoplanError):
     def __init__(self, left: int) -> None:
         self.left = left
         super().__init__(
-            f"workers were killed again and again, {left} chunks of points are left; "
-            "what is finished is kept, start the sweep again with fewer jobs or more memory"
+            f"workers were lost again and again, or their scheduler was; {left} chunks of points "
+            "are left, what is finished is kept: start the sweep again, with more memory for each"
         )
 
     def __reduce__(self) -> tuple[type, tuple[int]]:
