@@ -147,6 +147,11 @@ def test_bad_axes_are_refused_saying_what_is_allowed(
         load_sweep(written(tmp_path, axes, more=more))
 
 
+def test_the_sweep_files_that_are_shipped_are_allowed() -> None:
+    for path in (Path(__file__).parents[2] / "studies" / "sweep_files").glob("*.toml"):
+        assert load_sweep(path).size == 15
+
+
 def test_a_scene_in_the_sweep_file_is_told_with_its_place(tmp_path: Path) -> None:
     path = tmp_path / "sweep.toml"
     path.write_text(f'[scene.arm]\npreset = "table-9"\n[sweep]\ncompute = "settle"\n{GRID}')

@@ -10,7 +10,7 @@ import xarray
 
 import planner
 from model import Arm, InputError, Material, Scene, settle
-from model.effects import Extension
+from model.effects import Extension, TipLoad
 from planner.cli import main
 from planner.extras import MissingExtraError
 from planner.targets import TipPosition
@@ -44,6 +44,32 @@ def test_other_values_than_tensions_are_settled_too(tmp_path: Path) -> None:
         )
         tip = settle(arm, tensions(), SCENE).tip
         assert data.sel({"arm.E_kPa": E}).tip.values.tolist() == tip.tolist()
+
+
+def test_loads_and_flat_tensions_are_settled_too(tmp_path: Path) -> None:
+    path = tmp_path / "sweep.toml"
+    path.write_text("""
+    [scene]
+    tensions = [0, 0, 0.5, 0, 4, 0, 0, 0, 0, 6, 0, 0]
+    arm = { preset = "table-4" }
+    effects = { extension = true, tip_load = { } }
+    [sweep]
+    compute = "settle"
+    [[sweep.axes]]
+    key = "effects.tip_load.force[2]"
+    name = "load"
+    values = [-0.005, 0.0]
+    [[sweep.axes]]
+    key = "tensions[4]"
+    name = "T21"
+    values = [2.0, 4.0]
+    """)
+    data = planner.sweep(path)
+    T = tensions()
+    T[1, 0] = 2.0
+    tip = settle(ARM, T, Scene(Extension(), TipLoad((0.0, 0.0, -0.005)))).tip
+    assert data.sel(load=-0.005, T21=2.0).tip.values.tolist() == tip.tolist()
+    assert data["load"].attrs["units"] == data.T21.attrs["units"] == "N"
 
 
 def test_plans_are_those_of_plan(tmp_path: Path) -> None:
