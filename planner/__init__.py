@@ -11,6 +11,7 @@ from planner.problem import Problem, build
 from planner.records.shape import save_shape
 from planner.search import Start
 from planner.statement import Statement
+from planner.sweeps.sweep import sweep
 
 __all__ = [
     "Certificate",
@@ -26,4 +27,5 @@ __all__ = [
     "plan_many",
     "save_shape",
     "stiffness",
+    "sweep",
 ]

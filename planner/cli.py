@@ -17,13 +17,14 @@ from planner.commands.deliver import deliver
 from planner.commands.progress import Bar
 from planner.commands.register import COMMANDS
 from planner.commands.usage import UsageError, parse
+from planner.extras import MissingExtraError
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code."""
     try:
         return _run(sys.argv[1:] if argv is None else argv)
-    except (InputError, UsageError) as reason:
+    except (InputError, UsageError, MissingExtraError) as reason:
         return _told(reason, BAD_INPUT)
     except OctoplanError as reason:
         return _told(reason, NOT_REACHED)

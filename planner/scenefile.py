@@ -63,7 +63,11 @@ def load(path: str | Path) -> Question:
     FileError
         With the file, the key's path, what is there and what is allowed.
     """
-    path = Path(path)
+    return read(text_of(Path(path)), str(path))
+
+
+def text_of(path: Path) -> bytes:
+    """Return the text of a TOML file; FileError where it cannot be read or is of another kind."""
     try:
         text = path.read_bytes()
     except OSError as reason:
@@ -73,12 +77,17 @@ def load(path: str | Path) -> Question:
         raise FileError(
             str(path), "", "no scene file: those are TOML, with names that end in .toml"
         )
-    return read(text, str(path))
+    return text
 
 
 def read(text: bytes, name: str = "scene") -> Question:
     """Return the question of a scene file's text; see load."""
-    table = _table(text, name)
+    return question_of(decoded(text, name), name)
+
+
+def question_of(raw: dict[str, Any], name: str = "scene") -> Question:
+    """Return the question of what a scene file holds, as TOML is decoded; see load."""
+    table = table_of(raw, name)
     arm = _within(name, "arm", arm_of, table.arm)
     scene = _within(name, "effects", scene_of, table.effects)
     _within(name, "effects", lambda _: check_loads(arm, scene), None)
@@ -102,11 +111,16 @@ def _instead(path: Path) -> str:
     return "a scene file is wanted, `octoplan new FILE` writes one"
 
 
-def _table(text: bytes, name: str) -> SceneTable:
+def decoded(text: bytes, name: str) -> dict[str, Any]:
+    """Return what a TOML text holds; FileError with the line where it is none."""
     try:
-        raw = msgspec.toml.decode(text)
+        return dict(msgspec.toml.decode(text))
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as reason:
         raise no_toml(str(reason), text, name) from None
+
+
+def table_of(raw: dict[str, Any], name: str) -> SceneTable:
+    """Return the table of what a scene file holds, its keys checked one by one; FileError."""
     if "arm" not in raw:
         told = 'missing; a scene needs an arm, such as [arm] preset = "table-4"'
         raise FileError(name, "arm", told)

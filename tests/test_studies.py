@@ -11,6 +11,7 @@ from studies import (
     effects_cost,
     fetch,
     hard_cases,
+    maps,
     tip_targets,
     which_statics,
 )
@@ -30,6 +31,12 @@ SMALL: dict[str, tuple[Main, list[str], str, str]] = {
         ["--members", "2", "--family", "many turns", "compression, paper"],
         "from base to tip",
         "hard_cases.png",
+    ),
+    "maps": (
+        maps.main,
+        ["--draws", "50", "--pulls", "2", "--points", "2"],
+        "the softest direction gives",
+        "maps.png",
     ),
     "which_statics": (which_statics.main, [], "neo-Hookean", "which_statics.png"),
     "fetch": (

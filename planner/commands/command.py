@@ -19,7 +19,8 @@ EXIT_CODES = """\
 exit codes:
   0    certified, settled or written
   1    not reached, not certified, or the arm does not settle
-  2    bad input: the message says where, what was given and what is allowed
+  2    bad input: the message says where, what was given and what is allowed; or a package
+       is missing: it says how to install that
   130  interrupted (Ctrl-C); 141 whoever read the output went away"""
 
 

@@ -1,6 +1,6 @@
 """The register of commands: a new one is an import and a line here."""
 
-from planner.commands import effects, export, new, plan, schema, settle, stiffness
+from planner.commands import effects, export, new, plan, schema, settle, stiffness, sweep
 
 COMMANDS = (
     new.COMMAND,
@@ -8,6 +8,7 @@ COMMANDS = (
     settle.COMMAND,
     stiffness.COMMAND,
     effects.COMMAND,
+    sweep.COMMAND,
     export.COMMAND,
     schema.COMMAND,
 )

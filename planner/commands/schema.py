@@ -14,6 +14,7 @@ from planner.records.export import ExportRecord
 from planner.records.plan import PlanRecord
 from planner.records.shape import ShapeRecord
 from planner.records.stiffness import StiffnessRecord
+from planner.records.sweep import SweepRecord
 from planner.scenes.schema import DIALECT, scene_schema
 
 _RECORDS: dict[str, type[msgspec.Struct]] = {
@@ -21,6 +22,7 @@ _RECORDS: dict[str, type[msgspec.Struct]] = {
     "settle": ShapeRecord,
     "stiffness": StiffnessRecord,
     "effects": EffectsRecord,
+    "sweep": SweepRecord,
     "export": ExportRecord,
 }
 

@@ -1,0 +1,168 @@
+"""The journal of a sweep: what is finished, line by line, so that a killed sweep goes on.
+
+Each line is JSON with a checksum of its body. A line that a kill has torn, or a disk has spoilt,
+is as if it were not there: its points are found again.
+"""
+
+from __future__ import annotations
+
+import os
+import zlib
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import msgspec
+import numpy as np
+
+from model.errors import InputError
+from planner.sweeps.variables import Rows
+
+_NAME = "octoplan sweep journal 1"
+
+
+class _Head(msgspec.Struct, forbid_unknown_fields=True):
+    """The first line's body: whose journal this is."""
+
+    journal: str
+    identity: str
+
+
+class _Done(msgspec.Struct, forbid_unknown_fields=True):
+    """A further line's body: a chunk, its arrays as little-endian doubles, its outcomes."""
+
+    chunk: int
+    values: dict[str, bytes]
+    outcomes: list[str]
+
+
+class _Line(msgspec.Struct):
+    crc: int
+    body: msgspec.Raw
+
+
+class Journal:
+    """The journal of a sweep, open to be written on; what an earlier run has left is kept.
+
+    Parameters
+    ----------
+    path : Path
+        Made if it is not there.
+    identity : str
+        Of the sweep.
+
+    Raises
+    ------
+    InputError
+        If the journal is another sweep's, or cannot be written.
+    """
+
+    def __init__(self, path: Path, identity: str) -> None:
+        self.path = path
+        try:
+            self._stream = path.open("a+b", buffering=0)
+        except OSError as reason:
+            raise _refused(path, reason) from None
+        try:
+            self._begin(identity)
+        except BaseException:
+            self._stream.close()
+            raise
+
+    def _begin(self, identity: str) -> None:
+        """Check the head, or write it; end a last line that was torn."""
+        first = _line(_Head(_NAME, identity))
+        self._stream.seek(0)
+        head = _body(self._stream.readline(), _Head)
+        size = self._stream.seek(0, os.SEEK_END)
+        if head is not None and (head.journal, head.identity) != (_NAME, identity):
+            allowed = (
+                "the journal of this same sweep: this one is of another, or of another version; "
+                "name another output, or remove it"
+            )
+            raise InputError("journal", str(self.path), allowed)
+        if head is None and size:
+            self._stream.truncate(0)
+            size = 0
+        self._empty = len(first)
+        if size:
+            self._stream.seek(size - 1)
+            if self._stream.read(1) != b"\n":
+                self._write(b"\n")
+        else:
+            self._write(first)
+
+    def done(self, like: Rows) -> Iterator[tuple[int, Rows]]:
+        """Yield the chunks that are finished; arrays get the shape of `like`, but for the first."""
+        with self.path.open("rb") as stream:
+            for line in stream:
+                found = _body(line, _Done)
+                if found is not None:
+                    yield found.chunk, _rows(found, like)
+
+    def add(self, chunk: int, rows: Rows) -> None:
+        """Write that a chunk is finished; it is on the disk when this returns."""
+        values = {name: own.astype("<f8").tobytes() for name, own in rows.values.items()}
+        self._write(_line(_Done(chunk, values, rows.outcomes)))
+
+    def remove(self) -> None:
+        """Remove the journal, whose sweep is written."""
+        self.path.unlink(missing_ok=True)
+
+    def _write(self, line: bytes) -> None:
+        try:
+            left = memoryview(line)
+            while left:
+                left = left[self._stream.write(left) :]
+            os.fsync(self._stream.fileno())
+        except OSError as reason:
+            raise _refused(self.path, reason) from None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the journal; one in which nothing is finished is of no use."""
+        self._stream.close()
+        with suppress(FileNotFoundError):
+            if self.path.stat().st_size == self._empty:
+                self.path.unlink()
+
+
+def _refused(path: Path, reason: OSError) -> InputError:
+    told = (reason.strerror or str(reason)).lower()
+    return InputError("journal", str(path), f"a file that can be written: {told}")
+
+
+def _line(body: Any) -> bytes:
+    text = msgspec.json.encode(body)
+    return msgspec.json.encode(_Line(zlib.crc32(text), msgspec.Raw(text))) + b"\n"
+
+
+def _body(line: bytes, kind: Any) -> Any:
+    """Return the body of a line; None where it is torn or of another kind."""
+    try:
+        found = msgspec.json.decode(line, type=_Line)
+        return msgspec.json.decode(found.body, type=kind) if _holds(found) else None
+    except msgspec.DecodeError:
+        return None
+
+
+def _holds(line: _Line) -> bool:
+    return zlib.crc32(bytes(line.body)) == line.crc
+
+
+def _rows(found: _Done, like: Rows) -> Rows:
+    shapes = {name: own.shape[1:] for name, own in like.values.items()}
+    values = {
+        name: np.frombuffer(found.values[name], "<f8").reshape(-1, *shape)
+        for name, shape in shapes.items()
+    }
+    return Rows(values, found.outcomes)

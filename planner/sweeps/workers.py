@@ -1,0 +1,90 @@
+"""Who works on a sweep: this process, or processes of this machine; for a cluster see cluster.
+
+All hand out the same chunks, and yield what is found as it comes. Workers that are killed lose the
+chunks in their hands; these are handed out again.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Iterable, Iterator
+from functools import cache
+
+from model.errors import OctoplanError
+from planner.extras import needed
+from planner.sweeps.file import Sweep
+from planner.sweeps.points import Job, Point, run
+from planner.sweeps.variables import Rows
+
+Found = Iterator[tuple[int, Rows]]
+TRIES = 3
+
+
+class WorkersLostError(OctoplanError):
+    """Workers were killed again and again with nothing finished between, or all were lost.
+
+    Attributes
+    ----------
+    left : int
+        How many chunks of points are not finished.
+    """
+
+    def __init__(self, left: int) -> None:
+        self.left = left
+        super().__init__(
+            f"workers were lost again and again, or their scheduler was; {left} chunks of points "
+            "are left, what is finished is kept: start the sweep again, with more memory for each"
+        )
+
+    def __reduce__(self) -> tuple[type, tuple[int]]:
+        return type(self), (self.left,)
+
+
+def one(job: Job, chunk: int, points: list[Point]) -> tuple[int, Rows]:
+    """Return a chunk's number and what is found at its points."""
+    return chunk, run(job, points)
+
+
+def _for_parent(job: Job, chunk: int, points: list[Point]) -> tuple[int, Rows]:
+    """As one, in a process that ends when the one that began it does."""
+    _end_with_parent()
+    return one(job, chunk, points)
+
+
+@cache
+def _end_with_parent() -> None:
+    """Watch, from now on, whether this process was left alone by one that was killed."""
+    parent = os.getppid()
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(1.0)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def here(sweep: Sweep, chunks: Iterable[int]) -> Found:
+    """Yield what is found at chunks in this process, in order."""
+    return (one(sweep.job, chunk, sweep.points(chunk)) for chunk in chunks)
+
+
+def on_machine(sweep: Sweep, chunks: Iterable[int], jobs: int) -> Found:
+    """Yield what is found at chunks by processes of this machine; WorkersLostError."""
+    joblib = needed("joblib", "sweep")
+    broken = needed("joblib.externals.loky.process_executor", "sweep").BrokenProcessPool
+    left, losses = dict.fromkeys(chunks), 0
+    while left:
+        work = (joblib.delayed(_for_parent)(sweep.job, c, sweep.points(c)) for c in list(left))
+        pool = joblib.Parallel(jobs, return_as="generator_unordered", batch_size=1)
+        try:
+            for chunk, rows in pool(work):
+                del left[chunk]
+                losses = 0
+                yield chunk, rows
+        except broken:
+            losses += 1
+            if losses == TRIES:
+                raise WorkersLostError(len(left)) from None

@@ -1,0 +1,89 @@
+"""Sweeps on a Dask cluster: a scheduler and two worker processes on loopback."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+import planner
+from planner.sweeps import cluster as on_dask
+from planner.sweeps.file import load_sweep
+from planner.sweeps.workers import WorkersLostError
+from tests.sweeps.cases import DRAWN, GRID, STIFFNESS, written
+
+ROOT = Path(__file__).parents[2]
+AXES, MORE = GRID + STIFFNESS + DRAWN, "draws = 32"
+
+
+def _free_port() -> int:
+    with socket.socket() as own:
+        own.bind(("127.0.0.1", 0))
+        return int(own.getsockname()[1])
+
+
+@pytest.fixture
+def cluster(tmp_path: Path) -> "Iterator[tuple[str, list[subprocess.Popen[bytes]]]]":
+    """Start a scheduler and two workers; yield its address and the three processes."""
+    address = f"tcp://127.0.0.1:{_free_port()}"
+    quiet = {"cwd": ROOT, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    scheduler = [*_dask("scheduler"), "--host", address, "--no-dashboard"]
+    worker = [*_dask("worker"), address, "--nthreads", "1", "--no-dashboard", "--no-nanny"]
+    worker += ["--local-directory", str(tmp_path / "dask")]
+    started = [subprocess.Popen(command, **quiet) for command in (scheduler, worker, worker)]
+    yield address, started
+    for process in started[::-1]:
+        process.kill()
+        process.wait()
+
+
+def _dask(what: str) -> list[str]:
+    return [sys.executable, "-m", f"distributed.cli.dask_{what}"]
+
+
+def test_a_worker_with_other_versions_is_refused(tmp_path: Path) -> None:
+    asked = load_sweep(written(tmp_path, GRID))
+    with pytest.raises(on_dask.VersionsError, match="install alike"):
+        on_dask._for_others({"octoplan": "0"}, asked.job, 0, asked.points(0))
+
+
+def _killing(process: "subprocess.Popen[bytes]", found: list[int]) -> Callable[..., Iterator]:
+    """Return on_cluster, which kills a process when ten chunks are found."""
+
+    def watched(*asked: object) -> Iterator:
+        for chunk, rows in on_dask.on_cluster(*asked):
+            found.append(chunk)
+            if len(found) == 10:
+                os.kill(process.pid, signal.SIGKILL)
+            yield chunk, rows
+
+    return watched
+
+
+def test_a_cluster_finds_what_one_process_finds_though_a_worker_is_killed(
+    tmp_path: Path, cluster: tuple, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    address, (_, first, second) = cluster
+    path, found = written(tmp_path, AXES, "stiffness", MORE), []
+    monkeypatch.setattr(planner.sweeps.sweep, "on_cluster", _killing(first, found))
+    data = planner.sweep(path, scheduler=address)
+    assert sorted(found) == list(range(64))
+    assert first.wait() == -signal.SIGKILL
+    assert second.poll() is None
+    assert data.identical(planner.sweep(path))
+
+
+def test_a_cluster_that_loses_its_scheduler_is_told_and_the_sweep_goes_on_without(
+    tmp_path: Path, cluster: tuple, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    address, (scheduler, *_) = cluster
+    path, out, found = written(tmp_path, AXES, "stiffness", MORE), tmp_path / "out.nc", []
+    monkeypatch.setattr(planner.sweeps.sweep, "on_cluster", _killing(scheduler, found))
+    with pytest.raises(WorkersLostError, match="what is finished is kept"):
+        planner.sweep(path, out, scheduler=address)
+    assert 10 <= len(found) < 64
+    assert planner.sweep(path, out).identical(planner.sweep(path))

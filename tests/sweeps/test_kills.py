@@ -1,0 +1,134 @@
+"""Sweeps that are killed, whole or a worker at a time, end with what undisturbed ones find."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+import xarray
+
+import planner
+from model import InputError
+from planner.sweeps.file import Sweep
+from planner.sweeps.sweep import journal_of
+from planner.sweeps.workers import WorkersLostError
+from tests.sweeps.cases import DRAWN, GRID, STIFFNESS, written
+
+ROOT = Path(__file__).parents[2]
+# 64 chunks of compliances: long enough to be hit in the middle.
+AXES, MORE = GRID + STIFFNESS + DRAWN, "draws = 32"
+
+
+def _started(path: Path, out: Path, jobs: int) -> "subprocess.Popen[bytes]":
+    command = [sys.executable, "-m", "planner.cli", "sweep", str(path), "--out", str(out)]
+    return subprocess.Popen(
+        [*command, "--jobs", str(jobs)],
+        cwd=ROOT,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+    )
+
+
+def _await_lines(journal: Path, lines: int, process: "subprocess.Popen[bytes]") -> None:
+    """Wait until so many chunks are finished."""
+    while not (journal.exists() and journal.read_bytes().count(b"\n") > lines):
+        assert process.poll() is None, process.stderr and process.stderr.read().decode()
+        time.sleep(0.01)
+
+
+def _workers(pid: int) -> list[psutil.Process]:
+    """Return the processes below a process that are joblib's workers."""
+    below = psutil.Process(pid).children(recursive=True)
+    return [process for process in below if any("popen_loky" in word for word in process.cmdline())]
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_sweep_killed_twice_and_resumed_finds_what_an_undisturbed_one_finds(
+    tmp_path: Path, jobs: int
+) -> None:
+    path, out = written(tmp_path, AXES, "stiffness", MORE), tmp_path / "out.nc"
+    journal = journal_of(out)
+    for lines in (10, 25):
+        process = _started(path, out, jobs)
+        _await_lines(journal, lines, process)
+        workers = _workers(process.pid)
+        assert len(workers) == (2 if jobs == 2 else 0)
+        process.send_signal(signal.SIGKILL)
+        assert process.wait() == -signal.SIGKILL
+        # Workers see that nobody waits for them.
+        psutil.wait_procs(workers)
+        assert process.stderr is not None
+        process.stderr.close()
+        assert not out.exists()
+        assert journal.read_bytes().count(b"\n") >= lines
+    resumed = planner.sweep(path, out)
+    assert not journal.exists()
+    undisturbed = planner.sweep(path)
+    assert resumed.identical(undisturbed)
+    assert xarray.load_dataset(out).identical(undisturbed)
+
+
+def test_what_is_finished_is_not_found_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, out = written(tmp_path, AXES, "stiffness", MORE), tmp_path / "out.nc"
+    process = _started(path, out, 1)
+    _await_lines(journal_of(out), 20, process)
+    process.kill()
+    process.communicate()
+    finished = journal_of(out).read_bytes().count(b"\n") - 1
+    run, chunks = planner.sweeps.workers.run, []
+    monkeypatch.setattr(
+        planner.sweeps.workers, "run", lambda *asked: chunks.append(1) or run(*asked)
+    )
+    planner.sweep(path, out)
+    assert len(chunks) == 64 - finished
+
+
+def test_a_sweep_goes_on_when_a_worker_is_killed(tmp_path: Path) -> None:
+    path, out = written(tmp_path, AXES, "stiffness", MORE), tmp_path / "out.nc"
+    process = _started(path, out, 2)
+    _await_lines(journal_of(out), 5, process)
+    _workers(process.pid)[0].kill()
+    told = process.communicate()[1].decode()
+    assert process.returncode == 0, told
+    assert xarray.load_dataset(out).identical(planner.sweep(path))
+
+
+class _Deadly:
+    """Ends the process that unpickles it."""
+
+    def __reduce__(self) -> tuple:
+        return os._exit, (1,)
+
+
+def test_points_that_kill_their_workers_again_and_again_are_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, out = written(tmp_path, GRID), tmp_path / "out.nc"
+    good = Sweep.points
+    monkeypatch.setattr(
+        Sweep, "points", lambda own, chunk: [_Deadly()] if chunk == 2 else good(own, chunk)
+    )
+    with pytest.raises(WorkersLostError, match="kept"):
+        planner.sweep(path, out, jobs=2)
+    monkeypatch.undo()
+    assert planner.sweep(path, out, jobs=2).identical(planner.sweep(path))
+
+
+def test_a_changed_sweep_does_not_resume_another_one(tmp_path: Path) -> None:
+    path, out = written(tmp_path, AXES, "stiffness", MORE), tmp_path / "out.nc"
+    process = _started(path, out, 1)
+    _await_lines(journal_of(out), 2, process)
+    process.kill()
+    process.communicate()
+    scene = tmp_path / "scene.toml"
+    scene.write_text(scene.read_text().replace("6.0", "6.5"))
+    with pytest.raises(InputError, match="name another output, or remove it"):
+        planner.sweep(path, out)
+    assert journal_of(out).exists()
+    assert not out.exists()

@@ -1,0 +1,238 @@
+"""What sweeps find: the numbers of single calls, whoever works, and rows for what fails."""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray
+
+import planner
+from model import Arm, InputError, Material, Scene, settle
+from model.effects import Extension, TipLoad
+from planner.cli import main
+from planner.extras import MissingExtraError
+from planner.targets import TipPosition
+from tests.sweeps.cases import DRAWN, GRID, STIFFNESS, tensions, written
+
+ARM = Arm.from_paper("table-4")
+SCENE = Scene(Extension())
+
+
+def test_settled_points_are_those_of_settle(tmp_path: Path) -> None:
+    data = planner.sweep(written(tmp_path, GRID))
+    for pull in (0.0, 0.25, 0.5):
+        T = tensions()
+        T[0, 2] = pull
+        point, shape = data.sel({"tensions[0][2]": pull}), settle(ARM, T, SCENE)
+        assert point.tip.values == pytest.approx(shape.tip, abs=1e-12)
+        assert point.tip_frame.values == pytest.approx(shape.tip_frame, abs=1e-12)
+        assert point.tensions.values.tolist() == T.ravel().tolist()
+        assert point.settled
+
+
+def test_other_values_than_tensions_are_settled_too(tmp_path: Path) -> None:
+    data = planner.sweep(written(tmp_path, STIFFNESS))
+    for E in (100.0, 120.0):
+        arm = Arm(
+            ARM.length,
+            ARM.radius,
+            ARM.sections,
+            material=Material(1e3 * E, 0.5, 1080.0),
+            base_frame=ARM.base_frame,
+        )
+        tip = settle(arm, tensions(), SCENE).tip
+        assert data.sel({"arm.E_kPa": E}).tip.values.tolist() == tip.tolist()
+
+
+def test_loads_and_flat_tensions_are_settled_too(tmp_path: Path) -> None:
+    path = tmp_path / "sweep.toml"
+    path.write_text("""
+    [scene]
+    tensions = [0, 0, 0.5, 0, 4, 0, 0, 0, 0, 6, 0, 0]
+    arm = { preset = "table-4" }
+    effects = { extension = true, tip_load = { } }
+    [sweep]
+    compute = "settle"
+    [[sweep.axes]]
+    key = "effects.tip_load.force[2]"
+    name = "load"
+    values = [-0.005, 0.0]
+    [[sweep.axes]]
+    key = "tensions[4]"
+    name = "T21"
+    values = [2.0, 4.0]
+    """)
+    data = planner.sweep(path)
+    T = tensions()
+    T[1, 0] = 2.0
+    tip = settle(ARM, T, Scene(Extension(), TipLoad((0.0, 0.0, -0.005)))).tip
+    assert data.sel(load=-0.005, T21=2.0).tip.values.tolist() == tip.tolist()
+    assert data["load"].attrs["units"] == data.T21.attrs["units"] == "N"
+
+
+def test_plans_are_those_of_plan(tmp_path: Path) -> None:
+    axis = '[[sweep.axes]]\nkey = "target.position_mm[1]"\nvalues = [150.0]\nname = "y"'
+    point = planner.sweep(written(tmp_path, axis, "plan")).sel(y=150.0)
+    alone = planner.plan(ARM, TipPosition((0.2, 0.15, -0.2)), SCENE, 20.0)
+    assert point.tensions.values.tolist() == alone.tensions.ravel().tolist()
+    assert point.effort == alone.effort
+    assert bool(point.reached)
+    assert point.outcome.item() == alone.outcome
+
+
+def test_compliances_are_those_of_stiffness(tmp_path: Path) -> None:
+    axis = '[[sweep.axes]]\nkey = "tensions[0][2]"\nvalues = [0.5]'
+    point = planner.sweep(written(tmp_path, axis, "stiffness")).isel({"tensions[0][2]": 0})
+    k = planner.stiffness(ARM, tensions(), SCENE)
+    assert point.compliance.values.tolist() == k.compliance.tolist()
+    assert bool(point.stable) == k.stable
+
+
+def test_two_jobs_find_what_one_finds(tmp_path: Path) -> None:
+    path = written(tmp_path, GRID + STIFFNESS + DRAWN, more="draws = 10")
+    one, two = planner.sweep(path), planner.sweep(path, jobs=2)
+    assert one.identical(two)
+
+
+def test_plans_depend_neither_on_jobs_nor_on_the_plans_before(tmp_path: Path) -> None:
+    axis = (
+        '[[sweep.axes]]\nkey = "target.position_mm[1]"\nvalues = [140.0, 150.0, 900.0]\nname = "y"'
+    )
+    data = planner.sweep(written(tmp_path, axis, "plan"), jobs=2)
+    assert data.reached.values.tolist() == [True, True, False]
+    assert "Not reached" in data.outcome.sel(y=900.0).item()
+    assert data.identical(planner.sweep(written(tmp_path, axis, "plan")))
+    alone = planner.sweep(written(tmp_path, axis.replace("140.0, ", ""), "plan"))
+    assert alone.equals(data.isel(y=slice(1, None)))
+
+
+def test_a_long_list_of_values_is_saved_with_its_text(tmp_path: Path) -> None:
+    values = np.linspace(0.1, 0.5, 8000).tolist()
+    axis = f'[[sweep.axes]]\nkey = "tensions[0][2]"\nvalues = {values}'
+    data = planner.sweep(written(tmp_path, axis), tmp_path / "out.nc")
+    assert len(data.attrs["sweep_file"]) > 2**16
+    assert xarray.load_dataset(tmp_path / "out.nc").identical(data)
+
+
+FAILING = """
+[[sweep.axes]]
+key = "tensions[0][2]"
+values = [0.1, 0.2, 500.0, 0.3]
+"""
+
+
+@pytest.mark.parametrize("axes", [FAILING, FAILING + STIFFNESS], ids=["together", "alone"])
+def test_a_point_that_fails_is_a_row_that_says_why(tmp_path: Path, axes: str) -> None:
+    data = planner.sweep(written(tmp_path, axes))
+    failed = data.sel({"tensions[0][2]": 500.0})
+    assert not failed.settled.any()
+    assert np.isnan(failed.tip).all()
+    assert all("crushed" in told for told in failed.outcome.values.ravel())
+    others = data.drop_sel({"tensions[0][2]": [500.0]})
+    assert others.settled.all()
+    assert np.isfinite(others.tip).all()
+
+
+@pytest.mark.parametrize("suffix", [".nc", ".zarr"])
+@pytest.mark.parametrize("compute", ["settle", "stiffness"])
+def test_a_dataset_comes_back_from_its_file_with_units(
+    tmp_path: Path, suffix: str, compute: str
+) -> None:
+    out = tmp_path / f"out{suffix}"
+    path = written(tmp_path, GRID + STIFFNESS, compute)
+    data = planner.sweep(path, out)
+    loaded = xarray.load_dataset(out)
+    assert loaded.identical(data)
+    assert loaded.tip.attrs["units"] == "m"
+    assert loaded["arm.E_kPa"].attrs["units"] == "kPa"
+    assert loaded["tensions[0][2]"].attrs["units"] == loaded.tensions.attrs["units"] == "N"
+    assert loaded.attrs["sweep_file"] == path.read_text()
+    assert {"octoplan_version", "casadi_version", "numpy_version"} <= set(loaded.attrs)
+    assert {p.name for p in tmp_path.iterdir()} == {"scene.toml", "sweep.toml", out.name}
+
+
+@pytest.mark.parametrize("suffix", [".nc", ".zarr"])
+def test_a_dataset_takes_the_place_of_an_older_one(tmp_path: Path, suffix: str) -> None:
+    out = tmp_path / f"out{suffix}"
+    planner.sweep(written(tmp_path, STIFFNESS), out)
+    data = planner.sweep(written(tmp_path, GRID), out)
+    assert xarray.load_dataset(out).identical(data)
+
+
+def test_texts_and_switches_vary_too(tmp_path: Path) -> None:
+    axes = """
+    [[sweep.axes]]
+    key = "arm.preset"
+    values = ["table-4", "table-2"]
+    [[sweep.axes]]
+    key = "effects.extension"
+    values = [true, false]
+    """
+    data = planner.sweep(written(tmp_path, axes), tmp_path / "out.nc")
+    loaded = xarray.load_dataset(tmp_path / "out.nc")
+    assert loaded.identical(data)
+    bare = loaded.sel({"arm.preset": "table-2", "effects.extension": False})
+    tip = settle(Arm.from_paper("table-2"), tensions(), Scene()).tip
+    assert bare.tip.values.tolist() == tip.tolist()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        ({"out": "out.csv"}, ".nc"),
+        ({"out": "nowhere/out.nc"}, "folder that is there"),
+        ({"jobs": 0}, "whole number from 1"),
+        ({"jobs": True}, "whole number from 1"),
+        ({"scheduler": "nonsense://x"}, "tcp://HOST:PORT"),
+    ],
+)
+def test_arguments_that_are_not_allowed_are_told(
+    tmp_path: Path, arguments: dict, told: str
+) -> None:
+    arguments = {k: tmp_path / v if k == "out" else v for k, v in arguments.items()}
+    with pytest.raises(InputError, match=told):
+        planner.sweep(written(tmp_path, GRID), **arguments)
+
+
+@pytest.mark.parametrize(
+    ("package", "extra", "arguments"),
+    [
+        ("xarray", "sweep", {}),
+        ("h5netcdf", "sweep", {"out": "out.nc"}),
+        ("zarr", "zarr", {"out": "out.zarr"}),
+        ("joblib", "sweep", {"jobs": 2}),
+        ("distributed", "cluster", {"scheduler": "tcp://127.0.0.1:1"}),
+    ],
+)
+def test_a_missing_extra_is_told_with_the_command_that_installs_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, package: str, extra: str, arguments: dict
+) -> None:
+    monkeypatch.setitem(sys.modules, package, None)
+    arguments = {k: tmp_path / v if k == "out" else v for k, v in arguments.items()}
+    with pytest.raises(MissingExtraError, match=rf"{package} .*pip install 'octoplan\[{extra}\]'"):
+        planner.sweep(written(tmp_path, GRID), **arguments)
+
+
+def test_the_command_tells_what_became_of_the_points(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = written(tmp_path, FAILING)
+    assert main(["sweep", str(path)]) == 0
+    assert "3 of 4 points settled" in capsys.readouterr().out
+    assert main(["sweep", str(path), "--json", "--out", str(tmp_path / "x.zarr")]) == 0
+    record = json.loads(capsys.readouterr().out)
+    assert (record["points"], record["met"]) == (4, 3)
+    assert list(record["failures"].values()) == [1]
+    assert (tmp_path / "sweep.nc").is_file()
+    assert (tmp_path / "x.zarr").is_dir()
+
+
+def test_the_command_tells_a_bad_key_and_returns_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = written(tmp_path, GRID.replace("tensions[0]", "tensions[9]"))
+    assert main(["sweep", str(path)]) == 2
+    assert "[0] to [2]" in capsys.readouterr().err
+    assert not (tmp_path / "sweep.nc.journal").exists()
