@@ -1,10 +1,10 @@
 """Exported C: compiles without a warning, says what Python says, asks the system for nothing."""
 
-from __future__ from itertools import product
-import annotations
+from __future__ import annotations
 
 import shutil
 import subprocess
+from itertools import product
 from pathlib import Path
 
 import numpy as np

@@ -72,10 +72,9 @@ def test_jacobian_of_an_arm_at_rest_is_finite(scene: str) -> None:
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
-AS_PRINTED = pytest.param("as printed", marks=pytest.mark.slow)
-
-
-@pytest.mark.parametrize("scene", ["bare", "extension", AS_PRINTED])
+@pytest.mark.parametrize(
+    "scene", ["bare", "extension", pytest.param("as printed", marks=pytest.mark.slow)]
+)
 def test_compiled_jacobian_has_the_digits_of_the_interpreted_one(scene: str) -> None:
     T = np.random.default_rng(3).uniform(0.02, 0.3, 12)
     plain, fast = (
