@@ -3,13 +3,13 @@
 from model.stiffness import stiffness
 from planner.certificate import Certificate
 from planner.export import export
+from planner.found import Start
 from planner.limits import Limits
 from planner.many import plan_many
 from planner.plan import Plan, plan
 from planner.plan_files import load_plan
 from planner.problem import Problem, build
 from planner.records.shape import save_shape
-from planner.search import Start
 from planner.statement import Statement
 from planner.sweeps.sweep import sweep
 

@@ -16,13 +16,14 @@ from model.errors import OctoplanError
 from model.paths import Array
 from model.scene import Scene
 from model.settle import settle
+from planner.found import Found, Start
 from planner.ipopt import Solution, solve
 from planner.limits import Limits
 from planner.polish import polish
 from planner.problem import Problem, build
-from planner.search import Found, Start, allowed
 from planner.statement import Statement
 from planner.targets.base import Target
+from planner.task import allowed
 
 _LEAST_STEP = 1 / 64
 

@@ -18,12 +18,11 @@ import numpy as np
 
 from model.paths import Array
 from planner.interrupt import Watch
-from planner.problem import Problem
+from planner.problem import TRACES, Problem
 
 LOG = logging.getLogger(__name__)
 
 _QUIET: dict[str, Any] = {
-    "print_level": 0,
     "sb": "yes",
     "tol": 1e-7,
     "max_iter": 150,
@@ -74,6 +73,11 @@ class Solution:
         """Whether every number is finite."""
         return bool(np.all(np.isfinite(self.x)) and np.all(np.isfinite(self.g)))
 
+    @property
+    def undefined(self) -> bool:
+        """Whether the solver gave up because of a number that is not finite."""
+        return self.reason == STOPPED["Invalid_Number_Detected"] or not self.finite
+
 
 _WATCH = Watch()
 _solvers: WeakKeyDictionary[Problem, dict[tuple[bool, bool], ca.Function]] = WeakKeyDictionary()
@@ -83,6 +87,8 @@ def solver(problem: Problem, warm: bool, talks: bool = False) -> ca.Function:
     """Return ipopt for a problem, for a cold start or a warm one, built once."""
     built = _solvers.setdefault(problem, {})
     if (warm, talks) not in built:
+        magnified = problem.magnified(TRACES[-1] if warm else TRACES[0])
+        level = {"obj_scaling_factor": magnified, "print_level": 5 if talks else 0}
         options: dict[str, Any] = {
             "print_time": False,
             "show_eval_warnings": False,
@@ -90,7 +96,7 @@ def solver(problem: Problem, warm: bool, talks: bool = False) -> ca.Function:
             "error_on_fail": False,
             "iteration_callback": _WATCH,
             **_derivatives(problem),
-            "ipopt": _QUIET | (_WARM if warm else _COLD) | ({"print_level": 5} if talks else {}),
+            "ipopt": _QUIET | (_WARM if warm else _COLD) | level,
         }
         built[warm, talks] = ca.nlpsol("ipopt", "ipopt", problem.nlp, options)
     return built[warm, talks]

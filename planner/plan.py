@@ -1,10 +1,9 @@
-"""A plan: tensions for a target, and everything that was found out about them."""
+"""A plan: what is asked, checked; searched or followed; and the answer with what it can do."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
-from functools import cached_property
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,127 +11,28 @@ import numpy as np
 
 from model.arm import Arm
 from model.checks import kind, not_negative, positive
-from model.errors import InputError, OctoplanError
+from model.errors import InputError
 from model.ladder import checked_accuracy
 from model.loads import check_loads
-from model.paths import Array
 from model.scene import Scene
-from model.settle import settle
-from model.shape import Shape
 from model.statics import is_loaded
-from planner.certificate import Certificate, certify
-from planner.effort import check_norm, effort
+from planner.answer import Answer
+from planner.effort import check_norm
 from planner.files import to_json, write_named
 from planner.follow import Known, follow
+from planner.found import Found
 from planner.limits import Limits
-from planner.outcome import Facts, sentence
-from planner.polish import optimality
-from planner.problem import Problem, build
 from planner.question import check_looks, check_targets, checked_form
 from planner.records.plan import plan_record
-from planner.search import Found, Search, Start, allowed
-from planner.statement import Form, Mode, Statement
+from planner.search import Search
+from planner.statement import Form, Statement
 from planner.targets.base import Target
+from planner.task import Task
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
-    """Tensions for a target. Numbers only; shape, certificate and outcome are derived from them.
-
-    A plan whose tensions are changed (dataclasses.replace) is checked afresh.
-
-    Attributes
-    ----------
-    arm, scene, targets, limits
-        What was asked.
-    statement : Statement
-        How it was stated in the end: its `mode` is "nearest" if the targets could not be met.
-    tensions : (n_sections, n), or (n_tendons,) where sections differ in number
-        [N].
-    lam_x, lam_g : tuple of float
-        Multipliers of bounds and constraints of the problem, scaled, CasADi's signs.
-    accuracy : float
-        What residuals and tip errors are held to, over the arm's length.
-    starts : tuple of Start
-        The first guesses tried, in order.
-    stopped : bool
-        Whether the time limit ended the search: these are the best tensions it had come to.
-    """
-
-    arm: Arm
-    scene: Scene
-    targets: tuple[Target, ...]
-    limits: Limits
-    statement: Statement
-    tensions: Array
-    lam_x: tuple[float, ...]
-    lam_g: tuple[float, ...]
-    accuracy: float
-    starts: tuple[Start, ...]
-    stopped: bool = False
-
-    @cached_property
-    def shape(self) -> Shape:
-        """The shape under the plan's tensions, a digit more accurate than asked."""
-        return settle(self.arm, self.tensions, self.scene, max(self.accuracy / 10, 1e-12))
-
-    @cached_property
-    def certificate(self) -> Certificate:
-        """The check of the tensions by another integrator; see planner.certificate."""
-        T = np.ravel(self.tensions)
-        try:
-            shape: Shape | None = self.shape
-        except OctoplanError:
-            shape = None
-        return certify(
-            self.arm, self.scene, self.targets, self.limits, shape, T, self._kkt(T), self.accuracy
-        )
-
-    @property
-    def mode(self) -> Mode:
-        """How the targets were read in the end: "exact", "closest" or "nearest"."""
-        return self.statement.mode
-
-    @property
-    def reached(self) -> bool:
-        """Whether the target is met, by the certificate."""
-        return self.certificate.passed
-
-    @property
-    def effort(self) -> float:
-        """The norm of the tensions that was made least [N]."""
-        return effort(np.ravel(self.tensions), self.statement.norm)
-
-    @property
-    def agreed(self) -> int:
-        """How many starts ended at the best objective, to a thousandth."""
-        best = min((start.objective for start in self.starts if start.met), default=np.inf)
-        near = best + 1e-3 * abs(best) + 1e-12
-        return sum(start.met and start.objective <= near for start in self.starts)
-
-    @property
-    def outcome(self) -> str:
-        """What happened, what holds it, and what to try: a sentence."""
-        found = (self.certificate, self.mode, self.effort, len(self.starts), self.agreed)
-        said = sentence(Facts(*found, tuple(self.holding()), self.arm.length))
-        return f"Stopped at the time limit, the best so far. {said}" if self.stopped else said
-
-    def holding(self) -> list[str]:
-        """Return the names of the limits that hold the tensions back, hardest first."""
-        if not self.lam_x:
-            return []
-        T, lam = np.ravel(self.tensions), np.array(self.lam_x)
-        found = []
-        for j, upper in enumerate(self.limits.upper):
-            if upper > self.limits.lower[j] and T[j] >= upper * (1 - 1e-6) and lam[j] > 1e-9:
-                name = f"{self.arm.tendon_name(j)} at its maximum of {upper:g} N"
-                found.append((float(lam[j]), name))
-        if np.ravel(self._rows("stretch")).min(initial=0.0) < -1e-9:
-            found.append((np.inf, "the body, which would be crushed (1 + q at its least)"))
-        total = self.limits.total
-        if total is not None and T.sum() >= total * (1 - 1e-6):
-            found.append((np.inf, f"the total pull at its maximum of {total:g} N"))
-        return [name for _, name in sorted(found, key=lambda item: -item[0])]
+class Plan(Answer):
+    """Tensions for a target, see Answer; and what is made of them."""
 
     def co_contract(self, level: float) -> Plan:
         """Return the plan for the same targets with every tendon pulling at least so hard [N].
@@ -167,37 +67,6 @@ class Plan:
         from planner.plot import plot_plan
 
         return plot_plan(self, ax)
-
-    def _problem(self) -> Problem:
-        return build(self.arm, self.targets, self.scene, self.statement)
-
-    def _rows(self, name: str) -> Array:
-        """Return the multipliers of the constraints of a name."""
-        names = np.concatenate([[rows.name] * rows.size for rows in self._problem().rows])
-        return np.asarray(np.array(self.lam_g)[names == name])
-
-    def _kkt(self, T: Array) -> float:
-        problem = self._problem()
-        limits = allowed(self.arm, self.targets, self.limits)
-        p = problem.parameters(self.targets, limits)
-        x = problem.unknowns(T, limits, p)
-        lam_x, lam_g = np.array(self.lam_x), np.array(self.lam_g)
-        bounds = problem.bounds(limits)
-        if lam_x.shape != x.shape or lam_g.shape != bounds[2].shape:
-            return np.inf
-        return optimality(problem, x, p, lam_x, lam_g, bounds).worst
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Plan):
-            return NotImplemented
-        return all(
-            np.array_equal(getattr(self, f.name), getattr(other, f.name))
-            if f.name == "tensions"
-            else getattr(self, f.name) == getattr(other, f.name)
-            for f in fields(self)
-        )
-
-    __hash__ = None  # type: ignore[assignment]
 
 
 def plan(
@@ -266,7 +135,8 @@ def plan(
     statement = Statement(form, check_norm(norm), limited=total_pull is not None)
     found = None if near is None else _followed(near, arm, scene, targets, limits, accuracy)
     if found is None:
-        found = Search(arm, targets, scene, limits, statement, accuracy).run(starts, seconds)
+        task = Task(arm, targets, scene, limits, statement, accuracy)
+        found = Search(task).run(starts, seconds)
     return Plan(
         arm,
         scene,

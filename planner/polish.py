@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from model.paths import Array
 from planner.ipopt import Solution
-from planner.problem import Problem
+from planner.problem import TRACES, Problem
 
 Bounds = tuple[Array, Array, Array, Array]
 Mask = NDArray[np.bool_]
@@ -100,10 +100,11 @@ def polish(problem: Problem, start: Solution, p: Array, bounds: Bounds) -> Solut
     """Return the optimum near a solution, or the solution as it was if there is none like it."""
     best, least = start, _ACCEPTED
     lbx, ubx, lbg, ubg = bounds
-    low, high = _active(start.x, start.lam_x, lbx, ubx)
+    magnified = problem.magnified(TRACES[-1])
+    low, high = _active(start.x, magnified * start.lam_x, lbx, ubx)
     fixed = low | high
     x = np.where(low, lbx, np.where(high, ubx, start.x))
-    rows = np.logical_or(*_active(start.g, start.lam_g, lbg, ubg))
+    rows = np.logical_or(*_active(start.g, magnified * start.lam_g, lbg, ubg))
     level = np.where(start.lam_g < 0, lbg, ubg)
     level = np.where(lbg == ubg, lbg, level)
     lam_g = np.where(rows, start.lam_g, 0.0)

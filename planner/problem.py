@@ -49,7 +49,7 @@ from planner.terms import (
 )
 
 LEAST_STRETCH = 1e-3
-TRACES = (1e-6, 1e-10)
+TRACES = (1e-6, 1e-11)
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,8 @@ class Problem:
     def __init__(
         self, arm: Arm, scene: Scene, targets: tuple[Target, ...], statement: Statement
     ) -> None:
-        self.arm, self.scene, self.statement = arm, scene, statement
+        self.arm, self.statement = arm, statement
+        self.scene = scene.careful() if statement.careful else scene
         self.stations, self.looks = stations_of(arm, targets), looks_of(targets)
         self.terms, self.ways = terms_function(arm, targets), ways_function(arm, targets)
         self._build(firmness(arm, targets), margin_firmness(arm, targets))
@@ -184,6 +185,13 @@ class Problem:
         unit = units(self.arm, limits)
         numbers = [target.parameters(self.arm) for target in targets]
         return np.concatenate([*numbers, unit, [unit.max(), limits.total or 0.0, trace]])
+
+    def magnified(self, trace: float) -> float:
+        """Return what the objective is multiplied by for a solver to see effort in it.
+
+        In the least squares of the modes besides "exact" effort is a trace, far below tolerances.
+        """
+        return 1.0 if self.statement.mode == "exact" else 1e-2 / trace
 
     def bounds(self, limits: Limits) -> tuple[Array, Array, Array, Array]:
         """Return lower and upper bounds of x and of g."""

@@ -10,20 +10,15 @@ is wanted. All are read off a coarse mesh in one sweep.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import lru_cache
 from itertools import product
 
-import casadi as ca
 import numpy as np
 
 from model.arm import Arm
-from model.forward import explicit_map, schemes_of
-from model.loaded import unloaded
 from model.paths import Array
-from model.scene import Scene
-from model.statics import is_loaded
 from planner.limits import Limits, natural_tensions
 from planner.problem import Problem
+from planner.residuals import Residuals
 from planner.targets.base import Target
 
 # In units of what bends the arm by about 1 rad. A slender tip saturates, so it takes many. The
@@ -32,7 +27,6 @@ _CURLS = (0.0, 12.0, 3.0, -2.0, 18.0, 7.0, -6.0)
 _MIDDLE = (-4.0, -1.5, -0.5, 0.0, 0.4, 0.8, 1.4, 2.2, 3.5, 6.0)
 _BASE = (-2.0, -1.0, -0.4, 0.0, 0.3, 0.7, 1.5, 3.5)
 _ALONE = (0.15, 0.3, 0.6, 1.0, 1.6, 2.5, 4.0, 6.0)
-_FEASIBLE = 0.05
 
 
 def candidates(
@@ -43,7 +37,8 @@ def candidates(
     Each is the best over all directions to lean in; the other directions come after.
     """
     groups = _patterns(problem.arm, targets, limits)
-    score = _scores(problem, targets, np.vstack([T for _, T in groups]))
+    gaps, crushed = Residuals(problem, targets, problem.scene)(np.vstack([T for _, T in groups]))
+    score = np.linalg.norm(gaps, axis=1) + 10 * crushed
     best: dict[float, list[tuple[float, Array]]] = {}
     first = 0
     for curl, T in groups:
@@ -58,33 +53,6 @@ def candidates(
 
 def _first(item: tuple[float, Array]) -> float:
     return item[0]
-
-
-def _scores(problem: Problem, targets: tuple[Target, ...], T: Array) -> Array:
-    """Return the size of all residuals and violations (m,) for tensions (m, n_tendons)."""
-    sweep = _sweep(problem.arm, problem.scene, problem.stations).map(len(T))
-    poses, least = (np.array(value) for value in sweep(T.T))
-    numbers = np.concatenate([target.parameters(problem.arm) for target in targets])
-    # Whether it is stiff enough is left out: as if it gave way just as much as is wanted.
-    gives = np.concatenate([np.zeros(0), *(np.eye(look.width).ravel() for look in problem.looks)])
-    tiled = (np.tile(v[:, None], len(T)) for v in (numbers, gives))
-    terms = problem.terms.map(len(T))(poses, *tiled)
-    match, approach, margin = (np.array(value).reshape(-1, len(T)) for value in terms[:3])
-    size = np.sqrt((match**2).sum(0) + (approach**2).sum(0) + (np.minimum(margin, 0) ** 2).sum(0))
-    crushed = np.maximum(_FEASIBLE - least[0], 0)
-    return np.asarray(np.where(np.isfinite(size), size, 1e3) + 10 * crushed)
-
-
-@lru_cache(maxsize=64)
-def _sweep(arm: Arm, scene: Scene, stations: tuple[float, ...]) -> ca.Function:
-    """Return tensions -> station poses (7, K), least 1 + q, on the coarsest mesh, without loads."""
-    scene = unloaded(scene) if is_loaded(scene) else scene
-    scheme = "magnus2" if "magnus2" in schemes_of(scene) else "rk4"
-    forward = explicit_map(arm, scene, scheme, 1, stations)
-    T = ca.MX.sym("T", arm.n_tendons)
-    poses, stretch = forward.function(T)[:2]
-    columns = [forward.mesh.node(s) for s in stations]
-    return ca.Function("sweep", [T], [poses[:, columns], ca.mmin(stretch)])
 
 
 def _patterns(arm: Arm, targets: tuple[Target, ...], limits: Limits) -> list[tuple[float, Array]]:

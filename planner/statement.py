@@ -28,6 +28,8 @@ class Statement:
         Whether the total pull has a limit.
     scheme, refinement
         The integrator, by its name in model.forward, and the mesh.
+    careful : bool
+        Whether sections settle the careful way; see ExactTendons.
     """
 
     form: Form = "condensed"
@@ -36,6 +38,7 @@ class Statement:
     limited: bool = False
     scheme: str = "magnus6"
     refinement: int = 4
+    careful: bool = False
 
     def but(self, **changes: Any) -> Statement:
         """Return the statement with some choices changed."""

@@ -40,6 +40,7 @@ from model.statics import is_loaded
 from planner import Limits, Plan, Statement, plan
 from planner.search import Search
 from planner.targets import Target
+from planner.task import Task
 from studies.reachable import ARM, MAXIMUM, READ, SCENES, draw, off
 
 _NEAR, _WRONG, _SHIFT = 1e-6, 3e-6, 0.1
@@ -131,12 +132,12 @@ def _over_best(found: Plan, scene: Scene, count: int, rng: np.random.Generator) 
     if heavy or not count or found.mode != "exact":
         return 0.0
     limits, statement = Limits.of(ARM, MAXIMUM), Statement("condensed", found.statement.norm)
-    search = Search(ARM, found.targets, scene, limits, statement, found.accuracy)
-    problem = search._problem("exact")
+    search = Search(Task(ARM, found.targets, scene, limits, statement, found.accuracy))
+    coarse = search.task.coarse("exact")
     own = min((s.objective for s in found.starts if s.met), default=np.inf)
     scale = np.repeat([0.6, 5.0, 15.0], 4)
     tried = (
-        search._solve(problem, rng.uniform() * rng.uniform(size=12) * scale) for _ in range(count)
+        search._solve(coarse, rng.uniform() * rng.uniform(size=12) * scale) for _ in range(count)
     )
     best = min((s.f for s in tried if s.met), default=np.inf)
     return float(np.sqrt(own / best)) if own < np.inf and best > 0 else 0.0
