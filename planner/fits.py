@@ -3,9 +3,8 @@
 Where a target prescribes turns, directions or several points, each section's bend is as good as
 given, but not in closed form: tendons of the sections beyond bend a section too. So some of very
 many drawn bends, those nearest to what is wanted, are driven to it by Levenberg and Marquardt's
-method, all together, on the coarsest mesh and by the plain statics of the paper, and moved on by
-those of the scene. What is met in
-several ways is met by several of them; the cheapest comes first. The draws are the same each time.
+method, all together, on the coarsest mesh. What is met in several ways is met by several of them;
+the cheapest comes first. The draws are the same each time.
 """
 
 from __future__ import annotations
@@ -17,20 +16,17 @@ from functools import cached_property
 import numpy as np
 
 from model.arm import Arm
-from model.effects import Extension
-from model.loaded import unloaded
+from model.effects import ExactTendons, NeoHookean
 from model.paths import Array
-from model.scene import Scene
-from model.statics import is_loaded
 from planner.limits import Limits
 from planner.problem import Problem
 from planner.residuals import Residuals
 from planner.starts import section_pulls
 from planner.targets.base import Target
 
-_DRAWN, _FITTED, _STEPS = 1000, 40, 10
-# By the scene's own statics, which may take ten times as long, a few are moved on.
-_MOVED, _FEW_STEPS = 12, 5
+# How many are drawn and fitted; fewer where each section takes a Newton's method to settle.
+_COUNTS, _COUNTS_IF_SLOW = (1000, 40), (600, 16)
+_STEPS = 10
 # The work of a step grows with the square of the number of bends; so many slopes are affordable.
 _SLOPES = 300
 # In units of what bends the arm by about 1 rad; a slender tip saturates, so it takes many.
@@ -92,25 +88,18 @@ def fits(
     """
     tendons = frozenset.intersection(*(target.tendons(problem.arm) for target in targets))
     bends = Bends(problem.arm, tendons, limits)
-    own = unloaded(problem.scene) if is_loaded(problem.scene) else problem.scene
-    plain = Scene(Extension()) if own.has(Extension) else Scene()
+    residuals = Residuals(problem, targets)
 
-    def gaps(scene: Scene) -> Callable[[Array], Array]:
-        residuals = Residuals(problem, targets, scene)
+    def gaps(points: Array) -> Array:
+        found, crushed = residuals(bends.tensions(points))
+        return np.hstack([found, 10 * crushed[:, None]])
 
-        def of(points: Array) -> Array:
-            found, crushed = residuals(bends.tensions(points))
-            return np.hstack([found, 10 * crushed[:, None]])
-
-        return of
-
-    drawn = bends.draw(_DRAWN)
-    nearest = np.argsort(np.linalg.norm(gaps(plain)(drawn), axis=1), kind="stable")
-    count = min(_FITTED, max(4, _SLOPES // drawn.shape[1]))
-    points, residual = _fitted(gaps(plain), drawn[nearest[:count]], _STEPS)
-    if own != plain:
-        kept = _different(bends.tensions(points), residual)[:_MOVED]
-        points, residual = _fitted(gaps(own), points[kept], _FEW_STEPS)
+    slow = problem.scene.has(ExactTendons) or problem.scene.has(NeoHookean)
+    draws, most = _COUNTS_IF_SLOW if slow else _COUNTS
+    drawn = bends.draw(draws)
+    nearest = np.argsort(np.linalg.norm(gaps(drawn), axis=1), kind="stable")
+    count = min(most, max(4, _SLOPES // drawn.shape[1]))
+    points, residual = _fitted(gaps, drawn[nearest[:count]])
     T = bends.tensions(points)
     order = _different(T, residual)
     cost = np.linalg.norm(T[order], axis=1)
@@ -131,11 +120,11 @@ def _different(T: Array, residual: Array) -> list[int]:
     return kept
 
 
-def _fitted(gaps: Callable[[Array], Array], U: Array, steps: int) -> tuple[Array, Array]:
+def _fitted(gaps: Callable[[Array], Array], U: Array) -> tuple[Array, Array]:
     """Return points (m, n) of least squares of gaps near U, and the norms there (m,)."""
     m, n = U.shape
     damping, r = np.full(m, 1e-2), gaps(U)
-    for _ in range(steps):
+    for _ in range(_STEPS):
         h = _DIFFERENCE * (1 + np.abs(U))
         shifted = U[:, None, :] + h[:, :, None] * np.eye(n)
         slopes = (gaps(shifted.reshape(-1, n)).reshape(m, n, -1) - r[:, None, :]) / h[:, :, None]

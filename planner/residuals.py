@@ -17,6 +17,8 @@ from planner.problem import Problem
 from planner.targets.base import Target
 
 _FEASIBLE = 0.05
+# No shape is farther off; what is no number is.
+_FAR = 1e3
 
 
 class Residuals:
@@ -25,9 +27,9 @@ class Residuals:
     Whether the arm is stiff enough is left out: as if it gave way just as much as is wanted.
     """
 
-    def __init__(self, problem: Problem, targets: tuple[Target, ...], scene: Scene) -> None:
+    def __init__(self, problem: Problem, targets: tuple[Target, ...]) -> None:
         self.terms = problem.terms
-        self.sweep = _sweep(problem.arm, scene, problem.stations)
+        self.sweep = _sweep(problem.arm, problem.scene, problem.stations)
         self.numbers = np.concatenate([target.parameters(problem.arm) for target in targets])
         gives = [np.eye(look.width).ravel() for look in problem.looks]
         self.gives = np.concatenate([np.zeros(0), *gives])
@@ -43,14 +45,14 @@ class Residuals:
         terms = self.terms.map(m)(poses, *tiled)
         match, approach, margin = (np.array(value).reshape(-1, m) for value in terms[:3])
         gaps = np.vstack([match, approach, np.minimum(margin, 0)]).T
-        return np.where(np.isfinite(gaps), gaps, 1e3), np.maximum(_FEASIBLE - least[0], 0)
+        return np.clip(np.nan_to_num(gaps, nan=_FAR), -_FAR, _FAR), np.maximum(_FEASIBLE - least[0], 0)
 
 
 @lru_cache(maxsize=64)
 def _sweep(arm: Arm, scene: Scene, stations: tuple[float, ...]) -> ca.Function:
     """Return tensions -> station poses (7, K), least 1 + q, on the coarsest mesh, without loads."""
     scene = unloaded(scene) if is_loaded(scene) else scene
-    scheme = "magnus2" if "magnus2" in schemes_of(scene) else "rk4"
+    scheme = "magnus6" if "magnus6" in schemes_of(scene) else "rk4"
     forward = explicit_map(arm, scene, scheme, 1, stations)
     T = ca.MX.sym("T", arm.n_tendons)
     poses, stretch = forward.function(T)[:2]

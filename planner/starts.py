@@ -37,7 +37,7 @@ def candidates(
     Each is the best over all directions to lean in; the other directions come after.
     """
     groups = _patterns(problem.arm, targets, limits)
-    gaps, crushed = Residuals(problem, targets, problem.scene)(np.vstack([T for _, T in groups]))
+    gaps, crushed = Residuals(problem, targets)(np.vstack([T for _, T in groups]))
     score = np.linalg.norm(gaps, axis=1) + 10 * crushed
     best: dict[float, list[tuple[float, Array]]] = {}
     first = 0

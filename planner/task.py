@@ -49,8 +49,8 @@ class Task:
 
     def coarse(self, mode: Mode) -> Statement:
         """Return the statement by a scheme and mesh that cost little: good to 1 % of L or so."""
-        scheme = "magnus2" if self.fine_scheme == "magnus6" else "rk4"
-        return self.statement.but(mode=mode, scheme=scheme, refinement=2)
+        scheme, mesh = ("magnus6", 1) if self.fine_scheme == "magnus6" else ("rk4", 2)
+        return self.statement.but(mode=mode, scheme=scheme, refinement=mesh)
 
     def finer(self, mode: Mode) -> Statement:
         """Return the statement for a search where the coarse mesh misled."""
