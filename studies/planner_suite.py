@@ -10,7 +10,8 @@ and, for a backbone, no point is further off than 1e-6 L. It is wrong where that
 tensions, settled to 1e-9 L by another integrator and held against the target by code of this study,
 are off by more than 3e-6. The best known effort is the least of the plan's, that of the tensions
 drawn, and in the paper's scenes that of the best of `--best-of` starts from random tensions.
-Times are shifted geometric means (shift 0.1 s), as benchmarks of optimisers have it.
+Times are the processor's, as shifted geometric means (shift 0.1 s), as benchmarks of optimisers
+have it.
 
 Command: python -m studies.planner_suite [--targets 1000] [--best-of 10] [--jobs 2] [--seed 0]
 [--out out]
@@ -106,13 +107,13 @@ def run(job: tuple[int, int, int]) -> Case:
     scene = SCENES[name][1]
     T, target = draw(rng, kind, scene)
     case = {"number": number, "kind": kind, "scene": name, "target": target, "drawn": T}
-    begin = time.perf_counter()
+    begin = time.process_time()
     try:
         found = plan(ARM, target, scene, MAXIMUM)
         passed, outcome = found.reached, found.outcome
     except OctoplanError as problem:
         return Case(**case, outcome=f"{type(problem).__name__}: {problem}")
-    seconds = time.perf_counter() - begin
+    seconds = time.process_time() - begin
     try:
         error = off(settle(ARM, found.tensions, scene, 1e-9, schemes_of(scene)[1]), target)
     except OctoplanError:
