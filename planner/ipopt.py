@@ -42,6 +42,7 @@ _WARM: dict[str, Any] = {
     "acceptable_tol": 1e-9,
     "max_iter": 60,
 }
+_MAGNIFIED_TOL = 1e-7
 STOPPED = {
     "Infeasible_Problem_Detected": "no tensions within the limits meet the target near this start",
     "Maximum_Iterations_Exceeded": "the iteration limit was reached",
@@ -87,8 +88,12 @@ def solver(problem: Problem, warm: bool, talks: bool = False) -> ca.Function:
     """Return ipopt for a problem, for a cold start or a warm one, built once."""
     built = _solvers.setdefault(problem, {})
     if (warm, talks) not in built:
-        magnified = problem.magnified(TRACES[-1] if warm else TRACES[0])
-        level = {"obj_scaling_factor": magnified, "print_level": 5 if talks else 0}
+        own = {
+            "print_level": 5 if talks else 0,
+            "obj_scaling_factor": problem.magnified(TRACES[-1] if warm else TRACES[0]),
+        }
+        if problem.statement.mode != "exact":  # so magnified, no more digits are left
+            own["tol"] = _MAGNIFIED_TOL
         options: dict[str, Any] = {
             "print_time": False,
             "show_eval_warnings": False,
@@ -96,7 +101,7 @@ def solver(problem: Problem, warm: bool, talks: bool = False) -> ca.Function:
             "error_on_fail": False,
             "iteration_callback": _WATCH,
             **_derivatives(problem),
-            "ipopt": _QUIET | (_WARM if warm else _COLD) | level,
+            "ipopt": _QUIET | (_WARM if warm else _COLD) | own,
         }
         built[warm, talks] = ca.nlpsol("ipopt", "ipopt", problem.nlp, options)
     return built[warm, talks]
