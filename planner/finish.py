@@ -70,9 +70,13 @@ def finish_best(task: Task, coarse: Sequence[Solution], mode: Mode) -> Fine:
 def finish(task: Task, coarse: Solution, mode: Mode) -> Fine:
     """Return the optimum of the fine mesh near a coarse one, to the last digits.
 
-    The mesh is chosen for the coarse tensions, and again where those found want a finer one.
+    The mesh is chosen for the coarse tensions, and again where those found want a finer one. Least
+    squares are brought to their last digits on the coarse mesh, where effort has to be found in
+    them by many steps; the fine mesh takes a few more.
     """
     guess, used = coarse, 0
+    if mode != "exact":
+        guess = _finish(task, task.coarse(mode), coarse).solution
     for _ in range(_MESHES):
         T = task.tensions(guess)
         mesh = _mesh(task, T)

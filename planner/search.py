@@ -21,9 +21,11 @@ from planner.starts import candidates, spread
 from planner.statement import Mode, Statement
 from planner.task import Task
 
-# Starts before agreement counts: five do for points, more where optima are many; three where the
-# least squares come to nothing, which fixes the shape and with it the tensions.
-_FEW, _MORE, _FIXED = 5, 6, 3
+# Starts before agreement counts: five do for points, more where optima are many and close.
+_FEW, _MORE = 5, 8
+# Enough where least squares over more numbers than there are tendons come to nothing: that fixes
+# the shape, and with it the tensions.
+_FIXED = 3
 # Fits that come before the curled arms; 9 in 10 times the first of them leads to the best optimum.
 _FITS = 2
 # Loaded arms start from the optima of the unloaded one, among which the search was.
@@ -152,9 +154,10 @@ class Search:
         """Return what is met from each start, until the best was found twice; append records."""
         found: list[Solution] = []
         for T in told(f"first guesses, {statement.mode}", starts):
-            nothing = statement.mode != "exact" and any(s.f <= _LITTLE for s in found)
-            least = min(self.least, _FIXED) if nothing else self.least
-            if len(records) >= least and agreed(records) >= 2:
+            fixed = not self.task.can_be_exact and any(s.f <= _LITTLE for s in found)
+            if len(records) >= (_FIXED if fixed else self.least) and (
+                fixed or agreed(records) >= 2
+            ):
                 break
             solution = self._solve(statement.but(careful=self.task.statement.careful), T)
             records.append(_record(solution))
