@@ -31,7 +31,8 @@ _STEPS = 10
 _SLOPES = 300
 # In units of what bends the arm by about 1 rad; a slender tip saturates, so it takes many.
 _LEAST, _MOST_AT_TIP, _MOST_AT_BASE = 0.15, 20.0, 5.0
-_MET = 0.02
+# What is nearer is met but for the errors of the mesh; what is not may be a place to get stuck.
+_MET = 3e-3
 _SAME = 0.05
 # A fit much dearer than the cheapest one leads to a dearer optimum.
 _DEARER = 2.0

@@ -90,8 +90,8 @@ class Search:
         guesses = candidates(problem, task.targets, task.allowed)
         if not task.is_point:
             met, others = fits(problem, task.targets, task.allowed)
-            first, last = met[:_FITS], [*met[_FITS:], *others]
-            guesses = [*((0.0, T) for T in first), *guesses, *((0.0, T) for T in last)]
+            first, rest = (met or others)[:_FITS], [*met[_FITS:], *others]
+            guesses = [*((0.0, T) for T in first), *guesses, *((0.0, T) for T in rest)]
         starts = spread(guesses, most)
         if is_loaded(task.scene):
             starts = spread([*self._without_loads(starts), *((0.0, T) for T in starts)], most)

@@ -48,9 +48,9 @@ class Task:
         return build(self.arm, self.targets, self.scene, statement)
 
     def coarse(self, mode: Mode) -> Statement:
-        """Return the statement by a scheme and mesh that cost little: good to 1 % of L or so."""
-        scheme, mesh = ("magnus6", 1) if self.fine_scheme == "magnus6" else ("rk4", 2)
-        return self.statement.but(mode=mode, scheme=scheme, refinement=mesh)
+        """Return the statement by a scheme and mesh that cost little: good to 1e-3 of L or so."""
+        scheme = "magnus4" if self.fine_scheme == "magnus6" else "rk4"
+        return self.statement.but(mode=mode, scheme=scheme, refinement=2)
 
     def finer(self, mode: Mode) -> Statement:
         """Return the statement for a search where the coarse mesh misled."""

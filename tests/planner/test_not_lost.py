@@ -1,0 +1,150 @@
+"""Targets on which the planner used to get lost: not met, or met at far more effort than needed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from model import Arm, Scene, settle
+from model.effects import ExactTendons, Extension, TipLoad
+from model.forward import forward_map
+from planner import Limits, Plan, Statement, plan
+from planner.fits import fits
+from planner.targets import TipPose
+from planner.task import Task
+from studies.reachable import READ, draw, off
+from tests.planner.cases import PAPER, Array, barrel_arm
+
+ARM = Arm.from_paper("table-4")
+EXACT = Scene(Extension(), ExactTendons())
+PAYLOAD = Scene(Extension(), TipLoad((0.0, 0.0, -0.002)))
+
+
+def arm_tensions(*rows: list[float]) -> Array:
+    return np.array(rows)
+
+
+def planned(kind: str, scene: Scene, T: Array) -> Plan:
+    """Plan for the target of a kind that a set of tensions reaches, and check that it is met."""
+    target = READ[kind](settle(ARM, T, scene, 1e-10), T)
+    assert target is not None
+    found = plan(ARM, target, scene, 20.0)
+    assert found.reached, found.outcome
+    assert off(settle(ARM, found.tensions, scene, 1e-9, "rk6"), target) < 1e-6
+    return found
+
+
+def test_a_fetch_is_found_where_sections_wind_up_out_of_any_plane() -> None:
+    """It took 35 % more effort than the tensions that it was read off."""
+    T = arm_tensions([0, 0, 0, 0.134953], [0, 0, 0, 0.605446], [6.72757, 0, 0, 0])
+    assert planned("fetch", PAPER, T).effort <= np.linalg.norm(T) * 1.001
+
+
+def test_co_contraction_that_a_fetch_was_read_off_is_let_go() -> None:
+    """It took 50 % more than the least that is known."""
+    T = arm_tensions(
+        [0.10302, 0.22289, 0.182723, 0.244538],
+        [1.608577, 0.34945, 1.503274, 1.983433],
+        [3.972502, 7.645601, 9.260448, 4.846649],
+    )
+    assert planned("fetch", PAPER, T).effort < 2.66
+
+
+def test_a_pose_is_not_made_by_the_long_way_round() -> None:
+    """It took 43 % more effort than the tensions that it was read off."""
+    T = arm_tensions([0, 0, 0.17660976, 0], [0, 0.39592593, 0, 0], [1.07905678, 0, 0, 0])
+    assert planned("pose", Scene(), T).effort <= np.linalg.norm(T)
+
+
+@pytest.mark.parametrize(
+    ("scene", "T"),
+    [
+        (PAPER, arm_tensions([0, 0, 0.219435, 0], [0, 0, 0, 2.70805], [0, 0, 1.046276, 0])),
+        (Scene(), arm_tensions([0, 0.121853, 0, 0], [0, 0, 0, 1.22828], [0, 4.647643, 0, 0])),
+    ],
+    ids=["with extension", "bare"],
+)
+def test_effort_is_not_lost_in_the_least_squares_of_a_backbone(scene: Scene, T: Array) -> None:
+    """Tendons that need not pull pulled by 1e-5 N or by 0.4 N, and points were missed by 1e-6 L."""
+    found = planned("backbone", scene, T)
+    assert found.effort <= np.linalg.norm(T) * (1 + 1e-4)
+    assert found.certificate.approach["distance to the points"] < 1e-7
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("kind", "scene", "T"),
+    [
+        # The mesh was good enough for the tip's place, but not for its turn.
+        (
+            "pose",
+            EXACT,
+            arm_tensions([0, 0, 0, 0.19237465], [0.64343539, 0, 0, 0], [0, 0.42067256, 0, 0]),
+        ),
+        # The best optimum of a mesh too coarse was none.
+        (
+            "fetch",
+            EXACT,
+            arm_tensions(
+                [0.08672236, 0.1153586, 0.33877957, 0.25888182],
+                [0.52291279, 2.87276665, 1.57920865, 0.61091369],
+                [2.09169601, 9.15593887, 7.11253338, 4.76061170],
+            ),
+        ),
+        (
+            "fetch",
+            PAYLOAD,
+            arm_tensions(
+                [0.20990269, 0.11965186, 0.04501516, 0.24367698],
+                [2.27604576, 0.24897468, 1.16035894, 1.92024336],
+                [1.81469894, 1.48982744, 6.29352436, 3.27859854],
+            ),
+        ),
+        # Sections near the base settle the careful way only.
+        (
+            "backbone",
+            EXACT,
+            arm_tensions(
+                [0.24576321, 0.10581591, 0.32965768, 0.03850503],
+                [2.86485760, 2.60620905, 2.38533694, 1.23772814],
+                [3.28191182, 4.06706750, 5.00498247, 7.66492395],
+            ),
+        ),
+    ],
+    ids=["turn", "spurious", "spurious, loaded", "careful"],
+)
+def test_what_was_not_met_is_met_with_no_more_effort(kind: str, scene: Scene, T: Array) -> None:
+    assert planned(kind, scene, T).effort <= np.linalg.norm(T)
+
+
+@pytest.mark.parametrize("scene", [Scene(), PAPER], ids=["bare", "paper"])
+def test_the_mesh_of_the_search_tells_shapes_apart(scene: Scene) -> None:
+    """By second-order steps the tip was off by 1 % of the length, and turns by 0.1 rad."""
+    target = TipPose((0.3, 0.1, 0.1), tuple(map(tuple, np.eye(3))))
+    task = Task(ARM, (target,), scene, Limits.of(ARM, 20.0), Statement(), 1e-6)
+    coarse = task.coarse("exact")
+    forward = forward_map(ARM, scene, coarse.scheme, coarse.refinement)
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        T, _ = draw(rng, "tip", scene)
+        state, shape = forward.run(T.ravel())[0][-1], settle(ARM, T, scene, 1e-6)
+        assert np.linalg.norm(state[4:7] - shape.tip) < 1e-3 * ARM.length
+        quaternion = shape.poses(np.array([ARM.length]))[0, :4]
+        assert min(np.linalg.norm(state[:4] - s * quaternion) for s in (1, -1)) < 5e-3
+
+
+def test_fits_meet_a_pose_on_another_arm_in_ways_that_differ_and_the_same_each_time() -> None:
+    arm = barrel_arm()
+    shape = settle(arm, np.random.default_rng(5).uniform(0, 1.0, arm.n_tendons), PAPER, 1e-9)
+    frame = tuple(tuple(row) for row in shape.tip_frame.tolist())
+    target = TipPose(tuple(shape.tip.tolist()), frame)
+    task = Task(arm, (target,), PAPER, Limits.of(arm, 10.0), Statement(), 1e-6)
+    problem = task.problem(task.coarse("exact"))
+    met, _ = fits(problem, (target,), task.limits)
+    assert len(met) > 1
+    for T in met:
+        assert np.all((T >= 0) & (T <= 10))
+        assert np.linalg.norm(settle(arm, T, PAPER, 1e-4).tip - shape.tip) < 0.03 * arm.length
+    again, _ = fits(problem, (target,), task.limits)
+    assert np.array_equal(np.array(met), np.array(again))
+    assert plan(arm, target, PAPER, 10.0).reached
