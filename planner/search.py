@@ -13,11 +13,11 @@ from model.patience import OutOfTime, check_time, time_limit
 from model.progress import tell, told
 from model.statics import is_loaded
 from planner.finish import Fine, finish_best
-from planner.fits import fits
 from planner.found import Found, Start, agreed
+from planner.guesses import first_guesses
 from planner.ipopt import Solution, solve
 from planner.problem import TRACES
-from planner.starts import candidates, spread
+from planner.starts import spread
 from planner.statement import Mode, Statement
 from planner.task import Task
 
@@ -26,8 +26,6 @@ _FEW, _MORE = 5, 8
 # Enough where least squares over more numbers than there are tendons come to nothing: that fixes
 # the shape, and with it the tensions.
 _FIXED = 3
-# Fits that come before the curled arms; 9 in 10 times the first of them leads to the best optimum.
-_FITS = 2
 # Loaded arms start from the optima of the unloaded one, among which the search was.
 _FEWEST = 2
 _INSIDE = 0.005
@@ -73,31 +71,27 @@ class Search:
             if exact is not None:
                 return exact
         found, records, mode = self._fallback(starts)
-        if self.task.can_be_exact:
-            near = [min(found, key=lambda s: s.f)]
-            if near[0].f > _LITTLE:
-                near = [self._finished(found, mode).solution]
-            if near[0].f <= _LITTLE:
-                exact = self._exact([*map(self.task.tensions, near), *starts[self.least :]], [])
-                if exact is not None:
-                    return exact
-        return self._answer(self._finished(found, mode), records)
+        exact = self._exact_near(min(found, key=lambda s: s.f), starts)
+        if exact is not None:
+            return exact
+        fine = self._finished(found, mode)
+        exact = self._exact_near(fine.solution, starts)
+        return self._answer(fine, records) if exact is None else exact
+
+    def _exact_near(self, near: Solution, starts: list[Array]) -> Found | None:
+        """Return what meets the targets after all, where the nearest shape is as good as there."""
+        if not self.task.can_be_exact or near.f > _LITTLE:
+            return None
+        return self._exact([self.task.tensions(near), *starts[self.least :]], [])
 
     def _guesses(self, most: int) -> list[Array]:
-        """Return first guesses: curled arms for a point, for anything else fits before them."""
-        task = self.task
-        problem = task.problem(task.coarse("exact"))
-        guesses = candidates(problem, task.targets, task.allowed)
-        if not task.is_point:
-            met, others = fits(problem, task.targets, task.allowed)
-            first, rest = (met or others)[:_FITS], [*met[_FITS:], *others]
-            guesses = [*((0.0, T) for T in first), *guesses, *((0.0, T) for T in rest)]
-        starts = spread(guesses, most)
-        if is_loaded(task.scene):
-            starts = spread([*self._without_loads(starts), *((0.0, T) for T in starts)], most)
+        """Return first guesses; with loads, the optima without them before the others."""
+        starts = first_guesses(self.task, most)
+        if is_loaded(self.task.scene):
+            starts = spread([*self._without_loads(starts), *starts], most)
         return starts
 
-    def _without_loads(self, starts: list[Array]) -> list[tuple[float, Array]]:
+    def _without_loads(self, starts: list[Array]) -> list[Array]:
         """Return the optima of the unloaded arm, best first: the loaded ones are near.
 
         Those for the shape alone, if there is one: how stiff it is has to be found with the loads.
@@ -115,7 +109,7 @@ class Search:
         mode: Mode = "exact" if free.task.can_be_exact else "closest"
         found = [free._solve(free.task.coarse(mode), T) for T in starts[: free.least]]
         met = sorted((s for s in found if s.finite), key=lambda s: (not s.met, s.f))
-        return [(0.0, free.task.tensions(s)) for s in met]
+        return [free.task.tensions(s) for s in met]
 
     def _exact(self, first: list[Array], others: list[Array]) -> Found | None:
         """Return the least effort that meets the targets; others are tried if a first one does."""
@@ -201,15 +195,11 @@ class Search:
         records: list[Start],
         stopped: bool = False,
     ) -> Found:
-        lam_x, lam_g = (solution.lam_x, solution.lam_g) if solution else (np.zeros(0), np.zeros(0))
-        return Found(
-            statement,
-            self.task.arm.by_section(T),
-            tuple(lam_x.tolist()),
-            tuple(lam_g.tolist()),
-            tuple(records),
-            stopped,
-        )
+        none: tuple[float, ...] = ()
+        lam_x = tuple(solution.lam_x.tolist()) if solution else none
+        lam_g = tuple(solution.lam_g.tolist()) if solution else none
+        tensions = self.task.arm.by_section(T)
+        return Found(statement, tensions, lam_x, lam_g, tuple(records), stopped)
 
 
 def _record(solution: Solution) -> Start:

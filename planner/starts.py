@@ -126,10 +126,10 @@ def section_pulls(arm: Arm, section: int, angle: float, tendons: frozenset[int])
     return share * unit / reach if reach > 0 else share
 
 
-def spread(starts: list[tuple[float, Array]], count: int) -> list[Array]:
+def spread(starts: list[Array], count: int) -> list[Array]:
     """Return the first `count` starts that differ from each other."""
     kept: list[Array] = []
-    for _, T in starts:
+    for T in starts:
         scale = np.abs(T).max() + 1e-300
         if all(np.abs(T - other).max() > 1e-3 * scale for other in kept):
             kept.append(T)
