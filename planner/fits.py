@@ -81,11 +81,12 @@ class Bends:
 
 
 def fits(
-    problem: Problem, targets: tuple[Target, ...], limits: Limits
+    problem: Problem, targets: tuple[Target, ...], limits: Limits, share: float = 1.0
 ) -> tuple[list[Array], list[Array]]:
     """Return tensions that meet the targets, cheapest first, and other ones, nearest first.
 
-    Those that meet them at far more effort than the cheapest are left to the other ones.
+    Those that meet them at far more effort than the cheapest are left to the other ones. `share` is
+    how many are drawn and fitted, of the usual number.
     """
     tendons = frozenset.intersection(*(target.tendons(problem.arm) for target in targets))
     bends = Bends(problem.arm, tendons, limits)
@@ -97,9 +98,9 @@ def fits(
 
     slow = problem.scene.has(ExactTendons) or problem.scene.has(NeoHookean)
     draws, most = _COUNTS_IF_SLOW if slow else _COUNTS
-    drawn = bends.draw(draws)
+    drawn = bends.draw(round(share * draws))
     nearest = np.argsort(np.linalg.norm(gaps(drawn), axis=1), kind="stable")
-    count = min(most, max(4, _SLOPES // drawn.shape[1]))
+    count = max(4, round(share * min(most, _SLOPES // drawn.shape[1])))
     points, residual = _fitted(gaps, drawn[nearest[:count]])
     T = bends.tensions(points)
     order = _different(T, residual)
