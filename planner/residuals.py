@@ -45,9 +45,8 @@ class Residuals:
         terms = self.terms.map(m)(poses, *tiled)
         match, approach, margin = (np.array(value).reshape(-1, m) for value in terms[:3])
         gaps = np.vstack([match, approach, np.minimum(margin, 0)]).T
-        return np.clip(np.nan_to_num(gaps, nan=_FAR), -_FAR, _FAR), np.maximum(
-            _FEASIBLE - least[0], 0
-        )
+        gaps, crushed = (np.nan_to_num(v, nan=_FAR) for v in (gaps, _FEASIBLE - least[0]))
+        return np.clip(gaps, -_FAR, _FAR), np.clip(crushed, 0, _FAR)
 
 
 @lru_cache(maxsize=64)
