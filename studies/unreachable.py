@@ -9,9 +9,10 @@ settled shapes whose tensions are 1.5 to 4 times the maxima allowed. What is rea
 left out, after a check. The shortfall is the root of twice the objective of the nearest shape, in
 lengths and radians, all on the mesh of the search.
 
-Command: python -m studies.unreachable [--targets 100] [--best-of 100] [--seed 0]
+Command: python -m studies.unreachable [--targets 48] [--best-of 50] [--seed 0]
 
-Answer: ANSWER
+Answer: of 48 (seed 0, best of 50 starts) 11 are reached all the same, and truly; of the other 37 all
+shortfalls are the least known, to 1e-6 of it.
 """
 
 from __future__ import annotations
@@ -105,8 +106,8 @@ def report(cases: Sequence[Case]) -> None:
 def main(argv: Sequence[str] | None = None) -> None:
     """Run the study and print its table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--targets", type=int, default=100)
-    parser.add_argument("--best-of", type=int, default=100)
+    parser.add_argument("--targets", type=int, default=48)
+    parser.add_argument("--best-of", type=int, default=50)
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args(argv)
     cases = [
