@@ -14,15 +14,15 @@ from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
 from planner.certificate import Certificate, certify
-from planner.effort import effort
-from planner.found import Start, agreed
-from planner.limits import Limits
 from planner.outcome import Facts, sentence
-from planner.polish import optimality
-from planner.problem import Problem, build
-from planner.statement import Mode, Statement
+from planner.program.effort import effort
+from planner.program.limits import Limits
+from planner.program.problem import Problem, build
+from planner.program.statement import Mode, Statement
+from planner.solve.found import Start, agreed
+from planner.solve.polish import optimality
+from planner.solve.task import allowed
 from planner.targets.base import Target
-from planner.task import allowed
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,21 +13,21 @@ from model.arm import Arm
 from model.checks import kind, not_negative, positive
 from model.errors import InputError
 from model.ladder import checked_accuracy
-from model.loads import check_loads
+from model.loaded.loads import check_loads
 from model.scene import Scene
 from model.statics import is_loaded
 from planner.answer import Answer
-from planner.effort import check_norm
 from planner.files import to_json, write_named
-from planner.follow import Known, follow
-from planner.found import Found
-from planner.limits import Limits
+from planner.program.effort import check_norm
+from planner.program.limits import Limits
+from planner.program.statement import Form, Statement
 from planner.question import check_looks, check_targets, checked_form
 from planner.records.plan import plan_record
-from planner.search import Search
-from planner.statement import Form, Statement
+from planner.solve.follow import Known, follow
+from planner.solve.found import Found
+from planner.solve.search import Search
+from planner.solve.task import Task
 from planner.targets.base import Target
-from planner.task import Task
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,8 +63,8 @@ class Plan(Answer):
         return write_named(path, ".json", to_json(plan_record(self)))
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw the arm in 3-D with its tendons, tensions and target; see planner.plot."""
-        from planner.plot import plot_plan
+        """Draw the arm in 3-D with its tendons, tensions and target; see planner.plots.plan."""
+        from planner.plots.plan import plot_plan
 
         return plot_plan(self, ax)
 

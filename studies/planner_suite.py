@@ -39,9 +39,9 @@ from model.forward import schemes_of
 from model.paths import Array
 from model.statics import is_loaded
 from planner import Limits, Plan, Statement, plan
-from planner.search import Search
+from planner.solve.search import Search
+from planner.solve.task import Task
 from planner.targets import Target
-from planner.task import Task
 from studies.reachable import ARM, MAXIMUM, READ, SCENES, draw, off
 
 _NEAR, _WRONG, _SHIFT = 1e-6, 3e-6, 0.1

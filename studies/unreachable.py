@@ -28,9 +28,9 @@ from model import Scene, settle
 from model.effects import Extension
 from model.paths import Array
 from planner import Limits, Statement, plan
-from planner.search import Search
+from planner.solve.search import Search
+from planner.solve.task import Task
 from planner.targets import Target, TipPose, TipPosition
-from planner.task import Task
 from studies.reachable import ARM, MAXIMUM, draw, off
 
 KINDS = ("tip", "pose", "turned", "plane", "fetch", "backbone")

@@ -9,9 +9,9 @@ from model import Arm, Scene, settle
 from model.effects import ExactTendons, Extension, TipLoad
 from model.forward import forward_map
 from planner import Limits, Plan, Statement, plan
-from planner.fits import fits
+from planner.solve.fits import fits
+from planner.solve.task import Task
 from planner.targets import TipPose
-from planner.task import Task
 from studies.reachable import READ, draw, off
 from tests.planner.cases import PAPER, Array, barrel_arm
 

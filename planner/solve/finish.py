@@ -1,0 +1,145 @@
+"""From an optimum of the coarse mesh to that of a mesh as fine as the accuracy asks for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from model.errors import OctoplanError
+from model.paths import Array
+from model.settle import settle
+from model.shape import Shape
+from model.stiffness import stiffness
+from planner.certificate import measure
+from planner.program.problem import Problem
+from planner.program.statement import Mode, Statement
+from planner.program.terms import looks_of
+from planner.solve.ipopt import Solution, solve
+from planner.solve.polish import optimality, polish
+from planner.solve.task import Task
+
+# What counts as optimal, of that a certificate allows.
+_OPTIMAL = 1e-7
+# Coarse optima so near to the best may be better than it is; where gaps are made least, the coarse
+# mesh's own error blurs them.
+_RIVAL, _BLUR, _MOST = 0.05, 5e-5, 4
+_SAME = 1e-3
+_MESHES = 3
+_FINE_IF_UNSETTLED = 16
+
+
+@dataclass(frozen=True, eq=False)
+class Fine:
+    """An optimum on a fine mesh; `worst` is its residual of the first-order conditions."""
+
+    statement: Statement
+    solution: Solution
+    worst: float
+
+    @property
+    def optimal(self) -> bool:
+        """Whether it is an optimum of the fine mesh."""
+        return self.worst <= _OPTIMAL
+
+
+def finish_best(task: Task, coarse: Sequence[Solution], mode: Mode) -> Fine:
+    """Return the best of coarse optima on the fine mesh; `optimal` is False if none is one there.
+
+    Which is best is decided there among all that are nearly so, and an optimum that only the coarse
+    mesh has gives way to the next.
+    """
+    finished: list[Fine] = []
+    limit, last = np.inf, -np.inf
+    for solution in sorted(coarse, key=lambda s: s.f):
+        if solution.f > limit or len(finished) == _MOST:
+            break
+        if solution.f <= last + _SAME * abs(last):
+            continue
+        last = solution.f
+        finished.append(finish(task, solution, mode))
+        if finished[-1].optimal and limit == np.inf:
+            limit = last * (1 + _RIVAL) + (0.0 if mode == "exact" else _BLUR)
+    optimal = [fine for fine in finished if fine.optimal]
+    if optimal:
+        return min(optimal, key=lambda fine: fine.solution.f)
+    return min(finished, key=lambda fine: fine.worst)
+
+
+def finish(task: Task, coarse: Solution, mode: Mode) -> Fine:
+    """Return the optimum of the fine mesh near a coarse one, to the last digits.
+
+    The mesh is chosen for the coarse tensions, and again where those found want a finer one. Least
+    squares are brought to their last digits on the coarse mesh, where effort has to be found in
+    them by many steps; the fine mesh takes a few more.
+    """
+    guess, used = coarse, 0
+    if mode != "exact":
+        guess = _finish(task, task.coarse(mode), coarse).solution
+    for _ in range(_MESHES):
+        T = task.tensions(guess)
+        mesh = _mesh(task, T)
+        if mesh <= used:
+            break
+        statement = task.statement.but(mode=mode, scheme=task.fine_scheme, refinement=mesh)
+        fine, used = _finish(task, statement, guess), mesh
+        guess = fine.solution
+        if not fine.optimal:
+            break
+    return fine
+
+
+def _finish(task: Task, statement: Statement, coarse: Solution) -> Fine:
+    problem, limits = task.problem(statement), task.allowed
+    p, bounds = problem.parameters(task.targets, limits), problem.bounds(limits)
+
+    def worst(s: Solution) -> float:
+        return optimality(problem, s.x, p, s.lam_x, s.lam_g, bounds).worst
+
+    guess = _warm(task, problem, coarse, p)
+    best = polish(problem, guess, p, bounds)
+    if best is guess:
+        solved = solve(problem, guess.x, p, bounds, (guess.lam_x, guess.lam_g))
+        polished = polish(problem, solved, p, bounds) if solved.finite else guess
+        best = min((polished, guess), key=worst)
+    objective = float(problem.derivatives.gradient(best.x, p)[0])
+    return Fine(statement, replace(best, f=objective), worst(best))
+
+
+def _warm(task: Task, problem: Problem, coarse: Solution, p: Array) -> Solution:
+    """Return the coarse solution as a guess on the fine mesh; multipliers carry over."""
+    x = problem.unknowns(task.tensions(coarse), task.allowed, p)
+    g = np.array(problem.derivatives.slopes(x, p)[1]).ravel()
+    return replace(coarse, x=x, g=g)
+
+
+def _mesh(task: Task, T: Array) -> int:
+    """Return the mesh on which tensions settle to a tenth of the accuracy.
+
+    In all that the targets look at: between base and tip, in turns and in stiffness, it may take a
+    finer one than the tip's place does.
+    """
+    scheme, fine = task.fine_scheme, task.accuracy / 10
+    try:
+        shape = settle(task.arm, T, task.scene, fine, scheme)
+        mesh = shape.refinement
+        if not task.is_point:
+            sharp = settle(task.arm, T, task.scene, max(fine / 30, 1e-12), scheme)
+            mesh = mesh if _apart(task, shape, sharp) <= fine else sharp.refinement
+        for look in looks_of(task.targets):
+            found = stiffness(task.arm, T, task.scene, look.hold, accuracy=fine)
+            mesh = max(mesh, found.refinement)
+    except OctoplanError:
+        return _FINE_IF_UNSETTLED
+    return mesh
+
+
+def _apart(task: Task, shape: Shape, other: Shape) -> float:
+    """Return how much two shapes differ in what the targets measure of them, stiffness aside."""
+    targets = tuple(target for target in task.targets if target.look() is None)
+    if not targets:
+        return 0.0
+    measured = (measure(task.arm, targets, one) for one in (shape, other))
+    here, there = ([v for kind in found for v in kind.values()] for found in measured)
+    return max(float(np.abs(a - b).max()) for a, b in zip(here, there, strict=True))

@@ -1,0 +1,40 @@
+"""What a search for tensions ends with: the optimum, how it was stated, the starts tried."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from model.paths import Array
+from planner.program.statement import Statement
+
+
+@dataclass(frozen=True)
+class Start:
+    """One first guess and what became of it: the objective reached, and whether it was met."""
+
+    objective: float
+    met: bool
+    iterations: int
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What a search ends with: how the question was stated, tensions, multipliers, starts.
+
+    `stopped` says that the time limit ended it.
+    """
+
+    statement: Statement
+    tensions: Array
+    lam_x: tuple[float, ...]
+    lam_g: tuple[float, ...]
+    starts: tuple[Start, ...]
+    stopped: bool = False
+
+
+def agreed(starts: Sequence[Start]) -> int:
+    """Return how many starts ended at the best objective, to a thousandth."""
+    best = min((start.objective for start in starts if start.met), default=float("inf"))
+    near = best + 1e-3 * abs(best) + 1e-12
+    return sum(start.met and start.objective <= near for start in starts)

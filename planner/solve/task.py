@@ -1,0 +1,89 @@
+"""A planning question with its answer still open, and the programs that state it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from model.arm import Arm
+from model.forward import schemes_of
+from model.paths import Array
+from model.scene import Scene
+from planner.program.limits import Limits
+from planner.program.problem import Problem, build
+from planner.program.statement import Mode, Statement
+from planner.solve.ipopt import Solution
+from planner.targets.base import Target
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What is asked of a search.
+
+    Attributes
+    ----------
+    limits : Limits
+        Those of all tendons; `allowed` are those with what the targets do not let pull held.
+    statement : Statement
+        Its mode, scheme and mesh are chosen as the search goes on.
+    accuracy : float
+        What residuals are held to, over the arm's length.
+    """
+
+    arm: Arm
+    targets: tuple[Target, ...]
+    scene: Scene
+    limits: Limits
+    statement: Statement
+    accuracy: float
+
+    @property
+    def allowed(self) -> Limits:
+        """The limits, with tendons that a target does not let pull held at their minima."""
+        return allowed(self.arm, self.targets, self.limits)
+
+    def problem(self, statement: Statement) -> Problem:
+        """Return the program by a statement."""
+        return build(self.arm, self.targets, self.scene, statement)
+
+    def coarse(self, mode: Mode) -> Statement:
+        """Return the statement by a scheme and mesh that cost little: good to 1e-3 of L or so."""
+        scheme = "magnus4" if self.fine_scheme == "magnus6" else "rk4"
+        return self.statement.but(mode=mode, scheme=scheme, refinement=2)
+
+    def finer(self, mode: Mode) -> Statement:
+        """Return the statement for a search where the coarse mesh misled."""
+        return self.statement.but(mode=mode, scheme=self.fine_scheme, refinement=4)
+
+    @property
+    def fine_scheme(self) -> str:
+        """The scheme on which a plan is finished; multiple shooting is by Runge-Kutta."""
+        return schemes_of(self.scene)[0] if self.statement.form == "condensed" else "rk6"
+
+    @property
+    def is_point(self) -> bool:
+        """Whether no more is to be met than a point has numbers, and nothing kept above 0."""
+        terms = self.problem(self.coarse("exact")).terms
+        return bool(self._rows <= 3 and terms.numel_out(2) == 0)
+
+    @property
+    def can_be_exact(self) -> bool:
+        """Whether there are tendons enough to meet every row of match and approach."""
+        free = np.sum(np.array(self.allowed.upper) > self.allowed.lower)
+        return bool(self._rows <= free)
+
+    @property
+    def _rows(self) -> int:
+        terms = self.problem(self.coarse("exact")).terms
+        return int(terms.numel_out(0) + terms.numel_out(1))
+
+    def tensions(self, solution: Solution) -> Array:
+        """Return the tensions of a solution, of whatever statement (n_tendons,) [N]."""
+        return self.problem(self.coarse("exact")).tensions(solution.x, self.allowed)
+
+
+def allowed(arm: Arm, targets: tuple[Target, ...], limits: Limits) -> Limits:
+    """Return the limits, with tendons that a target does not let pull held at their minima."""
+    tendons = frozenset.intersection(*(target.tendons(arm) for target in targets))
+    return limits.restricted(tendons)
