@@ -60,6 +60,10 @@ class Sweep:
         grids = {axis.name: len(axis.values) for axis in self.axes if not axis.drawn}
         return {**grids, "draw": self.draws} if self.draws else grids
 
+    def dim(self, axis: Axis) -> str:
+        """Return the dimension that an axis lies along."""
+        return "draw" if axis.drawn else axis.name
+
     @property
     def size(self) -> int:
         """How many points there are."""
@@ -80,19 +84,15 @@ class Sweep:
     def points(self, chunk: int) -> list[Point]:
         """Return the points of a chunk, made only now: a value for each axis."""
         numbers = np.arange(chunk * self.chunk, min((chunk + 1) * self.chunk, self.size))
-        places = dict(
-            zip(self.dims, np.unravel_index(numbers, tuple(self.dims.values())), strict=True)
-        )
-        columns = [
-            [axis.values[i] for i in places["draw" if axis.drawn else axis.name].tolist()]
-            for axis in self.axes
-        ]
+        found = np.unravel_index(numbers, tuple(self.dims.values()))
+        places = dict(zip(self.dims, found, strict=True))
+        columns = [axis.values.at(places[self.dim(axis)]) for axis in self.axes]
         return list(zip(*columns, strict=True))
 
     @cached_property
     def identity(self) -> str:
         """A hash of all that the numbers depend on: scene, values, versions."""
-        axes = [(axis.key, axis.values, axis.drawn) for axis in self.axes]
+        axes = [(axis.key, axis.values) for axis in self.axes]
         kept = list(VARIABLES[self.job.compute])
         told = [self.job.compute, kept, self.job.scene, axes, self.draws, versions(), self.chunk]
         return hashlib.sha256(repr(told).encode()).hexdigest()
@@ -178,12 +178,12 @@ def _axis(scene: dict[str, Any], own: AxisTable, table: SweepTable) -> Axis:
         allowed = f"a name without /, and none of {', '.join(sorted(RESERVED))}"
         raise InputError("name", name, allowed)
     values = values_of(own, table.draws, table.seed)
-    return Axis(key, name, values, own.distribution is not None, unit_of(scene, key))
+    return Axis(key, name, values, unit_of(scene, key))
 
 
 def _check_values(name: str, where: str, scene: dict[str, Any], axis: Axis) -> None:
     """Refuse an axis whose least or largest value the scene does not allow."""
-    for value in axis.extremes:
+    for value in axis.values.extremes:
         try:
             question_of(changed(scene, [axis.key], [value]), name)
         except FileError as reason:
