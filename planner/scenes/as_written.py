@@ -67,7 +67,7 @@ def _is(own: Any, path: str, given: Any) -> bool:
         found = _unit(path)[1] * np.asarray(own, dtype=float)
     except (TypeError, ValueError):
         return False
-    if found.ndim and wanted.shape == (2,) != found.shape:
+    if found.size and found.ndim and wanted.shape == (2,) != found.shape:
         found = found[[0, -1]]
     return found.shape == wanted.shape and np.allclose(found, wanted, 1e-9, 0, equal_nan=True)
 
