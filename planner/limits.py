@@ -13,6 +13,9 @@ from model.checks import finite_array
 from model.errors import InputError
 from model.paths import Array
 
+# Minima above this many times what bends the arm by 1 rad crush any arm, and digits are lost.
+_MOST = 1e6
+
 
 @dataclass(frozen=True)
 class Limits:
@@ -34,12 +37,17 @@ class Limits:
     def of(cls, arm: Arm, upper: Any, lower: Any = 0.0, total: float | None = None) -> Limits:
         """Return limits for an arm from a number for all tendons, or one for each.
 
-        Raises InputError for negative numbers, NaN, a lower bound above the upper one, and a total
-        below the sum of the lower bounds.
+        Raises InputError for negative numbers, NaN, a lower bound above the upper one or past all
+        bounds, and a total below the sum of the lower bounds.
         """
         high, low = _each(arm, "tension_max", upper), _each(arm, "tension_min", lower)
         if not np.all(np.isfinite(low)):
             raise InputError("tension_min", lower, "finite numbers")
+        most = _MOST * natural_tensions(arm)
+        for j in np.flatnonzero(low > most):
+            name = f"tension_min[{j}] ({arm.tendon_name(int(j))})"
+            allowed = f"up to {most[j]:g} N, {_MOST:g} times what bends the arm by 1 rad"
+            raise InputError(name, float(low[j]), allowed)
         for j in np.flatnonzero(low > high):
             name = f"tension_min[{j}] ({arm.tendon_name(int(j))})"
             raise InputError(name, float(low[j]), f"up to its maximum, {high[j]:g} N")

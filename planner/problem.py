@@ -50,6 +50,8 @@ from planner.terms import (
 
 LEAST_STRETCH = 1e-3
 TRACES = (1e-6, 1e-10)
+# Over what bends the arm by some rad: maxima below this share do nothing, those above are none.
+_LEAST_UNIT, _NO_LIMIT = 1e-6, 1e12
 
 
 @dataclass(frozen=True)
@@ -190,7 +192,9 @@ class Problem:
         unit = units(self.arm, limits)
         free = np.full(self.n_peak + self.n_lack + self.n_states, np.inf)
         lbx = np.concatenate([np.array(limits.lower) / unit, -free])
-        ubx = np.concatenate([np.array(limits.upper) / unit, free])
+        upper = np.array(limits.upper)
+        upper = np.where(upper < _NO_LIMIT * unit, upper, np.inf)
+        ubx = np.concatenate([upper / unit, free])
         lbg = np.concatenate([np.full(r.size, r.lower) for r in self.rows])
         ubg = np.concatenate([np.full(r.size, r.upper) for r in self.rows])
         return lbx, ubx, lbg, ubg
@@ -217,8 +221,8 @@ class Problem:
 
 def units(arm: Arm, limits: Limits) -> Array:
     """Return the tension that each unknown is counted in [N]: what bends the arm by some rad."""
-    upper = np.array(limits.upper)
-    return np.where(upper > 0, np.minimum(5 * natural_tensions(arm), upper), 1.0)
+    most, upper = 5 * natural_tensions(arm), np.array(limits.upper)
+    return np.where(upper > 0, np.clip(upper, _LEAST_UNIT * most, most), 1.0)
 
 
 _CACHE: dict[Hashable, Problem] = {}

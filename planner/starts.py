@@ -33,6 +33,7 @@ _MIDDLE = (-4.0, -1.5, -0.5, 0.0, 0.4, 0.8, 1.4, 2.2, 3.5, 6.0)
 _BASE = (-2.0, -1.0, -0.4, 0.0, 0.3, 0.7, 1.5, 3.5)
 _ALONE = (0.15, 0.3, 0.6, 1.0, 1.6, 2.5, 4.0, 6.0)
 _FEASIBLE = 0.05
+_FAR = 1e9
 
 
 def candidates(
@@ -70,6 +71,7 @@ def _scores(problem: Problem, targets: tuple[Target, ...], T: Array) -> Array:
     tiled = (np.tile(v[:, None], len(T)) for v in (numbers, gives))
     terms = problem.terms.map(len(T))(poses, *tiled)
     match, approach, margin = (np.array(value).reshape(-1, len(T)) for value in terms[:3])
+    match, approach, margin = (np.clip(value, -_FAR, _FAR) for value in (match, approach, margin))
     size = np.sqrt((match**2).sum(0) + (approach**2).sum(0) + (np.minimum(margin, 0) ** 2).sum(0))
     crushed = np.maximum(_FEASIBLE - least[0], 0)
     return np.asarray(np.where(np.isfinite(size), size, 1e3) + 10 * crushed)
