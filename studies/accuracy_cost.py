@@ -35,7 +35,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from model.forward import SCHEMES
-from planner.plot_work import Curve, legend_below, plot_work
+from planner.plots.work import Curve, legend_below, plot_work
 from studies.timing import machine
 from studies.work import Measured, Size, by_count
 from studies.work_plan import plans, reachable, statics

@@ -28,8 +28,8 @@ from numpy.typing import NDArray
 from model import Arm, CollapsedError, Scene, settle
 from model.effects import Extension
 from planner import Limits, Statement, plan
-from planner.ipopt import solve
-from planner.problem import TRACES, build
+from planner.program.problem import TRACES, build
+from planner.solve.ipopt import solve
 from planner.targets import TipPosition
 from studies.baselines import ScipyArm
 from studies.keeping import keeping
