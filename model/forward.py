@@ -7,24 +7,24 @@ from typing import Protocol
 
 import casadi as ca
 
-from model.adaptive import CVODES, ERK
 from model.arm import Arm
-from model.closed_form import ClosedForm
-from model.collocation import GAUSS4, GAUSS6
 from model.effects import PrintedStatics
 from model.errors import InputError
-from model.integrator import Integrator
-from model.load_segments import LoadSegments
-from model.loaded import Loaded
-from model.loads import places
-from model.magnus import MAGNUS2, MAGNUS4, MAGNUS6, Magnus
+from model.integrators.adaptive import CVODES, ERK
+from model.integrators.collocation import GAUSS4, GAUSS6
+from model.integrators.integrator import Integrator
+from model.integrators.magnus import MAGNUS2, MAGNUS4, MAGNUS6, Magnus
+from model.integrators.runge_kutta import RK4, RK6, RK8, RungeKutta
+from model.loaded.forward import Loaded
+from model.loaded.loads import places
+from model.loaded.segments import LoadSegments
 from model.mesh import Mesh, graded
 from model.paths import Array
-from model.runge_kutta import RK4, RK6, RK8, RungeKutta
 from model.scene import Scene
 from model.statics import is_loaded
 from model.stations import Counts
-from model.strain_ode import StrainOde
+from model.unloaded.closed_form import ClosedForm
+from model.unloaded.strain_ode import StrainOde
 
 # In the order of preference: the first that carries a scene is used, the second checks it.
 _ALL = (MAGNUS6, RK6, RK8, RK4, GAUSS6, MAGNUS4, GAUSS4, MAGNUS2, ERK, CVODES)

@@ -6,16 +6,16 @@ from functools import lru_cache
 from typing import Any
 
 from model.arm import Arm
-from model.buffered import Buffered
-from model.compiled import compiled
 from model.errors import InputError
 from model.forward import check_scheme
+from model.machine.buffered import Buffered
+from model.machine.compiled import compiled
 from model.paths import Array
 from model.scene import Scene
 from model.settle import ACCURACY, checked_scene, settle
 from model.statics import is_loaded
 from model.stiffness import stiffness
-from model.tip_slopes import tip_slopes
+from model.unloaded.tip_slopes import tip_slopes
 
 
 def tip_jacobian(

@@ -11,20 +11,20 @@ import casadi as ca
 import numpy as np
 
 from model.arm import Arm
-from model.batch import Batch
 from model.checks import finite_array
-from model.closed_form import ClosedForm, closed_statics
-from model.compiled import CompilerError, compiled
 from model.errors import InputError, NotSettledError, UnsettledSectionError
 from model.forward import SCHEMES, check_scheme, explicit_map
 from model.ladder import checked_accuracy, estimate, first_pair, next_refinement
+from model.machine.batch import Batch
+from model.machine.compiled import CompilerError, compiled
 from model.paths import Array
-from model.pulls import PullPolynomials
 from model.rotations import matrices
 from model.scene import Scene
 from model.settle import ACCURACY, checked_scene, settle
 from model.statics import is_loaded
-from model.stretch import LEAST_STRETCH, check_stretch
+from model.unloaded.closed_form import ClosedForm, closed_statics
+from model.unloaded.pulls import PullPolynomials
+from model.unloaded.stretch import LEAST_STRETCH, check_stretch
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,15 +12,15 @@ from model.arm import Arm
 from model.checks import kind
 from model.errors import InputError, NotSettledError, SnapError, UnsettledSectionError
 from model.forward import SCHEMES, check_scheme, forward_map, machine_map
+from model.integrators.magnus import Magnus
 from model.ladder import checked_accuracy, estimate, first_pair, next_refinement
-from model.loads import check_loads
-from model.magnus import Magnus
+from model.loaded.loads import check_loads
 from model.paths import Array
 from model.patience import check_time
 from model.scene import Scene
 from model.shape import Shape
 from model.statics import is_loaded
-from model.stretch import check_sections, check_stretch
+from model.unloaded.stretch import check_sections, check_stretch
 
 LOG = logging.getLogger(__name__)
 ACCURACY = 1e-6

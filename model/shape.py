@@ -10,14 +10,14 @@ import numpy as np
 
 from model.arm import Arm
 from model.checks import finite_array
-from model.closed_form import nodes_of
 from model.errors import InputError
 from model.forward import ForwardMap, forward_map
-from model.magnus import MAGNUS6
+from model.integrators.magnus import MAGNUS6
 from model.paths import Array
+from model.response.tendon_lengths import tendon_lengths
 from model.rotations import matrices
 from model.scene import Scene
-from model.tendon_lengths import tendon_lengths
+from model.unloaded.closed_form import nodes_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +85,7 @@ class Shape:
     def tendon_lengths(self) -> Array:
         """Length of each tendon from base to anchorage (n_tendons,) [m], tendon order.
 
-        The integral of ``|du_c/ds|`` by Gauss quadrature on the mesh; see model.tendon_lengths.
+        The integral of ``|du_c/ds|`` by Gauss quadrature on the mesh; see response.tendon_lengths.
         """
         mesh = self._map.mesh
         s = nodes_of(MAGNUS6, mesh.s[:-1], mesh.s[1:])

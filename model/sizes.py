@@ -9,8 +9,8 @@ import casadi as ca
 from model.arm import Arm
 from model.forward import explicit_map, loaded_map, schemes_of
 from model.scene import Scene
-from model.shooting import Shooting
 from model.statics import is_loaded
+from model.unloaded.shooting import Shooting
 
 
 @dataclass(frozen=True)

@@ -8,16 +8,16 @@ from typing import Any, Literal
 
 import numpy as np
 
-from model.answers import compliance_of, slopes_of
 from model.arm import Arm
 from model.checks import finite_array, kind, positive, within
 from model.effects import PrintedStatics
 from model.errors import InputError, SingularError
-from model.legendre import is_definite
-from model.loads import check_loads
+from model.loaded.loads import check_loads
 from model.paths import Array
+from model.response.answers import compliance_of, slopes_of
+from model.response.legendre import is_definite
+from model.response.section_stiffness import section_stiffness
 from model.scene import Scene
-from model.section_stiffness import section_stiffness
 from model.settle import ACCURACY, settle
 from model.shape import Shape
 
@@ -85,7 +85,7 @@ class Stiffness:
     def stable(self) -> bool:
         """Whether the shape is at a minimum of its energy under tensions that are held.
 
-        As a whole, by Jacobi's criterion, and section by section; see model.legendre.
+        As a whole, by Jacobi's criterion, and section by section; see model.response.legendre.
         """
         return self.jacobi and is_definite(self.shape)
 

@@ -1,16 +1,16 @@
 """Planning: targets, the nonlinear program, and plans that are checked."""
 
 from model.stiffness import stiffness
+from planner.c_code.export import export
 from planner.certificate import Certificate
-from planner.export import export
-from planner.limits import Limits
 from planner.many import plan_many
 from planner.plan import Plan, plan
 from planner.plan_files import load_plan
-from planner.problem import Problem, build
+from planner.program.limits import Limits
+from planner.program.problem import Problem, build
+from planner.program.statement import Statement
 from planner.records.shape import save_shape
-from planner.search import Start
-from planner.statement import Statement
+from planner.solve.search import Start
 from planner.sweeps.sweep import sweep
 
 __all__ = [

@@ -15,9 +15,9 @@ from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
 from model.stiffness import stiffness
-from planner.limits import Limits
+from planner.program.limits import Limits
+from planner.program.terms import looks_of, stations_of, term_names, terms_function, ways_function
 from planner.targets.base import Target
-from planner.terms import looks_of, stations_of, term_names, terms_function, ways_function
 
 # How accurate the check is, at the least two digits more than what it has to judge.
 CHECK_ACCURACY, _SHARPER = 1e-10, 1e-2

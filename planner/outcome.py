@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from planner.certificate import Certificate
-from planner.statement import Mode
+from planner.program.statement import Mode
 from planner.targets.base import OVER_WANTED
 
 

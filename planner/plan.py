@@ -14,24 +14,24 @@ from model.arm import Arm
 from model.checks import kind, not_negative, positive
 from model.errors import InputError, OctoplanError
 from model.ladder import checked_accuracy
-from model.loads import check_loads
+from model.loaded.loads import check_loads
 from model.paths import Array
 from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
 from model.statics import is_loaded
 from planner.certificate import Certificate, certify
-from planner.effort import check_norm, effort
 from planner.files import to_json, write_named
-from planner.follow import Known, follow
-from planner.limits import Limits
 from planner.outcome import Facts, sentence
-from planner.polish import optimality
-from planner.problem import Problem, build
+from planner.program.effort import check_norm, effort
+from planner.program.limits import Limits
+from planner.program.problem import Problem, build
+from planner.program.statement import Form, Mode, Statement
 from planner.question import check_looks, check_targets, checked_form
 from planner.records.plan import plan_record
-from planner.search import Found, Search, Start, allowed
-from planner.statement import Form, Mode, Statement
+from planner.solve.follow import Known, follow
+from planner.solve.polish import optimality
+from planner.solve.search import Found, Search, Start, allowed
 from planner.targets.base import Target
 
 
@@ -163,8 +163,8 @@ class Plan:
         return write_named(path, ".json", to_json(plan_record(self)))
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw the arm in 3-D with its tendons, tensions and target; see planner.plot."""
-        from planner.plot import plot_plan
+        """Draw the arm in 3-D with its tendons, tensions and target; see planner.plots.plan."""
+        from planner.plots.plan import plot_plan
 
         return plot_plan(self, ax)
 

@@ -12,15 +12,15 @@ from model import Arm, InputError, Scene
 from model.errors import FileError
 from model.forward import check_scheme
 from model.ladder import FINEST, checked_accuracy
-from model.loads import check_loads
+from model.loaded.loads import check_loads
 from model.statics import is_loaded
-from planner.limits import Limits
 from planner.plan import Plan
+from planner.program.limits import Limits
 from planner.question import check_targets, checked_form
 from planner.records.plan import AnswerRecord, PlanRecord, StartRecord
 from planner.records.values import Number, value
 from planner.scenes.mistakes import mistake, shown
-from planner.search import Start
+from planner.solve.search import Start
 
 R = TypeVar("R")
 

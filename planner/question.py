@@ -11,10 +11,10 @@ from model.effects import PrintedStatics
 from model.errors import InputError
 from model.paths import Array
 from model.scene import Scene
-from planner.limits import Limits
-from planner.statement import FORMS, Form
+from planner.program.limits import Limits
+from planner.program.statement import FORMS, Form
+from planner.program.terms import looks_of
 from planner.targets.base import Target
-from planner.terms import looks_of
 
 
 def check_looks(targets: tuple[Target, ...], scene: Scene, limits: Limits) -> None:

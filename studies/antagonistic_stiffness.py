@@ -39,7 +39,7 @@ from model.effects import ExactTendons, Extension, NeoHookean
 from model.paths import Array
 from model.stiffness import HOLDS
 from planner import Plan, plan, stiffness
-from planner.plot_stiffness import plot_ellipsoids
+from planner.plots.stiffness import plot_ellipsoids
 from planner.targets import Bend, BendingPlane, Fetch, MinimumStiffness, Target, TipPosition
 
 REFERENCE = Path(__file__).parents[1] / "tests" / "data" / "fem_reference.json"

@@ -29,7 +29,7 @@ from matplotlib.figure import Figure
 from model import Arm, Scene, Shape, settle
 from model.effects import Extension
 from planner import Plan, plan
-from planner.plot import plot_shape
+from planner.plots.plan import plot_shape
 from planner.targets import Bend, Fetch, FetchReach
 
 SCENE = Scene(Extension())

@@ -38,7 +38,7 @@ from model.forward import schemes_of
 from model.paths import Array
 from model.statics import is_loaded
 from planner import Limits, Plan, Statement, plan
-from planner.search import Search
+from planner.solve.search import Search
 from planner.targets import Target
 from studies.reachable import ARM, MAXIMUM, READ, SCENES, draw, off
 

@@ -14,8 +14,8 @@ from model import Arm, OctoplanError, settle
 from model.forward import explicit_map, schemes_of
 from model.paths import Array
 from planner import Limits, Plan, Statement, plan
-from planner.ipopt import solve
-from planner.problem import TRACES, build
+from planner.program.problem import TRACES, build
+from planner.solve.ipopt import solve
 from planner.targets import TipPosition
 from studies import draws
 from studies.baselines import ScipyArm

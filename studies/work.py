@@ -11,7 +11,7 @@ import numpy as np
 
 from model import OctoplanError
 from model.paths import Array
-from planner.plot_work import Curve
+from planner.plots.work import Curve
 from studies.timing import calls_for, seconds
 
 Tip = Callable[[Array], Any]

@@ -13,7 +13,7 @@ from model import Arm, OctoplanError, Scene, settle
 from model.effects import ExactTendons, Extension
 from model.paths import Array
 from planner import plan
-from planner.plot_work import Curve
+from planner.plots.work import Curve
 from planner.targets import TipPosition
 from studies import draws
 from studies.baselines import ScipyArm

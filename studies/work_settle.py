@@ -12,12 +12,12 @@ import numpy as np
 from model import Arm, Scene, settle, tip_jacobian
 from model.effects import ExactTendons, Extension
 from model.forward import SCHEMES, ForwardMap, forward_map, schemes_of
+from model.integrators.magnus import Magnus
+from model.integrators.runge_kutta import RungeKutta
 from model.ladder import REFINEMENTS
-from model.magnus import Magnus
 from model.paths import Array
-from model.runge_kutta import RungeKutta
 from model.statics import is_loaded
-from model.tip_slopes import tip_slopes
+from model.unloaded.tip_slopes import tip_slopes
 from studies import draws
 from studies.baseline_gvs import settler
 from studies.baseline_loads import ScipyLoadedArm

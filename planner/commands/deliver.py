@@ -22,7 +22,7 @@ def deliver(answer: Answer, args: argparse.Namespace) -> None:
 
 def _write(folder: Path, answer: Answer, kind: str) -> None:
     """Write data and figure into a folder, each whole or not at all."""
-    from planner.plot import save
+    from planner.plots.plan import save
 
     try:
         folder.mkdir(parents=True, exist_ok=True)

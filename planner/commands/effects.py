@@ -32,7 +32,7 @@ def run(args: argparse.Namespace) -> Answer:
 
 
 def _draw(switches: tuple[Switch, ...], accuracy: float) -> Any:
-    from planner.plot_effects import plot_effects
+    from planner.plots.effects import plot_effects
 
     return plot_effects(switches, accuracy)
 

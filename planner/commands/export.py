@@ -6,9 +6,9 @@ import argparse
 import re
 from pathlib import Path
 
-from planner.c_code import PRECISIONS
+from planner.c_code.export import Exported, export
+from planner.c_code.source import PRECISIONS
 from planner.commands.command import OK, Answer, Command, accuracy, tensions_of
-from planner.export import Exported, export
 from planner.records.export import export_record
 from planner.scenefile import load
 

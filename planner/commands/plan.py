@@ -51,7 +51,7 @@ def _csv(found: Plan) -> bytes:
 
 
 def _draw(found: Plan) -> Any:
-    from planner.plot import plot_plan
+    from planner.plots.plan import plot_plan
 
     return plot_plan(found)
 

@@ -33,7 +33,7 @@ def run(args: argparse.Namespace) -> Answer:
 
 
 def _draw(shape: Shape) -> Any:
-    from planner.plot import plot_shape
+    from planner.plots.plan import plot_shape
 
     return plot_shape(shape)
 

@@ -29,7 +29,7 @@ def run(args: argparse.Namespace) -> Answer:
 
 def _draw(k: Stiffness) -> Any:
     """Draw the ellipsoid of a force, a power of ten, that moves the point by up to L / 5."""
-    from planner.plot_stiffness import plot_ellipsoids
+    from planner.plots.stiffness import plot_ellipsoids
 
     most = 0.2 * k.shape.arm.length / float(k.ellipsoid()[0][0])
     return plot_ellipsoids([k], 10.0 ** math.floor(math.log10(most)))

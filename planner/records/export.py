@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-from planner.export import Exported
+from planner.c_code.export import Exported
 from planner.files import versions
 
 

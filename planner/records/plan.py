@@ -11,8 +11,8 @@ from msgspec import Meta
 
 from model.errors import OctoplanError
 from planner.files import versions
+from planner.program.statement import Statement
 from planner.records.values import Number, number, plain
-from planner.statement import Statement
 
 
 class LimitsRecord(msgspec.Struct, kw_only=True):

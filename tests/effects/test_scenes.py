@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from model import Arm, InputError, OctoplanError, Scene, settle
-from model.closed_form import closed_statics, strain_function
 from model.effects import ExactTendons, Extension, NeoHookean, PrintedStatics
+from model.unloaded.closed_form import closed_statics, strain_function
 from planner import plan
 from planner.targets import BendingPlane, TipPosition
 from tests.effects.cases import EXACT, SILICONE, SWOLLEN

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from model import Arm, NotSettledError, Scene, settle
-from model.adaptive import CVODES, ERK, Adaptive
 from model.effects import ExactTendons, Extension
 from model.forward import forward_map, schemes_of
+from model.integrators.adaptive import CVODES, ERK, Adaptive
 from tests.model.cases import MOST, arm_of, mild_tensions, paper_tensions, random_rod
 from tests.oracles import Array
 

@@ -12,14 +12,14 @@ import pytest
 
 from model import Anchorage, Arm, Linear, Scene, conical, settle_many
 from model.arm import Material
-from model.batch import Batch
-from model.buffered import Buffered
-from model.closed_form import ClosedForm, closed_statics, sections
 from model.effects import ExactTendons, Extension
 from model.forward import explicit_map
 from model.ladder import REFINEMENTS, first_pair, next_refinement
-from model.program import OPERATIONS, Program
-from model.pulls import PullPolynomials
+from model.machine.batch import Batch
+from model.machine.buffered import Buffered
+from model.machine.program import OPERATIONS, Program
+from model.unloaded.closed_form import ClosedForm, closed_statics, sections
+from model.unloaded.pulls import PullPolynomials
 from tests.model.cases import paper_tensions
 from tests.oracles import Array
 

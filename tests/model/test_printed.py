@@ -13,7 +13,7 @@ from model.effects import Extension, PrintedStatics
 from model.statics import Statics, statics_of
 from model.statics.sums import tendon_sums
 from model.stations import stations
-from model.strain_equations import jump_function
+from model.unloaded.strain_equations import jump_function
 from tests.model.cases import paper_tensions
 from tests.oracles import (
     Array,

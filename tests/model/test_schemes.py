@@ -11,7 +11,7 @@ import pytest
 from model import Arm, InputError, Scene, settle
 from model.effects import Extension, Weight
 from model.forward import check_scheme, explicit_map, schemes_of
-from model.runge_kutta import RungeKutta
+from model.integrators.runge_kutta import RungeKutta
 from tests.effects.cases import RODS, fem_arm, fem_cases, name_of
 from tests.model.cases import arm_of, mild_tensions, paper_tensions, random_rod
 from tests.oracles import Array, poses

@@ -8,9 +8,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from model import Arm, Scene
+from model.integrators.runge_kutta import RK6
 from model.mesh import graded
-from model.runge_kutta import RK6
-from model.strain_ode import StrainSegments
+from model.unloaded.strain_ode import StrainSegments
 from tests.oracles import (
     Array,
     Rod,

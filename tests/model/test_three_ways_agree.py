@@ -11,10 +11,10 @@ import pytest
 from model import Arm, Scene
 from model.effects import Extension
 from model.forward import SCHEMES, schemes_of
-from model.magnus import Magnus
+from model.integrators.magnus import Magnus
 from model.mesh import graded
-from model.shooting import Shooting
-from model.strain_ode import StrainOde, StrainSegments
+from model.unloaded.shooting import Shooting
+from model.unloaded.strain_ode import StrainOde, StrainSegments
 from tests.model.cases import paper_tensions
 from tests.oracles import Array, Rod, balance, paper_rod, poses, strain
 

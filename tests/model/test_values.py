@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from model import Anchorage, Arm, Linear, Material, Sampled, Scene, settle, settle_many
-from model.closed_form import closed_statics, strain_function
 from model.effects import Extension, PrintedStatics
 from model.statics import statics_of
+from model.unloaded.closed_form import closed_statics, strain_function
 from tests.model.cases import paper_tensions
 
 SCENES = {"bare": Scene(), "extension": Scene(Extension()), "as_printed": Scene.as_printed()}

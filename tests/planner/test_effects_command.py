@@ -13,7 +13,7 @@ from model.effects import Buoyancy, Extension, Weight
 from model.sizes import Sizes
 from model.switching import Switch
 from planner.cli import main
-from planner.plot_effects import plot_effects
+from planner.plots.effects import plot_effects
 from planner.scenefile import read
 
 SCENES = Path(__file__).parents[2] / "studies" / "scenes"

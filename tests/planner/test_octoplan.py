@@ -176,7 +176,7 @@ def test_an_interrupt_ends_it_quietly_in_the_midst_of_the_solver() -> None:
     first = process.stderr.readline()
     process.send_signal(signal.SIGINT)
     shown, told = process.communicate()
-    assert first.startswith("planner.ipopt: ")
+    assert first.startswith("planner.solve.ipopt: ")
     assert process.returncode == 130
     assert shown == ""
     assert "Traceback" not in told

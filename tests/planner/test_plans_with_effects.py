@@ -23,7 +23,7 @@ from model.effects import (
     Weight,
 )
 from planner import Limits, Plan, Statement, build, plan
-from planner.derivatives import plain
+from planner.program.derivatives import plain
 from planner.targets import Backbone, BendingPlane, Fetch, TipPose, TipPosition
 from tests.planner.cases import Array, barrel_arm, bend_and_plane, moderate
 

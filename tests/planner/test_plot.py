@@ -14,10 +14,10 @@ from matplotlib.figure import Figure
 
 from model import Arm, InputError, Shape, settle
 from planner import Plan, plan
-from planner.limits import Limits
-from planner.plot import plot_plan, plot_shape, plot_strains, save
-from planner.plot_arm import draw_arm
-from planner.plot_strains import broken_strains
+from planner.plots.arm import draw_arm
+from planner.plots.plan import plot_plan, plot_shape, plot_strains, save
+from planner.plots.strains import broken_strains
+from planner.program.limits import Limits
 from planner.targets import Backbone, BendingPlane, Fetch, Target, TipPose, TipPosition
 from tests.planner.cases import PAPER, barrel_arm, figure_15
 

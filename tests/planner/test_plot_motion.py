@@ -13,7 +13,7 @@ from PIL import Image, ImageChops
 from model import Arm, InputError, Scene
 from model.effects import Extension
 from planner import Plan, plan_many
-from planner.plot_motion import plot_motion, save_motion
+from planner.plots.motion import plot_motion, save_motion
 from planner.targets import BendingPlane
 
 

@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 
 from model import Anchorage, Arm, Linear, Scene, SnapError, settle
 from model.effects import ExactTendons, Extension, NeoHookean, TipLoad
-from model.stability import critical_share
+from model.response.stability import critical_share
 from planner import stiffness
 from tests.effects.bars import NO_PULL, Bar
 from tests.stiffness.cases import STATICS, Array, pulling, scaled

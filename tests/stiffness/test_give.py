@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from model import Arm, Scene
-from model.compliance import closed_compliance
 from model.effects import Current, Effect, Extension, Friction, Shear, TipLoad
-from model.give import closed_give
-from model.magnus import MAGNUS6
+from model.integrators.magnus import MAGNUS6
+from model.response.compliance import closed_compliance
+from model.response.give import closed_give
 from planner import Limits, Statement, build, stiffness
-from planner.gives import tip_give
+from planner.program.gives import tip_give
 from planner.targets import MinimumStiffness, Softest, Stiffest, Target, TipPosition
 from planner.targets.base import Look
 from tests.stiffness.cases import IN_WATER, STATICS, Array, gap, pulling, with_effects

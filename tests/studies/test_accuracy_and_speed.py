@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from model import Arm, InputError, Scene, settle
 from model.effects import Buoyancy, Extension, TipLoad, Weight
-from planner.plot_work import Curve, plot_work
+from planner.plots.work import Curve, plot_work
 from studies import accuracy_cost, draws, knob, speed
 from studies.baseline_loads import ScipyLoadedArm
 from studies.baselines import ScipyArm

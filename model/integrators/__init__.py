@@ -1,0 +1,1 @@
+"""The schemes that carry strains and poses along the arm, a file for each kind."""

@@ -1,0 +1,1 @@
+"""Arms under loads: a boundary value problem by multiple shooting from tip to base."""

@@ -1,0 +1,1 @@
+"""How a settled shape answers to forces, moments and tensions, and whether it is stable."""

@@ -1,0 +1,65 @@
+"""How much more of its loads an arm bears."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from model.arm import Arm
+from model.checks import positive
+from model.errors import InputError
+from model.forward import loaded_map
+from model.loaded.loads import check_loads
+from model.scene import Scene
+from model.statics import is_loaded
+
+_REFINEMENT, _FINEST = 4, 32
+
+
+@dataclass(frozen=True)
+class Critical:
+    """Where the branch of equilibria that begins at the unloaded arm ends or loses its stability.
+
+    Attributes
+    ----------
+    share : float
+        Of the scene's loads: above 1 the arm bears them and more.
+    why : str
+        What happens there; empty if nothing does up to the share that was looked at.
+    """
+
+    share: float
+    why: str
+
+
+def critical_share(
+    arm: Arm, tensions: Any, scene: Scene, most: float = 10.0, accuracy: float = 1e-4
+) -> Critical:
+    """Return how much of its loads an arm bears under tensions, by continuation in all of them.
+
+    Parameters
+    ----------
+    most : float
+        The largest share that is looked at.
+    accuracy : float
+        Relative error of the share that is accepted.
+
+    Raises
+    ------
+    InputError
+        For a scene without loads, and as settle does.
+    """
+    check_loads(arm, scene)
+    if not is_loaded(scene):
+        raise InputError("scene", [type(e).__name__ for e in scene.effects], "a scene with loads")
+    T, most = arm.flat(tensions), positive("most", most)
+    refinement, before = _REFINEMENT, Critical(np.inf, "")
+    while True:
+        forward = loaded_map(arm, scene, "rk6", refinement)
+        X = forward.without_loads(T)
+        found = Critical(*forward.equilibrium.follow(X, T, most, accuracy / 4)[1:])
+        if abs(found.share - before.share) <= accuracy * found.share or refinement >= _FINEST:
+            return found if found.share < most else Critical(found.share, "")
+        before, refinement = found, 2 * refinement

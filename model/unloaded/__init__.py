@@ -1,0 +1,1 @@
+"""Arms without loads: strains in closed form or integrated, poses, and their derivatives."""

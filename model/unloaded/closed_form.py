@@ -1,0 +1,205 @@
+"""The fast path: strains in closed form, poses by Magnus steps from the base.
+
+Data flow: tensions -> sums over tendons at the steps' nodes (polynomials carried on from section to
+section) -> strains (closed form) -> one relative pose per step (Magnus) -> poses at the nodes
+(products from the base).
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from model.arm import Arm
+from model.integrators.magnus import Magnus
+from model.machine.buffered import Buffered
+from model.machine.compiled import compiled
+from model.mesh import Mesh
+from model.paths import Array
+from model.rotations import compose, from_matrix
+from model.scene import Scene
+from model.statics import ClosedStatics, LoadedStatics, Statics, statics_of
+from model.statics.base import curvature
+from model.stations import Counts, stations
+from model.unloaded.pulls import PullPolynomials
+
+
+def base_pose(arm: Arm) -> Array:
+    """Return the clamped pose (7,) of the arm's base."""
+    return np.concatenate([from_matrix(np.array(arm.base_frame)), arm.base_position])
+
+
+def closed_statics(scene: Scene, arm: Arm) -> ClosedStatics:
+    """Return the scene's statics, which have to be in closed form."""
+    statics = statics_of(scene, arm)
+    assert isinstance(statics, ClosedStatics)
+    return statics
+
+
+@lru_cache(maxsize=64)
+def strain_function(statics: ClosedStatics) -> ca.Function:
+    """Return (pull, data) -> (tau, xi, k, q) at one cross-section."""
+    pull, data = ca.SX.sym("pull", statics.n_pull), ca.SX.sym("data", statics.n_data)
+    strain = statics.solve(pull, data)
+    full = full_strain(statics, strain, pull, data)
+    return ca.Function("strain", [pull, data], [full], {"cse": True})
+
+
+def full_strain(statics: Statics, strain: ca.SX, pull: ca.SX, data: ca.SX) -> ca.SX:
+    """Return (tau, xi, k, q) from the strains that the statics carry."""
+    q = statics.stretch(strain, pull, data)
+    return ca.vertcat(curvature(statics.names, strain), q)
+
+
+def twist(strain: ca.SX) -> ca.SX:
+    """Return (kappa, nu) per unit reference length from (tau, xi, k, q), eq. (1)."""
+    stretch = 1 + strain[3]
+    return ca.vertcat(stretch * strain[:3], stretch, 0, 0)
+
+
+@dataclass(frozen=True, eq=False)
+class Sections:
+    """What statics take from N cross-sections.
+
+    Attributes
+    ----------
+    map, map_rate : (n_pull N, n_tendons)
+        From tensions to pull, and its derivative along s.
+    data, data_rate : (n_data, N)
+        Numbers of body and tendon paths, and their derivatives along s.
+    """
+
+    map: ca.DM
+    map_rate: ca.DM
+    data: ca.DM
+    data_rate: ca.DM
+
+    def pull(self, T: ca.MX) -> ca.MX:
+        """Return pull (n_pull, N) of tensions (n_tendons,)."""
+        return ca.reshape(self.map @ T, -1, self.data.shape[1])
+
+    def pull_rate(self, T: ca.MX) -> ca.MX:
+        """Return the derivative of pull along s (n_pull, N)."""
+        return ca.reshape(self.map_rate @ T, -1, self.data.shape[1])
+
+
+def sections(arm: Arm, statics: Statics | LoadedStatics, s: Array, active: Counts) -> Sections:
+    """Return what statics take from the cross-sections at s (N,)."""
+    at = stations(arm, s, active)
+    maps = [ca.sparsify(ca.DM(m.reshape(-1, arm.n_tendons))) for m in statics.pulls(arm, at)]
+    return Sections(*maps, *(ca.DM(values) for values in statics.data(at)))
+
+
+def strains_at(arm: Arm, scene: Scene, s: Array, active: Counts, T: ca.MX) -> ca.MX:
+    """Return the strains (4, N), rows tau, xi, k, q, at stations s as an expression of tensions."""
+    statics = closed_statics(scene, arm)
+    at = sections(arm, statics, s, active)
+    return strain_function(statics).map(s.size)(at.pull(T), at.data)
+
+
+def nodes_of(scheme: Magnus, left: Array, right: Array) -> Array:
+    """Return the arc lengths (m N,) of a scheme's nodes in N steps."""
+    return np.ravel(left[:, None] + (right - left)[:, None] * np.array(scheme.nodes))
+
+
+@lru_cache(maxsize=64)
+def step_function(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
+    """Return (pull (n_pull, m), data (n_data, m), h) -> relative pose of a step (7,), 1 + q (m,).
+
+    Columns are the scheme's nodes in the step.
+    """
+    m, h = len(scheme.nodes), ca.SX.sym("h")
+    pull, data = ca.SX.sym("pull", statics.n_pull, m), ca.SX.sym("data", statics.n_data, m)
+    strains = [strain_function(statics)(pull[:, i], data[:, i]) for i in range(m)]
+    step = scheme.step([twist(strain) for strain in strains], h)
+    stretch = ca.vertcat(*(1 + strain[3] for strain in strains))
+    return ca.Function("step", [pull, data, h], [step, stretch], {"cse": True})
+
+
+@lru_cache(maxsize=64)
+def march_function(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
+    """Return (pose, pull, data, h) -> pose across a step, 1 + q; see step_function."""
+    step = step_function(statics, scheme)
+    g, *given = ca.SX.sym("g", 7), *step.sx_in()
+    relative, stretch = step(*given)
+    return ca.Function("march", [g, *given], [compose(g, relative), stretch], {"cse": True})
+
+
+class ClosedForm:
+    """The forward map of an unloaded scene with closed-form strains, on one mesh.
+
+    Attributes
+    ----------
+    function : casadi.Function
+        tensions (n_tendons,) -> poses at the mesh's nodes (7, S + 1), and 1 + q at the arc lengths
+        `stretch_at` (1, K), the scheme's nodes in the steps and both ends of each segment, which
+        `stretch_active` sections cross.
+    """
+
+    def __init__(self, arm: Arm, scene: Scene, mesh: Mesh, scheme: Magnus) -> None:
+        self.arm, self.scene, self.mesh, self.scheme = arm, scene, mesh, scheme
+        self.order, m = scheme.order, len(scheme.nodes)
+        statics = closed_statics(scene, arm)
+        ends, at_ends = mesh.segment_ends()
+        inner, at_inner = nodes_of(scheme, mesh.s[:-1], mesh.s[1:]), np.repeat(mesh.active, m)
+        self.stretch_at = np.concatenate([inner, ends])
+        self.stretch_active = np.concatenate([at_inner, at_ends])
+
+        T = ca.MX.sym("T", arm.n_tendons)
+        pull, data = pull_and_data(arm, statics, inner, at_inner, T)
+        march = march_function(statics, scheme).mapaccum(mesh.steps)
+        h = ca.DM(np.diff(mesh.s)).T
+        poses, stretch = march(base_pose(arm), pull, data, h)
+        at = strain_function(statics).map(ends.size)
+        outer = 1 + at(*pull_and_data(arm, statics, ends, at_ends, T))[3, :]
+        everywhere = ca.horzcat(ca.reshape(stretch, 1, -1), outer)
+        nodes = ca.horzcat(base_pose(arm), poses)
+        self.function = ca.Function("closed_form", [T], [ca.densify(nodes), ca.densify(everywhere)])
+        self._call = Buffered(self.function)
+
+    def compiled(self) -> ClosedForm:
+        """See ExplicitMap.compiled."""
+        other = copy(self)
+        other.function = compiled(self.function)
+        other._call = Buffered(other.function)
+        return other
+
+    def run(self, tensions: Array, near: Array | None = None) -> tuple[Array, Array]:
+        """See ForwardMap.run: poses (S + 1, 7) and 1 + q (K,)."""
+        poses, stretch = self._call(tensions)
+        lost = np.isnan(poses[:, 4])
+        if lost.any():  # without extension a section that does not settle shows in the poses only
+            stretch[self.stretch_at >= self.mesh.s[np.argmax(lost) - 1]] = np.nan
+        return poses, stretch[:, 0]
+
+    def starts(self, states: Array) -> None:
+        """See ForwardMap.starts: nothing, the map is explicit."""
+
+    def dense(self, tensions: Array, poses: Array, s: Array) -> tuple[Array, Array]:
+        """Return poses (N, 7) and strains (N, 4) at arc lengths s, a step from the nodes below."""
+        step = np.clip(np.searchsorted(self.mesh.s, s, side="left") - 1, 0, self.mesh.steps - 1)
+        active, left, m = self.mesh.active[step], self.mesh.s[step], len(self.scheme.nodes)
+        statics = closed_statics(self.scene, self.arm)
+        T = ca.MX.sym("T", self.arm.n_tendons)
+        at = sections(self.arm, statics, nodes_of(self.scheme, left, s), np.repeat(active, m))
+        march = march_function(statics, self.scheme).map(s.size)
+        pose, _ = march(ca.DM(poses[step].T), at.pull(T), at.data, ca.DM(s - left).T)
+        strain = strains_at(self.arm, self.scene, s, active, T)
+        found, strains = ca.Function("dense", [T], [pose, strain])(tensions)
+        at_node = (s == self.mesh.s[step + 1])[:, None]
+        return np.where(at_node, poses[step + 1], np.array(found).T), np.array(strains).T
+
+
+def pull_and_data(
+    arm: Arm, statics: ClosedStatics, s: Array, active: Counts, T: ca.MX
+) -> tuple[ca.MX, ca.DM]:
+    """Return pull (n_pull, N) and data (n_data, N) at arc lengths s (N,), base to tip."""
+    polynomials = PullPolynomials.of(arm, statics)
+    if polynomials is None:
+        at = sections(arm, statics, s, active)
+        return at.pull(T), at.data
+    return polynomials.pull(T, s, active), ca.DM(statics.data(stations(arm, s, active))[0])

@@ -1,0 +1,102 @@
+"""How the tip answers to the tensions, in scenes without loads.
+
+Where strains are in closed form a step's pose answers to its strains by a spatial twist, its
+strains to the pull of the tendons, the pull to the coefficients that are carried along the arm
+(model.unloaded.pulls). Steps are summed up to each anchorage before the tensions come in, so that
+the work grows with the number of tendons.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TypeVar
+
+import casadi as ca
+import numpy as np
+
+from model.arm import Arm
+from model.forward import explicit_map
+from model.integrators.magnus import Magnus
+from model.rotations import compose, small_turns
+from model.scene import Scene
+from model.statics import ClosedStatics
+from model.unloaded.closed_form import (
+    ClosedForm,
+    base_pose,
+    closed_statics,
+    nodes_of,
+    pull_and_data,
+    strain_function,
+    twist,
+)
+from model.unloaded.pose_derivatives import PoseDerivatives, adjoint_function
+from model.unloaded.pulls import TERMS, PullPolynomials
+from model.unloaded.step_twist import step_slopes
+from model.unloaded.strain_derivatives import strain_slopes
+
+S = TypeVar("S", ca.SX, ca.MX)
+
+
+@lru_cache(maxsize=64)
+def twist_step(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
+    """Return (x, pull, data, h, basis (TERMS, m)) -> x across a step.
+
+    x is the pose (7,), then the sum over steps so far of the spatial twists per unit of each
+    coefficient (6 n_pull TERMS), column by column.
+    """
+    m, n, h = len(scheme.nodes), statics.n_pull, ca.SX.sym("h")
+    x = ca.SX.sym("x", 7 + 6 * n * TERMS)
+    pull, data = ca.SX.sym("pull", n, m), ca.SX.sym("data", statics.n_data, m)
+    basis, e = ca.SX.sym("basis", TERMS, m), ca.SX.sym("e", 3 * m)
+    strains = [strain_function(statics)(pull[:, i], data[:, i])[1:] for i in range(m)]
+    pose, local = step_slopes(scheme, [twist(ca.vertcat(0, v)) for v in ca.vertsplit(e, 3)], h, e)
+    seen = adjoint_function()(x[:7]) @ local
+    parts = []
+    for i in range(m):
+        slopes = strain_slopes(statics)(strains[i], pull[:, i], data[:, i])
+        parts.append(seen[:, 3 * i : 3 * i + 3] @ slopes)
+    grown = [sum((basis[t, i] * parts[i] for i in range(m)), ca.SX(6, n)) for t in range(TERMS)]
+    after = ca.vertcat(compose(x[:7], pose), x[7:] + ca.vec(ca.horzcat(*grown)))
+    after = ca.substitute([after], [e], [ca.vertcat(*strains)])[0]
+    return ca.Function("step", [x, pull, data, h, basis], [after], {"cse": True})
+
+
+@lru_cache(maxsize=64)
+def tip_slopes(arm: Arm, scene: Scene, scheme: str, refinement: int) -> ca.Function:
+    """Return tensions (n,) -> displacement [m/N] and turn [rad/N] of the tip (6, n)."""
+    forward = explicit_map(arm, scene, scheme, refinement)
+    T = ca.MX.sym("T", arm.n_tendons)
+    if isinstance(forward, ClosedForm):
+        found = shifts_and_turns(*_twists(forward, T))
+    else:
+        pose = forward.function(T)[0][:, -1]
+        slopes = ca.jacobian(pose, T)
+        found = ca.vertcat(slopes[4:, :], small_turns()(pose[:4]) @ slopes[:4, :])
+    return ca.Function("tip_slopes", [T], [ca.densify(found)])
+
+
+def shifts_and_turns(pose: S, twists: S) -> S:
+    """Return displacements and turns (6, n) at a pose (7,) from spatial twists (6, n)."""
+    turns = twists[:3, :]
+    return ca.vertcat(twists[3:, :] - ca.skew(pose[4:]) @ turns, turns)
+
+
+def _twists(forward: ClosedForm, T: ca.MX) -> tuple[ca.MX, ca.MX]:
+    """Return the pose of the tip, and its spatial twists (6, n) per newton."""
+    arm, mesh, scheme = forward.arm, forward.mesh, forward.scheme
+    statics = closed_statics(forward.scene, arm)
+    polynomials = PullPolynomials.of(arm, statics)
+    if polynomials is None:
+        of = PoseDerivatives(arm, forward.scene, mesh, scheme, (arm.length,))
+        pose, twists = of.first(T)
+        return pose, twists
+    s = nodes_of(scheme, mesh.s[:-1], mesh.s[1:])
+    pull, data = pull_and_data(arm, statics, s, np.repeat(mesh.active, len(scheme.nodes)), T)
+    start = ca.vertcat(base_pose(arm), ca.DM.zeros(6 * statics.n_pull * TERMS))
+    across = twist_step(statics, scheme).mapaccum(mesh.steps)
+    x = across(start, pull, data, ca.DM(np.diff(mesh.s)).T, ca.DM(polynomials.basis(s)))
+    columns = []
+    for i, own in enumerate(polynomials.own):
+        last = int(np.flatnonzero(mesh.active > i)[-1])
+        columns.append(ca.reshape(x[7:, last], 6, -1) @ ca.DM(own))
+    return x[:7, -1], ca.horzcat(*columns)

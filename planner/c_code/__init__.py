@@ -1,0 +1,1 @@
+"""A scene's forward map as C for machines without Python, CasADi or a heap."""

@@ -1,0 +1,125 @@
+"""Export of a scene's forward map as C: for machines without Python, CasADi or a heap."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from model.arm import Arm
+from model.errors import InputError
+from model.ladder import checked_accuracy
+from model.scene import Scene
+from model.settle import ACCURACY, checked_scene, settle
+from model.shape import Shape
+from model.statics import is_loaded
+from planner.c_code.source import PRECISIONS, Precision
+from planner.c_code.values import BYTES, c_source, c_values
+from planner.files import write_together
+
+_TEMPLATES = {
+    "@NAME@.h": "map.h",
+    "test_vector.h": "test_vector.h",
+    "main.c": "main.c",
+    "Makefile": "Makefile",
+}
+_NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)
+_FINEST_FLOAT = 1e-6
+_TAKEN = ("main", "test_vector", "casadi")
+
+
+@dataclass(frozen=True)
+class Exported:
+    """What was written.
+
+    Attributes
+    ----------
+    files : tuple of Path
+    shape : Shape
+        That of the test vector, whose mesh is the map's.
+    static_bytes : int
+        Of the work arrays.
+    """
+
+    files: tuple[Path, ...]
+    shape: Shape
+    static_bytes: int
+
+
+def export(
+    arm: Arm,
+    scene: Scene | None,
+    to: str | Path,
+    tensions: Any,
+    accuracy: float = ACCURACY,
+    precision: Precision = "double",
+    name: str = "arm",
+) -> Exported:
+    """Write the map from tensions to the arm's shape, and the tip's Jacobian, as C99.
+
+    Into the folder `to` go NAME.h and NAME.c, a test vector with a main.c that checks it, and a
+    Makefile: all of them, or on failure none.
+
+    Parameters
+    ----------
+    tensions : (n_sections, n) or (n_tendons,)
+        [N], tip section first: those that bend the arm most. The mesh is the one that settles them
+        to the accuracy, and they are the test vector.
+    accuracy : float
+        Tip error over arm length that is accepted, from 1e-12 (in single precision 1e-6) to 0.1.
+    precision : "double" or "float"
+        Of all numbers in C. The functions agree with `settle` and `tip_jacobian` to 1e-12 in double
+        and to 1e-5 in single precision: positions over the arm's length, slopes over the largest.
+    name : str
+        Of the files, and what the names in them begin with.
+
+    Raises
+    ------
+    InputError
+        For a scene with loads, which has no explicit map; for what settle refuses; for a precision,
+        a name or a folder that is not allowed.
+    CollapsedError, NotSettledError
+        As settle does, at the tensions given.
+    """
+    scene = _checked(arm, scene, precision, name)
+    if precision == "float" and checked_accuracy(accuracy) < _FINEST_FLOAT:
+        allowed = f"{_FINEST_FLOAT:g} or above in single precision, which rounds about as much"
+        raise InputError("accuracy", accuracy, allowed)
+    shape = settle(arm, tensions, scene, accuracy)
+    source = c_source(shape, precision)
+    values = c_values(shape, source, precision, name)
+    templates = files("planner.c_code").joinpath("files")
+    texts = {
+        _filled(file, values): _filled(templates.joinpath(template).read_text("utf-8"), values)
+        for file, template in {**_TEMPLATES, "@NAME@.c": source.template}.items()
+    }
+    folder = Path(to)
+    try:
+        write_together(folder, {file: text.encode() for file, text in texts.items()})
+    except OSError as reason:
+        raise InputError("to", str(to), f"a folder to write to: {reason.strerror}") from None
+    written = tuple(folder / file for file in texts)
+    return Exported(written, shape, BYTES[precision] * source.numbers)
+
+
+def _checked(arm: Arm, scene: Scene | None, precision: Any, name: Any) -> Scene:
+    scene = checked_scene(arm, scene)
+    if is_loaded(scene):
+        raise InputError(
+            "scene",
+            scene,
+            "a scene without loads, shear and friction: with them the shape is solved for, there "
+            "is no explicit map to export",
+        )
+    if precision not in PRECISIONS:
+        raise InputError("precision", precision, " or ".join(PRECISIONS))
+    if not isinstance(name, str) or not _NAME.fullmatch(name) or name.lower() in _TAKEN:
+        allowed = f"letters, digits and _, a letter first, other than {', '.join(_TAKEN)}"
+        raise InputError("name", name, allowed)
+    return scene
+
+
+def _filled(text: str, values: dict[str, str]) -> str:
+    return re.sub("@([A-Z_]+)@", lambda place: values[place[1]], text)

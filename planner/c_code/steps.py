@@ -1,0 +1,126 @@
+"""A map in closed form as a loop in C: functions of one step, and tables of the steps' numbers.
+
+Work arrays hold one step, however fine the mesh is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+
+from model.forward import explicit_map
+from model.paths import Array
+from model.shape import Shape
+from model.statics import ClosedStatics
+from model.statics.exact import Exact
+from model.stations import stations
+from model.unloaded.closed_form import (
+    ClosedForm,
+    base_pose,
+    closed_statics,
+    march_function,
+    nodes_of,
+    strain_function,
+)
+from model.unloaded.pulls import TERMS, PullPolynomials
+from model.unloaded.tip_slopes import shifts_and_turns, twist_step
+from planner.c_code.source import CSource, Precision, frame_function, numbers, whole_numbers
+
+# Steps of Newton's method end in rounding at about 1e-6; they shrink by squares before.
+_SETTLED_FLOAT = 1e-4
+
+
+def steps_source(shape: Shape, precision: Precision) -> CSource | None:
+    """Return the map of a shape's mesh, None where pull is not a polynomial of arc length."""
+    arm, scene = shape.arm, shape.scene
+    forward = explicit_map(arm, scene, shape.scheme, shape.refinement)
+    if not isinstance(forward, ClosedForm):
+        return None
+    statics = _statics(forward, precision)
+    polynomials = PullPolynomials.of(arm, statics)
+    if polynomials is None:
+        return None
+    tables = _tables(forward, statics, polynomials)
+    places = {
+        **_sizes(forward, statics),
+        **{name: numbers(table, precision) for name, table in tables.items()},
+        "CROSSING": whole_numbers([*forward.mesh.active, 0]),
+        "END_CROSSING": whole_numbers(forward.mesh.segment_ends()[1]),
+    }
+    rows, n = len(arm.sections), TERMS * statics.n_pull
+    coefficients, states, sums = (rows + 1) * n, 2 * (7 + 6 * n), rows * 6 * n
+    functions = _functions(forward, statics, polynomials)
+    return CSource("steps.c", functions, places, coefficients + states + sums)
+
+
+def _statics(forward: ClosedForm, precision: Precision) -> ClosedStatics:
+    """Return the scene's statics, content with what Newton's method reaches in this precision."""
+    statics = closed_statics(forward.scene, forward.arm)
+    if precision == "float" and isinstance(statics, Exact):
+        return replace(statics, settled=_SETTLED_FLOAT)
+    return statics
+
+
+def _sizes(forward: ClosedForm, statics: ClosedStatics) -> dict[str, str]:
+    m = len(forward.scheme.nodes)
+    sizes = {
+        "SEGMENTS": forward.mesh.segment_ends()[1].size // 2,
+        "SECTIONS": len(forward.arm.sections),
+        "POINTS": m,
+        "COEFFICIENTS": TERMS * statics.n_pull,
+        "BASIS_SIZE": TERMS * m,
+        "BODY_SIZE": statics.n_data * m,
+    }
+    return {name: str(size) for name, size in sizes.items()}
+
+
+def _functions(
+    forward: ClosedForm, statics: ClosedStatics, polynomials: PullPolynomials
+) -> tuple[ca.Function, ...]:
+    """Return what the loop calls; pull is given by coefficients (n_pull TERMS,) and a basis."""
+    arm, scheme, m = forward.arm, forward.scheme, len(forward.scheme.nodes)
+    T, c = ca.MX.sym("T", arm.n_tendons), ca.SX.sym("c", statics.n_pull * TERMS)
+    basis, data = ca.SX.sym("basis", TERMS, m), ca.SX.sym("data", statics.n_data, m)
+    h, g, x = ca.SX.sym("h"), ca.SX.sym("g", 7), ca.SX.sym("x", 7 + 6 * statics.n_pull * TERMS)
+    coefficients = ca.reshape(c, statics.n_pull, TERMS)
+    pull, cse = coefficients @ basis, {"cse": True}
+    carried = [ca.vec(ca.densify(column)) for column in polynomials.carried(T)]
+    pose, stretch = march_function(statics, scheme)(g, pull, data, h)
+    end = 1 + strain_function(statics)(pull[:, 0], data[:, 0])[3]
+    twists = twist_step(statics, scheme)(x, pull, data, h, basis)
+    return (
+        ca.Function("carried", [T], [ca.horzcat(*carried)]).expand(),
+        ca.Function("end_stretch", [c, basis[:, 0], data[:, 0]], [end]),
+        ca.Function("pose_step", [g, c, basis, data, h], [pose, stretch], cse),
+        ca.Function("placed", [g], [g[4:], frame_function()(g[:4])], cse),
+        ca.Function("twist_step", [x, c, basis, data, h], [twists], cse),
+        _rows(polynomials),
+    )
+
+
+def _rows(polynomials: PullPolynomials) -> ca.Function:
+    """Return (pose, sums up to each section's end) -> slopes of the tip, row by row."""
+    n = 6 * polynomials.own[0].shape[0]
+    pose, sums = ca.SX.sym("pose", 7), ca.SX.sym("sums", n, len(polynomials.own))
+    columns = [ca.reshape(sums[:, i], 6, -1) @ ca.DM(own) for i, own in enumerate(polynomials.own)]
+    slopes = shifts_and_turns(pose, ca.horzcat(*columns))
+    return ca.Function("tip_rows", [pose, sums], [ca.densify(slopes).T], {"cse": True})
+
+
+def _tables(
+    forward: ClosedForm, statics: ClosedStatics, polynomials: PullPolynomials
+) -> dict[str, Array]:
+    """Return the numbers of the steps and of the segments' ends, a row each."""
+    arm, mesh, scheme = forward.arm, forward.mesh, forward.scheme
+    ends, at_ends = mesh.segment_ends()
+    s, active = nodes_of(scheme, mesh.s[:-1], mesh.s[1:]), np.repeat(mesh.active, len(scheme.nodes))
+    return {
+        "BASE": base_pose(arm),
+        "LENGTHS": np.diff(mesh.s),
+        "BASIS": polynomials.basis(s).T,
+        "BODY": statics.data(stations(arm, s, active))[0].T,
+        "END_BASIS": polynomials.basis(ends).T,
+        "END_BODY": statics.data(stations(arm, ends, at_ends))[0].T,
+    }

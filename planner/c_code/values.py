@@ -1,0 +1,61 @@
+"""What fills the places in the exported files."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from model.rotations import matrices
+from model.shape import Shape
+from model.unloaded.tip_slopes import tip_slopes
+from planner.c_code.source import CSource, Precision, numbers
+from planner.c_code.steps import steps_source
+from planner.c_code.whole import whole_source
+from planner.files import versions
+
+# How well C agrees with Python: positions over the length, frames, slopes over the largest.
+TOLERANCE: dict[Precision, float] = {"double": 1e-12, "float": 1e-5}
+BYTES: dict[Precision, int] = {"double": 8, "float": 4}
+
+
+def c_source(shape: Shape, precision: Precision) -> CSource:
+    """Return what becomes NAME.c: a loop over steps where there is one."""
+    return steps_source(shape, precision) or whole_source(shape, precision)
+
+
+def c_values(shape: Shape, source: CSource, precision: Precision, name: str) -> dict[str, str]:
+    """Return what fills the places that are marked in the files, by the places' names."""
+    written_by = versions()
+    return {
+        "OCTOPLAN": written_by["octoplan"],
+        "CASADI": written_by["casadi"],
+        "NAME": name,
+        "NAME_UPPER": name.upper(),
+        "REAL": precision,
+        "LENGTH": f"{shape.arm.length:g}",
+        "SCENE": repr(shape.scene),
+        "SCHEME": shape.scheme,
+        "ERROR": f"{shape.error:.1e}",
+        "TENDONS": str(shape.arm.n_tendons),
+        "NODES": str(shape.s.size),
+        "S": numbers(shape.s, precision),
+        "NUMBERS": str(source.numbers),
+        **source.code(f"{name}.c", precision),
+        **_test_vector(shape, precision),
+    }
+
+
+def _test_vector(shape: Shape, precision: Precision) -> dict[str, str]:
+    """Return what Python finds at the shape's tensions."""
+    slopes = np.array(
+        tip_slopes(shape.arm, shape.scene, shape.scheme, shape.refinement)(shape.tensions)
+    )
+    values = {
+        "TEST_TENSION": shape.tensions,
+        "TEST_POSITION": shape.states[:, 4:7],
+        "TEST_FRAME": matrices(shape.states[:, :4]),
+        "TEST_SHIFT": slopes[:3],
+        "TEST_TURN": slopes[3:],
+        "TEST_TOLERANCE": TOLERANCE[precision],
+        "TEST_LENGTH": shape.arm.length,
+    }
+    return {place: numbers(value, precision) for place, value in values.items()}

@@ -1,0 +1,178 @@
+"""The three-dimensional panel of a figure: the body, its tendons, and what was asked of it."""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import Any
+
+import numpy as np
+from matplotlib.colors import to_rgb
+from matplotlib.ticker import MultipleLocator
+from mpl_toolkits.mplot3d.art3d import (  # type: ignore[import-untyped]
+    Line3DCollection,
+    Poly3DCollection,
+)
+from mpl_toolkits.mplot3d.proj3d import proj_transform  # type: ignore[import-untyped]
+
+from model.paths import Array
+from model.shape import Shape
+from planner.plots.strains import INK, MM, PULL, SIZE, SLACK, pull_norm, pulling
+from planner.plots.targets import draw_target
+
+_BODY, _DARK = "#d3dde7", "#6f8397"
+_LIGHT = np.array([-0.35, -0.45, 0.82])
+_AROUND = 33
+_TURN = 0.12
+_FLAT = 0.3
+_ROOM = 0.084, 0.080
+
+
+def draw_arm(shape: Shape, ax: Any, targets: tuple[Any, ...] = ()) -> Array:
+    """Draw the arm and targets in 3-D axes, in mm; return points (N, 3) [m] that show them.
+
+    The last collection added holds the pulled tendons, with their tensions [N] as colours.
+    """
+    ax.computed_zorder = False
+    fresh = not ax.has_data()
+    s = spaced(shape)
+    skin = _body(shape, ax, s)
+    goals = [draw_target(target, ax, shape) for target in targets]
+    _tendons(shape, ax, s)
+    fit(ax, np.vstack([skin, *goals]), fresh)
+    return np.vstack([shape.position(s), *goals])
+
+
+def spaced(shape: Shape) -> Array:
+    """Return arc lengths (N,) [m] from base to tip, closer together where the arm bends more."""
+    fine = np.linspace(0.0, shape.arm.length, 801)
+    strain = shape.strain(fine)
+    turning = np.linalg.norm(strain[:, :3], axis=1) * (1 + strain[:, 3]) / _TURN
+    density = 60 / shape.arm.length + turning
+    measure = np.append(0.0, np.cumsum((density[1:] + density[:-1]) / 2 * np.diff(fine)))
+    count = min(int(measure[-1]) + 2, 400)
+    return np.interp(np.linspace(0.0, measure[-1], count), measure, fine)
+
+
+def look(ax: Any, shape: Shape, points: Array) -> None:
+    """Turn 3-D axes to where points (N, 3) are seen best, and let their box fill the panel."""
+    fill(ax, *best_view(points, shape.frame(0.0)[:, 0]))
+
+
+def fill(ax: Any, elevation: float, azimuth: float) -> None:
+    """Turn 3-D axes to a view [deg], and let their box fill the panel."""
+    ax.view_init(elevation, azimuth)
+    sides = (ax.get_xlim(), ax.get_ylim(), ax.get_zlim())
+    corners = np.array(list(product(*sides)))
+    x, y, _ = proj_transform(*corners.T, ax.get_proj())
+    zoom = min(_ROOM[0] / np.abs(x).max(), _ROOM[1] / np.abs(y).max())
+    ax.set_box_aspect(np.ptp(sides, axis=1), zoom=zoom)
+
+
+def best_view(points: Array, t: Array) -> tuple[float, float]:
+    """Return the elevation and azimuth [deg] from which points (N, 3) hide each other least.
+
+    Views along an axis are left out; the usual side and the front of the base, to which t points,
+    are preferred.
+    """
+    p = points[:: max(1, len(points) // 80)]
+    size = float(np.ptp(p, axis=0).max()) or 1.0
+    azimuths = [side + off for side in (-90, 0, 90, 180) for off in (25.0, 35.0, 45.0, 55.0, 65.0)]
+
+    def crowding(view: tuple[float, float]) -> float:
+        el, az = np.radians(view)
+        side = np.array([-np.sin(az), np.cos(az), 0.0])
+        front = np.array([np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), np.sin(el)])
+        gaps = np.hypot(*(np.subtract.outer(p @ v, p @ v) for v in (side, np.cross(front, side))))
+        unusual = 1 - np.cos(az - np.radians(-60.0))
+        behind = max(0.0, -float(front @ t))
+        return float(np.mean(1 / (gaps / size + 0.03)) * (1 + 0.02 * unusual + 0.1 * behind))
+
+    elevation, azimuth = min(product((20.0, 28.0, 36.0), azimuths), key=crowding)
+    return elevation, float(azimuth)
+
+
+def _ring(shape: Shape, s: Array, radius: Array) -> Array:
+    """Return circles (N, around, 3) [m] of given radii in the cross-sections at s."""
+    phi = np.linspace(0.0, 2 * np.pi, _AROUND)
+    around = np.stack([np.zeros_like(phi), np.cos(phi), np.sin(phi)])
+    turned = np.swapaxes(shape.frame(s) @ around, 1, 2)
+    return np.asarray(shape.position(s)[:, None, :] + radius[:, None, None] * turned)
+
+
+def _body(shape: Shape, ax: Any, s: Array) -> Array:
+    arm = shape.arm
+    rings = _ring(shape, s, arm.radius.evaluate(s, arm.length)[0])
+    _skin(ax, MM * rings)
+    at = np.array([0.0, *(section.at for section in arm.sections)])
+    wider = np.where(at == 0, 1.5, 1.0)
+    discs = _ring(shape, at, wider * arm.radius.evaluate(at, arm.length)[0])
+    for zorder, some, alpha in ((1, discs[:1], 0.55), (3, discs[1:], 0.2)):
+        faces = Poly3DCollection(
+            MM * some, facecolors=(0.2, 0.24, 0.28, alpha), edgecolors=INK, lw=0.9, zorder=zorder
+        )
+        ax.add_collection3d(faces)
+    return np.vstack([rings.reshape(-1, 3), discs[0]])
+
+
+def _skin(ax: Any, rings: Array) -> None:
+    """Draw the surface through rings (N, around, 3) [mm], softly lit from above."""
+    corners = [rings[:-1, :-1], rings[1:, :-1], rings[1:, 1:], rings[:-1, 1:]]
+    quads = np.stack(corners, axis=2).reshape(-1, 4, 3)
+    normal = np.cross(quads[:, 2] - quads[:, 0], quads[:, 3] - quads[:, 1])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+    light = 0.5 - 0.5 * normal @ _LIGHT
+    colours = np.array(to_rgb(_DARK)) + light[:, None] * (np.array(to_rgb(_BODY)) - to_rgb(_DARK))
+    skin = Poly3DCollection(quads, facecolors=colours, alpha=0.55, lw=0, rasterized=True, zorder=2)
+    ax.add_collection3d(skin)
+
+
+def _tendons(shape: Shape, ax: Any, s: Array) -> None:
+    """Draw the tendons along u + y d, d = cos(phi) n + sin(phi) b: eqs. (5), (6)."""
+    paths = []
+    for i, phi in shape.arm.tendons:
+        section = shape.arm.sections[i]
+        inside = np.append(s[s < section.at], section.at)
+        y = section.offset.evaluate(inside, section.at)[0]
+        d = shape.frame(inside) @ np.array([0.0, np.cos(phi), np.sin(phi)])
+        paths.append(MM * (shape.position(inside) + y[:, None] * d))
+    pulled = pulling(shape.tensions)
+    slack = [path for path, on in zip(paths, pulled, strict=True) if not on]
+    if slack:
+        ax.add_collection3d(Line3DCollection(slack, colors=SLACK, lw=0.6, zorder=4))
+    if pulled.any():
+        tight = Line3DCollection(
+            [path for path, on in zip(paths, pulled, strict=True) if on],
+            cmap=PULL,
+            norm=pull_norm(shape.tensions),
+            lw=2.0,
+            zorder=5,
+        )
+        tight.set_array(shape.tensions[pulled])
+        ax.add_collection3d(tight)
+
+
+def fit(ax: Any, points: Array, fresh: bool) -> None:
+    """Fit equal scales to the points (N, 3) [m], and to what else the axes hold unless fresh."""
+    ax.auto_scale_xyz(*(MM * points).T, had_data=not fresh)
+    held = [ax.xy_dataLim.intervalx, ax.xy_dataLim.intervaly, ax.zz_dataLim.intervalx]
+    low, high = np.array(held).T
+    size = np.maximum(high - low, _FLAT * (high - low).max()) * 1.06
+    middle = (low + high) / 2
+    step = _round_step(float(size.max()) / 6)
+    for name, c, width in zip("xyz", middle, size, strict=True):
+        getattr(ax, f"set_{name}lim")(c - width / 2, c + width / 2)
+        axis = getattr(ax, f"{name}axis")
+        axis.set_major_locator(MultipleLocator(step))
+        axis.set_pane_color((0.97, 0.975, 0.98, 1.0))
+        # Matplotlib offsets labels in proportion to the other two sides of the box.
+        others = (size.sum() - width) / 2 / np.linalg.norm(size)
+        getattr(ax, f"set_{name}label")(f"{name} [mm]", fontsize=SIZE, labelpad=14.4 / others - 21)
+        ax.tick_params(axis=name, labelsize=SIZE - 1, pad=5.6 / others - 8)
+    ax.zaxis.set_rotate_label(False)
+    ax.zaxis.label.set_rotation(90)
+    ax.set_box_aspect(size)
+
+
+def _round_step(step: float) -> float:
+    power = 10.0 ** np.floor(np.log10(step))
+    return float(power * min((m for m in (1, 2, 2.5, 5) if m * power >= step), default=10))

@@ -1,0 +1,161 @@
+"""The arm on its way from rest through plans, as an animation."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from matplotlib.animation import FuncAnimation
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+
+from model.arm import Arm
+from model.checks import within
+from model.errors import InputError
+from model.paths import Array
+from model.scene import Scene
+from model.settle import settle
+from model.shape import Shape
+from planner.plots.arm import best_view, draw_arm, fill, fit
+from planner.plots.plan import DPI, Planned
+from planner.plots.strains import PULL, SIZE, pull_norm, pulling
+
+# Of the tip over arm length: less than what is seen.
+_SEEN = 1e-4
+
+
+class Moved(Planned, Protocol):
+    """What is shown of a plan on the way; see planner.Plan."""
+
+    @property
+    def scene(self) -> Scene:
+        """Return the effects."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """A frame: the shape, and the plan that it is on the way to."""
+
+    shape: Shape
+    number: int
+    targets: tuple[Any, ...]
+
+
+def plot_motion(
+    plans: Sequence[Moved], ax: Any = None, *, frames: int = 15, fps: float = 15.0
+) -> FuncAnimation:
+    """Return the animation of an arm whose tensions go from zero to one plan after another.
+
+    On the way tensions are mixtures of those of two plans, and every frame is a settled shape. The
+    target of the plan that comes next is shown. With 3-D axes given it is drawn in them.
+
+    Parameters
+    ----------
+    plans : sequence of Plan
+        For one arm and scene.
+    frames : int
+        From one plan to the next.
+    fps : float
+        Frames a second.
+
+    Raises
+    ------
+    InputError
+        For no plans, for plans of different arms or scenes, and for axes that are not 3-D.
+    OctoplanError
+        Where the arm does not settle on the way, as settle does.
+    """
+    arm, scene = _checked(plans, ax)
+    within("fps", fps, 0.1, 120.0)
+    steps = _steps(arm, scene, plans, int(within("frames", frames, 1, 10_000)))
+    norm = pull_norm(np.concatenate([step.shape.tensions for step in steps]))
+    if ax is None:
+        ax = _axes(norm)
+    s = np.linspace(0.0, arm.length, 60)
+    seen = [step.shape.position(s) for step in steps]
+    sights = [np.vstack([draw_arm(step.shape, ax, step.targets), seen[0]]) for step in _last(steps)]
+    box = _widened(np.vstack([*seen, *sights]), arm)
+    view = best_view(np.vstack([*seen[::5], *sights]), steps[0].shape.frame(0.0)[:, 0])
+
+    def draw(index: int) -> list[Any]:
+        step = steps[index]
+        ax.clear()
+        draw_arm(step.shape, ax, step.targets)
+        fit(ax, box, True)
+        fill(ax, *view)
+        if pulling(step.shape.tensions).any():
+            ax.collections[-1].set_norm(norm)
+        ax.set_title(f"plan {step.number} of {len(plans)}", fontsize=SIZE)
+        return []
+
+    return FuncAnimation(ax.figure, draw, len(steps), interval=1e3 / fps, init_func=list)
+
+
+def save_motion(motion: FuncAnimation, path: str | Path, dpi: float = 0.8 * DPI) -> Path:
+    """Write an animation as .gif; the file appears whole or not at all.
+
+    Raises InputError for another suffix and for a folder that does not exist.
+    """
+    path = Path(path)
+    if path.suffix.lower() != ".gif":
+        raise InputError("path", str(path), "a file name that ends in .gif")
+    if not path.parent.is_dir():
+        raise InputError("path", str(path), "a file in a folder that exists")
+    part = path.with_name(f".{path.stem}.{os.getpid()}.part.gif")
+    try:
+        motion.save(str(part), "pillow", dpi=dpi)
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+    return path
+
+
+def _checked(plans: Sequence[Moved], ax: Any) -> tuple[Arm, Scene]:
+    if not plans:
+        raise InputError("plans", (), "at least one Plan")
+    first = plans[0]
+    for i, other in enumerate(plans):
+        if other.arm != first.arm or other.scene != first.scene:
+            raise InputError(f"plans[{i}]", "another arm or scene", "one arm and scene for all")
+    if ax is not None and getattr(ax, "name", "") != "3d":
+        raise InputError("ax", ax, 'axes made with projection="3d"')
+    return first.arm, first.scene
+
+
+def _steps(arm: Arm, scene: Scene, plans: Sequence[Moved], frames: int) -> list[_Step]:
+    """Return the frames: rest, then `frames` to each plan, slow where one ends."""
+    pulls: list[Array] = [np.zeros(arm.n_tendons), *(np.ravel(p.tensions) for p in plans)]
+    shares = (1 - np.cos(np.pi * np.arange(1, frames + 1) / frames)) / 2
+    found = [_Step(settle(arm, pulls[0], scene, _SEEN), 1, plans[0].targets)]
+    for i, (start, end) in enumerate(pairwise(pulls)):
+        for share in shares:
+            shape = settle(arm, start + share * (end - start), scene, _SEEN)
+            found.append(_Step(shape, i + 1, plans[i].targets))
+    return found
+
+
+def _last(steps: list[_Step]) -> list[_Step]:
+    """Return the frame at which each plan is there."""
+    return list({step.number: step for step in steps}.values())
+
+
+def _widened(points: Array, arm: Arm) -> Array:
+    """Return points (N, 3) with room for the body's thickness around them."""
+    width = 1.5 * float(arm.radius.evaluate(np.zeros(1), arm.length)[0][0])
+    return np.vstack([points, points - width, points + width])
+
+
+def _axes(norm: Normalize) -> Any:
+    figure = Figure(figsize=(6, 5.6), dpi=DPI)
+    ax: Any = figure.add_axes((0.02, 0.13, 0.96, 0.80), projection="3d")
+    place = figure.add_axes((0.3, 0.09, 0.4, 0.018))
+    bar = figure.colorbar(ScalarMappable(norm, PULL), cax=place, orientation="horizontal")
+    bar.set_label("tension [N]", fontsize=SIZE)
+    bar.ax.tick_params(labelsize=SIZE - 1)
+    return ax

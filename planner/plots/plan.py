@@ -1,0 +1,129 @@
+"""Figures of plans and shapes. Only planner/plots knows matplotlib."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from model.arm import Arm
+from model.errors import InputError
+from model.paths import Array
+from model.shape import Shape
+from planner.plots.arm import draw_arm, look
+from planner.plots.strains import SIZE, plot_strains, plot_tensions
+from planner.program.limits import Limits
+from planner.targets.base import Target
+
+__all__ = ["plot_plan", "plot_shape", "plot_strains", "save"]
+
+DPI = 110
+
+
+class Planned(Protocol):
+    """What is drawn of a plan."""
+
+    @property
+    def arm(self) -> Arm:
+        """Return the arm."""
+
+    @property
+    def shape(self) -> Shape:
+        """Return the settled shape."""
+
+    @property
+    def targets(self) -> tuple[Target, ...]:
+        """Return what was asked."""
+
+    @property
+    def limits(self) -> Limits:
+        """Return the limits of the tensions."""
+
+    @property
+    def tensions(self) -> Array:
+        """Return the tensions [N]."""
+
+    @property
+    def outcome(self) -> str:
+        """Return what happened, in words."""
+
+    @property
+    def effort(self) -> float:
+        """Return the norm of the tensions [N]."""
+
+
+def plot_plan(plan: Planned, ax: Any = None) -> Figure | Axes:
+    """Draw a plan: the arm with its target in 3-D, strains along it, and tensions.
+
+    With 3-D axes given, draws the arm and the target in them and returns them; colours are those
+    of tensions, and `figure.colorbar(ax.collections[-1])` tells them. Otherwise returns a Figure.
+    """
+    if ax is not None:
+        draw_arm(plan.shape, _three_d(ax), plan.targets)
+        return ax  # type: ignore[no-any-return]
+    figure = Figure(figsize=(10, 5.8), dpi=DPI)
+    _arm_panel(figure, plan.shape, plan.targets, (0.0, 0.14, 0.56, 0.80))
+    plot_strains(plan.shape, figure.add_axes((0.618, 0.515, 0.30, 0.36)))
+    bars = figure.add_axes((0.618, 0.09, 0.30, 0.27))
+    plot_tensions(plan.arm, np.ravel(plan.tensions), np.array(plan.limits.upper), bars)
+    title = f"{plan.outcome.split(':')[0]}; effort {plan.effort:.3g} N"
+    figure.suptitle(title, fontsize=SIZE + 2, y=0.975)
+    return figure
+
+
+def plot_shape(shape: Shape, ax: Any = None) -> Figure | Axes:
+    """Draw the arm in 3-D; returns a new Figure, or the 3-D axes if given."""
+    if ax is not None:
+        draw_arm(shape, _three_d(ax))
+        return ax  # type: ignore[no-any-return]
+    figure = Figure(figsize=(7, 6.2), dpi=DPI)
+    _arm_panel(figure, shape, (), (0.02, 0.15, 0.94, 0.83))
+    return figure
+
+
+def save(figure: Figure, path: str | Path) -> Path:
+    """Write a figure as .png or .pdf; the file appears whole or not at all."""
+    path = Path(path)
+    if path.suffix.lower() not in (".png", ".pdf"):
+        raise InputError("path", str(path), "a file name that ends in .png or .pdf")
+    if not path.parent.is_dir():
+        raise InputError("path", str(path), "a file in a folder that exists")
+    kind = path.suffix[1:].lower()
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        figure.savefig(part, format=kind, dpi=DPI if kind == "png" else 2 * DPI)
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+    return path
+
+
+def _three_d(ax: Any) -> Any:
+    if getattr(ax, "name", "") != "3d":
+        raise InputError("ax", ax, 'axes made with projection="3d"')
+    return ax
+
+
+def _arm_panel(
+    figure: Figure,
+    shape: Shape,
+    targets: tuple[Any, ...],
+    place: tuple[float, float, float, float],
+) -> None:
+    ax: Any = figure.add_axes(place, projection="3d")
+    look(ax, shape, draw_arm(shape, ax, targets))
+    if shape.tensions.any():
+        x, _, width, _ = place
+        bar_place = (x + 0.3 * width, 0.105, 0.4 * width, 0.018)
+        bar = figure.colorbar(
+            ax.collections[-1], cax=figure.add_axes(bar_place), orientation="horizontal"
+        )
+        bar.set_label("tension [N]", fontsize=SIZE)
+        bar.ax.tick_params(labelsize=SIZE - 1)
+        bar.outline.set_visible(False)
+    if ax.get_legend_handles_labels()[0]:
+        ax.legend(loc="upper left", frameon=False, fontsize=SIZE)

@@ -1,0 +1,1 @@
+"""The nonlinear program: what is unknown, wanted and allowed, with exact derivatives."""

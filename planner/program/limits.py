@@ -1,0 +1,102 @@
+"""What the tendons may do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from model.arm import Arm
+from model.checks import LARGEST, finite_array, numbers
+from model.errors import InputError
+from model.paths import Array
+
+# Minima above this many times what bends the arm by 1 rad crush any arm, and digits are lost.
+_MOST = 1e6
+_ROWS = (list, tuple, np.ndarray)
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Bounds on the tensions.
+
+    Attributes
+    ----------
+    upper, lower : (n_tendons,)
+        [N]; upper may be infinite.
+    total : float or None
+        The most that all tendons together may pull [N].
+    """
+
+    upper: tuple[float, ...]
+    lower: tuple[float, ...]
+    total: float | None = None
+
+    @classmethod
+    def of(cls, arm: Arm, upper: Any, lower: Any = 0.0, total: float | None = None) -> Limits:
+        """Return limits for an arm from a number for all tendons, or one for each.
+
+        Raises InputError for negative numbers, NaN, a lower bound above the upper one or past all
+        bounds, and a total below the sum of the lower bounds.
+        """
+        high, low = _each(arm, "tension_max", upper), _each(arm, "tension_min", lower)
+        if not np.all(np.isfinite(low)):
+            raise InputError("tension_min", lower, "finite numbers")
+        most = _MOST * natural_tensions(arm)
+        for j in np.flatnonzero(low > most):
+            name = f"tension_min[{j}] ({arm.tendon_name(int(j))})"
+            allowed = f"up to {most[j]:g} N, {_MOST:g} times what bends the arm by 1 rad"
+            raise InputError(name, float(low[j]), allowed)
+        for j in np.flatnonzero(low > high):
+            name = f"tension_min[{j}] ({arm.tendon_name(int(j))})"
+            raise InputError(name, float(low[j]), f"up to its maximum, {high[j]:g} N")
+        if total is not None:
+            value = float(finite_array("total_pull", total, ()))
+            if value < low.sum():
+                raise InputError(
+                    "total_pull", total, f"{low.sum():g} N, the sum of minima, or above"
+                )
+        return cls(tuple(high.tolist()), tuple(low.tolist()), total)
+
+    def restricted(self, tendons: frozenset[int]) -> Limits:
+        """Return the limits with all other tendons held at their lower bounds."""
+        upper = [u if j in tendons else self.lower[j] for j, u in enumerate(self.upper)]
+        return Limits(tuple(upper), self.lower, self.total)
+
+
+def _each(arm: Arm, name: str, values: Any) -> Array:
+    if np.isscalar(values) or (isinstance(values, np.ndarray) and values.ndim == 0):
+        number = float(numbers(name, values, "a number, or one for each tendon"))
+        if not number >= 0:
+            raise InputError(name, values, "0 or a number above it")
+        return np.full(arm.n_tendons, number)
+    if not isinstance(values, _ROWS):
+        raise InputError(name, values, "a number, or one for each tendon")
+    flat = arm.flat(_finite(values), name)
+    return np.where(flat >= LARGEST, np.inf, flat)
+
+
+def _finite(values: Any) -> Any:
+    """Return numbers in rows with the largest one for infinity; the arm judges all else."""
+    if isinstance(values, _ROWS):
+        return [_finite(value) for value in values]
+    return LARGEST if isinstance(values, float) and values == np.inf else values
+
+
+@lru_cache(maxsize=64)
+def natural_tensions(arm: Arm) -> Array:
+    """Return for each tendon about the tension that bends the arm by 1 rad on its own [N].
+
+    From the integral of y / EJ to its anchorage: the linear part of the closed form.
+    """
+    result = []
+    for section in arm.sections:
+        s = np.linspace(0.0, section.at, 201)
+        y = np.abs(section.offset.evaluate(s, section.at)[0])
+        EJ = arm.material.E * np.pi * arm.radius.evaluate(s, arm.length)[0] ** 4 / 4
+        bend = float(np.trapezoid(y / EJ, s))
+        shorten = float(np.trapezoid(1 / (EJ * 4 / arm.radius.evaluate(s, arm.length)[0] ** 2), s))
+        result += [1 / max(bend, shorten / arm.length)] * len(section.angles)
+    return np.array(result)

@@ -1,0 +1,42 @@
+"""How a planning question is stated as a nonlinear program."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+from planner.program.effort import Norm
+
+Form = Literal["condensed", "multiple-shooting"]
+Mode = Literal["exact", "closest", "nearest"]
+FORMS: tuple[Form, ...] = ("condensed", "multiple-shooting")
+
+
+@dataclass(frozen=True)
+class Statement:
+    """The choices that the program's functions depend on.
+
+    Attributes
+    ----------
+    form : "condensed" or "multiple-shooting"
+        Unknowns: the tensions alone, or with the states at the tip side of each segment.
+    norm : "2", "1" or "inf"
+        What effort is.
+    mode : "exact", "closest" or "nearest"
+        How the targets are read, see planner.program.problem.
+    limited : bool
+        Whether the total pull has a limit.
+    scheme, refinement
+        The integrator, by its name in model.forward, and the mesh.
+    """
+
+    form: Form = "condensed"
+    norm: Norm = "2"
+    mode: Mode = "exact"
+    limited: bool = False
+    scheme: str = "magnus6"
+    refinement: int = 4
+
+    def but(self, **changes: Any) -> Statement:
+        """Return the statement with some choices changed."""
+        return replace(self, **changes)

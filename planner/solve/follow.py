@@ -1,0 +1,142 @@
+"""From a plan to that for a target nearby: Newton's method on its optimality conditions.
+
+The numbers of a target are parameters of the program, so that an optimum moves with them and takes
+its multipliers along. Steps that the active limits do not survive go through ipopt, warm; steps
+that are too long are halved. What is followed is one optimum, not the best of all.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from model.arm import Arm
+from model.errors import OctoplanError
+from model.paths import Array
+from model.scene import Scene
+from model.settle import settle
+from planner.program.limits import Limits
+from planner.program.problem import Problem, build
+from planner.program.statement import Statement
+from planner.solve.ipopt import Solution, solve
+from planner.solve.polish import polish
+from planner.solve.search import Found, Start, allowed
+from planner.targets.base import Target
+
+_LEAST_STEP = 1 / 64
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """An optimum that was found: for which targets, how it was stated, what it is."""
+
+    targets: tuple[Target, ...]
+    statement: Statement
+    tensions: Array
+    lam_x: tuple[float, ...]
+    lam_g: tuple[float, ...]
+
+
+def follow(
+    known: Known,
+    arm: Arm,
+    scene: Scene,
+    targets: tuple[Target, ...],
+    limits: Limits,
+    accuracy: float,
+) -> Found | None:
+    """Return the optimum for targets of the same structure, None where it cannot be followed.
+
+    It is also None where the known plan did not reach its targets.
+    """
+    if known.statement.mode != "exact" or _structure(arm, known.targets) != _structure(
+        arm, targets
+    ):
+        return None
+    limits = allowed(arm, targets, limits)
+    problem = build(arm, targets, scene, known.statement)
+    start = _solution(problem, known, limits)
+    found = _moved(problem, start, known.targets, targets, limits) if start is not None else None
+    if found is None:
+        return None
+    statement = _fine_enough(arm, scene, known.statement, problem, found, limits, accuracy)
+    if statement != known.statement:
+        problem = build(arm, targets, scene, statement)
+        found = _near(problem, found, problem.parameters(targets, limits), limits)
+        if found is None:
+            return None
+    return Found(
+        statement,
+        arm.by_section(problem.tensions(found.x, limits)),
+        tuple(found.lam_x.tolist()),
+        tuple(found.lam_g.tolist()),
+        (Start(found.f, True, found.iterations),),
+    )
+
+
+def _structure(arm: Arm, targets: tuple[Target, ...]) -> tuple[object, ...]:
+    return tuple((target.structure(arm), target.tendons(arm)) for target in targets)
+
+
+def _solution(problem: Problem, known: Known, limits: Limits) -> Solution | None:
+    """Return the known optimum as one of the program, None if it is of another."""
+    p = problem.parameters(known.targets, limits)
+    x = problem.unknowns(np.ravel(known.tensions), limits, p)
+    lam_x, lam_g = np.array(known.lam_x), np.array(known.lam_g)
+    if lam_x.shape != x.shape or lam_g.size != problem.nlp["g"].numel():
+        return None
+    f, g = problem.derivatives.gradient(x, p)[0], problem.derivatives.slopes(x, p)[1]
+    return Solution(x, lam_x, lam_g, float(f), np.array(g).ravel(), True, "", 0)
+
+
+def _moved(
+    problem: Problem,
+    start: Solution,
+    before: tuple[Target, ...],
+    targets: tuple[Target, ...],
+    limits: Limits,
+) -> Solution | None:
+    """Return the optimum for targets, from that for targets before by steps in their numbers."""
+    first, last = (problem.parameters(which, limits) for which in (before, targets))
+    share, step = 0.0, 1.0
+    while share < 1:
+        trial = min(1.0, share + step)
+        found = _near(problem, start, first + trial * (last - first), limits)
+        if found is not None:
+            start, share, step = found, trial, 2 * step
+        elif step <= _LEAST_STEP:
+            return None
+        else:
+            step /= 2
+    return start
+
+
+def _near(problem: Problem, start: Solution, p: Array, limits: Limits) -> Solution | None:
+    """Return the optimum near a start by Newton's method, or else by ipopt; None without one."""
+    bounds = problem.bounds(limits)
+    found = polish(problem, start, p, bounds)
+    if found is start:
+        solved = solve(problem, start.x, p, bounds, (start.lam_x, start.lam_g))
+        found = polish(problem, solved, p, bounds) if solved.met and solved.finite else start
+        if found is start or found is solved:
+            return None
+    return replace(found, f=float(problem.derivatives.gradient(found.x, p)[0]))
+
+
+def _fine_enough(
+    arm: Arm,
+    scene: Scene,
+    statement: Statement,
+    problem: Problem,
+    found: Solution,
+    limits: Limits,
+    accuracy: float,
+) -> Statement:
+    """Return the statement, on a finer mesh if the accuracy asks for one at the new optimum."""
+    try:
+        T = problem.tensions(found.x, limits)
+        mesh = settle(arm, T, scene, accuracy / 10, statement.scheme).refinement
+    except OctoplanError:
+        return statement
+    return statement.but(refinement=max(mesh, statement.refinement))

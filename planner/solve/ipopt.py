@@ -1,0 +1,148 @@
+"""The only file that knows ipopt: its options, its words, and what they mean.
+
+What ipopt has to say goes to the logger of this module, at level DEBUG, and nowhere else.
+"""
+
+from __future__ import annotations
+
+import io
+import logging
+from contextlib import nullcontext, redirect_stdout
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import casadi as ca
+import numpy as np
+
+from model.paths import Array
+from planner.program.problem import Problem
+from planner.solve.interrupt import Watch
+
+LOG = logging.getLogger(__name__)
+
+_QUIET: dict[str, Any] = {
+    "print_level": 0,
+    "sb": "yes",
+    "tol": 1e-7,
+    "max_iter": 150,
+    "bound_relax_factor": 0.0,
+}
+# A small barrier keeps to the basin of the first guess, which was chosen for it.
+_COLD = {"mu_init": 1e-4, "bound_push": 5e-3, "bound_frac": 5e-3}
+_WARM: dict[str, Any] = {
+    "mu_init": 1e-8,
+    "warm_start_init_point": "yes",
+    "warm_start_bound_push": 1e-9,
+    "warm_start_bound_frac": 1e-9,
+    "warm_start_slack_bound_push": 1e-9,
+    "warm_start_slack_bound_frac": 1e-9,
+    "warm_start_mult_bound_push": 1e-9,
+    "tol": 1e-12,
+    "acceptable_tol": 1e-9,
+    "max_iter": 60,
+}
+STOPPED = {
+    "Infeasible_Problem_Detected": "no tensions within the limits meet the target near this start",
+    "Maximum_Iterations_Exceeded": "the iteration limit was reached",
+    "Restoration_Failed": "no way back to the constraints was found",
+    "Invalid_Number_Detected": "a number that is not finite came up",
+    "User_Requested_Stop": "the time limit was reached",
+    "Invalid_Option": "the solver was given an option it does not have",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """A point that the solver stopped at: numbers, and why it stopped.
+
+    `met` says that the solver believes in the point; that is a hint, never a verdict.
+    """
+
+    x: Array
+    lam_x: Array
+    lam_g: Array
+    f: float
+    g: Array
+    met: bool
+    reason: str
+    iterations: int
+
+    @cached_property
+    def finite(self) -> bool:
+        """Whether every number is finite."""
+        return bool(np.all(np.isfinite(self.x)) and np.all(np.isfinite(self.g)))
+
+
+_WATCH = Watch()
+_solvers: WeakKeyDictionary[Problem, dict[tuple[bool, bool], ca.Function]] = WeakKeyDictionary()
+
+
+def solver(problem: Problem, warm: bool, talks: bool = False) -> ca.Function:
+    """Return ipopt for a problem, for a cold start or a warm one, built once."""
+    built = _solvers.setdefault(problem, {})
+    if (warm, talks) not in built:
+        options: dict[str, Any] = {
+            "print_time": False,
+            "show_eval_warnings": False,
+            "calc_lam_p": False,
+            "error_on_fail": False,
+            "iteration_callback": _WATCH,
+            **_derivatives(problem),
+            "ipopt": _QUIET | (_WARM if warm else _COLD) | ({"print_level": 5} if talks else {}),
+        }
+        built[warm, talks] = ca.nlpsol("ipopt", "ipopt", problem.nlp, options)
+    return built[warm, talks]
+
+
+def _derivatives(problem: Problem) -> dict[str, ca.Function]:
+    """Return the problem's own derivatives in the form that nlpsol takes them."""
+    x, p = problem.nlp["x"], problem.nlp["p"]
+    sigma, lam = ca.MX.sym("sigma"), ca.MX.sym("lam", problem.nlp["g"].numel())
+    _, g, jacobian = problem.derivatives.slopes(x, p)
+    hessian = ca.triu(problem.derivatives.curvature(x, p, sigma, lam))
+    return {
+        "grad_f": problem.derivatives.gradient,
+        "jac_g": ca.Function("nlp_jac_g", [x, p], [g, jacobian], ["x", "p"], ["g", "jac:g:x"]),
+        "hess_lag": ca.Function(
+            "nlp_hess_l",
+            [x, p, sigma, lam],
+            [hessian],
+            ["x", "p", "lam:f", "lam:g"],
+            ["triu:hess:gamma:x:x"],
+        ),
+    }
+
+
+def solve(
+    problem: Problem,
+    x: Array,
+    p: Array,
+    bounds: tuple[Array, Array, Array, Array],
+    multipliers: tuple[Array, Array] | None = None,
+) -> Solution:
+    """Solve from x; with multipliers (lam_x, lam_g) it is a warm start."""
+    talks = LOG.isEnabledFor(logging.DEBUG)
+    run = solver(problem, multipliers is not None, talks)
+    lbx, ubx, lbg, ubg = bounds
+    inputs = {"x0": x, "p": p, "lbx": lbx, "ubx": ubx, "lbg": lbg, "ubg": ubg}
+    if multipliers is not None:
+        inputs |= {"lam_x0": multipliers[0], "lam_g0": multipliers[1]}
+    said = io.StringIO()
+    with _WATCH.held(), redirect_stdout(said) if talks else nullcontext():
+        found = run(**inputs)
+    if talks:
+        LOG.debug(said.getvalue().strip())
+    stats = run.stats()
+    status = stats["return_status"]
+    return Solution(
+        np.array(found["x"]).ravel(),
+        np.array(found["lam_x"]).ravel(),
+        np.array(found["lam_g"]).ravel(),
+        float(found["f"]),
+        np.array(found["g"]).ravel(),
+        status in ("Solve_Succeeded", "Solved_To_Acceptable_Level"),
+        STOPPED.get(status, status.replace("_", " ").lower()),
+        int(stats["iter_count"]),
+    )
