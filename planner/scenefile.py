@@ -125,6 +125,8 @@ def decoded(text: bytes, name: str) -> dict[str, Any]:
 
 def table_of(raw: dict[str, Any], name: str) -> SceneTable:
     """Return the table of what a scene file holds, its keys checked one by one; FileError."""
+    if "sweep" in raw:
+        raise FileError(name, "sweep", f"this is a sweep file, for `octoplan sweep {name}`")
     if "arm" not in raw:
         told = 'missing; a scene needs an arm, such as [arm] preset = "table-4"'
         raise FileError(name, "arm", told)

@@ -9,7 +9,7 @@ import msgspec
 from msgspec import Meta
 
 from planner.files import versions
-from planner.sweeps.file import Sweep
+from planner.sweeps.asked import Sweep
 from planner.sweeps.tally import Tally
 
 

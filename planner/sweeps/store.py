@@ -18,9 +18,9 @@ import numpy as np
 from model.errors import InputError
 from model.progress import tell
 from planner.extras import needed
+from planner.sweeps.asked import Sweep
 from planner.sweeps.boxes import boxes
 from planner.sweeps.dataset import coordinate, dataset
-from planner.sweeps.file import Sweep
 from planner.sweeps.journal import Journal
 from planner.sweeps.tally import Tally
 from planner.sweeps.variables import Rows, blank

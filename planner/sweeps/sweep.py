@@ -8,9 +8,10 @@ from typing import Any
 from model.errors import InputError
 from model.progress import tell
 from planner.extras import needed
+from planner.sweeps.asked import Sweep
 from planner.sweeps.cluster import on_cluster
 from planner.sweeps.dataset import dataset
-from planner.sweeps.file import Sweep, load_sweep
+from planner.sweeps.file import load_sweep
 from planner.sweeps.journal import Journal
 from planner.sweeps.store import check_store, opened, save
 from planner.sweeps.tally import Tally
