@@ -25,7 +25,7 @@ from planner.files import to_json, write_named
 from planner.outcome import Facts, sentence
 from planner.program.effort import check_norm, effort
 from planner.program.limits import Limits
-from planner.program.problem import Problem, build
+from planner.program.problem import Problem, build, units
 from planner.program.statement import Form, Mode, Statement
 from planner.question import check_looks, check_targets, checked_form
 from planner.records.plan import plan_record
@@ -122,9 +122,11 @@ class Plan:
         if not self.lam_x:
             return []
         T, lam = np.ravel(self.tensions), np.array(self.lam_x)
+        limits = allowed(self.arm, self.targets, self.limits)
+        near = 1e-6 * units(self.arm, limits)
         found = []
         for j, upper in enumerate(self.limits.upper):
-            if upper > self.limits.lower[j] and T[j] >= upper * (1 - 1e-6) and lam[j] > 1e-9:
+            if limits.upper[j] == upper and T[j] >= upper - near[j] and lam[j] > 1e-9:
                 name = f"{self.arm.tendon_name(j)} at its maximum of {upper:g} N"
                 found.append((float(lam[j]), name))
         if np.ravel(self._rows("stretch")).min(initial=0.0) < -1e-9:
