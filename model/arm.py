@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from model.checks import finite_array, kind, numbers, positive, within
+from model.checks import LARGEST, finite_array, kind, numbers, positive, within
 from model.errors import InputError
 from model.paths import Array, Linear, Path
 from model.presets import PAPER_ARMS
@@ -202,7 +202,7 @@ class Arm:
         if not hasattr(values, "__iter__") or isinstance(values, str | bytes):
             raise InputError(name, values, self._shapes)
         array = isinstance(values, np.ndarray) and values.dtype == float
-        if array and self._fits(values.shape) and values.min() >= 0 and values.max() < np.inf:
+        if array and self._fits(values.shape) and values.min() >= 0 and values.max() <= LARGEST:
             return np.asarray(values.flatten())
         rows = [np.atleast_1d(numbers(name, row, self._shapes)) for row in values]
         if any(row.ndim != 1 for row in rows):
@@ -213,11 +213,11 @@ class Arm:
         if not (by_section or flat_vector):
             raise InputError(name, _sizes(values, rows), self._shapes)
         for j, value in enumerate(flat):
-            if not 0 <= value < np.inf:
+            if not 0 <= value <= LARGEST:
                 raise InputError(
                     f"{name}[{j}] ({self.tendon_name(j)})",
                     float(value),
-                    "a finite number, 0 or above",
+                    f"a finite number, 0 or above, up to {LARGEST:g}",
                 )
         return flat
 

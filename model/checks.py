@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 
 from model.errors import InputError
 
+# Sizes of numbers that have a meaning, in SI units; products of a few of them are numbers still.
+LARGEST, SMALLEST = 1e30, 1e-30
+
 
 def finite_array(field: str, value: Any, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
     """Return value as a float array of the given shape; None in shape is any size."""
@@ -21,6 +24,8 @@ def finite_array(field: str, value: Any, shape: tuple[int | None, ...]) -> NDArr
         raise InputError(field, f"shape {array.shape}", f"shape {wanted}")
     if not np.all(np.isfinite(array)):
         raise InputError(field, value, "finite numbers")
+    if array.size and np.abs(array).max() > LARGEST:
+        raise InputError(field, value, f"numbers up to {LARGEST:g} in size")
     return array
 
 
@@ -42,10 +47,12 @@ def kind(field: str, value: Any, wanted: type, allowed: str) -> None:
 
 
 def positive(field: str, value: Any) -> float:
-    """Return value as a finite float above zero."""
+    """Return value as a finite float above zero, and not next to it."""
     number = float(finite_array(field, value, ()))
     if number <= 0:
         raise InputError(field, value, "a number above 0")
+    if number < SMALLEST:
+        raise InputError(field, value, f"a number from {SMALLEST:g}")
     return number
 
 

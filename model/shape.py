@@ -85,7 +85,7 @@ class Shape:
     def tendon_lengths(self) -> Array:
         """Length of each tendon from base to anchorage (n_tendons,) [m], tendon order.
 
-        The integral of |du_c/ds| by Gauss quadrature on the mesh; see model.response.tendon_lengths.
+        The integral of ``|du_c/ds|`` by Gauss quadrature on the mesh; see response.tendon_lengths.
         """
         mesh = self._map.mesh
         s = nodes_of(MAGNUS6, mesh.s[:-1], mesh.s[1:])

@@ -17,7 +17,7 @@ from planner.certificate import Certificate, certify
 from planner.outcome import Facts, sentence
 from planner.program.effort import effort
 from planner.program.limits import Limits
-from planner.program.problem import Problem, build
+from planner.program.problem import Problem, build, units
 from planner.program.statement import Mode, Statement
 from planner.solve.found import Start, agreed
 from planner.solve.polish import optimality
@@ -110,9 +110,11 @@ class Answer:
         if not self.lam_x:
             return []
         T, lam = np.ravel(self.tensions), np.array(self.lam_x)
+        limits = allowed(self.arm, self.targets, self.limits)
+        near = 1e-6 * units(self.arm, limits)
         found = []
         for j, upper in enumerate(self.limits.upper):
-            if upper > self.limits.lower[j] and T[j] >= upper * (1 - 1e-6) and lam[j] > 1e-9:
+            if limits.upper[j] == upper and T[j] >= upper - near[j] and lam[j] > 1e-9:
                 name = f"{self.arm.tendon_name(j)} at its maximum of {upper:g} N"
                 found.append((float(lam[j]), name))
         if np.ravel(self._rows("stretch")).min(initial=0.0) < -1e-9:

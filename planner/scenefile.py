@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -16,9 +17,11 @@ from model.loaded.loads import check_loads
 from planner.program.limits import Limits
 from planner.question import check_targets
 from planner.scenes.arm import arm_of
+from planner.scenes.as_written import as_written
 from planner.scenes.effects import scene_of
 from planner.scenes.keys import MM
 from planner.scenes.mistakes import mistake
+from planner.scenes.places import steps, value_at
 from planner.scenes.syntax import no_toml
 from planner.scenes.tables import LimitsTable, SceneTable, StiffnessTable
 from planner.scenes.targets import target_of
@@ -88,17 +91,18 @@ def read(text: bytes, name: str = "scene") -> Question:
 def question_of(raw: dict[str, Any], name: str = "scene") -> Question:
     """Return the question of what a scene file holds, as TOML is decoded; see load."""
     table = table_of(raw, name)
-    arm = _within(name, "arm", arm_of, table.arm)
-    scene = _within(name, "effects", scene_of, table.effects)
-    _within(name, "effects", lambda _: check_loads(arm, scene), None)
+    within = partial(_within, raw, name)
+    arm = within("arm", arm_of, table.arm)
+    scene = within("effects", scene_of, table.effects)
+    within("effects", lambda _: check_loads(arm, scene), None)
     if table.tensions is not None:
-        _within(name, "tensions", lambda given: arm.flat(given), table.tensions)
-    targets = _targets(name, arm, table)
+        within("tensions", lambda given: arm.flat(given), table.tensions)
+    targets = _targets(within, arm, table)
     options: dict[str, Any] = {"norm": str(table.norm), "form": table.form}
     if table.limits is not None:
-        _within(name, "limits", lambda own: _check_limits(arm, own), table.limits)
+        within("limits", lambda own: _check_limits(arm, own), table.limits)
         options |= msgspec.structs.asdict(table.limits)
-    stiff = _within(name, "stiffness", lambda own: _stiffness(arm, own), table.stiffness)
+    stiff = within("stiffness", lambda own: _stiffness(arm, own), table.stiffness)
     return Question(arm, scene, targets, table.tensions, table.accuracy, options, stiff)
 
 
@@ -121,6 +125,8 @@ def decoded(text: bytes, name: str) -> dict[str, Any]:
 
 def table_of(raw: dict[str, Any], name: str) -> SceneTable:
     """Return the table of what a scene file holds, its keys checked one by one; FileError."""
+    if "sweep" in raw:
+        raise FileError(name, "sweep", f"this is a sweep file, for `octoplan sweep {name}`")
     if "arm" not in raw:
         told = 'missing; a scene needs an arm, such as [arm] preset = "table-4"'
         raise FileError(name, "arm", told)
@@ -130,16 +136,16 @@ def table_of(raw: dict[str, Any], name: str) -> SceneTable:
         raise mistake(str(reason), name, raw, SceneTable) from None
 
 
-def _targets(name: str, arm: Arm, table: SceneTable) -> tuple[Target, ...]:
+def _targets(within: Callable[..., Any], arm: Arm, table: SceneTable) -> tuple[Target, ...]:
     own = [] if table.target is None else [("target", table.target)]
     own += [(f"targets[{i}]", other) for i, other in enumerate(table.targets)]
     found = []
     for key, other in own:
-        target = _within(name, key, target_of, other)
-        _within(name, key, target.check, arm)
+        target = within(key, target_of, other)
+        within(key, target.check, arm)
         found.append(target)
     if found:
-        _within(name, "targets", lambda all_: check_targets(arm, all_), tuple(found))
+        within("targets", lambda all_: check_targets(arm, all_), tuple(found))
     return tuple(found)
 
 
@@ -157,9 +163,9 @@ def _stiffness(arm: Arm, table: StiffnessTable) -> dict[str, Any]:
     return {"at": at, **chosen}
 
 
-def _within(name: str, key: str, build: Callable[[Any], R], table: Any) -> R:
+def _within(raw: dict[str, Any], name: str, key: str, build: Callable[[Any], R], table: Any) -> R:
     """Return what is built from a table; an error is told with the file and the table's key."""
     try:
         return build(table)
     except InputError as reason:
-        raise FileError.of(reason, name, key) from None
+        raise as_written(reason, name, key, value_at(raw, steps(key))) from None

@@ -95,7 +95,7 @@ def table(title: str, curves: Sequence[Curve], unit: str) -> None:
         pairs = zip(curve.cost[:, 1], curve.error[:, 1], strict=True)
         text = "  ".join(f"{cost:.3g} {error:.1e}" for cost, error in pairs)
         lost = f"  ({curve.failed.size} failed)" if curve.failed.size else ""
-        print(f"  {curve.name:<34}{text}{lost}")
+        print(f"  {curve.name:<34}{text}{lost}", flush=True)
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -113,16 +113,16 @@ def main(argv: Sequence[str] | None = None) -> None:
     size = Size(args.cases, args.repeats, args.finest, args.settings)
     rng = np.random.default_rng(args.seed)
     settled = settling(PAPER, size, rng)
-    loaded = settling(WEIGHT[0], size, rng)
-    exact = settling(EXACT, size, rng, EXPLICIT)
-    jacobian = jacobians(size, rng)
-    by_statics = statics(size, rng)
-    gaps, efforts = plans(reachable(args.targets, rng), size, rng)
     table("settling", [curve.by_time() for curve in settled], "ms")
+    loaded = settling(WEIGHT[0], size, rng)
     table("settling with weight in water", [curve.by_time() for curve in loaded], "ms")
+    exact = settling(EXACT, size, rng, EXPLICIT)
     table("settling with exact tendons", [curve.by_time() for curve in exact], "ms")
+    jacobian = jacobians(size, rng)
     table("tip Jacobian", [curve.by_time() for curve in jacobian], "ms")
+    by_statics = statics(size, rng)
     table("statics, tip off the neo-Hookean one", by_statics, "ms")
+    gaps, efforts = plans(reachable(args.targets, rng), size, rng)
     table("plans, tip off its target", gaps, "s")
     table("plans, effort above the best found", efforts, "s")
     args.out.mkdir(parents=True, exist_ok=True)

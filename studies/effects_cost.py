@@ -7,7 +7,7 @@ Assumptions: the tensions of tables 3 and 5; each effect is added to the paper's
 alone) with the values listed in EFFECTS, which are those of a laboratory tank; accuracy 1e-6;
 times are medians of ratios, with and without the effect in turn.
 
-Command: python -m studies.effects_cost [--repeats 5] [--out out]
+Command: python -m studies.effects_cost [--effects NAME ...] [--repeats 5] [--out out]
 
 Answer: statics, weight, a current and friction matter most: each moves the tips by 3 to 50 % of
 the arm's length, and no two alike. Shear hardly does (0.03 to 0.3 %). Statics that a section
@@ -58,28 +58,25 @@ EFFECTS: dict[str, tuple[Effect, ...]] = {
     "5 mN at half length": (PointLoad(0.225, (0.0, 0.0, -0.005)),),
     "current of 0.1 m/s": (Current((0.0, 0.0, -0.1)),),
     "friction of 0.1": (Friction(0.1),),
+    "all together": (
+        ExactTendons(),
+        NeoHookean(),
+        Shear(),
+        Weight(),
+        Buoyancy(1000.0),
+        TipLoad((0.0, 0.0, -0.002)),
+        PointLoad(0.225, (0.0, 0.0, -0.005)),
+        Current((0.0, 0.0, -0.1)),
+        Friction(0.1),
+    ),
 }
-TOGETHER: tuple[Effect, ...] = (
-    ExactTendons(),
-    NeoHookean(),
-    Shear(),
-    Weight(),
-    Buoyancy(1000.0),
-    TipLoad((0.0, 0.0, -0.002)),
-    PointLoad(0.225, (0.0, 0.0, -0.005)),
-    Current((0.0, 0.0, -0.1)),
-    Friction(0.1),
-)
 
 
-def measure(case: str, repeats: int) -> dict[str, Switch]:
-    """Return what each effect, and all together, do to a case and cost."""
+def measure(case: str, labels: Sequence[str], repeats: int) -> dict[str, Switch]:
+    """Return what effects do to a case and cost, each row by itself."""
     name, T = CASES[case]
     arm = Arm.from_paper(name)
-    rows = {**EFFECTS, "all together": TOGETHER}
-    return {
-        label: switch_on(arm, T, PAPER, effects, repeats=repeats) for label, effects in rows.items()
-    }
+    return {label: switch_on(arm, T, PAPER, EFFECTS[label], repeats=repeats) for label in labels}
 
 
 def draw(tables: dict[str, dict[str, Switch]]) -> Figure:
@@ -121,10 +118,11 @@ def draw(tables: dict[str, dict[str, Switch]]) -> Figure:
 def main(argv: Sequence[str] | None = None) -> None:
     """Print the table and save the figure."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--effects", nargs="+", choices=EFFECTS, default=list(EFFECTS))
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--out", type=Path, default=Path("out"))
     args = parser.parse_args(argv)
-    tables = {case: measure(case, args.repeats) for case in CASES}
+    tables = {case: measure(case, args.effects, args.repeats) for case in CASES}
     for case, table in tables.items():
         print(f"\n{case}: what is added to the paper's scene")
         print(f"{'effect':<28}{'tip [L]':>10}{'states':>8}{'unknowns':>10}{'instr.':>9}{'time':>8}")

@@ -29,6 +29,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from studies.keeping import keeping
 from studies.sweeps import Sweeps, sweeps
 from tests.hard_cases.families import FAMILIES
 from tests.hard_cases.family import Family, Verdict, judge
@@ -102,11 +103,12 @@ def main(argv: Sequence[str] | None = None) -> None:
     print(f"{'family':<24}{'members':>8}{'worst error':>13}{'tolerance':>11}", end="")
     print(f"{'refused':>9}{'wrong':>7}{'time [s]':>9}")
     table: list[Row] = []
-    for family in FAMILIES:
-        if family.name in args.family:
-            seeds = range(args.seed, args.seed + args.members)
-            table.append((family, [judge(family, seed) for seed in seeds]))
-            print(told(table[-1]), flush=True)
+    with keeping():
+        for family in FAMILIES:
+            if family.name in args.family:
+                seeds = range(args.seed, args.seed + args.members)
+                table.append((family, [judge(family, seed) for seed in seeds]))
+                print(told(table[-1]), flush=True)
     for family, verdicts in table:
         for seed, verdict in enumerate(verdicts, args.seed):
             if not verdict.passes(family):

@@ -32,6 +32,7 @@ from planner.program.problem import TRACES, build
 from planner.solve.ipopt import solve
 from planner.targets import TipPosition
 from studies.baselines import ScipyArm
+from studies.keeping import keeping
 
 Array = NDArray[np.float64]
 MAXIMUM = 20.0
@@ -82,15 +83,17 @@ def main(argv: Sequence[str] | None = None) -> None:
     points = [draw(arm, rng, i % 3) for i in range(args.targets)]
     plan(arm, TipPosition(tuple(points[0])), Scene(Extension()), MAXIMUM)
     efforts, seconds, starts, reached = [], [], [], []
-    for point in points:
-        begin = time.perf_counter()
-        found = plan(arm, TipPosition(tuple(point)), Scene(Extension()), MAXIMUM)
-        passed = found.certificate.passed
-        seconds.append(time.perf_counter() - begin)
-        reached.append(passed)
-        efforts.append(found.effort)
-        starts.append(len(found.starts))
-    print(f"targets {args.targets}, seed {args.seed}")
+    with keeping():
+        for point in points:
+            begin = time.perf_counter()
+            found = plan(arm, TipPosition(tuple(point)), Scene(Extension()), MAXIMUM)
+            passed = found.certificate.passed
+            seconds.append(time.perf_counter() - begin)
+            reached.append(passed)
+            starts.append(len(found.starts))
+            efforts.append(found.effort)
+    points = points[: len(efforts)]
+    print(f"targets {len(points)}, seed {args.seed}")
     print(f"certified              {np.mean(reached):8.1%}")
     print(f"seconds a plan         {np.median(seconds):8.3f} median, {np.max(seconds):.3f} most")
     print(f"starts a plan          {np.mean(starts):8.2f} mean, {np.max(starts)} most")

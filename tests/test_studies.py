@@ -25,7 +25,12 @@ SMALL: dict[str, tuple[Main, list[str], str, str]] = {
         "antagonistic_stiffness.png",
     ),
     "bending_plane": (bending_plane.main, ["--angles", "2"], "planned", "bending_plane.png"),
-    "effects_cost": (effects_cost.main, ["--repeats", "1"], "all together", "effects_cost.png"),
+    "effects_cost": (
+        effects_cost.main,
+        ["--repeats", "1", "--effects", "exact tendons", "weight in water"],
+        "weight in water",
+        "effects_cost.png",
+    ),
     "hard_cases": (
         hard_cases.main,
         ["--members", "2", "--family", "many turns", "compression, paper"],

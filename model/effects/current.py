@@ -10,7 +10,7 @@ from model.effects.base import Effect
 
 @dataclass(frozen=True)
 class Current(Effect):
-    """A steady stream pushes across the arm: rho C R |v_n| v_n per unit deformed length.
+    """A steady stream pushes across the arm: ``rho C R |v_n| v_n`` per unit deformed length.
 
     v_n is the part of the stream's velocity that is normal to the arm's tangent t, so the load
     depends on the shape (Morison's drag term). Adds to the paper's scene torsion, xi, k and the

@@ -10,11 +10,11 @@ from model.errors import InputError
 
 @dataclass(frozen=True)
 class ExactTendons(Effect):
-    """Moment and force balance with the unit tangent of the tendon, c / |c|.
+    """Moment and force balance with the unit tangent of the tendon, ``c / |c|``.
 
     Per unit reference length nu = (1 + q) t, kappa = (1 + q) omega, c = nu + y' d + y kappa x d,
-    and the section settles where the body's energy plus the sum of T |c| is stationary, in place of
-    the paper's balance with the reference tangent, eqs. (8) and (9).
+    and the section settles where the body's energy plus the sum of ``T |c|`` is stationary, in
+    place of the paper's balance with the reference tangent, eqs. (8) and (9).
 
     Adds no state: without loads the curvatures and q follow from a small convex problem in each
     cross-section, solved by Newton's method: a settle takes 13 times as long (figure 15). Without

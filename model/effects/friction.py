@@ -13,7 +13,7 @@ from model.errors import InputError
 
 @dataclass(frozen=True)
 class Friction(Effect):
-    """Coulomb friction: dT/ds = -direction mu T |d(c/|c|)/ds| from the motor to the anchorage.
+    """Coulomb friction: ``dT/ds = -direction mu T |d(c/|c|)/ds|`` from the motor to the anchorage.
 
     On a circular arc of angle theta, T(L) = T(0) exp(-mu theta) while pulling in. All tendons
     slide; where a section's tendons end, those that go on are bent sharply and lose exp(-mu

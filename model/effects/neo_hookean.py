@@ -14,7 +14,7 @@ class NeoHookean(Effect):
 
     With lambda = 1 + q the section and the tendon offsets shrink by lambda^(-1/2). Energy per unit
     reference length: EA (lambda^2 + 2/lambda - 3) / 6 + EJ (1 + 2 lambda^-3) / (6 lambda) times the
-    curvature squared, plus the sum of T |c| with the shrunken offsets.
+    curvature squared, plus the sum of ``T |c|`` with the shrunken offsets.
 
     Adds no state; a settle takes twice as long as with exact tendons alone. Without it a soft arm
     bends too far at high tension: by 5 % of its length at 94 degrees, against 0.4 % with it (finite

@@ -1,8 +1,8 @@
 """The tips of many arms at once, for scenes whose strains are in closed form.
 
 Interpreted, NumPy takes the operations of a step for all steps and arms side by side, then those of
-the chain for all arms; in machine code the C of model/machine/tips.c takes a few arms at a time. Digits are
-those of the forward map.
+the chain for all arms; in machine code the C of model/machine/tips.c takes a few arms at a time.
+Digits are those of the forward map.
 """
 
 from __future__ import annotations

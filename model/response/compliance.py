@@ -45,7 +45,7 @@ class ClosedCompliance:
     ----------
     function : casadi.Function
         tensions (n,) -> compliance (6, 6), pose per tension (6, n), and with `lengths`, lengths
-        (n,), lengths per wrench (n, 6), lengths per tension (n, n); see model.response.sensitivity.Answers.
+        (n,), lengths per wrench (n, 6), lengths per tension (n, n); see sensitivity.Answers.
     call : Buffered
         The same for numbers.
     """

@@ -1,8 +1,8 @@
 """Compliance of an arm without loads at one point, in a single sweep from base to tip.
 
-As in model.response.compliance, but with what is needed of each step alone: a step's twist answers to the
-twists z of its Gauss nodes by dexp Omega', so that with S the compliance of the sections there and
-w their shares of the arc, it adds
+As in model.response.compliance, but with what is needed of each step alone: a step's twist answers
+to the twists z of its Gauss nodes by dexp Omega', so that with S the compliance of the sections
+there and w their shares of the arc, it adds
 
     A (sum Omega'_i S_i / w_i Omega'_i^T) A^T        A = Ad dexp
 

@@ -1,6 +1,6 @@
 """The paper's way: strains and pose integrated together from the tip to the base.
 
-One shooting map per anchorage segment, by any integrator of model.integrators.integrator, and a jump of the
+One shooting map per anchorage segment, by any integrator of model.integrators, and a jump of the
 strains between them. The derivative form carries an error made at the tip to the base multiplied by
 D(tip) / D(base), which for a tapered arm is small; from base to tip it would grow by the inverse.
 """

@@ -2,8 +2,8 @@
 
 Where strains are in closed form a step's pose answers to its strains by a spatial twist, its
 strains to the pull of the tendons, the pull to the coefficients that are carried along the arm
-(model.unloaded.pulls). Steps are summed up to each anchorage before the tensions come in, so that the work
-grows with the number of tendons.
+(model.unloaded.pulls). Steps are summed up to each anchorage before the tensions come in, so that
+the work grows with the number of tendons.
 """
 
 from __future__ import annotations

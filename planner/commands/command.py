@@ -63,7 +63,7 @@ class Command:
 
 
 def add_scene_options(parser: argparse.ArgumentParser) -> None:
-    """Add what all commands on scene files have: the file, --json, --out, --accuracy, -v."""
+    """Add what all commands on scene files have: the file, how to answer, the accuracy, -v."""
     parser.add_argument("scene", type=Path, metavar="SCENE.toml", help="scene file")
     parser.add_argument(
         "--json",
@@ -71,6 +71,9 @@ def add_scene_options(parser: argparse.ArgumentParser) -> None:
         help="print JSON, in SI units; `octoplan schema` tells its keys",
     )
     parser.add_argument("--out", type=Path, metavar="DIR", help="also write data and figure there")
+    parser.add_argument(
+        "--figure", choices=("png", "pdf"), default="png", help="of which kind the figure is (png)"
+    )
     parser.add_argument(
         "--accuracy",
         type=accuracy,

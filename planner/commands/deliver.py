@@ -14,20 +14,20 @@ from planner.files import to_json, write_whole
 def deliver(answer: Answer, args: argparse.Namespace) -> None:
     """Write the files that --out asks for, then what --json or people are shown."""
     if getattr(args, "out", None):
-        _write(args.out, answer)
+        _write(args.out, answer, args.figure)
     shown = to_json(answer.record).decode() if getattr(args, "json", False) else answer.text()
     sys.stdout.write(shown + "\n")
     sys.stdout.flush()
 
 
-def _write(folder: Path, answer: Answer) -> None:
+def _write(folder: Path, answer: Answer, kind: str) -> None:
     """Write data and figure into a folder, each whole or not at all."""
     from planner.plots.plan import save
 
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if answer.draw is not None:
-            save(answer.draw(), folder / f"{answer.name}.png")
+            save(answer.draw(), folder / f"{answer.name}.{kind}")
         for suffix, content in answer.tables.items():
             write_whole(folder / f"{answer.name}{suffix}", content)
         write_whole(folder / f"{answer.name}.json", to_json(answer.record))

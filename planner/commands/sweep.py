@@ -7,7 +7,7 @@ from pathlib import Path
 
 from planner.commands.command import OK, Answer, Command
 from planner.records.sweep import SweepRecord, sweep_record
-from planner.sweeps.sweep import sweep
+from planner.sweeps.sweep import written
 
 _SHOWN = 3
 
@@ -34,7 +34,8 @@ def add(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> Answer:
     """Run the sweep, or what a killed run of it has left."""
     out = args.sweep.with_suffix(".nc") if args.to is None else args.to
-    record = sweep_record(sweep(args.sweep, out, jobs=args.jobs, scheduler=args.scheduler), out)
+    asked, tally = written(args.sweep, out, jobs=args.jobs, scheduler=args.scheduler)
+    record = sweep_record(asked, tally, out)
     return Answer(OK, lambda: _text(record), record)
 
 
@@ -43,9 +44,9 @@ def _text(record: SweepRecord) -> str:
     word = "reached" if record.compute == "plan" else "settled"
     lines = [f"{record.file}: {dims}", f"  {record.met} of {record.points} points {word}"]
     shown = list(record.failures.items())[:_SHOWN]
-    lines += [f"  {count} x {told}" for told, count in shown]
+    lines += [f"  {count} x such as: {told}" for told, count in shown]
     others = len(record.failures) - len(shown)
-    return "\n".join(lines + [f"  and {others} other outcomes"] * (others > 0))
+    return "\n".join(lines + [f"  and {others} other kinds"] * (others > 0))
 
 
 COMMAND = Command(

@@ -1,4 +1,4 @@
-"""Figures of plans and shapes. Only this file and its parts, plot_*.py, know matplotlib."""
+"""Figures of plans and shapes. Only planner/plots knows matplotlib."""
 
 from __future__ import annotations
 

@@ -9,9 +9,13 @@ from typing import Any
 import numpy as np
 
 from model.arm import Arm
-from model.checks import finite_array
+from model.checks import LARGEST, finite_array, numbers
 from model.errors import InputError
 from model.paths import Array
+
+# Minima above this many times what bends the arm by 1 rad crush any arm, and digits are lost.
+_MOST = 1e6
+_ROWS = (list, tuple, np.ndarray)
 
 
 @dataclass(frozen=True)
@@ -34,12 +38,17 @@ class Limits:
     def of(cls, arm: Arm, upper: Any, lower: Any = 0.0, total: float | None = None) -> Limits:
         """Return limits for an arm from a number for all tendons, or one for each.
 
-        Raises InputError for negative numbers, NaN, a lower bound above the upper one, and a total
-        below the sum of the lower bounds.
+        Raises InputError for negative numbers, NaN, a lower bound above the upper one or past all
+        bounds, and a total below the sum of the lower bounds.
         """
         high, low = _each(arm, "tension_max", upper), _each(arm, "tension_min", lower)
         if not np.all(np.isfinite(low)):
             raise InputError("tension_min", lower, "finite numbers")
+        most = _MOST * natural_tensions(arm)
+        for j in np.flatnonzero(low > most):
+            name = f"tension_min[{j}] ({arm.tendon_name(int(j))})"
+            allowed = f"up to {most[j]:g} N, {_MOST:g} times what bends the arm by 1 rad"
+            raise InputError(name, float(low[j]), allowed)
         for j in np.flatnonzero(low > high):
             name = f"tension_min[{j}] ({arm.tendon_name(int(j))})"
             raise InputError(name, float(low[j]), f"up to its maximum, {high[j]:g} N")
@@ -58,16 +67,22 @@ class Limits:
 
 
 def _each(arm: Arm, name: str, values: Any) -> Array:
-    if np.ndim(values) == 0 and isinstance(values, int | float | np.number):
-        number = float(values)
+    if np.isscalar(values) or (isinstance(values, np.ndarray) and values.ndim == 0):
+        number = float(numbers(name, values, "a number, or one for each tendon"))
         if not number >= 0:
             raise InputError(name, values, "0 or a number above it")
         return np.full(arm.n_tendons, number)
-    if values is None or isinstance(values, str):
+    if not isinstance(values, _ROWS):
         raise InputError(name, values, "a number, or one for each tendon")
-    rows = [np.where(np.isposinf(row), 1e300, row) for row in np.atleast_1d(values)]
-    flat = arm.flat(rows if np.ndim(values) > 1 else np.ravel(rows), name)
-    return np.where(flat >= 1e300, np.inf, flat)
+    flat = arm.flat(_finite(values), name)
+    return np.where(flat >= LARGEST, np.inf, flat)
+
+
+def _finite(values: Any) -> Any:
+    """Return numbers in rows with the largest one for infinity; the arm judges all else."""
+    if isinstance(values, _ROWS):
+        return [_finite(value) for value in values]
+    return LARGEST if isinstance(values, float) and values == np.inf else values
 
 
 @lru_cache(maxsize=64)

@@ -13,7 +13,8 @@ this order:
     nearest    match, approach and what all margins lack are made least, firm ones first
 
 The unknowns are the tensions alone (form "condensed"), or tensions and the states at the tip side
-of each segment with the jump and continuity constraints of model.unloaded.shooting ("multiple-shooting").
+of each segment with the jump and continuity constraints of model.unloaded.shooting
+("multiple-shooting").
 """
 
 from __future__ import annotations
@@ -50,6 +51,8 @@ from planner.targets.base import Target
 
 LEAST_STRETCH = 1e-3
 TRACES = (1e-6, 1e-11)
+# Over what bends the arm by some rad: maxima below this share do nothing, those above are none.
+_NOTHING, _NO_LIMIT = 1e-7, 1e12
 
 
 @dataclass(frozen=True)
@@ -197,8 +200,11 @@ class Problem:
         """Return lower and upper bounds of x and of g."""
         unit = units(self.arm, limits)
         free = np.full(self.n_peak + self.n_lack + self.n_states, np.inf)
-        lbx = np.concatenate([np.array(limits.lower) / unit, -free])
-        ubx = np.concatenate([np.array(limits.upper) / unit, free])
+        lower, upper = np.array(limits.lower), np.array(limits.upper)
+        lbx = np.concatenate([lower / unit, -free])
+        upper = np.where(_does_nothing(self.arm, upper), lower, upper)
+        upper = np.where(upper < _NO_LIMIT * unit, upper, np.inf)
+        ubx = np.concatenate([upper / unit, free])
         lbg = np.concatenate([np.full(r.size, r.lower) for r in self.rows])
         ubg = np.concatenate([np.full(r.size, r.upper) for r in self.rows])
         return lbx, ubx, lbg, ubg
@@ -225,8 +231,13 @@ class Problem:
 
 def units(arm: Arm, limits: Limits) -> Array:
     """Return the tension that each unknown is counted in [N]: what bends the arm by some rad."""
-    upper = np.array(limits.upper)
-    return np.where(upper > 0, np.minimum(5 * natural_tensions(arm), upper), 1.0)
+    most, upper = 5 * natural_tensions(arm), np.array(limits.upper)
+    return np.where(_does_nothing(arm, upper), most, np.minimum(upper, most))
+
+
+def _does_nothing(arm: Arm, upper: Array) -> Array:
+    """Return which maxima are so low that what they allow is lost in what is met."""
+    return np.asarray(upper <= _NOTHING * 5 * natural_tensions(arm))
 
 
 _CACHE: dict[Hashable, Problem] = {}

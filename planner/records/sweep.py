@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import msgspec
 from msgspec import Meta
 
 from planner.files import versions
+from planner.sweeps.asked import Sweep
+from planner.sweeps.tally import Tally
 
 
 class SweepRecord(msgspec.Struct, kw_only=True):
@@ -21,22 +23,21 @@ class SweepRecord(msgspec.Struct, kw_only=True):
     dims: Annotated[dict[str, int], Meta(description="what points lie along, and how many there")]
     points: int
     met: Annotated[int, Meta(description="points that settled, or whose targets are reached")]
-    failures: Annotated[dict[str, int], Meta(description="outcomes of the other points, counted")]
+    failures: Annotated[
+        dict[str, int],
+        Meta(description="outcomes of the others: one of each kind, that differ by numbers alone"),
+    ]
 
 
-def sweep_record(data: Any, file: Path) -> SweepRecord:
-    """Return the record of a sweep's Dataset; the most frequent failures first."""
-    met = data["reached" if "reached" in data else "settled"].values.ravel()
-    counts: dict[str, int] = {}
-    for told in data["outcome"].values.ravel()[~met].tolist():
-        counts[told] = counts.get(told, 0) + 1
+def sweep_record(asked: Sweep, tally: Tally, file: Path) -> SweepRecord:
+    """Return the record of a sweep that is written to a file."""
     return SweepRecord(
         schema="octoplan sweep 1",
         versions=versions(),
         file=str(file),
-        compute=data.attrs["compute"],
-        dims={str(dim): data.sizes[dim] for dim in data["outcome"].dims},
-        points=int(met.size),
-        met=int(met.sum()),
-        failures=dict(sorted(counts.items(), key=lambda item: -item[1])),
+        compute=asked.job.compute,
+        dims=asked.dims,
+        points=tally.points,
+        met=tally.met,
+        failures=tally.failures,
     )

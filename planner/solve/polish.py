@@ -145,5 +145,7 @@ def _newton(H: Array, J: Array, slope: Array, residual: Array) -> tuple[Array, A
     """Return the Newton step of the equality-constrained problem, least squares if singular."""
     n, m = H.shape[0], J.shape[0]
     K = np.block([[H, J.T], [J, np.zeros((m, m))]])
+    if not np.all(np.isfinite(K)):
+        return np.full(n, np.nan), np.full(m, np.nan)
     step = np.linalg.lstsq(K, -np.concatenate([slope, residual]), rcond=1e-13)[0]
     return step[:n], step[n:]

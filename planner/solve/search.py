@@ -64,7 +64,7 @@ class Search:
         return self._found(statement, self.task.tensions(best), best, records, True)
 
     def _run(self, most: int) -> Found:
-        """Try the readings of the targets in turn; see planner.program.problem for the three modes."""
+        """Try the readings of the targets in turn; planner.program.problem has the three modes."""
         starts = self._guesses(most)
         if self.task.can_be_exact:
             exact = self._exact(starts[: self.least], starts[self.least :])

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import hashlib
-import math
 from dataclasses import dataclass
-from statistics import NormalDist
 from typing import Any
-
-import numpy as np
 
 from model.errors import InputError
 from planner.sweeps.tables import AxisTable
+from planner.sweeps.values import Draws, Even, Listed
 
 _KINDS = {
     "values": ({"values"}, set[str]()),
@@ -32,49 +29,43 @@ class Axis:
         Key path of the value in the scene.
     name : str
         In the Dataset.
-    values : tuple
-        Numbers, texts or booleans, in the key's own unit.
-    drawn : bool
-        Whether they were drawn at random: such axes vary together.
+    values : Listed, Even or Draws
+        In the key's own unit.
     unit : str
         Of the values; empty where the key has none.
     """
 
     key: str
     name: str
-    values: tuple[Any, ...]
-    drawn: bool
+    values: Listed | Even | Draws
     unit: str
 
     @property
-    def extremes(self) -> tuple[Any, ...]:
-        """The least and largest of its numbers; all of its values where they are no numbers."""
-        if all(isinstance(v, int | float) and not isinstance(v, bool) for v in self.values):
-            return tuple(dict.fromkeys((min(self.values), max(self.values))))
-        return tuple(dict.fromkeys(self.values))
+    def drawn(self) -> bool:
+        """Whether the values were drawn at random: such axes vary together."""
+        return isinstance(self.values, Draws)
 
 
-def values_of(table: AxisTable, draws: int | None, seed: int) -> tuple[Any, ...]:
+def values_of(table: AxisTable, draws: int | None, seed: int) -> Listed | Even | Draws:
     """Return the values of an axis; InputError that names the key for what does not go together."""
     kind = _kind(table)
     if table.values is not None:
-        return _of_a_kind(table.values)
+        return Listed(_of_a_kind(table.values))
     if table.start is not None and table.stop is not None and table.count is not None:
-        return tuple(np.linspace(table.start, table.stop, table.count).tolist())
+        return Even(table.start, table.stop, table.count)
     if draws is None:
         raise InputError("distribution", kind, "draws = N in [sweep] with it: how many to draw")
-    share = _stream(table.key, seed).random(draws)
     low, high = table.low, table.high
     if low is not None and high is not None and not low < high:
         raise InputError("high", high, f"above low, which is {low:g}")
-    if kind == "normal":
-        return _normal(table, share)
-    assert low is not None and high is not None
-    if kind == "uniform":
-        return tuple((low + (high - low) * share).tolist())
-    if low <= 0:
+    if kind == "log-uniform" and (low is None or low <= 0):
         raise InputError("low", low, "above 0 for a log-uniform distribution")
-    return tuple((low * np.exp(math.log(high / low) * share)).tolist())
+    # Another axis more or less does not change these draws.
+    own = int.from_bytes(hashlib.sha256(table.key.encode()).digest()[:8], "little")
+    found = Draws(kind, low, high, table.mean, table.sd, draws, (seed, own))
+    if kind == "normal":
+        found.cut()
+    return found
 
 
 def _of_a_kind(values: list[Any]) -> tuple[Any, ...]:
@@ -101,21 +92,3 @@ def _kind(table: AxisTable) -> str:
     else:
         told = "values; or start, stop and count; or distribution with low and high"
     raise InputError("axis", sorted(given), told)
-
-
-def _stream(key: str, seed: int) -> np.random.Generator:
-    """Return the random numbers of a key: another axis more or less does not change them."""
-    own = int.from_bytes(hashlib.sha256(key.encode()).digest()[:8], "little")
-    return np.random.default_rng([seed, own])
-
-
-def _normal(table: AxisTable, share: Any) -> tuple[float, ...]:
-    """Return normal draws, cut off at low and high, by the inverse of the distribution."""
-    assert table.mean is not None and table.sd is not None
-    normal = NormalDist(table.mean, table.sd)
-    least = 0.0 if table.low is None else normal.cdf(table.low)
-    most = 1.0 if table.high is None else normal.cdf(table.high)
-    if not least < most:
-        raise InputError("low, high", [table.low, table.high], "limits that the draws can meet")
-    inside = np.clip(least + (most - least) * share, 1e-300, 1 - 1e-16)
-    return tuple(normal.inv_cdf(x) for x in inside.tolist())

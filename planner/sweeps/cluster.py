@@ -9,7 +9,7 @@ from typing import Any
 from model.errors import InputError, OctoplanError
 from planner.extras import needed
 from planner.files import versions
-from planner.sweeps.file import Sweep
+from planner.sweeps.asked import Sweep
 from planner.sweeps.points import Job, Point
 from planner.sweeps.variables import Rows
 from planner.sweeps.workers import Found, WorkersLostError, one

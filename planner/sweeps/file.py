@@ -2,100 +2,33 @@
 
 from __future__ import annotations
 
-import hashlib
-import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
-import numpy as np
 
 from model import InputError
 from model.errors import FileError
 from model.statics import is_loaded
-from planner.files import versions
 from planner.scenefile import Question, decoded, question_of, table_of, text_of
 from planner.scenes.mistakes import mistake
+from planner.sweeps.asked import Sweep
 from planner.sweeps.axes import Axis, values_of
 from planner.sweeps.keys import changed, checked_key, unit_of, whole
-from planner.sweeps.points import Job, Point
+from planner.sweeps.points import Job
 from planner.sweeps.tables import MOST_POINTS, AxisTable, SweepFile, SweepTable
-from planner.sweeps.variables import RESERVED, VARIABLES
+from planner.sweeps.variables import RESERVED
 
-# A chunk is what an interruption loses; it is the same however many workers there are.
-_PARTS, _MANY, _SOME = 64, 1000, 16
+_SUCH = """
+
+scene = "scene.toml"
+[sweep]
+compute = "settle"
+[[sweep.axes]]
+key = "arm.E_kPa"
+values = [100.0, 120.0]"""
 R = TypeVar("R")
-
-
-@dataclass(frozen=True)
-class Sweep:
-    """What a sweep file asks.
-
-    Attributes
-    ----------
-    job : Job
-        What is the same at all points.
-    axes : tuple of Axis
-        Grids first, in the file's order, then what is drawn.
-    draws : int
-        How many draws there are at each point of the grids; 0 where nothing is drawn.
-    tendons : tuple of str
-        Names of the tendons.
-    texts : dict of str
-        The sweep file and, where it names one, the scene file.
-    """
-
-    job: Job
-    axes: tuple[Axis, ...]
-    draws: int
-    tendons: tuple[str, ...]
-    texts: dict[str, str]
-
-    @property
-    def dims(self) -> dict[str, int]:
-        """The Dataset's dimensions that points lie along, with their sizes."""
-        grids = {axis.name: len(axis.values) for axis in self.axes if not axis.drawn}
-        return {**grids, "draw": self.draws} if self.draws else grids
-
-    @property
-    def size(self) -> int:
-        """How many points there are."""
-        return math.prod(self.dims.values())
-
-    @property
-    def chunk(self) -> int:
-        """How many points make a chunk, the last one but for."""
-        if self.job.compute == "plan":
-            return 1
-        return min(math.ceil(self.size / _PARTS), _MANY if self.job.together else _SOME)
-
-    @property
-    def chunks(self) -> int:
-        """How many chunks there are."""
-        return math.ceil(self.size / self.chunk)
-
-    def points(self, chunk: int) -> list[Point]:
-        """Return the points of a chunk, made only now: a value for each axis."""
-        numbers = np.arange(chunk * self.chunk, min((chunk + 1) * self.chunk, self.size))
-        places = dict(
-            zip(self.dims, np.unravel_index(numbers, tuple(self.dims.values())), strict=True)
-        )
-        columns = [
-            [axis.values[i] for i in places["draw" if axis.drawn else axis.name].tolist()]
-            for axis in self.axes
-        ]
-        return list(zip(*columns, strict=True))
-
-    @cached_property
-    def identity(self) -> str:
-        """A hash of all that the numbers depend on: scene, values, versions."""
-        axes = [(axis.key, axis.values, axis.drawn) for axis in self.axes]
-        kept = list(VARIABLES[self.job.compute])
-        told = [self.job.compute, kept, self.job.scene, axes, self.draws, versions(), self.chunk]
-        return hashlib.sha256(repr(told).encode()).hexdigest()
 
 
 def load_sweep(path: str | Path) -> Sweep:
@@ -109,6 +42,8 @@ def load_sweep(path: str | Path) -> Sweep:
     path = Path(path)
     name, text = str(path), text_of(path)
     raw = decoded(text, name)
+    if "sweep" not in raw:
+        raise FileError(name, "sweep", f"missing; a sweep file is such as {_SUCH}")
     try:
         file = msgspec.convert(raw, SweepFile)
     except msgspec.ValidationError as reason:
@@ -178,12 +113,12 @@ def _axis(scene: dict[str, Any], own: AxisTable, table: SweepTable) -> Axis:
         allowed = f"a name without /, and none of {', '.join(sorted(RESERVED))}"
         raise InputError("name", name, allowed)
     values = values_of(own, table.draws, table.seed)
-    return Axis(key, name, values, own.distribution is not None, unit_of(scene, key))
+    return Axis(key, name, values, unit_of(scene, key))
 
 
 def _check_values(name: str, where: str, scene: dict[str, Any], axis: Axis) -> None:
     """Refuse an axis whose least or largest value the scene does not allow."""
-    for value in axis.extremes:
+    for value in axis.values.extremes:
         try:
             question_of(changed(scene, [axis.key], [value]), name)
         except FileError as reason:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import zlib
-from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -52,6 +51,15 @@ class Journal:
         Made if it is not there.
     identity : str
         Of the sweep.
+    chunks : int
+        How many chunks the sweep has.
+    like : Rows
+        Rows of the sweep, if need be none: arrays get their shape, but for the first size.
+
+    Attributes
+    ----------
+    places : (chunks,)
+        Where the line of each chunk begins in the file; -1 where it is not finished.
 
     Raises
     ------
@@ -59,14 +67,16 @@ class Journal:
         If the journal is another sweep's, or cannot be written.
     """
 
-    def __init__(self, path: Path, identity: str) -> None:
-        self.path = path
+    def __init__(self, path: Path, identity: str, chunks: int, like: Rows) -> None:
+        self.path, self._like = path, like
+        self.places = np.full(chunks, -1)
         try:
             self._stream = path.open("a+b", buffering=0)
         except OSError as reason:
             raise _refused(path, reason) from None
         try:
             self._begin(identity)
+            self._look()
         except BaseException:
             self._stream.close()
             raise
@@ -94,18 +104,36 @@ class Journal:
         else:
             self._write(first)
 
-    def done(self, like: Rows) -> Iterator[tuple[int, Rows]]:
-        """Yield the chunks that are finished; arrays get the shape of `like`, but for the first."""
+    def _look(self) -> None:
+        """Find the chunks that are finished."""
+        begin = 0
         with self.path.open("rb") as stream:
             for line in stream:
                 found = _body(line, _Done)
-                if found is not None:
-                    yield found.chunk, _rows(found, like)
+                if found is not None and found.chunk < self.places.size:
+                    self.places[found.chunk] = begin
+                begin += len(line)
+
+    @property
+    def left(self) -> list[int]:
+        """The chunks that are not finished."""
+        return list(np.flatnonzero(self.places < 0).tolist())
+
+    def read(self, chunk: int) -> Rows:
+        """Return a chunk that is finished."""
+        with self.path.open("rb") as stream:
+            stream.seek(int(self.places[chunk]))
+            found = _body(stream.readline(), _Done)
+        if found is None:
+            raise InputError("journal", str(self.path), "what was written to it: it was changed")
+        return _rows(found, self._like)
 
     def add(self, chunk: int, rows: Rows) -> None:
         """Write that a chunk is finished; it is on the disk when this returns."""
         values = {name: own.astype("<f8").tobytes() for name, own in rows.values.items()}
+        begin = self._stream.seek(0, os.SEEK_END)
         self._write(_line(_Done(chunk, values, rows.outcomes)))
+        self.places[chunk] = begin
 
     def remove(self) -> None:
         """Remove the journal, whose sweep is written."""

@@ -5,16 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from model.errors import InputError
 from model.progress import tell
 from planner.extras import needed
+from planner.sweeps.asked import Sweep
 from planner.sweeps.cluster import on_cluster
-from planner.sweeps.dataset import dataset, saver
-from planner.sweeps.file import Sweep, load_sweep
+from planner.sweeps.dataset import dataset
+from planner.sweeps.file import load_sweep
 from planner.sweeps.journal import Journal
-from planner.sweeps.variables import Rows, blank
+from planner.sweeps.store import check_store, opened, save
+from planner.sweeps.tally import Tally
+from planner.sweeps.variables import blank
 from planner.sweeps.workers import Found, here, on_machine
 
 
@@ -37,7 +38,9 @@ def sweep(
     file : path
         The sweep file, see planner.sweeps.tables.
     out : path
-        Where to write the Dataset, .nc or .zarr; without, it is returned alone and no journal kept.
+        Where to write the Dataset, .nc or .zarr. Memory does not grow with the number of points
+        then, and what is returned reads its numbers from there when they are looked at. Without,
+        all is held in memory, and no journal kept.
     jobs : int
         How many processes of this machine work on it; -1 is one for each processor.
     scheduler : str
@@ -56,19 +59,38 @@ def sweep(
     VersionsError
         If a worker of the cluster has other versions of what computes.
     """
+    if out is not None:
+        written(file, out, jobs=jobs, scheduler=scheduler)
+        return opened(Path(out))
+    asked = _checked(file, jobs)
+    rows = blank(asked.job.compute, asked.job.tendons, asked.size)
+    for chunk, found in _found(asked, list(range(asked.chunks)), jobs, scheduler):
+        rows.put(chunk * asked.chunk, found)
+    return dataset(asked, rows)
+
+
+def written(
+    file: str | Path, out: str | Path, *, jobs: int = 1, scheduler: str | None = None
+) -> tuple[Sweep, Tally]:
+    """As sweep, but return what was asked and what became of its points."""
+    asked, path = _checked(file, jobs), Path(out)
+    check_store(path)
+    like = blank(asked.job.compute, asked.job.tendons, 0)
+    with Journal(journal_of(path), asked.identity, asked.chunks, like) as journal:
+        for chunk, rows in _found(asked, journal.left, jobs, scheduler):
+            journal.add(chunk, rows)
+        tally = save(asked, journal, path)
+        journal.remove()
+    return asked, tally
+
+
+def _checked(file: str | Path, jobs: int) -> Sweep:
+    """Return what a sweep file asks; whatever hinders it is told before anything runs."""
     asked = load_sweep(file)
     needed("xarray", "sweep")
     if isinstance(jobs, bool) or not isinstance(jobs, int) or (jobs < 1 and jobs != -1):
         raise InputError("jobs", jobs, "a whole number from 1, or -1 for all processors")
-    if out is None:
-        return dataset(asked, _gathered(asked, None, jobs, scheduler))
-    path = Path(out)
-    save = saver(path)
-    with Journal(journal_of(path), asked.identity) as journal:
-        data = dataset(asked, _gathered(asked, journal, jobs, scheduler))
-        save(data)
-        journal.remove()
-    return data
+    return asked
 
 
 def journal_of(out: Path) -> Path:
@@ -76,23 +98,16 @@ def journal_of(out: Path) -> Path:
     return out.with_name(f"{out.name}.journal")
 
 
-def _gathered(asked: Sweep, journal: Journal | None, jobs: int, scheduler: str | None) -> Rows:
-    """Return the rows of all points: those in the journal, and the others found now."""
-    rows = blank(asked.job.compute, asked.job.tendons, asked.size)
-    done = np.zeros(asked.chunks, dtype=bool)
-    for chunk, found in journal.done(rows) if journal else ():
-        rows.put(chunk * asked.chunk, found)
-        done[chunk] = True
-    for chunk, found in _found(asked, np.flatnonzero(~done).tolist(), jobs, scheduler):
-        if journal:
-            journal.add(chunk, found)
-        rows.put(chunk * asked.chunk, found)
-        done[chunk] = True
-        tell("points", min(int(done.sum()) * asked.chunk, asked.size), asked.size)
-    return rows
-
-
 def _found(asked: Sweep, left: list[int], jobs: int, scheduler: str | None) -> Found:
+    """Yield what is found at chunks by whoever works, and tell how far they are."""
+    done = asked.chunks - len(left)
+    for chunk, rows in _working(asked, left, jobs, scheduler):
+        done += 1
+        yield chunk, rows
+        tell("points", min(done * asked.chunk, asked.size), asked.size)
+
+
+def _working(asked: Sweep, left: list[int], jobs: int, scheduler: str | None) -> Found:
     if not left:
         return iter(())
     if scheduler is not None:

@@ -75,6 +75,11 @@ class Rows:
             own[begin:end] = other.values[name]
         self.outcomes[begin:end] = other.outcomes
 
+    def part(self, begin: int, end: int) -> Rows:
+        """Return some of the rows."""
+        values = {name: own[begin:end] for name, own in self.values.items()}
+        return Rows(values, self.outcomes[begin:end])
+
 
 def blank(compute: Compute, tendons: int, points: int) -> Rows:
     """Return rows in which nothing was found yet."""

@@ -14,7 +14,7 @@ from functools import cache
 
 from model.errors import OctoplanError
 from planner.extras import needed
-from planner.sweeps.file import Sweep
+from planner.sweeps.asked import Sweep
 from planner.sweeps.points import Job, Point, run
 from planner.sweeps.variables import Rows
 

@@ -13,7 +13,7 @@ from model.arm import Arm
 from model.checks import finite_array
 from model.errors import InputError
 from model.paths import Array
-from planner.targets.base import Free, Terms, View
+from planner.targets.base import Free, Terms, View, check_near
 
 
 @dataclass(frozen=True)
@@ -56,6 +56,7 @@ class Backbone(Free):
 
     def check(self, arm: Arm) -> None:
         """See Target.check."""
+        check_near(arm, "Backbone.points", self.points)
         if self.s is not None and self.s[-1] > arm.length * (1 + 1e-12):
             raise InputError("Backbone.s", self.s[-1], f"up to the arm's length, {arm.length:g} m")
         if min(np.diff(self.stations(arm), prepend=0.0)) < 1e-6 * arm.length:
@@ -76,6 +77,7 @@ class Backbone(Free):
     def parameters(self, arm: Arm) -> Array:
         """See Target.parameters: the points, then the roots of the weights over their sum."""
         weights = np.array(self.weights or [1.0] * len(self.points))
+        weights /= weights.max()
         return np.concatenate([np.ravel(self.points), np.sqrt(weights / weights.sum())])
 
     def terms(self, view: View, p: ca.MX) -> Terms:

@@ -5,18 +5,21 @@ from __future__ import annotations
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
-from typing import Protocol
+from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
 
 from model.arm import Arm
+from model.errors import InputError
 from model.paths import Array
 from model.rotations import matrix
 from model.stiffness import Hold
 
 # How the name of a margin ends that is a share of what is wanted.
 OVER_WANTED = " over that wanted, less 1"
+# Arm lengths.
+_FAR = 1e6
 
 
 @dataclass(frozen=True)
@@ -173,6 +176,13 @@ class Free:
     def ways(self, p: ca.MX) -> ca.MX:
         """See Target.ways: none."""
         return ca.MX(3, 0)
+
+
+def check_near(arm: Arm, field: str, points: Any) -> None:
+    """Raise InputError if points (..., 3) are so far off that no digit tells shapes apart."""
+    off = np.abs(np.asarray(points) / arm.length - np.array(arm.base_position) / arm.length)
+    if not off.max() <= _FAR:
+        raise InputError(field, points, f"within {_FAR:g} arm lengths of the base, in m")
 
 
 def toward(arm: Arm, angle: float) -> Array:

@@ -14,7 +14,7 @@ from model.arm import Arm
 from model.checks import finite_array
 from model.errors import InputError
 from model.paths import Array
-from planner.targets.base import Free, Terms, View, toward
+from planner.targets.base import Free, Terms, View, check_near, toward
 
 
 class Bend(NamedTuple):
@@ -134,6 +134,7 @@ class FetchReach(Free):
     def check(self, arm: Arm) -> None:
         """See Target.check."""
         stretches(arm)
+        check_near(arm, "Fetch.reach mouth", self.mouth)
 
     def structure(self, arm: Arm) -> Hashable:
         """See Target.structure."""

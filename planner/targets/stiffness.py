@@ -34,6 +34,7 @@ class _Directed(Free):
 
     def __post_init__(self) -> None:
         given = finite_array(f"{type(self).__name__}.direction", self.direction, (3,))
+        given /= np.abs(given).max() or 1.0
         size = np.linalg.norm(given)
         if not size > 0:
             raise InputError(f"{type(self).__name__}.direction", self.direction, "a vector, not 0")

@@ -12,7 +12,7 @@ from model.arm import Arm
 from model.checks import finite_array
 from model.errors import InputError
 from model.paths import Array
-from planner.targets.base import Free, Terms, View
+from planner.targets.base import Free, Terms, View, check_near
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,10 @@ class TipPosition(Free):
     def __post_init__(self) -> None:
         point = finite_array("TipPosition.position", self.position, (3,))
         object.__setattr__(self, "position", tuple(point.tolist()))
+
+    def check(self, arm: Arm) -> None:
+        """See Target.check."""
+        check_near(arm, "TipPosition.position", self.position)
 
     def parameters(self, arm: Arm) -> Array:
         """See Target.parameters."""
@@ -66,10 +70,15 @@ class TipPose(Free):
     def __post_init__(self) -> None:
         point = finite_array("TipPose.position", self.position, (3,))
         frame = finite_array("TipPose.frame", self.frame, (3, 3))
-        if not np.allclose(frame.T @ frame, np.eye(3), atol=1e-6) or np.linalg.det(frame) < 0:
+        square = np.clip(frame, -2, 2)
+        if not np.allclose(square.T @ square, np.eye(3), atol=1e-6) or np.linalg.det(square) < 0:
             raise InputError("TipPose.frame", self.frame, "a right-handed orthonormal frame")
         object.__setattr__(self, "position", tuple(point.tolist()))
         object.__setattr__(self, "frame", tuple(tuple(row) for row in frame.tolist()))
+
+    def check(self, arm: Arm) -> None:
+        """See Target.check."""
+        check_near(arm, "TipPose.position", self.position)
 
     def parameters(self, arm: Arm) -> Array:
         """See Target.parameters: the position, then the frame column by column."""

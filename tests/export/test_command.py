@@ -52,7 +52,7 @@ def test_json_tells_files_and_sizes(tmp_path: Path, capsys: pytest.CaptureFixtur
     ("scene", "options", "told"),
     [
         ("payload_in_water", [], "no explicit map"),
-        ("fetch_3d", [], "tensions: got 'none'"),
+        ("fetch_3d", [], "tensions: missing; needed is tensions = [["),
         ("figure_15", ["--precision", "half"], "precision: got 'half'"),
         ("figure_15", ["--accuracy", "2"], "got '2', allowed is a number from"),
         ("no_such_scene", [], "no such file"),

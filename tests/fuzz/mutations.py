@@ -42,7 +42,7 @@ def nearby(rng: np.random.Generator, text: str) -> str:
     if not found:
         return text
     match = found[rng.integers(len(found))]
-    factor = rng.choice([-1.0, 1.0], p=[0.1, 0.9]) * 10 ** rng.normal()
+    factor = float(rng.choice([-1.0, 1.0], p=[0.1, 0.9]) * 10 ** rng.normal())
     return text[: match.start()] + f"{float(match[0]) * factor:.6g}" + text[match.end() :]
 
 

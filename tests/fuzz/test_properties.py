@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from hypothesis import HealthCheck, given, settings
+import pytest
+from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from model import Anchorage, Arm, Linear, Material, OctoplanError, Scene, settle
@@ -22,6 +24,13 @@ ANY = st.one_of(
 )
 SOUND = st.floats(1e-3, 1.0)
 SECONDS = 2.0
+Check = Callable[..., None]
+Drawn = tuple[st.SearchStrategy[Any], ...]
+BASIC = settings(
+    deadline=None,
+    suppress_health_check=list(HealthCheck),
+    phases=[Phase.explicit, Phase.reuse, Phase.generate],
+)
 
 
 @st.composite
@@ -55,9 +64,7 @@ def scenes(draw: st.DrawFn) -> Scene:
     return Scene(*effects)
 
 
-@given(arms(), scenes(), st.lists(ANY, min_size=1, max_size=20), ANY)
-@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
-def test_any_tensions_settle_or_are_refused(
+def any_tensions_settle_or_are_refused(
     arm: Arm, scene: Scene, numbers: list[float], accuracy: float
 ) -> None:
     T = np.resize(numbers, arm.n_tendons)
@@ -76,9 +83,7 @@ def force(arm: Arm, share: float) -> float:
     return share * arm.material.E * np.pi * R**2
 
 
-@given(arms(), scenes(), st.lists(SOUND, min_size=20, max_size=20))
-@settings(max_examples=30, deadline=None, suppress_health_check=list(HealthCheck))
-def test_moderate_pulls_have_a_compliance_that_is_symmetric(
+def moderate_pulls_have_a_compliance_that_is_symmetric(
     arm: Arm, scene: Scene, shares: list[float]
 ) -> None:
     T = np.array([force(arm, 0.05 * share) for share in shares])
@@ -102,15 +107,7 @@ def targets_of(arm: Arm, numbers: list[float], kind: int) -> Target:
     return Backbone(tuple(tuple(L * x for x in numbers[i : i + 3]) for i in (0, 3)))
 
 
-@given(
-    arms(),
-    scenes(),
-    st.lists(st.one_of(st.floats(-1.5, 1.5), ANY), min_size=6, max_size=6),
-    st.integers(0, 2),
-    ANY,
-)
-@settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
-def test_any_target_ends_in_a_plan_or_is_refused(
+def any_target_ends_in_a_plan_or_is_refused(
     arm: Arm, scene: Scene, numbers: list[float], kind: int, most: Any
 ) -> None:
     try:
@@ -121,3 +118,35 @@ def test_any_target_ends_in_a_plan_or_is_refused(
     assert np.all(np.isfinite(T)) and np.all(T >= 0) and np.all(most >= T)
     if found.reached:
         assert found.certificate.residual <= found.accuracy
+
+
+WHOLE = (arms(), scenes())
+CHECKS = [
+    (any_tensions_settle_or_are_refused, 40, (st.lists(ANY, min_size=1, max_size=20), ANY)),
+    (
+        moderate_pulls_have_a_compliance_that_is_symmetric,
+        30,
+        (st.lists(SOUND, min_size=20, max_size=20),),
+    ),
+    (
+        any_target_ends_in_a_plan_or_is_refused,
+        12,
+        (
+            st.lists(st.one_of(st.floats(-1.5, 1.5), ANY), min_size=6, max_size=6),
+            st.integers(0, 2),
+            ANY,
+        ),
+    ),
+]
+NAMES = [check.__name__ for check, _, _ in CHECKS]
+
+
+@pytest.mark.parametrize(("check", "examples", "drawn"), CHECKS, ids=NAMES)
+def test_it_holds_for_the_same_few(check: Check, examples: int, drawn: Drawn) -> None:
+    settings(BASIC, max_examples=examples, derandomize=True)(given(*WHOLE, *drawn)(check))()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("check", "examples", "drawn"), CHECKS, ids=NAMES)
+def test_it_holds_for_many_others(check: Check, examples: int, drawn: Drawn) -> None:
+    settings(BASIC, max_examples=20 * examples)(given(*WHOLE, *drawn)(check))()

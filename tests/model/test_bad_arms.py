@@ -31,6 +31,8 @@ REFUSED: dict[str, tuple[Callable[[], object], str, str]] = {
     "nu below -1": (lambda: Material(nu=-1.5), "Material.nu", "from -1"),
     "nu above a half": (lambda: Material(nu=0.51), "Material.nu", "to 0.5"),
     "nu not a number": (lambda: Material(nu=NAN), "Material.nu", "finite"),
+    "modulus out of this world": (lambda: Material(E=1e31), "Material.E", "up to 1e+30"),
+    "hardly any modulus": (lambda: Material(E=1e-31), "Material.E", "from 1e-30"),
     "no length": (lambda: of(length=0), "Arm.length", "above 0"),
     "negative length": (lambda: of(length=-0.3), "Arm.length", "above 0"),
     "no radius": (lambda: of(radius=(0.01, 0)), "Arm.radius", "s = 0.3 m"),

@@ -26,6 +26,13 @@ CASES: dict[str, tuple[Callable[[], Any], str]] = {
     "maxima of the wrong size": (lambda: plan(ARM, TIP, PAPER, [1, 2, 3]), "tension_max"),
     "minimum above maximum": (lambda: plan(ARM, TIP, PAPER, 1.0, tension_min=2.0), "tension_min"),
     "minimum infinite": (lambda: plan(ARM, TIP, PAPER, tension_min=np.inf), "tension_min"),
+    "minimum out of this world": (
+        lambda: plan(ARM, TIP, PAPER, tension_min=1e20),
+        "tension_min[0]",
+    ),
+    "maximum of yes": (lambda: plan(ARM, TIP, PAPER, True), "tension_max"),
+    "ragged maxima": (lambda: plan(ARM, TIP, PAPER, [1, [2, 3], [4]]), "tension_max"),
+    "maxima in rows of rows": (lambda: plan(ARM, TIP, PAPER, [[[1.0]]]), "tension_max"),
     "total below minima": (
         lambda: plan(ARM, TIP, PAPER, 5.0, tension_min=1.0, total_pull=3.0),
         "total_pull",
@@ -33,6 +40,19 @@ CASES: dict[str, tuple[Callable[[], Any], str]] = {
     "point of two numbers": (lambda: TipPosition((1.0, 2.0)), "TipPosition.position"),
     "point of NaN": (lambda: TipPosition((np.nan, 0, 0)), "TipPosition.position"),
     "point a string": (lambda: TipPosition("here"), "TipPosition.position"),
+    "point out of sight": (
+        lambda: plan(ARM, TipPosition((0, 1e6, 0)), PAPER, 1.0),
+        "TipPosition.position",
+    ),
+    "points out of sight": (
+        lambda: plan(ARM, Backbone(((1e6, 0, 0),)), PAPER, 1.0),
+        "Backbone.points",
+    ),
+    "mouth out of sight": (
+        lambda: plan(ARM, Fetch.reach((0, 0, 1e6)), PAPER, 1.0),
+        "Fetch.reach mouth",
+    ),
+    "frame out of this world": (lambda: TipPose((0, 0, 0), 1e25 * np.eye(3)), "TipPose.frame"),
     "frame not orthonormal": (lambda: TipPose((0, 0, 0), np.ones((3, 3))), "TipPose.frame"),
     "frame left-handed": (lambda: TipPose((0, 0, 0), -np.eye(3)), "TipPose.frame"),
     "bend of zero": (lambda: BendingPlane(0.0, 0.0), "BendingPlane.bend"),

@@ -161,7 +161,7 @@ REFUSED: dict[str, tuple[str, str]] = {
     "a load as printed": ("as_printed = true\nweight = {}", "written without loads"),
     "a place beyond the arm": (
         "point_loads = [{ s_mm = 310.1, force = [0, 0, 1] }]",
-        "effects: PointLoad.s: got 0.3101, allowed",
+        "effects.point_loads[0].s_mm: got 310.1, allowed",
     ),
     "directions of another arm": (
         "friction = { mu = 0.1, direction = [1, -1] }",

@@ -1,5 +1,7 @@
 """Limits and norms do what their names say."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -49,6 +51,19 @@ def test_tendons_with_a_maximum_of_zero_stay_slack() -> None:
 
 def test_no_maximum_is_a_maximum_that_never_holds() -> None:
     assert plan(ARM, TARGET, PAPER).effort == pytest.approx(plan(ARM, TARGET, PAPER, 20.0).effort)
+
+
+@pytest.mark.parametrize("most", [1e308, [np.inf] * 12, [[20.0, np.inf, 1e9, 1e25]] * 3])
+def test_maxima_of_any_size_that_never_hold_do_not_matter(most: Any) -> None:
+    free = plan(ARM, TARGET, PAPER, 20.0)
+    assert plan(ARM, TARGET, PAPER, most).effort == pytest.approx(free.effort)
+
+
+@pytest.mark.parametrize("most", [1e-9, 1e-100, 5e-324])
+def test_maxima_that_do_nothing_hold_everything_back(most: float) -> None:
+    found = plan(ARM, TARGET, PAPER, most)
+    assert not found.reached and found.tensions.max() <= most
+    assert "at its maximum" in found.outcome
 
 
 def test_what_holds_everything_back_at_zero_is_said() -> None:

@@ -57,12 +57,13 @@ FILES: dict[str, tuple[str, str]] = {
     ),
     "tendons outside of the body": (
         OWN + "sections = [{ at_mm = 300, offset_mm = [5, 8] }]",
-        "got 0.008, allowed is up to the radius of the body, 0.005 m at s = 0.3 m",
+        "arm.sections[0].offset_mm[1]: got 8, allowed is up to the radius of the body, "
+        "5 mm at s = 300 mm",
     ),
     "sections from base to tip": (
         OWN
         + "sections = [{ at_mm = 100, offset_mm = [5, 5] }, { at_mm = 300, offset_mm = [5, 5] }]",
-        "allowed is below 0.1 m, tip to base",
+        "arm.sections[1].at_mm: got 300, allowed is below 100 mm, tip to base",
     ),
     "rows too few": (
         "tensions = [[0, 0, 0.5, 0], [4, 0, 0, 0]]\n" + ARM,
@@ -83,9 +84,31 @@ FILES: dict[str, tuple[str, str]] = {
         ARM + "[target]\ntype = 'tip-position'\nposition_mm = [1, 2]",
         "target.position_mm: got [1, 2], allowed is a list of 3",
     ),
+    "a bend of a whole turn": (
+        "target = { type = 'fetch-reach', mouth_mm = [1, 2, 3], bend_deg = 200 }\n" + ARM,
+        "target.bend_deg: got 200, allowed is a number below 180",
+    ),
+    "a point beyond the arm": (
+        ARM + "[target]\ntype = 'backbone'\ns_mm = [100, 500]\npoints_mm = [[1, 2, 3], [4, 5, 6]]",
+        "target.s_mm[1]: got 500, allowed is up to the arm's length, 450 mm",
+    ),
+    "a load beyond the arm": (
+        ARM + "[effects]\npoint_loads = [{ s_mm = 500, force = [0, 0, 1] }]",
+        "effects.point_loads[0].s_mm: got 500, allowed is from 0 to the arm's length, 450 mm",
+    ),
+    "a radius that ends in nothing": (
+        OWN.replace("5]", "0]") + "sections = [{ at_mm = 300, offset_mm = [5, 0] }]",
+        "arm.radius_mm[1]: got 0, allowed is above 0 mm; see s = 300 mm",
+    ),
+    "samples that end too early": (
+        "[arm]\nlength_mm = 300\nsections = [{ at_mm = 300, offset_mm = [5, 4] }]\n"
+        "radius_mm = { s_mm = [0, 100, 200, 290], values_mm = [10, 9, 8, 7] }",
+        "arm.radius_mm.s_mm: got [0, 100, 200, 290], allowed is samples from 0 to 300 mm",
+    ),
     "two targets that contradict": (
         ARM + TARGET.replace("[target]", "[[targets]]") + TARGET.replace("[target]", "[[targets]]"),
-        "tip position: got [0.2, 0.15, -0.2], allowed is one target for it, not two",
+        "targets[0].position_mm: got [200, 150, -200], allowed is one target for it, not two: "
+        "another has [200, 150, -200] mm",
     ),
     "a section that is not there": (
         ARM + "[target]\ntype = 'bending-plane'\nangle_deg = 1\nbend_deg = 2\nsection = 4",

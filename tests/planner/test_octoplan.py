@@ -95,7 +95,8 @@ def test_stiffness_is_shown_to_people(calm: str, capsys: pytest.CaptureFixture[s
 
 
 def test_settle_writes_a_table_of_the_shape(tmp_path: Path, calm: str) -> None:
-    assert main(["settle", calm, "--out", str(tmp_path / "out")]) == 0
+    assert main(["settle", calm, "--out", str(tmp_path / "out"), "--figure", "pdf"]) == 0
+    assert (tmp_path / "out" / "shape.pdf").read_bytes().startswith(b"%PDF")
     table = np.genfromtxt(tmp_path / "out" / "shape.csv", delimiter=",", names=True)
     q = read(CALM.encode())
     tip = settle(q.arm, q.tensions, q.scene, 1e-4).tip

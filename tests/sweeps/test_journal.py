@@ -19,13 +19,17 @@ def _rows(chunk: int) -> Rows:
 
 
 def _left(path: Path) -> dict[int, Rows]:
-    with Journal(path, "mine") as journal:
-        return dict(journal.done(blank("settle", 12, 0)))
+    with _journal(path) as journal:
+        return {chunk: journal.read(chunk) for chunk in range(4) if chunk not in journal.left}
+
+
+def _journal(path: Path, identity: str = "mine") -> Journal:
+    return Journal(path, identity, 4, blank("settle", 12, 0))
 
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
-    with Journal(tmp_path / "journal", "mine") as journal:
+    with _journal(tmp_path / "journal") as journal:
         for chunk in range(3):
             journal.add(chunk, _rows(chunk))
     return tmp_path / "journal"
@@ -48,7 +52,7 @@ def test_a_torn_last_line_is_ignored_and_written_after(path: Path, lost: int) ->
     path.write_bytes(path.read_bytes()[:-lost])
     # Only its end of line may be lacking: then nothing is lost.
     assert list(_left(path)) == ([0, 1, 2] if lost == 1 else [0, 1])
-    with Journal(path, "mine") as journal:
+    with _journal(path) as journal:
         journal.add(3, _rows(3))
     left = _left(path)
     assert set(left) == ({0, 1, 2, 3} if lost == 1 else {0, 1, 3})
@@ -71,11 +75,11 @@ def test_a_torn_head_leaves_nothing(path: Path) -> None:
 def test_the_journal_of_another_sweep_is_refused_and_kept(path: Path) -> None:
     before = path.read_bytes()
     with pytest.raises(InputError, match="of another"):
-        Journal(path, "another")
+        _journal(path, "another")
     assert path.read_bytes() == before
 
 
 def test_a_journal_in_which_nothing_is_finished_goes_when_it_is_closed(tmp_path: Path) -> None:
-    with Journal(tmp_path / "journal", "mine"):
+    with _journal(tmp_path / "journal"):
         pass
     assert not (tmp_path / "journal").exists()

@@ -13,7 +13,7 @@ import xarray
 
 import planner
 from model import InputError
-from planner.sweeps.file import Sweep
+from planner.sweeps.asked import Sweep
 from planner.sweeps.sweep import journal_of
 from planner.sweeps.workers import WorkersLostError
 from tests.sweeps.cases import DRAWN, GRID, STIFFNESS, written
@@ -46,7 +46,7 @@ def _workers(pid: int) -> list[psutil.Process]:
     return [process for process in below if any("popen_loky" in word for word in process.cmdline())]
 
 
-@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize("jobs", [pytest.param(1, marks=pytest.mark.slow), 2])
 def test_a_sweep_killed_twice_and_resumed_finds_what_an_undisturbed_one_finds(
     tmp_path: Path, jobs: int
 ) -> None:

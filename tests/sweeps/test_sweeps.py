@@ -236,3 +236,16 @@ def test_the_command_tells_a_bad_key_and_returns_2(
     assert main(["sweep", str(path)]) == 2
     assert "[0] to [2]" in capsys.readouterr().err
     assert not (tmp_path / "sweep.nc.journal").exists()
+
+
+def test_scene_and_sweep_files_taken_for_each_other_are_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = written(tmp_path, GRID)
+    assert main(["sweep", str(tmp_path / "scene.toml")]) == 2
+    told = capsys.readouterr().err
+    assert "sweep: missing; a sweep file is such as" in told
+    path.write_text(told.partition("such as")[2])
+    assert main(["sweep", str(path)]) == 0
+    assert main(["plan", str(path)]) == 2
+    assert f"`octoplan sweep {path}`" in capsys.readouterr().err

@@ -1,0 +1,139 @@
+"""What README.md says: its commands run, its scripts run, its files are there."""
+
+import argparse
+import importlib
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import pytest
+
+ROOT = Path(__file__).parents[1]
+TEXT = (ROOT / "README.md").read_text()
+SCRIPTS = re.findall(r"^```python\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
+_PROSE = re.sub(r"^```.*?^```", "", TEXT, flags=re.MULTILINE | re.DOTALL)
+_LINES = [*re.findall(r"^    (\S.*)$", _PROSE, re.MULTILINE), *re.findall(r"`([^`\n]+)`", _PROSE)]
+COMMANDS = [part.strip() for line in _LINES for part in line.split("&&")]
+STUDIES = sorted({own for own in COMMANDS if own.startswith("python -m studies.")})
+INSTALLS = [own for own in COMMANDS if own.startswith("python -m pip install")]
+# Whole commands; `octoplan plan` and the like, in the middle of a sentence, only name one.
+RUNS = [own for own in COMMANDS if re.match(r"octoplan \w+ (?!SCENE)\S|sphinx-build|make ", own)]
+QUICK = ("octoplan plan", "octoplan new", "octoplan schema")
+
+
+def test_the_readme_has_commands_and_scripts_of_each_kind() -> None:
+    assert COMMANDS[:2] == INSTALLS[:1] + RUNS[:1]
+    assert len(SCRIPTS) >= 3
+    assert len(STUDIES) >= 8
+    assert {own.split()[1] for own in RUNS if own.startswith("octoplan")} == {
+        "plan", "new", "schema", "effects", "sweep", "export",
+    }  # fmt: skip
+
+
+def _run(command: str, folder: Path) -> None:
+    """Run a command of the README in a folder that has the project's files in it."""
+    for name in ("studies", "docs"):
+        if not (folder / name).exists():
+            (folder / name).symlink_to(ROOT / name)
+    command, _, target = command.partition(" > ")
+    words = shlex.split(command)
+    programs = {"octoplan": "planner.cli", "sphinx-build": "sphinx"}
+    if words[0] in programs:
+        words = [sys.executable, "-m", programs[words[0]], *words[1:]]
+    alone = {**os.environ, "PYTHONPATH": str(ROOT), "MPLBACKEND": "Agg"}
+    told = subprocess.run(words, cwd=folder, env=alone, capture_output=True, text=True)
+    assert told.returncode == 0, told.stderr
+    if target:
+        (folder / target).write_text(told.stdout)
+
+
+def test_the_quick_commands_run(tmp_path: Path) -> None:
+    quick = [own for own in RUNS if own.startswith(QUICK)]
+    for command in quick:
+        _run(command, tmp_path)
+    assert len(quick) >= 3
+    assert (tmp_path / "out" / "plan.png").stat().st_size > 10_000
+    assert {"scene.toml", "scene.schema.json"} <= {path.name for path in tmp_path.iterdir()}
+
+
+@pytest.mark.slow
+def test_the_other_commands_run(tmp_path: Path) -> None:
+    for command in (own for own in RUNS if not own.startswith(QUICK)):
+        if not command.startswith("make") or shutil.which("make"):
+            _run(command, tmp_path)
+    assert (tmp_path / "payload.nc").is_file()
+    assert (tmp_path / "out" / "docs" / "index.html").is_file()
+
+
+class _ParsedError(Exception):
+    """Raised in place of what a study does."""
+
+
+@pytest.mark.parametrize("command", STUDIES)
+def test_the_studies_take_the_options_that_are_given(
+    command: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, _, module, *options = shlex.split(command)
+    study = importlib.import_module(module)
+    if not hasattr(study, "argparse"):
+        assert not options
+        return
+    parse = argparse.ArgumentParser.parse_args
+
+    def parsed(own: argparse.ArgumentParser, *given: Any) -> None:
+        parse(own, *given)
+        raise _ParsedError
+
+    monkeypatch.setattr(argparse.ArgumentParser, "parse_args", parsed)
+    with pytest.raises(_ParsedError):
+        study.main(options)
+
+
+def test_the_extras_that_are_installed_are_there() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    named = {own for command in COMMANDS for own in re.findall(r"\.\[(\w+)\]", command)}
+    assert {"test", "sweep", "zarr", "cluster", "docs"} <= named
+    assert named <= set(project["optional-dependencies"])
+
+
+def _run_scripts(scripts: list[str]) -> dict[str, Any]:
+    mpl.use("Agg")
+    names: dict[str, Any] = {}
+    for script in scripts:
+        exec(script, names)
+    return names
+
+
+def test_the_first_script_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert len(SCRIPTS[0].splitlines()) <= 20
+    _run_scripts(SCRIPTS[:1])
+    assert "Reached" in capsys.readouterr().out
+    assert {path.name for path in tmp_path.iterdir()} == {"plan.png", "plan.json"}
+
+
+@pytest.mark.slow
+def test_all_scripts_run_one_after_the_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    names = _run_scripts(SCRIPTS)
+    assert {path.name for path in tmp_path.iterdir()} == {"plan.png", "plan.json", "motion.gif"}
+    # A stiffness as a target that cannot be had was in it once.
+    assert names["stiff"].reached
+
+
+def test_what_the_readme_points_at_is_there() -> None:
+    places = re.findall(r"\]\(((?!http)[^)]+)\)", TEXT)
+    files = re.findall(r"`((?:studies|tests|docs)/[\w/.-]+|\w+\.(?:md|cff))`", TEXT)
+    assert places
+    assert not [own for own in (*places, *files) if not (ROOT / own).exists()]
