@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import io
 import logging
-from contextlib import nullcontext, redirect_stdout
+from contextlib import nullcontext, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -141,9 +141,10 @@ def solve(
     if multipliers is not None:
         inputs |= {"lam_x0": multipliers[0], "lam_g0": multipliers[1]}
     said = io.StringIO()
-    with _WATCH.held(), redirect_stdout(said) if talks else nullcontext():
+    # To stderr goes that there are more equations than unknowns, as where a plane holds an arm.
+    with _WATCH.held(), redirect_stderr(said), redirect_stdout(said) if talks else nullcontext():
         found = run(**inputs)
-    if talks:
+    if said.getvalue():
         LOG.debug(said.getvalue().strip())
     stats = run.stats()
     status = stats["return_status"]
