@@ -122,7 +122,7 @@ MISTAKES = {
     ),
     "a point load off the arm": (
         BENT + ARM + "[effects]\npoint_loads = [{ s_mm = 271, force = [0, 0, 1] }]\n",
-        "PointLoad.s",
+        "effects.point_loads[0].s_mm: got 271",
     ),
     "as printed with a load": (
         BENT + ARM + "[effects]\nas_printed = true\ntip_load = {}\n",
