@@ -33,7 +33,7 @@ from matplotlib.figure import Figure
 from planner import sweep
 
 MOST = (0.6, 5.0, 15.0)
-_SCENE = """\
+SCENE = """\
 [scene]
 tensions = [[0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]]
 arm = { preset = "table-4" }
@@ -45,7 +45,8 @@ limits = { tension_max = 20.0 }
 _SIDES = {"x": (-150.0, 450.0), "y": (0.0, 400.0)}
 
 
-def _axis(key: str, name: str, **others: object) -> str:
+def axis(key: str, name: str, **others: object) -> str:
+    """Return the text of an axis of a sweep file."""
     own = {"key": key, "name": name, **others}
     lines = [f'{k} = "{v}"' if isinstance(v, str) else f"{k} = {v}" for k, v in own.items()]
     return "\n".join(["[[sweep.axes]]", *lines, ""])
@@ -54,7 +55,7 @@ def _axis(key: str, name: str, **others: object) -> str:
 def workspace(draws: int) -> str:
     """Return the sweep file of the workspace: all tensions drawn at random."""
     axes = [
-        _axis(
+        axis(
             f"tensions[{i}][{j}]",
             f"T{i + 1}{j + 1}",
             distribution="log-uniform",
@@ -65,25 +66,25 @@ def workspace(draws: int) -> str:
         for j in range(4)
     ]
     head = f'[sweep]\ncompute = "settle"\ndraws = {draws}\nseed = 1\n'
-    return _SCENE + head + "".join(axes)
+    return SCENE + head + "".join(axes)
 
 
 def stiffness(pulls: int) -> str:
     """Return the sweep file of the stiffness: third tendons of the sections at tip and base."""
     axes = [
-        _axis(f"tensions[{i}][2]", f"T{i + 1}3", start=0.0, stop=MOST[i], count=pulls)
+        axis(f"tensions[{i}][2]", f"T{i + 1}3", start=0.0, stop=MOST[i], count=pulls)
         for i in (0, 2)
     ]
-    return _SCENE + '[sweep]\ncompute = "stiffness"\n' + "".join(axes)
+    return SCENE + '[sweep]\ncompute = "stiffness"\n' + "".join(axes)
 
 
 def tensions(points: int) -> str:
     """Return the sweep file of the tensions: plans for the tip at points of the plane."""
     axes = [
-        _axis(f"target.position_mm[{i}]", side, start=low, stop=high, count=points)
+        axis(f"target.position_mm[{i}]", side, start=low, stop=high, count=points)
         for i, (side, (low, high)) in enumerate(_SIDES.items())
     ]
-    return _SCENE + '[sweep]\ncompute = "plan"\n' + "".join(axes)
+    return SCENE + '[sweep]\ncompute = "plan"\n' + "".join(axes)
 
 
 def run(name: str, text: str, out: Path, jobs: int) -> Any:

@@ -12,6 +12,7 @@ from studies import (
     fetch,
     hard_cases,
     maps,
+    sweeping,
     tip_targets,
     which_statics,
 )
@@ -70,6 +71,17 @@ def test_the_study_of_tip_targets_compares_with_random_starts_and_scipy(
     shown = capsys.readouterr().out
     assert "certified                100.0%" in shown
     assert "SLSQP" in shown
+
+
+@pytest.mark.slow
+def test_the_study_of_sweeping_kills_and_compares(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ["--plans", "10", "--kills", "1", "--settles", "500"]
+    sweeping.main([*options, "--out", str(tmp_path)])
+    shown = capsys.readouterr().out
+    assert "killed 1 times, 10 reached: identical: True" in shown
+    assert "500 settles" in shown
 
 
 @pytest.mark.slow

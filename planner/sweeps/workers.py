@@ -10,7 +10,6 @@ import os
 import threading
 import time
 from collections.abc import Iterable, Iterator
-from functools import cache
 
 from model.errors import OctoplanError
 from planner.extras import needed
@@ -47,16 +46,8 @@ def one(job: Job, chunk: int, points: list[Point]) -> tuple[int, Rows]:
     return chunk, run(job, points)
 
 
-def _for_parent(job: Job, chunk: int, points: list[Point]) -> tuple[int, Rows]:
-    """As one, in a process that ends when the one that began it does."""
-    _end_with_parent()
-    return one(job, chunk, points)
-
-
-@cache
-def _end_with_parent() -> None:
+def _end_with(parent: int) -> None:
     """Watch, from now on, whether this process was left alone by one that was killed."""
-    parent = os.getppid()
 
     def watch() -> None:
         while os.getppid() == parent:
@@ -76,9 +67,10 @@ def on_machine(sweep: Sweep, chunks: Iterable[int], jobs: int) -> Found:
     joblib = needed("joblib", "sweep")
     broken = needed("joblib.externals.loky.process_executor", "sweep").BrokenProcessPool
     left, losses = dict.fromkeys(chunks), 0
+    begun = {"initializer": _end_with, "initargs": (os.getpid(),)}
     while left:
-        work = (joblib.delayed(_for_parent)(sweep.job, c, sweep.points(c)) for c in list(left))
-        pool = joblib.Parallel(jobs, return_as="generator_unordered", batch_size=1)
+        work = (joblib.delayed(one)(sweep.job, c, sweep.points(c)) for c in list(left))
+        pool = joblib.Parallel(jobs, return_as="generator_unordered", batch_size=1, **begun)
         try:
             for chunk, rows in pool(work):
                 del left[chunk]

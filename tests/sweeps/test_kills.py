@@ -72,6 +72,17 @@ def test_a_sweep_killed_twice_and_resumed_finds_what_an_undisturbed_one_finds(
     assert xarray.load_dataset(out).identical(undisturbed)
 
 
+@pytest.mark.slow
+def test_workers_that_wait_for_their_first_points_end_with_the_sweep_too(tmp_path: Path) -> None:
+    process = _started(written(tmp_path, AXES, "stiffness", MORE), tmp_path / "out.nc", 2)
+    while not (workers := _workers(process.pid)):
+        assert process.poll() is None
+        time.sleep(0.01)
+    process.kill()
+    process.communicate()
+    assert not psutil.wait_procs(workers, timeout=60)[1]
+
+
 def test_what_is_finished_is_not_found_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
