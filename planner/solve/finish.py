@@ -24,7 +24,7 @@ from planner.solve.task import Task
 _OPTIMAL = 1e-7
 # Coarse optima so near to the best may be better than it is; where gaps are made least, the coarse
 # mesh's own error blurs them.
-_RIVAL, _BLUR, _MOST = 0.05, 5e-5, 4
+_RIVAL, _BLUR, _MOST = 0.05, 1e-6, 4
 _SAME = 1e-3
 _MESHES = 3
 _FINE_IF_UNSETTLED = 16
