@@ -43,6 +43,7 @@ from planner import Limits, Plan, Statement, plan
 from planner.solve.search import Search
 from planner.solve.task import Task
 from planner.targets import Target
+from studies.keeping import keeping
 from studies.reachable import ARM, MAXIMUM, READ, SCENES, draw, off
 
 _NEAR, _WRONG, _SHIFT = 1e-6, 3e-6, 0.1
@@ -185,8 +186,12 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--out", type=Path, default=Path("out"))
     args = parser.parse_args(argv)
     jobs = [(i, args.seed, args.best_of) for i in range(args.targets)]
-    with ProcessPoolExecutor(args.jobs) as pool:
-        cases = list(tqdm(pool.map(run, jobs), total=len(jobs), disable=None))
+    cases: list[Case] = []
+    pool = ProcessPoolExecutor(args.jobs)
+    with keeping():
+        for case in tqdm(pool.map(run, jobs), total=len(jobs), disable=None):
+            cases.append(case)
+    pool.shutdown(cancel_futures=True)
     report(cases)
     keep(cases, args.out / "planner_suite")
 

@@ -7,7 +7,7 @@ from planner.solve.fits import fits
 from planner.solve.starts import candidates, spread
 from planner.solve.task import Task
 
-# Fits that come before the curled arms; 9 in 10 times the first of them leads to the best optimum.
+# Fits that come before the curled arms; 8 in 10 times the first of them leads to the best optimum.
 _FITS = 2
 # For a point one does, of fewer: it finds what the curled arms miss 1 time in 50.
 _FITS_OF_POINT, _SHARE = 1, 0.3
