@@ -12,7 +12,7 @@ tendons up to 0.5, 4, 13 N. Tensions that crush the arm are drawn again.
 Command: python -m studies.tip_targets [--targets 200] [--best-of 50] [--scipy 20] [--seed 0]
 
 Answer: all of 200 are met and certified, 98.5 % within 1 % of the best of 50 random starts, from 5
-starts and in 0.12 s each (median, certificate included); SciPy takes 3.2 s from one start, 26 times
+starts and in 0.16 s each (median, certificate included); SciPy takes 3.7 s from one start, 22 times
 as long, and may end at a worse optimum.
 """
 

@@ -99,7 +99,7 @@ def _finish(task: Task, statement: Statement, coarse: Solution) -> Fine:
 
     guess = _warm(task, problem, coarse, p)
     best = polish(problem, guess, p, bounds)
-    if best is guess:
+    if best is guess and worst(guess) > _OPTIMAL:
         solved = solve(problem, guess.x, p, bounds, (guess.lam_x, guess.lam_g))
         polished = polish(problem, solved, p, bounds) if solved.finite else guess
         best = min((polished, guess), key=worst)

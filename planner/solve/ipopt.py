@@ -39,8 +39,9 @@ _WARM: dict[str, Any] = {
     "warm_start_slack_bound_frac": 1e-9,
     "warm_start_mult_bound_push": 1e-9,
     "tol": 1e-12,
-    "acceptable_tol": 1e-9,
-    "max_iter": 60,
+    "acceptable_tol": 1e-8,
+    "acceptable_iter": 4,
+    "max_iter": 30,
 }
 _MAGNIFIED_TOL = 1e-7
 STOPPED = {
