@@ -13,7 +13,7 @@ Command: python -m studies.speed [--rows settle jacobian ...] [--repeats 20] [--
 [--knob 300]
 
 Answer: settle 48, settle_many 176 (compiled 1130), tip Jacobian 177 (compiled 900), loaded
-settles 14, cold certified plans 42, plans along a path 7 times as fast as the cold ones. A settle
+settles 14, cold certified plans 48, plans along a path 11 times as fast as the cold ones. A settle
 grows as n^0.35 with the sections, a plan as n^1.3. Of 300 random settles none misses what was
 asked, the worst is at 0.26 of it; a third cost less than twice the cheapest single map that is as
 good, the median 2.4 times.
