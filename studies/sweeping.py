@@ -11,8 +11,8 @@ and less is gained. Memory is the peak of the process that was started.
 Command: python -m studies.sweeping [--plans 2000] [--kills 10] [--settles 10000 100000]
 [--out out]
 
-Answer: 2000 plans, all reached, are 304 s of work for one process and for two, who share them to
-within 1 %; beside other programs (a load of 4 on two processors) two took 371 s and one 475 s.
+Answer: two processes do 1000 plans 1.84 times as fast as one, 102 s against 188 s, where nothing
+else runs; 2000 plans are 304 s of work for one and for two, who share them to within 1 %.
 Killed ten times at random, and its workers four times besides, the sweep ends in the same Dataset.
 10 000 settles take 160 MB, 100 000 169 MB, 300 000 166 MB.
 """
