@@ -91,5 +91,5 @@ def _length(facts: Facts, value: float) -> str:
 
 def _holders(facts: Facts) -> str:
     if not facts.holders:
-        return "no maximum holds it: it lies beyond what any tensions of these tendons give"
+        return "no maximum holds it: no start led these tendons nearer"
     return f"held by {', '.join(facts.holders[:3])}; raise these limits or move the target"
