@@ -12,11 +12,11 @@ with its quartiles.
 Command: python -m studies.speed [--rows settle jacobian ...] [--repeats 20] [--plans 20]
 [--knob 300]
 
-Answer: settle 48, settle_many 176 (compiled 1130), tip Jacobian 177 (compiled 900), loaded
+Answer: settle 29 to 48, settle_many 160 (compiled 1000), tip Jacobian 150 (compiled 750), loaded
 settles 14, cold certified plans 48, plans along a path 11 times as fast as the cold ones. A settle
 grows as n^0.35 with the sections, a plan as n^1.3. Of 300 random settles none misses what was
-asked, the worst is at 0.26 of it; a third cost less than twice the cheapest single map that is as
-good, the median 2.4 times.
+asked, the worst is at a third of it; a third cost less than twice the cheapest single map that is
+as good, the median 2.4 times.
 """
 
 from __future__ import annotations
