@@ -26,6 +26,8 @@ LOG = logging.getLogger(__name__)
 ACCURACY = 1e-6
 # A mesh up to this one may be too coarse to say that the arm snaps.
 _COARSE = 16
+# Coarser ones bring loads on in very many steps where an arm is bent far.
+_COARSE_LOADED = (2, 4)
 
 
 def settle(
@@ -91,6 +93,8 @@ def _settled(
     # Elsewhere strains that are no numbers may be those of a step that is too long.
     by_sections = isinstance(SCHEMES[scheme], Magnus) or is_loaded(scene)
     coarse, fine = first_pair(accuracy, order)
+    if is_loaded(scene):
+        coarse, fine = max(coarse, _COARSE_LOADED[0]), max(fine, _COARSE_LOADED[1])
     refinement = coarse
     before: tuple[int, Array] | None = None
     near: Array | None = None
