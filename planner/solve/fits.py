@@ -1,142 +1,168 @@
 """First guesses fitted to what is wanted: least squares over the bends of the sections.
 
 Where a target prescribes turns, directions or several points, each section's bend is as good as
-given, but not in closed form: tendons of the sections beyond bend a section too. So some of very
-many drawn bends, those nearest to what is wanted, are driven to it by Levenberg and Marquardt's
-method, all together, on the coarsest mesh. What is met in several ways is met by several of them;
-the cheapest comes first. The draws are the same each time.
+given, but not in closed form: tendons of the sections beyond bend a section too, and there are many
+ways to wind up. So some of very many drawn bends, those nearest to what is wanted, are driven to it
+by Levenberg and Marquardt's method, all together, on the coarsest mesh. What is met in several ways
+is met by several of them. Where a section takes a Newton's method to settle, most of that is done
+without what calls for it, and what was found is fitted once more with it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
-from model.arm import Arm
-from model.effects import ExactTendons, NeoHookean
+from model.effects import ExactTendons, Extension, NeoHookean
 from model.paths import Array
+from model.scene import Scene
+from planner.program.effort import effort
 from planner.program.limits import Limits
-from planner.program.problem import Problem
+from planner.program.problem import Problem, build
+from planner.solve.bends import Bends
 from planner.solve.residuals import Residuals
-from planner.solve.starts import section_pulls
 from planner.targets.base import Target
 
-# How many are drawn and fitted; fewer where each section takes a Newton's method to settle.
-_COUNTS, _COUNTS_IF_SLOW = (1000, 40), (600, 16)
-_STEPS = 10
+# How many are drawn, and how many of those are fitted.
+Count = tuple[int, int]
+COUNT, COUNT_OF_POINT = (4000, 160), (300, 12)
+# Of them where each section takes a Newton's method to settle, as far as they are not fits of
+# simpler statics, of which there are so many at most.
+_SLOW, _AGAIN = 0.25, 16
+_STEPS = 16
+# Where sections shorten, some of those that bends do not bring there are squeezed as well.
+_SQUEEZED = 30
 # The work of a step grows with the square of the number of bends; so many slopes are affordable.
-_SLOPES = 300
-# In units of what bends the arm by about 1 rad; a slender tip saturates, so it takes many.
-_LEAST, _MOST_AT_TIP, _MOST_AT_BASE = 0.15, 20.0, 5.0
+_SLOPES = 1000
 # What is nearer is met but for the errors of the mesh; what is not may be a place to get stuck.
-_MET = 3e-3
+_MET, _DONE = 3e-3, 1e-6
 _SAME = 0.05
-# A fit much dearer than the cheapest one leads to a dearer optimum.
-_DEARER = 2.0
+# A fit so much dearer than the cheapest one leads to a dearer optimum.
+_DEARER = 1.3
 _DIFFERENCE = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
-class Bends:
-    """The pulls of the sections as a function of their bends: two numbers for each section."""
+class Fits:
+    """Tensions that differ: those that meet the targets, cheapest first, and the nearest others.
 
-    arm: Arm
-    tendons: frozenset[int]
-    limits: Limits
-
-    @cached_property
-    def sections(self) -> list[int]:
-        """The sections with tendons that may pull, tip first."""
-        return sorted({self.arm.tendons[j][0] for j in self.tendons})
-
-    @cached_property
-    def sides(self) -> Array:
-        """Tensions (2 n, 2, n_tendons) that bend each section along an axis, there and back."""
-        angles = [(0.0, np.pi), (np.pi / 2, -np.pi / 2)]
-        return np.array(
-            [
-                [section_pulls(self.arm, i, angle, self.tendons) for angle in axis]
-                for i in self.sections
-                for axis in angles
-            ]
-        )
-
-    def tensions(self, bends: Array) -> Array:
-        """Return tensions (m, n_tendons) of bends (m, 2 n), within the limits of each tendon."""
-        T = np.maximum(bends, 0) @ self.sides[:, 0] + np.maximum(-bends, 0) @ self.sides[:, 1]
-        return np.asarray(np.clip(T, self.limits.lower, self.limits.upper))
-
-    def draw(self, count: int) -> Array:
-        """Return bends (count, 2 n), half of them small ones, in all directions."""
-        rng, n = np.random.default_rng(0), len(self.sections)
-        most = np.linspace(_MOST_AT_TIP, _MOST_AT_BASE, n) if n > 1 else np.array([_MOST_AT_TIP])
-        share = rng.uniform(size=(count, n))
-        few = np.arange(count)[:, None] % 2 == 0
-        size = np.where(few, _LEAST * (most / _LEAST) ** share, most * share)
-        angle = rng.uniform(0, 2 * np.pi, size=(count, n))
-        return np.stack([size * np.cos(angle), size * np.sin(angle)], axis=2).reshape(count, -1)
-
-
-def fits(
-    problem: Problem, targets: tuple[Target, ...], limits: Limits, share: float = 1.0
-) -> tuple[list[Array], list[Array]]:
-    """Return tensions that meet the targets, cheapest first, and other ones, nearest first.
-
-    Those that meet them at far more effort than the cheapest are left to the other ones. `share` is
-    how many are drawn and fitted, of the usual number.
+    Attributes
+    ----------
+    likely : list of (n_tendons,)
+        Among them is the one that leads to the best optimum: they cost little more than the
+        cheapest.
+    others : list of (n_tendons,)
+        Those that meet the targets come first.
     """
+
+    likely: list[Array]
+    others: list[Array]
+
+
+def fits(problem: Problem, targets: tuple[Target, ...], limits: Limits, count: Count) -> Fits:
+    """Return tensions fitted to targets, from so many that are drawn, so many of them fitted."""
     tendons = frozenset.intersection(*(target.tendons(problem.arm) for target in targets))
     bends = Bends(problem.arm, tendons, limits)
+    simple = _closed_form(problem.scene)
+    if simple == problem.scene:
+        points, residual = _fit(problem, targets, bends, count)
+    else:
+        easy = build(problem.arm, targets, simple, problem.statement)
+        points, residual = _fit(easy, targets, bends, count)
+        again = points[:, : len(bends.sides)][
+            _different(bends.tensions(points), residual, problem)[:_AGAIN]
+        ]
+        few = (round(_SLOW * count[0]), round(_SLOW * count[1]))
+        points, residual = _fit(problem, targets, bends, few, again)
+    T = bends.tensions(points)
+    order = _different(T, residual, problem)
+    met = [i for i in order if residual[i] < _MET]
+    most = _DEARER * _cost(T[met[0]], problem) if met else 0.0
+    likely = [i for i in met if _cost(T[i], problem) <= most]
+    return Fits([T[i] for i in likely], [T[i] for i in order[len(likely) :]])
+
+
+def _closed_form(scene: Scene) -> Scene:
+    """Return the scene without what a section takes a Newton's method to settle for."""
+    slow = (ExactTendons, NeoHookean)
+    return Scene(*(effect for effect in scene.effects if not isinstance(effect, slow)))
+
+
+def _cost(T: Array, problem: Problem) -> float:
+    return effort(T, problem.statement.norm)
+
+
+def _fit(
+    problem: Problem,
+    targets: tuple[Target, ...],
+    bends: Bends,
+    count: Count,
+    first: Array | None = None,
+) -> tuple[Array, Array]:
+    """Return bends (m, n) fitted to targets, from those given and from drawn ones; residuals."""
     residuals = Residuals(problem, targets)
 
     def gaps(points: Array) -> Array:
         found, crushed = residuals(bends.tensions(points))
         return np.hstack([found, 10 * crushed[:, None]])
 
-    slow = problem.scene.has(ExactTendons) or problem.scene.has(NeoHookean)
-    draws, most = _COUNTS_IF_SLOW if slow else _COUNTS
-    drawn = bends.draw(round(share * draws))
+    drawn = bends.draw(count[0])
     nearest = np.argsort(np.linalg.norm(gaps(drawn), axis=1), kind="stable")
-    count = max(4, round(share * min(most, _SLOPES // drawn.shape[1])))
-    points, residual = _fitted(gaps, drawn[nearest[:count]])
-    T = bends.tensions(points)
-    order = _different(T, residual)
-    cost = np.linalg.norm(T[order], axis=1)
-    cheap = (residual[order] < _MET) & (cost <= _DEARER * cost[0])
-    leading = [T[i] for i, kept in zip(order, cheap, strict=True) if kept]
-    others = [(residual[i], i) for i, kept in zip(order, cheap, strict=True) if not kept]
-    return leading, [T[i] for _, i in sorted(others)]
+    kept = drawn[nearest[: max(4, min(count[1], _SLOPES // drawn.shape[1]))]]
+    points, residual = least_squares(gaps, kept if first is None else np.vstack([first, kept]))
+    if problem.scene.has(Extension):
+        points, residual = _squeezed(gaps, points, residual, bends, problem)
+    return points, residual
 
 
-def _different(T: Array, residual: Array) -> list[int]:
+def _squeezed(
+    gaps: Callable[[Array], Array], points: Array, residual: Array, bends: Bends, problem: Problem
+) -> tuple[Array, Array]:
+    """Return bends and squeezes (m, 3 n): what nearly meets the targets may do so squeezed."""
+    points = np.hstack([points, np.zeros((len(points), len(bends.sections)))])
+    order = _different(bends.tensions(points), residual, problem)
+    near = [i for i in order if residual[i] >= _MET][:_SQUEEZED]
+    if near:
+        points[near], residual[near] = least_squares(gaps, points[near])
+    return points, residual
+
+
+def _different(T: Array, residual: Array, problem: Problem) -> list[int]:
     """Return which tensions differ from those before: the cheapest that meet, then the nearest."""
     met = residual < _MET
-    order = np.lexsort([np.where(met, np.linalg.norm(T, axis=1), residual), ~met])
+    cost = [_cost(one, problem) for one in T]
     kept: list[int] = []
-    for i in order:
+    for i in np.lexsort([np.where(met, cost, residual), ~met]):
         if all(np.abs(T[i] - T[j]).max() > _SAME * np.abs(T[i]).max() for j in kept):
             kept.append(int(i))
     return kept
 
 
-def _fitted(gaps: Callable[[Array], Array], U: Array) -> tuple[Array, Array]:
+def least_squares(gaps: Callable[[Array], Array], U: Array) -> tuple[Array, Array]:
     """Return points (m, n) of least squares of gaps near U, and the norms there (m,)."""
-    m, n = U.shape
-    damping, r = np.full(m, 1e-2), gaps(U)
+    U, r, damping = U.copy(), gaps(U), np.full(len(U), 1e-2)
     for _ in range(_STEPS):
-        h = _DIFFERENCE * (1 + np.abs(U))
-        shifted = U[:, None, :] + h[:, :, None] * np.eye(n)
-        slopes = (gaps(shifted.reshape(-1, n)).reshape(m, n, -1) - r[:, None, :]) / h[:, :, None]
-        scale = 1 + np.abs(U)
-        A = slopes * scale[:, :, None]
-        normal = A @ A.transpose(0, 2, 1) + damping[:, None, None] * np.eye(n)
-        step = -np.linalg.solve(normal, A @ r[:, :, None])[:, :, 0]
-        trial = U + np.clip(step, -1, 1) * scale
+        on = np.linalg.norm(r, axis=1) > _DONE
+        if not on.any():
+            break
+        trial = U[on] + _step(gaps, U[on], r[on], damping[on])
         tried = gaps(trial)
-        better = np.linalg.norm(tried, axis=1) < np.linalg.norm(r, axis=1)
-        U, r = (np.where(better[:, None], a, b) for a, b in ((trial, U), (tried, r)))
-        damping = np.maximum(damping * np.where(better, 0.2, 8.0), 1e-8)
+        better = np.linalg.norm(tried, axis=1) < np.linalg.norm(r[on], axis=1)
+        for now, new in ((U, trial), (r, tried)):
+            now[on] = np.where(better[:, None], new, now[on])
+        damping[on] = np.maximum(damping[on] * np.where(better, 0.2, 8.0), 1e-8)
     return U, np.linalg.norm(r, axis=1)
+
+
+def _step(gaps: Callable[[Array], Array], U: Array, r: Array, damping: Array) -> Array:
+    """Return the damped steps (m, n) of Gauss and Newton's method, scaled, none far."""
+    m, n = U.shape
+    scale = 1 + np.abs(U)
+    h = _DIFFERENCE * scale
+    shifted = gaps((U[:, None, :] + h[:, :, None] * np.eye(n)).reshape(-1, n)).reshape(m, n, -1)
+    slopes = (shifted - r[:, None, :]) / _DIFFERENCE
+    normal = slopes @ slopes.transpose(0, 2, 1) + damping[:, None, None] * np.eye(n)
+    step = -np.linalg.solve(normal, slopes @ r[:, :, None])[:, :, 0]
+    return np.asarray(np.clip(step, -1, 1) * scale)

@@ -2,27 +2,45 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from model.paths import Array
-from planner.solve.fits import fits
+from planner.solve.fits import COUNT, COUNT_OF_POINT, fits
 from planner.solve.starts import candidates, spread
 from planner.solve.task import Task
 
-# Fits that come before the curled arms; 8 in 10 times the first of them leads to the best optimum.
-_FITS = 2
-# For a point one does, of fewer: it finds what the curled arms miss 1 time in 50.
-_FITS_OF_POINT, _SHARE = 1, 0.3
+# Where none meets what is wanted, so many of the nearest fits come first.
+_OTHERS = 2
 
 
-def first_guesses(task: Task, most: int) -> list[Array]:
-    """Return tensions that differ: fits, then arms that curl more and more, then what else fits.
+@dataclass(frozen=True, eq=False)
+class Guesses:
+    """First guesses, tensions (n_tendons,) that differ, in the order in which they are tried.
 
-    Loads are left out. Where a single section may pull there is one way to curl, and no fit.
+    Attributes
+    ----------
+    sure : int
+        Among how many of the first the best optimum is; 0 where that is not known.
+    """
+
+    starts: list[Array]
+    sure: int = 0
+
+
+def first_guesses(task: Task, most: int) -> Guesses:
+    """Return fits, then arms that curl more and more, then what else fits.
+
+    Loads are left out. Where a single section may pull there is one way to curl, and no fit. For a
+    point the nearest fit does: it finds what the curled arms miss 1 time in 50.
     """
     problem = task.problem(task.coarse("exact"))
     curled = [T for _, T in candidates(problem, task.targets, task.allowed)]
-    if task.is_point and len(curled) == 1:
-        return curled
-    share, count = (_SHARE, _FITS_OF_POINT) if task.is_point else (1.0, _FITS)
-    met, others = fits(problem, task.targets, task.allowed, share)
-    first, rest = (met or others)[:count], [] if task.is_point else [*met[count:], *others]
-    return spread([*first, *curled, *rest], most)
+    if task.is_point:
+        if len(curled) == 1:
+            return Guesses(curled)
+        found = fits(problem, task.targets, task.allowed, COUNT_OF_POINT)
+        return Guesses(spread([*[*found.likely, *found.others][:1], *curled], most))
+    found = fits(problem, task.targets, task.allowed, COUNT)
+    first = found.likely or found.others[:_OTHERS]
+    starts = spread([*first, *curled, *found.others], most)
+    return Guesses(starts, 0 if problem.looks else min(len(found.likely), most))

@@ -20,6 +20,8 @@ Bounds = tuple[Array, Array, Array, Array]
 Mask = NDArray[np.bool_]
 _STEPS = 15
 _SLOW = 0.05
+# So little changes where the limits that are held are not those of the optimum.
+_STUCK = 1e-3
 _ACCEPTED = 1e-10
 _ROUNDING = 1e-12
 _NEAR = 1e-4
@@ -115,7 +117,8 @@ def polish(problem: Problem, start: Solution, p: Array, bounds: Bounds) -> Solut
         found = _residuals(gradient, g, jacobian, x, lam_x, lam_g, bounds).worst
         if found <= least:
             best, least = replace(start, x=x, lam_x=lam_x, lam_g=lam_g, g=g), found
-        if found <= _ROUNDING or not np.isfinite(found):
+        stuck = abs(found - previous) <= _STUCK * found
+        if found <= _ROUNDING or stuck or not np.isfinite(found):
             break
         if found > _SLOW * previous or not hessian.size:
             hessian = np.array(problem.derivatives.curvature(x, p, 1.0, lam_g))

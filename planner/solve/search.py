@@ -16,7 +16,7 @@ from planner.program.problem import TRACES
 from planner.program.statement import Mode, Statement
 from planner.solve.finish import Fine, finish_best
 from planner.solve.found import Found, Start, agreed
-from planner.solve.guesses import first_guesses
+from planner.solve.guesses import Guesses, first_guesses
 from planner.solve.ipopt import Solution, solve
 from planner.solve.starts import spread
 from planner.solve.task import Task
@@ -26,8 +26,11 @@ _FEW, _MORE = 5, 8
 # Enough where least squares over more numbers than there are tendons come to nothing: that fixes
 # the shape, and with it the tensions.
 _FIXED = 3
-# Loaded arms start from the optima of the unloaded one, among which the search was.
-_FEWEST = 2
+# Loaded arms start from the optima of the unloaded one, among which the search was; one of those
+# that cost little more than the best leads to the best with loads.
+_FEWEST, _DEARER = 2, 1.2
+# Tried besides the fits that meet what is wanted.
+_BESIDE = 2
 _INSIDE = 0.005
 _LITTLE = 1e-5
 
@@ -40,6 +43,7 @@ class Search:
         self.least = _FEW if task.is_point else _MORE
         if is_loaded(task.scene):
             self.least = _FEWEST
+        self.sure = 0
         self.seen: list[tuple[Statement, Solution]] = []
 
     def run(self, most: int, seconds: float | None = None) -> Found:
@@ -65,9 +69,10 @@ class Search:
 
     def _run(self, most: int) -> Found:
         """Try the readings of the targets in turn; planner.program.problem has the three modes."""
-        starts = self._guesses(most)
+        guesses = self._guesses(most)
+        starts, self.sure = guesses.starts, guesses.sure
         if self.task.can_be_exact:
-            exact = self._exact(starts[: self.least], starts[self.least :])
+            exact = self._exact(starts[: self._first], starts[self._first :])
             if exact is not None:
                 return exact
         found, records, mode = self._fallback(starts)
@@ -84,14 +89,13 @@ class Search:
             return None
         return self._exact([self.task.tensions(near), *starts[self.least :]], [])
 
-    def _guesses(self, most: int) -> list[Array]:
+    def _guesses(self, most: int) -> Guesses:
         """Return first guesses; with loads, the optima without them before the others."""
-        starts = first_guesses(self.task, most)
         if is_loaded(self.task.scene):
-            starts = spread([*self._without_loads(starts), *starts], most)
-        return starts
+            return self._without_loads(most)
+        return first_guesses(self.task, most)
 
-    def _without_loads(self, starts: list[Array]) -> list[Array]:
+    def _without_loads(self, most: int) -> Guesses:
         """Return the optima of the unloaded arm, best first: the loaded ones are near.
 
         Those for the shape alone, if there is one: how stiff it is has to be found with the loads.
@@ -106,10 +110,15 @@ class Search:
                 targets=shape,
             )
         )
+        guesses = free._guesses(most)
+        free.sure = guesses.sure
         mode: Mode = "exact" if free.task.can_be_exact else "closest"
-        found = [free._solve(free.task.coarse(mode), T) for T in starts[: free.least]]
+        found = [free._solve(free.task.coarse(mode), T) for T in guesses.starts[: free._first]]
         met = sorted((s for s in found if s.finite), key=lambda s: (not s.met, s.f))
-        return [free.task.tensions(s) for s in met]
+        likely = [s for s in met if s.met and s.f <= _DEARER * met[0].f]
+        sure = len(spread([free.task.tensions(s) for s in likely], most))
+        first = [free.task.tensions(s) for s in met]
+        return Guesses(spread([*first, *guesses.starts], most), sure if guesses.sure else 0)
 
     def _exact(self, first: list[Array], others: list[Array]) -> Found | None:
         """Return the least effort that meets the targets; others are tried if a first one does."""
@@ -148,16 +157,26 @@ class Search:
         """Return what is met from each start, until the best was found twice; append records."""
         found: list[Solution] = []
         for T in told(f"first guesses, {statement.mode}", starts):
-            fixed = not self.task.can_be_exact and any(s.f <= _LITTLE for s in found)
-            if len(records) >= (_FIXED if fixed else self.least) and (
-                fixed or agreed(records) >= 2
-            ):
+            if self._enough(records, found):
                 break
             solution = self._solve(statement.but(careful=self.task.statement.careful), T)
             records.append(_record(solution))
             if solution.met:
                 found.append(solution)
         return found
+
+    @property
+    def _first(self) -> int:
+        """How many starts are tried before it is said that none meets the targets."""
+        return max(self.least, self.sure)
+
+    def _enough(self, records: list[Start], found: list[Solution]) -> bool:
+        """Return whether the best optimum is among what was found, as far as can be told."""
+        if not self.task.can_be_exact and any(s.f <= _LITTLE for s in found):
+            return len(records) >= _FIXED
+        if self.sure:
+            return len(records) >= self.sure + _BESIDE
+        return len(records) >= self.least and agreed(records) >= 2
 
     def _solve(self, statement: Statement, T: Array) -> Solution:
         solution = self._solved(statement, T)
