@@ -40,8 +40,8 @@ from model.forward import schemes_of
 from model.paths import Array
 from model.statics import is_loaded
 from planner import Limits, Plan, Statement, plan
-from planner.solve.search import Search
 from planner.solve.task import Task
+from planner.solve.trials import Trials
 from planner.targets import Target
 from studies.keeping import keeping
 from studies.reachable import ARM, MAXIMUM, READ, SCENES, draw, off
@@ -135,12 +135,12 @@ def _over_best(found: Plan, scene: Scene, count: int, rng: np.random.Generator) 
     if heavy or not count or found.mode != "exact":
         return 0.0
     limits, statement = Limits.of(ARM, MAXIMUM), Statement("condensed", found.statement.norm)
-    search = Search(Task(ARM, found.targets, scene, limits, statement, found.accuracy))
-    coarse = search.task.coarse("exact")
+    trials = Trials(Task(ARM, found.targets, scene, limits, statement, found.accuracy))
+    coarse = trials.task.coarse("exact")
     own = min((s.objective for s in found.starts if s.met), default=np.inf)
     scale = np.repeat([0.6, 5.0, 15.0], 4)
     tried = (
-        search._solve(coarse, rng.uniform() * rng.uniform(size=12) * scale) for _ in range(count)
+        trials.solve(coarse, rng.uniform() * rng.uniform(size=12) * scale) for _ in range(count)
     )
     best = min((s.f for s in tried if s.met), default=np.inf)
     return float(np.sqrt(own / best)) if own < np.inf and best > 0 else 0.0

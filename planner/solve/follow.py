@@ -23,9 +23,8 @@ from planner.solve.found import Found, Start
 from planner.solve.ipopt import Solution, solve
 from planner.solve.polish import polish
 from planner.solve.task import allowed
+from planner.solve.walk import walk
 from planner.targets.base import Target
-
-_LEAST_STEP = 1 / 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,17 +99,11 @@ def _moved(
 ) -> Solution | None:
     """Return the optimum for targets, from that for targets before by steps in their numbers."""
     first, last = (problem.parameters(which, limits) for which in (before, targets))
-    share, step = 0.0, 1.0
-    while share < 1:
-        trial = min(1.0, share + step)
-        found = _near(problem, start, first + trial * (last - first), limits)
-        if found is not None:
-            start, share, step = found, trial, 2 * step
-        elif step <= _LEAST_STEP:
-            return None
-        else:
-            step /= 2
-    return start
+
+    def at(near: Solution, share: float) -> Solution | None:
+        return _near(problem, near, first + share * (last - first), limits)
+
+    return walk(start, at)
 
 
 def _near(problem: Problem, start: Solution, p: Array, limits: Limits) -> Solution | None:

@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import numpy as np
+
+from model.loaded.forward import unloaded
 from model.paths import Array
+from model.statics import is_loaded
+from planner.program.statement import Mode
 from planner.solve.fits import COUNT, COUNT_OF_POINT, fits
 from planner.solve.starts import candidates, spread
 from planner.solve.task import Task
+from planner.solve.trials import Trials
 
 # Where none meets what is wanted, so many of the nearest fits come first.
 _OTHERS = 2
+# An optimum without loads that costs so much more than the best may be the best with them.
+_DEARER = 1.2
+_STRONGER, _BEFORE_STRONGER = (3.0, 8.0), 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,10 +37,15 @@ class Guesses:
 
 
 def first_guesses(task: Task, most: int) -> Guesses:
+    """Return no more than so many first guesses."""
+    return _without_loads(task, most) if is_loaded(task.scene) else _of_unloaded(task, most)
+
+
+def _of_unloaded(task: Task, most: int) -> Guesses:
     """Return fits, then arms that curl more and more, then what else fits.
 
-    Loads are left out. Where a single section may pull there is one way to curl, and no fit. For a
-    point the nearest fit does: it finds what the curled arms miss 1 time in 50.
+    Where a single section may pull there is one way to curl, and no fit. For a point the nearest
+    fit does: it finds what the curled arms miss 1 time in 50.
     """
     problem = task.problem(task.coarse("exact"))
     curled = [T for _, T in candidates(problem, task.targets, task.allowed)]
@@ -44,3 +58,27 @@ def first_guesses(task: Task, most: int) -> Guesses:
     first = found.likely or found.others[:_OTHERS]
     starts = spread([*first, *curled, *found.others], most)
     return Guesses(starts, 0 if problem.looks else min(len(found.likely), most))
+
+
+def _without_loads(task: Task, most: int) -> Guesses:
+    """Return the optima of the unloaded arm, best first, those that cost little more as likely.
+
+    Those for the shape alone, if there is one: how stiff it is has to be found with the loads. For
+    a point, which takes few tendons, the best of them comes again with more pull: a load that is
+    heavy for the tip takes several times what bends it without.
+    """
+    shape = tuple(target for target in task.targets if target.look() is None) or task.targets
+    statement = task.statement.but(form="condensed")
+    free = replace(task, scene=unloaded(task.scene), statement=statement, targets=shape)
+    guesses = _of_unloaded(free, most)
+    trials = Trials(free, guesses.sure)
+    mode: Mode = "exact" if free.can_be_exact else "closest"
+    found = [trials.solve(free.coarse(mode), T) for T in guesses.starts[: trials.first]]
+    met = sorted((s for s in found if s.finite), key=lambda s: (not s.met, s.f))
+    optima = spread([free.tensions(s) for s in met], most)
+    likely = [s for s in met if s.met and s.f <= _DEARER * met[0].f]
+    sure = len(spread([free.tensions(s) for s in likely], most)) if guesses.sure else 0
+    stronger = [more * T for T in optima[:1] for more in _STRONGER] if task.is_point else []
+    few = max(sure, _BEFORE_STRONGER)
+    starts = [*optima[:few], *stronger, *optima[few:], *guesses.starts]
+    return Guesses(spread([np.minimum(T, task.allowed.upper) for T in starts], most), sure)

@@ -1,0 +1,125 @@
+"""Solving a task on the coarse mesh from one start after another, and what is known by then."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from model.paths import Array
+from model.patience import check_time
+from model.progress import told
+from model.statics import is_loaded
+from planner.program.problem import TRACES, Problem
+from planner.program.statement import Statement
+from planner.solve.approach import approach
+from planner.solve.found import Start, agreed
+from planner.solve.ipopt import Solution, solve
+from planner.solve.task import Task
+
+# Starts before agreement counts: five do for points, more where optima are many and close.
+_FEW, _MORE = 5, 8
+# Enough where least squares over more numbers than there are tendons come to nothing: that fixes
+# the shape, and with it the tensions.
+_FIXED = 3
+# Loaded arms start from the optima of the unloaded one, among which the search was; two more
+# before it is said that none of the starts meets the targets.
+_FEWEST, _STRONGER = 2, 2
+# Tried besides the fits that meet what is wanted.
+_BESIDE = 2
+_INSIDE = 0.005
+LITTLE = 1e-5
+
+
+class Trials:
+    """The solves of one task.
+
+    Attributes
+    ----------
+    sure : int
+        Among how many of the first starts the best optimum is, 0 where that is not known.
+    seen : list of (Statement, Solution)
+        Every solution with finite numbers, in order.
+    """
+
+    def __init__(self, task: Task, sure: int = 0) -> None:
+        self.task, self.sure = task, sure
+        self.seen: list[tuple[Statement, Solution]] = []
+        self.loaded = is_loaded(task.scene)
+        self.least = _FEW if task.is_point else _MORE
+        if self.loaded:
+            self.least = _FEWEST
+
+    @property
+    def first(self) -> int:
+        """How many starts are tried before it is said that none meets the targets."""
+        return max(self.least, self.sure) + (_STRONGER if self.loaded else 0)
+
+    def _enough(self, records: list[Start], found: list[Solution]) -> bool:
+        """Return whether the best optimum is among what was found, as far as can be told."""
+        if not self.task.can_be_exact and any(s.f <= LITTLE for s in found):
+            return len(records) >= _FIXED
+        if self.sure:
+            return len(records) >= self.sure + _BESIDE
+        return len(records) >= self.least and agreed(records) >= 2
+
+    def from_starts(
+        self, starts: list[Array], statement: Statement, records: list[Start]
+    ) -> list[Solution]:
+        """Return what is met from each start, until that is enough; append to the records."""
+        found: list[Solution] = []
+        for T in told(f"first guesses, {statement.mode}", starts):
+            if self._enough(records, found):
+                break
+            solution = self.solve(statement.but(careful=self.task.statement.careful), T)
+            records.append(record(solution))
+            if solution.met:
+                found.append(solution)
+        return found
+
+    def by_continuation(
+        self, starts: list[Array], statement: Statement, records: list[Start]
+    ) -> list[Solution]:
+        """Return the first optimum that a way from what a start attains leads to, if there is one.
+
+        Records are made of it alone.
+        """
+        for T in told("continuation in the target", starts):
+            problem, x, p = self._stated(statement.but(careful=self.task.statement.careful), T)
+            solution = approach(problem, x, p, problem.bounds(self.task.allowed))
+            if solution is not None:
+                self.seen.append((statement, solution))
+                records.append(record(solution))
+                return [solution]
+        return []
+
+    def solve(self, statement: Statement, T: Array) -> Solution:
+        """Return what tensions (n_tendons,) [N] lead to, carefully from where that is needed."""
+        solution = self._solved(statement, T)
+        if solution.undefined and self.task.scene != self.task.scene.careful():
+            self.task = replace(self.task, statement=self.task.statement.but(careful=True))
+            solution = self._solved(statement.but(careful=True), T)
+        return solution
+
+    def _solved(self, statement: Statement, T: Array) -> Solution:
+        problem, x, p = self._stated(statement, T)
+        solution = solve(problem, x, p, problem.bounds(self.task.allowed))
+        if solution.finite:
+            self.seen.append((statement, solution))
+        check_time()
+        return solution
+
+    def _stated(self, statement: Statement, T: Array) -> tuple[Problem, Array, Array]:
+        """Return the program, its unknowns for tensions a little inside the limits, parameters."""
+        task = self.task
+        problem, limits = task.problem(statement), task.allowed
+        p = problem.parameters(task.targets, limits, TRACES[0])
+        bounds, x = problem.bounds(limits), problem.unknowns(T, limits, p)
+        n = task.arm.n_tendons
+        x[:n] = np.clip(np.maximum(x[:n], _INSIDE), bounds[0][:n], bounds[1][:n])
+        return problem, x, p
+
+
+def record(solution: Solution) -> Start:
+    """Return what is kept of a solution."""
+    return Start(solution.f, solution.met, solution.iterations)
