@@ -137,13 +137,17 @@ def _over_best(found: Plan, scene: Scene, count: int, rng: np.random.Generator) 
     limits, statement = Limits.of(ARM, MAXIMUM), Statement("condensed", found.statement.norm)
     trials = Trials(Task(ARM, found.targets, scene, limits, statement, found.accuracy))
     coarse = trials.task.coarse("exact")
-    own = min((s.objective for s in found.starts if s.met), default=np.inf)
+    problem = trials.task.problem(coarse)
+    p = problem.parameters(found.targets, limits)
+    own = [s.objective for s in found.starts if s.met]
+    x = problem.unknowns(found.tensions.ravel(), limits, p)
+    own.append(float(problem.derivatives.gradient(x, p)[0]))
     scale = np.repeat([0.6, 5.0, 15.0], 4)
     tried = (
         trials.solve(coarse, rng.uniform() * rng.uniform(size=12) * scale) for _ in range(count)
     )
     best = min((s.f for s in tried if s.met), default=np.inf)
-    return float(np.sqrt(own / best)) if own < np.inf and best > 0 else 0.0
+    return float(np.sqrt(min(own) / best)) if 0 < best < np.inf else 0.0
 
 
 def report(cases: Sequence[Case]) -> None:

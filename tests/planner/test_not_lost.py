@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from model import Arm, Scene, settle
-from model.effects import ExactTendons, Extension, TipLoad
+from model.effects import Buoyancy, ExactTendons, Extension, TipLoad, Weight
 from model.forward import forward_map
 from planner import Limits, Plan, Statement, plan
 from planner.solve.fits import COUNT, fits
@@ -54,6 +54,25 @@ def test_a_pose_is_not_made_by_the_long_way_round() -> None:
     """It took 43 % more effort than the tensions that it was read off."""
     T = arm_tensions([0, 0, 0.17660976, 0], [0, 0.39592593, 0, 0], [1.07905678, 0, 0, 0])
     assert planned("pose", Scene(), T).effort <= np.linalg.norm(T)
+
+
+def test_a_pose_that_takes_co_contraction_is_met_by_the_cheapest_way() -> None:
+    """Bends alone do not meet it; the dearer ways that they do meet took 44 % more effort."""
+    T = arm_tensions([0, 0.3708, 0.1953, 0], [0, 3.1068, 0, 1.0717], [0, 0, 6.7821, 0.8305])
+    assert planned("pose", PAPER, T).effort < 5.58
+
+
+def test_a_tip_that_winds_up_in_a_fetch_is_found() -> None:
+    """It took 12 % more: its tip is pulled thirty times as hard as bends the arm by 1 rad."""
+    T = arm_tensions([0, 0, 0, 0.284], [0, 0, 0, 2.661], [2.331, 0, 0, 0])
+    assert planned("fetch", PAPER, T).effort < 3.2
+
+
+def test_a_tip_is_bent_against_its_weight_by_many_times_what_bends_it_without() -> None:
+    """It was said to be out of reach, by 47 degrees."""
+    water = Scene(Extension(), Weight(), Buoyancy(1000.0))
+    T = arm_tensions([0, 0, 0.4565, 0.2226], [0, 0, 0, 0], [0, 0, 0, 0])
+    assert planned("plane", water, T).effort <= np.linalg.norm(T) * 1.001
 
 
 @pytest.mark.parametrize(
