@@ -52,7 +52,8 @@ class Fits:
     ----------
     likely : list of (n_tendons,)
         Among them is the one that leads to the best optimum: they cost little more than the
-        cheapest.
+        cheapest. None where there are more bends than numbers to meet, so that what meets them is
+        not one of a few.
     others : list of (n_tendons,)
         Those that meet the targets come first.
     """
@@ -74,12 +75,14 @@ def fits(problem: Problem, targets: tuple[Target, ...], limits: Limits, count: C
         again = points[:, : len(bends.sides)][
             _different(bends.tensions(points), residual, problem)[:_AGAIN]
         ]
-        few = (round(_SLOW * count[0]), round(_SLOW * count[1]))
-        points, residual = _fit(problem, targets, bends, few, again)
+        less = (round(_SLOW * count[0]), round(_SLOW * count[1]))
+        points, residual = _fit(problem, targets, bends, less, again)
     T = bends.tensions(points)
     order = _different(T, residual, problem)
     met = [i for i in order if residual[i] < _MET]
-    most = _DEARER * _cost(T[met[0]], problem) if met else 0.0
+    rows = problem.terms.numel_out(0) + problem.terms.numel_out(1)
+    few = bool(met) and len(bends.sides) <= rows
+    most = _DEARER * _cost(T[met[0]], problem) if few else 0.0
     likely = [i for i in met if _cost(T[i], problem) <= most]
     return Fits([T[i] for i in likely], [T[i] for i in order[len(likely) :]])
 
