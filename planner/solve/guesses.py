@@ -16,7 +16,7 @@ from planner.solve.task import Task
 from planner.solve.trials import Trials
 
 # Where none meets what is wanted, so many of the nearest fits come first.
-_OTHERS = 2
+_OTHERS = 4
 # An optimum without loads that costs so much more than the best may be the best with them.
 _DEARER = 1.2
 _STRONGER, _BEFORE_STRONGER = (3.0, 8.0), 1
