@@ -30,6 +30,11 @@ class Bends:
         """The sections with tendons that may pull, tip first."""
         return sorted({self.arm.tendons[j][0] for j in self.tendons})
 
+    @property
+    def width(self) -> int:
+        """How many bends there are, 2 n."""
+        return 2 * len(self.sections)
+
     @cached_property
     def sides(self) -> Array:
         """Tensions (2 n, 2, n_tendons) that bend each section along an axis, there and back."""
@@ -55,8 +60,7 @@ class Bends:
 
         Of bends and squeezes if they are (m, 3 n).
         """
-        k = len(self.sides)
-        bends, squeezes = bends[:, :k], bends[:, k:]
+        bends, squeezes = bends[:, : self.width], bends[:, self.width :]
         T = np.maximum(bends, 0) @ self.sides[:, 0] + np.maximum(-bends, 0) @ self.sides[:, 1]
         if squeezes.size:
             T += np.maximum(squeezes, 0) @ self.squeezes

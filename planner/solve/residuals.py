@@ -8,9 +8,7 @@ import casadi as ca
 import numpy as np
 
 from model.forward import explicit_map, schemes_of
-from model.loaded.forward import unloaded
 from model.paths import Array
-from model.statics import is_loaded
 from planner.program.problem import Problem
 from planner.targets.base import Target
 
@@ -20,7 +18,7 @@ _FAR = 1e3
 
 
 class Residuals:
-    """Residuals of targets, of tensions, without loads.
+    """Residuals of targets, of tensions, for a scene without loads.
 
     Whether the arm is stiff enough is left out: as if it gave way just as much as is wanted.
     """
@@ -49,7 +47,6 @@ _sweeps: WeakKeyDictionary[Problem, ca.Function] = WeakKeyDictionary()
 def _sweep(problem: Problem) -> ca.Function:
     """Return tensions, target numbers -> residuals (k,), least 1 + q, on the coarsest mesh."""
     arm, scene, stations = problem.arm, problem.scene, problem.stations
-    scene = unloaded(scene) if is_loaded(scene) else scene
     scheme = "magnus6" if "magnus6" in schemes_of(scene) else "rk4"
     forward = explicit_map(arm, scene, scheme, 1, stations)
     T, numbers = ca.MX.sym("T", arm.n_tendons), ca.MX.sym("p", problem.terms.size1_in(1))

@@ -9,11 +9,10 @@ from model import Arm, Scene, settle
 from model.effects import Buoyancy, ExactTendons, Extension, TipLoad, Weight
 from model.forward import forward_map
 from planner import Limits, Plan, Statement, plan
-from planner.solve.fits import COUNT, fits
 from planner.solve.task import Task
 from planner.targets import TipPose
 from studies.reachable import READ, draw, off
-from tests.planner.cases import PAPER, Array, barrel_arm
+from tests.planner.cases import PAPER, Array
 
 ARM = Arm.from_paper("table-4")
 EXACT = Scene(Extension(), ExactTendons())
@@ -150,20 +149,3 @@ def test_the_mesh_of_the_search_tells_shapes_apart(scene: Scene) -> None:
         assert np.linalg.norm(state[4:7] - shape.tip) < 1e-3 * ARM.length
         quaternion = shape.poses(np.array([ARM.length]))[0, :4]
         assert min(np.linalg.norm(state[:4] - s * quaternion) for s in (1, -1)) < 5e-3
-
-
-def test_fits_meet_a_pose_on_another_arm_in_ways_that_differ_and_the_same_each_time() -> None:
-    arm = barrel_arm()
-    shape = settle(arm, np.random.default_rng(5).uniform(0, 1.0, arm.n_tendons), PAPER, 1e-9)
-    frame = tuple(tuple(row) for row in shape.tip_frame.tolist())
-    target = TipPose(tuple(shape.tip.tolist()), frame)
-    task = Task(arm, (target,), PAPER, Limits.of(arm, 10.0), Statement(), 1e-6)
-    problem = task.problem(task.coarse("exact"))
-    met = fits(problem, (target,), task.limits, COUNT).likely
-    assert len(met) > 1
-    for T in met:
-        assert np.all((T >= 0) & (T <= 10))
-        assert np.linalg.norm(settle(arm, T, PAPER, 1e-4).tip - shape.tip) < 0.03 * arm.length
-    again = fits(problem, (target,), task.limits, COUNT).likely
-    assert np.array_equal(np.array(met), np.array(again))
-    assert plan(arm, target, PAPER, 10.0).reached

@@ -1,0 +1,43 @@
+"""Levenberg and Marquardt's method for many points together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from model.paths import Array
+
+_STEPS, _DONE = 16, 1e-6
+_DIFFERENCE = 1e-4
+
+
+def least_squares(gaps: Callable[[Array], Array], U: Array) -> tuple[Array, Array]:
+    """Return points (m, n) of least squares of gaps near U, and the norms there (m,).
+
+    Gaps are a function of points (m, n) -> (m, k).
+    """
+    U, r, damping = U.copy(), gaps(U), np.full(len(U), 1e-2)
+    for _ in range(_STEPS):
+        on = np.linalg.norm(r, axis=1) > _DONE
+        if not on.any():
+            break
+        trial = U[on] + _step(gaps, U[on], r[on], damping[on])
+        tried = gaps(trial)
+        better = np.linalg.norm(tried, axis=1) < np.linalg.norm(r[on], axis=1)
+        for now, new in ((U, trial), (r, tried)):
+            now[on] = np.where(better[:, None], new, now[on])
+        damping[on] = np.maximum(damping[on] * np.where(better, 0.2, 8.0), 1e-8)
+    return U, np.linalg.norm(r, axis=1)
+
+
+def _step(gaps: Callable[[Array], Array], U: Array, r: Array, damping: Array) -> Array:
+    """Return the damped steps (m, n) of Gauss and Newton's method, scaled, none far."""
+    m, n = U.shape
+    scale = 1 + np.abs(U)
+    h = _DIFFERENCE * scale
+    shifted = gaps((U[:, None, :] + h[:, :, None] * np.eye(n)).reshape(-1, n)).reshape(m, n, -1)
+    slopes = (shifted - r[:, None, :]) / _DIFFERENCE
+    normal = slopes @ slopes.transpose(0, 2, 1) + damping[:, None, None] * np.eye(n)
+    step = -np.linalg.solve(normal, slopes @ r[:, :, None])[:, :, 0]
+    return np.asarray(np.clip(step, -1, 1) * scale)

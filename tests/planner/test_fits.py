@@ -1,0 +1,87 @@
+"""First guesses by least squares over the bends: they meet what is wanted, each in its own way."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from model import Arm, Scene, settle
+from model.effects import ExactTendons, Extension
+from planner import Limits, Statement, plan
+from planner.solve.bends import Bends
+from planner.solve.fits import COUNT, Fits, fits
+from planner.solve.least_squares import least_squares
+from planner.solve.task import Task
+from planner.targets import Target, TipPose, TipPosition
+from tests.planner.cases import PAPER, Array, barrel_arm
+
+ARM = Arm.from_paper("table-4")
+MOST = 10.0
+
+
+def posed(arm: Arm, scene: Scene, T: Array) -> TipPose:
+    shape = settle(arm, T, scene, 1e-9)
+    return TipPose(tuple(shape.tip.tolist()), tuple(tuple(row) for row in shape.tip_frame.tolist()))
+
+
+def fitted(arm: Arm, scene: Scene, target: Target) -> Fits:
+    task = Task(arm, (target,), scene, Limits.of(arm, MOST), Statement(), 1e-6)
+    return fits(task.problem(task.coarse("exact")), (target,), task.limits, COUNT)
+
+
+@pytest.mark.parametrize("scene", [PAPER, Scene.silicone(), Scene(Extension(), ExactTendons())])
+def test_fits_meet_a_pose_cheapest_first_in_ways_that_differ(scene: Scene) -> None:
+    T = np.array([[0.0, 0.0, 0.18, 0.05], [0.0, 0.9, 0.0, 0.0], [2.0, 0.0, 0.0, 1.0]])
+    target = posed(ARM, scene, T)
+    found = fitted(ARM, scene, target).likely
+    assert found
+    efforts = [float(np.linalg.norm(one)) for one in found]
+    assert efforts == sorted(efforts)
+    assert efforts[0] <= np.linalg.norm(T) * 1.02
+    for one in found:
+        assert np.all((one >= 0) & (one <= MOST))
+        tip = settle(ARM, one, scene, 1e-4).tip
+        assert np.linalg.norm(tip - target.position) < 0.03 * ARM.length
+    for i, one in enumerate(found):
+        assert all(np.abs(one - other).max() > 0.01 for other in found[:i])
+
+
+def test_where_there_are_more_bends_than_numbers_to_meet_no_fit_is_likelier() -> None:
+    arm = barrel_arm()
+    target = posed(arm, PAPER, np.random.default_rng(5).uniform(0, 1.0, arm.n_tendons))
+    found, again = (fitted(arm, PAPER, target) for _ in range(2))
+    assert found.likely == []
+    assert np.array_equal(np.array(found.others), np.array(again.others))
+    tip = settle(arm, found.others[0], PAPER, 1e-4).tip
+    assert np.linalg.norm(tip - target.position) < 0.03 * arm.length
+    assert plan(arm, target, PAPER, MOST).reached
+
+
+def test_nothing_fits_a_point_out_of_reach() -> None:
+    assert fitted(ARM, PAPER, TipPosition((2 * ARM.length, 0.0, 0.0))).likely == []
+
+
+def test_a_squeeze_pulls_all_tendons_of_a_section_alike_and_bends_nothing() -> None:
+    bends = Bends(ARM, frozenset(range(12)), Limits.of(ARM, MOST))
+    T = bends.tensions(np.array([[0.0] * 6 + [0.0, 2.0, -1.0]])).reshape(3, 4)
+    assert np.all(T[[0, 2]] == 0.0)
+    assert np.all(T[1] == T[1, 0]) and T[1, 0] > 0
+    assert np.linalg.norm(settle(ARM, T, PAPER).tip[1:]) < 1e-12
+
+
+def test_least_squares_finds_the_solution_of_a_linear_system_from_many_points() -> None:
+    rng = np.random.default_rng(0)
+    A, b = rng.normal(size=(5, 3)), rng.normal(size=5)
+    points, norms = least_squares(lambda U: U @ A.T - b, rng.normal(size=(7, 3)))
+    best, residual = np.linalg.lstsq(A, b, rcond=None)[:2]
+    assert np.allclose(points, best, atol=1e-5)
+    assert np.allclose(norms, np.sqrt(residual[0]), rtol=1e-8)
+
+
+def test_least_squares_follows_a_curved_valley() -> None:
+    def rosenbrock(U: Array) -> Array:
+        return np.stack([10 * (U[:, 1] - U[:, 0] ** 2), 1 - U[:, 0]], axis=1)
+
+    points, norms = least_squares(rosenbrock, np.array([[0.7, 0.2], [1.5, 2.0], [2.0, 3.0]]))
+    assert np.allclose(points, 1.0, atol=1e-4)
+    assert np.all(norms < 1e-4)
