@@ -10,6 +10,8 @@ from model.paths import Array
 
 _STEPS, _DONE = 16, 1e-6
 _DIFFERENCE = 1e-4
+# Of the slopes squared; what is less does not keep a system from being singular.
+_ROUNDING = 1e-12
 
 
 def least_squares(gaps: Callable[[Array], Array], U: Array) -> tuple[Array, Array]:
@@ -38,6 +40,8 @@ def _step(gaps: Callable[[Array], Array], U: Array, r: Array, damping: Array) ->
     h = _DIFFERENCE * scale
     shifted = gaps((U[:, None, :] + h[:, :, None] * np.eye(n)).reshape(-1, n)).reshape(m, n, -1)
     slopes = (shifted - r[:, None, :]) / _DIFFERENCE
-    normal = slopes @ slopes.transpose(0, 2, 1) + damping[:, None, None] * np.eye(n)
+    normal = slopes @ slopes.transpose(0, 2, 1)
+    damping = damping + _ROUNDING * np.trace(normal, axis1=1, axis2=2)
+    normal += damping[:, None, None] * np.eye(n)
     step = -np.linalg.solve(normal, slopes @ r[:, :, None])[:, :, 0]
     return np.asarray(np.clip(step, -1, 1) * scale)

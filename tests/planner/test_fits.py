@@ -85,3 +85,10 @@ def test_least_squares_follows_a_curved_valley() -> None:
     points, norms = least_squares(rosenbrock, np.array([[0.7, 0.2], [1.5, 2.0], [2.0, 3.0]]))
     assert np.allclose(points, 1.0, atol=1e-4)
     assert np.all(norms < 1e-4)
+
+
+def test_least_squares_stays_where_gaps_jump_and_do_not_depend_on_all() -> None:
+    """The slope of a jump is so steep that damping is lost in rounding beside it."""
+    start = np.array([[0.0, 1.0, 1.0], [-1e-5, 0.5, 2.0]])
+    points, norms = least_squares(lambda U: np.where(U[:, :1] > 0, 1e3, 1.0) * np.ones(4), start)
+    assert np.all(np.isfinite(points)) and np.all(norms <= 2.0)
