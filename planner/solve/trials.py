@@ -58,7 +58,7 @@ class Trials:
     def _enough(self, records: list[Start], found: list[Solution]) -> bool:
         """Return whether the best optimum is among what was found, as far as can be told."""
         if not self.task.can_be_exact and any(s.f <= LITTLE for s in found):
-            return len(records) >= _FIXED
+            return len(records) >= _FIXED and agreed(records) >= 2
         if self.sure:
             return len(records) >= self.sure + _BESIDE
         return len(records) >= self.least and agreed(records) >= 2
