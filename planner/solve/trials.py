@@ -60,7 +60,7 @@ class Trials:
         if not self.task.can_be_exact and any(s.f <= LITTLE for s in found):
             return len(records) >= _FIXED and agreed(records) >= 2
         if self.sure:
-            return len(records) >= self.sure + _BESIDE
+            return len(records) >= max(self.least, self.sure + _BESIDE)
         return len(records) >= self.least and agreed(records) >= 2
 
     def from_starts(
