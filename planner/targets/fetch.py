@@ -42,7 +42,9 @@ class Fetch(Free):
     """Three prescribed bends; `Fetch.reach(...)` is the form that brings the tip to a mouth.
 
     Each is seen in the frame in which its stretch begins: there the tangent at its end is
-    cos(angle) t + sin(angle) (cos(plane) b - sin(plane) n). The stretches end at anchorages.
+    cos(angle) t + sin(angle) (cos(plane) b - sin(plane) n). The stretches end at anchorages. A bend
+    is between two ends: where it costs less a stretch winds up on the way, a slender tip more than
+    once, unless maxima forbid it.
 
     Attributes
     ----------
