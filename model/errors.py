@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 
 class OctoplanError(Exception):
     """Root of all errors raised by octoplan."""
@@ -95,9 +97,8 @@ class NotSettledError(OctoplanError):
 
     def __init__(self, asked: float, reached: float, remedy: str) -> None:
         self.asked, self.reached, self.remedy = asked, reached, remedy
-        super().__init__(
-            f"the arm was settled to {reached:.2g} of its length, {asked:.2g} was asked; {remedy}"
-        )
+        how = f"settled to {reached:.2g} of its length, {asked:.2g} was asked"
+        super().__init__(f"the arm was {'not settled' if math.isinf(reached) else how}; {remedy}")
 
     def __reduce__(self) -> tuple[type, tuple[float, float, str]]:
         return type(self), (self.asked, self.reached, self.remedy)

@@ -18,9 +18,9 @@ Command: python -m studies.planner_suite [--targets 1000] [--best-of 10] [--jobs
 
 Answer: of 1000 (seed 0, best of 5 starts) 99.9 % are reached and certified, none is wrong, 99.8 %
 of the efforts are within 1 % of the best known (planes, fetches and backbones 100 %, tips and poses
-99.5), in 0.8 s and from 4.9 starts. The one that is missed is a backbone with exact tendons, of
-which one nearly lies in the midline of a section that it kinks: the plan says that its shape cannot
-be settled as accurately as asked.
+99.5), in 0.8 s and from 4.9 starts. The one that is missed is a backbone of a section
+that exact tendons kink to a curvature of 1/y: the check's integrator does not settle it, and the
+plan says so.
 """
 
 from __future__ import annotations

@@ -7,6 +7,7 @@ D(tip) / D(base), which for a tapered arm is small; from base to tip it would gr
 
 from __future__ import annotations
 
+import logging
 from copy import copy
 from functools import lru_cache
 
@@ -19,6 +20,7 @@ from model.integrators.integrator import Integrator
 from model.machine.compiled import compiled
 from model.mesh import Mesh
 from model.paths import Array
+from model.quiet import logged
 from model.rotations import IDENTITY, compose, inverse
 from model.scene import Scene
 from model.segment import Segment
@@ -32,6 +34,8 @@ from model.unloaded.strain_equations import (
     slope_function,
     state_scale,
 )
+
+LOG = logging.getLogger(__name__)
 
 
 @lru_cache(maxsize=64)
@@ -166,7 +170,8 @@ class StrainOde:
         Raises NotSettledError where the scheme fails on a step.
         """
         try:
-            poses, stretch, strains = self.function(tensions)
+            with logged(LOG):  # an implicit step that fails is told with all its numbers
+                poses, stretch, strains = self.function(tensions)
         except RuntimeError as error:
             remedy = "ask for less accuracy, lower the tensions, or name another scheme"
             raise NotSettledError(

@@ -5,9 +5,7 @@ What ipopt has to say goes to the logger of this module, at level DEBUG, and now
 
 from __future__ import annotations
 
-import io
 import logging
-from contextlib import nullcontext, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -17,6 +15,7 @@ import casadi as ca
 import numpy as np
 
 from model.paths import Array
+from model.quiet import logged
 from planner.program.problem import TRACES, Problem
 from planner.solve.interrupt import Watch
 
@@ -141,12 +140,9 @@ def solve(
     inputs = {"x0": x, "p": p, "lbx": lbx, "ubx": ubx, "lbg": lbg, "ubg": ubg}
     if multipliers is not None:
         inputs |= {"lam_x0": multipliers[0], "lam_g0": multipliers[1]}
-    said = io.StringIO()
     # To stderr goes that there are more equations than unknowns, as where a plane holds an arm.
-    with _WATCH.held(), redirect_stderr(said), redirect_stdout(said) if talks else nullcontext():
+    with _WATCH.held(), logged(LOG, stdout=talks):
         found = run(**inputs)
-    if said.getvalue():
-        LOG.debug(said.getvalue().strip())
     stats = run.stats()
     status = stats["return_status"]
     return Solution(

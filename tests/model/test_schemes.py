@@ -8,8 +8,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from model import Arm, InputError, Scene, settle
-from model.effects import Extension, Weight
+from model import Arm, InputError, NotSettledError, Scene, settle
+from model.effects import ExactTendons, Extension, Weight
 from model.forward import check_scheme, explicit_map, schemes_of
 from model.integrators.runge_kutta import RungeKutta
 from tests.effects.cases import RODS, fem_arm, fem_cases, name_of
@@ -102,3 +102,14 @@ def test_slopes_of_the_tip_are_those_of_finite_differences(scene: Scene, scheme:
 def test_explicit_runge_kutta_schemes_name_their_samples_once() -> None:
     scheme = RungeKutta("two", 2, (0, 1, 1), (0.5, 0.25, 0.25), ((), (1,), (1, 0)))
     assert scheme.samples == (0, 1)
+
+
+def test_a_step_that_fails_is_an_error_in_words_and_nothing_is_printed(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Exact tendons kink a section to a curvature of 1/y: no stage of the scheme settles there."""
+    T = np.array([[0.3, 0.425, 0.348, 0.374], [2.528, 0.533, 2.14, 1.595], [6.02, 8.21, 10.7, 5.9]])
+    with pytest.raises(NotSettledError, match="not settled; gauss6 failed on a step"):
+        settle(Arm.from_paper("table-4"), T, Scene(Extension(), ExactTendons()), 1e-6, "gauss6")
+    said = capsys.readouterr()
+    assert said.out == said.err == ""
