@@ -39,7 +39,8 @@ class Plan(Answer):
 
         Where the statics let tensions change without the shape (a straight arm without extension,
         tendons that run parallel to the midline), the shape is the same; otherwise the targets are
-        still met, if the limits allow.
+        still met, if the limits allow. This plan is followed, so that the arm does not go over to
+        another way of meeting them; only where it cannot be is it searched for.
         """
         least = np.maximum(not_negative("level", level), self.limits.lower)
         return plan(
@@ -52,6 +53,7 @@ class Plan(Answer):
             norm=self.statement.norm,
             form=self.statement.form,
             accuracy=self.accuracy,
+            near=self,
         )
 
     def save(self, path: str | Path) -> Path:
@@ -163,7 +165,8 @@ def _followed(
     kind("near", near, Plan, "a Plan for the same arm and scene, or None")
     if near.arm != arm or near.scene != scene:
         raise InputError("near", "a plan for another arm or scene", "one for the same")
-    if near.limits != limits:
+    if (near.limits.upper, near.limits.total) != (limits.upper, limits.total):
         return None
-    known = Known(near.targets, near.statement, near.tensions, near.lam_x, near.lam_g)
+    found = (near.tensions, near.lam_x, near.lam_g)
+    known = Known(near.targets, near.limits.lower, near.statement, *found)
     return follow(known, arm, scene, targets, limits, accuracy)

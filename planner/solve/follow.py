@@ -1,8 +1,9 @@
 """From a plan to that for a target nearby: Newton's method on its optimality conditions.
 
 The numbers of a target are parameters of the program, so that an optimum moves with them and takes
-its multipliers along. Steps that the active limits do not survive go through ipopt, warm; steps
-that are too long are halved. What is followed is one optimum, not the best of all.
+its multipliers along; so it does with the minima of the tensions. Steps that the active limits do
+not survive go through ipopt, warm; steps that are too long are halved. What is followed is one
+optimum, not the best of all.
 """
 
 from __future__ import annotations
@@ -17,11 +18,11 @@ from model.paths import Array
 from model.scene import Scene
 from model.settle import settle
 from planner.program.limits import Limits
-from planner.program.problem import Problem, build
+from planner.program.problem import Problem, build, units
 from planner.program.statement import Statement
 from planner.solve.found import Found, Start
 from planner.solve.ipopt import Solution, solve
-from planner.solve.polish import polish
+from planner.solve.polish import Bounds, polish
 from planner.solve.task import allowed
 from planner.solve.walk import walk
 from planner.targets.base import Target
@@ -29,9 +30,10 @@ from planner.targets.base import Target
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """An optimum that was found: for which targets, how it was stated, what it is."""
+    """An optimum that was found: for which targets and minima, how it was stated, what it is."""
 
     targets: tuple[Target, ...]
+    lower: tuple[float, ...]
     statement: Statement
     tensions: Array
     lam_x: tuple[float, ...]
@@ -48,7 +50,8 @@ def follow(
 ) -> Found | None:
     """Return the optimum for targets of the same structure, None where it cannot be followed.
 
-    It is also None where the known plan did not reach its targets.
+    Minima of the tensions may be others; maxima are the same. It is also None where the known plan
+    did not reach its targets.
     """
     if known.statement.mode != "exact" or _structure(arm, known.targets) != _structure(
         arm, targets
@@ -57,13 +60,14 @@ def follow(
     limits = allowed(arm, targets, limits)
     problem = build(arm, targets, scene, known.statement)
     start = _solution(problem, known, limits)
-    found = _moved(problem, start, known.targets, targets, limits) if start is not None else None
+    found = None if start is None else _moved(problem, start, known, targets, limits)
     if found is None:
         return None
     statement = _fine_enough(arm, scene, known.statement, problem, found, limits, accuracy)
     if statement != known.statement:
         problem = build(arm, targets, scene, statement)
-        found = _near(problem, found, problem.parameters(targets, limits), limits)
+        p, bounds = problem.parameters(targets, limits), problem.bounds(limits)
+        found = _near(problem, found, p, bounds)
         if found is None:
             return None
     return Found(
@@ -91,24 +95,25 @@ def _solution(problem: Problem, known: Known, limits: Limits) -> Solution | None
 
 
 def _moved(
-    problem: Problem,
-    start: Solution,
-    before: tuple[Target, ...],
-    targets: tuple[Target, ...],
-    limits: Limits,
+    problem: Problem, start: Solution, known: Known, targets: tuple[Target, ...], limits: Limits
 ) -> Solution | None:
-    """Return the optimum for targets, from that for targets before by steps in their numbers."""
-    first, last = (problem.parameters(which, limits) for which in (before, targets))
+    """Return the optimum for targets and limits, by steps in target numbers and minima."""
+    first, last = (problem.parameters(which, limits) for which in (known.targets, targets))
+    lbx, ubx, lbg, ubg = problem.bounds(limits)
+    rise, unit = np.zeros(start.x.size), units(problem.arm, limits)
+    rise[: unit.size] = (np.array(limits.lower) - known.lower) / unit
 
     def at(near: Solution, share: float) -> Solution | None:
-        return _near(problem, near, first + share * (last - first), limits)
+        left = (1 - share) * rise
+        upper = np.where(lbx == ubx, ubx - left, ubx)
+        p = first + share * (last - first)
+        return _near(problem, near, p, (lbx - left, upper, lbg, ubg))
 
     return walk(start, at)
 
 
-def _near(problem: Problem, start: Solution, p: Array, limits: Limits) -> Solution | None:
+def _near(problem: Problem, start: Solution, p: Array, bounds: Bounds) -> Solution | None:
     """Return the optimum near a start by Newton's method, or else by ipopt; None without one."""
-    bounds = problem.bounds(limits)
     found = polish(problem, start, p, bounds)
     if found is start:
         solved = solve(problem, start.x, p, bounds, (start.lam_x, start.lam_g))

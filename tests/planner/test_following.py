@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from model import Arm, InputError, Scene, settle
-from model.effects import Buoyancy, Extension, Weight
+from model.effects import Buoyancy, ExactTendons, Extension, Weight
 from planner import Plan, plan, plan_many
-from planner.targets import BendingPlane, TipPosition
+from planner.targets import Bend, BendingPlane, Fetch, Target, TipPosition
 from tests.oracles import Array
 
 ARM, PAPER = Arm.from_paper("table-4"), Scene(Extension())
@@ -53,6 +53,38 @@ def test_a_plan_follows_over_a_long_step_too() -> None:
 def test_tendons_may_go_slack_and_tighten_on_the_way() -> None:
     slack: list[Array] = [np.ravel(found.tensions) == 0 for found in followed(12)]
     assert any(not np.array_equal(slack[0], other) for other in slack[1:])
+
+
+def exact_fetch() -> Fetch:
+    bends = ((60, 90), (40, -90), (90, 90))
+    return Fetch(*(Bend(*np.radians(bend).tolist()) for bend in bends))
+
+
+@pytest.mark.parametrize(
+    ("target", "scene"),
+    [
+        (TipPosition((0.3, 0.15, 0.05)), PAPER),
+        (BendingPlane(0.5, 1.2, 2), PAPER),
+        (exact_fetch(), Scene(Extension(), ExactTendons())),
+    ],
+    ids=["tip", "plane, whose other tendons are held", "fetch, exact tendons"],
+)
+def test_co_contraction_follows_the_plan_and_keeps_to_its_way(target: Target, scene: Scene) -> None:
+    first = plan(ARM, target, scene, 20.0)
+    levels = [first, *(first.co_contract(level) for level in (0.01, 0.05, 0.1))]
+    for found, least in zip(levels[1:], (0.01, 0.05, 0.1), strict=True):
+        assert found.certificate.passed, found.outcome
+        assert len(found.starts) == 1
+        assert found.tensions.min() == least
+    middles = np.array([found.shape.position(0.5 * ARM.length) for found in levels])
+    assert np.linalg.norm(np.diff(middles, axis=0), axis=1).max() < 0.15 * ARM.length
+    efforts = [found.effort for found in levels]
+    assert efforts == sorted(efforts)
+
+
+def test_a_plan_with_other_maxima_is_searched_for_afresh() -> None:
+    near = followed(12)[0]
+    assert len(plan(ARM, path(12)[0], PAPER, 15.0, near=near).starts) > 1
 
 
 def test_a_target_beyond_reach_is_searched_for_afresh() -> None:
