@@ -29,6 +29,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -38,7 +39,7 @@ from model import Anchorage, Arm, Linear, Scene, settle
 from model.effects import ExactTendons, Extension, NeoHookean
 from model.paths import Array
 from model.stiffness import HOLDS
-from planner import Plan, plan, stiffness
+from planner import Limits, Plan, plan, stiffness
 from planner.plots.stiffness import plot_ellipsoids
 from planner.targets import Bend, BendingPlane, Fetch, MinimumStiffness, Target, TipPosition
 
@@ -49,6 +50,8 @@ SCENES = {
     "neo-Hookean": Scene.silicone(),
     "anticlastic": Scene(Extension(), ExactTendons(), NeoHookean(anticlastic=True)),
 }
+# With more at the tip, exact tendons bend the fetch by winding it up, with less effort.
+UNWOUND, MAXIMUM = (0.25, 20.0, 20.0), 20.0
 FRONTS = ("paper's tangent", "exact tendons")
 LINES = {"tension": "-", "length": "--"}
 MARKS = {"inplane": "k^", "outplane": "kv", "centre": "ko"}
@@ -121,7 +124,9 @@ def contracted(
     for shape, (name, target) in SHAPES.items():
         table[shape] = {}
         for statics, scene in scenes.items():
-            first = plan(Arm.from_paper(name), target, scene, 20.0)
+            arm = Arm.from_paper(name)
+            unwound = plan(arm, target, scene, np.repeat(UNWOUND, 4))
+            first = replace(unwound, limits=Limits.of(arm, MAXIMUM))
             plans = [p for level in levels if (p := first.co_contract(level)).certificate.passed]
             table[shape][statics] = {
                 hold: [(float(np.sum(p.tensions)), softest(p, hold)) for p in plans]
