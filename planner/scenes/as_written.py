@@ -14,6 +14,7 @@ from planner.scenes.mistakes import shown
 
 # By the end of a key: its unit in words, and how much of SI's that is.
 _UNITS = {"_mm": ("mm", 1e-3), "_deg": ("degrees", math.pi / 180), "_kPa": ("kPa", 1e3)}
+_NUMBER = r"-?\d+(?:\.\d*)?(?:e[+-]?\d+)?"
 _SI = {"mm": "m", "degrees": "rad", "kPa": "Pa"}
 
 
@@ -64,7 +65,8 @@ def _is(own: Any, path: str, given: Any) -> bool:
     """Whether a value of the file is the one that was given, or a list of which it is the ends."""
     try:
         wanted = np.asarray(given, dtype=float)
-        found = _unit(path)[1] * np.asarray(own, dtype=float)
+        with np.errstate(over="ignore"):
+            found = _unit(path)[1] * np.asarray(own, dtype=float)
     except (TypeError, ValueError):
         return False
     if found.size and found.ndim and wanted.shape == (2,) != found.shape:
@@ -82,8 +84,8 @@ def _in(unit: str, allowed: str) -> str:
     def others(found: re.Match[str]) -> str:
         return f"[{', '.join(f'{float(own) / size:.6g}' for own in found[1].split(','))}] {unit}"
 
-    text = re.sub(rf"(\d[\d.]*(?:e[+-]?\d+)?) {si}\b", other, allowed)
-    text = re.sub(rf"\[([-\d., e]+)\](?! {unit})", others, text)
+    text = re.sub(rf"({_NUMBER}) {si}\b", other, allowed)
+    text = re.sub(rf"\[({_NUMBER}(?:, *{_NUMBER})*)\](?! {unit})", others, text)
     if unit == "degrees":
         text = re.sub(r"\bpi( rad)?\b", r"180\1", text)
     return re.sub(r"\brad\b", unit, text) if unit == "degrees" else text

@@ -60,6 +60,14 @@ FILES: dict[str, tuple[str, str]] = {
         "arm.sections[0].offset_mm[1]: got 8, allowed is up to the radius of the body, "
         "5 mm at s = 300 mm",
     ),
+    "no offset": (
+        OWN + "sections = [{ at_mm = 300, offset_mm = [] }]",
+        "allowed is [base, end] or { s_mm = [...], values_mm = [...] }",
+    ),
+    "a modulus past all numbers": (
+        OWN + "sections = [{ at_mm = 300, offset_mm = [5, 4] }]\nE_kPa = 1e307",
+        "E_kPa: got 1e+307, allowed is finite numbers",
+    ),
     "sections from base to tip": (
         OWN
         + "sections = [{ at_mm = 100, offset_mm = [5, 5] }, { at_mm = 300, offset_mm = [5, 5] }]",
