@@ -12,7 +12,7 @@ from model.progress import told
 from model.statics import is_loaded
 from planner.program.problem import TRACES, Problem
 from planner.program.statement import Statement
-from planner.solve.approach import approach
+from planner.solve.continuation import continued
 from planner.solve.found import Start, agreed
 from planner.solve.ipopt import Solution, solve
 from planner.solve.task import Task
@@ -86,7 +86,7 @@ class Trials:
         """
         for T in told("continuation in the target", starts):
             problem, x, p = self._stated(statement.but(careful=self.task.statement.careful), T)
-            solution = approach(problem, x, p, problem.bounds(self.task.allowed))
+            solution = continued(problem, x, p, problem.bounds(self.task.allowed))
             if solution is not None:
                 self.seen.append((statement, solution))
                 records.append(record(solution))

@@ -12,14 +12,13 @@ from model.paths import Array
 from model.patience import check_time
 from planner.program.problem import Problem
 from planner.solve.ipopt import Solution, solve
+from planner.solve.polish import Bounds
 from planner.solve.walk import walk
 
 _FIRST_STEP = 1 / 4
 
 
-def approach(
-    problem: Problem, x: Array, p: Array, bounds: tuple[Array, Array, Array, Array]
-) -> Solution | None:
+def continued(problem: Problem, x: Array, p: Array, bounds: Bounds) -> Solution | None:
     """Return the optimum that the way from unknowns x leads to, None where it ends before."""
     lbx, ubx, lbg, ubg = bounds
     g = np.array(problem.derivatives.slopes(x, p)[1]).ravel()
