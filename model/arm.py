@@ -177,6 +177,11 @@ class Arm:
         """(section index from 0, angle [rad]) of each tendon, in tendon order."""
         return tuple((i, phi) for i, sec in enumerate(self.sections) for phi in sec.angles)
 
+    @cached_property
+    def anchorages(self) -> tuple[float, ...]:
+        """Arc lengths of the anchorages, from the tip to the base [m]."""
+        return tuple(section.at for section in self.sections)
+
     @property
     def n_tendons(self) -> int:
         """The number of tendons."""

@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Protocol
+from typing import Any, Protocol
 
 import casadi as ca
 
 from model.arm import Arm
-from model.effects import PrintedStatics
+from model.effects import Friction, PrintedStatics
+from model.equilibrium.forward import Collocation, collocation_order
 from model.errors import InputError
 from model.integrators.adaptive import CVODES, ERK
 from model.integrators.collocation import GAUSS4, GAUSS6
 from model.integrators.integrator import Integrator
 from model.integrators.magnus import MAGNUS2, MAGNUS4, MAGNUS6, Magnus
-from model.integrators.runge_kutta import RK4, RK6, RK8, RungeKutta
-from model.loaded.forward import Loaded
-from model.loaded.loads import places
-from model.loaded.segments import LoadSegments
+from model.integrators.runge_kutta import RK4, RK6, RK8
+from model.loads import is_loaded
 from model.mesh import Mesh, graded
 from model.paths import Array
 from model.scene import Scene
-from model.statics import is_loaded
 from model.stations import Counts
 from model.unloaded.closed_form import ClosedForm
 from model.unloaded.strain_ode import StrainOde
@@ -29,10 +27,12 @@ from model.unloaded.strain_ode import StrainOde
 # In the order of preference: the first that carries a scene is used, the second checks it.
 _ALL = (MAGNUS6, RK6, RK8, RK4, GAUSS6, MAGNUS4, GAUSS4, MAGNUS2, ERK, CVODES)
 SCHEMES: dict[str, Magnus | Integrator] = {scheme.name: scheme for scheme in _ALL}
+# Stages of the collocation that states a loaded arm, by name.
+COLLOCATIONS = {"gauss6": 3, "gauss4": 2, "gauss2": 1}
 
 
 class ForwardMap(Protocol):
-    """Tensions to poses on one mesh; see ClosedForm, StrainOde and Loaded."""
+    """Tensions to poses on one mesh; see ClosedForm, StrainOde and Collocation."""
 
     mesh: Mesh
     order: int
@@ -41,18 +41,15 @@ class ForwardMap(Protocol):
     def __hash__(self) -> int:
         """Return the hash of this object, not of its values."""
 
-    def run(self, tensions: Array, near: Array | None = None) -> tuple[Array, Array]:
+    def run(self, tensions: Array, near: Any = None) -> tuple[Array, Array]:
         """Return the states (S + 1, 7 or more) at the nodes, poses first, and 1 + q (K,).
 
-        Nodes from base to tip, 1 + q at the arc lengths `stretch_at`. `near` are the starts of the
-        same equilibrium on another mesh; only loaded scenes use them.
+        Nodes from base to tip, 1 + q at the arc lengths `stretch_at`. `near` is the same
+        equilibrium as another mesh has it; only loaded scenes use it.
         """
 
-    def starts(self, states: Array) -> Array | None:
-        """Return the states (n_x, segments) at the tip side of each segment, if it shoots.
-
-        They are what `run` on another mesh takes as `near`, and what multiple shooting solves for.
-        """
+    def known(self, states: Array) -> Any:
+        """Return what `run` on another mesh takes as `near`; None where a map is explicit."""
 
     def dense(self, tensions: Array, states: Array, s: Array) -> tuple[Array, Array]:
         """Return poses (N, 7) and strains at arc lengths s (N,).
@@ -78,15 +75,21 @@ class ExplicitMap(ForwardMap, Protocol):
 def schemes_of(scene: Scene) -> tuple[str, ...]:
     """Return the names of the schemes that can carry a scene.
 
-    First the one that is used unless another is named, then the one that checks it. With loads
-    only explicit Runge-Kutta schemes, whose derivatives are put together stage by stage; as printed
+    First the one that is used unless another is named. With loads those by collocation; as printed
     all that integrate strains; otherwise all.
     """
     if is_loaded(scene):
-        return tuple(name for name, scheme in SCHEMES.items() if isinstance(scheme, RungeKutta))
+        return tuple(COLLOCATIONS)
     if scene.has(PrintedStatics):
         return tuple(name for name, scheme in SCHEMES.items() if not isinstance(scheme, Magnus))
     return tuple(SCHEMES)
+
+
+def order_of(scheme: str, scene: Scene) -> int:
+    """Return the order of a scheme in a scene."""
+    if is_loaded(scene):
+        return collocation_order(COLLOCATIONS[scheme], scene.has(Friction))
+    return SCHEMES[scheme].order
 
 
 def check_scheme(scene: Scene, scheme: str | None) -> str:
@@ -113,15 +116,12 @@ def machine_map(arm: Arm, scene: Scene, scheme: str, refinement: int) -> Explici
     return explicit_map(arm, scene, scheme, refinement).compiled()
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=64)
 def loaded_map(
     arm: Arm, scene: Scene, scheme: str, refinement: int, at: tuple[float, ...] = ()
-) -> Loaded:
+) -> Collocation:
     """Return the forward map of a scene with loads; see forward_map."""
-    method = SCHEMES[scheme]
-    assert isinstance(method, RungeKutta)
-    mesh = graded(arm, refinement, (*at, *places(arm, scene)))
-    return Loaded(LoadSegments(arm, scene, mesh, method))
+    return Collocation(arm, scene, COLLOCATIONS[scheme], refinement, at)
 
 
 @lru_cache(maxsize=256)

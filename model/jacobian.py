@@ -8,12 +8,12 @@ from typing import Any
 from model.arm import Arm
 from model.errors import InputError
 from model.forward import check_scheme
+from model.loads import is_loaded
 from model.machine.buffered import Buffered
 from model.machine.compiled import compiled
 from model.paths import Array
 from model.scene import Scene
 from model.settle import ACCURACY, checked_scene, settle
-from model.statics import is_loaded
 from model.stiffness import stiffness
 from model.unloaded.tip_slopes import tip_slopes
 

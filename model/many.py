@@ -15,13 +15,13 @@ from model.checks import finite_array
 from model.errors import InputError, NotSettledError, UnsettledSectionError
 from model.forward import SCHEMES, check_scheme, explicit_map
 from model.ladder import checked_accuracy, estimate, first_pair, next_refinement
+from model.loads import is_loaded
 from model.machine.batch import Batch
 from model.machine.compiled import CompilerError, compiled
 from model.paths import Array
 from model.rotations import matrices
 from model.scene import Scene
 from model.settle import ACCURACY, checked_scene, settle
-from model.statics import is_loaded
 from model.unloaded.closed_form import ClosedForm, closed_statics
 from model.unloaded.pulls import PullPolynomials
 from model.unloaded.stretch import LEAST_STRETCH, check_stretch

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -13,6 +13,8 @@ from model.paths import Array
 from model.stations import Counts
 
 _FINE = 64
+# Growth, as an exponent, that costs half an element, and the most halves that a stretch may cost.
+_GROWTH, _MOST = 3.0, 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +49,12 @@ class Mesh:
         return int(np.argmin(np.abs(self.s - s)))
 
 
-def graded(arm: Arm, refinement: int, at: Iterable[float] = ()) -> Mesh:
+def graded(
+    arm: Arm,
+    refinement: int,
+    at: Iterable[float] = (),
+    growth: Callable[[Array], Array] | None = None,
+) -> Mesh:
     """Return a mesh whose steps are equal in log R(s) + s/L, refined by a whole number.
 
     Strains of a slender tip change with R^-3 or so, so steps that are equal in log R spread the
@@ -58,6 +65,9 @@ def graded(arm: Arm, refinement: int, at: Iterable[float] = ()) -> Mesh:
     ----------
     at : iterable of float
         Arc lengths that have to be nodes [m].
+    growth : callable
+        Arc lengths -> how fast the solution may grow or decay there [1/m]; steps are shorter where
+        it does.
     """
     breaks = _breaks(arm, at)
     nodes = [breaks[:1]]
@@ -65,6 +75,9 @@ def graded(arm: Arm, refinement: int, at: Iterable[float] = ()) -> Mesh:
         fine = np.linspace(left, right, _FINE + 1)
         R = arm.radius.evaluate(fine, arm.length)[0]
         weight = np.abs(np.diff(np.log(R))) + np.diff(fine) / arm.length
+        if growth is not None:
+            rate = growth(fine)
+            weight += np.minimum((rate[1:] + rate[:-1]) / 2 * np.diff(fine) / _GROWTH, _MOST)
         total = np.concatenate([[0.0], np.cumsum(weight)])
         count = refinement * max(1, int(np.ceil(2 * total[-1])))
         inner = np.interp(np.linspace(0, total[-1], count + 1), total, fine)[1:]

@@ -1,9 +1,8 @@
-"""A stretch of the arm that one shooting map crosses, and what a set of them has to offer."""
+"""A stretch of the arm that one map of states crosses."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import casadi as ca
 
@@ -34,23 +33,3 @@ class Segment:
     entry: ca.Function
     map: ca.Function
     stretch: ca.Function
-
-
-class Segments(Protocol):
-    """The segments of an arm from tip to base.
-
-    Attributes
-    ----------
-    segments : list of Segment
-    scale : (n_x,)
-        What one unit of each state's component is worth.
-    """
-
-    segments: list[Segment]
-    scale: Array
-
-    def parameters(self, T: ca.MX) -> ca.MX:
-        """Return p for tensions T (n_tendons,), everything else as the scene has it."""
-
-    def closure(self, x: ca.MX, p: ca.MX) -> ca.MX:
-        """Return what vanishes at the base for the state x there, in scaled quantities."""

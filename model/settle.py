@@ -11,23 +11,20 @@ import numpy as np
 from model.arm import Arm
 from model.checks import kind
 from model.errors import InputError, NotSettledError, SnapError, UnsettledSectionError
-from model.forward import SCHEMES, check_scheme, forward_map, machine_map
+from model.forward import SCHEMES, check_scheme, forward_map, machine_map, order_of
 from model.integrators.magnus import Magnus
 from model.ladder import checked_accuracy, estimate, first_pair, next_refinement
-from model.loaded.loads import check_loads
+from model.loads import check_loads, is_loaded
 from model.paths import Array
 from model.patience import check_time
 from model.scene import Scene
 from model.shape import Shape
-from model.statics import is_loaded
 from model.unloaded.stretch import check_sections, check_stretch
 
 LOG = logging.getLogger(__name__)
 ACCURACY = 1e-6
 # A mesh up to this one may be too coarse to say that the arm snaps.
 _COARSE = 16
-# Coarser ones bring loads on in very many steps where an arm is bent far.
-_COARSE_LOADED = (2, 4)
 
 
 def settle(
@@ -88,16 +85,14 @@ def _settled(
     arm: Arm, T: Array, scene: Scene, accuracy: float, scheme: str, machine_code: bool
 ) -> Shape:
     maps = machine_map if machine_code else forward_map
-    order = SCHEMES[scheme].order
+    order = order_of(scheme, scene)
     lever = float(arm.radius.evaluate(np.zeros(1), arm.length)[0][0]) if is_loaded(scene) else 0.0
     # Elsewhere strains that are no numbers may be those of a step that is too long.
-    by_sections = isinstance(SCHEMES[scheme], Magnus) or is_loaded(scene)
+    by_sections = is_loaded(scene) or isinstance(SCHEMES[scheme], Magnus)
     coarse, fine = first_pair(accuracy, order)
-    if is_loaded(scene):
-        coarse, fine = max(coarse, _COARSE_LOADED[0]), max(fine, _COARSE_LOADED[1])
     refinement = coarse
     before: tuple[int, Array] | None = None
-    near: Array | None = None
+    near: Any = None
     while refinement:
         check_time()
         forward = maps(arm, scene, scheme, refinement)
@@ -111,7 +106,7 @@ def _settled(
             # Nor does a coarser one that did bear the loads tell how accurate a finer one is.
             refinement, before = next_refinement(refinement, np.inf, accuracy, order), None
             continue
-        near, tip, error = forward.starts(states), states[-1, :7], np.inf
+        near, tip, error = forward.known(states), states[-1, :7], np.inf
         if before is not None:
             gap = _gap(tip, before[1], lever) / arm.length
             error = estimate(gap, before[0], refinement, order)

@@ -10,11 +10,16 @@ import numpy as np
 
 from model.arm import Arm
 from model.checks import finite_array
+from model.cross_section import cross_section_of
+from model.cross_section.reported import strains_of
+from model.cross_section.sections import Sections
+from model.effects import PrintedStatics
+from model.equilibrium.forward import STAGES, Collocation
+from model.equilibrium.stability import stability
 from model.errors import InputError
 from model.forward import ForwardMap, forward_map
 from model.integrators.magnus import MAGNUS6
 from model.paths import Array
-from model.response.tendon_lengths import tendon_lengths
 from model.rotations import matrices
 from model.scene import Scene
 from model.unloaded.closed_form import nodes_of
@@ -81,18 +86,53 @@ class Shape:
         """
         return self._at(s, lambda _, strain: strain[:, :4], strains=True)
 
+    def strains(self, s: Any) -> Array:
+        """Return tau, xi, k, q, and nu_n, nu_b with shear, (N, 4 or 6), at arc length s [m]."""
+        return self._at(s, lambda _, strain: strain, strains=True)
+
+    def tension(self, s: float) -> Array:
+        """Return the tension of each tendon (n_tendons,) at arc length s, 0 beyond its end [N].
+
+        With friction it falls along the arm; at an anchorage it is that on the base side.
+        """
+        place, forward = finite_array("s", np.atleast_1d(s), (1,)), self._map
+        crosses = np.array([self.arm.sections[i].at >= place[0] for i, _ in self.arm.tendons])
+        tendons = np.flatnonzero(crosses)
+        found = np.zeros(crosses.size)
+        found[tendons] = self.tensions[tendons]
+        if isinstance(forward, Collocation):
+            given = (place, np.zeros(tendons.size, dtype=int), tendons)
+            found[tendons] = forward.pulls(self.tensions, self.states, *given)
+        return found
+
     @cached_property
     def tendon_lengths(self) -> Array:
         """Length of each tendon from base to anchorage (n_tendons,) [m], tendon order.
 
-        The integral of ``|du_c/ds|`` by Gauss quadrature on the mesh; see response.tendon_lengths.
+        The integral of ``|du_c/ds|`` by Gauss quadrature on the mesh.
         """
         mesh = self._map.mesh
+        law = cross_section_of(self.scene)
         s = nodes_of(MAGNUS6, mesh.s[:-1], mesh.s[1:])
         weight = (np.diff(mesh.s)[:, None] * np.array(MAGNUS6.weights)).ravel()
-        return tendon_lengths(
-            self.arm, self.scene, s, weight, self._at(s, lambda _, e: e, strains=True)
-        )
+        sections = Sections(self.arm, self.scene, law, s, np.repeat(mesh.active, 3))
+        return sections.lengths(strains_of(law, self.strains(s)), weight)
+
+    @cached_property
+    def stability(self) -> float:
+        """The least eigenvalue of the scaled Hessian of its energy; below 0 it does not stand.
+
+        1 at rest without loads; see model.equilibrium.stability.
+        """
+        if self.scene.has(PrintedStatics):
+            raise InputError("scene", "as printed", "a scene whose equations hold under loads")
+        forward = Collocation(self.arm, self.scene, STAGES, self.refinement)
+        return stability(forward.found(self.tensions, self.known))
+
+    @property
+    def known(self) -> Any:
+        """The same equilibrium as another mesh takes it; None where the shape is explicit."""
+        return self._map.known(self.states)
 
     @property
     def _map(self) -> ForwardMap:

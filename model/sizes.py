@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import casadi as ca
-
 from model.arm import Arm
 from model.forward import explicit_map, loaded_map, schemes_of
+from model.loads import is_loaded
 from model.scene import Scene
-from model.statics import is_loaded
-from model.unloaded.shooting import Shooting
 
 
 @dataclass(frozen=True)
@@ -40,10 +37,8 @@ def sizes(arm: Arm, scene: Scene) -> Sizes:
         function = explicit_map(arm, scene, scheme, 1).function
         carried = 7 + (function.size1_out(2) if function.n_out() > 2 else 0)
         return Sizes(carried, 0, 0, function.expand().n_instructions())
-    shooting = Shooting(loaded_map(arm, scene, scheme, 1).system)
-    X = ca.MX.sym("X", shooting.n_x, shooting.n_segments)
-    T = ca.MX.sym("T", arm.n_tendons)
-    p = shooting.system.parameters(T)
-    residual = ca.Function("residual", [X, T], [shooting.residual(shooting.trajectories(X, p), p)])
-    rows = residual.numel_out(0)
-    return Sizes(shooting.n_x, X.numel(), rows, residual.expand().n_instructions())
+    of = loaded_map(arm, scene, scheme, 1).system.of
+    instructions = sum(
+        term.count * term.kernel.value.n_instructions() for term in of.equations.terms
+    )
+    return Sizes(of.node_size + of.form.strains, of.n_states, of.n_states, instructions)

@@ -11,11 +11,11 @@ import numpy as np
 from model.arm import Arm
 from model.checks import finite_array, kind, positive, within
 from model.effects import PrintedStatics
+from model.equilibrium.sensitivities import Sensitivities
 from model.errors import InputError, SingularError
-from model.loaded.loads import check_loads
+from model.loads import check_loads
 from model.paths import Array
-from model.response.answers import compliance_of, slopes_of
-from model.response.legendre import is_definite
+from model.response.answers import compliance_of, sensitivities
 from model.response.section_stiffness import section_stiffness
 from model.scene import Scene
 from model.settle import ACCURACY, settle
@@ -48,8 +48,6 @@ class Stiffness:
         Tendons whose length is held.
     slack : tuple of str
         Tendons without tension: locked, they could only pull, not push.
-    jacobi : bool
-        Whether the loads leave the arm the stability that it has without them, tensions held.
     refinement : int
         Of the mesh on which all this was found.
     error : float
@@ -63,7 +61,6 @@ class Stiffness:
     tension_response: Array
     locked: tuple[int, ...]
     slack: tuple[str, ...]
-    jacobi: bool
     refinement: int
     error: float
 
@@ -82,22 +79,23 @@ class Stiffness:
         return np.asarray(np.linalg.inv(self.compliance))
 
     @cached_property
+    def _found(self) -> Sensitivities:
+        return sensitivities(self.shape, self.at, self.refinement)
+
+    @property
     def stable(self) -> bool:
-        """Whether the shape is at a minimum of its energy under tensions that are held.
+        """Whether the shape is at a minimum of its energy under tensions that are held."""
+        return self._found.stable
 
-        As a whole, by Jacobi's criterion, and section by section; see model.response.legendre.
-        """
-        return self.jacobi and is_definite(self.shape)
-
-    @cached_property
+    @property
     def pose_tension(self) -> Array:
-        """Displacement and turn (6, n_tendons) per newton at each motor [m/N, rad/N]."""
-        return slopes_of(self.shape, self.at, self.refinement, False).pose_tension
+        """Displacement and rotation (6, n_tendons) per newton at each motor [m/N, rad/N]."""
+        return self._found.pose_tension
 
-    @cached_property
+    @property
     def length_tension(self) -> Array:
         """Length of each tendon per newton in each (n_tendons, n_tendons) [m/N], at the motors."""
-        return slopes_of(self.shape, self.at, self.refinement, True).length_tension
+        return self._found.length_tension
 
     @property
     def pose_length(self) -> Array:
@@ -169,17 +167,17 @@ def stiffness(
     """
     scene, place = _checked(arm, scene, hold, at, tendon_EA)
     shape = settle(arm, tensions, scene, accuracy)
-    found, T = compliance_of(shape, place, accuracy, hold == "length"), shape.tensions
+    found, T = compliance_of(shape, place, accuracy), shape.tensions
+    here = found.sensitivities
     slack = tuple(arm.tendon_name(int(j)) for j in np.flatnonzero(T == 0))
-    C, response, locked = found.compliance, np.zeros((T.size, 6)), np.zeros(0, int)
+    C, response, locked = here.pose_wrench, np.zeros((T.size, 6)), np.zeros(0, int)
     if hold == "length":
         locked = np.flatnonzero(T > 0) if release else np.arange(T.size)
-        slopes = found.slopes or slopes_of(shape, place, found.refinement, True)
-        give = slopes.lengths[locked] / tendon_EA if tendon_EA else np.zeros(locked.size)
-        own = slopes.length_tension[np.ix_(locked, locked)] - np.diag(give)
+        give = here.lengths[locked] / tendon_EA if tendon_EA else np.zeros(locked.size)
+        own = here.length_tension[np.ix_(locked, locked)] - np.diag(give)
         own -= least_give(arm) * np.eye(locked.size)
-        response[locked] = -np.linalg.solve(own, slopes.length_wrench[locked])
-        C = C + slopes.pose_tension @ response
+        response[locked] = -np.linalg.solve(own, here.length_wrench[locked])
+        C = C + here.pose_tension @ response
     return Stiffness(
         shape,
         hold,
@@ -188,7 +186,6 @@ def stiffness(
         response,
         tuple(locked.tolist()),
         slack,
-        found.stable,
         found.refinement,
         found.error,
     )

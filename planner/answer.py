@@ -8,7 +8,6 @@ from functools import cached_property
 import numpy as np
 
 from model.arm import Arm
-from model.errors import OctoplanError
 from model.paths import Array
 from model.scene import Scene
 from model.settle import settle
@@ -70,13 +69,8 @@ class Answer:
     def certificate(self) -> Certificate:
         """The check of the tensions by another integrator; see planner.certificate."""
         T = np.ravel(self.tensions)
-        try:
-            shape: Shape | None = self.shape
-        except OctoplanError:
-            shape = None
-        return certify(
-            self.arm, self.scene, self.targets, self.limits, shape, T, self._kkt(T), self.accuracy
-        )
+        asked = (self.arm, self.scene, self.targets, self.limits)
+        return certify(*asked, T, self._kkt(T), self.accuracy)
 
     @property
     def mode(self) -> Mode:
@@ -129,16 +123,20 @@ class Answer:
 
     def _rows(self, name: str) -> Array:
         """Return the multipliers of the constraints of a name."""
-        names = np.concatenate([[rows.name] * rows.size for rows in self._problem().rows])
-        return np.asarray(np.array(self.lam_g)[names == name])
+        rows = self._problem().condensed.rows
+        names = np.concatenate([[row.name] * row.size for row in rows])
+        return np.asarray(np.array(self.lam_g)[: names.size][names == name])
 
     def _kkt(self, T: Array) -> float:
         problem = self._problem()
+        problem.condensed.forget()
         limits = allowed(self.arm, self.targets, self.limits)
         p = problem.parameters(self.targets, limits)
-        x = problem.unknowns(T, limits, p)
-        lam_x, lam_g = np.array(self.lam_x), np.array(self.lam_g)
-        bounds = problem.bounds(limits)
+        x, bounds = problem.free(T, limits), problem.free_bounds(limits)
+        if problem.n_lack:
+            x = problem.unknowns(T, limits, p)[: x.size]
+        # Of plans with the states as unknowns, the multipliers of equilibrium come last.
+        lam_x, lam_g = np.array(self.lam_x)[: x.size], np.array(self.lam_g)[: bounds[2].size]
         if lam_x.shape != x.shape or lam_g.shape != bounds[2].shape:
             return np.inf
         return optimality(problem, x, p, lam_x, lam_g, bounds).worst

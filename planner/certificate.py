@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from model.arm import Arm
+from model.effects import PrintedStatics
+from model.equilibrium.forward import STAGES, Collocation
+from model.equilibrium.stability import stability
+from model.equilibrium.verification import SCHEME, verified
 from model.errors import OctoplanError
-from model.forward import schemes_of
+from model.ladder import FINEST_ACCURACY
 from model.paths import Array
 from model.scene import Scene
 from model.settle import settle
@@ -19,8 +24,10 @@ from planner.program.limits import Limits
 from planner.program.terms import looks_of, stations_of, term_names, terms_function, ways_function
 from planner.targets.base import Target
 
-# How accurate the check is, at the least two digits more than what it has to judge.
-CHECK_ACCURACY, _SHARPER = 1e-10, 1e-2
+# How accurate the check is: two digits more than what it has to judge.
+_SHARPER, _PRINTED = 1e-2, "rk8"
+# The finest mesh whose wrenches it begins from: what these lack is corrected to first order.
+_MESH = 3
 KKT_TOLERANCE = 1e-6
 STIFF_ACCURACY = 1e-8
 
@@ -36,8 +43,9 @@ class Certificate:
     margin : least value of each thing that has to be 0 or above
     bounds : largest violation of a tension limit [N]
     kkt : residual of the first-order conditions, scaled; their multipliers are the plan's
-    agreement : distance of the planner's tip from the check's, over L
+    agreement : distance of the settled tip from the check's, over L
     error : estimated tip error of the check, over L
+    stability : least eigenvalue of the scaled Hessian of the energy; below 0 the arm does not stand
     scheme : the integrator of the check
     tolerance : what match, margin and agreement are held to
     problem : why the check could not be made, if so
@@ -50,6 +58,7 @@ class Certificate:
     kkt: float = np.inf
     agreement: float = np.inf
     error: float = np.inf
+    stability: float = np.inf
     scheme: str = ""
     tolerance: float = 1e-6
     problem: str = ""
@@ -80,6 +89,7 @@ class Certificate:
             (self.bounds, 0.0, "tension limit violated by [N]"),
             (self.kkt, KKT_TOLERANCE, "optimality residual"),
             (self.agreement, self.tolerance, "integrators differ by"),
+            (-self.stability, 0.0, "the arm does not stand; stability below 0 by"),
         ]
         failed = [check for check in checks if not check[0] <= check[1]]
         return tuple(f"{name} {value:.2g}, allowed {limit:.2g}" for value, limit, name in failed)
@@ -98,12 +108,8 @@ class Certificate:
         lines.append(f"  {'optimality residual':<28} {self.kkt:9.2e}")
         lines.append(f"  {'integrators differ by [L]':<28} {self.agreement:9.2e}")
         lines.append(f"  {'estimated tip error [L]':<28} {self.error:9.2e}")
+        lines.append(f"  {'stability (1 at rest)':<28} {self.stability:9.2e} (at least 0)")
         return "\n".join(lines + [f"  failed: {failure}" for failure in self.failures])
-
-
-def other_scheme(scene: Scene) -> str:
-    """Return an integrator that the planner does not use in this scene."""
-    return schemes_of(scene)[1]
 
 
 def certify(
@@ -111,45 +117,69 @@ def certify(
     scene: Scene,
     targets: tuple[Target, ...],
     limits: Limits,
-    shape: Shape | None,
     tensions: Array,
     kkt: float,
     tolerance: float,
 ) -> Certificate:
-    """Settle the tensions again, by another integrator at 1e-10, and look at everything anew."""
-    scheme = other_scheme(scene)
+    """Verify the settled tensions by initial value integration, and look at everything anew."""
     low, high = np.array(limits.lower), np.array(limits.upper)
     excess = max(float((low - tensions).max()), float((tensions - high).max()), 0.0)
     if limits.total is not None:
         excess = max(excess, float(tensions.sum()) - limits.total * (1 + 1e-9))
+    printed = scene.has(PrintedStatics)
+    scheme = _PRINTED if printed else SCHEME
     try:
-        sharp = max(min(CHECK_ACCURACY, _SHARPER * tolerance), 1e-12)
-        check = settle(arm, tensions, scene, sharp, scheme)
+        shape = settle(arm, tensions, scene, max(tolerance / 10, FINEST_ACCURACY))
+        stations, sharp = stations_of(arm, targets), max(_SHARPER * tolerance, FINEST_ACCURACY)
+        check = _printed if printed else _integrated
+        poses, tip, error, stands = check(shape, stations, sharp)
     except OctoplanError as reason:
         return Certificate(bounds=excess, scheme=scheme, tolerance=tolerance, problem=str(reason))
-    match, approach, margin = measure(arm, targets, check)
-    agreement = np.inf if shape is None else np.linalg.norm(check.tip - shape.tip) / arm.length
+    match, approach, margin = measure(arm, targets, poses, gives(arm, targets, shape))
     return Certificate(
         {name: float(np.abs(values).max()) for name, values in match.items()},
         {name: float(np.linalg.norm(values)) for name, values in approach.items()},
         {name: float(np.min(values)) for name, values in margin.items()},
         excess,
         kkt,
-        float(agreement),
-        check.error,
+        math.dist(tip, shape.tip) / arm.length,
+        error,
+        stands,
         scheme,
         tolerance,
     )
 
 
+# Poses at the stations (K, 7), the tip (3,), its estimated error, stability.
+Checked = tuple[Array, Array, float, float]
+
+
+def _integrated(shape: Shape, stations: tuple[float, ...], accuracy: float) -> Checked:
+    """Return what initial value integration makes of a shape."""
+    mesh = min(shape.refinement, _MESH)
+    forward = Collocation(shape.arm, shape.scene, STAGES, mesh, stations)
+    here = forward.found(shape.tensions, shape.known)
+    found = verified(here, accuracy)
+    poses = forward.system.poses(found.here.states)
+    places = [forward.mesh.node(s) for s in stations]
+    return poses[places], poses[-1, 4:], found.error, stability(here)
+
+
+def _printed(shape: Shape, stations: tuple[float, ...], accuracy: float) -> Checked:
+    """Return what another integrator makes of a scene as printed."""
+    check = settle(shape.arm, shape.tensions, shape.scene, accuracy, _PRINTED)
+    return check.poses(np.array(stations)), check.tip, check.error, np.inf
+
+
 def measure(
-    arm: Arm, targets: tuple[Target, ...], shape: Shape
+    arm: Arm, targets: tuple[Target, ...], poses: Array, given: Array
 ) -> tuple[dict[str, Array], dict[str, Array], dict[str, Array]]:
-    """Return the targets' match, approach and margin terms of a shape, by name."""
-    s = np.array(stations_of(arm, targets))
-    poses = shape.poses(s).T
+    """Return the targets' match, approach and margin terms by name.
+
+    Of poses (K, 7) at the targets' stations, and of what `gives` returns.
+    """
     numbers = np.concatenate([target.parameters(arm) for target in targets])
-    values = terms_function(arm, targets)(poses, numbers, gives(arm, targets, shape))
+    values = terms_function(arm, targets)(poses.T, numbers, given)
     names = term_names(arm, targets)
     found: list[dict[str, Array]] = []
     for kind, value in zip(names, values, strict=True):

@@ -13,9 +13,8 @@ from model.arm import Arm
 from model.checks import kind, not_negative, positive
 from model.errors import InputError
 from model.ladder import checked_accuracy
-from model.loaded.loads import check_loads
+from model.loads import check_loads
 from model.scene import Scene
-from model.statics import is_loaded
 from planner.answer import Answer
 from planner.files import to_json, write_named
 from planner.program.effort import check_norm
@@ -100,8 +99,8 @@ def plan(
     norm : "2", "1" or "inf"
         What effort is: root of the sum of squares, sum, or largest tension.
     form : "condensed" or "multiple-shooting"
-        Unknowns of the problem: tensions alone, or with the states of each segment. Condensed
-        unless given, except under loads, where the shape is not a function written out.
+        Unknowns of the problem: tensions alone, or with the states of all elements, which is the
+        default.
     accuracy : float
         What residuals and tip errors are held to, over the arm's length (angles: rad).
     starts : int
@@ -127,7 +126,7 @@ def plan(
     """
     scene, targets = scene or Scene(), check_targets(arm, target)
     check_loads(arm, scene)
-    form = checked_form(form, is_loaded(scene))
+    form = checked_form(form)
     if isinstance(starts, bool) or not isinstance(starts, int) or starts < 1:
         raise InputError("starts", starts, "a whole number from 1")
     accuracy = checked_accuracy(accuracy)

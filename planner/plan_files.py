@@ -10,10 +10,9 @@ import msgspec
 
 from model import Arm, InputError, Scene
 from model.errors import FileError
-from model.forward import check_scheme
+from model.forward import COLLOCATIONS, SCHEMES
 from model.ladder import FINEST, checked_accuracy
-from model.loaded.loads import check_loads
-from model.statics import is_loaded
+from model.loads import check_loads
 from planner.plan import Plan
 from planner.program.limits import Limits
 from planner.question import check_targets, checked_form
@@ -48,7 +47,7 @@ def load_plan(path: str | Path) -> Plan:
     tensions = _floats(answer.tensions, name, "answer.tensions")
     within = _Within(name)
     within("question.scene", lambda: check_loads(arm, scene))
-    _check_statement(within, scene, answer)
+    _check_statement(within, answer)
     return Plan(
         arm,
         scene,
@@ -90,10 +89,13 @@ def _record(path: Path, name: str) -> PlanRecord:
         raise mistake(str(reason), name, table, PlanRecord) from None
 
 
-def _check_statement(within: _Within, scene: Scene, answer: AnswerRecord) -> None:
+def _check_statement(within: _Within, answer: AnswerRecord) -> None:
     stated = answer.statement
-    within("answer.statement", lambda: checked_form(stated.form, is_loaded(scene)))
-    within("answer.statement", lambda: check_scheme(scene, stated.scheme))
+    within("answer.statement", lambda: checked_form(stated.form))
+    known = (*COLLOCATIONS, *SCHEMES)
+    if stated.scheme not in known:
+        told = f"got {shown(stated.scheme)}, allowed is {', '.join(known)}"
+        raise FileError(within.name, "answer.statement.scheme", told)
     if not 1 <= stated.refinement <= FINEST:
         told = f"got {stated.refinement}, allowed is a whole number from 1 to {FINEST}"
         raise FileError(within.name, "answer.statement.refinement", told)

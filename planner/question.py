@@ -27,14 +27,12 @@ def check_looks(targets: tuple[Target, ...], scene: Scene, limits: Limits) -> No
         raise InputError("tension_max", np.inf, "finite limits where a stiffness is wanted")
 
 
-def checked_form(form: Form | None, loaded: bool) -> Form:
-    """Return the form, the scene's own for None; refuse one that it cannot have."""
+def checked_form(form: Form | None) -> Form:
+    """Return the form, multiple shooting for None; refuse what is none."""
     if form is None:
-        return "multiple-shooting" if loaded else "condensed"
+        return "multiple-shooting"
     if form not in FORMS:
         raise InputError("form", form, ", ".join(FORMS))
-    if loaded and form == "condensed":
-        raise InputError("form", form, '"multiple-shooting" in a scene with loads')
     return form
 
 

@@ -13,7 +13,7 @@ import msgspec
 
 from model import Arm, InputError, Scene
 from model.errors import FileError
-from model.loaded.loads import check_loads
+from model.loads import check_loads
 from planner.program.limits import Limits
 from planner.question import check_targets
 from planner.scenes.arm import arm_of

@@ -39,7 +39,7 @@ from model import OctoplanError, Scene, settle
 from model.effects import ExactTendons
 from model.forward import schemes_of
 from model.paths import Array
-from model.statics import is_loaded
+from model.loads import is_loaded
 from planner import Limits, Plan, Statement, plan
 from planner.solve.task import Task
 from planner.solve.trials import Trials
@@ -118,7 +118,7 @@ def run(job: tuple[int, int, int]) -> Case:
         return Case(**case, outcome=f"{type(problem).__name__}: {problem}")
     seconds = time.process_time() - begin
     try:
-        error = off(settle(ARM, found.tensions, scene, 1e-9, schemes_of(scene)[1]), target)
+        error = off(settle(ARM, found.tensions, scene, 1e-9, schemes_of(scene)[-1] if is_loaded(scene) else schemes_of(scene)[1]), target)
     except OctoplanError:
         error = np.inf
     near = max(found.certificate.approach.values(), default=0.0) <= _NEAR
@@ -142,7 +142,7 @@ def _over_best(found: Plan, scene: Scene, count: int, rng: np.random.Generator) 
     p = problem.parameters(found.targets, limits)
     own = [s.objective for s in found.starts if s.met]
     x = problem.unknowns(found.tensions.ravel(), limits, p)
-    own.append(float(problem.derivatives.gradient(x, p)[0]))
+    own.append(problem.condensed.first(x[: problem.n_free], p).f)
     scale = np.repeat([0.6, 5.0, 15.0], 4)
     tried = (
         trials.solve(coarse, rng.uniform() * rng.uniform(size=12) * scale) for _ in range(count)

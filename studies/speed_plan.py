@@ -124,11 +124,11 @@ def floor_rows(repeats: int, rng: np.random.Generator) -> list[Row]:
     problem = build(arm, target, PAPER, Statement(refinement=2))
     p, bounds = problem.parameters(target, limits, TRACES[0]), problem.bounds(limits)
     x = problem.unknowns(T, limits, p)
-    lam = np.zeros(problem.nlp["g"].numel())
+    lam = np.zeros(problem.program.g.numel())
     evaluations = {
         "the forward map": lambda: forward.run(T),
-        "constraints and their slopes": lambda: problem.derivatives.slopes(x, p),
-        "second derivatives": lambda: problem.derivatives.curvature(x, p, 1.0, lam),
+        "constraints and their slopes": lambda: problem.program.first(x, p),
+        "second derivatives": lambda: problem.program.second(x, p, 1.0, lam),
     }
     rows = [
         Row(f"floor: {name} [us]", "", "", f"{_micro(repeated(work, repeats))}")

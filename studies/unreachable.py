@@ -58,7 +58,7 @@ def run(number: int, seed: int, best_of: int) -> Case:
     target, maxima = beyond(rng, kind, scene)
     found = plan(ARM, target, scene, maxima)
     if found.reached and max(found.certificate.approach.values(), default=0.0) <= _NEAR:
-        wrong = off(settle(ARM, found.tensions, scene, 1e-9, "rk6"), target) > _WRONG
+        wrong = off(settle(ARM, found.tensions, scene, 1e-9), target) > _WRONG
         return Case(number, kind, np.nan, wrong)
     limits = Limits.of(ARM, maxima)
     trials = Trials(Task(ARM, found.targets, scene, limits, Statement(), found.accuracy))

@@ -16,7 +16,7 @@ from model.integrators.magnus import Magnus
 from model.integrators.runge_kutta import RungeKutta
 from model.ladder import REFINEMENTS
 from model.paths import Array
-from model.statics import is_loaded
+from model.loads import is_loaded
 from model.unloaded.tip_slopes import tip_slopes
 from studies import draws
 from studies.baseline_gvs import settler

@@ -12,27 +12,30 @@ from model.paths import Array
 
 
 class Buffered:
-    """A function of one dense vector, with dense results, that may be called from any thread."""
+    """A function of dense vectors, with dense results, that may be called from any thread."""
 
     def __init__(self, function: ca.Function) -> None:
         self.function = function
         self._local = threading.local()
 
-    def __call__(self, x: Array) -> list[Array]:
+    def __call__(self, *given: Array) -> list[Array]:
         """Return the results, each transposed: (columns, rows)."""
         local = self._local.__dict__
         if not local:
-            local.update(zip(("x", "results", "run", "buffer"), self._prepared(), strict=True))
-        local["x"][:] = x
+            names = ("given", "results", "run", "buffer")
+            local.update(zip(names, self._prepared(), strict=True))
+        for held, value in zip(local["given"], given, strict=True):
+            held[:] = value
         local["run"]()
         return [result.copy() for result in local["results"]]
 
-    def _prepared(self) -> tuple[Array, list[Array], Any, Any]:
+    def _prepared(self) -> tuple[list[Array], list[Array], Any, Any]:
         f = self.function
-        x = np.zeros(f.nnz_in(0))
+        given = [np.zeros(f.nnz_in(i)) for i in range(f.n_in())]
         results = [np.zeros((f.size2_out(i), f.size1_out(i))) for i in range(f.n_out())]
         buffer, run = f.buffer()
-        buffer.set_arg(0, memoryview(x))  # type: ignore[call-arg,arg-type]
+        for i, held in enumerate(given):
+            buffer.set_arg(i, memoryview(held))  # type: ignore[call-arg,arg-type]
         for i, result in enumerate(results):
             buffer.set_res(i, memoryview(result))  # type: ignore[call-arg,arg-type]
-        return x, results, run, buffer
+        return given, results, run, buffer

@@ -9,11 +9,11 @@ import numpy as np
 
 from model.arm import Arm
 from model.checks import positive
+from model.equilibrium.load_stepping import follow
 from model.errors import InputError
 from model.forward import loaded_map
-from model.loaded.loads import check_loads
+from model.loads import check_loads, is_loaded
 from model.scene import Scene
-from model.statics import is_loaded
 
 _REFINEMENT, _FINEST = 4, 32
 
@@ -57,9 +57,9 @@ def critical_share(
     T, most = arm.flat(tensions), positive("most", most)
     refinement, before = _REFINEMENT, Critical(np.inf, "")
     while True:
-        forward = loaded_map(arm, scene, "rk6", refinement)
-        X = forward.without_loads(T)
-        found = Critical(*forward.equilibrium.follow(X, T, most, accuracy / 4)[1:])
+        forward = loaded_map(arm, scene, "gauss6", refinement)
+        end = follow(forward.system, T, forward.without_loads(T), most, accuracy / 4)
+        found = Critical(end.load, end.why)
         if abs(found.share - before.share) <= accuracy * found.share or refinement >= _FINEST:
             return found if found.share < most else Critical(found.share, "")
         before, refinement = found, 2 * refinement

@@ -1,14 +1,6 @@
-"""The statics of a cross-section, one file for each form that the paper and physics give it."""
+"""The statics of a cross-section without loads, in closed form and as printed."""
 
 from model.statics.base import ClosedStatics, Statics
-from model.statics.choice import is_loaded, loaded_statics_of, statics_of
-from model.statics.loaded import LoadedStatics
+from model.statics.choice import statics_of
 
-__all__ = [
-    "ClosedStatics",
-    "LoadedStatics",
-    "Statics",
-    "is_loaded",
-    "loaded_statics_of",
-    "statics_of",
-]
+__all__ = ["ClosedStatics", "Statics", "statics_of"]

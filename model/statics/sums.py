@@ -36,11 +36,3 @@ def tendon_sums(arm: Arm, at: Stations) -> tuple[Array, Array]:
         lever_rate * sin**2,
     ]
     return np.stack(rows, axis=1), np.stack(rates, axis=1)
-
-
-def slope_sums(arm: Arm, at: Stations) -> tuple[Array, Array]:
-    """Return S[T y' cos], S[T y' sin] as maps of tension (N, 2, n_tendons), and their rates."""
-    section = [i for i, _ in arm.tendons]
-    sides_of = np.stack(sides(arm))
-    first, second = (v[section].T[:, None, :] * sides_of for v in (at.y_rate, at.y_curve))
-    return first, second

@@ -15,6 +15,7 @@ import casadi as ca
 import numpy as np
 
 from model.arm import Arm
+from model.effects import ExactTendons, Extension, NeoHookean
 from model.integrators.magnus import Magnus
 from model.machine.buffered import Buffered
 from model.machine.compiled import compiled
@@ -22,7 +23,7 @@ from model.mesh import Mesh
 from model.paths import Array
 from model.rotations import compose, from_matrix
 from model.scene import Scene
-from model.statics import ClosedStatics, LoadedStatics, Statics, statics_of
+from model.statics import ClosedStatics, Statics, statics_of
 from model.statics.base import curvature
 from model.stations import Counts, stations
 from model.unloaded.pulls import PullPolynomials
@@ -87,7 +88,7 @@ class Sections:
         return ca.reshape(self.map_rate @ T, -1, self.data.shape[1])
 
 
-def sections(arm: Arm, statics: Statics | LoadedStatics, s: Array, active: Counts) -> Sections:
+def sections(arm: Arm, statics: Statics, s: Array, active: Counts) -> Sections:
     """Return what statics take from the cross-sections at s (N,)."""
     at = stations(arm, s, active)
     maps = [ca.sparsify(ca.DM(m.reshape(-1, arm.n_tendons))) for m in statics.pulls(arm, at)]
@@ -99,6 +100,24 @@ def strains_at(arm: Arm, scene: Scene, s: Array, active: Counts, T: ca.MX) -> ca
     statics = closed_statics(scene, arm)
     at = sections(arm, statics, s, active)
     return strain_function(statics).map(s.size)(at.pull(T), at.data)
+
+
+def unloaded_strains(arm: Arm, scene: Scene, s: Array, active: Counts, tensions: Array) -> Array:
+    """Return tau, xi, k, q (N, 4) at s (N,) where loads are left out; NaN where nothing settles."""
+    scene = unloaded(scene)
+    statics, at = closed_statics(scene, arm), stations(arm, s, active)
+    pull = np.einsum("nij,j->in", statics.pulls(arm, at)[0], tensions)
+    found = np.array(strain_function(statics).map(s.size)(pull, statics.data(at)[0])).T
+    lost = np.isnan(found).any(axis=1)
+    if lost.any() and scene.careful() != scene:
+        found[lost] = unloaded_strains(arm, scene.careful(), s[lost], active[lost], tensions)
+    return found
+
+
+def unloaded(scene: Scene) -> Scene:
+    """Return the scene with what a section settles by itself, and nothing else."""
+    kept = (Extension, ExactTendons, NeoHookean)
+    return Scene(*(effect for effect in scene.effects if isinstance(effect, kept)))
 
 
 def nodes_of(scheme: Magnus, left: Array, right: Array) -> Array:
@@ -168,7 +187,7 @@ class ClosedForm:
         other._call = Buffered(other.function)
         return other
 
-    def run(self, tensions: Array, near: Array | None = None) -> tuple[Array, Array]:
+    def run(self, tensions: Array, near: object = None) -> tuple[Array, Array]:
         """See ForwardMap.run: poses (S + 1, 7) and 1 + q (K,)."""
         poses, stretch = self._call(tensions)
         lost = np.isnan(poses[:, 4])
@@ -176,8 +195,8 @@ class ClosedForm:
             stretch[self.stretch_at >= self.mesh.s[np.argmax(lost) - 1]] = np.nan
         return poses, stretch[:, 0]
 
-    def starts(self, states: Array) -> None:
-        """See ForwardMap.starts: nothing, the map is explicit."""
+    def known(self, states: Array) -> None:
+        """See ForwardMap.known: nothing, the map is explicit."""
 
     def dense(self, tensions: Array, poses: Array, s: Array) -> tuple[Array, Array]:
         """Return poses (N, 7) and strains (N, 4) at arc lengths s, a step from the nodes below."""

@@ -1,13 +1,10 @@
-"""How the pose across a Magnus step answers to the twists at its nodes: first and second order.
+"""How the pose across a Magnus step answers to the twists at its nodes.
 
-A step is exp(Omega). A change delta of Omega moves it by exp(z) with
-
-    z = dexp delta + 1/2 D(dexp)[delta] delta + ...    z = (turn, shift) in the frame of its start
-
-where dexp, the left derivative of the exponential, has the blocks J = I + a W + b W^2 and its
-directional derivative; a, b are power series in the angle squared. There is no bracket in the
-second order: along a line dexp delta commutes with itself. Source: Iserles, Munthe-Kaas, Norsett,
-Zanna, "Lie-group methods", Acta Numerica 9 (2000), section 2.
+A step is exp(Omega). A change delta of Omega moves it by exp(z) with z = dexp delta, (turn, shift)
+in the frame of its start, where dexp, the left derivative of the exponential, has the blocks
+J = I + a W + b W^2 and its directional derivative; a, b are power series in the angle squared.
+Source: Iserles, Munthe-Kaas, Norsett, Zanna, "Lie-group methods", Acta Numerica 9 (2000),
+section 2.
 """
 
 from __future__ import annotations
@@ -19,7 +16,7 @@ from functools import lru_cache
 import casadi as ca
 
 from model.integrators.magnus import Magnus
-from model.rotations import compose, exponential
+from model.rotations import compose, exponential, matrix
 
 _SMALL, _TERMS = 0.01, 6
 
@@ -73,18 +70,14 @@ def step_slopes(scheme: Magnus, twists: list[ca.SX], h: ca.SX, e: ca.SX) -> tupl
     return exponential(omega[:3], omega[3:]), ca.densify(dexp(omega) @ ca.jacobian(omega, e))
 
 
-def step_curvature(
-    scheme: Magnus, twists: list[ca.SX], h: ca.SX, e: ca.SX, covector: ca.SX
-) -> tuple[ca.SX, ca.SX]:
-    """Return the second derivative (n, n) and the slope (n,) of covector . z against e (n,)."""
-    omega = scheme.expansion(twists, h)
-    here, weight = ca.SX.sym("omega", 6), ca.SX.sym("weight", 6)
-    seen = dexp(here).T @ covector
-    turned = ca.jacobian(seen, here)
-    seen, form = ca.substitute([seen, (turned + turned.T) / 2], [here], [omega])
-    own = ca.substitute([ca.hessian(ca.dot(weight, omega), e)[0]], [weight], [seen])[0]
-    slopes = ca.jacobian(omega, e)
-    return ca.densify(slopes.T @ form @ slopes + own), ca.densify(slopes.T @ seen)
+@lru_cache(maxsize=8)
+def adjoint_function() -> ca.Function:
+    """Return pose -> (6, 6), the map of local twists to spatial ones."""
+    g = ca.SX.sym("g", 7)
+    R = matrix(g[:4])
+    return ca.Function(
+        "adjoint", [g], [ca.densify(ca.blockcat([[R, ca.SX(3, 3)], [ca.skew(g[4:]) @ R, R]]))]
+    )
 
 
 @lru_cache(maxsize=1)

@@ -164,7 +164,7 @@ class StrainOde:
         other.function = compiled(self.function)
         return other
 
-    def run(self, tensions: Array, near: Array | None = None) -> tuple[Array, Array]:
+    def run(self, tensions: Array, near: object = None) -> tuple[Array, Array]:
         """See ForwardMap.run: poses and strains (S + 1, 7 + n), and 1 + q (K,).
 
         Raises NotSettledError where the scheme fails on a step.
@@ -179,10 +179,8 @@ class StrainOde:
             ) from error
         return np.array(ca.vertcat(poses, strains)).T, np.array(stretch).ravel()
 
-    def starts(self, states: Array) -> Array:
-        """See ForwardMap.starts."""
-        nodes = [segment.nodes[0] for segment in self.system.segments]
-        return states[[self.mesh.node(s) for s in nodes]].T
+    def known(self, states: Array) -> None:
+        """See ForwardMap.known: nothing, the map is explicit."""
 
     def dense(self, tensions: Array, states: Array, s: Array) -> tuple[Array, Array]:
         """Return poses (N, 7) and strains (N, 4) at arc lengths s, a step from the nodes above."""

@@ -29,10 +29,9 @@ from model.unloaded.closed_form import (
     strain_function,
     twist,
 )
-from model.unloaded.pose_derivatives import PoseDerivatives, adjoint_function
 from model.unloaded.pulls import TERMS, PullPolynomials
-from model.unloaded.step_twist import step_slopes
-from model.unloaded.strain_derivatives import strain_slopes
+from model.unloaded.step_twist import adjoint_function, step_slopes
+from model.unloaded.strain_slopes import strain_slopes
 
 S = TypeVar("S", ca.SX, ca.MX)
 
@@ -66,12 +65,16 @@ def tip_slopes(arm: Arm, scene: Scene, scheme: str, refinement: int) -> ca.Funct
     """Return tensions (n,) -> displacement [m/N] and turn [rad/N] of the tip (6, n)."""
     forward = explicit_map(arm, scene, scheme, refinement)
     T = ca.MX.sym("T", arm.n_tendons)
+    found = None
     if isinstance(forward, ClosedForm):
-        found = shifts_and_turns(*_twists(forward, T))
-    else:
-        pose = forward.function(T)[0][:, -1]
-        slopes = ca.jacobian(pose, T)
-        found = ca.vertcat(slopes[4:, :], small_turns()(pose[:4]) @ slopes[:4, :])
+        polynomials = PullPolynomials.of(arm, closed_statics(scene, arm))
+        if polynomials is not None:
+            found = shifts_and_turns(*_twists(forward, polynomials, T))
+    if found is not None:
+        return ca.Function("tip_slopes", [T], [ca.densify(found)])
+    pose = forward.function(T)[0][:, -1]
+    slopes = ca.jacobian(pose, T)
+    found = ca.vertcat(slopes[4:, :], small_turns()(pose[:4]) @ slopes[:4, :])
     return ca.Function("tip_slopes", [T], [ca.densify(found)])
 
 
@@ -81,15 +84,10 @@ def shifts_and_turns(pose: S, twists: S) -> S:
     return ca.vertcat(twists[3:, :] - ca.skew(pose[4:]) @ turns, turns)
 
 
-def _twists(forward: ClosedForm, T: ca.MX) -> tuple[ca.MX, ca.MX]:
+def _twists(forward: ClosedForm, polynomials: PullPolynomials, T: ca.MX) -> tuple[ca.MX, ca.MX]:
     """Return the pose of the tip, and its spatial twists (6, n) per newton."""
     arm, mesh, scheme = forward.arm, forward.mesh, forward.scheme
     statics = closed_statics(forward.scene, arm)
-    polynomials = PullPolynomials.of(arm, statics)
-    if polynomials is None:
-        of = PoseDerivatives(arm, forward.scene, mesh, scheme, (arm.length,))
-        pose, twists = of.first(T)
-        return pose, twists
     s = nodes_of(scheme, mesh.s[:-1], mesh.s[1:])
     pull, data = pull_and_data(arm, statics, s, np.repeat(mesh.active, len(scheme.nodes)), T)
     start = ca.vertcat(base_pose(arm), ca.DM.zeros(6 * statics.n_pull * TERMS))

@@ -11,10 +11,10 @@ from typing import Any
 from model.arm import Arm
 from model.errors import InputError
 from model.ladder import checked_accuracy
+from model.loads import is_loaded
 from model.scene import Scene
 from model.settle import ACCURACY, checked_scene, settle
 from model.shape import Shape
-from model.statics import is_loaded
 from planner.c_code.source import PRECISIONS, Precision
 from planner.c_code.values import BYTES, c_source, c_values
 from planner.files import write_together

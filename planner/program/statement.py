@@ -27,18 +27,20 @@ class Statement:
     limited : bool
         Whether the total pull has a limit.
     scheme, refinement
-        The integrator, by its name in model.forward, and the mesh.
-    careful : bool
-        Whether sections settle the careful way; see ExactTendons.
+        Collocation, by its name in model.forward, and the mesh.
     """
 
     form: Form = "condensed"
     norm: Norm = "2"
     mode: Mode = "exact"
     limited: bool = False
-    scheme: str = "magnus6"
+    scheme: str = "gauss6"
     refinement: int = 4
-    careful: bool = False
+
+    @property
+    def stages(self) -> int:
+        """How many stages the elements have; other schemes of the same order have as many."""
+        return max(1, min(int(self.scheme[-1]) // 2, 3))
 
     def but(self, **changes: Any) -> Statement:
         """Return the statement with some choices changed."""

@@ -62,6 +62,7 @@ class CertificateRecord(msgspec.Struct, kw_only=True):
     kkt: float | None
     agreement: float | None
     error: float | None
+    stability: float | None = None
     scheme: str
     tolerance: float
     problem: str

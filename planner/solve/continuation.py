@@ -10,9 +10,8 @@ import numpy as np
 
 from model.paths import Array
 from model.patience import check_time
-from planner.program.problem import Problem
+from planner.program.problem import Bounds, Problem
 from planner.solve.ipopt import Solution, solve
-from planner.solve.polish import Bounds
 from planner.solve.walk import walk
 
 _FIRST_STEP = 1 / 4
@@ -21,7 +20,7 @@ _FIRST_STEP = 1 / 4
 def continued(problem: Problem, x: Array, p: Array, bounds: Bounds) -> Solution | None:
     """Return the optimum that the way from unknowns x leads to, None where it ends before."""
     lbx, ubx, lbg, ubg = bounds
-    g = np.array(problem.derivatives.slopes(x, p)[1]).ravel()
+    g = problem.constraints(x, p)
     off = np.where(lbg == ubg, g - lbg, 0.0)
 
     def at(near: Solution | None, share: float) -> Solution | None:

@@ -13,9 +13,10 @@ from model.settle import settle
 from model.shape import Shape
 from model.stiffness import stiffness
 from planner.certificate import measure
+from planner.program.limits import Limits
 from planner.program.problem import Problem
 from planner.program.statement import Mode, Statement
-from planner.program.terms import looks_of
+from planner.program.terms import looks_of, stations_of
 from planner.solve.ipopt import Solution, solve
 from planner.solve.polish import optimality, polish
 from planner.solve.task import Task
@@ -28,6 +29,8 @@ _RIVAL, _BLUR, _MOST = 0.05, 1e-6, 4
 _SAME = 1e-3
 _MESHES = 3
 _FINE_IF_UNSETTLED = 16
+# The part of the accuracy that a plan's mesh may take; what is estimated of it is cautious.
+_SHARE = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,9 +77,9 @@ def finish(task: Task, coarse: Solution, mode: Mode) -> Fine:
     squares are brought to their last digits on the coarse mesh, where effort has to be found in
     them by many steps; the fine mesh takes a few more.
     """
-    guess, used = coarse, 0
+    guess, used = coarse.free(task.problem(task.coarse(mode))), 0
     if mode != "exact":
-        guess = _finish(task, task.coarse(mode), coarse).solution
+        guess = _finish(task, task.coarse(mode), guess).solution
     for _ in range(_MESHES):
         T = task.tensions(guess)
         mesh = _mesh(task, T)
@@ -92,7 +95,8 @@ def finish(task: Task, coarse: Solution, mode: Mode) -> Fine:
 
 def _finish(task: Task, statement: Statement, coarse: Solution) -> Fine:
     problem, limits = task.problem(statement), task.allowed
-    p, bounds = problem.parameters(task.targets, limits), problem.bounds(limits)
+    problem.condensed.forget()
+    p, bounds = problem.parameters(task.targets, limits), problem.free_bounds(limits)
 
     def worst(s: Solution) -> float:
         return optimality(problem, s.x, p, s.lam_x, s.lam_g, bounds).worst
@@ -100,18 +104,25 @@ def _finish(task: Task, statement: Statement, coarse: Solution) -> Fine:
     guess = _warm(task, problem, coarse, p)
     best = polish(problem, guess, p, bounds)
     if best is guess and worst(guess) > _OPTIMAL:
-        solved = solve(problem, guess.x, p, bounds, (guess.lam_x, guess.lam_g))
+        solved = solve_again(problem, guess, p, limits)
         polished = polish(problem, solved, p, bounds) if solved.finite else guess
         best = min((polished, guess), key=worst)
-    objective = float(problem.derivatives.gradient(best.x, p)[0])
-    return Fine(statement, replace(best, f=objective), worst(best))
+    return Fine(statement, replace(best, f=problem.condensed.first(best.x, p).f), worst(best))
+
+
+def solve_again(problem: Problem, guess: Solution, p: Array, limits: Limits) -> Solution:
+    """Return what the solver makes of a guess without states, from its multipliers, warm."""
+    x = problem.unknowns(problem.tensions(guess.x, limits), limits, p)
+    multipliers = problem.condensed.multipliers(guess.x, p, guess.lam_x, guess.lam_g)
+    return solve(problem, x, p, problem.bounds(limits), multipliers).free(problem)
 
 
 def _warm(task: Task, problem: Problem, coarse: Solution, p: Array) -> Solution:
     """Return the coarse solution as a guess on the fine mesh; multipliers carry over."""
-    x = problem.unknowns(task.tensions(coarse), task.allowed, p)
-    g = np.array(problem.derivatives.slopes(x, p)[1]).ravel()
-    return replace(coarse, x=x, g=g)
+    x = problem.free(task.tensions(coarse), task.allowed)
+    if problem.n_lack:
+        x = problem.unknowns(task.tensions(coarse), task.allowed, p)[: problem.n_free]
+    return replace(coarse, x=x, g=problem.condensed.first(x, p).g)
 
 
 def _mesh(task: Task, T: Array) -> int:
@@ -120,12 +131,12 @@ def _mesh(task: Task, T: Array) -> int:
     In all that the targets look at: between base and tip, in turns and in stiffness, it may take a
     finer one than the tip's place does.
     """
-    scheme, fine = task.fine_scheme, task.accuracy / 10
+    fine = task.accuracy / _SHARE
     try:
-        shape = settle(task.arm, T, task.scene, fine, scheme)
+        shape = settle(task.arm, T, task.scene, fine)
         mesh = shape.refinement
         if not task.is_point:
-            sharp = settle(task.arm, T, task.scene, max(fine / 30, 1e-12), scheme)
+            sharp = settle(task.arm, T, task.scene, max(fine / 30, 1e-12))
             mesh = mesh if _apart(task, shape, sharp) <= fine else sharp.refinement
         for look in looks_of(task.targets):
             found = stiffness(task.arm, T, task.scene, look.hold, accuracy=fine)
@@ -140,6 +151,7 @@ def _apart(task: Task, shape: Shape, other: Shape) -> float:
     targets = tuple(target for target in task.targets if target.look() is None)
     if not targets:
         return 0.0
-    measured = (measure(task.arm, targets, one) for one in (shape, other))
+    stations, none = np.array(stations_of(task.arm, targets)), np.zeros(0)
+    measured = (measure(task.arm, targets, one.poses(stations), none) for one in (shape, other))
     here, there = ([v for kind in found for v in kind.values()] for found in measured)
     return max(float(np.abs(a - b).max()) for a, b in zip(here, there, strict=True))

@@ -18,11 +18,12 @@ from model.paths import Array
 from model.scene import Scene
 from model.settle import settle
 from planner.program.limits import Limits
-from planner.program.problem import Problem, build, units
+from planner.program.problem import Bounds, Problem, build, units
 from planner.program.statement import Statement
+from planner.solve.finish import solve_again
 from planner.solve.found import Found, Start
-from planner.solve.ipopt import Solution, solve
-from planner.solve.polish import Bounds, polish
+from planner.solve.ipopt import Solution
+from planner.solve.polish import polish
 from planner.solve.task import allowed
 from planner.solve.walk import walk
 from planner.targets.base import Target
@@ -59,6 +60,7 @@ def follow(
         return None
     limits = allowed(arm, targets, limits)
     problem = build(arm, targets, scene, known.statement)
+    problem.condensed.forget()
     start = _solution(problem, known, limits)
     found = None if start is None else _moved(problem, start, known, targets, limits)
     if found is None:
@@ -66,8 +68,8 @@ def follow(
     statement = _fine_enough(arm, scene, known.statement, problem, found, limits, accuracy)
     if statement != known.statement:
         problem = build(arm, targets, scene, statement)
-        p, bounds = problem.parameters(targets, limits), problem.bounds(limits)
-        found = _near(problem, found, p, bounds)
+        p, bounds = problem.parameters(targets, limits), problem.free_bounds(limits)
+        found = _near(problem, found, p, bounds, limits)
         if found is None:
             return None
     return Found(
@@ -86,12 +88,12 @@ def _structure(arm: Arm, targets: tuple[Target, ...]) -> tuple[object, ...]:
 def _solution(problem: Problem, known: Known, limits: Limits) -> Solution | None:
     """Return the known optimum as one of the program, None if it is of another."""
     p = problem.parameters(known.targets, limits)
-    x = problem.unknowns(np.ravel(known.tensions), limits, p)
-    lam_x, lam_g = np.array(known.lam_x), np.array(known.lam_g)
-    if lam_x.shape != x.shape or lam_g.size != problem.nlp["g"].numel():
+    x = problem.free(np.ravel(known.tensions), limits)
+    lam_x, lam_g = np.array(known.lam_x)[: x.size], np.array(known.lam_g)
+    f, _, g, _ = problem.condensed.first(x, p)
+    if lam_x.shape != x.shape or lam_g.size < g.size:
         return None
-    f, g = problem.derivatives.gradient(x, p)[0], problem.derivatives.slopes(x, p)[1]
-    return Solution(x, lam_x, lam_g, float(f), np.array(g).ravel(), True, "", 0)
+    return Solution(x, lam_x, lam_g[: g.size], f, g, True, "", 0)
 
 
 def _moved(
@@ -99,7 +101,7 @@ def _moved(
 ) -> Solution | None:
     """Return the optimum for targets and limits, by steps in target numbers and minima."""
     first, last = (problem.parameters(which, limits) for which in (known.targets, targets))
-    lbx, ubx, lbg, ubg = problem.bounds(limits)
+    lbx, ubx, lbg, ubg = problem.free_bounds(limits)
     rise, unit = np.zeros(start.x.size), units(problem.arm, limits)
     rise[: unit.size] = (np.array(limits.lower) - known.lower) / unit
 
@@ -107,20 +109,22 @@ def _moved(
         left = (1 - share) * rise
         upper = np.where(lbx == ubx, ubx - left, ubx)
         p = first + share * (last - first)
-        return _near(problem, near, p, (lbx - left, upper, lbg, ubg))
+        return _near(problem, near, p, (lbx - left, upper, lbg, ubg), limits)
 
     return walk(start, at)
 
 
-def _near(problem: Problem, start: Solution, p: Array, bounds: Bounds) -> Solution | None:
+def _near(
+    problem: Problem, start: Solution, p: Array, bounds: Bounds, limits: Limits
+) -> Solution | None:
     """Return the optimum near a start by Newton's method, or else by ipopt; None without one."""
     found = polish(problem, start, p, bounds)
     if found is start:
-        solved = solve(problem, start.x, p, bounds, (start.lam_x, start.lam_g))
+        solved = solve_again(problem, start, p, limits)
         found = polish(problem, solved, p, bounds) if solved.met and solved.finite else start
         if found is start or found is solved:
             return None
-    return replace(found, f=float(problem.derivatives.gradient(found.x, p)[0]))
+    return replace(found, f=problem.condensed.first(found.x, p).f)
 
 
 def _fine_enough(
@@ -135,7 +139,7 @@ def _fine_enough(
     """Return the statement, on a finer mesh if the accuracy asks for one at the new optimum."""
     try:
         T = problem.tensions(found.x, limits)
-        mesh = settle(arm, T, scene, accuracy / 10, statement.scheme).refinement
+        mesh = settle(arm, T, scene, accuracy / 10).refinement
     except OctoplanError:
         return statement
     return statement.but(refinement=max(mesh, statement.refinement))

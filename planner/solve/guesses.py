@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from model.loaded.forward import unloaded
 from model.paths import Array
-from model.statics import is_loaded
 from planner.program.statement import Mode
 from planner.solve.fits import COUNT, COUNT_OF_POINT, fits
+from planner.solve.ipopt import Solution
 from planner.solve.starts import candidates, spread
 from planner.solve.task import Task
 from planner.solve.trials import Trials
@@ -19,7 +18,7 @@ from planner.solve.trials import Trials
 _OTHERS = 4
 # An optimum without loads that costs so much more than the best may be the best with them.
 _DEARER = 1.2
-_STRONGER, _BEFORE_STRONGER = (3.0, 8.0), 1
+_STRONGER, _BEFORE_STRONGER = (3.0, 8.0), 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,18 +29,24 @@ class Guesses:
     ----------
     sure : int
         Among how many of the first the best optimum is; 0 where that is not known.
+    carried : dict
+        By tensions, the optima of a simpler scene that some of them are, without their states.
     """
 
     starts: list[Array]
     sure: int = 0
+    carried: dict[bytes, Solution] = field(default_factory=dict)
 
 
 def first_guesses(task: Task, most: int) -> Guesses:
     """Return no more than so many first guesses."""
-    return _without_loads(task, most) if is_loaded(task.scene) else _of_unloaded(task, most)
+    simple = task.simple
+    if task.scene == simple.scene:
+        return _of_closed_form(task, most)
+    return _carried(task, simple, most)
 
 
-def _of_unloaded(task: Task, most: int) -> Guesses:
+def _of_closed_form(task: Task, most: int) -> Guesses:
     """Return fits, then arms that curl more and more, then what else fits.
 
     Where a single section may pull there is one way to curl, and no fit. For a point the nearest
@@ -60,25 +65,27 @@ def _of_unloaded(task: Task, most: int) -> Guesses:
     return Guesses(starts, 0 if problem.looks else min(len(found.likely), most))
 
 
-def _without_loads(task: Task, most: int) -> Guesses:
-    """Return the optima of the unloaded arm, best first, those that cost little more as likely.
+def _carried(task: Task, simple: Task, most: int) -> Guesses:
+    """Return the optima of a simpler scene, best first, those that cost little more as likely.
 
     Those for the shape alone, if there is one: how stiff it is has to be found with the loads. For
     a point, which takes few tendons, the best of them comes again with more pull: a load that is
     heavy for the tip takes several times what bends it without.
     """
     shape = tuple(target for target in task.targets if target.look() is None) or task.targets
-    statement = task.statement.but(form="condensed")
-    free = replace(task, scene=unloaded(task.scene), statement=statement, targets=shape)
-    guesses = _of_unloaded(free, most)
+    free = replace(simple, targets=shape)
+    guesses = _of_closed_form(free, most)
     trials = Trials(free, guesses.sure)
     mode: Mode = "exact" if free.can_be_exact else "closest"
     found = [trials.solve(free.coarse(mode), T) for T in guesses.starts[: trials.first]]
     met = sorted((s for s in found if s.finite), key=lambda s: (not s.met, s.f))
     optima = spread([free.tensions(s) for s in met], most)
     likely = [s for s in met if s.met and s.f <= _DEARER * met[0].f]
-    sure = len(spread([free.tensions(s) for s in likely], most)) if guesses.sure else 0
+    sure = len(spread([free.tensions(s) for s in likely], most)) if likely else 0
     stronger = [more * T for T in optima[:1] for more in _STRONGER] if task.is_point else []
     few = max(sure, _BEFORE_STRONGER)
     starts = [*optima[:few], *stronger, *optima[few:], *guesses.starts]
-    return Guesses(spread([np.minimum(T, task.allowed.upper) for T in starts], most), sure)
+    starts = spread([np.minimum(T, task.allowed.upper) for T in starts], most)
+    problem = free.problem(free.coarse(mode))
+    known = {free.tensions(s).tobytes(): s.free(problem) for s in likely}
+    return Guesses(starts, sure, known if shape == task.targets else {})

@@ -6,7 +6,7 @@ What ipopt has to say goes to the logger of this module, at level DEBUG, and now
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -16,7 +16,9 @@ import numpy as np
 
 from model.paths import Array
 from model.quiet import logged
+from planner.program.printed import Printed
 from planner.program.problem import TRACES, Problem
+from planner.program.program import Program
 from planner.solve.interrupt import Watch
 
 LOG = logging.getLogger(__name__)
@@ -69,30 +71,35 @@ class Solution:
     reason: str
     iterations: int
 
+    def free(self, problem: Problem) -> Solution:
+        """Return the solution without states and what goes with them."""
+        n, m = problem.n_free, sum(row.size for row in problem.condensed.rows)
+        x, lam_x, lam_g, g = self.x[:n], self.lam_x[:n], self.lam_g[:m], self.g[:m]
+        return replace(self, x=x, lam_x=lam_x, lam_g=lam_g, g=g)
+
     @cached_property
     def finite(self) -> bool:
         """Whether every number is finite."""
         return bool(np.all(np.isfinite(self.x)) and np.all(np.isfinite(self.g)))
 
-    @property
-    def undefined(self) -> bool:
-        """Whether the solver gave up because of a number that is not finite."""
-        return self.reason == STOPPED["Invalid_Number_Detected"] or not self.finite
-
 
 _WATCH = Watch()
-_solvers: WeakKeyDictionary[Problem, dict[tuple[bool, bool], ca.Function]] = WeakKeyDictionary()
+_solvers: WeakKeyDictionary[Program | Printed, dict[tuple[bool, bool, str], ca.Function]] = (
+    WeakKeyDictionary()
+)
 
 
 def solver(problem: Problem, warm: bool, talks: bool = False) -> ca.Function:
-    """Return ipopt for a problem, for a cold start or a warm one, built once."""
-    built = _solvers.setdefault(problem, {})
-    if (warm, talks) not in built:
+    """Return ipopt for a problem's program, for a cold start or a warm one, built once."""
+    program, exact = problem.program, problem.statement.mode == "exact"
+    built = _solvers.setdefault(program, {})
+    key = (warm, talks, problem.statement.mode)
+    if key not in built:
         own = {
             "print_level": 5 if talks else 0,
             "obj_scaling_factor": problem.magnified(TRACES[-1] if warm else TRACES[0]),
         }
-        if problem.statement.mode != "exact":  # so magnified, no more digits are left
+        if not exact:  # so magnified, no more digits are left
             own["tol"] = _MAGNIFIED_TOL
         options: dict[str, Any] = {
             "print_time": False,
@@ -100,26 +107,28 @@ def solver(problem: Problem, warm: bool, talks: bool = False) -> ca.Function:
             "calc_lam_p": False,
             "error_on_fail": False,
             "iteration_callback": _WATCH,
-            **_derivatives(problem),
+            **_derivatives(program),
             "ipopt": _QUIET | (_WARM if warm else _COLD) | own,
         }
-        built[warm, talks] = ca.nlpsol("ipopt", "ipopt", problem.nlp, options)
-    return built[warm, talks]
+        nlp = {"x": program.x, "p": program.p, "f": program.f, "g": program.g}
+        built[key] = ca.nlpsol("ipopt", "ipopt", nlp, options)
+    return built[key]
 
 
-def _derivatives(problem: Problem) -> dict[str, ca.Function]:
-    """Return the problem's own derivatives in the form that nlpsol takes them."""
-    x, p = problem.nlp["x"], problem.nlp["p"]
-    sigma, lam = ca.MX.sym("sigma"), ca.MX.sym("lam", problem.nlp["g"].numel())
-    _, g, jacobian = problem.derivatives.slopes(x, p)
-    hessian = ca.triu(problem.derivatives.curvature(x, p, sigma, lam))
+def _derivatives(of: Program | Printed) -> dict[str, ca.Function]:
+    """Return a program's own derivatives in the form that nlpsol takes them."""
+    x, p, sigma, lam = of.x, of.p, of.sigma, of.lam
     return {
-        "grad_f": problem.derivatives.gradient,
-        "jac_g": ca.Function("nlp_jac_g", [x, p], [g, jacobian], ["x", "p"], ["g", "jac:g:x"]),
+        "grad_f": ca.Function(
+            "nlp_grad_f", [x, p], [of.f, of.gradient], ["x", "p"], ["f", "grad:f:x"]
+        ),
+        "jac_g": ca.Function(
+            "nlp_jac_g", [x, p], [of.g, of.jacobian], ["x", "p"], ["g", "jac:g:x"]
+        ),
         "hess_lag": ca.Function(
             "nlp_hess_l",
             [x, p, sigma, lam],
-            [hessian],
+            [ca.triu(of.hessian)],
             ["x", "p", "lam:f", "lam:g"],
             ["triu:hess:gamma:x:x"],
         ),

@@ -13,12 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.paths import Array
-from planner.program.problem import TRACES, Problem
+from planner.program.problem import TRACES, Bounds, Problem
 from planner.solve.ipopt import Solution
 
-Bounds = tuple[Array, Array, Array, Array]
 Mask = NDArray[np.bool_]
-_STEPS = 15
+_STEPS, _SETS = 15, 20
 _SLOW = 0.05
 # So little changes where the limits that are held are not those of the optimum.
 _STUCK = 1e-3
@@ -52,18 +51,12 @@ class Optimality:
 def optimality(
     problem: Problem, x: Array, p: Array, lam_x: Array, lam_g: Array, bounds: Bounds
 ) -> Optimality:
-    """Return the residuals of the first-order conditions; multipliers in CasADi's convention."""
-    gradient, g, jacobian = _slopes(problem, x, p)
+    """Return the residuals of the first-order conditions; multipliers in CasADi's convention.
+
+    Unknowns, multipliers and bounds are those without the states.
+    """
+    _, gradient, g, jacobian = problem.condensed.first(x, p)
     return _residuals(gradient, g, jacobian, x, lam_x, lam_g, bounds)
-
-
-def _slopes(problem: Problem, x: Array, p: Array) -> tuple[Array, Array, Array]:
-    try:
-        gradient, g, jacobian = (np.array(value) for value in problem.derivatives.slopes(x, p))
-    except RuntimeError:  # a singular matrix, in CasADi's words
-        n, m = x.size, problem.nlp["g"].numel()
-        return np.full(n, np.nan), np.full(m, np.nan), np.full((m, n), np.nan)
-    return gradient.ravel(), g.ravel(), jacobian
 
 
 def _residuals(
@@ -99,21 +92,23 @@ def _most(values: Array) -> float:
 
 
 def polish(problem: Problem, start: Solution, p: Array, bounds: Bounds) -> Solution:
-    """Return the optimum near a solution, or the solution as it was if there is none like it."""
+    """Return the optimum near a solution, or the solution as it was if there is none like it.
+
+    Of a solution without the states; see Solution.free.
+    """
     best, least = start, _ACCEPTED
     lbx, ubx, lbg, ubg = bounds
     magnified = problem.magnified(TRACES[-1])
-    low, high = _active(start.x, magnified * start.lam_x, lbx, ubx)
-    fixed = low | high
-    x = np.where(low, lbx, np.where(high, ubx, start.x))
-    rows = np.logical_or(*_active(start.g, magnified * start.lam_g, lbg, ubg))
-    level = np.where(start.lam_g < 0, lbg, ubg)
-    level = np.where(lbg == ubg, lbg, level)
-    lam_g = np.where(rows, start.lam_g, 0.0)
+    held = _Held(
+        *_active(start.x, magnified * start.lam_x, lbx, ubx),
+        *_active(start.g, magnified * start.lam_g, lbg, ubg),
+    )
+    x = np.where(held.low, lbx, np.where(held.high, ubx, start.x))
+    lam_g = np.where(held.rows, start.lam_g, 0.0)
     hessian, previous = np.zeros(0), np.inf
     for _ in range(_STEPS):
-        gradient, g, jacobian = _slopes(problem, x, p)
-        lam_x = np.where(fixed, -(gradient + jacobian.T @ lam_g), 0.0)
+        _, gradient, g, jacobian = problem.condensed.first(x, p)
+        lam_x = np.where(held.fixed, -(gradient + jacobian.T @ lam_g), 0.0)
         found = _residuals(gradient, g, jacobian, x, lam_x, lam_g, bounds).worst
         if found <= least:
             best, least = replace(start, x=x, lam_x=lam_x, lam_g=lam_g, g=g), found
@@ -121,19 +116,95 @@ def polish(problem: Problem, start: Solution, p: Array, bounds: Bounds) -> Solut
         if found <= _ROUNDING or stuck or not np.isfinite(found):
             break
         if found > _SLOW * previous or not hessian.size:
-            hessian = np.array(problem.derivatives.curvature(x, p, 1.0, lam_g))
+            hessian = problem.condensed.second(x, p, 1.0, lam_g)
         previous = found
-        step, lam_step = _newton(
-            hessian[np.ix_(~fixed, ~fixed)],
-            jacobian[np.ix_(rows, ~fixed)],
-            (gradient + jacobian.T @ lam_g)[~fixed],
-            (g - level)[rows],
-        )
-        x = x.copy()
-        x[~fixed] += step
-        lam_g = lam_g.copy()
-        lam_g[rows] += lam_step
+        quadratic = _Quadratic(hessian, gradient, jacobian, g, x, bounds)
+        x, lam_g, held = quadratic.solve(held)
     return best
+
+
+@dataclass(frozen=True, eq=False)
+class _Held:
+    """Which unknowns are at their lower and upper bounds, and which constraints."""
+
+    low: Mask
+    high: Mask
+    row_low: Mask
+    row_high: Mask
+
+    @property
+    def fixed(self) -> Mask:
+        """Unknowns at a bound."""
+        return np.logical_or(self.low, self.high)
+
+    @property
+    def rows(self) -> Mask:
+        """Constraints at a bound."""
+        return np.logical_or(self.row_low, self.row_high)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, _Held):
+            return NotImplemented
+        ours, theirs = (np.concatenate(list(vars(h).values())) for h in (self, other))
+        return bool(np.array_equal(ours, theirs))
+
+
+@dataclass(frozen=True, eq=False)
+class _Quadratic:
+    """The problem to second order at x, solved by the primal-dual active set method.
+
+    Bounds are held by their multipliers' signs and let go of by them, and taken up where a step
+    passes them. Source: Hintermueller, Ito, Kunisch, "The primal-dual active set strategy as a
+    semismooth Newton method", SIAM J. Optim. 13 (2002).
+    """
+
+    hessian: Array
+    gradient: Array
+    jacobian: Array
+    g: Array
+    x: Array
+    bounds: Bounds
+
+    def solve(self, held: _Held) -> tuple[Array, Array, _Held]:
+        """Return unknowns, multipliers of the constraints, and what is held there."""
+        for _ in range(_SETS):
+            step, lam = self._step(held)
+            changed = self._changed(held, step, lam)
+            if changed == held:
+                break
+            held = changed
+        lbx, ubx, _, _ = self.bounds
+        return np.clip(self.x + step, lbx, ubx), lam, held
+
+    def _step(self, held: _Held) -> tuple[Array, Array]:
+        lbx, ubx, lbg, ubg = self.bounds
+        fixed, rows, free = held.fixed, held.rows, ~held.fixed
+        step = np.where(held.low, lbx - self.x, np.where(held.high, ubx - self.x, 0.0))
+        step = np.where(fixed, step, 0.0)
+        level = np.where(held.row_low, lbg, ubg)[rows]
+        slope = (self.gradient + self.hessian @ step)[free]
+        missing = (self.g + self.jacobian @ step)[rows] - level
+        J = self.jacobian[np.ix_(rows, free)]
+        step[free], own = _newton(self.hessian[np.ix_(free, free)], J, slope, missing)
+        lam = np.zeros(self.g.size)
+        lam[rows] = own
+        return step, lam
+
+    def _changed(self, held: _Held, step: Array, lam: Array) -> _Held:
+        lbx, ubx, lbg, ubg = self.bounds
+        lam_x = -(self.gradient + self.hessian @ step + self.jacobian.T @ lam)
+        x, g = self.x + step, self.g + self.jacobian @ step
+        even, rows_even = np.equal(lbx, ubx), np.equal(lbg, ubg)
+        low = np.where(held.fixed, held.low & (lam_x <= 0), x < lbx - _ROUNDING)
+        high = np.where(held.fixed, held.high & (lam_x >= 0), x > ubx + _ROUNDING)
+        row_low = np.where(held.rows, held.row_low & (lam <= 0), g < lbg - _ROUNDING)
+        row_high = np.where(held.rows, held.row_high & (lam >= 0), g > ubg + _ROUNDING)
+        return _Held(
+            np.logical_or(even, low),
+            np.logical_and(~even, high),
+            np.logical_or(rows_even, row_low),
+            np.logical_and(~rows_even, row_high),
+        )
 
 
 def _active(value: Array, lam: Array, lower: Array, upper: Array) -> tuple[Mask, Mask]:

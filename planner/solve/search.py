@@ -56,7 +56,7 @@ class Search:
     def _run(self, most: int) -> Found:
         """Try the readings of the targets in turn; planner.program.problem has the three modes."""
         guesses = first_guesses(self.task, most)
-        self.trials.sure = guesses.sure
+        self.trials.sure, self.trials.carried = guesses.sure, guesses.carried
         starts, first = guesses.starts, self.trials.first
         if self.task.can_be_exact:
             exact = self._exact(starts[:first], starts[first:])

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from model.arm import Arm
-from model.forward import schemes_of
+from model.effects import Extension, PrintedStatics
 from model.paths import Array
 from model.scene import Scene
 from planner.program.limits import Limits
@@ -39,6 +39,13 @@ class Task:
     accuracy: float
 
     @property
+    def simple(self) -> Task:
+        """The same in the paper's balance and without loads, where strains are closed forms."""
+        kept = (Extension, PrintedStatics)
+        effects = (effect for effect in self.scene.effects if isinstance(effect, kept))
+        return replace(self, scene=Scene(*effects))
+
+    @property
     def allowed(self) -> Limits:
         """The limits, with tendons that a target does not let pull held at their minima."""
         return allowed(self.arm, self.targets, self.limits)
@@ -48,18 +55,24 @@ class Task:
         return build(self.arm, self.targets, self.scene, statement)
 
     def coarse(self, mode: Mode) -> Statement:
-        """Return the statement by a scheme and mesh that cost little: good to 1e-3 of L or so."""
-        scheme = "magnus4" if self.fine_scheme == "magnus6" else "rk4"
-        return self.statement.but(mode=mode, scheme=scheme, refinement=2)
+        """Return the statement by a scheme and mesh that cost little: good to 1e-3 of L or so.
+
+        Without extension a slender tip winds up further, and takes a finer mesh.
+        """
+        if self.scene.has(PrintedStatics):
+            scheme, refinement = "rk4", 2
+        else:
+            scheme, refinement = self.fine_scheme, 1 if self.scene.has(Extension) else 2
+        return self.statement.but(mode=mode, scheme=scheme, refinement=refinement)
 
     def finer(self, mode: Mode) -> Statement:
         """Return the statement for a search where the coarse mesh misled."""
-        return self.statement.but(mode=mode, scheme=self.fine_scheme, refinement=4)
+        return self.statement.but(mode=mode, scheme=self.fine_scheme, refinement=2)
 
     @property
     def fine_scheme(self) -> str:
-        """The scheme on which a plan is finished; multiple shooting is by Runge-Kutta."""
-        return schemes_of(self.scene)[0] if self.statement.form == "condensed" else "rk6"
+        """The scheme on which a plan is finished."""
+        return "rk6" if self.scene.has(PrintedStatics) else "gauss6"
 
     @property
     def is_point(self) -> bool:

@@ -6,15 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 
+from model.loads import is_loaded
 from model.paths import Array
 from model.patience import check_time
 from model.progress import told
-from model.statics import is_loaded
 from planner.program.problem import TRACES, Problem
 from planner.program.statement import Statement
 from planner.solve.continuation import continued
 from planner.solve.found import Start, agreed
 from planner.solve.ipopt import Solution, solve
+from planner.solve.polish import polish
 from planner.solve.task import Task
 
 # Starts before agreement counts: five do for points, more where optima are many and close.
@@ -22,8 +23,8 @@ _FEW, _MORE = 5, 8
 # Enough where least squares over more numbers than there are tendons come to nothing: that fixes
 # the shape, and with it the tensions.
 _FIXED = 3
-# Loaded arms start from the optima of the unloaded one, among which the search was; two more
-# before it is said that none of the starts meets the targets.
+# Other scenes than the paper's start from its optima, among which the search was; loaded arms from
+# two more before it is said that none of the starts meets the targets.
 _FEWEST, _STRONGER = 2, 2
 # Tried besides the fits that meet what is wanted.
 _BESIDE = 2
@@ -38,16 +39,20 @@ class Trials:
     ----------
     sure : int
         Among how many of the first starts the best optimum is, 0 where that is not known.
+    carried : dict
+        By tensions, optima without their states of a simpler scene, to begin with.
     seen : list of (Statement, Solution)
         Every solution with finite numbers, in order.
     """
 
     def __init__(self, task: Task, sure: int = 0) -> None:
         self.task, self.sure = task, sure
+        self.carried: dict[bytes, Solution] = {}
         self.seen: list[tuple[Statement, Solution]] = []
         self.loaded = is_loaded(task.scene)
+        self.simple = task.scene == task.simple.scene
         self.least = _FEW if task.is_point else _MORE
-        if self.loaded:
+        if not self.simple:
             self.least = _FEWEST
 
     @property
@@ -59,6 +64,8 @@ class Trials:
         """Return whether the best optimum is among what was found, as far as can be told."""
         if not self.task.can_be_exact and any(s.f <= LITTLE for s in found):
             return len(records) >= _FIXED and agreed(records) >= 2
+        if self.sure and not self.simple:
+            return len(records) >= max(self.least, self.sure) and bool(found)
         if self.sure:
             return len(records) >= max(self.least, self.sure + _BESIDE)
         return len(records) >= self.least and agreed(records) >= 2
@@ -71,7 +78,7 @@ class Trials:
         for T in told(f"first guesses, {statement.mode}", starts):
             if self._enough(records, found):
                 break
-            solution = self.solve(statement.but(careful=self.task.statement.careful), T)
+            solution = self.solve(statement, T)
             records.append(record(solution))
             if solution.met:
                 found.append(solution)
@@ -85,7 +92,7 @@ class Trials:
         Records are made of it alone.
         """
         for T in told("continuation in the target", starts):
-            problem, x, p = self._stated(statement.but(careful=self.task.statement.careful), T)
+            problem, x, p = self._stated(statement, T)
             solution = continued(problem, x, p, problem.bounds(self.task.allowed))
             if solution is not None:
                 self.seen.append((statement, solution))
@@ -94,20 +101,38 @@ class Trials:
         return []
 
     def solve(self, statement: Statement, T: Array) -> Solution:
-        """Return what tensions (n_tendons,) [N] lead to, carefully from where that is needed."""
-        solution = self._solved(statement, T)
-        if solution.undefined and self.task.scene != self.task.scene.careful():
-            self.task = replace(self.task, statement=self.task.statement.but(careful=True))
-            solution = self._solved(statement.but(careful=True), T)
-        return solution
-
-    def _solved(self, statement: Statement, T: Array) -> Solution:
+        """Return what tensions (n_tendons,) [N] lead to."""
+        known = self.carried.get(T.tobytes())
+        if known is not None and statement.mode == "exact":
+            solution = self._carried(statement, known)
+            if solution is not None:
+                self.seen.append((statement, solution))
+                return solution
         problem, x, p = self._stated(statement, T)
         solution = solve(problem, x, p, problem.bounds(self.task.allowed))
         if solution.finite:
             self.seen.append((statement, solution))
         check_time()
         return solution
+
+    def _carried(self, statement: Statement, known: Solution) -> Solution | None:
+        """Return the optimum that one of a simpler scene leads to, by Newton's method.
+
+        None where it leads to none.
+        """
+        task, problem = self.task, self.task.problem(statement)
+        p = problem.parameters(task.targets, task.allowed, TRACES[0])
+        bounds = problem.free_bounds(task.allowed)
+        if known.x.shape != bounds[0].shape or known.lam_g.shape != bounds[2].shape:
+            return None
+        problem.condensed.forget()
+        g = problem.condensed.first(known.x, p).g
+        found = polish(problem, replace(known, g=g), p, bounds)
+        if found.x is known.x:
+            return None
+        f = problem.condensed.first(found.x, p).f
+        check_time()
+        return replace(found, f=f)
 
     def _stated(self, statement: Statement, T: Array) -> tuple[Problem, Array, Array]:
         """Return the program, its unknowns for tensions a little inside the limits, parameters."""

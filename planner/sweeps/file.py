@@ -10,7 +10,7 @@ import msgspec
 
 from model import InputError
 from model.errors import FileError
-from model.statics import is_loaded
+from model.loads import is_loaded
 from planner.scenefile import Question, decoded, question_of, table_of, text_of
 from planner.scenes.mistakes import mistake
 from planner.sweeps.asked import Sweep

@@ -55,11 +55,11 @@ class _Directed(Free):
 
     def ways(self, p: ca.MX) -> ca.MX:
         """See Target.ways."""
-        return p
+        return p[:3]
 
     def parameters(self, arm: Arm) -> Array:
-        """See Target.parameters."""
-        return np.array(self.direction)
+        """See Target.parameters: the direction, the compliance of the arm at rest."""
+        return np.append(self.direction, rest_give(arm))
 
     def lean(self, arm: Arm) -> Array | None:
         """See Target.lean: nowhere."""
@@ -82,7 +82,7 @@ class Stiffest(_Directed):
 
     def terms(self, view: View, p: ca.MX) -> Terms:
         """See Target.terms."""
-        return Terms(least={"compliance": _log_give(view)})
+        return Terms(least={"compliance": _log_give(view, p)})
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class Softest(_Directed):
 
     def terms(self, view: View, p: ca.MX) -> Terms:
         """See Target.terms."""
-        return Terms(least={"stiffness": -_log_give(view)})
+        return Terms(least={"stiffness": -_log_give(view, p)})
 
 
 @dataclass(frozen=True)
@@ -180,9 +180,9 @@ def _minors() -> ca.Function:
     return ca.Function("minors", [G], [ca.vertcat(*minors)])
 
 
-def _log_give(view: View) -> ca.MX:
+def _log_give(view: View, p: ca.MX) -> ca.MX:
     """Return the logarithm of the give over that of the straight arm at rest."""
-    return ca.log(view.give / rest_give(view.arm))
+    return ca.log(view.give / p[3])
 
 
 def rest_give(arm: Arm) -> float:

@@ -27,8 +27,8 @@ def test_a_tendon_loses_by_the_angle_that_the_arm_bends(mu: float, way: int) -> 
     t = shape.frame(np.linspace(0, L, 40))[:, :, 0]
     theta = np.sum(np.arccos(np.sum(t[:-1] * t[1:], axis=1)))
     assert theta > 0.6
-    assert shape.states[0, -1] == pytest.approx(T, rel=1e-12)
-    assert shape.states[-1, -1] == pytest.approx(T * np.exp(-way * mu * theta), rel=1e-9)
+    assert shape.tension(0.0)[0] == pytest.approx(T, rel=1e-12)
+    assert shape.tension(shape.arm.length)[0] == pytest.approx(T * np.exp(-way * mu * theta), rel=1e-9)
 
 
 ARMS = {
@@ -79,7 +79,7 @@ def compare(name: str, T: float, mu: float, way: int, extension: bool, accuracy:
     assert np.allclose(shape.tip, [x, -y, 0], rtol=0, atol=2 * accuracy * arm.length)
     t = shape.tip_frame[:, 0]
     assert np.allclose(t, [np.cos(angle), -np.sin(angle), 0], rtol=0, atol=100 * accuracy)
-    assert shape.states[-1, -1] == pytest.approx(pull, rel=100 * accuracy)
+    assert shape.tension(shape.arm.length)[0] == pytest.approx(pull, rel=100 * accuracy)
 
 
 @WAYS

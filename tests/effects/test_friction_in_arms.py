@@ -6,8 +6,8 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-import pytest
 from numpy.polynomial import Chebyshev
+import pytest
 
 from model import Anchorage, Arm, InputError, Linear, Scene, Shape, settle
 from model.effects import ExactTendons, Extension, Friction, NeoHookean, TipLoad, Weight
@@ -81,10 +81,9 @@ def test_each_tendon_loses_by_all_that_it_turns(name: str, direction: Any) -> No
     mu, arm = 0.25, two_sections()
     shape = settle(arm, PULLS, Scene(*SCENES[name], Friction(mu, direction)), 1e-9)
     ways = np.broadcast_to(direction, 4)
-    node = int(np.argmin(np.abs(shape.s - 0.13)))
-    ends = [*shape.states[-1, -4:-2], *shape.states[node, -2:]]
+    ends = [*shape.tension(arm.length)[:2], *shape.tension(0.13)[2:]]
     motors = np.ravel(PULLS)
-    assert np.allclose(shape.states[0, -4:], motors, rtol=1e-10, atol=0)
+    assert np.allclose(shape.tension(0.0), motors, rtol=1e-10, atol=0)
     for j in range(4):
         wanted = motors[j] * np.exp(-ways[j] * mu * turning(shape, j))
         assert ends[j] == pytest.approx(wanted, rel=1e-8)
@@ -99,17 +98,9 @@ def test_a_tendon_that_goes_on_loses_a_kink_where_others_end(name: str) -> None:
         near = papers_tangent(shape, j, np.array([0.13]), shape.strain(np.array([0.13])))[0]
         far = papers_tangent(shape, j, beyond, shape.strain(beyond))
         angle = float(np.arccos(min(1.0, near @ (2 * far[0] - far[1]))))
-        node = int(np.argmin(np.abs(shape.s - 0.13)))
-        before, after = shape.states[node, j - 4], tension_at(shape, j, beyond)
+        before, after = shape.tension(0.13)[j], shape.tension(0.13 * (1 + 1e-12))[j]
         assert after / before == pytest.approx(np.exp(-mu * angle), abs=1e-8)
         assert angle > 1e-4
-
-
-def tension_at(shape: Shape, j: int, s: Array) -> float:
-    """The limit of the tension at the low end of the first of the nodes' steps that follow."""
-    node = int(np.searchsorted(shape.s, s[0]))
-    course = Chebyshev.fit(shape.s[node : node + 10], shape.states[node : node + 10, j - 4], 9)
-    return float(course(0.13))
 
 
 FEW = Arm.from_paper("table-2")
@@ -137,7 +128,7 @@ def test_without_roughness_friction_is_not_there(others: tuple[Any, ...]) -> Non
     rough = settle(arm, PULLS, Scene(*others, Friction(0.0)), 1e-11)
     assert np.allclose(rough.tip, smooth.tip, rtol=0, atol=2e-11 * L)
     assert np.allclose(rough.tip_frame, smooth.tip_frame, rtol=0, atol=1e-9)
-    assert np.allclose(rough.states[:, -4:], np.ravel(PULLS), rtol=1e-12, atol=0)
+    assert np.allclose(rough.tension(0.1), np.ravel(PULLS), rtol=1e-12, atol=0)
 
 
 @pytest.mark.slow

@@ -5,11 +5,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Arm, Scene
-from model.forward import schemes_of
+from model import Arm, Scene, settle
+from model.effects import Buoyancy, Extension, TipLoad, Weight
 from planner import Limits, Statement, build, plan
+from planner.program.problem import Problem
 from planner.targets import BendingPlane, Fetch, TipPosition
-from tests.planner.cases import PAPER, figure_15, moderate, paper_tip
+from tests.planner.cases import PAPER, Array, moderate, paper_tip
+from tests.planner.differences import check_derivatives, condensed, whole
 
 ARM = Arm.from_paper("table-4")
 TIP = TipPosition(paper_tip(ARM, moderate()))
@@ -35,44 +37,78 @@ def test_both_forms_find_the_same_tensions(target: Any) -> None:
     assert np.abs(plans[0].tensions - plans[1].tensions).max() < 1e-6
 
 
-def test_the_constraints_of_multiple_shooting_vanish_at_a_settled_shape() -> None:
-    limits = Limits.of(ARM, 20.0)
-    statement = Statement("multiple-shooting", scheme="rk6", refinement=8)
-    problem = build(ARM, (TIP,), PAPER, statement)
-    T, p = figure_15().ravel(), problem.parameters((TIP,), limits)
-    g = problem.derivatives.slopes(problem.unknowns(T, limits, p), p)[1]
-    names = np.concatenate([[rows.name] * rows.size for rows in problem.rows])
-    assert np.abs(np.array(g).ravel()[names == "shooting"]).max() < 1e-12
-    assert (names == "shooting").sum() == 3 * 9
-
-
-@pytest.mark.parametrize("form", ["condensed", "multiple-shooting"])
-@pytest.mark.parametrize("mode", ["exact", "nearest"])
 @pytest.mark.parametrize(
     "scene",
-    [PAPER, Scene(), Scene.as_printed(), Scene.silicone()],
-    ids=["paper", "bare", "printed", "silicone"],
+    [Scene(Extension(), TipLoad((0.0, 0.0, -1e-3))), Scene(Extension(), Weight(), Buoyancy())],
+    ids=["payload", "in water"],
 )
-def test_derivatives_are_those_of_finite_differences(form: Any, mode: Any, scene: Scene) -> None:
-    targets = (Fetch.reach((0.05, 0.05, 0.0), 0.6, 0.3),)
-    limits = Limits.of(ARM, 20.0)
-    scheme = "rk6" if form == "multiple-shooting" else schemes_of(scene)[0]
-    problem = build(ARM, targets, scene, Statement(form, mode=mode, scheme=scheme, refinement=2))
-    p = problem.parameters(targets, limits)
-    x = problem.unknowns(moderate().ravel() + 0.1, limits, p)
-    rng = np.random.default_rng(0)
-    lam = rng.normal(size=problem.nlp["g"].numel())
-    step = rng.normal(size=x.size) * 1e-6
+def test_both_forms_find_the_same_least_effort_under_loads(scene: Scene) -> None:
+    target = TipPosition(tuple(settle(ARM, moderate(), scene, 1e-9).tip.tolist()))
+    plans = [plan(ARM, target, scene, 20.0, form=f) for f in ("condensed", "multiple-shooting")]
+    assert all(p.certificate.passed for p in plans)
+    assert plans[0].statement.form == "condensed"
+    assert plans[0].effort == pytest.approx(plans[1].effort, rel=1e-6)
 
-    def slope(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        gradient, g, jacobian = (np.array(v) for v in problem.derivatives.slopes(x, p))
-        return gradient.ravel() + jacobian.T @ lam, g.ravel()
 
-    jacobian = np.array(problem.derivatives.slopes(x, p)[2])
-    hessian = np.array(problem.derivatives.curvature(x, p, 1.0, lam))
-    (up, g_up), (down, g_down) = slope(x + step), slope(x - step)
-    scale = np.abs(jacobian).max() * np.linalg.norm(step)
-    assert np.abs((g_up - g_down) / 2 - jacobian @ step).max() < 1e-6 * scale
-    scale = np.abs(hessian).max() * np.linalg.norm(step)
-    assert np.abs((up - down) / 2 - hessian @ step).max() < 1e-5 * scale
-    assert np.abs(hessian - hessian.T).max() < 1e-9 * np.abs(hessian).max()
+WATER = Scene(Extension(), Weight(), Buoyancy())
+SCENES = {"paper": PAPER, "bare": Scene(), "silicone": Scene.silicone(), "in water": WATER}
+FETCH = (Fetch.reach((0.05, 0.05, 0.0), 0.6, 0.3),)
+LIMITS = Limits.of(ARM, 20.0)
+MODES = ("exact", "closest", "nearest")
+
+
+def stated(scene: Scene, mode: Any) -> tuple[Problem, Array, Array]:
+    """A small problem, its parameters, and its unknowns at settled tensions, none of them 0."""
+    problem = build(ARM, FETCH, scene, Statement(mode=mode, scheme="gauss6", refinement=2))
+    p = problem.parameters(FETCH, LIMITS)
+    return problem, p, problem.unknowns(moderate().ravel() + 0.1, LIMITS, p)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_the_equations_of_equilibrium_vanish_at_a_settled_shape_and_nowhere_near(name: str) -> None:
+    problem, p, x = stated(SCENES[name], "exact")
+    names = np.concatenate([[rows.name] * rows.size for rows in problem.rows])
+    states = np.arange(x.size) > problem.n_free
+    assert problem.rows[-1].name == "equilibrium"
+    assert (names == "equilibrium").sum() == states.sum() > 100
+    assert np.abs(problem.constraints(x, p)[names == "equilibrium"]).max() < 1e-12
+    for places in (states, np.arange(x.size) < ARM.n_tendons):
+        off = problem.constraints(x + 1e-3 * places, p)
+        assert np.abs(off[names == "equilibrium"]).max() > 1e-5
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("name", SCENES)
+def test_derivatives_with_the_states_are_those_of_finite_differences(name: str, mode: Any) -> None:
+    problem, p, x = stated(SCENES[name], mode)
+    off = 1e-3 * np.random.default_rng(1).normal(size=x.size)
+    check_derivatives(whole(problem, p), x + off, 1e-4)
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("name", [*SCENES, "printed"])
+def test_derivatives_by_tensions_alone_are_those_of_finite_differences(
+    name: str, mode: Any
+) -> None:
+    scene = Scene.as_printed() if name == "printed" else SCENES[name]
+    problem, p, x = stated(scene, mode)
+    check_derivatives(condensed(problem, p), x[: problem.n_free], 1e-4)
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("name", SCENES)
+def test_both_forms_say_the_same_of_a_settled_shape(name: str, mode: Any) -> None:
+    problem, p, x = stated(SCENES[name], mode)
+    a, rng = x[: problem.n_free], np.random.default_rng(2)
+    inner, outer = condensed(problem, p).first(a), whole(problem, p).first(x)
+    # The arm is settled twice, each time to 1e-10.
+    assert inner.f == pytest.approx(outer.f, rel=1e-10)
+    assert np.abs(inner.g - outer.g[: inner.g.size]).max() < 1e-11
+    # With multipliers of equilibrium no state matters: what is left are the slopes by tensions.
+    lam = rng.normal(size=inner.g.size)
+    _, lam_g = problem.condensed.multipliers(a, p, np.zeros(a.size), lam)
+    slopes = outer.gradient + outer.jacobian.T @ lam_g
+    wanted = inner.gradient + inner.jacobian.T @ lam
+    scale = np.abs(outer.jacobian.T) @ np.abs(lam_g)
+    assert np.abs(slopes[: a.size] - wanted).max() < 1e-9 * scale.max()
+    assert np.all(np.abs(slopes[a.size + 1 :]) < 1e-10 * scale.max())

@@ -7,7 +7,7 @@ import pytest
 
 from model import Arm, Scene, settle
 from model.effects import Buoyancy, ExactTendons, Extension, TipLoad, Weight
-from model.forward import forward_map
+from model.equilibrium.forward import Collocation
 from planner import Limits, Plan, Statement, plan
 from planner.solve.task import Task
 from planner.targets import TipPose
@@ -29,7 +29,7 @@ def planned(kind: str, scene: Scene, T: Array) -> Plan:
     assert target is not None
     found = plan(ARM, target, scene, 20.0)
     assert found.reached, found.outcome
-    assert off(settle(ARM, found.tensions, scene, 1e-9, "rk6"), target) < 1e-6
+    assert off(settle(ARM, found.tensions, scene, 1e-9), target) < 1e-6
     return found
 
 
@@ -151,7 +151,7 @@ def test_the_mesh_of_the_search_tells_shapes_apart(scene: Scene) -> None:
     target = TipPose((0.3, 0.1, 0.1), tuple(map(tuple, np.eye(3))))
     task = Task(ARM, (target,), scene, Limits.of(ARM, 20.0), Statement(), 1e-6)
     coarse = task.coarse("exact")
-    forward = forward_map(ARM, scene, coarse.scheme, coarse.refinement)
+    forward = Collocation(ARM, scene, coarse.stages, coarse.refinement, (), False)
     rng = np.random.default_rng(0)
     for _ in range(20):
         T, _ = draw(rng, "tip", scene)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -23,9 +24,9 @@ from model.effects import (
     Weight,
 )
 from planner import Limits, Plan, Statement, build, plan
-from planner.program.derivatives import plain
 from planner.targets import Backbone, BendingPlane, Fetch, TipPose, TipPosition
 from tests.planner.cases import Array, barrel_arm, bend_and_plane, moderate
+from tests.planner.differences import dense
 
 ARM = Arm.from_paper("table-4")
 ONE_SECTION = Arm.from_paper("section-5.2")
@@ -78,7 +79,7 @@ def check_tip(arm: Arm, scene: Scene, tensions: Array) -> Plan:
     assert found.certificate.passed, found.outcome
     assert found.reached and found.outcome.startswith("Reached")
     assert found.statement.form == "multiple-shooting"
-    again = settle(arm, found.tensions, scene, 1e-9, scheme="rk8")
+    again = settle(arm, found.tensions, scene, 1e-9, scheme="gauss4")
     assert np.linalg.norm(again.tip - point) < 1e-6 * arm.length
     assert found.tensions.min() >= 0
     assert found.tensions.max() <= MAXIMUM
@@ -132,7 +133,7 @@ def test_a_plane_and_bend_in_water_are_hit(section: int) -> None:
     arm = Arm.from_paper("table-2")
     found = plan(arm, BendingPlane(angle, bend, section), IN_WATER, 60.0)
     assert found.certificate.passed, found.outcome
-    again = settle(arm, found.tensions, IN_WATER, 1e-9, scheme="rk8")
+    again = settle(arm, found.tensions, IN_WATER, 1e-9, scheme="gauss4")
     assert bend_and_plane(arm, again) == pytest.approx((bend, angle), abs=2e-6)
     assert found.tensions.sum() == found.tensions[section - 1].sum()
 
@@ -141,7 +142,7 @@ def test_a_fetch_in_water_reaches_the_mouth_through_three_bends() -> None:
     mouth, least = (0.05, 0.05, 0.0), np.radians(30)
     found = plan(ARM, Fetch.reach(mouth, least), IN_WATER, MAXIMUM)
     assert found.certificate.passed, found.outcome
-    again = settle(ARM, found.tensions, IN_WATER, 1e-9, scheme="rk8")
+    again = settle(ARM, found.tensions, IN_WATER, 1e-9, scheme="gauss4")
     assert np.linalg.norm(again.tip - mouth) < 1e-6 * ARM.length
     tangents = again.frame(np.array([0, 0.135, 0.315, 0.45]))[:, :, 0]
     assert np.arccos(np.sum(tangents[:-1] * tangents[1:], axis=1)).min() > least - 1e-6
@@ -293,22 +294,21 @@ def check_derivatives(arm: Arm, scene: Scene, mode: Any) -> None:
     through = Backbone(((0.1, 0.05, 0.0), (0.15, 0.1, 0.02)), tuple(s))
     targets = (TipPosition((0.2, 0.05, 0.01)), through)
     limits = Limits.of(arm, MAXIMUM)
-    statement = Statement("multiple-shooting", mode=mode, scheme="rk4", refinement=2)
-    problem = build(arm, targets, scene, statement)
-    nlp = problem.nlp
-    theirs = plain(nlp["x"], nlp["p"], nlp["f"], nlp["g"])
-    rng = np.random.default_rng(5)
-    p = problem.parameters(targets, limits)
-    x = problem.unknowns(rng.uniform(0, 0.3, arm.n_tendons), limits, p)
-    x = x + 1e-2 * rng.normal(size=x.size)
-    lam = rng.normal(size=nlp["g"].numel())
-    for name in ("gradient", "slopes"):
-        ours, wanted = (getattr(d, name)(x, p) for d in (problem.derivatives, theirs))
-        for one, other in zip(ours, wanted, strict=True):
-            check_close(np.array(one), np.array(other))
-    ours, wanted = (d.curvature(x, p, 0.7, lam) for d in (problem.derivatives, theirs))
-    check_close(np.array(ours), np.array(wanted))
-    assert np.abs(np.array(ours) - np.array(ours).T).max() < 1e-12 * np.abs(np.array(ours)).max()
+    problem = build(arm, targets, scene, Statement(mode=mode, scheme="gauss6", refinement=1))
+    of, sigma, rng = problem.program, 0.7, np.random.default_rng(5)
+    f, g, x, p = of.f, of.g, of.x, of.p
+    theirs = ca.Function("first", [x, p], [f, ca.gradient(f, x), g, ca.jacobian(g, x)])
+    lagrangian = of.sigma * f + ca.dot(of.lam, g)
+    curvature = ca.Function("second", [x, p, of.sigma, of.lam], [ca.hessian(lagrangian, x)[0]])
+    at = problem.parameters(targets, limits)
+    here = problem.unknowns(rng.uniform(0, 0.3, arm.n_tendons), limits, at)
+    here = here + 1e-2 * rng.normal(size=here.size)
+    for one, other in zip(of.first(here, at), theirs(here, at), strict=True):
+        check_close(dense(one), dense(other))
+    lam = rng.normal(size=g.numel())
+    H = dense(of.second(here, at, sigma, lam))
+    check_close(H, dense(curvature(here, at, sigma, lam)))
+    assert np.abs(H - H.T).max() < 1e-12 * np.abs(H).max()
 
 
 def check_close(ours: Array, wanted: Array) -> None:

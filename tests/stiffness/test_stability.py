@@ -1,18 +1,21 @@
-"""Sections that are at no minimum of their energy: when that is so, and when it cannot be."""
+"""Arms and sections that are at no minimum of their energy: when that is so, and when not."""
 
 from __future__ import annotations
 
 from typing import Any
 
-import casadi as ca
 import numpy as np
 import pytest
 
-from model import Anchorage, Arm, Linear, Scene, settle
-from model.effects import TipLoad
+from model import Anchorage, Arm, Linear, Scene, SnapError, settle
+from model.cross_section import cross_section_of
+from model.cross_section.reported import strains_of
+from model.cross_section.sections import Sections
+from model.effects import Effect, Extension, TipLoad, Weight
+from model.equilibrium.linearised import Linearised
+from model.equilibrium.stability import stability, stands
 from model.errors import OctoplanError
-from model.statics import loaded_statics_of
-from model.stations import stations
+from model.transcription.system import system
 from planner import stiffness
 from tests.model.cases import MOST
 from tests.stiffness.cases import STATICS, with_effects
@@ -47,23 +50,16 @@ def test_swelling_that_takes_tendons_inwards_makes_the_straight_arm_unstable(
 
 def least_eigenvalue(arm: Arm, T: Any, scene: Scene) -> float:
     """The least eigenvalue of d(wrench) / d(strain), over E J and E A of the section, anywhere."""
-    statics = loaded_statics_of(scene, arm)
-    v, e = ca.SX.sym("v", statics.size), ca.SX.sym("e", 4)
-    pull, data = ca.SX.sym("pull", statics.n_pull), ca.SX.sym("data", statics.n_data)
-    slopes = ca.Function("K", [v, pull, data], [ca.jacobian(statics.wrench(v, pull, data), v)])
-    kappa, nu = (1 + e[3]) * e[:3], ca.vertcat(1 + e[3], 0, 0)
-    state = ca.Function("state", [e], [statics.state(kappa, nu)])
-    shape = settle(arm, T, scene, 1e-4)
-    found = []
-    for s in np.linspace(0.0, arm.length, 9):
-        active = np.array([sum(section.at >= s for section in arm.sections)])
-        at = stations(arm, np.array([s]), active)
-        body = at.body[:, 0]
-        size = np.sqrt([body[1]] * 3 + [body[0]] * (statics.size - 3))
-        maps, numbers = statics.pulls(arm, at)[0][0], statics.data(at)[0]
-        K = np.array(slopes(state(shape.strain(s)), maps @ shape.tensions, numbers))
-        found.append(np.linalg.eigvalsh((K + K.T) / 2 / np.outer(size, size))[0])
-    return float(min(found))
+    shape, law = settle(arm, T, scene, 1e-4), cross_section_of(scene)
+    s = np.linspace(0.0, arm.length, 9)
+    active = (np.array([section.at for section in arm.sections])[:, None] >= s).sum(axis=0)
+    sections = Sections(arm, scene, law, s, active)
+    v = strains_of(law, shape.strains(s))
+    _, slopes = sections.wrench(v, sections.pulls(shape.tensions))
+    EA, EJ = sections.body[:2]
+    size = np.sqrt(np.stack([*[EJ] * 3, *[EA] * law.extension], axis=1))
+    scaled = (slopes + slopes.transpose(0, 2, 1)) / 2 / size[:, :, None] / size[:, None, :]
+    return float(np.linalg.eigvalsh(scaled).min())
 
 
 @pytest.mark.parametrize("scene", ["bare", "paper", "exact"])
@@ -78,3 +74,80 @@ def test_a_linear_body_only_gains_stiffness_from_its_tendons(name: str, scene: s
         except OctoplanError:
             continue
         assert stiffness(arm, T, STATICS[scene], accuracy=1e-4).stable
+
+
+# A column, its second moment of area, Euler's load, and the weight per length that buckles it:
+# 7.8373 = (9/4) j^2 with the first zero j of the Bessel function of order -1/3.
+COLUMN = Arm(0.3, Linear(R, R), (Anchorage(0.3, Linear(3e-3, 3e-3)),))
+EJ, L = EA * R**2 / 4, COLUMN.length
+EULER, GREENHILL = np.pi**2 * EJ / (4 * L**2), 7.837347438943 * EJ / L**3
+SLACK = np.zeros(COLUMN.n_tendons)
+
+
+def axial(share: float) -> TipLoad:
+    """A load along the column towards its base, over Euler's."""
+    return TipLoad((-share * EULER, 0.0, 0.0))
+
+
+def own_weight(share: float) -> Weight:
+    """Gravity along the column towards its base, over that which buckles it."""
+    per_g = COLUMN.material.density * np.pi * R**2
+    return Weight((-share * GREENHILL / per_g, 0.0, 0.0))
+
+
+def straight(*effects: Effect) -> Linearised:
+    """The straight column, which is in equilibrium under axial loads whether or not it stands."""
+    here = system(COLUMN, Scene(*effects), 3, 4)
+    x = here.x(SLACK, 1.0, here.start(SLACK, np.zeros(here.of.stages.shape), 1.0))
+    return Linearised.at(here, x)
+
+
+@pytest.mark.parametrize("load", [axial, own_weight], ids=["at the tip", "its own weight"])
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9, 0.99])
+def test_the_stability_of_a_column_is_what_is_left_of_its_buckling_load(
+    share: float, load: Any
+) -> None:
+    shape = settle(COLUMN, SLACK, Scene(load(share)), 1e-8)
+    assert shape.stability == pytest.approx(1 - share, abs=1e-6)
+    assert stiffness(COLUMN, SLACK, Scene(load(share))).stable
+
+
+@pytest.mark.parametrize("load", [axial, own_weight], ids=["at the tip", "its own weight"])
+@pytest.mark.parametrize("share", [1.01, 1.5, 4.0])
+def test_beyond_that_the_straight_column_does_not_stand(share: float, load: Any) -> None:
+    here = straight(load(share))
+    assert np.abs(here.residual).max() < 1e-15
+    assert stability(here) == pytest.approx(1 - share, abs=1e-6)
+    assert not stands(here)
+    with pytest.raises(SnapError, match="buckles") as caught:
+        settle(COLUMN, SLACK, Scene(load(share)))
+    assert caught.value.share == pytest.approx(1 / share, abs=1e-3)
+
+
+@pytest.mark.parametrize("effects", [(), (TipLoad(),), (Extension(),)], ids=["bare", "0 N", "q"])
+def test_at_rest_an_arm_is_as_stable_as_its_body(effects: tuple[Effect, ...]) -> None:
+    for arm in (COLUMN, Arm.from_paper("table-4")):
+        rest = settle(arm, np.zeros(arm.n_tendons), Scene(*effects))
+        assert rest.stability == pytest.approx(1, abs=1e-9)
+
+
+def test_pulling_at_the_tip_makes_a_column_no_less_stable_and_so_does_what_follows_it() -> None:
+    assert settle(COLUMN, SLACK, Scene(axial(-0.5))).stability == pytest.approx(1, abs=1e-9)
+    follower = TipLoad((-3 * EULER, 0.0, 0.0), follower=True)
+    assert stands(straight(follower))
+
+
+@pytest.mark.parametrize("scene", ["bare", "paper", "exact", "silicone"])
+def test_an_arm_stands_where_its_stability_is_above_0(scene: str) -> None:
+    arm, rng, seen = Arm.from_paper("table-2"), np.random.default_rng(4), []
+    for _ in range(30):
+        force = rng.normal(size=3) * 10 ** rng.uniform(-2.5, 0.5)
+        here = system(arm, with_effects(STATICS[scene], TipLoad(tuple(force.tolist()))), 3, 1)
+        T = rng.uniform(0, 0.3, arm.n_tendons)
+        law = here.of.form.law
+        v = rng.normal(size=here.of.stages.shape) * 5.0
+        v[:, 3:] = law.along_at_rest + 0.01 * v[:, 3:]
+        x = here.x(T, 1.0, here.start(T, v, 1.0))
+        seen.append((stands(Linearised.at(here, x)), stability(Linearised.at(here, x)) > 0))
+    assert all(one == other for one, other in seen)
+    assert 5 < sum(one for one, _ in seen) < 25

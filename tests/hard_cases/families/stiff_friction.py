@@ -87,7 +87,7 @@ def check(member: Member) -> float:
     wanted = planar(member)
     # The paper's base: n is -y, so that a pull towards n bends towards -y.
     gap = np.linalg.norm(shape.tip - [wanted[0], -wanted[1], 0]) / L
-    return max(float(gap), abs(shape.states[-1, -1] / wanted[3] - 1))
+    return max(float(gap), abs(shape.tension(shape.arm.length)[0] / wanted[3] - 1))
 
 
 # Some that pay out round more than a turn end with a million times the tension of the motor.

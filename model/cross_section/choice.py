@@ -1,0 +1,22 @@
+"""Which law a scene means."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+from model.cross_section.exact import ExactSection
+from model.cross_section.law import CrossSection
+from model.cross_section.paper import PaperSection
+from model.cross_section.rubber import RubberSection
+from model.effects import ExactTendons, Extension, NeoHookean, Shear
+from model.scene import Scene
+
+
+@lru_cache(maxsize=256)
+def cross_section_of(scene: Scene, torsion: bool = True) -> CrossSection:
+    """Return the law of a scene's cross-sections; without loads none of them is twisted."""
+    shape = (scene.has(Extension), torsion, scene.has(Shear))
+    rubber = scene.find(NeoHookean)
+    if rubber is not None:
+        return RubberSection(*shape, anticlastic=rubber.anticlastic)
+    return ExactSection(*shape) if scene.has(ExactTendons) else PaperSection(*shape)

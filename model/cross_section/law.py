@@ -1,0 +1,93 @@
+"""What the transcription asks of the law of a cross-section: SX expressions of its strains.
+
+Strains v are curvatures about t, n, b (torsion only where it can arise), then what extends and
+shears the section, where these effects are enabled. A wrench is the local moment, then the local
+forces that do work on the strains after the curvatures.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import casadi as ca
+
+BODY = ("EA", "EJ", "GI", "GA")
+PATH = ("y", "y_rate", "cos", "sin")
+# Keeps the length of a tendon differentiable where it has none left, wide enough for the rounding
+# of its square (1e-16) to be small beside it.
+TINY = 1e-24
+
+
+class CrossSection(Protocol):
+    """The law of a cross-section; a frozen value of structure alone, numbers are arguments.
+
+    `body` are E A [N], E J [N m2], G I [N m2], k_s G A [N]; `path` the offset y [m] of a tendon,
+    its derivative y' [-], cosine and sine of its angle.
+    """
+
+    def __hash__(self) -> int:
+        """Return the hash of the value."""
+
+    @property
+    def torsion(self) -> bool:
+        """Whether curvature about t is a strain."""
+
+    @property
+    def extension(self) -> bool:
+        """Whether the stretch is a strain."""
+
+    @property
+    def shear(self) -> bool:
+        """Whether shears across n and b are strains."""
+
+    @property
+    def along_at_rest(self) -> float:
+        """The strain that extends the section, where nothing does: q = 0 or lambda = 1."""
+
+    def twist(self, v: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Return curvature kappa and tangent nu (3,) per unit reference length in (t, n, b)."""
+
+    def strains(self, kappa: ca.SX, nu: ca.SX) -> ca.SX:
+        """Return the strains v of kappa and nu (3,)."""
+
+    def body(self, v: ca.SX, body: ca.SX) -> ca.SX:
+        """Return the wrench of the body."""
+
+    def tendon(self, v: ca.SX, path: ca.SX) -> ca.SX:
+        """Return the wrench of a tendon per newton of its tension."""
+
+    def tangent(self, v: ca.SX, path: ca.SX) -> ca.SX:
+        """Return the tangent c (3,) along which a tendon pulls."""
+
+    def run(self, v: ca.SX, path: ca.SX) -> ca.SX:
+        """Return the derivative along s (3,) of the curve that a tendon runs along."""
+
+
+def size(law: CrossSection) -> int:
+    """Return the number of strains."""
+    return 2 + law.torsion + law.extension + 2 * law.shear
+
+
+def forces(law: CrossSection) -> tuple[int, ...]:
+    """Return which components of the local force do work on the strains after the curvatures."""
+    return (0,) * law.extension + (1, 2) * law.shear
+
+
+def moments(law: CrossSection) -> tuple[int, ...]:
+    """Return which components of the local moment do work on the strains."""
+    return (0, 1, 2) if law.torsion else (1, 2)
+
+
+def split(law: CrossSection, v: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Return curvatures (3,), what extends (a scalar, 0 if nothing does), and shears (2,)."""
+    i = int(law.torsion)
+    curvature = ca.vertcat(v[0] if law.torsion else ca.SX(0), v[i], v[i + 1])
+    along = v[i + 2] if law.extension else ca.SX(0)
+    return curvature, along, v[-2:] if law.shear else ca.SX.zeros(2)
+
+
+def join(law: CrossSection, curvature: ca.SX, along: ca.SX, shear: ca.SX) -> ca.SX:
+    """Return the strains of their parts; undoes split. A wrench is joined the same way."""
+    parts = [curvature[k] for k in moments(law)]
+    parts += [along] * law.extension + [shear] * law.shear
+    return ca.vertcat(*parts)

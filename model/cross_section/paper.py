@@ -1,0 +1,64 @@
+"""The paper's balance with the reference tangent, made consistent: no energy, but linear in T."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import casadi as ca
+
+from model.cross_section.law import join, split
+
+_T = (1.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class PaperSection:
+    """Eqs. (8), (9) with (6): strains omega per unit deformed length, q, and shears.
+
+    K omega + sum T (y2 (1 - d d^T) omega - y t x d) = M, E A q + sum T t . c = F_t, and with shear
+    k_s G A nu_n + sum T n . c = F_n, along the tangent
+    c = t + y' d + y omega x d. See CrossSection.
+    """
+
+    extension: bool
+    torsion: bool = True
+    shear: bool = False
+    along_at_rest: float = field(default=0.0, init=False)
+
+    def twist(self, v: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """See CrossSection.twist: kappa = (1 + q) omega, eq. (1)."""
+        omega, q, slide = split(self, v)
+        return (1 + q) * omega, ca.vertcat(1 + q, slide)
+
+    def strains(self, kappa: ca.SX, nu: ca.SX) -> ca.SX:
+        """See CrossSection.strains."""
+        return join(self, kappa / nu[0], nu[0] - 1, nu[1:])
+
+    def body(self, v: ca.SX, body: ca.SX) -> ca.SX:
+        """See CrossSection.body."""
+        omega, q, slide = split(self, v)
+        EA, EJ, GI, GA = ca.vertsplit(body)
+        return join(self, ca.vertcat(GI, EJ, EJ) * omega, EA * q, GA * slide)
+
+    def tendon(self, v: ca.SX, path: ca.SX) -> ca.SX:
+        """See CrossSection.tendon."""
+        omega, _, _ = split(self, v)
+        c, d = self.tangent(v, path), _side(path)
+        lever = path[0] * (path[0] * (omega - d * ca.dot(d, omega)) - ca.cross(ca.SX(_T), d))
+        return join(self, lever, c[0], c[1:])
+
+    def tangent(self, v: ca.SX, path: ca.SX) -> ca.SX:
+        """See CrossSection.tangent: c = t + y' d + y omega x d."""
+        d = _side(path)
+        return ca.SX(_T) + path[1] * d + path[0] * ca.cross(split(self, v)[0], d)
+
+    def run(self, v: ca.SX, path: ca.SX) -> ca.SX:
+        """See CrossSection.run: u_c' of eq. (6), which is not quite the tangent of the balance."""
+        kappa, nu = self.twist(v)
+        d = _side(path)
+        return nu + path[1] * d + path[0] * ca.cross(kappa, d)
+
+
+def _side(path: ca.SX) -> ca.SX:
+    """Return the direction d (3,) of a tendon in the cross-section."""
+    return ca.vertcat(0, path[2], path[3])

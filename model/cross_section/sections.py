@@ -1,0 +1,145 @@
+"""The cross-sections of an arm at given arc lengths: strains to wrenches and back, in numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from model.arm import Arm
+from model.cross_section.law import CrossSection, size
+from model.effects import Shear
+from model.machine.buffered import Buffered
+from model.paths import Array
+from model.scene import Scene
+from model.stations import Counts, Stations, crossing, sides, stations
+
+# Newton's method squares the error: a step this small, relatively, leaves rounding.
+_STEPS, _SETTLED = 20, 1e-8
+
+
+def body_numbers(arm: Arm, scene: Scene, body: Array) -> Array:
+    """Return E A, E J, G I and k_s G A (4, N) from E A, E J and G I (3, N)."""
+    shear = scene.find(Shear)
+    GA = body[0] * (shear.k_s * arm.material.G / arm.material.E if shear else 0.0)
+    return np.vstack([body, GA])
+
+
+class Sections:
+    """Cross-sections at s (N,), which the tendons of `active` anchorages cross.
+
+    Attributes
+    ----------
+    place, tendon : (P,)
+        Cross-section and tendon of each crossing of a tendon through a cross-section.
+    body : (4, N)
+        E A, E J, G I, k_s G A.
+    paths : (4, P)
+        Offset, its derivative, cosine and sine of the angle at each crossing.
+    path_rates : (4, P)
+        Their derivatives along s.
+    """
+
+    def __init__(self, arm: Arm, scene: Scene, law: CrossSection, s: Array, active: Counts) -> None:
+        self.law, self.s, self._n_tendons = law, s, arm.n_tendons
+        at: Stations = stations(arm, s, active)
+        self.place, self.tendon = np.nonzero(crossing(arm, at))
+        self.body = body_numbers(arm, scene, at.body)
+        of = np.array([i for i, _ in arm.tendons])[self.tendon]
+        cos, sin = (v[self.tendon] for v in sides(arm))
+        still = np.zeros(of.size)
+        self.path_rates = np.stack(
+            [at.y_rate[of, self.place], at.y_curve[of, self.place], still, still]
+        )
+        self.paths = np.stack([at.y[of, self.place], at.y_rate[of, self.place], cos, sin])
+
+    def wrench(self, v: Array, tensions: Array) -> tuple[Array, Array]:
+        """Return what body and tendons balance (N, n) at strains v (N, n), and its derivatives.
+
+        These are (N, n, n); `tensions` (P,) are those of the crossings.
+        """
+        N, n = v.shape
+        (found,) = _mapped(_body, self.law, N)(v.ravel(), self.body.ravel("F"))
+        if self.place.size:
+            call = _mapped(_tendon, self.law, self.place.size)
+            (rows,) = call(v[self.place].ravel(), self.paths.ravel("F"))
+            first = np.flatnonzero(np.diff(self.place, prepend=-1))
+            found[self.place[first]] += np.add.reduceat(rows * tensions[:, None], first)
+        return found[:, :n], found[:, n:].reshape(N, n, n).transpose(0, 2, 1)
+
+    def pulls(self, tensions: Array) -> Array:
+        """Return the tensions of the crossings (P,) of constant tensions (n_tendons,)."""
+        return np.asarray(tensions[self.tendon])
+
+    def solve(self, v: Array, wrench: Array, tensions: Array) -> Array:
+        """Return the strains (N, n) near v that balance a wrench (N, n); NaN where none do."""
+        for _ in range(_STEPS):
+            found, slopes = self.wrench(v, tensions)
+            step = np.linalg.solve(slopes, (wrench - found)[:, :, None])[:, :, 0]
+            v = v + step
+            if not np.all(np.isfinite(step)):
+                break
+            if np.all(np.abs(step) <= _SETTLED * (1 + np.abs(v))):
+                return v
+        return np.where(np.abs(step) <= _SETTLED * (1 + np.abs(v)), v, np.nan)
+
+    def turning(self, v: Array, rate: Array) -> Array:
+        """Return how fast each tendon turns (P,) [rad/m] at strains v and their rates (N, n)."""
+        P = self.place.size
+        given = (v[self.place].T, rate[self.place].T, self.paths, self.path_rates)
+        return np.asarray(np.array(_turning(self.law).map(P)(*given))[0])
+
+    def lengths(self, v: Array, weights: Array) -> Array:
+        """Return the lengths of the tendons (n_tendons,) by quadrature with weights (N,) [m].
+
+        Of |u_c'| with u_c of eq. (6), or the tangent of the energy with exact tendons; v (N, n).
+        """
+        speed = np.array(_speed(self.law).map(self.place.size)(v[self.place].T, self.paths))[0]
+        lengths = np.bincount(self.tendon, speed * weights[self.place], self._n_tendons)
+        return np.asarray(lengths, dtype=float)
+
+
+@lru_cache(maxsize=32)
+def _turning(law: CrossSection) -> ca.Function:
+    """Return strains, rates, path, its rate -> |d(c/|c|)/ds| of a tendon."""
+    from model.transcription.friction import turning_rate
+
+    v, rate = ca.SX.sym("v", size(law)), ca.SX.sym("rate", size(law))
+    path, change = ca.SX.sym("path", 4), ca.SX.sym("change", 4)
+    return ca.Function(
+        "turning", [v, rate, path, change], [turning_rate(law, v, rate, path, change)]
+    )
+
+
+@lru_cache(maxsize=32)
+def _speed(law: CrossSection) -> ca.Function:
+    """Return strains, path -> |u_c'| of a tendon."""
+    v, path = ca.SX.sym("v", size(law)), ca.SX.sym("path", 4)
+    return ca.Function("speed", [v, path], [ca.norm_2(law.run(v, path))], {"cse": True})
+
+
+@lru_cache(maxsize=32)
+def _body(law: CrossSection) -> ca.Function:
+    """Return strains, body numbers -> wrench of the body, then its slopes column by column."""
+    v, numbers = ca.SX.sym("v", size(law)), ca.SX.sym("body", 4)
+    return _with_slopes("body", v, numbers, law.body(v, numbers))
+
+
+@lru_cache(maxsize=32)
+def _tendon(law: CrossSection) -> ca.Function:
+    """Return strains, path -> wrench of a tendon per newton, then its slopes column by column."""
+    v, path = ca.SX.sym("v", size(law)), ca.SX.sym("path", 4)
+    return _with_slopes("tendon", v, path, law.tendon(v, path))
+
+
+@lru_cache(maxsize=256)
+def _mapped(kernel: Callable[[CrossSection], ca.Function], law: CrossSection, N: int) -> Buffered:
+    """Return a kernel of a law for N cross-sections or crossings at once; a row for each."""
+    return Buffered(kernel(law).map(N))
+
+
+def _with_slopes(name: str, v: ca.SX, numbers: ca.SX, wrench: ca.SX) -> ca.Function:
+    both = ca.densify(ca.vertcat(wrench, ca.vec(ca.densify(ca.jacobian(wrench, v)))))
+    return ca.Function(name, [v, numbers], [both], {"cse": True})

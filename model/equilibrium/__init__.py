@@ -1,0 +1,1 @@
+"""Equilibria of the transcribed arm: Newton's method, load stepping, stability, sensitivities."""

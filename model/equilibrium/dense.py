@@ -1,0 +1,108 @@
+"""Poses and strains of an equilibrium anywhere along the arm: a part of an element, solved alone.
+
+From a node on, where pose and wrench are known, the equations of a shorter element say where it
+ends; at its end the cross-section's law gives the strains. So what is read off between the nodes is
+as accurate as what is read off at them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from model.cross_section.law import forces, moments
+from model.cross_section.sections import Sections
+from model.loads import beyond
+from model.paths import Array
+from model.rotations import matrices
+from model.stations import Counts
+from model.transcription.collocation import gauss
+from model.transcription.element import element
+from model.transcription.layout import POSE
+from model.transcription.numbers import element_numbers
+from model.transcription.system import System
+
+_STEPS, _SETTLED = 8, 1e-12
+
+
+def poses_and_strains(system: System, x: Array, s: Array) -> tuple[Array, Array]:
+    """Return poses (N, 7), and strains (N, n) on the base side of arc lengths s (N,)."""
+    inside = _Parts(system, x, s)
+    g, w = inside.ends()
+    return g, inside.strains(g, w)
+
+
+class _Parts:
+    """Parts of elements, from the node below each s to s."""
+
+    def __init__(self, system: System, x: Array, s: Array) -> None:
+        mesh, of = system.mesh, system.of
+        self.system, self.x, self.states, self.s = system, x, x[of.first :], s
+        self.form, m = replace(of.form, friction=False), of.form.stages
+        self.step = np.clip(np.searchsorted(mesh.s, s, side="left") - 1, 0, mesh.steps - 1)
+        self.left = mesh.s[self.step]
+        self.h = np.maximum(s - self.left, 1e-12 * system.arm.length)
+        self.active, self.end = mesh.active[self.step], mesh.s[self.step + 1]
+        self.share = self.h / (self.end - self.left)
+        self.at = (self.left[:, None] + self.h[:, None] * gauss(m).c).ravel()
+
+    def ends(self) -> tuple[Array, Array]:
+        """Return poses (N, 7) and wrenches (N, n_w) at s."""
+        form, N = self.form, self.s.size
+        m, n, w = form.stages, form.strains, form.wrench
+        node = self.states[self.system.of.nodes[self.step, : POSE + w]]
+        sections = self._sections(self.at, np.repeat(self.active, m))
+        pulls = self._pulls(sections)
+        v = self._interpolated(gauss(m).c[None, :] * self.share[:, None]).reshape(N * m, n)
+        ends = np.repeat(self.end, m)
+        c = element_numbers(self.system.arm, self.system.scene, form, self.at, self.h, ends)
+        load = self.x[self.system.of.n_tendons]
+        known = np.vstack([np.full((int(form.loaded), N), load), node.T])
+        free = len(known) + np.arange(m * n + POSE + w)
+        next_node = node.copy()
+        function, i, j = element(form).jacobian
+        for _ in range(_STEPS):
+            y = np.vstack([known, v.reshape(N, -1).T, next_node.T])
+            r = np.array(element(form).value.map(N)(y, c)).T
+            J = np.zeros((N, r.shape[1], len(y)))
+            J[:, i, j] = np.array(function.map(N)(y, c)).T
+            found, slopes = sections.wrench(v, pulls)
+            r[:, w : w + m * n] += found.reshape(N, -1)
+            for k in range(m):
+                rows = w + k * n + np.arange(n)
+                J[:, rows[:, None], free[0] + rows - w] += slopes.reshape(N, m, n, n)[:, k]
+            step = -np.linalg.solve(J[:, :, free], r[:, :, None])[:, :, 0]
+            v, next_node = v + step[:, : m * n].reshape(N * m, n), next_node + step[:, m * n :]
+            if np.abs(step).max() <= _SETTLED * (1 + np.abs(v).max()):
+                break
+        return next_node[:, :POSE], next_node[:, POSE:]
+
+    def strains(self, g: Array, w: Array) -> Array:
+        """Return the strains (N, n) where pose and wrench are known."""
+        system, law, scene = self.system, self.system.of.form.law, self.system.scene
+        sections = self._sections(self.s, self.active)
+        first = self._interpolated(self.share[:, None])[:, 0]
+        frame = matrices(g[:, :4])
+        local = np.zeros((2, self.s.size, 3))
+        if system.of.form.loaded:
+            load = self.x[system.of.n_tendons]
+            force = load * beyond(system.arm, scene, self.s, self.end).T
+            force = force + w[:, 3:] if system.of.form.moving else force
+            local = np.einsum("nij,kni->knj", frame, np.stack([w[:, :3], force]))
+        wrench = np.hstack([local[0][:, list(moments(law))], local[1][:, list(forces(law))]])
+        return sections.solve(first, wrench, self._pulls(sections))
+
+    def _pulls(self, sections: Sections) -> Array:
+        return self.system.pulls(self.x, sections.s, sections.place, sections.tendon)
+
+    def _sections(self, s: Array, active: Counts) -> Sections:
+        system = self.system
+        return Sections(system.arm, system.scene, system.of.form.law, s, active)
+
+    def _interpolated(self, x: Array) -> Array:
+        """Return the stages' polynomials (N, k, n) at shares x (N, k) of their elements."""
+        of = self.system.of
+        stages = self.states[of.stages].reshape(-1, of.form.stages, of.form.strains)[self.step]
+        basis = x[:, :, None] ** np.arange(of.form.stages) @ gauss(of.form.stages).powers
+        return np.asarray(basis @ stages)

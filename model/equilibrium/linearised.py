@@ -1,0 +1,134 @@
+"""The equations of equilibrium linearised at a point, and their factorisation.
+
+One factorisation serves Newton's steps, and by the implicit function theorem whatever else is asked
+about the equilibrium. The states stand in the order of the arm, so the matrix is a narrow band.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dgbtrf, dgbtrs
+
+from model.errors import SingularError
+from model.paths import Array
+from model.transcription.layout import Layout
+from model.transcription.system import System
+
+Index = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Band:
+    """Where the nonzeros of the Jacobian are: those against the states in LAPACK's band storage.
+
+    Attributes
+    ----------
+    rows, columns : (nnz,)
+        Of all nonzeros; columns are tensions, load factor, states.
+    below, above : int
+        Width of the band.
+    """
+
+    rows: Index
+    columns: Index
+    first: int
+    below: int
+    above: int
+
+    @cached_property
+    def inside(self) -> Index:
+        """Which nonzeros are against the states."""
+        return np.flatnonzero(self.columns >= self.first)
+
+    @cached_property
+    def outside(self) -> Index:
+        """Which nonzeros are against tensions and the load factor."""
+        return np.flatnonzero(self.columns < self.first)
+
+
+@lru_cache(maxsize=32)
+def band(of: Layout) -> Band:
+    """Return the band of a layout's Jacobian."""
+    rows, columns = (np.array(v, dtype=np.int64) for v in of.equations.jacobian[1].get_triplet())
+    off = rows - (columns - of.first)
+    inside = columns >= of.first
+    return Band(rows, columns, of.first, int(off[inside].max()), int(-off[inside].min()))
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """The equations linearised at a point.
+
+    Attributes
+    ----------
+    system : System
+    x : (n_x,)
+        Tensions, load factor and states.
+    residual : (n_states,)
+    nonzeros : (nnz,)
+        Of the Jacobian, in the places of `band`.
+    """
+
+    system: System
+    x: Array
+    residual: Array
+    nonzeros: Array
+
+    @classmethod
+    def at(cls, system: System, x: Array) -> Linearised:
+        """Return the equations linearised at x."""
+        return cls(system, x, *system.jacobian(x))
+
+    @property
+    def states(self) -> Array:
+        """The states (n_states,)."""
+        return self.x[self.system.of.first :]
+
+    @cached_property
+    def band(self) -> Band:
+        """The places of the nonzeros."""
+        return band(self.system.of)
+
+    @cached_property
+    def factor(self) -> tuple[Array, Array]:
+        """The LU factors of the Jacobian against the states; raises SingularError."""
+        at, inside = self.band, self.band.inside
+        stored = np.zeros((2 * at.below + at.above + 1, self.system.of.n_states), order="F")
+        column = at.columns[inside] - at.first
+        stored[at.below + at.above + at.rows[inside] - column, column] = self.nonzeros[inside]
+        factors, pivots, info = dgbtrf(stored, at.below, at.above, overwrite_ab=1)
+        if info != 0 or not np.all(np.isfinite(factors)):
+            raise SingularError("the equations of equilibrium are singular: the arm gives way")
+        return factors, pivots
+
+    def solve(self, right: Array, transposed: bool = False) -> Array:
+        """Return the states (n_states, ...) that right-hand sides ask for.
+
+        With `transposed` the multipliers of right-hand sides in the states.
+        """
+        factors, pivots = self.factor
+        at = self.band
+        found, _ = dgbtrs(factors, at.below, at.above, right, pivots, trans=int(transposed))
+        return np.asarray(found)
+
+    @cached_property
+    def by_parameters(self) -> Array:
+        """How the states move with tensions and load factor (n_states, n_tendons + 1)."""
+        at, outside = self.band, self.band.outside
+        right = np.zeros((self.system.of.n_states, at.first), order="F")
+        right[at.rows[outside], at.columns[outside]] = self.nonzeros[outside]
+        return -self.solve(right)
+
+    @property
+    def by_tensions(self) -> Array:
+        """How the states move with the tensions (n_states, n_tendons)."""
+        return self.by_parameters[:, :-1]
+
+    @property
+    def by_load(self) -> Array:
+        """How the states move with the load factor (n_states,)."""
+        return self.by_parameters[:, -1]

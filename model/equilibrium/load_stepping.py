@@ -1,0 +1,91 @@
+"""The equilibrium under the full loads: at once where that is safe, else by steps in the loads."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from model.equilibrium.linearised import Linearised
+from model.equilibrium.newton import NEAR, newton
+from model.equilibrium.stability import stands
+from model.errors import SnapError
+from model.paths import Array
+from model.patience import check_time
+from model.progress import tell
+from model.transcription.system import System
+
+# The least step in the load factor over what is reached; before the first step, over a millionth.
+LEAST_STEP, _FIRST = 1 / 8192, 1e-6
+# The farthest that a frame may turn in one step [rad].
+_FOLLOWED = 0.6
+# Steps from the unloaded arm that may be shortened before loads are applied in steps.
+_CUTS = 2
+SNAPS, BUCKLES = "it snaps or folds", "it buckles"
+
+
+class Followed(NamedTuple):
+    """The last equilibrium on a branch, the load factor there, and what happens beyond."""
+
+    here: Linearised
+    load: float
+    why: str
+
+
+def near(system: System, tensions: Array, states: Array) -> Linearised | None:
+    """Return the equilibrium under the full loads near states that may be of another mesh."""
+    return newton(system, tensions, 1.0, states, NEAR)
+
+
+def equilibrium(system: System, tensions: Array, unloaded: Array) -> Linearised:
+    """Return the equilibrium under the full loads that is connected with the unloaded arm's states.
+
+    Raises SnapError where that branch ends or loses its stability before.
+    """
+    here = newton(system, tensions, 1.0, unloaded, cuts=_CUTS)
+    if here is not None and stands(here):
+        return here
+    found = follow(system, tensions, unloaded, 1.0, LEAST_STEP)
+    if found.load < 1:
+        raise SnapError(found.load, found.why)
+    return found.here
+
+
+def follow(system: System, tensions: Array, unloaded: Array, most: float, least: float) -> Followed:
+    """Follow the branch that begins at the unloaded arm's states, up to a load factor.
+
+    A step is halved where nothing is found that it leads to; the end is where it is down to `least`
+    of the load factor that is reached.
+    """
+    start = newton(system, tensions, 0.0, unloaded)
+    if start is None:
+        raise SnapError(0.0, SNAPS)
+    at, step = Followed(start, 0.0, ""), min(1.0, most)
+    while at.load < most and step >= least * max(at.load, _FIRST):
+        check_time()
+        tell("percent of the loads", round(100 * at.load / most), 100)
+        load = min(most, at.load + step)
+        found, why = _next(system, tensions, at, load)
+        if found is None:
+            at, step = at._replace(why=why), step / 2
+        else:
+            at, step = Followed(found, load, ""), 2 * step
+    return at
+
+
+def _next(
+    system: System, tensions: Array, at: Followed, load: float
+) -> tuple[Linearised | None, str]:
+    """Return the equilibrium that a step in the load leads to, or why there is none."""
+    states = at.here.x[system.of.first :]
+    predicted = states + (load - at.load) * at.here.by_load
+    here = newton(system, tensions, load, predicted)
+    if here is None or not _is_near(system, states, here.x[system.of.first :]):
+        return None, SNAPS
+    return (here, "") if stands(here) else (None, BUCKLES)
+
+
+def _is_near(system: System, before: Array, after: Array) -> bool:
+    """Return whether no frame turns by more than is followed in one step."""
+    places = system.of.nodes[:, :4]
+    return bool(np.abs((before[places] * after[places]).sum(axis=1)).min() > np.cos(_FOLLOWED / 2))

@@ -1,0 +1,160 @@
+"""Whether an equilibrium stands: the Hessian of its potential energy, tensions held.
+
+With the nodes eliminated the equations' Jacobian is, times the stages' weights, the Hessian of the
+potential energy in the strains. Scaled by the stiffness of the body at rest its eigenvalues are
+numbers: 1 for an arm at rest, 1 - P / P_cr for a column under an axial load P, 0 where the arm
+gives way. Loads that have no potential (followers, currents), and the paper's tangent, make it
+unsymmetric: then the real parts count, and nothing is said of flutter. Tensions that friction has
+spread along the tendons are held as they are.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from model.cross_section.law import CrossSection, moments
+from model.cross_section.sections import body_numbers
+from model.equilibrium.linearised import Index, Linearised, band
+from model.errors import SingularError
+from model.paths import Array
+from model.stations import stations
+from model.transcription.collocation import gauss
+from model.transcription.layout import POSE, Layout
+from model.transcription.system import System
+
+# What a Hessian may be unsymmetric by for it not to matter.
+_SYMMETRIC = 1e-3
+
+
+def stands(here: Linearised) -> bool:
+    """Return whether an equilibrium is stable: whether all pivots of its energy are positive.
+
+    Elements are eliminated from tip to base. With w_k = P_k theta_k what the part beyond a node
+    needs to be turned there by theta_k, P = 0 at the tip under dead loads, the strains of the next
+    element meet the stiffness S of body, tendons and of what lies beyond: all S definite, and only
+    then, all of the energy's Hessian is. Source: inertia is additive (Haynsworth, Linear Algebra
+    and its Applications 1, 1968).
+    """
+    of, J = here.system.of, _blocks(here)
+    w, n, nodes = of.form.wrench, of.form.stages * of.form.strains, here.states[of.nodes[:, :4]]
+    small = turns(nodes)
+    v, nxt = slice(POSE + w, POSE + w + n), POSE + w + n
+    after = slice(nxt + POSE, nxt + POSE + w)
+    P = _tip(here) @ small[-1]
+    weight = np.repeat(gauss(of.form.stages).b, of.form.strains)[:, None]
+    for k in range(of.elements)[::-1]:
+        rows, back = J[k], 4 * small[k + 1].T
+        moment, stage, quaternion = rows[:w], rows[w : w + n], rows[w + n : w + n + 4]
+        B, A = -back @ quaternion[:, v], -back @ quaternion[:, :4] @ small[k]
+        S = stage[:, v] + stage[:, after] @ P @ B
+        if not _is_positive(weight * S):
+            return False
+        bent = np.linalg.solve(S, stage[:, :4] @ small[k] + stage[:, after] @ P @ A)
+        turned = A - B @ bent
+        P = moment[:, v] @ bent - moment[:, :4] @ small[k] - moment[:, after] @ P @ turned
+        P = np.linalg.solve(moment[:, POSE : POSE + w], P) if w else P
+    return True
+
+
+def _is_positive(S: Array) -> bool:
+    if not np.all(np.isfinite(S)):
+        return False
+    try:
+        np.linalg.cholesky((S + S.T) / 2)
+    except np.linalg.LinAlgError:
+        return bool(np.linalg.eigvals(S).real.min() > 0)
+    return True
+
+
+def turns(q: Array) -> Array:
+    """Return the changes (N, 4, 3) of unit quaternions (N, 4) by small turns, base frame."""
+    w, x, y, z = q.T / 2
+    rows = [[-x, -y, -z], [w, z, -y], [-z, w, x], [y, -x, w]]
+    return np.moveaxis(np.array(rows), 2, 0)
+
+
+def _tip(here: Linearised) -> Array:
+    """Return how the wrench at the tip (w, 4) changes with its quaternion."""
+    of, at = here.system.of, band(here.system.of)
+    last = of.nodes[-1, : POSE + of.form.wrench]
+    J = np.zeros((last.size, last.size))
+    columns = at.columns - of.first
+    own = (
+        (at.rows >= last[0]) & (at.rows <= last[-1]) & (columns >= last[0]) & (columns <= last[-1])
+    )
+    J[at.rows[own] - last[0], columns[own] - last[0]] = here.nonzeros[own]
+    w = slice(POSE, POSE + of.form.wrench)
+    return np.asarray(-np.linalg.solve(J[w, w], J[w, :4])) if of.form.wrench else np.zeros((0, 4))
+
+
+def _blocks(here: Linearised) -> Array:
+    """Return the Jacobian of each element (N, rows, 2 nodes and stages)."""
+    # The last is the place -1, of none.
+    padded = np.append(here.nonzeros, 0.0)
+    return np.asarray(padded[_block_places(here.system.of)])
+
+
+@lru_cache(maxsize=32)
+def _block_places(of: Layout) -> Index:
+    """Return the places among the nonzeros of the elements' blocks, -1 for none.
+
+    Rows are the wrench at the first node, the stages' balance, the quaternion at the last node;
+    columns pose and wrench at the first node, strains, pose and wrench at the last.
+    """
+    at, w, blocks = band(of), of.form.wrench, []
+    shape = (of.n_states, of.n_x)
+    numbered = csr_array((np.arange(1, at.rows.size + 1), (at.rows, at.columns)), shape)
+    nodes, stages = of.nodes[:, : POSE + w], of.stages.reshape(of.elements, -1)
+    for before, inside, after in zip(nodes[:-1], stages, nodes[1:], strict=True):
+        rows = np.concatenate([before[POSE:], inside, after[:4]])
+        columns = of.first + np.concatenate([before, inside, after])
+        blocks.append(numbered[rows][:, columns].toarray() - 1)
+    return np.array(blocks)
+
+
+def stability(here: Linearised) -> float:
+    """Return the least eigenvalue of the scaled Hessian of the energy; below 0 it does not stand.
+
+    Of a Hessian that is not symmetric, the least real part. 0 where the arm is about to give way.
+    """
+    try:
+        H = energy_hessian(here)
+    except (SingularError, np.linalg.LinAlgError):
+        return 0.0
+    even = (H + H.T) / 2
+    if np.abs(H - even).max() <= _SYMMETRIC * np.abs(H).max():
+        return float(np.linalg.eigvalsh(even)[0])
+    return float(np.linalg.eigvals(H).real.min())
+
+
+def energy_hessian(here: Linearised) -> Array:
+    """Return the scaled Hessian in the strains of all stages (n, n), base to tip.
+
+    The inverse of it is part of that of the equations' Jacobian.
+    """
+    of = here.system.of
+    places, n = np.ravel(of.stages), of.stages.size
+    unit = np.zeros((of.n_states, n), order="F")
+    unit[places, np.arange(n)] = 1.0
+    weight, stiff = _scales(here.system)
+    reduced = np.linalg.inv(here.solve(unit)[places])
+    return np.asarray(reduced * np.sqrt(weight / stiff)[:, None] / np.sqrt(weight * stiff))
+
+
+def _scales(system: System) -> tuple[Array, Array]:
+    """Return the weight of each strain's stage, and the stiffness of the body at rest there."""
+    m = system.of.form.stages
+    weight = np.outer(np.diff(system.mesh.s), gauss(m).b).ravel()
+    body = stations(system.arm, system.s, np.repeat(system.mesh.active, m)).body
+    stiff = _at_rest(system.of.form.law, body_numbers(system.arm, system.scene, body))
+    return np.repeat(weight, stiff.shape[0]), stiff.ravel("F")
+
+
+def _at_rest(law: CrossSection, numbers: Array) -> Array:
+    """Return the stiffness (strains, N) of the body against each strain at rest."""
+    EA, EJ, GI, GA = numbers
+    bends = [(GI, EJ, EJ)[k] for k in moments(law)]
+    return np.array([*bends, *[EA] * law.extension, *[GA, GA] * law.shear])

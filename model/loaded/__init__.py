@@ -1,1 +1,0 @@
-"""Arms under loads: a boundary value problem by multiple shooting from tip to base."""

@@ -1,0 +1,168 @@
+"""What a scene's loads are at given arc lengths of an arm: numbers."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from model.arm import Arm
+from model.effects import (
+    Buoyancy,
+    Current,
+    Extension,
+    Friction,
+    PointLoad,
+    Shear,
+    TipLoad,
+    Weight,
+)
+from model.errors import InputError
+from model.paths import Array
+from model.scene import Scene
+
+_LOADS = (Current, Friction, PointLoad, Shear, TipLoad, Weight)
+# The steepest growth per length that a mesh follows [1/m], whatever the loads.
+_STEEPEST = 1e80
+# Of a step of 1/400 of a tendon's length: its crossing is found to rounding.
+_HALVINGS = 50
+_GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(6)
+
+
+@lru_cache(maxsize=256)
+def is_loaded(scene: Scene) -> bool:
+    """Return whether a scene has effects that couple cross-sections, or twist them.
+
+    In all other scenes each cross-section settles by itself.
+    """
+    return any(scene.has(kind) for kind in _LOADS)
+
+
+@lru_cache(maxsize=256)
+def check_loads(arm: Arm, scene: Scene) -> None:
+    """Raise InputError for loads that this arm cannot have."""
+    for load in point_loads(scene):
+        if load.s > arm.length * (1 + 1e-12):
+            raise InputError("PointLoad.s", load.s, f"from 0 to the arm's length, {arm.length:g} m")
+    friction = scene.find(Friction)
+    if friction:
+        directions(arm, friction)
+
+
+def point_loads(scene: Scene) -> list[PointLoad]:
+    """Return the scene's point loads."""
+    return [effect for effect in scene.effects if isinstance(effect, PointLoad)]
+
+
+def directions(arm: Arm, friction: Friction) -> tuple[int, ...]:
+    """Return the way each tendon slides, 1 in and -1 out; InputError for a wrong number of them."""
+    if isinstance(friction.direction, int):
+        return (friction.direction,) * arm.n_tendons
+    if len(friction.direction) != arm.n_tendons:
+        allowed = f"one number, or one for each of {arm.n_tendons} tendons"
+        raise InputError("Friction.direction", friction.direction, allowed)
+    return friction.direction
+
+
+def places(arm: Arm, scene: Scene) -> tuple[float, ...]:
+    """Return the arc lengths inside of the arm that loads want as nodes of the mesh [m].
+
+    Where a point load acts; and where a tendon with friction crosses the midline, as it turns the
+    other way from there on and its tension has a kink.
+    """
+    acts = [load.s for load in point_loads(scene) if 0 < load.s < arm.length]
+    if scene.has(Friction):
+        acts += _crossings(arm, [*acts, *(section.at for section in arm.sections)])
+    return tuple(acts)
+
+
+def growth(arm: Arm, scene: Scene, s: Array) -> Array:
+    """Return how fast solutions of the bent arm may grow or decay at s (N,), per length [1/m].
+
+    (F / EJ)^(1/2) under a force F, of which a bound is taken.
+    """
+    R, force = arm.radius.evaluate(s, arm.length)[0], _heaviest(arm, scene, s)
+    EA = arm.material.E * np.pi * R**2
+    longer = 1 + force / EA * scene.has(Extension)
+    return np.asarray(np.minimum(longer * np.sqrt(force / (EA * R**2 / 4)), _STEEPEST))
+
+
+def beyond(arm: Arm, scene: Scene, s: Array, end: Array) -> Array:
+    """Return the resultant (3, N) of all dead forces beyond arc lengths s (N,) [N], base frame.
+
+    Of point loads those at `end` (N,) or farther: the far nodes of the elements that s lie in.
+    """
+    tip = scene.find(TipLoad)
+    force = np.outer(heaviness(arm, scene), volume(arm, s))
+    if tip and not tip.follower:
+        force += np.array(tip.force)[:, None]
+    for load in point_loads(scene):
+        force += np.outer(load.force, load.s >= end - 1e-9 * arm.length)
+    return np.asarray(force)
+
+
+def heaviness(arm: Arm, scene: Scene) -> Array:
+    """Return the weight of a volume of the body, less that of the fluid displaced [N/m3]."""
+    weight, fluid = scene.find(Weight), scene.find(Buoyancy)
+    if weight is None:
+        return np.zeros(3)
+    return (arm.material.density - (fluid.density if fluid else 0.0)) * np.array(weight.g)
+
+
+def volume(arm: Arm, s: Array) -> Array:
+    """Return the volume of the body between arc lengths s (N,) and the tip [m3].
+
+    By Gauss quadrature between the arc lengths and the radius path's knots, which is exact for
+    radii that are polynomials up to the fifth degree in between.
+    """
+    ends = np.unique(np.concatenate([[0.0, arm.length], s, arm.radius.knots()]))
+    ends = ends[(ends >= 0) & (ends <= arm.length)]
+    h = np.diff(ends)
+    nodes = (ends[:-1] + h / 2)[:, None] + h[:, None] / 2 * _GAUSS
+    area = np.pi * arm.radius.evaluate(nodes.ravel(), arm.length)[0].reshape(nodes.shape) ** 2
+    parts = h / 2 * (area @ _WEIGHTS)
+    rest = np.concatenate([np.cumsum(parts[::-1])[::-1], [0.0]])
+    return np.asarray(rest[np.searchsorted(ends, np.clip(s, 0.0, arm.length))])
+
+
+def _crossings(arm: Arm, others: list[float]) -> list[float]:
+    """Return the arc lengths where tendons cross the midline, found by bisection [m].
+
+    Each once, and none at the places of others.
+    """
+    found: list[float] = []
+    for section in arm.sections:
+        s = np.linspace(0.0, section.at, 401)
+        y = section.offset.evaluate(s, section.at)[0]
+        for i in np.flatnonzero(y[:-1] * y[1:] < 0):
+            low, high = float(s[i]), float(s[i + 1])
+            for _ in range(_HALVINGS):
+                middle = (low + high) / 2
+                same = section.offset.evaluate(np.array([middle]), section.at)[0][0] * y[i] > 0
+                low, high = (middle, high) if same else (low, middle)
+            found.append((low + high) / 2)
+        found += s[1:-1][y[1:-1] == 0].tolist() if y.any() else []
+    kept: list[float] = []
+    for place in sorted(found):
+        if all(abs(place - other) > 1e-9 * arm.length for other in [*others, *kept]):
+            kept.append(place)
+    return kept
+
+
+def _heaviest(arm: Arm, scene: Scene, s: Array) -> Array:
+    """Return a bound of the force beyond s (N,) [N]; capped for loads out of this world."""
+    tip, current = scene.find(TipLoad), scene.find(Current)
+    force = _size(heaviness(arm, scene)) * volume(arm, s)
+    force += _size(tip.force) if tip else 0.0
+    for load in point_loads(scene):
+        force += _size(load.force) * (s <= load.s)
+    if current:
+        R = arm.radius.evaluate(s, arm.length)[0].max()
+        drag = min(current.density * current.coefficient * R, _STEEPEST)
+        force += drag * _size(current.velocity) ** 2 * (arm.length - s)
+    return np.asarray(force)
+
+
+def _size(vector: Any) -> float:
+    return float(np.linalg.norm(np.clip(vector, -_STEEPEST, _STEEPEST)))

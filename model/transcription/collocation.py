@@ -1,0 +1,103 @@
+"""Gauss collocation: tableaus, and the rotation across a part of an element.
+
+The curvature kappa(x) is the polynomial through the stages, x = (s - s_k) / h in [0, 1]. The
+rotation is the exponential of a truncated Magnus expansion; the frame turns in itself,
+R' = R kappa, so brackets are those of the textbook's Y' = A Y with the sign changed.
+Sources: Hairer, Lubich, Wanner, "Geometric Numerical Integration" (2006), II.1.3 (Gauss methods);
+Blanes, Casas, Oteo, Ros, "The Magnus expansion and some of its applications", Physics Reports 470
+(2009), section 5 (sixth order from three Gauss nodes).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from model.paths import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Tableau:
+    """A Gauss method of m stages, of order 2 m for poses and moments at the nodes.
+
+    Attributes
+    ----------
+    c, b : (m,)
+        Nodes on [0, 1] and weights.
+    a : (m, m)
+        Integrals of the stages' Lagrange polynomials from 0 to c_i.
+    powers : (m, m)
+        Coefficient of x^p of the polynomial that is 1 at stage j and 0 at the others.
+    """
+
+    c: Array
+    b: Array
+    a: Array
+    powers: Array
+
+
+@lru_cache(maxsize=8)
+def gauss(m: int) -> Tableau:
+    """Return the Gauss method of m stages."""
+    nodes, weights = np.polynomial.legendre.leggauss(m)
+    c, b, p = (nodes + 1) / 2, weights / 2, np.arange(m)
+    powers = np.linalg.inv(np.vander(c, m, increasing=True))
+    a = c[:, None] ** (p + 1) / (p + 1) @ powers
+    return Tableau(c, b, a, np.asarray(powers, dtype=float))
+
+
+def rotation_vectors(kappa: list[ca.SX], h: ca.SX) -> list[ca.SX]:
+    """Return the rotation vectors (3,) from an element's first node to each stage, and to its last.
+
+    To the stages the integral and its first bracket (the polynomial's coefficients k_p),
+
+        h sum_j a_ij kappa_j + h^2 sum_{p<q} c_i^(p+q+2) (p-q) / (2 (p+1)(q+1)(p+q+2)) [k_p, k_q],
+
+    which keeps the order of the nodes; to the last node the expansion of order 2 m, six at most.
+    """
+    m = len(kappa)
+    method = gauss(m)
+    k = [_sum(method.powers[p], kappa) for p in range(m)]
+    pairs = [(p, q) for p in range(m) for q in range(p + 1, m)]
+    brackets = {(p, q): _bracket(k[p], k[q]) for p, q in pairs}
+    found = []
+    for c, row in zip(method.c, method.a, strict=True):
+        turn = h * _sum(row, kappa)
+        for (p, q), bracket in brackets.items():
+            share = (p - q) / (2 * (p + 1) * (q + 1) * (p + q + 2))
+            turn += h**2 * float(c ** (p + q + 2)) * share * bracket
+        found.append(turn)
+    return [*found, _across(kappa, h)]
+
+
+def _across(kappa: list[ca.SX], h: ca.SX) -> ca.SX:
+    """Return the rotation vector (3,) across an element."""
+    if len(kappa) == 1:
+        single: ca.SX = h * kappa[0]
+        return single
+    if len(kappa) == 2:
+        first, last = kappa
+        pair: ca.SX = h / 2 * (first + last) - h**2 * np.sqrt(3) / 12 * _bracket(first, last)
+        return pair
+    first, middle, last = kappa
+    A, B = h * middle, h * np.sqrt(15) / 3 * (last - first)
+    C = h * 10 / 3 * (first - 2 * middle + last)
+    AB = _bracket(A, B)
+    outer = B - _bracket(A, 2 * C + AB) / 60
+    return A + C / 12 + _bracket(-20 * A - C + AB, outer) / 240
+
+
+def _bracket(a: ca.SX, b: ca.SX) -> ca.SX:
+    """Return the bracket of rotations of a frame that turns in itself."""
+    return ca.cross(b, a)
+
+
+def _sum(weights: Array, values: list[ca.SX]) -> ca.SX:
+    """Return the sum of values by weights."""
+    total = ca.SX.zeros(3)
+    for weight, value in zip(weights.tolist(), values, strict=True):
+        total += weight * value
+    return total

@@ -1,0 +1,228 @@
+"""The kernels: one element, one cross-section, one tendon in it, the clamp and the tip.
+
+Between two nodes of the mesh, with kappa_i, nu_i the strains at the Gauss stages and a, b, c the
+tableau (model.transcription.collocation), the tip-to-base equations are
+
+    R_i = R_k exp(rotation to stage i)                 R_{k+1} = R_k exp(rotation across)
+    u_{k+1} = u_k + h sum_j b_j R_j nu_j               (u' = nu, eq. (1))
+    F_k = F_{k+1} + h sum_j b_j f_j                    (F' = -f)
+    M_k = M_{k+1} + h sum_j b_j (R_j nu_j) x F_j       (M' = -u' x F, eq. (3))
+    body(v_i) + sum T tendon(v_i) = (R_i^T M_i, R_i^T F_i)
+
+with F_i, M_i at the stages by b_j - a_ij in place of b_j. Poses are known at the base, forces and
+moments at the tip. Dead loads enter by their resultant beyond each stage, whose integral is known.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+
+from model.cross_section.law import CrossSection, join, size
+from model.paths import Array
+from model.rotations import half_turn, multiply, unit_matrix
+from model.transcription.collocation import gauss, rotation_vectors
+from model.transcription.terms import Kernel
+
+# Under the root of a stream's speed, which may vanish.
+_TINY = 1e-30
+
+
+@dataclass(frozen=True)
+class Form:
+    """What the kernels depend on besides numbers.
+
+    Attributes
+    ----------
+    law : CrossSection
+    stages : int
+        Of each element.
+    loaded : bool
+        Whether forces and moments act on the arm, so that moments are unknowns at the nodes.
+    current : bool
+        Whether a stream does.
+    follower : bool
+        Whether what acts on the tip follows it.
+    friction : bool
+        Whether tensions fall along the tendons.
+    """
+
+    law: CrossSection
+    stages: int
+    loaded: bool = True
+    current: bool = False
+    follower: bool = False
+    friction: bool = False
+
+    @property
+    def moving(self) -> bool:
+        """Whether some of the force depends on the shape, so that it is unknown at the nodes."""
+        return self.current or self.follower
+
+    @property
+    def wrench(self) -> int:
+        """Size of the forces and moments at a node."""
+        return 3 * self.loaded + 3 * self.moving
+
+    @property
+    def strains(self) -> int:
+        """Number of strains of a cross-section."""
+        return size(self.law)
+
+
+class ElementSymbols:
+    """Unknowns and numbers of one element.
+
+    Unknowns: load factor, (q, M, F) at both nodes, u at both, strains at the stages. Numbers: h,
+    a dead force (3,) and a moment (3,) beyond the last node that are no part of the loads, then by
+    stage the dead resultant (3,), and with a current its drag, and once its velocity (3,); with
+    friction the dead load per length (3,) by stage.
+    """
+
+    def __init__(self, form: Form) -> None:
+        m, n = form.stages, form.strains
+        self.load = ca.SX.sym("load", int(form.loaded))
+        self.q, self.q_next = ca.SX.sym("q", 4), ca.SX.sym("q_next", 4)
+        self.u, self.u_next = ca.SX.sym("u", 3), ca.SX.sym("u_next", 3)
+        self.w, self.w_next = ca.SX.sym("w", form.wrench), ca.SX.sym("w_next", form.wrench)
+        z = ca.SX.sym("v", n * (1 + form.friction), m)
+        self.v = z[:n, :]
+        parts = (self.load, self.q, self.u, self.w, ca.vec(z))
+        self.unknowns = ca.vertcat(*parts, self.q_next, self.u_next, self.w_next)
+        self.h = ca.SX.sym("h")
+        self.force, self.moment = (ca.SX.sym(name, 3 * form.loaded) for name in ("force", "moment"))
+        self.dead = ca.SX.sym("dead", 3 * form.loaded, m)
+        self.drag = ca.SX.sym("drag", m * form.current)
+        self.velocity = ca.SX.sym("velocity", 3 * form.current)
+        self.spread = ca.SX.sym("spread", 3 * form.friction, m)
+        loads = (self.force, self.moment, ca.vec(self.dead), self.drag, self.velocity)
+        self.numbers = ca.vertcat(self.h, *loads, ca.vec(self.spread))
+
+
+@lru_cache(maxsize=64)
+def element(form: Form) -> Kernel:
+    """Return the kernel of an element.
+
+    Rows: what vanishes of M_k, of F_k, less the local wrench at the stages (with friction each
+    followed by its derivative along s), q_{k+1}, u_{k+1}.
+    """
+    x, law, method = ElementSymbols(form), form.law, gauss(form.stages)
+    twists = [law.twist(v) for v in ca.horzsplit(x.v)]
+    *turns, across = rotation_vectors([kappa for kappa, _ in twists], x.h)
+    R = [unit_matrix(multiply(x.q, half_turn(turn))) for turn in turns]
+    along = [frame @ nu for frame, (_, nu) in zip(R, twists, strict=True)]
+    rows = [
+        x.q_next - multiply(x.q, half_turn(across)),
+        x.u_next - x.u - x.h * _sum(method.b, along),
+    ]
+    if form.loaded:
+        F, f, at_node = _forces(x, form, R, twists, along)
+        levers = [ca.cross(t, f) for t, f in zip(along, F, strict=True)]
+        beyond = x.w_next[:3] + x.moment
+        at_node.insert(0, x.w[:3] - beyond - x.h * _sum(method.b, levers))
+        M = [beyond + x.h * _sum(method.b - row, levers) for row in method.a]
+        local = [(frame.T @ m, frame.T @ f) for frame, m, f in zip(R, M, F, strict=True)]
+        stages = [-join(law, m, force[0], force[1:]) for m, force in local]
+        if form.friction:
+            spread = [frame.T @ load for frame, load in zip(R, f, strict=True)]
+            rates = [_rate(law, *part) for part in zip(twists, local, spread, strict=True)]
+            stages = [row for pair in zip(stages, rates, strict=True) for row in pair]
+        rows = [*at_node, *stages, *rows]
+    else:
+        rows = [ca.SX.zeros(x.v.numel()), *rows]
+    return Kernel("element", x.unknowns, x.numbers, ca.vertcat(*rows))
+
+
+def _forces(
+    x: ElementSymbols,
+    form: Form,
+    R: list[ca.SX],
+    twists: list[tuple[ca.SX, ca.SX]],
+    along: list[ca.SX],
+) -> tuple[list[ca.SX], list[ca.SX], list[ca.SX]]:
+    """Return the forces beyond each stage, the loads per length there, and what vanishes of F_k."""
+    method = gauss(form.stages)
+    F = [x.load * dead + x.force for dead in ca.horzsplit(x.dead)]
+    spread = [x.load * load for load in ca.horzsplit(x.spread)] if form.friction else []
+    f = [ca.SX.zeros(3)] * form.stages
+    if form.current:
+        drags = zip(R, twists, ca.vertsplit(x.drag), strict=True)
+        f = [x.load * _drag(frame[:, 0], nu, drag, x.velocity) for frame, (_, nu), drag in drags]
+    total = [a + b for a, b in zip(f, spread, strict=True)] if spread else f
+    if not form.moving:
+        return F, total, []
+    beyond = x.w_next[3:]
+    F = [
+        dead + beyond + x.h * _sum(method.b - row, f) for dead, row in zip(F, method.a, strict=True)
+    ]
+    return F, total, [x.w[3:] - beyond - x.h * _sum(method.b, f)]
+
+
+def _rate(
+    law: CrossSection, twist: tuple[ca.SX, ca.SX], local: tuple[ca.SX, ca.SX], load: ca.SX
+) -> ca.SX:
+    """Return less the derivative along s of the local wrench."""
+    (kappa, nu), (moment, force) = twist, local
+    pull = ca.cross(kappa, force) + load
+    return join(law, ca.cross(kappa, moment) + ca.cross(nu, force), pull[0], pull[1:])
+
+
+def _drag(t: ca.SX, nu: ca.SX, drag: ca.SX, velocity: ca.SX) -> ca.SX:
+    """Return the drag per unit reference length in the base frame (3,) [N/m]; see Current."""
+    across = velocity - t * ca.dot(t, velocity)
+    return drag * nu[0] * ca.sqrt(ca.sumsqr(across) + _TINY) * across
+
+
+def _sum(weights: Array, values: list[ca.SX]) -> ca.SX:
+    total = ca.SX.zeros(3)
+    for weight, value in zip(weights.tolist(), values, strict=True):
+        total += weight * value
+    return total
+
+
+@lru_cache(maxsize=64)
+def body(law: CrossSection) -> Kernel:
+    """Return the kernel of the body of a cross-section: strains; EA, EJ, GI, GA -> wrench."""
+    v, numbers = ca.SX.sym("v", size(law)), ca.SX.sym("body", 4)
+    return Kernel("body", v, numbers, law.body(v, numbers))
+
+
+@lru_cache(maxsize=64)
+def tendon(law: CrossSection) -> Kernel:
+    """Return the kernel of a tendon in a cross-section: tension, strains; its path -> wrench."""
+    T, v, path = ca.SX.sym("T"), ca.SX.sym("v", size(law)), ca.SX.sym("path", 4)
+    return Kernel("tendon", ca.vertcat(T, v), path, T * law.tendon(v, path))
+
+
+@lru_cache(maxsize=64)
+def run(law: CrossSection) -> Kernel:
+    """Return the kernel of a tendon's length: strains; its path, a weight -> weight |u_c'|."""
+    v, numbers = ca.SX.sym("v", size(law)), ca.SX.sym("numbers", 5)
+    length = ca.norm_2(law.run(v, numbers[:4]))
+    return Kernel("run", v, numbers, numbers[4] * length)
+
+
+@lru_cache(maxsize=1)
+def clamp() -> Kernel:
+    """Return the kernel of the base: pose there; that of the clamp -> their difference."""
+    g, clamped = ca.SX.sym("g", 7), ca.SX.sym("clamped", 7)
+    return Kernel("clamp", g, clamped, g - clamped)
+
+
+@lru_cache(maxsize=8)
+def tip(form: Form) -> Kernel:
+    """Return the kernel of the tip: load factor, q, M, F there -> what vanishes of M and F.
+
+    Numbers: moment and force (6,) of the loads, and a further moment (3,) that is no part of them.
+    Dead forces are part of the elements' resultants.
+    """
+    load, q, w = ca.SX.sym("load"), ca.SX.sym("q", 4), ca.SX.sym("w", form.wrench)
+    moment, force, further = (ca.SX.sym(name, 3) for name in ("moment", "force", "further"))
+    turned = [unit_matrix(q) @ part if form.follower else part for part in (moment, force)]
+    rows = [w[:3] - load * turned[0] - further]
+    if form.moving:
+        rows.append(w[3:] - load * turned[1] * int(form.follower))
+    numbers = ca.vertcat(moment, force, further)
+    return Kernel("tip", ca.vertcat(load, q, w), numbers, ca.vertcat(*rows))

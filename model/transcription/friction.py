@@ -1,0 +1,180 @@
+"""Kernels with friction: tensions fall with the angle that a tendon has turned; see Friction.
+
+    T(s) = T(0) exp(-direction mu Theta(s))        Theta' = |d(c/|c|)/ds| in the base frame
+
+The turning of a tendon's tangent asks for the rates v' of the strains. They are unknowns of their
+own at the stages, and the derivative of the law along s is their equation:
+
+    d/ds (body(v) + sum T tendon(v)) = (-kappa x M - nu x F, -kappa x F - R^T f) in local components
+
+Where other tendons end the strains jump, and what goes on is bent sharply, by the angle between its
+tangents on both sides.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from model.cross_section.law import CrossSection, size
+from model.paths import Array
+from model.transcription.collocation import gauss
+from model.transcription.terms import Kernel
+
+# Under square roots whose argument may vanish, so that their derivatives are not NaN there.
+_TINY = 1e-30
+
+
+@lru_cache(maxsize=32)
+def body_rates(law: CrossSection) -> Kernel:
+    """Return the kernel of the body and of its derivative along s.
+
+    Strains, rates; body numbers, their rates -> wrench, wrench rate.
+    """
+    v, rate = ca.SX.sym("v", size(law)), ca.SX.sym("rate", size(law))
+    numbers, change = ca.SX.sym("body", 4), ca.SX.sym("change", 4)
+    wrench = law.body(v, numbers)
+    along = ca.jtimes(wrench, v, rate) + ca.jtimes(wrench, numbers, change)
+    rows = ca.vertcat(wrench, along)
+    return Kernel("body_rates", ca.vertcat(v, rate), ca.vertcat(numbers, change), rows)
+
+
+@dataclass(frozen=True, eq=False)
+class TendonSymbols:
+    """Unknowns and numbers of one tendon in one element.
+
+    Unknowns: load factor, tension at the motor, Theta at both nodes, strains and rates by stage.
+    Numbers: h, direction times mu, cosine and sine of the angle, y, y', y'' at the stages.
+    """
+
+    unknowns: ca.SX
+    numbers: ca.SX
+    load: ca.SX
+    tension: ca.SX
+    before: ca.SX
+    after: ca.SX
+    v: ca.SX
+    rate: ca.SX
+    h: ca.SX
+    mu: ca.SX
+    paths: list[ca.SX]
+    changes: list[ca.SX]
+
+    @classmethod
+    def of(cls, law: CrossSection, m: int) -> TendonSymbols:
+        """Return the symbols for a law and m stages."""
+        load, T, before, after = (ca.SX.sym(name) for name in ("load", "T", "before", "after"))
+        z = ca.SX.sym("z", 2 * size(law), m)
+        h, mu, cos, sin = (ca.SX.sym(name) for name in ("h", "mu", "cos", "sin"))
+        y = ca.SX.sym("y", 3, m)
+        still = ca.vertcat(cos, sin)
+        return cls(
+            ca.vertcat(load, T, before, after, ca.vec(z)),
+            ca.vertcat(h, mu, still, ca.vec(y)),
+            *(load, T, before, after),
+            *(z[: size(law), :], z[size(law) :, :]),
+            *(h, mu),
+            [ca.vertcat(y[:2, i], still) for i in range(m)],
+            [ca.vertcat(y[1:, i], 0, 0) for i in range(m)],
+        )
+
+    def turning(self, law: CrossSection) -> list[ca.SX]:
+        """Return Theta' at the stages [rad/m]."""
+        stages = zip(
+            ca.horzsplit(self.v), ca.horzsplit(self.rate), self.paths, self.changes, strict=True
+        )
+        return [turning_rate(law, *stage) for stage in stages]
+
+
+def turning_rate(law: CrossSection, v: ca.SX, rate: ca.SX, path: ca.SX, change: ca.SX) -> ca.SX:
+    """Return |d(c/|c|)/ds| in the base frame of a tendon at a cross-section [rad/m]."""
+    c = law.tangent(v, path)
+    moved = ca.jtimes(c, v, rate) + ca.jtimes(c, path, change)
+    length = ca.norm_2(c)
+    unit, moved = c / length, moved / length
+    across = moved - unit * ca.dot(unit, moved) + ca.cross(law.twist(v)[0], unit)
+    return ca.sqrt(ca.sumsqr(across) + _TINY)
+
+
+@lru_cache(maxsize=32)
+def sliding_tendon(law: CrossSection, m: int) -> Kernel:
+    """Return the kernel of a tendon that slides through an element; see TendonSymbols.
+
+    Rows: by stage its wrench and the derivative of that along s; what vanishes of Theta at the far
+    node.
+    """
+    x, method = TendonSymbols.of(law, m), gauss(m)
+    turning = x.turning(law)
+    rows = []
+    for i in range(m):
+        v, path = x.v[:, i], x.paths[i]
+        turned = x.before + x.h * sum(
+            (float(a) * t for a, t in zip(method.a[i], turning, strict=True)), ca.SX(0)
+        )
+        T = x.tension * ca.exp(-x.load * x.mu * turned)
+        pull = law.tendon(v, path)
+        along = ca.jtimes(pull, v, x.rate[:, i]) + ca.jtimes(pull, path, x.changes[i])
+        rows += [T * pull, T * (along - x.load * x.mu * turning[i] * pull)]
+    across = sum((float(b) * t for b, t in zip(method.b, turning, strict=True)), ca.SX(0))
+    rows.append(x.after - x.before - x.h * across)
+    return Kernel("sliding_tendon", x.unknowns, x.numbers, ca.vertcat(*rows))
+
+
+@lru_cache(maxsize=32)
+def turning_function(law: CrossSection, m: int) -> ca.Function:
+    """Return (unknowns, numbers) -> Theta' at the stages (m,); see TendonSymbols."""
+    x = TendonSymbols.of(law, m)
+    return ca.Function("turning", [x.unknowns, x.numbers], [ca.vertcat(*x.turning(law))])
+
+
+@lru_cache(maxsize=32)
+def kink(law: CrossSection, m: int) -> Kernel:
+    """Return the kernel of a tendon's kink between two elements: by how much Theta grows there.
+
+    Unknowns: strains and rates by stage of the element before and of that beyond. Numbers: h of
+    both, the tendon's path at the node. Strains at the node are those of the polynomials through
+    strains and rates.
+    """
+    n = size(law)
+    before, beyond = ca.SX.sym("before", 2 * n, m), ca.SX.sym("beyond", 2 * n, m)
+    h, path = ca.SX.sym("h", 2), ca.SX.sym("path", 4)
+    ends = ((before, h[0], 1.0), (beyond, h[1], 0.0))
+    units = []
+    for z, length, x in ends:
+        value, slope = hermite(m, x)
+        c = law.tangent(z[:n, :] @ ca.DM(value) + length * (z[n:, :] @ ca.DM(slope)), path)
+        units.append(c / ca.norm_2(c))
+    half = ca.fmin(ca.sqrt(ca.sumsqr(units[0] - units[1]) + _TINY) / 2, 1)
+    y = ca.vertcat(ca.vec(before), ca.vec(beyond))
+    return Kernel("kink", y, ca.vertcat(h, path), -2 * ca.asin(half))
+
+
+@lru_cache(maxsize=1)
+def motor() -> Kernel:
+    """Return the kernel of a tendon at its motor, where it has not turned yet: Theta = 0."""
+    turned = ca.SX.sym("turned")
+    return Kernel("motor", turned, ca.SX(0, 1), turned)
+
+
+@lru_cache(maxsize=1)
+def idle_tendon() -> Kernel:
+    """Return the kernel of a tendon beyond its end: it turns no further there."""
+    before, after = ca.SX.sym("before"), ca.SX.sym("after")
+    return Kernel("idle_tendon", ca.vertcat(before, after), ca.SX(0, 1), after - before)
+
+
+@lru_cache(maxsize=16)
+def hermite(m: int, x: float, derivative: int = 0) -> tuple[Array, Array]:
+    """Return the weights (m,) of values and of slopes at the Gauss nodes for the value at x.
+
+    Or for the derivative there.
+    """
+    c, p = gauss(m).c, np.arange(2 * m)
+    values = c[:, None] ** p
+    slopes = p * c[:, None] ** np.maximum(p - 1, 0)
+    wanted = p * x ** np.maximum(p - 1, 0) if derivative else x**p
+    weights = np.linalg.solve(np.vstack([values, slopes]).T, wanted)
+    return weights[:m], weights[m:]

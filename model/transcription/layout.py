@@ -1,0 +1,201 @@
+"""Where unknowns and equations of an arm's elements, anchorages and ends have their places.
+
+The unknowns are the tensions, the load factor, then from base to tip each node and the stages of
+the element beyond it. A node has its pose q (4,), u (3,), moment M (3,), force F (3,), and with
+friction the angle Theta that each tendon has turned; a stage has its strains, and with friction
+their rates; as far as the form has them. Equations and states stand in the same order, so that the
+Jacobian is a narrow band.
+At an anchorage pose, moment and force are those of one node, and the tendons that cross change:
+that is the interface condition between segments, across which the strains jump.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.transcription.element import Form, body, clamp, element, run, tendon, tip
+from model.transcription.friction import body_rates, idle_tendon, kink, motor, sliding_tendon
+from model.transcription.terms import Equations, Places, Term
+
+POSE = 7
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The structure of an arm's equations on a mesh; numbers are no part of it.
+
+    Attributes
+    ----------
+    form : Form
+    ends : (n_tendons,)
+        The element, counted from 1 at the base, at whose far node each tendon ends.
+    elements : int
+        N.
+    """
+
+    form: Form
+    ends: tuple[int, ...]
+    elements: int
+
+    @property
+    def n_tendons(self) -> int:
+        """The number of tendons."""
+        return len(self.ends)
+
+    @property
+    def first(self) -> int:
+        """Place of the first state, behind the tensions and the load factor."""
+        return self.n_tendons + 1
+
+    @property
+    def node_size(self) -> int:
+        """Number of unknowns of a node."""
+        return POSE + self.form.wrench + self.n_tendons * self.form.friction
+
+    @property
+    def stage_size(self) -> int:
+        """Number of unknowns of the stages of an element."""
+        return self.form.stages * self.form.strains * (1 + self.form.friction)
+
+    @property
+    def stride(self) -> int:
+        """From the place of a node to that of the next."""
+        return self.node_size + self.stage_size
+
+    @property
+    def n_states(self) -> int:
+        """Number of states, and of equations."""
+        return self.elements * self.stride + self.node_size
+
+    @property
+    def n_x(self) -> int:
+        """Number of unknowns: tensions, load factor and states."""
+        return self.first + self.n_states
+
+    @cached_property
+    def nodes(self) -> Places:
+        """Places of the nodes' unknowns among the states (N + 1, node_size)."""
+        start = np.arange(self.elements + 1) * self.stride
+        return start[:, None] + np.arange(self.node_size)
+
+    @cached_property
+    def stages(self) -> Places:
+        """Places of the strains among the states (N stages, strains), from base to tip."""
+        start = np.arange(self.elements) * self.stride + self.node_size
+        inside = np.arange(self.stage_size).reshape(self.form.stages, -1)[:, : self.form.strains]
+        return (start[:, None, None] + inside).reshape(-1, self.form.strains)
+
+    @property
+    def rates(self) -> Places:
+        """Places of the strains' rates with friction (N stages, strains); empty without it."""
+        return self.stages[:, : self.form.strains * self.form.friction] + self.form.strains
+
+    @property
+    def turned(self) -> Places:
+        """Places of the angles that tendons have turned (N + 1, n_tendons), with friction."""
+        return self.nodes[:, POSE + self.form.wrench :]
+
+    @cached_property
+    def crossings(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Stage and tendon of each crossing of a tendon through the cross-section of a stage."""
+        element_of = np.repeat(np.arange(self.elements), self.form.stages)
+        stage, number = np.nonzero(element_of[:, None] < np.array(self.ends))
+        return stage, number
+
+    @cached_property
+    def equations(self) -> Equations:
+        """The equilibrium: as many equations as states."""
+        return Equations(self.n_x, self.n_states, self._terms())
+
+    @cached_property
+    def lengths(self) -> Equations:
+        """The lengths of the tendons [m]."""
+        stage, number = self.crossings
+        term = Term(run(self.form.law), self.first + self.stages[stage].T, number[None, :])
+        return Equations(self.n_x, self.n_tendons, [term])
+
+    def _terms(self) -> list[Term]:
+        form, N, at = self.form, self.elements, self.first
+        nodes = self.nodes[:, : POSE + form.wrench]
+        load = np.full((1, N), self.n_tendons)[: int(form.loaded)]
+        own = at + np.vstack([nodes[:-1].T, self.inside])
+        unknowns = np.vstack([load, own, at + nodes[1:].T])
+        # Of a node the pose is an equation of the element before it, the wrench of that beyond.
+        rows = np.vstack([nodes[:-1, POSE:].T, self.inside, nodes[1:, :POSE].T])
+        terms = [
+            Term(clamp(), at + nodes[:1, :POSE].T, nodes[:1, :POSE].T),
+            Term(element(form), unknowns, rows),
+        ]
+        if form.loaded:
+            last = nodes[-1]
+            ends = np.concatenate([[self.n_tendons], at + last[:4], at + last[POSE:]])
+            terms.append(Term(tip(form), ends[:, None], last[POSE:, None]))
+        return terms + (self._sliding() if form.friction else self._tendons())
+
+    @cached_property
+    def inside(self) -> Places:
+        """Places of all that the stages of each element have (stage_size, N)."""
+        return (
+            np.arange(self.elements) * self.stride
+            + self.node_size
+            + np.arange(self.stage_size)[:, None]
+        )
+
+    def _tendons(self) -> list[Term]:
+        """Return the bodies and tendons of the stages, tensions the same all along."""
+        law, strains = self.form.law, self.stages.T
+        stage, number = self.crossings
+        unknowns = np.vstack([number, self.first + strains[:, stage]])
+        return [
+            Term(body(law), self.first + strains, strains),
+            Term(tendon(law), unknowns, strains[:, stage]),
+        ]
+
+    def _sliding(self) -> list[Term]:
+        """Return the bodies and tendons of the elements where tensions fall by friction."""
+        form, law, at, turned = self.form, self.form.law, self.first, self.turned
+        m, strains = form.stages, self.stages.T
+        both = np.vstack([strains, self.rates.T])
+        k, j = self.passages
+        inside = self.inside[:, k]
+        unknowns = [np.full(j.size, self.n_tendons), j, at + turned[k, j], at + turned[k + 1, j]]
+        slides = Term(
+            sliding_tendon(law, m),
+            np.vstack([*unknowns, at + inside]),
+            np.vstack([inside, turned[k + 1, j]]),
+        )
+        idle = np.nonzero(np.arange(self.elements)[:, None] >= np.array(self.ends))
+        k, j = self.kinks
+        bends = np.vstack([at + self.inside[:, k], at + self.inside[:, k + 1]])
+        # Beyond its end a tendon turns no further.
+        held = np.vstack([at + turned[idle], at + turned[idle[0] + 1, idle[1]]])
+        return [
+            Term(body_rates(law), at + both, both),
+            slides,
+            Term(kink(law, m), bends, turned[k + 1, j][None, :]),
+            Term(motor(), at + turned[:1], turned[:1]),
+            Term(idle_tendon(), held, turned[idle[0] + 1, idle[1]][None, :]),
+        ]
+
+    @cached_property
+    def passages(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Element and tendon of each passage of a tendon through an element."""
+        k, j = np.nonzero(np.arange(self.elements)[:, None] < np.array(self.ends))
+        return k, j
+
+    @cached_property
+    def kinks(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Element before an anchorage, and tendon, for each that goes on beyond one."""
+        at = np.array(sorted({end for end in self.ends if end < self.elements}), dtype=np.int64)
+        k, j = np.nonzero(at[:, None] < np.array(self.ends))
+        return at[k] - 1, j
+
+
+@lru_cache(maxsize=32)
+def layout(form: Form, ends: tuple[int, ...], elements: int) -> Layout:
+    """Return the layout of a structure, built once."""
+    return Layout(form, ends, elements)

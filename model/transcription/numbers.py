@@ -1,0 +1,118 @@
+"""The numbers that the kernels take of an arm and a scene on a mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from model.arm import Arm
+from model.cross_section.sections import body_numbers
+from model.effects import Current, Friction, TipLoad
+from model.loads import beyond, directions, heaviness
+from model.mesh import Mesh
+from model.paths import Array
+from model.rotations import from_matrix
+from model.scene import Scene
+from model.stations import Stations, sides, stations
+from model.transcription.collocation import gauss
+from model.transcription.element import Form
+from model.transcription.layout import Layout
+from model.transcription.terms import Places
+
+
+@dataclass(frozen=True, eq=False)
+class Numbers:
+    """Numbers of one arm in one scene.
+
+    Attributes
+    ----------
+    p : (n_p,)
+        Of the equations of equilibrium.
+    lengths : (n,)
+        Of the equations of the tendons' lengths.
+    s : (N stages,)
+        Arc lengths of the stages [m].
+    """
+
+    p: Array
+    lengths: Array
+    s: Array
+
+
+def numbers(arm: Arm, scene: Scene, mesh: Mesh, of: Layout) -> Numbers:
+    """Return the numbers of an arm and a scene in the order of the layout's terms."""
+    form, m = of.form, of.form.stages
+    method, h = gauss(m), np.diff(mesh.s)
+    s = (mesh.s[:-1, None] + h[:, None] * method.c).ravel()
+    at = stations(arm, s, np.repeat(mesh.active, m))
+    stage, number = of.crossings
+    of_tendon = np.array([i for i, _ in arm.tendons])
+    cos, sin = sides(arm)
+    own = of_tendon[number]
+    paths = np.stack([at.y[own, stage], at.y_rate[own, stage], cos[number], sin[number]])
+    ends = np.repeat(mesh.s[1:], m)
+    columns = [base_pose(arm), element_numbers(arm, scene, form, s, h, ends)]
+    if form.loaded:
+        load = scene.find(TipLoad)
+        wrench = [load.moment, load.force] if load else np.zeros((2, 3))
+        columns.append(np.concatenate([np.ravel(wrench), np.zeros(3)]))
+    body = body_numbers(arm, scene, at.body)
+    if form.friction:
+        k, j = of.passages
+        columns.append(np.vstack([body, body_numbers(arm, scene, at.body_rate)]))
+        columns += [sliding_numbers(arm, scene, at, h, k, j, m), _kinks(arm, mesh, of, h)]
+    else:
+        columns += [body, paths]
+    weights = (h[:, None] * method.b).ravel()[stage]
+    p = np.concatenate([np.ravel(column, "F") for column in columns])
+    return Numbers(p, np.vstack([paths, weights]).ravel("F"), s)
+
+
+def sliding_numbers(
+    arm: Arm, scene: Scene, at: Stations, h: Array, k: Places, j: Places, m: int
+) -> Array:
+    """Return the numbers (n, P) of tendons j that slide through elements k; see TendonSymbols."""
+    friction = scene.find(Friction)
+    assert friction is not None
+    cos, sin = sides(arm)
+    mu = friction.mu * np.array(directions(arm, friction))[j]
+    i, stages = np.array([i for i, _ in arm.tendons])[j], k * m + np.arange(m)[:, None]
+    y = np.stack([at.y[i, stages], at.y_rate[i, stages], at.y_curve[i, stages]], axis=1)
+    return np.vstack([h[k], mu, cos[j], sin[j], y.reshape(3 * m, -1)])
+
+
+def _kinks(arm: Arm, mesh: Mesh, of: Layout, h: Array) -> Array:
+    """Return the numbers (6, P) of the kinks of tendons that go on beyond anchorages."""
+    (k, j), (cos, sin) = of.kinks, sides(arm)
+    i = np.array([i for i, _ in arm.tendons])[j]
+    at = stations(arm, mesh.s[k + 1], mesh.active[k + 1])
+    P = np.arange(k.size)
+    return np.vstack([h[k], h[k + 1], at.y[i, P], at.y_rate[i, P], cos[j], sin[j]])
+
+
+def base_pose(arm: Arm) -> Array:
+    """Return the clamped pose (7,) of the arm's base."""
+    return np.concatenate([from_matrix(np.array(arm.base_frame)), arm.base_position])
+
+
+def element_numbers(arm: Arm, scene: Scene, form: Form, s: Array, h: Array, end: Array) -> Array:
+    """Return the numbers (n, N) of elements of lengths h (N,); see ElementSymbols.
+
+    Their stages are at s (N stages,), in elements that reach as far as `end` (N stages,).
+    """
+    N, m = h.size, form.stages
+    rows = [h[None, :]]
+    if form.loaded:
+        dead = beyond(arm, scene, s, end)
+        rows += [np.zeros((6, N)), dead.reshape(3, N, m).transpose(2, 0, 1).reshape(-1, N)]
+    current = scene.find(Current)
+    if form.current and current:
+        R = arm.radius.evaluate(s, arm.length)[0]
+        drag = current.density * current.coefficient * R
+        rows += [drag.reshape(N, m).T, np.repeat(np.array(current.velocity)[:, None], N, axis=1)]
+    if form.friction:
+        area = np.pi * arm.radius.evaluate(s, arm.length)[0] ** 2
+        spread = np.outer(heaviness(arm, scene), area)
+        rows.append(spread.reshape(3, N, m).transpose(2, 0, 1).reshape(-1, N))
+    return np.vstack(rows)

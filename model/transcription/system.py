@@ -1,0 +1,235 @@
+"""The equilibrium of one arm in one scene on one mesh: its equations as numbers.
+
+States S are an arm's unknowns but for tensions and load factor; see model.transcription.layout.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property, lru_cache, partial
+
+import casadi as ca
+import numpy as np
+
+from model.arm import Arm
+from model.cross_section import cross_section_of
+from model.effects import Current, Friction, TipLoad
+from model.loads import directions, growth, is_loaded, places
+from model.machine.buffered import Buffered
+from model.mesh import Mesh, graded
+from model.paths import Array
+from model.scene import Scene
+from model.transcription.collocation import gauss
+from model.transcription.element import Form, element
+from model.transcription.friction import turning_function
+from model.transcription.layout import POSE, Layout, layout
+from model.transcription.numbers import base_pose, numbers
+from model.transcription.terms import Places
+
+
+@lru_cache(maxsize=256)
+def form_of(scene: Scene, stages: int, loaded: bool = True) -> Form:
+    """Return the form of a scene's equations by elements of so many stages."""
+    load = scene.find(TipLoad)
+    return Form(
+        cross_section_of(scene, torsion=loaded),
+        stages,
+        loaded,
+        scene.has(Current),
+        load is not None and load.follower,
+        scene.has(Friction),
+    )
+
+
+class System:
+    """The equations of an arm in a scene on a mesh.
+
+    Attributes
+    ----------
+    mesh : Mesh
+    of : Layout
+    p : (n_p,)
+        Numbers of the equations.
+    length_numbers : (n,)
+        Numbers of the tendons' lengths.
+    s : (N stages,)
+        Arc lengths of the stages [m].
+    """
+
+    def __init__(
+        self, arm: Arm, scene: Scene, mesh: Mesh, stages: int, loaded: bool = True
+    ) -> None:
+        self.arm, self.scene, self.mesh = arm, scene, mesh
+        self.of = structure(arm, scene, mesh, stages, loaded)
+        found = numbers(arm, scene, mesh, self.of)
+        self.p, self.s, self.length_numbers = found.p, found.s, found.lengths
+        self._calls = _calls(self.of)
+
+    def x(self, tensions: Array, load: float, states: Array) -> Array:
+        """Return all unknowns: tensions (n_tendons,), load factor, states."""
+        return np.concatenate([tensions, [load], states])
+
+    def residual(self, x: Array) -> Array:
+        """Return what vanishes at equilibrium (n_states,)."""
+        return np.asarray(self._calls.value(x, self.p)[0][0])
+
+    def jacobian(self, x: Array) -> tuple[Array, Array]:
+        """Return residuals, and the nonzeros of their Jacobian in the places of `pattern`."""
+        return self.residual(x), np.asarray(self._calls.jacobian(x, self.p)[0][0])
+
+    def hessian(self, x: Array, multipliers: Array) -> Array:
+        """Return the nonzeros of the Hessian of multipliers . residuals, see Equations.hessian."""
+        return np.asarray(self._calls.hessian(x, self.p, multipliers)[0][0])
+
+    def lengths(self, x: Array) -> Array:
+        """Return the length of each tendon (n_tendons,) [m]."""
+        return np.array(self.of.lengths.value(x, self.length_numbers)).ravel()
+
+    def length_slopes(self, x: Array) -> Array:
+        """Return the derivatives of the lengths against the states (n_tendons, n_states)."""
+        function, places = self.of.lengths.jacobian
+        slopes = ca.DM(places, function(x, self.length_numbers))
+        return np.array(ca.densify(slopes))[:, self.of.first :]
+
+    def by_wrench(self, x: Array, node: int) -> Array:
+        """Return how residuals change with a dead force and moment at a node (n_states, 6).
+
+        They enter as numbers of the elements on its base side and of the node beyond the last one.
+        """
+        still, found = self.residual(x), []
+        for component in range(6):
+            p = self.p.copy()
+            elements = p[self.of.equations.numbers_of("element")].reshape(self.mesh.steps, -1)
+            if component < 3:
+                elements[:node, 1 + component] += 1.0
+            elif node < self.mesh.steps:
+                elements[node - 1, 1 + component] += 1.0
+            else:
+                p[self.of.equations.numbers_of("tip")][3 + component] += 1.0
+            found.append(self._calls.value(x, p)[0][0] - still)
+        return np.stack(found, axis=1)
+
+    def poses(self, states: Array) -> Array:
+        """Return the poses at the nodes (N + 1, 7), from base to tip."""
+        return states[self.of.nodes[:, :POSE]]
+
+    def pulls(self, x: Array, s: Array, place: Places, tendon: Places) -> Array:
+        """Return the tensions (P,) of tendons where they cross arc lengths s[place]."""
+        T = x[tendon]
+        if not self.of.form.friction:
+            return np.asarray(T)
+        m, (k, j) = self.of.form.stages, self.of.passages
+        h, at = np.diff(self.mesh.s), self.of.first + self.of.turned
+        inside = self.of.inside[:, k] + self.of.first
+        y = np.vstack(
+            [np.full(k.size, x[self.of.n_tendons]), x[j], x[at[k, j]], x[at[k + 1, j]], x[inside]]
+        )
+        numbers = self.p[self.of.equations.numbers_of("sliding_tendon")].reshape(k.size, -1).T
+        rates = np.zeros((self.mesh.steps, self.of.n_tendons, m))
+        rates[k, j] = np.array(turning_function(self.of.form.law, m).map(k.size)(y, numbers)).T
+        element = np.clip(np.searchsorted(self.mesh.s, s[place]) - 1, 0, self.mesh.steps - 1)
+        share = (s[place] - self.mesh.s[element]) / h[element]
+        powers = np.arange(1, m + 1)
+        weights = share[:, None] ** powers / powers @ gauss(m).powers
+        turned = x[at[element, tendon]] + h[element] * (weights * rates[element, tendon]).sum(
+            axis=1
+        )
+        return np.asarray(T * np.exp(-x[self.of.n_tendons] * self.mu[tendon] * turned))
+
+    @property
+    def mu(self) -> Array:
+        """Direction times coefficient of friction of each tendon (n_tendons,)."""
+        friction = self.scene.find(Friction)
+        assert friction is not None
+        return np.asarray(friction.mu * np.array(directions(self.arm, friction)))
+
+    def kink_angles(self, x: Array) -> Array:
+        """Return the angle by which each tendon turns at each kink, with a minus (P,) [rad]."""
+        of = self.of
+        (term,) = (term for term in of.equations.terms if term.kernel.name == "kink")
+        c = self.p[of.equations.numbers_of("kink")].reshape(term.count, -1).T
+        return np.asarray(np.array(term.kernel.value.map(term.count)(x[term.unknowns], c))[0])
+
+    def strains(self, states: Array) -> Array:
+        """Return the strains at the stages (N stages, strains)."""
+        return states[self.of.stages]
+
+    def start(self, tensions: Array, strains: Array, load: float = 0.0) -> Array:
+        """Return the states of given strains at the stages (N stages, strains).
+
+        Poses follow from the base on, forces and moments from the tip on.
+        """
+        states, of = np.zeros(self.of.n_states), self.of
+        states[of.stages] = strains
+        g, N = base_pose(self.arm), self.mesh.steps
+        chain = _march(of.form).mapaccum(N)
+        found = chain(g, strains.reshape(N, -1).T, np.diff(self.mesh.s)[None, :])
+        states[of.nodes[:, :POSE]] = np.vstack([g, np.array(found).T])
+        if of.form.friction:
+            powers, m = gauss(of.form.stages).powers, of.form.stages
+            slope = np.arange(1, m) * gauss(m).c[:, None] ** np.arange(m - 1) @ powers[1:]
+            by_stage = strains.reshape(N, m, -1) / np.diff(self.mesh.s)[:, None, None]
+            states[of.rates] = np.einsum("ij,njk->nik", slope, by_stage).reshape(N * m, -1)
+            grows = -self.residual(self.x(tensions, load, states))[of.turned]
+            states[of.turned] = np.cumsum(grows, axis=0)
+        for first in range(POSE, POSE + of.form.wrench, 3)[::-1]:
+            places = of.nodes[:, first : first + 3]
+            drops = -self.residual(self.x(tensions, load, states))[places]
+            states[places] = np.cumsum(drops[::-1], axis=0)[::-1]
+        return states
+
+
+class _Calls:
+    """The functions of a structure, to be called with numbers."""
+
+    def __init__(self, of: Layout) -> None:
+        self.of = of
+        self.value = Buffered(of.equations.value)
+
+    @cached_property
+    def jacobian(self) -> Buffered:
+        return Buffered(self.of.equations.jacobian[0])
+
+    @cached_property
+    def hessian(self) -> Buffered:
+        return Buffered(self.of.equations.hessian[0])
+
+
+@lru_cache(maxsize=32)
+def _calls(of: Layout) -> _Calls:
+    return _Calls(of)
+
+
+def structure(arm: Arm, scene: Scene, mesh: Mesh, stages: int, loaded: bool = True) -> Layout:
+    """Return the layout of an arm's equations."""
+    at = [mesh.node(section.at) for section in arm.sections]
+    return layout(form_of(scene, stages, loaded), tuple(at[i] for i, _ in arm.tendons), mesh.steps)
+
+
+@lru_cache(maxsize=64)
+def system(
+    arm: Arm,
+    scene: Scene,
+    stages: int,
+    refinement: int,
+    at: tuple[float, ...] = (),
+    loaded: bool = True,
+) -> System:
+    """Return the equations on a mesh of a refinement that has the arc lengths `at` as nodes.
+
+    Where nothing is `loaded`, forces and moments are left out.
+    """
+    rate = partial(growth, arm, scene) if is_loaded(scene) else None
+    mesh = graded(arm, refinement, (*at, *places(arm, scene)), rate)
+    return System(arm, scene, mesh, stages, loaded)
+
+
+@lru_cache(maxsize=16)
+def _march(form: Form) -> ca.Function:
+    """Return (pose, strains of an element, h) -> pose at its end."""
+    kernel = element(replace(form, friction=False))
+    g, v, h = ca.SX.sym("g", POSE), ca.SX.sym("v", form.stages * form.strains), ca.SX.sym("h")
+    none = ca.SX.zeros(form.wrench)
+    y = ca.vertcat(ca.SX.zeros(int(form.loaded)), g, none, v, ca.SX.zeros(POSE), none)
+    numbers_of = ca.vertcat(h, ca.SX.zeros(kernel.c.numel() - 1))
+    return ca.Function("march", [g, v, h], [-kernel.value(y, numbers_of)[-POSE:]], {"cse": True})

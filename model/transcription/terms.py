@@ -1,0 +1,181 @@
+"""The chain rule: equations that are sums of small kernels, each repeated over the arm.
+
+A kernel is an SX function of a few unknowns and numbers; a term is a kernel with the places of its
+unknowns and rows in the whole. CasADi differentiates the kernel alone, once and for all; the
+derivatives of all repetitions are evaluated by `map`, and put into the sparse Jacobian and Hessian
+by a constant matrix. Nothing else is differentiated by anybody.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+Places = NDArray[np.int64]
+
+
+class Kernel:
+    """Residuals r (SX) of unknowns y and numbers c, with their derivatives.
+
+    Attributes
+    ----------
+    value : casadi.Function
+        y, c -> r.
+    """
+
+    def __init__(self, name: str, y: ca.SX, c: ca.SX, r: ca.SX) -> None:
+        self.name, self.y, self.c, self.r = name, y, c, ca.densify(r)
+        self.value = ca.Function(name, [y, c], [self.r], {"cse": True})
+
+    @cached_property
+    def jacobian(self) -> tuple[ca.Function, Places, Places]:
+        """(y, c -> nonzeros of dr/dy), and the row and column of each."""
+        return self._slopes("jacobian", ca.jacobian(self.r, self.y))
+
+    @cached_property
+    def by_numbers(self) -> tuple[ca.Function, Places, Places]:
+        """(y, c -> nonzeros of dr/dc), and the row and column of each."""
+        return self._slopes("by_numbers", ca.jacobian(self.r, self.c))
+
+    @cached_property
+    def hessian(self) -> tuple[ca.Function, Places, Places]:
+        """(y, c, lam -> nonzeros of the Hessian of lam . r in y), and the place of each."""
+        lam = ca.SX.sym("lam", self.r.numel())
+        H = ca.hessian(ca.dot(lam, self.r), self.y)[0]
+        return self._named("hessian", [self.y, self.c, lam], H)
+
+    def _slopes(self, what: str, J: ca.SX) -> tuple[ca.Function, Places, Places]:
+        return self._named(what, [self.y, self.c], J)
+
+    def _named(self, what: str, given: list[ca.SX], A: ca.SX) -> tuple[ca.Function, Places, Places]:
+        rows, columns = (np.array(v, dtype=np.int64) for v in A.sparsity().get_triplet())
+        values = A.nz[:] if rows.size else ca.SX(0, 1)
+        return ca.Function(f"{self.name}_{what}", given, [values], {"cse": True}), rows, columns
+
+
+@dataclass(frozen=True, eq=False)
+class Term:
+    """A kernel repeated N times.
+
+    Attributes
+    ----------
+    kernel : Kernel
+    unknowns : (n_y, N)
+        Place of each of its unknowns among all.
+    rows : (n_r, N)
+        Place of each of its residuals among all.
+    """
+
+    kernel: Kernel
+    unknowns: Places
+    rows: Places
+
+    @property
+    def count(self) -> int:
+        """How often the kernel is repeated."""
+        return int(self.unknowns.shape[1])
+
+    @property
+    def n_numbers(self) -> int:
+        """How many numbers all repetitions have together."""
+        return int(self.kernel.c.numel() * self.count)
+
+
+class Equations:
+    """The sum of terms: residuals g (n_g,) of unknowns x (n_x,) and numbers p (n_p,).
+
+    The numbers are those of the terms, one after the other, each column by column.
+
+    Attributes
+    ----------
+    value : casadi.Function
+        x, p -> g.
+    """
+
+    def __init__(self, n_x: int, n_g: int, terms: list[Term]) -> None:
+        self.n_x, self.n_g, self.terms = n_x, n_g, [term for term in terms if term.count]
+        ends = np.cumsum([0, *(term.n_numbers for term in self.terms)])
+        self.slices = [slice(a, b) for a, b in pairwise(ends.tolist())]
+        self.n_p = int(ends[-1])
+
+    def numbers_of(self, name: str) -> slice:
+        """Return where the numbers of a kernel, by its name, are among all."""
+        names = [term.kernel.name for term in self.terms]
+        return self.slices[names.index(name)]
+
+    @cached_property
+    def value(self) -> ca.Function:
+        """Unknowns, numbers -> residuals."""
+        x, p, _ = self._symbols()
+        rows = np.concatenate([term.rows.ravel("F") for term in self.terms])
+        found = [
+            ca.vec(term.kernel.value.map(term.count)(*given)) for term, given in self._given(x, p)
+        ]
+        return ca.Function("value", [x, p], [_gathered(found, rows, self.n_g)])
+
+    @cached_property
+    def jacobian(self) -> tuple[ca.Function, ca.Sparsity]:
+        """(x, p -> nonzeros of dg/dx), and their places."""
+        x, p, _ = self._symbols()
+        found, rows, columns = [], [], []
+        for term, given in self._given(x, p):
+            function, i, j = term.kernel.jacobian
+            found.append(ca.vec(function.map(term.count)(*given)))
+            rows.append(term.rows[i].ravel("F"))
+            columns.append(term.unknowns[j].ravel("F"))
+        nonzeros, places = _sparse(found, rows, columns, (self.n_g, self.n_x))
+        return ca.Function("jacobian", [x, p], [nonzeros]), places
+
+    @cached_property
+    def hessian(self) -> tuple[ca.Function, ca.Sparsity]:
+        """(x, p, lam -> nonzeros of the Hessian of lam . g), and their places: all, symmetric."""
+        x, p, lam = self._symbols()
+        found, rows, columns = [], [], []
+        for term, given in self._given(x, p):
+            function, i, j = term.kernel.hessian
+            if not i.size:
+                continue
+            own = ca.reshape(lam[term.rows.ravel("F").tolist()], -1, term.count)
+            found.append(ca.vec(function.map(term.count)(*given, own)))
+            rows.append(term.unknowns[i].ravel("F"))
+            columns.append(term.unknowns[j].ravel("F"))
+        nonzeros, places = _sparse(found, rows, columns, (self.n_x, self.n_x))
+        return ca.Function("hessian", [x, p, lam], [nonzeros]), places
+
+    def _symbols(self) -> tuple[ca.MX, ca.MX, ca.MX]:
+        sizes = (("x", self.n_x), ("p", self.n_p), ("lam", self.n_g))
+        x, p, lam = (ca.MX.sym(name, size) for name, size in sizes)
+        return x, p, lam
+
+    def _given(self, x: ca.MX, p: ca.MX) -> list[tuple[Term, tuple[ca.MX, ca.MX]]]:
+        """Return each term with the unknowns and numbers of all its repetitions as columns."""
+        found = []
+        for term, numbers in zip(self.terms, self.slices, strict=True):
+            y = ca.reshape(x[term.unknowns.ravel("F").tolist()], -1, term.count)
+            found.append((term, (y, ca.reshape(p[numbers], -1, term.count))))
+        return found
+
+
+def _gathered(values: list[ca.MX], places: Places, size: int) -> ca.MX:
+    """Return the vector (size,) in which values are added up at their places."""
+    stacked = ca.vertcat(*values)
+    add = ca.Sparsity.triplet(size, places.size, places.tolist(), list(range(places.size)))
+    return ca.DM(add, 1.0) @ stacked
+
+
+def _sparse(
+    values: list[ca.MX], rows: list[Any], columns: list[Any], shape: tuple[int, int]
+) -> tuple[ca.MX, ca.Sparsity]:
+    """Return the nonzeros of a sparse matrix whose entries are sums of values, and its sparsity."""
+    i, j = np.concatenate(rows), np.concatenate(columns)
+    places = ca.Sparsity.triplet(*shape, i.tolist(), j.tolist())
+    known_rows, known_columns = (np.array(v) for v in places.get_triplet())
+    order = known_columns.astype(np.int64) * shape[0] + known_rows
+    index = np.searchsorted(order, j.astype(np.int64) * shape[0] + i)
+    return _gathered(values, index, places.nnz()), places

@@ -1,0 +1,78 @@
+"""The mechanics inside a program: an arm's equations on a mesh, their numbers and solution."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from model.arm import Arm
+from model.equilibrium.forward import Collocation
+from model.errors import SnapError
+from model.loads import is_loaded
+from model.paths import Array
+from model.scene import Scene
+from model.stiffness import least_give
+from planner.program.condensed import Condensed
+from planner.program.program import program
+from planner.program.statement import Statement
+from planner.program.states import States, Stations
+from planner.program.terms import looks_of
+from planner.targets.base import Target
+
+
+class Collocated:
+    """The mechanics of all scenes but those as printed.
+
+    Attributes
+    ----------
+    program : Program
+        The structure.
+    forward : Collocation
+        The same equations without targets, which settle the states.
+    states : States
+        Their numbers and scales.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        scene: Scene,
+        targets: tuple[Target, ...],
+        statement: Statement,
+        stations: tuple[float, ...],
+    ) -> None:
+        looks = looks_of(targets)
+        loaded = is_loaded(scene) or bool(looks)
+        mesh = (statement.stages, statement.refinement, stations)
+        self.forward = Collocation(arm, scene, *mesh, loaded)
+        at = self.forward.system
+        self.states = States(at, looks, least_give(arm))
+        self.program = program(arm, targets, statement, at.of, Stations.of(at, stations))
+
+    def numbers(self, target: Array) -> Array:
+        """Return the parameters of the mechanics for the targets' numbers."""
+        ways = [np.array(D) for D in self.program.objective.ways.call([target])]
+        states = self.states
+        scales = (states.scale, states.row_scale)
+        return np.concatenate([np.array([states.force]), states.numbers(ways), *scales])
+
+    def unknowns(self, a: Array, tensions: Array, p: Array) -> Array:
+        """Return all unknowns for tensions: states that settle them, what margins lack.
+
+        Where the arm does not bear its loads, the states are those without loads.
+        """
+        try:
+            states = self.forward.found(tensions).states
+        except SnapError:
+            states = self.forward.without_loads(tensions)
+        return self.condensed.whole(a, states, p)
+
+    def values(self, x: Array, p: Array) -> Array:
+        """Return the constraints at unknowns x."""
+        return np.array(self.program.first(x, p)[2]).ravel()
+
+    @cached_property
+    def condensed(self) -> Condensed:
+        """The same problem with the states eliminated."""
+        return Condensed(self.program, self.forward, self.states)

@@ -1,0 +1,126 @@
+"""The program of a scene as printed: poses are an explicit function of the tensions.
+
+Eqs. (10) and (11) are integrated from the tip to the base, and CasADi differentiates that.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from model.arm import Arm
+from model.effects import Extension
+from model.forward import explicit_map
+from model.paths import Array
+from model.scene import Scene
+from model.stations import Counts
+from planner.program.condensed import First
+from planner.program.program import Objective, Rows, split
+from planner.program.statement import Statement
+from planner.targets.base import Target
+
+_SCHEMES = {1: "rk4", 2: "rk4", 3: "rk6"}
+
+
+class Printed:
+    """Unknowns are tensions, peak, lack; parameters those of the objective, then the units."""
+
+    def __init__(
+        self,
+        arm: Arm,
+        scene: Scene,
+        targets: tuple[Target, ...],
+        statement: Statement,
+        stations: tuple[float, ...],
+    ) -> None:
+        scheme = _SCHEMES[statement.stages]
+        forward = explicit_map(arm, scene, scheme, statement.refinement, stations)
+        rows = _slimmest(arm, forward.stretch_at, forward.stretch_active) * scene.has(Extension)
+        self.objective = Objective(arm, targets, statement, len(rows))
+        n = arm.n_tendons
+        self.n_free = n + self.objective.n_peak + self.objective.n_lack
+        self.sizes = (self.objective.n_numbers, n)
+        x, p = ca.MX.sym("x", self.n_free), ca.MX.sym("p", sum(self.sizes))
+        given, unit = split(p, self.sizes)
+        T, last = x[:n] * unit, n + self.objective.n_peak
+        poses, stretch = forward.function(T)[:2]
+        seen = poses[:, [forward.mesh.node(s) for s in stations]]
+        least = stretch[rows].T if rows else ca.MX(0, 1)
+        parts = (T, x[n:last], x[last:], given, seen, least, ca.MX(0, 1))
+        f, g = self.objective.function.call(parts, True)
+        self.x, self.p, self.f, self.g = x, p, f, g
+        self.gradient, self.jacobian = ca.gradient(f, x), ca.jacobian(g, x)
+        self.sigma, self.lam = ca.MX.sym("sigma"), ca.MX.sym("lam", g.numel())
+        self.hessian = ca.hessian(self.sigma * f + ca.dot(self.lam, g), x)[0]
+
+    @property
+    def rows(self) -> tuple[Rows, ...]:
+        """What the rows of the constraints are, in order."""
+        return self.objective.rows
+
+    @property
+    def program(self) -> Printed:
+        """The program: what is explicit has no mechanics apart from it."""
+        return self
+
+    @property
+    def condensed(self) -> Printed:
+        """The same: there are no states."""
+        return self
+
+    def numbers(self, target: Array) -> Array:
+        """Return the parameters of the mechanics: none."""
+        return np.zeros(0)
+
+    @cached_property
+    def first_function(self) -> ca.Function:
+        """x, p -> f, gradient, g, Jacobian."""
+        return ca.Function(
+            "first", [self.x, self.p], [self.f, self.gradient, self.g, self.jacobian]
+        )
+
+    @cached_property
+    def second_function(self) -> ca.Function:
+        """x, p, sigma, lam -> Hessian."""
+        given = [self.x, self.p, self.sigma, self.lam]
+        return ca.Function("second", given, [ca.densify(self.hessian)])
+
+    def values(self, x: Array, p: Array) -> Array:
+        """Return the constraints at unknowns x."""
+        return self.first(x, p).g
+
+    def multipliers(self, a: Array, p: Array, lam_x: Array, lam_g: Array) -> tuple[Array, Array]:
+        """See Condensed.multipliers: there are no states."""
+        return lam_x, lam_g
+
+    def forget(self) -> None:
+        """See Condensed.forget: nothing is kept."""
+
+    def first(self, a: Array, p: Array) -> First:
+        """See Condensed.first."""
+        f, gradient, g, J = self.first_function(a, p)
+        return First(float(f), np.array(gradient).ravel(), np.array(g).ravel(), np.array(J))
+
+    def second(self, a: Array, p: Array, sigma: float, lam: Array) -> Array:
+        """See Condensed.second."""
+        return np.array(self.second_function(a, p, sigma, lam))
+
+    def unknowns(self, a: Array, tensions: Array, p: Array) -> Array:
+        """Return all unknowns: those before the states, where there are none."""
+        lack = self.objective.n_lack
+        if lack:
+            g = self.first(a, p).g
+            a[self.n_free - lack :] = np.maximum(-g[self.objective.lack_rows], 0.0)
+        return a
+
+
+def _slimmest(arm: Arm, s: Array, active: Counts) -> list[int]:
+    """Return, for each segment with tendons, where its body is slimmest and 1 + q least."""
+    radius = arm.radius.evaluate(s, arm.length)[0]
+    rows = []
+    for count in np.unique(active[active > 0]):
+        inside = np.flatnonzero(active == count)
+        rows.append(int(inside[np.argmin(radius[inside])]))
+    return rows

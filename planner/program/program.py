@@ -1,0 +1,272 @@
+"""The nonlinear program of a structure, in scaled unknowns; numbers are its parameters.
+
+    minimise    what the mode says
+    subject to  margins >= 0                  1 + q >= least stretch
+                lower <= tensions <= upper    total pull <= limit
+                the equations of equilibrium, of the arm and of its responses
+
+Targets have things to match and things to approach. The modes are three readings of them, tried in
+this order:
+
+    exact      match = 0 and approach = 0; effort is made least
+    closest    match = 0; the approach and what yielding margins lack are made least, with a trace
+               of effort
+    nearest    match, approach and what all margins lack are made least, firm ones first
+
+The unknowns are the tensions, what the norm and the margins add, then the load factor (which is 1)
+and the states; see planner.program.states.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import casadi as ca
+import numpy as np
+
+from model.arm import Arm
+from model.transcription.collocation import gauss
+from model.transcription.layout import POSE, Layout
+from model.transcription.terms import Equations
+from planner.program.effort import smooth_norm
+from planner.program.statement import Statement
+from planner.program.states import Blocks, Stations
+from planner.program.terms import (
+    FIRM,
+    YIELDING,
+    firmness,
+    looks_of,
+    margin_firmness,
+    terms_function,
+    ways_function,
+)
+from planner.targets.base import Target
+
+LEAST_STRETCH = 1e-3
+
+
+@dataclass(frozen=True)
+class Rows:
+    """The rows of one kind of constraint."""
+
+    name: str
+    size: int
+    lower: float
+    upper: float
+
+
+class Objective:
+    """What targets and a statement make of a shape, whatever the mechanics behind it.
+
+    Attributes
+    ----------
+    function : casadi.Function
+        Tensions [N], peak, lack, parameters, station poses (7, K), least stretches, compliances ->
+        f, g.
+    terms : casadi.Function
+        Station poses (7, K), target numbers, compliances -> the targets' match, approach, margin
+        and least.
+    ways : casadi.Function
+        Target numbers -> the directions (3, width) of each look.
+    rows : tuple of Rows
+        What the rows of g are, in order.
+    lack_rows : list of int
+        The rows of margins that may lack something.
+    """
+
+    def __init__(
+        self, arm: Arm, targets: tuple[Target, ...], statement: Statement, thin: int
+    ) -> None:
+        self.statement, self.looks = statement, looks_of(targets)
+        self.terms, self.ways = terms_function(arm, targets), ways_function(arm, targets)
+        n, K = arm.n_tendons, self.terms.size2_in(0)
+        T, poses, least = ca.MX.sym("T", n), ca.MX.sym("poses", 7, K), ca.MX.sym("least", thin)
+        p, gives = ca.MX.sym("p", self.n_numbers), ca.MX.sym("gives", self.terms.numel_in(2))
+        soft = self._soft_rows(margin_firmness(arm, targets))
+        lack = ca.MX.sym("lack", len(soft))
+        f, blocks, peak = self._stated(arm, targets, soft, (T, lack, p, poses, least, gives))
+        self.rows = tuple(Rows(name, g.numel(), lo, hi) for name, g, lo, hi in blocks)
+        self.n_peak, self.n_lack = peak.numel(), lack.numel()
+        self.lack_rows = [self.rows[0].size + row for row in soft]
+        g = ca.vertcat(*(g for _, g, _, _ in blocks))
+        given = [T, peak, lack, p, poses, least, gives]
+        self.function = ca.Function("objective", given, [f, g])
+
+    @property
+    def n_numbers(self) -> int:
+        """Number of parameters: target numbers, reference tension, limit of the total, trace."""
+        return int(self.terms.size1_in(1)) + 3
+
+    def _stated(
+        self, arm: Arm, targets: tuple[Target, ...], soft_rows: list[int], given: tuple[ca.MX, ...]
+    ) -> tuple[ca.MX, list[tuple[str, ca.MX, float, float]], ca.MX]:
+        T, lack, p, poses, thin, gives = given
+        target, (reference, total, trace) = p[:-3], ca.vertsplit(p[-3:])
+        match, approach, margin, least = self.terms(poses, target, gives)
+        effort, peak, peaks = smooth_norm(T / reference, self.statement.norm)
+        mode, none = self.statement.mode, ca.MX(0, 1)
+        weights, lacking = firmness(arm, targets), margin_firmness(arm, targets)[soft_rows]
+        soft = ca.vertcat(weights * match, lacking * lack) if mode == "nearest" else lack
+        met = {"exact": ca.vertcat(match, approach), "closest": match, "nearest": none}[mode]
+        gaps = ca.sumsqr(ca.vertcat(approach, soft)) / 2
+        blocks = [
+            ("match", met, 0.0, 0.0),
+            ("margin", margin + ca.DM.eye(margin.numel())[:, soft_rows] @ lack, 0.0, np.inf),
+            ("stretch", thin, LEAST_STRETCH, np.inf),
+            ("total pull", (total - ca.sum1(T)) / reference, 0.0, np.inf),
+            ("peak", peaks, 0.0, np.inf),
+        ]
+        if not self.statement.limited:
+            del blocks[3]
+        aim = ca.sum1(least) + trace * effort if least.numel() else effort
+        return aim if mode == "exact" else gaps + trace * aim, blocks, peak
+
+    def _soft_rows(self, lacking: ca.DM) -> list[int]:
+        """Return which margins may lack something: none, those that yield, or all."""
+        kept = {"exact": (), "closest": (YIELDING,), "nearest": (YIELDING, FIRM)}
+        weights = np.array(lacking).ravel()
+        return [row for row, w in enumerate(weights) if w in kept[self.statement.mode]]
+
+
+class Program:
+    """The program of a structure with the states as unknowns: multiple shooting, all in one.
+
+    Unknowns are scaled: tensions, peak, lack, load factor, states, responses. Parameters are those
+    of the objective, the unit of each tension, the force of the responses, the numbers of the
+    equations, and what one unit of each further unknown and of each equation is worth.
+
+    Attributes
+    ----------
+    x, p, f, g : casadi.MX
+        Unknowns, parameters, objective, constraints; the equations of equilibrium come last.
+    gradient, jacobian, hessian : casadi.MX
+        Of f, of g, and of sigma f + lam . g.
+    sigma, lam : casadi.MX
+        Weights of the Hessian.
+    rows : tuple of Rows
+        What the rows of g are, in order.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        targets: tuple[Target, ...],
+        statement: Statement,
+        blocks: Callable[[int], Blocks],
+        seen: Stations,
+    ) -> None:
+        self.objective = Objective(arm, targets, statement, len(seen.slim))
+        n = arm.n_tendons
+        self.n_free = n + self.objective.n_peak + self.objective.n_lack
+        self.blocks = blocks(self.n_free)
+        self.equations = Equations(
+            self.n_free + self.blocks.size, self.blocks.n_rows, self.blocks.terms()
+        )
+        last = Rows("equilibrium", self.blocks.n_rows, 0.0, 0.0)
+        self.rows = (*self.objective.rows, last)
+        own = (1, self.equations.n_p, self.blocks.size, self.blocks.n_rows)
+        self.sizes = (self.objective.n_numbers, n, *own)
+        self._build(seen)
+
+    def _build(self, seen: Stations) -> None:
+        x, p = ca.MX.sym("x", self.equations.n_x), ca.MX.sym("p", sum(self.sizes))
+        given, unit, force, numbers, scale, row_scale = split(p, self.sizes)
+        whole = ca.vertcat(unit, ca.MX.ones(self.n_free - unit.numel()), scale)
+        X = x * whole
+        f, outer = self._outer(X, x, given, force, seen)
+        places, nonzeros = self.equations.jacobian[1], self.equations.jacobian[0](X, numbers)
+        row, column = places.row(), places.get_col()
+        J = ca.MX(places, nonzeros * whole[column] / row_scale[row])
+        self.x, self.p, self.f = x, p, f
+        self.g = ca.vertcat(outer, self.equations.value(X, numbers) / row_scale)
+        self.gradient = ca.densify(ca.gradient(f, x))
+        self.outer, self.outer_jacobian = outer, ca.jacobian(outer, x)
+        self.jacobian = ca.vertcat(self.outer_jacobian, J)
+        self.sigma, self.lam = ca.MX.sym("sigma"), ca.MX.sym("lam", self.g.numel())
+        m = outer.numel()
+        function, places = self.equations.hessian
+        nonzeros = function(X, numbers, self.lam[m:] / row_scale)
+        row, column = places.row(), places.get_col()
+        H = ca.MX(places, nonzeros * whole[column] * whole[row])
+        own = ca.hessian(self.sigma * f + ca.dot(self.lam[:m], outer), x)[0]
+        self.hessian = own + H
+
+    def _outer(
+        self, X: ca.MX, x: ca.MX, given: ca.MX, force: ca.MX, seen: Stations
+    ) -> tuple[ca.MX, ca.MX]:
+        """Return the objective, and the constraints besides equilibrium."""
+        of, first = self.blocks.of, self.blocks.states.start
+        n, n_peak = of.n_tendons, self.objective.n_peak
+        places = first + of.nodes[list(seen.nodes), :POSE]
+        poses = ca.reshape(X[places.ravel().tolist()], POSE, len(seen.nodes))
+        thin = ca.vertcat(ca.MX(0, 1), *(self._stretch(X, k, end) for k, end in seen.slim))
+        parts = (X[:n], x[n : n + n_peak], x[n + n_peak : self.n_free], given, poses, thin)
+        f, g = self.objective.function.call([*parts, self._gives(X, given, force)], True)
+        return f, g
+
+    def _stretch(self, X: ca.MX, element: int, end: int) -> ca.MX:
+        """Return 1 + q at an end of an element, by the polynomial through its stages."""
+        of, m = self.blocks.of, self.blocks.of.form.stages
+        stages = element * m + np.arange(m)
+        places = self.blocks.states.start + of.stages[stages, 2 + of.form.law.torsion]
+        weights = ca.DM(float(end) ** np.arange(m) @ gauss(m).powers)
+        return ca.dot(weights, X[places.tolist()]) + 1 - of.form.law.along_at_rest
+
+    def _gives(self, X: ca.MX, given: ca.MX, force: ca.MX) -> ca.MX:
+        """Return the compliances along the looks' directions, column by column."""
+        of, gives, k = self.blocks.of, [ca.MX(0, 1)], 0
+        tip = (of.first + of.nodes[-1, 4:POSE]).tolist()
+        for look, D in zip(
+            self.objective.looks, self.objective.ways.call([given[:-3]]), strict=True
+        ):
+            moved = [X[self.blocks.response(k + i)][tip] for i in range(look.width)]
+            gives.append(ca.vec(D.T @ ca.horzcat(*moved) / force))
+            k += look.width
+        return ca.vertcat(*gives)
+
+    @cached_property
+    def first(self) -> ca.Function:
+        """x, p -> f, gradient of f, g, Jacobian of g (sparse)."""
+        return ca.Function(
+            "first", [self.x, self.p], [self.f, self.gradient, self.g, self.jacobian]
+        )
+
+    @cached_property
+    def outer_first(self) -> ca.Function:
+        """x, p -> as first, of the constraints besides equilibrium."""
+        found = [self.f, self.gradient, self.outer, self.outer_jacobian]
+        return ca.Function("outer_first", [self.x, self.p], found)
+
+    @cached_property
+    def second(self) -> ca.Function:
+        """x, p, sigma, lam -> Hessian of sigma f + lam . g (sparse, all of it)."""
+        return ca.Function("second", [self.x, self.p, self.sigma, self.lam], [self.hessian])
+
+
+def split(p: ca.MX, sizes: tuple[int, ...]) -> list[ca.MX]:
+    """Return the parts of parameters of given sizes."""
+    ends = np.cumsum([0, *sizes]).tolist()
+    return [p[a:b] for a, b in pairwise(ends)]
+
+
+_CACHE: dict[Hashable, Program] = {}
+_MOST = 64
+
+
+def program(
+    arm: Arm, targets: tuple[Target, ...], statement: Statement, of: Layout, seen: Stations
+) -> Program:
+    """Return the program of a structure, built once for all arms and numbers that have it."""
+    structure = tuple(target.structure(arm) for target in targets)
+    # What targets take of an arm besides its shape.
+    skeleton = (arm.length, arm.base_frame, arm.base_position, arm.tendons, arm.anchorages)
+    key = (skeleton, structure, statement.but(refinement=0), of, seen)
+    if key not in _CACHE:
+        while len(_CACHE) >= _MOST:
+            _CACHE.pop(next(iter(_CACHE)))
+        looks = looks_of(targets)
+        _CACHE[key] = Program(arm, targets, statement, lambda first: Blocks(of, looks, first), seen)
+    return _CACHE[key]

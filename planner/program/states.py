@@ -1,0 +1,239 @@
+"""The states of an arm inside of a program: the equations of equilibrium, and what targets look at.
+
+A directional compliance is one unknown vector more for each direction: the change Y of all unknowns
+by a small force on the tip, whose equations are those of equilibrium differentiated along Y.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from model.cross_section.law import CrossSection, size
+from model.paths import Array
+from model.transcription.element import run
+from model.transcription.layout import Layout
+from model.transcription.system import System
+from model.transcription.terms import Kernel, Places, Term
+from planner.targets.base import Look
+
+
+@dataclass(frozen=True)
+class Stations:
+    """Where on a mesh targets look at an arm: a structure, without numbers.
+
+    Attributes
+    ----------
+    nodes : tuple of int
+        Nodes of the poses that targets see.
+    slim : tuple of (int, int)
+        The element in each segment with tendons at one of whose ends, 0 or 1, the body is slimmest
+        and 1 + q least; none without extension.
+    """
+
+    nodes: tuple[int, ...]
+    slim: tuple[tuple[int, int], ...]
+
+    @classmethod
+    def of(cls, at: System, places: tuple[float, ...]) -> Stations:
+        """Return the stations at arc lengths [m]."""
+        mesh, slim = at.mesh, []
+        radius = at.arm.radius.evaluate(mesh.s, at.arm.length)[0]
+        for count in np.unique(mesh.active[mesh.active > 0]):
+            inside = np.flatnonzero(mesh.active == count)
+            ends = np.stack([radius[inside], radius[inside + 1]])
+            end, k = np.unravel_index(int(np.argmin(ends)), ends.shape)
+            slim.append((int(inside[k]), int(end)))
+        extends = at.of.form.law.extension
+        return cls(tuple(mesh.node(s) for s in places), tuple(slim) if extends else ())
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """The unknowns of a program behind its tensions: load factor and states, and each response.
+
+    Attributes
+    ----------
+    of : Layout
+    looks : tuple of Look
+    first : int
+        Place of the load factor.
+    """
+
+    of: Layout
+    looks: tuple[Look, ...]
+    first: int
+
+    @property
+    def responses(self) -> list[Look]:
+        """The look of each response, one for each direction."""
+        return [look for look in self.looks for _ in range(look.width)]
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns: load factor, states, responses of all unknowns."""
+        return 1 + self.of.n_states + len(self.responses) * self.of.n_x
+
+    @property
+    def n_rows(self) -> int:
+        """Number of equations: one less, as the load factor is given."""
+        return self.size - 1
+
+    @property
+    def states(self) -> slice:
+        """Places of the states."""
+        return slice(self.first + 1, self.first + 1 + self.of.n_states)
+
+    def places(self) -> Places:
+        """Return the place in the program of each unknown of the layout."""
+        return np.concatenate(
+            [np.arange(self.of.n_tendons), self.first + np.arange(1 + self.of.n_states)]
+        )
+
+    def response(self, k: int) -> slice:
+        """Return the places of a response."""
+        start = self.states.stop + k * self.of.n_x
+        return slice(start, start + self.of.n_x)
+
+    def response_rows(self, k: int) -> slice:
+        """Return the rows of a response: of equilibrium, then of tensions and load factor."""
+        start = self.of.n_states + k * self.of.n_x
+        return slice(start, start + self.of.n_x)
+
+    def terms(self) -> list[Term]:
+        """Return the terms of all equations, in the places of the program."""
+        place = self.places()
+        own = self.of.equations.terms
+        terms = [Term(term.kernel, place[term.unknowns], term.rows) for term in own]
+        for k, look in enumerate(self.responses):
+            shift, row = self.response(k).start, self.response_rows(k).start
+            for term in own:
+                unknowns = np.vstack([place[term.unknowns], shift + term.unknowns])
+                terms.append(Term(tangent(term.kernel), unknowns, row + term.rows))
+            terms += self._held(look, place, shift, row + self.of.n_states)
+        return terms
+
+    def _held(self, look: Look, place: Places, shift: int, row: int) -> list[Term]:
+        """Return what holds the tendons while the arm responds, and the load factor that stays."""
+        n = self.of.n_tendons
+        tensions, rows = shift + np.arange(n)[None, :], row + np.arange(n)[None, :]
+        terms = [Term(_scaled(), np.array([[shift + n]]), np.array([[row + n]]))]
+        if look.hold == "tension":
+            return [*terms, Term(_scaled(), tensions, rows)]
+        (lengths,) = self.of.lengths.terms
+        kernel = _locked(self.of.form.law)
+        unknowns = np.vstack(
+            [place[lengths.unknowns], shift + lengths.unknowns, shift + lengths.rows]
+        )
+        terms.append(Term(kernel, unknowns, row + lengths.rows))
+        return [*terms, Term(_scaled(), tensions, rows)]
+
+
+@lru_cache(maxsize=128)
+def tangent(kernel: Kernel) -> Kernel:
+    """Return the derivative of a kernel along changes of its unknowns and numbers."""
+    y, c = (ca.SX.sym(name, v.numel()) for name, v in (("dy", kernel.y), ("dc", kernel.c)))
+    along = ca.jtimes(kernel.r, kernel.y, y) + ca.jtimes(kernel.r, kernel.c, c)
+    name = f"{kernel.name}_tangent"
+    return Kernel(name, ca.vertcat(kernel.y, y), ca.vertcat(kernel.c, c), along)
+
+
+@lru_cache(maxsize=1)
+def _scaled() -> Kernel:
+    """Return the kernel of a number times an unknown."""
+    x, c = ca.SX.sym("x"), ca.SX.sym("c")
+    return Kernel("scaled", x, c, c * x)
+
+
+@lru_cache(maxsize=16)
+def _locked(law: CrossSection) -> Kernel:
+    """Return the kernel of a locked tendon: how its path lengthens, less how its tension does.
+
+    Strains, their changes, change of its tension; its path and a weight, 1 / E A of the tendon.
+    """
+    kernel = run(law)
+    change, pull, give = ca.SX.sym("change", size(law)), ca.SX.sym("pull"), ca.SX.sym("give")
+    grows = ca.jtimes(kernel.r, kernel.y, change) - kernel.r * pull * give
+    y = ca.vertcat(kernel.y, change, pull)
+    return Kernel("locked", y, ca.vertcat(kernel.c, give), grows)
+
+
+class States:
+    """The states of one arm in a program.
+
+    Attributes
+    ----------
+    force : float
+        The small force of the responses [N].
+    scale : (size,)
+        What one unit of each unknown behind the tensions is worth.
+    row_scale : (n_rows,)
+        What one unit of each equation is worth.
+    """
+
+    def __init__(self, at: System, looks: tuple[Look, ...], give: float) -> None:
+        self.at, self.give = at, give
+        self.looks = looks
+        state, row = _scales(at)
+        # A force that bends the straight arm by about 1 rad.
+        R = float(at.arm.radius.evaluate(np.zeros(1), at.arm.length)[0][0])
+        self.force = at.arm.material.E * np.pi * R**4 / 4 / at.arm.length**2
+        whole = np.concatenate([np.full(at.of.first, self.force), state])
+        each = [look for look in looks for _ in range(look.width)]
+        self.scale = np.concatenate([[1.0], state, *[whole for _ in each]])
+        rows = [np.concatenate([row, self._held_scale(look)]) for look in each]
+        self.row_scale = np.concatenate([row, *rows])
+
+    def _held_scale(self, look: Look) -> Array:
+        of = self.at.of
+        length = self.at.arm.length if look.hold == "length" else self.force
+        return np.append(np.full(of.n_tendons, length), 1.0)
+
+    def numbers(self, directions: list[Array]) -> Array:
+        """Return the numbers (n_p,) with the directions (3, width) of the looks."""
+        at, of = self.at, self.at.of
+        own = [
+            at.p[numbers].reshape(term.count, -1).T
+            for term, numbers in zip(of.equations.terms, of.equations.slices, strict=True)
+        ]
+        columns = list(own)
+        pairs = [(look, d) for look, D in zip(self.looks, directions, strict=True) for d in D.T]
+        for look, d in pairs:
+            for term, numbers in zip(of.equations.terms, own, strict=True):
+                change = np.zeros_like(numbers)
+                if term.kernel.name == "element":
+                    change[1:4] = self.force * d[:, None]
+                columns.append(np.vstack([numbers, change]))
+            columns.append(np.ones((1, 1)))
+            if look.hold == "tension":
+                columns.append(np.ones((1, of.n_tendons)))
+                continue
+            lengths = at.length_numbers.reshape(-1, 5).T
+            stretch = 0.0 if look.tendon_EA is None else 1 / look.tendon_EA
+            columns.append(np.vstack([lengths, np.full((1, lengths.shape[1]), stretch)]))
+            columns.append(np.full((1, of.n_tendons), -self.give))
+        return np.concatenate([np.ravel(column, "F") for column in columns])
+
+
+def _scales(at: System) -> tuple[Array, Array]:
+    """Return what one unit of each state and of each equation of equilibrium is worth."""
+    of, L = at.of, at.arm.length
+    R = at.arm.radius.evaluate(np.concatenate([at.mesh.s, at.s]), L)[0]
+    EA = at.arm.material.E * np.pi * R**2
+    EJ = EA * R**2 / 4
+    nodes = at.mesh.s.size
+    state, row = np.ones(of.n_states), np.ones(of.n_states)
+    at_nodes = [np.ones((nodes, 4)), np.full((nodes, 3), L)]
+    for part in range(of.form.wrench // 3):
+        at_nodes.append(np.repeat(EJ[:nodes, None] / L ** (1 + part), 3, axis=1))
+    at_nodes.append(np.ones((nodes, of.turned.shape[1])))
+    state[of.nodes] = row[of.nodes] = np.hstack(at_nodes)
+    curved = np.arange(of.form.strains) < 2 + of.form.law.torsion
+    state[of.stages] = np.where(curved, 1 / L, 1.0)
+    row[of.stages] = np.where(curved, EJ[nodes:, None] / L, EA[nodes:, None])
+    if of.form.friction:
+        state[of.rates], row[of.rates] = state[of.stages] / L, row[of.stages] / L
+    return state, row

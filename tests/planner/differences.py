@@ -1,0 +1,73 @@
+"""Derivatives of programs held to central differences."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from planner.program.condensed import First
+from planner.program.problem import Problem
+from tests.planner.cases import Array
+
+
+class Twice(NamedTuple):
+    """A program as numbers: point -> values and slopes; point, sigma, lam -> Hessian."""
+
+    first: Callable[[Array], First]
+    second: Callable[[Array, float, Array], Array]
+
+
+def whole(problem: Problem, p: Array) -> Twice:
+    """The program with the states among its unknowns."""
+
+    def first(x: Array) -> First:
+        f, gradient, g, J = problem.program.first(x, p)
+        return First(float(f), dense(gradient).ravel(), dense(g).ravel(), dense(J))
+
+    return Twice(first, lambda x, sigma, lam: dense(problem.program.second(x, p, sigma, lam)))
+
+
+def condensed(problem: Problem, p: Array) -> Twice:
+    """The same with the states eliminated."""
+    of = problem.condensed
+    return Twice(lambda a: of.first(a, p), lambda a, sigma, lam: of.second(a, p, sigma, lam))
+
+
+def dense(A: Any) -> Array:
+    """A matrix of CasADi's with its zeros."""
+    return np.array(ca.densify(A))
+
+
+def fourth_order(f: Callable[[float], Array], h: float) -> Array:
+    """The derivative of f at 0 by the central formula of four points."""
+    return np.asarray((f(-2 * h) - 8 * f(-h) + 8 * f(h) - f(2 * h)) / (12 * h))
+
+
+def check_derivatives(of: Twice, x: Array, step: float) -> None:
+    """Hold the first and second derivatives of a program to differences along a random way."""
+    rng, sigma = np.random.default_rng(0), 0.7
+    here, way = of.first(x), rng.normal(size=x.size)
+    lam = rng.normal(size=here.g.size)
+
+    def values(share: float) -> Array:
+        there = of.first(x + share * way)
+        return np.append(there.f, there.g)
+
+    def slopes(share: float) -> Array:
+        there = of.first(x + share * way)
+        return np.asarray(sigma * there.gradient + there.jacobian.T @ lam)
+
+    H = of.second(x, sigma, lam)
+    check_rows(np.vstack([here.gradient, here.jacobian]), way, fourth_order(values, step))
+    check_rows(H, way, fourth_order(slopes, step))
+    assert np.abs(H - H.T).max() < 1e-12 * np.abs(H).max()
+
+
+def check_rows(matrix: Array, way: Array, wanted: Array) -> None:
+    """Hold what each row of a matrix says of a way to 1e-7 of its largest terms."""
+    size = np.abs(matrix) @ np.abs(way)
+    assert size.max() > 0
+    assert np.all(np.abs(matrix @ way - wanted) <= 1e-7 * size + 1e-9 * size.max())
