@@ -162,7 +162,9 @@ def _integrated(shape: Shape, stations: tuple[float, ...], accuracy: float) -> C
     found = verified(here, accuracy)
     poses = forward.system.poses(found.here.states)
     places = [forward.mesh.node(s) for s in stations]
-    return poses[places], poses[-1, 4:], found.error, stability(here)
+    # What an eigenvalue has to tell does not take a fine mesh.
+    rough = Collocation(shape.arm, shape.scene, STAGES, 1).found(shape.tensions, shape.known)
+    return poses[places], poses[-1, 4:], found.error, stability(rough)
 
 
 def _printed(shape: Shape, stations: tuple[float, ...], accuracy: float) -> Checked:

@@ -11,6 +11,7 @@ import numpy as np
 
 from model import Arm, Scene, settle, tip_jacobian
 from model.effects import ExactTendons, Extension
+from model.equilibrium.forward import Collocation
 from model.forward import SCHEMES, ForwardMap, forward_map, schemes_of
 from model.integrators.magnus import Magnus
 from model.integrators.runge_kutta import RungeKutta
@@ -39,8 +40,8 @@ EXPLICIT = ("magnus6", "magnus4", "magnus2", "rk4", "rk6", "rk8")
 def cases(arm: Arm, scene: Scene, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
     """Return tensions (count, n_tendons) [N], and the tips (count, 3) [m] that they lead to."""
     T = draws.rows(arm, rng, count)
-    second = schemes_of(scene)[1]
-    return T, np.array([settle(arm, row, scene, 1e-11, second).tip for row in T])
+    scheme = None if is_loaded(scene) else schemes_of(scene)[1]
+    return T, np.array([settle(arm, row, scene, 1e-11, scheme).tip for row in T])
 
 
 def settling(
@@ -81,11 +82,11 @@ def _tip(forward: ForwardMap, T: Array, i: int) -> Array:
 
 
 def _sections(name: str, forward: ForwardMap) -> float:
-    """Return how many cross-sections a settle looks at; not known where a scheme is implicit."""
+    """Return how many cross-sections a mesh has; not known where a scheme is implicit."""
+    if isinstance(forward, Collocation):
+        return forward.system.s.size
     scheme = SCHEMES[name]
-    if isinstance(scheme, Magnus):
-        return forward.mesh.steps * len(scheme.nodes)
-    explicit = isinstance(scheme, RungeKutta) and not hasattr(forward, "equilibrium")
+    explicit = isinstance(scheme, Magnus | RungeKutta)
     return forward.mesh.steps * len(scheme.nodes) if explicit else np.nan
 
 

@@ -7,6 +7,7 @@ from functools import lru_cache
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from model.arm import Arm
 from model.cross_section.law import CrossSection, size
@@ -84,6 +85,22 @@ class Sections:
             if np.all(np.abs(step) <= _SETTLED * (1 + np.abs(v))):
                 return v
         return np.where(np.abs(step) <= _SETTLED * (1 + np.abs(v)), v, np.nan)
+
+    def at_rest(self, v: Array, tensions: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Return the strains near v that need no wrench, and where they are at no minimum (N,)."""
+        with np.errstate(all="ignore"):
+            try:
+                found = self.solve(v, np.zeros_like(v), tensions)
+            except np.linalg.LinAlgError:
+                return v, np.full(len(v), True)
+        lost = np.isnan(found.sum(axis=1))
+        found = np.where(np.isnan(found), v, found)
+        with np.errstate(all="ignore"):
+            _, slopes = self.wrench(found, tensions)
+        lost |= ~np.isfinite(slopes.sum(axis=(1, 2)))
+        slopes[lost] = np.eye(slopes.shape[1])
+        least = np.linalg.eigvalsh((slopes + slopes.transpose(0, 2, 1)) / 2).min(axis=1)
+        return found, np.logical_or(lost, np.less_equal(least, 0))
 
     def turning(self, v: Array, rate: Array) -> Array:
         """Return how fast each tendon turns (P,) [rad/m] at strains v and their rates (N, n)."""

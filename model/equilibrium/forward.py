@@ -8,7 +8,8 @@ import numpy as np
 
 from model.arm import Arm
 from model.cross_section.reported import reported, strains_of
-from model.effects import Friction
+from model.cross_section.sections import Sections
+from model.effects import ExactTendons, Extension, Friction
 from model.equilibrium.dense import poses_and_strains
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.load_stepping import equilibrium, near
@@ -123,10 +124,23 @@ class Collocation:
         return np.where(exact, rows[nodes, :7], poses), strains
 
     def _settled_sections(self, tensions: Array) -> Array:
-        """Return the strains at the stages without loads."""
+        """Return the strains at the stages without loads.
+
+        Of an energy by Newton's method from those of the paper's balance; where that does not come
+        to a minimum, by one that holds at any tension.
+        """
         at, form = self.system, self.system.of.form
         active: Counts = np.repeat(self.mesh.active, form.stages)
-        found = unloaded_strains(at.arm, at.scene, at.s, active, tensions)
-        if np.isnan(found).any():
-            raise UnsettledSectionError(float(at.s[np.isnan(found).any(axis=1)][0]))
-        return strains_of(form.law, found)
+        paper = Scene(Extension()) if form.law.extension else Scene()
+        first = unloaded_strains(at.arm, paper, at.s, active, tensions)
+        found = strains_of(form.law, first)
+        if not at.scene.has(ExactTendons):
+            return found
+        sections = Sections(at.arm, at.scene, form.law, at.s, active)
+        found, lost = sections.at_rest(found, tensions[sections.tendon])
+        if lost.any():
+            left = unloaded_strains(at.arm, at.scene, at.s[lost], active[lost], tensions)
+            if np.isnan(left).any():
+                raise UnsettledSectionError(float(at.s[lost][np.isnan(left).any(axis=1)][0]))
+            found[lost] = strains_of(form.law, left)
+        return found

@@ -19,6 +19,8 @@ from planner.solve.ipopt import Solution
 Mask = NDArray[np.bool_]
 _STEPS, _SETS = 15, 20
 _SLOW = 0.05
+# Steps that lead away, before it is given up.
+_ASTRAY = 1
 # So little changes where the limits that are held are not those of the optimum.
 _STUCK = 1e-3
 _ACCEPTED = 1e-10
@@ -105,7 +107,7 @@ def polish(problem: Problem, start: Solution, p: Array, bounds: Bounds) -> Solut
     )
     x = np.where(held.low, lbx, np.where(held.high, ubx, start.x))
     lam_g = np.where(held.rows, start.lam_g, 0.0)
-    hessian, previous = np.zeros(0), np.inf
+    hessian, previous, astray = np.zeros(0), np.inf, 0
     for _ in range(_STEPS):
         _, gradient, g, jacobian = problem.condensed.first(x, p)
         lam_x = np.where(held.fixed, -(gradient + jacobian.T @ lam_g), 0.0)
@@ -113,7 +115,8 @@ def polish(problem: Problem, start: Solution, p: Array, bounds: Bounds) -> Solut
         if found <= least:
             best, least = replace(start, x=x, lam_x=lam_x, lam_g=lam_g, g=g), found
         stuck = abs(found - previous) <= _STUCK * found
-        if found <= _ROUNDING or stuck or not np.isfinite(found):
+        astray += found > previous
+        if found <= _ROUNDING or stuck or astray > _ASTRAY or not np.isfinite(found):
             break
         if found > _SLOW * previous or not hessian.size:
             hessian = problem.condensed.second(x, p, 1.0, lam_g)

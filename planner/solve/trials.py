@@ -25,7 +25,7 @@ _FEW, _MORE = 5, 8
 _FIXED = 3
 # Other scenes than the paper's start from its optima, among which the search was; loaded arms from
 # two more before it is said that none of the starts meets the targets.
-_FEWEST, _STRONGER = 2, 2
+_FEWEST, _STRONGER, _CARRIED = 2, 2, 1
 # Tried besides the fits that meet what is wanted.
 _BESIDE = 2
 _INSIDE = 0.005
@@ -53,7 +53,7 @@ class Trials:
         self.simple = task.scene == task.simple.scene
         self.least = _FEW if task.is_point else _MORE
         if not self.simple:
-            self.least = _FEWEST
+            self.least = _FEWEST if self.loaded else _CARRIED
 
     @property
     def first(self) -> int:

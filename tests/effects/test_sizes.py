@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import casadi as ca
+import numpy as np
 import pytest
 
 from model import Arm, Scene
@@ -21,12 +22,14 @@ from model.effects import (
     Weight,
 )
 from model.forward import explicit_map, loaded_map
-from model.sizes import sizes
+from model.mesh import graded
+from model.sizes import Sizes, sizes
+from model.transcription.system import System
 from tests.effects.cases import EXACT, SILICONE, SWOLLEN
 
 ARM = Arm.from_paper("table-4")
 PAPER = Scene(Extension())
-POSE = 7
+POSE, MOMENT = 7, 3
 
 # Instructions change only with the statics themselves: no effect that is added may touch them.
 BARE: dict[str, tuple[Scene, int]] = {
@@ -36,43 +39,70 @@ BARE: dict[str, tuple[Scene, int]] = {
     "silicone": (SILICONE, 159269),
     "silicone, anticlastic": (SWOLLEN, 240734),
 }
-# Small, so that they call for no segments but those of anchorages and points.
+# Small, so that they call for no elements but those of the arm's taper, anchorages and points.
+G, F = (0.0, 0.0, -0.05), (0.0, 0.0, -1e-6)
 LOADS: dict[str, tuple[Effect, ...]] = {
-    "weight": (Weight((0.0, 0.0, -0.5)),),
-    "weight in water": (Weight(), Buoyancy()),
-    "tip load": (TipLoad((0.0, 0.0, -1e-4)),),
-    "follower": (TipLoad((0.0, 1e-4, 0.0), follower=True),),
-    "point load": (PointLoad(0.225, (0.0, 0.0, -1e-4)),),
+    "weight": (Weight(G),),
+    "weight in water": (Weight(G), Buoyancy()),
+    "tip load": (TipLoad(F),),
+    "follower": (TipLoad(F, follower=True),),
+    "point load": (PointLoad(0.225, F),),
     "current": (Current((0.0, 0.0, -0.01)),),
     "friction": (Friction(0.1),),
     "shear": (Shear(),),
     "all": (
         Shear(),
-        Weight((0.0, 0.0, -0.5)),
+        Weight(G),
         Buoyancy(),
-        TipLoad((0.0, 0.0, -1e-4), follower=True),
-        PointLoad(0.225, (0.0, 0.0, -1e-4)),
-        Current((0.0, 0.0, -0.01)),
+        TipLoad(F, follower=True),
+        PointLoad(0.225, F),
+        Current((0.0, 0.0, -0.001)),
         Friction(0.1),
     ),
 }
-# What the docstrings of the effects say that they add, besides curvatures and stretch.
+# The same kinds of loads with other numbers, as small.
+OTHERS: dict[str, tuple[Effect, ...]] = {
+    "weight": (Weight((0.01, 0.02, 0.0)),),
+    "weight in water": (Weight((0.01, 0.02, 0.0)), Buoyancy(900.0)),
+    "tip load": (TipLoad((1e-6, 0.0, 0.0), (1e-8, 0.0, 2e-8)),),
+    "follower": (TipLoad((0.0, 0.0, 0.0), (1e-8, 0.0, 0.0), follower=True),),
+    "point load": (PointLoad(0.226, (1e-6, 1e-6, 0.0)),),
+    "current": (Current((0.001, 0.002, 0.0), 900.0, 0.5),),
+    "friction": (Friction(0.3, (1, -1) * 6),),
+    "shear": (Shear(0.5),),
+    "all": (
+        Shear(0.5),
+        Weight((0.01, 0.02, 0.0)),
+        Buoyancy(900.0),
+        TipLoad((0.0, 0.0, 1e-6), follower=True),
+        PointLoad(0.226, (1e-6, 1e-6, 0.0)),
+        Current((0.001, 0.0005, 0.0), 900.0, 0.5),
+        Friction(0.3, -1),
+    ),
+}
+# What an effect adds to the nodes besides pose and moment, and to the strains of a cross-section.
 FORCE = {"follower": 3, "current": 3, "all": 3}
-TENSIONS = {"friction": ARM.n_tendons, "all": ARM.n_tendons}
+ANGLES = {"friction": ARM.n_tendons, "all": ARM.n_tendons}
 SHEARS = {"shear": 2, "all": 2}
-SEGMENTS = {"point load": 4, "all": 4}
-STRAINS = {"paper": 3, "silicone": 4}
-GROUNDS = {"paper": PAPER, "silicone": SILICONE}
-SLOW = [("silicone", "all"), ("silicone", "friction")]
+POINTS = {"point load": (0.225,), "all": (0.225,)}
+STRAINS = {"bending alone": 3, "paper": 4, "exact": 4, "silicone": 4}
+GROUNDS = {"bending alone": Scene(), "paper": PAPER, "exact": EXACT, "silicone": SILICONE}
+STAGES = 3
 
 
 def over(ground: Scene, *loads: Effect) -> Scene:
     return Scene(*ground.effects, *loads)
 
 
-def loaded_cases() -> list[Any]:
-    pairs = [(ground, load) for ground in GROUNDS for load in LOADS]
-    return [pytest.param(g, name, id=f"{name}, {g}") for g, name in pairs if (g, name) not in SLOW]
+def stated(scene: Scene, arm: Arm = ARM) -> System:
+    """The equations of a loaded scene on the coarsest mesh."""
+    return loaded_map(arm, scene, "gauss6", 1).system
+
+
+def check_total(found: Sizes, node: int, stage: int, elements: int) -> None:
+    """Hold unknowns and constraints to those of nodes, and of stages of the elements between."""
+    assert found.unknowns == elements * (node + STAGES * stage) + node
+    assert found.constraints == found.unknowns
 
 
 @pytest.mark.parametrize(("scene", "instructions"), BARE.values(), ids=BARE)
@@ -90,38 +120,51 @@ def test_as_printed_carries_three_strains_and_is_a_function_too() -> None:
     assert found.instructions == 11407
 
 
-def check_counts(ground: str, name: str) -> None:
-    """Hold a loaded scene to what the docstrings of its effects say."""
-    found = sizes(ARM, over(GROUNDS[ground], *LOADS[name]))
-    shears = SHEARS.get(name, 0) if ground == "silicone" else 0
-    states = POSE + STRAINS[ground] + shears + FORCE.get(name, 0) + TENSIONS.get(name, 0)
-    assert found.states == states
-    assert found.unknowns == SEGMENTS.get(name, 3) * states
-    assert found.constraints == found.unknowns
-
-
-@pytest.mark.parametrize(("ground", "name"), loaded_cases())
+@pytest.mark.parametrize("name", LOADS)
+@pytest.mark.parametrize("ground", GROUNDS)
 def test_a_load_adds_the_states_that_it_says_and_as_many_constraints_as_unknowns(
     ground: str, name: str
 ) -> None:
-    check_counts(ground, name)
+    found = sizes(ARM, over(GROUNDS[ground], *LOADS[name]))
+    node = POSE + MOMENT + FORCE.get(name, 0) + ANGLES.get(name, 0)
+    strains = STRAINS[ground] + SHEARS.get(name, 0)
+    assert found.states == node + strains
+    # With friction the strains' rates are unknown too.
+    stage = strains * (2 if name in ANGLES else 1)
+    check_total(found, node, stage, graded(ARM, 1, POINTS.get(name, ())).steps)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("ground", "name"), SLOW, ids=[f"{name}, {g}" for g, name in SLOW])
-def test_loads_that_take_long_to_build_add_what_they_say(ground: str, name: str) -> None:
-    check_counts(ground, name)
+@pytest.mark.parametrize("name", LOADS)
+@pytest.mark.parametrize("ground", GROUNDS)
+def test_other_numbers_add_nothing_and_build_nothing(ground: str, name: str) -> None:
+    one, other = (over(GROUNDS[ground], *loads[name]) for loads in (LOADS, OTHERS))
+    assert sizes(ARM, one) == sizes(ARM, other)
+    assert stated(one).of is stated(other).of
+    assert not np.array_equal(stated(one).p, stated(other).p)
+
+
+def test_dead_loads_of_all_kinds_are_one_structure() -> None:
+    kinds = [LOADS[name] for name in ("weight", "weight in water", "tip load")]
+    assert len({id(stated(over(PAPER, *loads)).of) for loads in kinds}) == 1
+    assert len({sizes(ARM, over(PAPER, *loads)) for loads in kinds}) == 1
 
 
 @pytest.mark.parametrize(
     ("loads", "richer"),
     [
         ("weight", (Buoyancy(),)),
-        ("tip load", (Weight((0.0, 0.0, -0.5)),)),
-        ("current", (TipLoad((0.0, 1e-4, 0.0), follower=True),)),
-        ("follower", (Shear(),)),
+        ("tip load", (Weight(G),)),
+        ("current", (TipLoad(F, follower=True),)),
+        ("follower", (Current((0.0, 0.0, -1e-4)),)),
+        ("friction", (Weight(G), TipLoad(F))),
     ],
-    ids=["buoyancy on weight", "weight on a tip load", "follower on a current", "shear, reference"],
+    ids=[
+        "buoyancy on weight",
+        "weight on a tip load",
+        "follower on a current",
+        "current on a follower",
+        "dead loads on friction",
+    ],
 )
 def test_what_others_have_added_is_not_added_again(loads: str, richer: tuple[Effect, ...]) -> None:
     alone = sizes(ARM, over(PAPER, *LOADS[loads]))
@@ -131,27 +174,35 @@ def test_what_others_have_added_is_not_added_again(loads: str, richer: tuple[Eff
 
 
 def test_buoyancy_is_a_number_and_no_instruction() -> None:
-    heavy = sizes(ARM, over(PAPER, Weight((0.0, 0.0, -0.5))))
-    assert sizes(ARM, over(PAPER, Weight((0.0, 0.0, -0.5)), Buoyancy())) == heavy
+    assert sizes(ARM, over(PAPER, Weight(G), Buoyancy())) == sizes(ARM, over(PAPER, Weight(G)))
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4])
-def test_each_anchorage_is_a_segment(n: int) -> None:
+def test_each_anchorage_is_a_node_where_its_tendons_end(n: int) -> None:
     ends = [(0.3 * (1 - i / 4), 2e-3, 1e-3) for i in range(n)]
     arm = conical(0.3, (12e-3, 8e-3), ends)
-    found = sizes(arm, over(PAPER, TipLoad((0.0, 0.0, -1e-4))))
-    assert found.unknowns == found.constraints == n * found.states
+    here = stated(over(PAPER, TipLoad(F)), arm)
+    assert here.mesh.s[list(here.of.ends)] == pytest.approx(
+        [arm.sections[i].at for i, _ in arm.tendons], rel=1e-15
+    )
+    found = sizes(arm, over(PAPER, TipLoad(F)))
+    check_total(found, POSE + MOMENT, 4, graded(arm, 1).steps)
 
 
-def test_an_anchorage_short_of_the_tip_leaves_a_segment_without_tendons() -> None:
+def test_an_anchorage_short_of_the_tip_leaves_elements_without_tendons() -> None:
     arm = conical(0.3, (12e-3, 8e-3), [(0.25, 2e-3, 1e-3)])
-    found = sizes(arm, over(PAPER, TipLoad((0.0, 0.0, -1e-4))))
-    assert found.unknowns == found.constraints == 2 * found.states
+    here = stated(over(PAPER, TipLoad(F)), arm)
+    stage, _ = here.of.crossings
+    beyond = np.setdiff1d(np.arange(here.s.size), stage)
+    assert beyond.size > 0
+    assert np.array_equal(beyond, np.flatnonzero(here.s > 0.25))
+    found = sizes(arm, over(PAPER, TipLoad(F)))
+    check_total(found, POSE + MOMENT, 4, here.mesh.steps)
 
 
 @pytest.mark.parametrize(
-    ("places", "segments"),
-    [((0.2,), 4), ((0.2, 0.3), 5), ((0.0,), 3), ((0.45,), 3), ((0.315,), 3), ((0.135, 0.2), 4)],
+    ("places", "parts"),
+    [((0.2,), 1), ((0.2, 0.3), 2), ((0.0,), 0), ((0.45,), 0), ((0.315,), 0), ((0.135, 0.2), 1)],
     ids=[
         "one",
         "two",
@@ -161,16 +212,19 @@ def test_an_anchorage_short_of_the_tip_leaves_a_segment_without_tendons() -> Non
         "one of two at an anchorage",
     ],
 )
-def test_each_point_load_between_anchorages_is_a_segment(
-    places: tuple[float, ...], segments: int
+def test_each_point_load_between_anchorages_parts_the_arm(
+    places: tuple[float, ...], parts: int
 ) -> None:
-    found = sizes(ARM, over(PAPER, *(PointLoad(s, (0.0, 1e-4, 0.0)) for s in places)))
-    assert found.unknowns == found.constraints == segments * found.states
+    scene = over(PAPER, *(PointLoad(s, (0.0, 0.0, 0.0)) for s in places))
+    mesh = stated(scene).mesh
+    assert set(places) <= set(mesh.s)
+    assert np.array_equal(mesh.s, graded(ARM, 1, places[-parts:] if parts else ()).s)
+    check_total(sizes(ARM, scene), POSE + MOMENT, 4, mesh.steps)
 
 
-def test_heavier_loads_call_for_more_segments_and_no_more_states() -> None:
-    counts = [sizes(ARM, over(PAPER, TipLoad((0.0, 0.0, -F)))) for F in (1e-4, 1e-2, 0.1, 1.0)]
-    assert {found.states for found in counts} == {POSE + 3}
+def test_heavier_loads_call_for_more_elements_and_no_more_states() -> None:
+    counts = [sizes(ARM, over(PAPER, TipLoad((0.0, 0.0, -F)))) for F in (1e-6, 1e-2, 0.1, 1.0)]
+    assert {found.states for found in counts} == {POSE + MOMENT + 4}
     assert all(found.unknowns == found.constraints for found in counts)
     unknowns = [found.unknowns for found in counts]
     assert unknowns == sorted(unknowns)
@@ -183,18 +237,14 @@ def parts(*functions: ca.Function) -> dict[int, str]:
     return {part.__hash__(): part.name() for part in inside}
 
 
-@pytest.mark.parametrize("ground", GROUNDS)
+@pytest.mark.parametrize("ground", ["paper", "silicone"])
 def test_no_loaded_scene_shares_functions_with_a_bare_one(ground: str) -> None:
     bare = GROUNDS[ground]
     before, counted = explicit_map(ARM, bare, "magnus6", 1), sizes(ARM, bare)
     own = parts(before.function)
     for name, loads in LOADS.items():
-        if (ground, name) in SLOW:
-            continue
-        system = loaded_map(ARM, over(bare, *loads), "rk6", 1).system
-        maps = [f for segment in system.segments for f in (segment.entry, segment.map)]
-        calls = parts(*maps)
-        assert {"tip", "jump", "step"} <= set(calls.values())
+        calls = parts(stated(over(bare, *loads)).of.equations.value)
+        assert {"element", "tip"} <= set(calls.values())
         assert not own.keys() & calls.keys(), name
     after = explicit_map(ARM, bare, "magnus6", 1)
     assert after is before

@@ -36,13 +36,14 @@ def test_a_scheme_that_does_not_exist_is_refused_with_the_names_of_those_that_do
     assert len(ALL) == 10
 
 
-@pytest.mark.parametrize("scheme", ["gauss6", "cvodes", "erk", "magnus6"])
-def test_with_loads_only_explicit_runge_kutta_schemes_are_allowed(scheme: str) -> None:
+@pytest.mark.parametrize("scheme", ["rk6", "rk8", "cvodes", "erk", "magnus6"])
+def test_with_loads_only_collocation_is_allowed(scheme: str) -> None:
     scene = Scene(Extension(), Weight())
-    assert set(schemes_of(scene)) == {"rk4", "rk6", "rk8"}
+    assert set(schemes_of(scene)) == {"gauss6", "gauss4", "gauss2"}
+    assert check_scheme(scene, None) == "gauss6"
     with pytest.raises(InputError) as caught:
         check_scheme(scene, scheme)
-    assert caught.value.allowed.startswith("rk6, rk8, rk4 ")
+    assert caught.value.allowed.startswith("gauss6, gauss4, gauss2 ")
 
 
 def test_as_printed_all_that_integrate_strains_are_allowed() -> None:

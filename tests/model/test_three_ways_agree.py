@@ -1,26 +1,28 @@
-"""Multiple shooting, single shooting and the closed form on the arms of the paper."""
+"""Collocation, single shooting and the closed form on the arms of the paper."""
 
 from __future__ import annotations
 
 from functools import cache, lru_cache
 
-import casadi as ca
 import numpy as np
 import pytest
 
 from model import Arm, Scene
 from model.effects import Extension
+from model.equilibrium.dense import poses_and_strains
+from model.equilibrium.newton import newton
 from model.forward import SCHEMES, schemes_of
 from model.integrators.magnus import Magnus
 from model.mesh import graded
-from model.unloaded.shooting import Shooting
-from model.unloaded.strain_ode import StrainOde, StrainSegments
+from model.transcription.system import system
+from model.unloaded.strain_ode import StrainOde
 from tests.model.cases import paper_tensions
 from tests.oracles import Array, Rod, balance, paper_rod, poses, strain
 
 SCENE = Scene(Extension())
 # Each scheme on a mesh that is good to 1e-9 of strains and tips.
 REFINEMENTS = {"rk6": 32, "rk8": 16, "rk4": 256, "gauss6": 16, "gauss4": 64, "erk": 32, "cvodes": 8}
+STAGES, ELEMENTS = 3, 16
 ARMS = ("table-2", "table-4")
 FEW = [(name, seed, "rk6") for name in ARMS for seed in range(10)]
 FEW += [(name, 0, scheme) for name in ARMS for scheme in REFINEMENTS if scheme != "rk6"]
@@ -29,36 +31,24 @@ EACH = [*FEW, *(pytest.param(*case, marks=pytest.mark.slow) for case in REST)]
 
 
 class Ways:
-    """The shooting formulations of one arm by one scheme, built once."""
+    """Single shooting by one scheme, and collocation, of one arm."""
 
     def __init__(self, name: str, scheme: str) -> None:
         self.arm, self.rod = Arm.from_paper(name), paper_rod(name)
         refinement, integrator = REFINEMENTS[scheme], SCHEMES[scheme]
         assert not isinstance(integrator, Magnus)
         self.mesh, refined = graded(self.arm, refinement), integrator.refined(refinement)
-        self.shooting = Shooting(StrainSegments(self.arm, SCENE, self.mesh, refined))
         self.ode = StrainOde(self.arm, SCENE, self.mesh, refined)
-        X = ca.MX.sym("X", self.shooting.n_x, self.shooting.n_segments)
-        T = ca.MX.sym("T", self.arm.n_tendons)
-        trajectories = self.shooting.trajectories(X, T)
-        residual = self.shooting.residual(trajectories, T)
-        self.trajectories = ca.Function("trajectories", [X, T], trajectories)
-        self.residual = ca.Function("residual", [X, T], [residual])
-        problem = {"x": ca.vec(X), "p": T, "g": residual}
-        self.newton = ca.rootfinder("newton", "newton", problem, {"abstol": 1e-13})
-        self.scale = self.shooting.system.scale
+        # Forces and moments are among the unknowns, though all of them vanish here.
+        self.system = system(self.arm, SCENE, STAGES, ELEMENTS, (), True)
 
-    def guess(self, T: Array) -> Array:
-        """Return the scaled unknowns that single shooting finds."""
-        return self.ode.starts(self.ode.run(T)[0]) / self.scale[:, None]
-
-    def solve(self, T: Array, start: Array) -> Array:
-        """Return the scaled unknowns that multiple shooting finds from a start."""
-        return np.array(self.newton(start.T.ravel(), T)).reshape(start.T.shape).T
-
-    def states(self, X: Array, T: Array) -> list[Array]:
-        """Return the states (7 + n, N) at the nodes of each segment."""
-        return [np.array(states) for states in self.trajectories(X, T)]
+    def trajectories(self, T: Array) -> list[Array]:
+        """Return the curvatures (2, N) of single shooting along each segment, tip side first."""
+        states, found = self.ode.run(T)[0], []
+        for segment in self.ode.system.segments:
+            first = states[self.mesh.node(segment.nodes[0])]
+            found.append(np.column_stack([first, np.array(segment.map(first, T))])[7:])
+        return found
 
 
 ways = lru_cache(Ways)
@@ -66,13 +56,16 @@ ways = lru_cache(Ways)
 
 @cache
 def solved(name: str, seed: int, scheme: str) -> tuple[Array, Array]:
-    """Return random tensions, and the unknowns that multiple shooting finds from a bad start."""
+    """Return random tensions, and the unknowns that collocation finds from a bad start."""
     way, rng = ways(name, scheme), np.random.default_rng(seed)
     T = paper_tensions(rng, name)
-    start = way.guess(T)
-    start += 0.05 * rng.standard_normal(start.shape)
-    assert np.abs(np.array(way.residual(start, T))).max() > 1e-3
-    return T, way.solve(T, start)
+    wanted = np.array([strain(way.rod, T, s, True) for s in way.system.s])
+    start = way.system.start(T, wanted * (1 + 0.05 * rng.standard_normal(wanted.shape)), 1.0)
+    start += 0.01 * rng.standard_normal(start.size) * (start != 0)
+    assert np.abs(way.system.residual(way.system.x(T, 1.0, start))).max() > 1e-4
+    here = newton(way.system, T, 1.0, start)
+    assert here is not None
+    return T, here.x
 
 
 def relative(found: Array, wanted: Array) -> float:
@@ -86,45 +79,50 @@ def curvatures(rod: Rod, T: Array, nodes: Array, active: int) -> Array:
 
 
 @pytest.mark.parametrize(("name", "seed", "scheme"), EACH)
-def test_strains_of_all_three_agree_at_every_node(name: str, seed: int, scheme: str) -> None:
+def test_strains_of_all_three_agree_all_along(name: str, seed: int, scheme: str) -> None:
     way = ways(name, scheme)
-    T, X = solved(name, seed, scheme)
+    T, x = solved(name, seed, scheme)
     single = way.ode.run(T)[0][:, 7:]
     closed = np.array([strain(way.rod, T, s, True)[1:3] for s in way.mesh.s])
     assert relative(single, closed) <= 1e-9
-    segments = way.shooting.segments
-    for i, (segment, states) in enumerate(zip(segments, way.states(X, T), strict=True)):
-        wanted = curvatures(way.rod, T, segment.nodes, i + 1)
-        assert relative(states[7:].T, wanted) <= 1e-9
-        inner = [way.mesh.node(s) for s in segment.nodes[:-1]]
-        assert relative(states[7:, :-1].T, single[inner]) <= 1e-9
+    inside, wanted = way.system.strains(x[way.system.of.first :]), way.system.s
+    assert np.abs(inside[:, 0]).max() <= 1e-9
+    closed = np.array([strain(way.rod, T, s, True) for s in wanted])
+    assert relative(inside[:, 1:3], closed[:, 1:3]) <= 1e-9
+    assert np.abs(inside[:, 3] - closed[:, 3]).max() <= 1e-9
+    for i, states in enumerate(way.trajectories(T)):
+        nodes = way.ode.system.segments[i].nodes
+        assert relative(states.T, curvatures(way.rod, T, nodes, i + 1)) <= 1e-9
+    collocated = poses_and_strains(way.system, x, way.mesh.s[1:])[1]
+    assert relative(collocated[:, 1:3], single[1:]) <= 1e-9
 
 
 @pytest.mark.parametrize(("name", "seed", "scheme"), EACH)
 def test_moment_is_continuous_across_every_anchorage(name: str, seed: int, scheme: str) -> None:
     way = ways(name, scheme)
-    T, X = solved(name, seed, scheme)
-    for unknowns in (X, way.guess(T)):
-        trajectories = way.states(unknowns, T)
-        beyond = np.zeros(2)
-        for i, (section, states) in enumerate(zip(way.rod.sections, trajectories, strict=True)):
-            D_outer, m_outer = balance(way.rod, T, section.at, i)
-            D, m = balance(way.rod, T, section.at, i + 1)
-            inner, outer = np.append(0, states[7:, 0]), np.append(0, beyond)
+    T, x = solved(name, seed, scheme)
+    shot = [np.zeros((2, 1)), *way.trajectories(T)]
+    for i, section in enumerate(way.rod.sections):
+        D_outer, m_outer = balance(way.rod, T, section.at, i)
+        D, m = balance(way.rod, T, section.at, i + 1)
+        assert np.linalg.norm(m - m_outer) > 0
+        sides = section.at * np.array([1, 1 + 1e-13])
+        inner, outer = poses_and_strains(way.system, x, np.minimum(sides, way.rod.length))[1][:, :3]
+        pairs = [(inner, outer * (i > 0))]
+        pairs.append((np.append(0, shot[i + 1][:, 0]), np.append(0, shot[i][:, -1])))
+        for inner, outer in pairs:
             jump = D @ inner - D_outer @ outer - (m - m_outer)
-            assert np.linalg.norm(m - m_outer) > 0
             assert np.linalg.norm(jump) <= 1e-10 * np.linalg.norm(D @ inner)
-            beyond = states[7:, -1]
 
 
 @pytest.mark.parametrize(("name", "seed", "scheme"), EACH)
 def test_tip_is_the_same_by_all_three(name: str, seed: int, scheme: str) -> None:
     way = ways(name, scheme)
-    T, X = solved(name, seed, scheme)
+    T, x = solved(name, seed, scheme)
     wanted = poses(way.rod, T, [way.rod.length], True)[0][0]
-    multiple = X[4:7, 0] * way.scale[4:7]
+    collocated = way.system.poses(x[way.system.of.first :])[-1, 4:7]
     single = way.ode.run(T)[0][-1, 4:7]
-    assert np.linalg.norm(multiple - wanted) <= 1e-9 * way.rod.length
+    assert np.linalg.norm(collocated - wanted) <= 1e-9 * way.rod.length
     assert np.linalg.norm(single - wanted) <= 1e-9 * way.rod.length
 
 

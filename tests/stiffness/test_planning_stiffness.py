@@ -11,7 +11,8 @@ import pytest
 
 from model import Arm, InputError, Scene, settle
 from planner import Plan, plan, stiffness
-from planner.certificate import measure
+from planner.certificate import gives, measure
+from planner.program.terms import stations_of
 from planner.targets import MinimumStiffness, Softest, Stiffest, TipPosition
 from tests.stiffness.cases import STATICS, Array
 
@@ -88,7 +89,9 @@ def test_a_matrix_that_is_not_attained_leaves_a_margin_below_0(spare: tuple[floa
     half, back = ((vectors * values**power) @ vectors.T for power in (0.5, -0.5))
     inner, turn = np.linalg.eigh(half @ np.diag(1 - np.array(spare)) @ half)
     root = back @ (turn * np.sqrt(inner)) @ turn.T @ back
-    margin = measure(ARM, (MinimumStiffness(root @ root, 1.0),), shape)[2]
+    targets = (MinimumStiffness(root @ root, 1.0),)
+    poses = shape.poses(np.array(stations_of(ARM, targets)))
+    margin = measure(ARM, targets, poses, gives(ARM, targets, shape))[2]
     least_margin = min(float(np.min(rows)) for rows in margin.values())
     assert (least_margin < -1e-3) == (min(spare) < 0)
 
