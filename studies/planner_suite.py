@@ -38,8 +38,8 @@ from tqdm import tqdm
 from model import OctoplanError, Scene, settle
 from model.effects import ExactTendons
 from model.forward import schemes_of
-from model.paths import Array
 from model.loads import is_loaded
+from model.paths import Array
 from planner import Limits, Plan, Statement, plan
 from planner.solve.task import Task
 from planner.solve.trials import Trials
@@ -118,7 +118,9 @@ def run(job: tuple[int, int, int]) -> Case:
         return Case(**case, outcome=f"{type(problem).__name__}: {problem}")
     seconds = time.process_time() - begin
     try:
-        error = off(settle(ARM, found.tensions, scene, 1e-9, schemes_of(scene)[-1] if is_loaded(scene) else schemes_of(scene)[1]), target)
+        scheme = None if is_loaded(scene) else schemes_of(scene)[1]
+        scheme = None if is_loaded(scene) else schemes_of(scene)[1]
+        error = off(settle(ARM, found.tensions, scene, 1e-9, scheme), target)
     except OctoplanError:
         error = np.inf
     near = max(found.certificate.approach.values(), default=0.0) <= _NEAR

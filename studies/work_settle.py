@@ -16,8 +16,8 @@ from model.forward import SCHEMES, ForwardMap, forward_map, schemes_of
 from model.integrators.magnus import Magnus
 from model.integrators.runge_kutta import RungeKutta
 from model.ladder import REFINEMENTS
-from model.paths import Array
 from model.loads import is_loaded
+from model.paths import Array
 from model.unloaded.tip_slopes import tip_slopes
 from studies import draws
 from studies.baseline_gvs import settler

@@ -45,6 +45,8 @@ def equilibrium(system: System, tensions: Array, unloaded: Array) -> Linearised:
     here = newton(system, tensions, 1.0, unloaded, cuts=_CUTS)
     if here is not None and stands(here):
         return here
+    if here is not None and not _stands_unloaded(system, tensions, unloaded):
+        return here
     found = follow(system, tensions, unloaded, 1.0, LEAST_STEP)
     if found.load < 1:
         raise SnapError(found.load, found.why)
@@ -60,12 +62,12 @@ def follow(system: System, tensions: Array, unloaded: Array, most: float, least:
     start = newton(system, tensions, 0.0, unloaded)
     if start is None:
         raise SnapError(0.0, SNAPS)
-    at, step = Followed(start, 0.0, ""), min(1.0, most)
+    at, step, stood = Followed(start, 0.0, ""), min(1.0, most), stands(start)
     while at.load < most and step >= least * max(at.load, _FIRST):
         check_time()
         tell("percent of the loads", round(100 * at.load / most), 100)
         load = min(most, at.load + step)
-        found, why = _next(system, tensions, at, load)
+        found, why = _next(system, tensions, at, load, stood)
         if found is None:
             at, step = at._replace(why=why), step / 2
         else:
@@ -74,15 +76,24 @@ def follow(system: System, tensions: Array, unloaded: Array, most: float, least:
 
 
 def _next(
-    system: System, tensions: Array, at: Followed, load: float
+    system: System, tensions: Array, at: Followed, load: float, stood: bool
 ) -> tuple[Linearised | None, str]:
-    """Return the equilibrium that a step in the load leads to, or why there is none."""
+    """Return the equilibrium that a step in the load leads to, or why there is none.
+
+    It has to stand if the unloaded arm `stood`: what is unstable without loads is not their doing.
+    """
     states = at.here.x[system.of.first :]
     predicted = states + (load - at.load) * at.here.by_load
     here = newton(system, tensions, load, predicted)
     if here is None or not _is_near(system, states, here.x[system.of.first :]):
         return None, SNAPS
-    return (here, "") if stands(here) else (None, BUCKLES)
+    return (here, "") if not stood or stands(here) else (None, BUCKLES)
+
+
+def _stands_unloaded(system: System, tensions: Array, unloaded: Array) -> bool:
+    """Return whether the arm stands without its loads: cross-sections may be at no minimum."""
+    start = newton(system, tensions, 0.0, unloaded)
+    return start is None or stands(start)
 
 
 def _is_near(system: System, before: Array, after: Array) -> bool:

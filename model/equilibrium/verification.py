@@ -178,8 +178,8 @@ class _Elements:
         """Return by how much each tendon turns at the far node of each element (N, n_tendons)."""
         of, system = self.system.of, self.system
         found = np.zeros((self.h.size, of.n_tendons * of.form.friction))
-        if of.form.friction:
-            k, j = of.kinks
+        k, j = of.kinks
+        if of.form.friction and k.size:
             found[k, j] = -system.kink_angles(self.here.x)
         return found
 
