@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from model.paths import Array
+from model.unloaded.closed_form import unloaded
 from planner.program.statement import Mode
 from planner.solve.fits import COUNT, COUNT_OF_POINT, fits
 from planner.solve.ipopt import Solution
@@ -44,6 +45,15 @@ def first_guesses(task: Task, most: int) -> Guesses:
     if task.scene == simple.scene:
         return _of_closed_form(task, most)
     return _carried(task, simple, most)
+
+
+def further_guesses(task: Task, most: int) -> Guesses:
+    """Return initial guesses by the scene's own cross-sections, where the paper's led nowhere."""
+    own = unloaded(task.scene)
+    if own == task.simple.scene:
+        return Guesses([])
+    shape = tuple(target for target in task.targets if target.look() is None) or task.targets
+    return _of_closed_form(replace(task, scene=own, targets=shape), most)
 
 
 def _of_closed_form(task: Task, most: int) -> Guesses:

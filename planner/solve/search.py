@@ -11,7 +11,7 @@ from model.progress import tell
 from planner.program.statement import Mode, Statement
 from planner.solve.finish import Fine, finish_best
 from planner.solve.found import Found, Start
-from planner.solve.guesses import first_guesses
+from planner.solve.guesses import first_guesses, further_guesses
 from planner.solve.ipopt import Solution
 from planner.solve.task import Task
 from planner.solve.trials import LITTLE, Trials, record
@@ -60,6 +60,9 @@ class Search:
         starts, first = guesses.starts, self.trials.first
         if self.task.can_be_exact:
             exact = self._exact(starts[:first], starts[first:])
+            if exact is None:
+                more = further_guesses(self.task, most).starts
+                exact = self._exact(more, []) if more else None
             if exact is not None:
                 return exact
         found, records, mode = self._fallback(starts)
