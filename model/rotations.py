@@ -17,7 +17,7 @@ from model.paths import Array
 IDENTITY = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 _SERIES = 5
 _SMALL = 0.01
-_DOUBLINGS = 3
+_DOUBLINGS, _TERMS = 3, 7
 
 
 def multiply(p: ca.SX, q: ca.SX) -> ca.SX:
@@ -79,7 +79,8 @@ def half_turn(w: ca.SX) -> ca.SX:
     """
     x = ca.sumsqr(w)
     share = 0.5**_DOUBLINGS
-    sinc, cos = share / 2 * _series(x * share**2 / 4, 1), _series(x * share**2 / 4, 0)
+    sinc, cos = (_series(x * share**2 / 4, order, _TERMS) for order in (1, 0))
+    sinc = share / 2 * sinc
     for _ in range(_DOUBLINGS):
         sinc, cos = 2 * sinc * cos, 1 - 2 * sinc**2 * x
     return ca.vertcat(cos, sinc * w)
@@ -114,10 +115,10 @@ def exponential(w: ca.SX, v: ca.SX) -> ca.SX:
     return ca.vertcat(half_cos, half_sinc / 2 * w, shift)
 
 
-def _series(x: ca.SX, order: int) -> ca.SX:
+def _series(x: ca.SX, order: int, terms: int = _SERIES) -> ca.SX:
     """Return sum over k of (-x)^k / (2 k + order)! by Horner's rule, exact for x < 0.01."""
     total = ca.SX(0)
-    for k in reversed(range(_SERIES + 1)):
+    for k in reversed(range(terms + 1)):
         total = (-1.0) ** k / math.factorial(2 * k + order) + x * total
     return total
 

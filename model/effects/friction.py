@@ -17,11 +17,10 @@ class Friction(Effect):
 
     On a circular arc of angle theta, T(L) = T(0) exp(-mu theta) while pulling in. All tendons
     slide; where a section's tendons end, those that go on are bent sharply and lose exp(-mu
-    angle) there. Adds to the paper's scene torsion, xi, k and a tension a tendon as states, and a
-    boundary value problem with as many unknowns a segment as states, as the motors hold the
-    tensions at the base: the dearest effect, a settle takes some hundred to a thousand times as
-    long with 12 tendons. Without it a tendon is as tight at its end as at its motor: at mu = 0.2 a
-    bend of 180 degrees costs half the tension.
+    angle) there. Adds to the paper's scene torsion, the moment at the nodes, the angle that each
+    tendon has turned there, and the rates of the strains: the most expensive effect. Without it a
+    tendon is as tight at its end as at its motor: at mu = 0.2 a bend of 180 degrees costs half the
+    tension.
 
     Attributes
     ----------

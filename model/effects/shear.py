@@ -12,11 +12,9 @@ from model.effects.base import Effect
 class Shear(Effect):
     """Sections slide against each other: nu gains (F_n, F_b) / (G A k_s).
 
-    F is the force in the body, tendons included. With exact tendons the two shears are strains of
-    the energy, and states; with the reference tangent they follow from the other strains. As
-    tendons pull sideways where they converge, torsion, xi and k are states as well, of a boundary
-    value problem: a settle takes 22 to 24 times as long as the paper's. Without it a short, thick
-    arm is too stiff across: by 3 EJ / (k_s G A L2) of its deflection, 0.2 % for table 2.
+    F is the force in the body, tendons included. The two shears are strains of their own; as tendons
+    pull sideways where they converge, the arm may be twisted as well. Without it a short, thick arm
+    is too stiff across: by 3 EJ / (k_s G A L2) of its deflection, 0.2 % for table 2.
 
     Attributes
     ----------

@@ -14,10 +14,9 @@ class TipLoad(Effect):
     """A force and a moment on the tip: dead in the base frame, or following the tip.
 
     F(L) = force and M(L) = moment, in the base frame or, with `follower`, in the tip's (boundary
-    conditions of F' = -f, M' = -u' x F). Adds to the paper's scene torsion, xi and k as states, a
-    follower the force's three components as well, and makes the scene a boundary value problem
-    with as many unknowns a segment as states: a settle takes 22 to 31 times as long. Without it a
-    payload is not felt: 2 mN (0.2 g) move the tips of the paper's figures by 5 to 10 mm.
+    conditions of F' = -f, M' = -u' x F). Adds to the paper's scene torsion and the moment at the
+    nodes, a follower the force there as well. Without it a payload is not felt: 2 mN (0.2 g) move
+    the tips of the paper's figures by 5 to 10 mm.
 
     Attributes
     ----------

@@ -12,11 +12,9 @@ from model.effects.base import Effect
 class Weight(Effect):
     """The arm's own weight, rho A(s) g per unit reference length, with the material's density.
 
-    F(s) is the weight of what lies beyond s, M' = -u' x F. Adds to the paper's scene torsion, xi
-    and k as states (three; four or more with exact tendons) and makes the scene a boundary value
-    problem with as many unknowns a segment as states: a settle takes 17 to 23 times as long as the
-    paper's in water, 40 to 70 times in air. Without it the tip of table 2 under figure 11(b) is
-    4 cm off even in water, and half an arm's length in air.
+    F(s) is the weight of what lies beyond s, M' = -u' x F. Adds to the paper's scene torsion and the
+    moment at the nodes, and couples the cross-sections in one system of equations. Without it the
+    tip of table 2 under figure 11(b) is 4 cm off even in water, and half an arm's length in air.
 
     Attributes
     ----------

@@ -9,7 +9,7 @@ import numpy as np
 from model.arm import Arm
 from model.cross_section.reported import reported, strains_of
 from model.cross_section.sections import Sections
-from model.effects import ExactTendons, Extension, Friction
+from model.effects import ExactTendons, Extension
 from model.equilibrium.dense import poses_and_strains
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.load_stepping import equilibrium, near
@@ -26,11 +26,6 @@ from model.unloaded.closed_form import unloaded_strains
 
 # Of an element, unless a scheme asks for fewer.
 STAGES = 3
-
-
-def collocation_order(stages: int, friction: bool) -> int:
-    """Return the order of collocation; one less with friction."""
-    return 2 * stages - friction
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +58,7 @@ class Collocation:
         self.system = system(arm, scene, stages, refinement, at, loaded)
         self.mesh: Mesh = self.system.mesh
         self.stretch_at = np.concatenate([self.system.s, self.mesh.s[:-1], self.mesh.s[1:]])
-        self.order = collocation_order(stages, scene.has(Friction))
+        self.order = 2 * stages
 
     def run(self, tensions: Array, near: Known | None = None) -> tuple[Array, Array]:
         """See ForwardMap.run; raises SnapError and UnsettledSectionError."""

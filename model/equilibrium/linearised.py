@@ -105,6 +105,12 @@ class Linearised:
             raise SingularError("the equations of equilibrium are singular: the arm gives way")
         return factors, pivots
 
+    def times(self, states: Array) -> Array:
+        """Return the Jacobian against the states times changes of them (n_states,)."""
+        at, inside = self.band, self.band.inside
+        products = self.nonzeros[inside] * states[at.columns[inside] - at.first]
+        return np.bincount(at.rows[inside], products, states.size)
+
     def solve(self, right: Array, transposed: bool = False) -> Array:
         """Return the states (n_states, ...) that right-hand sides ask for.
 

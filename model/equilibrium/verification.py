@@ -78,9 +78,13 @@ def _defects(here: Linearised, scheme: RungeKutta, substeps: int) -> Array:
     missed = np.zeros(of.n_states)
     there, w = of.nodes[1:], of.form.wrench
     missed[there[:, :POSE]] = states[there[:, :POSE]] - y[:, :POSE]
-    missed[of.nodes[:-1, POSE : POSE + w]] = (
-        y[:, POSE : POSE + w] - states[there[:, POSE : POSE + w]]
-    )
+    wrenches = np.zeros(of.n_states)
+    wrenches[there[:, POSE : POSE + w]] = y[:, POSE : POSE + w] - states[there[:, POSE : POSE + w]]
+    # What an element makes of another wrench beyond it; a node's own wrench is left out.
+    left = wrenches - here.times(wrenches)
+    stages = of.inside.ravel()
+    missed[of.nodes[:, POSE : POSE + w]] = left[of.nodes[:, POSE : POSE + w]]
+    missed[stages] = left[stages]
     missed[of.turned[1:]] = (states[there] - y)[:, POSE + w :] - segment.kinks()
     return missed
 

@@ -56,21 +56,34 @@ def rotation_vectors(kappa: list[ca.SX], h: ca.SX) -> list[ca.SX]:
 
         h sum_j a_ij kappa_j + h^2 sum_{p<q} c_i^(p+q+2) (p-q) / (2 (p+1)(q+1)(p+q+2)) [k_p, k_q],
 
-    which keeps the order of the nodes; to the last node the expansion of order 2 m, six at most.
+    and from three stages on all else of the fifth order in h, which keeps the order of the nodes:
+
+        c_i^5 (h^3 [k_0, [k_0, k_2]] / 360 - h^3 [k_1, [k_0, k_1]] / 240
+               + h^4 [k_0, [k_0, [k_0, k_1]]] / 720);
+
+    to the last node the expansion of order 2 m, six at most.
     """
     m = len(kappa)
     method = gauss(m)
     k = [_sum(method.powers[p], kappa) for p in range(m)]
     pairs = [(p, q) for p in range(m) for q in range(p + 1, m)]
     brackets = {(p, q): _bracket(k[p], k[q]) for p, q in pairs}
-    found = []
+    found, fifth = [], _fifth(k, brackets, h) if m > 2 else ca.SX.zeros(3)
     for c, row in zip(method.c, method.a, strict=True):
         turn = h * _sum(row, kappa)
         for (p, q), bracket in brackets.items():
             share = (p - q) / (2 * (p + 1) * (q + 1) * (p + q + 2))
             turn += h**2 * float(c ** (p + q + 2)) * share * bracket
-        found.append(turn)
+        found.append(turn + float(c**5) * fifth)
     return [*found, _across(kappa, h)]
+
+
+def _fifth(k: list[ca.SX], brackets: dict[tuple[int, int], ca.SX], h: ca.SX) -> ca.SX:
+    """Return the terms of the fifth order in h that are no single bracket, at x = 1."""
+    twice = _bracket(k[0], brackets[0, 1])
+    third = _bracket(k[0], brackets[0, 2]) / 360 - _bracket(k[1], brackets[0, 1]) / 240
+    fifth: ca.SX = h**3 * (third + h * _bracket(k[0], twice) / 720)
+    return fifth
 
 
 def _across(kappa: list[ca.SX], h: ca.SX) -> ca.SX:

@@ -19,7 +19,7 @@ class Statement:
     Attributes
     ----------
     form : "condensed" or "multiple-shooting"
-        Unknowns: the tensions alone, or with the states at the tip side of each segment.
+        Unknowns: the tensions alone, or with the states of all elements.
     norm : "2", "1" or "inf"
         What effort is.
     mode : "exact", "closest" or "nearest"

@@ -28,7 +28,8 @@ def test_a_tendon_loses_by_the_angle_that_the_arm_bends(mu: float, way: int) -> 
     theta = np.sum(np.arccos(np.sum(t[:-1] * t[1:], axis=1)))
     assert theta > 0.6
     assert shape.tension(0.0)[0] == pytest.approx(T, rel=1e-12)
-    assert shape.tension(shape.arm.length)[0] == pytest.approx(T * np.exp(-way * mu * theta), rel=1e-9)
+    left = T * np.exp(-way * mu * theta)
+    assert shape.tension(L)[0] == pytest.approx(left, rel=1e-9)
 
 
 ARMS = {

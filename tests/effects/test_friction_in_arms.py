@@ -6,8 +6,8 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.polynomial import Chebyshev
 import pytest
+from numpy.polynomial import Chebyshev
 
 from model import Anchorage, Arm, InputError, Linear, Scene, Shape, settle
 from model.effects import ExactTendons, Extension, Friction, NeoHookean, TipLoad, Weight

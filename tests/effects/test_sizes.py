@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-import casadi as ca
 import numpy as np
 import pytest
 
@@ -21,7 +18,7 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from model.forward import explicit_map, loaded_map
+from model.forward import loaded_map
 from model.mesh import graded
 from model.sizes import Sizes, sizes
 from model.transcription.system import System
@@ -58,26 +55,6 @@ LOADS: dict[str, tuple[Effect, ...]] = {
         PointLoad(0.225, F),
         Current((0.0, 0.0, -0.001)),
         Friction(0.1),
-    ),
-}
-# The same kinds of loads with other numbers, as small.
-OTHERS: dict[str, tuple[Effect, ...]] = {
-    "weight": (Weight((0.01, 0.02, 0.0)),),
-    "weight in water": (Weight((0.01, 0.02, 0.0)), Buoyancy(900.0)),
-    "tip load": (TipLoad((1e-6, 0.0, 0.0), (1e-8, 0.0, 2e-8)),),
-    "follower": (TipLoad((0.0, 0.0, 0.0), (1e-8, 0.0, 0.0), follower=True),),
-    "point load": (PointLoad(0.226, (1e-6, 1e-6, 0.0)),),
-    "current": (Current((0.001, 0.002, 0.0), 900.0, 0.5),),
-    "friction": (Friction(0.3, (1, -1) * 6),),
-    "shear": (Shear(0.5),),
-    "all": (
-        Shear(0.5),
-        Weight((0.01, 0.02, 0.0)),
-        Buoyancy(900.0),
-        TipLoad((0.0, 0.0, 1e-6), follower=True),
-        PointLoad(0.226, (1e-6, 1e-6, 0.0)),
-        Current((0.001, 0.0005, 0.0), 900.0, 0.5),
-        Friction(0.3, -1),
     ),
 }
 # What an effect adds to the nodes besides pose and moment, and to the strains of a cross-section.
@@ -132,21 +109,6 @@ def test_a_load_adds_the_states_that_it_says_and_as_many_constraints_as_unknowns
     # With friction the strains' rates are unknown too.
     stage = strains * (2 if name in ANGLES else 1)
     check_total(found, node, stage, graded(ARM, 1, POINTS.get(name, ())).steps)
-
-
-@pytest.mark.parametrize("name", LOADS)
-@pytest.mark.parametrize("ground", GROUNDS)
-def test_other_numbers_add_nothing_and_build_nothing(ground: str, name: str) -> None:
-    one, other = (over(GROUNDS[ground], *loads[name]) for loads in (LOADS, OTHERS))
-    assert sizes(ARM, one) == sizes(ARM, other)
-    assert stated(one).of is stated(other).of
-    assert not np.array_equal(stated(one).p, stated(other).p)
-
-
-def test_dead_loads_of_all_kinds_are_one_structure() -> None:
-    kinds = [LOADS[name] for name in ("weight", "weight in water", "tip load")]
-    assert len({id(stated(over(PAPER, *loads)).of) for loads in kinds}) == 1
-    assert len({sizes(ARM, over(PAPER, *loads)) for loads in kinds}) == 1
 
 
 @pytest.mark.parametrize(
@@ -229,33 +191,3 @@ def test_heavier_loads_call_for_more_elements_and_no_more_states() -> None:
     unknowns = [found.unknowns for found in counts]
     assert unknowns == sorted(unknowns)
     assert unknowns[-1] > unknowns[0]
-
-
-def parts(*functions: ca.Function) -> dict[int, str]:
-    """The functions and all that they call, by identity."""
-    inside = [part for f in functions for part in (f, *f.find_functions())]
-    return {part.__hash__(): part.name() for part in inside}
-
-
-@pytest.mark.parametrize("ground", ["paper", "silicone"])
-def test_no_loaded_scene_shares_functions_with_a_bare_one(ground: str) -> None:
-    bare = GROUNDS[ground]
-    before, counted = explicit_map(ARM, bare, "magnus6", 1), sizes(ARM, bare)
-    own = parts(before.function)
-    for name, loads in LOADS.items():
-        calls = parts(stated(over(bare, *loads)).of.equations.value)
-        assert {"element", "tip"} <= set(calls.values())
-        assert not own.keys() & calls.keys(), name
-    after = explicit_map(ARM, bare, "magnus6", 1)
-    assert after is before
-    assert parts(after.function) == own
-    assert sizes(ARM, bare) == counted
-
-
-def test_a_bare_function_built_after_loaded_ones_is_the_same_to_the_instruction() -> None:
-    arm = Arm.from_paper("table-2")
-    alone = sizes(arm, PAPER)
-    for loads in (LOADS["tip load"], LOADS["current"]):
-        sizes(arm, over(PAPER, *loads))
-    explicit_map.cache_clear()
-    assert sizes(arm, PAPER) == alone

@@ -10,7 +10,7 @@ import numpy as np
 
 from planner.program.condensed import First
 from planner.program.problem import Problem
-from tests.planner.cases import Array
+from tests.differences import Array, check_rows, fourth_order
 
 
 class Twice(NamedTuple):
@@ -41,11 +41,6 @@ def dense(A: Any) -> Array:
     return np.array(ca.densify(A))
 
 
-def fourth_order(f: Callable[[float], Array], h: float) -> Array:
-    """The derivative of f at 0 by the central formula of four points."""
-    return np.asarray((f(-2 * h) - 8 * f(-h) + 8 * f(h) - f(2 * h)) / (12 * h))
-
-
 def check_derivatives(of: Twice, x: Array, step: float) -> None:
     """Hold the first and second derivatives of a program to differences along a random way."""
     rng, sigma = np.random.default_rng(0), 0.7
@@ -64,10 +59,3 @@ def check_derivatives(of: Twice, x: Array, step: float) -> None:
     check_rows(np.vstack([here.gradient, here.jacobian]), way, fourth_order(values, step))
     check_rows(H, way, fourth_order(slopes, step))
     assert np.abs(H - H.T).max() < 1e-12 * np.abs(H).max()
-
-
-def check_rows(matrix: Array, way: Array, wanted: Array) -> None:
-    """Hold what each row of a matrix says of a way to 1e-7 of its largest terms."""
-    size = np.abs(matrix) @ np.abs(way)
-    assert size.max() > 0
-    assert np.all(np.abs(matrix @ way - wanted) <= 1e-7 * size + 1e-9 * size.max())

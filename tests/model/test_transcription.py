@@ -1,0 +1,134 @@
+"""The transcription by collocation: order, derivatives, structure, and what verifies it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from model import Arm, Linear, Material, Scene, settle
+from model.effects import (
+    Buoyancy,
+    Current,
+    Effect,
+    ExactTendons,
+    Extension,
+    Friction,
+    PointLoad,
+    Shear,
+    TipLoad,
+    Weight,
+)
+from model.equilibrium.forward import Collocation
+from model.equilibrium.verification import verified
+from model.rotations import exponential, half_turn
+from model.transcription.system import System, system
+from tests.differences import Array, check_rows, fourth_order
+from tests.planner.cases import moderate
+
+ARM, PULLS = Arm.from_paper("table-4"), np.ravel(moderate())
+WATER: tuple[Effect, ...] = (Weight(), Buoyancy())
+STREAM = (Current((0.0, 0.05, 0.02)), TipLoad((0.0, 1e-3, 0.0), follower=True))
+SCENES = {
+    "paper in water": Scene(Extension(), *WATER),
+    "silicone in water": Scene(*Scene.silicone().effects, *WATER),
+    "stream": Scene(Extension(), Shear(), *WATER, *STREAM),
+    "point load": Scene(Extension(), ExactTendons(), PointLoad(0.1, (0.0, 2e-3, 0.0))),
+    "rough": Scene(Extension(), *WATER, Friction(0.2)),
+}
+EVERYTHING = Scene(*Scene.silicone().effects, *WATER, *STREAM, Shear(), Friction(0.1))
+
+
+@pytest.mark.parametrize("stages", [1, 2, 3])
+@pytest.mark.parametrize("name", ["paper in water", "silicone in water", "stream", "point load"])
+def test_the_error_of_the_tip_falls_with_twice_the_number_of_stages(name: str, stages: int) -> None:
+    def tip(stages: int, refinement: int) -> Array:
+        return Collocation(ARM, SCENES[name], stages, refinement).run(PULLS)[0][-1, :7]
+
+    best = tip(3, 32)
+    gaps = np.array([tip(stages, refinement) - best for refinement in (2, 4, 8)])
+    for part in (gaps[:, :4], gaps[:, 4:] / ARM.length):
+        errors = np.linalg.norm(part, axis=1)
+        assert errors[-1] > 1e-12
+        slopes = np.log2(errors[:-1] / errors[1:])
+        assert slopes.min() > 2 * stages - 0.4
+        assert slopes.max() < 2 * stages + 0.4
+
+
+def somewhere(here: System, seed: int) -> Array:
+    """Unknowns of a bent arm off its equilibrium."""
+    rng, law = np.random.default_rng(seed), here.of.form.law
+    v = 3.0 * rng.normal(size=here.of.stages.shape)
+    v[:, 3] = law.along_at_rest + 0.02 * v[:, 3]
+    v[:, 4:] *= 0.02
+    T = rng.uniform(0.1, 0.5, here.of.n_tendons)
+    states = here.start(T, v, 1.0)
+    return here.x(T, 0.9, states * (1 + 1e-2 * rng.normal(size=states.size)))
+
+
+@pytest.mark.parametrize("name", ["section-5.2", "table-2"])
+@pytest.mark.parametrize("scene", [*SCENES.values(), EVERYTHING], ids=[*SCENES, "everything"])
+def test_derivatives_of_the_equations_are_those_of_differences(name: str, scene: Scene) -> None:
+    arm = Arm.from_paper(name)
+    here = system(arm, scene, 2, 1)
+    of, x = here.of.equations, somewhere(here, 1)
+    rng = np.random.default_rng(2)
+    # Ways in proportion to the unknowns, whose units differ; and the same for Hessians' rows.
+    size = np.where(x == 0, 1e-3, np.abs(x))
+    way, lam = size * rng.normal(size=x.size), rng.normal(size=here.of.n_states)
+
+    def jacobian(x: Array) -> Array:
+        function, places = of.jacobian
+        return np.array(ca.densify(ca.DM(places, function(x, here.p))))
+
+    function, places = of.hessian
+    H = np.array(ca.densify(ca.DM(places, function(x, here.p, lam))))
+    check_rows(jacobian(x), way, fourth_order(lambda share: here.residual(x + share * way), 1e-4))
+    wanted = fourth_order(lambda share: jacobian(x + share * way).T @ lam, 1e-4)
+    check_rows(size[:, None] * H * size, way / size, size * wanted)
+    assert np.array_equal(H, H.T)
+
+
+def test_another_body_in_other_loads_builds_nothing() -> None:
+    soft = replace(ARM, material=Material(5e4, 0.4, 1200.0), radius=Linear(0.0151, 0.0021))
+    for arm in (ARM, soft):
+        for weak in (1e-3, 2e-3):
+            scene = Scene(Extension(), Weight((weak, 0.0, 0.0)), TipLoad((0.0, weak / 1e3, 0.0)))
+            here = system(arm, scene, 3, 2)
+            first = system(ARM, Scene(Extension(), Weight((0.0, 0.0, 1e-3))), 3, 2)
+            assert here.of is first.of
+            assert here.of.equations is first.of.equations
+            assert not np.array_equal(here.p, first.p)
+
+
+@pytest.mark.parametrize("arm", ["table-4", "section-5.2"])
+@pytest.mark.parametrize("name", ["bare", *SCENES])
+def test_what_verifies_an_equilibrium_corrects_a_coarse_one(name: str, arm: str) -> None:
+    scene, given = SCENES.get(name, Scene()), Arm.from_paper(arm)
+    pulls = {"table-4": PULLS, "section-5.2": np.array([0.3, 0.2, 0.0, 0.1])}[arm]
+    # As coarse as to be off by some millionths of the length.
+    here = Collocation(given, scene, 2, 2).found(pulls)
+    found = verified(here, 1e-8)
+    wanted = settle(given, pulls, scene, 1e-10).tip
+    coarse, fine = (at.system.poses(at.states)[-1, 4:] for at in (here, found.here))
+    assert found.error <= 1e-8
+    assert np.linalg.norm(coarse - wanted) > 5e-7 * given.length
+    assert np.linalg.norm(fine - coarse) > 5e-7 * given.length
+    assert np.linalg.norm(fine - wanted) < 1e-7 * given.length
+
+
+@pytest.mark.parametrize("most", [1e-9, 0.5, np.pi, 2 * np.pi, 4 * np.pi])
+def test_a_half_turn_is_that_of_the_exponential_up_to_two_turns(most: float) -> None:
+    w, rng = ca.SX.sym("w", 3), np.random.default_rng(3)
+    ways = [half_turn(w), exponential(w, ca.SX.zeros(3))[:4]]
+    both = ca.Function("both", [w], [ca.densify(way) for way in ways])
+    for share in np.linspace(0, 1, 200):
+        axis = rng.normal(size=3)
+        turn = share * most * axis / np.linalg.norm(axis)
+        series, closed = (np.array(q).ravel() for q in both(turn))
+        angle = np.linalg.norm(turn)
+        plain = np.append(np.cos(angle / 2), np.sinc(angle / 2 / np.pi) / 2 * turn)
+        assert np.abs(series - closed).max() < 6e-14
+        assert np.abs(series - plain).max() < 6e-14
