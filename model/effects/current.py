@@ -14,7 +14,8 @@ class Current(Effect):
 
     v_n is the part of the stream's velocity that is normal to the arm's tangent t, so the load
     depends on the shape (Morison's drag term). Adds to the paper's scene torsion, and moment and
-    force at the nodes, and couples the cross-sections in one system of equations. Without it an arm in flowing water
+    force at the nodes, and couples the cross-sections in one system of equations.
+    Without it an arm in flowing water
     stands as in still water: 0.1 m/s move the tips of the paper's figures by 12 to 18 mm.
 
     Attributes

@@ -12,9 +12,9 @@ from model.effects.base import Effect
 class PointLoad(Effect):
     """A dead force on the midline at arc length s; a scene may have several, at different places.
 
-    The force in the arm jumps there, F(s-) = F(s+) + force, the moment does not. Adds to the paper's
-    scene torsion, the moment at the nodes, and a node at s. Without it what the arm leans on is not
-    felt.
+    The force in the arm jumps there, F(s-) = F(s+) + force, the moment does not. Adds to the
+    paper's scene torsion, the moment at the nodes, and a node at s. Without it what the arm leans
+    on is not felt.
 
     Attributes
     ----------

@@ -12,9 +12,9 @@ from model.effects.base import Effect
 class Weight(Effect):
     """The arm's own weight, rho A(s) g per unit reference length, with the material's density.
 
-    F(s) is the weight of what lies beyond s, M' = -u' x F. Adds to the paper's scene torsion and the
-    moment at the nodes, and couples the cross-sections in one system of equations. Without it the
-    tip of table 2 under figure 11(b) is 4 cm off even in water, and half an arm's length in air.
+    F(s) is the weight of what lies beyond s, M' = -u' x F. Adds to the paper's scene torsion and
+    the moment at the nodes, and couples the cross-sections in one system of equations. Without it
+    the tip of table 2 under figure 11(b) is 4 cm off even in water, and half an arm's length in air.
 
     Attributes
     ----------

@@ -109,7 +109,7 @@ class Linearised:
         """Return the Jacobian against the states times changes of them (n_states,)."""
         at, inside = self.band, self.band.inside
         products = self.nonzeros[inside] * states[at.columns[inside] - at.first]
-        return np.bincount(at.rows[inside], products, states.size)
+        return np.asarray(np.bincount(at.rows[inside], products, states.size), dtype=float)
 
     def solve(self, right: Array, transposed: bool = False) -> Array:
         """Return the states (n_states, ...) that right-hand sides ask for.
