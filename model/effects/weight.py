@@ -14,7 +14,8 @@ class Weight(Effect):
 
     F(s) is the weight of what lies beyond s, M' = -u' x F. Adds to the paper's scene torsion and
     the moment at the nodes, and couples the cross-sections in one system of equations. Without it
-    the tip of table 2 under figure 11(b) is 4 cm off even in water, and half an arm's length in air.
+    the tip of table 2 under figure 11(b) is 4 cm off even in water, and half an arm's length in
+    air.
 
     Attributes
     ----------
