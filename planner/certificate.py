@@ -26,8 +26,9 @@ from planner.targets.base import Target
 
 # How accurate the check is: two digits more than what it has to judge.
 _SHARPER, _PRINTED = 1e-2, "rk8"
-# The finest mesh whose wrenches it begins from: what these lack is corrected to first order.
-_MESH = 3
+# The mesh whose wrenches it begins from: what these lack is corrected to first order. Where that
+# leaves the tip's pose farther off than so many times what is asked of it, that of the shape.
+_MESH, _CLOSE = 3, 10
 KKT_TOLERANCE = 1e-6
 STIFF_ACCURACY = 1e-8
 
@@ -156,11 +157,15 @@ Checked = tuple[Array, Array, float, float]
 
 def _integrated(shape: Shape, stations: tuple[float, ...], accuracy: float) -> Checked:
     """Return what initial value integration makes of a shape."""
-    mesh = min(shape.refinement, _MESH)
-    forward = Collocation(shape.arm, shape.scene, STAGES, mesh, stations)
-    here = forward.found(shape.tensions, shape.known)
-    found = verified(here, accuracy)
-    poses = forward.system.poses(found.here.states)
+    scale = np.repeat([1.0, shape.arm.length], [4, 3])
+    for mesh in sorted({min(shape.refinement, _MESH), shape.refinement}):
+        forward = Collocation(shape.arm, shape.scene, STAGES, mesh, stations)
+        here = forward.found(shape.tensions, shape.known)
+        found = verified(here, accuracy)
+        poses = forward.system.poses(found.here.states)
+        gap = np.abs(poses[-1] - shape.poses(shape.arm.length)) / scale
+        if gap.max() <= _CLOSE * accuracy:
+            break
     places = [forward.mesh.node(s) for s in stations]
     # What an eigenvalue has to tell does not take a fine mesh.
     rough = Collocation(shape.arm, shape.scene, STAGES, 1).found(shape.tensions, shape.known)

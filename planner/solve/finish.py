@@ -7,7 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from model.effects import PrintedStatics
+from model.equilibrium.forward import STAGES, Collocation
 from model.errors import OctoplanError
+from model.ladder import next_refinement
+from model.loads import is_loaded
 from model.paths import Array
 from model.settle import settle
 from model.shape import Shape
@@ -141,8 +145,27 @@ def _mesh(task: Task, T: Array) -> int:
         for look in looks_of(task.targets):
             found = stiffness(task.arm, T, task.scene, look.hold, accuracy=fine)
             mesh = max(mesh, found.refinement)
+        if not is_loaded(task.scene) and not task.scene.has(PrintedStatics):
+            mesh = _collocated(task, shape, mesh, fine)
     except OctoplanError:
         return _FINE_IF_UNSETTLED
+    return mesh
+
+
+def _collocated(task: Task, shape: Shape, mesh: int, fine: float) -> int:
+    """Return a mesh on which collocation has the poses that a shape in closed form has."""
+    stations, point = stations_of(task.arm, task.targets), task.is_point
+    wanted = shape.poses(np.array(stations))
+    for _ in range(_MESHES):
+        forward = Collocation(task.arm, task.scene, STAGES, mesh, stations, False)
+        rows = forward.run(shape.tensions)[0]
+        found = rows[[forward.mesh.node(s) for s in stations], :7]
+        turned = 2 * (1 - np.abs((found[:, :4] * wanted[:, :4]).sum(axis=1)))
+        shift = np.linalg.norm(found[:, 4:] - wanted[:, 4:], axis=1) / task.arm.length
+        gap = float(max(shift.max(), 0.0 if point else 2 * np.sqrt(np.maximum(turned, 0)).max()))
+        if gap <= fine:
+            break
+        mesh = next_refinement(mesh, gap, fine, forward.order) or mesh
     return mesh
 
 
