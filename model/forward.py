@@ -8,8 +8,8 @@ from typing import Any, Protocol
 import casadi as ca
 
 from model.arm import Arm
-from model.effects import PrintedStatics
-from model.equilibrium.forward import Collocation
+from model.effects import Friction, PrintedStatics
+from model.equilibrium.forward import Collocation, collocation_order
 from model.errors import InputError
 from model.integrators.adaptive import CVODES, ERK
 from model.integrators.collocation import GAUSS4, GAUSS6
@@ -87,7 +87,9 @@ def schemes_of(scene: Scene) -> tuple[str, ...]:
 
 def order_of(scheme: str, scene: Scene) -> int:
     """Return the order of a scheme in a scene."""
-    return 2 * COLLOCATIONS[scheme] if is_loaded(scene) else SCHEMES[scheme].order
+    if is_loaded(scene):
+        return collocation_order(COLLOCATIONS[scheme], scene.has(Friction))
+    return SCHEMES[scheme].order
 
 
 def check_scheme(scene: Scene, scheme: str | None) -> str:

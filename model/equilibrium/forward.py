@@ -9,7 +9,7 @@ import numpy as np
 from model.arm import Arm
 from model.cross_section.reported import reported, strains_of
 from model.cross_section.sections import Sections
-from model.effects import ExactTendons, Extension
+from model.effects import ExactTendons, Extension, Friction
 from model.equilibrium.dense import poses_and_strains
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.load_stepping import equilibrium, near
@@ -26,6 +26,14 @@ from model.unloaded.closed_form import unloaded_strains
 
 # Of an element, unless a scheme asks for fewer.
 STAGES = 3
+
+
+def collocation_order(stages: int, friction: bool) -> int:
+    """Return the order that error estimates count on.
+
+    One less with friction, where a fine mesh is needed to see it.
+    """
+    return 2 * stages - friction
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +66,7 @@ class Collocation:
         self.system = system(arm, scene, stages, refinement, at, loaded)
         self.mesh: Mesh = self.system.mesh
         self.stretch_at = np.concatenate([self.system.s, self.mesh.s[:-1], self.mesh.s[1:]])
-        self.order = 2 * stages
+        self.order = collocation_order(stages, scene.has(Friction))
 
     def run(self, tensions: Array, near: Known | None = None) -> tuple[Array, Array]:
         """See ForwardMap.run; raises SnapError and UnsettledSectionError."""
