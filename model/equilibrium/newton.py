@@ -12,8 +12,7 @@ from model.paths import Array
 from model.transcription.system import System
 
 _STEPS = 14
-# Steps by a factorisation that is kept shrink linearly, and leave what the next one would take.
-_SETTLED, _SETTLED_KEPT = 1e-10, 1e-13
+_SETTLED = 1e-10
 # A step counts as safe if it is so much smaller than the last; below _SMALL rounding may be felt.
 _CONTRACTION, _SMALL = 0.25, 1e-3
 # The farthest that one step turns a frame, as a change of its quaternion, and how many steps may be
@@ -49,7 +48,6 @@ def newton(
     last, of, here = 0.0, system.of, kept
     for _ in range(_STEPS):
         x = system.x(tensions, load, states)
-        settled = _SETTLED if here is None else _SETTLED_KEPT
         here, change = _step(system, x, here)
         if here is None or change is None:
             return None
@@ -63,10 +61,10 @@ def newton(
         size = _size(system, change, states)
         if last and size > max(_CONTRACTION * last, _SMALL):
             return None
-        if size < settled or size**2 < settled * last:
+        if size < _SETTLED or size**2 < _SETTLED * last:
             return replace(here, x=system.x(tensions, load, states))
-        if size > _KEPT * (last or 1.0):
-            here = None
+        if size > _KEPT * last or not last:
+            here = None if kept is None or last else here
         last = size
     return None
 
