@@ -16,6 +16,8 @@ PATH = ("y", "y_rate", "cos", "sin")
 # Keeps the length of a tendon differentiable where it has none left, wide enough for the rounding
 # of its square (1e-16) to be small beside it.
 TINY = 1e-24
+# Under the root of how fast a tendon turns, which may be nothing.
+_STILL = 1e-30
 
 
 class CrossSection(Protocol):
@@ -91,3 +93,13 @@ def join(law: CrossSection, curvature: ca.SX, along: ca.SX, shear: ca.SX) -> ca.
     parts = [curvature[k] for k in moments(law)]
     parts += [along] * law.extension + [shear] * law.shear
     return ca.vertcat(*parts)
+
+
+def turning_rate(law: CrossSection, v: ca.SX, rate: ca.SX, path: ca.SX, change: ca.SX) -> ca.SX:
+    """Return |d(c/|c|)/ds| in the base frame of a tendon at a cross-section [rad/m]."""
+    c = law.tangent(v, path)
+    moved = ca.jtimes(c, v, rate) + ca.jtimes(c, path, change)
+    length = ca.norm_2(c)
+    unit, moved = c / length, moved / length
+    across = moved - unit * ca.dot(unit, moved) + ca.cross(law.twist(v)[0], unit)
+    return ca.sqrt(ca.sumsqr(across) + _STILL)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.arm import Arm
-from model.cross_section.law import CrossSection, size
+from model.cross_section.law import CrossSection, size, turning_rate
 from model.effects import Shear
 from model.machine.buffered import Buffered
 from model.paths import Array
@@ -121,8 +121,6 @@ class Sections:
 @lru_cache(maxsize=32)
 def _turning(law: CrossSection) -> ca.Function:
     """Return strains, rates, path, its rate -> |d(c/|c|)/ds| of a tendon."""
-    from model.transcription.friction import turning_rate
-
     v, rate = ca.SX.sym("v", size(law)), ca.SX.sym("rate", size(law))
     path, change = ca.SX.sym("path", 4), ca.SX.sym("change", 4)
     return ca.Function(

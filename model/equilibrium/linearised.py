@@ -102,7 +102,7 @@ class Linearised:
         stored[at.below + at.above + at.rows[inside] - column, column] = self.nonzeros[inside]
         factors, pivots, info = dgbtrf(stored, at.below, at.above, overwrite_ab=1)
         if info != 0 or not np.all(np.isfinite(factors)):
-            raise SingularError("the equations of equilibrium are singular: the arm gives way")
+            raise SingularError("the equations of equilibrium are singular: the arm buckles")
         return factors, pivots
 
     def times(self, states: Array) -> Array:

@@ -3,7 +3,7 @@
 With the nodes eliminated the equations' Jacobian is, times the stages' weights, the Hessian of the
 potential energy in the strains. Scaled by the stiffness of the body at rest its eigenvalues are
 numbers: 1 for an arm at rest, 1 - P / P_cr for a column under an axial load P, 0 where the arm
-gives way. Loads that have no potential (followers, currents), and the paper's tangent, make it
+buckles. Loads that have no potential (followers, currents), and the paper's tangent, make it
 unsymmetric: then the real parts count, and nothing is said of flutter. Tensions that friction has
 spread along the tendons are held as they are.
 """

@@ -19,7 +19,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from model.cross_section.law import CrossSection, size
+from model.cross_section.law import CrossSection, size, turning_rate
 from model.paths import Array
 from model.transcription.collocation import gauss
 from model.transcription.terms import Kernel
@@ -87,16 +87,6 @@ class TendonSymbols:
             ca.horzsplit(self.v), ca.horzsplit(self.rate), self.paths, self.changes, strict=True
         )
         return [turning_rate(law, *stage) for stage in stages]
-
-
-def turning_rate(law: CrossSection, v: ca.SX, rate: ca.SX, path: ca.SX, change: ca.SX) -> ca.SX:
-    """Return |d(c/|c|)/ds| in the base frame of a tendon at a cross-section [rad/m]."""
-    c = law.tangent(v, path)
-    moved = ca.jtimes(c, v, rate) + ca.jtimes(c, path, change)
-    length = ca.norm_2(c)
-    unit, moved = c / length, moved / length
-    across = moved - unit * ca.dot(unit, moved) + ca.cross(law.twist(v)[0], unit)
-    return ca.sqrt(ca.sumsqr(across) + _TINY)
 
 
 @lru_cache(maxsize=32)
