@@ -14,7 +14,8 @@ LOOSEST, FINEST_ACCURACY = 0.1, 1e-12
 REFINEMENTS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
 FINEST = REFINEMENTS[-1]
 CAUTION = 4.0
-_ROUNDING = 1e-14
+# What rounding leaves, over L: of explicit maps, and of equilibria found by Newton's method.
+ROUNDING, IMPLICIT = 1e-14, 5e-13
 
 
 def checked_accuracy(accuracy: Any) -> float:
@@ -35,9 +36,9 @@ def first_pair(accuracy: float, order: int) -> tuple[int, int]:
     return coarse, fine
 
 
-def estimate(gap: Any, coarse: Any, fine: int, order: int) -> Any:
+def estimate(gap: Any, coarse: Any, fine: int, order: int, rounding: float = ROUNDING) -> Any:
     """Return the tip error over L of the finer of two meshes whose tips are a gap apart, over L."""
-    return CAUTION * gap / ((fine / coarse) ** order - 1) + _ROUNDING
+    return CAUTION * gap / ((fine / coarse) ** order - 1) + rounding
 
 
 def next_refinement(refinement: int, error: float, accuracy: float, order: int) -> int:

@@ -13,7 +13,7 @@ from model.checks import kind
 from model.errors import InputError, NotSettledError, SnapError, UnsettledSectionError
 from model.forward import SCHEMES, check_scheme, forward_map, machine_map, order_of
 from model.integrators.magnus import Magnus
-from model.ladder import checked_accuracy, estimate, first_pair, next_refinement
+from model.ladder import IMPLICIT, ROUNDING, checked_accuracy, estimate, first_pair, next_refinement
 from model.loads import check_loads, is_loaded
 from model.paths import Array
 from model.patience import check_time
@@ -89,6 +89,7 @@ def _settled(
     lever = float(arm.radius.evaluate(np.zeros(1), arm.length)[0][0]) if is_loaded(scene) else 0.0
     # Elsewhere strains that are no numbers may be those of a step that is too long.
     by_sections = is_loaded(scene) or isinstance(SCHEMES[scheme], Magnus)
+    rounding = IMPLICIT if is_loaded(scene) else ROUNDING
     coarse, fine = first_pair(accuracy, order)
     refinement = coarse
     before: tuple[int, Array] | None = None
@@ -109,7 +110,7 @@ def _settled(
         near, tip, error = forward.known(states), states[-1, :7], np.inf
         if before is not None:
             gap = _gap(tip, before[1], lever) / arm.length
-            error = estimate(gap, before[0], refinement, order)
+            error = estimate(gap, before[0], refinement, order, rounding)
             LOG.debug("%s, mesh %d: estimated tip error %.1e of L", scheme, refinement, error)
             if error <= accuracy:
                 check_stretch(forward, stretch)
