@@ -17,6 +17,7 @@ from planner.outcome import Facts, sentence
 from planner.program.effort import effort
 from planner.program.limits import Limits
 from planner.program.problem import Problem, build, units
+from planner.program.program import STABILITY
 from planner.program.statement import Mode, Statement
 from planner.solve.found import Start, agreed
 from planner.solve.polish import optimality
@@ -70,7 +71,7 @@ class Answer:
         """The check of the tensions by another integrator; see planner.certificate."""
         T = np.ravel(self.tensions)
         asked = (self.arm, self.scene, self.targets, self.limits)
-        return certify(*asked, T, self._kkt(T), self.accuracy)
+        return certify(*asked, T, self._kkt(T), self.accuracy, self.statement.margin)
 
     @property
     def mode(self) -> Mode:
@@ -113,6 +114,9 @@ class Answer:
                 found.append((float(lam[j]), name))
         if np.ravel(self._rows("stretch")).min(initial=0.0) < -1e-9:
             found.append((np.inf, "the body, which would be crushed (1 + q at its least)"))
+        if np.ravel(self._rows(STABILITY)).min(initial=0.0) < -1e-9:
+            least = self.statement.margin
+            found.append((np.inf, f"stability, at its margin of {least:g}"))
         total = self.limits.total
         if total is not None and T.sum() >= total * (1 - 1e-6):
             found.append((np.inf, f"the total pull at its maximum of {total:g} N"))

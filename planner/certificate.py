@@ -11,10 +11,13 @@ import numpy as np
 from model.arm import Arm
 from model.effects import PrintedStatics
 from model.equilibrium.forward import STAGES, Collocation
-from model.equilibrium.stability import stability
+from model.equilibrium.linearised import Linearised
+from model.equilibrium.load_stepping import Followed, follow_on
+from model.equilibrium.stability import least_eigenvalue, stability
 from model.equilibrium.verification import SCHEME, verified
 from model.errors import OctoplanError
 from model.ladder import FINEST_ACCURACY
+from model.loads import is_loaded
 from model.paths import Array
 from model.scene import Scene
 from model.settle import settle
@@ -30,6 +33,10 @@ _SHARPER, _PRINTED = 1e-2, "rk8"
 # leaves the tip's pose farther off than so many times what is asked of it, that of the shape.
 _MESH, _CLOSE = 3, 10
 KKT_TOLERANCE = 1e-6
+# Of the least eigenvalue, which another mesh has with other digits.
+STABILITY_TOLERANCE = 1e-4
+# As many times its loads an arm is followed, with such a relative error of where it gives way.
+MOST_LOADS, _GIVES_WAY = 3.0, 0.01
 STIFF_ACCURACY = 1e-8
 
 
@@ -47,6 +54,9 @@ class Certificate:
     agreement : distance of the settled tip from the check's, over L
     error : estimated tip error of the check, over L
     stability : least eigenvalue of the scaled Hessian of the energy; below 0 the arm does not stand
+    stability_margin : the least that is accepted
+    load_factor : times its loads at which the arm gives way, tensions held: infinite if that is
+        more than MOST_LOADS, None without loads
     scheme : the integrator of the check
     tolerance : what match, margin and agreement are held to
     problem : why the check could not be made, if so
@@ -60,6 +70,8 @@ class Certificate:
     agreement: float = np.inf
     error: float = np.inf
     stability: float = np.inf
+    stability_margin: float = 0.0
+    load_factor: float | None = None
     scheme: str = ""
     tolerance: float = 1e-6
     problem: str = ""
@@ -90,10 +102,30 @@ class Certificate:
             (self.bounds, 0.0, "tension limit violated by [N]"),
             (self.kkt, KKT_TOLERANCE, "optimality residual"),
             (self.agreement, self.tolerance, "integrators differ by"),
-            (-self.stability, 0.0, "the arm does not stand; stability below 0 by"),
+            (self.stability_margin - self.stability, self._stable, self._unstable),
         ]
         failed = [check for check in checks if not check[0] <= check[1]]
         return tuple(f"{name} {value:.2g}, allowed {limit:.2g}" for value, limit, name in failed)
+
+    @property
+    def _stable(self) -> float:
+        """What the stability may lack: digits of a mesh, nothing where the arm has to stand."""
+        return STABILITY_TOLERANCE if self.stability_margin > 0 else 0.0
+
+    @property
+    def _unstable(self) -> str:
+        if self.stability < 0:
+            return "the arm does not stand; stability below 0 by"
+        return f"stability below its margin of {self.stability_margin:g} by"
+
+    @property
+    def bears(self) -> str:
+        """How many times its loads the arm bears, in words; empty without loads."""
+        if self.load_factor is None:
+            return ""
+        if np.isinf(self.load_factor):
+            return f"bears {MOST_LOADS:g} times its loads"
+        return f"gives way at {self.load_factor:.3g} times its loads"
 
     @property
     def passed(self) -> bool:
@@ -109,7 +141,9 @@ class Certificate:
         lines.append(f"  {'optimality residual':<28} {self.kkt:9.2e}")
         lines.append(f"  {'integrators differ by [L]':<28} {self.agreement:9.2e}")
         lines.append(f"  {'estimated tip error [L]':<28} {self.error:9.2e}")
-        lines.append(f"  {'stability (1 at rest)':<28} {self.stability:9.2e} (at least 0)")
+        least = f"(1 at rest; at least {self.stability_margin:g})"
+        lines.append(f"  {'stability':<28} {self.stability:9.2e} {least}")
+        lines += [f"  {self.bears}"] * bool(self.bears)
         return "\n".join(lines + [f"  failed: {failure}" for failure in self.failures])
 
 
@@ -121,6 +155,7 @@ def certify(
     tensions: Array,
     kkt: float,
     tolerance: float,
+    stability_margin: float = 0.0,
 ) -> Certificate:
     """Verify the settled tensions by initial value integration, and look at everything anew."""
     low, high = np.array(limits.lower), np.array(limits.upper)
@@ -133,7 +168,7 @@ def certify(
         shape = settle(arm, tensions, scene, max(tolerance / 10, FINEST_ACCURACY))
         stations, sharp = stations_of(arm, targets), max(_SHARPER * tolerance, FINEST_ACCURACY)
         check = _printed if printed else _integrated
-        poses, tip, error, stands = check(shape, stations, sharp)
+        poses, tip, error, stands, load_factor = check(shape, stations, sharp)
     except OctoplanError as reason:
         return Certificate(bounds=excess, scheme=scheme, tolerance=tolerance, problem=str(reason))
     match, approach, margin = measure(arm, targets, poses, gives(arm, targets, shape))
@@ -146,13 +181,15 @@ def certify(
         math.dist(tip, shape.tip) / arm.length,
         error,
         stands,
+        stability_margin,
+        load_factor,
         scheme,
         tolerance,
     )
 
 
-# Poses at the stations (K, 7), the tip (3,), its estimated error, stability.
-Checked = tuple[Array, Array, float, float]
+# Poses at the stations (K, 7), the tip (3,), its estimated error, stability, load factor.
+Checked = tuple[Array, Array, float, float, float | None]
 
 
 def _integrated(shape: Shape, stations: tuple[float, ...], accuracy: float) -> Checked:
@@ -167,15 +204,24 @@ def _integrated(shape: Shape, stations: tuple[float, ...], accuracy: float) -> C
         if gap.max() <= _CLOSE * accuracy:
             break
     places = [forward.mesh.node(s) for s in stations]
-    # What an eigenvalue has to tell does not take a fine mesh.
+    # Whether it stands does not take a fine mesh, how well it does takes one.
     rough = Collocation(shape.arm, shape.scene, STAGES, 1).found(shape.tensions, shape.known)
-    return poses[places], poses[-1, 4:], found.error, stability(rough)
+    least = stability(rough)
+    stands = least_eigenvalue(found.here) if least > 0 else least
+    bears = _load_factor(rough, shape) if is_loaded(shape.scene) else None
+    return poses[places], poses[-1, 4:], found.error, stands, bears
+
+
+def _load_factor(here: Linearised, shape: Shape) -> float:
+    """Return how many times its loads an arm bears, infinite if more than it is followed."""
+    end = follow_on(Followed(here, 1.0, ""), shape.tensions, MOST_LOADS, _GIVES_WAY)
+    return end.load if end.why else np.inf
 
 
 def _printed(shape: Shape, stations: tuple[float, ...], accuracy: float) -> Checked:
     """Return what another integrator makes of a scene as printed."""
     check = settle(shape.arm, shape.tensions, shape.scene, accuracy, _PRINTED)
-    return check.poses(np.array(stations)), check.tip, check.error, np.inf
+    return check.poses(np.array(stations)), check.tip, check.error, np.inf, None
 
 
 def measure(

@@ -45,12 +45,20 @@ def sentence(facts: Facts) -> str:
     plural = "s" * (facts.tried > 1)
     tried = f"{facts.tried} start{plural} tried, {facts.agreed} at the best optimum"
     if certificate.passed:
-        return f"{_success(facts)}; effort {facts.effort:.4g} N; {tried}."
+        parts = [_success(facts), f"effort {facts.effort:.4g} N", *_bears(certificate), tried]
+        return f"{'; '.join(parts)}."
     if facts.mode != "exact" and not certificate.attained:
         gaps = _gaps(facts)
         return f"Not reached: the nearest attainable shape is {gaps}; {_holders(facts)}; {tried}."
     failures = "; ".join(certificate.failures)
     return f"Not certified: {failures}; try a finer accuracy or more starts ({tried})."
+
+
+def _bears(certificate: Certificate) -> list[str]:
+    """Return how well an arm stands under its loads, if it has any."""
+    if not certificate.bears:
+        return []
+    return [f"stability {certificate.stability:.3g}, {certificate.bears}"]
 
 
 def _success(facts: Facts) -> str:

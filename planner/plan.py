@@ -20,7 +20,7 @@ from planner.files import to_json, write_named
 from planner.program.effort import check_norm
 from planner.program.limits import Limits
 from planner.program.statement import Form, Statement
-from planner.question import check_looks, check_targets, checked_form
+from planner.question import check_looks, check_targets, checked_form, checked_margin
 from planner.records.plan import plan_record
 from planner.solve.follow import Known, follow
 from planner.solve.found import Found
@@ -53,6 +53,7 @@ class Plan(Answer):
             form=self.statement.form,
             accuracy=self.accuracy,
             near=self,
+            stability_margin=self.statement.margin,
         )
 
     def save(self, path: str | Path) -> Path:
@@ -84,6 +85,7 @@ def plan(
     starts: int = 14,
     near: Plan | None = None,
     time_limit: float | None = None,
+    stability_margin: float = 0.0,
 ) -> Plan:
     """Return the tensions of least effort that give an arm the shape that a target wants.
 
@@ -112,6 +114,10 @@ def plan(
     time_limit : float
         [s]. What is best then is returned, and `outcome` says so; what the first plan for an arm
         and a scene needs to be set up is not cut short.
+    stability_margin : float
+        The least stability of the shape under its loads that is accepted, 0 to 1: the least
+        eigenvalue of the scaled Hessian of the energy, which is 1 for an arm at rest and 0 where it
+        is about to give way. With 0 the arm has to stand.
 
     Returns
     -------
@@ -133,7 +139,9 @@ def plan(
     seconds = None if time_limit is None else positive("time_limit", time_limit)
     limits = Limits.of(arm, tension_max, tension_min, total_pull)
     check_looks(targets, scene, limits)
-    statement = Statement(form, check_norm(norm), limited=total_pull is not None)
+    margin = checked_margin(stability_margin)
+    limited = total_pull is not None
+    statement = Statement(form, check_norm(norm), limited=limited, margin=margin)
     found = None if near is None else _followed(near, arm, scene, targets, limits, accuracy)
     if found is None:
         task = Task(arm, targets, scene, limits, statement, accuracy)

@@ -15,7 +15,7 @@ from model.ladder import FINEST, checked_accuracy
 from model.loads import check_loads
 from planner.plan import Plan
 from planner.program.limits import Limits
-from planner.question import check_targets, checked_form
+from planner.question import check_targets, checked_form, checked_margin
 from planner.records.plan import AnswerRecord, PlanRecord, StartRecord
 from planner.records.values import Number, value
 from planner.scenes.mistakes import mistake, shown
@@ -92,6 +92,10 @@ def _record(path: Path, name: str) -> PlanRecord:
 def _check_statement(within: _Within, answer: AnswerRecord) -> None:
     stated = answer.statement
     within("answer.statement", lambda: checked_form(stated.form))
+    within("answer.statement", lambda: checked_margin(stated.margin))
+    if stated.modes not in (0, 1):
+        told = f"got {stated.modes}, allowed is 0 or 1"
+        raise FileError(within.name, "answer.statement.modes", told)
     known = (*COLLOCATIONS, *SCHEMES)
     if stated.scheme not in known:
         told = f"got {shown(stated.scheme)}, allowed is {', '.join(known)}"

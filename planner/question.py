@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 
 from model.arm import Arm
+from model.checks import within
 from model.effects import PrintedStatics
 from model.errors import InputError
 from model.paths import Array
@@ -34,6 +36,11 @@ def checked_form(form: Form | None) -> Form:
     if form not in FORMS:
         raise InputError("form", form, ", ".join(FORMS))
     return form
+
+
+def checked_margin(margin: Any) -> float:
+    """Return a stability margin as a float; InputError outside of [0, 1]."""
+    return within("stability_margin", margin, 0.0, 1.0)
 
 
 def check_targets(arm: Arm, target: Target | Iterable[Target]) -> tuple[Target, ...]:

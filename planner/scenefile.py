@@ -99,6 +99,7 @@ def question_of(raw: dict[str, Any], name: str = "scene") -> Question:
         within("tensions", lambda given: arm.flat(given), table.tensions)
     targets = _targets(within, arm, table)
     options: dict[str, Any] = {"norm": str(table.norm), "form": table.form}
+    options["stability_margin"] = table.stability_margin
     if table.limits is not None:
         within("limits", lambda own: _check_limits(arm, own), table.limits)
         options |= msgspec.structs.asdict(table.limits)

@@ -62,7 +62,12 @@ def follow(system: System, tensions: Array, unloaded: Array, most: float, least:
     start = newton(system, tensions, 0.0, unloaded)
     if start is None:
         raise SnapError(0.0, SNAPS)
-    at, step, stood = Followed(start, 0.0, ""), min(1.0, most), stands(start)
+    return follow_on(Followed(start, 0.0, ""), tensions, most, least)
+
+
+def follow_on(at: Followed, tensions: Array, most: float, least: float) -> Followed:
+    """Follow a branch on from an equilibrium, up to a load factor; see follow."""
+    system, step, stood = at.here.system, min(1.0, most), stands(at.here)
     while at.load < most and step >= least * max(at.load, _FIRST):
         check_time()
         tell("percent of the loads", round(100 * at.load / most), 100)

@@ -14,6 +14,7 @@ from functools import lru_cache
 
 import numpy as np
 from scipy.sparse import csr_array
+from scipy.sparse.linalg import LinearOperator, eigs
 
 from model.cross_section.law import CrossSection, moments
 from model.cross_section.sections import body_numbers
@@ -130,6 +131,47 @@ def stability(here: Linearised) -> float:
     return float(np.linalg.eigvals(H).real.min())
 
 
+def least_eigenvalue(here: Linearised) -> float:
+    """Return the least eigenvalue of an equilibrium that stands, by Lanczos' or Arnoldi's method.
+
+    The digits of `stability`, on a fine mesh in a tenth of the time.
+    """
+    of = here.system.of
+    places, n = np.ravel(of.stages), of.stages.size
+    _, stiff = rest_stiffness(here.system)
+    right = np.zeros(of.n_states)
+
+    def inverse(bends: Array) -> Array:
+        right[places] = stiff * np.ravel(bends)
+        return here.solve(right)[places]
+
+    operator = LinearOperator((n, n), matvec=inverse, dtype=float)
+    value = eigs(operator, k=1, v0=np.ones(n), return_eigenvectors=False, tol=1e-10)[0]
+    return float((1 / value).real)
+
+
+def least_modes(here: Linearised, count: int) -> tuple[Array, Array]:
+    """Return the least eigenvalues (count,), and how the states move in their modes.
+
+    Modes are (n_states, count): the changes y of the states with J y = lambda B y, where J is the
+    equations' Jacobian and B the stiffness of the body at rest, at the stages. Of eigenvalues that
+    are complex the real parts count, and of their vectors. Raises SingularError.
+    """
+    H = energy_hessian(here)
+    even = (H + H.T) / 2
+    if np.abs(H - even).max() <= _SYMMETRIC * np.abs(H).max():
+        values, vectors = np.linalg.eigh(even)
+    else:
+        values, vectors = np.linalg.eig(H)
+        order = np.argsort(values.real)
+        values, vectors = values.real[order], vectors.real[:, order]
+    weight, stiff = rest_stiffness(here.system)
+    bends = vectors[:, :count] / np.sqrt(weight * stiff)[:, None]
+    right = np.zeros((here.system.of.n_states, count), order="F")
+    right[np.ravel(here.system.of.stages)] = values[:count] * stiff[:, None] * bends
+    return values[:count], here.solve(right)
+
+
 def energy_hessian(here: Linearised) -> Array:
     """Return the scaled Hessian in the strains of all stages (n, n), base to tip.
 
@@ -139,13 +181,16 @@ def energy_hessian(here: Linearised) -> Array:
     places, n = np.ravel(of.stages), of.stages.size
     unit = np.zeros((of.n_states, n), order="F")
     unit[places, np.arange(n)] = 1.0
-    weight, stiff = _scales(here.system)
+    weight, stiff = rest_stiffness(here.system)
     reduced = np.linalg.inv(here.solve(unit)[places])
     return np.asarray(reduced * np.sqrt(weight / stiff)[:, None] / np.sqrt(weight * stiff))
 
 
-def _scales(system: System) -> tuple[Array, Array]:
-    """Return the weight of each strain's stage, and the stiffness of the body at rest there."""
+def rest_stiffness(system: System) -> tuple[Array, Array]:
+    """Return the weight of each strain's stage [m], and the stiffness of the body at rest there.
+
+    Both by stage and strain (n,), base to tip.
+    """
     m = system.of.form.stages
     weight = np.outer(np.diff(system.mesh.s), gauss(m).b).ravel()
     body = stations(system.arm, system.s, np.repeat(system.mesh.active, m)).body

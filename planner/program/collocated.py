@@ -8,7 +8,9 @@ import numpy as np
 
 from model.arm import Arm
 from model.equilibrium.forward import Collocation
-from model.errors import SnapError
+from model.equilibrium.linearised import Linearised
+from model.equilibrium.stability import stability
+from model.errors import OctoplanError, SnapError
 from model.loads import is_loaded
 from model.paths import Array
 from model.scene import Scene
@@ -47,7 +49,7 @@ class Collocated:
         mesh = (statement.stages, statement.refinement, stations)
         self.forward = Collocation(arm, scene, *mesh, loaded)
         at = self.forward.system
-        self.states = States(at, looks, least_give(arm))
+        self.states = States(at, looks, least_give(arm), statement.modes)
         self.program = program(arm, targets, statement, at.of, Stations.of(at, stations))
 
     def numbers(self, target: Array) -> Array:
@@ -71,6 +73,36 @@ class Collocated:
     def values(self, x: Array, p: Array) -> Array:
         """Return the constraints at unknowns x."""
         return np.array(self.program.first(x, p)[2]).ravel()
+
+    def stability(self, x: Array, tensions: Array) -> float:
+        """Return the stability of the shape at unknowns x, infinite without loads.
+
+        Of unknowns without states, of the shape that the arm settles in.
+        """
+        system = self.forward.system
+        if not is_loaded(system.scene):
+            return np.inf
+        try:
+            states = self.states_of(x, tensions)
+            return stability(Linearised.at(system, system.x(tensions, 1.0, states)))
+        except OctoplanError:
+            return -np.inf
+
+    def moved_by_loads(self, tensions: Array) -> float:
+        """Return how far the loads move the tip [m], infinite where they are too heavy."""
+        tip = self.forward.system.of.nodes[-1, 4:7]
+        try:
+            before, after = self.forward.without_loads(tensions), self.forward.found(tensions)
+        except OctoplanError:
+            return np.inf
+        return float(np.linalg.norm(after.states[tip] - before[tip]))
+
+    def states_of(self, x: Array, tensions: Array) -> Array:
+        """Return the states (n_states,) in unknowns x, those settled where x has none."""
+        if x.size == self.program.n_free:
+            return self.forward.found(tensions).states
+        of = self.forward.system.of
+        return np.asarray(x[self.program.blocks.states] * self.states.scale[1 : 1 + of.n_states])
 
     @cached_property
     def condensed(self) -> Condensed:

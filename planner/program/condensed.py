@@ -22,6 +22,7 @@ from scipy.sparse.linalg import splu
 from model.equilibrium.forward import Collocation
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import newton
+from model.equilibrium.stability import least_modes
 from model.errors import OctoplanError, SingularError
 from model.paths import Array
 from planner.program.program import Program, Rows
@@ -50,7 +51,7 @@ class Condensed:
 
     def __init__(self, program: Program, forward: Collocation, states: States) -> None:
         self.program, self.forward, self.states = program, forward, states
-        self.rows: tuple[Rows, ...] = program.objective.rows
+        self.rows: tuple[Rows, ...] = program.outer_rows
         self.n, self.m = program.n_free, sum(row.size for row in self.rows)
         self._here: Linearised | None = None
         self._point: _Point | None = None
@@ -100,16 +101,34 @@ class Condensed:
         x[: self.n], x[self.n] = a, 1.0
         x[blocks.states] = states / scale[1 : 1 + states.size]
         if blocks.responses:
-            start = blocks.states.stop
+            start, stop = blocks.response(0).start, blocks.response(len(blocks.responses)).start
             _, _, g, J = self.program.first(x, p)
-            rows = slice(self.m + states.size, None)
-            responds = _sparse(J).tocsr()[rows].tocsc()[:, start:]
-            x[start:] = -splu(responds).solve(np.array(g).ravel()[rows])
+            first = self.m + states.size
+            rows = slice(first, first + stop - start)
+            responds = _sparse(J).tocsr()[rows].tocsc()[:, start:stop]
+            x[start:stop] = -splu(responds).solve(np.array(g).ravel()[rows])
+        if blocks.modes:
+            self._add_modes(x, states, p)
         objective = self.program.objective
         if objective.n_lack:
             outer = np.array(self.program.outer_first(x, p)[2]).ravel()
             x[self.n - objective.n_lack : self.n] = np.maximum(-outer[objective.lack_rows], 0.0)
         return x
+
+    def _add_modes(self, x: Array, states: Array, p: Array) -> None:
+        """Put the least stable modes at states into unknowns x."""
+        blocks, system = self.program.blocks, self.forward.system
+        T = np.maximum(x[: system.of.n_tendons] * self._unit(p), 0.0)
+        values, y = least_modes(Linearised.at(system, system.x(T, 1.0, states)), blocks.modes)
+        y = self.states.mode_size(y)
+        for k, value in enumerate(values):
+            x[blocks.mode(k)] = y[:, k] / self.states.scale[1 : 1 + states.size]
+            x[blocks.mode(k).stop] = value
+
+    def _unit(self, p: Array) -> Array:
+        """Return what one unit of each tension is worth [N]."""
+        start = self.program.sizes[0]
+        return p[start : start + self.program.sizes[1]]
 
     def _settled(self, T: Array) -> Linearised | None:
         """Return the equilibrium under tensions, near the last one if that leads there."""
@@ -129,8 +148,7 @@ class Condensed:
         known = self._point
         if known and np.array_equal(known.a, a) and np.array_equal(known.p, p):
             return known
-        start = self.program.sizes[0]
-        unit = p[start : start + self.program.sizes[1]]
+        unit = self._unit(p)
         here = self._settled(np.maximum(a[: unit.size] * unit, 0.0))
         if here is None:
             return None
@@ -153,7 +171,7 @@ class Condensed:
         The load factor, which stays, has a row of zeros.
         """
         n, Z = self.n, np.zeros((x.size - self.n, self.n))
-        if self.program.blocks.responses:
+        if self.program.blocks.n_answers:
             inner = _sparse(self.program.first(x, p)[3])[self.m :]
             factor = splu(inner[:, n + 1 :].tocsc())
             Z[1:] = -factor.solve(inner[:, :n].toarray())

@@ -8,22 +8,36 @@ import casadi as ca
 import numpy as np
 
 from model.arm import Arm
-from model.effects import PrintedStatics
+from model.effects import Extension, PrintedStatics
+from model.errors import OctoplanError
 from model.paths import Array
 from model.scene import Scene
 from planner.program.collocated import Collocated
 from planner.program.condensed import Condensed
+from planner.program.explicit import Explicit
 from planner.program.limits import Limits, natural_tensions
-from planner.program.printed import Printed
-from planner.program.program import Rows
+from planner.program.program import STABILITY, Rows
 from planner.program.statement import Statement
 from planner.program.terms import looks_of, stations_of
-from planner.targets.base import Target
+from planner.targets.base import Look, Target
 
 Bounds = tuple[Array, Array, Array, Array]
 TRACES = (1e-6, 1e-11)
+# The least stability that a plan is held to: an arm that is about to give way does not settle.
+_STABLE = 1e-3
 # Over what bends the arm by some rad: maxima below this share do nothing, those above are none.
 _NOTHING, _NO_LIMIT = 1e-7, 1e12
+
+
+def is_explicit(scene: Scene, statement: Statement, looks: tuple[Look, ...]) -> bool:
+    """Return whether a program's poses are an explicit function of the tensions.
+
+    As printed they are; in the paper's balance without loads where the states are eliminated.
+    """
+    if scene.has(PrintedStatics):
+        return True
+    paper = all(isinstance(effect, Extension) for effect in scene.effects)
+    return statement.form == "condensed" and paper and not looks
 
 
 class Problem:
@@ -33,7 +47,7 @@ class Problem:
     ----------
     arm, scene, statement
         What is planned, and how it is stated.
-    mechanics : Collocated or Printed
+    mechanics : Collocated or Explicit
         What turns tensions into a shape, and the program that it is part of.
     """
 
@@ -42,8 +56,8 @@ class Problem:
     ) -> None:
         self.arm, self.scene, self.statement = arm, scene, statement
         self.stations, self.looks = stations_of(arm, targets), looks_of(targets)
-        kind = Printed if scene.has(PrintedStatics) else Collocated
-        self.mechanics: Collocated | Printed = kind(arm, scene, targets, statement, self.stations)
+        kind = Explicit if is_explicit(scene, statement, self.looks) else Collocated
+        self.mechanics: Collocated | Explicit = kind(arm, scene, targets, statement, self.stations)
         self.program = self.mechanics.program
 
     @property
@@ -91,7 +105,8 @@ class Problem:
         free = np.full(self.program.x.numel() - unit.size, np.inf)
         lbx, ubx = np.concatenate([lower / unit, -free]), np.concatenate([upper / unit, free])
         lbx[self.n_free :][:1] = ubx[self.n_free :][:1] = 1.0
-        lbg = np.concatenate([np.full(r.size, r.lower) for r in self.rows])
+        least = {STABILITY: max(self.statement.margin, _STABLE)}
+        lbg = np.concatenate([np.full(r.size, least.get(r.name, r.lower)) for r in self.rows])
         ubg = np.concatenate([np.full(r.size, r.upper) for r in self.rows])
         return lbx, ubx, lbg, ubg
 
@@ -120,8 +135,30 @@ class Problem:
         T = x[: self.arm.n_tendons] * units(self.arm, limits)
         return np.clip(T, limits.lower, limits.upper)
 
+    def stability(self, x: Array, tensions: Array) -> float:
+        """Return the stability of the shape at unknowns x, infinite without loads."""
+        return self.mechanics.stability(x, tensions)
+
+    def moved_by_loads(self, tensions: Array) -> float:
+        """Return how far the loads move the tip [m], infinite where they are too heavy."""
+        return self.mechanics.moved_by_loads(tensions)
+
+    def with_modes(self, of: Problem, x: Array, limits: Limits, p: Array) -> Array | None:
+        """Return unknowns with the least stable modes, at unknowns x of a problem without them.
+
+        None where there is no such shape.
+        """
+        other, T = of.mechanics, of.tensions(x, limits)
+        if not isinstance(self.mechanics, Collocated) or not isinstance(other, Collocated):
+            return None
+        try:
+            states = other.states_of(x, T)
+            return self.mechanics.condensed.whole(self.free(T, limits), states, p)
+        except (OctoplanError, np.linalg.LinAlgError):
+            return None
+
     @cached_property
-    def condensed(self) -> Condensed | Printed:
+    def condensed(self) -> Condensed | Explicit:
         """The same problem with the states eliminated."""
         return self.mechanics.condensed
 

@@ -23,6 +23,7 @@ from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import TypeVar
 
 import casadi as ca
 import numpy as np
@@ -46,6 +47,8 @@ from planner.program.terms import (
 from planner.targets.base import Target
 
 LEAST_STRETCH = 1e-3
+STABILITY = "stability"
+S = TypeVar("S", ca.SX, ca.MX)
 
 
 @dataclass(frozen=True)
@@ -146,8 +149,8 @@ class Program:
         Of f, of g, and of sigma f + lam . g.
     sigma, lam : casadi.MX
         Weights of the Hessian.
-    rows : tuple of Rows
-        What the rows of g are, in order.
+    rows, outer_rows : tuple of Rows
+        What the rows of g are, in order; and those besides equilibrium.
     """
 
     def __init__(
@@ -165,8 +168,9 @@ class Program:
         self.equations = Equations(
             self.n_free + self.blocks.size, self.blocks.n_rows, self.blocks.terms()
         )
-        last = Rows("equilibrium", self.blocks.n_rows, 0.0, 0.0)
-        self.rows = (*self.objective.rows, last)
+        modes = [Rows(STABILITY, self.blocks.modes, 0.0, np.inf)] * (self.blocks.modes > 0)
+        self.outer_rows = (*self.objective.rows, *modes)
+        self.rows = (*self.outer_rows, Rows("equilibrium", self.blocks.n_rows, 0.0, 0.0))
         own = (1, self.equations.n_p, self.blocks.size, self.blocks.n_rows)
         self.sizes = (self.objective.n_numbers, n, *own)
         self._build(seen)
@@ -177,6 +181,7 @@ class Program:
         whole = ca.vertcat(unit, ca.MX.ones(self.n_free - unit.numel()), scale)
         X = x * whole
         f, outer = self._outer(X, x, given, force, seen)
+        outer = ca.vertcat(outer, *(x[place] for place in self.blocks.eigenvalues))
         places, nonzeros = self.equations.jacobian[1], self.equations.jacobian[0](X, numbers)
         row, column = places.row(), places.get_col()
         J = ca.MX(places, nonzeros * whole[column] / row_scale[row])
@@ -246,7 +251,7 @@ class Program:
         return ca.Function("second", [self.x, self.p, self.sigma, self.lam], [self.hessian])
 
 
-def split(p: ca.MX, sizes: tuple[int, ...]) -> list[ca.MX]:
+def split(p: S, sizes: tuple[int, ...]) -> list[S]:
     """Return the parts of parameters of given sizes."""
     ends = np.cumsum([0, *sizes]).tolist()
     return [p[a:b] for a, b in pairwise(ends)]
@@ -263,10 +268,13 @@ def program(
     structure = tuple(target.structure(arm) for target in targets)
     # What targets take of an arm besides its shape.
     skeleton = (arm.length, arm.base_frame, arm.base_position, arm.tendons, arm.anchorages)
-    key = (skeleton, structure, statement.but(refinement=0), of, seen)
+    stated = statement.but(refinement=0, form="multiple-shooting", margin=0.0)
+    key = (skeleton, structure, stated, of, seen)
     if key not in _CACHE:
         while len(_CACHE) >= _MOST:
             _CACHE.pop(next(iter(_CACHE)))
         looks = looks_of(targets)
-        _CACHE[key] = Program(arm, targets, statement, lambda first: Blocks(of, looks, first), seen)
+        _CACHE[key] = Program(
+            arm, targets, statement, lambda first: Blocks(of, looks, first, statement.modes), seen
+        )
     return _CACHE[key]

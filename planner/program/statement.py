@@ -28,6 +28,10 @@ class Statement:
         Whether the total pull has a limit.
     scheme, refinement
         Collocation, by its name in model.forward, and the mesh.
+    margin : float
+        The least stability that is accepted, see planner.certificate.
+    modes : int
+        How many of the least stable modes are held to it; none where stability is only checked.
     """
 
     form: Form = "condensed"
@@ -36,6 +40,8 @@ class Statement:
     limited: bool = False
     scheme: str = "gauss6"
     refinement: int = 4
+    margin: float = 0.0
+    modes: int = 0
 
     @property
     def stages(self) -> int:

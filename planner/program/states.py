@@ -18,6 +18,7 @@ from model.transcription.element import run
 from model.transcription.layout import Layout
 from model.transcription.system import System
 from model.transcription.terms import Kernel, Places, Term
+from planner.program.modes import mode_numbers, mode_size, mode_terms
 from planner.targets.base import Look
 
 
@@ -61,11 +62,14 @@ class Blocks:
     looks : tuple of Look
     first : int
         Place of the load factor.
+    modes : int
+        How many of the least stable modes are unknowns; see planner.program.modes.
     """
 
     of: Layout
     looks: tuple[Look, ...]
     first: int
+    modes: int = 0
 
     @property
     def responses(self) -> list[Look]:
@@ -74,8 +78,14 @@ class Blocks:
 
     @property
     def size(self) -> int:
-        """Number of unknowns: load factor, states, responses of all unknowns."""
-        return 1 + self.of.n_states + len(self.responses) * self.of.n_x
+        """Number of unknowns: load factor, states, responses of all unknowns, modes."""
+        return 1 + self.n_answers + self.of.n_states
+
+    @property
+    def n_answers(self) -> int:
+        """Number of unknowns that are neither load factor nor states."""
+        own = len(self.responses) * self.of.n_x
+        return own + self.modes * (self.of.n_states + 1)
 
     @property
     def n_rows(self) -> int:
@@ -103,6 +113,16 @@ class Blocks:
         start = self.of.n_states + k * self.of.n_x
         return slice(start, start + self.of.n_x)
 
+    def mode(self, k: int) -> slice:
+        """Return the places of a mode; that of its eigenvalue is the next."""
+        start = self.response(len(self.responses)).start + k * (self.of.n_states + 1)
+        return slice(start, start + self.of.n_states)
+
+    @property
+    def eigenvalues(self) -> list[int]:
+        """The places of the modes' eigenvalues."""
+        return [self.mode(k).stop for k in range(self.modes)]
+
     def terms(self) -> list[Term]:
         """Return the terms of all equations, in the places of the program."""
         place = self.places()
@@ -114,6 +134,10 @@ class Blocks:
                 unknowns = np.vstack([place[term.unknowns], shift + term.unknowns])
                 terms.append(Term(tangent(term.kernel), unknowns, row + term.rows))
             terms += self._held(look, place, shift, row + self.of.n_states)
+        row = self.response_rows(len(self.responses)).start
+        for k in range(self.modes):
+            terms += mode_terms(self.of, place, self.mode(k).start, row)
+            row += self.of.n_states + 1
         return terms
 
     def _held(self, look: Look, place: Places, shift: int, row: int) -> list[Term]:
@@ -174,23 +198,29 @@ class States:
         What one unit of each equation is worth.
     """
 
-    def __init__(self, at: System, looks: tuple[Look, ...], give: float) -> None:
+    def __init__(self, at: System, looks: tuple[Look, ...], give: float, modes: int = 0) -> None:
         self.at, self.give = at, give
-        self.looks = looks
+        self.looks, self.modes = looks, modes
         state, row = _scales(at)
         # A force that bends the straight arm by about 1 rad.
         R = float(at.arm.radius.evaluate(np.zeros(1), at.arm.length)[0][0])
         self.force = at.arm.material.E * np.pi * R**4 / 4 / at.arm.length**2
         whole = np.concatenate([np.full(at.of.first, self.force), state])
         each = [look for look in looks for _ in range(look.width)]
-        self.scale = np.concatenate([[1.0], state, *[whole for _ in each]])
+        mode, balance = np.append(state, 1.0), np.append(row, 1.0)
+        self.scale = np.concatenate([[1.0], state, *[whole for _ in each], *[mode] * modes])
         rows = [np.concatenate([row, self._held_scale(look)]) for look in each]
-        self.row_scale = np.concatenate([row, *rows])
+        self.row_scale = np.concatenate([row, *rows, *[balance] * modes])
+        self._stages = state[at.of.stages].ravel()
 
     def _held_scale(self, look: Look) -> Array:
         of = self.at.of
         length = self.at.arm.length if look.hold == "length" else self.force
         return np.append(np.full(of.n_tendons, length), 1.0)
+
+    def mode_size(self, y: Array) -> Array:
+        """Return modes (n_states, k) of the size that their equations ask for."""
+        return mode_size(self.at, self._stages, y)
 
     def numbers(self, directions: list[Array]) -> Array:
         """Return the numbers (n_p,) with the directions (3, width) of the looks."""
@@ -215,6 +245,8 @@ class States:
             stretch = 0.0 if look.tendon_EA is None else 1 / look.tendon_EA
             columns.append(np.vstack([lengths, np.full((1, lengths.shape[1]), stretch)]))
             columns.append(np.full((1, of.n_tendons), -self.give))
+        for _ in range(self.modes):
+            columns += [*own, *mode_numbers(at, self._stages)]
         return np.concatenate([np.ravel(column, "F") for column in columns])
 
 

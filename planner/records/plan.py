@@ -63,6 +63,8 @@ class CertificateRecord(msgspec.Struct, kw_only=True):
     agreement: float | None
     error: float | None
     stability: float | None = None
+    stability_margin: float | None = None
+    load_factor: float | None = None
     scheme: str
     tolerance: float
     problem: str

@@ -54,6 +54,10 @@ class SceneTable(Table, frozen=True):
         Literal["2", "1", "inf", 1, 2],
         Meta(description="effort: root of the sum of squares, sum, or largest tension"),
     ] = "2"
+    stability_margin: Annotated[
+        float,
+        Meta(ge=0, le=1, description="the least stability under loads that a plan may have"),
+    ] = 0.0
     form: Annotated[
         Literal["condensed", "multiple-shooting"] | None,
         Meta(description="unknowns of the problem; chosen unless given"),

@@ -68,6 +68,11 @@ def finish_best(task: Task, coarse: Sequence[Solution], mode: Mode) -> Fine:
         finished.append(finish(task, solution, mode))
         if finished[-1].optimal and limit == np.inf:
             limit = last * (1 + _RIVAL) + (0.0 if mode == "exact" else _BLUR)
+    return best_of(finished)
+
+
+def best_of(finished: list[Fine]) -> Fine:
+    """Return the optimum of least objective, or what is nearest to one."""
     optimal = [fine for fine in finished if fine.optimal]
     if optimal:
         return min(optimal, key=lambda fine: fine.solution.f)

@@ -16,7 +16,7 @@ import numpy as np
 
 from model.paths import Array
 from model.quiet import logged
-from planner.program.printed import Printed
+from planner.program.explicit import Explicit
 from planner.program.problem import TRACES, Problem
 from planner.program.program import Program
 from planner.solve.interrupt import Watch
@@ -84,7 +84,7 @@ class Solution:
 
 
 _WATCH = Watch()
-_solvers: WeakKeyDictionary[Program | Printed, dict[tuple[bool, bool, str], ca.Function]] = (
+_solvers: WeakKeyDictionary[Program | Explicit, dict[tuple[bool, bool, str], ca.Function]] = (
     WeakKeyDictionary()
 )
 
@@ -110,12 +110,12 @@ def solver(problem: Problem, warm: bool, talks: bool = False) -> ca.Function:
             **_derivatives(program),
             "ipopt": _QUIET | (_WARM if warm else _COLD) | own,
         }
-        nlp = {"x": program.x, "p": program.p, "f": program.f, "g": program.g}
+        nlp: dict[str, Any] = {"x": program.x, "p": program.p, "f": program.f, "g": program.g}
         built[key] = ca.nlpsol("ipopt", "ipopt", nlp, options)
     return built[key]
 
 
-def _derivatives(of: Program | Printed) -> dict[str, ca.Function]:
+def _derivatives(of: Any) -> dict[str, ca.Function]:
     """Return a program's own derivatives in the form that nlpsol takes them."""
     x, p, sigma, lam = of.x, of.p, of.sigma, of.lam
     return {

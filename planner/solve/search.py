@@ -9,7 +9,7 @@ from model.paths import Array
 from model.patience import OutOfTime, time_limit
 from model.progress import tell
 from planner.program.statement import Mode, Statement
-from planner.solve.finish import Fine, finish_best
+from planner.solve.finish import Fine, best_of, finish_best
 from planner.solve.found import Found, Start
 from planner.solve.guesses import first_guesses, further_guesses
 from planner.solve.ipopt import Solution
@@ -49,7 +49,8 @@ class Search:
         if not seen:
             T = np.array(self.task.allowed.lower)
             return self._found(self.task.coarse("exact"), T, None, records, True)
-        met = [item for item in seen if item[0].mode == "exact" and item[1].met]
+        toppled = {id(solution) for _, solution in self.trials.toppled}
+        met = [s for s in seen if s[0].mode == "exact" and s[1].met and id(s[1]) not in toppled]
         statement, best = min(met, key=lambda item: item[1].f) if met else seen[-1]
         return self._found(statement, self.task.tensions(best), best, records, True)
 
@@ -60,18 +61,30 @@ class Search:
         starts, first = guesses.starts, self.trials.first
         if self.task.can_be_exact:
             exact = self._exact(starts[:first], starts[first:])
-            if exact is None:
+            if exact is None and not self.trials.toppled:
                 more = further_guesses(self.task, most).starts
                 exact = self._exact(more, []) if more else None
             if exact is not None:
                 return exact
+            if self.trials.toppled:
+                return self._steadied()
         found, records, mode = self._fallback(starts)
         exact = self._exact_near(min(found, key=lambda s: s.f), starts[first:])
         if exact is not None:
             return exact
-        fine = self._finished(found, mode)
+        fine = best_of(self._finished(found, mode))
         exact = self._exact_near(fine.solution, starts[first:])
         return self._answer(fine, records) if exact is None else exact
+
+    def _steadied(self) -> Found:
+        """Return the nearest shape that is stable enough where none that meets the targets is."""
+        records = [record(solution) for _, solution in self.trials.toppled]
+        for mode in self._readings():
+            fines = self._finished([], mode)
+            if fines:
+                return self._answer(best_of(fines), records)
+        statement, least = min(self.trials.toppled, key=lambda item: item[1].f)
+        return self._found(statement, self.task.tensions(least), least, records)
 
     def _exact_near(self, near: Solution, starts: list[Array]) -> Found | None:
         """Return what meets the targets after all, where the nearest shape is as good as there."""
@@ -84,24 +97,28 @@ class Search:
         statement = self.task.coarse("exact")
         records: list[Start] = []
         found = self.trials.from_starts(first, statement, records)
-        if not found:
+        if not found and not self.trials.toppled:
             found = self.trials.by_continuation(first[:_CONTINUED], statement, records)
-        if not found:
+        if not found and not self.trials.toppled:
             return None
         found += self.trials.from_starts(others, statement, records)
-        fine = self._finished(found, "exact")
-        if not fine.optimal:
+        fines = self._finished(found, "exact")
+        if found and not any(fine.optimal for fine in fines):
             records, starts = [], [*map(self.task.tensions, found), *first, *others]
             found = self.trials.from_starts(starts, self.task.finer("exact"), records)
-            fine = self._finished(found, "exact") if found else fine
-        return self._answer(fine, records) if fine.optimal else None
+            fines = self._finished(found, "exact")
+        fine = best_of(fines) if fines else None
+        return self._answer(fine, records) if fine and fine.optimal else None
+
+    def _readings(self) -> tuple[Mode, ...]:
+        """Return how the targets may be read where they cannot be met."""
+        closest = self.task.problem(self.task.coarse("closest"))
+        closer = closest.terms.numel_out(1) > 0 or closest.n_lack > 0
+        return ("closest", "nearest") if closer else ("nearest",)
 
     def _fallback(self, starts: list[Array]) -> tuple[list[Solution], list[Start], Mode]:
         """Return the closest shapes, or the nearest if what has to be met cannot be."""
-        closest = self.task.problem(self.task.coarse("closest"))
-        closer = closest.terms.numel_out(1) > 0 or closest.n_lack > 0
-        modes: tuple[Mode, ...] = ("closest", "nearest") if closer else ("nearest",)
-        for mode in modes:
+        for mode in self._readings():
             records: list[Start] = []
             found = self.trials.from_starts(starts, self.task.coarse(mode), records)
             if found:
@@ -112,9 +129,13 @@ class Search:
             raise OctoplanError("no start led to a shape; check the arm, the limits and the target")
         return finite, records, mode
 
-    def _finished(self, found: list[Solution], mode: Mode) -> Fine:
+    def _finished(self, found: list[Solution], mode: Mode) -> list[Fine]:
+        """Return the last digits of the best of what was found, and of what had to be steadied."""
+        dearest = min((s.f for s in found), default=np.inf)
+        steadied = self.trials.steadied(mode, dearest)
         tell("the last digits")
-        return finish_best(self.task, found, mode)
+        tasks = ((self.task, found), (self.task.held, steadied))
+        return [finish_best(task, own, mode) for task, own in tasks if own]
 
     def _answer(self, fine: Fine, records: list[Start]) -> Found:
         T = self.task.problem(fine.statement).tensions(fine.solution.x, self.task.allowed)
@@ -132,4 +153,5 @@ class Search:
         lam_x = tuple(solution.lam_x.tolist()) if solution else none
         lam_g = tuple(solution.lam_g.tolist()) if solution else none
         tensions = self.task.arm.by_section(T)
+        statement = statement.but(form=self.task.statement.form)
         return Found(statement, tensions, lam_x, lam_g, tuple(records), stopped)

@@ -46,6 +46,11 @@ class Task:
         return replace(self, scene=Scene(*effects))
 
     @property
+    def held(self) -> Task:
+        """The same with the least stable mode held to the margin."""
+        return replace(self, statement=self.statement.but(modes=1))
+
+    @property
     def allowed(self) -> Limits:
         """The limits, with tendons that a target does not let pull held at their minima."""
         return allowed(self.arm, self.targets, self.limits)
@@ -63,7 +68,7 @@ class Task:
             scheme, refinement = "rk4", 2
         else:
             scheme, refinement = self.fine_scheme, 1 if self.scene.has(Extension) else 2
-        return self.statement.but(mode=mode, scheme=scheme, refinement=refinement)
+        return self.statement.but(mode=mode, form="condensed", scheme=scheme, refinement=refinement)
 
     def finer(self, mode: Mode) -> Statement:
         """Return the statement for a search where the coarse mesh misled."""

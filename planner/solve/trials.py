@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from model.paths import Array
 from model.patience import check_time
 from model.progress import told
 from planner.program.problem import TRACES, Problem
-from planner.program.statement import Statement
+from planner.program.statement import Mode, Statement
 from planner.solve.continuation import continued
 from planner.solve.found import Start, agreed
 from planner.solve.ipopt import Solution, solve
@@ -26,10 +27,14 @@ _FIXED = 3
 # Other scenes than the paper's start from its optima, among which the search was; loaded arms from
 # two more before it is said that none of the starts meets the targets.
 _FEWEST, _STRONGER, _CARRIED = 2, 2, 1
+# Loads that move the tip farther, over the arm's length, ask for as many starts as agree.
+_HEAVY, _MORE_IF_HEAVY = 0.4, 4
 # Tried besides the fits that meet what is wanted.
 _BESIDE = 2
 _INSIDE = 0.005
 LITTLE = 1e-5
+# Optima that do not stand from which one that does is looked for, and what a margin may lack.
+_STEADIED, _SLACK = 4, 1e-3
 
 
 class Trials:
@@ -43,32 +48,46 @@ class Trials:
         By tensions, optima without their states of a simpler scene, to begin with.
     seen : list of (Statement, Solution)
         Every solution with finite numbers, in order.
+    toppled : list of (Statement, Solution)
+        What meets the targets but is less stable than it has to be.
     """
 
     def __init__(self, task: Task, sure: int = 0) -> None:
         self.task, self.sure = task, sure
         self.carried: dict[bytes, Solution] = {}
         self.seen: list[tuple[Statement, Solution]] = []
+        self.toppled: list[tuple[Statement, Solution]] = []
         self.loaded = is_loaded(task.scene)
         self.simple = task.scene == task.simple.scene
         self.least = _FEW if task.is_point else _MORE
         if not self.simple:
             self.least = _FEWEST if self.loaded else _CARRIED
 
+    @cached_property
+    def heavy(self) -> bool:
+        """Whether loads move the tip of the first guess so far that the simpler optima mislead."""
+        if not self.loaded or not self.carried:
+            return self.loaded
+        T = np.frombuffer(next(iter(self.carried)))
+        moved = self.task.problem(self.task.coarse("exact")).moved_by_loads(T)
+        return moved > _HEAVY * self.task.arm.length
+
     @property
     def first(self) -> int:
         """How many starts are tried before it is said that none meets the targets."""
-        return max(self.least, self.sure) + (_STRONGER if self.loaded else 0)
+        heavier = (_MORE_IF_HEAVY if self.heavy else _STRONGER) if self.loaded else 0
+        return max(self.least, self.sure) + heavier
 
     def _enough(self, records: list[Start], found: list[Solution]) -> bool:
         """Return whether the best optimum is among what was found, as far as can be told."""
         if not self.task.can_be_exact and any(s.f <= LITTLE for s in found):
             return len(records) >= _FIXED and agreed(records) >= 2
-        if self.sure and not self.simple:
-            return len(records) >= max(self.least, self.sure) and bool(found)
+        if self.sure and not self.simple and not self.heavy:
+            return len(records) >= max(self.least, self.sure) and bool(found or self.toppled)
         if self.sure:
             return len(records) >= max(self.least, self.sure + _BESIDE)
-        return len(records) >= self.least and agreed(records) >= 2
+        least = self.least + _STRONGER * self.heavy
+        return len(records) >= least and agreed(records) >= 2
 
     def from_starts(
         self, starts: list[Array], statement: Statement, records: list[Start]
@@ -79,10 +98,37 @@ class Trials:
             if self._enough(records, found):
                 break
             solution = self.solve(statement, T)
+            stands = not solution.met or self._stands(statement, solution)
             records.append(record(solution))
-            if solution.met:
+            if solution.met and stands:
+                found.append(solution)
+            elif solution.met:
+                self.toppled.append((statement, solution))
+        return found
+
+    def steadied(self, mode: Mode, dearest: float) -> list[Solution]:
+        """Return optima that stand, next to cheaper ones that do not.
+
+        With the least stable mode as an unknown, from the shape that is not stable enough.
+        """
+        task, found = self.task.held, list[Solution]()
+        statement = task.coarse(mode)
+        problem = task.problem(statement)
+        p = problem.parameters(task.targets, task.allowed, TRACES[0])
+        for before, toppled in sorted(self.toppled, key=lambda item: item[1].f)[:_STEADIED]:
+            x = problem.with_modes(self.task.problem(before), toppled.x, task.allowed, p)
+            if toppled.f >= dearest or x is None:
+                continue
+            solution = solve(problem, x, p, problem.bounds(task.allowed))
+            check_time()
+            if solution.met and solution.f < dearest and self._stands(statement, solution):
                 found.append(solution)
         return found
+
+    def _stands(self, statement: Statement, solution: Solution) -> bool:
+        """Return whether a solution is as stable as it has to be."""
+        T, least = self.task.tensions(solution), self.task.statement.margin
+        return self.task.problem(statement).stability(solution.x, T) >= least - _SLACK
 
     def by_continuation(
         self, starts: list[Array], statement: Statement, records: list[Start]

@@ -63,13 +63,19 @@ def test_derivatives_of_the_nearest_shape_are_those_that_casadi_finds() -> None:
     check_derivatives(ARM, PAYLOAD_IN_WATER, "nearest")
 
 
-def check_derivatives(arm: Arm, scene: Scene, mode: Any) -> None:
+@pytest.mark.parametrize("modes", [1, 2])
+def test_derivatives_with_the_least_stable_modes_are_those_that_casadi_finds(modes: int) -> None:
+    check_derivatives(ARM, PAYLOAD_IN_WATER, "exact", modes)
+
+
+def check_derivatives(arm: Arm, scene: Scene, mode: Any, modes: int = 0) -> None:
     """Compare first and second derivatives with CasADi's at a point off the constraints."""
     s = arm.length * np.array([0.4, 0.7])
     through = Backbone(((0.1, 0.05, 0.0), (0.15, 0.1, 0.02)), tuple(s))
     targets = (TipPosition((0.2, 0.05, 0.01)), through)
     limits = Limits.of(arm, 20.0)
-    problem = build(arm, targets, scene, Statement(mode=mode, scheme="gauss6", refinement=1))
+    statement = Statement(mode=mode, scheme="gauss6", refinement=1, modes=modes)
+    problem = build(arm, targets, scene, statement)
     of, sigma, rng = problem.program, 0.7, np.random.default_rng(5)
     f, g, x, p = of.f, of.g, of.x, of.p
     theirs = ca.Function("first", [x, p], [f, ca.gradient(f, x), g, ca.jacobian(g, x)])

@@ -59,7 +59,8 @@ MODES = ("exact", "closest", "nearest")
 
 def stated(scene: Scene, mode: Any) -> tuple[Problem, Array, Array]:
     """A small problem, its parameters, and its unknowns at settled tensions, none of them 0."""
-    problem = build(ARM, FETCH, scene, Statement(mode=mode, scheme="gauss6", refinement=2))
+    statement = Statement("multiple-shooting", mode=mode, scheme="gauss6", refinement=2)
+    problem = build(ARM, FETCH, scene, statement)
     p = problem.parameters(FETCH, LIMITS)
     return problem, p, problem.unknowns(moderate().ravel() + 0.1, LIMITS, p)
 

@@ -1,6 +1,8 @@
-"""The program of a scene as printed: poses are an explicit function of the tensions.
+"""The program of a scene whose poses are an explicit function of the tensions.
 
-Eqs. (10) and (11) are integrated from the tip to the base, and CasADi differentiates that.
+In the paper's balance without loads strains are closed forms; as printed, eqs. (10) and (11) are
+integrated from the tip to the base. The tensions are the only unknowns of the mechanics, and CasADi
+differentiates the whole.
 """
 
 from __future__ import annotations
@@ -11,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from model.arm import Arm
-from model.effects import Extension
+from model.effects import Extension, PrintedStatics
 from model.forward import explicit_map
 from model.paths import Array
 from model.scene import Scene
@@ -21,10 +23,12 @@ from planner.program.program import Objective, Rows, split
 from planner.program.statement import Statement
 from planner.targets.base import Target
 
-_SCHEMES = {1: "rk4", 2: "rk4", 3: "rk6"}
+# By stages of the elements: as printed, and in closed form.
+_PRINTED = {1: "rk4", 2: "rk4", 3: "rk6"}
+_CLOSED = {1: "magnus2", 2: "magnus4", 3: "magnus6"}
 
 
-class Printed:
+class Explicit:
     """Unknowns are tensions, peak, lack; parameters those of the objective, then the units."""
 
     def __init__(
@@ -35,24 +39,25 @@ class Printed:
         statement: Statement,
         stations: tuple[float, ...],
     ) -> None:
-        scheme = _SCHEMES[statement.stages]
+        schemes = _PRINTED if scene.has(PrintedStatics) else _CLOSED
+        scheme = schemes[statement.stages]
         forward = explicit_map(arm, scene, scheme, statement.refinement, stations)
         rows = _slimmest(arm, forward.stretch_at, forward.stretch_active) * scene.has(Extension)
         self.objective = Objective(arm, targets, statement, len(rows))
         n = arm.n_tendons
         self.n_free = n + self.objective.n_peak + self.objective.n_lack
         self.sizes = (self.objective.n_numbers, n)
-        x, p = ca.MX.sym("x", self.n_free), ca.MX.sym("p", sum(self.sizes))
+        x, p = ca.SX.sym("x", self.n_free), ca.SX.sym("p", sum(self.sizes))
         given, unit = split(p, self.sizes)
         T, last = x[:n] * unit, n + self.objective.n_peak
-        poses, stretch = forward.function(T)[:2]
+        poses, stretch = forward.function.expand()(T)[:2]
         seen = poses[:, [forward.mesh.node(s) for s in stations]]
-        least = stretch[rows].T if rows else ca.MX(0, 1)
-        parts = (T, x[n:last], x[last:], given, seen, least, ca.MX(0, 1))
-        f, g = self.objective.function.call(parts, True)
+        least = stretch[rows].T if rows else ca.SX(0, 1)
+        parts = (T, x[n:last], x[last:], given, seen, least, ca.SX(0, 1))
+        f, g = self.objective.function.expand().call(parts, True)
         self.x, self.p, self.f, self.g = x, p, f, g
         self.gradient, self.jacobian = ca.gradient(f, x), ca.jacobian(g, x)
-        self.sigma, self.lam = ca.MX.sym("sigma"), ca.MX.sym("lam", g.numel())
+        self.sigma, self.lam = ca.SX.sym("sigma"), ca.SX.sym("lam", g.numel())
         self.hessian = ca.hessian(self.sigma * f + ca.dot(self.lam, g), x)[0]
 
     @property
@@ -61,12 +66,12 @@ class Printed:
         return self.objective.rows
 
     @property
-    def program(self) -> Printed:
+    def program(self) -> Explicit:
         """The program: what is explicit has no mechanics apart from it."""
         return self
 
     @property
-    def condensed(self) -> Printed:
+    def condensed(self) -> Explicit:
         """The same: there are no states."""
         return self
 
@@ -106,6 +111,14 @@ class Printed:
     def second(self, a: Array, p: Array, sigma: float, lam: Array) -> Array:
         """See Condensed.second."""
         return np.array(self.second_function(a, p, sigma, lam))
+
+    def stability(self, x: Array, tensions: Array) -> float:
+        """See Collocated.stability: nothing topples without loads."""
+        return np.inf
+
+    def moved_by_loads(self, tensions: Array) -> float:
+        """See Collocated.moved_by_loads: there are none."""
+        return 0.0
 
     def unknowns(self, a: Array, tensions: Array, p: Array) -> Array:
         """Return all unknowns: those before the states, where there are none."""

@@ -1,0 +1,97 @@
+"""Plans under loads stand as well as they are asked to, and say how well."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.linalg import eigvals
+
+from model import Arm, InputError, Scene, settle
+from model.effects import Extension, TipLoad, Weight
+from model.equilibrium.forward import Collocation
+from model.equilibrium.stability import least_eigenvalue, least_modes, rest_stiffness, stability
+from planner import Limits, Plan, Statement, build, load_plan, plan
+from planner.targets import TipPosition
+from tests.planner.differences import check_derivatives, condensed
+
+ARM = Arm.from_paper("table-4")
+AIR = Scene(Extension(), Weight())
+T = np.array([0.0, 0.02, 0.01, 0.0, 0.3, 0.1, 0.0, 0.0, 0.5, 0.0, 0.0, 0.2])
+
+
+def hanging(margin: float) -> Plan:
+    """A plan for a tip in air, which an arm without a margin reaches leaning on little."""
+    return plan(ARM, TARGET, AIR, 20.0, stability_margin=margin)
+
+
+TARGET = TipPosition(tuple(settle(ARM, T, AIR).tip.tolist()))
+
+
+def test_modes_are_those_of_the_equations_jacobian() -> None:
+    here = Collocation(ARM, AIR, 3, 1).found(T)
+    n = here.system.of.n_states
+    J = np.array([here.times(column) for column in np.eye(n)]).T
+    B = np.zeros((n, n))
+    places = here.system.of.stages.ravel()
+    B[places, places] = rest_stiffness(here.system)[1]
+    found = eigvals(J, B)
+    finite = np.sort(found[np.isfinite(found) & (np.abs(found) < 1e6)].real)
+    values, y = least_modes(here, 2)
+    assert values == pytest.approx(finite[:2], rel=1e-8)
+    assert stability(here) == pytest.approx(finite[0], rel=1e-8)
+    assert least_eigenvalue(here) == pytest.approx(finite[0], rel=1e-8)
+    for value, mode in zip(values, y.T, strict=True):
+        gap = J @ mode - value * (B @ mode)
+        assert np.abs(gap).max() <= 1e-9 * np.abs(B @ mode).max()
+
+
+def test_derivatives_of_a_stability_are_differences_of_it() -> None:
+    statement = Statement(scheme="gauss6", refinement=1, modes=1)
+    problem, limits = build(ARM, (TARGET,), AIR, statement), Limits.of(ARM, 20.0)
+    p = problem.parameters((TARGET,), limits)
+    check_derivatives(condensed(problem, p), problem.free(T + 0.05, limits), 1e-3)
+
+
+def test_a_margin_is_held_and_costs_effort() -> None:
+    free = hanging(0.0)
+    stability = free.certificate.stability
+    held = hanging(stability + 0.1)
+    assert free.reached
+    assert held.reached
+    assert held.certificate.stability == pytest.approx(stability + 0.1, abs=1e-4)
+    assert held.effort > free.effort
+    assert "stability, at its margin" in "; ".join(held.holding())
+    assert held.shape.stability >= stability + 0.1 - 1e-3
+
+
+def test_a_margin_that_no_shape_has_is_said_to_lack() -> None:
+    found = hanging(1.0)
+    assert not found.reached
+    assert "stability below its margin of 1" in "; ".join(found.certificate.failures)
+
+
+def test_a_plan_tells_how_well_it_stands_and_is_loaded_with_its_margin(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    found = hanging(0.1)
+    assert found.certificate.stability_margin == 0.1
+    assert f"stability {found.certificate.stability:.3g}, bears" in found.outcome
+    assert "at least 0.1" in str(found.certificate)
+    loaded = load_plan(found.save(tmp_path / "plan.json"))
+    assert loaded == found
+    assert loaded.certificate == found.certificate
+
+
+def test_what_a_column_bears_is_its_buckling_load() -> None:
+    straight = plan(ARM, TipPosition((ARM.length, 0.0, 0.0)), Scene(TipLoad((-1e-3, 0, 0))), 20.0)
+    stability, bears = straight.certificate.stability, straight.certificate.load_factor
+    assert straight.reached
+    assert bears == np.inf or bears == pytest.approx(1 / (1 - stability), rel=0.03)
+    heavy = TipLoad((-1e-3 / (1 - stability) / 2, 0, 0))
+    found = plan(ARM, TipPosition((ARM.length, 0.0, 0.0)), Scene(heavy), 20.0)
+    assert found.certificate.load_factor == pytest.approx(2.0, rel=0.03)
+    assert "gives way at 2" in found.outcome or "gives way at 1.9" in found.outcome
+
+
+@pytest.mark.parametrize("margin", [-0.1, 1.5, np.nan, "much"])
+def test_margins_that_mean_nothing_are_refused(margin: object) -> None:
+    with pytest.raises(InputError, match="stability_margin"):
+        plan(ARM, TARGET, AIR, 20.0, stability_margin=margin)  # type: ignore[arg-type]
