@@ -41,7 +41,7 @@ from studies.work import Measured, Size, by_count
 from studies.work_plan import plans, reachable, statics
 from studies.work_settle import EXACT, EXPLICIT, PAPER, WEIGHT, jacobians, settling
 
-NAMES = tuple(SCHEMES)
+NAMES = SCHEMES
 TIP, SECTIONS = "verified tip error [L]", "cross-sections looked at"
 
 

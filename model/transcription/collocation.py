@@ -16,6 +16,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
+from model.integrators.magnus import expansion
 from model.paths import Array
 
 
@@ -75,7 +76,7 @@ def rotation_vectors(kappa: list[ca.SX], h: ca.SX) -> list[ca.SX]:
             share = (p - q) / (2 * (p + 1) * (q + 1) * (p + q + 2))
             turn += h**2 * float(c ** (p + q + 2)) * share * bracket
         found.append(turn + float(c**5) * fifth)
-    return [*found, _across(kappa, h)]
+    return [*found, expansion(kappa, h, _bracket)]
 
 
 def _fifth(k: list[ca.SX], brackets: dict[tuple[int, int], ca.SX], h: ca.SX) -> ca.SX:
@@ -84,23 +85,6 @@ def _fifth(k: list[ca.SX], brackets: dict[tuple[int, int], ca.SX], h: ca.SX) -> 
     third = _bracket(k[0], brackets[0, 2]) / 360 - _bracket(k[1], brackets[0, 1]) / 240
     fifth: ca.SX = h**3 * (third + h * _bracket(k[0], twice) / 720)
     return fifth
-
-
-def _across(kappa: list[ca.SX], h: ca.SX) -> ca.SX:
-    """Return the rotation vector (3,) across an element."""
-    if len(kappa) == 1:
-        single: ca.SX = h * kappa[0]
-        return single
-    if len(kappa) == 2:
-        first, last = kappa
-        pair: ca.SX = h / 2 * (first + last) - h**2 * np.sqrt(3) / 12 * _bracket(first, last)
-        return pair
-    first, middle, last = kappa
-    A, B = h * middle, h * np.sqrt(15) / 3 * (last - first)
-    C = h * 10 / 3 * (first - 2 * middle + last)
-    AB = _bracket(A, B)
-    outer = B - _bracket(A, 2 * C + AB) / 60
-    return A + C / 12 + _bracket(-20 * A - C + AB, outer) / 240
 
 
 def _bracket(a: ca.SX, b: ca.SX) -> ca.SX:

@@ -18,7 +18,7 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from model.forward import loaded_map
+from model.forward import collocation_map
 from model.mesh import graded
 from model.sizes import Sizes, sizes
 from model.transcription.system import System
@@ -73,7 +73,7 @@ def over(ground: Scene, *loads: Effect) -> Scene:
 
 def stated(scene: Scene, arm: Arm = ARM) -> System:
     """The equations of a loaded scene on the coarsest mesh."""
-    return loaded_map(arm, scene, "gauss6", 1).system
+    return collocation_map(arm, scene, "gauss6", 1).system
 
 
 def check_total(found: Sizes, node: int, stage: int, elements: int) -> None:
