@@ -28,14 +28,11 @@ class Magnus:
     order : int
     nodes : (order / 2,)
         Gauss-Legendre nodes on [0, 1].
-    weights : (order / 2,)
-        Of the quadrature with these nodes.
     """
 
     name: str
     order: int
     nodes: tuple[float, ...]
-    weights: tuple[float, ...]
 
     def step(self, twists: list[ca.SX], h: ca.SX) -> ca.SX:
         """Return the pose (7,) across a step of length h [m].
@@ -91,9 +88,8 @@ _EXPANSIONS = {1: _second, 2: _fourth, 3: _sixth}
 
 
 def _scheme(order: int) -> Magnus:
-    nodes, weights = np.polynomial.legendre.leggauss(order // 2)
-    unit, half = (nodes + 1) / 2, weights / 2
-    return Magnus(f"magnus{order}", order, tuple(unit.tolist()), tuple(half.tolist()))
+    nodes, _ = np.polynomial.legendre.leggauss(order // 2)
+    return Magnus(f"magnus{order}", order, tuple(((nodes + 1) / 2).tolist()))
 
 
 MAGNUS2, MAGNUS4, MAGNUS6 = (_scheme(order) for order in (2, 4, 6))

@@ -66,12 +66,12 @@ def rotation_vectors(kappa: list[ca.SX], h: ca.SX) -> list[ca.SX]:
     """
     m = len(kappa)
     method = gauss(m)
-    k = [_sum(method.powers[p], kappa) for p in range(m)]
+    k = [weighted_sum(method.powers[p], kappa) for p in range(m)]
     pairs = [(p, q) for p in range(m) for q in range(p + 1, m)]
     brackets = {(p, q): _bracket(k[p], k[q]) for p, q in pairs}
     found, fifth = [], _fifth(k, brackets, h) if m > 2 else ca.SX.zeros(3)
     for c, row in zip(method.c, method.a, strict=True):
-        turn = h * _sum(row, kappa)
+        turn = h * weighted_sum(row, kappa)
         for (p, q), bracket in brackets.items():
             share = (p - q) / (2 * (p + 1) * (q + 1) * (p + q + 2))
             turn += h**2 * float(c ** (p + q + 2)) * share * bracket
@@ -92,7 +92,7 @@ def _bracket(a: ca.SX, b: ca.SX) -> ca.SX:
     return ca.cross(b, a)
 
 
-def _sum(weights: Array, values: list[ca.SX]) -> ca.SX:
+def weighted_sum(weights: Array, values: list[ca.SX]) -> ca.SX:
     """Return the sum of values by weights."""
     total = ca.SX.zeros(3)
     for weight, value in zip(weights.tolist(), values, strict=True):
