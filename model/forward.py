@@ -11,10 +11,7 @@ from model.arm import Arm
 from model.effects import Friction, PrintedStatics
 from model.equilibrium.forward import Collocation, collocation_order
 from model.errors import InputError
-from model.integrators.adaptive import CVODES, ERK
-from model.integrators.collocation import GAUSS4, GAUSS6
-from model.integrators.integrator import Integrator
-from model.integrators.magnus import MAGNUS2, MAGNUS4, MAGNUS6, Magnus
+from model.integrators.magnus import MAGNUS2, MAGNUS4, MAGNUS6
 from model.integrators.runge_kutta import RK4, RK6, RK8
 from model.loads import is_loaded
 from model.mesh import Mesh, graded
@@ -22,17 +19,18 @@ from model.paths import Array
 from model.scene import Scene
 from model.stations import Counts
 from model.unloaded.closed_form import ClosedForm
-from model.unloaded.strain_ode import StrainOde
+from model.unloaded.printed import PrintedMap
 
-# In the order of preference: the first that carries a scene is used, the second checks it.
-_ALL = (MAGNUS6, RK6, RK8, RK4, GAUSS6, MAGNUS4, GAUSS4, MAGNUS2, ERK, CVODES)
-SCHEMES: dict[str, Magnus | Integrator] = {scheme.name: scheme for scheme in _ALL}
-# Stages of the collocation that states a loaded arm, by name.
+# By name: closed forms, stages of collocation, and integrators of the equations as printed. Of each
+# the first is used unless another is named.
+CLOSED_FORMS = {scheme.name: scheme for scheme in (MAGNUS6, MAGNUS4, MAGNUS2)}
 COLLOCATIONS = {"gauss6": 3, "gauss4": 2, "gauss2": 1}
+PRINTED = {scheme.name: scheme for scheme in (RK6, RK8, RK4)}
+SCHEMES = (*CLOSED_FORMS, *COLLOCATIONS, *PRINTED)
 
 
 class ForwardMap(Protocol):
-    """Tensions to poses on one mesh; see ClosedForm, StrainOde and Collocation."""
+    """Tensions to poses on one mesh; see ClosedForm, PrintedMap and Collocation."""
 
     mesh: Mesh
     order: int
@@ -75,21 +73,20 @@ class ExplicitMap(ForwardMap, Protocol):
 def schemes_of(scene: Scene) -> tuple[str, ...]:
     """Return the names of the schemes that can carry a scene.
 
-    First the one that is used unless another is named. With loads those by collocation; as printed
-    all that integrate strains; otherwise all.
+    First the one that is used unless another is named, then the one that checks it.
     """
+    if scene.has(PrintedStatics):
+        return tuple(PRINTED)
     if is_loaded(scene):
         return tuple(COLLOCATIONS)
-    if scene.has(PrintedStatics):
-        return tuple(name for name, scheme in SCHEMES.items() if not isinstance(scheme, Magnus))
-    return tuple(SCHEMES)
+    return tuple(name for pair in zip(CLOSED_FORMS, COLLOCATIONS, strict=True) for name in pair)
 
 
 def order_of(scheme: str, scene: Scene) -> int:
     """Return the order of a scheme in a scene."""
-    if is_loaded(scene):
+    if scheme in COLLOCATIONS:
         return collocation_order(COLLOCATIONS[scheme], scene.has(Friction))
-    return SCHEMES[scheme].order
+    return PRINTED[scheme].order if scheme in PRINTED else CLOSED_FORMS[scheme].order
 
 
 def check_scheme(scene: Scene, scheme: str | None) -> str:
@@ -105,32 +102,32 @@ def forward_map(
     arm: Arm, scene: Scene, scheme: str, refinement: int, at: tuple[float, ...] = ()
 ) -> ForwardMap:
     """Return the forward map on a mesh of a refinement that has the arc lengths `at` as nodes."""
-    if is_loaded(scene):
-        return loaded_map(arm, scene, scheme, refinement, at)
+    if scheme in COLLOCATIONS:
+        return collocation_map(arm, scene, scheme, refinement, at)
     return explicit_map(arm, scene, scheme, refinement, at)
 
 
 @lru_cache(maxsize=256)
 def machine_map(arm: Arm, scene: Scene, scheme: str, refinement: int) -> ExplicitMap:
-    """Return the forward map of a scene without loads as machine code; see forward_map."""
+    """Return an explicit map as machine code; see forward_map."""
     return explicit_map(arm, scene, scheme, refinement).compiled()
 
 
 @lru_cache(maxsize=64)
-def loaded_map(
+def collocation_map(
     arm: Arm, scene: Scene, scheme: str, refinement: int, at: tuple[float, ...] = ()
 ) -> Collocation:
-    """Return the forward map of a scene with loads; see forward_map."""
-    return Collocation(arm, scene, COLLOCATIONS[scheme], refinement, at)
+    """Return the forward map by collocation; see forward_map."""
+    stages = COLLOCATIONS[scheme]
+    return Collocation(arm, scene, stages, refinement, at, is_loaded(scene))
 
 
 @lru_cache(maxsize=256)
 def explicit_map(
     arm: Arm, scene: Scene, scheme: str, refinement: int, at: tuple[float, ...] = ()
 ) -> ExplicitMap:
-    """Return the forward map of a scene without loads; see forward_map."""
-    method = SCHEMES[scheme]
+    """Return the forward map of a scene in closed form or as printed; see forward_map."""
     mesh = graded(arm, refinement, at)
-    if isinstance(method, Magnus):
-        return ClosedForm(arm, scene, mesh, method)
-    return StrainOde(arm, scene, mesh, method.refined(refinement))
+    if scheme in PRINTED:
+        return PrintedMap(arm, scene, mesh, PRINTED[scheme])
+    return ClosedForm(arm, scene, mesh, CLOSED_FORMS[scheme])

@@ -13,7 +13,7 @@ import numpy as np
 from model.arm import Arm
 from model.checks import finite_array
 from model.errors import InputError, NotSettledError, UnsettledSectionError
-from model.forward import SCHEMES, check_scheme, explicit_map
+from model.forward import check_scheme, explicit_map, order_of
 from model.ladder import checked_accuracy, estimate, first_pair, next_refinement
 from model.loads import is_loaded
 from model.machine.batch import Batch
@@ -22,8 +22,9 @@ from model.paths import Array
 from model.rotations import matrices
 from model.scene import Scene
 from model.settle import ACCURACY, checked_scene, settle
-from model.unloaded.closed_form import ClosedForm, closed_statics
+from model.unloaded.closed_form import ClosedForm
 from model.unloaded.pulls import PullPolynomials
+from model.unloaded.statics import closed_statics
 from model.unloaded.stretch import LEAST_STRETCH, check_stretch
 
 
@@ -90,7 +91,7 @@ class _Many:
     ) -> None:
         self.arm, self.T, self.scene, self.accuracy = arm, T, scene, accuracy
         self.machine_code, self.scheme = machine_code, check_scheme(scene, None)
-        self.order = SCHEMES[self.scheme].order
+        self.order = order_of(self.scheme, scene)
         self.coarse, self.fine = first_pair(accuracy, self.order)
         self.poses, self.errors = np.zeros((len(T), 7)), np.full(len(T), np.inf)
         self.last, self.wanted = np.zeros(len(T), int), np.full(len(T), self.coarse)

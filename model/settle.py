@@ -10,9 +10,9 @@ import numpy as np
 
 from model.arm import Arm
 from model.checks import kind
+from model.effects import PrintedStatics
 from model.errors import InputError, NotSettledError, SnapError, UnsettledSectionError
-from model.forward import SCHEMES, check_scheme, forward_map, machine_map, order_of
-from model.integrators.magnus import Magnus
+from model.forward import COLLOCATIONS, check_scheme, forward_map, machine_map, order_of
 from model.ladder import IMPLICIT, ROUNDING, checked_accuracy, estimate, first_pair, next_refinement
 from model.loads import check_loads, is_loaded
 from model.paths import Array
@@ -70,8 +70,9 @@ def settle(
     scene = checked_scene(arm, scene)
     T = arm.flat(tensions)
     scheme, accuracy = check_scheme(scene, scheme), checked_accuracy(accuracy)
-    if compile and is_loaded(scene):
-        raise InputError("compile", compile, "False in a scene with loads, whose maps are implicit")
+    if compile and scheme in COLLOCATIONS:
+        allowed = "False in a scene with loads, or by collocation, whose maps are implicit"
+        raise InputError("compile", compile, allowed)
     try:
         return _settled(arm, T, scene, accuracy, scheme, compile)
     except UnsettledSectionError:
@@ -87,9 +88,9 @@ def _settled(
     maps = machine_map if machine_code else forward_map
     order = order_of(scheme, scene)
     lever = float(arm.radius.evaluate(np.zeros(1), arm.length)[0][0]) if is_loaded(scene) else 0.0
-    # Elsewhere strains that are no numbers may be those of a step that is too long.
-    by_sections = is_loaded(scene) or isinstance(SCHEMES[scheme], Magnus)
-    rounding = IMPLICIT if is_loaded(scene) else ROUNDING
+    # As printed strains that are no numbers may be those of a step that is too long.
+    by_sections = not scene.has(PrintedStatics)
+    rounding = IMPLICIT if scheme in COLLOCATIONS else ROUNDING
     coarse, fine = first_pair(accuracy, order)
     refinement = coarse
     before: tuple[int, Array] | None = None

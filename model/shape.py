@@ -18,11 +18,10 @@ from model.equilibrium.forward import STAGES, Collocation
 from model.equilibrium.stability import stability
 from model.errors import InputError
 from model.forward import ForwardMap, forward_map
-from model.integrators.magnus import MAGNUS6
 from model.paths import Array
 from model.rotations import matrices
 from model.scene import Scene
-from model.unloaded.closed_form import nodes_of
+from model.transcription.collocation import gauss
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,9 +112,9 @@ class Shape:
         """
         mesh = self._map.mesh
         law = cross_section_of(self.scene)
-        s = nodes_of(MAGNUS6, mesh.s[:-1], mesh.s[1:])
-        weight = (np.diff(mesh.s)[:, None] * np.array(MAGNUS6.weights)).ravel()
-        sections = Sections(self.arm, self.scene, law, s, np.repeat(mesh.active, 3))
+        method, h = gauss(STAGES), np.diff(mesh.s)[:, None]
+        s, weight = (mesh.s[:-1, None] + h * method.c).ravel(), (h * method.b).ravel()
+        sections = Sections(self.arm, self.scene, law, s, np.repeat(mesh.active, STAGES))
         return sections.lengths(strains_of(law, self.strains(s)), weight)
 
     @cached_property

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from model.arm import Arm
-from model.forward import explicit_map, loaded_map, schemes_of
+from model.forward import collocation_map, explicit_map, schemes_of
 from model.loads import is_loaded
 from model.scene import Scene
 
@@ -37,7 +37,7 @@ def sizes(arm: Arm, scene: Scene) -> Sizes:
         function = explicit_map(arm, scene, scheme, 1).function
         carried = 7 + (function.size1_out(2) if function.n_out() > 2 else 0)
         return Sizes(carried, 0, 0, function.expand().n_instructions())
-    of = loaded_map(arm, scene, scheme, 1).system.of
+    of = collocation_map(arm, scene, scheme, 1).system.of
     instructions = sum(
         term.count * term.kernel.value.n_instructions() for term in of.equations.terms
     )

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from model.arm import Arm
 from model.paths import Array
+from model.rotations import from_matrix
 
 Counts = NDArray[np.int64]
 
@@ -70,6 +71,28 @@ def crossing(arm: Arm, at: Stations) -> Array:
     """Return 1 where a tendon crosses a station, else 0: (N, n_tendons)."""
     section = np.array([i for i, _ in arm.tendons])
     return (at.active[:, None] > section).astype(float)
+
+
+def tendon_paths(arm: Arm, at: Stations, place: Counts, tendon: Counts) -> Array:
+    """Return offset, its derivative, cosine and sine of the angle (4, P) of tendons at stations.
+
+    `place` (P,) are numbers of stations, `tendon` (P,) those of the tendons there.
+    """
+    section = np.array([i for i, _ in arm.tendons])[tendon]
+    cos, sin = sides(arm)
+    return np.stack([at.y[section, place], at.y_rate[section, place], cos[tendon], sin[tendon]])
+
+
+def tendon_path_rates(arm: Arm, at: Stations, place: Counts, tendon: Counts) -> Array:
+    """Return the derivatives along s (4, P) of what tendon_paths returns."""
+    section = np.array([i for i, _ in arm.tendons])[tendon]
+    still = np.zeros(section.size)
+    return np.stack([at.y_rate[section, place], at.y_curve[section, place], still, still])
+
+
+def base_pose(arm: Arm) -> Array:
+    """Return the clamped pose (7,) of the arm's base."""
+    return np.concatenate([from_matrix(np.array(arm.base_frame)), arm.base_position])
 
 
 def _quarter_exact(values: Array) -> Array:

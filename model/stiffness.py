@@ -10,13 +10,12 @@ import numpy as np
 
 from model.arm import Arm
 from model.checks import finite_array, kind, positive, within
+from model.compliance import compliance_of, section_stiffness, sensitivities
 from model.effects import PrintedStatics
 from model.equilibrium.sensitivities import Sensitivities
 from model.errors import InputError, SingularError
 from model.loads import check_loads
 from model.paths import Array
-from model.response.answers import compliance_of, sensitivities
-from model.response.section_stiffness import section_stiffness
 from model.scene import Scene
 from model.settle import ACCURACY, settle
 from model.shape import Shape

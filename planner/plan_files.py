@@ -10,7 +10,7 @@ import msgspec
 
 from model import Arm, InputError, Scene
 from model.errors import FileError
-from model.forward import COLLOCATIONS, SCHEMES
+from model.forward import SCHEMES
 from model.ladder import FINEST, checked_accuracy
 from model.loads import check_loads
 from planner.plan import Plan
@@ -96,9 +96,8 @@ def _check_statement(within: _Within, answer: AnswerRecord) -> None:
     if stated.modes not in (0, 1):
         told = f"got {stated.modes}, allowed is 0 or 1"
         raise FileError(within.name, "answer.statement.modes", told)
-    known = (*COLLOCATIONS, *SCHEMES)
-    if stated.scheme not in known:
-        told = f"got {shown(stated.scheme)}, allowed is {', '.join(known)}"
+    if stated.scheme not in SCHEMES:
+        told = f"got {shown(stated.scheme)}, allowed is {', '.join(SCHEMES)}"
         raise FileError(within.name, "answer.statement.scheme", told)
     if not 1 <= stated.refinement <= FINEST:
         told = f"got {stated.refinement}, allowed is a whole number from 1 to {FINEST}"

@@ -15,14 +15,13 @@ nothing of the kind; it starts once, from moderate tensions.
 
 Command: python -m studies.accuracy_cost [--cases 5] [--repeats 20] [--targets 7] [--out out]
 
-Answer: the sixth-order Magnus way is the cheapest for every error below 1e-3, by a factor of 3 to
-6 against the next (explicit Runge-Kutta of the paper's differential form), and 50 to 100 times
-cheaper than SciPy's integrators; `settle` pays two to four single maps of it, as it verifies and
-wraps. Each digit costs 1.5 times the time. Under loads rk6 and rk8 are 20 times cheaper than
-shooting or collocation by SciPy. A plan takes 0.1 s whatever its accuracy from 1e-2 to 1e-9, as
-its search is on a coarse mesh; one start is 0.04 s; SLSQP pays a second for 1e-4 and five for
-1e-9. Exact tendons cost 20 times the paper's statics. What the statics leave out matters more
-than any mesh: a tenth of L here.
+Answer: of the paper's statics the sixth-order Magnus way is the cheapest for every error below
+1e-6, the fourth-order one as cheap above, and both 50 to 100 times cheaper than SciPy's
+integrators; `settle` pays two to four single maps of it, as it verifies and wraps. Each digit costs
+1.5 times the time. Under loads rk6 and rk8 are 20 times cheaper than shooting or collocation by
+SciPy. A plan takes 0.1 s whatever its accuracy from 1e-2 to 1e-9, as its search is on a coarse
+mesh; one start is 0.04 s; SLSQP pays a second for 1e-4 and five for 1e-9. Exact tendons cost 20
+times the paper's statics. What the statics leave out matters more than any mesh: a tenth of L here.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ from studies.work import Measured, Size, by_count
 from studies.work_plan import plans, reachable, statics
 from studies.work_settle import EXACT, EXPLICIT, PAPER, WEIGHT, jacobians, settling
 
-NAMES = tuple(SCHEMES)
+NAMES = SCHEMES
 TIP, SECTIONS = "verified tip error [L]", "cross-sections looked at"
 
 

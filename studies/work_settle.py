@@ -12,9 +12,7 @@ import numpy as np
 from model import Arm, Scene, settle, tip_jacobian
 from model.effects import ExactTendons, Extension
 from model.equilibrium.forward import Collocation
-from model.forward import SCHEMES, ForwardMap, forward_map, schemes_of
-from model.integrators.magnus import Magnus
-from model.integrators.runge_kutta import RungeKutta
+from model.forward import CLOSED_FORMS, ForwardMap, forward_map, schemes_of
 from model.ladder import REFINEMENTS
 from model.loads import is_loaded
 from model.paths import Array
@@ -34,7 +32,7 @@ KNOB = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10)
 RTOLS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11)
 _FINE = 1e-10
 # Others are built for minutes where slopes are wanted, or sections have to settle by themselves.
-EXPLICIT = ("magnus6", "magnus4", "magnus2", "rk4", "rk6", "rk8")
+EXPLICIT = tuple(CLOSED_FORMS)
 
 
 def cases(arm: Arm, scene: Scene, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -82,12 +80,10 @@ def _tip(forward: ForwardMap, T: Array, i: int) -> Array:
 
 
 def _sections(name: str, forward: ForwardMap) -> float:
-    """Return how many cross-sections a mesh has; not known where a scheme is implicit."""
+    """Return how many cross-sections a mesh has."""
     if isinstance(forward, Collocation):
         return forward.system.s.size
-    scheme = SCHEMES[name]
-    explicit = isinstance(scheme, Magnus | RungeKutta)
-    return forward.mesh.steps * len(scheme.nodes) if explicit else np.nan
+    return forward.mesh.steps * len(CLOSED_FORMS[name].nodes)
 
 
 def _scipy(arm: Arm, T: Array, off: Error, size: Size) -> list[Measured]:

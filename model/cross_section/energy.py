@@ -14,7 +14,7 @@ class EnergySection:
     """Strains are kappa, lambda = 1 + q and shears, all per unit reference length.
 
     The wrench is the gradient of `energy` plus that of the sum of T |c|; see CrossSection. A law of
-    this kind states its energy, and its tendons' tangent if that is not the one of a rigid section.
+    this kind states its energy, and what its section and tendons do as it stretches.
     """
 
     extension: bool
@@ -26,9 +26,20 @@ class EnergySection:
         """Return the energy of the body per unit reference length [N]."""
         raise NotImplementedError
 
+    def width(self, stretch: ca.SX) -> ca.SX:
+        """Return the width of a section over that at rest: 1, if it is rigid."""
+        return ca.SX(1)
+
     def tangent(self, v: ca.SX, path: ca.SX) -> ca.SX:
-        """See CrossSection.tangent."""
-        raise NotImplementedError
+        """See CrossSection.tangent: c = nu + w (y' d + y kappa x d) of a section of width w."""
+        kappa, nu = self.twist(v)
+        return self.drawn(self.width(nu[0]) * kappa, nu, path)
+
+    def drawn(self, bend: ca.SX, nu: ca.SX, path: ca.SX) -> ca.SX:
+        """Return the tangent of a tendon from bend = w kappa (3,), in which it is linear."""
+        y, y_rate, cos, sin = ca.vertsplit(path)
+        d = ca.vertcat(0, cos, sin)
+        return nu + self.width(nu[0]) * y_rate * d + y * ca.cross(bend, d)
 
     def twist(self, v: ca.SX) -> tuple[ca.SX, ca.SX]:
         """See CrossSection.twist."""
@@ -38,6 +49,11 @@ class EnergySection:
     def strains(self, kappa: ca.SX, nu: ca.SX) -> ca.SX:
         """See CrossSection.strains."""
         return join(self, kappa, nu[0], nu[1:])
+
+    def reported(self, v: ca.SX) -> ca.SX:
+        """See CrossSection.reported."""
+        kappa, nu = self.twist(v)
+        return ca.vertcat(kappa / nu[0], nu[0] - 1)
 
     def body(self, v: ca.SX, body: ca.SX) -> ca.SX:
         """See CrossSection.body: the gradient of the energy."""

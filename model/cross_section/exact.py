@@ -22,9 +22,3 @@ class ExactSection(EnergySection):
         EA, EJ, GI, GA = ca.vertsplit(body)
         bend = EJ * ca.sumsqr(kappa[1:]) + GI * kappa[0] ** 2
         return (EA * (nu[0] - 1) ** 2 + bend + GA * ca.sumsqr(nu[1:])) / 2
-
-    def tangent(self, v: ca.SX, path: ca.SX) -> ca.SX:
-        """See CrossSection.tangent."""
-        kappa, nu = self.twist(v)
-        d = ca.vertcat(0, path[2], path[3])
-        return nu + path[1] * d + path[0] * ca.cross(kappa, d)

@@ -52,6 +52,9 @@ class CrossSection(Protocol):
     def strains(self, kappa: ca.SX, nu: ca.SX) -> ca.SX:
         """Return the strains v of kappa and nu (3,)."""
 
+    def reported(self, v: ca.SX) -> ca.SX:
+        """Return tau, xi, k (3,) per unit deformed length [1/m] and q [-] of strains v, eq. (1)."""
+
     def body(self, v: ca.SX, body: ca.SX) -> ca.SX:
         """Return the wrench of the body."""
 

@@ -17,7 +17,8 @@ class PaperSection:
 
     K omega + sum T (y2 (1 - d d^T) omega - y t x d) = M, E A q + sum T t . c = F_t, and with shear
     k_s G A nu_n + sum T n . c = F_n, along the tangent
-    c = t + y' d + y omega x d. See CrossSection.
+    c = t + y' d + y omega x d. But for shears this is linear in six resultants of the tendons'
+    tensions. See CrossSection.
     """
 
     extension: bool
@@ -40,12 +41,21 @@ class PaperSection:
         EA, EJ, GI, GA = ca.vertsplit(body)
         return join(self, ca.vertcat(GI, EJ, EJ) * omega, EA * q, GA * slide)
 
+    def reported(self, v: ca.SX) -> ca.SX:
+        """See CrossSection.reported: the strains themselves."""
+        return ca.vertcat(*split(self, v)[:2])
+
     def tendon(self, v: ca.SX, path: ca.SX) -> ca.SX:
         """See CrossSection.tendon."""
-        omega, _, _ = split(self, v)
-        c, d = self.tangent(v, path), _side(path)
-        lever = path[0] * (path[0] * (omega - d * ca.dot(d, omega)) - ca.cross(ca.SX(_T), d))
-        return join(self, lever, c[0], c[1:])
+        moment, along = self.tendons(v, resultants(path))
+        return join(self, moment, along, self.tangent(v, path)[1:])
+
+    def tendons(self, v: ca.SX, sums: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Return the moment (3,) and the force along t of tendons with given resultants (6,)."""
+        tau, xi, k = ca.vertsplit(split(self, v)[0])
+        T, c, s, cc, sc, ss = ca.vertsplit(sums)
+        moment = ca.vertcat((cc + ss) * tau, ss * xi - sc * k + s, cc * k - sc * xi - c)
+        return moment, T + s * xi - c * k
 
     def tangent(self, v: ca.SX, path: ca.SX) -> ca.SX:
         """See CrossSection.tangent: c = t + y' d + y omega x d."""
@@ -62,3 +72,13 @@ class PaperSection:
 def _side(path: ca.SX) -> ca.SX:
     """Return the direction d (3,) of a tendon in the cross-section."""
     return ca.vertcat(0, path[2], path[3])
+
+
+def resultants(path: ca.SX) -> ca.SX:
+    """Return a tendon's share per newton in the resultants T, T Y, T Y Y^T (6,), where Y = y d.
+
+    Of the paper's four tendons a section they are the sums T1+T2+T3+T4, y (T1-T3), y (T2-T4),
+    y2 (T1+T3), 0, y2 (T2+T4).
+    """
+    n, b = path[0] * path[2], path[0] * path[3]
+    return ca.vertcat(1, n, b, n * n, n * b, b * b)

@@ -40,8 +40,7 @@ def _twist(law: CrossSection) -> ca.Function:
 @lru_cache(maxsize=32)
 def _reported(law: CrossSection) -> ca.Function:
     v = ca.SX.sym("v", size(law))
-    kappa, nu = law.twist(v)
-    rows = ca.vertcat(kappa / nu[0], nu[0] - 1, nu[1:] if law.shear else ca.SX(0, 1))
+    rows = ca.vertcat(law.reported(v), law.twist(v)[1][1:] if law.shear else ca.SX(0, 1))
     return ca.Function("reported", [v], [ca.densify(rows)])
 
 

@@ -33,17 +33,16 @@ class RubberSection(EnergySection):
         along = EA / 6 * (stretch**2 + 2 / stretch - 3)
         return along + bend + twist + GA * ca.sumsqr(nu[1:]) / 2
 
-    def tangent(self, v: ca.SX, path: ca.SX) -> ca.SX:
-        """See CrossSection.tangent."""
-        kappa, nu = self.twist(v)
-        y, y_rate, cos, sin = ca.vertsplit(path)
-        shrink = 1 / ca.sqrt(nu[0])
-        d = ca.vertcat(0, cos, sin)
-        c = nu + shrink * (y_rate * d + y * ca.cross(kappa, d))
+    def width(self, stretch: ca.SX) -> ca.SX:
+        """See EnergySection.width: the volume is constant."""
+        return 1 / ca.sqrt(stretch)
+
+    def drawn(self, bend: ca.SX, nu: ca.SX, path: ca.SX) -> ca.SX:
+        """See EnergySection.drawn."""
+        c = super().drawn(bend, nu, path)
         if self.anticlastic:
-            inward, across = (
-                y * (kappa[2] * cos - kappa[1] * sin),
-                y * (kappa[2] * sin + kappa[1] * cos),
-            )
-            c[0] -= (inward**2 - across**2) / (4 * nu[0] ** 2)
+            y, _, cos, sin = ca.vertsplit(path)
+            inward = y * (bend[2] * cos - bend[1] * sin)
+            across = y * (bend[2] * sin + bend[1] * cos)
+            c[0] -= (inward**2 - across**2) / (4 * nu[0])
         return c

@@ -15,7 +15,7 @@ from model.effects import Shear
 from model.machine.buffered import Buffered
 from model.paths import Array
 from model.scene import Scene
-from model.stations import Counts, Stations, crossing, sides, stations
+from model.stations import Counts, crossing, stations, tendon_path_rates, tendon_paths
 
 # Newton's method squares the error: a step this small, relatively, leaves rounding.
 _STEPS, _SETTLED = 20, 1e-8
@@ -45,16 +45,11 @@ class Sections:
 
     def __init__(self, arm: Arm, scene: Scene, law: CrossSection, s: Array, active: Counts) -> None:
         self.law, self.s, self._n_tendons = law, s, arm.n_tendons
-        at: Stations = stations(arm, s, active)
+        at = stations(arm, s, active)
         self.place, self.tendon = np.nonzero(crossing(arm, at))
         self.body = body_numbers(arm, scene, at.body)
-        of = np.array([i for i, _ in arm.tendons])[self.tendon]
-        cos, sin = (v[self.tendon] for v in sides(arm))
-        still = np.zeros(of.size)
-        self.path_rates = np.stack(
-            [at.y_rate[of, self.place], at.y_curve[of, self.place], still, still]
-        )
-        self.paths = np.stack([at.y[of, self.place], at.y_rate[of, self.place], cos, sin])
+        self.paths = tendon_paths(arm, at, self.place, self.tendon)
+        self.path_rates = tendon_path_rates(arm, at, self.place, self.tendon)
 
     def wrench(self, v: Array, tensions: Array) -> tuple[Array, Array]:
         """Return what body and tendons balance (N, n) at strains v (N, n), and its derivatives.

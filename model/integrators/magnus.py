@@ -15,6 +15,8 @@ import numpy as np
 
 from model.rotations import exponential
 
+Bracket = Callable[[ca.SX, ca.SX], ca.SX]
+
 
 @dataclass(frozen=True)
 class Magnus:
@@ -26,14 +28,11 @@ class Magnus:
     order : int
     nodes : (order / 2,)
         Gauss-Legendre nodes on [0, 1].
-    weights : (order / 2,)
-        Of the quadrature with these nodes.
     """
 
     name: str
     order: int
     nodes: tuple[float, ...]
-    weights: tuple[float, ...]
 
     def step(self, twists: list[ca.SX], h: ca.SX) -> ca.SX:
         """Return the pose (7,) across a step of length h [m].
@@ -45,29 +44,37 @@ class Magnus:
 
     def expansion(self, twists: list[ca.SX], h: ca.SX) -> ca.SX:
         """Return (rotation vector, displacement) (6,) whose exponential is the step."""
-        return _EXPANSIONS[self.order](twists, h)
+        return expansion(twists, h, _bracket)
 
 
-def _second(twists: list[ca.SX], h: ca.SX) -> ca.SX:
-    omega: ca.SX = h * twists[0]
+def expansion(values: list[ca.SX], h: ca.SX, bracket: Bracket) -> ca.SX:
+    """Return the truncated expansion across a step, from values at 1, 2 or 3 Gauss nodes.
+
+    In the Lie algebra of the bracket, of order twice the number of nodes.
+    """
+    return _EXPANSIONS[len(values)](values, h, bracket)
+
+
+def _second(values: list[ca.SX], h: ca.SX, bracket: Bracket) -> ca.SX:
+    omega: ca.SX = h * values[0]
     return omega
 
 
-def _fourth(twists: list[ca.SX], h: ca.SX) -> ca.SX:
-    first, last = twists
-    omega: ca.SX = h / 2 * (first + last) - h**2 * np.sqrt(3) / 12 * _bracket(first, last)
+def _fourth(values: list[ca.SX], h: ca.SX, bracket: Bracket) -> ca.SX:
+    first, last = values
+    omega: ca.SX = h / 2 * (first + last) - h**2 * np.sqrt(3) / 12 * bracket(first, last)
     return omega
 
 
-def _sixth(twists: list[ca.SX], h: ca.SX) -> ca.SX:
-    first, middle, last = twists
+def _sixth(values: list[ca.SX], h: ca.SX, bracket: Bracket) -> ca.SX:
+    first, middle, last = values
     a = h * middle
     b = h * np.sqrt(15) / 3 * (last - first)
     c = h * 10 / 3 * (first - 2 * middle + last)
-    ab = _bracket(a, b)
+    ab = bracket(a, b)
     inner = -20 * a - c + ab
-    outer = b - _bracket(a, 2 * c + ab) / 60
-    return a + c / 12 + _bracket(inner, outer) / 240
+    outer = b - bracket(a, 2 * c + ab) / 60
+    return a + c / 12 + bracket(inner, outer) / 240
 
 
 def _bracket(a: ca.SX, b: ca.SX) -> ca.SX:
@@ -77,17 +84,12 @@ def _bracket(a: ca.SX, b: ca.SX) -> ca.SX:
     return ca.vertcat(turn, shift)
 
 
-_EXPANSIONS: dict[int, Callable[[list[ca.SX], ca.SX], ca.SX]] = {
-    2: _second,
-    4: _fourth,
-    6: _sixth,
-}
+_EXPANSIONS = {1: _second, 2: _fourth, 3: _sixth}
 
 
 def _scheme(order: int) -> Magnus:
-    nodes, weights = np.polynomial.legendre.leggauss(order // 2)
-    unit, half = (nodes + 1) / 2, weights / 2
-    return Magnus(f"magnus{order}", order, tuple(unit.tolist()), tuple(half.tolist()))
+    nodes, _ = np.polynomial.legendre.leggauss(order // 2)
+    return Magnus(f"magnus{order}", order, tuple(((nodes + 1) / 2).tolist()))
 
 
 MAGNUS2, MAGNUS4, MAGNUS6 = (_scheme(order) for order in (2, 4, 6))

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from model.paths import Array
-
 
 @dataclass(frozen=True)
 class RungeKutta:
@@ -46,23 +44,8 @@ class RungeKutta:
 
     @property
     def samples(self) -> tuple[float, ...]:
-        """See Integrator.samples: the distinct nodes."""
+        """The distinct nodes, in order."""
         return tuple(sorted(set(self.nodes)))
-
-    def refined(self, refinement: int) -> RungeKutta:
-        """See Integrator.refined: the steps are the mesh's."""
-        return self
-
-    def stepper(self, slope: ca.Function, scale: Array) -> ca.Function:
-        """See Integrator.stepper; nothing is solved for, so the scale does not matter."""
-        samples = self.samples
-        x, h = ca.SX.sym("x", scale.size), ca.SX.sym("h")
-        d = ca.SX.sym("d", slope.size1_in(1), len(samples))
-
-        def rate(stage: int, x: ca.SX) -> ca.SX:
-            return slope(x, d[:, samples.index(self.nodes[stage])])
-
-        return ca.Function("step", [x, d, h], [self.step(rate, x, h)], {"cse": True})
 
 
 RK4 = RungeKutta(

@@ -17,17 +17,15 @@ from model.integrators.magnus import Magnus
 from model.machine.machine_code import call_tips
 from model.machine.program import Program
 from model.paths import Array
-from model.statics import ClosedStatics
-from model.stations import Counts, stations
+from model.stations import Counts, base_pose, stations
 from model.unloaded.closed_form import (
     ClosedForm,
-    base_pose,
-    closed_statics,
     nodes_of,
     step_function,
     strain_function,
 )
 from model.unloaded.pulls import TERMS, PullPolynomials
+from model.unloaded.statics import ClosedStatics, closed_statics
 from model.unloaded.step_twist import chain_function
 
 # Columns at a time, so that the registers stay in the processor's cache.
@@ -58,7 +56,7 @@ class Batch:
         self.end_active, self.end_basis, self.end_data = self._table(ends, count, 1)
 
     def _table(self, s: Array, active: Counts, m: int) -> tuple[Counts, Array, Array]:
-        data = self.statics.data(stations(self.forward.arm, s, np.repeat(active, m)))[0]
+        data = self.statics.data(stations(self.forward.arm, s, np.repeat(active, m)))
         basis = self.polynomials.basis(s).reshape(TERMS, -1, m).transpose(1, 0, 2)
         columns = data.T.reshape(active.size, -1)
         return _whole(active), np.ascontiguousarray(basis), np.ascontiguousarray(columns)

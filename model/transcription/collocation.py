@@ -16,6 +16,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
+from model.integrators.magnus import expansion
 from model.paths import Array
 
 
@@ -65,17 +66,17 @@ def rotation_vectors(kappa: list[ca.SX], h: ca.SX) -> list[ca.SX]:
     """
     m = len(kappa)
     method = gauss(m)
-    k = [_sum(method.powers[p], kappa) for p in range(m)]
+    k = [weighted_sum(method.powers[p], kappa) for p in range(m)]
     pairs = [(p, q) for p in range(m) for q in range(p + 1, m)]
     brackets = {(p, q): _bracket(k[p], k[q]) for p, q in pairs}
     found, fifth = [], _fifth(k, brackets, h) if m > 2 else ca.SX.zeros(3)
     for c, row in zip(method.c, method.a, strict=True):
-        turn = h * _sum(row, kappa)
+        turn = h * weighted_sum(row, kappa)
         for (p, q), bracket in brackets.items():
             share = (p - q) / (2 * (p + 1) * (q + 1) * (p + q + 2))
             turn += h**2 * float(c ** (p + q + 2)) * share * bracket
         found.append(turn + float(c**5) * fifth)
-    return [*found, _across(kappa, h)]
+    return [*found, expansion(kappa, h, _bracket)]
 
 
 def _fifth(k: list[ca.SX], brackets: dict[tuple[int, int], ca.SX], h: ca.SX) -> ca.SX:
@@ -86,29 +87,12 @@ def _fifth(k: list[ca.SX], brackets: dict[tuple[int, int], ca.SX], h: ca.SX) -> 
     return fifth
 
 
-def _across(kappa: list[ca.SX], h: ca.SX) -> ca.SX:
-    """Return the rotation vector (3,) across an element."""
-    if len(kappa) == 1:
-        single: ca.SX = h * kappa[0]
-        return single
-    if len(kappa) == 2:
-        first, last = kappa
-        pair: ca.SX = h / 2 * (first + last) - h**2 * np.sqrt(3) / 12 * _bracket(first, last)
-        return pair
-    first, middle, last = kappa
-    A, B = h * middle, h * np.sqrt(15) / 3 * (last - first)
-    C = h * 10 / 3 * (first - 2 * middle + last)
-    AB = _bracket(A, B)
-    outer = B - _bracket(A, 2 * C + AB) / 60
-    return A + C / 12 + _bracket(-20 * A - C + AB, outer) / 240
-
-
 def _bracket(a: ca.SX, b: ca.SX) -> ca.SX:
     """Return the bracket of rotations of a frame that turns in itself."""
     return ca.cross(b, a)
 
 
-def _sum(weights: Array, values: list[ca.SX]) -> ca.SX:
+def weighted_sum(weights: Array, values: list[ca.SX]) -> ca.SX:
     """Return the sum of values by weights."""
     total = ca.SX.zeros(3)
     for weight, value in zip(weights.tolist(), values, strict=True):

@@ -21,9 +21,8 @@ from functools import lru_cache
 import casadi as ca
 
 from model.cross_section.law import CrossSection, join, size
-from model.paths import Array
 from model.rotations import half_turn, multiply, unit_matrix
-from model.transcription.collocation import gauss, rotation_vectors
+from model.transcription.collocation import gauss, rotation_vectors, weighted_sum
 from model.transcription.terms import Kernel
 
 # Under the root of a stream's speed, which may vanish.
@@ -115,14 +114,14 @@ def element(form: Form) -> Kernel:
     along = [frame @ nu for frame, (_, nu) in zip(R, twists, strict=True)]
     rows = [
         x.q_next - multiply(x.q, half_turn(across)),
-        x.u_next - x.u - x.h * _sum(method.b, along),
+        x.u_next - x.u - x.h * weighted_sum(method.b, along),
     ]
     if form.loaded:
         F, f, at_node = _forces(x, form, R, twists, along)
         levers = [ca.cross(t, f) for t, f in zip(along, F, strict=True)]
         beyond = x.w_next[:3] + x.moment
-        at_node.insert(0, x.w[:3] - beyond - x.h * _sum(method.b, levers))
-        M = [beyond + x.h * _sum(method.b - row, levers) for row in method.a]
+        at_node.insert(0, x.w[:3] - beyond - x.h * weighted_sum(method.b, levers))
+        M = [beyond + x.h * weighted_sum(method.b - row, levers) for row in method.a]
         local = [(frame.T @ m, frame.T @ f) for frame, m, f in zip(R, M, F, strict=True)]
         stages = [-join(law, m, force[0], force[1:]) for m, force in local]
         if form.friction:
@@ -155,9 +154,10 @@ def _forces(
         return F, total, []
     beyond = x.w_next[3:]
     F = [
-        dead + beyond + x.h * _sum(method.b - row, f) for dead, row in zip(F, method.a, strict=True)
+        dead + beyond + x.h * weighted_sum(method.b - row, f)
+        for dead, row in zip(F, method.a, strict=True)
     ]
-    return F, total, [x.w[3:] - beyond - x.h * _sum(method.b, f)]
+    return F, total, [x.w[3:] - beyond - x.h * weighted_sum(method.b, f)]
 
 
 def _rate(
@@ -173,13 +173,6 @@ def _drag(t: ca.SX, nu: ca.SX, drag: ca.SX, velocity: ca.SX) -> ca.SX:
     """Return the drag per unit reference length in the base frame (3,) [N/m]; see Current."""
     across = velocity - t * ca.dot(t, velocity)
     return drag * nu[0] * ca.sqrt(ca.sumsqr(across) + _TINY) * across
-
-
-def _sum(weights: Array, values: list[ca.SX]) -> ca.SX:
-    total = ca.SX.zeros(3)
-    for weight, value in zip(weights.tolist(), values, strict=True):
-        total += weight * value
-    return total
 
 
 @lru_cache(maxsize=64)

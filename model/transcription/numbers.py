@@ -12,9 +12,8 @@ from model.effects import Current, Friction, TipLoad
 from model.loads import beyond, directions, heaviness
 from model.mesh import Mesh
 from model.paths import Array
-from model.rotations import from_matrix
 from model.scene import Scene
-from model.stations import Stations, sides, stations
+from model.stations import Stations, base_pose, sides, stations, tendon_paths
 from model.transcription.collocation import gauss
 from model.transcription.element import Form
 from model.transcription.layout import Layout
@@ -47,10 +46,7 @@ def numbers(arm: Arm, scene: Scene, mesh: Mesh, of: Layout) -> Numbers:
     s = (mesh.s[:-1, None] + h[:, None] * method.c).ravel()
     at = stations(arm, s, np.repeat(mesh.active, m))
     stage, number = of.crossings
-    of_tendon = np.array([i for i, _ in arm.tendons])
-    cos, sin = sides(arm)
-    own = of_tendon[number]
-    paths = np.stack([at.y[own, stage], at.y_rate[own, stage], cos[number], sin[number]])
+    paths = tendon_paths(arm, at, stage, number)
     ends = np.repeat(mesh.s[1:], m)
     columns = [base_pose(arm), element_numbers(arm, scene, form, s, h, ends)]
     if form.loaded:
@@ -84,16 +80,9 @@ def sliding_numbers(
 
 def _kinks(arm: Arm, mesh: Mesh, of: Layout, h: Array) -> Array:
     """Return the numbers (6, P) of the kinks of tendons that go on beyond anchorages."""
-    (k, j), (cos, sin) = of.kinks, sides(arm)
-    i = np.array([i for i, _ in arm.tendons])[j]
+    k, j = of.kinks
     at = stations(arm, mesh.s[k + 1], mesh.active[k + 1])
-    P = np.arange(k.size)
-    return np.vstack([h[k], h[k + 1], at.y[i, P], at.y_rate[i, P], cos[j], sin[j]])
-
-
-def base_pose(arm: Arm) -> Array:
-    """Return the clamped pose (7,) of the arm's base."""
-    return np.concatenate([from_matrix(np.array(arm.base_frame)), arm.base_position])
+    return np.vstack([h[k], h[k + 1], tendon_paths(arm, at, np.arange(k.size), j)])
 
 
 def element_numbers(arm: Arm, scene: Scene, form: Form, s: Array, h: Array, end: Array) -> Array:

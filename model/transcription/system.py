@@ -19,11 +19,12 @@ from model.machine.buffered import Buffered
 from model.mesh import Mesh, graded
 from model.paths import Array
 from model.scene import Scene
+from model.stations import base_pose
 from model.transcription.collocation import gauss
 from model.transcription.element import Form, element
 from model.transcription.friction import turning_function
 from model.transcription.layout import POSE, Layout, layout
-from model.transcription.numbers import base_pose, numbers
+from model.transcription.numbers import numbers
 from model.transcription.terms import Places
 
 

@@ -1,6 +1,6 @@
 """The fast path: strains in closed form, poses by Magnus steps from the base.
 
-Data flow: tensions -> sums over tendons at the steps' nodes (polynomials carried on from section to
+Data flow: tensions -> tendon resultants at the steps' nodes (polynomials carried on from section to
 section) -> strains (closed form) -> one relative pose per step (Magnus) -> poses at the nodes
 (products from the base).
 """
@@ -8,7 +8,6 @@ section) -> strains (closed form) -> one relative pose per step (Magnus) -> pose
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass
 from functools import lru_cache
 
 import casadi as ca
@@ -21,39 +20,19 @@ from model.machine.buffered import Buffered
 from model.machine.compiled import compiled
 from model.mesh import Mesh
 from model.paths import Array
-from model.rotations import compose, from_matrix
+from model.rotations import compose
 from model.scene import Scene
-from model.statics import ClosedStatics, Statics, statics_of
-from model.statics.base import curvature
-from model.stations import Counts, stations
+from model.stations import Counts, base_pose, stations
 from model.unloaded.pulls import PullPolynomials
-
-
-def base_pose(arm: Arm) -> Array:
-    """Return the clamped pose (7,) of the arm's base."""
-    return np.concatenate([from_matrix(np.array(arm.base_frame)), arm.base_position])
-
-
-def closed_statics(scene: Scene, arm: Arm) -> ClosedStatics:
-    """Return the scene's statics, which have to be in closed form."""
-    statics = statics_of(scene, arm)
-    assert isinstance(statics, ClosedStatics)
-    return statics
+from model.unloaded.statics import ClosedStatics, closed_statics
 
 
 @lru_cache(maxsize=64)
 def strain_function(statics: ClosedStatics) -> ca.Function:
-    """Return (pull, data) -> (tau, xi, k, q) at one cross-section."""
+    """Return (pull, data) -> (tau, xi, k, q) at one cross-section; tau is 0."""
     pull, data = ca.SX.sym("pull", statics.n_pull), ca.SX.sym("data", statics.n_data)
-    strain = statics.solve(pull, data)
-    full = full_strain(statics, strain, pull, data)
-    return ca.Function("strain", [pull, data], [full], {"cse": True})
-
-
-def full_strain(statics: Statics, strain: ca.SX, pull: ca.SX, data: ca.SX) -> ca.SX:
-    """Return (tau, xi, k, q) from the strains that the statics carry."""
-    q = statics.stretch(strain, pull, data)
-    return ca.vertcat(curvature(statics.names, strain), q)
+    strain = statics.law.reported(statics.solve(pull, data))
+    return ca.Function("strain", [pull, data], [ca.densify(strain)], {"cse": True})
 
 
 def twist(strain: ca.SX) -> ca.SX:
@@ -62,52 +41,21 @@ def twist(strain: ca.SX) -> ca.SX:
     return ca.vertcat(stretch * strain[:3], stretch, 0, 0)
 
 
-@dataclass(frozen=True, eq=False)
-class Sections:
-    """What statics take from N cross-sections.
-
-    Attributes
-    ----------
-    map, map_rate : (n_pull N, n_tendons)
-        From tensions to pull, and its derivative along s.
-    data, data_rate : (n_data, N)
-        Numbers of body and tendon paths, and their derivatives along s.
-    """
-
-    map: ca.DM
-    map_rate: ca.DM
-    data: ca.DM
-    data_rate: ca.DM
-
-    def pull(self, T: ca.MX) -> ca.MX:
-        """Return pull (n_pull, N) of tensions (n_tendons,)."""
-        return ca.reshape(self.map @ T, -1, self.data.shape[1])
-
-    def pull_rate(self, T: ca.MX) -> ca.MX:
-        """Return the derivative of pull along s (n_pull, N)."""
-        return ca.reshape(self.map_rate @ T, -1, self.data.shape[1])
-
-
-def sections(arm: Arm, statics: Statics, s: Array, active: Counts) -> Sections:
-    """Return what statics take from the cross-sections at s (N,)."""
+def pull_at(
+    arm: Arm, statics: ClosedStatics, s: Array, active: Counts, T: ca.MX
+) -> tuple[ca.MX, ca.DM]:
+    """Return pull (n_pull, N) of tensions (n_tendons,), and data (n_data, N), at s (N,)."""
     at = stations(arm, s, active)
-    maps = [ca.sparsify(ca.DM(m.reshape(-1, arm.n_tendons))) for m in statics.pulls(arm, at)]
-    return Sections(*maps, *(ca.DM(values) for values in statics.data(at)))
-
-
-def strains_at(arm: Arm, scene: Scene, s: Array, active: Counts, T: ca.MX) -> ca.MX:
-    """Return the strains (4, N), rows tau, xi, k, q, at stations s as an expression of tensions."""
-    statics = closed_statics(scene, arm)
-    at = sections(arm, statics, s, active)
-    return strain_function(statics).map(s.size)(at.pull(T), at.data)
+    maps = ca.sparsify(ca.DM(statics.pulls(arm, at).reshape(-1, arm.n_tendons)))
+    return ca.reshape(maps @ T, -1, s.size), ca.DM(statics.data(at))
 
 
 def unloaded_strains(arm: Arm, scene: Scene, s: Array, active: Counts, tensions: Array) -> Array:
     """Return tau, xi, k, q (N, 4) at s (N,) where loads are left out; NaN where nothing settles."""
     scene = unloaded(scene)
     statics, at = closed_statics(scene, arm), stations(arm, s, active)
-    pull = np.einsum("nij,j->in", statics.pulls(arm, at)[0], tensions)
-    found = np.array(strain_function(statics).map(s.size)(pull, statics.data(at)[0])).T
+    pull = np.einsum("nij,j->in", statics.pulls(arm, at), tensions)
+    found = np.array(strain_function(statics).map(s.size)(pull, statics.data(at))).T
     lost = np.isnan(found).any(axis=1)
     if lost.any() and scene.careful() != scene:
         found[lost] = unloaded_strains(arm, scene.careful(), s[lost], active[lost], tensions)
@@ -204,10 +152,11 @@ class ClosedForm:
         active, left, m = self.mesh.active[step], self.mesh.s[step], len(self.scheme.nodes)
         statics = closed_statics(self.scene, self.arm)
         T = ca.MX.sym("T", self.arm.n_tendons)
-        at = sections(self.arm, statics, nodes_of(self.scheme, left, s), np.repeat(active, m))
+        nodes = nodes_of(self.scheme, left, s)
+        given = pull_at(self.arm, statics, nodes, np.repeat(active, m), T)
         march = march_function(statics, self.scheme).map(s.size)
-        pose, _ = march(ca.DM(poses[step].T), at.pull(T), at.data, ca.DM(s - left).T)
-        strain = strains_at(self.arm, self.scene, s, active, T)
+        pose, _ = march(ca.DM(poses[step].T), *given, ca.DM(s - left).T)
+        strain = strain_function(statics).map(s.size)(*pull_at(self.arm, statics, s, active, T))
         found, strains = ca.Function("dense", [T], [pose, strain])(tensions)
         at_node = (s == self.mesh.s[step + 1])[:, None]
         return np.where(at_node, poses[step + 1], np.array(found).T), np.array(strains).T
@@ -219,6 +168,5 @@ def pull_and_data(
     """Return pull (n_pull, N) and data (n_data, N) at arc lengths s (N,), base to tip."""
     polynomials = PullPolynomials.of(arm, statics)
     if polynomials is None:
-        at = sections(arm, statics, s, active)
-        return at.pull(T), at.data
-    return polynomials.pull(T, s, active), ca.DM(statics.data(stations(arm, s, active))[0])
+        return pull_at(arm, statics, s, active, T)
+    return polynomials.pull(T, s, active), ca.DM(statics.data(stations(arm, s, active)))

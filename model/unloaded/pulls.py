@@ -14,8 +14,8 @@ import numpy as np
 
 from model.arm import Arm
 from model.paths import Array, Linear
-from model.statics import Statics
 from model.stations import Counts, stations
+from model.unloaded.statics import ClosedStatics
 
 TERMS = 3
 
@@ -39,14 +39,14 @@ class PullPolynomials:
     own: tuple[Array, ...]
 
     @classmethod
-    def of(cls, arm: Arm, statics: Statics) -> PullPolynomials | None:
+    def of(cls, arm: Arm, statics: ClosedStatics) -> PullPolynomials | None:
         """Return the polynomials of an arm, None where an offset is not linear."""
         if not all(isinstance(section.offset, Linear) for section in arm.sections):
             return None
         own = []
         for i, section in enumerate(arm.sections):
             s = section.at * np.array([0.0, 0.5, 1.0])
-            maps = statics.pulls(arm, stations(arm, s, np.full(TERMS, i + 1)))[0]
+            maps = statics.pulls(arm, stations(arm, s, np.full(TERMS, i + 1)))
             maps = maps[:, :, list(arm.tendons_of(i + 1))]
             own.append(_coefficients(maps, section.at / arm.length))
         return cls(arm.length, tuple(own))

@@ -1,64 +1,17 @@
 """How the pose across a Magnus step answers to the twists at its nodes.
 
-A step is exp(Omega). A change delta of Omega moves it by exp(z) with z = dexp delta, (turn, shift)
-in the frame of its start, where dexp, the left derivative of the exponential, has the blocks
-J = I + a W + b W^2 and its directional derivative; a, b are power series in the angle squared.
-Source: Iserles, Munthe-Kaas, Norsett, Zanna, "Lie-group methods", Acta Numerica 9 (2000),
-section 2.
+A step is exp(Omega). A change of it moves the step's end by a twist z = (rotation, shift) in the
+frame of its start: exp(Omega) becomes exp(z) exp(Omega).
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
 from functools import lru_cache
 
 import casadi as ca
 
 from model.integrators.magnus import Magnus
-from model.rotations import compose, exponential, matrix
-
-_SMALL, _TERMS = 0.01, 6
-
-
-def dexp(omega: ca.SX) -> ca.SX:
-    """Return the left derivative (6, 6) of the exponential at omega = (rotation, displacement)."""
-    w, v = omega[:3], omega[3:]
-    a, b, a_slope, b_slope = _coefficients(ca.sumsqr(w))
-    W, V = ca.skew(w), ca.skew(v)
-    WW, along = W @ W, 2 * ca.dot(w, v)
-    J = ca.SX.eye(3) + a * W + b * WW
-    bent = a * V + b * (W @ V + V @ W) + along * (a_slope * W + b_slope * WW)
-    return ca.blockcat([[J, ca.SX(3, 3)], [bent, J]])
-
-
-def _coefficients(x: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-    """Return a = (1 - cos t) / t^2, b = (t - sin t) / t^3 and their slopes, x = t^2."""
-    small = x < _SMALL
-    t = ca.sqrt(ca.if_else(small, _SMALL, x))
-    sin, cos = ca.sin(t), ca.cos(t)
-    closed = (
-        (1 - cos) / t**2,
-        (t - sin) / t**3,
-        (t * sin - 2 * (1 - cos)) / (2 * t**4),
-        ((1 - cos) * t - 3 * (t - sin)) / (2 * t**5),
-    )
-    terms: tuple[Callable[[int], float], ...] = (
-        lambda k: (-1.0) ** k / math.factorial(2 * k + 2),
-        lambda k: (-1.0) ** k / math.factorial(2 * k + 3),
-        lambda k: -((-1.0) ** k) * (k + 1) / math.factorial(2 * k + 4),
-        lambda k: -((-1.0) ** k) * (k + 1) / math.factorial(2 * k + 5),
-    )
-    pairs = zip(terms, closed, strict=True)
-    a, b, a_slope, b_slope = (ca.if_else(small, _series(x, term), far) for term, far in pairs)
-    return a, b, a_slope, b_slope
-
-
-def _series(x: ca.SX, term: Callable[[int], float]) -> ca.SX:
-    total = ca.SX(0)
-    for k in reversed(range(_TERMS)):
-        total = term(k) + x * total
-    return total
+from model.rotations import compose, conjugate, exponential, matrix, multiply
 
 
 def step_slopes(scheme: Magnus, twists: list[ca.SX], h: ca.SX, e: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -67,7 +20,20 @@ def step_slopes(scheme: Magnus, twists: list[ca.SX], h: ca.SX, e: ca.SX) -> tupl
     `twists` (6,) at the scheme's nodes are expressions of e.
     """
     omega = scheme.expansion(twists, h)
-    return exponential(omega[:3], omega[3:]), ca.densify(dexp(omega) @ ca.jacobian(omega, e))
+    pose, slopes = _exponential_slopes()(omega)
+    return pose, ca.densify(slopes @ ca.jacobian(omega, e))
+
+
+@lru_cache(maxsize=1)
+def _exponential_slopes() -> ca.Function:
+    """Return Omega (6,) -> exp(Omega) (7,), slopes of z against Omega (6, 6)."""
+    omega = ca.SX.sym("omega", 6)
+    pose = exponential(omega[:3], omega[3:])
+    columns = []
+    for change in ca.horzsplit(ca.jacobian(pose, omega)):
+        rotation = 2 * multiply(change[:4], conjugate(pose[:4]))[1:]
+        columns.append(ca.vertcat(rotation, change[4:] - ca.cross(rotation, pose[4:])))
+    return ca.Function("slopes", [omega], [pose, ca.horzcat(*columns)], {"cse": True})
 
 
 @lru_cache(maxsize=8)

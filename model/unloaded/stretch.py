@@ -10,7 +10,7 @@ from model.errors import CollapsedError, UnsettledSectionError
 from model.paths import Array
 
 # Exact tendons keep a crushed section from turning inside out: what is left of its length then is
-# the width that keeps their roots smooth (see model.statics.energy), and no shape.
+# the width that keeps their roots smooth (see model.cross_section.law), and no shape.
 LEAST_STRETCH = 1e-7
 
 

@@ -15,25 +15,41 @@ import casadi as ca
 import numpy as np
 
 from model.arm import Arm
+from model.cross_section.law import size
 from model.forward import explicit_map
 from model.integrators.magnus import Magnus
 from model.rotations import compose, small_turns
 from model.scene import Scene
-from model.statics import ClosedStatics
+from model.stations import base_pose
 from model.unloaded.closed_form import (
     ClosedForm,
-    base_pose,
-    closed_statics,
     nodes_of,
     pull_and_data,
     strain_function,
     twist,
 )
 from model.unloaded.pulls import TERMS, PullPolynomials
+from model.unloaded.statics import ClosedStatics, closed_statics
 from model.unloaded.step_twist import adjoint_function, step_slopes
-from model.unloaded.strain_slopes import strain_slopes
 
 S = TypeVar("S", ca.SX, ca.MX)
+
+
+@lru_cache(maxsize=64)
+def strain_slopes(statics: ClosedStatics) -> ca.Function:
+    """Return (xi, k, q; pull, data) -> slopes (3, n_pull) of these strains against pull.
+
+    By the implicit function theorem from the wrench that vanishes.
+    """
+    law, e = statics.law, ca.SX.sym("e", 3)
+    pull, data = ca.SX.sym("pull", statics.n_pull), ca.SX.sym("data", statics.n_data)
+    v = ca.SX.sym("v", size(law))
+    wrench, strain = statics.wrench(v, pull, data), law.reported(v)[1:]
+    changes = -ca.inv_minor(ca.jacobian(wrench, v)) @ ca.jacobian(wrench, pull)
+    slopes = ca.densify(ca.jacobian(strain, v) @ changes)
+    kappa = ca.vertcat(0, (1 + e[2]) * e[:2])
+    found = ca.substitute([slopes], [v], [law.strains(kappa, ca.vertcat(1 + e[2], 0, 0))])
+    return ca.Function("slopes", [e, pull, data], found, {"cse": True})
 
 
 @lru_cache(maxsize=64)

@@ -13,18 +13,11 @@ import numpy as np
 from model.forward import explicit_map
 from model.paths import Array
 from model.shape import Shape
-from model.statics import ClosedStatics
-from model.statics.exact import Exact
-from model.stations import stations
-from model.unloaded.closed_form import (
-    ClosedForm,
-    base_pose,
-    closed_statics,
-    march_function,
-    nodes_of,
-    strain_function,
-)
+from model.stations import base_pose, stations
+from model.unloaded.closed_form import ClosedForm, march_function, nodes_of, strain_function
+from model.unloaded.energy_statics import EnergyStatics
 from model.unloaded.pulls import TERMS, PullPolynomials
+from model.unloaded.statics import ClosedStatics, closed_statics
 from model.unloaded.tip_slopes import shifts_and_turns, twist_step
 from planner.c_code.source import CSource, Precision, frame_function, numbers, whole_numbers
 
@@ -58,7 +51,7 @@ def steps_source(shape: Shape, precision: Precision) -> CSource | None:
 def _statics(forward: ClosedForm, precision: Precision) -> ClosedStatics:
     """Return the scene's statics, content with what Newton's method reaches in this precision."""
     statics = closed_statics(forward.scene, forward.arm)
-    if precision == "float" and isinstance(statics, Exact):
+    if precision == "float" and isinstance(statics, EnergyStatics):
         return replace(statics, settled=_SETTLED_FLOAT)
     return statics
 
@@ -120,7 +113,7 @@ def _tables(
         "BASE": base_pose(arm),
         "LENGTHS": np.diff(mesh.s),
         "BASIS": polynomials.basis(s).T,
-        "BODY": statics.data(stations(arm, s, active))[0].T,
+        "BODY": statics.data(stations(arm, s, active)).T,
         "END_BASIS": polynomials.basis(ends).T,
-        "END_BODY": statics.data(stations(arm, ends, at_ends))[0].T,
+        "END_BODY": statics.data(stations(arm, ends, at_ends)).T,
     }

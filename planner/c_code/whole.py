@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import casadi as ca
 
+from model.effects import ExactTendons
 from model.errors import InputError
 from model.forward import explicit_map
 from model.shape import Shape
-from model.statics import statics_of
-from model.statics.exact import Exact
 from model.unloaded.tip_slopes import tip_slopes
 from planner.c_code.source import CSource, Precision, frame_function, work_of
 
@@ -19,7 +18,7 @@ def whole_source(shape: Shape, precision: Precision) -> CSource:
     Poses are positions (3, N) and frames (9, N), column by column those of one node, and with them
     goes 1 + q. Raises InputError in single precision where sections settle by Newton's method.
     """
-    if precision == "float" and isinstance(statics_of(shape.scene, shape.arm), Exact):
+    if precision == "float" and shape.scene.has(ExactTendons):
         allowed = "double with ExactTendons or NeoHookean where tendons run in curves"
         raise InputError("precision", precision, allowed)
     arm, scene, mesh = shape.arm, shape.scene, (shape.scheme, shape.refinement)

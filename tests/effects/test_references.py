@@ -15,7 +15,7 @@ from tests.effects.cases import DATA, EXACT, RODS, fem_arm, fem_cases, name_of
 PAPER_CASES = json.loads((DATA / "reference_cases.json").read_text())["cases"]
 
 
-@pytest.mark.parametrize("scheme", ["magnus6", "rk6"])
+@pytest.mark.parametrize("scheme", ["magnus6", "gauss6"])
 @pytest.mark.parametrize("case", PAPER_CASES, ids=lambda case: case["name"])
 def test_exact_tendons_settle_to_the_references(case: dict[str, Any], scheme: str) -> None:
     arm = Arm.from_paper(case["arm"])

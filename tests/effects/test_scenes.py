@@ -9,7 +9,8 @@ import pytest
 
 from model import Arm, InputError, OctoplanError, Scene, settle
 from model.effects import ExactTendons, Extension, NeoHookean, PrintedStatics
-from model.unloaded.closed_form import closed_statics, strain_function
+from model.unloaded.closed_form import strain_function
+from model.unloaded.statics import closed_statics
 from planner import plan
 from planner.targets import BendingPlane, TipPosition
 from tests.effects.cases import EXACT, SILICONE, SWOLLEN

@@ -18,8 +18,9 @@ from model.ladder import REFINEMENTS, first_pair, next_refinement
 from model.machine.batch import Batch
 from model.machine.buffered import Buffered
 from model.machine.program import OPERATIONS, Program
-from model.unloaded.closed_form import ClosedForm, closed_statics, sections
+from model.unloaded.closed_form import ClosedForm, pull_at
 from model.unloaded.pulls import PullPolynomials
+from model.unloaded.statics import closed_statics
 from tests.model.cases import paper_tensions
 from tests.oracles import Array
 
@@ -90,7 +91,7 @@ def test_pull_carried_on_is_the_sum_over_tendons(arm: Arm, scene: str) -> None:
     s = np.sort(arm.length * np.concatenate([np.linspace(0, 1, 40), 1e-6 * np.linspace(0, 1, 9)]))
     active = np.array([sum(section.at >= place for section in arm.sections) for place in s])
     T = ca.MX.sym("T", arm.n_tendons)
-    sums = sections(arm, statics, s, active).pull(T)
+    sums, _ = pull_at(arm, statics, s, active, T)
     both = ca.Function("both", [T], [polynomials.pull(T, s, active), sums])
     found, wanted = (
         np.array(v) for v in both(np.random.default_rng(0).uniform(size=arm.n_tendons))

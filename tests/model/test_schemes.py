@@ -8,8 +8,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from model import Arm, InputError, NotSettledError, Scene, settle
-from model.effects import ExactTendons, Extension, Weight
+from model import Arm, InputError, Scene, settle
+from model.effects import Extension, Weight
 from model.forward import check_scheme, explicit_map, schemes_of
 from model.integrators.runge_kutta import RungeKutta
 from tests.effects.cases import RODS, fem_arm, fem_cases, name_of
@@ -18,13 +18,14 @@ from tests.oracles import Array, poses
 
 PAPER = Scene(Extension())
 ALL = schemes_of(PAPER)
-FINE = [scheme for scheme in ALL if scheme != "magnus2"]
+FINE = [scheme for scheme in ALL if not scheme.endswith("2")]
 Case = dict[str, Any]
 BENT = [case for case in fem_cases() if name_of(case) in ("a 0.05", "b 2")]
 SLOPES = [
     pytest.param(scene, scheme, id=f"{key}-{scheme}")
     for key, scene in {"paper": PAPER, "as_printed": Scene.as_printed(), "nh": RODS["nh"]}.items()
     for scheme in schemes_of(scene)
+    if not scheme.startswith("gauss")
 ]
 
 
@@ -33,10 +34,10 @@ def test_a_scheme_that_does_not_exist_is_refused_with_the_names_of_those_that_do
         settle(Arm.from_paper("table-2"), np.zeros(12), PAPER, scheme="euler")
     assert caught.value.field == "scheme"
     assert all(name in caught.value.allowed for name in ALL)
-    assert len(ALL) == 10
+    assert ALL == ("magnus6", "gauss6", "magnus4", "gauss4", "magnus2", "gauss2")
 
 
-@pytest.mark.parametrize("scheme", ["rk6", "rk8", "cvodes", "erk", "magnus6"])
+@pytest.mark.parametrize("scheme", ["rk6", "magnus6"])
 def test_with_loads_only_collocation_is_allowed(scheme: str) -> None:
     scene = Scene(Extension(), Weight())
     assert set(schemes_of(scene)) == {"gauss6", "gauss4", "gauss2"}
@@ -46,12 +47,11 @@ def test_with_loads_only_collocation_is_allowed(scheme: str) -> None:
     assert caught.value.allowed.startswith("gauss6, gauss4, gauss2 ")
 
 
-def test_as_printed_all_that_integrate_strains_are_allowed() -> None:
-    assert set(schemes_of(Scene.as_printed())) == {x for x in ALL if not x.startswith("magnus")}
-    with pytest.raises(InputError) as caught:
-        check_scheme(Scene.as_printed(), "magnus6")
-    assert "cvodes" in caught.value.allowed
-    assert "magnus" not in caught.value.allowed
+def test_as_printed_strains_are_integrated() -> None:
+    assert schemes_of(Scene.as_printed()) == ("rk6", "rk8", "rk4")
+    for scheme in ALL:
+        with pytest.raises(InputError, match="rk6, rk8, rk4 in this scene"):
+            check_scheme(Scene.as_printed(), scheme)
 
 
 @pytest.mark.parametrize("scheme", FINE)
@@ -94,23 +94,10 @@ def test_slopes_of_the_tip_are_those_of_finite_differences(scene: Scene, scheme:
     found = ca.Function("found", [T], [ca.jacobian(tip, T)])
     at = 0.2 + 0.3 * paper_tensions(np.random.default_rng(1), "table-2")
     exact, wanted = np.array(found(at)), slopes(ca.Function("tip", [T], [tip]), at)
-    # CVODES chooses other steps for slopes than for values: they agree to its tolerance.
-    allowed = 1e-8 if scheme == "cvodes" else 1e-10
     assert np.all(np.isfinite(exact))
-    assert np.abs(exact - wanted).max() <= allowed * np.abs(wanted).max()
+    assert np.abs(exact - wanted).max() <= 1e-10 * np.abs(wanted).max()
 
 
 def test_explicit_runge_kutta_schemes_name_their_samples_once() -> None:
     scheme = RungeKutta("two", 2, (0, 1, 1), (0.5, 0.25, 0.25), ((), (1,), (1, 0)))
     assert scheme.samples == (0, 1)
-
-
-def test_a_step_that_fails_is_an_error_in_words_and_nothing_is_printed(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    """Exact tendons kink a section to a curvature of 1/y: no stage of the scheme settles there."""
-    T = np.array([[0.3, 0.425, 0.348, 0.374], [2.528, 0.533, 2.14, 1.595], [6.02, 8.21, 10.7, 5.9]])
-    with pytest.raises(NotSettledError, match="not settled; gauss6 failed on a step"):
-        settle(Arm.from_paper("table-4"), T, Scene(Extension(), ExactTendons()), 1e-6, "gauss6")
-    said = capsys.readouterr()
-    assert said.out == said.err == ""

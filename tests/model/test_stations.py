@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import casadi as ca
 import numpy as np
 import pytest
 
-from model.statics.sums import tendon_sums
 from model.stations import Stations, stations
+from model.unloaded.printed import section_numbers
+from model.unloaded.statics import resultant_maps
 from tests.model.cases import arm_of, mild_tensions, random_rod
 from tests.oracles import Array, Rod, balance, body_stiffness
 
@@ -49,8 +51,12 @@ def test_rates_are_the_derivatives_along_the_arm(seed: int) -> None:
     assert np.all(np.abs(at.body_rate[:, 2] - slope(at.body)) <= 1e-13 * size)
     assert np.abs(at.y_rate[:, 2] - slope(at.y)).max() <= 1e-12
     assert np.abs(at.y_curve[:, 2] - slope(at.y_rate)).max() <= 1e-9
-    sums, rates = (np.moveaxis(rows, 0, -1) for rows in tendon_sums(arm_of(drawn(seed)[0]), at))
-    assert np.abs(rates[..., 2] - slope(sums)).max() <= 1e-12
+    arm = arm_of(drawn(seed)[0])
+    T = ca.MX.sym("T", arm.n_tendons)
+    numbers = ca.jacobian(section_numbers(arm, at.s, at.active, T), T)
+    rows = np.array(ca.Function("rows", [T], [ca.densify(numbers)])(0)).reshape(-1, 18, T.numel())
+    sums = np.moveaxis(rows, 0, -1)
+    assert np.abs(sums[6:12, :, 2] - slope(sums[:6])).max() <= 1e-12
 
 
 def test_random_bodies_and_offsets_do_change_along_the_arm() -> None:
@@ -65,7 +71,7 @@ def test_sums_over_tendons_make_the_balance_of_moments(seed: int) -> None:
     rod, s, active = drawn(seed)
     T = mild_tensions(np.random.default_rng(seed), rod)
     D, m = balance(rod, T, s, active)
-    _, c, sine, cc, sc, ss = tendon_sums(arm_of(rod), around(rod, s, active))[0][2] @ T
+    _, c, sine, cc, sc, ss = resultant_maps(arm_of(rod), around(rod, s, active))[2] @ T
     EJ = body_stiffness(rod, s)[1]
     assert np.allclose([[ss, -sc], [-sc, cc]], D[1:, 1:] - EJ * np.eye(2), atol=1e-12 * EJ)
     assert np.allclose([-sine, c], m[1:], rtol=1e-12, atol=1e-18)
@@ -76,7 +82,7 @@ def test_tendons_beyond_their_anchorage_add_nothing(seed: int) -> None:
     rod, s, active = drawn(seed)
     arm, at = arm_of(rod), around(rod, s, active)
     idle = [j for j, (section, _) in enumerate(arm.tendons) if section >= active]
-    for rows in tendon_sums(arm, at):
-        assert np.all(rows[:, :, idle] == 0)
-        assert rows.shape == (5, 6, arm.n_tendons)
+    rows = resultant_maps(arm, at)
+    assert np.all(rows[:, :, idle] == 0)
+    assert rows.shape == (5, 6, arm.n_tendons)
     assert np.all(at.y[active:] == 0)

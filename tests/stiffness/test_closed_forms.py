@@ -10,8 +10,8 @@ from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 
 from model import Anchorage, Arm, Linear, Scene, SnapError, settle
+from model.critical_load import critical_share
 from model.effects import ExactTendons, Extension, NeoHookean, TipLoad
-from model.response.stability import critical_share
 from planner import stiffness
 from tests.effects.bars import NO_PULL, Bar
 from tests.stiffness.cases import STATICS, Array, pulling, scaled

@@ -1,4 +1,4 @@
-"""Sensitivities of a settled shape, on a mesh that is fine enough for them."""
+"""Compliances of a settled shape, on a mesh that is fine enough, and stiffness of its sections."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from model.cross_section import cross_section_of
+from model.cross_section.reported import strains_of
+from model.cross_section.sections import Sections
 from model.equilibrium.forward import STAGES, Collocation
 from model.equilibrium.sensitivities import Sensitivities
 from model.errors import NotSettledError
@@ -20,8 +23,8 @@ _HARDER = 80.0
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
-    """A compliance (6, 6), what else was found with it, and how well.
+class Compliance:
+    """How a point of a shape answers to a force and moment there, and how well that is known.
 
     Attributes
     ----------
@@ -37,7 +40,7 @@ class Found:
     error: float
 
 
-def compliance_of(shape: Shape, at: float, accuracy: float) -> Found:
+def compliance_of(shape: Shape, at: float, accuracy: float) -> Compliance:
     """Return the compliance at arc length `at`, tensions held, to a relative accuracy.
 
     Raises NotSettledError.
@@ -54,7 +57,7 @@ def compliance_of(shape: Shape, at: float, accuracy: float) -> Found:
             gap = np.abs(scaled - before[1]).max() / np.abs(scaled).max()
             error = estimate(gap, before[0], refinement, _ORDER)
             if error <= accuracy:
-                return Found(found, refinement, error)
+                return Compliance(found, refinement, error)
         before = refinement, scaled
         if refinement < fine:
             refinement = fine
@@ -76,3 +79,20 @@ def _first_pair(shape: Shape, accuracy: float) -> tuple[int, int]:
     wanted = min(max(shape.refinement * harder, 2), FINEST / 2)
     fine = next(r for r in REFINEMENTS if r >= wanted)
     return max(r for r in REFINEMENTS if r <= fine / 2), fine
+
+
+def section_stiffness(shape: Shape, s: Array) -> Array:
+    """Return torsional, flexural about n and b, and axial stiffness (N, 4) at s (N,).
+
+    The diagonal of d(wrench) / d(strain), tensions held: moments per curvature [N m2], force per
+    stretch [N]; infinite without extension. Curvature is per unit deformed length with the paper's
+    tangent, per unit reference length with exact tendons. At an anchorage, those on its base side.
+    """
+    law = cross_section_of(shape.scene)
+    active = np.array([sum(section.at >= place for section in shape.arm.sections) for place in s])
+    sections = Sections(shape.arm, shape.scene, law, s, active)
+    v = strains_of(law, shape.strains(s))
+    _, slopes = sections.wrench(v, sections.pulls(shape.tensions))
+    diagonal = np.einsum("nii->ni", slopes)
+    axial = diagonal[:, 3:4] if law.extension else np.full((s.size, 1), np.inf)
+    return np.hstack([diagonal[:, :3], axial])

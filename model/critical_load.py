@@ -11,7 +11,7 @@ from model.arm import Arm
 from model.checks import positive
 from model.equilibrium.load_stepping import follow
 from model.errors import InputError
-from model.forward import loaded_map
+from model.forward import collocation_map
 from model.loads import check_loads, is_loaded
 from model.scene import Scene
 
@@ -57,7 +57,7 @@ def critical_share(
     T, most = arm.flat(tensions), positive("most", most)
     refinement, before = _REFINEMENT, Critical(np.inf, "")
     while True:
-        forward = loaded_map(arm, scene, "gauss6", refinement)
+        forward = collocation_map(arm, scene, "gauss6", refinement)
         end = follow(forward.system, T, forward.without_loads(T), most, accuracy / 4)
         found = Critical(end.load, end.why)
         if abs(found.share - before.share) <= accuracy * found.share or refinement >= _FINEST:

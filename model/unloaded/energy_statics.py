@@ -1,0 +1,196 @@
+"""Where the energy of a cross-section is least: Newton's method that holds at any tension.
+
+A tendon's energy T |c| is nearly straight in the strains, but for a kink where the tendon has no
+length left, and plain steps jump to and fro across it. So each tendon carries the unit vector
+w = c / |c| as an unknown of its own, in the manner of Chan, Golub and Mulet (A nonlinear
+primal-dual method for total variation-based image restoration, SIAM J. Sci. Comput. 20, 1999): the
+equations are then nearly linear, and w stays in the unit ball. Beginning at w = 0, the first step
+is the closed form of the paper's tangent, whose curvature never passes 1/y either.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from model.arm import Arm
+from model.cross_section.energy import EnergySection
+from model.cross_section.law import TINY
+from model.cross_section.rubber import RubberSection
+from model.paths import Array
+from model.stations import Stations, crossing
+
+# Ordinary tensions settle in 4 to 7 steps; a thousand times as much in 30.
+_STEPS, _CAREFUL_STEPS = 10, 40
+# Of a neo-Hookean body at rest, the least stiffness that a step is taken with: the energy is not
+# convex everywhere. That of a linear body is, and at least as stiff as without tendons.
+_LEAST = 0.1
+# What of its stretch a step may take from a neo-Hookean body, add to it, and bend it by (curvature
+# times radius): 4 to 7 steps do where an arm curls up, 30 at a thousand times that tension.
+_SHRINKS, _GROWS, _BENDS = 0.3, 2.0, 1.0
+_SMALL = 1e-300
+
+
+@dataclass(frozen=True)
+class EnergyStatics:
+    """See ClosedStatics: `pull` are the tensions, `data` is E A, E J, G I, then y_i, then y_i'.
+
+    Attributes
+    ----------
+    law : EnergySection
+    section, cos, sin
+        Section index and direction (n, b) of each tendon.
+    careful : bool
+        Whether to take more steps, for tensions far beyond the usual.
+    settled : float
+        A section is in equilibrium where the last step is below it, relative to its strains.
+    """
+
+    law: EnergySection
+    section: tuple[int, ...]
+    cos: tuple[float, ...]
+    sin: tuple[float, ...]
+    careful: bool = False
+    settled: float = 1e-9
+
+    @property
+    def n_pull(self) -> int:
+        """The size of pull: a tension for each tendon."""
+        return len(self.section)
+
+    @property
+    def n_data(self) -> int:
+        """The size of data."""
+        return 3 + 2 * (max(self.section) + 1)
+
+    @property
+    def is_rubber(self) -> bool:
+        """Whether the section shrinks as it stretches."""
+        return isinstance(self.law, RubberSection)
+
+    def pulls(self, arm: Arm, at: Stations) -> Array:
+        """See ClosedStatics.pulls: 1 for a tendon that crosses."""
+        return np.asarray(crossing(arm, at)[:, :, None] * np.eye(arm.n_tendons))
+
+    def data(self, at: Stations) -> Array:
+        """See ClosedStatics.data."""
+        return np.vstack([at.body, at.y, at.y_rate])
+
+    def offset(self, j: int, data: ca.SX) -> ca.SX:
+        """Return the offset of tendon j and its derivative (2,)."""
+        i = 3 + self.section[j]
+        return ca.vertcat(data[i], data[i + (self.n_data - 3) // 2])
+
+    def wrench(self, v: ca.SX, pull: ca.SX, data: ca.SX) -> ca.SX:
+        """See ClosedStatics.wrench: the gradient of the energy."""
+        found = self.law.body(v, ca.vertcat(data[:3], 0))
+        for j, side in enumerate(zip(self.cos, self.sin, strict=True)):
+            found += pull[j] * self.law.tendon(v, ca.vertcat(self.offset(j, data), *side))
+        return found
+
+    def solve(self, pull: ca.SX, data: ca.SX) -> ca.SX:
+        """See ClosedStatics.solve: a fixed number of steps."""
+        step = _newton(self)
+        u, w = self._straight(pull, data), ca.SX.zeros(1 + self.is_rubber, self.n_pull)
+        for _ in range(_CAREFUL_STEPS if self.careful else _STEPS):
+            u, w, size = step(u, w, pull, data)
+        return ca.if_else(size < self.settled, self._strains(u), np.nan)
+
+    def _straight(self, pull: ca.SX, data: ca.SX) -> ca.SX:
+        """Return the strains to begin with: no curvature."""
+        if not self.law.extension:
+            return ca.SX.zeros(2)
+        stretch = 1 / ca.sqrt(1 + 2 * ca.sum1(pull) / data[0]) if self.is_rubber else ca.SX(1)
+        return ca.vertcat(0, 0, stretch)
+
+    def _strains(self, u: ca.SX) -> ca.SX:
+        """Return the strains v of u = (w kappa, lambda), w the section's width; see drawn."""
+        return ca.vertcat(u[:2] / self.law.width(u[2]), u[2]) if self.law.extension else u
+
+    def body_energy(self, u: ca.SX, data: ca.SX) -> ca.SX:
+        """Return the energy of the body at u."""
+        return self.law.energy(self._strains(u), ca.vertcat(data[:3], 0))
+
+    def tangent(self, j: int, u: ca.SX, data: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Return what of the tangent of tendon j depends on u, and the square of the rest.
+
+        In the frame of t, d and t x d, where without torsion a tendon stays in the plane of t, d.
+        """
+        cos, sin = self.cos[j], self.sin[j]
+        bend = ca.vertcat(0, u[0] * cos + u[1] * sin, u[1] * cos - u[0] * sin)
+        nu = ca.vertcat(u[2] if self.law.extension else ca.SX(1), 0, 0)
+        c = self.law.drawn(bend, nu, ca.vertcat(self.offset(j, data), 1, 0))
+        moving = [i for i in range(3) if ca.depends_on(c[i], u)]
+        still = [i for i in range(3) if i not in moving]
+        return c[moving], ca.sumsqr(c[still]) + TINY
+
+
+def _newton(statics: EnergyStatics) -> ca.Function:
+    """Return (u, w, pull, data) -> u and w after a step, and its size.
+
+    w (1 or 2, n_pull) are the tendons' unit vectors; the size counts curvatures by the radius.
+    """
+    extension, rubber = statics.law.extension, statics.is_rubber
+    u, w = ca.SX.sym("u", 2 + extension), ca.SX.sym("w", 1 + rubber, statics.n_pull)
+    pull, data = ca.SX.sym("pull", statics.n_pull), ca.SX.sym("data", statics.n_data)
+    hessian, slope = ca.hessian(statics.body_energy(u, data), u)
+    tendons = [_Tendon(*statics.tangent(j, u, data), u, w[:, j]) for j in range(w.shape[1])]
+    for j, tendon in enumerate(tendons):
+        slope += pull[j] * tendon.slope
+        hessian += pull[j] * tendon.curvature
+    stiff = ca.vertcat(data[1], data[1], data[0])[: u.numel()] * (_LEAST if rubber else 1.0)
+    step = _solve_symmetric(hessian, -slope, stiff)
+    radius = 2 * ca.sqrt(data[1] / data[0])
+    size = radius * ca.norm_inf(step[:2]) / (1 + radius * ca.norm_inf(u[:2]))
+    if extension:
+        size = ca.fmax(size, ca.fabs(step[2]))
+    if rubber:
+        change = ca.fmax(-step[2] / _SHRINKS, step[2] / _GROWS)
+        change = ca.fmax(change, radius * ca.norm_inf(step[:2]) / _BENDS)
+        step = step / ca.fmax(1, change / u[2])
+    turned = ca.horzcat(*(tendon.turned(step) for tendon in tendons))
+    return ca.Function("newton", [u, w, pull, data], [u + step, turned, size], {"cse": True})
+
+
+class _Tendon:
+    """A tendon of 1 N: its tangent c at u, and what Newton's method needs of |c|."""
+
+    def __init__(self, c: ca.SX, rest: ca.SX, u: ca.SX, w: ca.SX) -> None:
+        self.c, self.w, self.length = c, w, ca.sqrt(ca.sumsqr(c) + rest)
+        self.unit, self.along = c / self.length, ca.jacobian(c, u)
+        self.slope = self.along.T @ self.unit
+        across = ca.SX.eye(c.numel()) - (w @ self.unit.T + self.unit @ w.T) / 2
+        held = ca.SX.sym("w", c.numel())
+        bent = ca.substitute(ca.jacobian(self.along.T @ held, u), held, w)
+        self.curvature = self.along.T @ (across / self.length) @ self.along + bent
+
+    def turned(self, step: ca.SX) -> ca.SX:
+        """Return w after a step of the strains, within the unit ball."""
+        moved = self.along @ step
+        w = (self.c + moved - self.w * ca.dot(self.unit, moved)) / self.length
+        size = ca.fabs(w) if w.numel() == 1 else ca.sqrt(ca.sumsqr(w) + _SMALL)
+        return w / ca.fmax(1, size)
+
+
+def _solve_symmetric(A: ca.SX, right: ca.SX, least: ca.SX) -> ca.SX:
+    """Return A^-1 right for a small symmetric A (n, n) and right (n,), by A = L D L^T.
+
+    Pivots below `least` (n,) are raised to it.
+    """
+    n = A.shape[0]
+    L, D = ca.SX.eye(n), [ca.SX(0)] * n
+    for j in range(n):
+        D[j] = A[j, j] - sum((L[j, k] ** 2 * D[k] for k in range(j)), ca.SX(0))
+        D[j] = ca.fmax(D[j], least[j])
+        for i in range(j + 1, n):
+            inner = sum((L[i, k] * L[j, k] * D[k] for k in range(j)), ca.SX(0))
+            L[i, j] = (A[i, j] - inner) / D[j]
+    x = ca.vertsplit(right)
+    for i in range(n):
+        x[i] -= sum((L[i, k] * x[k] for k in range(i)), ca.SX(0))
+    x = [row / d for row, d in zip(x, D, strict=True)]
+    for i in reversed(range(n)):
+        x[i] -= sum((L[k, i] * x[k] for k in range(i + 1, n)), ca.SX(0))
+    return ca.vertcat(*x)

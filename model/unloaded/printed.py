@@ -1,0 +1,205 @@
+"""The paper's equations (10) and (11) to the letter: strains and pose from the tip to the base.
+
+A state x is the pose (7,), then tau, xi, k. Sums are the tendons' resultants (6,), see
+model.cross_section.paper; body is E A, E J, G I. Steps are explicit Runge-Kutta steps between the
+nodes of a mesh, and at each anchorage the strains jump. The equations carry an error made at the
+tip to the base multiplied by D(tip) / D(base), which for a tapered arm is small; from base to tip
+it would grow by the inverse. Quaternions are not held to unit length, and drift by the order of the
+scheme: whatever reads them divides by it.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from model.arm import Arm
+from model.cross_section.paper import PaperSection, resultants
+from model.effects import Extension
+from model.integrators.runge_kutta import RungeKutta
+from model.machine.compiled import compiled
+from model.mesh import Mesh
+from model.paths import Array
+from model.rotations import IDENTITY, compose, inverse, multiply, rotate
+from model.scene import Scene
+from model.stations import (
+    Counts,
+    base_pose,
+    crossing,
+    stations,
+    tendon_path_rates,
+    tendon_paths,
+)
+from model.unloaded.statics import resultant_maps
+
+_N = 10
+
+
+def strain_rate(
+    strain: ca.SX, sums: ca.SX, sums_rate: ca.SX, body: ca.SX, body_rate: ca.SX
+) -> ca.SX:
+    """Return the derivative of (tau, xi, k) along s: eq. (10), without omega x K omega."""
+    tau, xi, k = ca.vertsplit(strain)
+    _, c, s, cc, _, ss = ca.vertsplit(sums)
+    _, c_rate, s_rate, cc_rate, _, ss_rate = ca.vertsplit(sums_rate)
+    _, EJ, GI = ca.vertsplit(body)
+    _, EJ_rate, GI_rate = ca.vertsplit(body_rate)
+    twist = -tau * (GI_rate + cc_rate + ss_rate) - k * xi * (cc - ss) + k * s + xi * c
+    about_n = -xi * (EJ_rate + ss_rate) - tau * k * ss - tau * c - s_rate
+    about_b = -k * (EJ_rate + cc_rate) + tau * xi * cc - tau * s + c_rate
+    return ca.vertcat(twist / (GI + cc + ss), about_n / (EJ + ss), about_b / (EJ + cc))
+
+
+def strain_jump(outer: ca.SX, inner: ca.SX, body: ca.SX) -> ca.SX:
+    """Return what (tau, xi, k) gain at an anchorage: eq. (11), whatever other tendons cross it.
+
+    `outer` and `inner` are the sums on its tip side and on its base side.
+    """
+    own = inner - outer
+    return ca.vertcat(0, -own[2] / (own[5] + body[1]), own[1] / (own[3] + body[1]))
+
+
+def stretch(extension: bool, strain: ca.SX, sums: ca.SX, body: ca.SX) -> ca.SX:
+    """Return 1 + q: E A q = - sum T t . c, eqs. (3b), (9a)."""
+    if not extension:
+        return ca.SX(1)
+    _, along = PaperSection(extension).tendons(ca.vertcat(strain, 0), sums)
+    return 1 - along / body[0]
+
+
+def _slope(extension: bool, x: ca.SX, d: ca.SX) -> ca.SX:
+    """Return the derivative of x along s, eqs. (1) and (10), from a cross-section's numbers d."""
+    sums, sums_rate, body, body_rate = (d[i:j] for i, j in ((0, 6), (6, 12), (12, 15), (15, 18)))
+    along = stretch(extension, x[7:], sums, body)
+    turn = multiply(x[:4], ca.vertcat(0, along * x[7:])) / 2
+    moved = rotate(x[:4], ca.vertcat(along, 0, 0))
+    return ca.vertcat(turn, moved, strain_rate(x[7:], sums, sums_rate, body, body_rate))
+
+
+@lru_cache(maxsize=8)
+def step_function(extension: bool, scheme: RungeKutta) -> ca.Function:
+    """Return (x, numbers (18, m) at the scheme's samples, h) -> x after a step."""
+    x, h, d = ca.SX.sym("x", _N), ca.SX.sym("h"), ca.SX.sym("d", 18, len(scheme.samples))
+    at = [scheme.samples.index(node) for node in scheme.nodes]
+    after = scheme.step(lambda stage, x: _slope(extension, x, d[:, at[stage]]), x, h)
+    return ca.Function("step", [x, d, h], [after], {"cse": True})
+
+
+@lru_cache(maxsize=2)
+def _read_function(extension: bool) -> ca.Function:
+    """Return (tau, xi, k; numbers (18,)) -> (tau, xi, k, q)."""
+    strain, d = ca.SX.sym("strain", 3), ca.SX.sym("d", 18)
+    q = stretch(extension, strain, d[:6], d[12:15]) - 1
+    return ca.Function("read", [strain, d], [ca.vertcat(strain, q)])
+
+
+@lru_cache(maxsize=1)
+def _jump_function() -> ca.Function:
+    """Return (strains, numbers (18, 2) on the tip side and on the base side) -> strains there."""
+    strain, d = ca.SX.sym("strain", 3), ca.SX.sym("d", 18, 2)
+    return ca.Function("jump", [strain, d], [strain + strain_jump(d[:6, 0], d[:6, 1], d[12:15, 1])])
+
+
+@lru_cache(maxsize=1)
+def _rates_of_resultants() -> ca.Function:
+    path, rate = ca.SX.sym("path", 4), ca.SX.sym("rate", 4)
+    found = ca.jtimes(resultants(path), path, rate)
+    return ca.Function("rates", [path, rate], [ca.densify(found)])
+
+
+def section_numbers(arm: Arm, s: Array, active: Counts, T: ca.MX) -> ca.MX:
+    """Return the numbers (18, N) of cross-sections: sums, body, each with its rate behind it."""
+    at = stations(arm, s, active)
+    place, tendon = np.nonzero(crossing(arm, at))
+    rates = np.zeros((s.size, 6, arm.n_tendons))
+    if place.size:
+        given = (f(arm, at, place, tendon) for f in (tendon_paths, tendon_path_rates))
+        rates[place, :, tendon] = np.array(_rates_of_resultants().map(place.size)(*given)).T
+    both = np.concatenate([resultant_maps(arm, at), rates], axis=1)
+    sums = ca.sparsify(ca.DM(both.reshape(-1, arm.n_tendons))) @ T
+    return ca.vertcat(ca.reshape(sums, 12, s.size), ca.DM(np.vstack([at.body, at.body_rate])))
+
+
+class PrintedMap:
+    """The forward map of a scene as printed, on one mesh; see ForwardMap and ExplicitMap.
+
+    Attributes
+    ----------
+    function : casadi.Function
+        tensions (n_tendons,) -> poses at the mesh's nodes (7, S + 1), 1 + q at the arc lengths
+        `stretch_at` (1, K), which `stretch_active` sections cross, and tau, xi, k on the base side
+        of each node (3, S + 1).
+    """
+
+    def __init__(self, arm: Arm, scene: Scene, mesh: Mesh, scheme: RungeKutta) -> None:
+        self.arm, self.mesh, self.scheme, self.order = arm, mesh, scheme, scheme.order
+        self.extension = scene.has(Extension)
+        T, x = ca.MX.sym("T", arm.n_tendons), ca.MX(ca.DM([*IDENTITY, 0, 0, 0]))
+        columns, stretches, places, outer = [], [], [], 0
+        counts = np.unique(mesh.active)
+        for active in counts.tolist():
+            steps = np.flatnonzero(mesh.active == active)
+            nodes = mesh.s[steps[0] : steps[-1] + 2][::-1]
+            sides = section_numbers(arm, nodes[[0, 0]], np.array([outer, active]), T)
+            x = ca.vertcat(x[:7], _jump_function()(x[7:], sides))
+            states = ca.horzcat(x, self._segment(nodes, active, x, T))
+            d = section_numbers(arm, nodes, np.full(nodes.size, active), T)
+            stretches.append(
+                1 + _read_function(self.extension).map(nodes.size)(states[7:, :], d)[3, :]
+            )
+            columns.append(states[:, :-1])
+            places.append(nodes)
+            x, outer = states[:, -1], active
+        states = ca.horzcat(*columns, x)[:, ::-1]
+        self.stretch_at = np.concatenate(places)
+        self.stretch_active = np.repeat(counts, [nodes.size for nodes in places])
+        outputs = [_anchored(arm, states), ca.horzcat(*stretches), states[7:, :]]
+        self.function = ca.Function("printed", [T], outputs)
+
+    def _segment(self, nodes: Array, active: int, x: ca.MX, T: ca.MX) -> ca.MX:
+        """Return the states (10, N) at the nodes of a segment beyond its first."""
+        d = self._samples(nodes[:-1], np.diff(nodes), np.full(nodes.size - 1, active), T)
+        across = step_function(self.extension, self.scheme).mapaccum(nodes.size - 1)
+        return across(x, d, ca.DM(np.diff(nodes)).T)
+
+    def _samples(self, start: Array, h: Array, active: Counts, T: ca.MX) -> ca.MX:
+        samples = np.array(self.scheme.samples)
+        s = (start[:, None] + h[:, None] * samples).ravel()
+        return section_numbers(self.arm, s, np.repeat(active, samples.size), T)
+
+    def compiled(self) -> PrintedMap:
+        """See ExplicitMap.compiled."""
+        other = copy(self)
+        other.function = compiled(self.function)
+        return other
+
+    def run(self, tensions: Array, near: object = None) -> tuple[Array, Array]:
+        """See ForwardMap.run: poses and strains (S + 1, 10), and 1 + q (K,)."""
+        poses, along, strains = self.function(tensions)
+        return np.array(ca.vertcat(poses, strains)).T, np.array(along).ravel()
+
+    def known(self, states: Array) -> None:
+        """See ForwardMap.known: nothing, the map is explicit."""
+
+    def dense(self, tensions: Array, states: Array, s: Array) -> tuple[Array, Array]:
+        """Return poses (N, 7) and strains (N, 4) at arc lengths s, a step from the nodes above."""
+        step = np.clip(np.searchsorted(self.mesh.s, s, side="left") - 1, 0, self.mesh.steps - 1)
+        active, start = self.mesh.active[step], self.mesh.s[step + 1]
+        T = ca.MX.sym("T", self.arm.n_tendons)
+        d, h = self._samples(start, s - start, active, T), ca.DM(s - start).T
+        x = step_function(self.extension, self.scheme).map(s.size)(ca.DM(states[step + 1].T), d, h)
+        here = section_numbers(self.arm, s, active, T)
+        strains = _read_function(self.extension).map(s.size)(x[7:, :], here)
+        poses, found = ca.Function("dense", [T], [x[:7, :], strains])(tensions)
+        return np.array(poses).T, np.array(found).T
+
+
+def _anchored(arm: Arm, states: ca.MX) -> ca.MX:
+    """Return the poses (7, S + 1) in the base frame from states in the tip's."""
+    first, here = ca.SX.sym("first", 7), ca.SX.sym("here", 7)
+    pose = compose(compose(ca.SX(ca.DM(base_pose(arm))), inverse(first)), here)
+    anchor = ca.Function("anchor", [first, here], [pose])
+    return anchor.map(states.shape[1])(states[:7, 0], states[:7, :])
