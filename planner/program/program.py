@@ -21,8 +21,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import pairwise
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -252,8 +253,17 @@ def split(p: ca.MX, sizes: tuple[int, ...]) -> list[ca.MX]:
     return [p[a:b] for a, b in pairwise(ends)]
 
 
-_CACHE: dict[Hashable, Program] = {}
-_MOST = 64
+class Same:
+    """A value that a cache takes for equal to all others: its structure is compared instead."""
+
+    def __init__(self, value: Any) -> None:
+        self.value = value
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Same)
+
+    def __hash__(self) -> int:
+        return 0
 
 
 def program(
@@ -263,10 +273,12 @@ def program(
     structure = tuple(target.structure(arm) for target in targets)
     # What targets take of an arm besides its shape.
     skeleton = (arm.length, arm.base_frame, arm.base_position, arm.tendons, arm.anchorages)
-    key = (skeleton, structure, statement.but(refinement=0), of, seen)
-    if key not in _CACHE:
-        while len(_CACHE) >= _MOST:
-            _CACHE.pop(next(iter(_CACHE)))
-        looks = looks_of(targets)
-        _CACHE[key] = Program(arm, targets, statement, lambda first: Blocks(of, looks, first), seen)
-    return _CACHE[key]
+    key = (skeleton, structure, statement.but(refinement=0))
+    return _built(key, of, seen, Same((arm, targets, statement)))
+
+
+@lru_cache(maxsize=64)
+def _built(key: Hashable, of: Layout, seen: Stations, given: Same) -> Program:
+    arm, targets, statement = given.value
+    looks = looks_of(targets)
+    return Program(arm, targets, statement, lambda first: Blocks(of, looks, first), seen)

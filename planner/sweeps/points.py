@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -21,8 +20,6 @@ from planner.sweeps.tables import Compute
 from planner.sweeps.variables import Rows, blank
 
 Point = tuple[Any, ...]
-# CasADi's functions are not made for several threads at once; workers of a cluster may have them.
-_ALONE = threading.Lock()
 SETTLED = "Settled."
 
 
@@ -53,7 +50,7 @@ class Job:
 
 def run(job: Job, points: Sequence[Point]) -> Rows:
     """Return what is found at points; one that fails is a row that says so."""
-    with _ALONE, listening(None):
+    with listening(None):
         rows = blank(job.compute, job.tendons, len(points))
         if job.together:
             _settle_together(job, points, rows)
