@@ -16,6 +16,7 @@ from model.equilibrium.verification import SCHEME, verified
 from model.errors import OctoplanError
 from model.ladder import FINEST_ACCURACY
 from model.paths import Array
+from model.patience import OutOfTime
 from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
@@ -30,6 +31,7 @@ _SHARPER, _PRINTED = 1e-2, "rk8"
 # leaves the tip's pose farther off than so many times what is asked of it, that of the shape.
 _MESH, _CLOSE = 3, 10
 KKT_TOLERANCE = 1e-6
+_LATE = "the time limit was reached before it was verified"
 STIFF_ACCURACY = 1e-8
 
 
@@ -134,8 +136,9 @@ def certify(
         stations, sharp = stations_of(arm, targets), max(_SHARPER * tolerance, FINEST_ACCURACY)
         check = _printed if printed else _integrated
         poses, tip, error, stands = check(shape, stations, sharp)
-    except OctoplanError as reason:
-        return Certificate(bounds=excess, scheme=scheme, tolerance=tolerance, problem=str(reason))
+    except (OctoplanError, OutOfTime) as reason:
+        told = _LATE if isinstance(reason, OutOfTime) else str(reason)
+        return Certificate(bounds=excess, scheme=scheme, tolerance=tolerance, problem=told)
     match, approach, margin = measure(arm, targets, poses, gives(arm, targets, shape))
     return Certificate(
         {name: float(np.abs(values).max()) for name, values in match.items()},

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 from model import InputError, OctoplanError
+from model.patience import OutOfTime, time_limit
 from model.progress import listening
 from planner.commands.command import BAD_INPUT, BROKEN_PIPE, INTERRUPTED, NOT_REACHED
 from planner.commands.deliver import deliver
@@ -18,6 +19,9 @@ from planner.commands.progress import Bar
 from planner.commands.register import COMMANDS
 from planner.commands.usage import UsageError, parse
 from planner.extras import MissingExtraError
+
+# What a search that was stopped at the time limit has left to verify what it found [s].
+_GRACE = 0.7
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -39,9 +43,14 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(argv: Sequence[str]) -> int:
     args = parse(argv, COMMANDS)
     verbose = getattr(args, "verbose", False)
-    with _ended_by_interrupt(), _logged() if verbose else _shown():
-        answer = args.run(args)
-    deliver(answer, args)
+    seconds = getattr(args, "time_limit", None)
+    try:
+        with time_limit(None if seconds is None else seconds + _GRACE):
+            with _ended_by_interrupt(), _logged() if verbose else _shown():
+                answer = args.run(args)
+            deliver(answer, args)
+    except OutOfTime:
+        raise OctoplanError(f"nothing was found within the time limit of {seconds:g} s") from None
     return int(answer.code)
 
 

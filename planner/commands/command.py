@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from model import InputError
+from model.checks import positive
 from model.errors import FileError
 from model.ladder import FINEST_ACCURACY, LOOSEST, checked_accuracy
 from planner.scenefile import Question, load
@@ -80,8 +81,19 @@ def add_scene_options(parser: argparse.ArgumentParser) -> None:
         metavar="X",
         help="tip error over arm length; else the scene's",
     )
+    add_time_limit(parser)
     parser.add_argument(
         "-v", "--verbose", action="store_true", help="show the solver's own log on stderr"
+    )
+
+
+def add_time_limit(parser: argparse.ArgumentParser) -> None:
+    """Add after how long an answer has to be there."""
+    parser.add_argument(
+        "--time-limit",
+        type=seconds,
+        metavar="SECONDS",
+        help="stop then, with the best that was found by then; no limit unless given",
     )
 
 
@@ -113,3 +125,11 @@ def accuracy(text: str) -> float:
     except ValueError:
         allowed = f"a number from {FINEST_ACCURACY:g} to {LOOSEST:g}"
         raise argparse.ArgumentTypeError(f"got {text!r}, allowed is {allowed}") from None
+
+
+def seconds(text: str) -> float:
+    """Return a time given on the command line [s]."""
+    try:
+        return positive("--time-limit", float(text))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"got {text!r}, allowed is a number above 0") from None

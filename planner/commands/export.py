@@ -8,7 +8,7 @@ from pathlib import Path
 
 from planner.c_code.export import Exported, export
 from planner.c_code.source import PRECISIONS
-from planner.commands.command import OK, Answer, Command, accuracy, tensions_of
+from planner.commands.command import OK, Answer, Command, accuracy, add_time_limit, tensions_of
 from planner.records.export import export_record
 from planner.scenefile import load
 
@@ -19,6 +19,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--to", type=Path, metavar="DIR", required=True, help="folder to write to")
     parser.add_argument("--precision", default="double", help=f"{' or '.join(PRECISIONS)} (double)")
     parser.add_argument("--json", action="store_true", help="print JSON, in SI units")
+    add_time_limit(parser)
     parser.add_argument(
         "--accuracy",
         type=accuracy,

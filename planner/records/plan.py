@@ -10,6 +10,7 @@ import numpy as np
 from msgspec import Meta
 
 from model.errors import OctoplanError
+from model.patience import OutOfTime
 from planner.files import versions
 from planner.program.statement import Statement
 from planner.records.values import Number, number, plain
@@ -125,7 +126,7 @@ def _tip(plan: Any) -> tuple[list[float] | None, list[list[float]] | None]:
     """Return where the tip is, and its frame; None where the tensions do not settle."""
     try:
         return plan.shape.tip.tolist(), plan.shape.tip_frame.tolist()
-    except OctoplanError:
+    except (OctoplanError, OutOfTime):
         return None, None
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from model.errors import OctoplanError
 from model.paths import Array
 from model.patience import OutOfTime, time_limit
@@ -13,6 +11,7 @@ from planner.solve.finish import Fine, finish_best
 from planner.solve.found import Found, Start
 from planner.solve.guesses import first_guesses, further_guesses
 from planner.solve.ipopt import Solution
+from planner.solve.starts import candidates
 from planner.solve.task import Task
 from planner.solve.trials import LITTLE, Trials, record
 
@@ -42,16 +41,23 @@ class Search:
     def _so_far(self) -> Found:
         """Return the best that was seen before the time was over, on the coarse mesh.
 
-        Of optima the one of least effort, else where the last solve was, else the least tensions.
+        Of optima the one of least effort, else where the last solve was, else the initial guess
+        that is nearest to what is wanted.
         """
         seen = self.trials.seen
         records = [record(solution) for _, solution in seen]
         if not seen:
-            T = np.array(self.task.allowed.lower)
-            return self._found(self.task.coarse("exact"), T, None, records, True)
+            return self._found(self.task.coarse("exact"), self._nearest(), None, records, True)
         met = [item for item in seen if item[0].mode == "exact" and item[1].met]
         statement, best = min(met, key=lambda item: item[1].f) if met else seen[-1]
         return self._found(statement, self.task.tensions(best), best, records, True)
+
+    def _nearest(self) -> Array:
+        """Return the initial guess (n_tendons,) that is nearest to what is wanted [N]."""
+        simple = self.task.simple
+        problem = simple.problem(simple.coarse("exact"))
+        found = candidates(problem, simple.targets, simple.allowed)
+        return min(found, key=lambda guess: guess[0])[1]
 
     def _run(self, most: int) -> Found:
         """Try the readings of the targets in turn; planner.program.problem has the three modes."""

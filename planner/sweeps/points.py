@@ -11,6 +11,7 @@ import numpy as np
 
 from model import Arm, InputError, OctoplanError, settle, settle_many
 from model.paths import Array
+from model.patience import OutOfTime, check_time
 from model.progress import listening
 from model.stiffness import stiffness
 from planner.plan import plan
@@ -71,6 +72,8 @@ def _alone(job: Job, point: Point) -> Rows:
         return _FIND[job.compute](asked, {name: own[0, ...] for name, own in row.values.items()})
 
     row.outcomes[0] = _told(find)
+    # What the time limit has cut short is found another time.
+    check_time()
     return row
 
 
@@ -78,6 +81,8 @@ def _told(find: Callable[[], str]) -> str:
     """Return what happened. Whatever goes wrong at a point is told there and ends nothing."""
     try:
         return find()
+    except OutOfTime:
+        raise
     except OctoplanError as reason:
         return f"Failed: {reason}"
     except Exception as reason:
