@@ -39,7 +39,7 @@ class StartRecord(msgspec.Struct, kw_only=True):
 
     objective: Number
     met: bool
-    iterations: int
+    iterations: Annotated[int, Meta(ge=0)]
 
 
 class AnswerRecord(msgspec.Struct, kw_only=True):
@@ -50,6 +50,10 @@ class AnswerRecord(msgspec.Struct, kw_only=True):
     lam_x: list[Number]
     lam_g: list[Number]
     starts: list[StartRecord]
+    stopped: Annotated[bool, Meta(description="whether the time limit ended the search")] = False
+    jump: Annotated[
+        float, Meta(ge=0, description="of the tensions where a branch that was followed was left")
+    ] = 0.0
 
 
 class CertificateRecord(msgspec.Struct, kw_only=True):
@@ -118,6 +122,8 @@ def plan_record(plan: Any) -> PlanRecord:
             lam_x=_numbers(plan.lam_x),
             lam_g=_numbers(plan.lam_g),
             starts=[_start(start) for start in plan.starts],
+            stopped=plan.stopped,
+            jump=plan.jump,
         ),
     )
 

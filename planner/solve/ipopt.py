@@ -83,6 +83,11 @@ class Solution:
         """Whether every number is finite."""
         return bool(np.all(np.isfinite(self.x)) and np.all(np.isfinite(self.g)))
 
+    @property
+    def multiplied(self) -> bool:
+        """Whether every multiplier is finite."""
+        return bool(np.all(np.isfinite(self.lam_x)) and np.all(np.isfinite(self.lam_g)))
+
 
 _WATCH = Watch()
 _solvers: WeakKeyDictionary[Program | Printed, dict[tuple[bool, bool, str], Buffered]] = (

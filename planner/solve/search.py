@@ -50,7 +50,8 @@ class Search:
             return self._found(self.task.coarse("exact"), self._nearest(), None, records, True)
         met = [item for item in seen if item[0].mode == "exact" and item[1].met]
         statement, best = min(met, key=lambda item: item[1].f) if met else seen[-1]
-        return self._found(statement, self.task.tensions(best), best, records, True)
+        T, free = self.task.tensions(best), best.free(self.task.problem(statement))
+        return self._found(statement, T, free if free.multiplied else None, records, True)
 
     def _nearest(self) -> Array:
         """Return the initial guess (n_tendons,) that is nearest to what is wanted [N]."""
