@@ -14,6 +14,7 @@ from model.errors import FileError
 from model.forward import COLLOCATIONS, SCHEMES
 from model.ladder import FINEST, checked_accuracy
 from model.loads import check_loads
+from planner.files import read_file, why
 from planner.plan import Plan
 from planner.program.limits import Limits
 from planner.program.problem import build
@@ -84,11 +85,12 @@ class _Within:
 
 def _record(path: Path, name: str) -> PlanRecord:
     try:
-        table = msgspec.json.decode(path.read_bytes())
-    except OSError as reason:
-        told = (reason.strerror or str(reason)).lower()
-        raise FileError(name, "", f"{told}; a plan that was saved is wanted") from None
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as reason:
+        text = read_file(path)
+    except (OSError, ValueError) as reason:
+        raise FileError(name, "", f"{why(reason)}; a plan that was saved is wanted") from None
+    try:
+        table = msgspec.json.decode(text)
+    except (msgspec.DecodeError, ValueError, RecursionError) as reason:
         raise FileError(name, "", f"no JSON: {reason}") from None
     try:
         return msgspec.convert(table, PlanRecord)

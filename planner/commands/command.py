@@ -12,17 +12,19 @@ from model import InputError
 from model.checks import positive
 from model.errors import FileError
 from model.ladder import FINEST_ACCURACY, LOOSEST, checked_accuracy
+from planner.files import why
 from planner.scenefile import Question, load
 
 OK, NOT_REACHED, BAD_INPUT = 0, 1, 2
-INTERRUPTED, BROKEN_PIPE = 130, 141
+NO_OUTPUT, INTERRUPTED, BROKEN_PIPE, TERMINATED = 74, 130, 141, 143
 EXIT_CODES = """\
 exit codes:
   0    certified, settled or written
   1    not reached, not certified, or the arm does not settle
   2    bad input: the message says where, what was given and what is allowed; or a package
        is missing: it says how to install that
-  130  interrupted (Ctrl-C); 141 whoever read the output went away"""
+  74   standard output is full or closed
+  130  interrupted (Ctrl-C); 141 whoever read the output went away; 143 terminated"""
 
 
 @dataclass(frozen=True)
@@ -99,10 +101,18 @@ def add_time_limit(parser: argparse.ArgumentParser) -> None:
 
 def question(args: argparse.Namespace) -> tuple[Question, float]:
     """Return the question of the scene file and the accuracy; FileError, InputError."""
-    if args.out is not None and args.out.exists() and not args.out.is_dir():
-        raise InputError("--out", str(args.out), "a folder to write to, or one to make")
+    if args.out is not None:
+        _check_folder("--out", args.out)
     asked = load(args.scene)
     return asked, asked.accuracy if args.accuracy is None else args.accuracy
+
+
+def _check_folder(name: str, folder: Path) -> None:
+    try:
+        if folder.exists() and not folder.is_dir():
+            raise InputError(name, str(folder), "a folder to write to, or one to make")
+    except OSError as reason:
+        raise InputError(name, str(folder), f"a folder to write to: {why(reason)}") from None
 
 
 def tensions_of(asked: Question, name: Path) -> Any:
