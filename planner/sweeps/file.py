@@ -111,7 +111,7 @@ def _axes(name: str, scene: dict[str, Any], table: SweepTable) -> tuple[Axis, ..
 
 def _axis(scene: dict[str, Any], own: AxisTable, table: SweepTable) -> Axis:
     key = checked_key(scene, own.key)
-    name = own.name or key
+    name = key if own.name is None else own.name
     if name in RESERVED or not _NAME.fullmatch(name) or len(name.encode()) > _LONGEST:
         allowed = (
             "a name without / and \\ that begins with a letter, a digit or _, of up to "
