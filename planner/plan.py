@@ -88,6 +88,10 @@ def plan(
 ) -> Plan:
     """Return the tensions of least effort that give an arm the shape that a target wants.
 
+    It may be called from several threads at once, as may all else here: what they share is built
+    once and not changed, and each solves in memory of its own. Their linear algebra takes turns, so
+    that processes are faster.
+
     Parameters
     ----------
     target : Target, or several to be met together
