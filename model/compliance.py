@@ -14,6 +14,7 @@ from model.equilibrium.sensitivities import Sensitivities
 from model.errors import NotSettledError
 from model.ladder import FINEST, REFINEMENTS, estimate, next_refinement
 from model.paths import Array
+from model.patience import check_time
 from model.shape import Shape
 
 _ORDER = 2 * STAGES
@@ -51,6 +52,7 @@ def compliance_of(shape: Shape, at: float, accuracy: float) -> Compliance:
     before: tuple[int, Array] | None = None
     refinement, error = coarse, np.inf
     while refinement:
+        check_time()
         found = sensitivities(shape, at, refinement)
         scaled = found.pose_wrench / scale
         if before is not None:

@@ -4,6 +4,22 @@ from __future__ import annotations
 
 import math
 
+# Of what was given, in characters, in a message.
+_LONG = 300
+
+
+def shortened(text: str, most: int = _LONG) -> str:
+    """Return a text, of one that is longer than `most` characters its beginning and its length."""
+    return text if len(text) <= most else f"{text[:most]} ... ({len(text)} characters)"
+
+
+def as_given(value: object) -> str:
+    """Return how a value is shown in a message."""
+    try:
+        return shortened(repr(value))
+    except ValueError:  # a whole number of more digits than Python writes
+        return f"a {type(value).__name__} too long to show"
+
 
 class OctoplanError(Exception):
     """Root of all errors raised by octoplan."""
@@ -24,7 +40,7 @@ class InputError(OctoplanError, ValueError):
 
     def __init__(self, field: str, given: object, allowed: str) -> None:
         self.field, self.given, self.allowed = field, given, allowed
-        super().__init__(f"{field}: got {given!r}, allowed is {allowed}")
+        super().__init__(f"{shortened(field)}: got {as_given(given)}, allowed is {allowed}")
 
     def __reduce__(self) -> tuple[type, tuple[str, object, str]]:
         return type(self), (self.field, self.given, self.allowed)
@@ -45,7 +61,7 @@ class FileError(InputError):
 
     def __init__(self, path: str, where: str, problem: str) -> None:
         self.path, self.where, self.problem = path, where, problem
-        place = f"{path}: {where}" if where else path
+        place = f"{shortened(path)}: {shortened(where)}" if where else shortened(path)
         self.field, self.given, self.allowed = place, where, problem
         OctoplanError.__init__(self, f"{place}: {problem}")
 
@@ -57,7 +73,7 @@ class FileError(InputError):
         """Return what is not allowed as an error of the file that said so."""
         named = reason.field == where.rsplit(".", 1)[-1]
         given = float(f"{reason.given:.9g}") if isinstance(reason.given, float) else reason.given
-        told = f"got {given!r}, allowed is {reason.allowed}"
+        told = f"got {as_given(given)}, allowed is {reason.allowed}"
         return cls(path, where, told if named else f"{reason.field}: {told}")
 
 

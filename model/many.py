@@ -19,6 +19,7 @@ from model.loads import is_loaded
 from model.machine.batch import Batch
 from model.machine.compiled import CompilerError, compiled
 from model.paths import Array
+from model.patience import check_time
 from model.rotations import matrices
 from model.scene import Scene
 from model.settle import ACCURACY, checked_scene, settle
@@ -99,6 +100,7 @@ class _Many:
     def shapes(self) -> Shapes:
         left = np.arange(len(self.T))
         while left.size:
+            check_time()
             refinement = int(self.wanted[left].min())
             self._step(left[self.wanted[left] == refinement], refinement)
             left = left[~(self.errors[left] <= self.accuracy)]

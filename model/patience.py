@@ -18,7 +18,18 @@ class OutOfTime(Exception):  # noqa: N818  (a signal between loops, not an error
 @contextmanager
 def time_limit(seconds: float | None) -> Iterator[None]:
     """Let what is inside go on for so long, no longer than limits further out; None is no limit."""
-    end = math.inf if seconds is None else time.monotonic() + seconds
+    with until(math.inf if seconds is None else time.monotonic() + seconds):
+        yield
+
+
+def end() -> float:
+    """Return the time of `time.monotonic` at which the limit is reached; inf without one."""
+    return _end.get()
+
+
+@contextmanager
+def until(end: float) -> Iterator[None]:
+    """As time_limit, up to a time that may be another process's `end`."""
     token = _end.set(min(end, _end.get()))
     try:
         yield

@@ -47,6 +47,9 @@ class Answer:
         The first guesses tried, in order.
     stopped : bool
         Whether the time limit ended the search: these are the best tensions it had come to.
+    jump : float
+        How far the tensions are from those of the plan that was to be followed, over their norm,
+        where its branch was left; 0 where it was not, or none was given.
     """
 
     arm: Arm
@@ -60,6 +63,7 @@ class Answer:
     accuracy: float
     starts: tuple[Start, ...]
     stopped: bool = False
+    jump: float = 0.0
 
     @cached_property
     def shape(self) -> Shape:
@@ -98,6 +102,9 @@ class Answer:
         """What happened, what holds it, and what to try: a sentence."""
         found = (self.certificate, self.mode, self.effort, len(self.starts), self.agreed)
         said = sentence(Facts(*found, tuple(self.holding()), self.arm.length))
+        if self.jump:
+            more = f"left the branch of the plan before: tensions jump by {100 * self.jump:.0f} %"
+            said = f"{said.removesuffix('.')}; {more}."
         return f"Stopped at the time limit, the best so far. {said}" if self.stopped else said
 
     def holding(self) -> list[str]:
@@ -129,7 +136,8 @@ class Answer:
         """Return the multipliers of the constraints of a name."""
         rows = self._problem().condensed.rows
         names = np.concatenate([[row.name] * row.size for row in rows])
-        return np.asarray(np.array(self.lam_g)[: names.size][names == name])
+        lam_g = np.array(self.lam_g)[: names.size]
+        return lam_g[names == name] if lam_g.size == names.size else np.zeros(0)
 
     def _kkt(self, T: Array) -> float:
         problem = self._problem()

@@ -19,6 +19,7 @@ from model.errors import OctoplanError
 from model.ladder import FINEST_ACCURACY
 from model.loads import is_loaded
 from model.paths import Array
+from model.patience import OutOfTime
 from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
@@ -37,6 +38,7 @@ KKT_TOLERANCE = 1e-6
 STABILITY_TOLERANCE = 1e-4
 # As many times its loads an arm is followed, with such a relative error of where it gives way.
 MOST_LOADS, _GIVES_WAY = 3.0, 0.01
+_LATE = "the time limit was reached before it was verified"
 STIFF_ACCURACY = 1e-8
 
 
@@ -169,8 +171,9 @@ def certify(
         stations, sharp = stations_of(arm, targets), max(_SHARPER * tolerance, FINEST_ACCURACY)
         check = _printed if printed else _integrated
         poses, tip, error, stands, load_factor = check(shape, stations, sharp)
-    except OctoplanError as reason:
-        return Certificate(bounds=excess, scheme=scheme, tolerance=tolerance, problem=str(reason))
+    except (OctoplanError, OutOfTime) as reason:
+        told = _LATE if isinstance(reason, OutOfTime) else str(reason)
+        return Certificate(bounds=excess, scheme=scheme, tolerance=tolerance, problem=told)
     match, approach, margin = measure(arm, targets, poses, gives(arm, targets, shape))
     return Certificate(
         {name: float(np.abs(values).max()) for name, values in match.items()},
@@ -207,8 +210,10 @@ def _integrated(shape: Shape, stations: tuple[float, ...], accuracy: float) -> C
     # Whether it stands does not take a fine mesh, how well it does takes one.
     rough = Collocation(shape.arm, shape.scene, STAGES, 1).found(shape.tensions, shape.known)
     least = stability(rough)
+    if not is_loaded(shape.scene):
+        return poses[places], poses[-1, 4:], found.error, least, None
     stands = least_eigenvalue(found.here) if least > 0 else least
-    bears = _load_factor(rough, shape) if is_loaded(shape.scene) else None
+    bears = _load_factor(rough, shape)
     return poses[places], poses[-1, 4:], found.error, stands, bears
 
 

@@ -3,68 +3,63 @@
 from __future__ import annotations
 
 import logging
-import os
-import signal
 import sys
-import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 from model import InputError, OctoplanError
+from model.errors import shortened
+from model.patience import OutOfTime, time_limit
 from model.progress import listening
-from planner.commands.command import BAD_INPUT, BROKEN_PIPE, INTERRUPTED, NOT_REACHED
+from planner.commands.command import BAD_INPUT, BROKEN_PIPE, NO_OUTPUT, NOT_REACHED
 from planner.commands.deliver import deliver
+from planner.commands.ending import ended_from_outside
+from planner.commands.output import OutputError, discard
 from planner.commands.progress import Bar
 from planner.commands.register import COMMANDS
 from planner.commands.usage import UsageError, parse
 from planner.extras import MissingExtraError
 
+# What a search that was stopped at the time limit has left to verify what it found [s].
+_GRACE = 0.7
+# Of messages, in characters.
+_LONG = 2000
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code."""
     try:
-        return _run(sys.argv[1:] if argv is None else argv)
+        with ended_from_outside():
+            return _run(sys.argv[1:] if argv is None else argv)
+    except OutputError as reason:
+        discard()
+        return _told(reason, NO_OUTPUT)
     except (InputError, UsageError, MissingExtraError) as reason:
         return _told(reason, BAD_INPUT)
     except OctoplanError as reason:
         return _told(reason, NOT_REACHED)
-    except KeyboardInterrupt:
-        return INTERRUPTED
     except BrokenPipeError:
-        # What is left in the buffer goes nowhere, and Python does not complain of it at its end.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        discard()
         return BROKEN_PIPE
 
 
 def _run(argv: Sequence[str]) -> int:
     args = parse(argv, COMMANDS)
     verbose = getattr(args, "verbose", False)
-    with _ended_by_interrupt(), _logged() if verbose else _shown():
-        answer = args.run(args)
-    deliver(answer, args)
+    seconds = getattr(args, "time_limit", None)
+    try:
+        with time_limit(None if seconds is None else seconds + _GRACE):
+            with _logged() if verbose else _shown():
+                answer = args.run(args)
+            deliver(answer, args)
+    except OutOfTime:
+        raise OctoplanError(f"nothing was found within the time limit of {seconds:g} s") from None
     return int(answer.code)
 
 
 def _told(reason: Exception, code: int) -> int:
-    print(f"octoplan: {reason}", file=sys.stderr)
+    print(f"octoplan: {shortened(str(reason), _LONG)}", file=sys.stderr)
     return code
-
-
-@contextmanager
-def _ended_by_interrupt() -> Iterator[None]:
-    """Let Ctrl-C end the program from inside the block, at once.
-
-    A KeyboardInterrupt would not: CasADi makes a warning of it in the middle of ipopt, which goes
-    on. Nothing is written inside the block that could be left in half.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, lambda *_: os._exit(INTERRUPTED))
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 @contextmanager

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import errno
-import os
-import tempfile
+from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -13,40 +12,51 @@ import msgspec
 import numpy as np
 
 from model.errors import InputError
+from planner.staging import placed, staged
 
 
 def write_whole(path: Path, content: bytes) -> None:
     """Write a file so that it is there whole or not at all."""
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(content)
-        Path(name).chmod(0o644)
-        Path(name).replace(path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
+    with placed(path) as part:
+        part.write_bytes(content)
 
 
 def write_together(folder: Path, contents: dict[str, bytes]) -> None:
     """Write files into a folder, which is made if need be: all of them, or on an error none.
 
-    They are staged in a folder inside it first, so that a full disk spoils nothing.
+    They are staged in a folder inside it first, so that a full disk spoils nothing; what was there
+    before is put back where one of them cannot take its place.
     """
     new = not folder.exists()
     folder.mkdir(parents=True, exist_ok=True)
     try:
-        with tempfile.TemporaryDirectory(dir=folder, prefix=".new.") as staged:
+        with staged(folder) as here:
             for name, content in contents.items():
-                (Path(staged) / name).write_bytes(content)
-            for name in contents:
-                if (folder / name).is_dir():
-                    raise IsADirectoryError(errno.EISDIR, f"{name} in it is a folder")
-            for name in contents:
-                (Path(staged) / name).replace(folder / name)
+                (here / name).write_bytes(content)
+            _take_places(here, folder, list(contents))
     except BaseException:
         if new:
-            folder.rmdir()
+            with suppress(OSError):
+                folder.rmdir()
+        raise
+
+
+def _take_places(here: Path, folder: Path, names: list[str]) -> None:
+    before: dict[str, bytes | None] = {}
+    try:
+        for name in names:
+            path = folder / name
+            if path.is_dir():
+                raise IsADirectoryError(errno.EISDIR, f"{name} in it is a folder")
+            old = path.read_bytes() if path.is_file() else None
+            (here / name).replace(path)
+            before[name] = old
+    except BaseException:
+        for name, content in before.items():
+            if content is None:
+                (folder / name).unlink()
+            else:
+                (folder / name).write_bytes(content)
         raise
 
 
@@ -60,10 +70,25 @@ def write_named(path: str | Path, suffix: str, content: bytes) -> Path:
         raise InputError("path", str(path), f"a file name that ends in {suffix}")
     try:
         write_whole(path, content)
-    except OSError as reason:
-        allowed = f"a file that can be written: {(reason.strerror or str(reason)).lower()}"
-        raise InputError("path", str(path), allowed) from None
+    except (OSError, ValueError) as reason:
+        raise InputError("path", str(path), f"a file that can be written: {why(reason)}") from None
     return path
+
+
+def read_file(path: Path) -> bytes:
+    """Return what a file holds; OSError for what is none, such as a pipe, which might never end.
+
+    ValueError for names that no file can have.
+    """
+    if path.exists() and not path.is_file() and not path.is_dir():
+        raise OSError(errno.EINVAL, "this is no ordinary file")
+    return path.read_bytes()
+
+
+def why(reason: OSError | ValueError) -> str:
+    """Return why a file cannot be read or written, in the system's words."""
+    told = reason.strerror if isinstance(reason, OSError) else None
+    return (told or str(reason)).lower()
 
 
 def to_json(values: Any) -> bytes:

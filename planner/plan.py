@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from model.checks import kind, not_negative, positive
 from model.errors import InputError
 from model.ladder import checked_accuracy
 from model.loads import check_loads
+from model.patience import OutOfTime, time_limit
 from model.scene import Scene
 from planner.answer import Answer
 from planner.files import to_json, write_named
@@ -22,7 +23,7 @@ from planner.program.limits import Limits
 from planner.program.statement import Form, Statement
 from planner.question import check_looks, check_targets, checked_form, checked_margin
 from planner.records.plan import plan_record
-from planner.solve.follow import Known, follow
+from planner.solve.follow import Known, follow, jump
 from planner.solve.found import Found
 from planner.solve.search import Search
 from planner.solve.task import Task
@@ -89,6 +90,10 @@ def plan(
 ) -> Plan:
     """Return the tensions of least effort that give an arm the shape that a target wants.
 
+    It may be called from several threads at once, as may all else here: what they share is built
+    once and not changed, and each solves in memory of its own. Their linear algebra takes turns, so
+    that processes are faster.
+
     Parameters
     ----------
     target : Target, or several to be met together
@@ -110,7 +115,8 @@ def plan(
     near : Plan
         A plan for a target nearby, of the same kind, for the same arm and scene: its optimum is
         followed to this target, which is some ten times sooner. Where that fails all starts are
-        tried.
+        tried. Where the tensions do not go over into each other, as where a target passes the arm's
+        axis, `outcome` says that the plan left the branch.
     time_limit : float
         [s]. What is best then is returned, and `outcome` says so; what the first plan for an arm
         and a scene needs to be set up is not cut short.
@@ -142,10 +148,11 @@ def plan(
     margin = checked_margin(stability_margin)
     limited = total_pull is not None
     statement = Statement(form, check_norm(norm), limited=limited, margin=margin)
-    found = None if near is None else _followed(near, arm, scene, targets, limits, accuracy)
-    if found is None:
-        task = Task(arm, targets, scene, limits, statement, accuracy)
+    task = Task(arm, targets, scene, limits, statement, accuracy)
+    if near is None:
         found = Search(task).run(starts, seconds)
+    else:
+        found = _followed(near, task, starts, seconds)
     return Plan(
         arm,
         scene,
@@ -158,22 +165,30 @@ def plan(
         accuracy,
         found.starts,
         found.stopped,
+        found.jump,
     )
 
 
-def _followed(
-    near: Plan,
-    arm: Arm,
-    scene: Scene,
-    targets: tuple[Target, ...],
-    limits: Limits,
-    accuracy: float,
-) -> Found | None:
+def _followed(near: Plan, task: Task, starts: int, seconds: float | None) -> Found:
+    """Return what a plan leads to, or the best from all starts where it cannot be followed."""
     kind("near", near, Plan, "a Plan for the same arm and scene, or None")
-    if near.arm != arm or near.scene != scene:
+    if near.arm != task.arm or near.scene != task.scene:
         raise InputError("near", "a plan for another arm or scene", "one for the same")
-    if (near.limits.upper, near.limits.total) != (limits.upper, limits.total):
-        return None
-    found = (near.tensions, near.lam_x, near.lam_g)
-    known = Known(near.targets, near.limits.lower, near.statement, *found)
-    return follow(known, arm, scene, targets, limits, accuracy)
+    limits, own = task.limits, near.limits
+    answer = (near.tensions, near.lam_x, near.lam_g)
+    stated = near.statement.but(margin=task.statement.margin)
+    known = Known(near.targets, own.lower, stated, *answer)
+    with time_limit(seconds):
+        try:
+            if (own.upper, own.total) == (limits.upper, limits.total):
+                asked = (task.arm, task.scene, task.targets, limits, task.accuracy)
+                found = follow(known, *asked)
+                if found is not None:
+                    return found
+        except OutOfTime:
+            T = np.clip(np.ravel(near.tensions), limits.lower, limits.upper)
+            return Found(near.statement, task.arm.by_section(T), (), (), (), stopped=True)
+        found = Search(task).run(starts)
+    if found.stopped or found.statement.mode != "exact":
+        return found
+    return replace(found, jump=jump(near.tensions, found.tensions))

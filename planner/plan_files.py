@@ -7,14 +7,17 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
+import numpy as np
 
 from model import Arm, InputError, Scene
 from model.errors import FileError
 from model.forward import SCHEMES
 from model.ladder import FINEST, checked_accuracy
 from model.loads import check_loads
+from planner.files import read_file, why
 from planner.plan import Plan
 from planner.program.limits import Limits
+from planner.program.problem import build
 from planner.question import check_targets, checked_form, checked_margin
 from planner.records.plan import AnswerRecord, PlanRecord, StartRecord
 from planner.records.values import Number, value
@@ -47,19 +50,24 @@ def load_plan(path: str | Path) -> Plan:
     tensions = _floats(answer.tensions, name, "answer.tensions")
     within = _Within(name)
     within("question.scene", lambda: check_loads(arm, scene))
-    _check_statement(within, answer)
-    return Plan(
+    limits = within("question.limits", lambda: Limits.of(arm, upper, lower, own.total))
+    _check_statement(within, answer, limits)
+    plan = Plan(
         arm,
         scene,
         within("question.targets", lambda: check_targets(arm, found)),
-        within("question.limits", lambda: Limits.of(arm, upper, lower, own.total)),
+        limits,
         answer.statement,
         within("answer.tensions", lambda: arm.by_section(arm.flat(tensions))),
         tuple(_floats(answer.lam_x, name, "answer.lam_x")),
         tuple(_floats(answer.lam_g, name, "answer.lam_g")),
         within("question.accuracy", lambda: checked_accuracy(question.accuracy)),
         tuple(_start(start, name, f"answer.starts[{i}]") for i, start in enumerate(answer.starts)),
+        answer.stopped,
+        answer.jump,
     )
+    _check_multipliers(plan, name)
+    return plan
 
 
 class _Within:
@@ -77,11 +85,12 @@ class _Within:
 
 def _record(path: Path, name: str) -> PlanRecord:
     try:
-        table = msgspec.json.decode(path.read_bytes())
-    except OSError as reason:
-        told = (reason.strerror or str(reason)).lower()
-        raise FileError(name, "", f"{told}; a plan that was saved is wanted") from None
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as reason:
+        text = read_file(path)
+    except (OSError, ValueError) as reason:
+        raise FileError(name, "", f"{why(reason)}; a plan that was saved is wanted") from None
+    try:
+        table = msgspec.json.decode(text)
+    except (msgspec.DecodeError, ValueError, RecursionError) as reason:
         raise FileError(name, "", f"no JSON: {reason}") from None
     try:
         return msgspec.convert(table, PlanRecord)
@@ -89,7 +98,7 @@ def _record(path: Path, name: str) -> PlanRecord:
         raise mistake(str(reason), name, table, PlanRecord) from None
 
 
-def _check_statement(within: _Within, answer: AnswerRecord) -> None:
+def _check_statement(within: _Within, answer: AnswerRecord, limits: Limits) -> None:
     stated = answer.statement
     within("answer.statement", lambda: checked_form(stated.form))
     within("answer.statement", lambda: checked_margin(stated.margin))
@@ -102,6 +111,23 @@ def _check_statement(within: _Within, answer: AnswerRecord) -> None:
     if not 1 <= stated.refinement <= FINEST:
         told = f"got {stated.refinement}, allowed is a whole number from 1 to {FINEST}"
         raise FileError(within.name, "answer.statement.refinement", told)
+    if stated.limited != (limits.total is not None):
+        told = f"got {shown(stated.limited)}, question.limits.total is {shown(limits.total)}"
+        raise FileError(within.name, "answer.statement.limited", told)
+
+
+def _check_multipliers(plan: Plan, name: str) -> None:
+    """Refuse multipliers that are not finite, or not those of the problem; there may be none."""
+    sizes = len(plan.lam_x), len(plan.lam_g)
+    if any(sizes):
+        problem = build(plan.arm, plan.targets, plan.scene, plan.statement.but(refinement=1))
+        wanted = problem.n_free, sum(row.size for row in problem.condensed.rows)
+        if sizes != wanted:
+            told = "got {} and {} numbers, allowed are {} and {}, or none".format(*sizes, *wanted)
+            raise FileError(name, "answer.lam_x and answer.lam_g", told)
+    for where, lam in (("answer.lam_x", plan.lam_x), ("answer.lam_g", plan.lam_g)):
+        if not np.all(np.isfinite(lam)):
+            raise FileError(name, where, "allowed are finite numbers")
 
 
 def _kind(found: Any, wanted: type[R], name: str, where: str) -> R:

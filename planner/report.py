@@ -6,6 +6,7 @@ import numpy as np
 
 from model import Arm, OctoplanError, Shape, Switch
 from model.paths import Array
+from model.patience import OutOfTime
 from model.stiffness import Stiffness
 from planner.plan import Plan
 
@@ -35,7 +36,7 @@ def plan_text(plan: Plan) -> str:
 def _tip(plan: Plan) -> str:
     try:
         return "tip [mm]  " + "  ".join(f"{1e3 * x:.3f}" for x in plan.shape.tip)
-    except OctoplanError:
+    except (OctoplanError, OutOfTime):
         return ""
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -14,6 +15,7 @@ import msgspec
 from model import Arm, InputError, Scene
 from model.errors import FileError
 from model.loads import check_loads
+from planner.files import read_file, why
 from planner.program.limits import Limits
 from planner.question import check_targets
 from planner.scenes.arm import arm_of
@@ -72,10 +74,9 @@ def load(path: str | Path) -> Question:
 def text_of(path: Path) -> bytes:
     """Return the text of a TOML file; FileError where it cannot be read or is of another kind."""
     try:
-        text = path.read_bytes()
-    except OSError as reason:
-        told = (reason.strerror or str(reason)).lower()
-        raise FileError(str(path), "", f"{told}; {_instead(path)}") from None
+        text = read_file(path)
+    except (OSError, ValueError) as reason:
+        raise FileError(str(path), "", f"{why(reason)}; {_instead(path)}") from None
     if path.suffix.lower() != ".toml":
         raise FileError(
             str(path), "", "no scene file: those are TOML, with names that end in .toml"
@@ -109,7 +110,10 @@ def question_of(raw: dict[str, Any], name: str = "scene") -> Question:
 
 def _instead(path: Path) -> str:
     """Return what to name in place of a file that cannot be read."""
-    others = {other.stem: other.name for other in path.parent.glob("*.toml") if other.is_file()}
+    others: dict[str, str] = {}
+    with suppress(OSError, ValueError):
+        found = (other for other in path.parent.glob("*.toml") if other.is_file())
+        others = {other.stem: other.name for other in found}
     near = difflib.get_close_matches(path.stem, others, 1)
     if near:
         return f'did you mean "{path.with_name(others[near[0]])}"?'
@@ -120,7 +124,7 @@ def decoded(text: bytes, name: str) -> dict[str, Any]:
     """Return what a TOML text holds; FileError with the line where it is none."""
     try:
         return dict(msgspec.toml.decode(text))
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as reason:
+    except (msgspec.DecodeError, ValueError, RecursionError) as reason:
         raise no_toml(str(reason), text, name) from None
 
 

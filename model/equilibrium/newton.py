@@ -9,6 +9,7 @@ import numpy as np
 from model.equilibrium.linearised import Linearised
 from model.errors import SingularError
 from model.paths import Array
+from model.patience import check_time
 from model.transcription.system import System
 
 _STEPS = 14
@@ -47,6 +48,7 @@ def newton(
     """
     last, of, here = 0.0, system.of, kept
     for _ in range(_STEPS):
+        check_time()
         x = system.x(tensions, load, states)
         here, change = _step(system, x, here)
         if here is None or change is None:

@@ -23,6 +23,7 @@ from model.integrators.runge_kutta import RK8, RungeKutta
 from model.ladder import estimate
 from model.loads import beyond
 from model.paths import Array
+from model.patience import check_time
 from model.rotations import matrices
 from model.transcription.collocation import gauss
 from model.transcription.friction import hermite
@@ -57,6 +58,7 @@ def verified(here: Linearised, accuracy: float) -> Verified:
     system, before, error = here.system, None, np.inf
     scale = np.repeat([1.0, system.arm.length], [4, 3])
     for substeps in _SUBSTEPS:
+        check_time()
         x = here.x.copy()
         x[system.of.first :] -= here.solve(_defects(here, RK8, substeps))
         poses = system.poses(x[system.of.first :]) / scale

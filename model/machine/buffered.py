@@ -29,6 +29,10 @@ class Buffered:
         local["run"]()
         return [result.copy() for result in local["results"]]
 
+    def stats(self) -> dict[str, Any]:
+        """Return what the function tells of the last call of this thread."""
+        return dict(self._local.buffer.stats())
+
     def _prepared(self) -> tuple[list[Array], list[Array], Any, Any]:
         f = self.function
         given = [np.zeros(f.nnz_in(i)) for i in range(f.n_in())]

@@ -17,7 +17,7 @@ from model.settle import ACCURACY, checked_scene, settle
 from model.shape import Shape
 from planner.c_code.source import PRECISIONS, Precision
 from planner.c_code.values import BYTES, c_source, c_values
-from planner.files import write_together
+from planner.files import why, write_together
 
 _TEMPLATES = {
     "@NAME@.h": "map.h",
@@ -25,9 +25,9 @@ _TEMPLATES = {
     "main.c": "main.c",
     "Makefile": "Makefile",
 }
-_NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)
+_NAME = re.compile(r"[A-Za-z](_?[A-Za-z0-9])*")
 _FINEST_FLOAT = 1e-6
-_TAKEN = ("main", "test_vector", "casadi")
+TAKEN = ("main", "test_vector", "casadi", "null", "jac", "hess")
 
 
 @dataclass(frozen=True)
@@ -98,8 +98,8 @@ def export(
     folder = Path(to)
     try:
         write_together(folder, {file: text.encode() for file, text in texts.items()})
-    except OSError as reason:
-        raise InputError("to", str(to), f"a folder to write to: {reason.strerror}") from None
+    except (OSError, ValueError) as reason:
+        raise InputError("to", str(to), f"a folder to write to: {why(reason)}") from None
     written = tuple(folder / file for file in texts)
     return Exported(written, shape, BYTES[precision] * source.numbers)
 
@@ -115,8 +115,8 @@ def _checked(arm: Arm, scene: Scene | None, precision: Any, name: Any) -> Scene:
         )
     if precision not in PRECISIONS:
         raise InputError("precision", precision, " or ".join(PRECISIONS))
-    if not isinstance(name, str) or not _NAME.fullmatch(name) or name.lower() in _TAKEN:
-        allowed = f"letters, digits and _, a letter first, other than {', '.join(_TAKEN)}"
+    if not isinstance(name, str) or not _NAME.fullmatch(name) or name.lower() in TAKEN:
+        allowed = f"letters, digits and single _ between them, other than {', '.join(TAKEN)}"
         raise InputError("name", name, allowed)
     return scene
 

@@ -9,19 +9,22 @@ from pathlib import Path
 from typing import Any
 
 from model import InputError
+from model.checks import positive
 from model.errors import FileError
 from model.ladder import FINEST_ACCURACY, LOOSEST, checked_accuracy
+from planner.files import why
 from planner.scenefile import Question, load
 
 OK, NOT_REACHED, BAD_INPUT = 0, 1, 2
-INTERRUPTED, BROKEN_PIPE = 130, 141
+NO_OUTPUT, INTERRUPTED, BROKEN_PIPE, TERMINATED = 74, 130, 141, 143
 EXIT_CODES = """\
 exit codes:
   0    certified, settled or written
   1    not reached, not certified, or the arm does not settle
   2    bad input: the message says where, what was given and what is allowed; or a package
        is missing: it says how to install that
-  130  interrupted (Ctrl-C); 141 whoever read the output went away"""
+  74   standard output is full or closed
+  130  interrupted (Ctrl-C); 141 whoever read the output went away; 143 terminated"""
 
 
 @dataclass(frozen=True)
@@ -80,17 +83,36 @@ def add_scene_options(parser: argparse.ArgumentParser) -> None:
         metavar="X",
         help="tip error over arm length; else the scene's",
     )
+    add_time_limit(parser)
     parser.add_argument(
         "-v", "--verbose", action="store_true", help="show the solver's own log on stderr"
     )
 
 
+def add_time_limit(parser: argparse.ArgumentParser) -> None:
+    """Add after how long an answer has to be there."""
+    parser.add_argument(
+        "--time-limit",
+        type=seconds,
+        metavar="SECONDS",
+        help="stop then, with the best that was found by then; no limit unless given",
+    )
+
+
 def question(args: argparse.Namespace) -> tuple[Question, float]:
     """Return the question of the scene file and the accuracy; FileError, InputError."""
-    if args.out is not None and args.out.exists() and not args.out.is_dir():
-        raise InputError("--out", str(args.out), "a folder to write to, or one to make")
+    if args.out is not None:
+        _check_folder("--out", args.out)
     asked = load(args.scene)
     return asked, asked.accuracy if args.accuracy is None else args.accuracy
+
+
+def _check_folder(name: str, folder: Path) -> None:
+    try:
+        if folder.exists() and not folder.is_dir():
+            raise InputError(name, str(folder), "a folder to write to, or one to make")
+    except OSError as reason:
+        raise InputError(name, str(folder), f"a folder to write to: {why(reason)}") from None
 
 
 def tensions_of(asked: Question, name: Path) -> Any:
@@ -113,3 +135,11 @@ def accuracy(text: str) -> float:
     except ValueError:
         allowed = f"a number from {FINEST_ACCURACY:g} to {LOOSEST:g}"
         raise argparse.ArgumentTypeError(f"got {text!r}, allowed is {allowed}") from None
+
+
+def seconds(text: str) -> float:
+    """Return a time given on the command line [s]."""
+    try:
+        return positive("--time-limit", float(text))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"got {text!r}, allowed is a number above 0") from None

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 from model import InputError
 from planner.commands.command import Answer
-from planner.files import to_json, write_whole
+from planner.commands.output import say
+from planner.files import to_json, why, write_together
 
 
 def deliver(answer: Answer, args: argparse.Namespace) -> None:
@@ -16,21 +16,19 @@ def deliver(answer: Answer, args: argparse.Namespace) -> None:
     if getattr(args, "out", None):
         _write(args.out, answer, args.figure)
     shown = to_json(answer.record).decode() if getattr(args, "json", False) else answer.text()
-    sys.stdout.write(shown + "\n")
-    sys.stdout.flush()
+    say(shown + "\n")
 
 
 def _write(folder: Path, answer: Answer, kind: str) -> None:
-    """Write data and figure into a folder, each whole or not at all."""
-    from planner.plots.plan import save
+    """Write data and figure into a folder: all of them, or on an error none."""
+    from planner.plots.plan import drawn
 
+    files = {f"{answer.name}{suffix}": content for suffix, content in answer.tables.items()}
+    files[f"{answer.name}.json"] = to_json(answer.record)
+    if answer.draw is not None:
+        files[f"{answer.name}.{kind}"] = drawn(answer.draw(), kind)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if answer.draw is not None:
-            save(answer.draw(), folder / f"{answer.name}.{kind}")
-        for suffix, content in answer.tables.items():
-            write_whole(folder / f"{answer.name}{suffix}", content)
-        write_whole(folder / f"{answer.name}.json", to_json(answer.record))
-    except OSError as reason:
-        told = (reason.strerror or str(reason)).lower()
-        raise InputError("--out", str(folder), f"a folder to write to: {told}") from None
+        write_together(folder, files)
+    except (OSError, ValueError) as reason:
+        told = f"a folder to write to: {why(reason)}"
+        raise InputError("--out", str(folder), told) from None

@@ -6,9 +6,9 @@ import argparse
 import re
 from pathlib import Path
 
-from planner.c_code.export import Exported, export
+from planner.c_code.export import TAKEN, Exported, export
 from planner.c_code.source import PRECISIONS
-from planner.commands.command import OK, Answer, Command, accuracy, tensions_of
+from planner.commands.command import OK, Answer, Command, accuracy, add_time_limit, tensions_of
 from planner.records.export import export_record
 from planner.scenefile import load
 
@@ -19,6 +19,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--to", type=Path, metavar="DIR", required=True, help="folder to write to")
     parser.add_argument("--precision", default="double", help=f"{' or '.join(PRECISIONS)} (double)")
     parser.add_argument("--json", action="store_true", help="print JSON, in SI units")
+    add_time_limit(parser)
     parser.add_argument(
         "--accuracy",
         type=accuracy,
@@ -48,8 +49,8 @@ def _text(found: Exported, to: Path) -> str:
 
 def c_name(scene: Path) -> str:
     """Return a name for C made from that of a scene file: fetch-3d.toml gives fetch_3d."""
-    name = re.sub(r"\W", "_", scene.stem, flags=re.ASCII)
-    return name if name[:1].isalpha() else f"arm_{name}"
+    name = re.sub(r"[\W_]+", "_", scene.stem, flags=re.ASCII).strip("_")
+    return name if name[:1].isalpha() and name.lower() not in TAKEN else f"arm_{name}".strip("_")
 
 
 COMMAND = Command(

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from model import InputError
 from planner.commands.command import OK, Answer, Command
+from planner.files import why
 from planner.scenes.template import TEMPLATE
 
 
@@ -27,9 +28,9 @@ def run(args: argparse.Namespace) -> Answer:
             stream.write(TEMPLATE)
     except FileExistsError:
         raise InputError("FILE", str(path), "a file that does not exist yet") from None
-    except OSError as reason:
-        told = (reason.strerror or str(reason)).lower()
-        raise InputError("FILE", str(path), f"a file that can be written: {told}") from None
+    except (OSError, ValueError) as reason:
+        told = f"a file that can be written: {why(reason)}"
+        raise InputError("FILE", str(path), told) from None
     return Answer(OK, lambda: f"{path} is there; now: octoplan plan {path} --out out")
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 from model import OctoplanError
 from model.errors import FileError
+from model.patience import OutOfTime
 from planner.commands.command import (
     NOT_REACHED,
     OK,
@@ -31,7 +32,8 @@ def run(args: argparse.Namespace) -> Answer:
         raise FileError(str(args.scene), "target", f"missing; needed is {_TARGET}")
     if "tension_max" not in asked.options:
         raise FileError(str(args.scene), "limits", f"missing; needed is {_LIMITS}")
-    found = plan(asked.arm, asked.targets, asked.scene, accuracy=accuracy, **asked.options)
+    options = {"accuracy": accuracy, "time_limit": args.time_limit, **asked.options}
+    found = plan(asked.arm, asked.targets, asked.scene, **options)
     return Answer(
         OK if found.certificate.passed else NOT_REACHED,
         lambda: plan_text(found),
@@ -46,7 +48,7 @@ def _csv(found: Plan) -> bytes:
     """Return the shape as CSV, of no lines where the tensions do not settle."""
     try:
         return shape_csv(found.shape)
-    except OctoplanError:
+    except (OctoplanError, OutOfTime):
         return b""
 
 

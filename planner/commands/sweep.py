@@ -5,7 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from planner.commands.command import OK, Answer, Command
+from model import OctoplanError
+from model.patience import OutOfTime, time_limit
+from planner.commands.command import OK, Answer, Command, add_time_limit
 from planner.records.sweep import SweepRecord, sweep_record
 from planner.sweeps.sweep import written
 
@@ -29,12 +31,20 @@ def add(parser: argparse.ArgumentParser) -> None:
         "--scheduler", metavar="tcp://HOST:PORT", help="a Dask scheduler, whose workers work on it"
     )
     parser.add_argument("--json", action="store_true", help="print JSON")
+    add_time_limit(parser)
 
 
 def run(args: argparse.Namespace) -> Answer:
     """Run the sweep, or what a killed run of it has left."""
     out = args.sweep.with_suffix(".nc") if args.to is None else args.to
-    asked, tally = written(args.sweep, out, jobs=args.jobs, scheduler=args.scheduler)
+    try:
+        with time_limit(args.time_limit):
+            asked, tally = written(args.sweep, out, jobs=args.jobs, scheduler=args.scheduler)
+    except OutOfTime:
+        told = "what is finished is kept: start the sweep again, and it goes on"
+        raise OctoplanError(
+            f"the time limit of {args.time_limit:g} s was reached; {told}"
+        ) from None
     record = sweep_record(asked, tally, out)
     return Answer(OK, lambda: _text(record), record)
 

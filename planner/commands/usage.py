@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from model import OctoplanError
+from model.errors import shortened
 from planner.commands.command import EXIT_CODES, Command
+from planner.commands.output import say
 from planner.files import versions
 from planner.scenes.mistakes import hint
 
@@ -21,7 +23,11 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Raise UsageError with where to read on."""
-        raise UsageError(f"{message} (see {self.prog} --help)")
+        raise UsageError(f"{shortened(message)} (see {self.prog} --help)")
+
+    def _print_message(self, message: str, file: Any = None) -> None:
+        """Say what --help and --version ask for; argparse would not notice a full disk."""
+        say(message)
 
 
 def parse(argv: Sequence[str], commands: Sequence[Command]) -> argparse.Namespace:
@@ -62,10 +68,10 @@ def _parser(commands: Sequence[Command]) -> tuple[Parser, dict[str, Parser]]:
 
 
 def _check_command(argv: Sequence[str], names: list[str]) -> None:
+    first = shortened(argv[0]) if argv else ""
     listed = f"commands: {', '.join(names)}; see octoplan --help"
     if not argv:
         raise UsageError(f"no command; to begin: octoplan new ({listed})")
-    first = argv[0]
     if first.startswith("-") or first in names:
         return
     if first.endswith(".toml"):

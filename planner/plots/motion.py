@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -25,6 +24,7 @@ from model.shape import Shape
 from planner.plots.arm import best_view, draw_arm, fill, fit
 from planner.plots.plan import DPI, Planned
 from planner.plots.strains import PULL, SIZE, pull_norm, pulling
+from planner.staging import placed
 
 # Of the tip over arm length: less than what is seen.
 _SEEN = 1e-4
@@ -107,12 +107,8 @@ def save_motion(motion: FuncAnimation, path: str | Path, dpi: float = 0.8 * DPI)
         raise InputError("path", str(path), "a file name that ends in .gif")
     if not path.parent.is_dir():
         raise InputError("path", str(path), "a file in a folder that exists")
-    part = path.with_name(f".{path.stem}.{os.getpid()}.part.gif")
-    try:
+    with placed(path) as part:
         motion.save(str(part), "pillow", dpi=dpi)
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
     return path
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import os
+import io
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -17,6 +17,7 @@ from model.shape import Shape
 from planner.plots.arm import draw_arm, look
 from planner.plots.strains import SIZE, plot_strains, plot_tensions
 from planner.program.limits import Limits
+from planner.staging import placed
 from planner.targets.base import Target
 
 __all__ = ["plot_plan", "plot_shape", "plot_strains", "save"]
@@ -92,14 +93,16 @@ def save(figure: Figure, path: str | Path) -> Path:
         raise InputError("path", str(path), "a file name that ends in .png or .pdf")
     if not path.parent.is_dir():
         raise InputError("path", str(path), "a file in a folder that exists")
-    kind = path.suffix[1:].lower()
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        figure.savefig(part, format=kind, dpi=DPI if kind == "png" else 2 * DPI)
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+    with placed(path) as part:
+        part.write_bytes(drawn(figure, path.suffix[1:].lower()))
     return path
+
+
+def drawn(figure: Figure, kind: str) -> bytes:
+    """Return a figure as a file of a kind, "png" or "pdf"."""
+    file = io.BytesIO()
+    figure.savefig(file, format=kind, dpi=DPI if kind == "png" else 2 * DPI)
+    return file.getvalue()
 
 
 def _three_d(ax: Any) -> Any:

@@ -11,6 +11,7 @@ the implicit function theorem, first and second order, exact.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -46,6 +47,13 @@ class First(NamedTuple):
     jacobian: Array
 
 
+class _Memory(threading.local):
+    """What was found last; another thread asks at other points, and has a memory of its own."""
+
+    here: Linearised | None = None
+    point: _Point | None = None
+
+
 class Condensed:
     """Unknowns a are those of a program before the states."""
 
@@ -53,12 +61,11 @@ class Condensed:
         self.program, self.forward, self.states = program, forward, states
         self.rows: tuple[Rows, ...] = program.outer_rows
         self.n, self.m = program.n_free, sum(row.size for row in self.rows)
-        self._here: Linearised | None = None
-        self._point: _Point | None = None
+        self._last = _Memory()
 
     def forget(self) -> None:
         """Begin afresh: what is found next does not depend on what was found before."""
-        self._here = self._point = None
+        self._last.here = self._last.point = None
 
     def first(self, a: Array, p: Array) -> First:
         """Return values and first derivatives; NaN where the arm does not settle."""
@@ -132,7 +139,7 @@ class Condensed:
 
     def _settled(self, T: Array) -> Linearised | None:
         """Return the equilibrium under tensions, near the last one if that leads there."""
-        system, last, here = self.forward.system, self._here, None
+        system, last, here = self.forward.system, self._last.here, None
         try:
             if last is not None:
                 predicted = last.states + last.by_tensions @ (T - last.x[: T.size])
@@ -141,11 +148,11 @@ class Condensed:
             here.by_parameters  # noqa: B018  (there, or the equations are singular)
         except OctoplanError:
             return None
-        self._here = here
+        self._last.here = here
         return here
 
     def _at(self, a: Array, p: Array) -> _Point | None:
-        known = self._point
+        known = self._last.point
         if known and np.array_equal(known.a, a) and np.array_equal(known.p, p):
             return known
         unit = self._unit(p)
@@ -160,8 +167,8 @@ class Condensed:
             return None
         f, gradient, g, J = self.program.outer_first(x, p)
         values = (np.array(gradient).ravel(), np.array(g).ravel(), _sparse(J).tocsr())
-        self._point = _Point(a.copy(), p.copy(), x, float(f), *values, solve, Z)
-        return self._point
+        self._last.point = _Point(a.copy(), p.copy(), x, float(f), *values, solve, Z)
+        return self._last.point
 
     def _eliminated(
         self, here: Linearised, x: Array, p: Array, unit: Array

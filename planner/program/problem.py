@@ -16,7 +16,7 @@ from planner.program.collocated import Collocated
 from planner.program.condensed import Condensed
 from planner.program.explicit import Explicit
 from planner.program.limits import Limits, natural_tensions
-from planner.program.program import STABILITY, Rows
+from planner.program.program import STABILITY, Rows, Same
 from planner.program.statement import Statement
 from planner.program.terms import looks_of, stations_of
 from planner.targets.base import Look, Target
@@ -179,24 +179,11 @@ def build(
 ) -> Problem:
     """Return the problem, built once for all targets of one structure."""
     structure = tuple(target.structure(arm) for target in targets)
-    return _built(arm, scene, structure, _Same(targets), statement or Statement())
-
-
-class _Same:
-    """A value that a cache takes for equal to all others: its structure is compared instead."""
-
-    def __init__(self, value: tuple[Target, ...]) -> None:
-        self.value = value
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Same)
-
-    def __hash__(self) -> int:
-        return 0
+    return _built(arm, scene, structure, Same(targets), statement or Statement())
 
 
 @lru_cache(maxsize=128)
 def _built(
-    arm: Arm, scene: Scene, structure: tuple[object, ...], targets: _Same, statement: Statement
+    arm: Arm, scene: Scene, structure: tuple[object, ...], targets: Same, statement: Statement
 ) -> Problem:
     return Problem(arm, scene, targets.value, statement)

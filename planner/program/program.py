@@ -21,9 +21,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import pairwise
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -257,8 +257,17 @@ def split(p: S, sizes: tuple[int, ...]) -> list[S]:
     return [p[a:b] for a, b in pairwise(ends)]
 
 
-_CACHE: dict[Hashable, Program] = {}
-_MOST = 64
+class Same:
+    """A value that a cache takes for equal to all others: its structure is compared instead."""
+
+    def __init__(self, value: Any) -> None:
+        self.value = value
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Same)
+
+    def __hash__(self) -> int:
+        return 0
 
 
 def program(
@@ -269,12 +278,11 @@ def program(
     # What targets take of an arm besides its shape.
     skeleton = (arm.length, arm.base_frame, arm.base_position, arm.tendons, arm.anchorages)
     stated = statement.but(refinement=0, form="multiple-shooting", margin=0.0)
-    key = (skeleton, structure, stated, of, seen)
-    if key not in _CACHE:
-        while len(_CACHE) >= _MOST:
-            _CACHE.pop(next(iter(_CACHE)))
-        looks = looks_of(targets)
-        _CACHE[key] = Program(
-            arm, targets, statement, lambda first: Blocks(of, looks, first, statement.modes), seen
-        )
-    return _CACHE[key]
+    return _built((skeleton, structure, stated), of, seen, Same((arm, targets, statement)))
+
+
+@lru_cache(maxsize=64)
+def _built(key: Hashable, of: Layout, seen: Stations, given: Same) -> Program:
+    arm, targets, statement = given.value
+    looks, modes = looks_of(targets), statement.modes
+    return Program(arm, targets, statement, lambda first: Blocks(of, looks, first, modes), seen)

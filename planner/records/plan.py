@@ -10,6 +10,7 @@ import numpy as np
 from msgspec import Meta
 
 from model.errors import OctoplanError
+from model.patience import OutOfTime
 from planner.files import versions
 from planner.program.statement import Statement
 from planner.records.values import Number, number, plain
@@ -38,7 +39,7 @@ class StartRecord(msgspec.Struct, kw_only=True):
 
     objective: Number
     met: bool
-    iterations: int
+    iterations: Annotated[int, Meta(ge=0)]
 
 
 class AnswerRecord(msgspec.Struct, kw_only=True):
@@ -49,6 +50,10 @@ class AnswerRecord(msgspec.Struct, kw_only=True):
     lam_x: list[Number]
     lam_g: list[Number]
     starts: list[StartRecord]
+    stopped: Annotated[bool, Meta(description="whether the time limit ended the search")] = False
+    jump: Annotated[
+        float, Meta(ge=0, description="of the tensions where a branch that was followed was left")
+    ] = 0.0
 
 
 class CertificateRecord(msgspec.Struct, kw_only=True):
@@ -119,6 +124,8 @@ def plan_record(plan: Any) -> PlanRecord:
             lam_x=_numbers(plan.lam_x),
             lam_g=_numbers(plan.lam_g),
             starts=[_start(start) for start in plan.starts],
+            stopped=plan.stopped,
+            jump=plan.jump,
         ),
     )
 
@@ -127,7 +134,7 @@ def _tip(plan: Any) -> tuple[list[float] | None, list[list[float]] | None]:
     """Return where the tip is, and its frame; None where the tensions do not settle."""
     try:
         return plan.shape.tip.tolist(), plan.shape.tip_frame.tolist()
-    except OctoplanError:
+    except (OctoplanError, OutOfTime):
         return None, None
 
 

@@ -51,7 +51,7 @@ def value(table: Any, file: str, where: str) -> Any:
     if not isinstance(table, dict):
         return table
     name = table.get("kind")
-    if name not in KINDS:
+    if not isinstance(name, str) or name not in KINDS:
         allowed = f"one of {', '.join(KINDS)}{hint(name, list(KINDS))}"
         raise FileError(file, f"{where}.kind", f"got {shown(name)}, allowed is {allowed}")
     names = [f.name for f in fields(KINDS[name])]

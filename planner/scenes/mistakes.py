@@ -6,7 +6,7 @@ import difflib
 import re
 from typing import Any
 
-from model.errors import FileError
+from model.errors import FileError, as_given, shortened
 from planner.scenes.places import choices_of, keys_of, kinds_at, places, steps, tags_of, value_at
 
 _WORDS = {
@@ -39,7 +39,7 @@ def mistake(reason: str, name: str, table: Any, root: Any) -> FileError:
     kinds, given = kinds_at(root, table, steps(path)), value_at(table, steps(path))
     unknown = re.match(r"Object contains unknown field `(.*)`", what)
     if unknown:
-        return _unknown(name, path, unknown[1], kinds, root)
+        return _unknown(name, path, shortened(unknown[1]), kinds, root)
     missing = re.match(r"Object missing required field `(.*)`", what)
     if missing:
         return FileError(name, _join(path, missing[1]), _lacking(missing[1], path, kinds))
@@ -68,7 +68,7 @@ def hint(given: Any, known: list[Any]) -> str:
 
 def shown(value: Any) -> str:
     """Return a value as a file would write it, shortened."""
-    text = {True: "true", False: "false"}[value] if isinstance(value, bool) else repr(value)
+    text = {True: "true", False: "false"}[value] if isinstance(value, bool) else as_given(value)
     return text if len(text) <= _LONG else f"{text[: _LONG - 4]} ..."
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from model.errors import FileError
+from model.errors import FileError, shortened
 
 _REMEDIES = (
     (r"=\s*-?\d+,\d", "decimal numbers have a point: 0.5"),
@@ -42,5 +42,5 @@ def no_toml(reason: str, text: bytes, name: str) -> FileError:
     )
     remedy = next((f"; {told}" for wrong, told in _REMEDIES if re.search(wrong, line)), "")
     return FileError(
-        name, f"line {number}", f"no TOML: {words[0].lower()}{words[1:]}: {line}{remedy}"
+        name, f"line {number}", f"no TOML: {words[0].lower()}{words[1:]}: {shortened(line)}{remedy}"
     )

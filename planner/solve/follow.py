@@ -3,7 +3,8 @@
 The numbers of a target are parameters of the program, so that an optimum moves with them and takes
 its multipliers along; so it does with the minima of the tensions. Steps that the active limits do
 not survive go through ipopt, warm; steps that are too long are halved. What is followed is one
-optimum, not the best of all.
+optimum, not the best of all. Where its branch ends, as it may where a target passes the arm's axis,
+the optimum that is found beyond is another one, and the jump of the tensions is told.
 """
 
 from __future__ import annotations
@@ -27,6 +28,12 @@ from planner.solve.polish import polish
 from planner.solve.task import allowed
 from planner.solve.walk import walk
 from planner.targets.base import Target
+
+# By so much, over their norm, tensions may change from one target to the next; where more is asked
+# of one step, smaller ones tell whether they jump.
+_LITTLE = 0.25
+# What the stability of what is followed may lack.
+_SLACK = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +59,7 @@ def follow(
     """Return the optimum for targets of the same structure, None where it cannot be followed.
 
     Minima of the tensions may be others; maxima are the same. It is also None where the known plan
-    did not reach its targets.
+    did not reach its targets, and where the optimum is less stable than it has to be.
     """
     if known.statement.mode != "exact" or _structure(arm, known.targets) != _structure(
         arm, targets
@@ -62,9 +69,11 @@ def follow(
     problem = build(arm, targets, scene, known.statement)
     problem.condensed.forget()
     start = _solution(problem, known, limits)
-    found = None if start is None else _moved(problem, start, known, targets, limits)
-    if found is None:
+    moved = None if start is None else _moved(problem, start, known, targets, limits)
+    if moved is None:
         return None
+    found: Solution | None
+    found, apart = moved
     statement = _fine_enough(arm, scene, known.statement, problem, found, limits, accuracy)
     if statement != known.statement:
         problem = build(arm, targets, scene, statement)
@@ -72,13 +81,24 @@ def follow(
         found = _near(problem, found, p, bounds, limits)
         if found is None:
             return None
+    T = problem.tensions(found.x, limits)
+    if problem.stability(found.x, T) < statement.margin - _SLACK:
+        return None
     return Found(
         statement,
-        arm.by_section(problem.tensions(found.x, limits)),
+        arm.by_section(T),
         tuple(found.lam_x.tolist()),
         tuple(found.lam_g.tolist()),
         (Start(found.f, True, found.iterations),),
+        jump=apart,
     )
+
+
+def jump(before: Array, after: Array) -> float:
+    """Return how far tensions are apart, over their larger norm; 0 where that is little."""
+    size = max(float(np.linalg.norm(before)), float(np.linalg.norm(after)))
+    apart = float(np.linalg.norm(np.ravel(after) - np.ravel(before)))
+    return apart / size if apart > _LITTLE * size else 0.0
 
 
 def _structure(arm: Arm, targets: tuple[Target, ...]) -> tuple[object, ...]:
@@ -98,20 +118,39 @@ def _solution(problem: Problem, known: Known, limits: Limits) -> Solution | None
 
 def _moved(
     problem: Problem, start: Solution, known: Known, targets: tuple[Target, ...], limits: Limits
-) -> Solution | None:
-    """Return the optimum for targets and limits, by steps in target numbers and minima."""
+) -> tuple[Solution, float] | None:
+    """Return the optimum for targets and limits, by steps in target numbers and minima.
+
+    And by how much the tensions jump, 0 where they change little by little. Where the first way to
+    it may have jumped, one by Newton's steps that change little is tried.
+    """
     first, last = (problem.parameters(which, limits) for which in (known.targets, targets))
     lbx, ubx, lbg, ubg = problem.free_bounds(limits)
     rise, unit = np.zeros(start.x.size), units(problem.arm, limits)
     rise[: unit.size] = (np.array(limits.lower) - known.lower) / unit
 
-    def at(near: Solution, share: float) -> Solution | None:
+    def asked(share: float) -> tuple[Array, Bounds]:
         left = (1 - share) * rise
         upper = np.where(lbx == ubx, ubx - left, ubx)
-        p = first + share * (last - first)
-        return _near(problem, near, p, (lbx - left, upper, lbg, ubg), limits)
+        return first + share * (last - first), (lbx - left, upper, lbg, ubg)
 
-    return walk(start, at)
+    found = walk(start, lambda near, share: _near(problem, near, *asked(share), limits))
+    if found is None:
+        return None
+    apart = jump(start.x[: unit.size] * unit, found.x[: unit.size] * unit)
+    if not apart:
+        return found, 0.0
+    most = _LITTLE * max(np.linalg.norm(s.x[: unit.size] * unit) for s in (start, found))
+
+    def little(near: Solution, share: float) -> Solution | None:
+        there = polish(problem, near, *asked(share))
+        apart = np.linalg.norm((there.x - near.x)[: unit.size] * unit)
+        return None if there is near or apart > most else there
+
+    kept = walk(start, little)
+    if kept is None:
+        return found, apart
+    return replace(kept, f=problem.condensed.first(kept.x, last).f), 0.0
 
 
 def _near(

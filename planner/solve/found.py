@@ -22,7 +22,8 @@ class Start:
 class Found:
     """What a search ends with: how the question was stated, tensions, multipliers, starts.
 
-    `stopped` says that the time limit ended it.
+    `stopped` says that the time limit ended it, `jump` by how much the tensions differ from those
+    of the optimum that was to be followed, over their norm, where its branch was left.
     """
 
     statement: Statement
@@ -31,6 +32,7 @@ class Found:
     lam_g: tuple[float, ...]
     starts: tuple[Start, ...]
     stopped: bool = False
+    jump: float = 0.0
 
 
 def agreed(starts: Sequence[Start]) -> int:

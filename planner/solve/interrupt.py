@@ -15,7 +15,10 @@ from model.patience import is_out_of_time
 
 
 class Watch(ca.Callback):
-    """Stops ipopt at the next iteration once Ctrl-C was pressed or the time limit is reached."""
+    """Stops ipopt at the next iteration once Ctrl-C was pressed or the time limit is reached.
+
+    Ctrl-C is for the main thread alone, as it is in Python; others go on.
+    """
 
     def __init__(self) -> None:
         ca.Callback.__init__(self)
@@ -40,14 +43,15 @@ class Watch(ca.Callback):
 
     def eval_buffer(self, arg: Any, res: Any) -> int:
         """Say whether to stop."""
-        np.frombuffer(res[0])[0] = float(self.interrupted or is_out_of_time())
+        interrupted = self.interrupted and _is_main()
+        np.frombuffer(res[0])[0] = float(interrupted or is_out_of_time())
         return 0
 
     @contextmanager
     def held(self) -> Iterator[None]:
         """Hold Ctrl-C back until the solver has stopped, and hand it on then."""
         before = signal.getsignal(signal.SIGINT)
-        if threading.current_thread() is not threading.main_thread() or not callable(before):
+        if not _is_main() or not callable(before):
             yield
             return
         signal.signal(signal.SIGINT, self._interrupt)
@@ -61,3 +65,7 @@ class Watch(ca.Callback):
 
     def _interrupt(self, *_: Any) -> None:
         self.interrupted = True
+
+
+def _is_main() -> bool:
+    return threading.current_thread() is threading.main_thread()

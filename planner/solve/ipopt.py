@@ -14,6 +14,7 @@ from weakref import WeakKeyDictionary
 import casadi as ca
 import numpy as np
 
+from model.machine.buffered import Buffered
 from model.paths import Array
 from model.quiet import logged
 from planner.program.explicit import Explicit
@@ -82,15 +83,24 @@ class Solution:
         """Whether every number is finite."""
         return bool(np.all(np.isfinite(self.x)) and np.all(np.isfinite(self.g)))
 
+    @property
+    def multiplied(self) -> bool:
+        """Whether every multiplier is finite."""
+        return bool(np.all(np.isfinite(self.lam_x)) and np.all(np.isfinite(self.lam_g)))
+
 
 _WATCH = Watch()
-_solvers: WeakKeyDictionary[Program | Explicit, dict[tuple[bool, bool, str], ca.Function]] = (
+_solvers: WeakKeyDictionary[Program | Explicit, dict[tuple[bool, bool, str], Buffered]] = (
     WeakKeyDictionary()
 )
 
 
-def solver(problem: Problem, warm: bool, talks: bool = False) -> ca.Function:
-    """Return ipopt for a problem's program, for a cold start or a warm one, built once."""
+def solver(problem: Problem, warm: bool, talks: bool = False) -> Buffered:
+    """Return ipopt for a problem's program, for a cold start or a warm one, built once.
+
+    It takes x0, p, lbx, ubx, lbg, ubg, lam_x0, lam_g0 and returns x, f, g, lam_x, lam_g, lam_p.
+    Each thread solves in memory of its own: CasADi's plain call of a solver has one for all.
+    """
     program, exact = problem.program, problem.statement.mode == "exact"
     built = _solvers.setdefault(program, {})
     key = (warm, talks, problem.statement.mode)
@@ -111,7 +121,7 @@ def solver(problem: Problem, warm: bool, talks: bool = False) -> ca.Function:
             "ipopt": _QUIET | (_WARM if warm else _COLD) | own,
         }
         nlp: dict[str, Any] = {"x": program.x, "p": program.p, "f": program.f, "g": program.g}
-        built[key] = ca.nlpsol("ipopt", "ipopt", nlp, options)
+        built[key] = Buffered(ca.nlpsol("ipopt", "ipopt", nlp, options))
     return built[key]
 
 
@@ -145,21 +155,18 @@ def solve(
     """Solve from x; with multipliers (lam_x, lam_g) it is a warm start."""
     talks = LOG.isEnabledFor(logging.DEBUG)
     run = solver(problem, multipliers is not None, talks)
-    lbx, ubx, lbg, ubg = bounds
-    inputs = {"x0": x, "p": p, "lbx": lbx, "ubx": ubx, "lbg": lbg, "ubg": ubg}
-    if multipliers is not None:
-        inputs |= {"lam_x0": multipliers[0], "lam_g0": multipliers[1]}
+    multipliers = multipliers or (np.zeros(bounds[0].size), np.zeros(bounds[2].size))
     # To stderr goes that there are more equations than unknowns, as where a plane holds an arm.
     with _WATCH.held(), logged(LOG, stdout=talks):
-        found = run(**inputs)
+        x, f, g, lam_x, lam_g, _ = (value.ravel() for value in run(x, p, *bounds, *multipliers))
     stats = run.stats()
     status = stats["return_status"]
     return Solution(
-        np.array(found["x"]).ravel(),
-        np.array(found["lam_x"]).ravel(),
-        np.array(found["lam_g"]).ravel(),
-        float(found["f"]),
-        np.array(found["g"]).ravel(),
+        x,
+        lam_x,
+        lam_g,
+        float(f[0]),
+        g,
         status in ("Solve_Succeeded", "Solved_To_Acceptable_Level"),
         STOPPED.get(status, status.replace("_", " ").lower()),
         int(stats["iter_count"]),

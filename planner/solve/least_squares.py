@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from model.paths import Array
+from model.patience import check_time
 
 _STEPS, _DONE = 16, 1e-6
 _DIFFERENCE = 1e-4
@@ -21,6 +22,7 @@ def least_squares(gaps: Callable[[Array], Array], U: Array) -> tuple[Array, Arra
     """
     U, r, damping = U.copy(), gaps(U), np.full(len(U), 1e-2)
     for _ in range(_STEPS):
+        check_time()
         on = np.linalg.norm(r, axis=1) > _DONE
         if not on.any():
             break

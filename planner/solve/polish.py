@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.paths import Array
+from model.patience import check_time
 from planner.program.problem import TRACES, Bounds, Problem
 from planner.solve.ipopt import Solution
 
@@ -109,6 +110,7 @@ def polish(problem: Problem, start: Solution, p: Array, bounds: Bounds) -> Solut
     lam_g = np.where(held.rows, start.lam_g, 0.0)
     hessian, previous, astray = np.zeros(0), np.inf, 0
     for _ in range(_STEPS):
+        check_time()
         _, gradient, g, jacobian = problem.condensed.first(x, p)
         lam_x = np.where(held.fixed, -(gradient + jacobian.T @ lam_g), 0.0)
         found = _residuals(gradient, g, jacobian, x, lam_x, lam_g, bounds).worst

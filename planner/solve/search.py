@@ -13,6 +13,7 @@ from planner.solve.finish import Fine, best_of, finish_best
 from planner.solve.found import Found, Start
 from planner.solve.guesses import first_guesses, further_guesses
 from planner.solve.ipopt import Solution
+from planner.solve.starts import candidates
 from planner.solve.task import Task
 from planner.solve.trials import LITTLE, Trials, record
 
@@ -42,17 +43,25 @@ class Search:
     def _so_far(self) -> Found:
         """Return the best that was seen before the time was over, on the coarse mesh.
 
-        Of optima the one of least effort, else where the last solve was, else the least tensions.
+        Of optima the one of least effort, else where the last solve was, else the initial guess
+        that is nearest to what is wanted.
         """
         seen = self.trials.seen
         records = [record(solution) for _, solution in seen]
         if not seen:
-            T = np.array(self.task.allowed.lower)
-            return self._found(self.task.coarse("exact"), T, None, records, True)
+            return self._found(self.task.coarse("exact"), self._nearest(), None, records, True)
         toppled = {id(solution) for _, solution in self.trials.toppled}
         met = [s for s in seen if s[0].mode == "exact" and s[1].met and id(s[1]) not in toppled]
         statement, best = min(met, key=lambda item: item[1].f) if met else seen[-1]
-        return self._found(statement, self.task.tensions(best), best, records, True)
+        T, free = self.task.tensions(best), best.free(self.task.problem(statement))
+        return self._found(statement, T, free if free.multiplied else None, records, True)
+
+    def _nearest(self) -> Array:
+        """Return the initial guess (n_tendons,) that is nearest to what is wanted [N]."""
+        simple = self.task.simple
+        problem = simple.problem(simple.coarse("exact"))
+        found = candidates(problem, simple.targets, simple.allowed)
+        return min(found, key=lambda guess: guess[0])[1]
 
     def _run(self, most: int) -> Found:
         """Try the readings of the targets in turn; planner.program.problem has the three modes."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -28,6 +29,8 @@ compute = "settle"
 [[sweep.axes]]
 key = "arm.E_kPa"
 values = [100.0, 120.0]"""
+# What both NetCDF and the files of a Zarr folder can be named.
+_NAME, _LONGEST = re.compile(r"\w([^/\\\x00-\x1f\x7f]*\S)?"), 200
 R = TypeVar("R")
 
 
@@ -108,9 +111,12 @@ def _axes(name: str, scene: dict[str, Any], table: SweepTable) -> tuple[Axis, ..
 
 def _axis(scene: dict[str, Any], own: AxisTable, table: SweepTable) -> Axis:
     key = checked_key(scene, own.key)
-    name = own.name or key
-    if name in RESERVED or "/" in name:
-        allowed = f"a name without /, and none of {', '.join(sorted(RESERVED))}"
+    name = key if own.name is None else own.name
+    if name in RESERVED or not _NAME.fullmatch(name) or len(name.encode()) > _LONGEST:
+        allowed = (
+            "a name without / and \\ that begins with a letter, a digit or _, of up to "
+            f"{_LONGEST} bytes, and none of {', '.join(sorted(RESERVED))}"
+        )
         raise InputError("name", name, allowed)
     values = values_of(own, table.draws, table.seed)
     return Axis(key, name, values, unit_of(scene, key))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ import numpy as np
 
 from model import Arm, InputError, OctoplanError, settle, settle_many
 from model.paths import Array
+from model.patience import OutOfTime, check_time
 from model.progress import listening
 from model.stiffness import stiffness
 from planner.plan import plan
@@ -21,8 +21,6 @@ from planner.sweeps.tables import Compute
 from planner.sweeps.variables import Rows, blank
 
 Point = tuple[Any, ...]
-# CasADi's functions are not made for several threads at once; workers of a cluster may have them.
-_ALONE = threading.Lock()
 SETTLED = "Settled."
 
 
@@ -53,7 +51,7 @@ class Job:
 
 def run(job: Job, points: Sequence[Point]) -> Rows:
     """Return what is found at points; one that fails is a row that says so."""
-    with _ALONE, listening(None):
+    with listening(None):
         rows = blank(job.compute, job.tendons, len(points))
         if job.together:
             _settle_together(job, points, rows)
@@ -74,6 +72,8 @@ def _alone(job: Job, point: Point) -> Rows:
         return _FIND[job.compute](asked, {name: own[0, ...] for name, own in row.values.items()})
 
     row.outcomes[0] = _told(find)
+    # What the time limit has cut short is found another time.
+    check_time()
     return row
 
 
@@ -81,6 +81,8 @@ def _told(find: Callable[[], str]) -> str:
     """Return what happened. Whatever goes wrong at a point is told there and ends nothing."""
     try:
         return find()
+    except OutOfTime:
+        raise
     except OctoplanError as reason:
         return f"Failed: {reason}"
     except Exception as reason:

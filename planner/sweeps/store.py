@@ -7,7 +7,6 @@ large as the sweep, and filled from the journal.
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,6 +17,7 @@ import numpy as np
 from model.errors import InputError
 from model.progress import tell
 from planner.extras import needed
+from planner.staging import staged
 from planner.sweeps.asked import Sweep
 from planner.sweeps.boxes import boxes
 from planner.sweeps.dataset import coordinate, dataset
@@ -52,8 +52,8 @@ def save(sweep: Sweep, journal: Journal, path: Path) -> Tally:
     Raises InputError where it cannot be written.
     """
     try:
-        with tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.name}.") as staged:
-            new, old = Path(staged) / path.name, Path(staged) / "old"
+        with staged(path.parent) as folder:
+            new, old = folder / f"new{path.suffix.lower()}", folder / "old"
             with _grown(sweep, dataset(sweep, journal.read(0).part(0, 1), first=True), new) as put:
                 tally = _fill(sweep, journal, put)
             if path.is_dir():

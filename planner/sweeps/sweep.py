@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from model.errors import InputError
+from model.patience import check_time
 from model.progress import tell
 from planner.extras import needed
 from planner.sweeps.asked import Sweep
@@ -104,6 +105,7 @@ def _found(asked: Sweep, left: list[int], jobs: int, scheduler: str | None) -> F
     for chunk, rows in _working(asked, left, jobs, scheduler):
         done += 1
         yield chunk, rows
+        check_time()
         tell("points", min(done * asked.chunk, asked.size), asked.size)
 
 

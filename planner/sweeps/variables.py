@@ -49,7 +49,14 @@ VARIABLES: dict[Compute, dict[str, Variable]] = {
         "stable": Variable((), "1", "whether the shape is stable under held tensions", True),
     },
 }
-RESERVED = {"outcome", "draw", "tendon", *SIZES, *(n for own in VARIABLES.values() for n in own)}
+RESERVED = {
+    "outcome",
+    "draw",
+    "tendon",
+    "zarr.json",
+    *SIZES,
+    *(n for own in VARIABLES.values() for n in own),
+}
 """Names in a Dataset that no axis can have."""
 
 

@@ -6,11 +6,13 @@ chunks in their hands; these are handed out again.
 
 from __future__ import annotations
 
+import math
 import os
 import threading
 import time
 from collections.abc import Iterable, Iterator
 
+from model import patience
 from model.errors import OctoplanError
 from planner.extras import needed
 from planner.sweeps.asked import Sweep
@@ -41,9 +43,10 @@ class WorkersLostError(OctoplanError):
         return type(self), (self.left,)
 
 
-def one(job: Job, chunk: int, points: list[Point]) -> tuple[int, Rows]:
-    """Return a chunk's number and what is found at its points."""
-    return chunk, run(job, points)
+def one(job: Job, chunk: int, points: list[Point], end: float = math.inf) -> tuple[int, Rows]:
+    """Return a chunk's number and what is found at its points; OutOfTime after an end."""
+    with patience.until(end):
+        return chunk, run(job, points)
 
 
 def _end_with(parent: int) -> None:
@@ -69,7 +72,8 @@ def on_machine(sweep: Sweep, chunks: Iterable[int], jobs: int) -> Found:
     left, losses = dict.fromkeys(chunks), 0
     begun = {"initializer": _end_with, "initargs": (os.getpid(),)}
     while left:
-        work = (joblib.delayed(one)(sweep.job, c, sweep.points(c)) for c in list(left))
+        end = patience.end()
+        work = (joblib.delayed(one)(sweep.job, c, sweep.points(c), end) for c in list(left))
         pool = joblib.Parallel(jobs, return_as="generator_unordered", batch_size=1, **begun)
         try:
             for chunk, rows in pool(work):

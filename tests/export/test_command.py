@@ -72,5 +72,15 @@ def test_bad_input_returns_2_and_writes_nothing(
 
 
 def test_names_for_c_are_made_from_file_names() -> None:
-    names = ("fetch-3d.toml", "3d.toml", "dir/b\u00e4r.v2.toml", "_x.toml")
-    assert [c_name(Path(name)) for name in names] == ["fetch_3d", "arm_3d", "b_r_v2", "arm__x"]
+    names = {
+        "fetch-3d.toml": "fetch_3d",
+        "3d.toml": "arm_3d",
+        "dir/b\u00e4r.v2.toml": "b_r_v2",
+        "_x.toml": "x",
+        "sc (1).toml": "sc_1",
+        "a__b.toml": "a_b",
+        "().toml": "arm",
+        "main.toml": "arm_main",
+        "Hess.toml": "arm_Hess",
+    }
+    assert {name: c_name(Path(name)) for name in names} == names

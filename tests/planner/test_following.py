@@ -82,6 +82,32 @@ def test_co_contraction_follows_the_plan_and_keeps_to_its_way(target: Target, sc
     assert efforts == sorted(efforts)
 
 
+def test_a_target_beyond_the_axis_makes_the_plan_leave_its_branch_and_it_says_so() -> None:
+    """Used to jump without a word: an arm held out nearly straight falls to the other side."""
+    above = plan(ARM, TipPosition((0.44, 0.01, 0.0)), PAPER, 20.0)
+    below = plan(ARM, TipPosition((0.44, -0.01, 0.0)), PAPER, 20.0, near=above)
+    assert below.reached
+    assert 0.25 < below.jump < 2
+    assert f"left the branch of the plan before: tensions jump by {100 * below.jump:.0f} %" in (
+        below.outcome
+    )
+
+
+def test_a_long_step_on_one_branch_is_no_jump() -> None:
+    near = plan(ARM, path(12)[0], PAPER, 20.0)
+    far = plan(ARM, path(12)[-1], PAPER, 20.0, near=near)
+    assert far.jump == 0
+    assert "branch" not in far.outcome
+
+
+def test_a_plan_that_is_stopped_while_it_follows_is_the_one_before() -> None:
+    near = followed(12)[0]
+    stopped = plan(ARM, path(12)[-1], PAPER, 20.0, near=near, time_limit=1e-9)
+    assert stopped.stopped
+    assert np.array_equal(stopped.tensions, near.tensions)
+    assert "time limit" in stopped.outcome
+
+
 def test_a_plan_with_other_maxima_is_searched_for_afresh() -> None:
     near = followed(12)[0]
     assert len(plan(ARM, path(12)[0], PAPER, 15.0, near=near).starts) > 1

@@ -6,14 +6,21 @@ import signal
 import subprocess
 import sys
 import textwrap
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from model import Arm, InputError, Scene
+from model import Arm, InputError, Scene, settle
 from model.effects import Buoyancy, Extension, TipLoad, Weight
-from planner import plan
+from model.equilibrium.forward import Collocation
+from model.equilibrium.newton import newton
+from model.patience import OutOfTime, time_limit
+from planner import cli, plan
+from planner.solve.least_squares import least_squares
+from planner.sweeps import points
 from planner.targets import TipPosition
+from tests.oracles import Array
 
 ARM = Arm.from_paper("table-4")
 TARGET = TipPosition((0.2, 0.1, 0.1))
@@ -61,6 +68,7 @@ INTERRUPTED = """
 import os, signal, sys, threading, time
 from model import Arm, Scene
 from planner import plan
+from planner.sweeps import points
 from planner.targets import TipPosition
 
 arm, target, scene = Arm.from_paper("table-4"), TipPosition((0.2, 0.1, 0.1)), Scene.silicone()
@@ -102,3 +110,113 @@ def test_plans_are_the_same_to_the_last_digit_in_two_processes() -> None:
     ]
     assert run[0].stdout == run[1].stdout
     assert len(run[0].stdout.splitlines()) == 2
+
+
+def far_off(points: Array) -> Array:
+    return np.asarray(1 + points**2)
+
+
+def test_least_squares_of_initial_guesses_look_at_the_clock() -> None:
+    """Used to go on for 4 s after a limit of half a second."""
+    with time_limit(1e-9), pytest.raises(OutOfTime):
+        least_squares(far_off, np.ones((3, 2)))
+
+
+@pytest.mark.parametrize("name", ["water", "an absurd payload"])
+def test_newtons_method_for_loaded_arms_looks_at_the_clock(name: str) -> None:
+    """Used to be looked at once for each mesh."""
+    forward = Collocation(ARM, SCENES[name], 3, 1)
+    T = np.zeros(12)
+    with time_limit(1e-9), pytest.raises(OutOfTime):
+        newton(forward.system, T, 1.0, forward.without_loads(T))
+
+
+@pytest.mark.parametrize("name", ["paper", "silicone", "water"])
+def test_stopped_before_anything_was_solved_there_is_the_nearest_guess(name: str) -> None:
+    """Used to be no tension at all."""
+    stopped = plan(ARM, TARGET, SCENES[name], 20.0, time_limit=1e-9)
+    rest = settle(ARM, np.zeros(12), SCENES[name]).tip
+    gap = [np.linalg.norm(tip - np.array(TARGET.position)) for tip in (stopped.shape.tip, rest)]
+    assert stopped.starts == ()
+    assert gap[0] < 0.5 * gap[1]
+
+
+def test_a_certificate_that_time_did_not_suffice_for_says_so() -> None:
+    found = plan(ARM, TARGET, SCENES["paper"], 20.0)
+    with time_limit(1e-9):
+        assert "the time limit was reached before it was verified" in found.outcome
+
+
+SCENE = """
+tensions = [[0.5, 0, 0, 0], [0, 0, 1, 0], [2, 0, 0, 0]]
+[arm]
+preset = "table-4"
+[effects]
+extension = true
+[target]
+type = "tip-position"
+position_mm = [200, 100, 100]
+[limits]
+tension_max = 20.0
+"""
+
+
+@pytest.mark.parametrize(
+    ("command", "told"),
+    [
+        (["plan"], "Stopped at the time limit, the best so far."),
+        (["settle"], "nothing was found within the time limit of 1e-06 s"),
+        (["stiffness"], "nothing was found within the time limit"),
+        (["effects"], "nothing was found within the time limit"),
+        (["export", "--to", "c"], "nothing was found within the time limit"),
+    ],
+    ids=lambda value: value[0] if isinstance(value, list) else "",
+)
+def test_commands_end_at_their_time_limit(
+    command: list[str],
+    told: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(cli, "_GRACE", 0.0)
+    Path("scene.toml").write_text(SCENE)
+    assert cli.main([command[0], "scene.toml", *command[1:], "--time-limit", "1e-6"]) == 1
+    shown = capsys.readouterr()
+    assert told in shown.out + shown.err
+    assert not Path("c").exists()
+
+
+@pytest.mark.parametrize("limit", ["0", "-1", "nan", "soon"])
+def test_time_limits_on_the_command_line_that_are_none_are_refused(
+    limit: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["plan", "scene.toml", "--time-limit", limit]) == 2
+    assert "allowed is a number above 0" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("compute", ["settle", "plan"])
+def test_a_sweep_that_is_stopped_keeps_what_is_finished(
+    compute: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    (tmp_path / "scene.toml").write_text(SCENE)
+    axes = '[[sweep.axes]]\nkey = "arm.E_kPa"\nvalues = [90.0, 110.0]'
+    file = tmp_path / "sweep.toml"
+    file.write_text(f'scene = "scene.toml"\n[sweep]\ncompute = "{compute}"\n{axes}')
+    in_time = iter([True])
+
+    def looked_at() -> None:
+        if not next(in_time, False):
+            raise OutOfTime
+
+    with monkeypatch.context() as changed:
+        changed.setattr(points, "check_time", looked_at)
+        assert cli.main(["sweep", str(file), "--time-limit", "100"]) == 1
+    assert "start the sweep again, and it goes on" in capsys.readouterr().err
+    assert (tmp_path / "sweep.nc.journal").read_text().count("Failed") == 0
+    assert cli.main(["sweep", str(file)]) == 0
+    assert "2 of 2 points" in capsys.readouterr().out

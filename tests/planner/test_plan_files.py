@@ -113,6 +113,26 @@ def test_a_plan_that_does_not_settle_is_saved_as_well(reached: Plan, tmp_path: P
     assert load_plan(path) == crushing
 
 
+@pytest.mark.parametrize("limit", [1e-9, 0.3])
+def test_a_plan_that_time_ended_is_loaded_equal(limit: float, tmp_path: Path) -> None:
+    """Used to lose that it was stopped."""
+    scene, target = Scene.silicone(), TipPosition((0.2, 0.1, 0.1))
+    stopped = plan(Arm.from_paper("table-4"), target, scene, 20.0, time_limit=limit)
+    assert load_plan(stopped.save(tmp_path / "stopped.json")) == stopped
+    assert load_plan(tmp_path / "stopped.json").outcome == stopped.outcome
+
+
+def test_a_plan_that_left_a_branch_is_loaded_equal(reached: Plan, tmp_path: Path) -> None:
+    left = replace(reached, jump=1.13)
+    loaded = load_plan(left.save(tmp_path / "left.json"))
+    assert loaded == left
+    assert "tensions jump by 113 %" in loaded.outcome
+
+
+def test_multipliers_of_another_problem_leave_the_outcome_a_sentence(reached: Plan) -> None:
+    assert "optimality residual" in replace(reached, lam_g=reached.lam_g[:-1]).outcome
+
+
 def test_certificates_in_files_are_not_believed(reached: Plan, tmp_path: Path) -> None:
     path = reached.save(tmp_path / "plan.json")
     table = json.loads(path.read_text())
@@ -166,6 +186,35 @@ BROKEN: dict[str, tuple[Any, str]] = {
     ),
     "no mesh": (lambda t: _with(t, 0, "answer", "statement", "refinement"), "refinement: got 0"),
     "no accuracy": (lambda t: _with(t, 0.0, "question", "accuracy"), "question.accuracy"),
+    "a list for a kind": (
+        lambda t: _with(t, [], "question", "arm", "kind"),
+        "question.arm.kind: got [], allowed is one of",
+    ),
+    "a table for a kind": (
+        lambda t: _with(t, {}, "question", "targets", 0, "kind"),
+        "question.targets[0].kind: got {}, allowed is one of",
+    ),
+    "a multiplier less": (
+        lambda t: _without(t, "answer", "lam_g", 0),
+        "answer.lam_x and answer.lam_g: got 12 and",
+    ),
+    "a multiplier more": (
+        lambda t: _with(t, [0.0] * 13, "answer", "lam_x"),
+        "13 and",
+    ),
+    "a multiplier that is none": (
+        lambda t: _with(t, "nan", "answer", "lam_x", 2),
+        "answer.lam_x: allowed are finite numbers",
+    ),
+    "a total that is not there": (
+        lambda t: _with(t, True, "answer", "statement", "limited"),
+        "answer.statement.limited: got true",
+    ),
+    "steps below 0": (
+        lambda t: _with(t, -1, "answer", "starts", 0, "iterations"),
+        "answer.starts[0].iterations",
+    ),
+    "a jump below 0": (lambda t: _with(t, -1.0, "answer", "jump"), "answer.jump"),
     "no targets": (lambda t: _with(t, [], "question", "targets"), "question.targets"),
 }
 

@@ -1,0 +1,42 @@
+"""How a command is ended from outside: Ctrl-C and SIGTERM."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from planner.commands.command import INTERRUPTED, TERMINATED
+from planner.staging import abandon
+
+_CODES = {signal.SIGINT: INTERRUPTED, signal.SIGTERM: TERMINATED}
+SAID = {INTERRUPTED: "interrupted", TERMINATED: "terminated"}
+
+
+@contextmanager
+def ended_from_outside() -> Iterator[None]:
+    """Let Ctrl-C and SIGTERM end the program from inside the block, at once.
+
+    A KeyboardInterrupt would not: CasADi makes a warning of it in the middle of ipopt, which goes
+    on. What is being written is staged beside where it goes; that is removed.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.signal(number, _end) for number in _CODES}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _end(number: int, _: Any) -> None:
+    code = _CODES[signal.Signals(number)]
+    abandon()
+    os.write(sys.__stderr__.fileno() if sys.__stderr__ else 2, f"octoplan: {SAID[code]}\n".encode())
+    os._exit(code)
