@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 from model import InputError, OctoplanError
+from model.errors import CompilerError
 from model.progress import listening
 from planner.commands.command import BAD_INPUT, BROKEN_PIPE, INTERRUPTED, NOT_REACHED
 from planner.commands.deliver import deliver
@@ -24,7 +25,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code."""
     try:
         return _run(sys.argv[1:] if argv is None else argv)
-    except (InputError, UsageError, MissingExtraError) as reason:
+    except (CompilerError, InputError, UsageError, MissingExtraError) as reason:
         return _told(reason, BAD_INPUT)
     except OctoplanError as reason:
         return _told(reason, NOT_REACHED)

@@ -14,6 +14,7 @@ from model.checks import kind, not_negative, positive
 from model.errors import InputError
 from model.ladder import checked_accuracy
 from model.loads import check_loads
+from model.machine.compiled import Compile, checked_compile
 from model.scene import Scene
 from planner.answer import Answer
 from planner.files import to_json, write_named
@@ -54,6 +55,7 @@ class Plan(Answer):
             accuracy=self.accuracy,
             near=self,
             stability_margin=self.statement.margin,
+            compile=self.machine_code,
         )
 
     def save(self, path: str | Path) -> Path:
@@ -86,6 +88,7 @@ def plan(
     near: Plan | None = None,
     time_limit: float | None = None,
     stability_margin: float = 0.0,
+    compile: Compile = False,  # noqa: A002  (the name that scripts use)
 ) -> Plan:
     """Return the tensions of least effort that give an arm the shape that a target wants.
 
@@ -118,6 +121,9 @@ def plan(
         The least stability of the shape under its loads that is accepted, 0 to 1: the least
         eigenvalue of the scaled Hessian of the energy, which is 1 for an arm at rest and 0 where it
         is about to give way. With 0 the arm has to stand.
+    compile : bool or "auto"
+        Whether to work by machine code, see settle; the plan's shape and certificate are found by
+        it too. In a scene as printed only these are.
 
     Returns
     -------
@@ -129,6 +135,8 @@ def plan(
     ------
     InputError
         Naming the field, for anything that is not allowed; targets that contradict each other.
+    CompilerError
+        If `compile` is True, and there is no compiler or it fails.
     """
     scene, targets = scene or Scene(), check_targets(arm, target)
     check_loads(arm, scene)
@@ -142,9 +150,10 @@ def plan(
     margin = checked_margin(stability_margin)
     limited = total_pull is not None
     statement = Statement(form, check_norm(norm), limited=limited, margin=margin)
-    found = None if near is None else _followed(near, arm, scene, targets, limits, accuracy)
+    by = checked_compile(compile)
+    found = None if near is None else _followed(near, arm, scene, targets, limits, accuracy, by)
     if found is None:
-        task = Task(arm, targets, scene, limits, statement, accuracy)
+        task = Task(arm, targets, scene, limits, statement, accuracy, by)
         found = Search(task).run(starts, seconds)
     return Plan(
         arm,
@@ -158,6 +167,7 @@ def plan(
         accuracy,
         found.starts,
         found.stopped,
+        by,
     )
 
 
@@ -168,6 +178,7 @@ def _followed(
     targets: tuple[Target, ...],
     limits: Limits,
     accuracy: float,
+    machine_code: bool,
 ) -> Found | None:
     kind("near", near, Plan, "a Plan for the same arm and scene, or None")
     if near.arm != arm or near.scene != scene:
@@ -176,4 +187,4 @@ def _followed(
         return None
     found = (near.tensions, near.lam_x, near.lam_g)
     known = Known(near.targets, near.limits.lower, near.statement, *found)
-    return follow(known, arm, scene, targets, limits, accuracy)
+    return follow(known, arm, scene, targets, limits, accuracy, machine_code)

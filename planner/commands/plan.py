@@ -12,7 +12,7 @@ from planner.commands.command import (
     OK,
     Answer,
     Command,
-    add_scene_options,
+    add_compiled_options,
     question,
 )
 from planner.plan import Plan, plan
@@ -31,7 +31,8 @@ def run(args: argparse.Namespace) -> Answer:
         raise FileError(str(args.scene), "target", f"missing; needed is {_TARGET}")
     if "tension_max" not in asked.options:
         raise FileError(str(args.scene), "limits", f"missing; needed is {_LIMITS}")
-    found = plan(asked.arm, asked.targets, asked.scene, accuracy=accuracy, **asked.options)
+    options = {**asked.options, "compile": asked.compile}
+    found = plan(asked.arm, asked.targets, asked.scene, accuracy=accuracy, **options)
     return Answer(
         OK if found.certificate.passed else NOT_REACHED,
         lambda: plan_text(found),
@@ -57,5 +58,8 @@ def _draw(found: Plan) -> Any:
 
 
 COMMAND = Command(
-    "plan", "find the tensions of least effort for the scene's target", add_scene_options, run
+    "plan",
+    "find the tensions of least effort for the scene's target",
+    add_compiled_options,
+    run,
 )
