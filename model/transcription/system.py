@@ -170,8 +170,7 @@ class System:
         states, of = np.zeros(self.of.n_states), self.of
         states[of.stages] = strains
         g, N = base_pose(self.arm), self.mesh.steps
-        chain = _march(of.form).mapaccum(N)
-        found = chain(g, strains.reshape(N, -1).T, np.diff(self.mesh.s)[None, :])
+        found = _march(of.form, N)(g, strains.reshape(N, -1).T, np.diff(self.mesh.s)[None, :])
         states[of.nodes[:, :POSE]] = np.vstack([g, np.array(found).T])
         if of.form.friction:
             powers, m = gauss(of.form.stages).powers, of.form.stages
@@ -234,12 +233,13 @@ def system(
     return System(arm, scene, mesh, stages, loaded, machine_code)
 
 
-@lru_cache(maxsize=16)
-def _march(form: Form) -> ca.Function:
-    """Return (pose, strains of an element, h) -> pose at its end."""
+@lru_cache(maxsize=64)
+def _march(form: Form, N: int) -> ca.Function:
+    """Return (pose, strains of each of N elements, h (1, N)) -> pose at the end of each."""
     kernel = element(replace(form, friction=False))
     g, v, h = ca.SX.sym("g", POSE), ca.SX.sym("v", form.stages * form.strains), ca.SX.sym("h")
     none = ca.SX.zeros(form.wrench)
     y = ca.vertcat(ca.SX.zeros(int(form.loaded)), g, none, v, ca.SX.zeros(POSE), none)
     numbers_of = ca.vertcat(h, ca.SX.zeros(kernel.c.numel() - 1))
-    return ca.Function("march", [g, v, h], [-kernel.value(y, numbers_of)[-POSE:]], {"cse": True})
+    after = -kernel.value(y, numbers_of)[-POSE:]
+    return ca.Function("march", [g, v, h], [after], {"cse": True}).mapaccum(N)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import Any
 
 from model import OctoplanError
@@ -19,6 +20,7 @@ from planner.plan import Plan, plan
 from planner.records.plan import plan_record
 from planner.records.shape import shape_csv
 from planner.report import plan_text
+from planner.scenefile import Question
 
 _TARGET = 'a [target] table, such as [target] type = "tip-position", position_mm = [250, 0, -150]'
 _LIMITS = "a [limits] table, such as [limits] tension_max = 20.0 (N, each tendon)"
@@ -27,10 +29,7 @@ _LIMITS = "a [limits] table, such as [limits] tension_max = 20.0 (N, each tendon
 def run(args: argparse.Namespace) -> Answer:
     """Plan for the scene's targets."""
     asked, accuracy = question(args)
-    if not asked.targets:
-        raise FileError(str(args.scene), "target", f"missing; needed is {_TARGET}")
-    if "tension_max" not in asked.options:
-        raise FileError(str(args.scene), "limits", f"missing; needed is {_LIMITS}")
+    check_asked(asked, args.scene)
     options = {**asked.options, "compile": asked.compile}
     found = plan(asked.arm, asked.targets, asked.scene, accuracy=accuracy, **options)
     return Answer(
@@ -41,6 +40,14 @@ def run(args: argparse.Namespace) -> Answer:
         lambda: _draw(found),
         {".csv": _csv(found)} if args.out else {},
     )
+
+
+def check_asked(asked: Question, name: Path) -> None:
+    """Raise FileError for a scene file that asks for no plan."""
+    if not asked.targets:
+        raise FileError(str(name), "target", f"missing; needed is {_TARGET}")
+    if "tension_max" not in asked.options:
+        raise FileError(str(name), "limits", f"missing; needed is {_LIMITS}")
 
 
 def _csv(found: Plan) -> bytes:
