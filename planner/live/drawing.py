@@ -32,7 +32,7 @@ def draw_arm(server: Any, p: Plan, most: Array) -> None:
     """Draw the arm of a plan; `most` (n_tendons,) are the tensions of the last colour [N]."""
     seen, scene = picture(p.shape, most), server.scene
     with server.atomic():
-        scene.add_mesh_simple("/body", seen.vertices, seen.faces, color=_BODY, opacity=0.5)
+        scene.add_mesh_simple("/body", seen.vertices, seen.faces, color=_BODY, opacity=0.3)
         thickness = _THICK * p.arm.length
         scene.add_line_segments("/tendons", seen.tendons, seen.colours, thickness=thickness)
 

@@ -16,6 +16,8 @@ from planner.targets.base import Target, toward
 
 # The least bend that is asked for, where the plane is still told apart [rad].
 _LEAST = 0.02
+# Handles that are not turned stand along x, y, z.
+_UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,15 +42,14 @@ class Handle:
 def handle_of(arm: Arm, targets: tuple[Target, ...]) -> Handle:
     """Return the handle of a scene's target; InputError where it has none."""
     wanted = targets[0] if len(targets) == 1 else None
-    base = from_matrix(np.array(arm.base_frame))
     if isinstance(wanted, TipPosition):
-        start = np.concatenate([base, wanted.position])
+        start = np.concatenate([_UPRIGHT, wanted.position])
         return Handle(False, start, lambda pose: TipPosition(tuple(pose[4:].tolist())))
     if isinstance(wanted, TipPose):
         turned = from_matrix(np.array(wanted.frame))
         return Handle(True, np.concatenate([turned, wanted.position]), _pose)
     if isinstance(wanted, BendingPlane):
-        start = np.concatenate([base, _end(arm, wanted)])
+        start = np.concatenate([_UPRIGHT, _end(arm, wanted)])
         return Handle(False, start, lambda pose: _bend(arm, wanted.section, pose[4:]))
     kinds = [type(target).__name__ for target in targets]
     raise InputError("target", kinds, "one TipPosition, TipPose or BendingPlane to drag")
