@@ -70,7 +70,8 @@ def compliance_of(shape: Shape, at: float, accuracy: float) -> Compliance:
 
 def sensitivities(shape: Shape, at: float, refinement: int) -> Sensitivities:
     """Return the sensitivities of a shape at arc length `at` on the mesh of a refinement."""
-    forward = Collocation(shape.arm, shape.scene, STAGES, refinement, (at,))
+    mesh = (STAGES, refinement, (at,), True)
+    forward = Collocation(shape.arm, shape.scene, *mesh, shape.machine_code)
     here = forward.found(shape.tensions, shape.known)
     return Sensitivities(here, forward.mesh.node(at))
 

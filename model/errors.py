@@ -168,3 +168,7 @@ class SnapError(OctoplanError):
 
 class SingularError(OctoplanError):
     """A matrix that was asked for does not exist; the message says along what it is singular."""
+
+
+class CompilerError(OctoplanError):
+    """There is no C compiler, or it failed; the message is its own."""

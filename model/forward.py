@@ -65,9 +65,6 @@ class ExplicitMap(ForwardMap, Protocol):
     function: ca.Function
     stretch_active: Counts
 
-    def compiled(self) -> ExplicitMap:
-        """Return the same map as machine code; raises CompilerError."""
-
 
 @lru_cache(maxsize=256)
 def schemes_of(scene: Scene) -> tuple[str, ...]:
@@ -99,35 +96,49 @@ def check_scheme(scene: Scene, scheme: str | None) -> str:
 
 @lru_cache(maxsize=256)
 def forward_map(
-    arm: Arm, scene: Scene, scheme: str, refinement: int, at: tuple[float, ...] = ()
+    arm: Arm,
+    scene: Scene,
+    scheme: str,
+    refinement: int,
+    at: tuple[float, ...] = (),
+    machine_code: bool = False,
 ) -> ForwardMap:
-    """Return the forward map on a mesh of a refinement that has the arc lengths `at` as nodes."""
-    if scheme in COLLOCATIONS:
-        return collocation_map(arm, scene, scheme, refinement, at)
-    return explicit_map(arm, scene, scheme, refinement, at)
+    """Return the forward map on a mesh of a refinement that has the arc lengths `at` as nodes.
 
-
-@lru_cache(maxsize=256)
-def machine_map(arm: Arm, scene: Scene, scheme: str, refinement: int) -> ExplicitMap:
-    """Return an explicit map as machine code; see forward_map."""
-    return explicit_map(arm, scene, scheme, refinement).compiled()
+    With `machine_code` its kernels are compiled.
+    """
+    which = collocation_map if scheme in COLLOCATIONS else explicit_map
+    return which(arm, scene, scheme, refinement, at, machine_code)
 
 
 @lru_cache(maxsize=64)
 def collocation_map(
-    arm: Arm, scene: Scene, scheme: str, refinement: int, at: tuple[float, ...] = ()
+    arm: Arm,
+    scene: Scene,
+    scheme: str,
+    refinement: int,
+    at: tuple[float, ...] = (),
+    machine_code: bool = False,
 ) -> Collocation:
     """Return the forward map by collocation; see forward_map."""
-    stages = COLLOCATIONS[scheme]
-    return Collocation(arm, scene, stages, refinement, at, is_loaded(scene))
+    form = (COLLOCATIONS[scheme], refinement, at, is_loaded(scene), machine_code)
+    return Collocation(arm, scene, *form)
 
 
 @lru_cache(maxsize=256)
 def explicit_map(
-    arm: Arm, scene: Scene, scheme: str, refinement: int, at: tuple[float, ...] = ()
+    arm: Arm,
+    scene: Scene,
+    scheme: str,
+    refinement: int,
+    at: tuple[float, ...] = (),
+    machine_code: bool = False,
 ) -> ExplicitMap:
-    """Return the forward map of a scene in closed form or as printed; see forward_map."""
+    """Return the forward map of a scene in closed form or as printed; see forward_map.
+
+    CasADi cannot differentiate its `function` where its kernels are compiled.
+    """
     mesh = graded(arm, refinement, at)
     if scheme in PRINTED:
-        return PrintedMap(arm, scene, mesh, PRINTED[scheme])
-    return ClosedForm(arm, scene, mesh, CLOSED_FORMS[scheme])
+        return PrintedMap(arm, scene, mesh, PRINTED[scheme], machine_code)
+    return ClosedForm(arm, scene, mesh, CLOSED_FORMS[scheme], machine_code)

@@ -6,11 +6,10 @@ from functools import lru_cache
 from typing import Any
 
 from model.arm import Arm
-from model.errors import InputError
 from model.forward import check_scheme
 from model.loads import is_loaded
 from model.machine.buffered import Buffered
-from model.machine.compiled import compiled
+from model.machine.compiled import Compile
 from model.paths import Array
 from model.scene import Scene
 from model.settle import ACCURACY, checked_scene, settle
@@ -23,27 +22,24 @@ def tip_jacobian(
     tensions: Any,
     scene: Scene | None = None,
     accuracy: float = ACCURACY,
-    compile: bool = False,  # noqa: A002  (the name that scripts use)
+    compile: Compile = False,  # noqa: A002  (the name that scripts use)
 ) -> Array:
     """Return displacement [m/N] and turn [rad/N] of the tip per tension (6, n_tendons), base frame.
 
-    The exact slopes of the shape on the mesh that settles it to the accuracy. With `compile` the C
-    compiler of the machine is used, in scenes without loads: the same digits, ten times sooner.
-    Under loads they come from the stiffness, whose mesh is refined until it is as accurate.
+    The exact slopes of the shape on the mesh that settles it to the accuracy. Under loads they come
+    from the stiffness, whose mesh is refined until it is as accurate. `compile` is that of settle.
 
     Raises as settle does, and CompilerError.
     """
     scene = checked_scene(arm, scene)
     if is_loaded(scene):
-        if compile:
-            raise InputError("compile", True, "False in a scene with loads")
-        return stiffness(arm, tensions, scene, accuracy=accuracy).pose_tension
+        return stiffness(arm, tensions, scene, accuracy=accuracy, compile=compile).pose_tension
     shape = settle(arm, tensions, scene, accuracy, compile=compile)
-    call = _call(arm, shape.scene, check_scheme(scene, None), shape.refinement, compile)
+    mesh = (check_scheme(scene, None), shape.refinement)
+    call = _call(arm, shape.scene, *mesh, shape.machine_code)
     return call(shape.tensions)[0].T
 
 
 @lru_cache(maxsize=64)
 def _call(arm: Arm, scene: Scene, scheme: str, refinement: int, machine_code: bool) -> Buffered:
-    function = tip_slopes(arm, scene, scheme, refinement)
-    return Buffered(compiled(function) if machine_code else function)
+    return Buffered(tip_slopes(arm, scene, scheme, refinement, machine_code))

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import Any, Literal
+from functools import lru_cache, partial
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -17,7 +16,7 @@ from model.forward import check_scheme, explicit_map, order_of
 from model.ladder import checked_accuracy, estimate, first_pair, next_refinement
 from model.loads import is_loaded
 from model.machine.batch import Batch
-from model.machine.compiled import CompilerError, compiled
+from model.machine.compiled import Compile, checked_compile
 from model.paths import Array
 from model.patience import check_time
 from model.rotations import matrices
@@ -53,35 +52,26 @@ def settle_many(
     tensions: Any,
     scene: Scene | None = None,
     accuracy: float = ACCURACY,
-    compile: bool | Literal["try"] = False,  # noqa: A002  (the name that scripts use)
+    compile: Compile = False,  # noqa: A002  (the name that scripts use)
 ) -> Shapes:
     """Return the tips for many sets of tensions (m, n_sections, n) or (m, n_tendons) [N].
 
-    As settle; only those that a mesh does not settle to the accuracy go on to a finer one. With
-    `compile` the C compiler of the machine is used: the same digits, sooner for many sets; "try"
-    goes on without, and warns, where that fails.
+    As settle; only those that a mesh does not settle to the accuracy go on to a finer one.
 
     Raises
     ------
     InputError, CollapsedError, NotSettledError, SnapError
         As settle does, naming the set.
     CompilerError
-        If there is no compiler, or it fails.
+        If `compile` is True, and there is no compiler or it fails.
     """
     scene = checked_scene(arm, scene)
     T = _stack(arm, tensions)
     accuracy = checked_accuracy(accuracy)
-    if not (isinstance(compile, bool) or compile == "try"):
-        raise InputError("compile", compile, 'True, False or "try"')
+    machine_code = checked_compile(compile)
     if is_loaded(scene):
-        return _one_by_one(arm, T, scene, accuracy, compile is True)
-    try:
-        return _Many(arm, T, scene, accuracy, bool(compile)).shapes()
-    except CompilerError as error:
-        if compile is True:
-            raise
-        warnings.warn(str(error), RuntimeWarning, stacklevel=2)
-        return _Many(arm, T, scene, accuracy, False).shapes()
+        return _one_by_one(arm, T, scene, accuracy, machine_code)
+    return _Many(arm, T, scene, accuracy, machine_code).shapes()
 
 
 class _Many:
@@ -108,9 +98,8 @@ class _Many:
 
     def _step(self, now: Any, refinement: int) -> None:
         """Settle the sets `now` on a mesh, and say which they want next."""
-        found, least = _tips(self.arm, self.scene, self.scheme, refinement)(
-            self.T[now].T, self.machine_code
-        )
+        tips = _tips(self.arm, self.scene, self.scheme, refinement, self.machine_code)
+        found, least = tips(self.T[now].T)
         if refinement == self.coarse:
             self.wanted[now] = self.fine
         else:
@@ -129,7 +118,8 @@ class _Many:
     def _settle_alone(self, i: int) -> None:
         """Settle a set that has a section without equilibrium, unless it is found carefully."""
         try:
-            shape = settle(self.arm, self.T[i], self.scene, self.accuracy)
+            given = (self.arm, self.T[i], self.scene, self.accuracy)
+            shape = settle(*given, compile=self.machine_code)
         except UnsettledSectionError as error:
             raise UnsettledSectionError(error.s, f"tensions[{i}]") from None
         self.poses[i], self.errors[i] = shape.states[-1, :7], shape.error
@@ -150,31 +140,29 @@ class _Many:
 
 
 @lru_cache(maxsize=64)
-def _tips(arm: Arm, scene: Scene, scheme: str, refinement: int) -> Any:
-    """Return (tensions (n_tendons, M), whether by machine code) -> tip poses (7, M), least 1 + q.
+def _tips(arm: Arm, scene: Scene, scheme: str, refinement: int, machine_code: bool) -> Any:
+    """Return tensions (n_tendons, M) -> tip poses (7, M), least 1 + q.
 
     By tables of steps where strains are in closed form and offsets linear, else by CasADi.
     """
-    forward = explicit_map(arm, scene, scheme, refinement)
+    forward = explicit_map(arm, scene, scheme, refinement, (), machine_code)
     if isinstance(forward, ClosedForm):
         polynomials = PullPolynomials.of(arm, closed_statics(scene, arm))
         if polynomials is not None:
-            return Batch(forward, polynomials).tips
+            return partial(Batch(forward, polynomials).tips, machine_code=machine_code)
     T = ca.MX.sym("T", arm.n_tendons)
     poses, stretch = forward.function(T)[:2]
     function = ca.Function("tips", [T], [poses[:, -1], ca.mmin(stretch)])
 
-    def tips(tensions: Array, machine_code: bool) -> tuple[Array, Array]:
-        found, least = (compiled(function) if machine_code else function)(tensions)
+    def tips(tensions: Array) -> tuple[Array, Array]:
+        found, least = function(tensions)
         return np.array(found), np.array(least)[0]
 
     return tips
 
 
 def _one_by_one(arm: Arm, T: Array, scene: Scene, accuracy: float, machine_code: bool) -> Shapes:
-    if machine_code:
-        raise InputError("compile", True, "False in a scene with loads, whose maps are implicit")
-    shapes = [settle(arm, row, scene, accuracy) for row in T]
+    shapes = [settle(arm, row, scene, accuracy, compile=machine_code) for row in T]
     return Shapes(
         np.array([shape.tip for shape in shapes]).reshape(-1, 3),
         np.array([shape.tip_frame for shape in shapes]).reshape(-1, 3, 3),

@@ -11,10 +11,11 @@ import numpy as np
 from model.arm import Arm
 from model.checks import kind
 from model.effects import PrintedStatics
-from model.errors import InputError, NotSettledError, SnapError, UnsettledSectionError
-from model.forward import COLLOCATIONS, check_scheme, forward_map, machine_map, order_of
+from model.errors import NotSettledError, SnapError, UnsettledSectionError
+from model.forward import COLLOCATIONS, check_scheme, forward_map, order_of
 from model.ladder import IMPLICIT, ROUNDING, checked_accuracy, estimate, first_pair, next_refinement
 from model.loads import check_loads, is_loaded
+from model.machine.compiled import Compile, checked_compile
 from model.paths import Array
 from model.patience import check_time
 from model.scene import Scene
@@ -33,7 +34,7 @@ def settle(
     scene: Scene | None = None,
     accuracy: float = ACCURACY,
     scheme: str | None = None,
-    compile: bool = False,  # noqa: A002  (the name that scripts use)
+    compile: Compile = False,  # noqa: A002  (the name that scripts use)
 ) -> Shape:
     """Return the shape that an arm takes under tensions.
 
@@ -49,9 +50,10 @@ def settle(
         twist the arm, it holds for points a base radius off the tip too.
     scheme : str
         The integrator; the scene's fastest unless given.
-    compile : bool
-        Whether the C compiler of the machine is used, in scenes without loads: the same digits,
-        twice as soon, after a second for the compiler.
+    compile : bool or "auto"
+        Whether to work by machine code: the same digits, several times sooner. A C compiler builds
+        it in some seconds for each kind of scene, and it is kept in the user's cache folder. "auto"
+        goes on without, and warns, where there is no compiler that works.
 
     Raises
     ------
@@ -65,27 +67,24 @@ def settle(
     SnapError
         If the arm snaps, folds or buckles before the loads are in full.
     CompilerError
-        If `compile` is asked for, and there is no compiler or it fails.
+        If `compile` is True, and there is no compiler or it fails.
     """
     scene = checked_scene(arm, scene)
     T = arm.flat(tensions)
     scheme, accuracy = check_scheme(scene, scheme), checked_accuracy(accuracy)
-    if compile and scheme in COLLOCATIONS:
-        allowed = "False in a scene with loads, or by collocation, whose maps are implicit"
-        raise InputError("compile", compile, allowed)
+    machine_code = checked_compile(compile)
     try:
-        return _settled(arm, T, scene, accuracy, scheme, compile)
+        return _settled(arm, T, scene, accuracy, scheme, machine_code)
     except UnsettledSectionError:
         careful = scene.careful()
         if careful == scene:
             raise
-        return _settled(arm, T, careful, accuracy, scheme, compile)
+        return _settled(arm, T, careful, accuracy, scheme, machine_code)
 
 
 def _settled(
     arm: Arm, T: Array, scene: Scene, accuracy: float, scheme: str, machine_code: bool
 ) -> Shape:
-    maps = machine_map if machine_code else forward_map
     order = order_of(scheme, scene)
     lever = float(arm.radius.evaluate(np.zeros(1), arm.length)[0][0]) if is_loaded(scene) else 0.0
     # As printed strains that are no numbers may be those of a step that is too long.
@@ -97,7 +96,7 @@ def _settled(
     near: Any = None
     while refinement:
         check_time()
-        forward = maps(arm, scene, scheme, refinement)
+        forward = forward_map(arm, scene, scheme, refinement, (), machine_code)
         try:
             states, stretch = forward.run(T, near)
             check_sections(forward, stretch)
@@ -115,7 +114,7 @@ def _settled(
             LOG.debug("%s, mesh %d: estimated tip error %.1e of L", scheme, refinement, error)
             if error <= accuracy:
                 check_stretch(forward, stretch)
-                return Shape(arm, scene, T, error, scheme, refinement, states)
+                return Shape(arm, scene, T, error, scheme, refinement, states, machine_code)
         before = refinement, tip
         if refinement == coarse:
             refinement = fine

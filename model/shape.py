@@ -40,6 +40,8 @@ class Shape:
         The integrator and mesh that were used.
     states : (S + 1, 7 or more)
         Poses (quaternion, position [m]) at the nodes of that mesh, then what else it carries.
+    machine_code : bool
+        Whether compiled kernels settled it; what is read off it is found by them too.
     """
 
     arm: Arm
@@ -49,6 +51,7 @@ class Shape:
     scheme: str
     refinement: int
     states: Array
+    machine_code: bool = False
 
     @property
     def tip(self) -> Array:
@@ -125,7 +128,8 @@ class Shape:
         """
         if self.scene.has(PrintedStatics):
             raise InputError("scene", "as printed", "a scene whose equations hold under loads")
-        forward = Collocation(self.arm, self.scene, STAGES, self.refinement)
+        mesh = (STAGES, self.refinement, (), True)
+        forward = Collocation(self.arm, self.scene, *mesh, self.machine_code)
         return stability(forward.found(self.tensions, self.known))
 
     @property
@@ -135,7 +139,8 @@ class Shape:
 
     @property
     def _map(self) -> ForwardMap:
-        return forward_map(self.arm, self.scene, self.scheme, self.refinement)
+        mesh = (self.scheme, self.refinement, ())
+        return forward_map(self.arm, self.scene, *mesh, self.machine_code)
 
     def _at(self, s: Any, read: Any, strains: bool = False) -> Array:
         wanted = finite_array("s", np.atleast_1d(s), (None,))

@@ -15,6 +15,7 @@ from model.effects import PrintedStatics
 from model.equilibrium.sensitivities import Sensitivities
 from model.errors import InputError, SingularError
 from model.loads import check_loads
+from model.machine.compiled import Compile
 from model.paths import Array
 from model.scene import Scene
 from model.settle import ACCURACY, settle
@@ -141,6 +142,7 @@ def stiffness(
     accuracy: float = ACCURACY,
     tendon_EA: float | None = None,
     release: bool = False,
+    compile: Compile = False,  # noqa: A002  (the name that scripts use)
 ) -> Stiffness:
     """Return how the shape that an arm takes under tensions answers to a small force and moment.
 
@@ -156,16 +158,18 @@ def stiffness(
         Stiffness E A of the tendons themselves [N]; they do not stretch unless given.
     release : bool
         Whether tendons without tension are left slack where lengths are held.
+    compile : bool or "auto"
+        Whether to work by machine code, see settle.
 
     Raises
     ------
     InputError
         For what is not allowed, naming it.
-    CollapsedError, NotSettledError, SnapError
+    CollapsedError, NotSettledError, SnapError, CompilerError
         As settle does.
     """
     scene, place = _checked(arm, scene, hold, at, tendon_EA)
-    shape = settle(arm, tensions, scene, accuracy)
+    shape = settle(arm, tensions, scene, accuracy, compile=compile)
     found, T = compliance_of(shape, place, accuracy), shape.tensions
     here = found.sensitivities
     slack = tuple(arm.tendon_name(int(j)) for j in np.flatnonzero(T == 0))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 
 import numpy as np
@@ -50,6 +50,8 @@ class Answer:
     jump : float
         How far the tensions are from those of the plan that was to be followed, over their norm,
         where its branch was left; 0 where it was not, or none was given.
+    machine_code : bool
+        Whether compiled kernels found it, and find what is derived from it; no part of the answer.
     """
 
     arm: Arm
@@ -64,18 +66,21 @@ class Answer:
     starts: tuple[Start, ...]
     stopped: bool = False
     jump: float = 0.0
+    machine_code: bool = field(default=False, compare=False)
 
     @cached_property
     def shape(self) -> Shape:
         """The shape under the tensions, a digit more accurate than asked."""
-        return settle(self.arm, self.tensions, self.scene, max(self.accuracy / 10, 1e-12))
+        asked = (self.arm, self.tensions, self.scene, max(self.accuracy / 10, 1e-12))
+        return settle(*asked, compile=self.machine_code)
 
     @cached_property
     def certificate(self) -> Certificate:
         """The check of the tensions by another integrator; see planner.certificate."""
         T = np.ravel(self.tensions)
         asked = (self.arm, self.scene, self.targets, self.limits)
-        return certify(*asked, T, self._kkt(T), self.accuracy, self.statement.margin)
+        margin = self.statement.margin
+        return certify(*asked, T, self._kkt(T), self.accuracy, margin, self.machine_code)
 
     @property
     def mode(self) -> Mode:
@@ -130,7 +135,8 @@ class Answer:
         return [name for _, name in sorted(found, key=lambda item: -item[0])]
 
     def _problem(self) -> Problem:
-        return build(self.arm, self.targets, self.scene, self.statement)
+        stated = (self.scene, self.statement, self.machine_code)
+        return build(self.arm, self.targets, *stated)
 
     def _rows(self, name: str) -> Array:
         """Return the multipliers of the constraints of a name."""
@@ -161,6 +167,7 @@ class Answer:
             if f.name == "tensions"
             else getattr(self, f.name) == getattr(other, f.name)
             for f in fields(self)
+            if f.compare
         )
 
     __hash__ = None  # type: ignore[assignment]

@@ -158,6 +158,7 @@ def certify(
     kkt: float,
     tolerance: float,
     stability_margin: float = 0.0,
+    machine_code: bool = False,
 ) -> Certificate:
     """Verify the settled tensions by initial value integration, and look at everything anew."""
     low, high = np.array(limits.lower), np.array(limits.upper)
@@ -167,7 +168,8 @@ def certify(
     printed = scene.has(PrintedStatics)
     scheme = _PRINTED if printed else SCHEME
     try:
-        shape = settle(arm, tensions, scene, max(tolerance / 10, FINEST_ACCURACY))
+        fine = max(tolerance / 10, FINEST_ACCURACY)
+        shape = settle(arm, tensions, scene, fine, compile=machine_code)
         stations, sharp = stations_of(arm, targets), max(_SHARPER * tolerance, FINEST_ACCURACY)
         check = _printed if printed else _integrated
         poses, tip, error, stands, load_factor = check(shape, stations, sharp)
@@ -199,7 +201,8 @@ def _integrated(shape: Shape, stations: tuple[float, ...], accuracy: float) -> C
     """Return what initial value integration makes of a shape."""
     scale = np.repeat([1.0, shape.arm.length], [4, 3])
     for mesh in sorted({min(shape.refinement, _MESH), shape.refinement}):
-        forward = Collocation(shape.arm, shape.scene, STAGES, mesh, stations)
+        form = (STAGES, mesh, stations, True, shape.machine_code)
+        forward = Collocation(shape.arm, shape.scene, *form)
         here = forward.found(shape.tensions, shape.known)
         found = verified(here, accuracy)
         poses = forward.system.poses(found.here.states)
@@ -208,7 +211,8 @@ def _integrated(shape: Shape, stations: tuple[float, ...], accuracy: float) -> C
             break
     places = [forward.mesh.node(s) for s in stations]
     # Whether it stands does not take a fine mesh, how well it does takes one.
-    rough = Collocation(shape.arm, shape.scene, STAGES, 1).found(shape.tensions, shape.known)
+    form = (STAGES, 1, (), True, shape.machine_code)
+    rough = Collocation(shape.arm, shape.scene, *form).found(shape.tensions, shape.known)
     least = stability(rough)
     if not is_loaded(shape.scene):
         return poses[places], poses[-1, 4:], found.error, least, None
@@ -225,7 +229,8 @@ def _load_factor(here: Linearised, shape: Shape) -> float:
 
 def _printed(shape: Shape, stations: tuple[float, ...], accuracy: float) -> Checked:
     """Return what another integrator makes of a scene as printed."""
-    check = settle(shape.arm, shape.tensions, shape.scene, accuracy, _PRINTED)
+    asked = (shape.arm, shape.tensions, shape.scene, accuracy, _PRINTED)
+    check = settle(*asked, compile=shape.machine_code)
     return check.poses(np.array(stations)), check.tip, check.error, np.inf, None
 
 
@@ -260,6 +265,7 @@ def gives(arm: Arm, targets: tuple[Target, ...], shape: Shape) -> Array:
             look.hold,
             accuracy=STIFF_ACCURACY,
             tendon_EA=look.tendon_EA,
+            compile=shape.machine_code,
         )
         D = np.array(ways)
         found.append((D.T @ k.compliance[:3, :3] @ D).ravel("F"))

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 from model import InputError, OctoplanError
-from model.errors import shortened
+from model.errors import CompilerError, shortened
 from model.patience import OutOfTime, time_limit
 from model.progress import listening
 from planner.commands.command import BAD_INPUT, BROKEN_PIPE, NO_OUTPUT, NOT_REACHED
@@ -34,7 +34,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except OutputError as reason:
         discard()
         return _told(reason, NO_OUTPUT)
-    except (InputError, UsageError, MissingExtraError) as reason:
+    except (CompilerError, InputError, UsageError, MissingExtraError) as reason:
         return _told(reason, BAD_INPUT)
     except OctoplanError as reason:
         return _told(reason, NOT_REACHED)

@@ -14,6 +14,7 @@ from model.checks import kind, not_negative, positive
 from model.errors import InputError
 from model.ladder import checked_accuracy
 from model.loads import check_loads
+from model.machine.compiled import Compile, checked_compile
 from model.patience import OutOfTime, time_limit
 from model.scene import Scene
 from planner.answer import Answer
@@ -55,6 +56,7 @@ class Plan(Answer):
             accuracy=self.accuracy,
             near=self,
             stability_margin=self.statement.margin,
+            compile=self.machine_code,
         )
 
     def save(self, path: str | Path) -> Path:
@@ -87,6 +89,7 @@ def plan(
     near: Plan | None = None,
     time_limit: float | None = None,
     stability_margin: float = 0.0,
+    compile: Compile = False,  # noqa: A002  (the name that scripts use)
 ) -> Plan:
     """Return the tensions of least effort that give an arm the shape that a target wants.
 
@@ -124,6 +127,9 @@ def plan(
         The least stability of the shape under its loads that is accepted, 0 to 1: the least
         eigenvalue of the scaled Hessian of the energy, which is 1 for an arm at rest and 0 where it
         is about to give way. With 0 the arm has to stand.
+    compile : bool or "auto"
+        Whether to work by machine code, see settle; the plan's shape and certificate are found by
+        it too. In a scene as printed only these are.
 
     Returns
     -------
@@ -135,6 +141,8 @@ def plan(
     ------
     InputError
         Naming the field, for anything that is not allowed; targets that contradict each other.
+    CompilerError
+        If `compile` is True, and there is no compiler or it fails.
     """
     scene, targets = scene or Scene(), check_targets(arm, target)
     check_loads(arm, scene)
@@ -148,7 +156,8 @@ def plan(
     margin = checked_margin(stability_margin)
     limited = total_pull is not None
     statement = Statement(form, check_norm(norm), limited=limited, margin=margin)
-    task = Task(arm, targets, scene, limits, statement, accuracy)
+    by = checked_compile(compile)
+    task = Task(arm, targets, scene, limits, statement, accuracy, by)
     if near is None:
         found = Search(task).run(starts, seconds)
     else:
@@ -166,6 +175,7 @@ def plan(
         found.starts,
         found.stopped,
         found.jump,
+        by,
     )
 
 
@@ -182,7 +192,7 @@ def _followed(near: Plan, task: Task, starts: int, seconds: float | None) -> Fou
         try:
             if (own.upper, own.total) == (limits.upper, limits.total):
                 asked = (task.arm, task.scene, task.targets, limits, task.accuracy)
-                found = follow(known, *asked)
+                found = follow(known, *asked, task.machine_code)
                 if found is not None:
                     return found
         except OutOfTime:

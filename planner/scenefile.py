@@ -15,6 +15,7 @@ import msgspec
 from model import Arm, InputError, Scene
 from model.errors import FileError
 from model.loads import check_loads
+from model.machine.compiled import Compile
 from planner.files import read_file, why
 from planner.program.limits import Limits
 from planner.question import check_targets
@@ -49,6 +50,8 @@ class Question:
         Further arguments of plan: norm, form and, if the file has limits, these.
     stiffness : dict
         Further arguments of stiffness.
+    compile : bool or "auto"
+        As settle, plan and stiffness take it.
     """
 
     arm: Arm
@@ -58,6 +61,7 @@ class Question:
     accuracy: float
     options: dict[str, Any]
     stiffness: dict[str, Any]
+    compile: Compile = False
 
 
 def load(path: str | Path) -> Question:
@@ -105,7 +109,8 @@ def question_of(raw: dict[str, Any], name: str = "scene") -> Question:
         within("limits", lambda own: _check_limits(arm, own), table.limits)
         options |= msgspec.structs.asdict(table.limits)
     stiff = within("stiffness", lambda own: _stiffness(arm, own), table.stiffness)
-    return Question(arm, scene, targets, table.tensions, table.accuracy, options, stiff)
+    asked = (table.tensions, table.accuracy, options, stiff, table.compile)
+    return Question(arm, scene, targets, *asked)
 
 
 def _instead(path: Path) -> str:

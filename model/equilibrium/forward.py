@@ -62,8 +62,9 @@ class Collocation:
         refinement: int,
         at: tuple[float, ...] = (),
         loaded: bool = True,
+        machine_code: bool = False,
     ) -> None:
-        self.system = system(arm, scene, stages, refinement, at, loaded)
+        self.system = system(arm, scene, stages, refinement, at, loaded, machine_code)
         self.mesh: Mesh = self.system.mesh
         self.stretch_at = np.concatenate([self.system.s, self.mesh.s[:-1], self.mesh.s[1:]])
         self.order = collocation_order(stages, scene.has(Friction))

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import casadi as ca
 import numpy as np
 
-from model.machine.compiled import compile_c
+from model.machine.libraries import library
 from model.machine.program import OPERATIONS, Program
 from model.paths import Array
 from model.stations import Counts
@@ -86,7 +86,7 @@ def _library(step: ca.Function, chain: ca.Function, stretch: ca.Function) -> Any
     frame = files("model.machine").joinpath("tips.c").read_text(encoding="utf-8")
     defined = "\n".join(f"#define {name} {size}" for name, size in sizes.items())
     source = frame.replace("/* SIZES */", defined).replace("/* PROGRAMS */", "\n\n".join(programs))
-    tips = compile_c(source, ctypes.CDLL).tips
+    tips = ctypes.CDLL(str(library(source, "-O2"))).tips
     tips.restype = None
     return tips
 

@@ -46,6 +46,8 @@ class Form:
         Whether what acts on the tip follows it.
     friction : bool
         Whether tensions fall along the tendons.
+    machine_code : bool
+        Whether the kernels are compiled.
     """
 
     law: CrossSection
@@ -54,6 +56,7 @@ class Form:
     current: bool = False
     follower: bool = False
     friction: bool = False
+    machine_code: bool = False
 
     @property
     def moving(self) -> bool:

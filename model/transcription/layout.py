@@ -109,14 +109,14 @@ class Layout:
     @cached_property
     def equations(self) -> Equations:
         """The equilibrium: as many equations as states."""
-        return Equations(self.n_x, self.n_states, self._terms())
+        return Equations(self.n_x, self.n_states, self._terms(), self.form.machine_code)
 
     @cached_property
     def lengths(self) -> Equations:
         """The lengths of the tendons [m]."""
         stage, number = self.crossings
         term = Term(run(self.form.law), self.first + self.stages[stage].T, number[None, :])
-        return Equations(self.n_x, self.n_tendons, [term])
+        return Equations(self.n_x, self.n_tendons, [term], self.form.machine_code)
 
     def _terms(self) -> list[Term]:
         form, N, at = self.form, self.elements, self.first

@@ -29,7 +29,7 @@ from model.transcription.terms import Places
 
 
 @lru_cache(maxsize=256)
-def form_of(scene: Scene, stages: int, loaded: bool = True) -> Form:
+def form_of(scene: Scene, stages: int, loaded: bool = True, machine_code: bool = False) -> Form:
     """Return the form of a scene's equations by elements of so many stages."""
     load = scene.find(TipLoad)
     return Form(
@@ -39,6 +39,7 @@ def form_of(scene: Scene, stages: int, loaded: bool = True) -> Form:
         scene.has(Current),
         load is not None and load.follower,
         scene.has(Friction),
+        machine_code,
     )
 
 
@@ -58,10 +59,16 @@ class System:
     """
 
     def __init__(
-        self, arm: Arm, scene: Scene, mesh: Mesh, stages: int, loaded: bool = True
+        self,
+        arm: Arm,
+        scene: Scene,
+        mesh: Mesh,
+        stages: int,
+        loaded: bool = True,
+        machine_code: bool = False,
     ) -> None:
         self.arm, self.scene, self.mesh = arm, scene, mesh
-        self.of = structure(arm, scene, mesh, stages, loaded)
+        self.of = structure(arm, mesh, form_of(scene, stages, loaded, machine_code))
         found = numbers(arm, scene, mesh, self.of)
         self.p, self.s, self.length_numbers = found.p, found.s, found.lengths
         self._calls = _calls(self.of)
@@ -163,8 +170,7 @@ class System:
         states, of = np.zeros(self.of.n_states), self.of
         states[of.stages] = strains
         g, N = base_pose(self.arm), self.mesh.steps
-        chain = _march(of.form).mapaccum(N)
-        found = chain(g, strains.reshape(N, -1).T, np.diff(self.mesh.s)[None, :])
+        found = _march(of.form, N)(g, strains.reshape(N, -1).T, np.diff(self.mesh.s)[None, :])
         states[of.nodes[:, :POSE]] = np.vstack([g, np.array(found).T])
         if of.form.friction:
             powers, m = gauss(of.form.stages).powers, of.form.stages
@@ -201,10 +207,10 @@ def _calls(of: Layout) -> _Calls:
     return _Calls(of)
 
 
-def structure(arm: Arm, scene: Scene, mesh: Mesh, stages: int, loaded: bool = True) -> Layout:
+def structure(arm: Arm, mesh: Mesh, form: Form) -> Layout:
     """Return the layout of an arm's equations."""
     at = [mesh.node(section.at) for section in arm.sections]
-    return layout(form_of(scene, stages, loaded), tuple(at[i] for i, _ in arm.tendons), mesh.steps)
+    return layout(form, tuple(at[i] for i, _ in arm.tendons), mesh.steps)
 
 
 @lru_cache(maxsize=64)
@@ -215,22 +221,25 @@ def system(
     refinement: int,
     at: tuple[float, ...] = (),
     loaded: bool = True,
+    machine_code: bool = False,
 ) -> System:
     """Return the equations on a mesh of a refinement that has the arc lengths `at` as nodes.
 
-    Where nothing is `loaded`, forces and moments are left out.
+    Where nothing is `loaded`, forces and moments are left out; with `machine_code` the kernels are
+    compiled.
     """
     rate = partial(growth, arm, scene) if is_loaded(scene) else None
     mesh = graded(arm, refinement, (*at, *places(arm, scene)), rate)
-    return System(arm, scene, mesh, stages, loaded)
+    return System(arm, scene, mesh, stages, loaded, machine_code)
 
 
-@lru_cache(maxsize=16)
-def _march(form: Form) -> ca.Function:
-    """Return (pose, strains of an element, h) -> pose at its end."""
+@lru_cache(maxsize=64)
+def _march(form: Form, N: int) -> ca.Function:
+    """Return (pose, strains of each of N elements, h (1, N)) -> pose at the end of each."""
     kernel = element(replace(form, friction=False))
     g, v, h = ca.SX.sym("g", POSE), ca.SX.sym("v", form.stages * form.strains), ca.SX.sym("h")
     none = ca.SX.zeros(form.wrench)
     y = ca.vertcat(ca.SX.zeros(int(form.loaded)), g, none, v, ca.SX.zeros(POSE), none)
     numbers_of = ca.vertcat(h, ca.SX.zeros(kernel.c.numel() - 1))
-    return ca.Function("march", [g, v, h], [-kernel.value(y, numbers_of)[-POSE:]], {"cse": True})
+    after = -kernel.value(y, numbers_of)[-POSE:]
+    return ca.Function("march", [g, v, h], [after], {"cse": True}).mapaccum(N)

@@ -17,6 +17,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from model.machine.compiled import kernels
+
 Places = NDArray[np.int64]
 
 
@@ -90,7 +92,8 @@ class Term:
 class Equations:
     """The sum of terms: residuals g (n_g,) of unknowns x (n_x,) and numbers p (n_p,).
 
-    The numbers are those of the terms, one after the other, each column by column.
+    The numbers are those of the terms, one after the other, each column by column. With
+    `machine_code` the kernels are compiled; then nothing can be differentiated by CasADi.
 
     Attributes
     ----------
@@ -98,7 +101,8 @@ class Equations:
         x, p -> g.
     """
 
-    def __init__(self, n_x: int, n_g: int, terms: list[Term]) -> None:
+    def __init__(self, n_x: int, n_g: int, terms: list[Term], machine_code: bool = False) -> None:
+        self.machine_code = machine_code
         self.n_x, self.n_g, self.terms = n_x, n_g, [term for term in terms if term.count]
         ends = np.cumsum([0, *(term.n_numbers for term in self.terms)])
         self.slices = [slice(a, b) for a, b in pairwise(ends.tolist())]
@@ -114,8 +118,10 @@ class Equations:
         """Unknowns, numbers -> residuals."""
         x, p, _ = self._symbols()
         rows = np.concatenate([term.rows.ravel("F") for term in self.terms])
+        values = kernels((term.kernel.value for term in self.terms), self.machine_code)
         found = [
-            ca.vec(term.kernel.value.map(term.count)(*given)) for term, given in self._given(x, p)
+            ca.vec(value.map(term.count)(*given))
+            for value, (term, given) in zip(values, self._given(x, p), strict=True)
         ]
         return ca.Function("value", [x, p], [_gathered(found, rows, self.n_g)])
 
@@ -124,8 +130,10 @@ class Equations:
         """(x, p -> nonzeros of dg/dx), and their places."""
         x, p, _ = self._symbols()
         found, rows, columns = [], [], []
-        for term, given in self._given(x, p):
-            function, i, j = term.kernel.jacobian
+        jacobians = [term.kernel.jacobian for term in self.terms]
+        functions = kernels((own[0] for own in jacobians), self.machine_code)
+        parts = zip(functions, jacobians, self._given(x, p), strict=True)
+        for function, (_, i, j), (term, given) in parts:
             found.append(ca.vec(function.map(term.count)(*given)))
             rows.append(term.rows[i].ravel("F"))
             columns.append(term.unknowns[j].ravel("F"))
@@ -137,10 +145,11 @@ class Equations:
         """(x, p, lam -> nonzeros of the Hessian of lam . g), and their places: all, symmetric."""
         x, p, lam = self._symbols()
         found, rows, columns = [], [], []
-        for term, given in self._given(x, p):
-            function, i, j = term.kernel.hessian
-            if not i.size:
-                continue
+        curved = [part for part in self._given(x, p) if part[0].kernel.hessian[1].size]
+        hessians = [term.kernel.hessian for term, _ in curved]
+        functions = kernels((own[0] for own in hessians), self.machine_code)
+        parts = zip(functions, hessians, curved, strict=True)
+        for function, (_, i, j), (term, given) in parts:
             own = ca.reshape(lam[term.rows.ravel("F").tolist()], -1, term.count)
             found.append(ca.vec(function.map(term.count)(*given, own)))
             rows.append(term.unknowns[i].ravel("F"))

@@ -7,7 +7,6 @@ section) -> strains (closed form) -> one relative pose per step (Magnus) -> pose
 
 from __future__ import annotations
 
-from copy import copy
 from functools import lru_cache
 
 import casadi as ca
@@ -17,7 +16,7 @@ from model.arm import Arm
 from model.effects import ExactTendons, Extension, NeoHookean
 from model.integrators.magnus import Magnus
 from model.machine.buffered import Buffered
-from model.machine.compiled import compiled
+from model.machine.compiled import kernel
 from model.mesh import Mesh
 from model.paths import Array
 from model.rotations import compose
@@ -107,7 +106,9 @@ class ClosedForm:
         `stretch_active` sections cross.
     """
 
-    def __init__(self, arm: Arm, scene: Scene, mesh: Mesh, scheme: Magnus) -> None:
+    def __init__(
+        self, arm: Arm, scene: Scene, mesh: Mesh, scheme: Magnus, machine_code: bool = False
+    ) -> None:
         self.arm, self.scene, self.mesh, self.scheme = arm, scene, mesh, scheme
         self.order, m = scheme.order, len(scheme.nodes)
         statics = closed_statics(scene, arm)
@@ -118,22 +119,15 @@ class ClosedForm:
 
         T = ca.MX.sym("T", arm.n_tendons)
         pull, data = pull_and_data(arm, statics, inner, at_inner, T)
-        march = march_function(statics, scheme).mapaccum(mesh.steps)
+        march = kernel(march_function(statics, scheme), machine_code).mapaccum(mesh.steps)
         h = ca.DM(np.diff(mesh.s)).T
         poses, stretch = march(base_pose(arm), pull, data, h)
-        at = strain_function(statics).map(ends.size)
+        at = kernel(strain_function(statics), machine_code).map(ends.size)
         outer = 1 + at(*pull_and_data(arm, statics, ends, at_ends, T))[3, :]
         everywhere = ca.horzcat(ca.reshape(stretch, 1, -1), outer)
         nodes = ca.horzcat(base_pose(arm), poses)
         self.function = ca.Function("closed_form", [T], [ca.densify(nodes), ca.densify(everywhere)])
         self._call = Buffered(self.function)
-
-    def compiled(self) -> ClosedForm:
-        """See ExplicitMap.compiled."""
-        other = copy(self)
-        other.function = compiled(self.function)
-        other._call = Buffered(other.function)
-        return other
 
     def run(self, tensions: Array, near: object = None) -> tuple[Array, Array]:
         """See ForwardMap.run: poses (S + 1, 7) and 1 + q (K,)."""

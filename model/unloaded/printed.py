@@ -10,7 +10,6 @@ scheme: whatever reads them divides by it.
 
 from __future__ import annotations
 
-from copy import copy
 from functools import lru_cache
 
 import casadi as ca
@@ -20,7 +19,7 @@ from model.arm import Arm
 from model.cross_section.paper import PaperSection, resultants
 from model.effects import Extension
 from model.integrators.runge_kutta import RungeKutta
-from model.machine.compiled import compiled
+from model.machine.compiled import kernel
 from model.mesh import Mesh
 from model.paths import Array
 from model.rotations import IDENTITY, compose, inverse, multiply, rotate
@@ -134,7 +133,15 @@ class PrintedMap:
         of each node (3, S + 1).
     """
 
-    def __init__(self, arm: Arm, scene: Scene, mesh: Mesh, scheme: RungeKutta) -> None:
+    def __init__(
+        self,
+        arm: Arm,
+        scene: Scene,
+        mesh: Mesh,
+        scheme: RungeKutta,
+        machine_code: bool = False,
+    ) -> None:
+        self.machine_code = machine_code
         self.arm, self.mesh, self.scheme, self.order = arm, mesh, scheme, scheme.order
         self.extension = scene.has(Extension)
         T, x = ca.MX.sym("T", arm.n_tendons), ca.MX(ca.DM([*IDENTITY, 0, 0, 0]))
@@ -162,19 +169,14 @@ class PrintedMap:
     def _segment(self, nodes: Array, active: int, x: ca.MX, T: ca.MX) -> ca.MX:
         """Return the states (10, N) at the nodes of a segment beyond its first."""
         d = self._samples(nodes[:-1], np.diff(nodes), np.full(nodes.size - 1, active), T)
-        across = step_function(self.extension, self.scheme).mapaccum(nodes.size - 1)
+        step = kernel(step_function(self.extension, self.scheme), self.machine_code)
+        across = step.mapaccum(nodes.size - 1)
         return across(x, d, ca.DM(np.diff(nodes)).T)
 
     def _samples(self, start: Array, h: Array, active: Counts, T: ca.MX) -> ca.MX:
         samples = np.array(self.scheme.samples)
         s = (start[:, None] + h[:, None] * samples).ravel()
         return section_numbers(self.arm, s, np.repeat(active, samples.size), T)
-
-    def compiled(self) -> PrintedMap:
-        """See ExplicitMap.compiled."""
-        other = copy(self)
-        other.function = compiled(self.function)
-        return other
 
     def run(self, tensions: Array, near: object = None) -> tuple[Array, Array]:
         """See ForwardMap.run: poses and strains (S + 1, 10), and 1 + q (K,)."""

@@ -18,6 +18,7 @@ from model.arm import Arm
 from model.cross_section.law import size
 from model.forward import explicit_map
 from model.integrators.magnus import Magnus
+from model.machine.compiled import kernel
 from model.rotations import compose, small_turns
 from model.scene import Scene
 from model.stations import base_pose
@@ -77,15 +78,20 @@ def twist_step(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
 
 
 @lru_cache(maxsize=64)
-def tip_slopes(arm: Arm, scene: Scene, scheme: str, refinement: int) -> ca.Function:
-    """Return tensions (n,) -> displacement [m/N] and turn [rad/N] of the tip (6, n)."""
+def tip_slopes(
+    arm: Arm, scene: Scene, scheme: str, refinement: int, machine_code: bool = False
+) -> ca.Function:
+    """Return tensions (n,) -> displacement [m/N] and turn [rad/N] of the tip (6, n).
+
+    With `machine_code` by compiled kernels, where these are known not by CasADi's derivatives.
+    """
     forward = explicit_map(arm, scene, scheme, refinement)
     T = ca.MX.sym("T", arm.n_tendons)
     found = None
     if isinstance(forward, ClosedForm):
         polynomials = PullPolynomials.of(arm, closed_statics(scene, arm))
         if polynomials is not None:
-            found = shifts_and_turns(*_twists(forward, polynomials, T))
+            found = shifts_and_turns(*_twists(forward, polynomials, T, machine_code))
     if found is not None:
         return ca.Function("tip_slopes", [T], [ca.densify(found)])
     pose = forward.function(T)[0][:, -1]
@@ -100,14 +106,16 @@ def shifts_and_turns(pose: S, twists: S) -> S:
     return ca.vertcat(twists[3:, :] - ca.skew(pose[4:]) @ turns, turns)
 
 
-def _twists(forward: ClosedForm, polynomials: PullPolynomials, T: ca.MX) -> tuple[ca.MX, ca.MX]:
+def _twists(
+    forward: ClosedForm, polynomials: PullPolynomials, T: ca.MX, machine_code: bool
+) -> tuple[ca.MX, ca.MX]:
     """Return the pose of the tip, and its spatial twists (6, n) per newton."""
     arm, mesh, scheme = forward.arm, forward.mesh, forward.scheme
     statics = closed_statics(forward.scene, arm)
     s = nodes_of(scheme, mesh.s[:-1], mesh.s[1:])
     pull, data = pull_and_data(arm, statics, s, np.repeat(mesh.active, len(scheme.nodes)), T)
     start = ca.vertcat(base_pose(arm), ca.DM.zeros(6 * statics.n_pull * TERMS))
-    across = twist_step(statics, scheme).mapaccum(mesh.steps)
+    across = kernel(twist_step(statics, scheme), machine_code).mapaccum(mesh.steps)
     x = across(start, pull, data, ca.DM(np.diff(mesh.s)).T, ca.DM(polynomials.basis(s)))
     columns = []
     for i, own in enumerate(polynomials.own):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -99,11 +99,23 @@ def add_time_limit(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_compiled_options(parser: argparse.ArgumentParser) -> None:
+    """Add what commands have that may work by machine code."""
+    add_scene_options(parser)
+    parser.add_argument(
+        "--compile",
+        action="store_true",
+        help="work by machine code, built by a C compiler and kept: the same digits, sooner",
+    )
+
+
 def question(args: argparse.Namespace) -> tuple[Question, float]:
     """Return the question of the scene file and the accuracy; FileError, InputError."""
     if args.out is not None:
         _check_folder("--out", args.out)
     asked = load(args.scene)
+    if getattr(args, "compile", False):
+        asked = replace(asked, compile=True)
     return asked, asked.accuracy if args.accuracy is None else args.accuracy
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import Any
 
 from model import OctoplanError
@@ -13,13 +14,14 @@ from planner.commands.command import (
     OK,
     Answer,
     Command,
-    add_scene_options,
+    add_compiled_options,
     question,
 )
 from planner.plan import Plan, plan
 from planner.records.plan import plan_record
 from planner.records.shape import shape_csv
 from planner.report import plan_text
+from planner.scenefile import Question
 
 _TARGET = 'a [target] table, such as [target] type = "tip-position", position_mm = [250, 0, -150]'
 _LIMITS = "a [limits] table, such as [limits] tension_max = 20.0 (N, each tendon)"
@@ -28,12 +30,9 @@ _LIMITS = "a [limits] table, such as [limits] tension_max = 20.0 (N, each tendon
 def run(args: argparse.Namespace) -> Answer:
     """Plan for the scene's targets."""
     asked, accuracy = question(args)
-    if not asked.targets:
-        raise FileError(str(args.scene), "target", f"missing; needed is {_TARGET}")
-    if "tension_max" not in asked.options:
-        raise FileError(str(args.scene), "limits", f"missing; needed is {_LIMITS}")
-    options = {"accuracy": accuracy, "time_limit": args.time_limit, **asked.options}
-    found = plan(asked.arm, asked.targets, asked.scene, **options)
+    check_asked(asked, args.scene)
+    options = {"time_limit": args.time_limit, **asked.options, "compile": asked.compile}
+    found = plan(asked.arm, asked.targets, asked.scene, accuracy=accuracy, **options)
     return Answer(
         OK if found.certificate.passed else NOT_REACHED,
         lambda: plan_text(found),
@@ -42,6 +41,14 @@ def run(args: argparse.Namespace) -> Answer:
         lambda: _draw(found),
         {".csv": _csv(found)} if args.out else {},
     )
+
+
+def check_asked(asked: Question, name: Path) -> None:
+    """Raise FileError for a scene file that asks for no plan."""
+    if not asked.targets:
+        raise FileError(str(name), "target", f"missing; needed is {_TARGET}")
+    if "tension_max" not in asked.options:
+        raise FileError(str(name), "limits", f"missing; needed is {_LIMITS}")
 
 
 def _csv(found: Plan) -> bytes:
@@ -59,5 +66,8 @@ def _draw(found: Plan) -> Any:
 
 
 COMMAND = Command(
-    "plan", "find the tensions of least effort for the scene's target", add_scene_options, run
+    "plan",
+    "find the tensions of least effort for the scene's target",
+    add_compiled_options,
+    run,
 )

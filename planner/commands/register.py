@@ -1,12 +1,13 @@
 """The register of commands: a new one is an import and a line here."""
 
-from planner.commands import effects, export, new, plan, schema, settle, stiffness, sweep
+from planner.commands import effects, export, live, new, plan, schema, settle, stiffness, sweep
 
 COMMANDS = (
     new.COMMAND,
     plan.COMMAND,
     settle.COMMAND,
     stiffness.COMMAND,
+    live.COMMAND,
     effects.COMMAND,
     sweep.COMMAND,
     export.COMMAND,

@@ -10,7 +10,7 @@ from planner.commands.command import (
     OK,
     Answer,
     Command,
-    add_scene_options,
+    add_compiled_options,
     question,
     tensions_of,
 )
@@ -21,7 +21,8 @@ from planner.report import shape_text
 def run(args: argparse.Namespace) -> Answer:
     """Settle the arm under the scene's tensions."""
     asked, accuracy = question(args)
-    shape = settle(asked.arm, tensions_of(asked, args.scene), asked.scene, accuracy)
+    tensions = tensions_of(asked, args.scene)
+    shape = settle(asked.arm, tensions, asked.scene, accuracy, compile=asked.compile)
     return Answer(
         OK,
         lambda: shape_text(shape),
@@ -38,4 +39,4 @@ def _draw(shape: Shape) -> Any:
     return plot_shape(shape)
 
 
-COMMAND = Command("settle", "find the shape under the scene's tensions", add_scene_options, run)
+COMMAND = Command("settle", "find the shape under the scene's tensions", add_compiled_options, run)

@@ -11,7 +11,7 @@ from planner.commands.command import (
     OK,
     Answer,
     Command,
-    add_scene_options,
+    add_compiled_options,
     question,
     tensions_of,
 )
@@ -23,7 +23,8 @@ def run(args: argparse.Namespace) -> Answer:
     """Find the compliance that the scene's [stiffness] table asks for."""
     asked, accuracy = question(args)
     tensions = tensions_of(asked, args.scene)
-    k = stiffness(asked.arm, tensions, asked.scene, accuracy=accuracy, **asked.stiffness)
+    options = {**asked.stiffness, "compile": asked.compile}
+    k = stiffness(asked.arm, tensions, asked.scene, accuracy=accuracy, **options)
     return Answer(OK, lambda: stiffness_text(k), stiffness_record(k), "stiffness", lambda: _draw(k))
 
 
@@ -38,6 +39,6 @@ def _draw(k: Stiffness) -> Any:
 COMMAND = Command(
     "stiffness",
     "find how the shape under the scene's tensions answers to a small force",
-    add_scene_options,
+    add_compiled_options,
     run,
 )

@@ -43,11 +43,12 @@ class Collocated:
         targets: tuple[Target, ...],
         statement: Statement,
         stations: tuple[float, ...],
+        machine_code: bool,
     ) -> None:
         looks = looks_of(targets)
         loaded = is_loaded(scene) or bool(looks)
         mesh = (statement.stages, statement.refinement, stations)
-        self.forward = Collocation(arm, scene, *mesh, loaded)
+        self.forward = Collocation(arm, scene, *mesh, loaded, machine_code)
         at = self.forward.system
         self.states = States(at, looks, least_give(arm), statement.modes)
         self.program = program(arm, targets, statement, at.of, Stations.of(at, stations))

@@ -47,17 +47,26 @@ class Problem:
     ----------
     arm, scene, statement
         What is planned, and how it is stated.
+    machine_code : bool
+        Whether its kernels are compiled; an explicit program has none.
     mechanics : Collocated or Explicit
         What turns tensions into a shape, and the program that it is part of.
     """
 
     def __init__(
-        self, arm: Arm, scene: Scene, targets: tuple[Target, ...], statement: Statement
+        self,
+        arm: Arm,
+        scene: Scene,
+        targets: tuple[Target, ...],
+        statement: Statement,
+        machine_code: bool,
     ) -> None:
         self.arm, self.scene, self.statement = arm, scene, statement
+        self.machine_code = machine_code
         self.stations, self.looks = stations_of(arm, targets), looks_of(targets)
-        kind = Explicit if is_explicit(scene, statement, self.looks) else Collocated
-        self.mechanics: Collocated | Explicit = kind(arm, scene, targets, statement, self.stations)
+        asked = (arm, scene, targets, statement, self.stations)
+        explicit = is_explicit(scene, statement, self.looks)
+        self.mechanics = Explicit(*asked) if explicit else Collocated(*asked, machine_code)
         self.program = self.mechanics.program
 
     @property
@@ -175,15 +184,25 @@ def _does_nothing(arm: Arm, upper: Array) -> Array:
 
 
 def build(
-    arm: Arm, targets: tuple[Target, ...], scene: Scene, statement: Statement | None = None
+    arm: Arm,
+    targets: tuple[Target, ...],
+    scene: Scene,
+    statement: Statement | None = None,
+    machine_code: bool = False,
 ) -> Problem:
     """Return the problem, built once for all targets of one structure."""
     structure = tuple(target.structure(arm) for target in targets)
-    return _built(arm, scene, structure, Same(targets), statement or Statement())
+    given = Same(targets)
+    return _built(arm, scene, structure, given, statement or Statement(), machine_code)
 
 
 @lru_cache(maxsize=128)
 def _built(
-    arm: Arm, scene: Scene, structure: tuple[object, ...], targets: Same, statement: Statement
+    arm: Arm,
+    scene: Scene,
+    structure: tuple[object, ...],
+    targets: Same,
+    statement: Statement,
+    machine_code: bool,
 ) -> Problem:
-    return Problem(arm, scene, targets.value, statement)
+    return Problem(arm, scene, targets.value, statement, machine_code)

@@ -165,9 +165,8 @@ class Program:
         n = arm.n_tendons
         self.n_free = n + self.objective.n_peak + self.objective.n_lack
         self.blocks = blocks(self.n_free)
-        self.equations = Equations(
-            self.n_free + self.blocks.size, self.blocks.n_rows, self.blocks.terms()
-        )
+        size, machine_code = self.n_free + self.blocks.size, self.blocks.of.form.machine_code
+        self.equations = Equations(size, self.blocks.n_rows, self.blocks.terms(), machine_code)
         modes = [Rows(STABILITY, self.blocks.modes, 0.0, np.inf)] * (self.blocks.modes > 0)
         self.outer_rows = (*self.objective.rows, *modes)
         self.rows = (*self.outer_rows, Rows("equilibrium", self.blocks.n_rows, 0.0, 0.0))

@@ -50,6 +50,10 @@ class SceneTable(Table, frozen=True):
     ] = None
     stiffness: StiffnessTable = StiffnessTable()
     accuracy: Annotated[Accuracy, Meta(description="tip error over arm length")] = 1e-6
+    compile: Annotated[
+        bool | Literal["auto"],
+        Meta(description="whether to plan, settle and find stiffness by machine code; see settle"),
+    ] = False
     norm: Annotated[
         Literal["2", "1", "inf", 1, 2],
         Meta(description="effort: root of the sum of squares, sum, or largest tension"),

@@ -12,6 +12,7 @@ TEMPLATE = """\
 # SI units, unless the key names another. What begins with # is off; the values there are examples.
 
 accuracy = 1e-6                 # tip error over arm length, from 1e-12 to 0.1
+# compile = "auto"             # by machine code, where there is a C compiler; or true, false
 # norm = "2"                    # effort: "2" root of squares, "1" sum, "inf" largest tension
 # form = "multiple-shooting"    # unknowns of the problem, or "condensed"; chosen unless given
 tensions = [                    # N, a row a section, tip first: for settle, stiffness, effects

@@ -142,13 +142,14 @@ def _mesh(task: Task, T: Array) -> int:
     """
     fine = task.accuracy / _SHARE
     try:
-        shape = settle(task.arm, T, task.scene, fine)
+        asked, by = (task.arm, T, task.scene), task.machine_code
+        shape = settle(*asked, fine, compile=by)
         mesh = shape.refinement
         if not task.is_point:
-            sharp = settle(task.arm, T, task.scene, max(fine / 30, 1e-12))
+            sharp = settle(*asked, max(fine / 30, 1e-12), compile=by)
             mesh = mesh if _apart(task, shape, sharp) <= fine else sharp.refinement
         for look in looks_of(task.targets):
-            found = stiffness(task.arm, T, task.scene, look.hold, accuracy=fine)
+            found = stiffness(*asked, look.hold, accuracy=fine, compile=by)
             mesh = max(mesh, found.refinement)
         if not is_loaded(task.scene) and not task.scene.has(PrintedStatics):
             mesh = _collocated(task, shape, mesh, fine)
@@ -162,7 +163,8 @@ def _collocated(task: Task, shape: Shape, mesh: int, fine: float) -> int:
     stations, point = stations_of(task.arm, task.targets), task.is_point
     wanted = shape.poses(np.array(stations))
     for _ in range(_MESHES):
-        forward = Collocation(task.arm, task.scene, STAGES, mesh, stations, False)
+        form = (STAGES, mesh, stations, False, task.machine_code)
+        forward = Collocation(task.arm, task.scene, *form)
         rows = forward.run(shape.tensions)[0]
         found = rows[[forward.mesh.node(s) for s in stations], :7]
         turned = 2 * (1 - np.abs((found[:, :4] * wanted[:, :4]).sum(axis=1)))

@@ -68,7 +68,8 @@ def fits(problem: Problem, targets: tuple[Target, ...], limits: Limits, count: C
     if simple == problem.scene:
         points, residual = fitting.fit(count)
     else:
-        easy = Fitting(build(problem.arm, targets, simple, problem.statement), targets, bends)
+        stated = (simple, problem.statement, problem.machine_code)
+        easy = Fitting(build(problem.arm, targets, *stated), targets, bends)
         points, residual = easy.fit(count)
         again = easy.different(points, residual)[:_AGAIN]
         less = (round(_SLOW * count[0]), round(_SLOW * count[1]))

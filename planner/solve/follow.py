@@ -55,6 +55,7 @@ def follow(
     targets: tuple[Target, ...],
     limits: Limits,
     accuracy: float,
+    machine_code: bool = False,
 ) -> Found | None:
     """Return the optimum for targets of the same structure, None where it cannot be followed.
 
@@ -66,7 +67,7 @@ def follow(
     ):
         return None
     limits = allowed(arm, targets, limits)
-    problem = build(arm, targets, scene, known.statement)
+    problem = build(arm, targets, scene, known.statement, machine_code)
     problem.condensed.forget()
     start = _solution(problem, known, limits)
     moved = None if start is None else _moved(problem, start, known, targets, limits)
@@ -74,9 +75,9 @@ def follow(
         return None
     found: Solution | None
     found, apart = moved
-    statement = _fine_enough(arm, scene, known.statement, problem, found, limits, accuracy)
+    statement = _fine_enough(problem, found, limits, accuracy)
     if statement != known.statement:
-        problem = build(arm, targets, scene, statement)
+        problem = build(arm, targets, scene, statement, machine_code)
         p, bounds = problem.parameters(targets, limits), problem.free_bounds(limits)
         found = _near(problem, found, p, bounds, limits)
         if found is None:
@@ -166,19 +167,12 @@ def _near(
     return replace(found, f=problem.condensed.first(found.x, p).f)
 
 
-def _fine_enough(
-    arm: Arm,
-    scene: Scene,
-    statement: Statement,
-    problem: Problem,
-    found: Solution,
-    limits: Limits,
-    accuracy: float,
-) -> Statement:
+def _fine_enough(problem: Problem, found: Solution, limits: Limits, accuracy: float) -> Statement:
     """Return the statement, on a finer mesh if the accuracy asks for one at the new optimum."""
+    statement, asked = problem.statement, (problem.scene, accuracy / 10)
     try:
         T = problem.tensions(found.x, limits)
-        mesh = settle(arm, T, scene, accuracy / 10).refinement
+        mesh = settle(problem.arm, T, *asked, compile=problem.machine_code).refinement
     except OctoplanError:
         return statement
     return statement.but(refinement=max(mesh, statement.refinement))

@@ -115,6 +115,7 @@ def solver(problem: Problem, warm: bool, talks: bool = False) -> Buffered:
             "print_time": False,
             "show_eval_warnings": False,
             "calc_lam_p": False,
+            "no_nlp_grad": True,
             "error_on_fail": False,
             "iteration_callback": _WATCH,
             **_derivatives(program),

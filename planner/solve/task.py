@@ -29,6 +29,8 @@ class Task:
         Its mode, scheme and mesh are chosen as the search goes on.
     accuracy : float
         What residuals are held to, over the arm's length.
+    machine_code : bool
+        Whether to work by compiled kernels.
     """
 
     arm: Arm
@@ -37,6 +39,7 @@ class Task:
     limits: Limits
     statement: Statement
     accuracy: float
+    machine_code: bool = False
 
     @property
     def simple(self) -> Task:
@@ -57,7 +60,7 @@ class Task:
 
     def problem(self, statement: Statement) -> Problem:
         """Return the program by a statement."""
-        return build(self.arm, self.targets, self.scene, statement)
+        return build(self.arm, self.targets, self.scene, statement, self.machine_code)
 
     def coarse(self, mode: Mode) -> Statement:
         """Return the statement by a scheme and mesh that cost little: good to 1e-3 of L or so.

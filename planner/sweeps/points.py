@@ -91,14 +91,16 @@ def _told(find: Callable[[], str]) -> str:
 
 def _settle(asked: Question, row: dict[str, Array]) -> str:
     row["tensions"][...] = asked.arm.flat(asked.tensions)
-    shape = settle(asked.arm, asked.tensions, asked.scene, asked.accuracy)
+    given = (asked.arm, asked.tensions, asked.scene, asked.accuracy)
+    shape = settle(*given, compile=asked.compile)
     _keep_shape(shape, row)
     row["settled"][...] = True
     return SETTLED
 
 
 def _plan(asked: Question, row: dict[str, Array]) -> str:
-    found = plan(asked.arm, asked.targets, asked.scene, accuracy=asked.accuracy, **asked.options)
+    options = {**asked.options, "accuracy": asked.accuracy, "compile": asked.compile}
+    found = plan(asked.arm, asked.targets, asked.scene, **options)
     row["tensions"][...] = np.ravel(found.tensions)
     row["effort"][...] = found.effort
     row["reached"][...] = found.reached
@@ -110,9 +112,8 @@ def _plan(asked: Question, row: dict[str, Array]) -> str:
 
 def _stiffness(asked: Question, row: dict[str, Array]) -> str:
     row["tensions"][...] = asked.arm.flat(asked.tensions)
-    found = stiffness(
-        asked.arm, asked.tensions, asked.scene, accuracy=asked.accuracy, **asked.stiffness
-    )
+    options = {**asked.stiffness, "accuracy": asked.accuracy, "compile": asked.compile}
+    found = stiffness(asked.arm, asked.tensions, asked.scene, **options)
     _keep_shape(found.shape, row)
     row["settled"][...] = True
     row["stable"][...] = found.stable
@@ -150,7 +151,8 @@ def _settle_range(
         rows.put(begin, alone(begin))
         return
     try:
-        found = settle_many(asked.arm, T[begin:end], asked.scene, asked.accuracy)
+        given = (asked.arm, T[begin:end], asked.scene, asked.accuracy)
+        found = settle_many(*given, compile=asked.compile)
     except OctoplanError:
         middle = (begin + end) // 2
         _settle_range(asked, T, rows, alone, begin, middle)

@@ -1,31 +1,141 @@
-"""Compiled functions: the same digits, and a clear word where there is no compiler."""
+"""Compiled kernels: the same digits in every scene, and a clear word where there is no compiler."""
 
 from __future__ import annotations
 
+import dataclasses
 import shutil
+from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
 
-from model import Arm, OctoplanError, Scene, settle_many
-from model.effects import Extension
+from model import Arm, InputError, OctoplanError, Scene, settle, settle_many, tip_jacobian
+from model.effects import (
+    Current,
+    Effect,
+    ExactTendons,
+    Extension,
+    Friction,
+    PrintedStatics,
+    Shear,
+    TipLoad,
+    Weight,
+)
+from model.errors import CompilerError
+from model.machine.compiled import kernel, kernels
+from model.machine.pieces import in_pieces
+from model.stiffness import stiffness
+from planner import plan
+from planner.targets import TipPosition
 
 ARM = Arm.from_paper("table-4")
 SETS = np.random.default_rng(0).uniform(size=(20, 3, 4)) * np.array([0.1, 1.0, 4.0])[:, None]
+T = SETS[0]
+needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 
 
-@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+@needs_compiler
 def test_compiled_tips_have_the_digits_of_interpreted_ones() -> None:
     plain = settle_many(ARM, SETS, Scene(Extension()), accuracy=1e-8, compile=False)
     fast = settle_many(ARM, SETS, Scene(Extension()), accuracy=1e-8, compile=True)
     assert np.abs(plain.tip - fast.tip).max() < 1e-15
 
 
-def test_a_missing_compiler_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+FEW = (Extension(), TipLoad((0.0, 0.01, 0.0)))
+ALL = (Extension(), ExactTendons(), Weight(), Shear(), Current((0.1, 0.0, 0.0)), Friction(0.05))
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    "effects",
+    [
+        (),
+        (Extension(), PrintedStatics()),
+        FEW,
+        pytest.param(ALL, marks=pytest.mark.slow),
+        pytest.param(Scene.silicone().effects, marks=pytest.mark.slow),
+    ],
+    ids=["bare", "as printed", "few", "all", "silicone"],
+)
+def test_compiled_settles_have_the_digits_of_interpreted_ones(effects: tuple[Effect, ...]) -> None:
+    scene = Scene(*effects)
+    plain, fast = (settle(ARM, T, scene, 1e-5, compile=how) for how in (False, True))
+    assert np.array_equal(plain.states, fast.states)
+    assert np.array_equal(plain.position(0.1), fast.position(0.1))
+    slopes = [tip_jacobian(ARM, T, scene, 1e-5, compile=how) for how in (False, True)]
+    assert np.array_equal(*slopes)
+
+
+@needs_compiler
+def test_many_loaded_settles_and_stiffness_have_the_digits_of_interpreted_ones() -> None:
+    scene = Scene(*FEW)
+    plain, fast = (settle_many(ARM, SETS[:3], scene, 1e-4, compile=how) for how in (False, True))
+    assert np.array_equal(plain.tip, fast.tip)
+    both = [stiffness(ARM, T, scene, "length", accuracy=1e-3, compile=how) for how in (False, True)]
+    assert np.array_equal(both[0].compliance, both[1].compliance)
+    assert both[0].shape.stability == both[1].shape.stability
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    "scene",
+    [Scene(Extension()), pytest.param(Scene(*FEW), marks=pytest.mark.slow)],
+    ids=["unloaded", "loaded"],
+)
+def test_compiled_plans_have_the_digits_of_interpreted_ones(scene: Scene) -> None:
+    target = TipPosition(settle(ARM, T, scene).tip)
+    options: dict[str, Any] = {"tension_max": 20.0, "starts": 2}
+    plain, fast = (plan(ARM, target, scene, compile=how, **options) for how in (False, True))
+    assert np.array_equal(plain.tensions, fast.tensions)
+    assert plain == fast
+    assert plain.certificate == fast.certificate
+    near = TipPosition(settle(ARM, 1.05 * T, scene).tip)
+    after = [plan(ARM, near, scene, near=fast, compile=how, **options) for how in (False, True)]
+    assert after[0] == after[1]
+    assert [p.machine_code for p in after] == [False, True]
+
+
+def test_a_long_function_in_pieces_has_the_digits_of_the_whole() -> None:
+    x, y = ca.SX.sym("x", 3), ca.SX.sym("y")
+    z = [x[0], x[1], x[2], y]
+    for k in range(900):
+        a, b = z[-1 - k % 3], z[k % len(z)]
+        z.append([a * b + 0.5, ca.fmin(a, b) - a, ca.if_else(a < b, ca.sin(a), b / 2)][k % 3])
+    f = ca.Function("lengthy", [x, y], [ca.vertcat(*z[-5:]), z[100], ca.SX(0, 1)])
+    generator = ca.CodeGenerator("lengthy.c")
+    generator.add(f)
+    assert in_pieces(generator.dump()).count("noinline") > 5
+    if shutil.which("cc") is None:
+        return
+    fast = kernel(f)
+    for point in np.random.default_rng(0).normal(size=(20, 4)):
+        for plain, found in zip(f(point[:3], point[3]), fast(point[:3], point[3]), strict=True):
+            assert np.array_equal(np.array(plain), np.array(found), equal_nan=True)
+
+
+@needs_compiler
+def test_functions_of_one_name_do_not_stand_in_for_each_other() -> None:
+    x = ca.SX.sym("x")
+    plain = [ca.Function("same", [x], [k * x]) for k in (1.0, 2.0, 1.0)]
+    assert [float(f(3.0)) for f in kernels(plain)] == [3.0, 6.0, 3.0]
+
+
+def no_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", "")
-    monkeypatch.setenv("CC", "nowhere")
-    with pytest.raises(OctoplanError, match="C compiler"):
+    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.setattr("model.machine.compiler.find_spec", lambda _: None)
+
+
+def test_a_missing_compiler_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    no_compiler(monkeypatch)
+    with pytest.raises(OctoplanError, match=r"no C compiler was found as cc, gcc, clang; .*pip"):
         settle_many(ARM, SETS, Scene(), accuracy=1e-3, compile=True)
+    with pytest.raises(CompilerError):
+        plan(ARM, TipPosition((0.2, 0.0, -0.1)), Scene(Extension()), 20.0, compile=True)
+    monkeypatch.setenv("CC", "nowhere --fast")
+    with pytest.raises(CompilerError, match=r"'nowhere --fast'"):
+        settle(ARM, T, Scene(*FEW), compile=True)
 
 
 @pytest.mark.skipif(shutil.which("false") is None, reason="no program that fails")
@@ -33,3 +143,25 @@ def test_a_compiler_that_fails_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CC", "false")
     with pytest.raises(OctoplanError, match="failed"):
         settle_many(ARM, SETS, Scene(), accuracy=1e-2, compile=True)
+
+
+def test_without_a_compiler_auto_goes_on_and_warns(monkeypatch: pytest.MonkeyPatch) -> None:
+    no_compiler(monkeypatch)
+    with pytest.warns(RuntimeWarning, match="not compiled: no C compiler"):
+        found = settle(ARM, T, Scene(*FEW), 1e-4, compile="auto")
+    assert not found.machine_code
+    assert np.array_equal(found.states, settle(ARM, T, Scene(*FEW), 1e-4).states)
+
+
+@pytest.mark.parametrize("given", ["try", 1, None, np.ones(2)])
+def test_other_words_than_true_false_and_auto_are_refused(given: Any) -> None:
+    with pytest.raises(InputError, match=r'compile.*True, False or "auto"'):
+        settle(ARM, T, compile=given)
+
+
+@needs_compiler
+def test_a_changed_answer_is_still_found_by_compiled_kernels() -> None:
+    found = plan(ARM, TipPosition((0.3, 0.02, -0.05)), Scene(Extension()), 20.0, compile=True)
+    other = dataclasses.replace(found, tensions=1.01 * found.tensions)
+    assert other.shape.machine_code
+    assert other != found

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from model import Anchorage, Arm, Linear, Scene, conical, settle_many
+from model import Anchorage, Arm, Linear, Scene, conical
 from model.arm import Material
 from model.effects import ExactTendons, Extension
 from model.forward import explicit_map
@@ -167,12 +167,3 @@ def test_the_next_mesh_is_finer_but_not_by_far(refinement: int, error: float) ->
         assert found == 0
     else:
         assert refinement < found <= 4 * refinement
-
-
-def test_a_compiler_that_fails_is_done_without_if_asked(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PATH", "")
-    monkeypatch.setenv("CC", "nowhere")
-    sets = tensions(3).T
-    with pytest.warns(RuntimeWarning, match="C compiler"):
-        found = settle_many(ARM, sets, Scene(ExactTendons()), compile="try")
-    assert np.array_equal(found.tip, settle_many(ARM, sets, Scene(ExactTendons())).tip)

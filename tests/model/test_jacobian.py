@@ -7,7 +7,7 @@ import shutil
 import numpy as np
 import pytest
 
-from model import Anchorage, Arm, InputError, Linear, Sampled, Scene, settle, tip_jacobian
+from model import Anchorage, Arm, Linear, Sampled, Scene, settle, tip_jacobian
 from model.effects import ExactTendons, Extension, Weight
 from tests.oracles import Array
 
@@ -82,8 +82,3 @@ def test_compiled_jacobian_has_the_digits_of_the_interpreted_one(scene: str) -> 
         for machine_code in (False, True)
     )
     assert np.abs(plain - fast).max() <= 1e-14 * np.abs(plain).max()
-
-
-def test_compiling_is_refused_under_loads() -> None:
-    with pytest.raises(InputError, match="compile"):
-        tip_jacobian(TABLE4, np.zeros(12), SCENES["weight"], compile=True)

@@ -40,6 +40,19 @@ def test_given_tensions_are_settled(capsys: pytest.CaptureFixture) -> None:
     assert tip == pytest.approx([0.04314773918701631, -0.06442327980356158, -0.03984290693421615])
 
 
+def test_a_compiler_that_is_not_there_is_bad_input(
+    tmp_path: Path, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CC", "nowhere")
+    scene = "compile = true\narm = { preset = 'table-4' }\ntensions = [0,0,0,0,0,0,0,0,0,0,0,1]"
+    for command in (
+        ["settle", _scene(tmp_path, scene)],
+        ["plan", str(SCENES / "bending_135.toml"), "--compile"],
+    ):
+        assert main(command) == 2
+        assert "C compiler" in capsys.readouterr().err
+
+
 def _scene(tmp_path: Path, text: str) -> str:
     path = tmp_path / "scene.toml"
     path.write_text(text)

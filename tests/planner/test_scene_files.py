@@ -153,7 +153,7 @@ def test_presets_effects_and_targets_are_all_there() -> None:
 
 def test_limits_and_what_is_asked_of_stiffness_are_read() -> None:
     text = (
-        "norm = 1\nform = 'multiple-shooting'\naccuracy = 1e-4\n"
+        "norm = 1\nform = 'multiple-shooting'\naccuracy = 1e-4\ncompile = 'auto'\n"
         "tensions = [1,2,3,4,5,6,7,8,9,1,2,3]\n"
         + TABLE_2
         + "[limits]\ntension_max = [[1, 2, 3, 4], [5, 6, 7, 8], [9, 10, 11, 12]]\n"
@@ -162,6 +162,7 @@ def test_limits_and_what_is_asked_of_stiffness_are_read() -> None:
     )
     question = read(text.encode())
     assert question.accuracy == 1e-4
+    assert question.compile == "auto"
     assert question.tensions == [1, 2, 3, 4, 5, 6, 7, 8, 9, 1, 2, 3]
     assert question.options == {
         "norm": "1",
@@ -190,6 +191,7 @@ def test_the_schema_is_one() -> None:
 BROKEN = {
     "unknown key": "[arm]\npreset = 'table-2'\nlength = 3",
     "unknown preset": "[arm]\npreset = 'table-9'",
+    "compile by another word": "compile = 'try'\n" + TABLE_2,
     "wrong type": "accuracy = 'fine'\n" + TABLE_2,
     "accuracy out of range": "accuracy = 0.5\n" + TABLE_2,
     "negative length": "[arm]\nlength_mm = -300",

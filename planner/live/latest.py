@@ -1,0 +1,54 @@
+"""A worker that does the newest of what it is asked: what is overtaken is left out."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable
+
+LOG = logging.getLogger(__name__)
+Job = Callable[[], None]
+
+
+class Latest:
+    """One thread; a job waits until the one before is done, and gives way to a newer one.
+
+    Once nothing was asked for `rest` seconds after a job, `at_rest` is called, in the same thread.
+    """
+
+    def __init__(self, at_rest: Job, rest: float = 0.2) -> None:
+        self._at_rest, self._rest = at_rest, rest
+        self._changed, self._ended = threading.Condition(), False
+        self._job: Job | None = None
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def put(self, job: Job) -> None:
+        """Ask for a job; one that waits is forgotten."""
+        with self._changed:
+            self._job = job
+            self._changed.notify()
+
+    def end(self) -> None:
+        """Let the thread end once its job is done, and wait for that."""
+        with self._changed:
+            self._ended = True
+            self._changed.notify()
+        self._thread.join()
+
+    def _run(self) -> None:
+        worked = False
+        while True:
+            with self._changed:
+                self._changed.wait_for(self._called, self._rest if worked else None)
+                if self._ended:
+                    return
+                job, self._job = self._job, None
+            try:
+                (job or self._at_rest)()
+            except Exception:  # what goes wrong at one job ends none of the others
+                LOG.exception("a job failed")
+            worked = job is not None
+
+    def _called(self) -> bool:
+        return self._ended or self._job is not None

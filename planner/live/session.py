@@ -1,0 +1,86 @@
+"""One arm in the hand: a target that moves, and the plan that follows it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from model.arm import Arm
+from model.effects import Effect
+from model.paths import Array
+from model.scene import Scene
+from model.stiffness import stiffness
+from planner.plan import Plan, plan
+from planner.program.limits import natural_tensions
+from planner.targets.base import Target
+
+# First guesses while the target moves beyond reach, and the accuracy of the ellipsoid.
+_FEW, _ROUGH = 3, 1e-2
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A plan of a moving target; `left` says that it is not on the branch of the one before."""
+
+    plan: Plan
+    left: bool
+
+
+class Session:
+    """An arm, effects that may be switched, and the last plan.
+
+    Attributes
+    ----------
+    target : Target
+        What is wanted now.
+    enabled : dict
+        Which of the scene's effects are.
+    """
+
+    def __init__(self, arm: Arm, scene: Scene, target: Target, options: dict[str, Any]) -> None:
+        self.arm, self.effects, self.target, self._options = arm, scene.effects, target, options
+        self.enabled: dict[Effect, bool] = dict.fromkeys(scene.effects, True)
+        self.last: Plan | None = None
+        self._rough = False
+
+    @property
+    def scene(self) -> Scene:
+        """The scene of the effects that are enabled; raises InputError where they do not go."""
+        return Scene(*(effect for effect in self.effects if self.enabled[effect]))
+
+    @property
+    def most(self) -> Array:
+        """The tension at which each tendon has its last colour, and its bar is full [N]."""
+        if self.last is None:
+            return natural_tensions(self.arm)
+        upper, T = np.array(self.last.limits.upper), np.ravel(self.last.tensions)
+        return np.where(np.isfinite(upper) & (upper > 0), upper, max(float(T.max()), 1e-9))
+
+    def step(self, few: bool = False) -> Step:
+        """Return the plan for the target as it is now, near the last one where that leads there.
+
+        With `few` a target that cannot be followed is searched for by few first guesses.
+        """
+        last, scene = self.last, self.scene
+        near = last if last is not None and last.scene == scene else None
+        options = self._options | ({"starts": _FEW} if few else {})
+        found = plan(self.arm, self.target, scene, near=near, **options)
+        # A plan that is followed has the one start that it was followed from.
+        followed = near is not None and near.mode == "exact" and len(found.starts) == 1
+        self.last, self._rough = found, few and not followed
+        return Step(found, near is not None and near.mode == "exact" and not followed)
+
+    def settled(self) -> Plan | None:
+        """Return the plan for a target that rests; None where there is none yet.
+
+        What few first guesses found is searched for by all.
+        """
+        return self.step().plan if self._rough else self.last
+
+    def ellipsoid(self, p: Plan) -> tuple[Array, Array]:
+        """Return the half axes (3,) of a plan's compliance at the tip [m/N], and directions."""
+        by = p.machine_code
+        k = stiffness(self.arm, p.tensions, p.scene, accuracy=_ROUGH, compile=by)
+        return k.ellipsoid()

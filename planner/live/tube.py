@@ -1,0 +1,87 @@
+"""The picture of a shape in numbers: the surface of the body, and the tendons on it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.paths import Array
+from model.shape import Shape
+
+_ALONG, _AROUND = 61, 24
+# Of a slack tendon, of one at the least, and of one at the most tension, red green blue.
+SLACK, LOW, HIGH = (150, 155, 165), (250, 205, 90), (200, 20, 60)
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """What is drawn of a shape.
+
+    Attributes
+    ----------
+    vertices : (V, 3)
+        Of the body's surface [m]; `faces` (F, 3) tells which three make each triangle.
+    tendons : (P, 2, 3)
+        Pieces of the tendons from point to point [m].
+    colours : (P, 2, 3)
+        Of their ends, by tension.
+    """
+
+    vertices: Array
+    faces: NDArray[np.int64]
+    tendons: Array
+    colours: NDArray[np.uint8]
+
+
+def picture(shape: Shape, most: Array) -> Picture:
+    """Return the picture of a shape; tendons at `most` (n_tendons,) [N] have the last colour."""
+    s = np.linspace(0.0, shape.arm.length, _ALONG)
+    poses, frames = shape.position(s), shape.frame(s)
+    pieces, colours = _tendons(shape, s, poses, frames, most)
+    return Picture(_surface(shape, s, poses, frames), _faces(), pieces, colours)
+
+
+def tension_colour(tension: float, most: float) -> tuple[int, int, int]:
+    """Return the colour of a tension between nothing and the most [N], by its square root."""
+    if tension <= 1e-6 * most:
+        return SLACK
+    share = min(tension / most, 1.0) ** 0.5
+    r, g, b = (round(a + share * (z - a)) for a, z in zip(LOW, HIGH, strict=True))
+    return r, g, b
+
+
+def _surface(shape: Shape, s: Array, places: Array, frames: Array) -> Array:
+    """Return rings of points from base to tip (along * around, 3), then the middle of the tip."""
+    radius = shape.arm.radius.evaluate(s, shape.arm.length)[0]
+    phi = 2 * np.pi * np.arange(_AROUND) / _AROUND
+    circle = np.stack([np.zeros_like(phi), np.cos(phi), np.sin(phi)])
+    rings = places[:, None] + radius[:, None, None] * np.swapaxes(frames @ circle, 1, 2)
+    return np.vstack([rings.reshape(-1, 3), places[-1:]])
+
+
+def _faces() -> NDArray[np.int64]:
+    here = np.arange((_ALONG - 1) * _AROUND).reshape(-1, _AROUND)
+    beside = np.roll(here, -1, axis=1)
+    sides = [[here, beside, here + _AROUND], [beside, beside + _AROUND, here + _AROUND]]
+    rim = (_ALONG - 1) * _AROUND + np.arange(_AROUND)
+    cap = np.stack([rim, np.roll(rim, -1), np.full(_AROUND, _ALONG * _AROUND)], axis=1)
+    return np.vstack([*(np.stack(corners, axis=2).reshape(-1, 3) for corners in sides), cap])
+
+
+def _tendons(
+    shape: Shape, s: Array, places: Array, frames: Array, most: Array
+) -> tuple[Array, NDArray[np.uint8]]:
+    """Return the pieces of the tendons along u + y d, eqs. (5), (6), and their colours."""
+    pieces, colours = [], []
+    for j, (i, phi) in enumerate(shape.arm.tendons):
+        section = shape.arm.sections[i]
+        inside = s <= section.at
+        y = section.offset.evaluate(s[inside], section.at)[0]
+        d = frames[inside] @ np.array([0.0, np.cos(phi), np.sin(phi)])
+        path = places[inside] + y[:, None] * d
+        pieces.append(np.stack([path[:-1], path[1:]], axis=1))
+        colour = tension_colour(float(shape.tensions[j]), float(most[j]))
+        colours.append(np.broadcast_to(np.array(colour, np.uint8), pieces[-1].shape))
+    return np.vstack(pieces), np.vstack(colours)

@@ -1,0 +1,223 @@
+"""The live page: what follows the handle, how it is drawn, and the page in a real browser."""
+
+from __future__ import annotations
+
+import shutil
+import socket
+import threading
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from model import Arm, InputError, Scene, settle
+from model.effects import Extension, TipLoad
+from planner.cli import main
+from planner.live.drawing import bars
+from planner.live.handles import handle_of
+from planner.live.latest import Latest
+from planner.live.page import Page
+from planner.live.session import Session
+from planner.live.tube import HIGH, SLACK, picture, tension_colour
+from planner.plan import plan
+from planner.targets import BendingPlane, Fetch, TipPose, TipPosition
+from tests.oracles import Array
+
+ARM = Arm.from_paper("table-4")
+PAPER = Scene(Extension())
+T = np.array([0, 0, 0.2, 0, 0, 0.4, 0, 0, 0, 0, 1.0, 0])
+TIP = settle(ARM, T, PAPER).tip
+
+
+def session(scene: Scene = PAPER, **options: Any) -> Session:
+    return Session(ARM, scene, TipPosition(TIP), {"tension_max": 20.0, "starts": 4, **options})
+
+
+def test_a_target_that_moves_a_little_is_followed_on_its_branch() -> None:
+    hand = session()
+    assert not hand.step(few=True).left
+    first = hand.settled()
+    assert first is not None
+    hand.target = TipPosition(TIP + np.array([0.0, 0.002, 0.0]))
+    step = hand.step(few=True)
+    assert not step.left
+    assert len(step.plan.starts) == 1
+    assert hand.settled() is step.plan
+    assert step.plan.certificate.passed
+    assert 0 < np.abs(step.plan.tensions - first.tensions).max() < 0.1
+
+
+@pytest.mark.slow
+def test_a_target_out_of_reach_leaves_the_branch_and_says_what_holds_it() -> None:
+    hand = session(tension_max=0.5, starts=1)
+    hand.step()
+    hand.target = TipPosition((0.0, 0.35, 0.0))
+    assert hand.step(few=True).left
+    found = hand.settled()
+    assert found is not None
+    assert found.mode != "exact"
+    assert "at its maximum of 0.5 N" in found.outcome
+
+
+def test_effects_are_switched_and_contradictions_refused() -> None:
+    hand = session(Scene(Extension(), TipLoad((0.0, 0.0, 1e-4))))
+    hand.enabled[TipLoad((0.0, 0.0, 1e-4))] = False
+    assert hand.scene == PAPER
+    silicone = session(Scene.silicone())
+    silicone.enabled[Extension()] = False
+    with pytest.raises(InputError, match="NeoHookean"):
+        silicone.step()
+
+
+@pytest.mark.parametrize(
+    "target",
+    [
+        TipPosition((0.2, 0.1, -0.1)),
+        TipPose((0.2, 0.1, -0.1), ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))),
+        BendingPlane(np.radians(135), np.radians(80), 1),
+        BendingPlane(np.radians(-20), np.radians(170), 2),
+    ],
+)
+def test_a_handle_begins_where_its_target_is(target: Any) -> None:
+    handle = handle_of(ARM, (target,))
+    found = handle.target(handle.start)
+    assert type(found) is type(target)
+    assert found.parameters(ARM) == pytest.approx(target.parameters(ARM), abs=1e-12)
+    assert found.structure(ARM) == target.structure(ARM)
+
+
+def test_what_cannot_be_dragged_is_refused() -> None:
+    with pytest.raises(InputError, match="TipPosition, TipPose or BendingPlane"):
+        handle_of(ARM, (Fetch.reach((0.1, 0.0, -0.1)),))
+
+
+def test_the_surface_is_closed_but_for_the_base_and_a_radius_off_the_midline() -> None:
+    shape = settle(ARM, T, PAPER)
+    seen = picture(shape, np.full(12, 20.0))
+    edges = np.sort(seen.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    counts = Counter(map(tuple, edges.tolist()))
+    open_edges = [edge for edge, count in counts.items() if count == 1]
+    assert {*counts.values()} == {1, 2}
+    assert max(max(edge) for edge in open_edges) < 24
+    rings = seen.vertices[:-1].reshape(61, 24, 3)
+    s = np.linspace(0, ARM.length, 61)
+    off = np.linalg.norm(rings - shape.position(s)[:, None], axis=2)
+    radius = ARM.radius.evaluate(s, ARM.length)[0]
+    assert off == pytest.approx(np.repeat(radius[:, None], 24, axis=1))
+    outward = np.cross(
+        *(seen.vertices[seen.faces[0, k]] - seen.vertices[seen.faces[0, 0]] for k in (1, 2))
+    )
+    assert outward @ (seen.vertices[seen.faces[0, 0]] - shape.position(0.0)) > 0
+
+
+def test_tendons_are_coloured_by_tension() -> None:
+    seen = picture(settle(ARM, T, PAPER), np.full(12, 1.0))
+    kinds = {tuple(colour) for colour in seen.colours.reshape(-1, 3).tolist()}
+    assert {SLACK, HIGH} <= kinds
+    assert tension_colour(2.0, 1.0) == HIGH
+    p = plan(ARM, TipPosition(TIP), PAPER, 20.0, starts=2)
+    assert bars(p, np.full(12, 20.0)).count(" N<") == 12
+
+
+def test_the_newest_job_is_done_and_those_overtaken_are_not() -> None:
+    done: list[int] = []
+    held, began, rested = threading.Event(), threading.Event(), threading.Event()
+
+    def first() -> None:
+        began.set()
+        held.wait()
+        raise RuntimeError("one that fails ends none of the others")
+
+    work = Latest(rested.set, rest=0.01)
+    work.put(first)
+    began.wait()
+    for k in range(5):
+        work.put(lambda k=k: done.append(k))  # type: ignore[misc]
+    held.set()
+    assert rested.wait(10)
+    work.end()
+    assert done == [4]
+
+
+def free_port() -> int:
+    with socket.create_server(("localhost", 0)) as held:
+        return int(held.getsockname()[1])
+
+
+def test_a_port_in_use_and_a_scene_without_a_target_are_bad_input(
+    tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    pytest.importorskip("viser")
+    scene = tmp_path / "scene.toml"
+    text = "arm = { preset = 'table-4' }\n"
+    scene.write_text(text)
+    assert main(["live", str(scene)]) == 2
+    assert "target" in capsys.readouterr().err
+    scene.write_text(
+        text + "[target]\ntype='tip-position'\nposition_mm=[250,0,-90]\n[limits]\ntension_max=9"
+    )
+    with socket.create_server(("localhost", 0)) as held:
+        assert main(["live", str(scene), "--port", str(held.getsockname()[1])]) == 2
+    assert "port" in capsys.readouterr().err
+
+
+def on_screen(client: Any, place: Array, size: tuple[int, int]) -> Array:
+    """Return where a browser of a size shows a place [pixels]."""
+    camera = client.camera
+    forward = np.array(camera.look_at) - camera.position
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    seen = place - np.array(camera.position)
+    half = size[1] / 2 / np.tan(camera.fov / 2) / (seen @ forward)
+    up = np.cross(right, forward)
+    return np.array(size) / 2 + half * np.array([seen @ right, -(seen @ up)])
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("default")
+def test_in_a_browser_a_drag_moves_the_arm(tmp_path: Path) -> None:
+    pytest.importorskip("viser")
+    driver = pytest.importorskip("playwright.sync_api")
+    chromium = shutil.which("chromium") or pytest.skip("no Chromium")
+    hand, port, size = session(), free_port(), (1200, 800)
+    page = Page(hand, handle_of(ARM, (hand.target,)), "localhost", port)
+    options = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+    said: list[str] = []
+    with driver.sync_playwright() as play:
+        browser = play.chromium.launch(executable_path=chromium, args=options)
+        viewers = [browser.new_page(viewport={"width": size[0], "height": size[1]}) for _ in "12"]
+        for viewer in viewers:
+            viewer.on("console", lambda m: said.append(m.text) if m.type == "error" else None)
+            viewer.on("pageerror", lambda error: said.append(str(error)))
+            viewer.goto(f"http://localhost:{port}")
+            viewer.get_by_text("Reached: every target met").wait_for(timeout=300_000)
+        viewer = viewers[0]
+        before = hand.last
+        client = page._server.get_clients()[0]
+        arrow = page._control.position + np.array([0.0, 0.0, 0.6 * 0.25 * ARM.length])
+        start = on_screen(client, arrow, size)
+        end = on_screen(client, arrow + np.array([0.0, 0.0, 0.02]), size)
+        viewer.mouse.move(*start)
+        viewer.wait_for_timeout(500)
+        viewer.mouse.down()
+        viewer.mouse.move(*end, steps=12)
+        viewer.mouse.up()
+        viewer.wait_for_timeout(1000)
+        viewers[1].get_by_text("Reached: every target met").wait_for(timeout=300_000)
+        viewer.get_by_text("Reached: every target met").wait_for(timeout=300_000)
+        viewer.screenshot(path=tmp_path / "live.png")
+        after = hand.last
+        assert before is not None
+        assert after is not None
+        moved = after.shape.tip - before.shape.tip
+        assert moved == pytest.approx([0.0, 0.0, 0.02], abs=4e-3)
+        with viewer.expect_download() as saved:
+            viewer.get_by_text("Save the plan").click()
+        assert '"certified":true' in Path(saved.value.path()).read_text().replace(" ", "")
+        browser.close()
+    page.wait(grace=0.3)
+    page.end()
+    assert not said
