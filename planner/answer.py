@@ -12,6 +12,8 @@ from model.paths import Array
 from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
+from planner.avoidance.asked import NOTHING, Surroundings
+from planner.avoidance.rows import Avoidance
 from planner.certificate import Certificate, certify
 from planner.outcome import Facts, sentence
 from planner.program.effort import effort
@@ -47,6 +49,10 @@ class Answer:
         The first guesses tried, in order.
     stopped : bool
         Whether the time limit ended the search: these are the best tensions it had come to.
+    surroundings : Surroundings
+        What the arm was to keep clear of.
+    avoidance : Avoidance or None
+        The inequalities of the program that hold it.
     """
 
     arm: Arm
@@ -60,6 +66,8 @@ class Answer:
     accuracy: float
     starts: tuple[Start, ...]
     stopped: bool = False
+    surroundings: Surroundings = NOTHING
+    avoidance: Avoidance | None = None
 
     @cached_property
     def shape(self) -> Shape:
@@ -71,7 +79,8 @@ class Answer:
         """The check of the tensions by another integrator; see planner.certificate."""
         T = np.ravel(self.tensions)
         asked = (self.arm, self.scene, self.targets, self.limits)
-        return certify(*asked, T, self._kkt(T), self.accuracy, self.statement.margin)
+        more = (self.statement.margin, self.surroundings)
+        return certify(*asked, T, self._kkt(T), self.accuracy, *more)
 
     @property
     def mode(self) -> Mode:
@@ -117,13 +126,20 @@ class Answer:
         if np.ravel(self._rows(STABILITY)).min(initial=0.0) < -1e-9:
             least = self.statement.margin
             found.append((np.inf, f"stability, at its margin of {least:g}"))
+        if np.ravel(self._rows("margin")).min(initial=0.0) < -1e-9 and self.surroundings:
+            found.append((0.0, "what the arm is to keep clear of"))
         total = self.limits.total
         if total is not None and T.sum() >= total * (1 - 1e-6):
             found.append((np.inf, f"the total pull at its maximum of {total:g} N"))
         return [name for _, name in sorted(found, key=lambda item: -item[0])]
 
+    @property
+    def _stated(self) -> tuple[Target, ...]:
+        """The targets of the program."""
+        return self.targets if self.avoidance is None else (*self.targets, self.avoidance)
+
     def _problem(self) -> Problem:
-        return build(self.arm, self.targets, self.scene, self.statement)
+        return build(self.arm, self._stated, self.scene, self.statement)
 
     def _rows(self, name: str) -> Array:
         """Return the multipliers of the constraints of a name."""
@@ -135,7 +151,7 @@ class Answer:
         problem = self._problem()
         problem.condensed.forget()
         limits = allowed(self.arm, self.targets, self.limits)
-        p = problem.parameters(self.targets, limits)
+        p = problem.parameters(self._stated, limits)
         x, bounds = problem.free(T, limits), problem.free_bounds(limits)
         if problem.n_lack:
             x = problem.unknowns(T, limits, p)[: x.size]

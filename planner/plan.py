@@ -16,12 +16,14 @@ from model.ladder import checked_accuracy
 from model.loads import check_loads
 from model.scene import Scene
 from planner.answer import Answer
+from planner.avoidance.asked import surroundings
 from planner.files import to_json, write_named
 from planner.program.effort import check_norm
 from planner.program.limits import Limits
 from planner.program.statement import Form, Statement
 from planner.question import check_looks, check_targets, checked_form, checked_margin
 from planner.records.plan import plan_record
+from planner.solve.around import Around
 from planner.solve.follow import Known, follow
 from planner.solve.found import Found
 from planner.solve.search import Search
@@ -54,6 +56,9 @@ class Plan(Answer):
             accuracy=self.accuracy,
             near=self,
             stability_margin=self.statement.margin,
+            obstacles=self.surroundings.obstacles,
+            clearance=self.surroundings.clearance,
+            self_clearance=self.surroundings.of_itself,
         )
 
     def save(self, path: str | Path) -> Path:
@@ -86,6 +91,9 @@ def plan(
     near: Plan | None = None,
     time_limit: float | None = None,
     stability_margin: float = 0.0,
+    obstacles: Any = (),
+    clearance: float = 0.0,
+    self_clearance: bool = False,
 ) -> Plan:
     """Return the tensions of least effort that give an arm the shape that a target wants.
 
@@ -118,6 +126,12 @@ def plan(
         The least stability of the shape under its loads that is accepted, 0 to 1: the least
         eigenvalue of the scaled Hessian of the energy, which is 1 for an arm at rest and 0 where it
         is about to give way. With 0 the arm has to stand.
+    obstacles : sequence of Obstacle
+        What the arm keeps clear of, all along; see model.obstacles.
+    clearance : float
+        How far its surface stays from them [m].
+    self_clearance : bool
+        Whether it stays as far from itself and from the far side of its base plane.
 
     Returns
     -------
@@ -142,9 +156,12 @@ def plan(
     margin = checked_margin(stability_margin)
     limited = total_pull is not None
     statement = Statement(form, check_norm(norm), limited=limited, margin=margin)
+    around = surroundings(arm, targets, obstacles, clearance, self_clearance)
+    task, avoidance = Task(arm, targets, scene, limits, statement, accuracy), None
     found = None if near is None else _followed(near, arm, scene, targets, limits, accuracy)
-    if found is None:
-        task = Task(arm, targets, scene, limits, statement, accuracy)
+    if around:
+        found, avoidance = Around(task, around).run(starts, seconds, found)
+    elif found is None:
         found = Search(task).run(starts, seconds)
     return Plan(
         arm,
@@ -158,6 +175,8 @@ def plan(
         accuracy,
         found.starts,
         found.stopped,
+        around,
+        avoidance,
     )
 
 

@@ -13,13 +13,16 @@ from model.errors import FileError
 from model.forward import SCHEMES
 from model.ladder import FINEST, checked_accuracy
 from model.loads import check_loads
+from planner.avoidance.asked import Surroundings, surroundings
+from planner.avoidance.rows import Avoidance
 from planner.plan import Plan
 from planner.program.limits import Limits
 from planner.question import check_targets, checked_form, checked_margin
-from planner.records.plan import AnswerRecord, PlanRecord, StartRecord
+from planner.records.plan import AnswerRecord, PlanRecord, QuestionRecord, StartRecord
 from planner.records.values import Number, value
 from planner.scenes.mistakes import mistake, shown
 from planner.solve.found import Start
+from planner.targets.base import Target
 
 R = TypeVar("R")
 
@@ -48,10 +51,16 @@ def load_plan(path: str | Path) -> Plan:
     within = _Within(name)
     within("question.scene", lambda: check_loads(arm, scene))
     _check_statement(within, answer)
+    targets = within("question.targets", lambda: check_targets(arm, found))
+    around = _surroundings(within, question, arm, targets)
+    avoidance = None
+    if answer.avoidance is not None:
+        rows = value(answer.avoidance, name, "answer.avoidance")
+        avoidance = _kind(rows, Avoidance, name, "answer.avoidance")
     return Plan(
         arm,
         scene,
-        within("question.targets", lambda: check_targets(arm, found)),
+        targets,
         within("question.limits", lambda: Limits.of(arm, upper, lower, own.total)),
         answer.statement,
         within("answer.tensions", lambda: arm.by_section(arm.flat(tensions))),
@@ -59,6 +68,8 @@ def load_plan(path: str | Path) -> Plan:
         tuple(_floats(answer.lam_g, name, "answer.lam_g")),
         within("question.accuracy", lambda: checked_accuracy(question.accuracy)),
         tuple(_start(start, name, f"answer.starts[{i}]") for i, start in enumerate(answer.starts)),
+        surroundings=around,
+        avoidance=avoidance,
     )
 
 
@@ -73,6 +84,14 @@ class _Within:
             return build()
         except InputError as reason:
             raise FileError.of(reason, self.name, where) from None
+
+
+def _surroundings(
+    within: _Within, question: QuestionRecord, arm: Arm, targets: tuple[Target, ...]
+) -> Surroundings:
+    found = value(question.obstacles, within.name, "question.obstacles")
+    rest = (question.clearance, question.self_clearance)
+    return within("question.obstacles", lambda: surroundings(arm, targets, found, *rest))
 
 
 def _record(path: Path, name: str) -> PlanRecord:

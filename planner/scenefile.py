@@ -14,6 +14,7 @@ import msgspec
 from model import Arm, InputError, Scene
 from model.errors import FileError
 from model.loads import check_loads
+from planner.avoidance.asked import surroundings
 from planner.program.limits import Limits
 from planner.question import check_targets
 from planner.scenes.arm import arm_of
@@ -21,6 +22,7 @@ from planner.scenes.as_written import as_written
 from planner.scenes.effects import scene_of
 from planner.scenes.keys import MM
 from planner.scenes.mistakes import mistake
+from planner.scenes.obstacles import obstacle_of
 from planner.scenes.places import steps, value_at
 from planner.scenes.syntax import no_toml
 from planner.scenes.tables import LimitsTable, SceneTable, StiffnessTable
@@ -44,7 +46,8 @@ class Question:
     accuracy : float
         Tip error over arm length.
     options : dict
-        Further arguments of plan: norm, form and, if the file has limits, these.
+        Further arguments of plan: norm, form, what to keep clear of and, if the file has limits,
+        these.
     stiffness : dict
         Further arguments of stiffness.
     """
@@ -100,11 +103,24 @@ def question_of(raw: dict[str, Any], name: str = "scene") -> Question:
     targets = _targets(within, arm, table)
     options: dict[str, Any] = {"norm": str(table.norm), "form": table.form}
     options["stability_margin"] = table.stability_margin
+    options |= _surroundings(within, arm, targets, table)
     if table.limits is not None:
         within("limits", lambda own: _check_limits(arm, own), table.limits)
         options |= msgspec.structs.asdict(table.limits)
     stiff = within("stiffness", lambda own: _stiffness(arm, own), table.stiffness)
     return Question(arm, scene, targets, table.tensions, table.accuracy, options, stiff)
+
+
+def _surroundings(
+    within: Callable[..., Any], arm: Arm, targets: tuple[Target, ...], table: SceneTable
+) -> dict[str, Any]:
+    """Return what plan is told of obstacles, if there is something to keep clear of."""
+    found = [within(f"obstacles[{i}]", obstacle_of, own) for i, own in enumerate(table.obstacles)]
+    asked = (found, table.clearance_mm * MM, table.self_clearance)
+    key = "obstacles" if found else "clearance_mm"
+    if not within(key, lambda own: surroundings(arm, targets, *own), asked):
+        return {}
+    return dict(zip(("obstacles", "clearance", "self_clearance"), asked, strict=True))
 
 
 def _instead(path: Path) -> str:

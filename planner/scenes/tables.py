@@ -9,6 +9,7 @@ from msgspec import Meta
 from planner.scenes.arm import ArmTable
 from planner.scenes.effects import EffectsTable
 from planner.scenes.keys import Accuracy, NotNegative, Positive, Table, Tensions
+from planner.scenes.obstacles import ObstacleTable
 from planner.scenes.targets import Hold, TargetTable, TendonEA
 
 
@@ -44,6 +45,16 @@ class SceneTable(Table, frozen=True):
     targets: Annotated[
         tuple[TargetTable, ...], Meta(description="what plan is to reach, all together")
     ] = ()
+    obstacles: Annotated[
+        tuple[ObstacleTable, ...], Meta(description="what the arm keeps clear of, all along")
+    ] = ()
+    clearance_mm: Annotated[
+        NotNegative, Meta(description="least distance of the arm's surface from obstacles [mm]")
+    ] = 0.0
+    self_clearance: Annotated[
+        bool,
+        Meta(description="whether it stays as far from itself and from behind its base plane"),
+    ] = False
     limits: LimitsTable | None = None
     tensions: Annotated[
         Tensions | None, Meta(description="[N], a row a section, tip first, or flat")
