@@ -16,7 +16,7 @@ the answer is a lower bound, and close to the truth.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -72,15 +72,18 @@ def clearance_of(line: Centreline, obstacles: Sequence[Obstacle] = ()) -> Cleara
     return min(clearances(line, obstacles).values(), key=lambda found: found.gap)
 
 
-def clearances(line: Centreline, obstacles: Sequence[Obstacle] = ()) -> dict[str, Clearance]:
+def clearances(
+    line: Centreline,
+    obstacles: Sequence[Obstacle] = (),
+    of: Collection[str] = (OBSTACLES, BASE, ITSELF),
+) -> dict[str, Clearance]:
     """Return how clear the arm of a centreline is of OBSTACLES, BASE and ITSELF, each by name."""
     bodies = numbers_of(obstacles)
     pieces = Pieces.of(line, max(1, -(-_PIECES // (line.s.size - 1))))
-    kinds = {BASE: _plane, ITSELF: _self}
-    found = {name: _bounded(pieces, kind) for name, kind in kinds.items()}
-    if not obstacles:
-        return found
-    return {OBSTACLES: _bounded(pieces, lambda pieces: _obstacles(pieces, bodies)), **found}
+    kinds: dict[str, Callable[[Pieces], Found]] = {BASE: _plane, ITSELF: _self}
+    if obstacles:
+        kinds[OBSTACLES] = lambda pieces: _obstacles(pieces, bodies)
+    return {name: _bounded(pieces, kinds[name]) for name in of if name in kinds}
 
 
 # The nearest of the nodes, and for each piece a lower bound of its distance.

@@ -63,7 +63,7 @@ class Surroundings:
 
     def keeps(self, line: Centreline) -> bool:
         """Return whether the arm of a centreline is proven to keep clear."""
-        found = clearances(line, self.obstacles)
+        found = clearances(line, self.obstacles, self.least)
         return all(found[name].gap >= gap for name, gap in self.least.items())
 
 

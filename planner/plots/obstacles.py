@@ -36,10 +36,10 @@ def draw_obstacles(obstacles: Sequence[Obstacle], ax: Any) -> Array:
 def mark_nearest(shape: Shape, obstacles: Sequence[Obstacle], ax: Any) -> None:
     """Mark where the arm is nearest to what it can meet, in red where it passes through."""
     found = clearance(shape, obstacles)
-    if not found.s or found.gap > _NEAR * shape.arm.length:
+    through = found.gap < 0
+    if not (through or (obstacles and found.gap < _NEAR * shape.arm.length)):
         return
     points = MM * shape.position(np.array(found.s))
-    through = found.gap < 0
     told = f"passes through {found.what}" if through else f"{1e3 * found.gap:.2g} mm clear"
     colour = _WARNING if through else _OBSTACLE
     style = {"color": colour, "ms": SIZE, "mew": 1.8, "zorder": 9}
