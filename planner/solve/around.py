@@ -16,6 +16,7 @@ from time import monotonic
 import numpy as np
 
 from model.clearance.centreline import Centreline
+from model.effects import PrintedStatics
 from model.equilibrium.forward import STAGES, Collocation
 from model.errors import OctoplanError
 from model.paths import Array
@@ -25,7 +26,6 @@ from model.settle import settle
 from planner.avoidance.asked import Surroundings
 from planner.avoidance.places import near_places, updated, watched_places
 from planner.avoidance.rows import Avoidance
-from planner.program.printed import Printed
 from planner.program.problem import Problem
 from planner.program.statement import Mode
 from planner.solve.clear_guesses import likely_clear
@@ -53,11 +53,13 @@ class Clear:
     task: Task
     avoidance: Avoidance | None
     solution: Solution
+    held: bool
 
     @property
     def stated(self) -> Task:
-        """The task with its inequalities."""
-        return _with(self.task, self.avoidance)
+        """The task with its inequalities, and the least stable mode where it has to be held."""
+        task = _with(self.task, self.avoidance)
+        return task.held if self.held else task
 
 
 class Around:
@@ -148,6 +150,7 @@ class Around:
         """Return the optimum that keeps clear, on the coarse mesh, where tensions lead to one."""
         avoidance: Avoidance | None = None
         solution: Solution | None = None
+        held = False
         for _ in range(_ADDED):
             task = _with(self.task, avoidance)
             statement = task.coarse(mode)
@@ -158,10 +161,10 @@ class Around:
             near = look(line, self.asked)
             if solution is not None and all(place.gap >= self._enough for place in near):
                 self.records.append(record(solution))
-                return Clear(self.task, avoidance, solution)
+                return Clear(self.task, avoidance, solution, held)
             avoidance = updated(avoidance, near, line, self.asked)
             task = _with(self.task, avoidance)
-            solution = Trials(task).solve(task.coarse(mode), T)
+            solution, held = self._solved(task, T, mode)
             if not solution.finite or (mode == "exact" and not solution.met):
                 self.records.append(record(solution))
                 return None
@@ -189,12 +192,23 @@ class Around:
             avoidance = updated(clear.avoidance, near, line, self.asked)
             before, solution = clear.avoidance, fine.solution
             if before is None or avoidance.structure(task.arm) != before.structure(task.arm):
-                stated = _with(self.task, avoidance)
-                solution = Trials(stated).solve(stated.coarse(mode), T)
+                solution, held = self._solved(_with(self.task, avoidance), T, mode)
+                clear = replace(clear, held=held)
                 if not solution.finite or (mode == "exact" and not solution.met):
                     return None
-            clear = Clear(self.task, avoidance, solution)
+            clear = replace(clear, avoidance=avoidance, solution=solution)
         return None
+
+    @staticmethod
+    def _solved(task: Task, T: Array, mode: Mode) -> tuple[Solution, bool]:
+        """Return what tensions lead to, and whether its least stable mode has to be held."""
+        trials, statement = Trials(task), task.coarse(mode)
+        solution = trials.solve(statement, T)
+        if not solution.met or trials.stands(statement, solution):
+            return solution, False
+        trials.toppled.append((statement, solution))
+        steadied = trials.steadied(mode, np.inf)
+        return (steadied[0], True) if steadied else (replace(solution, met=False), False)
 
     @property
     def _enough(self) -> float:
@@ -228,7 +242,7 @@ class Around:
     def _line(self, problem: Problem, T: Array) -> Centreline | None:
         """Return the centreline of a program's arm under tensions; None if it does not settle."""
         try:
-            if isinstance(problem.mechanics, Printed):
+            if problem.scene.has(PrintedStatics):
                 return Centreline.of(settle(problem.arm, T, problem.scene, self.task.accuracy))
             mesh = problem.statement.refinement
             places = tuple(Avoidance(()).stations(problem.arm))

@@ -23,9 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import block_diag, csc_array, eye_array, hstack, kron, vstack
 
+from model.equilibrium.forward import STAGES, Collocation
 from model.paths import Array
 from model.patience import check_time
-from planner.program.collocated import Collocated
 from planner.program.problem import Bounds, Problem
 
 Counts = NDArray[np.int64]
@@ -173,13 +173,13 @@ def _restored(stop: Stop, a: Array) -> Array:
 
 def lengths_of(problem: Problem, a: Array, p: Array) -> tuple[Array, Array]:
     """Return the tendons' lengths (n,) [m] at scaled tensions, and their derivatives (n, n)."""
-    mechanics = problem.mechanics
-    assert isinstance(mechanics, Collocated)
     start = problem.program.sizes[0]
     unit = p[start : start + a.size]
-    system, here = mechanics.forward.system, mechanics.forward.found(np.maximum(a, 0.0) * unit)
-    slopes = system.length_slopes(here.x) @ here.by_tensions
-    return system.lengths(here.x), slopes * unit
+    mesh = problem.statement.refinement
+    forward = Collocation(problem.arm, problem.scene, STAGES, mesh)
+    here = forward.found(np.maximum(a, 0.0) * unit)
+    slopes = forward.system.length_slopes(here.x) @ here.by_tensions
+    return forward.system.lengths(here.x), slopes * unit
 
 
 def _missed(stops: list[Stop], here: _Here) -> float:

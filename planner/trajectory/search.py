@@ -26,7 +26,7 @@ from planner.avoidance.rows import Avoidance
 from planner.plan import Plan, plan
 from planner.program.limits import Limits
 from planner.program.problem import build, units
-from planner.program.statement import Statement
+from planner.program.statement import Form, Statement
 from planner.solve.task import allowed
 from planner.targets.base import Target
 from planner.trajectory.asked import Rates
@@ -163,7 +163,9 @@ def _coupling(question: Question, ways: list[Waypoint], first: Stop) -> Coupling
 def _stop(question: Question, way: Waypoint, statement: Statement) -> Stop:
     """Return a waypoint as a program; tendons that may not pull there keep to their minima."""
     stated, limits = way.stated, question.limits
-    problem = build(question.arm, stated, question.scene, statement)
+    # See planner.solve.task.Task.coarse.
+    form: Form = statement.form if way.stated != way.targets else "condensed"
+    problem = build(question.arm, stated, question.scene, statement.but(form=form))
     lbx, ubx, *rows = problem.free_bounds(limits)
     own = allowed(question.arm, stated, limits)
     held = np.array(own.upper) <= limits.lower
