@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -25,8 +25,8 @@ from planner.scenes.mistakes import mistake
 from planner.scenes.obstacles import obstacle_of
 from planner.scenes.places import steps, value_at
 from planner.scenes.syntax import no_toml
-from planner.scenes.tables import LimitsTable, SceneTable, StiffnessTable
-from planner.scenes.targets import target_of
+from planner.scenes.tables import LimitsTable, MotionTable, SceneTable, StiffnessTable
+from planner.scenes.targets import TargetTable, target_of
 from planner.targets import Target
 
 R = TypeVar("R")
@@ -50,6 +50,10 @@ class Question:
         these.
     stiffness : dict
         Further arguments of stiffness.
+    waypoints : tuple of Target
+        What `trajectory` is to reach, in order.
+    motion : dict
+        Further arguments of trajectory: rates and times.
     """
 
     arm: Arm
@@ -59,6 +63,8 @@ class Question:
     accuracy: float
     options: dict[str, Any]
     stiffness: dict[str, Any]
+    waypoints: tuple[Target, ...] = ()
+    motion: dict[str, Any] = field(default_factory=dict)
 
 
 def load(path: str | Path) -> Question:
@@ -103,12 +109,15 @@ def question_of(raw: dict[str, Any], name: str = "scene") -> Question:
     targets = _targets(within, arm, table)
     options: dict[str, Any] = {"norm": str(table.norm), "form": table.form}
     options["stability_margin"] = table.stability_margin
-    options |= _surroundings(within, arm, targets, table)
+    ways = _stated(within, arm, [(f"waypoints[{i}]", w) for i, w in enumerate(table.waypoints)])
+    options |= _surroundings(within, arm, (*targets, *ways), table)
     if table.limits is not None:
         within("limits", lambda own: _check_limits(arm, own), table.limits)
         options |= msgspec.structs.asdict(table.limits)
     stiff = within("stiffness", lambda own: _stiffness(arm, own), table.stiffness)
-    return Question(arm, scene, targets, table.tensions, table.accuracy, options, stiff)
+    motion = _motion(table.motion)
+    given = (arm, scene, targets, table.tensions, table.accuracy, options, stiff)
+    return Question(*given, ways, motion)
 
 
 def _surroundings(
@@ -156,14 +165,32 @@ def table_of(raw: dict[str, Any], name: str) -> SceneTable:
 def _targets(within: Callable[..., Any], arm: Arm, table: SceneTable) -> tuple[Target, ...]:
     own = [] if table.target is None else [("target", table.target)]
     own += [(f"targets[{i}]", other) for i, other in enumerate(table.targets)]
+    found = _stated(within, arm, own)
+    if found:
+        within("targets", lambda all_: check_targets(arm, all_), found)
+    return found
+
+
+def _stated(
+    within: Callable[..., Any], arm: Arm, tables: list[tuple[str, TargetTable]]
+) -> tuple[Target, ...]:
+    """Return the targets of tables with their keys, each checked."""
     found = []
-    for key, other in own:
+    for key, other in tables:
         target = within(key, target_of, other)
         within(key, target.check, arm)
         found.append(target)
-    if found:
-        within("targets", lambda all_: check_targets(arm, all_), tuple(found))
     return tuple(found)
+
+
+def _motion(table: MotionTable) -> dict[str, Any]:
+    """Return the rates and times of a motion in SI units."""
+    stroke = table.stroke_rate_max_mm_s
+    return {
+        "rate_max": table.rate_max,
+        "stroke_rate_max": None if stroke is None else stroke * MM,
+        "times": table.times_s,
+    }
 
 
 def _check_limits(arm: Arm, table: LimitsTable) -> None:

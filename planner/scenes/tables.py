@@ -23,6 +23,21 @@ class LimitsTable(Table, frozen=True):
     ] = None
 
 
+class MotionTable(Table, frozen=True):
+    """How fast `octoplan trajectory` may go, and when it is to be at each waypoint."""
+
+    rate_max: Annotated[
+        Positive | Tensions | None, Meta(description="of tensions [N/s], or one for each")
+    ] = None
+    stroke_rate_max_mm_s: Annotated[
+        Positive | None, Meta(description="of the lengths of tendons [mm/s]")
+    ] = None
+    times_s: Annotated[
+        list[Positive] | None,
+        Meta(description="of each waypoint [s]; then effort is made least, otherwise time"),
+    ] = None
+
+
 class StiffnessTable(Table, frozen=True):
     """What `octoplan stiffness` is to tell; see model.stiffness."""
 
@@ -45,6 +60,10 @@ class SceneTable(Table, frozen=True):
     targets: Annotated[
         tuple[TargetTable, ...], Meta(description="what plan is to reach, all together")
     ] = ()
+    waypoints: Annotated[
+        tuple[TargetTable, ...], Meta(description="what trajectory is to reach, in order")
+    ] = ()
+    motion: MotionTable = MotionTable()
     obstacles: Annotated[
         tuple[ObstacleTable, ...], Meta(description="what the arm keeps clear of, all along")
     ] = ()

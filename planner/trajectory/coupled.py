@@ -32,6 +32,8 @@ Counts = NDArray[np.int64]
 _STEPS, _SMALL, _TRUST, _LEAST_TRUST = 40, 1e-7, 0.25, 1e-7
 # Of effort where time is made least, over the time; of time where it is given, over effort.
 _TRACE, _PENALTY = 1e-3, 1e3
+# What a step has to gain, over what is made least, for another one.
+_GAIN = 1e-5
 # Steps back to the constraints, and when they are met.
 _RESTORING, _EXACT = 4, 1e-10
 _MERIT, _LEAST_CURVATURE = 1e2, 1e-6
@@ -121,7 +123,7 @@ def solved(stops: list[Stop], coupling: Coupling, a: Array, steps: int = _STEPS)
             gain = merit - found
             a, here, merit, lam = trial, there, found, new
             trust = min(2 * trust, 1.0) if size > 0.9 * trust else trust
-            if size < _SMALL or (gain < 1e-9 * (1 + abs(merit)) and _missed(stops, here) < 1e-10):
+            if size < _SMALL or gain < _GAIN * abs(merit):
                 break
         else:
             trust = size / 4

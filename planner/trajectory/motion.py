@@ -143,11 +143,22 @@ class Trajectory:
         The file is there whole or not at all. Raises InputError for another suffix, and where it
         cannot be written.
         """
+        return write_named(path, ".csv", self.csv)
+
+    def plot(self) -> Any:
+        """Draw the motion; see planner.plots.trajectory."""
+        from planner.plots.trajectory import plot_trajectory
+
+        return plot_trajectory(self)
+
+    @property
+    def csv(self) -> bytes:
+        """What is saved."""
         names = [self.arm.tendon_name(j).replace(",", "_") for j in range(self.arm.n_tendons)]
         head = ["t_s", *(f"{name}_N" for name in names), *(f"{name}_length_m" for name in names)]
         rows = np.column_stack([self.times, self.flat, self.lengths]).tolist()
         lines = [",".join(head), *(",".join(map(repr, row)) for row in rows)]
-        return write_named(path, ".csv", ("\n".join(lines) + "\n").encode())
+        return ("\n".join(lines) + "\n").encode()
 
     def _shape(self, T: Array) -> Shape:
         return settle(self.arm, T, self.question.scene, max(self.question.accuracy / 10, 1e-12))
