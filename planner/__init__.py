@@ -12,6 +12,7 @@ from planner.program.statement import Statement
 from planner.records.shape import save_shape
 from planner.solve.found import Start
 from planner.sweeps.sweep import sweep
+from planner.trajectory.motion import Trajectory, trajectory
 
 __all__ = [
     "Certificate",
@@ -20,6 +21,7 @@ __all__ = [
     "Problem",
     "Start",
     "Statement",
+    "Trajectory",
     "build",
     "export",
     "load_plan",
@@ -28,4 +30,5 @@ __all__ = [
     "save_shape",
     "stiffness",
     "sweep",
+    "trajectory",
 ]

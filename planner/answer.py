@@ -12,6 +12,8 @@ from model.paths import Array
 from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
+from planner.avoidance.asked import NOTHING, Surroundings
+from planner.avoidance.rows import Avoidance
 from planner.certificate import Certificate, certify
 from planner.outcome import Facts, sentence
 from planner.program.effort import effort
@@ -52,6 +54,10 @@ class Answer:
         where its branch was left; 0 where it was not, or none was given.
     machine_code : bool
         Whether compiled kernels found it, and find what is derived from it; no part of the answer.
+    surroundings : Surroundings
+        What the arm was to keep clear of.
+    avoidance : Avoidance or None
+        The inequalities of the program that hold it.
     """
 
     arm: Arm
@@ -67,6 +73,8 @@ class Answer:
     stopped: bool = False
     jump: float = 0.0
     machine_code: bool = field(default=False, compare=False)
+    surroundings: Surroundings = NOTHING
+    avoidance: Avoidance | None = None
 
     @cached_property
     def shape(self) -> Shape:
@@ -79,8 +87,8 @@ class Answer:
         """The check of the tensions by another integrator; see planner.certificate."""
         T = np.ravel(self.tensions)
         asked = (self.arm, self.scene, self.targets, self.limits)
-        margin = self.statement.margin
-        return certify(*asked, T, self._kkt(T), self.accuracy, margin, self.machine_code)
+        more = (self.statement.margin, self.machine_code, self.surroundings)
+        return certify(*asked, T, self._kkt(T), self.accuracy, *more)
 
     @property
     def mode(self) -> Mode:
@@ -129,14 +137,20 @@ class Answer:
         if np.ravel(self._rows(STABILITY)).min(initial=0.0) < -1e-9:
             least = self.statement.margin
             found.append((np.inf, f"stability, at its margin of {least:g}"))
+        if np.ravel(self._rows("margin")).min(initial=0.0) < -1e-9 and self.surroundings:
+            found.append((0.0, "what the arm is to keep clear of"))
         total = self.limits.total
         if total is not None and T.sum() >= total * (1 - 1e-6):
             found.append((np.inf, f"the total pull at its maximum of {total:g} N"))
         return [name for _, name in sorted(found, key=lambda item: -item[0])]
 
+    @property
+    def stated(self) -> tuple[Target, ...]:
+        """The targets of the program."""
+        return self.targets if self.avoidance is None else (*self.targets, self.avoidance)
+
     def _problem(self) -> Problem:
-        stated = (self.scene, self.statement, self.machine_code)
-        return build(self.arm, self.targets, *stated)
+        return build(self.arm, self.stated, self.scene, self.statement, self.machine_code)
 
     def _rows(self, name: str) -> Array:
         """Return the multipliers of the constraints of a name."""
@@ -149,7 +163,7 @@ class Answer:
         problem = self._problem()
         problem.condensed.forget()
         limits = allowed(self.arm, self.targets, self.limits)
-        p = problem.parameters(self.targets, limits)
+        p = problem.parameters(self.stated, limits)
         x, bounds = problem.free(T, limits), problem.free_bounds(limits)
         if problem.n_lack:
             x = problem.unknowns(T, limits, p)[: x.size]

@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from model.arm import Arm
+from model.clearance import clearances
+from model.clearance.centreline import Centreline
 from model.effects import PrintedStatics
 from model.equilibrium.forward import STAGES, Collocation
 from model.equilibrium.linearised import Linearised
@@ -24,6 +26,7 @@ from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
 from model.stiffness import stiffness
+from planner.avoidance.asked import NOTHING, Surroundings, told
 from planner.program.limits import Limits
 from planner.program.terms import looks_of, stations_of, term_names, terms_function, ways_function
 from planner.targets.base import Target
@@ -62,6 +65,9 @@ class Certificate:
     scheme : the integrator of the check
     tolerance : what match, margin and agreement are held to
     problem : why the check could not be made, if so
+    gaps : least distance of the arm's surface from each thing it can meet [m]; see model.clearance
+    least_gaps : the distance asked for of some of them [m]
+    nearest : the nearest of them, in words
     """
 
     match: Mapping[str, float] = field(default_factory=dict)
@@ -77,6 +83,31 @@ class Certificate:
     scheme: str = ""
     tolerance: float = 1e-6
     problem: str = ""
+    gaps: Mapping[str, float] = field(default_factory=dict)
+    least_gaps: Mapping[str, float] = field(default_factory=dict)
+    nearest: str = ""
+
+    @property
+    def clearance(self) -> float:
+        """The least distance of the arm's surface from obstacles, from behind its base, itself [m].
+
+        A lower bound; below 0 the arm passes through, infinite where it can meet nothing.
+        """
+        return min(self.gaps.values(), default=np.inf)
+
+    @property
+    def too_near(self) -> Mapping[str, float]:
+        """By how much less than asked the arm is clear of things that were asked about [m]."""
+        lacks = {name: least - self.gaps[name] for name, least in self.least_gaps.items()}
+        return {name: lack for name, lack in lacks.items() if lack > 0}
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What was not asked about and yet cannot be, a sentence each."""
+        found = [name for name, gap in self.gaps.items() if gap < 0 and name not in self.least_gaps]
+        return tuple(
+            f"the arm passes through {name} by {-1e3 * self.gaps[name]:.3g} mm" for name in found
+        )
 
     @property
     def residual(self) -> float:
@@ -106,6 +137,8 @@ class Certificate:
             (self.agreement, self.tolerance, "integrators differ by"),
             (self.stability_margin - self.stability, self._stable, self._unstable),
         ]
+        near = self.too_near.items()
+        checks += [(1e3 * lack, 0.0, f"too near {name} by [mm]") for name, lack in near]
         failed = [check for check in checks if not check[0] <= check[1]]
         return tuple(f"{name} {value:.2g}, allowed {limit:.2g}" for value, limit, name in failed)
 
@@ -146,6 +179,9 @@ class Certificate:
         least = f"(1 at rest; at least {self.stability_margin:g})"
         lines.append(f"  {'stability':<28} {self.stability:9.2e} {least}")
         lines += [f"  {self.bears}"] * bool(self.bears)
+        nearest = self.nearest or "can meet nothing"
+        lines.append(f"  {'clearance [mm]':<28} {1e3 * self.clearance:9.2e} ({nearest})")
+        lines += [f"  beware: {warning}" for warning in self.warnings]
         return "\n".join(lines + [f"  failed: {failure}" for failure in self.failures])
 
 
@@ -159,6 +195,7 @@ def certify(
     tolerance: float,
     stability_margin: float = 0.0,
     machine_code: bool = False,
+    surroundings: Surroundings = NOTHING,
 ) -> Certificate:
     """Verify the settled tensions by initial value integration, and look at everything anew."""
     low, high = np.array(limits.lower), np.array(limits.upper)
@@ -172,10 +209,11 @@ def certify(
         shape = settle(arm, tensions, scene, fine, compile=machine_code)
         stations, sharp = stations_of(arm, targets), max(_SHARPER * tolerance, FINEST_ACCURACY)
         check = _printed if printed else _integrated
-        poses, tip, error, stands, load_factor = check(shape, stations, sharp)
+        poses, tip, error, stands, load_factor, line = check(shape, stations, sharp)
+        gaps = clearances(line, surroundings.obstacles)
     except (OctoplanError, OutOfTime) as reason:
-        told = _LATE if isinstance(reason, OutOfTime) else str(reason)
-        return Certificate(bounds=excess, scheme=scheme, tolerance=tolerance, problem=told)
+        why = _LATE if isinstance(reason, OutOfTime) else str(reason)
+        return Certificate(bounds=excess, scheme=scheme, tolerance=tolerance, problem=why)
     match, approach, margin = measure(arm, targets, poses, gives(arm, targets, shape))
     return Certificate(
         {name: float(np.abs(values).max()) for name, values in match.items()},
@@ -190,11 +228,14 @@ def certify(
         load_factor,
         scheme,
         tolerance,
+        gaps={name: clear.gap for name, clear in gaps.items()},
+        least_gaps=surroundings.least,
+        nearest=told(gaps),
     )
 
 
-# Poses at the stations (K, 7), the tip (3,), its estimated error, stability, load factor.
-Checked = tuple[Array, Array, float, float, float | None]
+# Poses at the stations (K, 7), the tip (3,), its estimated error, stability, load factor, midline.
+Checked = tuple[Array, Array, float, float, float | None, Centreline]
 
 
 def _integrated(shape: Shape, stations: tuple[float, ...], accuracy: float) -> Checked:
@@ -214,11 +255,12 @@ def _integrated(shape: Shape, stations: tuple[float, ...], accuracy: float) -> C
     form = (STAGES, 1, (), True, shape.machine_code)
     rough = Collocation(shape.arm, shape.scene, *form).found(shape.tensions, shape.known)
     least = stability(rough)
+    line = Centreline.at_states(forward.system, found.here.states)
     if not is_loaded(shape.scene):
-        return poses[places], poses[-1, 4:], found.error, least, None
+        return poses[places], poses[-1, 4:], found.error, least, None, line
     stands = least_eigenvalue(found.here) if least > 0 else least
     bears = _load_factor(rough, shape)
-    return poses[places], poses[-1, 4:], found.error, stands, bears
+    return poses[places], poses[-1, 4:], found.error, stands, bears, line
 
 
 def _load_factor(here: Linearised, shape: Shape) -> float:
@@ -231,7 +273,8 @@ def _printed(shape: Shape, stations: tuple[float, ...], accuracy: float) -> Chec
     """Return what another integrator makes of a scene as printed."""
     asked = (shape.arm, shape.tensions, shape.scene, accuracy, _PRINTED)
     check = settle(*asked, compile=shape.machine_code)
-    return check.poses(np.array(stations)), check.tip, check.error, np.inf, None
+    poses, line = check.poses(np.array(stations)), Centreline.of(check)
+    return poses, check.tip, check.error, np.inf, None, line
 
 
 def measure(

@@ -38,7 +38,12 @@ class Facts:
 
 
 def sentence(facts: Facts) -> str:
-    """Return what happened to a plan in words."""
+    """Return what happened to a plan in words, with what was not asked about and yet cannot be."""
+    beware = "".join(f" Beware: {warning}." for warning in facts.certificate.warnings)
+    return _happened(facts) + beware
+
+
+def _happened(facts: Facts) -> str:
     certificate = facts.certificate
     if certificate.problem:
         return f"Not certified: {certificate.problem}."
@@ -50,6 +55,9 @@ def sentence(facts: Facts) -> str:
     if facts.mode != "exact" and not certificate.attained:
         gaps = _gaps(facts)
         return f"Not reached: the nearest attainable shape is {gaps}; {_holders(facts)}; {tried}."
+    if certificate.too_near:
+        advice = "move it or the target, raise the limits or ask for less clearance"
+        return f"Not clear: {certificate.nearest}; no start led around it: {advice} ({tried})."
     failures = "; ".join(certificate.failures)
     return f"Not certified: {failures}; try a finer accuracy or more starts ({tried})."
 

@@ -18,12 +18,15 @@ from model.machine.compiled import Compile, checked_compile
 from model.patience import OutOfTime, time_limit
 from model.scene import Scene
 from planner.answer import Answer
+from planner.avoidance.asked import Surroundings, surroundings
+from planner.avoidance.rows import Avoidance
 from planner.files import to_json, write_named
 from planner.program.effort import check_norm
 from planner.program.limits import Limits
 from planner.program.statement import Form, Statement
 from planner.question import check_looks, check_targets, checked_form, checked_margin
 from planner.records.plan import plan_record
+from planner.solve.around import Around
 from planner.solve.follow import Known, follow, jump
 from planner.solve.found import Found
 from planner.solve.search import Search
@@ -57,6 +60,9 @@ class Plan(Answer):
             near=self,
             stability_margin=self.statement.margin,
             compile=self.machine_code,
+            obstacles=self.surroundings.obstacles,
+            clearance=self.surroundings.clearance,
+            self_clearance=self.surroundings.of_itself,
         )
 
     def save(self, path: str | Path) -> Path:
@@ -90,6 +96,9 @@ def plan(
     time_limit: float | None = None,
     stability_margin: float = 0.0,
     compile: Compile = False,  # noqa: A002  (the name that scripts use)
+    obstacles: Any = (),
+    clearance: float = 0.0,
+    self_clearance: bool = False,
 ) -> Plan:
     """Return the tensions of least effort that give an arm the shape that a target wants.
 
@@ -130,6 +139,12 @@ def plan(
     compile : bool or "auto"
         Whether to work by machine code, see settle; the plan's shape and certificate are found by
         it too. In a scene as printed only these are.
+    obstacles : sequence of Obstacle
+        What the arm keeps clear of, all along; see model.obstacles.
+    clearance : float
+        How far its surface stays from them [m].
+    self_clearance : bool
+        Whether it stays as far from itself and from the far side of its base plane.
 
     Returns
     -------
@@ -158,10 +173,8 @@ def plan(
     statement = Statement(form, check_norm(norm), limited=limited, margin=margin)
     by = checked_compile(compile)
     task = Task(arm, targets, scene, limits, statement, accuracy, by)
-    if near is None:
-        found = Search(task).run(starts, seconds)
-    else:
-        found = _followed(near, task, starts, seconds)
+    around = surroundings(arm, targets, obstacles, clearance, self_clearance)
+    found, avoidance = _searched(task, around, near, starts, seconds)
     return Plan(
         arm,
         scene,
@@ -176,29 +189,43 @@ def plan(
         found.stopped,
         found.jump,
         by,
+        around,
+        avoidance,
     )
 
 
-def _followed(near: Plan, task: Task, starts: int, seconds: float | None) -> Found:
-    """Return what a plan leads to, or the best from all starts where it cannot be followed."""
+def _searched(
+    task: Task, around: Surroundings, near: Plan | None, starts: int, seconds: float | None
+) -> tuple[Found, Avoidance | None]:
+    """Return what a plan that is near leads to, or the best from all starts."""
+    if near is None:
+        if around:
+            return Around(task, around).run(starts, seconds)
+        return Search(task).run(starts, seconds), None
+    with time_limit(seconds):
+        followed = _followed(near, task)
+        if around and not (followed and followed.stopped):
+            return Around(task, around).run(starts, seconds, followed)
+        found = followed or Search(task).run(starts)
+    if followed or found.stopped or found.statement.mode != "exact":
+        return found, None
+    return replace(found, jump=jump(near.tensions, found.tensions)), None
+
+
+def _followed(near: Plan, task: Task) -> Found | None:
+    """Return what a plan leads to, None where it cannot be followed."""
     kind("near", near, Plan, "a Plan for the same arm and scene, or None")
     if near.arm != task.arm or near.scene != task.scene:
         raise InputError("near", "a plan for another arm or scene", "one for the same")
     limits, own = task.limits, near.limits
+    if (own.upper, own.total) != (limits.upper, limits.total):
+        return None
     answer = (near.tensions, near.lam_x, near.lam_g)
     stated = near.statement.but(margin=task.statement.margin)
     known = Known(near.targets, own.lower, stated, *answer)
-    with time_limit(seconds):
-        try:
-            if (own.upper, own.total) == (limits.upper, limits.total):
-                asked = (task.arm, task.scene, task.targets, limits, task.accuracy)
-                found = follow(known, *asked, task.machine_code)
-                if found is not None:
-                    return found
-        except OutOfTime:
-            T = np.clip(np.ravel(near.tensions), limits.lower, limits.upper)
-            return Found(near.statement, task.arm.by_section(T), (), (), (), stopped=True)
-        found = Search(task).run(starts)
-    if found.stopped or found.statement.mode != "exact":
-        return found
-    return replace(found, jump=jump(near.tensions, found.tensions))
+    asked = (task.arm, task.scene, task.targets, limits, task.accuracy)
+    try:
+        return follow(known, *asked, task.machine_code)
+    except OutOfTime:
+        T = np.clip(np.ravel(near.tensions), limits.lower, limits.upper)
+        return Found(near.statement, task.arm.by_section(T), (), (), (), stopped=True)

@@ -14,15 +14,18 @@ from model.errors import FileError
 from model.forward import SCHEMES
 from model.ladder import FINEST, checked_accuracy
 from model.loads import check_loads
+from planner.avoidance.asked import Surroundings, surroundings
+from planner.avoidance.rows import Avoidance
 from planner.files import read_file, why
 from planner.plan import Plan
 from planner.program.limits import Limits
 from planner.program.problem import build
 from planner.question import check_targets, checked_form, checked_margin
-from planner.records.plan import AnswerRecord, PlanRecord, StartRecord
+from planner.records.plan import AnswerRecord, PlanRecord, QuestionRecord, StartRecord
 from planner.records.values import Number, value
 from planner.scenes.mistakes import mistake, shown
 from planner.solve.found import Start
+from planner.targets.base import Target
 
 R = TypeVar("R")
 
@@ -51,11 +54,17 @@ def load_plan(path: str | Path) -> Plan:
     within = _Within(name)
     within("question.scene", lambda: check_loads(arm, scene))
     limits = within("question.limits", lambda: Limits.of(arm, upper, lower, own.total))
+    targets = within("question.targets", lambda: check_targets(arm, found))
+    around = _surroundings(within, question, arm, targets)
+    avoidance = None
+    if answer.avoidance is not None:
+        rows = value(answer.avoidance, name, "answer.avoidance")
+        avoidance = _kind(rows, Avoidance, name, "answer.avoidance")
     _check_statement(within, answer, limits)
     plan = Plan(
         arm,
         scene,
-        within("question.targets", lambda: check_targets(arm, found)),
+        targets,
         limits,
         answer.statement,
         within("answer.tensions", lambda: arm.by_section(arm.flat(tensions))),
@@ -65,6 +74,8 @@ def load_plan(path: str | Path) -> Plan:
         tuple(_start(start, name, f"answer.starts[{i}]") for i, start in enumerate(answer.starts)),
         answer.stopped,
         answer.jump,
+        surroundings=around,
+        avoidance=avoidance,
     )
     _check_multipliers(plan, name)
     return plan
@@ -81,6 +92,14 @@ class _Within:
             return build()
         except InputError as reason:
             raise FileError.of(reason, self.name, where) from None
+
+
+def _surroundings(
+    within: _Within, question: QuestionRecord, arm: Arm, targets: tuple[Target, ...]
+) -> Surroundings:
+    found = value(question.obstacles, within.name, "question.obstacles")
+    rest = (question.clearance, question.self_clearance)
+    return within("question.obstacles", lambda: surroundings(arm, targets, found, *rest))
 
 
 def _record(path: Path, name: str) -> PlanRecord:
@@ -120,7 +139,7 @@ def _check_multipliers(plan: Plan, name: str) -> None:
     """Refuse multipliers that are not finite, or not those of the problem; there may be none."""
     sizes = len(plan.lam_x), len(plan.lam_g)
     if any(sizes):
-        problem = build(plan.arm, plan.targets, plan.scene, plan.statement.but(refinement=1))
+        problem = build(plan.arm, plan.stated, plan.scene, plan.statement.but(refinement=1))
         wanted = problem.n_free, sum(row.size for row in problem.condensed.rows)
         if sizes != wanted:
             told = "got {} and {} numbers, allowed are {} and {}, or none".format(*sizes, *wanted)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -16,6 +16,7 @@ from model import Arm, InputError, Scene
 from model.errors import FileError
 from model.loads import check_loads
 from model.machine.compiled import Compile
+from planner.avoidance.asked import surroundings
 from planner.files import read_file, why
 from planner.program.limits import Limits
 from planner.question import check_targets
@@ -24,10 +25,11 @@ from planner.scenes.as_written import as_written
 from planner.scenes.effects import scene_of
 from planner.scenes.keys import MM
 from planner.scenes.mistakes import mistake
+from planner.scenes.obstacles import obstacle_of
 from planner.scenes.places import steps, value_at
 from planner.scenes.syntax import no_toml
-from planner.scenes.tables import LimitsTable, SceneTable, StiffnessTable
-from planner.scenes.targets import target_of
+from planner.scenes.tables import LimitsTable, MotionTable, SceneTable, StiffnessTable
+from planner.scenes.targets import TargetTable, target_of
 from planner.targets import Target
 
 R = TypeVar("R")
@@ -47,11 +49,16 @@ class Question:
     accuracy : float
         Tip error over arm length.
     options : dict
-        Further arguments of plan: norm, form and, if the file has limits, these.
+        Further arguments of plan: norm, form, what to keep clear of and, if the file has limits,
+        these.
     stiffness : dict
         Further arguments of stiffness.
     compile : bool or "auto"
         As settle, plan and stiffness take it.
+    waypoints : tuple of Target
+        What `trajectory` is to reach, in order.
+    motion : dict
+        Further arguments of trajectory: rates and times.
     """
 
     arm: Arm
@@ -62,6 +69,8 @@ class Question:
     options: dict[str, Any]
     stiffness: dict[str, Any]
     compile: Compile = False
+    waypoints: tuple[Target, ...] = ()
+    motion: dict[str, Any] = field(default_factory=dict)
 
 
 def load(path: str | Path) -> Question:
@@ -105,12 +114,27 @@ def question_of(raw: dict[str, Any], name: str = "scene") -> Question:
     targets = _targets(within, arm, table)
     options: dict[str, Any] = {"norm": str(table.norm), "form": table.form}
     options["stability_margin"] = table.stability_margin
+    ways = _stated(within, arm, [(f"waypoints[{i}]", w) for i, w in enumerate(table.waypoints)])
+    options |= _surroundings(within, arm, (*targets, *ways), table)
     if table.limits is not None:
         within("limits", lambda own: _check_limits(arm, own), table.limits)
         options |= msgspec.structs.asdict(table.limits)
     stiff = within("stiffness", lambda own: _stiffness(arm, own), table.stiffness)
+    motion = _motion(table.motion)
     asked = (table.tensions, table.accuracy, options, stiff, table.compile)
-    return Question(arm, scene, targets, *asked)
+    return Question(arm, scene, targets, *asked, ways, motion)
+
+
+def _surroundings(
+    within: Callable[..., Any], arm: Arm, targets: tuple[Target, ...], table: SceneTable
+) -> dict[str, Any]:
+    """Return what plan is told of obstacles, if there is something to keep clear of."""
+    found = [within(f"obstacles[{i}]", obstacle_of, own) for i, own in enumerate(table.obstacles)]
+    asked = (found, table.clearance_mm * MM, table.self_clearance)
+    key = "obstacles" if found else "clearance_mm"
+    if not within(key, lambda own: surroundings(arm, targets, *own), asked):
+        return {}
+    return dict(zip(("obstacles", "clearance", "self_clearance"), asked, strict=True))
 
 
 def _instead(path: Path) -> str:
@@ -149,14 +173,32 @@ def table_of(raw: dict[str, Any], name: str) -> SceneTable:
 def _targets(within: Callable[..., Any], arm: Arm, table: SceneTable) -> tuple[Target, ...]:
     own = [] if table.target is None else [("target", table.target)]
     own += [(f"targets[{i}]", other) for i, other in enumerate(table.targets)]
+    found = _stated(within, arm, own)
+    if found:
+        within("targets", lambda all_: check_targets(arm, all_), found)
+    return found
+
+
+def _stated(
+    within: Callable[..., Any], arm: Arm, tables: list[tuple[str, TargetTable]]
+) -> tuple[Target, ...]:
+    """Return the targets of tables with their keys, each checked."""
     found = []
-    for key, other in own:
+    for key, other in tables:
         target = within(key, target_of, other)
         within(key, target.check, arm)
         found.append(target)
-    if found:
-        within("targets", lambda all_: check_targets(arm, all_), tuple(found))
     return tuple(found)
+
+
+def _motion(table: MotionTable) -> dict[str, Any]:
+    """Return the rates and times of a motion in SI units."""
+    stroke = table.stroke_rate_max_mm_s
+    return {
+        "rate_max": table.rate_max,
+        "stroke_rate_max": None if stroke is None else stroke * MM,
+        "times": table.times_s,
+    }
 
 
 def _check_limits(arm: Arm, table: LimitsTable) -> None:

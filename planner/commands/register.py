@@ -1,10 +1,22 @@
 """The register of commands: a new one is an import and a line here."""
 
-from planner.commands import effects, export, live, new, plan, schema, settle, stiffness, sweep
+from planner.commands import (
+    effects,
+    export,
+    live,
+    new,
+    plan,
+    schema,
+    settle,
+    stiffness,
+    sweep,
+    trajectory,
+)
 
 COMMANDS = (
     new.COMMAND,
     plan.COMMAND,
+    trajectory.COMMAND,
     settle.COMMAND,
     stiffness.COMMAND,
     live.COMMAND,

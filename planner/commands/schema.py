@@ -15,6 +15,7 @@ from planner.records.plan import PlanRecord
 from planner.records.shape import ShapeRecord
 from planner.records.stiffness import StiffnessRecord
 from planner.records.sweep import SweepRecord
+from planner.records.trajectory import TrajectoryRecord
 from planner.scenes.schema import DIALECT, scene_schema
 
 _RECORDS: dict[str, type[msgspec.Struct]] = {
@@ -24,6 +25,7 @@ _RECORDS: dict[str, type[msgspec.Struct]] = {
     "effects": EffectsRecord,
     "sweep": SweepRecord,
     "export": ExportRecord,
+    "trajectory": TrajectoryRecord,
 }
 
 

@@ -14,8 +14,10 @@ from mpl_toolkits.mplot3d.art3d import (  # type: ignore[import-untyped]
 )
 from mpl_toolkits.mplot3d.proj3d import proj_transform  # type: ignore[import-untyped]
 
+from model.obstacles import Obstacle
 from model.paths import Array
 from model.shape import Shape
+from planner.plots.obstacles import draw_obstacles, mark_nearest
 from planner.plots.strains import INK, MM, PULL, SIZE, SLACK, pull_norm, pulling
 from planner.plots.targets import draw_target
 
@@ -27,18 +29,27 @@ _FLAT = 0.3
 _ROOM = 0.084, 0.080
 
 
-def draw_arm(shape: Shape, ax: Any, targets: tuple[Any, ...] = ()) -> Array:
-    """Draw the arm and targets in 3-D axes, in mm; return points (N, 3) [m] that show them.
+def draw_arm(
+    shape: Shape,
+    ax: Any,
+    targets: tuple[Any, ...] = (),
+    obstacles: tuple[Obstacle, ...] = (),
+) -> Array:
+    """Draw the arm, targets and obstacles in 3-D axes, in mm; return points (N, 3) [m] of them.
+
+    Where the arm is near to what it can meet, or passes through, it is marked.
 
     The last collection added holds the pulled tendons, with their tensions [N] as colours.
     """
     ax.computed_zorder = False
     fresh = not ax.has_data()
     s = spaced(shape)
+    things = draw_obstacles(obstacles, ax)
     skin = _body(shape, ax, s)
     goals = [draw_target(target, ax, shape) for target in targets]
+    mark_nearest(shape, obstacles, ax)
     _tendons(shape, ax, s)
-    fit(ax, np.vstack([skin, *goals]), fresh)
+    fit(ax, np.vstack([skin, things, *goals]), fresh)
     return np.vstack([shape.position(s), *goals])
 
 

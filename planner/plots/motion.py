@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from model.arm import Arm
 from model.checks import within
 from model.errors import InputError
+from model.obstacles import Obstacle
 from model.paths import Array
 from model.scene import Scene
 from model.settle import settle
@@ -45,6 +46,7 @@ class _Step:
     shape: Shape
     number: int
     targets: tuple[Any, ...]
+    obstacles: tuple[Obstacle, ...]
 
 
 def plot_motion(
@@ -79,14 +81,14 @@ def plot_motion(
         ax = _axes(norm)
     s = np.linspace(0.0, arm.length, 60)
     seen = [step.shape.position(s) for step in steps]
-    sights = [np.vstack([draw_arm(step.shape, ax, step.targets), seen[0]]) for step in _last(steps)]
+    sights = [np.vstack([_drawn(step, ax), seen[0]]) for step in _last(steps)]
     box = _widened(np.vstack([*seen, *sights]), arm)
     view = best_view(np.vstack([*seen[::5], *sights]), steps[0].shape.frame(0.0)[:, 0])
 
     def draw(index: int) -> list[Any]:
         step = steps[index]
         ax.clear()
-        draw_arm(step.shape, ax, step.targets)
+        _drawn(step, ax)
         fit(ax, box, True)
         fill(ax, *view)
         if pulling(step.shape.tensions).any():
@@ -128,12 +130,18 @@ def _steps(arm: Arm, scene: Scene, plans: Sequence[Moved], frames: int) -> list[
     """Return the frames: rest, then `frames` to each plan, slow where one ends."""
     pulls: list[Array] = [np.zeros(arm.n_tendons), *(np.ravel(p.tensions) for p in plans)]
     shares = (1 - np.cos(np.pi * np.arange(1, frames + 1) / frames)) / 2
-    found = [_Step(settle(arm, pulls[0], scene, _SEEN), 1, plans[0].targets)]
+    things = [(plan.targets, plan.surroundings.obstacles) for plan in plans]
+    found = [_Step(settle(arm, pulls[0], scene, _SEEN), 1, *things[0])]
     for i, (start, end) in enumerate(pairwise(pulls)):
         for share in shares:
             shape = settle(arm, start + share * (end - start), scene, _SEEN)
-            found.append(_Step(shape, i + 1, plans[i].targets))
+            found.append(_Step(shape, i + 1, *things[i]))
     return found
+
+
+def _drawn(step: _Step, ax: Any) -> Array:
+    """Draw a frame; return points (N, 3) [m] that show it."""
+    return draw_arm(step.shape, ax, step.targets, step.obstacles)
 
 
 def _last(steps: list[_Step]) -> list[_Step]:

@@ -12,8 +12,10 @@ from matplotlib.figure import Figure
 
 from model.arm import Arm
 from model.errors import InputError
+from model.obstacles import Obstacle
 from model.paths import Array
 from model.shape import Shape
+from planner.avoidance.asked import Surroundings
 from planner.plots.arm import draw_arm, look
 from planner.plots.strains import SIZE, plot_strains, plot_tensions
 from planner.program.limits import Limits
@@ -41,6 +43,10 @@ class Planned(Protocol):
         """Return what was asked."""
 
     @property
+    def surroundings(self) -> Surroundings:
+        """Return what the arm was to keep clear of."""
+
+    @property
     def limits(self) -> Limits:
         """Return the limits of the tensions."""
 
@@ -64,10 +70,11 @@ def plot_plan(plan: Planned, ax: Any = None) -> Figure | Axes:
     of tensions, and `figure.colorbar(ax.collections[-1])` tells them. Otherwise returns a Figure.
     """
     if ax is not None:
-        draw_arm(plan.shape, _three_d(ax), plan.targets)
+        draw_arm(plan.shape, _three_d(ax), plan.targets, plan.surroundings.obstacles)
         return ax  # type: ignore[no-any-return]
     figure = Figure(figsize=(10, 5.8), dpi=DPI)
-    _arm_panel(figure, plan.shape, plan.targets, (0.0, 0.14, 0.56, 0.80))
+    asked = (plan.targets, plan.surroundings.obstacles)
+    _arm_panel(figure, plan.shape, *asked, (0.0, 0.14, 0.56, 0.80))
     plot_strains(plan.shape, figure.add_axes((0.618, 0.515, 0.30, 0.36)))
     bars = figure.add_axes((0.618, 0.09, 0.30, 0.27))
     plot_tensions(plan.arm, np.ravel(plan.tensions), np.array(plan.limits.upper), bars)
@@ -82,7 +89,7 @@ def plot_shape(shape: Shape, ax: Any = None) -> Figure | Axes:
         draw_arm(shape, _three_d(ax))
         return ax  # type: ignore[no-any-return]
     figure = Figure(figsize=(7, 6.2), dpi=DPI)
-    _arm_panel(figure, shape, (), (0.02, 0.15, 0.94, 0.83))
+    _arm_panel(figure, shape, (), (), (0.02, 0.15, 0.94, 0.83))
     return figure
 
 
@@ -115,10 +122,11 @@ def _arm_panel(
     figure: Figure,
     shape: Shape,
     targets: tuple[Any, ...],
+    obstacles: tuple[Obstacle, ...],
     place: tuple[float, float, float, float],
 ) -> None:
     ax: Any = figure.add_axes(place, projection="3d")
-    look(ax, shape, draw_arm(shape, ax, targets))
+    look(ax, shape, draw_arm(shape, ax, targets, obstacles))
     if shape.tensions.any():
         x, _, width, _ = place
         bar_place = (x + 0.3 * width, 0.105, 0.4 * width, 0.018)

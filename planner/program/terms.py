@@ -8,6 +8,8 @@ from model.arm import Arm
 from planner.targets.base import Look, Target, Terms, View
 
 FIRM, YIELDING = 1e2, 3e-4
+# Of margins that may lack nothing.
+HARD = float("inf")
 KINDS = ("match", "approach", "margin", "least")
 
 
@@ -70,9 +72,10 @@ def firmness(arm: Arm, targets: tuple[Target, ...]) -> ca.DM:
 
 def margin_firmness(arm: Arm, targets: tuple[Target, ...]) -> ca.DM:
     """Return the weight of what each component of margin lacks where not all can be had."""
-    yielding = {name for term in _symbolic_terms(arm, targets) for name in term.yielding}
-    names = term_names(arm, targets)[2]
-    return ca.DM([YIELDING if name in yielding else FIRM for name in names])
+    weights: dict[str, float] = {}
+    for term in _symbolic_terms(arm, targets):
+        weights |= dict.fromkeys(term.yielding, YIELDING) | dict.fromkeys(term.hard, HARD)
+    return ca.DM([weights.get(name, FIRM) for name in term_names(arm, targets)[2]])
 
 
 def _symbolic_terms(arm: Arm, targets: tuple[Target, ...]) -> list[Terms]:

@@ -32,6 +32,9 @@ class QuestionRecord(msgspec.Struct, kw_only=True):
     targets: list[dict[str, Any]]
     limits: LimitsRecord
     accuracy: float
+    obstacles: list[dict[str, Any]] = []
+    clearance: float = 0.0
+    self_clearance: bool = False
 
 
 class StartRecord(msgspec.Struct, kw_only=True):
@@ -54,6 +57,7 @@ class AnswerRecord(msgspec.Struct, kw_only=True):
     jump: Annotated[
         float, Meta(ge=0, description="of the tensions where a branch that was followed was left")
     ] = 0.0
+    avoidance: dict[str, Any] | None = None
 
 
 class CertificateRecord(msgspec.Struct, kw_only=True):
@@ -73,6 +77,10 @@ class CertificateRecord(msgspec.Struct, kw_only=True):
     scheme: str
     tolerance: float
     problem: str
+    clearance: float | None = None
+    gaps: dict[str, float | None] = {}
+    least_gaps: dict[str, float] = {}
+    nearest: str = ""
 
 
 class PlanRecord(msgspec.Struct, kw_only=True):
@@ -117,6 +125,9 @@ def plan_record(plan: Any) -> PlanRecord:
             targets=[plain(target) for target in plan.targets],
             limits=_limits(plan.limits),
             accuracy=plan.accuracy,
+            obstacles=[plain(obstacle) for obstacle in plan.surroundings.obstacles],
+            clearance=plan.surroundings.clearance,
+            self_clearance=plan.surroundings.of_itself,
         ),
         answer=AnswerRecord(
             statement=plan.statement,
@@ -126,6 +137,7 @@ def plan_record(plan: Any) -> PlanRecord:
             starts=[_start(start) for start in plan.starts],
             stopped=plan.stopped,
             jump=plan.jump,
+            avoidance=None if plan.avoidance is None else plain(plan.avoidance),
         ),
     )
 
@@ -140,7 +152,8 @@ def _tip(plan: Any) -> tuple[list[float] | None, list[list[float]] | None]:
 
 def _certificate(certificate: Any) -> CertificateRecord:
     finite = {k: _finite(v) for k, v in asdict(certificate).items()}
-    return CertificateRecord(passed=certificate.passed, **finite)
+    clearance = _finite(certificate.clearance)
+    return CertificateRecord(passed=certificate.passed, clearance=clearance, **finite)
 
 
 def _finite(value: Any) -> Any:

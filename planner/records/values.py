@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 
 import model.effects
+import model.obstacles
 import planner.targets
 from model import Anchorage, Arm, InputError, Linear, Material, Sampled, Scene
 from model.errors import FileError
+from planner.avoidance.rows import Apart, Avoidance, Place
 from planner.scenes.mistakes import hint, shown
 
 _EFFECTS = [getattr(model.effects, name) for name in model.effects.__all__ if name != "Effect"]
@@ -19,9 +21,15 @@ _TARGETS = [
     for kind in (getattr(planner.targets, name) for name in planner.targets.__all__)
     if is_dataclass(kind) and hasattr(kind, "lean")
 ]
+_OBSTACLES = [
+    kind
+    for kind in (getattr(model.obstacles, name) for name in model.obstacles.__all__)
+    if is_dataclass(kind)
+]
+_ARM = (Arm, Material, Anchorage, Linear, Sampled)
 KINDS: dict[str, Any] = {
     kind.__name__: kind
-    for kind in (Arm, Material, Anchorage, Linear, Sampled, Scene, *_EFFECTS, *_TARGETS)
+    for kind in (*_ARM, Scene, *_EFFECTS, *_TARGETS, *_OBSTACLES, Avoidance, Apart, Place)
 }
 
 Number = float | str

@@ -9,6 +9,7 @@ from msgspec import Meta
 from planner.scenes.arm import ArmTable
 from planner.scenes.effects import EffectsTable
 from planner.scenes.keys import Accuracy, NotNegative, Positive, Table, Tensions
+from planner.scenes.obstacles import ObstacleTable
 from planner.scenes.targets import Hold, TargetTable, TendonEA
 
 
@@ -19,6 +20,21 @@ class LimitsTable(Table, frozen=True):
     tension_min: Annotated[NotNegative | Tensions, Meta(description="[N]")] = 0.0
     total_pull: Annotated[
         NotNegative | None, Meta(description="the most that all together may pull [N]")
+    ] = None
+
+
+class MotionTable(Table, frozen=True):
+    """How fast `octoplan trajectory` may go, and when it is to be at each waypoint."""
+
+    rate_max: Annotated[
+        Positive | Tensions | None, Meta(description="of tensions [N/s], or one for each")
+    ] = None
+    stroke_rate_max_mm_s: Annotated[
+        Positive | None, Meta(description="of the lengths of tendons [mm/s]")
+    ] = None
+    times_s: Annotated[
+        list[Positive] | None,
+        Meta(description="of each waypoint [s]; then effort is made least, otherwise time"),
     ] = None
 
 
@@ -44,6 +60,20 @@ class SceneTable(Table, frozen=True):
     targets: Annotated[
         tuple[TargetTable, ...], Meta(description="what plan is to reach, all together")
     ] = ()
+    waypoints: Annotated[
+        tuple[TargetTable, ...], Meta(description="what trajectory is to reach, in order")
+    ] = ()
+    motion: MotionTable = MotionTable()
+    obstacles: Annotated[
+        tuple[ObstacleTable, ...], Meta(description="what the arm keeps clear of, all along")
+    ] = ()
+    clearance_mm: Annotated[
+        NotNegative, Meta(description="least distance of the arm's surface from obstacles [mm]")
+    ] = 0.0
+    self_clearance: Annotated[
+        bool,
+        Meta(description="whether it stays as far from itself and from behind its base plane"),
+    ] = False
     limits: LimitsTable | None = None
     tensions: Annotated[
         Tensions | None, Meta(description="[N], a row a section, tip first, or flat")

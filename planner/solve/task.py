@@ -10,9 +10,10 @@ from model.arm import Arm
 from model.effects import Extension, PrintedStatics
 from model.paths import Array
 from model.scene import Scene
+from planner.avoidance.rows import Avoidance
 from planner.program.limits import Limits
 from planner.program.problem import Problem, build
-from planner.program.statement import Mode, Statement
+from planner.program.statement import Form, Mode, Statement
 from planner.solve.ipopt import Solution
 from planner.targets.base import Target
 
@@ -71,7 +72,10 @@ class Task:
             scheme, refinement = "rk4", 2
         else:
             scheme, refinement = self.fine_scheme, 1 if self.scene.has(Extension) else 2
-        return self.statement.but(mode=mode, form="condensed", scheme=scheme, refinement=refinement)
+        # What keeps clear changes its structure often: that is built soon with the states kept.
+        keeps_clear = any(isinstance(target, Avoidance) for target in self.targets)
+        form: Form = self.statement.form if keeps_clear else "condensed"
+        return self.statement.but(mode=mode, form=form, scheme=scheme, refinement=refinement)
 
     def finer(self, mode: Mode) -> Statement:
         """Return the statement for a search where the coarse mesh misled."""

@@ -98,7 +98,7 @@ class Trials:
             if self._enough(records, found):
                 break
             solution = self.solve(statement, T)
-            stands = not solution.met or self._stands(statement, solution)
+            stands = not solution.met or self.stands(statement, solution)
             records.append(record(solution))
             if solution.met and stands:
                 found.append(solution)
@@ -121,11 +121,11 @@ class Trials:
                 continue
             solution = solve(problem, x, p, problem.bounds(task.allowed))
             check_time()
-            if solution.met and solution.f < dearest and self._stands(statement, solution):
+            if solution.met and solution.f < dearest and self.stands(statement, solution):
                 found.append(solution)
         return found
 
-    def _stands(self, statement: Statement, solution: Solution) -> bool:
+    def stands(self, statement: Statement, solution: Solution) -> bool:
         """Return whether a solution is as stable as it has to be."""
         T, least = self.task.tensions(solution), self.task.statement.margin
         return self.task.problem(statement).stability(solution.x, T) >= least - _SLACK

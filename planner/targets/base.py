@@ -34,6 +34,7 @@ class Terms:
     least : numbers whose sum is made least, by name, instead of effort
     firm : names of matches that come first where not all can be had
     yielding : names of margins that come last
+    hard : names of margins that hold whatever else cannot be had
     """
 
     match: Mapping[str, ca.MX] = field(default_factory=dict)
@@ -42,6 +43,7 @@ class Terms:
     least: Mapping[str, ca.MX] = field(default_factory=dict)
     firm: frozenset[str] = frozenset()
     yielding: frozenset[str] = frozenset()
+    hard: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)

@@ -95,7 +95,7 @@ def test_the_figure_of_a_plan_shows_its_target(name: str, kind: str) -> None:
 def test_a_kind_of_target_that_is_unknown_leaves_the_arm_drawn(shape: Shape) -> None:
     ax = three_d()
     assert np.all(np.isfinite(draw_arm(shape, ax, (object(),))))
-    assert not legend(ax)
+    assert not legend(ax) - {"passes through the far side of its base plane"}
     assert ax.has_data()
 
 

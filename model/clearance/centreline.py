@@ -1,0 +1,143 @@
+"""The centreline between the nodes: where it is, how long, and how far it has turned.
+
+Inside an element the strains are the polynomial through its stages; a part of an element is an
+element itself, and its end is where the equations of model.transcription.element put it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from model.arm import Arm
+from model.cross_section.reported import kinematics
+from model.effects import NeoHookean
+from model.equilibrium.forward import STAGES
+from model.paths import Array
+from model.rotations import half_turn, multiply, unit_matrix
+from model.scene import Scene
+from model.shape import Shape
+from model.transcription.collocation import gauss, rotation_vectors
+from model.transcription.system import System
+
+Counts = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Centreline:
+    """The settled midline of an arm, as a polynomial of strains in each element of a mesh.
+
+    Attributes
+    ----------
+    arm, scene
+    s : (N + 1,)
+        The nodes [m].
+    poses : (N + 1, 7)
+        Quaternion and position [m] there.
+    kappa, nu : (N, 3, 3)
+        Curvature [1/m] and tangent [-] per unit reference length in (t, n, b), by element and
+        stage.
+    """
+
+    arm: Arm
+    scene: Scene
+    s: Array
+    poses: Array
+    kappa: Array
+    nu: Array
+
+    @classmethod
+    def of(cls, shape: Shape) -> Centreline:
+        """Return that of a settled shape."""
+        s = shape.s
+        h = np.diff(s)
+        at = (s[:-1, None] + h[:, None] * gauss(STAGES).c).ravel()
+        rows = shape.strains(at)
+        kappa = rows[:, :3] * (1 + rows[:, 3:4])
+        nu = np.hstack([1 + rows[:, 3:4], rows[:, 4:], np.zeros((len(at), 6 - rows.shape[1]))])
+        parts = (values.reshape(-1, STAGES, 3) for values in (kappa, nu))
+        return cls(shape.arm, shape.scene, s, shape.states[:, :7], *parts)
+
+    @classmethod
+    def at_states(cls, system: System, states: Array) -> Centreline:
+        """Return that of the states (n_states,) of a system with three stages to an element."""
+        found = kinematics(system.of.form.law, system.strains(states))
+        parts = (values.reshape(-1, STAGES, 3) for values in found)
+        return cls(system.arm, system.scene, system.mesh.s, system.poses(states), *parts)
+
+    def at(self, s: Array) -> tuple[Array, Array]:
+        """Return positions (K, 3) and outer radii (K,) [m] at arc lengths (K,) [m]."""
+        element, share = self._shares(s)
+        return self.moved(element, np.zeros(s.size), share)[0], self.radius(element, share)
+
+    def length(self, a: float, b: float) -> float:
+        """Return the deformed length [m] between the arc lengths of two nodes [m]."""
+        inside = np.flatnonzero((self.s[:-1] >= a - self._close) & (self.s[1:] <= b + self._close))
+        return float(self.moved(inside, np.zeros(inside.size), np.ones(inside.size))[1].sum())
+
+    @property
+    def _close(self) -> float:
+        return 1e-9 * self.arm.length
+
+    def _shares(self, s: Array) -> tuple[Counts, Array]:
+        """Return the elements that arc lengths are in, and what share of them is before them."""
+        element = np.clip(np.searchsorted(self.s, s, side="left") - 1, 0, self.s.size - 2)
+        return element, (s - self.s[element]) / np.diff(self.s)[element]
+
+    def moved(self, element: Counts, start: Array, end: Array) -> tuple[Array, Array, Array]:
+        """Return positions (K, 3) [m] at `end`, lengths (K,) [m] and turns (K,) [rad] from `start`.
+
+        Both are shares, from 0 to 1, of the elements (K,).
+        """
+        h = np.diff(self.s)[element]
+        given = (self.poses[element].T, self.kappa[element].reshape(-1, 9).T)
+        found = _part().map(element.size)(*given, self.nu[element].reshape(-1, 9).T, h, start, end)
+        position, length, turn = (np.array(value) for value in found)
+        return position.T, length[0], turn[0]
+
+    def radius(self, element: Counts, share: Array) -> Array:
+        """Return the arm's outer radius (K,) [m] at shares of elements.
+
+        A body that keeps its volume swells by lambda^(-1/2) where it is shortened to lambda.
+        """
+        s = self.s[element] + share * np.diff(self.s)[element]
+        outer = self.arm.radius.evaluate(s, self.arm.length)[0]
+        if self.arm.hull is not None:
+            outer = np.maximum(outer, self.arm.hull.evaluate(s, self.arm.length)[0])
+        if not self.scene.has(NeoHookean):
+            return np.asarray(outer)
+        basis = share[:, None] ** np.arange(STAGES) @ gauss(STAGES).powers
+        stretch = np.einsum("km,km->k", basis, self.nu[element, :, 0])
+        return np.asarray(outer / np.sqrt(np.maximum(stretch, 1e-3)))
+
+
+@lru_cache(maxsize=1)
+def _part() -> ca.Function:
+    """Return pose, kappa, nu by stage, h, shares a, b -> position at b; length, turn from a."""
+    g, h = ca.SX.sym("g", 7), ca.SX.sym("h")
+    kappa, nu = ca.SX.sym("kappa", 3, STAGES), ca.SX.sym("nu", 3, STAGES)
+    a, b, method = ca.SX.sym("a"), ca.SX.sym("b"), gauss(STAGES)
+
+    def strains(share: ca.SX) -> tuple[ca.SX, ca.SX]:
+        powers = ca.vertcat(*(share**p for p in range(STAGES)))
+        weights = ca.DM(method.powers).T @ powers
+        return kappa @ weights, nu @ weights
+
+    inside = [strains(b * c) for c in method.c.tolist()]
+    turns = rotation_vectors([k for k, _ in inside], h * b)[:-1]
+    frames = [unit_matrix(multiply(g[:4], half_turn(turn))) for turn in turns]
+    position = g[4:]
+    length, turned = ca.SX(0), ca.SX(0)
+    for weight, c, R, (_, v) in zip(
+        method.b.tolist(), method.c.tolist(), frames, inside, strict=True
+    ):
+        position += h * b * weight * (R @ v)
+        k, v = strains(a + (b - a) * c)
+        length += h * (b - a) * weight * ca.norm_2(v)
+        turned += h * (b - a) * weight * ca.sqrt(k[1] ** 2 + k[2] ** 2)
+    given = [g, ca.vec(kappa), ca.vec(nu), h, a, b]
+    return ca.Function("part", given, [position, length, turned], {"cse": True})

@@ -1,0 +1,18 @@
+"""Obstacles: convex bodies that an arm keeps clear of, by their signed distances."""
+
+from model.obstacles.base import Obstacle, check_obstacles, distances, numbers_of
+from model.obstacles.box import Box
+from model.obstacles.capsule import Capsule
+from model.obstacles.half_space import HalfSpace
+from model.obstacles.sphere import Sphere
+
+__all__ = [
+    "Box",
+    "Capsule",
+    "HalfSpace",
+    "Obstacle",
+    "Sphere",
+    "check_obstacles",
+    "distances",
+    "numbers_of",
+]

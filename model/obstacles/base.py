@@ -1,0 +1,145 @@
+"""What an obstacle is: a convex body, by its signed distance and the exact derivatives of that.
+
+Sphere, capsule, box and half-space are one thing with different numbers: a box that may have no
+size along some of its axes, in a layer of constant thickness. So there is one statement of the
+distance, in CasADi's symbols: programs differentiate it, and NumPy arrays are put through it.
+
+With y the point in the box's axes, h half its size and q = |y| - h, the distance is
+
+    |max(q, 0)| + min(max(q), 0) - layer,
+
+exact outside and inside of a box; of a half-space q_1 = y_1 - h_1 and the other sizes are beyond
+all bounds. It is convex and 1-Lipschitz, as the distance from any convex body is. Source: Quilez,
+"Distance functions", https://iquilezles.org/articles/distfunctions (box and round box).
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from model.checks import numbers
+from model.errors import InputError
+from model.paths import Array
+
+# Center (3,), axes (3, 3) column by column, half sizes (3,), layer, 1 for a half-space else 0.
+SIZE = 17
+# Half the size of what has no end [m].
+ENDLESS = 1e30
+# Keeps roots differentiable at 0 [m]; far below all digits of the distance.
+_TINY = 1e-60
+
+
+class Obstacle(ABC):
+    """A convex body that an arm keeps clear of; frozen values are its kinds."""
+
+    @property
+    @abstractmethod
+    def numbers(self) -> Array:
+        """The body as numbers (17,): center, axes column by column, half sizes, layer, open."""
+
+    @property
+    @abstractmethod
+    def outline(self) -> tuple[Array, Array]:
+        """Points (N, 3) [m] and triangles (M, 3) of its surface, for figures."""
+
+    def distance(self, points: Any) -> Array:
+        """Return signed distances (...) of points (..., 3) [m], below 0 inside."""
+        found = _points(points)
+        return distances(self.numbers[None], found.reshape(-1, 3))[0][:, 0].reshape(
+            found.shape[:-1]
+        )
+
+    def gradient(self, points: Any) -> Array:
+        """Return the derivatives (..., 3) of the signed distance at points (..., 3) [m]."""
+        found = _points(points)
+        return distances(self.numbers[None], found.reshape(-1, 3))[1].reshape(found.shape)
+
+
+def numbers_of(obstacles: Sequence[Obstacle]) -> Array:
+    """Return the numbers (M, 17) of obstacles."""
+    return np.array([obstacle.numbers for obstacle in obstacles]).reshape(-1, SIZE)
+
+
+def distances(bodies: Array, points: Array) -> tuple[Array, Array]:
+    """Return signed distances (N, M) [m] and their gradients (N, M, 3) at points (N, 3) [m].
+
+    From bodies by their numbers (M, 17).
+    """
+    n, m = len(points), len(bodies)
+    if not n * m:
+        return np.zeros((n, m)), np.zeros((n, m, 3))
+    x, p = np.repeat(points, m, axis=0).T, np.tile(bodies, (n, 1)).T
+    found, gradient = (np.array(value) for value in with_gradient()(x, p))
+    return found.reshape(n, m), gradient.T.reshape(n, m, 3)
+
+
+@lru_cache(maxsize=1)
+def signed_distance() -> ca.Function:
+    """Return point (3,), numbers (17,) of a body -> signed distance."""
+    x, p = ca.SX.sym("x", 3), ca.SX.sym("p", SIZE)
+    y = ca.reshape(p[3:12], 3, 3).T @ (x - p[:3])
+    size = ca.sqrt(y**2 + _TINY)
+    first = (1 - p[16]) * size[0] + p[16] * y[0]
+    q = ca.vertcat(first, size[1:]) - p[12:15]
+    outside = ca.sqrt(ca.sumsqr(ca.fmax(q, 0)) + _TINY)
+    return ca.Function("distance", [x, p], [outside + ca.fmin(ca.mmax(q), 0) - p[15]])
+
+
+@lru_cache(maxsize=1)
+def with_gradient() -> ca.Function:
+    """Return point (3,), numbers (17,) of a body -> signed distance, its gradient (3,)."""
+    x, p = ca.SX.sym("x", 3), ca.SX.sym("p", SIZE)
+    d = signed_distance()(x, p)
+    return ca.Function("with_gradient", [x, p], [d, ca.densify(ca.gradient(d, x))], {"cse": True})
+
+
+def check_obstacles(obstacles: Any) -> tuple[Obstacle, ...]:
+    """Return obstacles as a tuple; a single one may stand for itself. InputError for others."""
+    found = (obstacles,) if isinstance(obstacles, Obstacle) else obstacles
+    if not isinstance(found, Sequence):
+        raise InputError("obstacles", obstacles, "a list of obstacles")
+    for i, obstacle in enumerate(found):
+        if not isinstance(obstacle, Obstacle):
+            allowed = "an obstacle such as Sphere(center=(x, y, z), radius=r)"
+            raise InputError(f"obstacles[{i}]", obstacle, allowed)
+    return tuple(found)
+
+
+@dataclass(frozen=True)
+class Rounded:
+    """The numbers of a box in a layer; see Obstacle.numbers."""
+
+    center: Array
+    axes: Array
+    half: Array
+    layer: float = 0.0
+    is_open: bool = False
+
+    @property
+    def numbers(self) -> Array:
+        """See Obstacle.numbers."""
+        last = np.array([self.layer, float(self.is_open)])
+        return np.concatenate([self.center, self.axes.T.ravel(), self.half, last])
+
+
+def axes_with(direction: Array) -> Array:
+    """Return a right-handed orthonormal frame (3, 3) whose first column is a direction."""
+    t = direction / np.linalg.norm(direction)
+    least = np.eye(3)[np.argmin(np.abs(t))]
+    n = np.cross(t, least)
+    n /= np.linalg.norm(n)
+    return np.column_stack([t, n, np.cross(t, n)])
+
+
+def _points(points: Any) -> Array:
+    found = numbers("points", points, "points (..., 3) in m")
+    if found.ndim == 0 or found.shape[-1] != 3:
+        raise InputError("points", f"shape {found.shape}", "shape (..., 3)")
+    return found

@@ -1,0 +1,49 @@
+"""A rod with round ends."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from model.checks import positive, vector
+from model.errors import InputError
+from model.obstacles.base import Obstacle, Rounded, axes_with
+from model.obstacles.outlines import swept
+from model.paths import Array
+
+
+@dataclass(frozen=True)
+class Capsule(Obstacle):
+    """All points within a radius of a line segment.
+
+    Attributes
+    ----------
+    start, end : (3,)
+        Of the segment, in the base frame [m].
+    radius : float
+        [m].
+    """
+
+    start: tuple[float, ...]
+    end: tuple[float, ...]
+    radius: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "start", vector("Capsule.start", self.start))
+        object.__setattr__(self, "end", vector("Capsule.end", self.end))
+        object.__setattr__(self, "radius", positive("Capsule.radius", self.radius))
+        if self.start == self.end:
+            raise InputError("Capsule.end", self.end, "a point apart from the start; or a Sphere")
+
+    @property
+    def numbers(self) -> Array:
+        """See Obstacle.numbers: a box of no width in a layer."""
+        a, b = np.array(self.start), np.array(self.end)
+        half = np.array([np.linalg.norm(b - a) / 2, 0.0, 0.0])
+        return Rounded((a + b) / 2, axes_with(b - a), half, self.radius).numbers
+
+    @property
+    def outline(self) -> tuple[Array, Array]:
+        """See Obstacle.outline."""
+        return swept(np.array(self.start), np.array(self.end), self.radius)

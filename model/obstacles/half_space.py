@@ -1,0 +1,53 @@
+"""All that is behind a plane."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from model.checks import vector
+from model.errors import InputError
+from model.obstacles.base import ENDLESS, Obstacle, Rounded, axes_with
+from model.paths import Array
+
+# How far from the point a figure shows the plane [m].
+_SHOWN = 0.15
+
+
+@dataclass(frozen=True)
+class HalfSpace(Obstacle):
+    """All that is behind a plane: a wall, a floor, a table.
+
+    Attributes
+    ----------
+    point : (3,)
+        On the plane, in the base frame [m].
+    normal : (3,)
+        Out of the body, towards the free side; of any length but 0.
+    """
+
+    point: tuple[float, ...]
+    normal: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "point", vector("HalfSpace.point", self.point))
+        normal = np.array(vector("HalfSpace.normal", self.normal))
+        length = np.linalg.norm(normal)
+        if not length > 0:
+            raise InputError("HalfSpace.normal", self.normal, "a vector that is not 0")
+        object.__setattr__(self, "normal", tuple((normal / length).tolist()))
+
+    @property
+    def numbers(self) -> Array:
+        """See Obstacle.numbers: a box without end, but for one side."""
+        half = np.array([0.0, ENDLESS, ENDLESS])
+        axes = axes_with(np.array(self.normal))
+        return Rounded(np.array(self.point), axes, half, is_open=True).numbers
+
+    @property
+    def outline(self) -> tuple[Array, Array]:
+        """See Obstacle.outline: a square of the plane."""
+        axes = axes_with(np.array(self.normal))
+        corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * _SHOWN
+        return np.array(self.point) + corners @ axes[:, 1:].T, np.array([(0, 1, 2), (0, 2, 3)])

@@ -1,0 +1,43 @@
+"""A ball."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from model.checks import positive, vector
+from model.obstacles.base import Obstacle, Rounded
+from model.obstacles.outlines import swept
+from model.paths import Array
+
+
+@dataclass(frozen=True)
+class Sphere(Obstacle):
+    """A ball.
+
+    Attributes
+    ----------
+    center : (3,)
+        In the base frame [m].
+    radius : float
+        [m].
+    """
+
+    center: tuple[float, ...]
+    radius: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "center", vector("Sphere.center", self.center))
+        object.__setattr__(self, "radius", positive("Sphere.radius", self.radius))
+
+    @property
+    def numbers(self) -> Array:
+        """See Obstacle.numbers: a point in a layer."""
+        return Rounded(np.array(self.center), np.eye(3), np.zeros(3), self.radius).numbers
+
+    @property
+    def outline(self) -> tuple[Array, Array]:
+        """See Obstacle.outline."""
+        center = np.array(self.center)
+        return swept(center, center, self.radius)

@@ -1,0 +1,120 @@
+"""What an arm is to keep clear of, and by how much."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from model.arm import Arm
+from model.checks import not_negative
+from model.clearance import clearances
+from model.clearance.centreline import Centreline
+from model.clearance.nearest import BASE, ITSELF, OBSTACLES, Clearance
+from model.errors import InputError
+from model.obstacles import Obstacle, check_obstacles, distances, numbers_of
+from model.paths import Array
+from planner.targets.base import Target
+
+# What plans keep besides, over L and over the clearance: the bounds of a check are so close.
+_SPARE = (1e-4, 2e-2)
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What an arm is to keep clear of.
+
+    Attributes
+    ----------
+    obstacles : tuple of Obstacle
+    clearance : float
+        The least distance of its surface from them [m].
+    of_itself : bool
+        Whether it is to keep so clear of itself and of the far side of its base plane, too.
+    """
+
+    obstacles: tuple[Obstacle, ...] = ()
+    clearance: float = 0.0
+    of_itself: bool = False
+
+    def __bool__(self) -> bool:
+        return bool(self.obstacles) or self.of_itself
+
+    @property
+    def least(self) -> Mapping[str, float]:
+        """The least distance asked for, by what it is from [m]."""
+        kinds = [OBSTACLES] * bool(self.obstacles) + [BASE, ITSELF] * self.of_itself
+        return dict.fromkeys(kinds, self.clearance)
+
+    def spare(self, arm: Arm) -> float:
+        """Return what plans keep besides the clearance [m]."""
+        return _SPARE[0] * arm.length + _SPARE[1] * self.clearance
+
+    def allows(self, arm: Arm, targets: tuple[Target, ...]) -> bool:
+        """Return whether the places that targets prescribe for the tip are off the base plane."""
+        if not self.of_itself:
+            return True
+        least = _radius(arm, arm.length) + self.clearance
+        normal = np.array(arm.base_frame)[:, 0]
+        heights = [(place - arm.base_position) @ normal for place in _tips(arm, targets)]
+        return all(height >= least for height in heights)
+
+    def keeps(self, line: Centreline) -> bool:
+        """Return whether the arm of a centreline is proven to keep clear."""
+        found = clearances(line, self.obstacles, self.least)
+        return all(found[name].gap >= gap for name, gap in self.least.items())
+
+
+NOTHING = Surroundings()
+
+
+def surroundings(
+    arm: Arm,
+    targets: tuple[Target, ...],
+    obstacles: Any,
+    clearance: Any,
+    of_itself: bool,
+) -> Surroundings:
+    """Return what was asked, checked.
+
+    Raises InputError for what is no obstacle, a negative clearance, obstacles that hold the base or
+    a place that the targets prescribe, and a clearance from nothing.
+    """
+    found = check_obstacles(obstacles)
+    if not isinstance(of_itself, bool | np.bool_):
+        raise InputError("self_clearance", of_itself, "True or False")
+    asked = Surroundings(found, not_negative("clearance", clearance), bool(of_itself))
+    if asked.clearance and not asked:
+        allowed = "0, or obstacles to be clear of, or self_clearance=True"
+        raise InputError("clearance", clearance, allowed)
+    base, allowed = np.array(arm.base_position), "an obstacle away from the base"
+    _check_place(asked, "the arm's base", base, _radius(arm, 0.0), allowed)
+    allowed = "an obstacle away from the target, or a target away from the obstacle"
+    for place in _tips(arm, targets):
+        _check_place(asked, "the tip at its target", place, _radius(arm, arm.length), allowed)
+    return asked
+
+
+def _tips(arm: Arm, targets: tuple[Target, ...]) -> list[Array]:
+    """Return the places (3,) that targets prescribe for the tip."""
+    claims = [target.claims(arm) for target in targets]
+    return [own["tip position"] for own in claims if "tip position" in own]
+
+
+def _radius(arm: Arm, s: float) -> float:
+    return float(arm.radius.evaluate(np.array([s]), arm.length)[0][0])
+
+
+def _check_place(asked: Surroundings, name: str, place: Array, radius: float, allowed: str) -> None:
+    """Raise InputError if an obstacle holds a place (3,) that the arm takes in any case."""
+    gaps = distances(numbers_of(asked.obstacles), place[None])[0][0] - radius - asked.clearance
+    for i in np.flatnonzero(gaps < 0):
+        told = f"{allowed}: {name} would be {-1e3 * gaps[i]:.3g} mm too near"
+        raise InputError(f"obstacles[{i}]", asked.obstacles[i], told)
+
+
+def told(found: Mapping[str, Clearance]) -> str:
+    """Return the nearest of all in words."""
+    return str(min(found.values(), key=lambda clear: clear.gap))

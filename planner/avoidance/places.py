@@ -1,0 +1,170 @@
+"""Where an arm comes nearest to what it is to keep clear of: local minima along it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.clearance.centreline import Centreline
+from model.clearance.pieces import Pieces
+from model.obstacles import HalfSpace, distances, numbers_of
+from model.obstacles.base import signed_distance
+from model.paths import Array
+from planner.avoidance.asked import Surroundings
+from planner.avoidance.rows import Apart, Avoidance, Place, cubic, element_of, grid
+
+Mask = NDArray[np.bool_]
+# Points that are looked at first; those around a minimum, and how often they close in on it.
+_POINTS, _AROUND, _ROUNDS = 64, 9, 3
+# What is nearer than so much more than asked for gets an inequality beforehand, over L; the same
+# of arms that touch nothing, to stay on the side where they are.
+_NEAR, _WATCHED = 0.02, 0.15
+# Rows of one body so near to each other, over the distance of stations, are one.
+_SAME = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Near:
+    """A local minimum of distance.
+
+    Attributes
+    ----------
+    s : float
+        Arc length [m].
+    other : float or (17,)
+        Another arc length [m], or the numbers of a body.
+    gap : float
+        Between the surfaces [m].
+    """
+
+    s: float
+    other: float | Array
+    gap: float
+
+
+def watched_places(line: Centreline, asked: Surroundings) -> list[Near]:
+    """Return the places where an arm is near; also those not so near, of one that is clear."""
+    far = near_places(line, asked, _WATCHED)
+    touches = any(place.gap < asked.clearance for place in far)
+    return near_places(line, asked) if touches else far
+
+
+def near_places(line: Centreline, asked: Surroundings, within: float = _NEAR) -> list[Near]:
+    """Return the places where an arm is about as near as is allowed, or nearer."""
+    pieces = Pieces.of(line, max(1, -(-_POINTS // (line.s.size - 1))))
+    most = asked.clearance + within * line.arm.length
+    found = _of_bodies(
+        line, pieces, numbers_of(asked.obstacles), np.ones(len(pieces.s), bool), most
+    )
+    if asked.of_itself:
+        arm = line.arm
+        plane = HalfSpace(arm.base_position, tuple(np.array(arm.base_frame)[:, 0].tolist()))
+        beyond = pieces.turned >= np.pi / 2
+        found += _of_bodies(line, pieces, numbers_of([plane]), beyond, most)
+        found += _of_pairs(line, pieces, most)
+    return found
+
+
+def _of_bodies(
+    line: Centreline, pieces: Pieces, bodies: Array, which: Mask, most: float
+) -> list[Near]:
+    gaps = distances(bodies, pieces.nodes)[0] - pieces.least[:, None]
+    gaps[~which] = np.inf
+    gaps[0] = np.inf  # the base stays where it is
+    padded = np.pad(gaps, ((1, 1), (0, 0)), constant_values=np.inf)
+    at, body = np.nonzero((gaps <= padded[:-2]) & (gaps <= padded[2:]) & (gaps < most))
+    if not at.size:
+        return []
+    low, high = pieces.s[at - 1], pieces.s[np.minimum(at + 1, pieces.s.size - 1)]
+    rows = np.arange(at.size)
+    for _ in range(_ROUNDS):
+        s = low[:, None] + (high - low)[:, None] * np.linspace(0, 1, _AROUND)
+        points, radius = line.at(s.ravel())
+        own = np.repeat(bodies[body], _AROUND, axis=0)
+        gap = np.array(signed_distance()(points.T, own.T))[0] - radius
+        gap = gap.reshape(s.shape)
+        k = gap.argmin(axis=1)
+        best, least = s[rows, k], gap[rows, k]
+        low, high = s[rows, np.maximum(k - 1, 0)], s[rows, np.minimum(k + 1, _AROUND - 1)]
+    return [Near(float(s), bodies[b], float(g)) for s, b, g in zip(best, body, least, strict=True)]
+
+
+def _of_pairs(line: Centreline, pieces: Pieces, most: float) -> list[Near]:
+    turned, nodes, radius, s = pieces.turned, pieces.nodes, pieces.least, pieces.s
+    apart = np.linalg.norm(nodes[:, None] - nodes[None], axis=2)
+    gaps = apart - radius[:, None] - radius[None]
+    gaps[turned[None, :] - turned[:, None] < np.pi] = np.inf
+    padded = np.pad(gaps, 1, constant_values=np.inf)
+    n = len(gaps)
+    around = [padded[a : a + n, b : b + n] for a in range(3) for b in range(3)]
+    found = []
+    for i, j in np.argwhere((gaps < most) & (gaps <= np.min(around, axis=0))):
+        one, other, step = s[i], s[j], line.arm.length / n
+        for _ in range(_ROUNDS):
+            offsets = np.linspace(-step, step, _AROUND)
+            a, b = (np.clip(at + offsets, 0, line.arm.length) for at in (one, other))
+            points, own = line.at(np.concatenate([a, b]))
+            gap = np.linalg.norm(points[:_AROUND, None] - points[None, _AROUND:], axis=2)
+            gap = gap - own[:_AROUND, None] - own[None, _AROUND:]
+            k, m = np.unravel_index(int(np.argmin(gap)), gap.shape)
+            one, other, step = a[k], b[m], 2 * step / (_AROUND - 1)
+        found.append(Near(float(one), float(other), float(gap[k, m])))
+    return found
+
+
+def updated(
+    before: Avoidance | None, near: Sequence[Near], line: Centreline, asked: Surroundings
+) -> Avoidance:
+    """Return inequalities at places that are near, and those from before where these are not."""
+    margin = asked.clearance + asked.spare(line.arm)
+    rows = [_row(line, place.s, place.other, margin) for place in near]
+    for row in before.rows if before else ():
+        if not any(_alike(line, row, other) for other in rows):
+            own = row.other.s if isinstance(row.other, Place) else np.array(row.other)
+            rows.append(_row(line, row.place.s, own, margin))
+    return Avoidance(tuple(rows))
+
+
+def _alike(line: Centreline, row: Apart, other: Apart) -> bool:
+    """Return whether two rows keep the same apart at about the same place."""
+    arm = line.arm
+    pairs = [(row.place, other.place)]
+    if isinstance(row.other, Place) and isinstance(other.other, Place):
+        pairs.append((row.other, other.other))
+    elif row.other != other.other:
+        return False
+    nodes = grid(arm)
+    for a, b in pairs:
+        k = element_of(arm, a.s)
+        if k != element_of(arm, b.s) or abs(a.s - b.s) > _SAME * (nodes[k + 1] - nodes[k]):
+            return False
+    return True
+
+
+def _row(line: Centreline, s: float, other: float | Array, margin: float) -> Apart:
+    """Return the inequality of a place and a body, or of two places."""
+    place, radius = _place(line, s)
+    if isinstance(other, float):
+        second, own = _place(line, other)
+        return Apart(place, second, radius + own + margin)
+    return Apart(place, tuple(other.tolist()), radius + margin)
+
+
+def _place(line: Centreline, s: float) -> tuple[Place, float]:
+    """Return a place of an arm, and its radius there [m]."""
+    nodes, k = grid(line.arm), element_of(line.arm, s)
+    length = line.length(nodes[k], nodes[k + 1])
+    at = [int(np.argmin(np.abs(line.s - nodes[i]))) for i in (k, k + 1)]
+    w = cubic(line.arm, s, length)
+    ends = np.vstack([np.vstack([pose[4:], _tangent(pose)]) for pose in line.poses[at]])
+    point, radius = line.at(np.array([s]))
+    return Place(float(s), length, tuple((point[0] - w @ ends).tolist())), float(radius[0])
+
+
+def _tangent(pose: Array) -> Array:
+    """Return the tangent (3,) of a pose (7,)."""
+    w, x, y, z = pose[:4]
+    return np.array([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)])

@@ -1,0 +1,168 @@
+"""Inequalities that keep an arm clear: of places along it from convex bodies or other places.
+
+A place is between two stations, where it is read off the cubic through their positions and
+tangents. What the cubic is off by, of the arm as it last was, is added as a number; so is the
+length of the arm between the stations. Places, bodies and distances are numbers as well, so that
+constraints that follow the nearest place of an arm do not change the program's structure.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Hashable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from model.arm import Arm
+from model.mesh import graded
+from model.obstacles.base import SIZE, signed_distance
+from model.paths import Array
+from planner.targets.base import Free, Terms, View
+
+NAME = "clearance"
+# Slots of an element come so many at a time; those that are empty keep clear of a ball far off.
+_SLOTS = 2
+_FAR = 10.0
+_TINY = 1e-60
+
+
+@dataclass(frozen=True)
+class Place:
+    """A point of the midline.
+
+    Attributes
+    ----------
+    s : float
+        Arc length [m].
+    length : float
+        Of the arm between the stations on both sides, deformed [m].
+    shift : (3,)
+        What the cubic through these lacks [m].
+    """
+
+    s: float
+    length: float
+    shift: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Apart:
+    """A place that keeps a distance from a convex body, or from another place.
+
+    Attributes
+    ----------
+    place : Place
+    other : Place or tuple of 17 floats
+        Another place, or the numbers of a body; see model.obstacles.
+    keep : float
+        The least distance of the midline there [m].
+    """
+
+    place: Place
+    other: Place | tuple[float, ...]
+    keep: float
+
+
+@dataclass(frozen=True)
+class Avoidance(Free):
+    """The inequalities of a plan, stated as a target of margins that never yield."""
+
+    rows: tuple[Apart, ...]
+
+    @property
+    def bodies(self) -> list[Apart]:
+        """Rows of places and bodies."""
+        return [row for row in self.rows if not isinstance(row.other, Place)]
+
+    @property
+    def pairs(self) -> list[tuple[Place, Place, float]]:
+        """Two places and the distance to keep, of each row of two places."""
+        return [(r.place, r.other, r.keep) for r in self.rows if isinstance(r.other, Place)]
+
+    def structure(self, arm: Arm) -> Hashable:
+        """See Target.structure."""
+        return (type(self).__name__, tuple(self._slots(arm)), tuple(self._elements(arm)))
+
+    def stations(self, arm: Arm) -> tuple[float, ...]:
+        """See Target.stations: the nodes of the coarsest mesh."""
+        return tuple(grid(arm)[1:].tolist())
+
+    def parameters(self, arm: Arm) -> Array:
+        """See Target.parameters: the places of each slot with their bodies, then of each pair."""
+        base, slots = np.array(arm.base_position), self._slots(arm)
+        far = np.array([*base, *np.eye(3).ravel(), 0.0, 0.0, 0.0, _FAR * arm.length, 0.0])
+        nothing = np.concatenate([np.zeros(7), far, [-3 * _FAR * arm.length]])
+        held: dict[int, list[Array]] = {}
+        for row in self.bodies:
+            own = np.concatenate([_weights(arm, row.place), np.array(row.other), [row.keep]])
+            held.setdefault(element_of(arm, row.place.s), []).append(own)
+        parts = [np.zeros(0)]
+        for k in sorted(set(slots)):
+            rows = held.get(k, [])
+            parts += rows + [nothing] * (slots.count(k) - len(rows))
+        for one, other, keep in self.pairs:
+            parts += [_weights(arm, one), _weights(arm, other), np.array([keep])]
+        return np.concatenate(parts)
+
+    def terms(self, view: View, p: ca.MX) -> Terms:
+        """See Target.terms: how much farther off than they have to be the places are, over L."""
+        arm, distance, size = view.arm, signed_distance(), 7 + SIZE + 1
+        slots, margins = self._slots(arm), []
+        for i, k in enumerate(slots):
+            own = p[size * i : size * (i + 1)]
+            margins.append(distance(_point(view, k, own[:7]), own[7:-1]) - own[-1])
+        first = size * len(slots)
+        for i, (k, other) in enumerate(self._elements(arm)):
+            own = p[first + 15 * i : first + 15 * (i + 1)]
+            gap = _point(view, k, own[:7]) - _point(view, other, own[7:14])
+            margins.append(ca.sqrt(ca.sumsqr(gap) + _TINY) - own[-1])
+        return Terms(margin={NAME: ca.vertcat(*margins) / arm.length}, hard=frozenset({NAME}))
+
+    def lean(self, arm: Arm) -> None:
+        """See Target.lean: nowhere."""
+
+    def _slots(self, arm: Arm) -> list[int]:
+        """Return the element of each slot for a body."""
+        count = Counter(element_of(arm, row.place.s) for row in self.bodies)
+        return [k for k in sorted(count) for _ in range(-(-count[k] // _SLOTS) * _SLOTS)]
+
+    def _elements(self, arm: Arm) -> list[tuple[int, int]]:
+        """Return the elements of each pair of places."""
+        return [(element_of(arm, a.s), element_of(arm, b.s)) for a, b, _ in self.pairs]
+
+
+@lru_cache(maxsize=64)
+def grid(arm: Arm) -> Array:
+    """Return the arc lengths (N + 1,) of base and stations."""
+    return graded(arm, 1).s
+
+
+def element_of(arm: Arm, s: float) -> int:
+    """Return between which two stations an arc length is."""
+    nodes = grid(arm)
+    return int(np.clip(np.searchsorted(nodes, s, side="left") - 1, 0, nodes.size - 2))
+
+
+def cubic(arm: Arm, s: float, length: float) -> Array:
+    """Return the weights (4,) of position and tangent at both stations around s."""
+    nodes, k = grid(arm), element_of(arm, s)
+    x = (s - nodes[k]) / (nodes[k + 1] - nodes[k])
+    rise = x * x * (3 - 2 * x)
+    return np.array([1 - rise, length * x * (1 - x) ** 2, rise, -length * x * x * (1 - x)])
+
+
+def _weights(arm: Arm, place: Place) -> Array:
+    """Return the numbers (7,) of a place: weights of the cubic, then its shift."""
+    return np.concatenate([cubic(arm, place.s, place.length), place.shift])
+
+
+def _point(view: View, element: int, numbers: ca.MX) -> ca.MX:
+    """Return where a place with such numbers (7,) is (3,)."""
+    nodes = grid(view.arm)
+    near, far = (float(s) for s in nodes[element : element + 2])
+    w = ca.vertsplit(numbers[:4])
+    point = w[0] * view.position(near) + w[1] * view.frame(near)[:, 0]
+    return point + w[2] * view.position(far) + w[3] * view.frame(far)[:, 0] + numbers[4:]

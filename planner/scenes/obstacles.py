@@ -1,0 +1,62 @@
+"""The obstacles of a scene file, one table each, told apart by their type."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from msgspec import Meta
+
+from model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
+from planner.scenes.keys import Positive, Table, Vector, frame, metres
+
+Place = Annotated[Vector, Meta(description="in the base frame [mm]")]
+Size = Annotated[Positive, Meta(description="[mm]")]
+
+
+class SphereTable(Table, tag="sphere", frozen=True):
+    """See Sphere."""
+
+    center_mm: Place
+    radius_mm: Size
+
+
+class CapsuleTable(Table, tag="capsule", frozen=True):
+    """See Capsule."""
+
+    start_mm: Place
+    end_mm: Place
+    radius_mm: Size
+
+
+class BoxTable(Table, tag="box", frozen=True):
+    """See Box; tangent, normal and their cross product are the directions of its edges."""
+
+    center_mm: Place
+    size_mm: Annotated[tuple[Size, Size, Size], Meta(description="lengths of its edges [mm]")]
+    tangent: Annotated[Vector, Meta(description="along its first edge, of length 1")] = (1, 0, 0)
+    normal: Annotated[Vector, Meta(description="along its second edge, of length 1")] = (0, 1, 0)
+
+
+class HalfSpaceTable(Table, tag="half-space", frozen=True):
+    """See HalfSpace."""
+
+    point_mm: Place
+    normal: Annotated[Vector, Meta(description="out of the body, of any length but 0")]
+
+
+ObstacleTable = SphereTable | CapsuleTable | BoxTable | HalfSpaceTable
+
+
+def obstacle_of(table: ObstacleTable) -> Obstacle:
+    """Return the obstacle of a table; raises InputError that names a key, or a field."""
+    match table:
+        case SphereTable():
+            return Sphere(metres(table.center_mm), *metres([table.radius_mm]))
+        case CapsuleTable():
+            ends = (metres(table.start_mm), metres(table.end_mm))
+            return Capsule(*ends, *metres([table.radius_mm]))
+        case BoxTable():
+            edges = frame(table.tangent, table.normal)
+            return Box(metres(table.center_mm), metres(table.size_mm), edges)
+        case HalfSpaceTable():
+            return HalfSpace(metres(table.point_mm), table.normal)

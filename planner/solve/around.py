@@ -1,0 +1,259 @@
+"""Plans that keep clear: searched as if nothing was in the way, then led around what is.
+
+Optima of the search that touch nothing are as good as before. Others get inequalities where they
+come too near, and are solved again from where they are; that is repeated, with inequalities added
+at new places, until none is violated in between either. Optima are tried by effort, until none
+that is left can be better. Where none leads around, arms that reach the target in other ways are
+tried, those first that are farther off, then arms that touch nothing and come near to the target;
+from the latter the nearest shape that keeps clear is found where the target cannot be met.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from time import monotonic
+
+import numpy as np
+
+from model.clearance.centreline import Centreline
+from model.effects import PrintedStatics
+from model.equilibrium.forward import STAGES, Collocation
+from model.errors import OctoplanError
+from model.paths import Array
+from model.patience import OutOfTime, time_limit
+from model.progress import told
+from model.settle import settle
+from planner.avoidance.asked import Surroundings
+from planner.avoidance.places import near_places, updated, watched_places
+from planner.avoidance.rows import Avoidance
+from planner.program.problem import Problem
+from planner.program.statement import Mode
+from planner.solve.clear_guesses import likely_clear
+from planner.solve.finish import finish
+from planner.solve.fits import COUNT, fits
+from planner.solve.found import Found, Start
+from planner.solve.ipopt import Solution
+from planner.solve.search import Search
+from planner.solve.starts import spread
+from planner.solve.task import Task
+from planner.solve.trials import Trials, record
+
+# Optima that are led around, other arms of both kinds, and those of them that are enough.
+_OPTIMA, _OTHERS, _CLEAR_ONES, _ENOUGH = 8, 12, 6, 2
+# Times that inequalities are added, on the coarse mesh and on the fine one.
+_ADDED, _CORRECTED = 10, 6
+# A place is clear that lacks so little of what is kept to spare.
+_CLEAR = 0.6
+
+
+@dataclass(frozen=True, eq=False)
+class Clear:
+    """An optimum that keeps clear, and the inequalities of its program."""
+
+    task: Task
+    avoidance: Avoidance | None
+    solution: Solution
+    held: bool
+
+    @property
+    def stated(self) -> Task:
+        """The task with its inequalities, and the least stable mode where it has to be held."""
+        task = _with(self.task, self.avoidance)
+        return task.held if self.held else task
+
+
+class Around:
+    """A planning question with surroundings."""
+
+    def __init__(self, task: Task, asked: Surroundings) -> None:
+        self.task, self.asked = task, asked
+        self.records: list[Start] = []
+
+    def run(
+        self, most: int, seconds: float | None, near: Found | None = None
+    ) -> tuple[Found, Avoidance | None]:
+        """Return the best that keeps clear, and the inequalities of its program.
+
+        Where a plan that is near is given, it is led around, and only if it cannot be is searched.
+        """
+        began = monotonic()
+        if near is not None:
+            led = self._near(near)
+            if led is not None:
+                return led
+        search = Search(self.task)
+        found = search.run(most, seconds)
+        line = self._line(self.task.problem(found.statement), np.ravel(found.tensions))
+        if found.stopped or (line is not None and self.asked.keeps(line)):
+            return found, None
+        self.task = search.task
+        try:
+            with time_limit(seconds and max(seconds - (monotonic() - began), 1e-3)):
+                return self._led(search, found)
+        except OutOfTime:
+            return replace(found, stopped=True), None
+
+    def _near(self, near: Found) -> tuple[Found, Avoidance | None] | None:
+        """Return a plan that keeps clear near one without surroundings."""
+        T = np.ravel(near.tensions)
+        line = self._line(self.task.problem(near.statement), T)
+        if line is not None and self.asked.keeps(line):
+            return near, None
+        clear = self.coarse(T, "exact")
+        return None if clear is None else self.fine(clear, "exact")
+
+    def _led(self, search: Search, found: Found) -> tuple[Found, Avoidance | None]:
+        """Return the best of what is led around."""
+        mode = found.statement.mode
+        own = [s for statement, s in search.trials.seen if statement.mode == mode and s.met]
+        optima = [np.ravel(found.tensions)]
+        optima += [self.task.tensions(s) for s in sorted(own, key=lambda s: s.f)]
+        optima = spread(optima, _OPTIMA)
+        possible = mode == "nearest" or self.asked.allows(self.task.arm, self.task.targets)
+        best = self._best(optima, mode, ordered=True) if possible else None
+        if best is None and possible:
+            best = self._best(self._others(), mode)
+        clear = self._clear_ones() if best is None else []
+        if best is None and possible:
+            best = self._best(clear, mode)
+        if best is None and mode != "nearest":
+            best = self._best([*clear, *optima[:1]], "nearest")
+        return (found, None) if best is None else best
+
+    def _best(
+        self, starts: list[Array], mode: Mode, ordered: bool = False
+    ) -> tuple[Found, Avoidance | None] | None:
+        """Return the best that is led around from starts; ordered ones are optima, by effort."""
+        cleared: list[Clear] = []
+        for T in told(f"around obstacles, {mode}", starts):
+            least = min((clear.solution.f for clear in cleared), default=np.inf)
+            if ordered and mode == "exact" and self._effort(T) > least:
+                break
+            clear = self.coarse(T, mode)
+            if clear is not None:
+                cleared.append(clear)
+            if not ordered and len(cleared) >= _ENOUGH:
+                break
+        for clear in sorted(cleared, key=lambda clear: clear.solution.f):
+            done = self.fine(clear, mode)
+            if done is not None:
+                return done
+        return None
+
+    def _effort(self, T: Array) -> float:
+        """Return the objective of tensions (n_tendons,), as the program counts it."""
+        problem = self.task.problem(self.task.coarse("exact"))
+        p = problem.parameters(self.task.targets, self.task.allowed)
+        return float(problem.condensed.first(problem.free(T, self.task.allowed), p).f)
+
+    def coarse(self, T: Array, mode: Mode) -> Clear | None:
+        """Return the optimum that keeps clear, on the coarse mesh, where tensions lead to one."""
+        avoidance: Avoidance | None = None
+        solution: Solution | None = None
+        held = False
+        for _ in range(_ADDED):
+            task = _with(self.task, avoidance)
+            statement = task.coarse(mode)
+            line = self._line(task.problem(statement), T)
+            if line is None:
+                return None
+            look = watched_places if solution is None else near_places
+            near = look(line, self.asked)
+            if solution is not None and all(place.gap >= self._enough for place in near):
+                self.records.append(record(solution))
+                return Clear(self.task, avoidance, solution, held)
+            avoidance = updated(avoidance, near, line, self.asked)
+            task = _with(self.task, avoidance)
+            solution, held = self._solved(task, T, mode)
+            if not solution.finite or (mode == "exact" and not solution.met):
+                self.records.append(record(solution))
+                return None
+            T = task.tensions(solution)
+        return None
+
+    def fine(self, clear: Clear, mode: Mode) -> tuple[Found, Avoidance | None] | None:
+        """Return the plan to the last digits, proven to keep clear; None where it is not."""
+        for _ in range(_CORRECTED):
+            task = clear.stated
+            fine = finish(task, clear.solution, mode)
+            if mode == "exact" and not fine.optimal:
+                return None
+            T = task.problem(fine.statement).tensions(fine.solution.x, task.allowed)
+            line = self._line(task.problem(fine.statement), T)
+            if line is None:
+                return None
+            if self.asked.keeps(line):
+                lam = fine.solution.lam_x.tolist(), fine.solution.lam_g.tolist()
+                tensions = task.arm.by_section(T)
+                multipliers = tuple(lam[0]), tuple(lam[1])
+                found = Found(fine.statement, tensions, *multipliers, tuple(self.records))
+                return found, clear.avoidance if clear.avoidance and clear.avoidance.rows else None
+            near = near_places(line, self.asked)
+            avoidance = updated(clear.avoidance, near, line, self.asked)
+            before, solution = clear.avoidance, fine.solution
+            if before is None or avoidance.structure(task.arm) != before.structure(task.arm):
+                solution, held = self._solved(_with(self.task, avoidance), T, mode)
+                clear = replace(clear, held=held)
+                if not solution.finite or (mode == "exact" and not solution.met):
+                    return None
+            clear = replace(clear, avoidance=avoidance, solution=solution)
+        return None
+
+    @staticmethod
+    def _solved(task: Task, T: Array, mode: Mode) -> tuple[Solution, bool]:
+        """Return what tensions lead to, and whether its least stable mode has to be held."""
+        trials, statement = Trials(task), task.coarse(mode)
+        solution = trials.solve(statement, T)
+        if not solution.met or trials.stands(statement, solution):
+            return solution, False
+        trials.toppled.append((statement, solution))
+        steadied = trials.steadied(mode, np.inf)
+        return (steadied[0], True) if steadied else (replace(solution, met=False), False)
+
+    @property
+    def _enough(self) -> float:
+        return self.asked.clearance + _CLEAR * self.asked.spare(self.task.arm)
+
+    def _others(self) -> list[Array]:
+        """Return other arms that meet the targets, those that are farther off first."""
+        task = self.task.simple
+        found = fits(task.problem(task.coarse("exact")), task.targets, task.allowed, COUNT)
+        tensions = [*found.likely, *found.others][: 4 * _OTHERS]
+        lacks = []
+        for T in tensions:
+            line = self._line(task.problem(task.coarse("exact")), T)
+            near = [] if line is None else near_places(line, self.asked)
+            lacks.append(sum(min(place.gap - self._enough, 0.0) for place in near))
+        order = np.argsort(lacks, kind="stable")[::-1]
+        return [tensions[i] for i in order[:_OTHERS]]
+
+    def _clear_ones(self) -> list[Array]:
+        """Return arms that touch nothing, those first that are nearer to the target."""
+        task = self.task.simple
+        problem, found = task.problem(task.coarse("exact")), []
+        for T in likely_clear(problem, task.targets, task.allowed, self.asked):
+            line = self._line(problem, T)
+            if line is not None and all(near.gap >= 0 for near in near_places(line, self.asked)):
+                found.append(T)
+            if len(found) == _CLEAR_ONES:
+                break
+        return found
+
+    def _line(self, problem: Problem, T: Array) -> Centreline | None:
+        """Return the centreline of a program's arm under tensions; None if it does not settle."""
+        try:
+            if problem.scene.has(PrintedStatics):
+                return Centreline.of(settle(problem.arm, T, problem.scene, self.task.accuracy))
+            mesh = problem.statement.refinement
+            places = tuple(Avoidance(()).stations(problem.arm))
+            forward = Collocation(problem.arm, problem.scene, STAGES, mesh, places)
+            return Centreline.at_states(forward.system, forward.found(T).states)
+        except OctoplanError:
+            return None
+
+
+def _with(task: Task, avoidance: Avoidance | None) -> Task:
+    """Return a task with inequalities."""
+    if avoidance is None or not avoidance.rows:
+        return task
+    return replace(task, targets=(*task.targets, avoidance))

@@ -1,0 +1,1 @@
+"""Motions: tensions over time, through targets, within limits on their rates."""

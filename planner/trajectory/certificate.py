@@ -1,0 +1,163 @@
+"""The certificate of a motion: limits and rates exactly, targets, and clearance in between."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from model.errors import OctoplanError
+from model.ladder import FINEST_ACCURACY
+from model.paths import Array
+from model.settle import settle
+from model.shape import Shape
+from planner.certificate import gives, measure
+from planner.program.terms import stations_of
+from planner.targets.base import Target
+from planner.trajectory.between import swept
+from planner.trajectory.search import Question, line_of
+
+# Rounding, over a limit.
+_ROUNDING = 1e-9
+_BETWEEN = 8
+# What rates of strokes may be off by, over their limit: between waypoints they are sampled.
+_STROKES = 0.01
+
+
+@dataclass(frozen=True)
+class MotionCertificate:
+    """What the check of a motion found.
+
+    Attributes
+    ----------
+    residuals : (M,)
+        The largest residual of what has to be met at each target; lengths over the arm's length.
+    margins : (M,)
+        The least of what has to be 0 or above there.
+    bounds : float
+        Largest violation of a tension limit [N]; between waypoints there is none beyond theirs.
+    rate : float
+        Largest rate of tension over its limit; exact, as tensions are linear in between.
+    stroke_rate : float
+        Largest rate of a stroke over its limit, at eight instants from each waypoint to the next.
+    clearance : float
+        What is kept of the clearance asked for, at waypoints and between them [m]; a bound, below 0
+        where it is not kept or that is not proven. Infinite where nothing was asked.
+    nearest : float
+        When that is [s].
+    tolerance : float
+        What residuals are held to.
+    problem : str
+        Why the check could not be made, if so.
+    """
+
+    residuals: tuple[float, ...] = ()
+    margins: tuple[float, ...] = ()
+    bounds: float = np.inf
+    rate: float = np.inf
+    stroke_rate: float = 0.0
+    clearance: float = np.inf
+    nearest: float = 0.0
+    tolerance: float = 1e-6
+    problem: str = ""
+
+    @property
+    def reached(self) -> tuple[bool, ...]:
+        """Which targets are met."""
+        pairs = zip(self.residuals, self.margins, strict=True)
+        return tuple(own <= self.tolerance and least >= -self.tolerance for own, least in pairs)
+
+    @property
+    def failures(self) -> tuple[str, ...]:
+        """What did not pass, a sentence each."""
+        if self.problem:
+            return (self.problem,)
+        missed = [i for i, met in enumerate(self.reached) if not met]
+        found = [f"target {i} is off by {self.residuals[i]:.2g}" for i in missed[:3]]
+        if self.bounds > 0:
+            found.append(f"a tension limit is violated by {self.bounds:.2g} N")
+        if self.rate > 1 + _ROUNDING:
+            found.append(f"a rate of tension is {self.rate:.4g} times its limit")
+        if self.stroke_rate > 1 + _STROKES:
+            found.append(f"a rate of stroke is {self.stroke_rate:.4g} times its limit")
+        if self.clearance < 0:
+            short = f"{-1e3 * self.clearance:.3g} mm less than asked at {self.nearest:.4g} s"
+            found.append(f"the arm is clear by {short}, or that is not proven")
+        return tuple(found)
+
+    @property
+    def passed(self) -> bool:
+        """Whether targets, limits, rates and clearance are proven."""
+        return not self.failures
+
+    def __str__(self) -> str:
+        lines = [f"certificate: {'PASSED' if self.passed else 'FAILED'}"]
+        lines.append(f"  {'targets met':<28} {sum(self.reached)} of {len(self.reached)}")
+        lines.append(f"  {'limits violated by [N]':<28} {self.bounds:9.2e}")
+        lines.append(f"  {'rate of tension over limit':<28} {self.rate:9.2e}")
+        lines.append(f"  {'rate of stroke over limit':<28} {self.stroke_rate:9.2e}")
+        lines.append(f"  {'clearance less asked [mm]':<28} {1e3 * self.clearance:9.2e}")
+        return "\n".join(lines + [f"  failed: {failure}" for failure in self.failures])
+
+
+def certify_motion(
+    question: Question, times: Array, tensions: Array, stops: tuple[int, ...]
+) -> MotionCertificate:
+    """Check a motion: times (N + 1,) [s], tensions (N + 1, n_tendons) [N], targets at `stops`."""
+    low, high = np.array(question.limits.lower), np.array(question.limits.upper)
+    excess = max(float((low - tensions[1:]).max()), float((tensions[1:] - high).max()), 0.0)
+    if question.limits.total is not None:
+        over = float(tensions[1:].sum(axis=1).max()) - question.limits.total * (1 + _ROUNDING)
+        excess = max(excess, over)
+    speed = np.abs(np.diff(tensions, axis=0)) / np.diff(times)[:, None]
+    rate = float((speed / question.rates.tension).max())
+    try:
+        found = [
+            _met(question, targets, tensions[stop])
+            for targets, stop in zip(question.targets, stops, strict=True)
+        ]
+        strokes = float(stroke_rates(question, times, tensions).max())
+    except OctoplanError as reason:
+        return MotionCertificate(bounds=excess, rate=rate, problem=str(reason))
+    gap, when = _clear(question, times, tensions)
+    residuals, margins = tuple(own for own, _ in found), tuple(least for _, least in found)
+    return MotionCertificate(
+        residuals, margins, excess, rate, strokes, gap, when, question.accuracy
+    )
+
+
+def _met(question: Question, targets: tuple[Target, ...], T: Array) -> tuple[float, float]:
+    """Return the largest residual and the least margin of targets under tensions."""
+    arm = question.arm
+    shape: Shape = settle(arm, T, question.scene, max(question.accuracy / 10, FINEST_ACCURACY))
+    poses = shape.poses(np.array(stations_of(arm, targets)))
+    match, approach, margin = measure(arm, targets, poses, gives(arm, targets, shape))
+    sizes = [float(np.abs(v).max(initial=0.0)) for v in (*match.values(), *approach.values())]
+    least = [float(np.min(v)) for v in margin.values()]
+    return max(sizes, default=0.0), min(least, default=0.0)
+
+
+def stroke_rates(question: Question, times: Array, tensions: Array) -> Array:
+    """Return the largest rate of a stroke over its limit, from each time to the next (N,)."""
+    rates: list[float] = []
+    if not np.isfinite(question.rates.stroke):
+        return np.zeros(times.size - 1)
+    for k, step in enumerate(np.diff(times)):
+        shares = np.linspace(0.0, 1.0, _BETWEEN + 1)[:, None]
+        between = tensions[k] + shares * (tensions[k + 1] - tensions[k])
+        lengths = [settle(question.arm, T, question.scene, 1e-5).tendon_lengths for T in between]
+        rates.append(float(np.abs(np.diff(lengths, axis=0)).max()) * _BETWEEN / step)
+    return np.array(rates) / question.rates.stroke
+
+
+def _clear(question: Question, times: Array, tensions: Array) -> tuple[float, float]:
+    """Return what is kept of the clearance, and when the least is."""
+    if not question.surroundings:
+        return np.inf, 0.0
+    least, when = np.inf, 0.0
+    for k, step in enumerate(np.diff(times)):
+        ends = (tensions[k], tensions[k + 1])
+        found = swept(lambda T: line_of(question, T), *ends, question.surroundings)
+        if found.bound < least:
+            least, when = found.bound, float(times[k] + found.share * step)
+    return least, when

@@ -1,0 +1,228 @@
+"""Plans that keep clear of obstacles, of the base plane's far side and of the arm itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from model import Arm, InputError, Scene, settle
+from model.effects import Buoyancy, Extension, Weight
+from model.errors import FileError
+from model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
+from model.shape import Shape
+from planner import Plan, load_plan, plan
+from planner.scenefile import read
+from planner.targets import BendingPlane, TipPosition
+
+ARM, SCENE = Arm.from_paper("table-4"), Scene(Extension())
+TARGET = TipPosition((0.3, 0.12, -0.12))
+Array = NDArray[np.float64]
+
+
+def _gap(shape: Shape, obstacle: Obstacle) -> float:
+    """Return the distance of the arm's surface at very many places."""
+    s = np.linspace(0.0, ARM.length, 4001)
+    R = ARM.radius.evaluate(s, ARM.length)[0]
+    return float((obstacle.distance(shape.position(s)) - R).min())
+
+
+@pytest.fixture(scope="module")
+def free() -> Plan:
+    return plan(ARM, TARGET, SCENE, 20.0)
+
+
+@pytest.fixture(scope="module")
+def around(free: Plan) -> Plan:
+    ball = Sphere(free.shape.position(0.6 * ARM.length), 0.02)
+    return plan(ARM, TARGET, SCENE, 20.0, obstacles=[ball], clearance=0.003)
+
+
+def _check(free: Plan, p: Plan) -> None:
+    (obstacle,) = p.surroundings.obstacles
+    assert _gap(free.shape, obstacle) < 0
+    assert p.certificate.passed, p.outcome
+    assert p.surroundings.clearance <= p.certificate.clearance <= _gap(p.shape, obstacle) + 1e-9
+    assert p.effort > free.effort
+    # No more is kept than has to be.
+    assert _gap(p.shape, obstacle) < p.surroundings.clearance + 1e-3
+
+
+def test_a_plan_leads_around_a_ball(free: Plan, around: Plan) -> None:
+    _check(free, around)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda at: Capsule(at + np.array([0, -0.1, 0]), at + np.array([0, 0.1, 0]), 0.012),
+        lambda at: Box(at + np.array([0, 0, 0.03]), (0.04, 0.04, 0.06)),
+    ],
+)
+def test_a_plan_leads_around_other_bodies(free: Plan, make: Callable[[Array], Obstacle]) -> None:
+    obstacle = make(free.shape.position(0.6 * ARM.length))
+    _check(free, plan(ARM, TARGET, SCENE, 20.0, obstacles=[obstacle]))
+
+
+def test_an_obstacle_out_of_the_way_changes_nothing(free: Plan) -> None:
+    p = plan(ARM, TARGET, SCENE, 20.0, obstacles=[Sphere((0.0, -0.4, 0.0), 0.05)])
+    np.testing.assert_array_equal(p.tensions, free.tensions)
+    assert p.avoidance is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scene", [Scene.silicone(), Scene(Extension(), Weight(), Buoyancy())])
+def test_a_plan_in_other_scenes_leads_around(scene: Scene) -> None:
+    before = plan(ARM, TARGET, scene, 20.0)
+    obstacle = Sphere(before.shape.position(0.6 * ARM.length), 0.02)
+    p = plan(ARM, TARGET, scene, 20.0, obstacles=[obstacle])
+    assert p.certificate.passed, p.outcome
+    assert _gap(p.shape, obstacle) >= 0
+
+
+@pytest.mark.slow
+def test_where_nothing_leads_around_the_nearest_shape_keeps_clear() -> None:
+    plate = Box((0.2, 0.0, 0.0), (0.02, 3.0, 3.0))
+    p = plan(ARM, TARGET, SCENE, 20.0, obstacles=[plate], starts=2)
+    assert not p.certificate.passed
+    assert p.mode == "nearest"
+    assert p.outcome.startswith("Not reached")
+    assert "keep clear" in p.outcome
+    assert p.certificate.gaps["obstacles"] >= 0
+
+
+def test_where_no_shape_keeps_clear_the_outcome_says_what_is_touched() -> None:
+    bend, wall = BendingPlane(angle=0.0, bend=0.02), HalfSpace((0.3, 0, 0), (-1.0, 0, 0))
+    p = plan(ARM, bend, SCENE, 0.01, obstacles=[wall], starts=1)
+    assert not p.certificate.passed
+    assert p.outcome.startswith("Not clear: it passes through obstacles[0] by 15")
+
+
+def test_behind_the_base_is_told_and_avoided_on_request() -> None:
+    T = np.zeros((3, 4))
+    T[2, 2], T[1, 2] = 14.0, 5.0
+    target = TipPosition(settle(ARM, T, SCENE).tip)
+    assert target.position[0] < 0
+    p, q = (plan(ARM, target, SCENE, 20.0, starts=2, self_clearance=own) for own in (False, True))
+    assert p.certificate.passed
+    assert "Beware: the arm passes through the far side of its base plane" in p.outcome
+    assert not q.certificate.passed
+    assert q.certificate.clearance >= 0
+    assert not q.certificate.warnings
+
+
+def test_an_arm_that_passes_through_itself_says_so(free: Plan) -> None:
+    T = np.array(free.tensions)
+    T[0, 0] = 3.0
+    coiled = replace(free, tensions=T)
+    assert coiled.certificate.gaps["itself"] < 0
+    assert "the arm passes through itself" in coiled.outcome
+    assert "beware" in str(coiled.certificate)
+
+
+def test_a_plan_with_obstacles_loads_back_equal(around: Plan, tmp_path: Path) -> None:
+    other = load_plan(around.save(tmp_path / "plan.json"))
+    assert other == around
+    assert other.certificate.passed
+    assert other.certificate.clearance == around.certificate.clearance
+
+
+def test_a_plan_near_another_is_led_around_too(around: Plan) -> None:
+    given = {"obstacles": around.surroundings.obstacles, "clearance": 0.003}
+    p = plan(ARM, TipPosition((0.29, 0.12, -0.12)), SCENE, 20.0, near=around, **given)
+    assert p.certificate.passed, p.outcome
+
+
+def test_figures_show_obstacles_and_the_nearest_place(around: Plan) -> None:
+    labels = around.plot().axes[0].get_legend_handles_labels()[1]
+    assert any("mm clear" in label for label in labels)
+
+
+@pytest.mark.slow
+def test_a_thousand_obstacles_work() -> None:
+    rng = np.random.default_rng(0)
+    many = [Sphere(x, 0.004) for x in rng.uniform((0.02, -0.4, -0.4), 0.4, (1000, 3))]
+    many = [o for o in many if np.linalg.norm(np.array(o.center) - TARGET.position) > 0.02]
+    p = plan(ARM, TARGET, SCENE, 20.0, obstacles=many)
+    assert p.certificate.gaps["obstacles"] >= 0
+    assert p.certificate.passed or p.outcome.startswith("Not reached")
+
+
+@pytest.mark.parametrize(
+    ("given", "field"),
+    [
+        ({"obstacles": [1.0]}, r"obstacles\[0\]"),
+        ({"obstacles": 3}, "obstacles"),
+        ({"obstacles": [Sphere((0, 0, 0.01), 0.01)]}, r"obstacles\[0\].*base"),
+        ({"obstacles": [Sphere(TARGET.position, 0.01)]}, r"obstacles\[0\].*tip at its target"),
+        ({"clearance": -1e-3}, "clearance"),
+        ({"clearance": np.nan}, "clearance"),
+        ({"clearance": 1e-3}, "clearance"),
+        ({"self_clearance": 2}, "self_clearance"),
+    ],
+)
+def test_surroundings_that_cannot_be_are_refused(given: dict[str, object], field: str) -> None:
+    with pytest.raises(InputError, match=field):
+        plan(ARM, TARGET, SCENE, 20.0, **given)  # type: ignore[arg-type]
+
+
+FILE = b"""
+clearance_mm = 2
+self_clearance = true
+[arm]
+preset = "table-4"
+[target]
+type = "tip-position"
+position_mm = [300, 120, -120]
+[limits]
+tension_max = 20
+[[obstacles]]
+type = "sphere"
+center_mm = [150, 0, 50]
+radius_mm = 20
+[[obstacles]]
+type = "capsule"
+start_mm = [150, 100, 50]
+end_mm = [150, 200, 50]
+radius_mm = 20
+[[obstacles]]
+type = "box"
+center_mm = [150, -100, 50]
+size_mm = [10, 20, 30]
+[[obstacles]]
+type = "half-space"
+point_mm = [0, 0, -300]
+normal = [0, 0, 1]
+"""
+
+
+def test_scene_files_hold_obstacles() -> None:
+    options = read(FILE).options
+    kinds = [type(obstacle).__name__ for obstacle in options["obstacles"]]
+    assert kinds == ["Sphere", "Capsule", "Box", "HalfSpace"]
+    assert options["obstacles"][2] == Box((0.15, -0.1, 0.05), (0.01, 0.02, 0.03))
+    assert options["clearance"] == pytest.approx(0.002)
+    assert options["self_clearance"] is True
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place"),
+    [
+        (
+            b'radius_mm = 20\n[[obstacles]]\ntype = "box"',
+            b'radius_mm = 0\n[[obstacles]]\ntype = "box"',
+            "obstacles\\[1\\].radius_mm",
+        ),
+        (b"center_mm = [150, 0, 50]", b"center_mm = [0, 0, 0]", "obstacles"),
+        (b"clearance_mm = 2", b"clearance_mm = -2", "clearance_mm"),
+        (b"normal = [0, 0, 1]", b"normal = [0, 0, 0]", "obstacles\\[3\\]"),
+    ],
+)
+def test_scene_files_tell_where_an_obstacle_is_wrong(old: bytes, new: bytes, place: str) -> None:
+    assert old in FILE
+    with pytest.raises(FileError, match=place):
+        read(FILE.replace(old, new, 1))

@@ -1,0 +1,134 @@
+"""Signed distances of obstacles and their derivatives, against trimesh, coal and differences."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from model import InputError
+from model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere, distances, numbers_of
+
+coal = pytest.importorskip("coal")
+trimesh = pytest.importorskip("trimesh")
+Array = NDArray[np.float64]
+
+_TURNED = np.linalg.qr(np.array([[1.0, 2, 0], [0, 1, 3], [2, 0, 1]]))[0]
+ROUND: dict[str, Obstacle] = {
+    "sphere": Sphere((0.1, -0.02, 0.05), 0.03),
+    "capsule": Capsule((0.1, -0.05, 0.0), (0.2, 0.08, -0.1), 0.02),
+    "box": Box((0.1, 0.05, -0.02), (0.06, 0.1, 0.03), tuple(map(tuple, _TURNED.tolist()))),
+    "half-space": HalfSpace((0.0, 0.0, -0.2), (1.0, 2.0, 4.0)),
+}
+
+
+def _points(count: int, seed: int = 0) -> Array:
+    return np.random.default_rng(seed).uniform(-0.3, 0.4, (count, 3))
+
+
+def _geometry(name: str) -> tuple[object, Array, Array]:
+    """Return an obstacle in coal's terms: shape, frame and place."""
+    obstacle = ROUND[name]
+    if isinstance(obstacle, Sphere):
+        return coal.Sphere(obstacle.radius), np.eye(3), np.array(obstacle.center)
+    if isinstance(obstacle, Capsule):
+        a, b = np.array(obstacle.start), np.array(obstacle.end)
+        z = (b - a) / np.linalg.norm(b - a)
+        x = np.cross([0.0, 0, 1], z)
+        x /= np.linalg.norm(x)
+        frame = np.column_stack([x, np.cross(z, x), z])
+        return coal.Capsule(obstacle.radius, float(np.linalg.norm(b - a))), frame, (a + b) / 2
+    if isinstance(obstacle, Box):
+        return coal.Box(*obstacle.size), np.array(obstacle.frame), np.array(obstacle.center)
+    assert isinstance(obstacle, HalfSpace)
+    normal = np.array(obstacle.normal)
+    return coal.Halfspace(normal, float(normal @ obstacle.point)), np.eye(3), np.zeros(3)
+
+
+@pytest.mark.parametrize("name", ROUND)
+def test_distances_are_those_of_coal(name: str) -> None:
+    shape, frame, place = _geometry(name)
+    points = _points(300)
+    found = ROUND[name].distance(points)
+    tiny = 1e-4
+    for point, distance in zip(points, found, strict=True):
+        request, result = coal.DistanceRequest(), coal.DistanceResult()
+        at, ball = coal.Transform3s(frame, place), coal.Transform3s(np.eye(3), point)
+        other = coal.distance(shape, at, coal.Sphere(tiny), ball, request, result) + tiny
+        assert distance == pytest.approx(other, abs=2e-6)
+
+
+def test_distances_inside_and_outside_of_a_box_are_those_of_trimesh() -> None:
+    box = ROUND["box"]
+    assert isinstance(box, Box)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = box.frame, box.center
+    if np.linalg.det(pose[:3, :3]) < 0:
+        pose[:3, 0] *= -1
+    mesh = trimesh.creation.box(box.size, pose)
+    points = np.vstack([_points(200), np.array(box.center) + 0.03 * _points(100, 1)])
+    found = box.distance(points)
+    _, away, _ = trimesh.proximity.closest_point_naive(mesh, points)
+    np.testing.assert_allclose(np.abs(found), away, atol=1e-9)
+    inside = np.abs((points - box.center) @ np.array(box.frame)) < np.array(box.size) / 2
+    np.testing.assert_array_equal(found < 0, inside.all(axis=1))
+
+
+@pytest.mark.parametrize("name", ROUND)
+def test_derivatives_are_those_of_differences(name: str) -> None:
+    points, step = _points(200, 2), 1e-6
+    obstacle = ROUND[name]
+    ends = [obstacle.distance(points + s * step * e) for e in np.eye(3) for s in (1, -1)]
+    ahead, behind = np.array(ends[::2]), np.array(ends[1::2])
+    differences = ((ahead - behind) / (2 * step)).T
+    np.testing.assert_allclose(obstacle.gradient(points), differences, atol=1e-8)
+    np.testing.assert_allclose(np.linalg.norm(obstacle.gradient(points), axis=1), 1, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ROUND)
+def test_distances_are_convex_and_change_no_faster_than_places(name: str) -> None:
+    a, b = _points(300, 3), _points(300, 4)
+    ends, middle = [ROUND[name].distance(x) for x in (a, b)], ROUND[name].distance((a + b) / 2)
+    assert (middle <= (ends[0] + ends[1]) / 2 + 1e-12).all()
+    assert (np.abs(ends[0] - ends[1]) <= np.linalg.norm(a - b, axis=1) + 1e-12).all()
+
+
+def test_numbers_are_finite_where_there_is_no_derivative() -> None:
+    at = {"sphere": (0.1, -0.02, 0.05), "capsule": (0.15, 0.015, -0.05), "box": (0.1, 0.05, -0.02)}
+    for name, center in at.items():
+        assert ROUND[name].distance(center) < 0
+        assert np.isfinite(ROUND[name].gradient(center)).all()
+
+
+def test_many_obstacles_at_once_are_as_each_alone() -> None:
+    points = _points(20)
+    found, gradients = distances(numbers_of(list(ROUND.values())), points)
+    for k, obstacle in enumerate(ROUND.values()):
+        np.testing.assert_array_equal(found[:, k], obstacle.distance(points))
+        np.testing.assert_array_equal(gradients[:, k], obstacle.gradient(points))
+
+
+@pytest.mark.parametrize("name", ROUND)
+def test_outlines_lie_on_the_surface(name: str) -> None:
+    points, triangles = ROUND[name].outline
+    assert np.abs(ROUND[name].distance(points)).max() < 1e-12
+    assert triangles.max() < len(points)
+
+
+@pytest.mark.parametrize(
+    ("make", "field"),
+    [
+        (lambda: Sphere((0, 0, 0), 0.0), "Sphere.radius"),
+        (lambda: Sphere((0, 0, 0), np.nan), "Sphere.radius"),
+        (lambda: Sphere((0, np.nan, 0), 0.1), "Sphere.center"),
+        (lambda: Capsule((0, 0, 0), (0, 0, 0), 0.1), "Capsule.end"),
+        (lambda: Capsule((0, 0, 0), (0, 0, 1), -0.1), "Capsule.radius"),
+        (lambda: Box((0, 0, 0), (0.1, 0.0, 0.1)), "Box.size"),
+        (lambda: Box((0, 0, 0), (0.1, 0.1, 0.1), ((1, 0, 0),) * 3), "Box.frame"),
+        (lambda: HalfSpace((0, 0, 0), (0, 0, 0)), "HalfSpace.normal"),
+    ],
+)
+def test_sizes_that_are_none_are_refused_by_name(make: object, field: str) -> None:
+    with pytest.raises(InputError) as refused:
+        make()  # type: ignore[operator]
+    assert refused.value.field == field

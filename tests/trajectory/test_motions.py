@@ -1,0 +1,156 @@
+"""Motions: targets, limits and rates at every instant, clearance between waypoints."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from model import Arm, InputError, Scene, settle
+from model.effects import Extension
+from model.errors import FileError
+from model.obstacles import Sphere
+from planner import Trajectory, plan, trajectory
+from planner.targets import TipPosition
+from planner.trajectory.asked import waypoints_of
+
+ARM, SCENE = Arm.from_paper("table-4"), Scene(Extension())
+PLACES = [(0.32, 0.08, -0.1), (0.3, 0.12, -0.12), (0.28, 0.08, -0.15)]
+TARGETS = [TipPosition(place) for place in PLACES]
+Array = NDArray[np.float64]
+
+
+@pytest.fixture(scope="module")
+def quickest() -> Trajectory:
+    return trajectory(ARM, TARGETS, SCENE, 20.0, rate_max=2.0)
+
+
+def test_a_motion_meets_its_targets_in_order(quickest: Trajectory) -> None:
+    assert quickest.certificate.passed, quickest.outcome
+    assert quickest.reached == (True, True, True)
+    for stop, place in zip(quickest.stops, PLACES, strict=True):
+        tip = settle(ARM, quickest.tensions[stop], SCENE, 1e-8).tip
+        assert np.linalg.norm(tip - place) < 1e-6 * ARM.length
+    assert quickest.outcome.startswith("Reached")
+
+
+def test_no_limit_or_rate_is_exceeded_at_any_of_many_instants(quickest: Trajectory) -> None:
+    t = np.linspace(0.0, quickest.duration, 10_001)
+    T = quickest.at(t)
+    assert T.min() >= 0
+    assert T.max() <= 20.0
+    assert (np.abs(np.diff(T, axis=0)) / np.diff(t)[:, None]).max() <= 2.0 * (1 + 1e-6)
+
+
+def test_the_least_time_is_between_a_bound_and_that_of_plans_one_by_one(
+    quickest: Trajectory,
+) -> None:
+    tensions = [np.zeros(12), *(np.ravel(plan(ARM, own, SCENE, 20.0).tensions) for own in TARGETS)]
+    one_by_one = np.abs(np.diff(tensions, axis=0)).max(axis=1).sum() / 2.0
+    assert quickest.duration < one_by_one
+    # The first target alone, from rest, takes no longer than the whole way to it.
+    alone = trajectory(ARM, TARGETS[:1], SCENE, 20.0, rate_max=2.0)
+    assert alone.duration <= quickest.times[1] * (1 + 1e-3)
+    assert alone.duration <= quickest.duration
+
+
+def test_in_a_given_time_effort_is_least_and_plans_are_kept_where_rates_allow() -> None:
+    times = [10.0, 20.0, 30.0]
+    slow = trajectory(ARM, TARGETS, SCENE, 20.0, rate_max=2.0, times=times)
+    assert slow.certificate.passed, slow.outcome
+    np.testing.assert_allclose(slow.times[1:], times)
+    alone = plan(ARM, TARGETS[1], SCENE, 20.0)
+    np.testing.assert_allclose(slow.tensions[2], alone.tensions, atol=2e-3)
+
+
+def test_strokes_keep_to_their_rate() -> None:
+    tr = trajectory(ARM, TARGETS[:2], SCENE, 20.0, stroke_rate_max=0.02)
+    assert tr.certificate.passed, tr.outcome
+    t = np.linspace(0.0, tr.duration, 101)
+    lengths = np.array([settle(ARM, T, SCENE, 1e-6).tendon_lengths for T in tr.at(t)])
+    assert (np.abs(np.diff(lengths, axis=0)) / np.diff(t)[:, None]).max() < 0.02 * 1.02
+
+
+def test_a_motion_starts_at_a_plan() -> None:
+    start = plan(ARM, TARGETS[0], SCENE, 20.0)
+    tr = trajectory(ARM, TARGETS[1:2], SCENE, 20.0, rate_max=2.0, start=start)
+    np.testing.assert_array_equal(tr.tensions[0], start.tensions)
+    assert tr.certificate.passed
+
+
+@pytest.mark.slow
+def test_a_motion_keeps_clear_between_its_waypoints(quickest: Trajectory) -> None:
+    middle = quickest.at(0.5 * (quickest.times[1] + quickest.times[2]))
+    place = settle(ARM, middle, SCENE).position(0.8 * ARM.length)
+    obstacle = Sphere(place + np.array([0.0, 0.0, 0.02]), 0.02)
+    given = {"obstacles": [obstacle], "clearance": 0.001}
+    tr = trajectory(ARM, TARGETS, SCENE, 20.0, rate_max=2.0, **given)
+    assert tr.certificate.passed, tr.outcome
+    s = np.linspace(0.0, ARM.length, 400)
+    R = ARM.radius.evaluate(s, ARM.length)[0]
+    for T in tr.at(np.linspace(0.0, tr.duration, 200)):
+        gap = obstacle.distance(settle(ARM, T, SCENE, 1e-5).position(s)) - R
+        assert gap.min() >= 0.001 + tr.certificate.clearance - 1e-6
+
+
+def test_a_motion_is_saved_for_a_robot(quickest: Trajectory, tmp_path: Path) -> None:
+    rows = np.genfromtxt(quickest.save(tmp_path / "motion.csv"), delimiter=",", names=True)
+    np.testing.assert_array_equal(rows["t_s"], quickest.times)
+    np.testing.assert_array_equal(rows["T_21_N"], quickest.flat[:, 4])
+    np.testing.assert_allclose(rows["T_11_length_m"], quickest.lengths[:, 0])
+    with pytest.raises(InputError, match="csv"):
+        quickest.save(tmp_path / "motion.txt")
+
+
+def test_functions_and_files_are_paths(tmp_path: Path) -> None:
+    found, times = waypoints_of(lambda u: (0.3, 0.1 * u, 0.0), 3)
+    assert found == [TipPosition((0.3, y, 0.0)) for y in (0.0, 0.05, 0.1)]
+    assert times is None
+    file = tmp_path / "path.csv"
+    file.write_text("t_s,x_m,y_m,z_m\n1,0.3,0,0\n2,0.3,0.1,0\n")
+    found, times = waypoints_of(file, 3)
+    assert found == [TipPosition((0.3, 0.0, 0.0)), TipPosition((0.3, 0.1, 0.0))]
+    assert times is not None
+    assert times.tolist() == [1.0, 2.0]
+    file.write_text("x_m,y_m,z_m\n0.3,zero,0\n")
+    with pytest.raises(FileError, match=r"line 2, y_m.*zero"):
+        waypoints_of(file, 3)
+
+
+def test_times_that_rates_do_not_allow_are_refused_with_what_would_do() -> None:
+    with pytest.raises(InputError, match=r"times\[0\].*s after what is before, at these rates"):
+        trajectory(ARM, TARGETS[:2], SCENE, 20.0, rate_max=0.1, times=[0.5, 20.0])
+
+
+@pytest.mark.slow
+def test_a_path_that_leaves_the_reach_is_refused_with_from_where_to_where() -> None:
+    beyond = [TipPosition((x, 0.05, 0.0)) for x in (0.42, 0.5, 0.52, 0.42)]
+    with pytest.raises(InputError, match=r"targets\[1\] to \[2\]: got 'out of reach'"):
+        trajectory(ARM, beyond, SCENE, 20.0, rate_max=2.0)
+
+
+@pytest.mark.parametrize(
+    ("given", "field"),
+    [
+        ({}, "times"),
+        ({"rate_max": 0.0}, "rate_max"),
+        ({"rate_max": np.nan}, "rate_max"),
+        ({"stroke_rate_max": -1.0}, "stroke_rate_max"),
+        ({"rate_max": 1.0, "times": [1.0]}, "times"),
+        ({"rate_max": 1.0, "times": [1.0, 0.5, 2.0]}, "times"),
+        ({"rate_max": 1.0, "start": 3.0}, "start"),
+        ({"rate_max": 1.0, "clearance": -1.0}, "clearance"),
+        ({"rate_max": 1.0, "obstacles": [Sphere(PLACES[1], 0.01)]}, "obstacles"),
+    ],
+)
+def test_what_a_motion_cannot_be_is_refused_by_name(given: dict[str, object], field: str) -> None:
+    with pytest.raises(InputError, match=field):
+        trajectory(ARM, TARGETS, SCENE, 20.0, **given)  # type: ignore[arg-type]
+
+
+def test_what_is_no_path_is_refused() -> None:
+    for path in ([], 3.0):
+        with pytest.raises(InputError, match="targets"):
+            trajectory(ARM, path, SCENE, 20.0, rate_max=1.0)
