@@ -10,6 +10,7 @@ import numpy as np
 from model.arm import Arm
 from model.paths import Array
 from model.rotations import from_matrix
+from model.shape import Shape
 from planner.live.tube import picture, tension_colour
 from planner.plan import Plan
 
@@ -28,12 +29,12 @@ def set_camera(server: Any, arm: Arm) -> None:
     server.initial_camera.look_at = tuple(middle.tolist())
 
 
-def draw_arm(server: Any, p: Plan, most: Array) -> None:
-    """Draw the arm of a plan; `most` (n_tendons,) are the tensions of the last colour [N]."""
-    seen, scene = picture(p.shape, most), server.scene
+def draw_arm(server: Any, shape: Shape, most: Array) -> None:
+    """Draw an arm and its tendons; `most` (n_tendons,) are those of the last colour [N]."""
+    seen, scene = picture(shape, most), server.scene
     with server.atomic():
         scene.add_mesh_simple("/body", seen.vertices, seen.faces, color=_BODY, opacity=0.3)
-        thickness = _THICK * p.arm.length
+        thickness = _THICK * shape.arm.length
         scene.add_line_segments("/tendons", seen.tendons, seen.colours, thickness=thickness)
 
 

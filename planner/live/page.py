@@ -105,15 +105,16 @@ class Page:
     def _save(self, client: Any) -> None:
         p = self.session.last
         if client is not None and p is not None:
-            client.send_file_download("plan.json", to_json(plan_record(p)))
+            found = to_json(plan_record(p))
+            client.send_file_download("plan.json", found, save_immediately=True)
 
     def _follow(self, target: Any) -> None:
         """Plan for a target that moves, and draw it; in the worker's thread."""
         session = self.session
         try:
             session.target = target
-            step = session.step(few=True)
-            draw_arm(self._server, step.plan, session.most)
+            step = session.step()
+            draw_arm(self._server, session.seen(step.plan), session.most)
         except OctoplanError as reason:
             self._tell(reason)
             return
@@ -129,7 +130,7 @@ class Page:
             p = session.settled()
             if p is None:
                 return
-            draw_arm(self._server, p, session.most)
+            draw_arm(self._server, session.seen(p), session.most)
             self._bars.content = bars(p, session.most)
             self._said.content = f"{html.escape(p.outcome)} {_LEFT * self._left}"
             self._left = False

@@ -11,13 +11,15 @@ from model.arm import Arm
 from model.effects import Effect
 from model.paths import Array
 from model.scene import Scene
+from model.settle import settle
+from model.shape import Shape
 from model.stiffness import stiffness
 from planner.plan import Plan, plan
 from planner.program.limits import natural_tensions
 from planner.targets.base import Target
 
-# First guesses while the target moves beyond reach, and the accuracy of the ellipsoid.
-_FEW, _ROUGH = 3, 1e-2
+# First guesses while the target moves beyond reach; the accuracy of pictures and ellipsoids.
+_FEW, _DRAWN, _ROUGH = 3, 1e-4, 1e-2
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,26 +60,38 @@ class Session:
         upper, T = np.array(self.last.limits.upper), np.ravel(self.last.tensions)
         return np.where(np.isfinite(upper) & (upper > 0), upper, max(float(T.max()), 1e-9))
 
-    def step(self, few: bool = False) -> Step:
+    def step(self) -> Step:
         """Return the plan for the target as it is now, near the last one where that leads there.
 
-        With `few` a target that cannot be followed is searched for by few first guesses.
+        What cannot be followed is searched for by few first guesses.
         """
         last, scene = self.last, self.scene
         near = last if last is not None and last.scene == scene else None
-        options = self._options | ({"starts": _FEW} if few else {})
-        found = plan(self.arm, self.target, scene, near=near, **options)
+        found = self._plan(near=near, starts=_FEW)
         # A plan that is followed has the one start that it was followed from.
-        followed = near is not None and near.mode == "exact" and len(found.starts) == 1
-        self.last, self._rough = found, few and not followed
-        return Step(found, near is not None and near.mode == "exact" and not followed)
+        known = near is not None and near.mode == "exact"
+        followed = known and len(found.starts) == 1
+        self._rough = not followed
+        return Step(found, known and not followed)
 
     def settled(self) -> Plan | None:
         """Return the plan for a target that rests; None where there is none yet.
 
-        What few first guesses found is searched for by all.
+        What few first guesses found is searched for by as many as were asked for.
         """
-        return self.step().plan if self._rough else self.last
+        if self._rough:
+            self._plan()
+            self._rough = False
+        return self.last
+
+    def _plan(self, **options: Any) -> Plan:
+        self.last = plan(self.arm, self.target, self.scene, **self._options | options)
+        return self.last
+
+    def seen(self, p: Plan) -> Shape:
+        """Return the shape of a plan, as accurate as a picture shows it."""
+        by = p.machine_code
+        return settle(self.arm, p.tensions, p.scene, max(p.accuracy, _DRAWN), compile=by)
 
     def ellipsoid(self, p: Plan) -> tuple[Array, Array]:
         """Return the half axes (3,) of a plan's compliance at the tip [m/N], and directions."""

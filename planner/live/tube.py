@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.paths import Array
+from model.rotations import matrices
 from model.shape import Shape
 
 _ALONG, _AROUND = 61, 24
 # Of a slack tendon, of one at the least, and of one at the most tension, red green blue.
-SLACK, LOW, HIGH = (150, 155, 165), (250, 205, 90), (200, 20, 60)
+SLACK, LOW, HIGH = (150, 155, 165), (240, 150, 20), (200, 0, 60)
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,9 +39,10 @@ class Picture:
 def picture(shape: Shape, most: Array) -> Picture:
     """Return the picture of a shape; tendons at `most` (n_tendons,) [N] have the last colour."""
     s = np.linspace(0.0, shape.arm.length, _ALONG)
-    poses, frames = shape.position(s), shape.frame(s)
-    pieces, colours = _tendons(shape, s, poses, frames, most)
-    return Picture(_surface(shape, s, poses, frames), _faces(), pieces, colours)
+    poses = shape.poses(s)
+    places, frames = poses[:, 4:], matrices(poses[:, :4])
+    pieces, colours = _tendons(shape, s, places, frames, most)
+    return Picture(_surface(shape, s, places, frames), _faces(), pieces, colours)
 
 
 def tension_colour(tension: float, most: float) -> tuple[int, int, int]:

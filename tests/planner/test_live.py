@@ -37,11 +37,11 @@ def session(scene: Scene = PAPER, **options: Any) -> Session:
 
 def test_a_target_that_moves_a_little_is_followed_on_its_branch() -> None:
     hand = session()
-    assert not hand.step(few=True).left
+    assert not hand.step().left
     first = hand.settled()
     assert first is not None
     hand.target = TipPosition(TIP + np.array([0.0, 0.002, 0.0]))
-    step = hand.step(few=True)
+    step = hand.step()
     assert not step.left
     assert len(step.plan.starts) == 1
     assert hand.settled() is step.plan
@@ -54,7 +54,7 @@ def test_a_target_out_of_reach_leaves_the_branch_and_says_what_holds_it() -> Non
     hand = session(tension_max=0.5, starts=1)
     hand.step()
     hand.target = TipPosition((0.0, 0.35, 0.0))
-    assert hand.step(few=True).left
+    assert hand.step().left
     found = hand.settled()
     assert found is not None
     assert found.mode != "exact"
@@ -214,7 +214,9 @@ def test_in_a_browser_a_drag_moves_the_arm(tmp_path: Path) -> None:
         assert after is not None
         moved = after.shape.tip - before.shape.tip
         assert moved == pytest.approx([0.0, 0.0, 0.02], abs=4e-3)
-        with viewer.expect_download() as saved:
+        viewer.get_by_role("checkbox").last.evaluate("box => box.click()")
+        viewer.get_by_text("/ellipsoid").wait_for(state="attached", timeout=300_000)
+        with viewer.expect_download(timeout=300_000) as saved:
             viewer.get_by_text("Save the plan").click()
         assert '"certified":true' in Path(saved.value.path()).read_text().replace(" ", "")
         browser.close()
