@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from copy import deepcopy
 from functools import cache
 from typing import Any
 
@@ -72,13 +73,13 @@ def plan_file(seed: int) -> bytes:
         where, key = places[rng.integers(2, len(places))]
         way = rng.uniform()
         if way < 0.6:
-            where[key] = OTHERS[rng.integers(len(OTHERS))]
+            where[key] = deepcopy(OTHERS[rng.integers(len(OTHERS))])
         elif way < 0.8 and isinstance(where[key], int | float):
             where[key] = float(where[key]) * float(rng.choice([-1.0, 1.0, 10.0, 1e-3]))
         elif isinstance(where, dict):
             del where[key]
         else:
-            where.insert(key, where[key])
+            where.insert(key, deepcopy(where[key]))
     text = json.dumps(table)
     if rng.uniform() < 0.1:
         i = int(rng.integers(len(text)))
