@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from typing import Any
 
 _SAID = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 
@@ -20,7 +19,7 @@ def main() -> int:
     return run()
 
 
-def _end(number: int, _: Any) -> None:
+def _end(number: int, _: object) -> None:
     os.write(2, f"octoplan: {_SAID[signal.Signals(number)]}\n".encode())
     os._exit(128 + number)
 
