@@ -66,7 +66,7 @@ class ExplicitMap(ForwardMap, Protocol):
     stretch_active: Counts
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=64)
 def schemes_of(scene: Scene) -> tuple[str, ...]:
     """Return the names of the schemes that can carry a scene.
 
@@ -94,7 +94,7 @@ def check_scheme(scene: Scene, scheme: str | None) -> str:
     return scheme or allowed[0]
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=64)
 def forward_map(
     arm: Arm,
     scene: Scene,
@@ -111,7 +111,7 @@ def forward_map(
     return which(arm, scene, scheme, refinement, at, machine_code)
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=32)
 def collocation_map(
     arm: Arm,
     scene: Scene,
@@ -125,7 +125,7 @@ def collocation_map(
     return Collocation(arm, scene, *form)
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=64)
 def explicit_map(
     arm: Arm,
     scene: Scene,

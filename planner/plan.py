@@ -218,11 +218,11 @@ def _followed(near: Plan, task: Task) -> Found | None:
     if near.arm != task.arm or near.scene != task.scene:
         raise InputError("near", "a plan for another arm or scene", "one for the same")
     limits, own = task.limits, near.limits
-    if (own.upper, own.total) != (limits.upper, limits.total):
+    same = near.statement.margin == task.statement.margin
+    if not same or (own.upper, own.total) != (limits.upper, limits.total):
         return None
     answer = (near.tensions, near.lam_x, near.lam_g)
-    stated = near.statement.but(margin=task.statement.margin)
-    known = Known(near.targets, own.lower, stated, *answer)
+    known = Known(near.targets, own.lower, near.statement, *answer)
     asked = (task.arm, task.scene, task.targets, limits, task.accuracy)
     try:
         return follow(known, *asked, task.machine_code)

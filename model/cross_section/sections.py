@@ -144,7 +144,7 @@ def _tendon(law: CrossSection) -> ca.Function:
     return _with_slopes("tendon", v, path, law.tendon(v, path))
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=64)
 def _mapped(kernel: Callable[[CrossSection], ca.Function], law: CrossSection, N: int) -> Buffered:
     """Return a kernel of a law for N cross-sections or crossings at once; a row for each."""
     return Buffered(kernel(law).map(N))

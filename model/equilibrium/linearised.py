@@ -50,7 +50,7 @@ class Band:
         return np.flatnonzero(self.columns < self.first)
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=16)
 def band(of: Layout) -> Band:
     """Return the band of a layout's Jacobian."""
     rows, columns = (np.array(v, dtype=np.int64) for v in of.equations.jacobian[1].get_triplet())

@@ -98,7 +98,7 @@ def _blocks(here: Linearised) -> Array:
     return np.asarray(padded[_block_places(here.system.of)])
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=16)
 def _block_places(of: Layout) -> Index:
     """Return the places among the nonzeros of the elements' blocks, -1 for none.
 

@@ -213,7 +213,7 @@ def structure(arm: Arm, mesh: Mesh, form: Form) -> Layout:
     return layout(form, tuple(at[i] for i, _ in arm.tendons), mesh.steps)
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=32)
 def system(
     arm: Arm,
     scene: Scene,

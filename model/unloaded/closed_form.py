@@ -26,7 +26,7 @@ from model.unloaded.pulls import PullPolynomials
 from model.unloaded.statics import ClosedStatics, closed_statics
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=24)
 def strain_function(statics: ClosedStatics) -> ca.Function:
     """Return (pull, data) -> (tau, xi, k, q) at one cross-section; tau is 0."""
     pull, data = ca.SX.sym("pull", statics.n_pull), ca.SX.sym("data", statics.n_data)
@@ -72,7 +72,7 @@ def nodes_of(scheme: Magnus, left: Array, right: Array) -> Array:
     return np.ravel(left[:, None] + (right - left)[:, None] * np.array(scheme.nodes))
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=24)
 def step_function(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
     """Return (pull (n_pull, m), data (n_data, m), h) -> relative pose of a step (7,), 1 + q (m,).
 
@@ -86,7 +86,7 @@ def step_function(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
     return ca.Function("step", [pull, data, h], [step, stretch], {"cse": True})
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=24)
 def march_function(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
     """Return (pose, pull, data, h) -> pose across a step, 1 + q; see step_function."""
     step = step_function(statics, scheme)

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import os
 import signal
-import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 from planner.commands.command import INTERRUPTED, TERMINATED
@@ -27,7 +26,8 @@ def ended_from_outside() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {number: signal.signal(number, _end) for number in _CODES}
+    heard = [number for number in _CODES if signal.getsignal(number) is not signal.SIG_IGN]
+    before = {number: signal.signal(number, _end) for number in heard}
     try:
         yield
     finally:
@@ -38,5 +38,6 @@ def ended_from_outside() -> Iterator[None]:
 def _end(number: int, _: Any) -> None:
     code = _CODES[signal.Signals(number)]
     abandon()
-    os.write(sys.__stderr__.fileno() if sys.__stderr__ else 2, f"octoplan: {SAID[code]}\n".encode())
+    with suppress(OSError):
+        os.write(2, f"octoplan: {SAID[code]}\n".encode())
     os._exit(code)

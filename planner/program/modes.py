@@ -57,7 +57,7 @@ def mode_size(at: System, scale: Array, y: Array) -> Array:
     return np.asarray(y / np.sqrt((weight[:, None] * strains**2).sum(axis=0) / at.arm.length))
 
 
-@lru_cache(maxsize=128)
+@lru_cache(maxsize=32)
 def _along_states(kernel: Kernel, rows: tuple[int, ...]) -> Kernel:
     """Return the derivative of a kernel along changes of some of its unknowns."""
     change = ca.SX.sym("change", len(rows))

@@ -196,7 +196,7 @@ def build(
     return _built(arm, scene, structure, given, statement or Statement(), machine_code)
 
 
-@lru_cache(maxsize=128)
+@lru_cache(maxsize=24)
 def _built(
     arm: Arm,
     scene: Scene,

@@ -280,7 +280,7 @@ def program(
     return _built((skeleton, structure, stated), of, seen, Same((arm, targets, statement)))
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=16)
 def _built(key: Hashable, of: Layout, seen: Stations, given: Same) -> Program:
     arm, targets, statement = given.value
     looks, modes = looks_of(targets), statement.modes

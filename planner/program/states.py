@@ -156,7 +156,7 @@ class Blocks:
         return [*terms, Term(_scaled(), tensions, rows)]
 
 
-@lru_cache(maxsize=128)
+@lru_cache(maxsize=32)
 def tangent(kernel: Kernel) -> Kernel:
     """Return the derivative of a kernel along changes of its unknowns and numbers."""
     y, c = (ca.SX.sym(name, v.numel()) for name, v in (("dy", kernel.y), ("dc", kernel.c)))

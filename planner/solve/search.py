@@ -53,8 +53,7 @@ class Search:
         toppled = {id(solution) for _, solution in self.trials.toppled}
         met = [s for s in seen if s[0].mode == "exact" and s[1].met and id(s[1]) not in toppled]
         statement, best = min(met, key=lambda item: item[1].f) if met else seen[-1]
-        T, free = self.task.tensions(best), best.free(self.task.problem(statement))
-        return self._found(statement, T, free if free.multiplied else None, records, True)
+        return self._found(statement, self.task.tensions(best), best, records, True)
 
     def _nearest(self) -> Array:
         """Return the initial guess (n_tendons,) that is nearest to what is wanted [N]."""
@@ -159,8 +158,10 @@ class Search:
         stopped: bool = False,
     ) -> Found:
         none: tuple[float, ...] = ()
-        lam_x = tuple(solution.lam_x.tolist()) if solution else none
-        lam_g = tuple(solution.lam_g.tolist()) if solution else none
+        free = solution and solution.free(self.task.problem(statement))
+        known = free is not None and free.multiplied
+        lam_x = tuple(free.lam_x.tolist()) if free and known else none
+        lam_g = tuple(free.lam_g.tolist()) if free and known else none
         tensions = self.task.arm.by_section(T)
         statement = statement.but(form=self.task.statement.form)
         return Found(statement, tensions, lam_x, lam_g, tuple(records), stopped)

@@ -37,7 +37,7 @@ JOBS = [
     lambda k: tip(k, PAPER),
     stopped,
     lambda k: settle(ARM, T * k, WATER).tip,
-    lambda k: settle(ARM, T * k, PAPER, scheme=("magnus6", "gauss6", "cvodes", "rk8")[k]).tip,
+    lambda k: settle(ARM, T * k, PAPER, scheme=("magnus6", "gauss6", "magnus4", "gauss4")[k]).tip,
     lambda k: settle(ARM, T * k, Scene.as_printed()).tip,
     lambda k: tip(k, WATER),
     lambda k: tip(k, Scene.as_printed()),

@@ -1,0 +1,102 @@
+"""Ctrl-C and SIGTERM at any moment: the exit code and the files that --help tells of."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).parents[2]
+SCENE = """
+tensions = [[0.5, 0, 0, 0], [0, 0, 1, 0], [2, 0, 0, 0]]
+[arm]
+preset = "table-4"
+[effects]
+extension = true
+[target]
+type = "tip-position"
+position_mm = [200, 100, 100]
+[limits]
+tension_max = 20.0
+"""
+SWEEP = """
+scene = "scene.toml"
+[sweep]
+compute = "stiffness"
+[[sweep.axes]]
+key = "arm.E_kPa"
+start = 80.0
+stop = 120.0
+count = 20
+"""
+C_FILES = {"Makefile", "main.c", "scene.c", "scene.h", "test_vector.h"}
+# What each command writes: all of it, or nothing.
+COMMANDS: dict[str, tuple[list[str], set[str]]] = {
+    "plan": (["scene.toml", "--out", "out"], {"plan.csv", "plan.json", "plan.png"}),
+    "settle": (["scene.toml", "--out", "out"], {"shape.csv", "shape.json", "shape.png"}),
+    "stiffness": (["scene.toml", "--out", "out"], {"stiffness.json", "stiffness.png"}),
+    "effects": (["scene.toml", "--out", "out"], {"effects.json", "effects.png"}),
+    "export": (["scene.toml", "--to", "out"], C_FILES),
+    "sweep": (["sweep.toml", "--out", "out/a.nc"], {"a.nc"}),
+}
+# Python itself takes so long to begin, and the slowest of the commands about so long in all [s].
+BEGINS, ENDS = 0.3, 4.0
+
+
+def ended(command: str, number: signal.Signals, after: float, folder: Path) -> int:
+    """Return the exit code of a command that is sent a signal; check what it said and wrote."""
+    (folder / "scene.toml").write_text(SCENE)
+    (folder / "sweep.toml").write_text(SWEEP)
+    if command == "sweep":
+        (folder / "out").mkdir(exist_ok=True)
+    argv, files = COMMANDS[command]
+    begin = f"import sys; sys.path.insert(0, {str(ROOT)!r}); import octoplan; "
+    process = subprocess.Popen(
+        [sys.executable, "-c", begin + "sys.exit(octoplan.main())", command, *argv],
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    time.sleep(after)
+    process.send_signal(number)
+    shown, told = process.communicate()
+    name = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}[number]
+    assert process.returncode in (0, 128 + number), told
+    assert told == ("" if process.returncode == 0 else f"octoplan: {name}\n")
+    assert process.returncode == 0 or shown == "" or (folder / "out").exists()
+    out = folder / "out"
+    left = {path.name for path in out.iterdir()} if out.is_dir() else set()
+    left.discard("a.nc.journal" if process.returncode else "")
+    assert left in (files, set()), left
+    assert left == files or process.returncode != 0
+    return process.returncode
+
+
+@pytest.mark.parametrize(("command", "number", "after"), [
+    ("settle", signal.SIGINT, 0.4), ("plan", signal.SIGTERM, 1.5), ("sweep", signal.SIGINT, 2.5),
+])  # fmt: skip
+def test_a_command_that_is_ended_leaves_all_or_nothing(
+    command: str, number: signal.Signals, after: float, tmp_path: Path
+) -> None:
+    ended(command, number, after, tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", COMMANDS)
+def test_commands_that_are_ended_at_any_moment_leave_all_or_nothing(
+    command: str, tmp_path: Path
+) -> None:
+    rng = np.random.default_rng(0)
+    codes = []
+    for i in range(40):
+        folder = tmp_path / str(i)
+        folder.mkdir()
+        number = (signal.SIGINT, signal.SIGTERM)[i % 2]
+        codes.append(ended(command, number, rng.uniform(BEGINS, ENDS), folder))
+    assert max(codes) > 0
