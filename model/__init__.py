@@ -3,6 +3,7 @@
 from model.arm import Anchorage, Arm, Material, conical
 from model.errors import CollapsedError, InputError, NotSettledError, OctoplanError, SnapError
 from model.jacobian import tip_jacobian
+from model.length_response import LengthResponse, length_response
 from model.many import Shapes, settle_many
 from model.paths import Linear, Sampled
 from model.scene import Scene
@@ -15,6 +16,7 @@ __all__ = [
     "Arm",
     "CollapsedError",
     "InputError",
+    "LengthResponse",
     "Linear",
     "Material",
     "NotSettledError",
@@ -26,6 +28,7 @@ __all__ = [
     "SnapError",
     "Switch",
     "conical",
+    "length_response",
     "settle",
     "settle_many",
     "switch_effects",

@@ -8,6 +8,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from model.arm import Arm
 from model.checks import finite_array
@@ -22,6 +23,7 @@ from model.patience import check_time
 from model.rotations import matrices
 from model.scene import Scene
 from model.settle import ACCURACY, checked_scene, settle
+from model.shape import Shape
 from model.unloaded.closed_form import ClosedForm
 from model.unloaded.pulls import PullPolynomials
 from model.unloaded.statics import closed_statics
@@ -40,23 +42,34 @@ class Shapes:
         Columns t, n, b.
     error : (m,)
         Estimated tip error over arm length [-].
+    tensions : (m, n_tendons)
+        [N].
+    slack : (m, n_tendons)
+        Whether each tendon is slack.
     """
 
     tip: Array
     tip_frame: Array
     error: Array
+    tensions: Array
+    slack: NDArray[np.bool_]
 
 
 def settle_many(
     arm: Arm,
-    tensions: Any,
+    tensions: Any = None,
     scene: Scene | None = None,
     accuracy: float = ACCURACY,
     compile: Compile = False,  # noqa: A002  (the name that scripts use)
+    *,
+    lengths: Any = None,
+    tendon_EA: float | None = None,
+    tendon_outside: float = 0.0,
 ) -> Shapes:
     """Return the tips for many sets of tensions (m, n_sections, n) or (m, n_tendons) [N].
 
-    As settle; only those that a mesh does not settle to the accuracy go on to a finer one.
+    As settle; only those that a mesh does not settle to the accuracy go on to a finer one. With
+    `lengths`, of the same form [m], tendons are held by these: one set after the other.
 
     Raises
     ------
@@ -66,9 +79,13 @@ def settle_many(
         If `compile` is True, and there is no compiler or it fails.
     """
     scene = checked_scene(arm, scene)
-    T = _stack(arm, tensions)
     accuracy = checked_accuracy(accuracy)
     machine_code = checked_compile(compile)
+    if lengths is not None:
+        winches = {"tendon_EA": tendon_EA, "tendon_outside": tendon_outside}
+        held = {"lengths": lengths, "tensions": tensions}
+        return _by_lengths(arm, held, scene, accuracy, {**winches, "compile": machine_code})
+    T = _stack(arm, tensions)
     if is_loaded(scene):
         return _one_by_one(arm, T, scene, accuracy, machine_code)
     return _Many(arm, T, scene, accuracy, machine_code).shapes()
@@ -94,7 +111,8 @@ class _Many:
             refinement = int(self.wanted[left].min())
             self._step(left[self.wanted[left] == refinement], refinement)
             left = left[~(self.errors[left] <= self.accuracy)]
-        return Shapes(self.poses[:, 4:], matrices(self.poses[:, :4]), self.errors)
+        poses = self.poses[:, 4:], matrices(self.poses[:, :4])
+        return Shapes(*poses, self.errors, self.T, self.T == 0)
 
     def _step(self, now: Any, refinement: int) -> None:
         """Settle the sets `now` on a mesh, and say which they want next."""
@@ -162,11 +180,38 @@ def _tips(arm: Arm, scene: Scene, scheme: str, refinement: int, machine_code: bo
 
 
 def _one_by_one(arm: Arm, T: Array, scene: Scene, accuracy: float, machine_code: bool) -> Shapes:
-    shapes = [settle(arm, row, scene, accuracy, compile=machine_code) for row in T]
+    return _of(arm, [settle(arm, row, scene, accuracy, compile=machine_code) for row in T])
+
+
+def _by_lengths(
+    arm: Arm, held: dict[str, Any], scene: Scene, accuracy: float, options: dict[str, Any]
+) -> Shapes:
+    """Return the tips by sets of lengths, and of tensions where these are given in part."""
+    lengths, tensions = held["lengths"], held["tensions"]
+    for name, values in held.items():
+        if values is not None and not hasattr(values, "__len__"):
+            raise InputError(name, values, f"a set of {name} for each shape to settle")
+    if tensions is not None and len(tensions) != len(lengths):
+        raise InputError("tensions", f"{len(tensions)} sets", f"{len(lengths)}, as of lengths")
+    shapes = []
+    for i, row in enumerate(lengths):
+        T = None if tensions is None else tensions[i]
+        try:
+            shapes.append(settle(arm, T, scene, accuracy, lengths=row, **options))
+        except InputError as reason:
+            field = reason.field.replace("lengths", f"lengths[{i}]", 1)
+            raise InputError(field, reason.given, reason.allowed) from None
+    return _of(arm, shapes)
+
+
+def _of(arm: Arm, shapes: list[Shape]) -> Shapes:
+    n = arm.n_tendons
     return Shapes(
         np.array([shape.tip for shape in shapes]).reshape(-1, 3),
         np.array([shape.tip_frame for shape in shapes]).reshape(-1, 3, 3),
         np.array([shape.error for shape in shapes]),
+        np.array([shape.tensions for shape in shapes]).reshape(-1, n),
+        np.array([shape.slack.ravel() for shape in shapes], dtype=bool).reshape(-1, n),
     )
 
 

@@ -1,4 +1,4 @@
-"""Settle an arm: tensions to shape, to the accuracy asked for."""
+"""Settle an arm: tensions or lengths of tendons to shape, to the accuracy asked for."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from model.arm import Arm
+from model.by_lengths import GivenLengths, GivenTensions, Near
 from model.checks import kind
 from model.effects import PrintedStatics
-from model.errors import NotSettledError, SnapError, UnsettledSectionError
+from model.errors import InputError, NotSettledError, SnapError, UnsettledSectionError
 from model.forward import COLLOCATIONS, check_scheme, forward_map, order_of
 from model.ladder import IMPLICIT, ROUNDING, checked_accuracy, estimate, first_pair, next_refinement
 from model.loads import check_loads, is_loaded
@@ -21,6 +22,7 @@ from model.patience import check_time
 from model.scene import Scene
 from model.shape import Shape
 from model.unloaded.stretch import check_sections, check_stretch
+from model.winches import Winches
 
 LOG = logging.getLogger(__name__)
 ACCURACY = 1e-6
@@ -30,18 +32,28 @@ _COARSE = 16
 
 def settle(
     arm: Arm,
-    tensions: Any,
+    tensions: Any = None,
     scene: Scene | None = None,
     accuracy: float = ACCURACY,
     scheme: str | None = None,
     compile: Compile = False,  # noqa: A002  (the name that scripts use)
+    *,
+    lengths: Any = None,
+    tendon_EA: float | None = None,
+    tendon_outside: float = 0.0,
+    near: Shape | None = None,
 ) -> Shape:
-    """Return the shape that an arm takes under tensions.
+    """Return the shape that an arm takes under tensions, or by lengths that winches leave.
+
+    By lengths it is the shape of least energy whose tendons are no longer than these: each is taut
+    and pulls, or is slack. `Shape.tensions` and `Shape.slack` tell; where tendons that do not
+    stretch leave tensions undetermined (`Shape.undetermined`), the least ones are found. With the
+    paper's tangent, which has no energy, several shapes may have the same lengths.
 
     Parameters
     ----------
     tensions : (n_sections, n) or (n_tendons,)
-        [N], tip section first.
+        [N], tip section first; None or nan for tendons that are held by length.
     scene : Scene
         The effects called for; the bare arm `Scene()` unless given.
     accuracy : float
@@ -54,11 +66,22 @@ def settle(
         Whether to work by machine code: the same digits, several times sooner. A C compiler builds
         it in some seconds for each kind of scene, and it is kept in the user's cache folder. "auto"
         goes on without, and warns, where there is no compiler that works.
+    lengths : (n_sections, n) or (n_tendons,)
+        What each winch leaves of its tendon, without tension, between base and anchorage [m]; None
+        or nan for tendons that are held by tension.
+    tendon_EA : float
+        Stiffness E A of tendons held by length [N]; they do not stretch unless given.
+    tendon_outside : float
+        How much more of each tendon there is between its winch and the base [m], which stretches.
+        Friction in the arm is left out of how much it stretches.
+    near : Shape
+        A shape of the same arm and scene nearby, whose tensions and branch are begun with.
 
     Raises
     ------
     InputError
-        For tensions, accuracies and schemes that are not allowed.
+        For tensions, lengths, accuracies and schemes that are not allowed; for lengths that no
+        shape of the arm has, naming the tendon that is farthest from it.
     CollapsedError
         Where 1 + q reaches 0.
     NotSettledError
@@ -70,20 +93,49 @@ def settle(
         If `compile` is True, and there is no compiler or it fails.
     """
     scene = checked_scene(arm, scene)
-    T = arm.flat(tensions)
+    given = _given(arm, tensions, lengths, scene, tendon_EA, tendon_outside)
     scheme, accuracy = check_scheme(scene, scheme), checked_accuracy(accuracy)
-    machine_code = checked_compile(compile)
+    machine_code, begin = checked_compile(compile), _near(near, arm, scene)
     try:
-        return _settled(arm, T, scene, accuracy, scheme, machine_code)
+        return _settled(arm, given, scene, accuracy, scheme, machine_code, begin)
     except UnsettledSectionError:
         careful = scene.careful()
         if careful == scene:
             raise
-        return _settled(arm, T, careful, accuracy, scheme, machine_code)
+        return _settled(arm, given, careful, accuracy, scheme, machine_code, begin)
+
+
+def _given(
+    arm: Arm, tensions: Any, lengths: Any, scene: Scene, EA: Any, outside: Any
+) -> GivenTensions | GivenLengths:
+    """Return what holds the tendons; InputError."""
+    if lengths is not None:
+        if scene.has(PrintedStatics):
+            raise InputError("lengths", "given as printed", "tensions in a scene as printed")
+        return GivenLengths(arm, scene, Winches.of(arm, tensions, lengths, EA, outside))
+    for name, value in (("tendon_EA", EA), ("tendon_outside", outside)):
+        if value:
+            raise InputError(name, value, "none where no lengths are given")
+    return GivenTensions(arm.flat(tensions))
+
+
+def _near(near: Any, arm: Arm, scene: Scene) -> Near | None:
+    if near is None:
+        return None
+    kind("near", near, Shape, "a Shape of the same arm and scene, or None")
+    if near.arm != arm or near.scene.careful() != scene.careful():
+        raise InputError("near", "a shape of another arm or scene", "one of the same")
+    return Near(near.tensions, near.known)
 
 
 def _settled(
-    arm: Arm, T: Array, scene: Scene, accuracy: float, scheme: str, machine_code: bool
+    arm: Arm,
+    given: GivenTensions | GivenLengths,
+    scene: Scene,
+    accuracy: float,
+    scheme: str,
+    machine_code: bool,
+    near: Near | None,
 ) -> Shape:
     order = order_of(scheme, scene)
     lever = float(arm.radius.evaluate(np.zeros(1), arm.length)[0][0]) if is_loaded(scene) else 0.0
@@ -93,13 +145,12 @@ def _settled(
     coarse, fine = first_pair(accuracy, order)
     refinement = coarse
     before: tuple[int, Array] | None = None
-    near: Any = None
     while refinement:
         check_time()
         forward = forward_map(arm, scene, scheme, refinement, (), machine_code)
         try:
-            states, stretch = forward.run(T, near)
-            check_sections(forward, stretch)
+            found = given.on(forward, near)
+            check_sections(forward, found.stretch)
         except (SnapError, UnsettledSectionError) as problem:
             in_closed_form = isinstance(problem, UnsettledSectionError) and by_sections
             if refinement >= _COARSE or in_closed_form:
@@ -107,20 +158,22 @@ def _settled(
             # Nor does a coarser one that did bear the loads tell how accurate a finer one is.
             refinement, before = next_refinement(refinement, np.inf, accuracy, order), None
             continue
-        near, tip, error = forward.known(states), states[-1, :7], np.inf
+        near = Near(found.tensions, forward.known(found.states))
+        tip, error = found.states[-1, :7], np.inf
         if before is not None:
             gap = _gap(tip, before[1], lever) / arm.length
             error = estimate(gap, before[0], refinement, order, rounding)
             LOG.debug("%s, mesh %d: estimated tip error %.1e of L", scheme, refinement, error)
             if error <= accuracy:
-                check_stretch(forward, stretch)
-                return Shape(arm, scene, T, error, scheme, refinement, states, machine_code)
+                check_stretch(forward, found.stretch)
+                mesh = scheme, refinement, found.states, machine_code
+                return Shape(arm, scene, found.tensions, error, *mesh, given.winches, found.left)
         before = refinement, tip
         if refinement == coarse:
             refinement = fine
         else:
             refinement = next_refinement(refinement, error, accuracy, order)
-    check_stretch(forward, stretch)
+    check_stretch(forward, found.stretch)
     raise NotSettledError(accuracy, error, "ask for less accuracy or a smoother arm")
 
 

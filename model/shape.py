@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from model.arm import Arm
 from model.checks import finite_array
@@ -14,14 +15,23 @@ from model.cross_section import cross_section_of
 from model.cross_section.reported import strains_of
 from model.cross_section.sections import Sections
 from model.effects import PrintedStatics
+from model.equilibrium.complementarity import unfelt
 from model.equilibrium.forward import STAGES, Collocation
 from model.equilibrium.stability import stability
 from model.errors import InputError
 from model.forward import ForwardMap, forward_map
+from model.loads import is_loaded
 from model.paths import Array
 from model.rotations import matrices
 from model.scene import Scene
 from model.transcription.collocation import gauss
+from model.winches import Winches
+
+# What is left of a tendon, over the arm's length, from which on it is slack.
+_LEFT = 1e-10
+# Combinations of tensions that change lengths by less than this share of what others do, and which
+# part in one counts.
+_FELT, _PART = 1e-9, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +52,10 @@ class Shape:
         Poses (quaternion, position [m]) at the nodes of that mesh, then what else it carries.
     machine_code : bool
         Whether compiled kernels settled it; what is read off it is found by them too.
+    winches : Winches or None
+        What held the tendons, if lengths were given.
+    left : (n_tendons,) or None
+        What is left then of tendons held by length, beyond their paths [m]; nan of others.
     """
 
     arm: Arm
@@ -52,6 +66,39 @@ class Shape:
     refinement: int
     states: Array
     machine_code: bool = False
+    winches: Winches | None = None
+    left: Array | None = None
+
+    @property
+    def slack(self) -> NDArray[np.bool_]:
+        """Whether each tendon is slack (n_sections, n), or (n_tendons,) where sections differ.
+
+        One held by length that does not pull and has some of it left; one held by tension that does
+        not pull.
+        """
+        none = self.tensions == 0
+        if self.left is not None:
+            none &= ~(self.left <= _LEFT * self.arm.length)
+        return self.arm.by_section(none.astype(float)) > 0
+
+    @cached_property
+    def undetermined(self) -> tuple[str, ...]:
+        """Names of the tendons that may pull otherwise while the lengths are the same; see settle.
+
+        Such as two against each other where neither bends nor shortens the arm. Empty where no
+        lengths were given.
+        """
+        if self.winches is None:
+            return ()
+        loaded = is_loaded(self.scene)
+        mesh = STAGES, self.refinement, (), loaded, self.machine_code
+        here = Collocation(self.arm, self.scene, *mesh).found(self.tensions, self.known)
+        firm = np.flatnonzero(self.winches.held & ~self.slack.ravel())
+        found = here.length_tension[np.ix_(firm, firm)]
+        idle = unfelt(np.diag(self.winches.stretch[firm]) - found, _FELT)
+        return tuple(
+            self.arm.tendon_name(int(j)) for j in firm[np.abs(idle).max(axis=0, initial=0) > _PART]
+        )
 
     @property
     def tip(self) -> Array:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
 
 from model.arm import Arm
-from model.checks import finite_array, kind, positive, within
+from model.checks import finite_array, kind, within
 from model.compliance import compliance_of, section_stiffness, sensitivities
 from model.effects import PrintedStatics
 from model.equilibrium.sensitivities import Sensitivities
@@ -20,12 +20,12 @@ from model.paths import Array
 from model.scene import Scene
 from model.settle import ACCURACY, settle
 from model.shape import Shape
+from model.winches import checked_EA, least_give
 
 Hold = Literal["tension", "length"]
 HOLDS: tuple[Hold, ...] = ("tension", "length")
-# Locked tendons give by this share of what the arm does, so that combinations of lengths that no
-# strain changes do not matter; and combinations below this share are left alone in an inverse.
-GIVE, _IDLE = 1e-10, 1e-9
+# Combinations of tendons below this share are left alone in an inverse.
+_IDLE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,22 +134,25 @@ class Stiffness:
 
 def stiffness(
     arm: Arm,
-    tensions: Any,
+    tensions: Any = None,
     scene: Scene | None = None,
-    hold: Hold = "tension",
+    hold: Hold | None = None,
     at: float | Literal["tip"] = "tip",
     *,
     accuracy: float = ACCURACY,
     tendon_EA: float | None = None,
     release: bool = False,
     compile: Compile = False,  # noqa: A002  (the name that scripts use)
+    lengths: Any = None,
+    tendon_outside: float = 0.0,
 ) -> Stiffness:
     """Return how the shape that an arm takes under tensions answers to a small force and moment.
 
     Parameters
     ----------
     hold : "tension" or "length"
-        What the motors hold. Locked lengths make the tensions respond.
+        What the motors hold: tension unless given, or where `lengths` are. Locked lengths make the
+        tensions respond.
     at : float or "tip"
         Arc length of the point [m].
     accuracy : float
@@ -157,9 +160,12 @@ def stiffness(
     tendon_EA : float
         Stiffness E A of the tendons themselves [N]; they do not stretch unless given.
     release : bool
-        Whether tendons without tension are left slack where lengths are held.
+        Whether tendons without tension are left slack where lengths are held; by `lengths` they
+        are.
     compile : bool or "auto"
         Whether to work by machine code, see settle.
+    lengths, tendon_outside
+        As settle takes them, with `tendon_EA`: then the tendons that are held by length are locked.
 
     Raises
     ------
@@ -168,8 +174,12 @@ def stiffness(
     CollapsedError, NotSettledError, SnapError, CompilerError
         As settle does.
     """
+    hold = hold or ("tension" if lengths is None else "length")
     scene, place = _checked(arm, scene, hold, at, tendon_EA)
-    shape = settle(arm, tensions, scene, accuracy, compile=compile)
+    held = {"lengths": lengths, "tendon_outside": tendon_outside, "compile": compile}
+    if lengths is not None:
+        held["tendon_EA"] = tendon_EA
+    shape = settle(arm, tensions, scene, accuracy, **held)
     found, T = compliance_of(shape, place, accuracy), shape.tensions
     here = found.sensitivities
     slack = tuple(arm.tendon_name(int(j)) for j in np.flatnonzero(T == 0))
@@ -177,6 +187,9 @@ def stiffness(
     if hold == "length":
         locked = np.flatnonzero(T > 0) if release else np.arange(T.size)
         give = here.lengths[locked] / tendon_EA if tendon_EA else np.zeros(locked.size)
+        if shape.winches is not None:
+            locked = np.flatnonzero(shape.winches.held & (T > 0))
+            give = shape.winches.stretch[locked]
         own = here.length_tension[np.ix_(locked, locked)] - np.diag(give)
         own -= least_give(arm) * np.eye(locked.size)
         response[locked] = -np.linalg.solve(own, here.length_wrench[locked])
@@ -194,23 +207,6 @@ def stiffness(
     )
 
 
-@lru_cache(maxsize=64)
-def least_give(arm: Arm) -> float:
-    """Return by how much tendons give per newton where their lengths are locked [m/N].
-
-    A small share of what the straight arm at rest does for all of them: integrals of y2/EJ + 1/EA.
-    """
-    s = np.linspace(0.0, arm.length, 201)
-    R = arm.radius.evaluate(s, arm.length)[0]
-    EA = arm.material.E * np.pi * R**2
-    total = 0.0
-    for section in arm.sections:
-        y = section.offset.evaluate(np.minimum(s, section.at), section.at)[0]
-        gives = (4 * y**2 / R**2 + 1) / EA * (s <= section.at)
-        total += len(section.angles) * float(np.trapezoid(gives, s))
-    return GIVE * total
-
-
 def _checked(
     arm: Arm, scene: Scene | None, hold: Any, at: Any, tendon_EA: Any
 ) -> tuple[Scene, float]:
@@ -223,11 +219,7 @@ def _checked(
     if scene.has(PrintedStatics):
         raise InputError("scene", "as printed", "a scene whose equations hold under loads")
     if tendon_EA is not None:
-        try:
-            positive("tendon_EA", tendon_EA)
-        except InputError:
-            allowed = "a number above 0 [N], or None"
-            raise InputError("tendon_EA", tendon_EA, allowed) from None
+        checked_EA(tendon_EA)
     place = arm.length if isinstance(at, str) and at == "tip" else at
     if isinstance(place, str):
         raise InputError("at", at, f'"tip", or an arc length up to {arm.length:g} m')

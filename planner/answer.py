@@ -25,6 +25,7 @@ from planner.solve.found import Start, agreed
 from planner.solve.polish import optimality
 from planner.solve.task import allowed
 from planner.targets.base import Target
+from planner.tendon_lengths import strokes
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +82,24 @@ class Answer:
         """The shape under the tensions, a digit more accurate than asked."""
         asked = (self.arm, self.tensions, self.scene, max(self.accuracy / 10, 1e-12))
         return settle(*asked, compile=self.machine_code)
+
+    @property
+    def tip(self) -> Array:
+        """Position of the tip (3,) [m], base frame."""
+        return self.shape.tip
+
+    @property
+    def lengths(self) -> Array:
+        """Length of each tendon between base and anchorage [m], of the tensions' form."""
+        return self.arm.by_section(self.shape.tendon_lengths)
+
+    @property
+    def strokes(self) -> Array:
+        """What is taken in of each tendon from the straight arm at rest [m], likewise.
+
+        Of a slack tendon the most that may be without its pulling.
+        """
+        return self.arm.by_section(strokes(self.shape))
 
     @cached_property
     def certificate(self) -> Certificate:

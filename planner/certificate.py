@@ -265,7 +265,7 @@ def _integrated(shape: Shape, stations: tuple[float, ...], accuracy: float) -> C
 
 def _load_factor(here: Linearised, shape: Shape) -> float:
     """Return how many times its loads an arm bears, infinite if more than it is followed."""
-    end = follow_on(Followed(here, 1.0, ""), shape.tensions, MOST_LOADS, _GIVES_WAY)
+    end = follow_on(Followed(here, 1.0, ""), MOST_LOADS, _GIVES_WAY)
     return end.load if end.why else np.inf
 
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from model import Arm, OctoplanError, Shape, Switch
+from model.effects import PrintedStatics
 from model.paths import Array
 from model.patience import OutOfTime
 from model.stiffness import Stiffness
 from planner.plan import Plan
+from planner.tendon_lengths import length_error, strokes
 
 
 def tension_table(arm: Arm, tensions: Array, upper: Array | None = None) -> str:
@@ -26,11 +28,39 @@ def tension_table(arm: Arm, tensions: Array, upper: Array | None = None) -> str:
     return "\n".join(lines)
 
 
+def stroke_table(shape: Shape) -> str:
+    """Return a table of what winches take in [mm], a line a section, and what their errors do."""
+    taken, arm = 1e3 * strokes(shape), shape.arm
+    lines = ["strokes [mm]"]
+    for i in range(len(arm.sections)):
+        own = arm.tendons_of(i + 1)
+        cells = "".join(f"{arm.tendon_name(j):>7} {taken[j]:9.4f}" for j in own)
+        lines.append(f"  section {i + 1} (at {1e3 * arm.sections[i].at:g} mm){cells}")
+    slack = [arm.tendon_name(int(j)) for j in np.flatnonzero(shape.slack)]
+    lines.append(f"  slack: {', '.join(slack) or 'none'}")
+    if shape.undetermined:
+        lines.append(f"  tensions not determined by lengths: {', '.join(shape.undetermined)}")
+    found = length_error(shape)
+    if found.names:
+        cells = ", ".join(f"{n} {x:.3g}" for n, x in zip(found.names, found.each, strict=True))
+        lines.append(f"  tip error by a wrong length [mm per mm]: {cells}; worst {found.worst}")
+    return "\n".join(lines)
+
+
 def plan_text(plan: Plan) -> str:
     """Return a plan as it is shown to people."""
     table = tension_table(plan.arm, plan.tensions, np.array(plan.limits.upper))
-    parts = [plan.outcome, table, _tip(plan), str(plan.certificate)]
+    parts = [plan.outcome, table, _strokes(plan), _tip(plan), str(plan.certificate)]
     return "\n\n".join(part for part in parts if part)
+
+
+def _strokes(plan: Plan) -> str:
+    if plan.scene.has(PrintedStatics):
+        return ""
+    try:
+        return stroke_table(plan.shape)
+    except OctoplanError:
+        return ""
 
 
 def _tip(plan: Plan) -> str:
@@ -44,8 +74,11 @@ def shape_text(shape: Shape) -> str:
     """Return a settled shape as it is shown to people."""
     tip = "  ".join(f"{1e3 * x:.4f}" for x in shape.tip)
     frame = "\n".join("  " + " ".join(f"{x:9.5f}" for x in row) for row in shape.tip_frame)
-    return (
-        f"{tension_table(shape.arm, shape.tensions)}\n\ntip [mm]  {tip}\n\n"
+    tables = [tension_table(shape.arm, shape.tensions)]
+    if shape.winches is not None:
+        tables.append(stroke_table(shape))
+    return "\n\n".join(tables) + (
+        f"\n\ntip [mm]  {tip}\n\n"
         f"tip frame (columns t, n, b)\n{frame}\n\nestimated tip error [L]  {shape.error:.1e}"
     )
 

@@ -30,6 +30,7 @@ from planner.scenes.places import steps, value_at
 from planner.scenes.syntax import no_toml
 from planner.scenes.tables import LimitsTable, MotionTable, SceneTable, StiffnessTable
 from planner.scenes.targets import TargetTable, target_of
+from planner.scenes.winches import winches_of
 from planner.targets import Target
 
 R = TypeVar("R")
@@ -46,6 +47,8 @@ class Question:
         What `plan` is to reach; none if the file has none.
     tensions : list or None
         [N], as settle takes them.
+    winches : dict
+        Further arguments of settle, if the file has lengths or strokes.
     accuracy : float
         Tip error over arm length.
     options : dict
@@ -65,6 +68,7 @@ class Question:
     scene: Scene
     targets: tuple[Target, ...]
     tensions: Any
+    winches: dict[str, Any]
     accuracy: float
     options: dict[str, Any]
     stiffness: dict[str, Any]
@@ -109,7 +113,8 @@ def question_of(raw: dict[str, Any], name: str = "scene") -> Question:
     arm = within("arm", arm_of, table.arm)
     scene = within("effects", scene_of, table.effects)
     within("effects", lambda _: check_loads(arm, scene), None)
-    if table.tensions is not None:
+    winches = within(_winches_key(table), lambda own: winches_of(arm, own), table)
+    if table.tensions is not None and not winches:
         within("tensions", lambda given: arm.flat(given), table.tensions)
     targets = _targets(within, arm, table)
     options: dict[str, Any] = {"norm": str(table.norm), "form": table.form}
@@ -120,9 +125,13 @@ def question_of(raw: dict[str, Any], name: str = "scene") -> Question:
         within("limits", lambda own: _check_limits(arm, own), table.limits)
         options |= msgspec.structs.asdict(table.limits)
     stiff = within("stiffness", lambda own: _stiffness(arm, own), table.stiffness)
-    motion = _motion(table.motion)
-    asked = (table.tensions, table.accuracy, options, stiff, table.compile)
+    motion, held = _motion(table.motion), (table.tensions, winches)
+    asked = (*held, table.accuracy, options, stiff, table.compile)
     return Question(arm, scene, targets, *asked, ways, motion)
+
+
+def _winches_key(table: SceneTable) -> str:
+    return "lengths_mm" if table.strokes_mm is None else "strokes_mm"
 
 
 def _surroundings(
@@ -209,7 +218,7 @@ def _stiffness(arm: Arm, table: StiffnessTable) -> dict[str, Any]:
     at: Any = "tip" if table.at_mm is None else table.at_mm * MM
     if at != "tip" and at > arm.length:
         raise InputError("at_mm", table.at_mm, f"up to the arm's length, {arm.length / MM:g} mm")
-    if table.tendon_EA is not None and table.hold == "tension":
+    if table.tendon_EA is not None and table.hold != "length":
         raise InputError("tendon_EA", table.tendon_EA, 'none, unless hold is "length"')
     chosen = {"hold": table.hold, "tendon_EA": table.tendon_EA, "release": table.release}
     return {"at": at, **chosen}

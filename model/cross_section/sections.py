@@ -103,6 +103,29 @@ class Sections:
         given = (v[self.place].T, rate[self.place].T, self.paths, self.path_rates)
         return np.asarray(np.array(_turning(self.law).map(P)(*given))[0])
 
+    def by_tensions(self, v: Array, tensions: Array) -> Array:
+        """Return how settled strains v (N, n) move with each tension (N, n, n_tendons)."""
+        rows, slopes = np.zeros((*v.shape, self._n_tendons)), self.wrench(v, tensions)[1]
+        if self.place.size:
+            call = _mapped(_tendon, self.law, self.place.size)
+            (found,) = call(v[self.place].ravel(), self.paths.ravel("F"))
+            rows[self.place, :, self.tendon] = found[:, : v.shape[1]]
+        return np.asarray(-np.linalg.solve(slopes, rows))
+
+    def length_slopes(self, v: Array, weights: Array) -> tuple[Array, Array]:
+        """Return the lengths (n_tendons,) [m], and their slopes in the strains (n_tendons, N, n).
+
+        See lengths.
+        """
+        slopes = np.zeros((self._n_tendons, *v.shape))
+        if not self.place.size:
+            return np.zeros(self._n_tendons), slopes
+        call, weight = _mapped(_run, self.law, self.place.size), weights[self.place]
+        (found,) = call(v[self.place].ravel(), self.paths.ravel("F"))
+        slopes[self.tendon, self.place] = found[:, 1:] * weight[:, None]
+        lengths = np.bincount(self.tendon, found[:, 0] * weight, self._n_tendons)
+        return np.asarray(lengths, dtype=float), slopes
+
     def lengths(self, v: Array, weights: Array) -> Array:
         """Return the lengths of the tendons (n_tendons,) by quadrature with weights (N,) [m].
 
@@ -128,6 +151,13 @@ def _speed(law: CrossSection) -> ca.Function:
     """Return strains, path -> |u_c'| of a tendon."""
     v, path = ca.SX.sym("v", size(law)), ca.SX.sym("path", 4)
     return ca.Function("speed", [v, path], [ca.norm_2(law.run(v, path))], {"cse": True})
+
+
+@lru_cache(maxsize=32)
+def _run(law: CrossSection) -> ca.Function:
+    """Return strains, path -> |u_c'| of a tendon, then its slopes."""
+    v, path = ca.SX.sym("v", size(law)), ca.SX.sym("path", 4)
+    return _with_slopes("run", v, path, ca.norm_2(law.run(v, path)))
 
 
 @lru_cache(maxsize=32)

@@ -7,22 +7,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from model.arm import Arm
-from model.cross_section.reported import reported, strains_of
+from model.cross_section.reported import reported
 from model.cross_section.sections import Sections
-from model.effects import ExactTendons, Extension, Friction
+from model.effects import Friction
 from model.equilibrium.dense import poses_and_strains
+from model.equilibrium.hold import TENSIONS, Hold
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.load_stepping import equilibrium, near
-from model.errors import UnsettledSectionError
 from model.loads import is_loaded
 from model.mesh import Mesh
 from model.paths import Array
 from model.scene import Scene
-from model.stations import Counts
 from model.transcription.collocation import gauss
 from model.transcription.system import System, system
 from model.transcription.terms import Places
-from model.unloaded.closed_form import unloaded_strains
+from model.unloaded.settled_sections import settled_sections
 
 # Of an element, unless a scheme asks for fewer.
 STAGES = 3
@@ -78,8 +77,19 @@ class Collocation:
         if not is_loaded(self.system.scene):
             x = self.system.x(tensions, 1.0, self.without_loads(tensions))
             return Linearised.at(self.system, x)
-        here = None if known is None else near(self.system, tensions, self.carried(tensions, known))
-        return here or equilibrium(self.system, tensions, self.without_loads(tensions))
+        here = None if known is None else self.near(tensions, known)
+        return here or self.from_rest(tensions)
+
+    def near(self, tensions: Array, known: Known, hold: Hold = TENSIONS) -> Linearised | None:
+        """Return the equilibrium near one that another mesh has; None if there is none.
+
+        Where lengths are held, `tensions` are those of that one.
+        """
+        return near(self.system, tensions, self.carried(tensions, known), hold)
+
+    def from_rest(self, tensions: Array, hold: Hold = TENSIONS) -> Linearised:
+        """Return the equilibrium that the unloaded arm comes to; see equilibrium."""
+        return equilibrium(self.system, tensions, self.without_loads(tensions), hold)
 
     def rows(self, here: Linearised) -> tuple[Array, Array]:
         """Return the states (N + 1, stride) of an equilibrium, and 1 + q (K,) at `stretch_at`."""
@@ -102,7 +112,11 @@ class Collocation:
 
     def without_loads(self, tensions: Array) -> Array:
         """Return the states under tensions without loads; raises UnsettledSectionError."""
-        return self.system.start(tensions, self._settled_sections(tensions))
+        at, law = self.system, self.system.of.form.law
+        active = np.repeat(self.mesh.active, at.of.form.stages)
+        sections = Sections(at.arm, at.scene, law, at.s, active)
+        strains = settled_sections(at.arm, at.scene, sections, active, tensions)
+        return at.start(tensions, strains)
 
     def carried(self, tensions: Array, known: Known) -> Array:
         """Return the states of this mesh by the polynomials of another's strains."""
@@ -126,25 +140,3 @@ class Collocation:
         exact = (self.mesh.s[nodes] == s)[:, None]
         strains = reported(self.system.of.form.law, v)
         return np.where(exact, rows[nodes, :7], poses), strains
-
-    def _settled_sections(self, tensions: Array) -> Array:
-        """Return the strains at the stages without loads.
-
-        Of an energy by Newton's method from those of the paper's balance; where that does not come
-        to a minimum, by one that holds at any tension.
-        """
-        at, form = self.system, self.system.of.form
-        active: Counts = np.repeat(self.mesh.active, form.stages)
-        paper = Scene(Extension()) if form.law.extension else Scene()
-        first = unloaded_strains(at.arm, paper, at.s, active, tensions)
-        found = strains_of(form.law, first)
-        if not at.scene.has(ExactTendons):
-            return found
-        sections = Sections(at.arm, at.scene, form.law, at.s, active)
-        found, lost = sections.at_rest(found, tensions[sections.tendon])
-        if lost.any():
-            left = unloaded_strains(at.arm, at.scene, at.s[lost], active[lost], tensions)
-            if np.isnan(left).any():
-                raise UnsettledSectionError(float(at.s[lost][np.isnan(left).any(axis=1)][0]))
-            found[lost] = strains_of(form.law, left)
-        return found

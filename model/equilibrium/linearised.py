@@ -84,6 +84,11 @@ class Linearised:
         return cls(system, x, *system.jacobian(x))
 
     @property
+    def tensions(self) -> Array:
+        """The tensions (n_tendons,)."""
+        return self.x[: self.system.of.n_tendons]
+
+    @property
     def states(self) -> Array:
         """The states (n_states,)."""
         return self.x[self.system.of.first :]
@@ -138,3 +143,18 @@ class Linearised:
     def by_load(self) -> Array:
         """How the states move with the load factor (n_states,)."""
         return self.by_parameters[:, -1]
+
+    @cached_property
+    def lengths(self) -> Array:
+        """The lengths of the tendons (n_tendons,) [m]."""
+        return self.system.lengths(self.x)
+
+    @cached_property
+    def length_slopes(self) -> Array:
+        """How these change with the states (n_tendons, n_states)."""
+        return self.system.length_slopes(self.x)
+
+    @cached_property
+    def length_tension(self) -> Array:
+        """How these change with the tensions (n_tendons, n_tendons) [m/N]."""
+        return np.asarray(self.length_slopes @ self.by_tensions)

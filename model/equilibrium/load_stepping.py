@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from model.equilibrium.hold import TENSIONS, Hold
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import NEAR, newton
-from model.equilibrium.stability import stands
 from model.errors import SnapError
 from model.paths import Array
 from model.patience import check_time
@@ -32,47 +32,59 @@ class Followed(NamedTuple):
     why: str
 
 
-def near(system: System, tensions: Array, states: Array) -> Linearised | None:
+def near(
+    system: System, tensions: Array, states: Array, hold: Hold = TENSIONS
+) -> Linearised | None:
     """Return the equilibrium under the full loads near states that may be of another mesh."""
-    return newton(system, tensions, 1.0, states, NEAR)
+    return newton(system, tensions, 1.0, states, NEAR, hold=hold)
 
 
-def equilibrium(system: System, tensions: Array, unloaded: Array) -> Linearised:
+def equilibrium(
+    system: System, tensions: Array, unloaded: Array, hold: Hold = TENSIONS
+) -> Linearised:
     """Return the equilibrium under the full loads that is connected with the unloaded arm's states.
 
+    Where lengths are held, `tensions` are those of the unloaded arm.
     Raises SnapError where that branch ends or loses its stability before.
     """
-    here = newton(system, tensions, 1.0, unloaded, cuts=_CUTS)
-    if here is not None and stands(here):
+    here = newton(system, tensions, 1.0, unloaded, cuts=_CUTS, hold=hold)
+    if here is not None and hold.stands(here):
         return here
-    if here is not None and not _stands_unloaded(system, tensions, unloaded):
+    if here is not None and not _stands_unloaded(system, tensions, unloaded, hold):
         return here
-    found = follow(system, tensions, unloaded, 1.0, LEAST_STEP)
+    found = follow(system, tensions, unloaded, 1.0, LEAST_STEP, hold)
     if found.load < 1:
         raise SnapError(found.load, found.why)
     return found.here
 
 
-def follow(system: System, tensions: Array, unloaded: Array, most: float, least: float) -> Followed:
+def follow(
+    system: System,
+    tensions: Array,
+    unloaded: Array,
+    most: float,
+    least: float,
+    hold: Hold = TENSIONS,
+) -> Followed:
     """Follow the branch that begins at the unloaded arm's states, up to a load factor.
 
     A step is halved where nothing is found that it leads to; the end is where it is down to `least`
     of the load factor that is reached.
     """
-    start = newton(system, tensions, 0.0, unloaded)
+    start = newton(system, tensions, 0.0, unloaded, hold=hold)
     if start is None:
         raise SnapError(0.0, SNAPS)
-    return follow_on(Followed(start, 0.0, ""), tensions, most, least)
+    return follow_on(Followed(start, 0.0, ""), most, least, hold)
 
 
-def follow_on(at: Followed, tensions: Array, most: float, least: float) -> Followed:
+def follow_on(at: Followed, most: float, least: float, hold: Hold = TENSIONS) -> Followed:
     """Follow a branch on from an equilibrium, up to a load factor; see follow."""
-    system, step, stood = at.here.system, min(1.0, most), stands(at.here)
+    system, step, stood = at.here.system, min(1.0, most), hold.stands(at.here)
     while at.load < most and step >= least * max(at.load, _FIRST):
         check_time()
         tell("percent of the loads", round(100 * at.load / most), 100)
         load = min(most, at.load + step)
-        found, why = _next(system, tensions, at, load, stood)
+        found, why = _next(system, at, load, stood, hold)
         if found is None:
             at, step = at._replace(why=why), step / 2
         else:
@@ -81,24 +93,26 @@ def follow_on(at: Followed, tensions: Array, most: float, least: float) -> Follo
 
 
 def _next(
-    system: System, tensions: Array, at: Followed, load: float, stood: bool
+    system: System, at: Followed, load: float, stood: bool, hold: Hold
 ) -> tuple[Linearised | None, str]:
     """Return the equilibrium that a step in the load leads to, or why there is none.
 
     It has to stand if the unloaded arm `stood`: what is unstable without loads is not their doing.
     """
-    states = at.here.x[system.of.first :]
-    predicted = states + (load - at.load) * at.here.by_load
-    here = newton(system, tensions, load, predicted)
-    if here is None or not _is_near(system, states, here.x[system.of.first :]):
+    before, pulls = at.here, hold.by_load(at.here)
+    by_load = before.by_load + before.by_tensions @ pulls if pulls.any() else before.by_load
+    tensions = np.maximum(before.tensions + (load - at.load) * pulls, 0.0)
+    predicted = before.states + (load - at.load) * by_load
+    here = newton(system, tensions, load, predicted, hold=hold)
+    if here is None or not _is_near(system, before.states, here.states):
         return None, SNAPS
-    return (here, "") if not stood or stands(here) else (None, BUCKLES)
+    return (here, "") if not stood or hold.stands(here) else (None, BUCKLES)
 
 
-def _stands_unloaded(system: System, tensions: Array, unloaded: Array) -> bool:
+def _stands_unloaded(system: System, tensions: Array, unloaded: Array, hold: Hold) -> bool:
     """Return whether the arm stands without its loads: cross-sections may be at no minimum."""
-    start = newton(system, tensions, 0.0, unloaded)
-    return start is None or stands(start)
+    start = newton(system, tensions, 0.0, unloaded, hold=hold)
+    return start is None or hold.stands(start)
 
 
 def _is_near(system: System, before: Array, after: Array) -> bool:

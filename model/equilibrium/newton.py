@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from model.equilibrium.hold import TENSIONS, Hold
 from model.equilibrium.linearised import Linearised
 from model.errors import SingularError
 from model.paths import Array
@@ -31,6 +32,7 @@ def newton(
     farthest: float = TURN,
     cuts: int = 0,
     kept: Linearised | None = None,
+    hold: Hold = TENSIONS,
 ) -> Linearised | None:
     """Return the equilibrium near given states, None where steps are not small or do not shrink.
 
@@ -45,21 +47,26 @@ def newton(
         How many steps may be shortened to that; others that are farther lead nowhere.
     kept : Linearised
         The equations linearised nearby, for the first steps.
+    hold : Hold
+        What is held; where lengths are, the tensions are those to begin with.
     """
     last, of, here = 0.0, system.of, kept
     for _ in range(_STEPS):
         check_time()
         x = system.x(tensions, load, states)
-        here, change = _step(system, x, here)
-        if here is None or change is None:
+        step = _step(system, x, here, hold)
+        if step is None:
             return None
+        here, change, after = step
         turn = float(np.abs(change[of.nodes[:, :4]]).max())
         if turn > farthest:
             if last or cuts == 0:
                 return None
-            states, cuts, here = states + change * (farthest / turn), cuts - 1, None
+            part = farthest / turn
+            states, tensions = states + part * change, tensions + part * (after - tensions)
+            cuts, here = cuts - 1, None
             continue
-        states = states + change
+        states, tensions = states + change, after
         size = _size(system, change, states)
         if last and size > max(_CONTRACTION * last, _SMALL):
             return None
@@ -72,18 +79,27 @@ def newton(
 
 
 def _step(
-    system: System, x: Array, kept: Linearised | None
-) -> tuple[Linearised | None, Array | None]:
-    """Return where the equations were linearised, and a Newton step; None where there is none."""
+    system: System, x: Array, kept: Linearised | None, hold: Hold
+) -> tuple[Linearised, Array, Array] | None:
+    """Return where the equations were linearised, a Newton step, and the tensions after it.
+
+    None where there is none.
+    """
     here = kept or Linearised.at(system, x)
     residual = system.residual(x) if kept else here.residual
     if not np.all(np.isfinite(residual)) or not np.all(np.isfinite(here.nonzeros)):
-        return None, None
+        return None
     try:
         change = -here.solve(residual)
     except SingularError:
-        return None, None
-    return here, change if np.all(np.isfinite(change)) else None
+        return None
+    if not np.all(np.isfinite(change)):
+        return None
+    now = x[: system.of.n_tendons]
+    after = hold.tensions(here, change, now)
+    if after is None:
+        return None
+    return here, change if after is now else change + here.by_tensions @ (after - now), after
 
 
 def _size(system: System, change: Array, states: Array) -> float:

@@ -45,24 +45,20 @@ class Sensitivities:
         """The same per newton in each tendon at its motor (6, n_tendons)."""
         return self._pose(self.here.by_tensions)
 
-    @cached_property
+    @property
     def lengths(self) -> Array:
         """The lengths of the tendons (n_tendons,) [m]."""
-        return self.here.system.lengths(self.here.x)
-
-    @cached_property
-    def _length_slopes(self) -> Array:
-        return self.here.system.length_slopes(self.here.x)
+        return self.here.lengths
 
     @cached_property
     def length_wrench(self) -> Array:
         """Lengths of the tendons per force and moment (n_tendons, 6)."""
-        return np.asarray(self._length_slopes @ self._by_wrench)
+        return np.asarray(self.here.length_slopes @ self._by_wrench)
 
-    @cached_property
+    @property
     def length_tension(self) -> Array:
         """Lengths of the tendons per newton (n_tendons, n_tendons) [m/N]."""
-        return np.asarray(self._length_slopes @ self.here.by_tensions)
+        return self.here.length_tension
 
     @cached_property
     def stable(self) -> bool:

@@ -39,35 +39,45 @@ def stands(here: Linearised) -> bool:
     then, all of the energy's Hessian is. Source: inertia is additive (Haynsworth, Linear Algebra
     and its Applications 1, 1968).
     """
+    return unstable_modes(here, 0) == 0
+
+
+def unstable_modes(here: Linearised, most: int | None = None) -> int:
+    """Return how many negative pivots the energy has, tensions held; see stands.
+
+    Counting ends with the first element that brings them above `most`.
+    """
     of, J = here.system.of, _blocks(here)
     w, n, nodes = of.form.wrench, of.form.stages * of.form.strains, here.states[of.nodes[:, :4]]
     small = turns(nodes)
     v, nxt = slice(POSE + w, POSE + w + n), POSE + w + n
     after = slice(nxt + POSE, nxt + POSE + w)
-    P = _tip(here) @ small[-1]
+    P, count = _tip(here) @ small[-1], 0
     weight = np.repeat(gauss(of.form.stages).b, of.form.strains)[:, None]
     for k in range(of.elements)[::-1]:
         rows, back = J[k], 4 * small[k + 1].T
         moment, stage, quaternion = rows[:w], rows[w : w + n], rows[w + n : w + n + 4]
         B, A = -back @ quaternion[:, v], -back @ quaternion[:, :4] @ small[k]
         S = stage[:, v] + stage[:, after] @ P @ B
-        if not _is_positive(weight * S):
-            return False
+        count += _negative(weight * S)
+        if most is not None and count > most:
+            return count
         bent = np.linalg.solve(S, stage[:, :4] @ small[k] + stage[:, after] @ P @ A)
         turned = A - B @ bent
         P = moment[:, v] @ bent - moment[:, :4] @ small[k] - moment[:, after] @ P @ turned
         P = np.linalg.solve(moment[:, POSE : POSE + w], P) if w else P
-    return True
+    return count
 
 
-def _is_positive(S: Array) -> bool:
+def _negative(S: Array) -> int:
+    """Return how many eigenvalues of a pivot are not positive; all of one that is no number."""
     if not np.all(np.isfinite(S)):
-        return False
+        return len(S)
     try:
         np.linalg.cholesky((S + S.T) / 2)
     except np.linalg.LinAlgError:
-        return bool(np.linalg.eigvals(S).real.min() > 0)
-    return True
+        return int((np.linalg.eigvals(S).real <= 0).sum())
+    return 0
 
 
 def turns(q: Array) -> Array:

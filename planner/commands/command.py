@@ -127,6 +127,13 @@ def _check_folder(name: str, folder: Path) -> None:
         raise InputError(name, str(folder), f"a folder to write to: {why(reason)}") from None
 
 
+def held_of(asked: Question, name: Path) -> dict[str, Any]:
+    """Return what holds a scene file's tendons, as arguments of settle; FileError if nothing."""
+    if asked.winches:
+        return {"tensions": asked.tensions, **asked.winches}
+    return {"tensions": tensions_of(asked, name)}
+
+
 def tensions_of(asked: Question, name: Path) -> Any:
     """Return the tensions of a scene file; FileError if it has none."""
     if asked.tensions is None:

@@ -1,4 +1,4 @@
-"""octoplan settle: the shape under a scene's tensions."""
+"""octoplan settle: the shape under a scene's tensions, or by its tendons' lengths."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from planner.commands.command import (
     Answer,
     Command,
     add_compiled_options,
+    held_of,
     question,
-    tensions_of,
 )
 from planner.records.shape import shape_csv, shape_record
 from planner.report import shape_text
 
 
 def run(args: argparse.Namespace) -> Answer:
-    """Settle the arm under the scene's tensions."""
+    """Settle the arm under the scene's tensions, or by its lengths."""
     asked, accuracy = question(args)
-    tensions = tensions_of(asked, args.scene)
-    shape = settle(asked.arm, tensions, asked.scene, accuracy, compile=asked.compile)
+    held = held_of(asked, args.scene)
+    shape = settle(asked.arm, scene=asked.scene, accuracy=accuracy, compile=asked.compile, **held)
     return Answer(
         OK,
         lambda: shape_text(shape),
@@ -39,4 +39,6 @@ def _draw(shape: Shape) -> Any:
     return plot_shape(shape)
 
 
-COMMAND = Command("settle", "find the shape under the scene's tensions", add_compiled_options, run)
+COMMAND = Command(
+    "settle", "find the shape under the scene's tensions or lengths", add_compiled_options, run
+)

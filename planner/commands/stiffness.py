@@ -12,8 +12,8 @@ from planner.commands.command import (
     Answer,
     Command,
     add_compiled_options,
+    held_of,
     question,
-    tensions_of,
 )
 from planner.records.stiffness import stiffness_record
 from planner.report import stiffness_text
@@ -22,9 +22,8 @@ from planner.report import stiffness_text
 def run(args: argparse.Namespace) -> Answer:
     """Find the compliance that the scene's [stiffness] table asks for."""
     asked, accuracy = question(args)
-    tensions = tensions_of(asked, args.scene)
-    options = {**asked.stiffness, "compile": asked.compile}
-    k = stiffness(asked.arm, tensions, asked.scene, accuracy=accuracy, **options)
+    held = {**asked.stiffness, "compile": asked.compile, **held_of(asked, args.scene)}
+    k = stiffness(asked.arm, scene=asked.scene, accuracy=accuracy, **held)
     return Answer(OK, lambda: stiffness_text(k), stiffness_record(k), "stiffness", lambda: _draw(k))
 
 

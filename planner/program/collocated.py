@@ -14,7 +14,7 @@ from model.errors import OctoplanError, SnapError
 from model.loads import is_loaded
 from model.paths import Array
 from model.scene import Scene
-from model.stiffness import least_give
+from model.winches import least_give
 from planner.program.condensed import Condensed
 from planner.program.program import program
 from planner.program.statement import Statement

@@ -9,11 +9,13 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from model.effects import PrintedStatics
 from model.errors import OctoplanError
 from model.patience import OutOfTime
 from planner.files import versions
 from planner.program.statement import Statement
 from planner.records.values import Number, number, plain
+from planner.tendon_lengths import length_error
 
 
 class LimitsRecord(msgspec.Struct, kw_only=True):
@@ -93,6 +95,11 @@ class PlanRecord(msgspec.Struct, kw_only=True):
     mode: Literal["exact", "closest", "nearest"]
     tensions_N: Annotated[Any, Meta(description="a row a section, tip first, or flat")]
     tendons: Annotated[list[str], Meta(description="their names, in tendon order")]
+    lengths_m: Annotated[Any, Meta(description="of the tendons, like tensions_N")] = None
+    strokes_m: Annotated[Any, Meta(description="taken in from the straight arm at rest")] = None
+    tip_error_per_length: Annotated[
+        dict[str, float] | None, Meta(description="of taut tendons: m of the tip per m of a winch")
+    ] = None
     effort_N: float
     tip_m: list[float] | None
     tip_frame: Annotated[list[list[float]] | None, Meta(description="columns t, n, b")]
@@ -106,7 +113,7 @@ def plan_record(plan: Any) -> PlanRecord:
 
     Raises InputError where arm, scene or targets are of kinds that could not be read back.
     """
-    tip, tip_frame = _tip(plan)
+    (tip, tip_frame), winches = _tip(plan), _winches(plan)
     return PlanRecord(
         schema="octoplan plan 1",
         versions=versions(),
@@ -118,6 +125,9 @@ def plan_record(plan: Any) -> PlanRecord:
         effort_N=plan.effort,
         tip_m=tip,
         tip_frame=tip_frame,
+        lengths_m=winches[0],
+        strokes_m=winches[1],
+        tip_error_per_length=winches[2],
         certificate=_certificate(plan.certificate),
         question=QuestionRecord(
             arm=plain(plan.arm),
@@ -148,6 +158,18 @@ def _tip(plan: Any) -> tuple[list[float] | None, list[list[float]] | None]:
         return plan.shape.tip.tolist(), plan.shape.tip_frame.tolist()
     except (OctoplanError, OutOfTime):
         return None, None
+
+
+def _winches(plan: Any) -> tuple[Any, Any, dict[str, float] | None]:
+    """Return lengths, strokes and what wrong lengths do; None where there are none."""
+    if plan.scene.has(PrintedStatics):
+        return None, None, None
+    try:
+        found = length_error(plan.shape)
+        off = dict(zip(found.names, found.each.tolist(), strict=True))
+        return plan.lengths.tolist(), plan.strokes.tolist(), off
+    except OctoplanError:
+        return None, None, None
 
 
 def _certificate(certificate: Any) -> CertificateRecord:

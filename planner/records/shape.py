@@ -12,6 +12,7 @@ from msgspec import Meta
 from model import Shape
 from model.checks import within
 from planner.files import versions, write_named
+from planner.tendon_lengths import strokes
 
 POINTS = 101
 _FRAME = [f"{column}_{axis}" for column in "tnb" for axis in "xyz"]
@@ -28,6 +29,8 @@ class ShapeRecord(msgspec.Struct, kw_only=True):
     tensions_N: Annotated[Any, Meta(description="a row a section, tip first, or flat")]
     error: Annotated[float, Meta(description="estimated tip error over arm length")]
     tendon_lengths_m: Annotated[list[float], Meta(description="in tendon order")]
+    strokes_m: Annotated[list[float], Meta(description="taken in from the straight arm at rest")]
+    slack: Annotated[list[bool], Meta(description="in tendon order")]
     s_m: Annotated[list[float], Meta(description="arc lengths from the base")]
     position_m: Annotated[list[list[float]], Meta(description="at s_m")]
     strain: Annotated[list[list[float]], Meta(description="tau, xi, k [1/m] and q [-] at s_m")]
@@ -44,6 +47,8 @@ def shape_record(shape: Shape) -> ShapeRecord:
         tensions_N=shape.arm.by_section(shape.tensions).tolist(),
         error=float(shape.error),
         tendon_lengths_m=shape.tendon_lengths.tolist(),
+        strokes_m=strokes(shape).tolist(),
+        slack=shape.slack.ravel().tolist(),
         s_m=s.tolist(),
         position_m=shape.position(s).tolist(),
         strain=shape.strain(s).tolist(),

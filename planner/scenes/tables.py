@@ -41,7 +41,9 @@ class MotionTable(Table, frozen=True):
 class StiffnessTable(Table, frozen=True):
     """What `octoplan stiffness` is to tell; see model.stiffness."""
 
-    hold: Hold = "tension"
+    hold: Annotated[
+        Hold | None, Meta(description="tension unless given, length where the scene has lengths")
+    ] = None
     at_mm: Annotated[
         Positive | None, Meta(description="arc length of the point [mm]; the tip unless given")
     ] = None
@@ -78,6 +80,21 @@ class SceneTable(Table, frozen=True):
     tensions: Annotated[
         Tensions | None, Meta(description="[N], a row a section, tip first, or flat")
     ] = None
+    lengths_mm: Annotated[
+        Tensions | None,
+        Meta(
+            description="what winches leave of tendons between base and anchorage [mm], like "
+            "tensions; nan where a tension is given, which is nan where a length is"
+        ),
+    ] = None
+    strokes_mm: Annotated[
+        Tensions | None,
+        Meta(description="in place of lengths_mm: what is taken in from the straight arm [mm]"),
+    ] = None
+    tendon_EA: TendonEA = None
+    tendon_outside_mm: Annotated[
+        NotNegative, Meta(description="tendon between winch and base, which stretches too [mm]")
+    ] = 0.0
     stiffness: StiffnessTable = StiffnessTable()
     accuracy: Annotated[Accuracy, Meta(description="tip error over arm length")] = 1e-6
     compile: Annotated[

@@ -64,7 +64,7 @@ def load_sweep(path: str | Path) -> Sweep:
     axes = _axes(name, scene, file.sweep)
     arm, keys = asked.arm, tuple(axis.key for axis in axes)
     fast = file.sweep.compute == "settle" and not is_loaded(asked.scene)
-    together = fast and all(key.startswith("tensions") for key in keys)
+    together = fast and not asked.winches and all(key.startswith("tensions") for key in keys)
     job = Job(file.sweep.compute, scene, keys, arm.n_tendons, together)
     draws = file.sweep.draws or 0
     tendons = tuple(arm.tendon_name(j) for j in range(arm.n_tendons))
@@ -88,8 +88,9 @@ def _check_compute(asked: Question, table: SweepTable) -> None:
     if table.compute == "plan":
         if not asked.targets or "tension_max" not in asked.options:
             raise InputError("compute", "plan", "plan for a scene with [target] and [limits]")
-    elif asked.tensions is None:
-        raise InputError("compute", table.compute, f"{table.compute} for a scene with tensions")
+    elif asked.tensions is None and not asked.winches:
+        told = f"{table.compute} for a scene with tensions, lengths_mm or strokes_mm"
+        raise InputError("compute", table.compute, told)
 
 
 def _axes(name: str, scene: dict[str, Any], table: SweepTable) -> tuple[Axis, ...]:

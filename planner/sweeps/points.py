@@ -90,9 +90,9 @@ def _told(find: Callable[[], str]) -> str:
 
 
 def _settle(asked: Question, row: dict[str, Array]) -> str:
-    row["tensions"][...] = asked.arm.flat(asked.tensions)
     given = (asked.arm, asked.tensions, asked.scene, asked.accuracy)
-    shape = settle(*given, compile=asked.compile)
+    shape = settle(*given, compile=asked.compile, **asked.winches)
+    row["tensions"][...] = shape.tensions
     _keep_shape(shape, row)
     row["settled"][...] = True
     return SETTLED
@@ -111,9 +111,9 @@ def _plan(asked: Question, row: dict[str, Array]) -> str:
 
 
 def _stiffness(asked: Question, row: dict[str, Array]) -> str:
-    row["tensions"][...] = asked.arm.flat(asked.tensions)
-    options = {**asked.stiffness, "accuracy": asked.accuracy, "compile": asked.compile}
-    found = stiffness(asked.arm, asked.tensions, asked.scene, **options)
+    options = {**asked.stiffness, **asked.winches, "compile": asked.compile}
+    found = stiffness(asked.arm, asked.tensions, asked.scene, accuracy=asked.accuracy, **options)
+    row["tensions"][...] = found.shape.tensions
     _keep_shape(found.shape, row)
     row["settled"][...] = True
     row["stable"][...] = found.stable

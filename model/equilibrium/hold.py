@@ -1,0 +1,119 @@
+"""What is held while an arm goes to its equilibrium: the tensions, or lengths of tendons."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from model.equilibrium.complementarity import complementary
+from model.equilibrium.linearised import Linearised
+from model.equilibrium.stability import stands, unstable_modes
+from model.paths import Array
+from model.winches import GIVE, Winches, least_give
+
+# Steps far from the lengths are damped in the combinations of tensions that hardly change these.
+_DAMPED = 0.01
+
+
+class Hold(Protocol):
+    """See HeldTensions and HeldLengths."""
+
+    def tensions(self, here: Linearised, change: Array, now: Array) -> Array | None:
+        """Return the tensions (n_tendons,) after a Newton step from here; None if there are none.
+
+        `change` (n_states,) is the step at the tensions as they are `now`.
+        """
+
+    def by_load(self, here: Linearised) -> Array:
+        """Return how tensions move with the load factor (n_tendons,)."""
+
+    def stands(self, here: Linearised) -> bool:
+        """Return whether an equilibrium is stable while this is held."""
+
+
+@dataclass(frozen=True)
+class HeldTensions:
+    """Tensions that do not change: force-controlled motors."""
+
+    def tensions(self, here: Linearised, change: Array, now: Array) -> Array:
+        """See Hold.tensions."""
+        return now
+
+    def by_load(self, here: Linearised) -> Array:
+        """See Hold.by_load."""
+        return np.zeros(here.system.of.n_tendons)
+
+    def stands(self, here: Linearised) -> bool:
+        """See Hold.stands."""
+        return stands(here)
+
+
+TENSIONS = HeldTensions()
+
+
+@dataclass(frozen=True, eq=False)
+class HeldLengths:
+    """Tendons that are no longer than what winches leave, T >= 0, one of the two with equality.
+
+    With lengths l(T) of the equilibrium linearised at the states, a step is the solution of a
+    linear complementarity problem in the tensions: Newton's method for the nonlinear one (Josephy,
+    Univ. of Wisconsin MRC report 1965, 1979). Its matrix is less d l / d T: positive definite where
+    the arm stands by itself.
+
+    Attributes
+    ----------
+    winches : Winches
+    share : float
+        Of the least give that keeps a step definite; it is no part of the equations.
+    """
+
+    winches: Winches
+    share: float = 1.0
+
+    def tensions(self, here: Linearised, change: Array, now: Array) -> Array | None:
+        """See Hold.tensions."""
+        held, T, M = self.winches.held, now[self.winches.held], self._matrix(here)
+        lengths = here.lengths + here.length_slopes @ change
+        lacks = self.winches.lacks(lengths, now)[held]
+        off = float(np.abs(np.minimum(lacks, np.diag(M) * T)).max(initial=0.0))
+        if off:
+            soft = least_give(here.system.arm) / GIVE
+            M = M + _DAMPED * off / (T.max(initial=0.0) + off / soft) * np.eye(T.size)
+        found = complementary(M, lacks - M @ T)
+        if found is None:
+            return None
+        after = now.copy()
+        after[held] = found
+        return after
+
+    def by_load(self, here: Linearised) -> Array:
+        """See Hold.by_load: taut tendons stay as long as they are."""
+        held, moved = self.winches.held, np.zeros(here.system.of.n_tendons)
+        taut = here.tensions[held] > 0
+        longer = (here.length_slopes @ here.by_load)[held][taut]
+        places = np.flatnonzero(held)[taut]
+        moved[places] = np.linalg.solve(self._matrix(here)[np.ix_(taut, taut)], longer)
+        return moved
+
+    def stands(self, here: Linearised) -> bool:
+        """See Hold.stands: the taut tendons keep the arm from moving where it would not stand.
+
+        As many ways as it falls with tensions held, so many have to be barred: with H the Hessian
+        of the energy and L the slopes of the lengths, [H, L^T; L, -stretch] has as many negative
+        eigenvalues as H and stretch + L H^-1 L^T have together, its negative ones counted as
+        positive (Haynsworth, Linear Algebra and its Applications 1, 1968).
+        """
+        falls = unstable_modes(here)
+        if not falls:
+            return True
+        taut = here.tensions[self.winches.held] > 0
+        own = self._matrix(here)[np.ix_(taut, taut)]
+        return falls == int((np.linalg.eigvals(own).real < 0).sum())
+
+    def _matrix(self, here: Linearised) -> Array:
+        """Return how what is left of held tendons grows with their tensions (n, n) [m/N]."""
+        held = self.winches.held
+        give = self.winches.stretch[held] + self.share * least_give(here.system.arm)
+        return np.asarray(np.diag(give) - here.length_tension[np.ix_(held, held)])

@@ -1,0 +1,147 @@
+"""What holds the tendons of an arm: winches that leave them a length, or forces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.arm import Arm
+from model.checks import not_negative, positive
+from model.errors import InputError
+from model.mesh import graded
+from model.paths import Array
+from model.transcription.collocation import gauss
+
+# Held tendons give by this share of what the arm does, so that combinations of lengths that no
+# strain changes do not matter.
+GIVE = 1e-10
+# Of the mesh on which lengths at rest are summed up.
+_REST = 16
+
+
+@dataclass(frozen=True, eq=False)
+class Winches:
+    """The lengths that winches leave of tendons, and the tensions of the others.
+
+    A tendon whose path in the arm is l meets l <= length + stretch T and T >= 0, one of the two
+    with equality: it is taut, or slack.
+
+    Attributes
+    ----------
+    held : (n_tendons,)
+        Whether a winch holds a length; otherwise a force holds the tension.
+    lengths : (n_tendons,)
+        What is left, without tension, between base and anchorage [m]; 0 where a tension is held.
+    tensions : (n_tendons,)
+        [N]; 0 where a length is held.
+    tendon_EA : float
+        Stiffness of the tendons themselves [N]; infinite where they do not stretch.
+    outside : float
+        How much more of each tendon there is between its winch and the base [m].
+    """
+
+    held: NDArray[np.bool_]
+    lengths: Array
+    tensions: Array
+    tendon_EA: float = np.inf
+    outside: float = 0.0
+
+    @property
+    def stretch(self) -> Array:
+        """By how much each tendon is longer for each newton (n_tendons,) [m/N]."""
+        return np.asarray(np.where(self.held, (self.lengths + self.outside) / self.tendon_EA, 0.0))
+
+    @classmethod
+    def of(
+        cls, arm: Arm, tensions: Any, lengths: Any, tendon_EA: Any = None, outside: Any = 0.0
+    ) -> Winches:
+        """Return what holds the tendons, checked; see settle for the arguments.
+
+        Raises InputError, naming the tendon where it is about one.
+        """
+        left, held = _given(arm, lengths, "lengths")
+        T, pulled = np.zeros(arm.n_tendons), np.zeros(arm.n_tendons, dtype=bool)
+        if tensions is not None:
+            T, pulled = _given(arm, tensions, "tensions")
+        for j in np.flatnonzero(held == pulled):
+            both, field = bool(held[j]), f"lengths[{j}] ({arm.tendon_name(int(j))})"
+            given = f"{left[j]:g} m and a tension of {T[j]:g} N" if both else None
+            allowed = "a length or a tension for each tendon, None or nan in place of the other"
+            raise InputError(field, given, allowed)
+        if tendon_EA is None:
+            return cls(held, left, T, outside=not_negative("tendon_outside", outside))
+        return cls(held, left, T, checked_EA(tendon_EA), not_negative("tendon_outside", outside))
+
+    def lacks(self, lengths: Array, tensions: Array) -> Array:
+        """Return what is left of each tendon beyond its path (n_tendons,); below 0 it lacks."""
+        return np.asarray(self.lengths + self.stretch * tensions - lengths)
+
+
+def checked_EA(value: Any) -> float:
+    """Return the stiffness E A of tendons [N]; InputError unless it is above 0."""
+    try:
+        return positive("tendon_EA", value)
+    except InputError:
+        allowed = "a number above 0 [N], or None"
+        raise InputError("tendon_EA", value, allowed) from None
+
+
+def _given(arm: Arm, values: Any, name: str) -> tuple[Array, NDArray[np.bool_]]:
+    """Return a number for each tendon, 0 where there is None or nan, and where there is one."""
+    if not hasattr(values, "__iter__") or isinstance(values, str | bytes):
+        return arm.flat(values, name), np.ones(arm.n_tendons, dtype=bool)
+    rows = [_filled(row) for row in values]
+    there = [[1.0 * (v is not None) for v in r] if isinstance(r, list) else r for r in rows]
+    there = [1.0 * (r is not None) if not isinstance(r, list) else r for r in there]
+    zeros = [[0.0 if v is None else v for v in r] if isinstance(r, list) else r for r in rows]
+    zeros = [0.0 if r is None else r for r in zeros]
+    return arm.flat(zeros, name), arm.flat(there, name) > 0
+
+
+def _filled(row: Any) -> Any:
+    """Return a number or a row of them, None where it is nan."""
+    if hasattr(row, "__iter__") and not isinstance(row, str | bytes):
+        return [_filled(value) for value in row]
+    return None if isinstance(row, float | np.floating) and np.isnan(row) else row
+
+
+@lru_cache(maxsize=64)
+def _rest_lengths(arm: Arm) -> tuple[float, ...]:
+    mesh, method = graded(arm, _REST), gauss(3)
+    h, found = np.diff(mesh.s), []
+    s = (mesh.s[:-1, None] + h[:, None] * method.c).ravel()
+    for i, _ in arm.tendons:
+        section = arm.sections[i]
+        slope = section.offset.evaluate(np.minimum(s, section.at), section.at)[1]
+        inside = np.outer(h, method.b).ravel() * (s < section.at)
+        found.append(float(inside @ np.sqrt(1 + slope**2)))
+    return tuple(found)
+
+
+def rest_lengths(arm: Arm) -> Array:
+    """Return the length of each tendon in the straight arm at rest (n_tendons,) [m].
+
+    Strokes count from there: what a winch has taken in.
+    """
+    return np.array(_rest_lengths(arm))
+
+
+@lru_cache(maxsize=64)
+def least_give(arm: Arm) -> float:
+    """Return by how much tendons give per newton where their lengths are held [m/N].
+
+    A small share of what the straight arm at rest does for all of them: integrals of y2/EJ + 1/EA.
+    """
+    s = np.linspace(0.0, arm.length, 201)
+    R = arm.radius.evaluate(s, arm.length)[0]
+    EA = arm.material.E * np.pi * R**2
+    total = 0.0
+    for section in arm.sections:
+        y = section.offset.evaluate(np.minimum(s, section.at), section.at)[0]
+        gives = (4 * y**2 / R**2 + 1) / EA * (s <= section.at)
+        total += len(section.angles) * float(np.trapezoid(gives, s))
+    return GIVE * total

@@ -1,0 +1,73 @@
+"""What comes with a shape by lengths: derivatives, stiffness, warm starts, many at once."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from model import Arm, Scene, length_response, settle, settle_many
+from model.effects import Buoyancy, ExactTendons, Extension, NeoHookean, Weight
+from model.stiffness import stiffness
+from tests.lengths.cases import EXACT, check_complementary
+
+ARM = Arm.from_paper("table-2")
+WATER = Scene(Extension(), ExactTendons(), NeoHookean(), Weight(), Buoyancy(1000.0))
+T = np.zeros(12)
+T[[0, 5, 10]] = 0.5, 1.0, 2.0
+
+
+def lengths_of(scene: Scene) -> np.ndarray:
+    """Return the lengths of the shape under T, of slack tendons a little more."""
+    return settle(ARM, T, scene, 1e-10).tendon_lengths + 5e-3 * (T == 0)
+
+
+@pytest.mark.parametrize(("scene", "own"), [(EXACT, None), (EXACT, 200.0), (WATER, 200.0)])
+def test_derivatives_are_those_of_differences(scene: Scene, own: float | None) -> None:
+    lengths, step = lengths_of(scene), 1e-6
+    shape = settle(ARM, scene=scene, accuracy=1e-10, lengths=lengths, tendon_EA=own)
+    found = length_response(shape)
+    assert np.array_equal(found.taut, shape.tensions > 0)
+    for j in (0,):
+        ends = []
+        for sign in (1, -1):
+            moved = lengths + sign * step * (np.arange(12) == j)
+            options = {"lengths": moved, "tendon_EA": own, "near": shape}
+            ends.append(settle(ARM, scene=scene, accuracy=1e-10, **options))
+        tip = (ends[0].tip - ends[1].tip) / (2 * step)
+        pulls = (ends[0].tensions - ends[1].tensions) / (2 * step)
+        assert found.tip[:, j] == pytest.approx(tip, abs=1e-6 * np.abs(tip).max())
+        assert found.tension[:, j] == pytest.approx(pulls, abs=1e-6 * np.abs(pulls).max())
+    slack = np.flatnonzero(shape.tensions == 0)
+    assert not found.tip[:, slack].any()
+
+
+def test_stiffness_by_lengths_is_that_of_locked_tendons() -> None:
+    lengths = lengths_of(WATER)
+    locked = stiffness(ARM, T, WATER, "length", release=True, accuracy=1e-7)
+    found = stiffness(ARM, scene=WATER, lengths=lengths, accuracy=1e-7)
+    assert found.hold == "length"
+    assert found.locked == (0, 5, 10)
+    scale = np.abs(locked.compliance).max()
+    assert found.compliance == pytest.approx(locked.compliance, abs=1e-6 * scale)
+
+
+def test_shapes_are_followed_along_a_path_of_lengths() -> None:
+    lengths = lengths_of(WATER)
+    shape = settle(ARM, scene=WATER, lengths=lengths)
+    for step in range(1, 4):
+        moved = lengths + step * 1e-3 * np.array([1, 0, -1, 0] * 3)
+        shape = settle(ARM, scene=WATER, lengths=moved, near=shape)
+        cold = settle(ARM, scene=WATER, lengths=moved)
+        assert shape.tip == pytest.approx(cold.tip, abs=2e-6 * ARM.length)
+        check_complementary(shape)
+
+
+def test_many_sets_of_lengths_settle_as_each_does() -> None:
+    lengths = lengths_of(EXACT)
+    sets = [lengths, lengths - 2e-3]
+    found = settle_many(ARM, lengths=sets, scene=EXACT)
+    for i, own in enumerate(sets):
+        alone = settle(ARM, lengths=own, scene=EXACT)
+        assert np.array_equal(found.tip[i], alone.tip)
+        assert np.array_equal(found.tensions[i], alone.tensions)
+        assert np.array_equal(found.slack[i], alone.slack.ravel())

@@ -1,0 +1,52 @@
+"""Tensions to shape to lengths to shape: the same arm, taut and slack tendons told apart."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from model import Scene
+from model.loads import is_loaded
+from tests.lengths.cases import PAPER, SCENES, check_complementary, pulled, round_trip
+
+_ARMS = ("table-2", "table-4", "random")
+
+
+@pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
+def test_lengths_of_a_shape_give_it_back(scene: Scene) -> None:
+    check_trips(scene, 1, 1 if is_loaded(scene) else 3, 1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
+def test_lengths_of_many_shapes_give_them_back(scene: Scene) -> None:
+    check_trips(scene, 42, 126, 2)
+
+
+def check_trips(scene: Scene, least: int, tries: int, seed: int) -> None:
+    """Assert round trips over the paper's arms and random ones."""
+    rng, found = np.random.default_rng(seed), 0
+    for i in range(tries):
+        arm, T = pulled(rng, _ARMS[i % 3])
+        trip = round_trip(rng, arm, T, scene)
+        if trip is None:
+            continue
+        given, back = trip
+        # Tensions that lengths hardly determine amplify their rounding.
+        near = 2e-7 if back.undetermined else 1e-8
+        assert np.linalg.norm(back.tip - given.tip) <= near * arm.length
+        assert np.array_equal(np.ravel(back.slack), T == 0)
+        check_complementary(back)
+        firm = [j for j in range(T.size) if arm.tendon_name(j) not in back.undetermined]
+        assert np.abs(back.tensions - T)[firm].max(initial=0) <= 1e-4 * T.max(initial=1e-9)
+        found += 1
+    assert found >= least
+
+
+@pytest.mark.parametrize("scene", PAPER.values(), ids=PAPER)
+def test_lengths_are_met_where_there_is_no_energy(scene: Scene) -> None:
+    rng = np.random.default_rng(3)
+    arm, T = pulled(rng, "table-2")
+    trip = round_trip(rng, arm, T, scene, 1e-7)
+    assert trip is not None
+    check_complementary(trip[1], 1e-9)

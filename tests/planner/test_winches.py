@@ -1,0 +1,100 @@
+"""Plans and scene files for winches: lengths, strokes, and what their errors do."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from model import Arm, Scene, settle
+from model.effects import ExactTendons, Extension
+from model.errors import FileError
+from model.winches import rest_lengths
+from planner import plan
+from planner.cli import main
+from planner.report import plan_text
+from planner.scenefile import load
+from planner.targets import TipPosition
+from planner.tendon_lengths import length_error
+
+ARM = Arm.from_paper("table-2")
+SCENE = Scene(Extension(), ExactTendons())
+HEAD = '[arm]\npreset = "table-2"\n[effects]\nextension = true\nexact_tendons = true\n'
+STROKES = "[[0, 5, 0, -6.0], [0, 0, 3, -3.0], [0, -1, 0, 2.0]]"
+
+
+def test_a_plan_tells_what_winches_do() -> None:
+    found = plan(ARM, TipPosition((0.28, 0.06, -0.08)), SCENE, 20.0)
+    assert found.tip == pytest.approx([0.28, 0.06, -0.08], abs=1e-6)
+    assert found.lengths.shape == found.strokes.shape == (3, 4)
+    assert found.strokes.ravel() == pytest.approx(rest_lengths(ARM) - found.lengths.ravel())
+    taut = np.ravel(found.tensions) > 1e-9
+    lengths = np.where(taut, found.lengths.ravel(), 1.0)
+    again = settle(ARM, scene=SCENE, accuracy=1e-7, lengths=lengths)
+    assert again.tip == pytest.approx(found.tip, abs=1e-5 * ARM.length)
+    text = plan_text(found)
+    assert "strokes [mm]" in text
+    assert f"worst {length_error(found.shape).worst}" in text
+
+
+def test_what_a_wrong_length_does_is_what_it_does() -> None:
+    shape = settle(ARM, [0.5, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0], SCENE)
+    found = length_error(shape)
+    assert found.names == ("T_11", "T_22")
+    lengths = shape.tendon_lengths + 1.0 * (shape.tensions == 0)
+    lengths[0] += 1e-5
+    moved = settle(ARM, scene=SCENE, accuracy=1e-8, lengths=lengths)
+    off = np.linalg.norm(moved.tip - shape.tip) / 1e-5
+    assert found.each[0] == pytest.approx(off, rel=1e-2)
+
+
+def scene_file(folder: Path, text: str) -> Path:
+    """Write a scene file with keys above its tables."""
+    path = folder / "scene.toml"
+    path.write_text(f"{text}\n{HEAD}")
+    return path
+
+
+def test_scene_files_have_strokes_or_lengths(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["settle", str(scene_file(tmp_path, f"strokes_mm = {STROKES}")), "--json"]) == 0
+    by_strokes = json.loads(capsys.readouterr().out)
+    rest = 1e3 * rest_lengths(ARM)
+    lengths = (rest - np.ravel(json.loads(STROKES))).tolist()
+    path = scene_file(tmp_path, f"lengths_mm = {lengths}")
+    assert main(["settle", str(path), "--json"]) == 0
+    by_lengths = json.loads(capsys.readouterr().out)
+    assert by_lengths["tip_m"] == pytest.approx(by_strokes["tip_m"], abs=1e-12)
+    assert 1e3 * np.array(by_lengths["strokes_m"]) == pytest.approx(np.ravel(json.loads(STROKES)))
+    assert by_lengths["slack"] == (np.ravel(by_lengths["tensions_N"]) == 0).tolist()
+    assert main(["settle", str(path)]) == 0
+    assert "slack: T_11, T_13" in capsys.readouterr().out
+    assert main(["stiffness", str(path)]) == 0
+    assert "lengths locked" in capsys.readouterr().out
+
+
+def test_scene_files_may_hold_some_tendons_by_tension(tmp_path: Path) -> None:
+    strokes = "[[nan, 5, 0, -6.0], [0, 0, 3, -3.0], [0, -1, 0, 2.0]]"
+    pulls = "[[0.1, nan, nan, nan], [nan, nan, nan, nan], [nan, nan, nan, nan]]"
+    asked = load(scene_file(tmp_path, f"strokes_mm = {strokes}\ntensions = {pulls}"))
+    shape = settle(asked.arm, asked.tensions, asked.scene, **asked.winches)
+    assert shape.tensions[0] == 0.1
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("strokes_mm = [[0, 5, 0], [0, 0, 3, -3.0], [0, -1, 0, 2.0]]", "3 rows of 3, 4, 4"),
+        ("strokes_mm = [1, 2, 3]", "3 numbers"),
+        ("lengths_mm = [-1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12]", "0 or above"),
+        (f"strokes_mm = {STROKES}\nlengths_mm = {STROKES}", "one of the two"),
+        (f"strokes_mm = {STROKES}\ntensions = {STROKES.replace('-', '')}", "None or nan"),
+        ("tendon_EA = 100.0", "none without lengths_mm or strokes_mm"),
+    ],
+)
+def test_what_is_wrong_in_a_scene_file_is_told(tmp_path: Path, text: str, told: str) -> None:
+    with pytest.raises(FileError, match=told):
+        load(scene_file(tmp_path, text))
