@@ -2,6 +2,10 @@
 
 from model.stiffness import stiffness
 from planner.c_code.export import export
+from planner.calibrate.calibrate import calibrate
+from planner.calibrate.calibration import Calibration
+from planner.calibrate.measured import Measured
+from planner.calibrate.saved import load_calibration
 from planner.certificate import Certificate
 from planner.many import plan_many
 from planner.plan import Plan, plan
@@ -12,16 +16,22 @@ from planner.program.statement import Statement
 from planner.records.shape import save_shape
 from planner.solve.found import Start
 from planner.sweeps.sweep import sweep
+from planner.unknowns.unknown import Unknown
 
 __all__ = [
+    "Calibration",
     "Certificate",
     "Limits",
+    "Measured",
     "Plan",
     "Problem",
     "Start",
     "Statement",
+    "Unknown",
     "build",
+    "calibrate",
     "export",
+    "load_calibration",
     "load_plan",
     "plan",
     "plan_many",

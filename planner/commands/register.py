@@ -1,6 +1,17 @@
 """The register of commands: a new one is an import and a line here."""
 
-from planner.commands import effects, export, live, new, plan, schema, settle, stiffness, sweep
+from planner.commands import (
+    calibrate,
+    effects,
+    export,
+    live,
+    new,
+    plan,
+    schema,
+    settle,
+    stiffness,
+    sweep,
+)
 
 COMMANDS = (
     new.COMMAND,
@@ -10,6 +21,7 @@ COMMANDS = (
     live.COMMAND,
     effects.COMMAND,
     sweep.COMMAND,
+    calibrate.COMMAND,
     export.COMMAND,
     schema.COMMAND,
 )

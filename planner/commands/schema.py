@@ -9,6 +9,7 @@ import msgspec
 
 from planner.commands.command import OK, Answer, Command
 from planner.files import to_json
+from planner.records.calibration import CalibrationRecord
 from planner.records.effects import EffectsRecord
 from planner.records.export import ExportRecord
 from planner.records.plan import PlanRecord
@@ -23,6 +24,7 @@ _RECORDS: dict[str, type[msgspec.Struct]] = {
     "stiffness": StiffnessRecord,
     "effects": EffectsRecord,
     "sweep": SweepRecord,
+    "calibrate": CalibrationRecord,
     "export": ExportRecord,
 }
 

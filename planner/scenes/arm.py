@@ -20,6 +20,7 @@ from planner.scenes.keys import (
     metres,
     path,
     radians,
+    rotated,
 )
 
 Preset = Literal["table-2", "table-4", "section-5.1", "section-5.2"]
@@ -54,6 +55,10 @@ class ArmTable(Table, frozen=True):
     base_frame: Annotated[
         FrameTable | None, Meta(description="frame of the base; the paper's unless given")
     ] = None
+    base_rotation_deg: Annotated[
+        Vector,
+        Meta(description="rotation vector about t, n, b by which the base is off base_frame [deg]"),
+    ] = (0.0, 0.0, 0.0)
     base_position_mm: Annotated[Vector, Meta(description="of the base [mm]")] = (0.0, 0.0, 0.0)
     hull_mm: Annotated[
         PathKey | None,
@@ -68,6 +73,8 @@ def arm_of(table: ArmTable) -> Arm:
     base: tuple[tuple[float, ...], ...] = PAPER_FRAME
     if table.base_frame is not None:
         base = frame(table.base_frame.tangent, table.base_frame.normal)
+    if any(table.base_rotation_deg):
+        base = rotated(base, table.base_rotation_deg)
     return Arm(
         *_shape(table),
         material=Material(table.E_kPa * 1e3, table.nu, table.density),

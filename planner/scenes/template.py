@@ -35,6 +35,7 @@ E_kPa = 110.0                   # Young's modulus
 nu = 0.5                        # Poisson's ratio
 density = 1080.0                # kg/m3
 # base_position_mm = [0.0, 0.0, 0.0]
+# base_rotation_deg = [0.0, 0.0, 0.0]  # of the base about its t, n, b
 # base_frame = { tangent = [1.0, 0.0, 0.0], normal = [0.0, -1.0, 0.0] }
 
 [effects]                       # nothing but bending, unless named here
