@@ -13,7 +13,7 @@ import numpy as np
 
 from model.cross_section.reported import kinematics
 from model.equilibrium.dense import poses_and_strains
-from model.equilibrium.linearised import Linearised
+from model.equilibrium.linearised import Index, Linearised
 from model.equilibrium.stability import turns
 from model.paths import Array
 from model.rotations import matrices
@@ -48,13 +48,15 @@ class ByNumbers:
             found += self.here.by_tensions @ self.tensions
         return found
 
-    def pose(self, node: int) -> Array:
-        """Displacement [m] and rotation [rad] at the arc length of a node (6, K), base frame."""
-        places = self.here.system.of.nodes[node, :POSE]
-        q, moved = self.here.states[places[:4]], self.states[places]
-        found = np.vstack([moved[4:], 4 * turns(q[None, :])[0].T @ moved[:4]])
-        if self.slopes.s[node].any():
-            found -= np.outer(along(self.here, node), self.slopes.s[node])
+    def poses(self, nodes: Index) -> Array:
+        """Displacement [m] and rotation [rad] at the arc lengths of nodes (n, 6, K), base frame."""
+        places = self.here.system.of.nodes[nodes, :POSE]
+        turned = 4 * turns(self.here.states[places[:, :4]]).transpose(0, 2, 1)
+        moved = self.states[places]
+        found = np.concatenate([moved[:, 4:], turned @ moved[:, :4]], axis=1)
+        shifts = self.slopes.s[nodes]
+        if shifts.any():
+            found -= along(self.here, nodes)[:, :, None] * shifts[:, None, :]
         return np.asarray(found)
 
     @cached_property
@@ -69,9 +71,10 @@ class ByNumbers:
         return np.asarray(self.here.system.lengths_by_numbers(self.here.x) @ self.slopes.lengths)
 
 
-def along(here: Linearised, node: int) -> Array:
-    """Return how pose moves along the arm at a node: u' [-], rotation [rad/m] (6,), base frame."""
+def along(here: Linearised, nodes: Index) -> Array:
+    """Return how poses move along the arm at nodes (n, 6): u' [-], rotation [rad/m], base frame."""
     system = here.system
-    pose, v = poses_and_strains(system, here.x, system.mesh.s[node : node + 1])
+    poses, v = poses_and_strains(system, here.x, system.mesh.s[nodes])
     kappa, nu = kinematics(system.of.form.law, v)
-    return np.ravel(matrices(pose[0, :4]) @ np.column_stack([nu[0], kappa[0]]), "F")
+    local = np.stack([nu, kappa], axis=1)
+    return np.einsum("nij,nkj->nki", matrices(poses[:, :4]), local).reshape(-1, 6)

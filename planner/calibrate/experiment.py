@@ -55,7 +55,7 @@ class Session:
         The equations, on a mesh that has the markers as nodes.
     shifts : (P, 4)
         By how much each point is off where it was said to be: arc length, offset [m].
-    scale : float
+    scale : (n_tendons,)
         Of the tensions.
     """
 
@@ -64,7 +64,11 @@ class Session:
     parameters: Parameters
     system: System
     shifts: Array
-    scale: float
+    scale: Array
+
+    def tensions(self, shape: Measured) -> Array:
+        """Return the tensions of a shape (n_tendons,) [N]."""
+        return self.scale * np.array(shape.tensions)
 
     def sensors(self, shape: Measured) -> Sensors:
         """Return where the markers of a shape are."""
@@ -117,7 +121,9 @@ class Experiment:
         if places.size and not 0 <= places[0] <= places[-1] <= arm.length * (1 + 1e-12):
             raise InputError("points", places.tolist(), f"on the arm, 0 to {arm.length:g} m")
         stated = self._stated(arm, scene, name, np.minimum(places, arm.length))
-        return Session(values, name, self.parameters, stated, shifts, table["tension_scale"])
+        return Session(
+            values, name, self.parameters, stated, shifts, np.array(table["tension_scale"])
+        )
 
     def _stated(self, arm: Arm, scene: Scene, name: str, at: Array) -> System:
         """Return the equations on the mesh of those before as it fits this arm; else a new one."""
@@ -142,40 +148,24 @@ class Experiment:
         """
         names = dict.fromkeys(shape.session for shape in self.shapes)
         sessions = {name: self.session(values, name) for name in names}
-        if before is None:
-            heres = self._from_rest(sessions)
-        else:
-            heres = {
-                i: self._near(sessions[shape.session], i, values, before)
-                for i, shape in enumerate(self.shapes)
-            }
+        rests = {name: Pulled(of.system) for name, of in sessions.items()}
+        heres = {}
+        pulls = [float(np.linalg.norm(shape.tensions)) for shape in self.shapes]
+        for i in np.argsort(pulls, kind="stable").tolist():
+            shape, of = self.shapes[i], sessions[self.shapes[i].session]
+            found = before and self._near(of, i, values, before)
+            try:
+                heres[i] = found or rests[of.name].at(of.tensions(shape))
+            except OctoplanError as reason:
+                raise UnsettledShapeError(shape.name, reason) from None
         return Evaluation(self, values, sessions, tuple(heres[i] for i in range(len(heres))))
 
-    def _from_rest(self, sessions: dict[str, Session]) -> dict[int, Linearised]:
-        """Return the equilibrium of each shape, each pulled from the nearest one known."""
-        found: dict[int, Linearised] = {}
-        for name, of in sessions.items():
-            own = [i for i, shape in enumerate(self.shapes) if shape.session == name]
-            known = Pulled(of.system)
-            for i in sorted(own, key=lambda i: float(np.linalg.norm(self.shapes[i].tensions))):
-                shape = self.shapes[i]
-                try:
-                    found[i] = known.at(of.scale * np.array(shape.tensions))
-                except OctoplanError as reason:
-                    raise UnsettledShapeError(shape.name, reason) from None
-        return found
-
-    def _near(self, of: Session, i: int, values: Array, before: Evaluation) -> Linearised:
-        """Return the equilibrium of a shape near that of an evaluation, else as from rest."""
-        T = of.scale * np.array(self.shapes[i].tensions)
+    def _near(self, of: Session, i: int, values: Array, before: Evaluation) -> Linearised | None:
+        """Return the equilibrium of a shape near that of an evaluation, None if there is none."""
         guess, kept = before.predicted(i, values, of)
+        T = of.tensions(self.shapes[i])
         found = newton(of.system, T, 1.0, guess, FARTHEST, kept=kept)
-        if found is not None:
-            return replace(found, system=of.system)
-        try:
-            return Pulled(of.system).at(T)
-        except OctoplanError as reason:
-            raise UnsettledShapeError(self.shapes[i].name, reason) from None
+        return None if found is None else replace(found, system=of.system)
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,8 +206,10 @@ class Evaluation:
         found = []
         for here, shape in self._pairs:
             of = self.sessions[shape.session]
-            scaled = np.array(["tension_scale" in keys for keys in of.keys], dtype=float)
-            tensions = np.outer(shape.tensions, scaled)
+            scaled = [
+                [f"tension_scale[{j}]" in own for own in of.keys] for j in range(len(of.scale))
+            ]
+            tensions = np.array(shape.tensions)[:, None] * np.array(scaled, dtype=float)
             found.append(ByNumbers(Linearised.at(here.system, here.x), of.slopes, tensions))
         return found
 
@@ -237,7 +229,7 @@ class Evaluation:
         """
         here = self.heres[i]
         if of.system.of is not here.system.of:
-            T = of.scale * np.array(self.experiment.shapes[i].tensions)
+            T = of.tensions(self.experiment.shapes[i])
             return Collocation.on(of.system).carried(T, Known(here.system, here.states)), None
         by = self.derivatives[i]
         return here.states + by.states @ (values - self.values), by.here

@@ -9,9 +9,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from model.equilibrium.by_numbers import ByNumbers, along
-from model.equilibrium.linearised import Linearised
+from model.equilibrium.linearised import Index, Linearised
 from model.paths import Array
 from model.rotations import matrices
+from model.transcription.layout import POSE
 from model.transcription.system import System
 from planner.calibrate.measured import Measured
 
@@ -46,15 +47,13 @@ def residuals(here: Linearised, shape: Measured, sensors: Sensors) -> Array:
 def jacobian(by: ByNumbers, shape: Measured, sensors: Sensors, keys: Keys) -> Array:
     """Return the derivatives (size, K) of what is predicted by unknowns of these keys (K,)."""
     here = by.here
-    rows: list[Array] = []
-    for i, _ in shape.seen:
-        rows.append(_point_by(by, i, sensors, keys))
+    rows = [_points_by(by, shape, sensors, keys)]
     if shape.tip is not None:
-        rows.append(by.pose(here.system.mesh.steps)[:3])
-    for frame in shape.frames:
-        node = here.system.mesh.node(frame.s)
-        off = _turn(here, node, frame.matrix)
-        rows.append(_inverse_left_jacobian(off) @ by.pose(node)[3:])
+        rows.append(by.poses(np.array([here.system.mesh.steps]))[0, :3])
+    if shape.frames:
+        nodes, off = _turns(here, shape)
+        turned = zip(off, by.poses(nodes)[:, 3:], strict=True)
+        rows += [_inverse_left_jacobian(w) @ moved for w, moved in turned]
     if shape.lengths is not None:
         rows.append(by.lengths)
     if shape.strokes is not None:
@@ -63,41 +62,57 @@ def jacobian(by: ByNumbers, shape: Measured, sensors: Sensors, keys: Keys) -> Ar
 
 
 def _points(here: Linearised, shape: Measured, sensors: Sensors) -> list[Array]:
-    poses, mesh = here.system.poses(here.states), here.system.mesh
     found = []
-    for i, point in shape.seen:
-        pose = poses[mesh.node(sensors.s[i])]
-        found.append(pose[4:] + matrices(pose[:4]) @ sensors.offsets[i] - point.place)
+    if shape.seen:
+        poses, _, levers = _markers(here, shape, sensors)
+        found.append((poses[:, 4:] + levers - shape.places).ravel())
     if shape.tip is not None:
-        found.append(poses[-1, 4:] - shape.tip)
+        found.append(here.states[here.system.of.nodes[-1, 4:POSE]] - shape.tip)
     return found
 
 
-def _point_by(by: ByNumbers, i: int, sensors: Sensors, keys: Keys) -> Array:
-    here = by.here
-    node = here.system.mesh.node(sensors.s[i])
-    R = matrices(here.system.poses(here.states)[node, :4])
-    lever = R @ sensors.offsets[i]
-    moved = by.pose(node)
-    found = moved[:3] + np.cross(moved[3:].T, lever).T
-    for k, own in enumerate(keys):
-        if f"points[{i}].s_mm" in own:
-            rate = along(here, node)
-            found[:, k] += MM * (rate[:3] + np.cross(rate[3:], lever))
-        for axis in range(3):
-            if f"points[{i}].offset_mm[{axis}]" in own:
-                found[:, k] += MM * R[:, axis]
-    return np.asarray(found)
+def _markers(here: Linearised, shape: Measured, sensors: Sensors) -> tuple[Array, Array, Array]:
+    """Return poses (n, 7), frames, and offsets (n, 3) in the base frame, of markers seen."""
+    kept = [i for i, _ in shape.seen]
+    poses = here.states[here.system.of.nodes[_nodes(here, sensors.s[kept]), :POSE]]
+    frames = matrices(poses[:, :4])
+    return poses, frames, np.einsum("nij,nj->ni", frames, sensors.offsets[kept])
+
+
+def _nodes(here: Linearised, s: Array) -> Index:
+    """Return the nodes at arc lengths (n,)."""
+    return np.abs(here.system.mesh.s[:, None] - s).argmin(axis=0)
+
+
+def _points_by(by: ByNumbers, shape: Measured, sensors: Sensors, keys: Keys) -> Array:
+    here, kept = by.here, [i for i, _ in shape.seen]
+    if not kept:
+        return np.zeros((0, len(keys)))
+    nodes = _nodes(here, sensors.s[kept])
+    _, frames, levers = _markers(here, shape, sensors)
+    moved = by.poses(nodes)
+    found = moved[:, :3] + np.cross(moved[:, 3:], levers[:, :, None], axis=1)
+    for row, i in enumerate(kept):
+        for k, own in enumerate(keys):
+            if f"points[{i}].s_mm" in own:
+                rate = along(here, nodes[row : row + 1])[0]
+                found[row, :, k] += MM * (rate[:3] + np.cross(rate[3:], levers[row]))
+            for axis in range(3):
+                if f"points[{i}].offset_mm[{axis}]" in own:
+                    found[row, :, k] += MM * frames[row, :, axis]
+    return found.reshape(-1, len(keys))
 
 
 def _frames(here: Linearised, shape: Measured) -> list[Array]:
-    return [_turn(here, here.system.mesh.node(f.s), f.matrix) for f in shape.frames]
+    return [_turns(here, shape)[1].ravel()] if shape.frames else []
 
 
-def _turn(here: Linearised, node: int, measured: object) -> Array:
-    """Return the rotation vector (3,) from a measured frame to that of a node, base frame."""
-    R = matrices(here.system.poses(here.states)[node, :4])
-    return np.asarray(Rotation.from_matrix(R @ np.array(measured).T).as_rotvec())
+def _turns(here: Linearised, shape: Measured) -> tuple[Index, Array]:
+    """Return the nodes of measured frames, and rotation vectors (n, 3) from them to the nodes'."""
+    nodes = _nodes(here, np.array([own.s for own in shape.frames]))
+    measured = np.array([own.matrix for own in shape.frames])
+    found = matrices(here.states[here.system.of.nodes[nodes, :4]])
+    return nodes, Rotation.from_matrix(found @ measured.transpose(0, 2, 1)).as_rotvec()
 
 
 def _inverse_left_jacobian(w: Array) -> Array:

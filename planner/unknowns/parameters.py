@@ -23,7 +23,7 @@ from planner.sweeps.keys import changed, checked_key, unit_of, whole
 from planner.unknowns.unknown import Unknown
 from planner.unknowns.written import written
 
-_SENSOR = re.compile(r"points\[\d+\]\.(s_mm|offset_mm\[[012]\])|tension_scale")
+_SENSOR = re.compile(r"points\[\d+\]\.(s_mm|offset_mm\[[012]\])|tension_scale\[\d+\]")
 _OF_ARM = ("arm.", "effects.")
 
 
@@ -35,7 +35,7 @@ class Parameters:
     ----------
     table : dict
         The scene file that has arm and scene, with all its defaults, and beside them "points"
-        (a dict of s_mm and offset_mm for each place) and "tension_scale".
+        (a dict of s_mm and offset_mm for each) and "tension_scale" (a number for each tendon).
     unknowns : tuple of Unknown
     """
 
@@ -58,7 +58,7 @@ class Parameters:
                 "unknowns", given, 'at least one, such as Unknown("arm.E_kPa", 50, 1000)'
             )
         scene_table = whole(msgspec.convert(written(arm, scene), SceneTable))
-        table = scene_table | {"points": list(points), "tension_scale": 1.0}
+        table = scene_table | {"points": list(points), "tension_scale": [1.0] * arm.n_tendons}
         found = cls(table, given)
         found._check(sessions)
         return found
@@ -86,7 +86,7 @@ class Parameters:
             if value is None:
                 below = len(self.table["points"])
                 known = f"points[i].s_mm and points[i].offset_mm[0] to [2], i below {below}"
-                raise InputError("key", key, f"{known}, or tension_scale")
+                raise InputError("key", key, f"{known}, or tension_scale[j] of a tendon")
             return
         checked_key(
             {k: v for k, v in self.table.items() if k not in ("points", "tension_scale")}, key
@@ -100,7 +100,7 @@ class Parameters:
     def unit(self, own: Unknown) -> str:
         """Return the unit of an unknown's value."""
         if not own.keys[0].startswith(_OF_ARM):
-            return "" if own.keys[0] == "tension_scale" else "mm"
+            return "" if own.keys[0].startswith("tension_scale") else "mm"
         return unit_of(self.table, own.keys[0])
 
     def start_of(self, own: Unknown) -> float:

@@ -20,7 +20,8 @@ class Unknown:
     key : str or tuple of str
         Path in a scene file, such as "arm.E_kPa", "arm.sections[0].angles_deg[1]" or
         "effects.friction.mu"; for a calibration also "points[1].s_mm", "points[1].offset_mm[2]"
-        (the second point of each shape) and "tension_scale". Several keys have the same value.
+        (the second point of each shape), and "tension_scale[0]", what the tensions of the first
+        tendon are multiplied by. Several keys have the same value.
     lower, upper : float
         Bounds.
     prior : (mean, standard deviation), optional

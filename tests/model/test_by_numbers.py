@@ -119,7 +119,7 @@ def test_shapes_move_with_a_number_as_shapes_settled_afresh_do(
     ends = [Neighbour(sign / 2e-5, *change(arm, scene, sign * 1e-5)) for sign in (1, -1)]
     slopes = number_slopes(forward.system, [ends])
     by = ByNumbers(here, slopes, np.zeros((T.size, 1)))
-    moved = by.pose(forward.mesh.node(S))[:, 0]
+    moved = by.poses(np.array([forward.mesh.node(S)]))[0, :, 0]
     frame = forward.system.poses(here.states)[forward.mesh.node(S)]
     columns = np.cross(moved[3:], matrices(frame[:4]).T).ravel()
     found = np.concatenate([moved[:3], columns, by.lengths[:, 0]])
