@@ -77,4 +77,5 @@ def along(here: Linearised, nodes: Index) -> Array:
     poses, v = poses_and_strains(system, here.x, system.mesh.s[nodes])
     kappa, nu = kinematics(system.of.form.law, v)
     local = np.stack([nu, kappa], axis=1)
-    return np.einsum("nij,nkj->nki", matrices(poses[:, :4]), local).reshape(-1, 6)
+    found = np.einsum("nij,nkj->nki", matrices(poses[:, :4]), local)
+    return np.asarray(found.reshape(-1, 6))

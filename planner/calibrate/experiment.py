@@ -68,7 +68,7 @@ class Session:
 
     def tensions(self, shape: Measured) -> Array:
         """Return the tensions of a shape (n_tendons,) [N]."""
-        return self.scale * np.array(shape.tensions)
+        return np.asarray(self.scale * np.array(shape.tensions))
 
     def sensors(self, shape: Measured) -> Sensors:
         """Return where the markers of a shape are."""

@@ -81,7 +81,7 @@ def _markers(here: Linearised, shape: Measured, sensors: Sensors) -> tuple[Array
 
 def _nodes(here: Linearised, s: Array) -> Index:
     """Return the nodes at arc lengths (n,)."""
-    return np.abs(here.system.mesh.s[:, None] - s).argmin(axis=0)
+    return np.asarray(np.abs(here.system.mesh.s[:, None] - s).argmin(axis=0))
 
 
 def _points_by(by: ByNumbers, shape: Measured, sensors: Sensors, keys: Keys) -> Array:

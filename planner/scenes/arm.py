@@ -6,7 +6,7 @@ from typing import Annotated, Literal, get_args
 
 from msgspec import Meta
 
-from model import Anchorage, Arm, InputError, Material
+from model import Anchorage, Arm, InputError, Linear, Material
 from model.arm import PAPER_FRAME
 from model.paths import Path
 from planner.scenes.keys import (
@@ -38,6 +38,10 @@ class SectionTable(Table, frozen=True):
         tuple[float, ...],
         Meta(min_length=1, description="a tendon each: its side, from n towards b [deg]"),
     ] = (0.0, 90.0, 180.0, 270.0)
+    turn_deg: Annotated[
+        tuple[float, float] | None,
+        Meta(description="what is added to the angles [deg]: [base, anchorage]; with loads only"),
+    ] = None
 
 
 class ArmTable(Table, frozen=True):
@@ -98,7 +102,12 @@ def _shape(table: ArmTable) -> tuple[float, Path, tuple[Anchorage, ...]]:
         allowed = f"a preset ({presets}), or length_mm, radius_mm and sections"
         raise InputError("arm", f"no {', no '.join(lacking)}", allowed)
     sections = tuple(
-        Anchorage(s.at_mm * MM, path("offset_mm", s.offset_mm), tuple(map(radians, s.angles_deg)))
+        Anchorage(
+            s.at_mm * MM,
+            path("offset_mm", s.offset_mm),
+            tuple(map(radians, s.angles_deg)),
+            Linear(*map(radians, s.turn_deg)) if s.turn_deg else None,
+        )
         for s in table.sections
     )
     return table.length_mm * MM, path("radius_mm", table.radius_mm), sections

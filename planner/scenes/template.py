@@ -29,6 +29,7 @@ preset = "table-4"              # "table-2", "table-4", "section-5.1", "section-
 # sections = [                  # where tendons end, from the tip to the base
 #   { at_mm = 310.0, offset_mm = [7.5, 1.0] },    # distance from the midline: base, anchorage
 #   { at_mm = 150.0, offset_mm = [5.0, 5.0], angles_deg = [0.0, 120.0, 240.0] },
+#   # turn_deg = [0.0, 10.0] in one: tendons that turn along the arm, with loads
 # ]
 # hull_mm = [16.0, 16.0]        # where discs hold tendons outside of the body
 E_kPa = 110.0                   # Young's modulus

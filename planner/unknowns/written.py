@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from model import Arm, InputError, Linear, Sampled, Scene
+from model import Anchorage, Arm, InputError, Linear, Sampled, Scene
 from model.effects import (
     Buoyancy,
     Current,
@@ -50,6 +50,7 @@ def _arm(arm: Arm) -> dict[str, Any]:
                 "offset_mm": _path(section.offset),
                 "angles_deg": [_rounded(np.degrees(angle)) for angle in section.angles],
             }
+            | _turn(section)
             for section in arm.sections
         ],
         "E_kPa": _rounded(arm.material.E / 1e3),
@@ -59,6 +60,14 @@ def _arm(arm: Arm) -> dict[str, Any]:
         "base_position_mm": [_mm(x) for x in arm.base_position],
     }
     return table | ({"hull_mm": _path(arm.hull)} if arm.hull else {})
+
+
+def _turn(section: Anchorage) -> dict[str, Any]:
+    if section.turn is None:
+        return {}
+    if not isinstance(section.turn, Linear):
+        raise InputError("Anchorage.turn", section.turn, "a Linear path: others have no keys")
+    return {"turn_deg": [_rounded(np.degrees(x)) for x in (section.turn.base, section.turn.end)]}
 
 
 def _path(path: Path) -> Any:
