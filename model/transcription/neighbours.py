@@ -26,11 +26,15 @@ _SAME = 1e-9
 
 @dataclass(frozen=True)
 class Neighbour:
-    """An arm in a scene near another, with its weight in the difference quotient of a number."""
+    """An arm in a scene near another, with its weight in the difference quotient of a number.
+
+    `at` are arc lengths [m] of nodes that move as something else does than the arm's own places.
+    """
 
     weight: float
     arm: Arm
     scene: Scene
+    at: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,18 +56,24 @@ class NumberSlopes:
     s: Array
 
 
-def number_slopes(system: System, stencils: Sequence[Sequence[Neighbour]]) -> NumberSlopes:
-    """Return the derivatives of a system's numbers, each by a sum of weights times neighbours'."""
+def number_slopes(
+    system: System, stencils: Sequence[Sequence[Neighbour]], at: tuple[float, ...] = ()
+) -> NumberSlopes:
+    """Return the derivatives of a system's numbers, each by a sum of weights times neighbours'.
+
+    `at` are the arc lengths of the system's nodes of which neighbours have theirs.
+    """
     size = system.p.size, system.length_numbers.size, system.mesh.s.size
     found = tuple(np.zeros((n, len(stencils))) for n in size)
-    here = landmarks(system.arm, system.scene)
+    here = landmarks(system.arm, system.scene, at)
     for k, stencil in enumerate(stencils):
-        for at in stencil:
-            mesh = moved_mesh(system.mesh, here, landmarks(at.arm, at.scene))
-            own = numbers(at.arm, at.scene, mesh, system.of)
+        for near in stencil:
+            there = landmarks(near.arm, near.scene, near.at)
+            mesh = moved_mesh(system.mesh, here, there)
+            own = numbers(near.arm, near.scene, mesh, system.of)
             keep_sign(own.p[system.of.equations.numbers_of("clamp")], system.base)
             for whole, part in zip(found, (own.p, own.lengths, mesh.s), strict=True):
-                whole[:, k] += at.weight * part
+                whole[:, k] += near.weight * part
     return NumberSlopes(*found)
 
 
@@ -97,8 +107,8 @@ def keep_sign(pose: Array, near: Array) -> None:
         pose[:4] *= -1
 
 
-def landmarks(arm: Arm, scene: Scene) -> Array:
+def landmarks(arm: Arm, scene: Scene, at: Sequence[float] = ()) -> Array:
     """Return the arc lengths that a mesh has nodes at [m], in an order that stays."""
     paths = (arm.radius, *arm.tendon_paths)
     knots = [s for path in paths for s in path.knots() if 0 < s < arm.length]
-    return np.array([0.0, arm.length, *arm.anchorages, *knots, *places(arm, scene)])
+    return np.array([0.0, arm.length, *arm.anchorages, *knots, *places(arm, scene), *at])

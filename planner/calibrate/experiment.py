@@ -9,29 +9,26 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from model import Arm, InputError, OctoplanError, Scene
+from model import InputError, OctoplanError
 from model.equilibrium.by_numbers import ByNumbers
-from model.equilibrium.forward import STAGES, Collocation, Known
+from model.equilibrium.forward import Collocation, Known
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import newton
-from model.mesh import Mesh
 from model.paths import Array
 from model.transcription.neighbours import (
     NumberSlopes,
-    keep_sign,
-    landmarks,
-    moved_mesh,
     number_slopes,
 )
-from model.transcription.system import System, system
+from model.transcription.system import System
 from planner.calibrate.measured import Measured
-from planner.calibrate.pulled import FARTHEST, Pulled
 from planner.calibrate.rows import MM, Sensors, jacobian, residuals
+from planner.unknowns.meshes import Meshes
 from planner.unknowns.parameters import Parameters
+from planner.unknowns.pulled import FARTHEST, Pulled
 
 
 class UnsettledShapeError(OctoplanError):
@@ -86,14 +83,6 @@ class Session:
         return [own.keys if belongs(own, self.name) else () for own in self.parameters.unknowns]
 
 
-class Reference(NamedTuple):
-    """A mesh, where what it was made for lies [m], and the base's pose, for all meshes to come."""
-
-    mesh: Mesh
-    marks: Array
-    base: Array
-
-
 class Experiment:
     """Measured shapes of one arm, with the unknowns of both.
 
@@ -107,7 +96,7 @@ class Experiment:
 
     def __init__(self, parameters: Parameters, shapes: Sequence[Measured], refinement: int) -> None:
         self.parameters, self.shapes, self.refinement = parameters, tuple(shapes), refinement
-        self.meshes: dict[str, Reference] = {}
+        self.meshes: dict[str, Meshes] = {}
 
     def session(self, values: Array, name: str) -> Session:
         """Return a session at values (K,); InputError where no such arm can be."""
@@ -115,30 +104,16 @@ class Experiment:
         table = self.parameters.table_at(values, name)
         shifts = _rows(table["points"]) - _rows(self.parameters.table["points"])
         own = [shape for shape in self.shapes if shape.session == name]
-        at = [s for shape in own for s in _shifted(shape, shifts).s.tolist()]
-        at += [frame.s for shape in own for frame in shape.frames]
-        places = np.unique(at)
+        seen = [s for shape in own for s in _shifted(shape, shifts).s.tolist()]
+        seen += [frame.s for shape in own for frame in shape.frames]
+        places = np.unique(seen)
         if places.size and not 0 <= places[0] <= places[-1] <= arm.length * (1 + 1e-12):
             raise InputError("points", places.tolist(), f"on the arm, 0 to {arm.length:g} m")
-        stated = self._stated(arm, scene, name, np.minimum(places, arm.length))
+        at = tuple(np.minimum(places, arm.length).tolist())
+        stated = self.meshes.setdefault(name, Meshes(self.refinement)).system(arm, scene, at)
         return Session(
             values, name, self.parameters, stated, shifts, np.array(table["tension_scale"])
         )
-
-    def _stated(self, arm: Arm, scene: Scene, name: str, at: Array) -> System:
-        """Return the equations on the mesh of those before as it fits this arm; else a new one."""
-        marks = np.concatenate([landmarks(arm, scene), at])
-        known = self.meshes.get(name)
-        if known is not None:
-            try:
-                found = System(arm, scene, moved_mesh(known.mesh, known.marks, marks), STAGES)
-                keep_sign(found.base, known.base)
-                return found
-            except InputError:
-                pass
-        fresh = system(arm, scene, STAGES, self.refinement, tuple(at.tolist()))
-        self.meshes[name] = Reference(fresh.mesh, marks, fresh.base)
-        return fresh
 
     def at(self, values: Array, before: Evaluation | None = None) -> Evaluation:
         """Return all shapes at values (K,), on the branches of an evaluation nearby.
