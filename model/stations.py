@@ -67,6 +67,12 @@ def sides(arm: Arm) -> tuple[Array, Array]:
     return _quarter_exact(np.cos(phi)), _quarter_exact(np.sin(phi))
 
 
+def crossing(arm: Arm, at: Stations) -> Array:
+    """Return 1 where a tendon crosses a station, else 0: (N, n_tendons)."""
+    section = np.array([i for i, _ in arm.tendons])
+    return (at.active[:, None] > section).astype(float)
+
+
 def tendon_paths(arm: Arm, at: Stations, place: Counts, tendon: Counts) -> Array:
     """Return the offset Y = y d along n and b, and its derivative (4, P), of tendons at stations.
 

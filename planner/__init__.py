@@ -7,6 +7,8 @@ from planner.calibrate.calibration import Calibration
 from planner.calibrate.measured import Measured
 from planner.calibrate.saved import load_calibration
 from planner.certificate import Certificate
+from planner.design.design import Design, design
+from planner.design.making import Making
 from planner.many import plan_many
 from planner.plan import Plan, plan
 from planner.plan_files import load_plan
@@ -21,7 +23,9 @@ from planner.unknowns.unknown import Unknown
 __all__ = [
     "Calibration",
     "Certificate",
+    "Design",
     "Limits",
+    "Making",
     "Measured",
     "Plan",
     "Problem",
@@ -30,6 +34,7 @@ __all__ = [
     "Unknown",
     "build",
     "calibrate",
+    "design",
     "export",
     "load_calibration",
     "load_plan",

@@ -8,16 +8,17 @@ from typing import Any
 
 import msgspec
 
-from model import Arm, InputError, Scene
+from model import Arm, Scene
 from model.errors import FileError
 from planner.calibrate.calibrate import calibrate
 from planner.calibrate.calibration import Calibration
 from planner.calibrate.measured import Measured
 from planner.calibrate.shapes_csv import load_shapes
-from planner.calibrate.tables import CalibrationFile, UnknownTable
+from planner.calibrate.tables import CalibrationFile
 from planner.scenefile import decoded, question_of, text_of
 from planner.scenes.keys import MM
 from planner.scenes.mistakes import mistake
+from planner.unknowns.tables import unknown_of
 from planner.unknowns.unknown import Unknown
 
 _SUCH = """
@@ -65,7 +66,7 @@ def load_asked(path: str | Path) -> Asked:
     if len(set(names)) < len(names):
         raise FileError(name, "points", f"got {', '.join(names)}; allowed is each name once")
     shapes = load_shapes(path.parent / file.measured, asked.arm, file.points, MM * file.std_mm)
-    unknowns = tuple(_unknown(name, i, own) for i, own in enumerate(file.unknowns))
+    unknowns = tuple(unknown_of(own, name, f"unknowns[{i}]") for i, own in enumerate(file.unknowns))
     options = {
         "loss": file.loss,
         "absolute_std": file.absolute_std,
@@ -73,11 +74,3 @@ def load_asked(path: str | Path) -> Asked:
         "accuracy": file.accuracy,
     }
     return Asked(asked.arm, asked.scene, shapes, unknowns, options)
-
-
-def _unknown(name: str, i: int, table: UnknownTable) -> Unknown:
-    key = tuple(table.key) if isinstance(table.key, list) else table.key
-    try:
-        return Unknown(key, table.lower, table.upper, table.prior, table.session)
-    except InputError as reason:
-        raise FileError.of(reason, name, f"unknowns[{i}]") from None

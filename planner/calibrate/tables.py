@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta
 
 from planner.scenes.keys import Accuracy, NotNegative, Positive, Table, Vector
+from planner.unknowns.tables import UnknownTable
 
 
 class PointTable(Table, frozen=True):
@@ -17,18 +18,6 @@ class PointTable(Table, frozen=True):
     offset_mm: Annotated[
         Vector, Meta(description="from the midline in the local frame t, n, b [mm]")
     ] = (0.0, 0.0, 0.0)
-
-
-class UnknownTable(Table, frozen=True):
-    """A number to be found; see planner.Unknown."""
-
-    key: Annotated[str | list[str], Meta(description="key path in the scene file, or several")]
-    lower: Annotated[float, Meta(description="in the key's unit")]
-    upper: Annotated[float, Meta(description="in the key's unit")]
-    prior: Annotated[
-        tuple[float, float] | None, Meta(description="mean and standard deviation known beforehand")
-    ] = None
-    session: Annotated[str | None, Meta(description="the shapes that it belongs to")] = None
 
 
 class CalibrationFile(Table, frozen=True):

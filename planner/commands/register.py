@@ -2,6 +2,7 @@
 
 from planner.commands import (
     calibrate,
+    design,
     effects,
     export,
     live,
@@ -22,6 +23,7 @@ COMMANDS = (
     effects.COMMAND,
     sweep.COMMAND,
     calibrate.COMMAND,
+    design.COMMAND,
     export.COMMAND,
     schema.COMMAND,
 )

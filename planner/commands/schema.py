@@ -10,6 +10,7 @@ import msgspec
 from planner.commands.command import OK, Answer, Command
 from planner.files import to_json
 from planner.records.calibration import CalibrationRecord
+from planner.records.design import DesignRecord
 from planner.records.effects import EffectsRecord
 from planner.records.export import ExportRecord
 from planner.records.plan import PlanRecord
@@ -25,6 +26,7 @@ _RECORDS: dict[str, type[msgspec.Struct]] = {
     "effects": EffectsRecord,
     "sweep": SweepRecord,
     "calibrate": CalibrationRecord,
+    "design": DesignRecord,
     "export": ExportRecord,
 }
 

@@ -55,6 +55,16 @@ class Design:
     before: tuple[Plan, ...] = field(compare=False)
     steps: int
 
+    @cached_property
+    def parameters(self) -> Parameters:
+        """The unknowns with what they are numbers of."""
+        return Parameters.of(self.given_arm, self.scene, self.unknowns)
+
+    @property
+    def array(self) -> Array:
+        """The values (K,)."""
+        return np.array(self.values)
+
     @property
     def feasible(self) -> bool:
         """Whether the designed arm meets every task, by the plans' certificates."""
