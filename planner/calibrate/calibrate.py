@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import qmc
 
 from model import Arm, InputError, Scene
 from model.checks import kind
@@ -23,7 +22,7 @@ from planner.calibrate.experiment import Experiment, UnsettledShapeError, point_
 from planner.calibrate.fit import LOSSES, Fit, Loss, Weights, fit
 from planner.calibrate.fitted import Start
 from planner.calibrate.measured import Measured, check_scale
-from planner.unknowns.parameters import Parameters
+from planner.unknowns.parameters import Parameters, spread
 from planner.unknowns.unknown import Unknown
 
 LOG = logging.getLogger(__name__)
@@ -88,7 +87,7 @@ def calibrate(
     _check_enough(shapes, parameters)
     weights = Weights(loss, bool(absolute_std))
     search = _Search(arm, scene, parameters, shapes, weights, checked_accuracy(accuracy))
-    return search.run(_spread(parameters, starts, seed))
+    return search.run(spread(parameters, starts, seed))
 
 
 def _checked(arm: Arm, measured: Iterable[Measured]) -> tuple[Measured, ...]:
@@ -111,13 +110,6 @@ def _check_enough(shapes: Sequence[Measured], parameters: Parameters) -> None:
     if data < free:
         allowed = f"at most as many unknowns without priors as numbers measured, {data}"
         raise InputError("unknowns", free, allowed)
-
-
-def _spread(parameters: Parameters, starts: int, seed: int) -> list[Array]:
-    """Return the values (K,) that fits begin with."""
-    K = len(parameters.unknowns)
-    draws = qmc.Halton(K, seed=seed).random(starts - 1) if starts > 1 else np.zeros((0, K))
-    return [parameters.start, *(parameters.lower + parameters.range * draws)]
 
 
 @dataclass

@@ -11,17 +11,18 @@ import numpy as np
 
 from model import Arm, InputError, Scene
 from model.effects import PrintedStatics
+from model.errors import OctoplanError
 from model.paths import Array
 from model.progress import tell
 from model.settle import checked_scene
 from planner.design.making import Making
-from planner.design.program import Program
+from planner.design.program import Optimum, Program
 from planner.design.tasks import Targets
 from planner.plan import Plan, plan
 from planner.program.limits import Limits
 from planner.program.terms import looks_of, term_names
 from planner.question import check_targets
-from planner.unknowns.parameters import Parameters
+from planner.unknowns.parameters import Parameters, spread
 from planner.unknowns.unknown import Unknown
 
 _END = 1e-6
@@ -112,12 +113,14 @@ def design(
     tension_max: Any = np.inf,
     *,
     making: Making | None = None,
+    begins: int = 3,
     starts: int = 14,
+    seed: int = 0,
 ) -> Design:
     """Return the arm for which several tasks take the least effort together.
 
-    The optimisation begins at the plans of the given arm, and is a local one; each task is planned
-    afresh for the arm that is found, and certified as any plan is.
+    Local optimisations begin at the given arm and at others within the bounds, each at its plans;
+    every task is planned afresh for the best arm found, and certified as any plan is.
 
     Parameters
     ----------
@@ -129,8 +132,12 @@ def design(
         [N].
     making : Making
         What can be made.
+    begins : int
+        How many arms are begun with: the given one, then others spread evenly over the bounds.
     starts : int
         The most first guesses of each plan; see plan.
+    seed : int
+        Of the other arms.
 
     Raises
     ------
@@ -142,6 +149,8 @@ def design(
     scene = checked_scene(arm, scene)
     if scene.has(PrintedStatics):
         raise InputError("scene", "as printed", "a scene whose equations hold under loads")
+    if not (isinstance(begins, int) and 1 <= begins <= 1000):
+        raise InputError("begins", begins, "a whole number from 1 to 1000")
     tasks = _checked(arm, targets)
     parameters = Parameters.of(arm, scene, unknowns)
     for own in parameters.unknowns:
@@ -150,12 +159,36 @@ def design(
     making, limits = making or Making(), Limits.of(arm, tension_max)
     _check_made(making, arm)
     before = _plans(arm, tasks, scene, tension_max, starts)
-    tensions: Array = np.array([np.ravel(own.tensions) for own in before])
-    found = Program(parameters, tasks, limits, making, tensions).solve()
+    found = _optimum(parameters, tasks, limits, making, (before, begins, starts, seed))
     best = parameters.built(found.values, "")[0]
     plans = _plans(best, tasks, scene, tension_max, starts)
     values = tuple(found.values.tolist())
     return Design(arm, scene, parameters.unknowns, values, best, plans, before, found.steps)
+
+
+def _optimum(
+    parameters: Parameters,
+    tasks: list[Targets],
+    limits: Limits,
+    making: Making,
+    search: tuple[tuple[Plan, ...], int, int, int],
+) -> Optimum:
+    """Return the best optimum of those that the given arm and others lead to."""
+    before, begins, starts, seed = search
+    found = []
+    for i, values in enumerate(spread(parameters, begins, seed)):
+        tell("arms begun with", i, begins)
+        try:
+            arm, scene = parameters.built(values, "")
+            if i and making.room(arm).min() < 0:
+                continue
+            plans = _plans(arm, tasks, scene, limits.upper, starts) if i else before
+            T: Array = np.array([np.ravel(own.tensions) for own in plans])
+            found.append(Program(parameters, tasks, limits, making, values, T).solve())
+        except OctoplanError:
+            if not i:
+                raise
+    return min(found, key=lambda own: own.cost)
 
 
 def _check_made(making: Making, arm: Arm) -> None:

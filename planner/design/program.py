@@ -4,7 +4,8 @@
                                        and the arm can be made
 
 by sequential quadratic programming (SciPy's SLSQP), with exact first derivatives. Unknowns z: those
-of the arm from 0 to 1, then tensions over the largest one that it begins with.
+of the arm from 0 to 10 between their bounds, so that steps in them are short, then tensions over
+the largest one that it begins with. The best point that meets all tasks is kept on the way.
 """
 
 from __future__ import annotations
@@ -27,15 +28,28 @@ LOG = logging.getLogger(__name__)
 _REFINEMENT, _TOLERANCE, _STEPS = 2, 1e-10, 200
 # What every residual is said to be where there is no such arm, or it does not settle.
 _NOWHERE = 10.0
+# The residual up to which a task counts as met here; plans are held to their own accuracy.
+_MET = 1e-7
+_SPAN = 10.0
 
 
 @dataclass(frozen=True, eq=False)
 class Optimum:
-    """Values (K,) of the unknowns, tensions (n_tasks, n_tendons) [N], steps taken."""
+    """Values (K,) of the unknowns, tensions (n_tasks, n_tendons) [N], steps taken.
+
+    `missed` is the largest residual that is left, over the arm's length or in rad.
+    """
 
     values: Array
     tensions: Array
     steps: int
+    missed: float
+
+    @property
+    def cost(self) -> tuple[bool, float]:
+        """What the best of several has least of: tasks that are not met, then effort."""
+        lost = self.missed > _MET
+        return lost, self.missed if lost else float(np.linalg.norm(self.tensions))
 
 
 class Program:
@@ -47,12 +61,13 @@ class Program:
         tasks: Sequence[Targets],
         limits: Limits,
         making: Making,
+        values: Array,
         tensions: Array,
     ) -> None:
         self.parameters, self.making, self.limits = parameters, making, limits
         self.K, self.shape = len(parameters.unknowns), tensions.shape
         self.unit = max(float(tensions.max()), 1e-9)
-        scaled = (parameters.start - parameters.lower) / parameters.range
+        scaled = _SPAN * (values - parameters.lower) / parameters.range
         self.start = np.concatenate([scaled, tensions.ravel() / self.unit])
         self.tasks = Tasks(parameters, tasks, _REFINEMENT)
         self._at, self._missed = self.start, self.tasks.missed(*self.split(self.start))
@@ -61,7 +76,7 @@ class Program:
     def split(self, z: Array) -> tuple[Array, Array]:
         """Return values (K,) and tensions (n_tasks, n_tendons) [N] of z."""
         of = self.parameters
-        share = np.clip(z[: self.K], 0.0, 1.0)
+        share = np.clip(z[: self.K] / _SPAN, 0.0, 1.0)
         T = np.maximum(self.unit * z[self.K :].reshape(self.shape), 0.0)
         return of.lower + of.range * share, T
 
@@ -71,13 +86,14 @@ class Program:
         lower, upper = (
             np.tile(own, count) / self.unit for own in (self.limits.lower, self.limits.upper)
         )
-        bounds = [(0.0, 1.0)] * self.K
+        bounds = [(0.0, _SPAN)] * self.K
         bounds += list(zip(lower.tolist(), upper.tolist(), strict=True))
         constraints = [
             {"type": "eq", "fun": self.match, "jac": self.match_slopes},
             {"type": "ineq", "fun": self.margin, "jac": self.margin_slopes},
             {"type": "ineq", "fun": self.room, "jac": self.room_slopes},
         ]
+        seen = [self._optimum(self.start, 0)]
         found = minimize(
             self.effort,
             self.start,
@@ -86,9 +102,15 @@ class Program:
             bounds=bounds,
             constraints=constraints,
             options={"maxiter": _STEPS, "ftol": _TOLERANCE},
+            callback=lambda z: seen.append(self._optimum(z, len(seen))),
         )
         LOG.debug("design: %s after %d steps", found.message, found.nit)
-        return Optimum(*self.split(found.x), int(found.nit))
+        seen.append(self._optimum(found.x, int(found.nit)))
+        return min(seen, key=lambda own: own.cost)
+
+    def _optimum(self, z: Array, steps: int) -> Optimum:
+        lacks = np.concatenate([np.abs(self.match(z)), -self.margin(z), -self.room(z), [0.0]])
+        return Optimum(*self.split(z), steps, float(lacks.max()))
 
     def effort(self, z: Array) -> float:
         """Half the sum of all squared tensions, over the largest to begin with."""
@@ -126,7 +148,8 @@ class Program:
         found = np.zeros((self._room_of(values).size, z.size))
         for k, stencil in enumerate(self.parameters.stencils(values, "")):
             for near in stencil:
-                found[:, k] += near.weight * self.making.room(near.arm) * self.parameters.range[k]
+                found[:, k] += near.weight * self.making.room(near.arm)
+        found[:, : self.K] *= self.parameters.range / _SPAN
         return found
 
     def _room_of(self, values: Array) -> Array:
@@ -135,7 +158,7 @@ class Program:
     def _slopes(self, z: Array, rows: Sequence[slice]) -> Array:
         n, blocks = self.shape[1], []
         for i, (own, part) in enumerate(zip(self._seen(z), rows, strict=True)):
-            by_numbers = own.by_numbers[part] * self.parameters.range
+            by_numbers = own.by_numbers[part] * self.parameters.range / _SPAN
             block = np.zeros((len(by_numbers), z.size))
             block[:, : self.K] = by_numbers
             block[:, self.K + i * n : self.K + (i + 1) * n] = own.by_tensions[part] * self.unit

@@ -10,6 +10,7 @@ from typing import Any
 
 import msgspec
 import numpy as np
+from scipy.stats import qmc
 
 from model import Arm, InputError, Scene
 from model.loads import check_loads
@@ -185,3 +186,11 @@ def _built(table: dict[str, Any]) -> tuple[Arm, Scene]:
         raise InputError("values", str(reason), "an arm that can be") from None
     check_loads(arm, scene)
     return arm, scene
+
+
+def spread(parameters: Parameters, count: int, seed: int) -> list[Array]:
+    """Return the given values (K,), and others spread evenly over the bounds: `count` in all."""
+    if count == 1:
+        return [parameters.start]
+    draws = qmc.Halton(len(parameters.unknowns), seed=seed).random(count - 1)
+    return [parameters.start, *(parameters.lower + parameters.range * draws)]
