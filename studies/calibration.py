@@ -1,4 +1,4 @@
-"""Which physics explains a measured soft tentacle, and how well does it predict what it has not seen?
+"""Which physics explains a measured soft tentacle, and how well does it predict unseen shapes?
 
 Question: how far are the markers of the measured shapes of tests/data/measured_tentacle.json (a
 hanging silicone cone with two tendons, motion capture, MIT, SoRoMoX contributors) from those of a

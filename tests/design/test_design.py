@@ -67,6 +67,7 @@ def test_a_designed_arm_is_cheaper_and_every_plan_is_certified() -> None:
         assert settle(found.arm, own.tensions, PAPER).tip == pytest.approx(tip.position, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_the_optimum_is_that_of_a_search_over_plans() -> None:
     (tip, _) = _tips()
     bounded = Unknown("arm.sections[1].at_mm", 80, 130)
@@ -90,6 +91,7 @@ def test_what_can_be_made_is_kept_to() -> None:
     assert Making(wall).room(found.arm).min() > -1e-9
 
 
+@pytest.mark.slow
 def test_a_task_that_no_arm_meets_is_named() -> None:
     far = TipPosition((0.5, 0.0, 0.0))
     found = design(_arm(), [_tips()[0], far], [RADIUS], PAPER, 5.0, starts=1, begins=1)
