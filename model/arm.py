@@ -64,11 +64,15 @@ class Anchorage:
     angles : tuple of float
         One tendon for each: the angle phi of its side d = cos(phi) n + sin(phi) b [rad].
         The paper's four tendons j = 1..4 (n, b, -n, -b) unless given.
+    turn : Path
+        What is added to all these angles along the arm [rad]; 0 unless given. Tendons that turn
+        twist the arm, which scenes with loads can have.
     """
 
     at: float
     offset: Path
     angles: tuple[float, ...] = QUARTERS
+    turn: Path | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "at", positive("Anchorage.at", self.at))
@@ -76,6 +80,8 @@ class Anchorage:
         if angles.size == 0:
             raise InputError("Anchorage.angles", self.angles, "at least one tendon")
         kind("Anchorage.offset", self.offset, Path, "a Linear or a Sampled path")
+        if self.turn is not None:
+            kind("Anchorage.turn", self.turn, Path, "a Linear or a Sampled path")
         object.__setattr__(self, "angles", tuple(angles.tolist()))
 
 
@@ -181,6 +187,12 @@ class Arm:
     def anchorages(self) -> tuple[float, ...]:
         """Arc lengths of the anchorages, from the tip to the base [m]."""
         return tuple(section.at for section in self.sections)
+
+    @property
+    def tendon_paths(self) -> tuple[Path, ...]:
+        """All functions of arc length that say where tendons run."""
+        paths = [(section.offset, section.turn) for section in self.sections]
+        return tuple(path for pair in paths for path in pair if path is not None)
 
     @property
     def n_tendons(self) -> int:

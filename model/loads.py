@@ -23,6 +23,7 @@ from model.paths import Array
 from model.scene import Scene
 
 _LOADS = (Current, Friction, PointLoad, Shear, TipLoad, Weight)
+_NAMES = tuple(kind.__name__ for kind in _LOADS)
 # The steepest growth per length that a mesh follows [1/m], whatever the loads.
 _STEEPEST = 1e80
 # Of a step of 1/400 of a tendon's length: its crossing is found to rounding.
@@ -41,7 +42,10 @@ def is_loaded(scene: Scene) -> bool:
 
 @lru_cache(maxsize=256)
 def check_loads(arm: Arm, scene: Scene) -> None:
-    """Raise InputError for loads that this arm cannot have."""
+    """Raise InputError for loads that this arm cannot have, and an arm that has to have some."""
+    if not is_loaded(scene) and any(section.turn for section in arm.sections):
+        allowed = f"none in a scene without loads, or one of {', '.join(sorted(_NAMES))} in it"
+        raise InputError("Anchorage.turn", "tendons that turn", allowed)
     for load in point_loads(scene):
         if load.s > arm.length * (1 + 1e-12):
             raise InputError("PointLoad.s", load.s, f"from 0 to the arm's length, {arm.length:g} m")

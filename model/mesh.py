@@ -92,7 +92,7 @@ def graded(
 def _breaks(arm: Arm, at: Iterable[float]) -> Array:
     """Return where the solution is not smooth, or is wanted: sorted and without near copies."""
     places = {0.0, arm.length, *(section.at for section in arm.sections)}
-    paths = (arm.radius, *(section.offset for section in arm.sections))
+    paths = (arm.radius, *arm.tendon_paths)
     knots = [s for path in paths for s in path.knots()]
     result = sorted(places)
     for s in [*at, *knots]:

@@ -74,20 +74,43 @@ def crossing(arm: Arm, at: Stations) -> Array:
 
 
 def tendon_paths(arm: Arm, at: Stations, place: Counts, tendon: Counts) -> Array:
-    """Return offset, its derivative, cosine and sine of the angle (4, P) of tendons at stations.
+    """Return the offset Y = y d along n and b, and its derivative (4, P), of tendons at stations.
 
     `place` (P,) are numbers of stations, `tendon` (P,) those of the tendons there.
     """
-    section = np.array([i for i, _ in arm.tendons])[tendon]
-    cos, sin = sides(arm)
-    return np.stack([at.y[section, place], at.y_rate[section, place], cos[tendon], sin[tendon]])
+    return _offsets(arm, at, place, tendon)[:2].reshape(4, -1)
 
 
 def tendon_path_rates(arm: Arm, at: Stations, place: Counts, tendon: Counts) -> Array:
     """Return the derivatives along s (4, P) of what tendon_paths returns."""
+    return _offsets(arm, at, place, tendon)[1:].reshape(4, -1)
+
+
+def _offsets(arm: Arm, at: Stations, place: Counts, tendon: Counts) -> Array:
+    """Return Y = y d and its first two derivatives (3, 2, P); d' = phi' d_perp where d turns."""
     section = np.array([i for i, _ in arm.tendons])[tendon]
-    still = np.zeros(section.size)
-    return np.stack([at.y_rate[section, place], at.y_curve[section, place], still, still])
+    y, rate, curve = (own[section, place] for own in (at.y, at.y_rate, at.y_curve))
+    d = np.stack(sides(arm))[:, tendon]
+    if not any(own.turn for own in arm.sections):
+        return np.stack([y * d, rate * d, curve * d])
+    phi, phi_rate, phi_curve = _turned(arm, at, place, section)
+    d = np.stack([d[0] * np.cos(phi) - d[1] * np.sin(phi), d[0] * np.sin(phi) + d[1] * np.cos(phi)])
+    across = np.stack([-d[1], d[0]])
+    twice = 2 * rate * phi_rate + y * phi_curve
+    return np.stack(
+        [y * d, rate * d + y * phi_rate * across, (curve - y * phi_rate**2) * d + twice * across]
+    )
+
+
+def _turned(arm: Arm, at: Stations, place: Counts, section: Counts) -> Array:
+    """Return by how much the tendons of sections (P,) have turned at stations (3, P) [rad]."""
+    found = np.zeros((3, place.size))
+    for i, own in enumerate(arm.sections):
+        mine = section == i
+        if own.turn is not None:
+            s = np.minimum(at.s[place[mine]], own.at)
+            found[:, mine] = own.turn.evaluate(s, own.at)
+    return found
 
 
 def base_pose(arm: Arm) -> Array:

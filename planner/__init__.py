@@ -2,7 +2,13 @@
 
 from model.stiffness import stiffness
 from planner.c_code.export import export
+from planner.calibrate.calibrate import calibrate
+from planner.calibrate.calibration import Calibration
+from planner.calibrate.measured import Measured
+from planner.calibrate.saved import load_calibration
 from planner.certificate import Certificate
+from planner.design.design import Design, design
+from planner.design.making import Making
 from planner.many import plan_many
 from planner.plan import Plan, plan
 from planner.plan_files import load_plan
@@ -13,17 +19,26 @@ from planner.records.shape import save_shape
 from planner.solve.found import Start
 from planner.sweeps.sweep import sweep
 from planner.trajectory.motion import Trajectory, trajectory
+from planner.unknowns.unknown import Unknown
 
 __all__ = [
+    "Calibration",
     "Certificate",
+    "Design",
     "Limits",
+    "Making",
+    "Measured",
     "Plan",
     "Problem",
     "Start",
     "Statement",
     "Trajectory",
+    "Unknown",
     "build",
+    "calibrate",
+    "design",
     "export",
+    "load_calibration",
     "load_plan",
     "plan",
     "plan_many",

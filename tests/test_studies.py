@@ -8,7 +8,9 @@ import pytest
 from studies import (
     antagonistic_stiffness,
     bending_plane,
+    calibration,
     clutter,
+    design,
     effects_cost,
     fetch,
     hard_cases,
@@ -27,6 +29,18 @@ SMALL: dict[str, tuple[Main, list[str], str, str]] = {
         "antagonistic_stiffness.png",
     ),
     "bending_plane": (bending_plane.main, ["--angles", "2"], "planned", "bending_plane.png"),
+    "calibration": (
+        calibration.main,
+        ["--models", "modulus and density", "--no-leave-out"],
+        "modulus and density",
+        "calibration.png",
+    ),
+    "design": (
+        design.main,
+        ["--tips", "1", "--begins", "1", "--unknowns", "1"],
+        "plans certified",
+        "design.png",
+    ),
     "effects_cost": (
         effects_cost.main,
         ["--repeats", "1", "--effects", "exact tendons", "weight in water"],

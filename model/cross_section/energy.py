@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 
-from model.cross_section.law import TINY, join, size, split
+from model.cross_section.law import TINY, join, offset, size, split
 
 
 @dataclass(frozen=True)
@@ -31,15 +31,14 @@ class EnergySection:
         return ca.SX(1)
 
     def tangent(self, v: ca.SX, path: ca.SX) -> ca.SX:
-        """See CrossSection.tangent: c = nu + w (y' d + y kappa x d) of a section of width w."""
+        """See CrossSection.tangent: c = nu + w (Y' + kappa x Y) of a section of width w."""
         kappa, nu = self.twist(v)
         return self.drawn(self.width(nu[0]) * kappa, nu, path)
 
     def drawn(self, bend: ca.SX, nu: ca.SX, path: ca.SX) -> ca.SX:
         """Return the tangent of a tendon from bend = w kappa (3,), in which it is linear."""
-        y, y_rate, cos, sin = ca.vertsplit(path)
-        d = ca.vertcat(0, cos, sin)
-        return nu + self.width(nu[0]) * y_rate * d + y * ca.cross(bend, d)
+        Y, Y_rate = offset(path)
+        return nu + self.width(nu[0]) * Y_rate + ca.cross(bend, Y)
 
     def twist(self, v: ca.SX) -> tuple[ca.SX, ca.SX]:
         """See CrossSection.twist."""

@@ -12,7 +12,7 @@ from typing import Protocol
 import casadi as ca
 
 BODY = ("EA", "EJ", "GI", "GA")
-PATH = ("y", "y_rate", "cos", "sin")
+PATH = ("Y_n", "Y_b", "Y_n_rate", "Y_b_rate")
 # Keeps the length of a tendon differentiable where it has none left, wide enough for the rounding
 # of its square (1e-16) to be small beside it.
 TINY = 1e-24
@@ -23,8 +23,8 @@ _STILL = 1e-30
 class CrossSection(Protocol):
     """The law of a cross-section; a frozen value of structure alone, numbers are arguments.
 
-    `body` are E A [N], E J [N m2], G I [N m2], k_s G A [N]; `path` the offset y [m] of a tendon,
-    its derivative y' [-], cosine and sine of its angle.
+    `body` are E A [N], E J [N m2], G I [N m2], k_s G A [N]; `path` the offset Y = y d (2,) [m] of
+    a tendon in the cross-section, along n and b, and its derivative along s [-].
     """
 
     def __hash__(self) -> int:
@@ -96,6 +96,11 @@ def join(law: CrossSection, curvature: ca.SX, along: ca.SX, shear: ca.SX) -> ca.
     parts = [curvature[k] for k in moments(law)]
     parts += [along] * law.extension + [shear] * law.shear
     return ca.vertcat(*parts)
+
+
+def offset(path: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Return the offset of a tendon, and its derivative along s, as vectors (3,) in (t, n, b)."""
+    return ca.vertcat(0, path[:2]), ca.vertcat(0, path[2:])
 
 
 def turning_rate(law: CrossSection, v: ca.SX, rate: ca.SX, path: ca.SX, change: ca.SX) -> ca.SX:

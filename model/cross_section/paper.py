@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 
-from model.cross_section.law import join, split
+from model.cross_section.law import join, offset, split
 
 _T = (1.0, 0.0, 0.0)
 
@@ -15,10 +15,9 @@ _T = (1.0, 0.0, 0.0)
 class PaperSection:
     """Eqs. (8), (9) with (6): strains omega per unit deformed length, q, and shears.
 
-    K omega + sum T (y2 (1 - d d^T) omega - y t x d) = M, E A q + sum T t . c = F_t, and with shear
-    k_s G A nu_n + sum T n . c = F_n, along the tangent
-    c = t + y' d + y omega x d. But for shears this is linear in six resultants of the tendons'
-    tensions. See CrossSection.
+    K omega + sum T Y x c = M, E A q + sum T t . c = F_t, and with shear k_s G A nu_n + sum T n . c
+    = F_n, along the tangent c = t + Y' + omega x Y with Y = y d. But for shears, and tendons that
+    turn, this is linear in six resultants of the tendons' tensions. See CrossSection.
     """
 
     extension: bool
@@ -48,6 +47,7 @@ class PaperSection:
     def tendon(self, v: ca.SX, path: ca.SX) -> ca.SX:
         """See CrossSection.tendon."""
         moment, along = self.tendons(v, resultants(path))
+        moment += ca.cross(*offset(path))
         return join(self, moment, along, self.tangent(v, path)[1:])
 
     def tendons(self, v: ca.SX, sums: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -58,20 +58,15 @@ class PaperSection:
         return moment, T + s * xi - c * k
 
     def tangent(self, v: ca.SX, path: ca.SX) -> ca.SX:
-        """See CrossSection.tangent: c = t + y' d + y omega x d."""
-        d = _side(path)
-        return ca.SX(_T) + path[1] * d + path[0] * ca.cross(split(self, v)[0], d)
+        """See CrossSection.tangent: c = t + Y' + omega x Y."""
+        Y, Y_rate = offset(path)
+        return ca.SX(_T) + Y_rate + ca.cross(split(self, v)[0], Y)
 
     def run(self, v: ca.SX, path: ca.SX) -> ca.SX:
         """See CrossSection.run: u_c' of eq. (6), which is not quite the tangent of the balance."""
         kappa, nu = self.twist(v)
-        d = _side(path)
-        return nu + path[1] * d + path[0] * ca.cross(kappa, d)
-
-
-def _side(path: ca.SX) -> ca.SX:
-    """Return the direction d (3,) of a tendon in the cross-section."""
-    return ca.vertcat(0, path[2], path[3])
+        Y, Y_rate = offset(path)
+        return nu + Y_rate + ca.cross(kappa, Y)
 
 
 def resultants(path: ca.SX) -> ca.SX:
@@ -80,5 +75,5 @@ def resultants(path: ca.SX) -> ca.SX:
     Of the paper's four tendons a section they are the sums T1+T2+T3+T4, y (T1-T3), y (T2-T4),
     y2 (T1+T3), 0, y2 (T2+T4).
     """
-    n, b = path[0] * path[2], path[0] * path[3]
+    n, b = path[0], path[1]
     return ca.vertcat(1, n, b, n * n, n * b, b * b)

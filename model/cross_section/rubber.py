@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import casadi as ca
 
 from model.cross_section.energy import EnergySection
+from model.cross_section.law import offset
 
 
 @dataclass(frozen=True)
@@ -41,8 +42,8 @@ class RubberSection(EnergySection):
         """See EnergySection.drawn."""
         c = super().drawn(bend, nu, path)
         if self.anticlastic:
-            y, _, cos, sin = ca.vertsplit(path)
-            inward = y * (bend[2] * cos - bend[1] * sin)
-            across = y * (bend[2] * sin + bend[1] * cos)
+            Y, _ = offset(path)
+            inward = bend[2] * Y[1] - bend[1] * Y[2]
+            across = bend[2] * Y[2] + bend[1] * Y[1]
             c[0] -= (inward**2 - across**2) / (4 * nu[0])
         return c

@@ -15,7 +15,6 @@ from model.equilibrium.hold import TENSIONS, Hold
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.load_stepping import equilibrium, near
 from model.loads import is_loaded
-from model.mesh import Mesh
 from model.paths import Array
 from model.scene import Scene
 from model.transcription.collocation import gauss
@@ -63,10 +62,19 @@ class Collocation:
         loaded: bool = True,
         machine_code: bool = False,
     ) -> None:
-        self.system = system(arm, scene, stages, refinement, at, loaded, machine_code)
-        self.mesh: Mesh = self.system.mesh
-        self.stretch_at = np.concatenate([self.system.s, self.mesh.s[:-1], self.mesh.s[1:]])
-        self.order = collocation_order(stages, scene.has(Friction))
+        self._state(system(arm, scene, stages, refinement, at, loaded, machine_code))
+
+    @classmethod
+    def on(cls, stated: System) -> Collocation:
+        """Return the forward map of equations that are stated already."""
+        found = cls.__new__(cls)
+        found._state(stated)
+        return found
+
+    def _state(self, stated: System) -> None:
+        self.system, self.mesh = stated, stated.mesh
+        self.stretch_at = np.concatenate([stated.s, self.mesh.s[:-1], self.mesh.s[1:]])
+        self.order = collocation_order(stated.of.form.stages, stated.scene.has(Friction))
 
     def run(self, tensions: Array, near: Known | None = None) -> tuple[Array, Array]:
         """See ForwardMap.run; raises SnapError and UnsettledSectionError."""

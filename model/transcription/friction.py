@@ -47,7 +47,7 @@ class TendonSymbols:
     """Unknowns and numbers of one tendon in one element.
 
     Unknowns: load factor, tension at the motor, Theta at both nodes, strains and rates by stage.
-    Numbers: h, direction times mu, cosine and sine of the angle, y, y', y'' at the stages.
+    Numbers: h, direction times mu, and at the stages the offset along n, b and two derivatives.
     """
 
     unknowns: ca.SX
@@ -68,17 +68,15 @@ class TendonSymbols:
         """Return the symbols for a law and m stages."""
         load, T, before, after = (ca.SX.sym(name) for name in ("load", "T", "before", "after"))
         z = ca.SX.sym("z", 2 * size(law), m)
-        h, mu, cos, sin = (ca.SX.sym(name) for name in ("h", "mu", "cos", "sin"))
-        y = ca.SX.sym("y", 3, m)
-        still = ca.vertcat(cos, sin)
+        h, mu, Y = ca.SX.sym("h"), ca.SX.sym("mu"), ca.SX.sym("Y", 6, m)
         return cls(
             ca.vertcat(load, T, before, after, ca.vec(z)),
-            ca.vertcat(h, mu, still, ca.vec(y)),
+            ca.vertcat(h, mu, ca.vec(Y)),
             *(load, T, before, after),
             *(z[: size(law), :], z[size(law) :, :]),
             *(h, mu),
-            [ca.vertcat(y[:2, i], still) for i in range(m)],
-            [ca.vertcat(y[1:, i], 0, 0) for i in range(m)],
+            ca.horzsplit(Y[:4, :]),
+            ca.horzsplit(Y[2:, :]),
         )
 
     def turning(self, law: CrossSection) -> list[ca.SX]:

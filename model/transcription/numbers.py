@@ -13,7 +13,13 @@ from model.loads import beyond, directions, heaviness
 from model.mesh import Mesh
 from model.paths import Array
 from model.scene import Scene
-from model.stations import Stations, base_pose, sides, stations, tendon_paths
+from model.stations import (
+    Stations,
+    base_pose,
+    stations,
+    tendon_path_rates,
+    tendon_paths,
+)
 from model.transcription.collocation import gauss
 from model.transcription.element import Form
 from model.transcription.layout import Layout
@@ -71,11 +77,12 @@ def sliding_numbers(
     """Return the numbers (n, P) of tendons j that slide through elements k; see TendonSymbols."""
     friction = scene.find(Friction)
     assert friction is not None
-    cos, sin = sides(arm)
     mu = friction.mu * np.array(directions(arm, friction))[j]
-    i, stages = np.array([i for i, _ in arm.tendons])[j], k * m + np.arange(m)[:, None]
-    y = np.stack([at.y[i, stages], at.y_rate[i, stages], at.y_curve[i, stages]], axis=1)
-    return np.vstack([h[k], mu, cos[j], sin[j], y.reshape(3 * m, -1)])
+    rows = [h[k], mu]
+    for stage in range(m):
+        given = arm, at, k * m + stage, j
+        rows += [tendon_paths(*given), tendon_path_rates(*given)[2:]]
+    return np.vstack(rows)
 
 
 def _kinks(arm: Arm, mesh: Mesh, of: Layout, h: Array) -> Array:

@@ -10,6 +10,7 @@ from functools import cached_property, lru_cache, partial
 
 import casadi as ca
 import numpy as np
+from scipy.sparse import csc_array
 
 from model.arm import Arm
 from model.cross_section import cross_section_of
@@ -19,7 +20,6 @@ from model.machine.buffered import Buffered
 from model.mesh import Mesh, graded
 from model.paths import Array
 from model.scene import Scene
-from model.stations import base_pose
 from model.transcription.collocation import gauss
 from model.transcription.element import Form, element
 from model.transcription.friction import turning_function
@@ -73,6 +73,11 @@ class System:
         self.p, self.s, self.length_numbers = found.p, found.s, found.lengths
         self._calls = _calls(self.of)
 
+    @property
+    def base(self) -> Array:
+        """The pose (7,) that the base is clamped at, as part of the numbers."""
+        return self.p[self.of.equations.numbers_of("clamp")]
+
     def x(self, tensions: Array, load: float, states: Array) -> Array:
         """Return all unknowns: tensions (n_tendons,), load factor, states."""
         return np.concatenate([tensions, [load], states])
@@ -84,6 +89,16 @@ class System:
     def jacobian(self, x: Array) -> tuple[Array, Array]:
         """Return residuals, and the nonzeros of their Jacobian in the places of `pattern`."""
         return self.residual(x), np.asarray(self._calls.jacobian(x, self.p)[0][0])
+
+    def by_numbers(self, x: Array) -> csc_array:
+        """Return the derivatives of the residuals by the numbers `p` (n_states, n_p)."""
+        nonzeros = self._calls.by_numbers(x, self.p)[0][0]
+        return _sparse(nonzeros, self.of.equations.by_numbers[1])
+
+    def lengths_by_numbers(self, x: Array) -> csc_array:
+        """Return the derivatives of the tendons' lengths by `length_numbers` (n_tendons, n)."""
+        function, places = self.of.lengths.by_numbers
+        return _sparse(np.ravel(np.array(function(x, self.length_numbers))), places)
 
     def hessian(self, x: Array, multipliers: Array) -> Array:
         """Return the nonzeros of the Hessian of multipliers . residuals, see Equations.hessian."""
@@ -169,7 +184,7 @@ class System:
         """
         states, of = np.zeros(self.of.n_states), self.of
         states[of.stages] = strains
-        g, N = base_pose(self.arm), self.mesh.steps
+        g, N = self.base, self.mesh.steps
         found = _march(of.form, N)(g, strains.reshape(N, -1).T, np.diff(self.mesh.s)[None, :])
         states[of.nodes[:, :POSE]] = np.vstack([g, np.array(found).T])
         if of.form.friction:
@@ -198,6 +213,10 @@ class _Calls:
         return Buffered(self.of.equations.jacobian[0])
 
     @cached_property
+    def by_numbers(self) -> Buffered:
+        return Buffered(self.of.equations.by_numbers[0])
+
+    @cached_property
     def hessian(self) -> Buffered:
         return Buffered(self.of.equations.hessian[0])
 
@@ -205,6 +224,11 @@ class _Calls:
 @lru_cache(maxsize=32)
 def _calls(of: Layout) -> _Calls:
     return _Calls(of)
+
+
+def _sparse(nonzeros: Array, places: ca.Sparsity) -> csc_array:
+    """Return a sparse matrix of CasADi's as one of SciPy's."""
+    return csc_array((nonzeros, places.row(), places.colind()), places.shape)
 
 
 def structure(arm: Arm, mesh: Mesh, form: Form) -> Layout:

@@ -128,17 +128,35 @@ class Equations:
     @cached_property
     def jacobian(self) -> tuple[ca.Function, ca.Sparsity]:
         """(x, p -> nonzeros of dg/dx), and their places."""
+        return self._slopes("jacobian", [term.unknowns for term in self.terms], self.n_x)
+
+    @cached_property
+    def by_numbers(self) -> tuple[ca.Function, ca.Sparsity]:
+        """(x, p -> nonzeros of dg/dp), and their places."""
+        own = zip(self.terms, self.slices, strict=True)
+        columns = [
+            np.arange(at.start, at.stop, dtype=np.int64).reshape((-1, term.count), order="F")
+            for term, at in own
+        ]
+        return self._slopes("by_numbers", columns, self.n_p)
+
+    def _slopes(
+        self, what: str, places: list[Places], size: int
+    ) -> tuple[ca.Function, ca.Sparsity]:
+        """Return the nonzeros of a derivative of all kernels, by what stands at places."""
         x, p, _ = self._symbols()
         found, rows, columns = [], [], []
-        jacobians = [term.kernel.jacobian for term in self.terms]
-        functions = kernels((own[0] for own in jacobians), self.machine_code)
-        parts = zip(functions, jacobians, self._given(x, p), strict=True)
-        for function, (_, i, j), (term, given) in parts:
+        derived = [getattr(term.kernel, what) for term in self.terms]
+        kept = [k for k, (_, i, _) in enumerate(derived) if i.size]
+        functions = kernels((derived[k][0] for k in kept), self.machine_code)
+        given_all = self._given(x, p)
+        for k, function in zip(kept, functions, strict=True):
+            (_, i, j), (term, given), own = derived[k], given_all[k], places[k]
             found.append(ca.vec(function.map(term.count)(*given)))
             rows.append(term.rows[i].ravel("F"))
-            columns.append(term.unknowns[j].ravel("F"))
-        nonzeros, places = _sparse(found, rows, columns, (self.n_g, self.n_x))
-        return ca.Function("jacobian", [x, p], [nonzeros]), places
+            columns.append(own[j].ravel("F"))
+        nonzeros, at = _sparse(found, rows, columns, (self.n_g, size))
+        return ca.Function(what, [x, p], [nonzeros]), at
 
     @cached_property
     def hessian(self) -> tuple[ca.Function, ca.Sparsity]:

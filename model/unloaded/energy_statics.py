@@ -87,7 +87,8 @@ class EnergyStatics:
         """See ClosedStatics.wrench: the gradient of the energy."""
         found = self.law.body(v, ca.vertcat(data[:3], 0))
         for j, side in enumerate(zip(self.cos, self.sin, strict=True)):
-            found += pull[j] * self.law.tendon(v, ca.vertcat(self.offset(j, data), *side))
+            path = ca.vec(ca.vertcat(*side) @ self.offset(j, data).T)
+            found += pull[j] * self.law.tendon(v, path)
         return found
 
     def solve(self, pull: ca.SX, data: ca.SX) -> ca.SX:
@@ -121,7 +122,8 @@ class EnergyStatics:
         cos, sin = self.cos[j], self.sin[j]
         bend = ca.vertcat(0, u[0] * cos + u[1] * sin, u[1] * cos - u[0] * sin)
         nu = ca.vertcat(u[2] if self.law.extension else ca.SX(1), 0, 0)
-        c = self.law.drawn(bend, nu, ca.vertcat(self.offset(j, data), 1, 0))
+        y, y_rate = ca.vertsplit(self.offset(j, data))
+        c = self.law.drawn(bend, nu, ca.vertcat(y, 0, y_rate, 0))
         moving = [i for i in range(3) if ca.depends_on(c[i], u)]
         still = [i for i in range(3) if i not in moving]
         return c[moving], ca.sumsqr(c[still]) + TINY

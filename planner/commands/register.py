@@ -1,6 +1,8 @@
 """The register of commands: a new one is an import and a line here."""
 
 from planner.commands import (
+    calibrate,
+    design,
     effects,
     export,
     live,
@@ -22,6 +24,8 @@ COMMANDS = (
     live.COMMAND,
     effects.COMMAND,
     sweep.COMMAND,
+    calibrate.COMMAND,
+    design.COMMAND,
     export.COMMAND,
     schema.COMMAND,
 )

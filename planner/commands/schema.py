@@ -9,6 +9,8 @@ import msgspec
 
 from planner.commands.command import OK, Answer, Command
 from planner.files import to_json
+from planner.records.calibration import CalibrationRecord
+from planner.records.design import DesignRecord
 from planner.records.effects import EffectsRecord
 from planner.records.export import ExportRecord
 from planner.records.plan import PlanRecord
@@ -24,6 +26,8 @@ _RECORDS: dict[str, type[msgspec.Struct]] = {
     "stiffness": StiffnessRecord,
     "effects": EffectsRecord,
     "sweep": SweepRecord,
+    "calibrate": CalibrationRecord,
+    "design": DesignRecord,
     "export": ExportRecord,
     "trajectory": TrajectoryRecord,
 }

@@ -144,8 +144,12 @@ def _tendons(shape: Shape, ax: Any, s: Array) -> None:
         section = shape.arm.sections[i]
         inside = np.append(s[s < section.at], section.at)
         y = section.offset.evaluate(inside, section.at)[0]
-        d = shape.frame(inside) @ np.array([0.0, np.cos(phi), np.sin(phi)])
-        paths.append(MM * (shape.position(inside) + y[:, None] * d))
+        angle = np.full(inside.size, phi)
+        if section.turn is not None:
+            angle += section.turn.evaluate(inside, section.at)[0]
+        d = np.stack([np.zeros(inside.size), np.cos(angle), np.sin(angle)], axis=1)
+        along = np.einsum("nij,nj->ni", shape.frame(inside), d)
+        paths.append(MM * (shape.position(inside) + y[:, None] * along))
     pulled = pulling(shape.tensions)
     slack = [path for path, on in zip(paths, pulled, strict=True) if not on]
     if slack:

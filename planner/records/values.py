@@ -63,10 +63,12 @@ def value(table: Any, file: str, where: str) -> Any:
         allowed = f"one of {', '.join(KINDS)}{hint(name, list(KINDS))}"
         raise FileError(file, f"{where}.kind", f"got {shown(name)}, allowed is {allowed}")
     names = [f.name for f in fields(KINDS[name])]
-    for key in table.keys() ^ {"kind", *names}:
+    # What is None unless given is left out by versions that did not have it yet.
+    optional = {f.name for f in fields(KINDS[name]) if f.default is None}
+    for key in (table.keys() ^ {"kind", *names}) - (optional - table.keys()):
         told = "missing" if key in names else f"no such key (known here: {', '.join(names)})"
         raise FileError(file, f"{where}.{key}", told)
-    own = {key: value(table[key], file, f"{where}.{key}") for key in names}
+    own = {key: value(table[key], file, f"{where}.{key}") for key in names if key in table}
     try:
         return Scene(*own["effects"]) if name == "Scene" else KINDS[name](**own)
     except InputError as reason:

@@ -6,7 +6,7 @@ from typing import Annotated, Literal, get_args
 
 from msgspec import Meta
 
-from model import Anchorage, Arm, InputError, Material
+from model import Anchorage, Arm, InputError, Linear, Material
 from model.arm import PAPER_FRAME
 from model.paths import Path
 from planner.scenes.keys import (
@@ -20,6 +20,7 @@ from planner.scenes.keys import (
     metres,
     path,
     radians,
+    rotated,
 )
 
 Preset = Literal["table-2", "table-4", "section-5.1", "section-5.2"]
@@ -37,6 +38,10 @@ class SectionTable(Table, frozen=True):
         tuple[float, ...],
         Meta(min_length=1, description="a tendon each: its side, from n towards b [deg]"),
     ] = (0.0, 90.0, 180.0, 270.0)
+    turn_deg: Annotated[
+        tuple[float, float] | None,
+        Meta(description="what is added to the angles [deg]: [base, anchorage]; with loads only"),
+    ] = None
 
 
 class ArmTable(Table, frozen=True):
@@ -54,6 +59,10 @@ class ArmTable(Table, frozen=True):
     base_frame: Annotated[
         FrameTable | None, Meta(description="frame of the base; the paper's unless given")
     ] = None
+    base_rotation_deg: Annotated[
+        Vector,
+        Meta(description="rotation vector about t, n, b by which the base is off base_frame [deg]"),
+    ] = (0.0, 0.0, 0.0)
     base_position_mm: Annotated[Vector, Meta(description="of the base [mm]")] = (0.0, 0.0, 0.0)
     hull_mm: Annotated[
         PathKey | None,
@@ -68,6 +77,8 @@ def arm_of(table: ArmTable) -> Arm:
     base: tuple[tuple[float, ...], ...] = PAPER_FRAME
     if table.base_frame is not None:
         base = frame(table.base_frame.tangent, table.base_frame.normal)
+    if any(table.base_rotation_deg):
+        base = rotated(base, table.base_rotation_deg)
     return Arm(
         *_shape(table),
         material=Material(table.E_kPa * 1e3, table.nu, table.density),
@@ -91,7 +102,12 @@ def _shape(table: ArmTable) -> tuple[float, Path, tuple[Anchorage, ...]]:
         allowed = f"a preset ({presets}), or length_mm, radius_mm and sections"
         raise InputError("arm", f"no {', no '.join(lacking)}", allowed)
     sections = tuple(
-        Anchorage(s.at_mm * MM, path("offset_mm", s.offset_mm), tuple(map(radians, s.angles_deg)))
+        Anchorage(
+            s.at_mm * MM,
+            path("offset_mm", s.offset_mm),
+            tuple(map(radians, s.angles_deg)),
+            Linear(*map(radians, s.turn_deg)) if s.turn_deg else None,
+        )
         for s in table.sections
     )
     return table.length_mm * MM, path("radius_mm", table.radius_mm), sections

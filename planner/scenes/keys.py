@@ -7,6 +7,7 @@ from typing import Annotated
 import msgspec
 import numpy as np
 from msgspec import Meta
+from scipy.spatial.transform import Rotation
 
 from model import Linear, Sampled
 from model.errors import InputError
@@ -67,6 +68,12 @@ def frame(tangent: Vector, normal: Vector) -> tuple[tuple[float, ...], ...]:
     n = n / np.linalg.norm(n)
     columns = np.column_stack([t, n, np.cross(t, n)])
     return tuple(tuple(row) for row in columns.tolist())
+
+
+def rotated(base: tuple[tuple[float, ...], ...], vector: Vector) -> tuple[tuple[float, ...], ...]:
+    """Return a frame (3, 3) turned in itself by a rotation vector [deg]."""
+    turn = Rotation.from_rotvec(np.radians(vector)).as_matrix()
+    return tuple(tuple(row) for row in (np.array(base) @ turn).tolist())
 
 
 def metres(values: list[float] | Vector) -> tuple[float, ...]:

@@ -29,12 +29,14 @@ preset = "table-4"              # "table-2", "table-4", "section-5.1", "section-
 # sections = [                  # where tendons end, from the tip to the base
 #   { at_mm = 310.0, offset_mm = [7.5, 1.0] },    # distance from the midline: base, anchorage
 #   { at_mm = 150.0, offset_mm = [5.0, 5.0], angles_deg = [0.0, 120.0, 240.0] },
+#   # turn_deg = [0.0, 10.0] in one: tendons that turn along the arm, with loads
 # ]
 # hull_mm = [16.0, 16.0]        # where discs hold tendons outside of the body
 E_kPa = 110.0                   # Young's modulus
 nu = 0.5                        # Poisson's ratio
 density = 1080.0                # kg/m3
 # base_position_mm = [0.0, 0.0, 0.0]
+# base_rotation_deg = [0.0, 0.0, 0.0]  # of the base about its t, n, b
 # base_frame = { tangent = [1.0, 0.0, 0.0], normal = [0.0, -1.0, 0.0] }
 
 [effects]                       # nothing but bending, unless named here

@@ -1,0 +1,81 @@
+"""How a settled shape moves with numbers of its arm and scene: the implicit function theorem.
+
+With g(x, p) = 0 the equations of equilibrium and p(theta) their numbers, states move by
+dx = - (dg/dx)^-1 dg/dp dp/dtheta: one factorisation, a right-hand side for each number.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from model.cross_section.reported import kinematics
+from model.equilibrium.dense import poses_and_strains
+from model.equilibrium.linearised import Index, Linearised
+from model.equilibrium.stability import turns
+from model.paths import Array
+from model.rotations import matrices
+from model.transcription.layout import POSE
+from model.transcription.neighbours import NumberSlopes
+
+
+@dataclass(frozen=True, eq=False)
+class ByNumbers:
+    """The derivatives of an equilibrium by K numbers of arm and scene.
+
+    Attributes
+    ----------
+    here : Linearised
+        The equilibrium.
+    slopes : NumberSlopes
+        Of the numbers of its equations.
+    tensions : (n_tendons, K)
+        Of its tensions [N].
+    """
+
+    here: Linearised
+    slopes: NumberSlopes
+    tensions: Array
+
+    @cached_property
+    def states(self) -> Array:
+        """Of the states (n_states, K)."""
+        right = self.here.system.by_numbers(self.here.x) @ self.slopes.p
+        found = -self.here.solve(np.asfortranarray(right))
+        if self.tensions.any():
+            found += self.here.by_tensions @ self.tensions
+        return found
+
+    def poses(self, nodes: Index) -> Array:
+        """Displacement [m] and rotation [rad] at the arc lengths of nodes (n, 6, K), base frame."""
+        places = self.here.system.of.nodes[nodes, :POSE]
+        turned = 4 * turns(self.here.states[places[:, :4]]).transpose(0, 2, 1)
+        moved = self.states[places]
+        found = np.concatenate([moved[:, 4:], turned @ moved[:, :4]], axis=1)
+        shifts = self.slopes.s[nodes]
+        if shifts.any():
+            found -= along(self.here, nodes)[:, :, None] * shifts[:, None, :]
+        return np.asarray(found)
+
+    @cached_property
+    def lengths(self) -> Array:
+        """Of the lengths of the tendons (n_tendons, K) [m]."""
+        slopes = self.here.system.length_slopes(self.here.x)
+        return np.asarray(slopes @ self.states + self.direct_lengths)
+
+    @cached_property
+    def direct_lengths(self) -> Array:
+        """Of the lengths of the tendons in a shape that stays (n_tendons, K) [m]."""
+        return np.asarray(self.here.system.lengths_by_numbers(self.here.x) @ self.slopes.lengths)
+
+
+def along(here: Linearised, nodes: Index) -> Array:
+    """Return how poses move along the arm at nodes (n, 6): u' [-], rotation [rad/m], base frame."""
+    system = here.system
+    poses, v = poses_and_strains(system, here.x, system.mesh.s[nodes])
+    kappa, nu = kinematics(system.of.form.law, v)
+    local = np.stack([nu, kappa], axis=1)
+    found = np.einsum("nij,nkj->nki", matrices(poses[:, :4]), local)
+    return np.asarray(found.reshape(-1, 6))

@@ -1,0 +1,114 @@
+"""How the numbers of an arm's equations move with a number of the arm or of its scene.
+
+The numbers are cheap to put together, nothing is settled for them, and they are smooth: differences
+of arms and scenes a little to both sides are good to nine digits or more. The mesh moves with what
+it was made for: between anchorages, knots and point loads its nodes keep their shares.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from model.arm import Arm
+from model.errors import InputError
+from model.loads import places
+from model.mesh import Mesh
+from model.paths import Array
+from model.scene import Scene
+from model.transcription.numbers import numbers
+from model.transcription.system import System
+
+_SAME = 1e-9
+
+
+@dataclass(frozen=True)
+class Neighbour:
+    """An arm in a scene near another, with its weight in the difference quotient of a number.
+
+    `at` are arc lengths [m] of nodes that move as something else does than the arm's own places.
+    """
+
+    weight: float
+    arm: Arm
+    scene: Scene
+    at: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class NumberSlopes:
+    """Derivatives by K numbers of arm and scene.
+
+    Attributes
+    ----------
+    p : (n_p, K)
+        Of the numbers of the equations.
+    lengths : (n, K)
+        Of those of the tendons' lengths.
+    s : (N + 1, K)
+        Of the nodes' arc lengths [m per unit].
+    """
+
+    p: Array
+    lengths: Array
+    s: Array
+
+
+def number_slopes(
+    system: System, stencils: Sequence[Sequence[Neighbour]], at: tuple[float, ...] = ()
+) -> NumberSlopes:
+    """Return the derivatives of a system's numbers, each by a sum of weights times neighbours'.
+
+    `at` are the arc lengths of the system's nodes of which neighbours have theirs.
+    """
+    size = system.p.size, system.length_numbers.size, system.mesh.s.size
+    found = tuple(np.zeros((n, len(stencils))) for n in size)
+    here = landmarks(system.arm, system.scene, at)
+    for k, stencil in enumerate(stencils):
+        for near in stencil:
+            there = landmarks(near.arm, near.scene, near.at)
+            mesh = moved_mesh(system.mesh, here, there)
+            own = numbers(near.arm, near.scene, mesh, system.of)
+            keep_sign(own.p[system.of.equations.numbers_of("clamp")], system.base)
+            for whole, part in zip(found, (own.p, own.lengths, mesh.s), strict=True):
+                whole[:, k] += near.weight * part
+    return NumberSlopes(*found)
+
+
+def moved_mesh(mesh: Mesh, old: Array, new: Array) -> Mesh:
+    """Return a mesh with landmarks (n,) [m] as it fits their new places, node by node.
+
+    Raises InputError where landmarks that coincide would part, or pass each other.
+    """
+    if np.array_equal(old, new):
+        return mesh
+    if old.size != new.size:
+        allowed = f"as many knots and loads as before, {old.size}"
+        raise InputError("places along the arm", new.size, allowed)
+    order, room = np.argsort(old, kind="stable"), _SAME * mesh.s[-1]
+    old, moved = old[order], new[order]
+    apart, ahead = np.diff(old) > room, np.diff(moved)
+    parted, passed = ~apart & (np.abs(ahead) > 2 * room), apart & (ahead <= room)
+    for wrong, allowed in (
+        (parted, "to move all that is there together: tie their keys in one unknown"),
+        (passed, "to stay on its side of its neighbour"),
+    ):
+        if wrong.any():
+            raise InputError("a place along the arm", float(old[:-1][wrong][0]), allowed)
+    kept = np.concatenate([[True], apart])
+    return Mesh(np.interp(mesh.s, old[kept], moved[kept]), mesh.active)
+
+
+def keep_sign(pose: Array, near: Array) -> None:
+    """Give the quaternion of a pose (7,), which has either sign, that of another nearby."""
+    if pose[:4] @ near[:4] < 0:
+        pose[:4] *= -1
+
+
+def landmarks(arm: Arm, scene: Scene, at: Sequence[float] = ()) -> Array:
+    """Return the arc lengths that a mesh has nodes at [m], in an order that stays."""
+    paths = (arm.radius, *arm.tendon_paths)
+    knots = [s for path in paths for s in path.knots() if 0 < s < arm.length]
+    return np.array([0.0, arm.length, *arm.anchorages, *knots, *places(arm, scene), *at])

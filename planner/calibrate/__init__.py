@@ -1,0 +1,1 @@
+"""Calibration: numbers of an arm and its scene from measured shapes."""

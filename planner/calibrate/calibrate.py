@@ -1,0 +1,198 @@
+"""Calibrate an arm: numbers of arm, effects and measurement from measured shapes."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from model import Arm, InputError, Scene
+from model.checks import kind
+from model.effects import PrintedStatics
+from model.errors import OctoplanError
+from model.ladder import checked_accuracy
+from model.paths import Array
+from model.progress import tell
+from model.settle import checked_scene
+from planner.calibrate.calibration import Calibration
+from planner.calibrate.experiment import Experiment, UnsettledShapeError, point_table
+from planner.calibrate.fit import LOSSES, Fit, Loss, Weights, fit
+from planner.calibrate.fitted import Start
+from planner.calibrate.measured import Measured, check_scale
+from planner.unknowns.parameters import Parameters, spread
+from planner.unknowns.unknown import Unknown
+
+LOG = logging.getLogger(__name__)
+ACCURACY = 1e-5
+# How far apart shapes are that are on different branches, over the arm's length.
+_ASTRAY = 1e-3
+_FINER = 3
+
+
+def calibrate(
+    arm: Arm,
+    scene: Scene | None,
+    measured: Iterable[Measured],
+    unknowns: Iterable[Unknown],
+    *,
+    loss: Loss = "linear",
+    absolute_std: bool = False,
+    starts: int = 1,
+    seed: int = 0,
+    accuracy: float = ACCURACY,
+) -> Calibration:
+    """Return the arm, and the scene, that explain measured shapes best.
+
+    Least squares over all shapes at once, with exact derivatives by the implicit function theorem.
+
+    Parameters
+    ----------
+    measured : sequence of Measured
+    unknowns : sequence of Unknown
+    loss : str
+        "linear", or "huber", "soft_l1", "cauchy": robust against outliers; residuals count in full
+        up to the noise that most of them have.
+    absolute_std : bool
+        Whether the standard deviations of the measurements hold as they are; else the residuals
+        say what they are multiplied by.
+    starts : int
+        How many fits begin, the first with what arm and scene have, the others spread evenly over
+        the bounds; the best is returned.
+    seed : int
+        Of the other starts.
+    accuracy : float
+        Error of what is predicted, over the arm's length, that meshes may have.
+
+    Raises
+    ------
+    InputError
+        For what does not fit together: markers off the arm or in other units, unknown keys, bounds
+        that exclude what the arm has, fewer data than unknowns.
+    UnsettledShapeError
+        If from no start all shapes settle.
+    """
+    scene = checked_scene(arm, scene)
+    if scene.has(PrintedStatics):
+        raise InputError("scene", "as printed", "a scene whose equations hold under loads")
+    if loss not in LOSSES:
+        raise InputError("loss", loss, ", ".join(LOSSES))
+    if not (isinstance(starts, int) and 1 <= starts <= 1000):
+        raise InputError("starts", starts, "a whole number from 1 to 1000")
+    shapes = _checked(arm, measured)
+    sessions = sorted({shape.session for shape in shapes} - {""})
+    parameters = Parameters.of(arm, scene, unknowns, point_table(shapes), sessions)
+    _check_enough(shapes, parameters)
+    weights = Weights(loss, bool(absolute_std))
+    search = _Search(arm, scene, parameters, shapes, weights, checked_accuracy(accuracy))
+    return search.run(spread(parameters, starts, seed))
+
+
+def _checked(arm: Arm, measured: Iterable[Measured]) -> tuple[Measured, ...]:
+    given = tuple(measured)
+    if not given:
+        raise InputError("measured", given, "at least one shape")
+    for i, shape in enumerate(given):
+        kind(f"measured[{i}]", shape, Measured, "a Measured")
+    named = [shape.name or f"measured[{i}]" for i, shape in enumerate(given)]
+    for name in named:
+        if named.count(name) > 1:
+            raise InputError("Measured.name", name, "each name once")
+    check_scale(arm, given)
+    return tuple(shape.checked(arm, name) for shape, name in zip(given, named, strict=True))
+
+
+def _check_enough(shapes: Sequence[Measured], parameters: Parameters) -> None:
+    data = sum(shape.size for shape in shapes)
+    free = sum(own.prior is None for own in parameters.unknowns)
+    if data < free:
+        allowed = f"at most as many unknowns without priors as numbers measured, {data}"
+        raise InputError("unknowns", free, allowed)
+
+
+@dataclass
+class _Search:
+    """Fits from several starts, on a mesh that is fine enough."""
+
+    arm: Arm
+    scene: Scene
+    parameters: Parameters
+    shapes: tuple[Measured, ...]
+    weights: Weights
+    accuracy: float
+    refinement: int = 1
+
+    def run(self, spread: list[Array]) -> Calibration:
+        fits, told = self._fits(spread)
+        best = min(fits, key=lambda own: own.misfit)
+        best, error, astray = self._verified(best)
+        return Calibration(
+            self.arm,
+            self.scene,
+            self.shapes,
+            self.parameters.unknowns,
+            tuple(best.found.values.tolist()),
+            best.noise,
+            self.weights,
+            self.refinement,
+            error,
+            tuple(told),
+            astray,
+        )
+
+    def _fits(self, spread: list[Array]) -> tuple[list[Fit], list[Start]]:
+        fits: list[Fit] = []
+        told: list[Start] = []
+        problem: OctoplanError | None = None
+        for i, values in enumerate(spread):
+            tell("fits", i, len(spread))
+            try:
+                found = fit(self._experiment.at(values), self.weights)
+            except (UnsettledShapeError, InputError) as reason:
+                problem = problem or reason
+                told.append(Start(tuple(values.tolist()), None, float("inf"), str(reason)))
+                continue
+            LOG.debug(
+                "start %d: noise %.4g after %d evaluations", i, found.noise, found.evaluations
+            )
+            fits.append(found)
+            ended = tuple(found.found.values.tolist())
+            told.append(Start(tuple(values.tolist()), ended, found.misfit))
+        if not fits:
+            assert problem is not None
+            raise problem
+        return fits, told
+
+    @property
+    def _experiment(self) -> Experiment:
+        return Experiment(self.parameters, self.shapes, self.refinement)
+
+    def _verified(self, best: Fit) -> tuple[Fit, float, tuple[str, ...]]:
+        """Return the fit on a mesh that is fine enough, all shapes as they are reached from rest.
+
+        With the error that the mesh leaves, and the shapes that were on another branch.
+        """
+        astray: tuple[str, ...] = ()
+        for _ in range(_FINER):
+            fine = Experiment(self.parameters, self.shapes, 2 * self.refinement)
+            fresh = fine.at(best.found.values)
+            gaps = [_gap(a, b) for a, b in zip(best.found.heres, fresh.heres, strict=True)]
+            lost = tuple(
+                shape.name for shape, gap in zip(self.shapes, gaps, strict=True) if gap > _ASTRAY
+            )
+            error = max((gap for gap in gaps if gap <= _ASTRAY), default=0.0)
+            if not lost and error <= self.accuracy:
+                return best, error, astray
+            astray = astray or lost
+            if error > self.accuracy:
+                self.refinement *= 2
+            best = fit(self._experiment.at(best.found.values), self.weights)
+        return best, error, astray
+
+
+def _gap(one: Any, other: Any) -> float:
+    """Return how far apart the tips of two equilibria are, over the arm's length."""
+    tips = [here.system.poses(here.states)[-1, 4:] for here in (one, other)]
+    return float(np.linalg.norm(tips[0] - tips[1])) / float(one.system.arm.length)

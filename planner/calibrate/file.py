@@ -1,0 +1,76 @@
+"""Calibration files: TOML, with the measured shapes in a CSV file beside it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from model import Arm, Scene
+from model.errors import FileError
+from planner.calibrate.calibrate import calibrate
+from planner.calibrate.calibration import Calibration
+from planner.calibrate.measured import Measured
+from planner.calibrate.shapes_csv import load_shapes
+from planner.calibrate.tables import CalibrationFile
+from planner.scenefile import decoded, question_of, text_of
+from planner.scenes.keys import MM
+from planner.scenes.mistakes import mistake
+from planner.unknowns.tables import unknown_of
+from planner.unknowns.unknown import Unknown
+
+_SUCH = """
+
+scene = "scene.toml"
+measured = "shapes.csv"
+[[unknowns]]
+key = "arm.E_kPa"
+lower = 50.0
+upper = 500.0"""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a calibration file asks: the arguments of calibrate."""
+
+    arm: Arm
+    scene: Scene
+    measured: tuple[Measured, ...]
+    unknowns: tuple[Unknown, ...]
+    options: dict[str, Any]
+
+    def run(self) -> Calibration:
+        """Calibrate."""
+        return calibrate(self.arm, self.scene, self.measured, self.unknowns, **self.options)
+
+
+def load_asked(path: str | Path) -> Asked:
+    """Return what a calibration file asks; FileError with the file, the key and what is allowed."""
+    path = Path(path)
+    name = str(path)
+    raw = decoded(text_of(path), name)
+    if "unknowns" not in raw:
+        raise FileError(name, "unknowns", f"missing; a calibration file is such as {_SUCH}")
+    try:
+        file = msgspec.convert(raw, CalibrationFile)
+    except msgspec.ValidationError as reason:
+        raise mistake(str(reason), name, raw, CalibrationFile) from None
+    if isinstance(file.scene, str):
+        scene_path = path.parent / file.scene
+        asked = question_of(decoded(text_of(scene_path), str(scene_path)), str(scene_path))
+    else:
+        asked = question_of(file.scene, name)
+    names = [point.name for point in file.points]
+    if len(set(names)) < len(names):
+        raise FileError(name, "points", f"got {', '.join(names)}; allowed is each name once")
+    shapes = load_shapes(path.parent / file.measured, asked.arm, file.points, MM * file.std_mm)
+    unknowns = tuple(unknown_of(own, name, f"unknowns[{i}]") for i, own in enumerate(file.unknowns))
+    options = {
+        "loss": file.loss,
+        "absolute_std": file.absolute_std,
+        "starts": file.starts,
+        "accuracy": file.accuracy,
+    }
+    return Asked(asked.arm, asked.scene, shapes, unknowns, options)

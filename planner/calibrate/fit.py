@@ -1,0 +1,206 @@
+"""Least squares over all measured shapes, by SciPy's trust region method with bounds.
+
+Unknowns are counted from lower to upper bound, 0 to 1. Priors are further residuals, which no
+robust loss touches. Where a step leads to an arm that cannot be, or to shapes that do not settle,
+the trust region shrinks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from model import InputError
+from model.paths import Array
+from model.patience import check_time
+from planner.calibrate.experiment import Evaluation, Experiment, UnsettledShapeError
+
+Loss = Literal["linear", "huber", "soft_l1", "cauchy"]
+LOSSES = ("linear", "huber", "soft_l1", "cauchy")
+# rho(z), rho', rho'' of squared residuals z over the noise; scipy.optimize.least_squares.
+_RHO: dict[str, Callable[[Array], tuple[Array, Array, Array]]] = {
+    "linear": lambda z: (z, np.ones_like(z), np.zeros_like(z)),
+    "huber": lambda z: (
+        np.where(z <= 1, z, 2 * np.sqrt(np.maximum(z, 1)) - 1),
+        np.where(z <= 1, 1.0, np.maximum(z, 1) ** -0.5),
+        np.where(z <= 1, 0.0, -0.5 * np.maximum(z, 1) ** -1.5),
+    ),
+    "soft_l1": lambda z: (2 * (np.sqrt(1 + z) - 1), (1 + z) ** -0.5, -0.5 * (1 + z) ** -1.5),
+    "cauchy": lambda z: (np.log1p(z), 1 / (1 + z), -1 / (1 + z) ** 2),
+}
+_ROUNDS, _STEADY, _LEAST, _MOST = 6, 0.01, 1e-9, 60
+# A normal distribution's standard deviation over the median of its sizes.
+_MAD = 1.4826
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A local optimum.
+
+    Attributes
+    ----------
+    found : Evaluation
+        All shapes at the values there.
+    noise : float
+        What standard deviations are multiplied by, as the residuals say; 1 if they hold as given.
+    cost : float
+        Half the sum of rho over shapes and priors.
+    evaluations : int
+        How often all shapes were settled.
+    """
+
+    found: Evaluation
+    noise: float
+    cost: float
+    evaluations: int
+
+    @property
+    def misfit(self) -> float:
+        """The negative logarithm of the likelihood, but for a constant: what starts differ by."""
+        return self.cost + self.found.residuals.size * float(np.log(self.noise))
+
+
+@dataclass(frozen=True)
+class Weights:
+    """How residuals are counted.
+
+    Attributes
+    ----------
+    loss : str
+        Of residuals over the noise.
+    absolute : bool
+        Whether standard deviations hold as given.
+    """
+
+    loss: Loss = "linear"
+    absolute: bool = False
+
+    def slopes(self, r: Array) -> Array:
+        """Return how much residuals over the noise count against those of a square: rho'."""
+        return np.asarray(_RHO[self.loss](np.square(r))[1])
+
+
+def fit(start: Evaluation, weights: Weights, noise: float | None = None) -> Fit:
+    """Return the optimum that an evaluation of all shapes leads to.
+
+    The noise and the optimum depend on each other where there are priors or a robust loss: they are
+    worked out in turn, unless the noise is given.
+    """
+    known = 1.0 if weights.absolute else noise
+    found = _descent(start, weights, known or _guess(start.experiment))
+    if known is not None:
+        return found
+    alone = weights.loss == "linear" and not any(
+        own.prior for own in start.experiment.parameters.unknowns
+    )
+    for _ in range(_ROUNDS):
+        now = noise_of(found, weights)
+        if alone:
+            return replace(found, noise=now, cost=found.cost * (found.noise / now) ** 2)
+        if abs(now / found.noise - 1) < _STEADY:
+            return found
+        again = _descent(found.found, weights, now)
+        found = replace(again, evaluations=found.evaluations + again.evaluations)
+    return found
+
+
+def noise_of(found: Fit, weights: Weights) -> float:
+    """Return the noise that residuals have, fitted numbers taken off the degrees of freedom."""
+    r = found.found.residuals
+    free = max(r.size - used(found), 1.0)
+    if weights.loss == "linear":
+        return max(float(np.sqrt((r @ r) / free)), _LEAST)
+    return max(float(_MAD * np.median(np.abs(r)) * np.sqrt(r.size / free)), _LEAST)
+
+
+def used(found: Fit) -> float:
+    """Return how many degrees of freedom the data lose to the unknowns; less with priors."""
+    J = found.found.jacobian * found.found.experiment.parameters.range / found.noise
+    rows = prior_rows(found.found.experiment, found.found.values)[1]
+    whole = np.vstack([J, rows])
+    return float(np.square(np.linalg.svd(whole, full_matrices=False)[0][: len(J)]).sum())
+
+
+def prior_rows(experiment: Experiment, values: Array) -> tuple[Array, Array]:
+    """Return residuals (m,) of the priors, and their derivatives (m, K) from 0 to 1."""
+    unknowns, span = experiment.parameters.unknowns, experiment.parameters.range
+    known = [(k, own.prior) for k, own in enumerate(unknowns) if own.prior]
+    r = np.array([(values[k] - mean) / std for k, (mean, std) in known])
+    J = np.zeros((len(known), len(unknowns)))
+    for row, (k, (_, std)) in enumerate(known):
+        J[row, k] = span[k] / std
+    return r, J
+
+
+def _guess(experiment: Experiment) -> float:
+    """Return a noise to begin with: a hundredth of an arm's length for places."""
+    arm = experiment.parameters.built(experiment.parameters.start, "")[0]
+    return float(0.01 * arm.length / np.median([shape.std for shape in experiment.shapes]))
+
+
+def _descent(start: Evaluation, weights: Weights, noise: float) -> Fit:
+    steps = _Steps(start, noise)
+    n_data = start.residuals.size
+
+    def rho(z: Array) -> NDArray[np.float64]:
+        rows = np.array(_RHO["linear"](z))
+        rows[:, :n_data] = _RHO[weights.loss](z[:n_data])
+        return rows
+
+    plain = weights.loss == "linear"
+    result = least_squares(
+        steps.residuals,
+        np.clip(steps.scaled(start.values), 0.0, 1.0),
+        steps.jacobian,
+        bounds=(0.0, 1.0),
+        loss="linear" if plain else rho,
+        x_scale="jac",
+        xtol=_LEAST,
+        ftol=_LEAST,
+        gtol=1e-3 * _LEAST,
+        max_nfev=_MOST,
+    )
+    return Fit(steps.at(result.x), noise, float(result.cost), int(result.nfev))
+
+
+class _Steps:
+    """What SciPy calls: z (K,) from 0 to 1; shapes are found from those last differentiated."""
+
+    def __init__(self, start: Evaluation, noise: float) -> None:
+        self.experiment, self.noise = start.experiment, noise
+        self.last = self.before = start
+
+    def scaled(self, values: Array) -> Array:
+        of = self.experiment.parameters
+        return np.asarray((values - of.lower) / of.range)
+
+    def at(self, z: Array) -> Evaluation:
+        of = self.experiment.parameters
+        values = of.lower + of.range * z
+        if not np.allclose(self.scaled(self.last.values), z, rtol=0, atol=1e-14):
+            self.last = self.experiment.at(values, self.before)
+        return self.last
+
+    def residuals(self, z: Array) -> Array:
+        check_time()
+        try:
+            here = self.at(z)
+        except (UnsettledShapeError, InputError):
+            return np.full(self._rows, np.inf)
+        prior, _ = prior_rows(self.experiment, here.values)
+        return np.concatenate([here.residuals / self.noise, prior])
+
+    def jacobian(self, z: Array) -> Array:
+        self.before = self.at(z)
+        _, prior = prior_rows(self.experiment, self.before.values)
+        span = self.experiment.parameters.range
+        return np.vstack([self.before.jacobian * span / self.noise, prior])
+
+    @property
+    def _rows(self) -> int:
+        return self.before.residuals.size + prior_rows(self.experiment, self.before.values)[0].size

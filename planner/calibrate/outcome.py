@@ -1,0 +1,56 @@
+"""What a calibration found, in sentences."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from planner.calibrate.fitted import Fitted
+
+_SAME = 1e-3
+
+
+def outcome(of: Fitted) -> str:
+    """Return what was found, how well it is known, and what to try."""
+    size = sum(shape.size for shape in of.measured)
+    told = [
+        f"{len(of.measured)} shapes, {size} numbers, {len(of.unknowns)} unknowns: {_error(of)}."
+    ]
+    told += [f"{line[0].upper()}{line[1:]}." for line in map(str, of.unidentified)]
+    if of.at_bounds:
+        told.append(f"At a bound: {', '.join(of.at_bounds)}; widen it, or doubt the model.")
+    if of.at_priors:
+        told.append(f"The data say no more than the prior of {', '.join(of.at_priors)}.")
+    if of.unlike:
+        told.append(
+            f"No values within the bounds reach {', '.join(of.unlike)} as well as the others: "
+            "check tensions and markers there, or fit with a robust loss."
+        )
+    if of.astray:
+        told.append(
+            f"The fit had {', '.join(of.astray)} on a branch that the arm does not take from rest; "
+            "it was begun again from there. Check for another optimum with more starts."
+        )
+    return " ".join([*told, *_starts(of)])
+
+
+def _error(of: Fitted) -> str:
+    if np.isfinite(of.mean_error):
+        return f"markers are {1e3 * of.mean_error:.3g} mm off in the mean"
+    return f"residuals are {of.noise:.3g} times the standard deviations given"
+
+
+def _starts(of: Fitted) -> list[str]:
+    """Return how many of several starts came to the optimum."""
+    if len(of.starts) == 1:
+        return []
+    best = min(start.misfit for start in of.starts)
+    there = [start for start in of.starts if start.misfit <= best + _SAME * abs(best) + _SAME]
+    lost = sum(start.found is None for start in of.starts)
+    others = len(of.starts) - len(there) - lost
+    told = f"{len(there)} of {len(of.starts)} starts came to this optimum"
+    told += f", {others} to worse ones" if others else ""
+    told += f", {lost} to no shapes that settle" if lost else ""
+    given = of.starts[0]
+    if given not in there and given.found is not None:
+        told += "; the given values lead to a worse one: it is another basin"
+    return [f"{told}."]

@@ -1,0 +1,101 @@
+"""Where a calibrated arm's points are under other tensions, and how sure that is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from model.paths import Array
+from planner.calibrate.experiment import Evaluation
+from planner.calibrate.fitted import Fitted
+from planner.calibrate.measured import Measured
+from planner.calibrate.residuals import residuals_of
+
+_ORIGIN = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Places of points, with bands for what would be measured there.
+
+    Attributes
+    ----------
+    places : (P, 3)
+        [m].
+    covariance : (P, 3, 3)
+        Of what would be measured: that of the unknowns, carried to the points, and the model error.
+    model_error : (P,)
+        Standard deviation of a coordinate by which the calibrated arm misses the measured shapes
+        at such an arc length [m], degrees of freedom taken off.
+    freedom : float
+        Degrees of freedom; inf where standard deviations hold as given.
+    """
+
+    places: Array
+    covariance: Array
+    model_error: Array
+    freedom: float
+
+    def band(self, level: float = 0.95) -> Array:
+        """Return the half widths of the band by coordinate (P, 3) [m]."""
+        spread = np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
+        return np.asarray(stats.t.ppf((1 + level) / 2, self.freedom) * spread)
+
+    def holds(self, places: Any, level: float = 0.95) -> Array:
+        """Return whether measured places (P, 3) [m] lie in the points' ellipsoids (P,)."""
+        off = np.asarray(places, dtype=float) - self.places
+        size = np.einsum(
+            "pi,pi->p", off, np.linalg.solve(self.covariance, off[:, :, None])[:, :, 0]
+        )
+        return np.asarray(size <= 3 * stats.f.ppf(level, 3, self.freedom))
+
+
+def predict(
+    of: Fitted, tensions: Any, points: Sequence[tuple[float, Any]], session: str
+) -> Prediction:
+    """See Calibration.predict."""
+    wanted = list(points) or [(of.arm.length, _ORIGIN)]
+    shape = Measured(tensions, [(s, o, _ORIGIN) for s, o in wanted], session=session)
+    flat = tuple(of.given_arm.flat(tensions).tolist())
+    asked = Measured(flat, shape.points, session=session, name="the shape asked for")
+    return predicted(of, of.experiment([asked]).at(of.array))
+
+
+def predicted(of: Fitted, there: Evaluation) -> Prediction:
+    """Return the prediction of the one shape of an evaluation, of all points that it has seen."""
+    (shape,) = there.experiment.shapes
+    n = 3 * len(shape.seen)
+    J = (there.jacobian * shape.stds[:, None])[:n] * of.parameters.range
+    J = J.reshape(-1, 3, J.shape[1])
+    own = np.array([point.s for _, point in shape.seen])
+    error = model_error(of, own)
+    known = np.where(np.isfinite(of.information.covariance), of.information.covariance, 0.0)
+    covariance = J @ known @ J.transpose(0, 2, 1) + error[:, None, None] ** 2 * np.eye(3)
+    places = there.by_shape[0][:n].reshape(-1, 3) + shape.places
+    freedom = np.inf if of.weights.absolute else float(of.degrees_of_freedom)
+    return Prediction(places, covariance, error, freedom)
+
+
+def model_error(of: Fitted, s: Array) -> Array:
+    """Return the standard deviation of a coordinate at arc lengths s (N,) [m].
+
+    By marker what the measured shapes miss, between markers in proportion; without markers the
+    noise of the measurements.
+    """
+    rows = [own for own in residuals_of(of.evaluation) if own.is_place]
+    if not rows:
+        return np.full(s.size, of.noise * float(np.mean([shape.std for shape in of.measured])))
+    where = {
+        (shape.name, f"points[{i}]"): point.s for shape in of.measured for i, point in shape.seen
+    }
+    at = np.array([where.get((own.shape, own.what), of.arm.length) for own in rows])
+    squares = np.array([np.mean(np.square(own.miss)) for own in rows])
+    nodes = np.unique(np.round(at, 9))
+    size = sum(shape.size for shape in of.measured)
+    lost = size / of.degrees_of_freedom
+    by_node = [np.sqrt(lost * squares[np.isclose(at, node)].mean()) for node in nodes]
+    return np.asarray(np.interp(s, nodes, by_node))

@@ -1,0 +1,62 @@
+"""octoplan calibrate: numbers of an arm from measured shapes."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from model import InputError
+from planner.calibrate.calibration import Calibration
+from planner.calibrate.file import load_asked
+from planner.commands.command import OK, Answer, Command
+from planner.records.calibration import calibration_record
+
+
+def add(parser: argparse.ArgumentParser) -> None:
+    """Add the file and how to answer."""
+    parser.add_argument("file", type=Path, metavar="FILE.toml", help="calibration file")
+    parser.add_argument(
+        "--json",
+        action="store_true",
+        help="print JSON, in SI units; `octoplan schema` tells its keys",
+    )
+    parser.add_argument("--out", type=Path, metavar="DIR", help="also write data and figure there")
+    parser.add_argument(
+        "--figure", choices=("png", "pdf"), default="png", help="of which kind the figure is (png)"
+    )
+    parser.add_argument(
+        "-v", "--verbose", action="store_true", help="show the solver's own log on stderr"
+    )
+    parser.add_argument(
+        "--leave-out", action="store_true", help="also tell how well fits predict shapes left out"
+    )
+
+
+def run(args: argparse.Namespace) -> Answer:
+    """Calibrate the arm of the file."""
+    if args.out is not None and args.out.exists() and not args.out.is_dir():
+        raise InputError("--out", str(args.out), "a folder to write to, or one to make")
+    found = load_asked(args.file).run()
+    return Answer(
+        OK,
+        lambda: _text(found, args.leave_out),
+        calibration_record(found),
+        "calibration",
+        found.plot,
+    )
+
+
+def _text(found: Calibration, leave_out: bool) -> str:
+    width = max(len(own.name) for own in found.unknowns)
+    rows = zip(found.unknowns, found.values, found.std, strict=True)
+    lines = [
+        f"  {own.name:<{width}}  {value:.6g} +- {std:.2g} {found.parameters.unit(own)}".rstrip()
+        for own, value, std in rows
+    ]
+    if leave_out:
+        error = 1e3 * found.leave_out().mean_error
+        lines.append(f"  shapes left out are predicted to {error:.3g} mm in the mean")
+    return "\n".join([found.outcome, *lines])
+
+
+COMMAND = Command("calibrate", "find numbers of an arm from measured shapes", add, run)

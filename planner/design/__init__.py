@@ -1,0 +1,1 @@
+"""Design: numbers of an arm that make its tasks cheapest."""

@@ -1,0 +1,80 @@
+"""Design files: TOML; a scene with limits, tasks, and what of the arm is unknown."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import msgspec
+from msgspec import Meta
+
+from model import InputError
+from model.errors import FileError
+from planner.design.design import Design, design
+from planner.design.making import Making
+from planner.scenefile import decoded, question_of, text_of
+from planner.scenes.keys import MM, NotNegative, Table
+from planner.scenes.mistakes import mistake
+from planner.scenes.targets import TargetTable, target_of
+from planner.unknowns.tables import UnknownTable, unknown_of
+
+_SUCH = """
+
+scene = "scene.toml"
+[[tasks]]
+type = "tip-position"
+position_mm = [200.0, 150.0, -200.0]
+[[unknowns]]
+key = "arm.radius_mm[1]"
+lower = 2.0
+upper = 8.0"""
+
+
+class MakingTable(Table, frozen=True):
+    """See planner.Making."""
+
+    wall_mm: Annotated[NotNegative, Meta(description="least, around a tendon [mm]")] = 0.0
+    radius_mm: Annotated[NotNegative, Meta(description="least, of the body [mm]")] = 0.0
+    spacing_mm: Annotated[NotNegative, Meta(description="least, of the anchorages [mm]")] = 0.0
+
+
+class DesignFile(Table, frozen=True):
+    """A design file: a scene, tasks, and what of the arm is unknown."""
+
+    scene: Annotated[
+        str | dict[str, Any], Meta(description="a scene file, from this file's folder; or a table")
+    ]
+    tasks: Annotated[tuple[TargetTable, ...], Meta(min_length=1, description="a target each")]
+    unknowns: Annotated[tuple[UnknownTable, ...], Meta(min_length=1)]
+    making: MakingTable = MakingTable()
+
+
+def run_design(path: str | Path) -> Design:
+    """Return the design that a file asks for; FileError with the file and the key."""
+    path = Path(path)
+    name = str(path)
+    raw = decoded(text_of(path), name)
+    if "tasks" not in raw:
+        raise FileError(name, "tasks", f"missing; a design file is such as {_SUCH}")
+    try:
+        file = msgspec.convert(raw, DesignFile)
+    except msgspec.ValidationError as reason:
+        raise mistake(str(reason), name, raw, DesignFile) from None
+    if isinstance(file.scene, str):
+        scene_path = path.parent / file.scene
+        asked = question_of(decoded(text_of(scene_path), str(scene_path)), str(scene_path))
+    else:
+        asked = question_of(file.scene, name)
+    if asked.options.get("tension_min") or asked.options.get("total_pull"):
+        told = "got tension_min or total_pull, allowed is tension_max alone in a design"
+        raise FileError(name, "limits", told)
+    unknowns = [unknown_of(own, name, f"unknowns[{i}]") for i, own in enumerate(file.unknowns)]
+    making = Making(*(MM * getattr(file.making, f"{k}_mm") for k in ("wall", "radius", "spacing")))
+    most = asked.options.get("tension_max", float("inf"))
+    try:
+        tasks = [target_of(own) for own in file.tasks]
+        return design(asked.arm, tasks, unknowns, asked.scene, most, making=making)
+    except FileError:
+        raise
+    except InputError as reason:
+        raise FileError.of(reason, name, "") from None

@@ -1,0 +1,48 @@
+"""What can be made: least wall around a tendon, least radius, least distance of anchorages."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from model import Arm
+from model.checks import not_negative
+from model.paths import Array
+
+_STATIONS = 9
+
+
+@dataclass(frozen=True)
+class Making:
+    """Limits of what can be made.
+
+    Attributes
+    ----------
+    wall : float
+        Least distance of a tendon from the surface [m].
+    radius : float
+        Least radius of the body [m].
+    spacing : float
+        Least distance between anchorages, and from the base to the first [m].
+    """
+
+    wall: float = 0.0
+    radius: float = 0.0
+    spacing: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("wall", "radius", "spacing"):
+            object.__setattr__(self, name, not_negative(f"Making.{name}", getattr(self, name)))
+
+    def room(self, arm: Arm) -> Array:
+        """Return what is left of each limit over the arm's length (n,): 0 or above can be made."""
+        share = np.linspace(0.0, 1.0, _STATIONS)
+        rows = [arm.radius.evaluate(share * arm.length, arm.length)[0] - self.radius]
+        for section in arm.sections:
+            s = share * section.at
+            y = np.abs(section.offset.evaluate(s, section.at)[0])
+            rows.append((arm.hull or arm.radius).evaluate(s, arm.length)[0] - y - self.wall)
+        ends = np.array([*arm.anchorages, 0.0])
+        rows += [-np.diff(ends) - self.spacing, np.array([arm.length - ends[0]])]
+        return np.concatenate(rows) / arm.length

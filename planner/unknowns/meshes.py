@@ -1,0 +1,40 @@
+"""Meshes of an arm whose numbers change: the nodes of one move along, so that all stays smooth."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from model import Arm, InputError, Scene
+from model.equilibrium.forward import STAGES
+from model.mesh import Mesh
+from model.paths import Array
+from model.transcription.neighbours import keep_sign, landmarks, moved_mesh
+from model.transcription.system import System, system
+
+
+class Meshes:
+    """The equations of arms that differ by numbers, on meshes of a refinement."""
+
+    def __init__(self, refinement: int) -> None:
+        self.refinement = refinement
+        self._first: tuple[Mesh, Array, Array] | None = None
+
+    def system(self, arm: Arm, scene: Scene, at: tuple[float, ...]) -> System:
+        """Return the equations of an arm, with arc lengths `at` as nodes [m].
+
+        On the first mesh as it fits this arm; where places have passed each other, on a new one.
+        The base's quaternion keeps its sign.
+        """
+        marks = landmarks(arm, scene, at)
+        if self._first is not None:
+            mesh, old, base = self._first
+            try:
+                found = System(arm, scene, moved_mesh(mesh, old, marks), STAGES)
+            except InputError:
+                pass
+            else:
+                keep_sign(found.base, base)
+                return found
+        found = system(arm, scene, STAGES, self.refinement, tuple(np.unique(at).tolist()))
+        self._first = found.mesh, marks, found.base
+        return found

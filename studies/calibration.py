@@ -1,0 +1,162 @@
+"""Which physics explains a measured soft tentacle, and how well does it predict unseen shapes?
+
+Question: how far are the markers of the measured shapes of tests/data/measured_tentacle.json (a
+hanging silicone cone with two tendons, motion capture, MIT, SoRoMoX contributors) from those of a
+calibrated rod, in the shapes that it is calibrated with, in each shape by a fit without it, and in
+the shapes of two tendons by a fit to those of one?
+
+Assumptions: exact tendons, weight, tensions as commanded; mean distance over markers [mm]. The
+source publishes 15.8 mm for its physics (22 shapes, of which 18 are in the file), and 6.4 mm in
+sample for its neural model.
+
+Command: python -m studies.calibration [--models ...] [--out out]
+
+Answer: see `ANSWER`, which the study prints beside what it finds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from model import Anchorage, Arm, Linear, Material, Scene
+from model.effects import ExactTendons, Extension, NeoHookean, Weight
+from planner import Calibration, Measured, Unknown, calibrate
+from planner.calibrate.residuals import mean_distance
+
+DATA = Path(__file__).parents[1] / "tests" / "data" / "measured_tentacle.json"
+LINEAR = Scene(Extension(), ExactTendons(), Weight())
+RUBBER = Scene(Extension(), ExactTendons(), NeoHookean(), Weight())
+DOWN = ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))
+BODY = [Unknown("arm.E_kPa", 50, 1000), Unknown("arm.density", 500, 2500)]
+POSE = [
+    *(Unknown(f"arm.base_position_mm[{i}]", -20, 20) for i in range(3)),
+    *(Unknown(f"arm.base_rotation_deg[{i}]", -10, 10) for i in range(3)),
+]
+TENDONS = [
+    Unknown("arm.sections[0].turn_deg[1]", -60, 60),
+    Unknown("arm.sections[0].offset_mm[0]", 8, 15),
+    Unknown("arm.sections[0].offset_mm[1]", 1, 6),
+    Unknown("arm.sections[0].angles_deg[1]", 130, 170),
+    Unknown("tension_scale[1]", 0.5, 2.0),
+]
+
+
+def _marker(point: int, axis: int, session: str | None = None) -> Unknown:
+    return Unknown(f"points[{point}].offset_mm[{axis}]", -60, 60, session=session)
+
+
+# By session what moved between them (the second marker), and of the others what a hand misplaces.
+MARKERS = [
+    *(_marker(*own) for own in ((0, 2), (2, 2), (3, 0), (3, 2))),
+    *(_marker(1, 0, session) for session in "AB"),
+    _marker(1, 1, "B"),
+    *(_marker(3, 1, session) for session in "AB"),
+    _marker(0, 1, "A"),
+    Unknown("arm.base_position_mm[0]", -20, 20, session="A"),
+]
+MODELS: dict[str, tuple[Scene, list[Unknown]]] = {
+    "modulus and density": (LINEAR, BODY),
+    "the same, neo-Hookean": (RUBBER, BODY),
+    "and base pose": (LINEAR, [*BODY, *POSE]),
+    "tendons and markers": (RUBBER, [*BODY, POSE[2], POSE[5], *TENDONS, *MARKERS]),
+}
+
+
+@dataclass(frozen=True)
+class Row:
+    """A model's mean errors [m], and the share of markers left out that lie in their bands."""
+
+    model: str
+    unknowns: int
+    inside: float
+    left_out: float
+    held: float
+    both: float
+
+
+def shapes() -> tuple[Arm, list[Measured]]:
+    """Return the tentacle as its authors start with it, and its measured shapes."""
+    data = json.loads(DATA.read_text())
+    tendons = data["geometry"]["tendons"]
+    anchorage = Anchorage(
+        tendons["end_s_m"],
+        Linear(tendons["offset_base_m"], tendons["offset_end_m"]),
+        tuple(np.radians(tendons["angles_deg"]).tolist()),
+        Linear(0.0, 0.0),
+    )
+    links = data["geometry"]["links"]
+    length = sum(link["length_m"] for link in links)
+    radius = Linear(links[0]["radius_base_m"], links[-1]["radius_end_m"])
+    arm = Arm(length, radius, (anchorage,), Material(315e3, 0.45, 1320.0), DOWN)
+    markers = data["markers"]
+    places = list(zip(markers["s_m"], markers["offset_local_tnb_m"], strict=True))
+    measured = [
+        Measured(
+            own["tensions_N"],
+            [(*place, seen) for place, seen in zip(places, own["markers_m"], strict=True)],
+            session=own["session"],
+            name=own["file"],
+        )
+        for own in data["shapes"]
+    ]
+    return arm, measured
+
+
+def row(model: str, leave_out: bool) -> tuple[Row, Calibration]:
+    """Return the errors of a model, and its calibration with all shapes."""
+    scene, unknowns = MODELS[model]
+    arm, measured = shapes()
+    found = calibrate(arm, scene, measured, unknowns)
+    single = [shape for shape in measured if min(shape.tensions) == 0]
+    both = [shape for shape in measured if min(shape.tensions) > 0]
+    trained = calibrate(arm, scene, single, unknowns)
+    left = found.leave_out() if leave_out else None
+    errors = (
+        found.mean_error,
+        left.mean_error if left else np.nan,
+        float(np.mean(left.held)) if left else np.nan,
+        mean_distance(trained.errors(both)),
+    )
+    return Row(model, len(unknowns), *errors), found
+
+
+def figure(found: Sequence[Calibration], names: Sequence[str]) -> Figure:
+    """Draw the residuals of each marker in each shape, a panel for each model."""
+    whole = Figure(figsize=(7.0, 2.4 * len(found)), layout="constrained")
+    panels = whole.subplots(len(found), 1, squeeze=False)[:, 0]
+    for own, name, ax in zip(found, names, panels, strict=True):
+        own.plot(ax)
+        ax.set_title(f"{name}: {1e3 * own.mean_error:.3g} mm in the mean", fontsize=9)
+    return whole
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Print the table and save the figure."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--models", nargs="+", choices=list(MODELS), default=list(MODELS))
+    parser.add_argument("--no-leave-out", action="store_true", help="skip the fits without a shape")
+    parser.add_argument("--out", type=Path, default=Path("out"))
+    args = parser.parse_args(argv)
+    title = ("mean error [mm]", "unknowns", "in sample", "left out", "in band", "two by one")
+    print(f"{title[0]:<24}" + "".join(f"{own:>12}" for own in title[1:]))
+    all_found = []
+    for model in args.models:
+        own, found = row(model, not args.no_leave_out)
+        numbers = (1e3 * own.inside, 1e3 * own.left_out, own.held, 1e3 * own.both)
+        print(f"{own.model:<24}{own.unknowns:>12}" + "".join(f"{x:>12.2f}" for x in numbers))
+        all_found.append(found)
+    args.out.mkdir(parents=True, exist_ok=True)
+    path = args.out / "calibration.png"
+    figure(all_found, args.models).savefig(path, dpi=110)
+    print(f"figure: {path}")
+
+
+if __name__ == "__main__":
+    main()

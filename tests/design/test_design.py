@@ -1,0 +1,149 @@
+"""Arms are designed for their tasks: gradients, optima, limits, and what cannot be."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from model import Anchorage, Arm, InputError, Linear, Scene, settle
+from model.effects import Extension, Weight
+from planner import Making, Unknown, design, plan
+from planner.cli import main
+from planner.design.program import Program
+from planner.program.limits import Limits
+from planner.targets import Backbone, MinimumStiffness, TipPosition
+from planner.unknowns.parameters import Parameters
+from tests.differences import fourth_order
+
+PAPER = Scene(Extension())
+RADIUS = Unknown("arm.radius_mm[1]", 3, 8)
+PLACE = Unknown("arm.sections[1].at_mm", 60, 150)
+OFFSET = Unknown("arm.sections[1].offset_mm[0]", 3, 9)
+
+
+def _arm() -> Arm:
+    sections = (Anchorage(0.2, Linear(0.007, 0.003)), Anchorage(0.09, Linear(0.006, 0.005)))
+    return Arm(0.2, Linear(0.01, 0.005), sections)
+
+
+def _tips(scene: Scene = PAPER) -> list[TipPosition]:
+    pulls = ([0, 0, 0.05, 0, 0, 0.5, 0, 0], [0.1, 0, 0, 0, 0, 0, 0.8, 0])
+    return [TipPosition(tuple(settle(_arm(), T, scene).tip.tolist())) for T in pulls]
+
+
+@pytest.mark.parametrize("scene", [PAPER, Scene(Extension(), Weight((0, 0, -3.0)))])
+def test_derivatives_of_the_program_are_those_of_differences(scene: Scene) -> None:
+    unknowns = [RADIUS, PLACE, OFFSET]
+    parameters = Parameters.of(_arm(), scene, unknowns)
+    T = np.random.default_rng(0).uniform(0, 0.1, (2, 8))
+    tasks = [(tip,) for tip in _tips()]
+    given = Limits.of(_arm(), 5.0), Making(wall=1e-4), parameters.start
+    program = Program(parameters, tasks, *given, T)
+    z = program.start.copy()
+    for function, slopes in (
+        (program.match, program.match_slopes),
+        (program.room, program.room_slopes),
+    ):
+        J = slopes(z)
+        for k in (0, 1, 2, 5, 14):
+            along = np.eye(z.size)[k]
+            wanted = fourth_order(lambda x, f=function, v=along: f(z + x * v), 1e-3)
+            assert np.abs(J[:, k] - wanted).max() <= 1e-6 * max(np.abs(wanted).max(), 1e-3)
+
+
+def test_a_designed_arm_is_cheaper_and_every_plan_is_certified() -> None:
+    found = design(_arm(), _tips(), [RADIUS, OFFSET], PAPER, 5.0, starts=3, begins=1)
+    assert found.feasible
+    assert found.gain > 0.1
+    assert "% less" in found.outcome
+    assert found.arm.radius.evaluate(np.array([0.2]), 0.2)[0][0] == pytest.approx(
+        found.values[0] * 1e-3
+    )
+    for own, tip in zip(found.plans, _tips(), strict=True):
+        assert own.certificate.passed
+        assert settle(found.arm, own.tensions, PAPER).tip == pytest.approx(tip.position, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_the_optimum_is_that_of_a_search_over_plans() -> None:
+    (tip, _) = _tips()
+    bounded = Unknown("arm.sections[1].at_mm", 80, 130)
+    found = design(_arm(), [tip], [bounded], PAPER, 5.0, starts=3, begins=2)
+    parameters = found.parameters
+    places = np.linspace(80, 130, 4)
+    arms = [parameters.built(np.array([x]), "")[0] for x in places]
+    plans = [plan(arm, tip, PAPER, 5.0, starts=3) for arm in arms]
+    efforts = [own.effort for own in plans if own.certificate.passed]
+    assert len(efforts) > 1
+    assert found.effort <= min(efforts) * (1 + 1e-6)
+
+
+def test_what_can_be_made_is_kept_to() -> None:
+    wall = 0.0015
+    with pytest.raises(InputError, match="it lacks"):
+        design(_arm(), _tips(), [RADIUS], PAPER, 5.0, making=Making(wall=0.01))
+    found = design(
+        _arm(), _tips(), [RADIUS, OFFSET], PAPER, 5.0, making=Making(wall), starts=2, begins=1
+    )
+    assert Making(wall).room(found.arm).min() > -1e-9
+
+
+@pytest.mark.slow
+def test_a_task_that_no_arm_meets_is_named() -> None:
+    far = TipPosition((0.5, 0.0, 0.0))
+    found = design(_arm(), [_tips()[0], far], [RADIUS], PAPER, 5.0, starts=1, begins=1)
+    assert not found.feasible
+    assert np.isnan(found.gain)
+    assert "Task 1 is not met" in found.outcome
+
+
+@pytest.mark.parametrize(
+    ("targets", "unknowns", "told"),
+    [
+        ([], [RADIUS], "at least one task"),
+        ([TipPosition((0.1, 0, 0))], [Unknown("arm.base_position_mm[0]", -1, 1)], "but for its"),
+        ([TipPosition((0.1, 0, 0))], [Unknown("effects.weight.g[2]", -1, 1)], "weight"),
+        ([MinimumStiffness((0.0, 0.0, 1.0), 0.1)], [RADIUS], "shape alone"),
+        ([Backbone(((0.1, 0.0, 0.0),), (0.1,))], [RADIUS], "met exactly"),
+    ],
+)
+def test_what_does_not_fit_is_refused(targets: Any, unknowns: Any, told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        design(_arm(), targets, unknowns, PAPER, 5.0)
+
+
+FILE = """
+[scene.arm]
+length_mm = 200.0
+radius_mm = [10.0, 5.0]
+sections = [
+  { at_mm = 200.0, offset_mm = [7.0, 3.0] },
+  { at_mm = 90.0, offset_mm = [6.0, 5.0] },
+]
+[scene.effects]
+extension = true
+[scene.limits]
+tension_max = 5.0
+[[tasks]]
+type = "tip-position"
+position_mm = [185.0, 30.0, 20.0]
+[[unknowns]]
+key = "arm.radius_mm[1]"
+lower = 3.0
+upper = 8.0
+"""
+
+
+def test_the_command_line_designs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "design.toml"
+    path.write_text(FILE)
+    assert main(["design", str(path)]) == 0
+    told = capsys.readouterr().out
+    assert "1 tasks, 1 unknowns: effort" in told
+    assert "arm.radius_mm[1]" in told
+    path.write_text(FILE.replace("radius_mm[1]", "radius_mm[3]"))
+    assert main(["design", str(path)]) == 2
+    assert "[0] to [1]" in capsys.readouterr().err

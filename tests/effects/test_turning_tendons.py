@@ -1,0 +1,94 @@
+"""Tendons whose angle turns along the arm: helices, against a balance written down in NumPy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import fsolve
+from scipy.spatial.transform import Rotation
+
+from model import Anchorage, Arm, InputError, Linear, Material, Sampled, Scene, settle
+from model.effects import ExactTendons, Extension, Friction, TipLoad, Weight
+
+L, R, Y, E, NU = 0.2, 0.01, 0.006, 150e3, 0.5
+ANGLE, TURN = 0.4, 1.1
+NOTHING = TipLoad((0.0, 0.0, 0.0))
+EXACT = Scene(Extension(), ExactTendons(), NOTHING)
+
+
+TURNING = Linear(0.0, TURN)
+
+
+def _arm(turn: Linear | Sampled | None = TURNING) -> Arm:
+    anchorage = Anchorage(L, Linear(Y, Y), (ANGLE, ANGLE + np.pi / 2), turn)
+    return Arm(L, Linear(R, R), (anchorage,), Material(E, NU))
+
+
+def _tip_of_helix(T: float) -> np.ndarray:
+    """Integrate u' = R nu, R' = R kappa where energy plus T |c| is stationary at each section.
+
+    Strain energies of a linear section; c = nu + Y' + kappa x Y with Y turning along s. A single
+    tendon, no loads: each cross-section balances by itself.
+    """
+    A, J = np.pi * R**2, np.pi * R**4 / 4
+    EA, EJ, GI = E * A, E * J, E / (2 * (1 + NU)) * 2 * J
+
+    def strains(s: float, guess: np.ndarray) -> np.ndarray:
+        phi, rate = ANGLE + TURN * s / L, TURN / L
+        offset = Y * np.array([0.0, np.cos(phi), np.sin(phi)])
+        slope = Y * rate * np.array([0.0, -np.sin(phi), np.cos(phi)])
+
+        def balance(v: np.ndarray) -> np.ndarray:
+            kappa, stretch = v[:3], v[3]
+            c = np.array([stretch, 0, 0]) + slope + np.cross(kappa, offset)
+            unit = c / np.linalg.norm(c)
+            moment = np.array([GI, EJ, EJ]) * kappa + T * np.cross(offset, unit)
+            return np.append(moment / EJ, (EA * (stretch - 1) + T * unit[0]) / EA)
+
+        return np.asarray(fsolve(balance, guess, xtol=1e-11))
+
+    def rates(s: float, y: np.ndarray) -> np.ndarray:
+        v = strains(s, np.array([0.0, 0.0, 0.0, 1.0]))
+        w, r = y[0], y[1:4]
+        frame = Rotation.from_quat([*r, w]).as_matrix()
+        q = 0.5 * np.append(-r @ v[:3], w * v[:3] + np.cross(r, v[:3]))
+        return np.append(q, frame @ np.array([v[3], 0.0, 0.0]))
+
+    base = np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    return np.asarray(solve_ivp(rates, (0, L), base, rtol=1e-10, atol=1e-12).y[4:, -1])
+
+
+@pytest.mark.parametrize("T", [0.3, 1.5])
+def test_a_helical_tendon_bends_and_twists_as_its_balance_says(T: float) -> None:
+    shape = settle(_arm(), [T, 0.0], EXACT, accuracy=1e-9)
+    assert np.allclose(shape.tip, _tip_of_helix(T), atol=1e-8 * L)
+    assert abs(shape.strain(L / 2)[0]) > 0.01
+
+
+def test_a_turn_that_is_nothing_changes_nothing() -> None:
+    scene = Scene(Extension(), ExactTendons(), Weight())
+    plain = settle(_arm(None), [0.5, 1.0], scene)
+    turned = settle(_arm(Linear(0.0, 0.0)), [0.5, 1.0], scene)
+    assert np.allclose(plain.tip, turned.tip, rtol=0, atol=1e-15)
+
+
+def test_a_turn_of_the_whole_tendon_is_an_angle() -> None:
+    scene = Scene(Extension(), Weight())
+    turned = settle(_arm(Linear(0.3, 0.3)), [0.5, 1.0], scene)
+    anchorage = Anchorage(L, Linear(Y, Y), (ANGLE + 0.3, ANGLE + 0.3 + np.pi / 2))
+    other = Arm(L, Linear(R, R), (anchorage,), Material(E, NU))
+    assert np.allclose(turned.tip, settle(other, [0.5, 1.0], scene).tip, rtol=0, atol=1e-12)
+
+
+def test_a_sampled_turn_with_friction_settles_near_the_linear_one() -> None:
+    s = tuple(np.linspace(0.0, L, 5).tolist())
+    sampled = Sampled(s, tuple(TURN * x / L for x in s))
+    scene = Scene(Extension(), ExactTendons(), Friction(0.1))
+    tips = [settle(_arm(turn), [1.0, 0.2], scene, 1e-7).tip for turn in (sampled, Linear(0, TURN))]
+    assert np.allclose(*tips, atol=1e-7)
+
+
+def test_scenes_without_loads_refuse_tendons_that_turn() -> None:
+    with pytest.raises(InputError, match="without loads"):
+        settle(_arm(), [1.0, 0.0], Scene(Extension()))
