@@ -119,7 +119,6 @@ def run(job: tuple[int, int, int]) -> Case:
     seconds = time.process_time() - begin
     try:
         scheme = None if is_loaded(scene) else schemes_of(scene)[1]
-        scheme = None if is_loaded(scene) else schemes_of(scene)[1]
         error = off(settle(ARM, found.tensions, scene, 1e-9, scheme), target)
     except OctoplanError:
         error = np.inf

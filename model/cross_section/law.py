@@ -11,8 +11,6 @@ from typing import Protocol
 
 import casadi as ca
 
-BODY = ("EA", "EJ", "GI", "GA")
-PATH = ("Y_n", "Y_b", "Y_n_rate", "Y_b_rate")
 # Keeps the length of a tendon differentiable where it has none left, wide enough for the rounding
 # of its square (1e-16) to be small beside it.
 TINY = 1e-24

@@ -1,1 +1,1 @@
-"""The schemes that carry strains and poses along the arm, a file for each kind."""
+"""Steps along the arm: Magnus expansions for poses, explicit Runge-Kutta schemes for rates."""

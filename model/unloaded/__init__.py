@@ -1,1 +1,1 @@
-"""Arms without loads: strains in closed form or integrated, poses, and their derivatives."""
+"""Arms without loads, in closed form or as the paper prints them, and derivatives of the tip."""
