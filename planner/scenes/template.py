@@ -14,6 +14,7 @@ TEMPLATE = """\
 accuracy = 1e-6                 # tip error over arm length, from 1e-12 to 0.1
 # compile = "auto"             # by machine code, where there is a C compiler; or true, false
 # norm = "2"                    # effort: "2" root of squares, "1" sum, "inf" largest tension
+# stability_margin = 0.05       # under loads: the least stability of a plan, 1 at rest, 0 to stand
 # form = "multiple-shooting"    # unknowns of the problem, or "condensed"; chosen unless given
 tensions = [                    # N, a row a section, tip first: for settle, stiffness, effects
   [0.0, 0.0, 0.5, 0.0],
