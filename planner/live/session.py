@@ -68,11 +68,10 @@ class Session:
         last, scene = self.last, self.scene
         near = last if last is not None and last.scene == scene else None
         found = self._plan(near=near, starts=_FEW)
-        # A plan that is followed has the one start that it was followed from.
         known = near is not None and near.mode == "exact"
-        followed = known and len(found.starts) == 1
-        self._rough = not followed
-        return Step(found, known and not followed)
+        # A plan that is followed has the one start that it was followed from.
+        self._rough = not known or len(found.starts) != 1
+        return Step(found, known and (found.jump > 0 or found.mode != "exact"))
 
     def settled(self) -> Plan | None:
         """Return the plan for a target that rests; None where there is none yet.
