@@ -190,8 +190,7 @@ def _followed(near: Plan, task: Task, starts: int, seconds: float | None) -> Fou
     known = Known(near.targets, own.lower, stated, *answer)
     with time_limit(seconds):
         try:
-            same = near.statement.margin == task.statement.margin
-            if same and (own.upper, own.total) == (limits.upper, limits.total):
+            if (own.upper, own.total) == (limits.upper, limits.total):
                 asked = (task.arm, task.scene, task.targets, limits, task.accuracy)
                 found = follow(known, *asked, task.machine_code)
                 if found is not None:
