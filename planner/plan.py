@@ -204,12 +204,16 @@ def _searched(
         return Search(task).run(starts, seconds), None
     with time_limit(seconds):
         followed = _followed(near, task)
+        avoidance, left = None, not followed
         if around and not (followed and followed.stopped):
-            return Around(task, around).run(starts, seconds, followed)
-        found = followed or Search(task).run(starts)
-    if followed or found.stopped or found.statement.mode != "exact":
-        return found, None
-    return replace(found, jump=jump(near.tensions, found.tensions)), None
+            led = Around(task, around)
+            found, avoidance = led.run(starts, seconds, followed)
+            left = led.searched
+        else:
+            found = followed or Search(task).run(starts)
+    if not left or found.stopped or found.statement.mode != "exact":
+        return found, avoidance
+    return replace(found, jump=jump(near.tensions, found.tensions)), avoidance
 
 
 def _followed(near: Plan, task: Task) -> Found | None:

@@ -15,6 +15,7 @@ from studies import (
     fetch,
     hard_cases,
     maps,
+    motion,
     sweeping,
     tip_targets,
     which_statics,
@@ -59,6 +60,7 @@ SMALL: dict[str, tuple[Main, list[str], str, str]] = {
         "the softest direction gives",
         "maps.png",
     ),
+    "motion": (motion.main, ["--longer"], "least time over the bound 1.0", "motion.png"),
     "which_statics": (which_statics.main, [], "neo-Hookean", "which_statics.png"),
     "fetch": (
         fetch.main,

@@ -14,7 +14,7 @@ from planner.plots.arm import draw_arm, look
 from planner.plots.plan import DPI
 from planner.plots.strains import INK, MM, PULL, SIZE
 
-_SHOWN = 60
+_SHOWN = 50
 
 
 class Moving(Protocol):
@@ -40,6 +40,9 @@ class Moving(Protocol):
     def shapes(self) -> tuple[Shape, ...]:
         """Return the shapes at the times."""
 
+    def shape(self, t: float) -> Shape:
+        """Return the shape at a time [s]."""
+
     @property
     def outcome(self) -> str:
         """Return what happened, in words."""
@@ -51,9 +54,8 @@ def plot_trajectory(motion: Moving) -> Figure:
     ax: Any = figure.add_axes((0.0, 0.06, 0.52, 0.86), projection="3d")
     asked, last = motion.question, motion.shapes[-1]
     points = draw_arm(last, ax, asked.targets[-1], asked.surroundings.obstacles)
-    few = np.unique(np.linspace(0, len(motion.shapes) - 1, _SHOWN).astype(int))
-    tips = np.array([motion.shapes[i].tip for i in few])
-    ax.plot(*(MM * tips).T, "-", color=INK, lw=1.0, marker=".", ms=4, label="tip", zorder=8)
+    tips = np.array([motion.shape(t).tip for t in np.linspace(0, motion.times[-1], _SHOWN)])
+    ax.plot(*(MM * tips).T, "-", color=INK, lw=1.0, label="way of the tip", zorder=8)
     look(ax, last, np.vstack([points, tips]))
     ax.legend(loc="upper left", frameon=False, fontsize=SIZE)
     over = figure.add_axes((0.60, 0.14, 0.37, 0.74))

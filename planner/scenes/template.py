@@ -15,6 +15,8 @@ accuracy = 1e-6                 # tip error over arm length, from 1e-12 to 0.1
 # compile = "auto"             # by machine code, where there is a C compiler; or true, false
 # norm = "2"                    # effort: "2" root of squares, "1" sum, "inf" largest tension
 # stability_margin = 0.05       # under loads: the least stability of a plan, 1 at rest, 0 to stand
+# clearance_mm = 2.0            # from obstacles; see below
+# self_clearance = true         # as far from the arm itself and from behind its base plane
 # form = "multiple-shooting"    # unknowns of the problem, or "condensed"; chosen unless given
 tensions = [                    # N, a row a section, tip first: for settle, stiffness, effects
   [0.0, 0.0, 0.5, 0.0],
@@ -86,6 +88,26 @@ position_mm = [200.0, 150.0, -200.0]
 tension_max = 20.0              # N, each tendon; or a row a section, as in tensions
 # tension_min = 0.0
 # total_pull = 40.0
+
+# [[obstacles]]                 # what plans and motions keep clear of, a table each
+# type = "sphere"
+# center_mm = [250.0, 100.0, 50.0]
+# radius_mm = 20.0
+# type = "capsule"              # and radius_mm
+# start_mm = [150.0, 100.0, 50.0]
+# end_mm = [150.0, 200.0, 50.0]
+# type = "box"                  # center_mm, and tangent and normal of its edges
+# size_mm = [10.0, 20.0, 30.0]
+# type = "half-space"           # with its normal
+# point_mm = [0.0, 0.0, -300.0]
+
+# [[waypoints]]                 # targets in order, for octoplan trajectory
+# type = "tip-position"
+# position_mm = [300.0, 120.0, -120.0]
+# [motion]
+# rate_max = 5.0                # N/s
+# stroke_rate_max_mm_s = 20.0
+# times_s = [2.0]               # of each waypoint; then effort is made least, otherwise time
 
 [stiffness]
 hold = "tension"                # what holds the tendons; or "length"

@@ -63,11 +63,12 @@ class Clear:
 
 
 class Around:
-    """A planning question with surroundings."""
+    """A planning question with surroundings; `searched` tells whether all starts were tried."""
 
     def __init__(self, task: Task, asked: Surroundings) -> None:
         self.task, self.asked = task, asked
         self.records: list[Start] = []
+        self.searched = False
 
     def run(
         self, most: int, seconds: float | None, near: Found | None = None
@@ -81,7 +82,7 @@ class Around:
             led = self._near(near)
             if led is not None:
                 return led
-        search = Search(self.task)
+        search, self.searched = Search(self.task), True
         found = search.run(most, seconds)
         line = self._line(self.task.problem(found.statement), np.ravel(found.tensions))
         if found.stopped or (line is not None and self.asked.keeps(line)):

@@ -235,7 +235,7 @@ def trajectory(
     question = Question(arm, scene, tuple(asked), limits, rates, around, found, begin, accuracy)
     ways = planned(question)
     branches = tuple(
-        i for i, way in enumerate(ways) if i and way.plan is not None and len(way.plan.starts) > 1
+        i for i, way in enumerate(ways) if i and way.plan is not None and way.plan.jump > 0
     )
     met = [i for i, way in enumerate(ways) if way.plan is None or way.plan.mode == "exact"]
     if len(met) < len(ways):

@@ -1,0 +1,93 @@
+"""How long does the paper's fetch take as a motion, and what does it cost?
+
+Question: the arm of table 4 reaches for a thing, bends, and brings it to the mouth. How long does
+that take at a given rate of tension, against a bound from the limits alone; how much effort does it
+take if there is more time; and is any limit exceeded at any instant?
+
+Assumptions: the paper's scene; the thing is 300 mm ahead and 120 mm aside; the mouth is the centre
+of the base, which the tip reaches as in figure 14: three bends of 30 degrees or more in a plane;
+each tendon up to 13 N, 5 N/s. No motion is sooner than any of its targets alone, from rest: the
+slowest of these is the bound.
+
+Command: python -m studies.motion [--rate 5] [--longer 2 4] [--out out]
+
+Answer: 0.557 s at 5 N/s, which is the bound: bringing it to the mouth alone takes as long, and the
+other two are met on the way. The root mean square of effort is 3.35 N then, and 2.58 N in twice the
+time, where more time saves nothing more. No limit and no rate is exceeded at any of 10 000
+instants. It is not quasi-static: the slowest period of the arm is 3.6 s.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from model import Arm, Scene
+from model.effects import Extension
+from planner import Trajectory, trajectory
+from planner.plots.plan import save
+from planner.plots.trajectory import plot_trajectory
+from planner.targets import Fetch, Target, TipPosition
+
+SCENE, MAXIMUM = Scene(Extension()), 13.0
+THING = (0.3, 0.12, 0.0)
+BENT = (0.15, 0.15, 0.0)
+MOUTH = Fetch.reach((0.0, 0.0, 0.0), float(np.radians(30)), float(np.radians(-90)))
+STAGES: dict[str, Target] = {
+    "reach": TipPosition(THING),
+    "bend": TipPosition(BENT),
+    "bring": MOUTH,
+}
+_INSTANTS = 10_001
+
+
+def motion(rate: float, names: Sequence[str] = tuple(STAGES), times: object = None) -> Trajectory:
+    """Return the motion through some stages."""
+    arm, targets = Arm.from_paper("table-4"), [STAGES[name] for name in names]
+    return trajectory(arm, targets, SCENE, MAXIMUM, rate_max=rate, times=times)
+
+
+def effort(found: Trajectory) -> float:
+    """Return the root mean square over time of the tensions' norm [N]."""
+    T = found.at(np.linspace(0.0, found.duration, 1001))
+    return float(np.sqrt((T**2).sum(axis=1).mean()))
+
+
+def excess(found: Trajectory, rate: float) -> float:
+    """Return the largest share of a limit or rate that is taken up at very many instants."""
+    t = np.linspace(0.0, found.duration, _INSTANTS)
+    T = found.at(t)
+    speed = np.abs(np.diff(T, axis=0)).max() / (t[1] - t[0])
+    return float(max(T.max() / MAXIMUM, speed / rate))
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Run the study, print its table and save its figure."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--rate", type=float, default=5.0)
+    parser.add_argument("--longer", type=float, nargs="*", default=[2.0, 4.0])
+    parser.add_argument("--out", type=Path, default=Path("out"))
+    args = parser.parse_args(argv)
+    best = motion(args.rate)
+    print(f"{'motion':<26} {'time [s]':>9} {'effort [N]':>10} {'most of a limit':>16}  passed")
+    alone = [motion(args.rate, [name]) for name in STAGES]
+    shown = dict(zip((f"{name} alone, from rest" for name in STAGES), alone, strict=True))
+    shown["reach, bend, bring"] = best
+    for more in args.longer:
+        times = (more * best.times[list(best.stops)]).tolist()
+        shown[f"in {more:g} times the time"] = motion(args.rate, times=times)
+    for name, found in shown.items():
+        numbers = f"{found.duration:9.3f} {effort(found):10.3f} {excess(found, args.rate):16.6f}"
+        print(f"{name:<26} {numbers}  {found.certificate.passed}")
+    bound = max(found.duration for found in alone)
+    print(f"least time over the bound {best.duration / bound:.3f}")
+    print(best.outcome)
+    args.out.mkdir(parents=True, exist_ok=True)
+    save(plot_trajectory(best), args.out / "motion.png")
+
+
+if __name__ == "__main__":
+    main()
