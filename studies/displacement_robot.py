@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.spatial.transform import Rotation
 
 from model import Anchorage, Arm, Linear, Material, OctoplanError, Scene, Shape, settle
 from model.effects import ExactTendons, Extension
@@ -30,12 +29,11 @@ NAMES = (
     "log10 of the tendons' E A [N]",
     "offset [m]",
     *(f"angle of segment {i} [rad]" for i in (1, 2, 3)),
-    *(f"lost motion of segment {i} [m]" for i in (1, 2, 3)),
-    *(f"rotation {axis} [rad]" for axis in "xyz"),
-    *(f"translation {axis} [m]" for axis in "xyz"),
+    *(f"lost motion of tendon {j} [m]" for j in range(9)),
+    "place of the marker along the arm [m]",
 )
-FIRST = np.array([3.0, 4.5e-3, -3.06, -2.56, -2.05, 0.0, 0.0, 0.0, 0, 0, 0, 0, 0.012, 0])
-UNITS = np.array([0.3, 2e-4, 0.1, 0.1, 0.1, 3e-4, 3e-4, 3e-4, 0.05, 0.05, 0.05, 3e-3, 3e-3, 3e-3])
+FIRST = np.array([2.76, 5e-3, -3.07, -2.55, -2.08, *np.repeat([-2e-4, -5e-4, -1e-3], 3), 1.5e-3])
+UNITS = np.array([0.3, 2e-4, 0.1, 0.1, 0.1, *np.full(9, 3e-4), 3e-3])
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +73,7 @@ def robot(x: Array) -> Arm:
 
 def settled(arm: Arm, x: Array, pull: Array) -> Shape:
     """Return the shape for what is taken in of each tendon (9,), base segment first [m]."""
-    taken = pull - np.repeat(x[5:8], 3)
+    taken = pull - x[5:14]
     lengths = rest_lengths(arm) - taken.reshape(3, 3)[::-1].ravel()
     return settle(arm, scene=SCENE, accuracy=1e-3, lengths=lengths, tendon_EA=10.0 ** x[0])
 
@@ -83,7 +81,7 @@ def settled(arm: Arm, x: Array, pull: Array) -> Shape:
 def tips(x: Array, rows: list[Row]) -> Array:
     """Return where the tips of rows are (N, 3) [m], in the frame of the markers."""
     pulls = tuple(tuple(row.pull.tolist()) for row in rows)
-    return Rotation.from_rotvec(x[8:11]).apply(_tips(tuple(x[:8].tolist()), pulls)) + x[11:14]
+    return np.asarray(_tips(tuple(x[:-1].tolist()), pulls) + np.array([0.0, 0.0, x[-1]]))
 
 
 @lru_cache(maxsize=64)
