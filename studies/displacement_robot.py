@@ -68,7 +68,7 @@ def robot(x: Array) -> Arm:
     )
     frame = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     steel, wire = Material(50e9, 0.3, 7800.0), Linear(5e-4, 5e-4)
-    return Arm(ENDS[-1], wire, sections, steel, frame, hull=Linear(5.5e-3, 5.5e-3))
+    return Arm(ENDS[-1], wire, sections, steel, frame, hull=Linear(1e-2, 1e-2))
 
 
 def settled(arm: Arm, x: Array, pull: Array) -> Shape:
