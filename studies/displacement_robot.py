@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 
 from model import Anchorage, Arm, Linear, Material, OctoplanError, Scene, Shape, settle
 from model.effects import ExactTendons, Extension
@@ -28,12 +29,13 @@ FLOOR = 1.8e-3
 NAMES = (
     "log10 of the tendons' E A [N]",
     "offset [m]",
-    *(f"angle of segment {i} [rad]" for i in (1, 2, 3)),
-    *(f"lost motion of tendon {j} [m]" for j in range(9)),
-    "place of the marker along the arm [m]",
+    *(f"angle of tendon {j} [rad]" for j in range(9)),
+    *(f"lost motion of segment {i} [m]" for i in (1, 2, 3)),
+    "tilt of the base [rad]",
 )
-FIRST = np.array([2.76, 5e-3, -3.07, -2.55, -2.08, *np.repeat([-2e-4, -5e-4, -1e-3], 3), 1.5e-3])
-UNITS = np.array([0.3, 2e-4, 0.1, 0.1, 0.1, *np.full(9, 3e-4), 3e-3])
+_ANGLES = np.repeat([-3.09, -2.55, -2.09], 3) + np.tile(2 * np.pi / 3 * np.arange(3), 3)
+FIRST = np.array([2.76, 5e-3, *_ANGLES, -2.4e-4, -5e-4, -1.1e-3, -0.04])
+UNITS = np.array([0.3, 2e-4, *np.full(9, 0.1), *np.full(3, 3e-4), 0.05])
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,9 +63,8 @@ def rows_of(rows: list[dict[str, Any]]) -> list[Row]:
 
 def robot(x: Array) -> Arm:
     """Return the arm of fitted values, its sections tip to base; its tip in its own frame."""
-    thirds = 2 * np.pi / 3 * np.arange(3)
     sections = tuple(
-        Anchorage(at, Linear(x[1], x[1]), tuple(x[2 + i] + thirds))
+        Anchorage(at, Linear(x[1], x[1]), tuple(x[2 + 3 * i : 5 + 3 * i]))
         for i, at in reversed([*enumerate(ENDS)])
     )
     frame = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -73,7 +74,7 @@ def robot(x: Array) -> Arm:
 
 def settled(arm: Arm, x: Array, pull: Array) -> Shape:
     """Return the shape for what is taken in of each tendon (9,), base segment first [m]."""
-    taken = pull - x[5:14]
+    taken = pull - np.repeat(x[11:14], 3)
     lengths = rest_lengths(arm) - taken.reshape(3, 3)[::-1].ravel()
     return settle(arm, scene=SCENE, accuracy=1e-3, lengths=lengths, tendon_EA=10.0 ** x[0])
 
@@ -81,7 +82,7 @@ def settled(arm: Arm, x: Array, pull: Array) -> Shape:
 def tips(x: Array, rows: list[Row]) -> Array:
     """Return where the tips of rows are (N, 3) [m], in the frame of the markers."""
     pulls = tuple(tuple(row.pull.tolist()) for row in rows)
-    return np.asarray(_tips(tuple(x[:-1].tolist()), pulls) + np.array([0.0, 0.0, x[-1]]))
+    return Rotation.from_rotvec([x[-1], 0, 0]).apply(_tips(tuple(x[:-1].tolist()), pulls))
 
 
 @lru_cache(maxsize=64)
