@@ -158,8 +158,11 @@ class Shape:
     def tendon_lengths(self) -> Array:
         """Length of each tendon from base to anchorage (n_tendons,) [m], tendon order.
 
-        The integral of ``|du_c/ds|`` by Gauss quadrature on the mesh.
+        By collocation that of the stages, to which settles by lengths hold the tendons; otherwise
+        the integral of ``|du_c/ds|`` by Gauss quadrature on the mesh.
         """
+        if isinstance(self._map, Collocation):
+            return self._map.lengths(self.tensions, self.states)
         mesh = self._map.mesh
         law = cross_section_of(self.scene)
         method, h = gauss(STAGES), np.diff(mesh.s)[:, None]

@@ -14,6 +14,7 @@ from studies import (
     effects_cost,
     fetch,
     hard_cases,
+    lengths,
     maps,
     motion,
     sweeping,
@@ -47,6 +48,12 @@ SMALL: dict[str, tuple[Main, list[str], str, str]] = {
         ["--repeats", "1", "--effects", "exact tendons", "weight in water"],
         "weight in water",
         "effects_cost.png",
+    ),
+    "lengths": (
+        lengths.main,
+        ["--plans", "1", "--draws", "1", "--every", "45", "--steps", "1", "--mixed", "1"],
+        "mixed: mean",
+        "lengths.png",
     ),
     "hard_cases": (
         hard_cases.main,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from model.paths import Array
 
@@ -14,14 +15,14 @@ _TINY = 1e-14
 _IDLE = 1e-15
 
 
-def complementary(M: Array, q: Array) -> Array | None:
+def complementary(M: Array, q: Array, taut: NDArray[np.bool_]) -> Array | None:
     """Return z (n,) with z >= 0, w = M z + q >= 0 and z . w = 0; None where none is found.
 
     By block principal pivoting (Judice and Pires, Computers & Operations Research 21, 1994), which
-    comes to the one solution if all principal minors of M are positive.
+    comes to the one solution if all principal minors of M are positive. `taut` (n,) is a guess of
+    which z are positive.
     """
     n = q.size
-    taut = q < 0
     fewest, blocks = n + 1, _BLOCKS
     for _ in range(100 + 10 * n):
         z, w = np.zeros(n), q.copy()

@@ -114,6 +114,10 @@ class Collocation:
         """Return the states (n_states,) of their rows; undoes rows."""
         return rows.ravel()[: self.system.of.n_states]
 
+    def lengths(self, tensions: Array, rows: Array) -> Array:
+        """Return the lengths of the tendons (n_tendons,) of states [m]."""
+        return self.system.lengths(self.system.x(tensions, 1.0, self.states(rows)))
+
     def known(self, rows: Array) -> Known:
         """See ForwardMap.known."""
         return Known(self.system, self.states(rows))

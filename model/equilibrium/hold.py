@@ -81,7 +81,7 @@ class HeldLengths:
         if off:
             soft = least_give(here.system.arm) / GIVE
             M = M + _DAMPED * off / (T.max(initial=0.0) + off / soft) * np.eye(T.size)
-        found = complementary(M, lacks - M @ T)
+        found = complementary(M, lacks - M @ T, T > 0)
         if found is None:
             return None
         after = now.copy()

@@ -19,7 +19,7 @@ import numpy as np
 from model.arm import Arm
 from model.cross_section import cross_section_of
 from model.cross_section.sections import Sections
-from model.equilibrium.complementarity import complementary, determined
+from model.equilibrium.complementarity import complementary, determined, unfelt
 from model.errors import InputError, NotSettledError, UnsettledSectionError
 from model.mesh import Mesh
 from model.paths import Array
@@ -39,6 +39,9 @@ _SLOPE = 0.9
 # What winches give in the end, as shares of the least give: it is taken away as far as rounding of
 # the lengths allows.
 _FADING = (1e-2, 1e-4)
+# Where no combination of tensions changes lengths by less than this share of what others do, one
+# step does.
+_FIRM = 1e-8
 # Winches that give more and more like rigid ones, as multiples of the least give, where the least
 # is not arrived at directly.
 _GIVES = (1e8, 1e6, 1e4, 1e2, 1.0)
@@ -98,13 +101,13 @@ class UnloadedLengths:
     def _determined(self, found: Settled) -> Settled:
         """Return what rigid winches come to, near what winches do that give the least."""
         least = found
-        for share in _FADING:
+        for share in _FADING if unfelt(self._taut(found), _FIRM).size else ():
             nearer = self._step(found, share * self.least, found.tensions)
             if nearer is None:
                 return found
             found = nearer
         taut = np.flatnonzero(self.winches.held & (found.tensions > 0))
-        M = np.diag(self.winches.stretch[taut]) - found.length_tension[np.ix_(taut, taut)]
+        M = self._taut(found)
         lacks = self.winches.lacks(found.lengths, found.tensions)[taut]
         T = found.tensions.copy()
         T[taut] = determined(M, lacks, T[taut], least.tensions[taut])
@@ -112,6 +115,12 @@ class UnloadedLengths:
             return found
         predicted = found.strains + found.by_tensions @ (T - found.tensions)
         return self._settled(T, predicted)
+
+    def _taut(self, at: Settled) -> Array:
+        """Return how what is left of taut tendons grows with their tensions (n, n) [m/N]."""
+        taut = np.flatnonzero(self.winches.held & (at.tensions > 0))
+        found = at.length_tension[np.ix_(taut, taut)]
+        return np.asarray(np.diag(self.winches.stretch[taut]) - found)
 
     def _by_giving(self) -> Settled:
         """Return the shape that winches come to which give less and less."""
@@ -152,7 +161,7 @@ class UnloadedLengths:
         held = self.winches.held
         T, M = at.tensions[held], self._matrix(at, give)
         lacks = self._left(at, give, given)[held]
-        found = complementary(M, lacks - M @ T)
+        found = complementary(M, lacks - M @ T, T > 0)
         return None if found is None else self._searched(at, found - T, lacks, give, given)
 
     def _searched(

@@ -1,0 +1,123 @@
+"""Winches or force control: which holds a planned shape better, and is a real robot so predicted?
+
+Question: of the same plans, how far is the tip off where tensions are wrong by 1 %, where lengths
+are wrong by 0.1 mm, and under a payload that was not planned for? And of a measured robot that
+winches hold (Continuum Robotics Lab, `studies/displacement_robot.py`), calibrated with 14 numbers
+on rows with one tendon pulled: how far off are the tips of rows with several?
+
+Assumptions: table 2 in silicone, tips of random mild tensions as targets; errors of either sign,
+at random for each taut tendon; slack tendons stay out of the way. The robot: exact tendons on a
+steel wire, tendons that stretch, lost motion for each segment; no friction, no weight.
+
+Command: python -m studies.lengths [--plans 6] [--draws 8] [--every 6] [--steps 8] [--out out]
+
+Answer: see ANSWER below.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from model import Arm, Scene, Shape, settle
+from model.effects import TipLoad
+from model.paths import Array
+from planner import plan
+from planner.targets import TipPosition
+from studies.displacement_robot import FLOOR, NAMES, Row, fitted, measured, robot, settled, tips
+
+ARM, SCENE = Arm.from_paper("table-2"), Scene.silicone()
+FORCE, LENGTH, PAYLOAD = 0.01, 1e-4, (0.0, 0.0, -5e-3)
+_AWAY = 0.05
+
+
+def shapes(count: int, seed: int = 0) -> list[Shape]:
+    """Return the shapes of plans for random reachable tips."""
+    rng, found = np.random.default_rng(seed), []
+    for _ in range(count):
+        T = rng.uniform(0, 1, 12) * np.repeat([0.5, 1.0, 2.5], 4) * (rng.uniform(0, 1, 12) < 0.4)
+        goal = settle(ARM, T, SCENE).tip
+        found.append(plan(ARM, TipPosition(tuple(goal)), SCENE, 20.0).shape)
+    return found
+
+
+def control_errors(shape: Shape, draws: int, seed: int = 1) -> Array:
+    """Return tip errors [mm]: by force, by length (means of draws), by payload under either."""
+    rng, taut = np.random.default_rng(seed), shape.tensions > 1e-6
+    lengths = shape.tendon_lengths + _AWAY * ~taut
+    T, loaded = np.where(taut, shape.tensions, 0.0), Scene(*SCENE.effects, TipLoad(PAYLOAD))
+    signs = rng.choice([-1.0, 1.0], (draws, T.size))
+    forced = [settle(ARM, T * (1 + FORCE * sign), SCENE, 1e-5) for sign in signs]
+    wound = [settle(ARM, scene=SCENE, accuracy=1e-5, lengths=lengths + LENGTH * s) for s in signs]
+    pulled = settle(ARM, T, loaded, 1e-5)
+    held = settle(ARM, scene=loaded, accuracy=1e-5, lengths=lengths)
+    off = [np.mean([_off(other, shape) for other in others]) for others in (forced, wound)]
+    return np.array([*off, _off(pulled, shape), _off(held, shape)])
+
+
+def _off(other: Shape, shape: Shape) -> float:
+    return 1e3 * float(np.linalg.norm(other.tip - shape.tip))
+
+
+def robot_errors(x: Array, rows: list[Row]) -> Array:
+    """Return how far tips are off (N,) [mm]."""
+    goal = np.array([row.tip for row in rows])
+    return np.asarray(1e3 * np.linalg.norm(tips(x, rows) - goal, axis=1))
+
+
+def slack_names(x: Array, row: Row) -> str:
+    """Return the tendons that are slack in a row, by the numbers of the file."""
+    slack = np.ravel(settled(robot(x), x, row.pull).slack).reshape(3, 3)[::-1].ravel()
+    return " ".join(str(j) for j in np.flatnonzero(slack)) or "none"
+
+
+def draw(table: Array, x: Array, rows: list[Row]) -> Figure:
+    """Return the figure: errors of plans by what holds them, tips of the robot seen from above."""
+    figure = Figure(figsize=(10, 4.5), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    left.boxplot(
+        table, tick_labels=["1 % force", "0.1 mm", "payload,\nforces", "payload,\nlengths"]
+    )
+    left.set(ylabel="tip error [mm]", yscale="log", title="plans, table 2 in silicone")
+    found, goal = 1e3 * tips(x, rows), 1e3 * np.array([row.tip for row in rows])
+    right.plot(*goal[:, :2].T, "ko", mfc="none", label="measured")
+    right.plot(*found[:, :2].T, "r.", label="settled by lengths")
+    right.plot(*np.stack([goal[:, :2], found[:, :2]], 1).transpose(2, 1, 0), "r-", lw=0.6)
+    right.set(xlabel="x [mm]", ylabel="y [mm]", title="measured robot, mixed rows", aspect="equal")
+    right.legend()
+    return figure
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Print both tables and save the figure."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--plans", type=int, default=6)
+    parser.add_argument("--draws", type=int, default=8)
+    parser.add_argument("--every", type=int, default=6, help="of the rows with one tendon, fitted")
+    parser.add_argument("--steps", type=int, default=8, help="of the fit")
+    parser.add_argument("--mixed", type=int, default=None, help="rows that are tried; all")
+    parser.add_argument("--out", type=Path, default=Path("out"))
+    args = parser.parse_args(argv)
+    table = np.array([control_errors(shape, args.draws) for shape in shapes(args.plans)])
+    print("tip error [mm]   1 % force   0.1 mm   payload, forces   payload, lengths")
+    print("mean         " + "".join(f"{value:14.3f}" for value in table.mean(axis=0)))
+    single, mixed = measured()
+    mixed = mixed[: args.mixed]
+    x = fitted(single[:: args.every], steps=args.steps)
+    for name, value in zip(NAMES, x, strict=True):
+        print(f"{name:<34}{value:12.5g}")
+    for name, rows in (("one tendon", single[:: args.every]), ("mixed", mixed)):
+        off = robot_errors(x, rows)
+        print(f"{name}: mean {off.mean():.2f} mm, worst {off.max():.2f} mm, floor {1e3 * FLOOR} mm")
+    for row, off in zip(mixed, robot_errors(x, mixed), strict=True):
+        print(f"{row.label:<28}{off:8.2f} mm   slack: {slack_names(x, row)}")
+    args.out.mkdir(parents=True, exist_ok=True)
+    draw(table, x, mixed).savefig(args.out / "lengths.png", dpi=120)
+
+
+if __name__ == "__main__":
+    main()
