@@ -1,0 +1,140 @@
+"""Plans of random arms in random scenes, settled again by an integrator of SciPy's."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from model import Anchorage, Arm, Linear, Material, OctoplanError, Scene, Shape, settle
+from model.effects import Buoyancy, Current, Effect, Extension, TipLoad, Weight
+from planner import Plan, plan
+from planner.targets import Backbone, BendingPlane, Target, TipPose, TipPosition
+from tests.effects.spatial import LoadedRod, Loads
+from tests.oracles import Array, Rod, RodSection, linear
+
+DENSITY, WATER, G = 1080.0, 1000.0, 9.81
+
+
+@dataclass(frozen=True, eq=False)
+class Question:
+    """An arm, a scene, a target that some tensions reach, and the same arm and loads for SciPy."""
+
+    arm: Arm
+    scene: Scene
+    target: Target
+    rod: Rod
+    loads: Loads
+    extension: bool
+
+
+def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
+def arm_of(rng: np.random.Generator) -> tuple[Arm, Rod]:
+    """Return an arm of 1 to 5 anchorages with 2 to 6 tendons at any angles, 5 cm to 2 m long."""
+    L = log_uniform(rng, 0.05, 2.0)
+    base = L * rng.uniform(0.02, 0.06)
+    tip = base * rng.uniform(0.2, 1.0)
+    E, nu = log_uniform(rng, 5e4, 2e6), float(rng.uniform(0.3, 0.5))
+    ends = [L, *np.sort(L * rng.uniform(0.15, 0.9, rng.integers(0, 5)))[::-1]]
+    sections, own = [], []
+    for at in map(float, ends):
+        share = rng.uniform(0.4, 0.95)
+        first, last = share * base, share * (base + (tip - base) * at / L)
+        angles = tuple(rng.uniform(0, 2 * np.pi, rng.integers(2, 7)).tolist())
+        sections.append(Anchorage(at, Linear(first, last), angles))
+        own.append(RodSection(at, linear(first, last, at), angles))
+    arm = Arm(L, Linear(base, tip), tuple(sections), Material(E, nu, DENSITY))
+    return arm, Rod(L, linear(base, tip, L), tuple(own), E, nu)
+
+
+def pulls(arm: Arm, rng: np.random.Generator) -> Array:
+    """Return tensions (n_tendons,) of which each that pulls bends the arm by up to a rad or so."""
+    at = np.array([arm.sections[i].at for i, _ in arm.tendons])
+    radius = arm.radius.evaluate(at, arm.length)[0]
+    unit = arm.material.E * np.pi * radius**3 / 4 / at
+    return np.asarray(unit * rng.uniform(size=at.size) * (rng.uniform(size=at.size) < 0.5))
+
+
+def scene_of(arm: Arm, rng: np.random.Generator) -> tuple[Scene, Loads, bool]:
+    """Return the bare arm or the paper's, in half of all cases with loads that it bears."""
+    extension = bool(rng.uniform() < 0.8)
+    effects: list[Effect] = [Extension()] if extension else []
+    R = float(arm.radius.evaluate(np.array([arm.length]), arm.length)[0][0])
+    force = rng.normal(size=3) * 0.2 * arm.material.E * R**4 / arm.length**2
+    kind = rng.choice(["none", "none", "water", "tip", "follower", "current"])
+    if kind == "water":
+        effects += [Weight((0.0, 0.0, -G)), Buoyancy(WATER)]
+        return Scene(*effects), Loads(heaviness=np.array([0, 0, -G]) * (DENSITY - WATER)), extension
+    if kind in ("tip", "follower"):
+        effects.append(TipLoad(tuple(force.tolist()), follower=kind == "follower"))
+        return Scene(*effects), Loads(force=force, follower=kind == "follower"), extension
+    if kind == "current":
+        velocity = rng.normal(size=3) * 0.02
+        current = Current(tuple(velocity.tolist()))
+        effects.append(current)
+        drag = current.density * current.coefficient
+        return Scene(*effects), Loads(velocity=velocity, drag=drag), extension
+    return Scene(*effects), Loads(), extension
+
+
+def target_of(shape: Shape, rng: np.random.Generator) -> Target:
+    """Return a target that a shape meets."""
+    kind = rng.choice(["tip", "tip", "pose", "backbone", "plane"])
+    if kind == "pose" and shape.arm.n_tendons >= 8:
+        return TipPose(tuple(shape.tip), tuple(map(tuple, shape.tip_frame)))
+    if kind == "backbone":
+        s = np.array([0.4, 0.7, 1.0]) * shape.arm.length
+        return Backbone(tuple(map(tuple, shape.position(s).tolist())), tuple(s.tolist()))
+    if kind == "plane":
+        return BendingPlane(float(rng.uniform(-3, 3)), float(rng.uniform(0.2, 1.0)), 1)
+    return TipPosition(tuple(shape.tip))
+
+
+def question(seed: int) -> Question:
+    """Return the question of a seed; arms that do not bear what is drawn are drawn again."""
+    rng = np.random.default_rng(seed)
+    while True:
+        arm, rod = arm_of(rng)
+        scene, loads, extension = scene_of(arm, rng)
+        try:
+            shape = settle(arm, pulls(arm, rng), scene)
+        except OctoplanError:
+            continue
+        return Question(arm, scene, target_of(shape, rng), rod, loads, extension)
+
+
+def gap(asked: Question, found: Plan) -> float:
+    """Return how far SciPy's shape under a plan's tensions is from the plan's, over the length.
+
+    It is integrated from the plan's tip to the base, which has to come out where it is clamped.
+    """
+    rod = LoadedRod(asked.rod, np.ravel(found.tensions), asked.loads, asked.extension)
+    base = rod.run(found.shape.tip_frame)[0.0]
+    place = np.linalg.norm(found.shape.tip + base[:3]) / asked.arm.length
+    return max(float(place), float(np.abs(base[3:12].reshape(3, 3) - asked.rod.frame).max()))
+
+
+def ending(seed: int) -> str:
+    """Return what becomes of a question; "wrong" for a plan that is claimed and does not hold."""
+    asked = question(seed)
+    found = plan(asked.arm, asked.target, asked.scene, time_limit=20.0)
+    if found.reached and gap(asked, found) > 1e-4:
+        return "wrong"
+    return "reached" if found.reached else "stopped" if found.stopped else "not reached"
+
+
+def test_a_few_random_questions_are_answered_rightly() -> None:
+    ends = Counter(ending(seed) for seed in range(2, 5))
+    assert not ends["wrong"], ends
+
+
+@pytest.mark.slow
+def test_many_random_questions_are_answered_rightly() -> None:
+    ends = Counter(ending(seed) for seed in range(100, 400))
+    assert not ends["wrong"], ends
+    assert ends["reached"] >= 0.97 * ends.total(), ends
