@@ -29,13 +29,13 @@ FLOOR = 1.8e-3
 NAMES = (
     "log10 of the tendons' E A [N]",
     "offset [m]",
-    *(f"angle of tendon {j} [rad]" for j in range(9)),
+    *(f"angle of segment {i} [rad]" for i in (1, 2, 3)),
     *(f"lost motion of segment {i} [m]" for i in (1, 2, 3)),
-    "tilt of the base [rad]",
+    *(f"rotation {axis} [rad]" for axis in "xyz"),
+    *(f"translation {axis} [m]" for axis in "xyz"),
 )
-_ANGLES = np.repeat([-3.09, -2.55, -2.09], 3) + np.tile(2 * np.pi / 3 * np.arange(3), 3)
-FIRST = np.array([2.76, 5e-3, *_ANGLES, -2.4e-4, -5e-4, -1.1e-3, -0.04])
-UNITS = np.array([0.3, 2e-4, *np.full(9, 0.1), *np.full(3, 3e-4), 0.05])
+FIRST = np.array([3.0, 4.5e-3, -3.06, -2.56, -2.05, 0.0, 0.0, 0.0, 0, 0, 0, 0, 0.012, 0])
+UNITS = np.array([0.3, 2e-4, 0.1, 0.1, 0.1, 3e-4, 3e-4, 3e-4, 0.05, 0.05, 0.05, 3e-3, 3e-3, 3e-3])
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,8 +63,9 @@ def rows_of(rows: list[dict[str, Any]]) -> list[Row]:
 
 def robot(x: Array) -> Arm:
     """Return the arm of fitted values, its sections tip to base; its tip in its own frame."""
+    thirds = 2 * np.pi / 3 * np.arange(3)
     sections = tuple(
-        Anchorage(at, Linear(x[1], x[1]), tuple(x[2 + 3 * i : 5 + 3 * i]))
+        Anchorage(at, Linear(x[1], x[1]), tuple(x[2 + i] + thirds))
         for i, at in reversed([*enumerate(ENDS)])
     )
     frame = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -74,7 +75,7 @@ def robot(x: Array) -> Arm:
 
 def settled(arm: Arm, x: Array, pull: Array) -> Shape:
     """Return the shape for what is taken in of each tendon (9,), base segment first [m]."""
-    taken = pull - np.repeat(x[11:14], 3)
+    taken = pull - np.repeat(x[5:8], 3)
     lengths = rest_lengths(arm) - taken.reshape(3, 3)[::-1].ravel()
     return settle(arm, scene=SCENE, accuracy=1e-3, lengths=lengths, tendon_EA=10.0 ** x[0])
 
@@ -82,7 +83,7 @@ def settled(arm: Arm, x: Array, pull: Array) -> Shape:
 def tips(x: Array, rows: list[Row]) -> Array:
     """Return where the tips of rows are (N, 3) [m], in the frame of the markers."""
     pulls = tuple(tuple(row.pull.tolist()) for row in rows)
-    return Rotation.from_rotvec([x[-1], 0, 0]).apply(_tips(tuple(x[:-1].tolist()), pulls))
+    return Rotation.from_rotvec(x[8:11]).apply(_tips(tuple(x[:8].tolist()), pulls)) + x[11:14]
 
 
 @lru_cache(maxsize=64)

@@ -11,7 +11,11 @@ steel wire, tendons that stretch, lost motion for each segment; no friction, no 
 
 Command: python -m studies.lengths [--plans 6] [--draws 8] [--every 6] [--steps 8] [--out out]
 
-Answer: see ANSWER below.
+Answer: of 4 plans with 4 draws of errors, on average 0.8 mm by 1 % of force and 2.5 mm by 0.1 mm
+of length; 5 mN at the tip move it by 20 mm where forces hold the tendons and by 11 mm where lengths
+do. The robot, fitted to 17 rows with one tendon pulled (--every 8 --steps 6): 5.2 mm there, 8.3 mm
+on the 30 mixed rows (median 6.4 mm, worst 28 mm), against a floor of 1.8 mm. What is left out is
+friction, rows taken on the move, and angles of each tendon's own.
 """
 
 from __future__ import annotations
