@@ -11,7 +11,12 @@ sample for its neural model.
 
 Command: python -m studies.calibration [--models ...] [--out out]
 
-Answer: see `ANSWER`, which the study prints beside what it finds.
+Answer: modulus and density explain the shapes to 10.8 mm and predict unseen ones to 11.2 mm; the
+base's pose takes that to 10.0. With 20 unknowns (tendons that turn, their offsets, one's scale of
+tension, markers where they were moved; neo-Hookean, robust loss) it is 4.1 mm in sample, 4.9 mm for
+shapes left out and 4.6 mm for the shapes of two tendons by those of one; which 20 was chosen by
+looking at the same shapes. The neo-Hookean body helps only then: with modulus and density alone it
+is worse than a linear one.
 """
 
 from __future__ import annotations
@@ -28,6 +33,7 @@ from matplotlib.figure import Figure
 from model import Anchorage, Arm, Linear, Material, Scene
 from model.effects import ExactTendons, Extension, NeoHookean, Weight
 from planner import Calibration, Measured, Unknown, calibrate
+from planner.calibrate.fit import Loss
 from planner.calibrate.residuals import mean_distance
 
 DATA = Path(__file__).parents[1] / "tests" / "data" / "measured_tentacle.json"
@@ -61,11 +67,11 @@ MARKERS = [
     _marker(0, 1, "A"),
     Unknown("arm.base_position_mm[0]", -20, 20, session="A"),
 ]
-MODELS: dict[str, tuple[Scene, list[Unknown]]] = {
-    "modulus and density": (LINEAR, BODY),
-    "the same, neo-Hookean": (RUBBER, BODY),
-    "and base pose": (LINEAR, [*BODY, *POSE]),
-    "tendons and markers": (RUBBER, [*BODY, POSE[2], POSE[5], *TENDONS, *MARKERS]),
+MODELS: dict[str, tuple[Scene, list[Unknown], Loss]] = {
+    "modulus and density": (LINEAR, BODY, "linear"),
+    "the same, neo-Hookean": (RUBBER, BODY, "linear"),
+    "and base pose": (LINEAR, [*BODY, *POSE], "linear"),
+    "tendons and markers": (RUBBER, [*BODY, POSE[2], POSE[5], *TENDONS, *MARKERS], "soft_l1"),
 }
 
 
@@ -111,12 +117,12 @@ def shapes() -> tuple[Arm, list[Measured]]:
 
 def row(model: str, leave_out: bool) -> tuple[Row, Calibration]:
     """Return the errors of a model, and its calibration with all shapes."""
-    scene, unknowns = MODELS[model]
+    scene, unknowns, loss = MODELS[model]
     arm, measured = shapes()
-    found = calibrate(arm, scene, measured, unknowns)
+    found = calibrate(arm, scene, measured, unknowns, loss=loss)
     single = [shape for shape in measured if min(shape.tensions) == 0]
     both = [shape for shape in measured if min(shape.tensions) > 0]
-    trained = calibrate(arm, scene, single, unknowns)
+    trained = calibrate(arm, scene, single, unknowns, loss=loss)
     left = found.leave_out() if leave_out else None
     errors = (
         found.mean_error,

@@ -13,7 +13,6 @@ from model.paths import Array
 from planner.calibrate.experiment import Evaluation
 from planner.calibrate.fitted import Fitted
 from planner.calibrate.measured import Measured
-from planner.calibrate.residuals import residuals_of
 
 _ORIGIN = (0.0, 0.0, 0.0)
 
@@ -29,8 +28,8 @@ class Prediction:
     covariance : (P, 3, 3)
         Of what would be measured: that of the unknowns, carried to the points, and the model error.
     model_error : (P,)
-        Standard deviation of a coordinate by which the calibrated arm misses the measured shapes
-        at such an arc length [m], degrees of freedom taken off.
+        Standard deviation of a coordinate by which fits without a shape miss it at such an arc
+        length [m].
     freedom : float
         Degrees of freedom; inf where standard deviations hold as given.
     """
@@ -83,19 +82,33 @@ def predicted(of: Fitted, there: Evaluation) -> Prediction:
 def model_error(of: Fitted, s: Array) -> Array:
     """Return the standard deviation of a coordinate at arc lengths s (N,) [m].
 
-    By marker what the measured shapes miss, between markers in proportion; without markers the
-    noise of the measurements.
+    By marker what fits without a shape miss of it, between markers in proportion; without markers
+    the noise of the measurements.
     """
-    rows = [own for own in residuals_of(of.evaluation) if own.is_place]
-    if not rows:
+    at, squares = list[float](), list[Array]()
+    for shape, miss in zip(of.measured, deleted_residuals(of), strict=True):
+        places = [point.s for _, point in shape.seen] + [of.arm.length] * (shape.tip is not None)
+        at += places
+        squares += list(np.square(miss[: 3 * len(places)]).reshape(-1, 3).mean(axis=1))
+    if not at:
         return np.full(s.size, of.noise * float(np.mean([shape.std for shape in of.measured])))
-    where = {
-        (shape.name, f"points[{i}]"): point.s for shape in of.measured for i, point in shape.seen
-    }
-    at = np.array([where.get((own.shape, own.what), of.arm.length) for own in rows])
-    squares = np.array([np.mean(np.square(own.miss)) for own in rows])
     nodes = np.unique(np.round(at, 9))
-    size = sum(shape.size for shape in of.measured)
-    lost = size / of.degrees_of_freedom
-    by_node = [np.sqrt(lost * squares[np.isclose(at, node)].mean()) for node in nodes]
+    by_node = [np.sqrt(np.mean(np.array(squares)[np.isclose(at, node)])) for node in nodes]
     return np.asarray(np.interp(s, nodes, by_node))
+
+
+def deleted_residuals(of: Fitted) -> list[Array]:
+    """Return the residuals (size,) of each shape by a fit without it, to first order.
+
+    (I - H_ii)^-1 r_i with H = J (J^T J)^-1 J^T by blocks of shapes: residuals of one shape have the
+    same causes, which no single number's leverage tells. Source: Cook and Weisberg, "Residuals and
+    Influence in Regression" (1982), 4.2.
+    """
+    J = of.scaled_jacobian
+    inverse, found, first = np.linalg.pinv(J.T @ J, hermitian=True), list[Array](), 0
+    for shape, miss in zip(of.measured, of.evaluation.by_shape, strict=True):
+        own = J[first : first + shape.size]
+        kept = np.eye(shape.size) - own @ inverse @ own.T
+        found.append(shape.stds * (np.linalg.pinv(kept, 1e-3) @ (miss / shape.stds)))
+        first += shape.size
+    return found
