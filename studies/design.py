@@ -7,6 +7,11 @@ Assumptions: the paper's scene; tips that the paper's arm reaches with moderate 
 effort is the root of the sum of all squared tensions; a wall of 0.8 mm is left around each tendon.
 
 Command: python -m studies.design [--tips 10] [--begins 2] [--out out]
+
+Answer: for four tips (--tips 4 --begins 1) an arm 10 mm thick at its base in place of 15, with all
+tendons as far out as the wall allows and the inner anchorages at 183 and 326 mm in place of 135 and
+315, takes 0.38 N in place of 2.65: 86 % less; all plans are certified. The thickness is at its
+bound: what the tasks ask for is a softer arm, until loads or stiffness are asked of it as well.
 """
 
 from __future__ import annotations
