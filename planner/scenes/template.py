@@ -24,6 +24,14 @@ tensions = [                    # N, a row a section, tip first: for settle, sti
   [0.0, 6.0, 0.0, 0.0],
 ]
 
+# lengths_mm = [                # in place of tensions: what the winches leave of each tendon
+#   [420.0, 420.0, 420.0, 420.0],
+#   [300.0, 300.0, 300.0, 300.0],
+#   [150.0, 150.0, 150.0, 150.0],
+# ]
+# strokes_mm = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]  # what they take in
+# tendon_outside_mm = 100.0     # of each tendon, between winch and base
+
 [arm]
 preset = "table-4"              # "table-2", "table-4", "section-5.1", "section-5.2"
 # An arm of your own in place of the preset:

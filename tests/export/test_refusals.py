@@ -90,7 +90,7 @@ def test_a_disk_that_fills_up_leaves_nothing(
 
     monkeypatch.setattr(Path, "write_bytes", fills_up)
     for to in (tmp_path / "new", tmp_path):
-        with pytest.raises(InputError, match="No space left"):
+        with pytest.raises(InputError, match="no space left"):
             export(TABLE_4, Scene(), to, BENT, 1e-3)
         assert list(tmp_path.iterdir()) == []
 

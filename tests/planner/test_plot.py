@@ -253,8 +253,8 @@ def test_an_error_while_saving_leaves_the_old_file_and_no_part(
     wanted = tmp_path / "arm.png"
     wanted.write_bytes(b"old")
 
-    def fail(part: Path, **_: Any) -> None:
-        part.write_bytes(b"half")
+    def fail(file: Any, **_: Any) -> None:
+        file.write(b"half")
         raise OSError("disk full")
 
     figure = Figure()

@@ -126,7 +126,7 @@ def test_every_field_of_an_arm_has_a_key() -> None:
     assert read(text.encode()).arm == arm
     keys = {key.split("_mm")[0] for key in ArmTable.__struct_fields__}
     fields = {f.name for f in dataclasses.fields(Arm)} - {"material"}
-    assert fields | {"E_kPa", "nu", "density", "preset"} == keys
+    assert fields | {"E_kPa", "nu", "density", "preset", "base_rotation_deg"} == keys
 
 
 @pytest.mark.parametrize("name", PAPER_ARMS)
@@ -167,6 +167,7 @@ def test_limits_and_what_is_asked_of_stiffness_are_read() -> None:
     assert question.options == {
         "norm": "1",
         "form": "multiple-shooting",
+        "stability_margin": 0.0,
         "tension_max": [[1, 2, 3, 4], [5, 6, 7, 8], [9, 10, 11, 12]],
         "tension_min": 0.5,
         "total_pull": 30,

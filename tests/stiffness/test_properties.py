@@ -219,7 +219,6 @@ def test_an_arm_that_cannot_stretch_has_no_stiffness_and_says_along_what() -> No
 
 BAD: list[tuple[dict[str, Any], str, str]] = [
     ({"hold": "lengths"}, "hold", '"tension" or "length"'),
-    ({"hold": None}, "hold", '"tension" or "length"'),
     ({"at": 0.46}, "at", ""),
     ({"at": -0.1}, "at", ""),
     ({"at": 0.0}, "at", ""),
