@@ -1,7 +1,8 @@
 """The mechanics of tendon-driven arms: arms, scenes, and the shapes that they settle to."""
 
 from model.arm import Anchorage, Arm, Material, conical
-from model.errors import CollapsedError, InputError, NotSettledError, OctoplanError, SnapError
+from model.effect_ablation import Switch, switch_effects
+from model.errors import CollapsedError, ConvergenceError, InputError, OctoplanError, SnapError
 from model.jacobian import tip_jacobian
 from model.length_response import LengthResponse, length_response
 from model.many import Shapes, settle_many
@@ -9,17 +10,16 @@ from model.paths import Linear, Sampled
 from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
-from model.switching import Switch, switch_effects
 
 __all__ = [
     "Anchorage",
     "Arm",
     "CollapsedError",
+    "ConvergenceError",
     "InputError",
     "LengthResponse",
     "Linear",
     "Material",
-    "NotSettledError",
     "OctoplanError",
     "Sampled",
     "Scene",

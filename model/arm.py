@@ -12,9 +12,9 @@ import numpy as np
 
 from model.checks import LARGEST, finite_array, kind, numbers, positive, within
 from model.errors import InputError
+from model.frozen import remembers_hash
 from model.paths import Array, Linear, Path
 from model.presets import PAPER_ARMS
-from model.values import remembers_hash
 
 QUARTERS = (0.0, np.pi / 2, np.pi, 3 * np.pi / 2)
 PAPER_FRAME = ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0))

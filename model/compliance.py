@@ -11,11 +11,11 @@ from model.cross_section.reported import strains_of
 from model.cross_section.sections import Sections
 from model.equilibrium.forward import STAGES, Collocation
 from model.equilibrium.sensitivities import Sensitivities
-from model.errors import NotSettledError
-from model.ladder import FINEST, REFINEMENTS, estimate, next_refinement
+from model.errors import ConvergenceError
+from model.mesh_refinement import FINEST, REFINEMENTS, estimate, next_refinement
 from model.paths import Array
-from model.patience import check_time
 from model.shape import Shape
+from model.time_limit import check_time
 
 _ORDER = 2 * STAGES
 # The estimate for a compliance over that for the tip: 4 for table 2, 80 for table 4, whose tip is
@@ -44,7 +44,7 @@ class Compliance:
 def compliance_of(shape: Shape, at: float, accuracy: float) -> Compliance:
     """Return the compliance at arc length `at`, tensions held, to a relative accuracy.
 
-    Raises NotSettledError.
+    Raises ConvergenceError.
     """
     size = np.repeat([shape.arm.length, 1.0], 3)
     scale = np.outer(size, size)
@@ -65,7 +65,7 @@ def compliance_of(shape: Shape, at: float, accuracy: float) -> Compliance:
             refinement = fine
         else:
             refinement = next_refinement(refinement, error, accuracy, _ORDER)
-    raise NotSettledError(accuracy, error, "ask for less accuracy or a smoother arm")
+    raise ConvergenceError(accuracy, error, "ask for less accuracy or a smoother arm")
 
 
 def sensitivities(shape: Shape, at: float, refinement: int) -> Sensitivities:

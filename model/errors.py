@@ -102,7 +102,7 @@ class CollapsedError(OctoplanError):
         return type(self), (self.s, self.stretch, self.which)
 
 
-class NotSettledError(OctoplanError):
+class ConvergenceError(OctoplanError):
     """No equilibrium was found to the accuracy asked for.
 
     Attributes
@@ -120,7 +120,7 @@ class NotSettledError(OctoplanError):
         return type(self), (self.asked, self.reached, self.remedy)
 
 
-class UnsettledSectionError(NotSettledError):
+class UnsettledSectionError(ConvergenceError):
     """No equilibrium of a cross-section was found.
 
     Attributes

@@ -12,18 +12,18 @@ from numpy.typing import NDArray
 
 from model.arm import Arm
 from model.checks import finite_array
-from model.errors import InputError, NotSettledError, UnsettledSectionError
+from model.errors import ConvergenceError, InputError, UnsettledSectionError
 from model.forward import check_scheme, explicit_map, order_of
-from model.ladder import checked_accuracy, estimate, first_pair, next_refinement
 from model.loads import is_loaded
 from model.machine.batch import Batch
 from model.machine.compiled import Compile, checked_compile
+from model.mesh_refinement import checked_accuracy, estimate, first_pair, next_refinement
 from model.paths import Array
-from model.patience import check_time
 from model.rotations import matrices
 from model.scene import Scene
 from model.settle import ACCURACY, checked_scene, settle
 from model.shape import Shape
+from model.time_limit import check_time
 from model.unloaded.closed_form import ClosedForm
 from model.unloaded.pulls import PullPolynomials
 from model.unloaded.statics import closed_statics
@@ -73,7 +73,7 @@ def settle_many(
 
     Raises
     ------
-    InputError, CollapsedError, NotSettledError, SnapError
+    InputError, CollapsedError, ConvergenceError, SnapError
         As settle does, naming the set.
     CompilerError
         If `compile` is True, and there is no compiler or it fails.
@@ -150,7 +150,7 @@ class _Many:
         for i in now[self.wanted[now] == 0]:
             self._refuse_collapsed(int(i), refinement)
             remedy = f"ask for less accuracy, or look at set {i}"
-            raise NotSettledError(self.accuracy, float(self.errors[i]), remedy)
+            raise ConvergenceError(self.accuracy, float(self.errors[i]), remedy)
 
     def _refuse_collapsed(self, i: int, refinement: int) -> None:
         forward = explicit_map(self.arm, self.scene, self.scheme, refinement)

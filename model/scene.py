@@ -7,7 +7,7 @@ from typing import TypeVar
 
 from model.effects import Effect, ExactTendons, Extension, NeoHookean, PointLoad, PrintedStatics
 from model.errors import InputError
-from model.values import remembers_hash
+from model.frozen import remembers_hash
 
 E = TypeVar("E", bound=Effect)
 

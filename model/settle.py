@@ -12,15 +12,22 @@ from model.arm import Arm
 from model.by_lengths import GivenLengths, GivenTensions, Near
 from model.checks import kind
 from model.effects import PrintedStatics
-from model.errors import InputError, NotSettledError, SnapError, UnsettledSectionError
+from model.errors import ConvergenceError, InputError, SnapError, UnsettledSectionError
 from model.forward import COLLOCATIONS, check_scheme, forward_map, order_of
-from model.ladder import IMPLICIT, ROUNDING, checked_accuracy, estimate, first_pair, next_refinement
 from model.loads import check_loads, is_loaded
 from model.machine.compiled import Compile, checked_compile
+from model.mesh_refinement import (
+    IMPLICIT,
+    ROUNDING,
+    checked_accuracy,
+    estimate,
+    first_pair,
+    next_refinement,
+)
 from model.paths import Array
-from model.patience import check_time
 from model.scene import Scene
 from model.shape import Shape
+from model.time_limit import check_time
 from model.unloaded.stretch import check_sections, check_stretch
 from model.winches import Winches
 
@@ -84,7 +91,7 @@ def settle(
         shape of the arm has, naming the tendon that is farthest from it.
     CollapsedError
         Where 1 + q reaches 0.
-    NotSettledError
+    ConvergenceError
         If the finest mesh is not as accurate as asked; UnsettledSectionError if a cross-section
         has no equilibrium that is found, not even by the careful way of its tendons.
     SnapError
@@ -174,7 +181,7 @@ def _settled(
         else:
             refinement = next_refinement(refinement, error, accuracy, order)
     check_stretch(forward, found.stretch)
-    raise NotSettledError(accuracy, error, "ask for less accuracy or a smoother arm")
+    raise ConvergenceError(accuracy, error, "ask for less accuracy or a smoother arm")
 
 
 def _gap(tip: Array, other: Array, lever: float) -> float:

@@ -171,7 +171,7 @@ def stiffness(
     ------
     InputError
         For what is not allowed, naming it.
-    CollapsedError, NotSettledError, SnapError, CompilerError
+    CollapsedError, ConvergenceError, SnapError, CompilerError
         As settle does.
     """
     hold = hold or ("tension" if lengths is None else "length")

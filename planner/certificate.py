@@ -18,14 +18,14 @@ from model.equilibrium.load_stepping import Followed, follow_on
 from model.equilibrium.stability import least_eigenvalue, stability
 from model.equilibrium.verification import SCHEME, verified
 from model.errors import OctoplanError
-from model.ladder import FINEST_ACCURACY
 from model.loads import is_loaded
+from model.mesh_refinement import FINEST_ACCURACY
 from model.paths import Array
-from model.patience import OutOfTime
 from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
 from model.stiffness import stiffness
+from model.time_limit import OutOfTime
 from planner.avoidance.asked import NOTHING, Surroundings, told
 from planner.program.limits import Limits
 from planner.program.terms import looks_of, stations_of, term_names, terms_function, ways_function

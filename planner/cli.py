@@ -9,8 +9,8 @@ from contextlib import contextmanager
 
 from model import InputError, OctoplanError
 from model.errors import CompilerError, shortened
-from model.patience import OutOfTime, time_limit
 from model.progress import listening
+from model.time_limit import OutOfTime, time_limit
 from planner.commands.command import BAD_INPUT, BROKEN_PIPE, NO_OUTPUT, NOT_REACHED
 from planner.commands.deliver import deliver
 from planner.commands.ending import ended_from_outside

@@ -12,11 +12,11 @@ import numpy as np
 from model.arm import Arm
 from model.checks import kind, not_negative, positive
 from model.errors import InputError
-from model.ladder import checked_accuracy
 from model.loads import check_loads
 from model.machine.compiled import Compile, checked_compile
-from model.patience import OutOfTime, time_limit
+from model.mesh_refinement import checked_accuracy
 from model.scene import Scene
+from model.time_limit import OutOfTime, time_limit
 from planner.answer import Answer
 from planner.avoidance.asked import Surroundings, surroundings
 from planner.avoidance.rows import Avoidance

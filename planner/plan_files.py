@@ -12,8 +12,8 @@ import numpy as np
 from model import Arm, InputError, Scene
 from model.errors import FileError
 from model.forward import SCHEMES
-from model.ladder import FINEST, checked_accuracy
 from model.loads import check_loads
+from model.mesh_refinement import FINEST, checked_accuracy
 from planner.avoidance.asked import Surroundings, surroundings
 from planner.avoidance.rows import Avoidance
 from planner.files import read_file, why

@@ -7,8 +7,8 @@ import numpy as np
 from model import Arm, OctoplanError, Shape, Switch
 from model.effects import PrintedStatics
 from model.paths import Array
-from model.patience import OutOfTime
 from model.stiffness import Stiffness
+from model.time_limit import OutOfTime
 from planner.plan import Plan
 from planner.tendon_lengths import length_error, strokes
 

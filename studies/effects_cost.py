@@ -27,6 +27,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from model import Arm, Scene, Switch
+from model.effect_ablation import switch_on
 from model.effects import (
     Buoyancy,
     Current,
@@ -40,7 +41,6 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from model.switching import switch_on
 
 PAPER = Scene(Extension())
 CASES = {

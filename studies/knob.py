@@ -15,7 +15,7 @@ import numpy as np
 from model import (
     Arm,
     CollapsedError,
-    NotSettledError,
+    ConvergenceError,
     OctoplanError,
     Scene,
     SnapError,
@@ -34,7 +34,7 @@ from model.effects import (
     Weight,
 )
 from model.forward import forward_map, schemes_of
-from model.ladder import REFINEMENTS
+from model.mesh_refinement import REFINEMENTS
 from model.paths import Array
 from studies import draws
 from studies.timing import calls_for, seconds
@@ -158,7 +158,7 @@ def tightest(arm: Arm, T: Array, scene: Scene) -> Array:
     for accuracy in (1e-11, 3e-11, 1e-10):
         try:
             return settle(arm, T, scene, accuracy, scheme).tip
-        except NotSettledError as problem:
+        except ConvergenceError as problem:
             last = problem
     raise last
 

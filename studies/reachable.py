@@ -11,7 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from model import Arm, CollapsedError, NotSettledError, Scene, Shape, SnapError, settle
+from model import Arm, CollapsedError, ConvergenceError, Scene, Shape, SnapError, settle
 from model.effects import (
     Buoyancy,
     Current,
@@ -70,7 +70,7 @@ def draw(rng: np.random.Generator, kind: str, scene: Scene) -> tuple[Array, Targ
         T = tensions(rng, kind)
         try:
             target = READ[kind](settle(ARM, T, scene, 1e-10), T)
-        except (CollapsedError, SnapError, NotSettledError):
+        except (CollapsedError, SnapError, ConvergenceError):
             continue
         if target is not None:
             return T, target

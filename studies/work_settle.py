@@ -13,8 +13,8 @@ from model import Arm, Scene, settle, tip_jacobian
 from model.effects import ExactTendons, Extension
 from model.equilibrium.forward import Collocation
 from model.forward import CLOSED_FORMS, ForwardMap, forward_map, schemes_of
-from model.ladder import REFINEMENTS
 from model.loads import is_loaded
+from model.mesh_refinement import REFINEMENTS
 from model.paths import Array
 from model.unloaded.tip_slopes import tip_slopes
 from studies import draws

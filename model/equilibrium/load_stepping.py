@@ -11,8 +11,8 @@ from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import NEAR, newton
 from model.errors import SnapError
 from model.paths import Array
-from model.patience import check_time
 from model.progress import tell
+from model.time_limit import check_time
 from model.transcription.system import System
 
 # The least step in the load factor over what is reached; before the first step, over a millionth.

@@ -10,7 +10,7 @@ from model.equilibrium.hold import TENSIONS, Hold
 from model.equilibrium.linearised import Linearised
 from model.errors import SingularError
 from model.paths import Array
-from model.patience import check_time
+from model.time_limit import check_time
 from model.transcription.system import System
 
 _STEPS = 14

@@ -18,13 +18,13 @@ from model.cross_section.reported import kinematics
 from model.cross_section.sections import Sections
 from model.effects import Current
 from model.equilibrium.linearised import Linearised
-from model.errors import NotSettledError
+from model.errors import ConvergenceError
 from model.integrators.runge_kutta import RK8, RungeKutta
-from model.ladder import estimate
 from model.loads import beyond
+from model.mesh_refinement import estimate
 from model.paths import Array
-from model.patience import check_time
 from model.rotations import matrices
+from model.time_limit import check_time
 from model.transcription.collocation import gauss
 from model.transcription.friction import hermite
 from model.transcription.layout import POSE
@@ -53,7 +53,7 @@ def verified(here: Linearised, accuracy: float) -> Verified:
     """Return an equilibrium corrected by what an integrator says of it.
 
     Steps are halved until the corrections of two of them differ by less than an accuracy, over the
-    arm's length. Raises NotSettledError where they do not.
+    arm's length. Raises ConvergenceError where they do not.
     """
     system, before, error = here.system, None, np.inf
     scale = np.repeat([1.0, system.arm.length], [4, 3])
@@ -67,7 +67,7 @@ def verified(here: Linearised, accuracy: float) -> Verified:
             if error <= accuracy:
                 return Verified(replace(here, x=x), error)
         before = poses
-    raise NotSettledError(accuracy, error, f"its check by {SCHEME} does not converge")
+    raise ConvergenceError(accuracy, error, f"its check by {SCHEME} does not converge")
 
 
 def _defects(here: Linearised, scheme: RungeKutta, substeps: int) -> Array:

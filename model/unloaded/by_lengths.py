@@ -20,11 +20,11 @@ from model.arm import Arm
 from model.cross_section import cross_section_of
 from model.cross_section.sections import Sections
 from model.equilibrium.complementarity import complementary, determined, unfelt
-from model.errors import InputError, NotSettledError, UnsettledSectionError
+from model.errors import ConvergenceError, InputError, UnsettledSectionError
 from model.mesh import Mesh
 from model.paths import Array
-from model.patience import check_time
 from model.scene import Scene
+from model.time_limit import check_time
 from model.transcription.collocation import gauss
 from model.unloaded.closed_form import unloaded
 from model.unloaded.settled_sections import settled_sections
@@ -87,7 +87,7 @@ class UnloadedLengths:
 
         The least tensions where lengths leave them undetermined; `near` are some to begin with.
         Raises InputError where no shape has the lengths, and UnsettledSectionError,
-        NotSettledError.
+        ConvergenceError.
         """
         first = self.winches.tensions if near is None else near
         found = self._maximum(self._settled(first), self.least)
@@ -136,7 +136,7 @@ class UnloadedLengths:
             lacked = lacks
         if found is None:
             self._refuse(at)
-            raise NotSettledError(0.0, np.inf, "ask for lengths nearer to those at rest")
+            raise ConvergenceError(0.0, np.inf, "ask for lengths nearer to those at rest")
         return at
 
     def _maximum(self, at: Settled, give: float) -> Settled | None:

@@ -10,8 +10,8 @@ from typing import Any
 
 from model.arm import Arm
 from model.errors import InputError
-from model.ladder import checked_accuracy
 from model.loads import is_loaded
+from model.mesh_refinement import checked_accuracy
 from model.scene import Scene
 from model.settle import ACCURACY, checked_scene, settle
 from model.shape import Shape
@@ -80,7 +80,7 @@ def export(
     InputError
         For a scene with loads, which has no explicit map; for what settle refuses; for a precision,
         a name or a folder that is not allowed.
-    CollapsedError, NotSettledError
+    CollapsedError, ConvergenceError
         As settle does, at the tensions given.
     """
     scene = _checked(arm, scene, precision, name)

@@ -13,7 +13,7 @@ from model import Arm, InputError, Scene
 from model.checks import kind
 from model.effects import PrintedStatics
 from model.errors import OctoplanError
-from model.ladder import checked_accuracy
+from model.mesh_refinement import checked_accuracy
 from model.paths import Array
 from model.progress import tell
 from model.settle import checked_scene

@@ -17,7 +17,7 @@ from scipy.optimize import least_squares
 
 from model import InputError
 from model.paths import Array
-from model.patience import check_time
+from model.time_limit import check_time
 from planner.calibrate.experiment import Evaluation, Experiment, UnsettledShapeError
 
 Loss = Literal["linear", "huber", "soft_l1", "cauchy"]

@@ -11,7 +11,7 @@ from typing import Any
 from model import InputError
 from model.checks import positive
 from model.errors import FileError
-from model.ladder import FINEST_ACCURACY, LOOSEST, checked_accuracy
+from model.mesh_refinement import FINEST_ACCURACY, LOOSEST, checked_accuracy
 from planner.files import why
 from planner.scenefile import Question, load
 

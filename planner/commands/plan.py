@@ -8,7 +8,7 @@ from typing import Any
 
 from model import OctoplanError
 from model.errors import FileError
-from model.patience import OutOfTime
+from model.time_limit import OutOfTime
 from planner.commands.command import (
     NOT_REACHED,
     OK,

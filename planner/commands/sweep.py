@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from model import OctoplanError
-from model.patience import OutOfTime, time_limit
+from model.time_limit import OutOfTime, time_limit
 from planner.commands.command import OK, Answer, Command, add_time_limit
 from planner.records.sweep import SweepRecord, sweep_record
 from planner.sweeps.sweep import written

@@ -8,7 +8,7 @@ import msgspec
 from msgspec import Meta
 
 from model import Switch
-from model.sizes import Sizes
+from model.problem_size import ProblemSize
 from planner.files import versions
 
 
@@ -18,8 +18,8 @@ class EffectRecord(msgspec.Struct, kw_only=True):
     effect: Annotated[str, Meta(description="its name, with what had to be switched along")]
     called_for: Annotated[bool, Meta(description="whether the scene has it")]
     tip_change: Annotated[float | None, Meta(description="over arm length")]
-    sizes: Sizes
-    sizes_without: Sizes
+    sizes: ProblemSize
+    sizes_without: ProblemSize
     time_factor: Annotated[float | None, Meta(description="of a settle, with over without")]
     matters: bool
     problem: Annotated[str, Meta(description="why one does not settle, if so")]

@@ -11,7 +11,7 @@ from msgspec import Meta
 
 from model.effects import PrintedStatics
 from model.errors import OctoplanError
-from model.patience import OutOfTime
+from model.time_limit import OutOfTime
 from planner.files import versions
 from planner.program.statement import Statement
 from planner.records.values import Number, number, plain

@@ -20,9 +20,9 @@ from model.effects import PrintedStatics
 from model.equilibrium.forward import STAGES, Collocation
 from model.errors import OctoplanError
 from model.paths import Array
-from model.patience import OutOfTime, time_limit
 from model.progress import told
 from model.settle import settle
+from model.time_limit import OutOfTime, time_limit
 from planner.avoidance.asked import Surroundings
 from planner.avoidance.places import near_places, updated, watched_places
 from planner.avoidance.rows import Avoidance

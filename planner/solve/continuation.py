@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from model.paths import Array
-from model.patience import check_time
+from model.time_limit import check_time
 from planner.program.problem import Bounds, Problem
 from planner.solve.ipopt import Solution, solve
 from planner.solve.walk import walk

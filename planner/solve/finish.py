@@ -10,8 +10,8 @@ import numpy as np
 from model.effects import PrintedStatics
 from model.equilibrium.forward import STAGES, Collocation
 from model.errors import OctoplanError
-from model.ladder import next_refinement
 from model.loads import is_loaded
+from model.mesh_refinement import next_refinement
 from model.paths import Array
 from model.settle import settle
 from model.shape import Shape

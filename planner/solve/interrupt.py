@@ -11,7 +11,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from model.patience import is_out_of_time
+from model.time_limit import is_out_of_time
 
 
 class Watch(ca.Callback):

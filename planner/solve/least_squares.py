@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from model.paths import Array
-from model.patience import check_time
+from model.time_limit import check_time
 
 _STEPS, _DONE = 16, 1e-6
 _DIFFERENCE = 1e-4

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.paths import Array
-from model.patience import check_time
+from model.time_limit import check_time
 from planner.program.problem import TRACES, Bounds, Problem
 from planner.solve.ipopt import Solution
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from model.errors import OctoplanError
 from model.paths import Array
-from model.patience import OutOfTime, time_limit
 from model.progress import tell
+from model.time_limit import OutOfTime, time_limit
 from planner.program.statement import Mode, Statement
 from planner.solve.finish import Fine, best_of, finish_best
 from planner.solve.found import Found, Start

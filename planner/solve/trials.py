@@ -9,8 +9,8 @@ import numpy as np
 
 from model.loads import is_loaded
 from model.paths import Array
-from model.patience import check_time
 from model.progress import told
+from model.time_limit import check_time
 from planner.program.problem import TRACES, Problem
 from planner.program.statement import Mode, Statement
 from planner.solve.continuation import continued

@@ -11,9 +11,9 @@ import numpy as np
 
 from model import Arm, InputError, OctoplanError, settle, settle_many
 from model.paths import Array
-from model.patience import OutOfTime, check_time
 from model.progress import listening
 from model.stiffness import stiffness
+from model.time_limit import OutOfTime, check_time
 from planner.plan import plan
 from planner.scenefile import Question, question_of
 from planner.sweeps.keys import changed

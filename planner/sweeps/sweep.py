@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from model.errors import InputError
-from model.patience import check_time
 from model.progress import tell
+from model.time_limit import check_time
 from planner.extras import needed
 from planner.sweeps.asked import Sweep
 from planner.sweeps.cluster import on_cluster

@@ -12,8 +12,9 @@ import threading
 import time
 from collections.abc import Iterable, Iterator
 
-from model import patience
 from model.errors import OctoplanError
+from model.time_limit import end as end_of_limit
+from model.time_limit import until
 from planner.extras import needed
 from planner.sweeps.asked import Sweep
 from planner.sweeps.points import Job, Point, run
@@ -45,7 +46,7 @@ class WorkersLostError(OctoplanError):
 
 def one(job: Job, chunk: int, points: list[Point], end: float = math.inf) -> tuple[int, Rows]:
     """Return a chunk's number and what is found at its points; OutOfTime after an end."""
-    with patience.until(end):
+    with until(end):
         return chunk, run(job, points)
 
 
@@ -72,7 +73,7 @@ def on_machine(sweep: Sweep, chunks: Iterable[int], jobs: int) -> Found:
     left, losses = dict.fromkeys(chunks), 0
     begun = {"initializer": _end_with, "initargs": (os.getpid(),)}
     while left:
-        end = patience.end()
+        end = end_of_limit()
         work = (joblib.delayed(one)(sweep.job, c, sweep.points(c), end) for c in list(left))
         pool = joblib.Parallel(jobs, return_as="generator_unordered", batch_size=1, **begun)
         try:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from model.errors import OctoplanError
-from model.ladder import FINEST_ACCURACY
+from model.mesh_refinement import FINEST_ACCURACY
 from model.paths import Array
 from model.settle import settle
 from model.shape import Shape

@@ -25,7 +25,7 @@ from scipy.sparse import block_diag, csc_array, eye_array, hstack, kron, vstack
 
 from model.equilibrium.forward import STAGES, Collocation
 from model.paths import Array
-from model.patience import check_time
+from model.time_limit import check_time
 from planner.program.problem import Bounds, Problem
 
 Counts = NDArray[np.int64]

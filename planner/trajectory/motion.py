@@ -13,8 +13,8 @@ import numpy as np
 from model.arm import Arm
 from model.checks import finite_array, kind
 from model.errors import InputError
-from model.ladder import checked_accuracy
 from model.loads import check_loads
+from model.mesh_refinement import checked_accuracy
 from model.paths import Array
 from model.scene import Scene
 from model.settle import settle

@@ -9,7 +9,7 @@ import pytest
 from model import Arm
 from model.effects import Buoyancy, Current, Effect, Friction, PointLoad, Shear, TipLoad, Weight
 from model.forward import explicit_map
-from model.sizes import sizes
+from model.problem_size import problem_size
 from tests.effects.test_sizes import ARM, GROUNDS, LOADS, PAPER, over, stated
 
 # The same kinds of loads with other numbers, as small.
@@ -38,7 +38,7 @@ OTHERS: dict[str, tuple[Effect, ...]] = {
 @pytest.mark.parametrize("ground", GROUNDS)
 def test_other_numbers_add_nothing_and_build_nothing(ground: str, name: str) -> None:
     one, other = (over(GROUNDS[ground], *loads[name]) for loads in (LOADS, OTHERS))
-    assert sizes(ARM, one) == sizes(ARM, other)
+    assert problem_size(ARM, one) == problem_size(ARM, other)
     assert stated(one).of is stated(other).of
     assert not np.array_equal(stated(one).p, stated(other).p)
 
@@ -46,7 +46,7 @@ def test_other_numbers_add_nothing_and_build_nothing(ground: str, name: str) -> 
 def test_dead_loads_of_all_kinds_are_one_structure() -> None:
     kinds = [LOADS[name] for name in ("weight", "weight in water", "tip load")]
     assert len({id(stated(over(PAPER, *loads)).of) for loads in kinds}) == 1
-    assert len({sizes(ARM, over(PAPER, *loads)) for loads in kinds}) == 1
+    assert len({problem_size(ARM, over(PAPER, *loads)) for loads in kinds}) == 1
 
 
 def parts(*functions: ca.Function) -> dict[int, str]:
@@ -58,7 +58,7 @@ def parts(*functions: ca.Function) -> dict[int, str]:
 @pytest.mark.parametrize("ground", ["paper", "silicone"])
 def test_no_loaded_scene_shares_functions_with_a_bare_one(ground: str) -> None:
     bare = GROUNDS[ground]
-    before, counted = explicit_map(ARM, bare, "magnus6", 1), sizes(ARM, bare)
+    before, counted = explicit_map(ARM, bare, "magnus6", 1), problem_size(ARM, bare)
     own = parts(before.function)
     for name, loads in LOADS.items():
         calls = parts(stated(over(bare, *loads)).of.equations.value)
@@ -67,13 +67,13 @@ def test_no_loaded_scene_shares_functions_with_a_bare_one(ground: str) -> None:
     after = explicit_map(ARM, bare, "magnus6", 1)
     assert after is before
     assert parts(after.function) == own
-    assert sizes(ARM, bare) == counted
+    assert problem_size(ARM, bare) == counted
 
 
 def test_a_bare_function_built_after_loaded_ones_is_the_same_to_the_instruction() -> None:
     arm = Arm.from_paper("table-2")
-    alone = sizes(arm, PAPER)
+    alone = problem_size(arm, PAPER)
     for loads in (LOADS["tip load"], LOADS["current"]):
-        sizes(arm, over(PAPER, *loads))
+        problem_size(arm, over(PAPER, *loads))
     explicit_map.cache_clear()
-    assert sizes(arm, PAPER) == alone
+    assert problem_size(arm, PAPER) == alone

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from model import OctoplanError, settle
-from model.patience import OutOfTime, time_limit
+from model.time_limit import OutOfTime, time_limit
 from planner import plan
 from planner.cli import main
 from planner.scenefile import read

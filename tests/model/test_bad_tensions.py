@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from model import (
     Arm,
     CollapsedError,
+    ConvergenceError,
     InputError,
-    NotSettledError,
     OctoplanError,
     Scene,
     settle,
@@ -117,7 +117,7 @@ ERRORS = [
     InputError("arm", "table-3", "table-2"),
     InputError("tensions", np.float64(-1.0), "0 or above"),
     CollapsedError(0.093, -0.5),
-    NotSettledError(1e-6, 1e-3, "ask for less"),
+    ConvergenceError(1e-6, 1e-3, "ask for less"),
 ]
 
 

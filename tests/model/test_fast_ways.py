@@ -14,10 +14,10 @@ from model import Anchorage, Arm, Linear, Scene, conical
 from model.arm import Material
 from model.effects import ExactTendons, Extension
 from model.forward import explicit_map
-from model.ladder import REFINEMENTS, first_pair, next_refinement
 from model.machine.batch import Batch
 from model.machine.buffered import Buffered
 from model.machine.program import OPERATIONS, Program
+from model.mesh_refinement import REFINEMENTS, first_pair, next_refinement
 from model.unloaded.closed_form import ClosedForm, pull_at
 from model.unloaded.pulls import PullPolynomials
 from model.unloaded.statics import closed_statics

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Arm, NotSettledError, Scene, settle
+from model import Arm, ConvergenceError, Scene, settle
 from model.effects import ExactTendons, Extension
 from model.forward import schemes_of
 
@@ -52,7 +52,7 @@ def test_second_order_reaches_a_coarse_accuracy_and_owns_to_missing_a_fine_one(
     arm = Arm.from_paper(case["arm"])
     shape = settle(arm, case["tensions"], SCENES[key], accuracy=1e-4, scheme="magnus2")
     assert np.linalg.norm(shape.tip - case["tip"][key]) <= 1e-4 * arm.length
-    with pytest.raises(NotSettledError):
+    with pytest.raises(ConvergenceError):
         settle(arm, case["tensions"], SCENES[key], accuracy=1e-8, scheme="magnus2")
 
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from model import Arm, Scene, settle, switch_effects
+from model.effect_ablation import Switch
 from model.effects import Buoyancy, Extension, Weight
-from model.sizes import Sizes
-from model.switching import Switch
+from model.problem_size import ProblemSize
 from planner.cli import main
 from planner.plots.effects import plot_effects
 from planner.scenefile import read
@@ -70,7 +70,7 @@ def test_json_holds_the_numbers_in_full(tmp_path: Path, capsys: pytest.CaptureFi
         assert row["problem"] == ""
         assert np.isfinite(row["time_factor"])
         for key in ("sizes", "sizes_without"):
-            assert Sizes(**row[key]) == getattr(switch, key)
+            assert ProblemSize(**row[key]) == getattr(switch, key)
 
 
 def test_figure_and_result_are_written_whole(
@@ -185,7 +185,7 @@ def test_the_payload_of_the_scene_files_is_settled(capsys: pytest.CaptureFixture
 
 
 def test_an_effect_that_does_not_settle_has_no_dot_and_the_figure_is_drawn() -> None:
-    size = Sizes(7, 0, 0, 100)
+    size = ProblemSize(7, 0, 0, 100)
     rows = tuple(
         Switch(name, called, change, size, size, factor, matters, problem)
         for name, called, change, factor, matters, problem in (

@@ -15,7 +15,7 @@ from model import Arm, InputError, Scene, settle
 from model.effects import Buoyancy, Extension, TipLoad, Weight
 from model.equilibrium.forward import Collocation
 from model.equilibrium.newton import newton
-from model.patience import OutOfTime, time_limit
+from model.time_limit import OutOfTime, time_limit
 from planner import cli, plan
 from planner.solve.least_squares import least_squares
 from planner.sweeps import points

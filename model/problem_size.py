@@ -11,7 +11,7 @@ from model.scene import Scene
 
 
 @dataclass(frozen=True)
-class Sizes:
+class ProblemSize:
     """Counts that do not depend on the machine.
 
     Attributes
@@ -30,15 +30,15 @@ class Sizes:
     instructions: int
 
 
-def sizes(arm: Arm, scene: Scene) -> Sizes:
+def problem_size(arm: Arm, scene: Scene) -> ProblemSize:
     """Return the sizes of a scene's functions, by the scheme that is used unless one is named."""
     scheme = schemes_of(scene)[0]
     if not is_loaded(scene):
         function = explicit_map(arm, scene, scheme, 1).function
         carried = 7 + (function.size1_out(2) if function.n_out() > 2 else 0)
-        return Sizes(carried, 0, 0, function.expand().n_instructions())
+        return ProblemSize(carried, 0, 0, function.expand().n_instructions())
     of = collocation_map(arm, scene, scheme, 1).system.of
     instructions = sum(
         term.count * term.kernel.value.n_instructions() for term in of.equations.terms
     )
-    return Sizes(of.node_size + of.form.strains, of.n_states, of.n_states, instructions)
+    return ProblemSize(of.node_size + of.form.strains, of.n_states, of.n_states, instructions)

@@ -21,11 +21,11 @@ from model.effects import (
     Weight,
 )
 from model.errors import InputError, OctoplanError
+from model.problem_size import ProblemSize, problem_size
 from model.progress import told
 from model.scene import Scene
 from model.settle import ACCURACY, settle
 from model.shape import Shape
-from model.sizes import Sizes, sizes
 
 # Effects that need no numbers of the user's, and what a scene that has them needs besides.
 _KNOWN: tuple[tuple[Effect, ...], ...] = (
@@ -51,7 +51,7 @@ class Switch:
         Whether the scene has it.
     tip_change : float
         Distance between the tips with and without it, over L; NaN where one does not settle.
-    sizes, sizes_without : Sizes
+    sizes, sizes_without : ProblemSize
         Of the scene with and without it.
     time_factor : float
         Time of a settle with it over that without it.
@@ -65,8 +65,8 @@ class Switch:
     effect: str
     called_for: bool
     tip_change: float
-    sizes: Sizes
-    sizes_without: Sizes
+    sizes: ProblemSize
+    sizes_without: ProblemSize
     time_factor: float
     matters: bool
     problem: str = ""
@@ -162,7 +162,7 @@ def _compare(
     without, with_it = pair
     others = set(with_it.effects) - set(without.effects) - {effect}
     name = " and ".join([*_names([effect]), *_names(others)])
-    counted = (sizes(arm, with_it), sizes(arm, without))
+    counted = (problem_size(arm, with_it), problem_size(arm, without))
 
     def settled(scene: Scene) -> Shape:
         return settle(arm, tensions, scene, accuracy)

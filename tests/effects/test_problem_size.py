@@ -20,7 +20,7 @@ from model.effects import (
 )
 from model.forward import collocation_map
 from model.mesh import graded
-from model.sizes import Sizes, sizes
+from model.problem_size import ProblemSize, problem_size
 from model.transcription.system import System
 from tests.effects.cases import EXACT, SILICONE, SWOLLEN
 
@@ -76,7 +76,7 @@ def stated(scene: Scene, arm: Arm = ARM) -> System:
     return collocation_map(arm, scene, "gauss6", 1).system
 
 
-def check_total(found: Sizes, node: int, stage: int, elements: int) -> None:
+def check_total(found: ProblemSize, node: int, stage: int, elements: int) -> None:
     """Hold unknowns and constraints to those of nodes, and of stages of the elements between."""
     assert found.unknowns == elements * (node + STAGES * stage) + node
     assert found.constraints == found.unknowns
@@ -86,13 +86,13 @@ def check_total(found: Sizes, node: int, stage: int, elements: int) -> None:
 def test_a_bare_scene_is_a_function_of_so_many_instructions_and_nothing_else(
     scene: Scene, instructions: int
 ) -> None:
-    found = sizes(ARM, scene)
+    found = problem_size(ARM, scene)
     assert (found.states, found.unknowns, found.constraints) == (POSE, 0, 0)
     assert found.instructions == instructions
 
 
 def test_as_printed_carries_three_strains_and_is_a_function_too() -> None:
-    found = sizes(ARM, Scene.as_printed())
+    found = problem_size(ARM, Scene.as_printed())
     assert (found.states, found.unknowns, found.constraints) == (POSE + 3, 0, 0)
     assert found.instructions == 11407
 
@@ -102,7 +102,7 @@ def test_as_printed_carries_three_strains_and_is_a_function_too() -> None:
 def test_a_load_adds_the_states_that_it_says_and_as_many_constraints_as_unknowns(
     ground: str, name: str
 ) -> None:
-    found = sizes(ARM, over(GROUNDS[ground], *LOADS[name]))
+    found = problem_size(ARM, over(GROUNDS[ground], *LOADS[name]))
     node = POSE + MOMENT + FORCE.get(name, 0) + ANGLES.get(name, 0)
     strains = STRAINS[ground] + SHEARS.get(name, 0)
     assert found.states == node + strains
@@ -129,14 +129,16 @@ def test_a_load_adds_the_states_that_it_says_and_as_many_constraints_as_unknowns
     ],
 )
 def test_what_others_have_added_is_not_added_again(loads: str, richer: tuple[Effect, ...]) -> None:
-    alone = sizes(ARM, over(PAPER, *LOADS[loads]))
-    together = sizes(ARM, over(PAPER, *LOADS[loads], *richer))
+    alone = problem_size(ARM, over(PAPER, *LOADS[loads]))
+    together = problem_size(ARM, over(PAPER, *LOADS[loads], *richer))
     assert together.states == alone.states
     assert (together.unknowns, together.constraints) == (alone.unknowns, alone.constraints)
 
 
 def test_buoyancy_is_a_number_and_no_instruction() -> None:
-    assert sizes(ARM, over(PAPER, Weight(G), Buoyancy())) == sizes(ARM, over(PAPER, Weight(G)))
+    assert problem_size(ARM, over(PAPER, Weight(G), Buoyancy())) == problem_size(
+        ARM, over(PAPER, Weight(G))
+    )
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4])
@@ -147,7 +149,7 @@ def test_each_anchorage_is_a_node_where_its_tendons_end(n: int) -> None:
     assert here.mesh.s[list(here.of.ends)] == pytest.approx(
         [arm.sections[i].at for i, _ in arm.tendons], rel=1e-15
     )
-    found = sizes(arm, over(PAPER, TipLoad(F)))
+    found = problem_size(arm, over(PAPER, TipLoad(F)))
     check_total(found, POSE + MOMENT, 4, graded(arm, 1).steps)
 
 
@@ -158,7 +160,7 @@ def test_an_anchorage_short_of_the_tip_leaves_elements_without_tendons() -> None
     beyond = np.setdiff1d(np.arange(here.s.size), stage)
     assert beyond.size > 0
     assert np.array_equal(beyond, np.flatnonzero(here.s > 0.25))
-    found = sizes(arm, over(PAPER, TipLoad(F)))
+    found = problem_size(arm, over(PAPER, TipLoad(F)))
     check_total(found, POSE + MOMENT, 4, here.mesh.steps)
 
 
@@ -181,11 +183,13 @@ def test_each_point_load_between_anchorages_parts_the_arm(
     mesh = stated(scene).mesh
     assert set(places) <= set(mesh.s)
     assert np.array_equal(mesh.s, graded(ARM, 1, places[-parts:] if parts else ()).s)
-    check_total(sizes(ARM, scene), POSE + MOMENT, 4, mesh.steps)
+    check_total(problem_size(ARM, scene), POSE + MOMENT, 4, mesh.steps)
 
 
 def test_heavier_loads_call_for_more_elements_and_no_more_states() -> None:
-    counts = [sizes(ARM, over(PAPER, TipLoad((0.0, 0.0, -F)))) for F in (1e-6, 1e-2, 0.1, 1.0)]
+    counts = [
+        problem_size(ARM, over(PAPER, TipLoad((0.0, 0.0, -F)))) for F in (1e-6, 1e-2, 0.1, 1.0)
+    ]
     assert {found.states for found in counts} == {POSE + MOMENT + 4}
     assert all(found.unknowns == found.constraints for found in counts)
     unknowns = [found.unknowns for found in counts]

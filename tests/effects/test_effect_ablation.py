@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from model import Arm, InputError, OctoplanError, Scene, SnapError, Switch, settle, switch_effects
+from model.effect_ablation import switch_on
 from model.effects import (
     Buoyancy,
     Current,
@@ -20,8 +21,7 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from model.sizes import sizes
-from model.switching import switch_on
+from model.problem_size import problem_size
 from tests.effects.cases import EXACT, SILICONE
 
 ARM = Arm.from_paper("table-4")
@@ -128,11 +128,14 @@ def test_the_tip_changes_by_what_two_settles_say(in_water: dict[str, Switch]) ->
 
 
 def test_sizes_are_those_of_the_scenes_with_and_without(in_water: dict[str, Switch]) -> None:
-    whole = sizes(ARM, IN_WATER)
+    whole = problem_size(ARM, IN_WATER)
     for name, other in WITHOUT.items():
-        assert (in_water[name].sizes, in_water[name].sizes_without) == (whole, sizes(ARM, other))
+        assert (in_water[name].sizes, in_water[name].sizes_without) == (
+            whole,
+            problem_size(ARM, other),
+        )
     for name, more in WITH.items():
-        richer = sizes(ARM, Scene(*IN_WATER.effects, *more))
+        richer = problem_size(ARM, Scene(*IN_WATER.effects, *more))
         assert (in_water[name].sizes, in_water[name].sizes_without) == (richer, whole)
 
 
