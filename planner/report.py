@@ -59,7 +59,7 @@ def _strokes(plan: Plan) -> str:
         return ""
     try:
         return stroke_table(plan.shape)
-    except OctoplanError:
+    except (OctoplanError, OutOfTime):
         return ""
 
 

@@ -168,7 +168,7 @@ def _winches(plan: Any) -> tuple[Any, Any, dict[str, float] | None]:
         found = length_error(plan.shape)
         off = dict(zip(found.names, found.each.tolist(), strict=True))
         return plan.lengths.tolist(), plan.strokes.tolist(), off
-    except OctoplanError:
+    except (OctoplanError, OutOfTime):
         return None, None, None
 
 

@@ -113,6 +113,7 @@ def test_the_stiffest_is_stiffer_than_any_asked_and_the_softest_softer_than_the_
     assert below.effort <= stiffest.effort * (1 + 1e-6)
 
 
+@pytest.mark.slow
 def test_an_impossible_stiffness_is_not_reached_and_the_outcome_says_by_how_much() -> None:
     wanted = 50 * stiff(least("paper"))
     target = MinimumStiffness(ALONG, wanted)

@@ -135,7 +135,10 @@ def others(found: Plan, seed: int) -> Array:
 
 @pytest.mark.parametrize(
     ("arm", "scene"),
-    [("table-4", "payload"), pytest.param("table-4", "water", marks=pytest.mark.slow)],
+    [
+        pytest.param("table-4", "payload", marks=pytest.mark.slow),
+        pytest.param("table-4", "water", marks=pytest.mark.slow),
+    ],
 )
 def test_nothing_is_stiffer_than_the_stiffest_at_the_place_or_softer_than_the_softest(
     arm: str, scene: str
@@ -161,6 +164,7 @@ def test_nothing_is_stiffer_than_the_stiffest_at_the_place_or_softer_than_the_so
     assert tried >= 4
 
 
+@pytest.mark.slow
 def test_the_most_that_can_be_had_is_told_where_it_is_not_what_was_asked() -> None:
     arm, scene = "six tendons", "payload"
     stiffest = plan(ARMS[arm], [place(arm, scene), Stiffest(ALONG)], SCENES[scene], MOST)

@@ -77,6 +77,7 @@ def test_a_cluster_finds_what_one_process_finds_though_a_worker_is_killed(
     assert data.identical(planner.sweep(path))
 
 
+@pytest.mark.slow
 def test_a_cluster_that_loses_its_scheduler_is_told_and_the_sweep_goes_on_without(
     tmp_path: Path, cluster: tuple, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -46,7 +46,8 @@ def _workers(pid: int) -> list[psutil.Process]:
     return [process for process in below if any("popen_loky" in word for word in process.cmdline())]
 
 
-@pytest.mark.parametrize("jobs", [pytest.param(1, marks=pytest.mark.slow), 2])
+@pytest.mark.slow
+@pytest.mark.parametrize("jobs", [1, 2])
 def test_a_sweep_killed_twice_and_resumed_finds_what_an_undisturbed_one_finds(
     tmp_path: Path, jobs: int
 ) -> None:
