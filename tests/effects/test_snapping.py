@@ -49,7 +49,9 @@ def test_the_critical_loads_are_eulers_and_greenhills() -> None:
     assert heavy == pytest.approx(7.83734744, rel=1e-8)
 
 
-@pytest.mark.parametrize("times", [1.02, 1.3, 4.0, 16.0, 30.0])
+@pytest.mark.parametrize(
+    "times", [1.02, *(pytest.param(times, marks=pytest.mark.slow) for times in (1.3, 4, 16)), 30.0]
+)
 @pytest.mark.parametrize("bar", [BAR, CONICAL], ids=["uniform", "conical"])
 def test_above_eulers_load_a_straight_bar_buckles(bar: Bar, times: float) -> None:
     scene = Scene(TipLoad((-times * euler(bar), 0, 0)))
@@ -120,7 +122,7 @@ def test_heavy_dead_loads_hang_straight_down(alpha: float) -> None:
     assert abs(shape.tip_frame[0, 0]) < 0.1
 
 
-@pytest.mark.parametrize("alpha", [30.0, 75.0, 150.0, 400.0])
+@pytest.mark.parametrize("alpha", [30.0, 150.0, pytest.param(400.0, marks=pytest.mark.slow)])
 def test_heavy_followers_wind_the_bar_up(alpha: float) -> None:
     force = alpha * UNIT
     shape = settle(BAR.arm, NO_PULL, Scene(TipLoad((0, -force, 0), follower=True)), 1e-7)

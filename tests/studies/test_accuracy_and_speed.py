@@ -29,6 +29,7 @@ def test_accuracy_cost_prints_its_tables_and_saves_its_figures(
         assert (tmp_path / name).stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_speed_prints_its_rows(capsys: pytest.CaptureFixture[str]) -> None:
     small = ["--repeats", "1", "--arms", "1", "--batch", "4", "--plans", "1", "--points", "2"]
     speed.main([*small, "--rows", "settle", "loads", "path", "floors", "--sections", "1", "2"])

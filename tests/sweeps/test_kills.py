@@ -101,6 +101,7 @@ def test_what_is_finished_is_not_found_again(
     assert len(chunks) == 64 - finished
 
 
+@pytest.mark.slow
 def test_a_sweep_goes_on_when_a_worker_is_killed(tmp_path: Path) -> None:
     path, out = written(tmp_path, AXES, "stiffness", MORE), tmp_path / "out.nc"
     process = _started(path, out, 2)
