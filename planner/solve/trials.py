@@ -23,7 +23,7 @@ from planner.solve.task import Task
 _FEW, _MORE = 5, 8
 # Enough where least squares over more numbers than there are tendons come to nothing: that fixes
 # the shape, and with it the tensions.
-_FIXED = 3
+_FIXED, _NOTHING = 3, 1e-6
 # Other scenes than the paper's start from its optima, among which the search was; loaded arms from
 # two more before it is said that none of the starts meets the targets.
 _FEWEST, _STRONGER, _CARRIED = 2, 2, 1
@@ -80,7 +80,7 @@ class Trials:
 
     def _enough(self, records: list[Start], found: list[Solution]) -> bool:
         """Return whether the best optimum is among what was found, as far as can be told."""
-        if not self.task.can_be_exact and any(s.f <= LITTLE for s in found):
+        if not self.task.can_be_exact and any(s.f <= _NOTHING for s in found):
             return len(records) >= _FIXED and agreed(records) >= 2
         if self.sure and not self.simple and not self.heavy:
             return len(records) >= max(self.least, self.sure) and bool(found or self.toppled)
