@@ -107,7 +107,13 @@ FOLDS: dict[str, tuple[float, float, float]] = {
 }
 
 
-@pytest.mark.parametrize("force", FOLDS.values(), ids=FOLDS)
+@pytest.mark.parametrize(
+    "force",
+    [
+        pytest.param(FOLDS["a push of 1 N"], marks=pytest.mark.slow, id="a push of 1 N"),
+        pytest.param(FOLDS["a payload of 0.1 kg"], id="a payload of 0.1 kg"),
+    ],
+)
 def test_a_plan_under_a_payload_that_folds_the_arm_is_an_outcome_or_an_error_of_ours(
     force: tuple[float, float, float],
 ) -> None:
