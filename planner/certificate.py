@@ -39,8 +39,8 @@ _MESH, _CLOSE = 3, 10
 KKT_TOLERANCE = 1e-6
 # Of the least eigenvalue, which another mesh has with other digits.
 STABILITY_TOLERANCE = 1e-4
-# As many times its loads an arm is followed, with such a relative error of where it gives way.
-MOST_LOADS, _GIVES_WAY = 3.0, 0.01
+# As many times its loads an arm is followed; relative error of the factor at which it yields.
+MOST_LOADS, _YIELDS = 3.0, 0.01
 _LATE = "the time limit was reached before it was verified"
 STIFF_ACCURACY = 1e-8
 
@@ -60,7 +60,7 @@ class Certificate:
     error : estimated tip error of the check, over L
     stability : least eigenvalue of the scaled Hessian of the energy; below 0 the arm does not stand
     stability_margin : the least that is accepted
-    load_factor : times its loads at which the arm gives way, tensions held: infinite if that is
+    load_factor : times its loads at which the arm yields, tensions held: infinite if that is
         more than MOST_LOADS, None without loads
     scheme : the integrator of the check
     tolerance : what match, margin and agreement are held to
@@ -143,6 +143,11 @@ class Certificate:
         return tuple(f"{name} {value:.2g}, allowed {limit:.2g}" for value, limit, name in failed)
 
     @property
+    def lacks_stability(self) -> bool:
+        """Whether the arm stands, but less well than asked."""
+        return self.stability >= 0 and self.stability_margin - self.stability > self._stable
+
+    @property
     def _stable(self) -> float:
         """What the stability may lack: digits of a mesh, nothing where the arm has to stand."""
         return STABILITY_TOLERANCE if self.stability_margin > 0 else 0.0
@@ -160,7 +165,7 @@ class Certificate:
             return ""
         if np.isinf(self.load_factor):
             return f"bears {MOST_LOADS:g} times its loads"
-        return f"gives way at {self.load_factor:.3g} times its loads"
+        return f"yields at {self.load_factor:.3g} times its loads"
 
     @property
     def passed(self) -> bool:
@@ -265,7 +270,7 @@ def _integrated(shape: Shape, stations: tuple[float, ...], accuracy: float) -> C
 
 def _load_factor(here: Linearised, shape: Shape) -> float:
     """Return how many times its loads an arm bears, infinite if more than it is followed."""
-    end = follow_on(Followed(here, 1.0, ""), MOST_LOADS, _GIVES_WAY)
+    end = follow_on(Followed(here, 1.0, ""), MOST_LOADS, _YIELDS)
     return end.load if end.why else np.inf
 
 

@@ -58,6 +58,9 @@ def _happened(facts: Facts) -> str:
     if certificate.too_near:
         advice = "move it or the target, raise the limits or ask for less clearance"
         return f"Not clear: {certificate.nearest}; no start led around it: {advice} ({tried})."
+    if certificate.lacks_stability:
+        asked = f"stability {certificate.stability:.3g}, asked {certificate.stability_margin:g}"
+        return f"Not stable enough: {asked}; raise the limits or ask for a lower margin ({tried})."
     failures = "; ".join(certificate.failures)
     return f"Not certified: {failures}; try a finer accuracy or more starts ({tried})."
 

@@ -48,16 +48,16 @@ def check_targets(arm: Arm, target: Target | Iterable[Target]) -> tuple[Target, 
     targets = tuple(target) if isinstance(target, tuple | list) else (target,)
     if not targets:
         raise InputError("target", target, "at least one target")
-    claims: dict[str, Array] = {}
+    prescribed: dict[str, Array] = {}
     for t in targets:
         if not hasattr(t, "terms"):
             raise InputError("target", t, "a target such as TipPosition(...)")
         t.check(arm)
-        for name, value in t.claims(arm).items():
-            if name in claims:
-                allowed = f"one target for it, not two: another has {claims[name].tolist()}"
+        for name, value in t.prescribed(arm).items():
+            if name in prescribed:
+                allowed = f"one target for it, not two: another has {prescribed[name].tolist()}"
                 raise InputError(f"target: {name}", value.tolist(), allowed)
-            claims[name] = value
+            prescribed[name] = value
     if not frozenset.intersection(*(t.tendons(arm) for t in targets)):
         raise InputError(
             "target", targets, "targets that leave some tendon to pull for all of them"

@@ -166,6 +166,27 @@ def decoded(text: bytes, name: str) -> dict[str, Any]:
         raise no_toml(str(reason), text, name) from None
 
 
+def converted(raw: dict[str, Any], kind: type[R], key: str, name: str, needed: str) -> R:
+    """Return what a file holds as a table of a kind; FileError where a key is missing or wrong.
+
+    `key` tells what file it is; `needed` is what is said where it is missing.
+    """
+    if key not in raw:
+        raise FileError(name, key, f"missing; {needed}")
+    try:
+        return msgspec.convert(raw, kind)
+    except msgspec.ValidationError as reason:
+        raise mistake(str(reason), name, raw, kind) from None
+
+
+def scene_beside(scene: str | dict[str, Any], path: Path) -> Question:
+    """Return the question of a scene that a file at a path holds or names, from its folder."""
+    if not isinstance(scene, str):
+        return question_of(scene, str(path))
+    beside = path.parent / scene
+    return question_of(decoded(text_of(beside), str(beside)), str(beside))
+
+
 def table_of(raw: dict[str, Any], name: str) -> SceneTable:
     """Return the table of what a scene file holds, its keys checked one by one; FileError."""
     if "sweep" in raw:

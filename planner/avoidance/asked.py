@@ -99,8 +99,8 @@ def surroundings(
 
 def _tips(arm: Arm, targets: tuple[Target, ...]) -> list[Array]:
     """Return the places (3,) that targets prescribe for the tip."""
-    claims = [target.claims(arm) for target in targets]
-    return [own["tip position"] for own in claims if "tip position" in own]
+    found = [target.prescribed(arm) for target in targets]
+    return [own["tip position"] for own in found if "tip position" in own]
 
 
 def _radius(arm: Arm, s: float) -> float:

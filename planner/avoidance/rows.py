@@ -121,8 +121,8 @@ class Avoidance(Free):
             margins.append(ca.sqrt(ca.sumsqr(gap) + _TINY) - own[-1])
         return Terms(margin={NAME: ca.vertcat(*margins) / arm.length}, hard=frozenset({NAME}))
 
-    def lean(self, arm: Arm) -> None:
-        """See Target.lean: nowhere."""
+    def guess_towards(self, arm: Arm) -> None:
+        """See Target.guess_towards: nowhere."""
 
     def _slots(self, arm: Arm) -> list[int]:
         """Return the element of each slot for a body."""

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import msgspec
-
 from model import Arm, Scene
 from model.errors import FileError
 from planner.calibrate.calibrate import calibrate
@@ -15,9 +13,8 @@ from planner.calibrate.calibration import Calibration
 from planner.calibrate.measured import Measured
 from planner.calibrate.shapes_csv import load_shapes
 from planner.calibrate.tables import CalibrationFile
-from planner.scenefile import decoded, question_of, text_of
+from planner.scenefile import converted, decoded, scene_beside, text_of
 from planner.scenes.keys import MM
-from planner.scenes.mistakes import mistake
 from planner.unknowns.tables import unknown_of
 from planner.unknowns.unknown import Unknown
 
@@ -51,17 +48,9 @@ def load_asked(path: str | Path) -> Asked:
     path = Path(path)
     name = str(path)
     raw = decoded(text_of(path), name)
-    if "unknowns" not in raw:
-        raise FileError(name, "unknowns", f"missing; a calibration file is such as {_SUCH}")
-    try:
-        file = msgspec.convert(raw, CalibrationFile)
-    except msgspec.ValidationError as reason:
-        raise mistake(str(reason), name, raw, CalibrationFile) from None
-    if isinstance(file.scene, str):
-        scene_path = path.parent / file.scene
-        asked = question_of(decoded(text_of(scene_path), str(scene_path)), str(scene_path))
-    else:
-        asked = question_of(file.scene, name)
+    needed = f"a calibration file is such as {_SUCH}"
+    file = converted(raw, CalibrationFile, "unknowns", name, needed)
+    asked = scene_beside(file.scene, path)
     names = [point.name for point in file.points]
     if len(set(names)) < len(names):
         raise FileError(name, "points", f"got {', '.join(names)}; allowed is each name once")

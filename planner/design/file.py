@@ -5,16 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-import msgspec
 from msgspec import Meta
 
 from model import InputError
 from model.errors import FileError
 from planner.design.design import Design, design
 from planner.design.making import Making
-from planner.scenefile import decoded, question_of, text_of
+from planner.scenefile import converted, decoded, scene_beside, text_of
 from planner.scenes.keys import MM, NotNegative, Table
-from planner.scenes.mistakes import mistake
 from planner.scenes.targets import TargetTable, target_of
 from planner.unknowns.tables import UnknownTable, unknown_of
 
@@ -54,17 +52,8 @@ def run_design(path: str | Path) -> Design:
     path = Path(path)
     name = str(path)
     raw = decoded(text_of(path), name)
-    if "tasks" not in raw:
-        raise FileError(name, "tasks", f"missing; a design file is such as {_SUCH}")
-    try:
-        file = msgspec.convert(raw, DesignFile)
-    except msgspec.ValidationError as reason:
-        raise mistake(str(reason), name, raw, DesignFile) from None
-    if isinstance(file.scene, str):
-        scene_path = path.parent / file.scene
-        asked = question_of(decoded(text_of(scene_path), str(scene_path)), str(scene_path))
-    else:
-        asked = question_of(file.scene, name)
+    file = converted(raw, DesignFile, "tasks", name, f"a design file is such as {_SUCH}")
+    asked = scene_beside(file.scene, path)
     if asked.options.get("tension_min") or asked.options.get("total_pull"):
         told = "got tension_min or total_pull, allowed is tension_max alone in a design"
         raise FileError(name, "limits", told)

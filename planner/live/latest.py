@@ -11,7 +11,7 @@ Job = Callable[[], None]
 
 
 class Latest:
-    """One thread; a job waits until the one before is done, and gives way to a newer one.
+    """One thread; a job waits until the one before is done, and is dropped for a newer one.
 
     Once nothing was asked for `rest` seconds after a job, `at_rest` is called, in the same thread.
     """

@@ -19,7 +19,7 @@ _EFFECTS = [getattr(model.effects, name) for name in model.effects.__all__ if na
 _TARGETS = [
     kind
     for kind in (getattr(planner.targets, name) for name in planner.targets.__all__)
-    if is_dataclass(kind) and hasattr(kind, "lean")
+    if is_dataclass(kind) and hasattr(kind, "guess_towards")
 ]
 _OBSTACLES = [
     kind

@@ -30,13 +30,13 @@ class Guesses:
     ----------
     sure : int
         Among how many of the first the best optimum is; 0 where that is not known.
-    carried : dict
-        By tensions, the optima of a simpler scene that some of them are, without their states.
+    carried : list of ((n_tendons,), Solution)
+        Those that are optima of a simpler scene, best first, without their states.
     """
 
     starts: list[Array]
     sure: int = 0
-    carried: dict[bytes, Solution] = field(default_factory=dict)
+    carried: list[tuple[Array, Solution]] = field(default_factory=list)
 
 
 def first_guesses(task: Task, most: int) -> Guesses:
@@ -97,5 +97,5 @@ def _carried(task: Task, simple: Task, most: int) -> Guesses:
     starts = [*optima[:few], *stronger, *optima[few:], *guesses.starts]
     starts = spread([np.minimum(T, task.allowed.upper) for T in starts], most)
     problem = free.problem(free.coarse(mode))
-    known = {free.tensions(s).tobytes(): s.free(problem) for s in likely}
-    return Guesses(starts, sure, known if shape == task.targets else {})
+    known = [(free.tensions(s), s.free(problem)) for s in likely]
+    return Guesses(starts, sure, known if shape == task.targets else [])

@@ -139,8 +139,8 @@ class Search:
 
     def _finished(self, found: list[Solution], mode: Mode) -> list[Fine]:
         """Return the last digits of the best of what was found, and of what had to be steadied."""
-        dearest = min((s.f for s in found), default=np.inf)
-        steadied = self.trials.steadied(mode, dearest)
+        best = min((s.f for s in found), default=np.inf)
+        steadied = self.trials.steadied(mode, best)
         tell("the last digits")
         tasks = ((self.task, found), (self.task.held, steadied))
         return [finish_best(task, own, mode) for task, own in tasks if own]

@@ -100,7 +100,7 @@ def _leans(arm: Arm, targets: tuple[Target, ...]) -> list[float]:
     frame, base = np.array(arm.base_frame), np.array(arm.base_position)
     angles: list[float] = []
     for target in targets:
-        point = target.lean(arm)
+        point = target.guess_towards(arm)
         if point is None:
             continue
         local = frame.T @ (point - base)

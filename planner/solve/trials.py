@@ -44,8 +44,8 @@ class Trials:
     ----------
     sure : int
         Among how many of the first starts the best optimum is, 0 where that is not known.
-    carried : dict
-        By tensions, optima without their states of a simpler scene, to begin with.
+    carried : list of ((n_tendons,), Solution)
+        Optima of a simpler scene to begin with, best first, without their states.
     seen : list of (Statement, Solution)
         Every solution with finite numbers, in order.
     toppled : list of (Statement, Solution)
@@ -54,7 +54,7 @@ class Trials:
 
     def __init__(self, task: Task, sure: int = 0) -> None:
         self.task, self.sure = task, sure
-        self.carried: dict[bytes, Solution] = {}
+        self.carried: list[tuple[Array, Solution]] = []
         self.seen: list[tuple[Statement, Solution]] = []
         self.toppled: list[tuple[Statement, Solution]] = []
         self.loaded = is_loaded(task.scene)
@@ -68,8 +68,8 @@ class Trials:
         """Whether loads move the tip of the first guess so far that the simpler optima mislead."""
         if not self.loaded or not self.carried:
             return self.loaded
-        T = np.frombuffer(next(iter(self.carried)))
-        moved = self.task.problem(self.task.coarse("exact")).moved_by_loads(T)
+        best, _ = self.carried[0]
+        moved = self.task.problem(self.task.coarse("exact")).moved_by_loads(best)
         return moved > _HEAVY * self.task.arm.length
 
     @property
@@ -106,7 +106,7 @@ class Trials:
                 self.toppled.append((statement, solution))
         return found
 
-    def steadied(self, mode: Mode, dearest: float) -> list[Solution]:
+    def steadied(self, mode: Mode, best: float) -> list[Solution]:
         """Return optima that stand, next to cheaper ones that do not.
 
         With the least stable mode as an unknown, from the shape that is not stable enough.
@@ -117,11 +117,11 @@ class Trials:
         p = problem.parameters(task.targets, task.allowed, TRACES[0])
         for before, toppled in sorted(self.toppled, key=lambda item: item[1].f)[:_STEADIED]:
             x = problem.with_modes(self.task.problem(before), toppled.x, task.allowed, p)
-            if toppled.f >= dearest or x is None:
+            if toppled.f >= best or x is None:
                 continue
             solution = solve(problem, x, p, problem.bounds(task.allowed))
             check_time()
-            if solution.met and solution.f < dearest and self.stands(statement, solution):
+            if solution.met and solution.f < best and self.stands(statement, solution):
                 found.append(solution)
         return found
 
@@ -148,7 +148,7 @@ class Trials:
 
     def solve(self, statement: Statement, T: Array) -> Solution:
         """Return what tensions (n_tendons,) [N] lead to."""
-        known = self.carried.get(T.tobytes())
+        known = next((s for own, s in self.carried if np.array_equal(own, T)), None)
         if known is not None and statement.mode == "exact":
             solution = self._carried(statement, known)
             if solution is not None:

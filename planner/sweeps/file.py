@@ -7,13 +7,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
-import msgspec
-
 from model import InputError
 from model.errors import FileError
 from model.loads import is_loaded
-from planner.scenefile import Question, decoded, question_of, table_of, text_of
-from planner.scenes.mistakes import mistake
+from planner.scenefile import Question, converted, decoded, question_of, table_of, text_of
 from planner.sweeps.asked import Sweep
 from planner.sweeps.axes import Axis, values_of
 from planner.sweeps.keys import changed, checked_key, unit_of, whole
@@ -45,12 +42,7 @@ def load_sweep(path: str | Path) -> Sweep:
     path = Path(path)
     name, text = str(path), text_of(path)
     raw = decoded(text, name)
-    if "sweep" not in raw:
-        raise FileError(name, "sweep", f"missing; a sweep file is such as {_SUCH}")
-    try:
-        file = msgspec.convert(raw, SweepFile)
-    except msgspec.ValidationError as reason:
-        raise mistake(str(reason), name, raw, SweepFile) from None
+    file = converted(raw, SweepFile, "sweep", name, f"a sweep file is such as {_SUCH}")
     texts = {"sweep": text.decode()}
     if isinstance(file.scene, str):
         scene_path = path.parent / file.scene

@@ -90,6 +90,6 @@ class Backbone(Free):
         ]
         return Terms(approach={"distance to the points": ca.vertcat(*gaps)})
 
-    def lean(self, arm: Arm) -> Array:
-        """See Target.lean."""
+    def guess_towards(self, arm: Arm) -> Array:
+        """See Target.guess_towards."""
         return np.array(self.points[-1])

@@ -136,7 +136,7 @@ class Target(Protocol):
     def tendons(self, arm: Arm) -> frozenset[int]:
         """Return the tendons that may pull."""
 
-    def claims(self, arm: Arm) -> Mapping[str, Array]:
+    def prescribed(self, arm: Arm) -> Mapping[str, Array]:
         """Return the quantities that the target fixes, by name; two targets have to agree."""
 
     def look(self) -> Look | None:
@@ -145,8 +145,8 @@ class Target(Protocol):
     def ways(self, p: ca.MX) -> ca.MX:
         """Return the directions (3, width) of its look, in the base frame, from its numbers p."""
 
-    def lean(self, arm: Arm) -> Array | None:
-        """Return a point (3,) that the arm has to lean towards [m]: what its first guesses use."""
+    def guess_towards(self, arm: Arm) -> Array | None:
+        """Return a point (3,) towards which initial guesses bend the arm [m]."""
 
 
 class Free:
@@ -167,8 +167,8 @@ class Free:
         """See Target.tendons: all."""
         return frozenset(range(arm.n_tendons))
 
-    def claims(self, arm: Arm) -> Mapping[str, Array]:
-        """See Target.claims: none."""
+    def prescribed(self, arm: Arm) -> Mapping[str, Array]:
+        """See Target.prescribed: none."""
         return {}
 
     def look(self) -> Look | None:

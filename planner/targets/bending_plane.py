@@ -75,10 +75,10 @@ class BendingPlane(Free):
         """See Target.tendons."""
         return frozenset(arm.tendons_of(self.section))
 
-    def claims(self, arm: Arm) -> Mapping[str, Array]:
-        """See Target.claims."""
+    def prescribed(self, arm: Arm) -> Mapping[str, Array]:
+        """See Target.prescribed."""
         return {"bending plane and bend": np.array([self.angle, self.bend, self.section])}
 
-    def lean(self, arm: Arm) -> Array:
-        """See Target.lean."""
+    def guess_towards(self, arm: Arm) -> Array:
+        """See Target.guess_towards."""
         return np.array(arm.base_position) + arm.length * toward(arm, self.angle)

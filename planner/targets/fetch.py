@@ -97,12 +97,12 @@ class Fetch(Free):
             margin[f"side of the {name} bend"] = ca.dot(tangent, ca.vertcat(cos, sin * n, sin * b))
         return Terms(match=match, margin=margin)
 
-    def claims(self, arm: Arm) -> Mapping[str, Array]:
-        """See Target.claims."""
+    def prescribed(self, arm: Arm) -> Mapping[str, Array]:
+        """See Target.prescribed."""
         return {"three bends": self.parameters(arm)}
 
-    def lean(self, arm: Arm) -> Array:
-        """See Target.lean."""
+    def guess_towards(self, arm: Arm) -> Array:
+        """See Target.guess_towards."""
         return np.array(arm.base_position) + arm.length * toward(arm, self.proximal.plane)
 
 
@@ -168,8 +168,8 @@ class FetchReach(Free):
             firm=frozenset(match),
         )
 
-    def lean(self, arm: Arm) -> Array:
-        """See Target.lean."""
+    def guess_towards(self, arm: Arm) -> Array:
+        """See Target.guess_towards."""
         if self.plane is None:
             return np.array(self.mouth)
         return np.array(arm.base_position) + arm.length * toward(arm, self.plane)

@@ -61,8 +61,8 @@ class _Directed(Free):
         """See Target.parameters: the direction, the compliance of the arm at rest."""
         return np.append(self.direction, rest_give(arm))
 
-    def lean(self, arm: Arm) -> Array | None:
-        """See Target.lean: nowhere."""
+    def guess_towards(self, arm: Arm) -> Array | None:
+        """See Target.guess_towards: nowhere."""
         return None
 
 
@@ -165,8 +165,8 @@ class MinimumStiffness(Free):
         name = "stiffness above that wanted"
         return Terms(margin={name: _minors()(view.give)}, yielding=frozenset({name}))
 
-    def lean(self, arm: Arm) -> Array | None:
-        """See Target.lean: nowhere."""
+    def guess_towards(self, arm: Arm) -> Array | None:
+        """See Target.guess_towards: nowhere."""
         return None
 
 

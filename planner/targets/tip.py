@@ -43,12 +43,12 @@ class TipPosition(Free):
         """See Target.terms."""
         return Terms(match={"tip position": (view.tip - p) / view.arm.length})
 
-    def claims(self, arm: Arm) -> Mapping[str, Array]:
-        """See Target.claims."""
+    def prescribed(self, arm: Arm) -> Mapping[str, Array]:
+        """See Target.prescribed."""
         return {"tip position": np.array(self.position)}
 
-    def lean(self, arm: Arm) -> Array:
-        """See Target.lean."""
+    def guess_towards(self, arm: Arm) -> Array:
+        """See Target.guess_towards."""
         return np.array(self.position)
 
 
@@ -93,10 +93,10 @@ class TipPose(Free):
             match={"tip position": (view.tip - p[:3]) / view.arm.length, "tip turn": axis / doubled}
         )
 
-    def claims(self, arm: Arm) -> Mapping[str, Array]:
-        """See Target.claims."""
+    def prescribed(self, arm: Arm) -> Mapping[str, Array]:
+        """See Target.prescribed."""
         return {"tip position": np.array(self.position), "tip frame": np.array(self.frame)}
 
-    def lean(self, arm: Arm) -> Array:
-        """See Target.lean."""
+    def guess_towards(self, arm: Arm) -> Array:
+        """See Target.guess_towards."""
         return np.array(self.position)

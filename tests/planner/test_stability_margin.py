@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.linalg import eigvals
@@ -64,14 +66,14 @@ def test_a_margin_is_held_and_costs_effort() -> None:
     assert held.shape.stability >= stability + 0.1 - 1e-3
 
 
-@pytest.mark.slow
 def test_a_margin_that_no_shape_has_is_said_to_lack() -> None:
     found = hanging(1.0)
     assert not found.reached
     assert "stability below its margin of 1" in "; ".join(found.certificate.failures)
+    assert found.outcome.startswith("Not stable enough: stability 0.")
 
 
-def test_a_plan_tells_how_well_it_stands_and_is_loaded_with_its_margin(tmp_path) -> None:  # type: ignore[no-untyped-def]
+def test_a_plan_tells_how_well_it_stands_and_is_loaded_with_its_margin(tmp_path: Path) -> None:
     found = hanging(0.1)
     assert found.certificate.stability_margin == 0.1
     assert f"stability {found.certificate.stability:.3g}, bears" in found.outcome
@@ -89,7 +91,7 @@ def test_what_a_column_bears_is_its_buckling_load() -> None:
     heavy = TipLoad((-1e-3 / (1 - stability) / 2, 0, 0))
     found = plan(ARM, TipPosition((ARM.length, 0.0, 0.0)), Scene(heavy), 20.0)
     assert found.certificate.load_factor == pytest.approx(2.0, rel=0.03)
-    assert "gives way at 2" in found.outcome or "gives way at 1.9" in found.outcome
+    assert "yields at 2" in found.outcome or "yields at 1.9" in found.outcome
 
 
 @pytest.mark.parametrize("margin", [-0.1, 1.5, np.nan, "much"])
