@@ -65,7 +65,10 @@ def spaced(shape: Shape) -> Array:
 
 
 def look(ax: Any, shape: Shape, points: Array) -> None:
-    """Turn 3-D axes to where points (N, 3) are seen best, and let their box fill the panel."""
+    """Turn 3-D axes to where points (N, 3) [m] are seen best, and let their box fill the panel."""
+    for name, values in zip("xyz", MM * points.T, strict=True):
+        low, high = getattr(ax, f"get_{name}lim")()
+        getattr(ax, f"set_{name}lim")(min(low, values.min()), max(high, values.max()))
     fill(ax, *best_view(points, shape.frame(0.0)[:, 0]))
 
 

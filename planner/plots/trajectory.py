@@ -12,9 +12,12 @@ from model.paths import Array
 from model.shape import Shape
 from planner.plots.arm import draw_arm, look
 from planner.plots.plan import DPI
-from planner.plots.strains import INK, MM, PULL, SIZE
+from planner.plots.strains import INK, MM, SIZE
 
 _SHOWN = 50
+# Tendons that pull less than this share of the most are left out; a colour a section, a style each.
+_PULLS = 1e-3
+_STYLES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
 
 
 class Moving(Protocol):
@@ -55,16 +58,18 @@ def plot_trajectory(motion: Moving) -> Figure:
     asked, last = motion.question, motion.shapes[-1]
     points = draw_arm(last, ax, asked.targets[-1], asked.surroundings.obstacles)
     tips = np.array([motion.shape(t).tip for t in np.linspace(0, motion.times[-1], _SHOWN)])
-    ax.plot(*(MM * tips).T, "-", color=INK, lw=1.0, label="way of the tip", zorder=8)
+    ax.plot(*(MM * tips).T, "-", color=INK, lw=1.0, label="path of the tip", zorder=8)
     look(ax, last, np.vstack([points, tips]))
     ax.legend(loc="upper left", frameon=False, fontsize=SIZE)
     over = figure.add_axes((0.60, 0.14, 0.37, 0.74))
     most = float(motion.flat.max())
     upper = np.array(asked.limits.upper)
-    for j in np.argsort(motion.flat.max(axis=0)):
-        colour = PULL(0.15 + 0.8 * j / max(1, motion.arm.n_tendons - 1))
+    for j in np.flatnonzero(motion.flat.max(axis=0) > _PULLS * most):
+        section = motion.arm.tendons[j][0]
+        style = _STYLES[(j - motion.arm.tendons_of(section + 1)[0]) % len(_STYLES)]
         name = motion.arm.tendon_name(int(j))
-        over.plot(motion.times, motion.flat[:, j], color=colour, lw=1.3, label=name)
+        given: dict[str, Any] = {"color": f"C{section % 10}", "ls": style, "lw": 1.4, "label": name}
+        over.plot(motion.times, motion.flat[:, j], **given)
     for level in np.unique(upper[upper <= 3 * most]):
         over.axhline(level, color=INK, lw=0.8, ls="--")
     over.set_xlabel("time [s]", fontsize=SIZE)

@@ -119,7 +119,7 @@ class Trajectory:
         if self.branches:
             names = ", ".join(str(i) for i in self.branches)
             told.append(f"At target {names} the plan goes over to another way of reaching.")
-        share = f"the tip's inertia is some {100 * self.inertia:.2g} % of its weight"
+        share = f"the tip accelerates by some {self.inertia:.2g} times gravity"
         slow = self.inertia < _SLOW
         words = f"{'Slow' if slow else 'Not slow'} enough to be quasi-static"
         told.append(f"{words}: {share}, the arm's slowest period {self.period:.2g} s.")

@@ -66,6 +66,7 @@ def test_a_margin_is_held_and_costs_effort() -> None:
     assert held.shape.stability >= stability + 0.1 - 1e-3
 
 
+@pytest.mark.slow
 def test_a_margin_that_no_shape_has_is_said_to_lack() -> None:
     found = hanging(1.0)
     assert not found.reached
