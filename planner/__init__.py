@@ -16,7 +16,7 @@ from planner.program.limits import Limits
 from planner.program.problem import Problem, build
 from planner.program.statement import Statement
 from planner.records.shape import save_shape
-from planner.solve.found import Start
+from planner.solve.search_result import Trial
 from planner.sweeps.sweep import sweep
 from planner.trajectory.motion import Trajectory, trajectory
 from planner.unknowns.unknown import Unknown
@@ -30,9 +30,9 @@ __all__ = [
     "Measured",
     "Plan",
     "Problem",
-    "Start",
     "Statement",
     "Trajectory",
+    "Trial",
     "Unknown",
     "build",
     "calibrate",

@@ -21,8 +21,8 @@ from planner.program.limits import Limits
 from planner.program.problem import Problem, build, units
 from planner.program.program import STABILITY
 from planner.program.statement import Mode, Statement
-from planner.solve.found import Start, agreed
-from planner.solve.polish import optimality
+from planner.solve.newton import optimality
+from planner.solve.search_result import Trial, agreed
 from planner.solve.task import allowed
 from planner.targets.base import Target
 from planner.tendon_lengths import strokes
@@ -46,7 +46,7 @@ class Answer:
         Multipliers of bounds and constraints of the problem, scaled, CasADi's signs.
     accuracy : float
         What residuals and tip errors are held to, over the arm's length.
-    starts : tuple of Start
+    starts : tuple of Trial
         The first guesses tried, in order.
     stopped : bool
         Whether the time limit ended the search: these are the best tensions it had come to.
@@ -70,7 +70,7 @@ class Answer:
     lam_x: tuple[float, ...]
     lam_g: tuple[float, ...]
     accuracy: float
-    starts: tuple[Start, ...]
+    starts: tuple[Trial, ...]
     stopped: bool = False
     jump: float = 0.0
     machine_code: bool = field(default=False, compare=False)

@@ -18,6 +18,7 @@ from model.mesh_refinement import checked_accuracy
 from model.scene import Scene
 from model.time_limit import OutOfTime, time_limit
 from planner.answer import Answer
+from planner.avoidance.around import Around
 from planner.avoidance.asked import Surroundings, surroundings
 from planner.avoidance.rows import Avoidance
 from planner.files import to_json, write_named
@@ -26,11 +27,10 @@ from planner.program.limits import Limits
 from planner.program.statement import Form, Statement
 from planner.question import check_looks, check_targets, checked_form, checked_margin
 from planner.records.plan import plan_record
-from planner.solve.around import Around
-from planner.solve.follow import Known, follow, jump
-from planner.solve.found import Found
 from planner.solve.search import Search
+from planner.solve.search_result import SearchResult
 from planner.solve.task import Task
+from planner.solve.warm_start import Known, jump, warm_start
 from planner.targets.base import Target
 
 
@@ -196,7 +196,7 @@ def plan(
 
 def _searched(
     task: Task, around: Surroundings, near: Plan | None, starts: int, seconds: float | None
-) -> tuple[Found, Avoidance | None]:
+) -> tuple[SearchResult, Avoidance | None]:
     """Return what a plan that is near leads to, or the best from all starts."""
     if near is None:
         if around:
@@ -216,7 +216,7 @@ def _searched(
     return replace(found, jump=jump(near.tensions, found.tensions)), avoidance
 
 
-def _followed(near: Plan, task: Task) -> Found | None:
+def _followed(near: Plan, task: Task) -> SearchResult | None:
     """Return what a plan leads to, None where it cannot be followed."""
     kind("near", near, Plan, "a Plan for the same arm and scene, or None")
     if near.arm != task.arm or near.scene != task.scene:
@@ -229,7 +229,7 @@ def _followed(near: Plan, task: Task) -> Found | None:
     known = Known(near.targets, own.lower, near.statement, *answer)
     asked = (task.arm, task.scene, task.targets, limits, task.accuracy)
     try:
-        return follow(known, *asked, task.machine_code)
+        return warm_start(known, *asked, task.machine_code)
     except OutOfTime:
         T = np.clip(np.ravel(near.tensions), limits.lower, limits.upper)
-        return Found(near.statement, task.arm.by_section(T), (), (), (), stopped=True)
+        return SearchResult(near.statement, task.arm.by_section(T), (), (), (), stopped=True)

@@ -24,7 +24,7 @@ from planner.question import check_targets, checked_form, checked_margin
 from planner.records.plan import AnswerRecord, PlanRecord, QuestionRecord, StartRecord
 from planner.records.values import Number, value
 from planner.scenes.mistakes import mistake, shown
-from planner.solve.found import Start
+from planner.solve.search_result import Trial
 from planner.targets.base import Target
 
 R = TypeVar("R")
@@ -156,9 +156,9 @@ def _kind(found: Any, wanted: type[R], name: str, where: str) -> R:
     return found
 
 
-def _start(start: StartRecord, name: str, where: str) -> Start:
+def _start(start: StartRecord, name: str, where: str) -> Trial:
     objective = _floats([start.objective], name, f"{where}.objective")[0]
-    return Start(objective, start.met, start.iterations)
+    return Trial(objective, start.met, start.iterations)
 
 
 def _floats(values: list[Number], name: str, where: str) -> list[float]:

@@ -41,8 +41,8 @@ from model.forward import schemes_of
 from model.loads import is_loaded
 from model.paths import Array
 from planner import Limits, Plan, Statement, plan
+from planner.solve.multistart import Multistart
 from planner.solve.task import Task
-from planner.solve.trials import Trials
 from planner.targets import Target
 from studies.keeping import keeping
 from studies.reachable import ARM, MAXIMUM, READ, SCENES, draw, off
@@ -137,7 +137,7 @@ def _over_best(found: Plan, scene: Scene, count: int, rng: np.random.Generator) 
     if heavy or not count or found.mode != "exact":
         return 0.0
     limits, statement = Limits.of(ARM, MAXIMUM), Statement("condensed", found.statement.norm)
-    trials = Trials(Task(ARM, found.targets, scene, limits, statement, found.accuracy))
+    trials = Multistart(Task(ARM, found.targets, scene, limits, statement, found.accuracy))
     coarse = trials.task.coarse("exact")
     problem = trials.task.problem(coarse)
     p = problem.parameters(found.targets, limits)

@@ -28,8 +28,8 @@ from model import Scene, settle
 from model.effects import Extension
 from model.paths import Array
 from planner import Limits, Statement, plan
+from planner.solve.multistart import Multistart
 from planner.solve.task import Task
-from planner.solve.trials import Trials
 from planner.targets import Target, TipPose, TipPosition
 from studies.reachable import ARM, MAXIMUM, draw, off
 
@@ -61,7 +61,7 @@ def run(number: int, seed: int, best_of: int) -> Case:
         wrong = off(settle(ARM, found.tensions, scene, 1e-9), target) > _WRONG
         return Case(number, kind, np.nan, wrong)
     limits = Limits.of(ARM, maxima)
-    trials = Trials(Task(ARM, found.targets, scene, limits, Statement(), found.accuracy))
+    trials = Multistart(Task(ARM, found.targets, scene, limits, Statement(), found.accuracy))
     statement = trials.task.coarse(found.mode)
     scale = np.minimum(np.repeat([0.6, 5.0, 15.0], 4), limits.upper)
     tried = (

@@ -1,10 +1,13 @@
-"""Continuation in the target, where a direct solve fails: from what a first guess does attain.
+"""Continuation: from a problem that is solved to one like it, by steps that adapt.
 
-What a first guess is off by is taken from what is asked, so that it meets that; then less and less
-of it. The way is found on the coarse mesh, and each step of it is an optimum.
+In the target, where a direct solve fails, it begins with what an initial guess does attain: what
+that is off by is taken from what is asked, so that it meets that; then less and less of it. Each
+step is an optimum, on the coarse mesh.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 
@@ -12,12 +15,31 @@ from model.paths import Array
 from model.time_limit import check_time
 from planner.program.problem import Bounds, Problem
 from planner.solve.ipopt import Solution, solve
-from planner.solve.walk import walk
 
-_FIRST_STEP = 1 / 4
+_FIRST_STEP, _LEAST_STEP = 1 / 4, 1 / 64
 
 
-def continued(problem: Problem, x: Array, p: Array, bounds: Bounds) -> Solution | None:
+def continuation(
+    start: Solution, at: Callable[[Solution, float], Solution | None], step: float = 1.0
+) -> Solution | None:
+    """Return the solution at share 1, from that at share 0; None where the way there ends.
+
+    `at` solves at a share from a solution near, or returns None: then the step is halved.
+    """
+    share = 0.0
+    while share < 1:
+        trial = min(1.0, share + step)
+        found = at(start, trial)
+        if found is not None:
+            start, share, step = found, trial, 2 * step
+        elif step <= _LEAST_STEP:
+            return None
+        else:
+            step /= 2
+    return start
+
+
+def continued_targets(problem: Problem, x: Array, p: Array, bounds: Bounds) -> Solution | None:
     """Return the optimum that the way from unknowns x leads to, None where it ends before."""
     lbx, ubx, lbg, ubg = bounds
     g = problem.constraints(x, p)
@@ -34,4 +56,4 @@ def continued(problem: Problem, x: Array, p: Array, bounds: Bounds) -> Solution 
     if not np.all(np.isfinite(g)):
         return None
     start = at(None, 0.0)
-    return None if start is None else walk(start, at, _FIRST_STEP)
+    return None if start is None else continuation(start, at, _FIRST_STEP)

@@ -8,12 +8,12 @@ import numpy as np
 
 from model.paths import Array
 from model.unloaded.closed_form import unloaded
+from planner.initial_guess.curled import curled_arms, distinct
+from planner.initial_guess.fitting import COUNT, COUNT_OF_POINT, fitted_guesses
 from planner.program.statement import Mode
-from planner.solve.fits import COUNT, COUNT_OF_POINT, fits
 from planner.solve.ipopt import Solution
-from planner.solve.starts import candidates, spread
+from planner.solve.multistart import Multistart
 from planner.solve.task import Task
-from planner.solve.trials import Trials
 
 # Where none meets what is wanted, so many of the nearest fits come first.
 _OTHERS = 4
@@ -63,15 +63,15 @@ def _of_closed_form(task: Task, most: int) -> Guesses:
     fit does: it finds what the curled arms miss 1 time in 50.
     """
     problem = task.problem(task.coarse("exact"))
-    curled = [T for _, T in candidates(problem, task.targets, task.allowed)]
+    curled = [T for _, T in curled_arms(problem, task.targets, task.allowed)]
     if task.is_point:
         if len(curled) == 1:
             return Guesses(curled)
-        found = fits(problem, task.targets, task.allowed, COUNT_OF_POINT)
-        return Guesses(spread([*[*found.likely, *found.others][:1], *curled], most))
-    found = fits(problem, task.targets, task.allowed, COUNT)
+        found = fitted_guesses(problem, task.targets, task.allowed, COUNT_OF_POINT)
+        return Guesses(distinct([*[*found.likely, *found.others][:1], *curled], most))
+    found = fitted_guesses(problem, task.targets, task.allowed, COUNT)
     first = found.likely or found.others[:_OTHERS]
-    starts = spread([*first, *curled, *found.others], most)
+    starts = distinct([*first, *curled, *found.others], most)
     return Guesses(starts, 0 if problem.looks else min(len(found.likely), most))
 
 
@@ -85,17 +85,17 @@ def _carried(task: Task, simple: Task, most: int) -> Guesses:
     shape = tuple(target for target in task.targets if target.look() is None) or task.targets
     free = replace(simple, targets=shape)
     guesses = _of_closed_form(free, most)
-    trials = Trials(free, guesses.sure)
+    trials = Multistart(free, guesses.sure)
     mode: Mode = "exact" if free.can_be_exact else "closest"
     found = [trials.solve(free.coarse(mode), T) for T in guesses.starts[: trials.first]]
     met = sorted((s for s in found if s.finite), key=lambda s: (not s.met, s.f))
-    optima = spread([free.tensions(s) for s in met], most)
+    optima = distinct([free.tensions(s) for s in met], most)
     likely = [s for s in met if s.met and s.f <= _DEARER * met[0].f]
-    sure = len(spread([free.tensions(s) for s in likely], most)) if likely else 0
+    sure = len(distinct([free.tensions(s) for s in likely], most)) if likely else 0
     stronger = [more * T for T in optima[:1] for more in _STRONGER] if task.is_point else []
     few = max(sure, _BEFORE_STRONGER)
     starts = [*optima[:few], *stronger, *optima[few:], *guesses.starts]
-    starts = spread([np.minimum(T, task.allowed.upper) for T in starts], most)
+    starts = distinct([np.minimum(T, task.allowed.upper) for T in starts], most)
     problem = free.problem(free.coarse(mode))
     known = [(free.tensions(s), s.free(problem)) for s in likely]
     return Guesses(starts, sure, known if shape == task.targets else [])

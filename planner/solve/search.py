@@ -8,14 +8,14 @@ from model.errors import OctoplanError
 from model.paths import Array
 from model.progress import tell
 from model.time_limit import OutOfTime, time_limit
+from planner.initial_guess.curled import curled_arms
 from planner.program.statement import Mode, Statement
-from planner.solve.finish import Fine, best_of, finish_best
-from planner.solve.found import Found, Start
 from planner.solve.guesses import first_guesses, further_guesses
 from planner.solve.ipopt import Solution
-from planner.solve.starts import candidates
+from planner.solve.multistart import LITTLE, Multistart, record
+from planner.solve.refine import Fine, best_of, refine_best
+from planner.solve.search_result import SearchResult, Trial
 from planner.solve.task import Task
-from planner.solve.trials import LITTLE, Trials, record
 
 # First guesses from which continuation is tried where none leads to the targets by itself.
 _CONTINUED = 2
@@ -25,14 +25,14 @@ class Search:
     """One planning question and the steps that answer it."""
 
     def __init__(self, task: Task) -> None:
-        self.trials = Trials(task)
+        self.trials = Multistart(task)
 
     @property
     def task(self) -> Task:
         """What is asked; what turned out to need care on the way is so."""
         return self.trials.task
 
-    def run(self, most: int, seconds: float | None = None) -> Found:
+    def run(self, most: int, seconds: float | None = None) -> SearchResult:
         """Return the best optimum from so many starts, or the best so far after so long."""
         try:
             with time_limit(seconds):
@@ -40,7 +40,7 @@ class Search:
         except OutOfTime:
             return self._so_far()
 
-    def _so_far(self) -> Found:
+    def _so_far(self) -> SearchResult:
         """Return the best that was seen before the time was over, on the coarse mesh.
 
         Of optima the one of least effort, else where the last solve was, else the initial guess
@@ -59,10 +59,10 @@ class Search:
         """Return the initial guess (n_tendons,) that is nearest to what is wanted [N]."""
         simple = self.task.simple
         problem = simple.problem(simple.coarse("exact"))
-        found = candidates(problem, simple.targets, simple.allowed)
+        found = curled_arms(problem, simple.targets, simple.allowed)
         return min(found, key=lambda guess: guess[0])[1]
 
-    def _run(self, most: int) -> Found:
+    def _run(self, most: int) -> SearchResult:
         """Try the readings of the targets in turn; planner.program.problem has the three modes."""
         guesses = first_guesses(self.task, most)
         self.trials.sure, self.trials.carried = guesses.sure, guesses.carried
@@ -84,7 +84,7 @@ class Search:
         exact = self._exact_near(fine.solution, starts[first:])
         return self._answer(fine, records) if exact is None else exact
 
-    def _steadied(self) -> Found:
+    def _steadied(self) -> SearchResult:
         """Return the nearest shape that is stable enough where none that meets the targets is."""
         records = [record(solution) for _, solution in self.trials.toppled]
         for mode in self._readings():
@@ -94,16 +94,16 @@ class Search:
         statement, least = min(self.trials.toppled, key=lambda item: item[1].f)
         return self._found(statement, self.task.tensions(least), least, records)
 
-    def _exact_near(self, near: Solution, starts: list[Array]) -> Found | None:
+    def _exact_near(self, near: Solution, starts: list[Array]) -> SearchResult | None:
         """Return what meets the targets after all, where the nearest shape is as good as there."""
         if not self.task.can_be_exact or near.f > LITTLE:
             return None
         return self._exact([self.task.tensions(near), *starts], [])
 
-    def _exact(self, first: list[Array], others: list[Array]) -> Found | None:
+    def _exact(self, first: list[Array], others: list[Array]) -> SearchResult | None:
         """Return the least effort that meets the targets; others are tried if a first one does."""
         statement = self.task.coarse("exact")
-        records: list[Start] = []
+        records: list[Trial] = []
         found = self.trials.from_starts(first, statement, records)
         if not found and not self.trials.toppled:
             found = self.trials.by_continuation(first[:_CONTINUED], statement, records)
@@ -124,10 +124,10 @@ class Search:
         closer = closest.terms.numel_out(1) > 0 or closest.n_lack > 0
         return ("closest", "nearest") if closer else ("nearest",)
 
-    def _fallback(self, starts: list[Array]) -> tuple[list[Solution], list[Start], Mode]:
+    def _fallback(self, starts: list[Array]) -> tuple[list[Solution], list[Trial], Mode]:
         """Return the closest shapes, or the nearest if what has to be met cannot be."""
         for mode in self._readings():
-            records: list[Start] = []
+            records: list[Trial] = []
             found = self.trials.from_starts(starts, self.task.coarse(mode), records)
             if found:
                 return found, records, mode
@@ -143,9 +143,9 @@ class Search:
         steadied = self.trials.steadied(mode, best)
         tell("the last digits")
         tasks = ((self.task, found), (self.task.held, steadied))
-        return [finish_best(task, own, mode) for task, own in tasks if own]
+        return [refine_best(task, own, mode) for task, own in tasks if own]
 
-    def _answer(self, fine: Fine, records: list[Start]) -> Found:
+    def _answer(self, fine: Fine, records: list[Trial]) -> SearchResult:
         T = self.task.problem(fine.statement).tensions(fine.solution.x, self.task.allowed)
         return self._found(fine.statement, T, fine.solution, records)
 
@@ -154,9 +154,9 @@ class Search:
         statement: Statement,
         T: Array,
         solution: Solution | None,
-        records: list[Start],
+        records: list[Trial],
         stopped: bool = False,
-    ) -> Found:
+    ) -> SearchResult:
         none: tuple[float, ...] = ()
         free = solution and solution.free(self.task.problem(statement))
         known = free is not None and free.multiplied
@@ -164,4 +164,4 @@ class Search:
         lam_g = tuple(free.lam_g.tolist()) if free and known else none
         tensions = self.task.arm.by_section(T)
         statement = statement.but(form=self.task.statement.form)
-        return Found(statement, tensions, lam_x, lam_g, tuple(records), stopped)
+        return SearchResult(statement, tensions, lam_x, lam_g, tuple(records), stopped)

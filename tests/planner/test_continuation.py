@@ -8,10 +8,9 @@ from model import Arm, Scene, settle
 from model.effects import Extension
 from planner import Limits, Statement
 from planner.program.problem import TRACES, Problem
-from planner.solve.continuation import continued
+from planner.solve.continuation import continuation, continued_targets
 from planner.solve.ipopt import Solution, solve
 from planner.solve.task import Task
-from planner.solve.walk import walk
 from planner.targets import Target, TipPosition
 from studies.reachable import draw, off, tensions
 from tests.planner.cases import Array
@@ -39,7 +38,7 @@ def test_it_leads_to_targets_that_a_direct_solve_misses_from_the_same_start() ->
         if solve(problem, x, p, bounds).met:
             continue
         missed += 1
-        solution = continued(problem, x, p, bounds)
+        solution = continued_targets(problem, x, p, bounds)
         if solution is not None:
             led += 1
             T = problem.tensions(solution.x, LIMITS)
@@ -51,13 +50,13 @@ def test_it_leads_to_targets_that_a_direct_solve_misses_from_the_same_start() ->
 def test_the_way_to_what_is_out_of_reach_ends() -> None:
     far = TipPosition((1.2 * ARM.length, 0.0, 0.0))
     problem, x, p, bounds = stated(far, np.full(12, 0.1))
-    assert continued(problem, x, p, bounds) is None
+    assert continued_targets(problem, x, p, bounds) is None
 
 
 def test_a_start_without_a_shape_leads_nowhere() -> None:
     problem, x, p, bounds = stated(TipPosition((0.3, 0.1, 0.0)), np.full(12, 0.1))
     x[0] = np.nan
-    assert continued(problem, x, p, bounds) is None
+    assert continued_targets(problem, x, p, bounds) is None
 
 
 def at_most(longest: float, end: float = 1.0) -> tuple[list[float], Solution | None]:
@@ -71,7 +70,7 @@ def at_most(longest: float, end: float = 1.0) -> tuple[list[float], Solution | N
         shares.append(share)
         return Solution(zero, zero, zero, share, zero, True, "", 0)
 
-    return shares, walk(Solution(zero, zero, zero, 0.0, zero, True, "", 0), at)
+    return shares, continuation(Solution(zero, zero, zero, 0.0, zero, True, "", 0), at)
 
 
 def test_steps_are_halved_until_they_succeed_and_grow_again() -> None:

@@ -8,9 +8,9 @@ import pytest
 from model import Arm, Scene, settle
 from model.effects import ExactTendons, Extension
 from planner import Limits, Statement, plan
-from planner.solve.bends import Bends
-from planner.solve.fits import COUNT, Fits, fits
-from planner.solve.least_squares import least_squares
+from planner.initial_guess.bend_coordinates import BendCoordinates
+from planner.initial_guess.fitting import COUNT, FittedGuesses, fitted_guesses
+from planner.initial_guess.least_squares import least_squares
 from planner.solve.task import Task
 from planner.targets import Target, TipPose, TipPosition
 from tests.planner.cases import PAPER, Array, barrel_arm
@@ -24,9 +24,9 @@ def posed(arm: Arm, scene: Scene, T: Array) -> TipPose:
     return TipPose(tuple(shape.tip.tolist()), tuple(tuple(row) for row in shape.tip_frame.tolist()))
 
 
-def fitted(arm: Arm, scene: Scene, target: Target) -> Fits:
+def fitted(arm: Arm, scene: Scene, target: Target) -> FittedGuesses:
     task = Task(arm, (target,), scene, Limits.of(arm, MOST), Statement(), 1e-6)
-    return fits(task.problem(task.coarse("exact")), (target,), task.limits, COUNT)
+    return fitted_guesses(task.problem(task.coarse("exact")), (target,), task.limits, COUNT)
 
 
 @pytest.mark.parametrize("scene", [PAPER, Scene.silicone(), Scene(Extension(), ExactTendons())])
@@ -62,7 +62,7 @@ def test_nothing_fits_a_point_out_of_reach() -> None:
 
 
 def test_a_squeeze_pulls_all_tendons_of_a_section_alike_and_bends_nothing() -> None:
-    bends = Bends(ARM, frozenset(range(12)), Limits.of(ARM, MOST))
+    bends = BendCoordinates(ARM, frozenset(range(12)), Limits.of(ARM, MOST))
     T = bends.tensions(np.array([[0.0] * 6 + [0.0, 2.0, -1.0]])).reshape(3, 4)
     assert np.all(T[[0, 2]] == 0.0)
     assert np.all(T[1] == T[1, 0]) and T[1, 0] > 0

@@ -17,12 +17,12 @@ import numpy as np
 from model.effects import ExactTendons, Extension, NeoHookean
 from model.paths import Array
 from model.scene import Scene
+from planner.initial_guess.bend_coordinates import BendCoordinates
+from planner.initial_guess.least_squares import least_squares
+from planner.initial_guess.residuals import Residuals
 from planner.program.effort import effort
 from planner.program.limits import Limits
 from planner.program.problem import Problem, build
-from planner.solve.bends import Bends
-from planner.solve.least_squares import least_squares
-from planner.solve.residuals import Residuals
 from planner.targets.base import Target
 
 # How many are drawn, and how many of those are fitted.
@@ -43,7 +43,7 @@ _DEARER = 1.3
 
 
 @dataclass(frozen=True, eq=False)
-class Fits:
+class FittedGuesses:
     """Tensions that differ: those that meet the targets, cheapest first, and the nearest others.
 
     Attributes
@@ -60,10 +60,12 @@ class Fits:
     others: list[Array]
 
 
-def fits(problem: Problem, targets: tuple[Target, ...], limits: Limits, count: Count) -> Fits:
+def fitted_guesses(
+    problem: Problem, targets: tuple[Target, ...], limits: Limits, count: Count
+) -> FittedGuesses:
     """Return tensions fitted to targets, from so many that are drawn, so many of them fitted."""
     tendons = frozenset.intersection(*(target.tendons(problem.arm) for target in targets))
-    bends = Bends(problem.arm, tendons, limits)
+    bends = BendCoordinates(problem.arm, tendons, limits)
     fitting, simple = Fitting(problem, targets, bends), _closed_form(problem.scene)
     if simple == problem.scene:
         points, residual = fitting.fit(count)
@@ -80,7 +82,7 @@ def fits(problem: Problem, targets: tuple[Target, ...], limits: Limits, count: C
     rows = problem.terms.numel_out(0) + problem.terms.numel_out(1)
     most = _DEARER * cost[met[0]] if met and bends.width <= rows else 0.0
     likely = [i for i in met if cost[i] <= most]
-    return Fits([T[i] for i in likely], [T[i] for i in order[len(likely) :]])
+    return FittedGuesses([T[i] for i in likely], [T[i] for i in order[len(likely) :]])
 
 
 def _closed_form(scene: Scene) -> Scene:
@@ -92,7 +94,9 @@ def _closed_form(scene: Scene) -> Scene:
 class Fitting:
     """Least squares over the bends of an arm, for targets in a scene without loads."""
 
-    def __init__(self, problem: Problem, targets: tuple[Target, ...], bends: Bends) -> None:
+    def __init__(
+        self, problem: Problem, targets: tuple[Target, ...], bends: BendCoordinates
+    ) -> None:
         self.problem, self.bends, self.residuals = problem, bends, Residuals(problem, targets)
 
     def gaps(self, points: Array) -> Array:

@@ -16,9 +16,9 @@ import numpy as np
 
 from model.arm import Arm
 from model.paths import Array
+from planner.initial_guess.residuals import Residuals
 from planner.program.limits import Limits, natural_tensions
 from planner.program.problem import Problem
-from planner.solve.residuals import Residuals
 from planner.targets.base import Target
 
 # In units of what bends the arm by about 1 rad. A slender tip saturates, so it takes many. The
@@ -29,7 +29,7 @@ _BASE = (-2.0, -1.0, -0.4, 0.0, 0.3, 0.7, 1.5, 3.5)
 _ALONE = (0.15, 0.3, 0.6, 1.0, 1.6, 2.5, 4.0, 6.0)
 
 
-def candidates(
+def curled_arms(
     problem: Problem, targets: tuple[Target, ...], limits: Limits
 ) -> list[tuple[float, Array]]:
     """Return (distance from what is wanted, tensions): one for each degree of curling, in order.
@@ -62,7 +62,7 @@ def _patterns(arm: Arm, targets: tuple[Target, ...], limits: Limits) -> list[tup
     groups = []
     for angle in _leans(arm, targets):
         sides = [
-            [section_pulls(arm, i, turned, tendons) for i in sections]
+            [section_tensions(arm, i, turned, tendons) for i in sections]
             for turned in (angle, angle + np.pi)
         ]
         if len(sections) == 1:
@@ -113,7 +113,7 @@ def _leans(arm: Arm, targets: tuple[Target, ...]) -> list[float]:
     return kept
 
 
-def section_pulls(arm: Arm, section: int, angle: float, tendons: frozenset[int]) -> Array:
+def section_tensions(arm: Arm, section: int, angle: float, tendons: frozenset[int]) -> Array:
     """Return the tensions of one section that bend the arm by about 1 rad towards an angle [N].
 
     The tendons on that side share the pull as the law of section 6.1 has it for four of them.
@@ -126,7 +126,7 @@ def section_pulls(arm: Arm, section: int, angle: float, tendons: frozenset[int])
     return share * unit / reach if reach > 0 else share
 
 
-def spread(starts: list[Array], count: int) -> list[Array]:
+def distinct(starts: list[Array], count: int) -> list[Array]:
     """Return the first `count` starts that differ from each other."""
     kept: list[Array] = []
     for T in starts:

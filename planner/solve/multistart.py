@@ -13,10 +13,10 @@ from model.progress import told
 from model.time_limit import check_time
 from planner.program.problem import TRACES, Problem
 from planner.program.statement import Mode, Statement
-from planner.solve.continuation import continued
-from planner.solve.found import Start, agreed
+from planner.solve.continuation import continued_targets
 from planner.solve.ipopt import Solution, solve
-from planner.solve.polish import polish
+from planner.solve.newton import newton
+from planner.solve.search_result import Trial, agreed
 from planner.solve.task import Task
 
 # Starts before agreement counts: five do for points, more where optima are many and close.
@@ -37,7 +37,7 @@ LITTLE = 1e-5
 _STEADIED, _SLACK = 4, 1e-3
 
 
-class Trials:
+class Multistart:
     """The solves of one task.
 
     Attributes
@@ -78,7 +78,7 @@ class Trials:
         heavier = (_MORE_IF_HEAVY if self.heavy else _STRONGER) if self.loaded else 0
         return max(self.least, self.sure) + heavier
 
-    def _enough(self, records: list[Start], found: list[Solution]) -> bool:
+    def _enough(self, records: list[Trial], found: list[Solution]) -> bool:
         """Return whether the best optimum is among what was found, as far as can be told."""
         if not self.task.can_be_exact and any(s.f <= _NOTHING for s in found):
             return len(records) >= _FIXED and agreed(records) >= 2
@@ -90,7 +90,7 @@ class Trials:
         return len(records) >= least and agreed(records) >= 2
 
     def from_starts(
-        self, starts: list[Array], statement: Statement, records: list[Start]
+        self, starts: list[Array], statement: Statement, records: list[Trial]
     ) -> list[Solution]:
         """Return what is met from each start, until that is enough; append to the records."""
         found: list[Solution] = []
@@ -131,7 +131,7 @@ class Trials:
         return self.task.problem(statement).stability(solution.x, T) >= least - _SLACK
 
     def by_continuation(
-        self, starts: list[Array], statement: Statement, records: list[Start]
+        self, starts: list[Array], statement: Statement, records: list[Trial]
     ) -> list[Solution]:
         """Return the first optimum that a way from what a start attains leads to, if there is one.
 
@@ -139,7 +139,7 @@ class Trials:
         """
         for T in told("continuation in the target", starts):
             problem, x, p = self._stated(statement, T)
-            solution = continued(problem, x, p, problem.bounds(self.task.allowed))
+            solution = continued_targets(problem, x, p, problem.bounds(self.task.allowed))
             if solution is not None:
                 self.seen.append((statement, solution))
                 records.append(record(solution))
@@ -173,7 +173,7 @@ class Trials:
             return None
         problem.condensed.forget()
         g = problem.condensed.first(known.x, p).g
-        found = polish(problem, replace(known, g=g), p, bounds)
+        found = newton(problem, replace(known, g=g), p, bounds)
         if found.x is known.x:
             return None
         f = problem.condensed.first(found.x, p).f
@@ -191,6 +191,6 @@ class Trials:
         return problem, x, p
 
 
-def record(solution: Solution) -> Start:
+def record(solution: Solution) -> Trial:
     """Return what is kept of a solution."""
-    return Start(solution.f, solution.met, solution.iterations)
+    return Trial(solution.f, solution.met, solution.iterations)

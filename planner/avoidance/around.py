@@ -24,19 +24,19 @@ from model.progress import told
 from model.settle import settle
 from model.time_limit import OutOfTime, time_limit
 from planner.avoidance.asked import Surroundings
+from planner.avoidance.clear_guesses import likely_clear
 from planner.avoidance.places import near_places, updated, watched_places
 from planner.avoidance.rows import Avoidance
+from planner.initial_guess.curled import distinct
+from planner.initial_guess.fitting import COUNT, fitted_guesses
 from planner.program.problem import Problem
 from planner.program.statement import Mode
-from planner.solve.clear_guesses import likely_clear
-from planner.solve.finish import finish
-from planner.solve.fits import COUNT, fits
-from planner.solve.found import Found, Start
 from planner.solve.ipopt import Solution
+from planner.solve.multistart import Multistart, record
+from planner.solve.refine import refine
 from planner.solve.search import Search
-from planner.solve.starts import spread
+from planner.solve.search_result import SearchResult, Trial
 from planner.solve.task import Task
-from planner.solve.trials import Trials, record
 
 # Optima that are led around, other arms of both kinds, and those of them that are enough.
 _OPTIMA, _OTHERS, _CLEAR_ONES, _ENOUGH = 8, 12, 6, 2
@@ -67,12 +67,12 @@ class Around:
 
     def __init__(self, task: Task, asked: Surroundings) -> None:
         self.task, self.asked = task, asked
-        self.records: list[Start] = []
+        self.records: list[Trial] = []
         self.searched = False
 
     def run(
-        self, most: int, seconds: float | None, near: Found | None = None
-    ) -> tuple[Found, Avoidance | None]:
+        self, most: int, seconds: float | None, near: SearchResult | None = None
+    ) -> tuple[SearchResult, Avoidance | None]:
         """Return the best that keeps clear, and the inequalities of its program.
 
         Where a plan that is near is given, it is led around, and only if it cannot be is searched.
@@ -94,7 +94,7 @@ class Around:
         except OutOfTime:
             return replace(found, stopped=True), None
 
-    def _near(self, near: Found) -> tuple[Found, Avoidance | None] | None:
+    def _near(self, near: SearchResult) -> tuple[SearchResult, Avoidance | None] | None:
         """Return a plan that keeps clear near one without surroundings."""
         T = np.ravel(near.tensions)
         line = self._line(self.task.problem(near.statement), T)
@@ -103,13 +103,13 @@ class Around:
         clear = self.coarse(T, "exact")
         return None if clear is None else self.fine(clear, "exact")
 
-    def _led(self, search: Search, found: Found) -> tuple[Found, Avoidance | None]:
+    def _led(self, search: Search, found: SearchResult) -> tuple[SearchResult, Avoidance | None]:
         """Return the best of what is led around."""
         mode = found.statement.mode
         own = [s for statement, s in search.trials.seen if statement.mode == mode and s.met]
         optima = [np.ravel(found.tensions)]
         optima += [self.task.tensions(s) for s in sorted(own, key=lambda s: s.f)]
-        optima = spread(optima, _OPTIMA)
+        optima = distinct(optima, _OPTIMA)
         possible = mode == "nearest" or self.asked.allows(self.task.arm, self.task.targets)
         best = self._best(optima, mode, ordered=True) if possible else None
         if best is None and possible:
@@ -123,7 +123,7 @@ class Around:
 
     def _best(
         self, starts: list[Array], mode: Mode, ordered: bool = False
-    ) -> tuple[Found, Avoidance | None] | None:
+    ) -> tuple[SearchResult, Avoidance | None] | None:
         """Return the best that is led around from starts; ordered ones are optima, by effort."""
         cleared: list[Clear] = []
         for T in told(f"around obstacles, {mode}", starts):
@@ -172,11 +172,11 @@ class Around:
             T = task.tensions(solution)
         return None
 
-    def fine(self, clear: Clear, mode: Mode) -> tuple[Found, Avoidance | None] | None:
+    def fine(self, clear: Clear, mode: Mode) -> tuple[SearchResult, Avoidance | None] | None:
         """Return the plan to the last digits, proven to keep clear; None where it is not."""
         for _ in range(_CORRECTED):
             task = clear.stated
-            fine = finish(task, clear.solution, mode)
+            fine = refine(task, clear.solution, mode)
             if mode == "exact" and not fine.optimal:
                 return None
             T = task.problem(fine.statement).tensions(fine.solution.x, task.allowed)
@@ -187,7 +187,7 @@ class Around:
                 lam = fine.solution.lam_x.tolist(), fine.solution.lam_g.tolist()
                 tensions = task.arm.by_section(T)
                 multipliers = tuple(lam[0]), tuple(lam[1])
-                found = Found(fine.statement, tensions, *multipliers, tuple(self.records))
+                found = SearchResult(fine.statement, tensions, *multipliers, tuple(self.records))
                 return found, clear.avoidance if clear.avoidance and clear.avoidance.rows else None
             near = near_places(line, self.asked)
             avoidance = updated(clear.avoidance, near, line, self.asked)
@@ -203,7 +203,7 @@ class Around:
     @staticmethod
     def _solved(task: Task, T: Array, mode: Mode) -> tuple[Solution, bool]:
         """Return what tensions lead to, and whether its least stable mode has to be held."""
-        trials, statement = Trials(task), task.coarse(mode)
+        trials, statement = Multistart(task), task.coarse(mode)
         solution = trials.solve(statement, T)
         if not solution.met or trials.stands(statement, solution):
             return solution, False
@@ -218,7 +218,9 @@ class Around:
     def _others(self) -> list[Array]:
         """Return other arms that meet the targets, those that are farther off first."""
         task = self.task.simple
-        found = fits(task.problem(task.coarse("exact")), task.targets, task.allowed, COUNT)
+        found = fitted_guesses(
+            task.problem(task.coarse("exact")), task.targets, task.allowed, COUNT
+        )
         tensions = [*found.likely, *found.others][: 4 * _OTHERS]
         lacks = []
         for T in tensions:

@@ -9,8 +9,8 @@ import numpy as np
 
 from model.arm import Arm
 from model.paths import Array
+from planner.initial_guess.curled import section_tensions
 from planner.program.limits import Limits, natural_tensions
-from planner.solve.starts import section_pulls
 
 # At the tip and at the base, in units of what bends the arm by about 1 rad. A slender tip takes
 # many: it saturates. The best plans for poses and fetches of a slender arm are between these.
@@ -18,7 +18,7 @@ _LEAST, _MOST = (0.5, 0.2), (60.0, 4.0)
 
 
 @dataclass(frozen=True, eq=False)
-class Bends:
+class BendCoordinates:
     """The pulls of the sections as a function of their bends, and of how hard they are squeezed."""
 
     arm: Arm
@@ -41,7 +41,7 @@ class Bends:
         angles = [(0.0, np.pi), (np.pi / 2, -np.pi / 2)]
         return np.array(
             [
-                [section_pulls(self.arm, i, angle, self.tendons) for angle in axis]
+                [section_tensions(self.arm, i, angle, self.tendons) for angle in axis]
                 for i in self.sections
                 for axis in angles
             ]

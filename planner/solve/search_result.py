@@ -10,7 +10,7 @@ from planner.program.statement import Statement
 
 
 @dataclass(frozen=True)
-class Start:
+class Trial:
     """One first guess and what became of it: the objective reached, and whether it was met."""
 
     objective: float
@@ -19,7 +19,7 @@ class Start:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class SearchResult:
     """What a search ends with: how the question was stated, tensions, multipliers, starts.
 
     `stopped` says that the time limit ended it, `jump` by how much the tensions differ from those
@@ -30,12 +30,12 @@ class Found:
     tensions: Array
     lam_x: tuple[float, ...]
     lam_g: tuple[float, ...]
-    starts: tuple[Start, ...]
+    starts: tuple[Trial, ...]
     stopped: bool = False
     jump: float = 0.0
 
 
-def agreed(starts: Sequence[Start]) -> int:
+def agreed(starts: Sequence[Trial]) -> int:
     """Return how many starts ended at the best objective, to a thousandth."""
     best = min((start.objective for start in starts if start.met), default=float("inf"))
     near = best + 1e-3 * abs(best) + 1e-12

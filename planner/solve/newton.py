@@ -94,7 +94,7 @@ def _most(values: Array) -> float:
     return float(np.abs(values).max(initial=0.0))
 
 
-def polish(problem: Problem, start: Solution, p: Array, bounds: Bounds) -> Solution:
+def newton(problem: Problem, start: Solution, p: Array, bounds: Bounds) -> Solution:
     """Return the optimum near a solution, or the solution as it was if there is none like it.
 
     Of a solution without the states; see Solution.free.

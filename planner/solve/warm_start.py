@@ -21,12 +21,12 @@ from model.settle import settle
 from planner.program.limits import Limits
 from planner.program.problem import Bounds, Problem, build, units
 from planner.program.statement import Statement
-from planner.solve.finish import solve_again
-from planner.solve.found import Found, Start
+from planner.solve.continuation import continuation
 from planner.solve.ipopt import Solution
-from planner.solve.polish import polish
+from planner.solve.newton import newton
+from planner.solve.refine import solve_again
+from planner.solve.search_result import SearchResult, Trial
 from planner.solve.task import allowed
-from planner.solve.walk import walk
 from planner.targets.base import Target
 
 # By so much, over their norm, tensions may change from one target to the next; where more is asked
@@ -48,7 +48,7 @@ class Known:
     lam_g: tuple[float, ...]
 
 
-def follow(
+def warm_start(
     known: Known,
     arm: Arm,
     scene: Scene,
@@ -56,7 +56,7 @@ def follow(
     limits: Limits,
     accuracy: float,
     machine_code: bool = False,
-) -> Found | None:
+) -> SearchResult | None:
     """Return the optimum for targets of the same structure, None where it cannot be followed.
 
     Minima of the tensions may be others; maxima are the same. It is also None where the known plan
@@ -85,12 +85,12 @@ def follow(
     T = problem.tensions(found.x, limits)
     if problem.stability(found.x, T) < statement.margin - _SLACK:
         return None
-    return Found(
+    return SearchResult(
         statement,
         arm.by_section(T),
         tuple(found.lam_x.tolist()),
         tuple(found.lam_g.tolist()),
-        (Start(found.f, True, found.iterations),),
+        (Trial(found.f, True, found.iterations),),
         jump=apart,
     )
 
@@ -135,7 +135,7 @@ def _moved(
         upper = np.where(lbx == ubx, ubx - left, ubx)
         return first + share * (last - first), (lbx - left, upper, lbg, ubg)
 
-    found = walk(start, lambda near, share: _near(problem, near, *asked(share), limits))
+    found = continuation(start, lambda near, share: _near(problem, near, *asked(share), limits))
     if found is None:
         return None
     apart = jump(start.x[: unit.size] * unit, found.x[: unit.size] * unit)
@@ -144,11 +144,11 @@ def _moved(
     most = _LITTLE * max(np.linalg.norm(s.x[: unit.size] * unit) for s in (start, found))
 
     def little(near: Solution, share: float) -> Solution | None:
-        there = polish(problem, near, *asked(share))
+        there = newton(problem, near, *asked(share))
         apart = np.linalg.norm((there.x - near.x)[: unit.size] * unit)
         return None if there is near or apart > most else there
 
-    kept = walk(start, little)
+    kept = continuation(start, little)
     if kept is None:
         return found, apart
     return replace(kept, f=problem.condensed.first(kept.x, last).f), 0.0
@@ -158,10 +158,10 @@ def _near(
     problem: Problem, start: Solution, p: Array, bounds: Bounds, limits: Limits
 ) -> Solution | None:
     """Return the optimum near a start by Newton's method, or else by ipopt; None without one."""
-    found = polish(problem, start, p, bounds)
+    found = newton(problem, start, p, bounds)
     if found is start:
         solved = solve_again(problem, start, p, limits)
-        found = polish(problem, solved, p, bounds) if solved.met and solved.finite else start
+        found = newton(problem, solved, p, bounds) if solved.met and solved.finite else start
         if found is start or found is solved:
             return None
     return replace(found, f=problem.condensed.first(found.x, p).f)

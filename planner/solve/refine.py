@@ -22,7 +22,7 @@ from planner.program.problem import Problem
 from planner.program.statement import Mode, Statement
 from planner.program.terms import looks_of, stations_of
 from planner.solve.ipopt import Solution, solve
-from planner.solve.polish import optimality, polish
+from planner.solve.newton import newton, optimality
 from planner.solve.task import Task
 
 # What counts as optimal, of that a certificate allows.
@@ -51,7 +51,7 @@ class Fine:
         return self.worst <= _OPTIMAL
 
 
-def finish_best(task: Task, coarse: Sequence[Solution], mode: Mode) -> Fine:
+def refine_best(task: Task, coarse: Sequence[Solution], mode: Mode) -> Fine:
     """Return the best of coarse optima on the fine mesh; `optimal` is False if none is one there.
 
     Which is best is decided there among all that are nearly so, and an optimum that only the coarse
@@ -65,7 +65,7 @@ def finish_best(task: Task, coarse: Sequence[Solution], mode: Mode) -> Fine:
         if solution.f <= last + _SAME * abs(last):
             continue
         last = solution.f
-        finished.append(finish(task, solution, mode))
+        finished.append(refine(task, solution, mode))
         if finished[-1].optimal and limit == np.inf:
             limit = last * (1 + _RIVAL) + (0.0 if mode == "exact" else _BLUR)
     return best_of(finished)
@@ -79,7 +79,7 @@ def best_of(finished: list[Fine]) -> Fine:
     return min(finished, key=lambda fine: fine.worst)
 
 
-def finish(task: Task, coarse: Solution, mode: Mode) -> Fine:
+def refine(task: Task, coarse: Solution, mode: Mode) -> Fine:
     """Return the optimum of the fine mesh near a coarse one, to the last digits.
 
     The mesh is chosen for the coarse tensions, and again where those found want a finer one. Least
@@ -111,10 +111,10 @@ def _finish(task: Task, statement: Statement, coarse: Solution) -> Fine:
         return optimality(problem, s.x, p, s.lam_x, s.lam_g, bounds).worst
 
     guess = _warm(task, problem, coarse, p)
-    best = polish(problem, guess, p, bounds)
+    best = newton(problem, guess, p, bounds)
     if best is guess and worst(guess) > _OPTIMAL:
         solved = solve_again(problem, guess, p, limits)
-        polished = polish(problem, solved, p, bounds) if solved.finite else guess
+        polished = newton(problem, solved, p, bounds) if solved.finite else guess
         best = min((polished, guess), key=worst)
     return Fine(statement, replace(best, f=problem.condensed.first(best.x, p).f), worst(best))
 

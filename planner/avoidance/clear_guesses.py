@@ -11,10 +11,10 @@ from model.obstacles import distances, numbers_of
 from model.paths import Array
 from model.rotations import matrices
 from planner.avoidance.asked import Surroundings
+from planner.initial_guess.bend_coordinates import BendCoordinates
+from planner.initial_guess.residuals import Residuals
 from planner.program.limits import Limits
 from planner.program.problem import Problem
-from planner.solve.bends import Bends
-from planner.solve.residuals import Residuals
 from planner.targets.base import Target
 
 # Arms that are drawn, so many looked at together, the most that are given.
@@ -31,7 +31,7 @@ def likely_clear(
     Looked at on the coarsest mesh, for a scene without loads, so that some may touch after all.
     """
     tendons = frozenset.intersection(*(target.tendons(problem.arm) for target in targets))
-    bends = Bends(problem.arm, tendons, limits)
+    bends = BendCoordinates(problem.arm, tendons, limits)
     tensions = bends.tensions(bends.draw(_DRAWN))
     gaps, crushed = Residuals(problem, targets)(tensions)
     order = np.argsort(np.linalg.norm(gaps, axis=1) + 10 * crushed, kind="stable")

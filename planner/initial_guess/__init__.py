@@ -1,0 +1,1 @@
+"""Initial guesses of a search: tensions of curled arms and fits to the targets."""
