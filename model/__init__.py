@@ -10,6 +10,9 @@ from model.paths import Linear, Sampled
 from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
+from octoplan_packages import warn_of_hidden
+
+warn_of_hidden("planner")
 
 __all__ = [
     "Anchorage",

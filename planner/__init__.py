@@ -1,5 +1,9 @@
 """Planning: targets, the nonlinear program, and plans that are checked."""
 
+from octoplan_packages import check_own
+
+check_own("model")  # before what would fail with a riddle
+
 from model.stiffness import stiffness
 from planner.c_code.export import export
 from planner.calibrate.calibrate import calibrate

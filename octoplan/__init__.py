@@ -1,0 +1,74 @@
+"""Tension allocation for tendon-driven arms: all public names in one place, and the command line.
+
+`octoplan.plan`, `octoplan.Arm`, `octoplan.Weight` and the others are those of `model`, `planner`,
+`model.effects`, `model.obstacles` and `planner.targets`, which remain importable themselves. They
+are loaded at first use, so that `import octoplan` costs nothing.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from octoplan_packages import check_own
+
+if TYPE_CHECKING:
+    from model import *
+    from model.effects import *
+    from model.obstacles import *
+    from planner import *
+    from planner.targets import *
+
+    __version__: str
+
+_MODULES = ("model", "model.effects", "model.obstacles", "planner", "planner.targets")
+_SAID = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
+
+
+def main() -> int:
+    """Run the command line and return its exit code; see planner.cli.
+
+    Ctrl-C and SIGTERM end it at once, while it is being loaded too.
+    """
+    for number in _SAID:
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, _end)
+    try:
+        check_own("model", "planner")
+    except ImportError as reason:
+        sys.stderr.write(f"octoplan: {reason}\n")
+        return 2
+    from planner.cli import main as run
+
+    return run()
+
+
+def _end(number: int, _: object) -> None:
+    os.write(2, f"octoplan: {_SAID[signal.Signals(number)]}\n".encode())
+    os._exit(128 + number)
+
+
+def __getattr__(name: str) -> Any:
+    """Return a public name, or the version as it is installed."""
+    if name == "__version__":
+        return import_module("importlib.metadata").version("octoplan")
+    if name == "__all__":
+        return _names()
+    if not name.startswith("_"):
+        check_own("model", "planner")
+        for module in map(import_module, _MODULES):
+            if name in module.__all__:
+                return getattr(module, name)
+    raise AttributeError(f"module 'octoplan' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return [*globals(), "__version__", *_names()]
+
+
+def _names() -> list[str]:
+    check_own("model", "planner")
+    return sorted({name for module in map(import_module, _MODULES) for name in module.__all__})

@@ -1,0 +1,7 @@
+"""`python -m octoplan`: the command line."""
+
+import sys
+
+from octoplan import main
+
+sys.exit(main())

@@ -1,0 +1,91 @@
+"""`import octoplan`, and files of users that have the names of its packages."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import octoplan
+
+ROOT = Path(__file__).parents[1]
+
+
+def ran(folder: Path, *argv: str) -> subprocess.CompletedProcess[str]:
+    """Run Python in a folder with the project on its path, as if it were installed."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, *argv]
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
+
+
+def test_octoplan_has_the_public_names_of_its_packages() -> None:
+    import model
+    import model.effects
+    import model.obstacles
+    import planner
+    import planner.targets
+
+    for module in (model, model.effects, model.obstacles, planner, planner.targets):
+        for name in module.__all__:
+            assert getattr(octoplan, name) is getattr(module, name)
+            assert name in dir(octoplan)
+    with pytest.raises(AttributeError, match="'octoplan' has no attribute 'Tentacle'"):
+        _ = octoplan.Tentacle  # type: ignore[attr-defined]
+
+
+def test_its_version_is_that_of_the_installed_package() -> None:
+    from importlib.metadata import version
+
+    assert octoplan.__version__ == version("octoplan")
+
+
+def test_importing_it_loads_nothing(tmp_path: Path) -> None:
+    code = "import sys, octoplan; print({'casadi', 'numpy', 'model', 'planner'} & {*sys.modules})"
+    assert ran(tmp_path, "-c", code).stdout == "set()\n"
+
+
+@pytest.mark.parametrize("form", ["{}.py", "{}/__init__.py"])
+@pytest.mark.parametrize("name", ["model", "planner"])
+@pytest.mark.parametrize("how", ["import octoplan; octoplan.plan", "from octoplan import Arm"])
+def test_a_file_of_a_package_s_name_is_told(name: str, how: str, form: str, tmp_path: Path) -> None:
+    hiding = tmp_path / form.format(name)
+    hiding.parent.mkdir(exist_ok=True)
+    hiding.write_text("x = 1\n")
+    (tmp_path / "script.py").write_text(f"{how}\n")
+    told = ran(tmp_path, "script.py").stderr
+    assert told.splitlines()[-1] == (
+        f"ImportError: {hiding} hides octoplan's package `{name}`, because Python finds it first: "
+        "rename it, or move it out of that folder"
+    )
+
+
+def test_the_planner_says_which_file_hides_the_model(tmp_path: Path) -> None:
+    (tmp_path / "model.py").write_text("x = 1\n")
+    (tmp_path / "script.py").write_text("from planner import plan\n")
+    told = ran(tmp_path, "script.py").stderr
+    assert f"{tmp_path / 'model.py'} hides octoplan's package `model`" in told
+
+
+def test_the_model_warns_of_a_file_that_hides_the_planner(tmp_path: Path) -> None:
+    (tmp_path / "planner.py").write_text("from model import Arm\n")
+    found = ran(tmp_path, "planner.py")
+    assert found.returncode == 0
+    assert f"{tmp_path / 'planner.py'} hides octoplan's package `planner`" in found.stderr
+
+
+def test_a_folder_that_is_no_package_hides_nothing(tmp_path: Path) -> None:
+    (tmp_path / "model").mkdir()
+    (tmp_path / "planner").mkdir()
+    (tmp_path / "script.py").write_text("from octoplan import Arm, plan\n")
+    found = ran(tmp_path, "script.py")
+    assert (found.returncode, found.stderr) == (0, "")
+
+
+def test_the_command_says_which_file_is_in_its_way(tmp_path: Path) -> None:
+    (tmp_path / "model.py").write_text("x = 1\n")
+    found = ran(tmp_path, "-m", "octoplan", "--help")
+    assert (found.returncode, found.stdout) == (2, "")
+    assert found.stderr.startswith(f"octoplan: {tmp_path / 'model.py'} hides")
