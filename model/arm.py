@@ -10,11 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from model.arm_text import arm_text
 from model.checks import LARGEST, finite_array, kind, numbers, positive, within
 from model.errors import InputError
 from model.frozen import remembers_hash
 from model.paths import Array, Linear, Path
 from model.presets import PAPER_ARMS
+from model.text import in_notebook
 
 QUARTERS = (0.0, np.pi / 2, np.pi, 3 * np.pi / 2)
 PAPER_FRAME = ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0))
@@ -187,6 +189,21 @@ class Arm:
     def anchorages(self) -> tuple[float, ...]:
         """Arc lengths of the anchorages, from the tip to the base [m]."""
         return tuple(section.at for section in self.sections)
+
+    @property
+    def tendons_by_section(self) -> list[tuple[float, list[str]]]:
+        """Arc length of each anchorage [m], tip first, and the names of its tendons."""
+        own = [self.tendons_of(i + 1) for i in range(len(self.sections))]
+        names = [[self.tendon_name(j) for j in tendons] for tendons in own]
+        return list(zip(self.anchorages, names, strict=True))
+
+    def __repr__(self) -> str:
+        m, sections = self.material, [(own.at, own.offset, own.angles) for own in self.sections]
+        material = f"E {m.E / 1e3:g} kPa, nu {m.nu:g}, {m.density:g} kg/m3"
+        return arm_text(self.length, self.radius, material, sections)
+
+    def _repr_html_(self) -> str:
+        return in_notebook(self)
 
     @property
     def tendon_paths(self) -> tuple[Path, ...]:

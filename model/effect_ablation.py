@@ -76,6 +76,11 @@ class Switch:
         """How many states it adds."""
         return self.sizes.states - self.sizes_without.states
 
+    @property
+    def unknowns_added(self) -> int:
+        """How many unknowns it adds; below 0 where a coarser mesh is as accurate with it."""
+        return self.sizes.unknowns - self.sizes_without.unknowns
+
 
 def switch_effects(
     arm: Arm,

@@ -10,6 +10,8 @@ from model.errors import InputError
 from model.frozen import remembers_hash
 
 E = TypeVar("E", bound=Effect)
+# Of a line, in characters.
+_WIDTH = 88
 
 
 @remembers_hash
@@ -47,9 +49,31 @@ class Scene:
         return cls(Extension(), PrintedStatics())
 
     @classmethod
-    def silicone(cls) -> Scene:
-        """Return what a real silicone arm calls for: extension, exact tendons, neo-Hookean."""
-        return cls(Extension(), ExactTendons(), NeoHookean())
+    def silicone(cls, *more: Effect) -> Scene:
+        """Return what a real silicone arm calls for: extension, exact tendons, neo-Hookean.
+
+        With further effects, such as its weight and the water's buoyancy:
+        `Scene.silicone(Weight(), Buoyancy())`. An effect of its own kinds that is given, such as
+        `NeoHookean(anticlastic=True)`, takes the place of the plain one.
+        """
+        own = (Extension(), ExactTendons(), NeoHookean())
+        given = {type(effect) for effect in more}
+        return cls(*(effect for effect in own if type(effect) not in given), *more)
+
+    def __add__(self, other: Effect | Scene) -> Scene:
+        """Return the scene with one more effect, or with all of another scene's.
+
+        Raises InputError for an effect that it has already, as Scene does.
+        """
+        if isinstance(other, Scene):
+            return Scene(*self.effects, *other.effects)
+        return Scene(*self.effects, other)
+
+    def __repr__(self) -> str:
+        told = [repr(effect) for effect in self.effects]
+        line = f"Scene({', '.join(told)})"
+        lines = ["Scene(", *(f"    {effect}," for effect in told), ")"]
+        return line if len(line) <= _WIDTH else "\n".join(lines)
 
     def careful(self) -> Scene:
         """Return the scene with sections that settle the careful way; see ExactTendons."""

@@ -22,8 +22,10 @@ from model.errors import InputError
 from model.forward import ForwardMap, forward_map
 from model.loads import is_loaded
 from model.paths import Array
+from model.report import shape_text, tendon_table
 from model.rotations import matrices
 from model.scene import Scene
+from model.text import in_notebook
 from model.transcription.collocation import gauss
 from model.winches import Winches
 
@@ -134,6 +136,17 @@ class Shape:
         [-]; at an anchorage, those on its base side (the paper's half-open domains).
         """
         return self._at(s, lambda _, strain: strain[:, :4], strains=True)
+
+    def __repr__(self) -> str:
+        own, lengths = self.arm.tendons_by_section, 1e3 * self.tendon_lengths
+        tables = [
+            tendon_table("tensions [N]", own, self.tensions),
+            tendon_table("tendon lengths [mm]", own, lengths),
+        ]
+        return shape_text(tables, self.tip, self.tip_frame, self.error)
+
+    def _repr_html_(self) -> str:
+        return in_notebook(self)
 
     def strains(self, s: Any) -> Array:
         """Return tau, xi, k, q, and nu_n, nu_b with shear, (N, 4 or 6), at arc length s [m]."""

@@ -17,9 +17,11 @@ from model.errors import InputError, SingularError
 from model.loads import check_loads
 from model.machine.compiled import Compile
 from model.paths import Array
+from model.report import compliance_text, tendon_table
 from model.scene import Scene
 from model.settle import ACCURACY, settle
 from model.shape import Shape
+from model.text import in_notebook
 from model.winches import checked_EA, least_give
 
 Hold = Literal["tension", "length"]
@@ -125,6 +127,23 @@ class Stiffness:
         """
         directions, axes, _ = np.linalg.svd(self.compliance[:3, :3])
         return axes, directions
+
+    def __repr__(self) -> str:
+        arm, T = self.shape.arm, self.shape.tensions
+        held = "tensions held" if self.hold == "tension" else "lengths locked"
+        place = "the tip" if self.at == arm.length else f"s = {1e3 * self.at:g} mm"
+        parts = [
+            tendon_table("tensions [N]", arm.tendons_by_section, T),
+            compliance_text(place, held, self.compliance[:3, :3], *self.ellipsoid()),
+        ]
+        if self.hold == "length" and self.slack:
+            parts.append(f"slack, could only pull: {', '.join(self.slack)}")
+        stable = "stable" if self.stable else "not stable"
+        last = f"{stable} with tensions held; estimated relative error [-]  {self.error:.1e}"
+        return "\n\n".join([*parts, last])
+
+    def _repr_html_(self) -> str:
+        return in_notebook(self)
 
     def _sections(self, s: Any) -> Array:
         wanted = finite_array("s", np.atleast_1d(s), (None,))

@@ -4,6 +4,7 @@ from octoplan_packages import check_own
 
 check_own("model")  # before what would fail with a riddle
 
+import planner.notebook  # noqa: F401  (it tells notebooks how to draw)
 from model.stiffness import stiffness
 from planner.c_code.export import export
 from planner.calibrate.calibrate import calibrate

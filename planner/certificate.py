@@ -25,10 +25,18 @@ from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
 from model.stiffness import stiffness
+from model.text import columns
 from model.time_limit import OutOfTime
 from planner.avoidance.asked import NOTHING, Surroundings, told
 from planner.program.limits import Limits
-from planner.program.terms import looks_of, stations_of, term_names, terms_function, ways_function
+from planner.program.terms import (
+    looks_of,
+    stations_of,
+    term_names,
+    term_units,
+    terms_function,
+    ways_function,
+)
 from planner.targets.base import Target
 
 # How accurate the check is: two digits more than what it has to judge.
@@ -68,6 +76,7 @@ class Certificate:
     gaps : least distance of the arm's surface from each thing it can meet [m]; see model.clearance
     least_gaps : the distance asked for of some of them [m]
     nearest : the nearest of them, in words
+    units : of match, approach and margin by name: "L" of lengths over the arm's, "rad"
     """
 
     match: Mapping[str, float] = field(default_factory=dict)
@@ -86,6 +95,7 @@ class Certificate:
     gaps: Mapping[str, float] = field(default_factory=dict)
     least_gaps: Mapping[str, float] = field(default_factory=dict)
     nearest: str = ""
+    units: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def clearance(self) -> float:
@@ -173,21 +183,36 @@ class Certificate:
         return not self.failures
 
     def __str__(self) -> str:
-        lines = [f"certificate: {'PASSED' if self.passed else 'FAILED'} (checked by {self.scheme})"]
-        lines += [f"  {name:<28} {value:9.2e}" for name, value in self.match.items()]
-        lines += [f"  {name:<28} {value:9.2e}" for name, value in self.approach.items()]
-        lines += [f"  {name:<28} {value:9.2e} (at least 0)" for name, value in self.margin.items()]
-        lines.append(f"  {'limits violated by [N]':<28} {self.bounds:9.2e}")
-        lines.append(f"  {'optimality residual':<28} {self.kkt:9.2e}")
-        lines.append(f"  {'integrators differ by [L]':<28} {self.agreement:9.2e}")
-        lines.append(f"  {'estimated tip error [L]':<28} {self.error:9.2e}")
-        least = f"(1 at rest; at least {self.stability_margin:g})"
-        lines.append(f"  {'stability':<28} {self.stability:9.2e} {least}")
-        lines += [f"  {self.bears}"] * bool(self.bears)
-        nearest = self.nearest or "can meet nothing"
-        lines.append(f"  {'clearance [mm]':<28} {1e3 * self.clearance:9.2e} ({nearest})")
+        head = f"certificate: {'PASSED' if self.passed else 'FAILED'} (checked by {self.scheme})"
+        lines = columns([["  " + name, told, note] for name, told, note in self._rows()], left=3)
         lines += [f"  beware: {warning}" for warning in self.warnings]
-        return "\n".join(lines + [f"  failed: {failure}" for failure in self.failures])
+        return "\n".join([head, *lines, *(f"  failed: {failure}" for failure in self.failures)])
+
+    def _rows(self) -> list[tuple[str, str, str]]:
+        """Return what was checked: name with unit, value, what is allowed."""
+        most = f"at most {self.tolerance:.0e}"
+        found = [(name, value, most) for name, value in self.match.items()]
+        least = "as small as the limits allow"
+        found += [(name, value, least) for name, value in self.approach.items()]
+        found += [(name, value, "at least 0") for name, value in self.margin.items()]
+        rows = [(f"{name} [{self.units.get(name, '-')}]", v, told) for name, v, told in found]
+        rows += [
+            ("limits violated by [N]", self.bounds, "at most 0"),
+            ("optimality residual [-]", self.kkt, f"at most {KKT_TOLERANCE:.0e}"),
+            ("integrators differ by [L]", self.agreement, most),
+            ("estimated tip error [L]", self.error, ""),
+            ("stability [-]", self.stability, f"at least {self.stability_margin:g}; 1 at rest"),
+        ]
+        if self.load_factor is not None:
+            rows.append(("load factor [-]", min(self.load_factor, MOST_LOADS), self.bears))
+        nearest = self.nearest or "can meet nothing"
+        rows.append(("clearance [mm]", 1e3 * self.clearance, nearest))
+        return [(name, _digits(value), told) for name, value, told in rows]
+
+
+def _digits(value: float) -> str:
+    """Return a number with three digits: as people write it, a small one with its exponent."""
+    return f"{value:.3g}" if value == 0 or 1e-2 <= abs(value) < 1e5 else f"{value:.2e}"
 
 
 def certify(
@@ -236,6 +261,7 @@ def certify(
         gaps={name: clear.gap for name, clear in gaps.items()},
         least_gaps=surroundings.least,
         nearest=told(gaps),
+        units=term_units(arm, targets),
     )
 
 

@@ -16,6 +16,7 @@ from model.loads import check_loads
 from model.machine.compiled import Compile, checked_compile
 from model.mesh_refinement import checked_accuracy
 from model.scene import Scene
+from model.text import in_notebook
 from model.time_limit import OutOfTime, time_limit
 from planner.answer import Answer
 from planner.avoidance.around import Around
@@ -27,6 +28,7 @@ from planner.program.limits import Limits
 from planner.program.statement import Form, Statement
 from planner.question import check_looks, check_targets, checked_form, checked_margin
 from planner.records.plan import plan_record
+from planner.report import plan_summary, plan_text
 from planner.solve.search import Search
 from planner.solve.search_result import SearchResult
 from planner.solve.task import Task
@@ -72,6 +74,15 @@ class Plan(Answer):
         be written, and for targets, effects and paths that are not the project's own.
         """
         return write_named(path, ".json", to_json(plan_record(self)))
+
+    def __repr__(self) -> str:
+        return plan_summary(self)
+
+    def __str__(self) -> str:
+        return plan_text(self)
+
+    def _repr_html_(self) -> str:
+        return in_notebook(self)
 
     def plot(self, ax: Any = None) -> Any:
         """Draw the arm in 3-D with its tendons, tensions and target; see planner.plots.plan."""

@@ -32,7 +32,7 @@ def c_values(shape: Shape, source: CSource, precision: Precision, name: str) -> 
         "NAME_UPPER": name.upper(),
         "REAL": precision,
         "LENGTH": f"{shape.arm.length:g}",
-        "SCENE": repr(shape.scene),
+        "SCENE": " ".join(repr(shape.scene).split()),
         "SCHEME": shape.scheme,
         "ERROR": f"{shape.error:.1e}",
         "TENDONS": str(shape.arm.n_tendons),

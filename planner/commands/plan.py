@@ -20,7 +20,6 @@ from planner.commands.command import (
 from planner.plan import Plan, plan
 from planner.records.plan import plan_record
 from planner.records.shape import shape_csv
-from planner.report import plan_text
 from planner.scenefile import Question
 
 _TARGET = 'a [target] table, such as [target] type = "tip-position", position_mm = [250, 0, -150]'
@@ -35,7 +34,7 @@ def run(args: argparse.Namespace) -> Answer:
     found = plan(asked.arm, asked.targets, asked.scene, accuracy=accuracy, **options)
     return Answer(
         OK if found.certificate.passed else NOT_REACHED,
-        lambda: plan_text(found),
+        lambda: str(found),
         plan_record(found),
         "plan",
         lambda: _draw(found),

@@ -15,7 +15,7 @@ from planner.commands.command import (
     question,
 )
 from planner.records.shape import shape_csv, shape_record
-from planner.report import shape_text
+from planner.report import settled_text
 
 
 def run(args: argparse.Namespace) -> Answer:
@@ -25,7 +25,7 @@ def run(args: argparse.Namespace) -> Answer:
     shape = settle(asked.arm, scene=asked.scene, accuracy=accuracy, compile=asked.compile, **held)
     return Answer(
         OK,
-        lambda: shape_text(shape),
+        lambda: settled_text(shape),
         shape_record(shape),
         "shape",
         lambda: _draw(shape),

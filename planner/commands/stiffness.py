@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 from typing import Any
 
 from model.stiffness import Stiffness, stiffness
@@ -15,8 +14,8 @@ from planner.commands.command import (
     held_of,
     question,
 )
+from planner.notebook import force_to_show
 from planner.records.stiffness import stiffness_record
-from planner.report import stiffness_text
 
 
 def run(args: argparse.Namespace) -> Answer:
@@ -24,15 +23,13 @@ def run(args: argparse.Namespace) -> Answer:
     asked, accuracy = question(args)
     held = {**asked.stiffness, "compile": asked.compile, **held_of(asked, args.scene)}
     k = stiffness(asked.arm, scene=asked.scene, accuracy=accuracy, **held)
-    return Answer(OK, lambda: stiffness_text(k), stiffness_record(k), "stiffness", lambda: _draw(k))
+    return Answer(OK, lambda: repr(k), stiffness_record(k), "stiffness", lambda: _draw(k))
 
 
 def _draw(k: Stiffness) -> Any:
-    """Draw the ellipsoid of a force, a power of ten, that moves the point by up to L / 5."""
     from planner.plots.stiffness import plot_ellipsoids
 
-    most = 0.2 * k.shape.arm.length / float(k.ellipsoid()[0][0])
-    return plot_ellipsoids([k], 10.0 ** math.floor(math.log10(most)))
+    return plot_ellipsoids([k], force_to_show(k))
 
 
 COMMAND = Command(

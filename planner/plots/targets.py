@@ -16,7 +16,7 @@ from planner.targets.backbone import Backbone
 from planner.targets.base import toward
 from planner.targets.bending_plane import BendingPlane
 from planner.targets.fetch import Fetch, FetchReach, stretches
-from planner.targets.tip import TipPose, TipPosition
+from planner.targets.tip import TipPointing, TipPose, TipPosition
 
 GOAL = "#00806a"
 
@@ -33,6 +33,22 @@ def draw_target(target: Any, ax: Any, shape: Shape) -> Array:
 @draw_target.register
 def _(target: TipPosition, ax: Any, shape: Shape) -> Array:
     return _tip_mark(ax, shape, target.position, "x", "tip wanted")
+
+
+@draw_target.register
+def _(target: TipPointing, ax: Any, shape: Shape) -> Array:
+    points = _tip_mark(ax, shape, target.position, "x", "tip wanted")
+    end = points[0] + 0.15 * shape.arm.length * np.array(target.direction)
+    ax.quiver(
+        *(MM * points[0]),
+        *(MM * (end - points[0])),
+        color=GOAL,
+        lw=1.6,
+        arrow_length_ratio=0.2,
+        label="direction wanted",
+        zorder=7,
+    )
+    return np.vstack([points, end])
 
 
 @draw_target.register

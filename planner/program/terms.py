@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import casadi as ca
 
 from model.arm import Arm
@@ -64,10 +66,18 @@ def term_names(arm: Arm, targets: tuple[Target, ...]) -> tuple[list[str], ...]:
     )
 
 
+def term_units(arm: Arm, targets: tuple[Target, ...]) -> dict[str, str]:
+    """Return by name the unit of those terms that have one, see Terms.units."""
+    return {name: u for term in _symbolic_terms(arm, targets) for name, u in term.units.items()}
+
+
 def firmness(arm: Arm, targets: tuple[Target, ...]) -> ca.DM:
-    """Return the weight of each component of match where not all can be had."""
-    firm = {name for term in _symbolic_terms(arm, targets) for name in term.firm}
-    return ca.DM([FIRM if name in firm else 1.0 for name in term_names(arm, targets)[0]])
+    """Return the factor of each component of match where not all can be had."""
+    factors: dict[str, float] = {}
+    for term in _symbolic_terms(arm, targets):
+        factors |= {name: math.sqrt(weight) for name, weight in term.weights.items()}
+        factors |= dict.fromkeys(term.firm, FIRM)
+    return ca.DM([factors.get(name, 1.0) for name in term_names(arm, targets)[0]])
 
 
 def margin_firmness(arm: Arm, targets: tuple[Target, ...]) -> ca.DM:

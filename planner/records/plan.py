@@ -83,6 +83,9 @@ class CertificateRecord(msgspec.Struct, kw_only=True):
     gaps: dict[str, float | None] = {}
     least_gaps: dict[str, float] = {}
     nearest: str = ""
+    units: Annotated[
+        dict[str, str], Meta(description='of match, approach, margin: "L" is over arm length')
+    ] = {}
 
 
 class PlanRecord(msgspec.Struct, kw_only=True):

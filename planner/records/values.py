@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass
 from typing import Any
 
 import numpy as np
@@ -63,8 +63,8 @@ def value(table: Any, file: str, where: str) -> Any:
         allowed = f"one of {', '.join(KINDS)}{hint(name, list(KINDS))}"
         raise FileError(file, f"{where}.kind", f"got {shown(name)}, allowed is {allowed}")
     names = [f.name for f in fields(KINDS[name])]
-    # What is None unless given is left out by versions that did not have it yet.
-    optional = {f.name for f in fields(KINDS[name]) if f.default is None}
+    # What need not be given is left out by versions that did not have it yet.
+    optional = {f.name for f in fields(KINDS[name]) if f.default is not MISSING}
     for key in (table.keys() ^ {"kind", *names}) - (optional - table.keys()):
         told = "missing" if key in names else f"no such key (known here: {', '.join(names)})"
         raise FileError(file, f"{where}.{key}", told)

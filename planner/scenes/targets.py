@@ -25,6 +25,7 @@ from planner.targets import (
     Softest,
     Stiffest,
     Target,
+    TipPointing,
     TipPose,
     TipPosition,
 )
@@ -37,6 +38,11 @@ Direction = Annotated[Vector, Meta(description="in the base frame")]
 BendKey = Annotated[
     tuple[Annotated[float, Meta(ge=0, le=180)], float],
     Meta(description="[bend, plane of the bend] [deg]"),
+]
+
+Weights = Annotated[
+    tuple[Positive, Positive],
+    Meta(description="[position, orientation]: what counts where not both can be had"),
 ]
 
 
@@ -56,12 +62,21 @@ class TipPositionTable(Table, tag="tip-position", frozen=True):
     position_mm: Annotated[Vector, Meta(description="in the base frame [mm]")]
 
 
+class TipPointingTable(Table, tag="tip-pointing", frozen=True):
+    """See TipPointing: where the tip is and where it points; how it rolls is free."""
+
+    position_mm: Annotated[Vector, Meta(description="in the base frame [mm]")]
+    direction: Annotated[Vector, Meta(description="of the tip's tangent, of any length but 0")]
+    weights: Weights = (1.0, 1.0)
+
+
 class TipPoseTable(Table, tag="tip-pose", frozen=True):
     """See TipPose; tangent, normal and their cross product are the columns of the frame."""
 
     position_mm: Annotated[Vector, Meta(description="in the base frame [mm]")]
     tangent: Annotated[Vector, Meta(description="t wanted at the tip, of length 1")]
     normal: Annotated[Vector, Meta(description="n wanted at the tip, of length 1, across t")]
+    weights: Weights = (1.0, 1.0)
 
 
 class BackboneTable(Table, tag="backbone", frozen=True):
@@ -124,6 +139,7 @@ class SoftestTable(Table, tag="softest", frozen=True):
 TargetTable = (
     BendingPlaneTable
     | TipPositionTable
+    | TipPointingTable
     | TipPoseTable
     | BackboneTable
     | FetchTable
@@ -142,7 +158,10 @@ def target_of(table: TargetTable) -> Target:
         case TipPositionTable():
             return TipPosition(metres(table.position_mm))
         case TipPoseTable():
-            return TipPose(metres(table.position_mm), frame(table.tangent, table.normal))
+            wanted = frame(table.tangent, table.normal)
+            return TipPose(metres(table.position_mm), wanted, table.weights)
+        case TipPointingTable():
+            return TipPointing(metres(table.position_mm), table.direction, table.weights)
         case BackboneTable():
             s = None if table.s_mm is None else metres(table.s_mm)
             weights = None if table.weights is None else tuple(table.weights)

@@ -5,7 +5,7 @@ from planner.targets.base import Target, Terms, View
 from planner.targets.bending_plane import BendingPlane
 from planner.targets.fetch import Bend, Fetch, FetchReach
 from planner.targets.stiffness import MinimumStiffness, Softest, Stiffest
-from planner.targets.tip import TipPose, TipPosition
+from planner.targets.tip import TipPointing, TipPose, TipPosition
 
 __all__ = [
     "Backbone",
@@ -18,6 +18,7 @@ __all__ = [
     "Stiffest",
     "Target",
     "Terms",
+    "TipPointing",
     "TipPose",
     "TipPosition",
     "View",

@@ -88,7 +88,8 @@ class Backbone(Free):
             p[3 * m + i] * (view.position(s) - p[3 * i : 3 * i + 3]) / view.arm.length
             for i, s in enumerate(stations)
         ]
-        return Terms(approach={"distance to the points": ca.vertcat(*gaps)})
+        name = "distance to the points"
+        return Terms(approach={name: ca.vertcat(*gaps)}, units={name: "L"})
 
     def guess_towards(self, arm: Arm) -> Array:
         """See Target.guess_towards."""

@@ -35,6 +35,8 @@ class Terms:
     firm : names of matches that come first where not all can be had
     yielding : names of margins that come last
     hard : names of margins that hold whatever else cannot be had
+    weights : by name, of the squares of matches where not all can be had; 1 unless given
+    units : by name, "L" of what is a length over the arm's, "rad" of angles; others have none
     """
 
     match: Mapping[str, ca.MX] = field(default_factory=dict)
@@ -44,6 +46,8 @@ class Terms:
     firm: frozenset[str] = frozenset()
     yielding: frozenset[str] = frozenset()
     hard: frozenset[str] = frozenset()
+    weights: Mapping[str, float] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

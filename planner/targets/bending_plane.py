@@ -69,6 +69,7 @@ class BendingPlane(Free):
                 "bend": ca.atan2(off, near),
             },
             firm=frozenset({"bending plane"}),
+            units={"bending plane": "L", "bend": "rad"},
         )
 
     def tendons(self, arm: Arm) -> frozenset[int]:

@@ -95,7 +95,7 @@ class Fetch(Free):
             plane = ca.dot(tangent, ca.vertcat(0, -b, n))
             match[f"{name} bend"] = ca.vertcat(bend, plane)
             margin[f"side of the {name} bend"] = ca.dot(tangent, ca.vertcat(cos, sin * n, sin * b))
-        return Terms(match=match, margin=margin)
+        return Terms(match=match, margin=margin, units=dict.fromkeys(match, "rad"))
 
     def prescribed(self, arm: Arm) -> Mapping[str, Array]:
         """See Target.prescribed."""
@@ -166,6 +166,7 @@ class FetchReach(Free):
             approach={"distance to the mouth": (view.tip - p[:3]) / view.arm.length},
             margin={"least bend": ca.vertcat(*bends)},
             firm=frozenset(match),
+            units={"distance from the plane": "L", "distance to the mouth": "L"},
         )
 
     def guess_towards(self, arm: Arm) -> Array:

@@ -1,18 +1,23 @@
-"""Bring the tip to a place, with or without an orientation."""
+"""Bring the tip to a place: as it comes, pointing along a direction, or with a whole frame."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from model.arm import Arm
-from model.checks import finite_array
+from model.checks import finite_array, positive
 from model.errors import InputError
 from model.paths import Array
 from planner.targets.base import Free, Terms, View, check_near
+
+POSITION, DIRECTION, ROTATION = "tip position", "tip direction", "tip rotation"
+# Of 2 cos(a / 2) squared: an angle a of pi away from what is wanted divides by nothing.
+_OPPOSITE = 1e-12
 
 
 @dataclass(frozen=True)
@@ -41,11 +46,11 @@ class TipPosition(Free):
 
     def terms(self, view: View, p: ca.MX) -> Terms:
         """See Target.terms."""
-        return Terms(match={"tip position": (view.tip - p) / view.arm.length})
+        return Terms(match={POSITION: (view.tip - p) / view.arm.length}, units={POSITION: "L"})
 
     def prescribed(self, arm: Arm) -> Mapping[str, Array]:
         """See Target.prescribed."""
-        return {"tip position": np.array(self.position)}
+        return {POSITION: np.array(self.position)}
 
     def guess_towards(self, arm: Arm) -> Array:
         """See Target.guess_towards."""
@@ -53,8 +58,92 @@ class TipPosition(Free):
 
 
 @dataclass(frozen=True)
-class TipPose(Free):
-    """The tip at a point and its frame turned in a given way.
+class _Oriented(Free):
+    """The tip at a point and oriented somehow, with weights between the two."""
+
+    position: tuple[float, ...]
+
+    def _check(self, weights: Any) -> None:
+        """Freeze position and weights; InputError that names them."""
+        name = type(self).__name__
+        point = finite_array(f"{name}.position", self.position, (3,))
+        object.__setattr__(self, "position", tuple(point.tolist()))
+        pair = finite_array(f"{name}.weights", weights, (2,))
+        kept = tuple(positive(f"{name}.weights", own) for own in pair.tolist())
+        object.__setattr__(self, "weights", kept)
+
+    def check(self, arm: Arm) -> None:
+        """See Target.check."""
+        check_near(arm, f"{type(self).__name__}.position", self.position)
+
+    def guess_towards(self, arm: Arm) -> Array:
+        """See Target.guess_towards."""
+        return np.array(self.position)
+
+
+@dataclass(frozen=True)
+class TipPointing(_Oriented):
+    """The tip at a point, its tangent along a direction; how it rolls about that is free.
+
+    What a camera, a nozzle or a needle at the tip needs: five conditions, one fewer than TipPose.
+
+    Attributes
+    ----------
+    position : (3,)
+        In the base frame [m].
+    direction : (3,)
+        That the tangent t of the tip is to have, in the base frame; of any length but 0.
+    weights : (position, direction)
+        How much each counts where not both can be had: the sum of weights times squared residuals
+        is made least, of distance over the arm's length and of 2 sin(a / 2), a being the angle
+        between the directions [rad].
+    """
+
+    direction: tuple[float, ...]
+    weights: tuple[float, float] = (1.0, 1.0)
+
+    def __post_init__(self) -> None:
+        self._check(self.weights)
+        given = finite_array("TipPointing.direction", self.direction, (3,))
+        size = np.linalg.norm(given / (np.abs(given).max() or 1.0)) * np.abs(given).max()
+        if not size > 0:
+            raise InputError("TipPointing.direction", self.direction, "a vector, not 0")
+        object.__setattr__(self, "direction", tuple((given / size).tolist()))
+
+    def structure(self, arm: Arm) -> Hashable:
+        """See Target.structure."""
+        return "TipPointing", self.weights
+
+    def parameters(self, arm: Arm) -> Array:
+        """See Target.parameters: the position, the direction, two directions across it."""
+        d = np.array(self.direction)
+        e = np.cross(d, np.eye(3)[np.argmin(np.abs(d))])
+        e /= np.linalg.norm(e)
+        return np.concatenate([self.position, d, e, np.cross(d, e)])
+
+    def terms(self, view: View, p: ca.MX) -> Terms:
+        """See Target.terms: with the tangent t, t . e / cos(a / 2) for both e across direction d.
+
+        Their norm is 2 sin(a / 2), as 2 cos(a / 2)^2 = 1 + t . d: without a zero at a = pi, where
+        t . e alone has one.
+        """
+        t = view.tip_frame[:, 0]
+        half = ca.sqrt(ca.fmax((1 + ca.dot(t, p[3:6])) / 2, _OPPOSITE))
+        off = ca.vertcat(ca.dot(t, p[6:9]), ca.dot(t, p[9:])) / half
+        return Terms(
+            match={POSITION: (view.tip - p[:3]) / view.arm.length, DIRECTION: off},
+            weights=dict(zip((POSITION, DIRECTION), self.weights, strict=True)),
+            units={POSITION: "L", DIRECTION: "rad"},
+        )
+
+    def prescribed(self, arm: Arm) -> Mapping[str, Array]:
+        """See Target.prescribed."""
+        return {POSITION: np.array(self.position), DIRECTION: np.array(self.direction)}
+
+
+@dataclass(frozen=True)
+class TipPose(_Oriented):
+    """The tip at a point with a frame.
 
     Attributes
     ----------
@@ -62,41 +151,42 @@ class TipPose(Free):
         In the base frame [m].
     frame : (3, 3)
         Columns t, n, b wanted at the tip.
+    weights : (position, rotation)
+        How much each counts where not both can be had: the sum of weights times squared residuals
+        is made least, of distance over the arm's length and of 2 sin(a / 2), a being the angle of
+        the rotation between the frames [rad].
     """
 
-    position: tuple[float, ...]
     frame: tuple[tuple[float, ...], ...]
+    weights: tuple[float, float] = (1.0, 1.0)
 
     def __post_init__(self) -> None:
-        point = finite_array("TipPose.position", self.position, (3,))
+        self._check(self.weights)
         frame = finite_array("TipPose.frame", self.frame, (3, 3))
         square = np.clip(frame, -2, 2)
         if not np.allclose(square.T @ square, np.eye(3), atol=1e-6) or np.linalg.det(square) < 0:
             raise InputError("TipPose.frame", self.frame, "a right-handed orthonormal frame")
-        object.__setattr__(self, "position", tuple(point.tolist()))
         object.__setattr__(self, "frame", tuple(tuple(row) for row in frame.tolist()))
 
-    def check(self, arm: Arm) -> None:
-        """See Target.check."""
-        check_near(arm, "TipPose.position", self.position)
+    def structure(self, arm: Arm) -> Hashable:
+        """See Target.structure."""
+        return "TipPose", self.weights
 
     def parameters(self, arm: Arm) -> Array:
         """See Target.parameters: the position, then the frame column by column."""
         return np.concatenate([self.position, np.array(self.frame).T.ravel()])
 
     def terms(self, view: View, p: ca.MX) -> Terms:
-        """See Target.terms: the turn is 2 sin(a / 2) about its axis, without a zero at a = pi."""
+        """See Target.terms: 2 sin(a / 2) about the rotation's axis, without a zero at a = pi."""
         turn = ca.reshape(p[3:], 3, 3).T @ view.tip_frame
         axis = ca.vertcat(turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1])
-        doubled = ca.sqrt(ca.fmax(1 + ca.trace(turn), 1e-12))
+        doubled = ca.sqrt(ca.fmax(1 + ca.trace(turn), _OPPOSITE))
         return Terms(
-            match={"tip position": (view.tip - p[:3]) / view.arm.length, "tip turn": axis / doubled}
+            match={POSITION: (view.tip - p[:3]) / view.arm.length, ROTATION: axis / doubled},
+            weights=dict(zip((POSITION, ROTATION), self.weights, strict=True)),
+            units={POSITION: "L", ROTATION: "rad"},
         )
 
     def prescribed(self, arm: Arm) -> Mapping[str, Array]:
         """See Target.prescribed."""
-        return {"tip position": np.array(self.position), "tip frame": np.array(self.frame)}
-
-    def guess_towards(self, arm: Arm) -> Array:
-        """See Target.guess_towards."""
-        return np.array(self.position)
+        return {POSITION: np.array(self.position), "tip frame": np.array(self.frame)}

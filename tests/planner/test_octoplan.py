@@ -89,7 +89,7 @@ def test_stiffness_is_that_of_a_script(
 def test_stiffness_is_shown_to_people(calm: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["stiffness", calm]) == 0
     shown = capsys.readouterr().out
-    assert "how s = 135 mm gives way, lengths locked" in shown
+    assert "compliance of s = 135 mm, lengths locked" in shown
     assert "softest" in shown
     assert "could only pull: T_13" in shown
 
