@@ -8,22 +8,28 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from model.arm import Arm
-from model.equilibrium.complementarity import determined
+from model.equilibrium.complementarity import determined, unfelt
 from model.equilibrium.forward import Collocation, Known
 from model.equilibrium.hold import HeldLengths
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import newton
 from model.forward import ForwardMap
 from model.loads import is_loaded
+from model.mesh_refinement import estimate
 from model.paths import Array
 from model.scene import Scene
+from model.transcription.terms import Places
 from model.unloaded.by_lengths import UnloadedLengths
+from model.unloaded.tendon_lengths import ORDER
 from model.winches import Winches
 
 # Of the least give of winches, where steps may be as if they were rigid.
 _RIGID = 1e-4
-# Newton steps to rounding.
-_TIGHTENED = 2
+# Of the accuracy that is asked for, what the quadrature of lengths may be off, over the length.
+_QUADRATURE = 1e-2
+# Newton steps to rounding; one does where it changes tensions by no more than this share, and no
+# rigid winches are needed where all combinations of tensions change lengths by such a share.
+_TIGHTENED, _LAST, _FIRM = 2, 1e-7, 1e-5
 
 
 class OnMesh(NamedTuple):
@@ -37,19 +43,36 @@ class OnMesh(NamedTuple):
         See ForwardMap.run.
     left : (n_tendons,)
         What is left of held tendons beyond their paths [m], nan of others; None without any.
+    exact : bool
+        Whether finer meshes would not change the tensions by what matters.
+    here : Linearised
+        The equations linearised there, where lengths are held under loads.
     """
 
     tensions: Array
     states: Array
     stretch: Array
     left: Array | None = None
+    exact: bool = False
+    here: Linearised | None = None
 
 
 class Near(NamedTuple):
-    """Tensions and states of an equilibrium that another mesh has."""
+    """An equilibrium that another mesh has.
+
+    Attributes
+    ----------
+    tensions : (n_tendons,)
+    known : Known or None
+        Its states, of a forward map that is implicit.
+    mesh : OnMesh or None
+        The equilibrium on that mesh, if it has `steps` steps and is of the same lengths.
+    """
 
     tensions: Array
     known: Known | None
+    mesh: OnMesh | None = None
+    steps: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +87,10 @@ class GivenTensions:
         known: Any = None if near is None else near.known
         return OnMesh(self.tensions, *forward.run(self.tensions, known))
 
+    def finished(self, forward: ForwardMap, found: OnMesh) -> OnMesh:
+        """Return an equilibrium that is accepted, to rounding: it is."""
+        return found
+
 
 @dataclass(frozen=True, eq=False)
 class GivenLengths:
@@ -72,22 +99,46 @@ class GivenLengths:
     arm: Arm
     scene: Scene
     winches: Winches
+    accuracy: float
 
     def on(self, forward: ForwardMap, near: Near | None) -> OnMesh:
         """See GivenTensions.on; raises InputError where no shape has the lengths."""
-        unloaded = UnloadedLengths(self.arm, self.scene, forward.mesh, self.winches)
         if not (is_loaded(self.scene) and isinstance(forward, Collocation)):
-            T, left = unloaded.found(None if near is None else near.tensions)
-            return OnMesh(T, *forward.run(T), left)
+            return self._without_loads(forward, near)
         hold = HeldLengths(self.winches)
         here = None
         if near is not None and near.known is not None:
             here = forward.near(near.tensions, near.known, hold)
         if here is None:
-            here = forward.from_rest(unloaded.found(None)[0], hold)
-        here = _tightened(here, hold)
+            here = forward.from_rest(self._unloaded(forward).found().tensions, hold)
+        return self._of(forward, here)
+
+    def finished(self, forward: ForwardMap, found: OnMesh) -> OnMesh:
+        """Return an equilibrium that is accepted, its tensions found to rounding."""
+        if found.here is None or not isinstance(forward, Collocation):
+            return found
+        return self._of(forward, _tightened(found.here, HeldLengths(self.winches)))
+
+    def _of(self, forward: Collocation, here: Linearised) -> OnMesh:
         left = self.winches.lacks(here.lengths, here.tensions)
-        return OnMesh(here.tensions, *forward.rows(here), np.where(self.winches.held, left, np.nan))
+        left = np.where(self.winches.held, left, np.nan)
+        return OnMesh(here.tensions, *forward.rows(here), left, here=here)
+
+    def _without_loads(self, forward: ForwardMap, near: Near | None) -> OnMesh:
+        """Return the equilibrium; the quadrature of lengths needs no meshes as fine as poses do."""
+        before = None if near is None else near.mesh
+        if before is not None and before.exact:
+            return OnMesh(before.tensions, *forward.run(before.tensions), before.left, True)
+        found = self._unloaded(forward).found(None if near is None else near.tensions)
+        exact = False
+        if near is not None and before is not None:
+            error = estimate(found.first_off, near.steps, forward.mesh.steps, ORDER)
+            exact = error <= _QUADRATURE * self.accuracy
+        return OnMesh(found.tensions, *forward.run(found.tensions), found.left, exact)
+
+    def _unloaded(self, forward: ForwardMap) -> UnloadedLengths:
+        given = self.arm, self.scene, forward.mesh, self.winches
+        return UnloadedLengths(*given, forward.machine_code)
 
 
 def _tightened(here: Linearised, hold: HeldLengths) -> Linearised:
@@ -96,18 +147,26 @@ def _tightened(here: Linearised, hold: HeldLengths) -> Linearised:
     By Newton steps in all unknowns; combinations of tensions that no length feels stay as they are.
     """
     system, winches, T = here.system, hold.winches, here.tensions
-    rigid = replace(hold, share=_RIGID)
-    here = newton(system, T, 1.0, here.states, hold=rigid) or here
+    taut = np.flatnonzero(winches.held & (T > 0))
+    if unfelt(_by_tensions(here, winches, taut), _FIRM).size:
+        rigid = replace(hold, share=_RIGID)
+        here = newton(system, T, 1.0, here.states, hold=rigid) or here
     taut = np.flatnonzero(winches.held & (here.tensions > 0))
     for _ in range(_TIGHTENED):
         at = Linearised.at(system, here.x)
         change, now = -at.solve(at.residual), at.tensions
-        M = np.diag(winches.stretch[taut]) - at.length_tension[np.ix_(taut, taut)]
         lacks = winches.lacks(at.lengths + at.length_slopes @ change, now)[taut]
-        after = now.copy()
+        M, after = _by_tensions(at, winches, taut), now.copy()
         after[taut] = determined(M, lacks, now[taut], T[taut])
         if after.min(initial=0.0) < 0:
             break
         change += at.by_tensions @ (after - now)
         here = replace(at, x=system.x(after, 1.0, at.states + change))
+        if np.abs(after - now).max(initial=0.0) <= _LAST * after.max(initial=0.0):
+            break
     return here
+
+
+def _by_tensions(at: Linearised, winches: Winches, taut: Places) -> Array:
+    """Return how what is left of taut tendons grows with their tensions [m/N]."""
+    return np.asarray(np.diag(winches.stretch[taut]) - at.length_tension[np.ix_(taut, taut)])

@@ -35,6 +35,7 @@ class ForwardMap(Protocol):
     mesh: Mesh
     order: int
     stretch_at: Array
+    machine_code: bool
 
     def __hash__(self) -> int:
         """Return the hash of this object, not of its values."""

@@ -100,8 +100,9 @@ def settle(
         If `compile` is True, and there is no compiler or it fails.
     """
     scene = checked_scene(arm, scene)
-    given = _given(arm, tensions, lengths, scene, tendon_EA, tendon_outside)
-    scheme, accuracy = check_scheme(scene, scheme), checked_accuracy(accuracy)
+    accuracy = checked_accuracy(accuracy)
+    given = _given(arm, scene, accuracy, tensions, lengths, tendon_EA, tendon_outside)
+    scheme = check_scheme(scene, scheme)
     machine_code, begin = checked_compile(compile), _near(near, arm, scene)
     try:
         return _settled(arm, given, scene, accuracy, scheme, machine_code, begin)
@@ -113,13 +114,14 @@ def settle(
 
 
 def _given(
-    arm: Arm, tensions: Any, lengths: Any, scene: Scene, EA: Any, outside: Any
+    arm: Arm, scene: Scene, accuracy: float, tensions: Any, lengths: Any, EA: Any, outside: Any
 ) -> GivenTensions | GivenLengths:
     """Return what holds the tendons; InputError."""
     if lengths is not None:
         if scene.has(PrintedStatics):
             raise InputError("lengths", "given as printed", "tensions in a scene as printed")
-        return GivenLengths(arm, scene, Winches.of(arm, tensions, lengths, EA, outside))
+        winches = Winches.of(arm, tensions, lengths, EA, outside)
+        return GivenLengths(arm, scene, winches, accuracy)
     for name, value in (("tendon_EA", EA), ("tendon_outside", outside)):
         if value:
             raise InputError(name, value, "none where no lengths are given")
@@ -165,13 +167,14 @@ def _settled(
             # Nor does a coarser one that did bear the loads tell how accurate a finer one is.
             refinement, before = next_refinement(refinement, np.inf, accuracy, order), None
             continue
-        near = Near(found.tensions, forward.known(found.states))
+        near = Near(found.tensions, forward.known(found.states), found, forward.mesh.steps)
         tip, error = found.states[-1, :7], np.inf
         if before is not None:
             gap = _gap(tip, before[1], lever) / arm.length
             error = estimate(gap, before[0], refinement, order, rounding)
             LOG.debug("%s, mesh %d: estimated tip error %.1e of L", scheme, refinement, error)
             if error <= accuracy:
+                found = given.finished(forward, found)
                 check_stretch(forward, found.stretch)
                 mesh = scheme, refinement, found.states, machine_code
                 return Shape(arm, scene, found.tensions, error, *mesh, given.winches, found.left)

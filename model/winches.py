@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -50,7 +50,7 @@ class Winches:
     tendon_EA: float = np.inf
     outside: float = 0.0
 
-    @property
+    @cached_property
     def stretch(self) -> Array:
         """By how much each tendon is longer for each newton (n_tendons,) [m/N]."""
         return np.asarray(np.where(self.held, (self.lengths + self.outside) / self.tendon_EA, 0.0))
@@ -92,6 +92,9 @@ def checked_EA(value: Any) -> float:
 
 def _given(arm: Arm, values: Any, name: str) -> tuple[Array, NDArray[np.bool_]]:
     """Return a number for each tendon, 0 where there is None or nan, and where there is one."""
+    if isinstance(values, np.ndarray) and values.dtype == float:
+        given = ~np.isnan(values)
+        return arm.flat(np.where(given, values, 0.0), name), given.ravel()
     if not hasattr(values, "__iter__") or isinstance(values, str | bytes):
         return arm.flat(values, name), np.ones(arm.n_tendons, dtype=bool)
     rows = [_filled(row) for row in values]

@@ -25,13 +25,14 @@ def complementary(M: Array, q: Array, taut: NDArray[np.bool_]) -> Array | None:
     n = q.size
     fewest, blocks = n + 1, _BLOCKS
     for _ in range(100 + 10 * n):
-        z, w = np.zeros(n), q.copy()
-        if taut.any():
+        z, w = np.zeros(n), q
+        own = np.flatnonzero(taut)
+        if own.size:
             try:
-                z[taut] = np.linalg.solve(M[np.ix_(taut, taut)], -q[taut])
+                z[own] = np.linalg.solve(M[own[:, None], own], -q[own])
             except np.linalg.LinAlgError:
                 return None
-            w = np.where(taut, 0.0, M @ z + q)
+            w = M @ z + q
         least = -_TINY * np.abs(z).max(initial=0.0), -_TINY * np.abs(q).max(initial=0.0)
         wrong = np.where(taut, z < least[0], w < least[1])
         count = int(wrong.sum())

@@ -75,6 +75,7 @@ class Collocation:
         self.system, self.mesh = stated, stated.mesh
         self.stretch_at = np.concatenate([stated.s, self.mesh.s[:-1], self.mesh.s[1:]])
         self.order = collocation_order(stated.of.form.stages, stated.scene.has(Friction))
+        self.machine_code = stated.of.form.machine_code
 
     def run(self, tensions: Array, near: Known | None = None) -> tuple[Array, Array]:
         """See ForwardMap.run; raises SnapError and UnsettledSectionError."""

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cached_property, lru_cache, partial
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -106,13 +107,14 @@ class System:
 
     def lengths(self, x: Array) -> Array:
         """Return the length of each tendon (n_tendons,) [m]."""
-        return np.array(self.of.lengths.value(x, self.length_numbers)).ravel()
+        return np.asarray(self._calls.lengths(x, self.length_numbers)[0][0])
 
     def length_slopes(self, x: Array) -> Array:
         """Return the derivatives of the lengths against the states (n_tendons, n_states)."""
-        function, places = self.of.lengths.jacobian
-        slopes = ca.DM(places, function(x, self.length_numbers))
-        return np.array(ca.densify(slopes))[:, self.of.first :]
+        rows, columns = self._calls.length_places
+        found = np.zeros((self.of.n_tendons, self.of.n_x))
+        found[rows, columns] = self._calls.length_slopes(x, self.length_numbers)[0][0]
+        return found[:, self.of.first :]
 
     def by_wrench(self, x: Array, node: int) -> Array:
         """Return how residuals change with a dead force and moment at a node (n_states, 6).
@@ -219,6 +221,19 @@ class _Calls:
     @cached_property
     def hessian(self) -> Buffered:
         return Buffered(self.of.equations.hessian[0])
+
+    @cached_property
+    def lengths(self) -> Buffered:
+        return Buffered(self.of.lengths.value)
+
+    @cached_property
+    def length_slopes(self) -> Buffered:
+        return Buffered(self.of.lengths.jacobian[0])
+
+    @cached_property
+    def length_places(self) -> tuple[Any, Any]:
+        rows, columns = self.of.lengths.jacobian[1].get_triplet()
+        return np.array(rows), np.array(columns)
 
 
 @lru_cache(maxsize=32)

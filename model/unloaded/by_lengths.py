@@ -12,28 +12,30 @@ the same equations, without a proof that there is one solution only.
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from model.arm import Arm
-from model.cross_section import cross_section_of
-from model.cross_section.sections import Sections
 from model.equilibrium.complementarity import complementary, determined, unfelt
 from model.errors import ConvergenceError, InputError, UnsettledSectionError
 from model.mesh import Mesh
 from model.paths import Array
 from model.scene import Scene
 from model.time_limit import check_time
-from model.transcription.collocation import gauss
-from model.unloaded.closed_form import unloaded
-from model.unloaded.settled_sections import settled_sections
+from model.unloaded.tendon_lengths import Lengths, tendon_lengths
 from model.winches import Winches, least_give
 
-_STAGES, _STEPS, _HALVINGS = 3, 60, 20
+_STEPS, _HALVINGS = 60, 20
 # What tendons may lack in the end, over the arm's length: rounding, or what does not get less; and
 # what says that no shape has the lengths, with one tendon longer as well.
 _ROUNDING, _MET, _SHORT, _UNKNOWN = 1e-16, 1e-12, 1e-7, 1e-5
+# Tendons that lack as much as another but for this share of it, of which the first is named.
+_TIED = 1e-6
+# The last step, whose square is rounding: what it changes of lengths over the arm's length, and of
+# tensions over the largest.
+_LAST, _LAST_TENSION = 1e-7, 1e-6
 # Steps may leave at most this share of the slope along them, on either side of the maximum.
 _SLOPE = 0.9
 # What winches give in the end, as shares of the least give: it is taken away as far as rounding of
@@ -47,84 +49,89 @@ _FIRM = 1e-8
 _GIVES = (1e8, 1e6, 1e4, 1e2, 1.0)
 
 
-@dataclass(frozen=True, eq=False)
-class Settled:
-    """Cross-sections under tensions.
+class Found(NamedTuple):
+    """Tensions by lengths.
 
     Attributes
     ----------
     tensions : (n_tendons,)
-    strains : (N, n)
-    by_tensions : (N, n, n_tendons)
-        How the strains move with them.
-    lengths : (n_tendons,)
-        Of the tendons.
-    length_tension : (n_tendons, n_tendons)
-        How these move with the tensions [m/N].
+        [N].
+    left : (n_tendons,)
+        What is left of held tendons beyond their paths [m], nan of others.
+    first_off : float
+        How far from complementary the tensions were that were begun with, over the length.
     """
 
     tensions: Array
-    strains: Array
-    by_tensions: Array
-    lengths: Array
-    length_tension: Array
+    left: Array
+    first_off: float
 
 
 class UnloadedLengths:
     """An arm without loads on a mesh, whose tendons winches hold."""
 
-    def __init__(self, arm: Arm, scene: Scene, mesh: Mesh, winches: Winches) -> None:
-        self.arm, self.scene, self.winches = arm, unloaded(scene), winches
-        method, h = gauss(_STAGES), np.diff(mesh.s)
-        s = (mesh.s[:-1, None] + h[:, None] * method.c).ravel()
-        self.active, self.weights = np.repeat(mesh.active, _STAGES), np.outer(h, method.b).ravel()
-        law = cross_section_of(self.scene, torsion=False)
-        self.sections = Sections(arm, self.scene, law, s, self.active)
-        self.least = least_give(arm)
+    def __init__(
+        self, arm: Arm, scene: Scene, mesh: Mesh, winches: Winches, machine_code: bool = False
+    ) -> None:
+        self.arm, self.winches = arm, winches
+        self._lengths = tendon_lengths(arm, scene, mesh, machine_code)
+        self._held, self.least = np.flatnonzero(winches.held), least_give(arm)
 
-    def found(self, near: Array | None = None) -> tuple[Array, Array]:
-        """Return tensions, and what is left of held tendons beyond their paths (n_tendons,) each.
+    def found(self, near: Array | None = None) -> Found:
+        """Return tensions by lengths; the least where lengths leave them undetermined.
 
-        The least tensions where lengths leave them undetermined; `near` are some to begin with.
-        Raises InputError where no shape has the lengths, and UnsettledSectionError,
-        ConvergenceError.
+        Tensions `near` are begun with. Raises InputError where no shape has the lengths, and
+        UnsettledSectionError, ConvergenceError.
         """
-        first = self.winches.tensions if near is None else near
-        found = self._maximum(self._settled(first), self.least)
+        first = self._first(near)
+        found = self._maximum(first, self.least)
         if found is None:
             found = self._by_giving()
         self._check(found)
         found = self._determined(found)
         left = self.winches.lacks(found.lengths, found.tensions)
-        return found.tensions, np.where(self.winches.held, left, np.nan)
+        return Found(
+            found.tensions, np.where(self.winches.held, left, np.nan), self._off(first, 0.0)
+        )
 
-    def _determined(self, found: Settled) -> Settled:
+    def _first(self, near: Array | None) -> Lengths:
+        if near is None and not self.winches.tensions.any():
+            return self._lengths.at_rest
+        return self._lengths(self.winches.tensions if near is None else near)
+
+    def _determined(self, found: Lengths) -> Lengths:
         """Return what rigid winches come to, near what winches do that give the least."""
-        least = found
-        for share in _FADING if unfelt(self._taut(found), _FIRM).size else ():
-            nearer = self._step(found, share * self.least, found.tensions)
-            if nearer is None:
-                return found
-            found = nearer
-        taut = np.flatnonzero(self.winches.held & (found.tensions > 0))
-        M = self._taut(found)
-        lacks = self.winches.lacks(found.lengths, found.tensions)[taut]
+        least, taut, M = found, *self._taut(found)
+        lacks = self.winches.lacks(found.lengths, found.tensions)
+        if not unfelt(M, _FIRM).size:
+            change = np.linalg.solve(M, -lacks[taut])
+        else:
+            for share in _FADING:
+                nearer = self._nearer(found, share * self.least)
+                if nearer is None:
+                    return found
+                found = nearer
+            taut, M = self._taut(found)
+            lacks = self.winches.lacks(found.lengths, found.tensions)
+            T = found.tensions[taut]
+            change = determined(M, lacks[taut], T, least.tensions[taut]) - T
         T = found.tensions.copy()
-        T[taut] = determined(M, lacks, T[taut], least.tensions[taut])
-        if T.min(initial=0.0) < 0:
-            return found
-        predicted = found.strains + found.by_tensions @ (T - found.tensions)
-        return self._settled(T, predicted)
+        T[taut] += change
+        return found if T.min(initial=0.0) < 0 else _moved(found, T)
 
-    def _taut(self, at: Settled) -> Array:
-        """Return how what is left of taut tendons grows with their tensions (n, n) [m/N]."""
+    def _nearer(self, at: Lengths, give: float) -> Lengths | None:
+        """Return what winches come to that give for changes of the tensions only."""
+        to = self._newton(at, give, at.tensions)
+        return None if to is None else self._searched(at, to, give, at.tensions)
+
+    def _taut(self, at: Lengths) -> tuple[Any, Array]:
+        """Return taut tendons, and how what is left of them grows with their tensions [m/N]."""
         taut = np.flatnonzero(self.winches.held & (at.tensions > 0))
-        found = at.length_tension[np.ix_(taut, taut)]
-        return np.asarray(np.diag(self.winches.stretch[taut]) - found)
+        return taut, np.diag(self.winches.stretch[taut]) - at.by_tensions[taut[:, None], taut]
 
-    def _by_giving(self) -> Settled:
+    def _by_giving(self) -> Lengths:
         """Return the shape that winches come to which give less and less."""
-        at, lacked = self._settled(self.winches.tensions), np.inf
+        at, lacked = self._lengths(self.winches.tensions), np.inf
         for multiple in _GIVES:
             found = self._maximum(at, multiple * self.least)
             if found is None:
@@ -139,91 +146,80 @@ class UnloadedLengths:
             raise ConvergenceError(0.0, np.inf, "ask for lengths nearer to those at rest")
         return at
 
-    def _maximum(self, at: Settled, give: float) -> Settled | None:
+    def _maximum(self, at: Lengths, give: float) -> Lengths | None:
         """Return the shape where winches give by so much per newton; None if none is found."""
-        held, none, last = self.winches.held, np.zeros(self.winches.held.size), np.inf
+        none, last = np.zeros(self.winches.held.size), np.inf
         for _ in range(_STEPS):
             check_time()
-            lacks, T = self._left(at, give, none)[held], at.tensions[held]
-            own = np.diag(self._matrix(at, give))
-            off = np.abs(np.minimum(lacks, own * T)).max(initial=0.0) / self.arm.length
+            off = self._off(at, give)
             if off <= _ROUNDING or (off <= _MET and off > last / 2):
                 return at
-            last = off
-            step = self._step(at, give, none)
-            if step is None:
+            to = self._newton(at, give, none)
+            if to is None:
                 return None
-            at = step
+            if off <= _LAST and np.abs(to - at.tensions).max() <= _LAST_TENSION * to.max():
+                return _moved(at, to)
+            searched = self._searched(at, to, give, none)
+            if searched is None:
+                return None
+            at, last = searched, off
         return None
 
-    def _step(self, at: Settled, give: float, given: Array) -> Settled | None:
-        """Return what a Newton step leads to where winches give for tensions beyond those given."""
-        held = self.winches.held
-        T, M = at.tensions[held], self._matrix(at, give)
-        lacks = self._left(at, give, given)[held]
-        found = complementary(M, lacks - M @ T, T > 0)
-        return None if found is None else self._searched(at, found - T, lacks, give, given)
+    def _off(self, at: Lengths, give: float) -> float:
+        """Return how far tensions and what is left are from complementary, over the length."""
+        T = at.tensions
+        own = self.winches.stretch + give - at.by_tensions.diagonal()
+        off = np.abs(np.minimum(self.winches.lacks(at.lengths, T) + give * T, own * T))
+        return float(off[self.winches.held].max(initial=0.0)) / self.arm.length
 
-    def _searched(
-        self, at: Settled, change: Array, lacks: Array, give: float, given: Array
-    ) -> Settled | None:
-        """Return what a step in the held tensions, or a part of it, leads to."""
-        held, slope = self.winches.held, float(change @ lacks)
-        moved = np.zeros(held.size)
-        moved[held] = change
+    def _newton(self, at: Lengths, give: float, given: Array) -> Array | None:
+        """Return tensions after a Newton step where winches give for those beyond `given`."""
+        held = self._held
+        M, T, after = self._matrix(at, give), at.tensions[held], at.tensions.copy()
+        found = complementary(M, self._left(at, give, given)[held] - M @ T, T > 0)
+        if found is None:
+            return None
+        after[held] = found
+        return after
+
+    def _searched(self, at: Lengths, to: Array, give: float, given: Array) -> Lengths | None:
+        """Return what a step to tensions, or a part of it, leads to."""
+        change = to - at.tensions
+        slope = abs(float(change @ self._left(at, give, given)))
+        most = _SLOPE * slope + _MET * self.arm.length * np.abs(change).max()
         for halving in range(_HALVINGS):
-            part = 0.5**halving
             try:
-                predicted = at.strains + part * (at.by_tensions @ moved)
-                after = self._settled(at.tensions + part * moved, predicted)
-            except (UnsettledSectionError, np.linalg.LinAlgError):
+                after = self._lengths(at.tensions + 0.5**halving * change)
+            except UnsettledSectionError:
                 continue
-            left = float(change @ self._left(after, give, given)[held])
-            if left <= _SLOPE * abs(slope) + _MET * self.arm.length * np.abs(change).max():
+            if change @ self._left(after, give, given) <= most:
                 return after
         return None
 
-    def _settled(self, tensions: Array, predicted: Array | None = None) -> Settled:
-        """Return the cross-sections under tensions, near predicted strains if they settle there."""
-        pulls, v = self.sections.pulls(tensions), predicted
-        if v is not None:
-            with np.errstate(all="ignore"):
-                try:
-                    v = self.sections.solve(v, np.zeros_like(v), pulls)
-                except np.linalg.LinAlgError:
-                    v = None
-        if v is None or np.isnan(v).any():
-            v = settled_sections(self.arm, self.scene, self.sections, self.active, tensions)
-        moved = self.sections.by_tensions(v, pulls)
-        lengths, slopes = self.sections.length_slopes(v, self.weights)
-        n = tensions.size
-        by_tensions = slopes.reshape(n, -1) @ moved.reshape(-1, n)
-        return Settled(tensions, v, moved, lengths, by_tensions)
-
-    def _left(self, at: Settled, give: float, given: Array) -> Array:
+    def _left(self, at: Lengths, give: float, given: Array) -> Array:
         left = self.winches.lacks(at.lengths, at.tensions)
         return np.asarray(left + give * (at.tensions - given))
 
-    def _matrix(self, at: Settled, give: float) -> Array:
-        held = self.winches.held
-        own = np.diag(self.winches.stretch[held] + give)
-        return np.asarray(own - at.length_tension[np.ix_(held, held)])
+    def _matrix(self, at: Lengths, give: float) -> Array:
+        """Return how what is left of held tendons grows with their tensions (n, n) [m/N]."""
+        M = np.diag(self.winches.stretch + give) - at.by_tensions
+        return np.asarray(M[self._held[:, None], self._held])
 
-    def _lacks(self, at: Settled) -> float:
+    def _lacks(self, at: Lengths) -> float:
         """Return what the tendon that lacks most lacks [m]."""
         lacks = self.winches.lacks(at.lengths, at.tensions)[self.winches.held]
         return float(-lacks.min(initial=0.0))
 
-    def _check(self, found: Settled) -> None:
+    def _check(self, found: Lengths) -> None:
         if self._lacks(found) > _SHORT * self.arm.length:
             self._refuse(found)
 
-    def _refuse(self, found: Settled) -> None:
+    def _refuse(self, found: Lengths) -> None:
         """Raise InputError that names the tendon which lacks most."""
         lacks = np.where(
             self.winches.held, -self.winches.lacks(found.lengths, found.tensions), -np.inf
         )
-        j = int(np.argmax(lacks))
+        j = int(np.argmax(lacks >= lacks.max() * (1 - _TIED)))
         if lacks[j] <= _SHORT * self.arm.length:
             return
         least = self._least(j, found)
@@ -235,16 +231,25 @@ class UnloadedLengths:
             f"{told}, beside the other lengths: no shape of the arm has these",
         )
 
-    def _least(self, j: int, found: Settled) -> float:
+    def _least(self, j: int, found: Lengths) -> float:
         """Return how short a tendon is that pulls hard beside the others [m]; 0 for unknown.
 
-        Others that want to be shorter than they can be are unknown as well.
+        Others that want to be shorter than they can be are unknown as well. Pulling so hard that
+        these give by what would count as lacking tells nothing.
         """
         held, T = self.winches.held.copy(), self.winches.tensions.copy()
-        held[j], T[j] = False, found.tensions[j]
+        hard = _UNKNOWN / 100 * self.arm.length / self.least
+        pulled = np.minimum(found.tensions, hard)
+        held[j], T[j] = False, pulled[j]
         other = copy(self)
         other.winches = replace(self.winches, held=held, tensions=T)
-        at = other._maximum(other._settled(found.tensions), self.least)
+        other._held = np.flatnonzero(held)
+        at = other._maximum(self._lengths(pulled), self.least)
         if at is None or other._lacks(at) > _UNKNOWN * self.arm.length:
             return 0.0
         return float(at.lengths[j])
+
+
+def _moved(at: Lengths, to: Array) -> Lengths:
+    """Return the lengths under tensions so near that their second derivatives do not matter."""
+    return at._replace(tensions=to, lengths=at.lengths + at.by_tensions @ (to - at.tensions))

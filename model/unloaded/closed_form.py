@@ -110,7 +110,7 @@ class ClosedForm:
         self, arm: Arm, scene: Scene, mesh: Mesh, scheme: Magnus, machine_code: bool = False
     ) -> None:
         self.arm, self.scene, self.mesh, self.scheme = arm, scene, mesh, scheme
-        self.order, m = scheme.order, len(scheme.nodes)
+        self.order, self.machine_code, m = scheme.order, machine_code, len(scheme.nodes)
         statics = closed_statics(scene, arm)
         ends, at_ends = mesh.segment_ends()
         inner, at_inner = nodes_of(scheme, mesh.s[:-1], mesh.s[1:]), np.repeat(mesh.active, m)
