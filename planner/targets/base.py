@@ -13,7 +13,7 @@ import numpy as np
 from model.arm import Arm
 from model.errors import InputError
 from model.paths import Array
-from model.rotations import matrix
+from model.rotations import conjugate, matrix, multiply
 from model.stiffness import Hold
 
 # How the name of a margin ends that is a share of what is wanted.
@@ -92,6 +92,14 @@ class View:
         """Return the frame (3, 3), columns t, n, b, at station s."""
         return _frame()(self._poses[s][:4]) if s > 0 else self.base_frame
 
+    def rotation_from(self, s: float, wanted: ca.MX) -> ca.MX:
+        """Return 2 sin(a / 2) u (3,): rotation by a about u [rad] from a frame to that at s.
+
+        The frame is given by its quaternion (4,); u has components along its columns. Smooth
+        everywhere, of norm 2 at a = pi, and 0 where the frames are the same alone.
+        """
+        return _rotation()(self._poses[s][:4], wanted)
+
     @property
     def give(self) -> ca.MX:
         """How the tip gives way along the target's directions."""
@@ -113,6 +121,13 @@ class View:
 def _frame() -> ca.Function:
     q = ca.SX.sym("q", 4)
     return ca.Function("frame", [q], [matrix(q)])
+
+
+@cache
+def _rotation() -> ca.Function:
+    q, wanted = ca.SX.sym("q", 4), ca.SX.sym("wanted", 4)
+    relative = multiply(conjugate(wanted), q) / ca.sqrt(ca.sumsqr(q))
+    return ca.Function("rotation", [q, wanted], [2 * relative[1:]])
 
 
 class Target(Protocol):

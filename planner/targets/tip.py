@@ -13,11 +13,10 @@ from model.arm import Arm
 from model.checks import finite_array, positive
 from model.errors import InputError
 from model.paths import Array
+from model.rotations import from_matrix
 from planner.targets.base import Free, Terms, View, check_near
 
 POSITION, DIRECTION, ROTATION = "tip position", "tip direction", "tip rotation"
-# Of 2 cos(a / 2) squared: an angle a of pi away from what is wanted divides by nothing.
-_OPPOSITE = 1e-12
 
 
 @dataclass(frozen=True)
@@ -115,21 +114,19 @@ class TipPointing(_Oriented):
         return "TipPointing", self.weights
 
     def parameters(self, arm: Arm) -> Array:
-        """See Target.parameters: the position, the direction, two directions across it."""
-        d = np.array(self.direction)
-        e = np.cross(d, np.eye(3)[np.argmin(np.abs(d))])
-        e /= np.linalg.norm(e)
-        return np.concatenate([self.position, d, e, np.cross(d, e)])
+        """See Target.parameters: the position, the quaternion of a frame with that tangent."""
+        t = np.array(self.direction)
+        n = np.cross(t, np.eye(3)[np.argmin(np.abs(t))])
+        n /= np.linalg.norm(n)
+        return np.append(self.position, from_matrix(np.column_stack([t, n, np.cross(t, n)])))
 
     def terms(self, view: View, p: ca.MX) -> Terms:
-        """See Target.terms: with the tangent t, t . e / cos(a / 2) for both e across direction d.
+        """See Target.terms: the rotation from such a frame, but for its part about the tangent.
 
-        Their norm is 2 sin(a / 2), as 2 cos(a / 2)^2 = 1 + t . d: without a zero at a = pi, where
-        t . e alone has one.
+        Of a rotation (w, x, y, z) = (cos(r / 2), sin(r / 2), 0, 0) about the tangent after one by a
+        across it, (y, z) has the norm sin(a / 2), whatever r.
         """
-        t = view.tip_frame[:, 0]
-        half = ca.sqrt(ca.fmax((1 + ca.dot(t, p[3:6])) / 2, _OPPOSITE))
-        off = ca.vertcat(ca.dot(t, p[6:9]), ca.dot(t, p[9:])) / half
+        off = view.rotation_from(view.arm.length, p[3:])[1:]
         return Terms(
             match={POSITION: (view.tip - p[:3]) / view.arm.length, DIRECTION: off},
             weights=dict(zip((POSITION, DIRECTION), self.weights, strict=True)),
@@ -173,16 +170,14 @@ class TipPose(_Oriented):
         return "TipPose", self.weights
 
     def parameters(self, arm: Arm) -> Array:
-        """See Target.parameters: the position, then the frame column by column."""
-        return np.concatenate([self.position, np.array(self.frame).T.ravel()])
+        """See Target.parameters: the position, then the frame's quaternion."""
+        return np.append(self.position, from_matrix(np.array(self.frame)))
 
     def terms(self, view: View, p: ca.MX) -> Terms:
-        """See Target.terms: 2 sin(a / 2) about the rotation's axis, without a zero at a = pi."""
-        turn = ca.reshape(p[3:], 3, 3).T @ view.tip_frame
-        axis = ca.vertcat(turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1])
-        doubled = ca.sqrt(ca.fmax(1 + ca.trace(turn), _OPPOSITE))
+        """See Target.terms and View.rotation_from."""
+        off = view.rotation_from(view.arm.length, p[3:])
         return Terms(
-            match={POSITION: (view.tip - p[:3]) / view.arm.length, ROTATION: axis / doubled},
+            match={POSITION: (view.tip - p[:3]) / view.arm.length, ROTATION: off},
             weights=dict(zip((POSITION, ROTATION), self.weights, strict=True)),
             units={POSITION: "L", ROTATION: "rad"},
         )
