@@ -7,9 +7,10 @@ how many are refused, and how long does it take? And how do errors grow along th
 integrated from the base to the tip rather than from the tip to the base?
 
 Assumptions: the families are those that the tests hold to their tolerances, `tests/hard_cases`;
-each is described at the top of its file. Errors are over the arm's length, or relative.
+each is described at the top of its file, and run by its test. Errors are over the arm's length, or
+relative.
 
-Command: python -m studies.hard_cases [--members 12] [--seed 0] [--family NAME ...] [--out out]
+Command: python -m studies.hard_cases [--members 12] [--family NAME ...] [--out out]
 
 Answer: of 12 members each, 180 in all, none. The worst errors are 2e-10 where 1e-8 is allowed (1e-9
 for silicone), 5e-15 in other units and turned scenes, 1e-8 for derivatives, under heavy loads and
@@ -22,7 +23,13 @@ of the base over that of the tip.
 from __future__ import annotations
 
 import argparse
+import json
+import subprocess
+import sys
+import tempfile
+import xml.etree.ElementTree as ET
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -31,27 +38,71 @@ from matplotlib.figure import Figure
 
 from studies.keeping import keeping
 from studies.sweeps import Sweeps, sweeps
-from tests.hard_cases.families import FAMILIES
-from tests.hard_cases.family import Family, Verdict, judge
 
-Row = tuple[Family, list[Verdict]]
+_ROOT = Path(__file__).parents[1]
+_TEST = "tests/hard_cases/test_families.py::test_members_are_right_or_refused"
 _LEAST = 1e-17
 
 
-def told(row: Row) -> str:
+@dataclass(frozen=True)
+class Verdict:
+    """What became of a member: its error, or why it was refused, and the time it took [s]."""
+
+    error: float
+    refusal: str
+    seconds: float
+    passes: bool
+
+
+@dataclass(frozen=True)
+class Family:
+    """A family of hard cases with its tolerance and the verdicts on its members."""
+
+    name: str
+    tolerance: float
+    verdicts: tuple[Verdict, ...]
+
+
+def names() -> list[str]:
+    """Return the families' names, in the order of their tests."""
+    listed = _pytest("--collect-only", "-q", _TEST).splitlines()
+    return [line.split("[", 1)[1][:-1] for line in listed if line.startswith(_TEST + "[")]
+
+
+def family(name: str, members: int) -> Family:
+    """Run the test of a family and return what it tells of each member."""
+    with tempfile.TemporaryDirectory() as folder:
+        report = Path(folder) / "report.xml"
+        options = ("--members", str(members), "--junitxml", str(report))
+        # Of the kinds of report that pytest writes, the one that has properties of a test.
+        _pytest(f"{_TEST}[{name}]", *options, "-o", "junit_family=xunit1")
+        kept = {own.get("name"): own.get("value", "") for own in ET.parse(report).iter("property")}
+    verdicts = (Verdict(*own) for own in json.loads(kept["verdicts"]))
+    return Family(name, float(kept["tolerance"]), tuple(verdicts))
+
+
+def _pytest(*words: str) -> str:
+    command = [sys.executable, "-m", "pytest", "-n", "0", "-p", "no:cacheprovider", *words]
+    done = subprocess.run(command, cwd=_ROOT, capture_output=True, text=True, check=False)
+    # 1: a member is wrong, which the table tells.
+    if done.returncode not in (0, 1):
+        raise RuntimeError(done.stdout + done.stderr)
+    return done.stdout
+
+
+def told(own: Family) -> str:
     """Return a family's line of the table."""
-    family, verdicts = row
-    settled = [verdict.error for verdict in verdicts if not verdict.refusal]
-    wrong = sum(not verdict.passes(family) for verdict in verdicts)
-    worst, refused = max(settled, default=0.0), len(verdicts) - len(settled)
-    seconds = sum(verdict.seconds for verdict in verdicts)
+    settled = [verdict.error for verdict in own.verdicts if not verdict.refusal]
+    wrong = sum(not verdict.passes for verdict in own.verdicts)
+    worst, refused = max(settled, default=0.0), len(own.verdicts) - len(settled)
+    seconds = sum(verdict.seconds for verdict in own.verdicts)
     return (
-        f"{family.name:<24}{len(verdicts):>8}{worst:>13.1e}{family.tolerance:>11.0e}"
+        f"{own.name:<24}{len(own.verdicts):>8}{worst:>13.1e}{own.tolerance:>11.0e}"
         f"{refused:>9}{wrong:>7}{seconds:>9.1f}"
     )
 
 
-def draw(table: list[Row], grown: Sweeps) -> Figure:
+def draw(table: list[Family], grown: Sweeps) -> Figure:
     """Return the figure: errors of all members, and how errors grow along the arm."""
     figure = Figure(figsize=(11, 5), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(3, 2))
@@ -60,18 +111,18 @@ def draw(table: list[Row], grown: Sweeps) -> Figure:
     return figure
 
 
-def _draw_families(ax: Axes, table: list[Row]) -> None:
-    for i, (family, verdicts) in enumerate(table):
-        errors = [max(verdict.error, _LEAST) for verdict in verdicts if not verdict.refusal]
+def _draw_families(ax: Axes, table: list[Family]) -> None:
+    for i, own in enumerate(table):
+        errors = [max(one.error, _LEAST) for one in own.verdicts if not one.refusal]
         spread = i + np.linspace(-0.25, 0.25, len(errors))
         ax.plot(errors, spread, "o", color="C0", ms=4, alpha=0.6)
-        ax.plot([family.tolerance] * 2, [i - 0.4, i + 0.4], color="C3", lw=2)
-        refused = len(verdicts) - len(errors)
+        ax.plot([own.tolerance] * 2, [i - 0.4, i + 0.4], color="C3", lw=2)
+        refused = len(own.verdicts) - len(errors)
         if refused:
             ax.text(3e-6, i, f"{refused} refused", va="center", fontsize="small")
     ax.plot([], [], "o", color="C0", ms=4, label="a member")
     ax.plot([], [], color="C3", lw=2, label="tolerance")
-    ax.set_yticks(range(len(table)), [family.name for family, _ in table])
+    ax.set_yticks(range(len(table)), [own.name for own in table])
     ax.set(xscale="log", xlim=(_LEAST / 2, 1e-3), xlabel="error", title="Hard cases")
     ax.invert_yaxis()
     ax.grid(alpha=0.3)
@@ -96,23 +147,20 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Run the study: print its table, save its figure."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--members", type=int, default=12)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--family", nargs="*", default=[family.name for family in FAMILIES])
+    parser.add_argument("--family", nargs="*", help="all unless given")
     parser.add_argument("--out", type=Path, default=Path("out"))
     args = parser.parse_args(argv)
     print(f"{'family':<24}{'members':>8}{'worst error':>13}{'tolerance':>11}", end="")
-    print(f"{'refused':>9}{'wrong':>7}{'time [s]':>9}")
-    table: list[Row] = []
+    print(f"{'refused':>9}{'wrong':>7}{'time [s]':>9}", flush=True)
+    table: list[Family] = []
     with keeping():
-        for family in FAMILIES:
-            if family.name in args.family:
-                seeds = range(args.seed, args.seed + args.members)
-                table.append((family, [judge(family, seed) for seed in seeds]))
-                print(told(table[-1]), flush=True)
-    for family, verdicts in table:
-        for seed, verdict in enumerate(verdicts, args.seed):
-            if not verdict.passes(family):
-                print(f"{family.name}, seed {seed}: {verdict.refusal or verdict.error}")
+        for name in args.family or names():
+            table.append(family(name, args.members))
+            print(told(table[-1]), flush=True)
+    for own in table:
+        for seed, verdict in enumerate(own.verdicts):
+            if not verdict.passes:
+                print(f"{own.name}, seed {seed}: {verdict.refusal or verdict.error}")
     grown = sweeps()
     print(f"an error at the beginning grows {grown.up:.3g} times from tip to base,", end=" ")
     print(f"{grown.down:.4g} times from base to tip; by D {grown.ratio:.4g}")

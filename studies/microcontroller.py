@@ -13,13 +13,14 @@ Answer: yes. In single precision the pose of the tip takes 11 100 instructions a
 296 000 (4.8 and 1.6 kHz); 45 kB of flash, 2.5 kB of work arrays, 1.3 kB of stack. In double
 precision a few percent more instructions, and twice the memory.
 
-    python -m studies.microcontroller
+    python -m studies.microcontroller [SCENE.toml] [--precision float] [--accuracy 1e-3]
 
 Needs arm-none-eabi-gcc with newlib, and qemu-system-arm.
 """
 
 from __future__ import annotations
 
+import argparse
 import shutil
 import subprocess
 import tempfile
@@ -29,12 +30,12 @@ from pathlib import Path
 from typing import Any
 
 from model import Arm, Scene
-from model.effects import Extension
 from planner import export
+from planner.scenefile import load
 
 TOOLS = ("arm-none-eabi-gcc", "arm-none-eabi-size", "qemu-system-arm")
 HERTZ = 480e6
-FIGURE_15 = ((0.0, 0.0, 0.5, 0.0), (4.0, 0.0, 0.0, 0.0), (0.0, 13.0, 0.0, 0.0))
+_FIGURE_15 = Path(__file__).parent / "scenes" / "figure_15.toml"
 _BOARD = Path(__file__).parent / "cortex_m7"
 _TARGET = ("-mcpu=cortex-m7", "-mfpu=fpv5-d16", "-mfloat-abi=hard", "-mthumb", "-O2")
 _STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
@@ -122,17 +123,22 @@ def _call(*command: object) -> str:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("scene", nargs="?", type=Path, default=_FIGURE_15, help="a scene file")
+    parser.add_argument("--precision", nargs="*", default=["float", "double"])
+    parser.add_argument("--accuracy", nargs="*", type=float, default=[1e-3, 1e-6])
+    args = parser.parse_args(argv)
     if missing():
         print(f"not measured, not installed: {missing()}")
         return
-    arm, scene = Arm.from_paper("table-4"), Scene(Extension())
+    asked = load(args.scene)
     print(
         f"{'numbers':<8}{'accuracy':>9}{'flash':>9}{'static':>9}{'stack':>7}"
         f"{'tip pose':>20}{'tip Jacobian':>22}"
     )
-    for precision in ("float", "double"):
-        for accuracy in (1e-3, 1e-6):
-            cost = measured(arm, scene, FIGURE_15, accuracy, precision)
+    for precision in args.precision:
+        for accuracy in args.accuracy:
+            cost = measured(asked.arm, asked.scene, asked.tensions, accuracy, precision)
             cells = [
                 f"{cost.instructions[what]:>8} = {HERTZ / cost.instructions[what] / 1e3:>4.1f} kHz"
                 for what in ("tip", "jacobian")

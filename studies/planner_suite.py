@@ -14,7 +14,7 @@ Times are the processor's, as shifted geometric means (shift 0.1 s), as benchmar
 have it.
 
 Command: python -m studies.planner_suite [--targets 1000] [--best-of 10] [--jobs 2] [--seed 0]
-[--out out]
+[--case NUMBER] [--out out]
 
 Answer: of 1000 (seed 0, best of 5 starts) 99.9 % are reached and certified, none is wrong, 99.8 %
 of the efforts are within 1 % of the best known (planes, fetches and backbones 100 %, tips and poses
@@ -189,8 +189,12 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--best-of", type=int, default=10)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--case", type=int, help="print this one as a script, and no table")
     parser.add_argument("--out", type=Path, default=Path("out"))
     args = parser.parse_args(argv)
+    if args.case is not None:
+        print(run((args.case, args.seed, args.best_of)).again(), end="")
+        return
     jobs = [(i, args.seed, args.best_of) for i in range(args.targets)]
     cases: list[Case] = []
     pool = ProcessPoolExecutor(args.jobs)

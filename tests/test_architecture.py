@@ -36,6 +36,13 @@ def test_the_model_knows_neither_planner_nor_plots(path: Path) -> None:
         assert "matplotlib" not in roots
 
 
+@pytest.mark.parametrize(("folder", "others"), [("tests", "studies"), ("studies", "tests")])
+def test_tests_and_studies_do_not_import_each_other(folder: str, others: str) -> None:
+    for path in ROOT.glob(f"{folder}/**/*.py"):
+        roots = {name.split(".")[0] for name in _imports(path, inside_functions=True)}
+        assert others not in roots, path
+
+
 def test_no_imports_run_in_circles() -> None:
     names = {_name(path) for path in FILES}
     graph = {_name(path): _imports(path, inside_functions=True) & names for path in FILES}

@@ -1,130 +1,116 @@
-"""Each study runs at a small size, prints its table and saves its figure."""
+"""Each study runs at a small size, prints its table and saves its figures."""
 
-from collections.abc import Callable, Sequence
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
-from studies import (
-    antagonistic_stiffness,
-    bending_plane,
-    calibration,
-    clutter,
-    design,
-    effects_cost,
-    fetch,
-    hard_cases,
-    lengths,
-    maps,
-    motion,
-    sweeping,
-    tip_targets,
-    which_statics,
-)
+from tests.commands import ALONE, ROOT, study
 
-Main = Callable[[Sequence[str]], None]
-SMALL: dict[str, tuple[Main, list[str], str, str]] = {
+SMALL: dict[str, tuple[str, str, tuple[str, ...]]] = {
+    "accuracy_cost": (
+        "--cases 1 --repeats 1 --targets 1 --finest 1 --settings 1",
+        "settle's choice",
+        ("accuracy_cost.png", "accuracy_cost_dearer.png", "accuracy_cost_plans.png"),
+    ),
     "antagonistic_stiffness": (
-        antagonistic_stiffness.main,
-        ["--points", "1", "--statics", "paper's tangent"],
+        "--points 1 --statics paper's_tangent",
         "same tip, stiffer along z",
-        "antagonistic_stiffness.png",
+        ("antagonistic_stiffness.png",),
     ),
-    "bending_plane": (bending_plane.main, ["--angles", "2"], "planned", "bending_plane.png"),
+    "bending_plane": ("--angles 2", "planned", ("bending_plane.png",)),
     "calibration": (
-        calibration.main,
-        ["--models", "modulus and density", "--no-leave-out"],
+        "--models modulus_and_density --no-leave-out",
         "modulus and density",
-        "calibration.png",
+        ("calibration.png",),
     ),
-    "design": (
-        design.main,
-        ["--tips", "1", "--begins", "1", "--unknowns", "1"],
-        "plans certified",
-        "design.png",
-    ),
+    "clutter": ("--targets 1 --obstacles 3 --itself 1", "solved 100.0%, wrongly 0", ()),
+    "design": ("--tips 1 --begins 1 --unknowns 1", "plans certified", ("design.png",)),
     "effects_cost": (
-        effects_cost.main,
-        ["--repeats", "1", "--effects", "exact tendons", "weight in water"],
+        "--repeats 1 --effects exact_tendons weight_in_water",
         "weight in water",
-        "effects_cost.png",
+        ("effects_cost.png",),
     ),
+    "fetch": ("--budgets 5 --bends 40", "least total pull", ("fetch.png",)),
+    "hard_cases": ("--members 1 --family many_turns", "from base to tip", ("hard_cases.png",)),
     "lengths": (
-        lengths.main,
-        ["--plans", "1", "--draws", "1", "--every", "45", "--steps", "1", "--mixed", "1"],
+        "--plans 1 --draws 1 --every 45 --steps 1 --mixed 1",
         "mixed: mean",
-        "lengths.png",
-    ),
-    "hard_cases": (
-        hard_cases.main,
-        ["--members", "2", "--family", "many turns", "compression, paper"],
-        "from base to tip",
-        "hard_cases.png",
+        ("lengths.png",),
     ),
     "maps": (
-        maps.main,
-        ["--draws", "50", "--pulls", "2", "--points", "2"],
+        "--draws 50 --pulls 2 --points 2",
         "the softest direction gives",
-        "maps.png",
+        ("maps.png",),
     ),
-    "motion": (motion.main, ["--longer"], "least time over the bound 1.0", "motion.png"),
-    "which_statics": (which_statics.main, [], "neo-Hookean", "which_statics.png"),
-    "fetch": (
-        fetch.main,
-        ["--budgets", "5", "--bends", "40"],
-        "least total pull",
-        "fetch.png",
+    "motion": ("--longer", "least time over the bound 1.0", ("motion.png",)),
+    "planner_suite": (
+        "--targets 3 --best-of 0 --jobs 1",
+        "all                3   100.0%      0      100.0%",
+        (),
     ),
+    "speed": (
+        "--repeats 1 --arms 1 --batch 4 --plans 1 --points 2 --sections 1 2"
+        " --rows settle jacobian path floors --knob 13",
+        "error within what was asked        100.0%",
+        (),
+    ),
+    "sweeping": (
+        "--plans 10 --kills 1 --settles 500",
+        "killed 1 times, 10 reached: identical: True",
+        (),
+    ),
+    "tip_targets": ("--targets 3 --best-of 2 --scipy 1", "certified                100.0%", ()),
+    "unreachable": ("--targets 1 --best-of 8", "100.0%    1.000", ()),
+    "which_statics": ("", "neo-Hookean", ("which_statics.png",)),
 }
 
 
+@pytest.mark.quick("which_statics")
 @pytest.mark.parametrize("name", SMALL)
-def test_a_study_prints_its_table_and_saves_its_figure(
-    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    main, options, told, figure = SMALL[name]
-    main([*options, "--out", str(tmp_path)])
-    assert told in capsys.readouterr().out
-    assert (tmp_path / figure).stat().st_size > 10_000
-
-
-def test_the_study_of_tip_targets_compares_with_random_starts_and_scipy(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    tip_targets.main(["--targets", "3", "--best-of", "2", "--scipy", "1"])
-    shown = capsys.readouterr().out
-    assert "certified                100.0%" in shown
-    assert "SLSQP" in shown
-
-
-def test_the_study_of_clutter_solves_tips_among_obstacles(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    clutter.main(["--targets", "1", "--obstacles", "3", "--itself", "1"])
-    shown = capsys.readouterr().out
-    assert "solved 100.0%, wrongly 0" in shown
-    assert "without a word 0" in shown
+def test_a_study_prints_its_table_and_saves_its_figures(name: str, tmp_path: Path) -> None:
+    options, told, figures = SMALL[name]
+    words = [word.replace("_", " ") for word in options.split()]
+    folder = ["--out", str(tmp_path)] * bool(figures)
+    shown = study(name, *words, *folder)
+    assert told in shown
+    for figure in figures:
+        assert (tmp_path / figure).stat().st_size > 10_000
 
 
 @pytest.mark.slow
-def test_the_study_of_sweeping_kills_and_compares(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    options = ["--plans", "10", "--kills", "1", "--settles", "500"]
-    sweeping.main([*options, "--out", str(tmp_path)])
-    shown = capsys.readouterr().out
-    assert "killed 1 times, 10 reached: identical: True" in shown
-    assert "500 settles" in shown
+def test_what_the_planner_suite_keeps_of_a_case_ends_as_the_case_did() -> None:
+    script = study("planner_suite", "--case", "1", "--seed", "3", "--best-of", "0")
+    told = subprocess.run(
+        [sys.executable, "-c", script], cwd=ROOT, env=ALONE, capture_output=True, text=True
+    )
+    assert told.stdout.splitlines() == [
+        next(own[2:] for own in script.splitlines() if own.startswith("# "))
+    ]
 
 
 @pytest.mark.slow
-def test_two_hundred_random_tips_are_certified_at_the_best_known_effort(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    tip_targets.main(["--scipy", "0", "--best-of", "20"])
-    shares = {
-        line.split("  ")[0]: float(line.split("%")[0].split()[-1])
-        for line in capsys.readouterr().out.splitlines()
-        if line.startswith(("certified", "within 1 % of the best"))
-    }
-    assert shares["certified"] >= 99
+def test_what_was_finished_at_ctrl_c_is_told_and_drawn(tmp_path: Path) -> None:
+    command = [sys.executable, "-u", "-m", "studies.hard_cases", "--members", "3", "--out"]
+    family = ["--family", "many turns", "ill-posed plans"]
+    running = subprocess.Popen(
+        [*command, tmp_path, *family],
+        cwd=ROOT,
+        env=ALONE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert running.stdout is not None
+    while "many turns" not in running.stdout.readline():
+        assert running.poll() is None
+    os.kill(running.pid, signal.SIGINT)
+    out, err = running.communicate()
+    assert "interrupted" in err
+    assert "from base to tip" in out
+    assert (tmp_path / "hard_cases.png").stat().st_size > 0

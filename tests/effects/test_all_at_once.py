@@ -37,6 +37,7 @@ def tip(follower: bool) -> TipLoad:
     return TipLoad(FORCE, MOMENT, follower)
 
 
+@pytest.mark.quick("follower, extension, shear")
 @pytest.mark.parametrize(
     ("kinds", "follower"),
     [

@@ -98,6 +98,7 @@ def pushed(bar: Bar, v: Array, extension: bool) -> Array:
 STREAMS = {"weak": (0.0, 0.2), "strong": (0.0, 0.6), "outward": (0.3, 0.3), "back": (-0.2, 0.25)}
 
 
+@pytest.mark.quick("conical-strong-True", "conical-outward-False")
 @pytest.mark.parametrize(
     ("name", "stream", "extension"),
     [

@@ -63,6 +63,7 @@ def test_the_scenes_own_effects_come_first_and_the_others_after(
     assert flags == sorted(flags, reverse=True)
 
 
+@pytest.mark.quick("silicone", "as printed")
 @pytest.mark.parametrize(
     ("scene", "own", "others"),
     [
@@ -192,6 +193,7 @@ def test_an_effect_of_nothing_moves_nothing(nothing: Effect, states: int) -> Non
     assert switch.states_added == states
 
 
+@pytest.mark.slow
 def test_an_arm_that_buckles_out_of_water_is_a_row_with_its_reason() -> None:
     standing = Scene(Extension(), UPRIGHT, Buoyancy())
     with pytest.raises(SnapError) as reason:

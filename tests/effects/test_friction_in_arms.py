@@ -75,6 +75,7 @@ SOME = pytest.mark.parametrize(
 )
 
 
+@pytest.mark.quick("paper, loaded-each its own", "exact, loaded-each its own")
 @pytest.mark.parametrize("direction", [1, (-1, 1, 1, -1)], ids=["in", "each its own"])
 @SOME
 def test_each_tendon_loses_by_all_that_it_turns(name: str, direction: Any) -> None:

@@ -46,6 +46,7 @@ def test_each_effect_adds_instructions_and_none_is_there_uncalled() -> None:
     assert counts[1] < counts[2] / 5
 
 
+@pytest.mark.quick("silicone")
 @pytest.mark.parametrize("scene", [EXACT, SILICONE, SWOLLEN], ids=["exact", "silicone", "shift"])
 def test_a_tip_is_planned_and_certified(scene: Scene) -> None:
     T = np.zeros((3, 4))

@@ -49,6 +49,7 @@ def test_the_critical_loads_are_eulers_and_greenhills() -> None:
     assert heavy == pytest.approx(7.83734744, rel=1e-8)
 
 
+@pytest.mark.quick("uniform-1.02", "conical-30.0")
 @pytest.mark.parametrize(
     "times", [1.02, *(pytest.param(times, marks=pytest.mark.slow) for times in (1.3, 4, 16)), 30.0]
 )
@@ -74,6 +75,7 @@ def test_below_eulers_load_it_stays_straight(bar: Bar, times: float) -> None:
     assert np.allclose(tip, [L, 0, 0], rtol=0, atol=1e-12)
 
 
+@pytest.mark.quick("0.98", "1.02")
 @pytest.mark.parametrize("times", [0.98, 1.02, 3.0])
 def test_a_column_buckles_under_its_own_weight(times: float) -> None:
     scene = Scene(Weight((-times * column(BAR), 0, 0)))

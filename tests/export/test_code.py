@@ -25,6 +25,7 @@ CASES = [
 ]
 
 
+@pytest.mark.quick("bending alone-float", "the paper's-double", "curved tendons-double")
 @pytest.mark.parametrize(("name", "precision"), CASES)
 def test_it_compiles_strictly_and_its_test_vector_agrees(
     name: str, precision: str, tmp_path: Path
@@ -66,6 +67,7 @@ def _check_settling(name: str, precision: str, folder: Path) -> None:
         assert np.abs(tip - forward.run(other)[0][-1, 4:7]).max() <= AGREES[precision] * arm.length
 
 
+@pytest.mark.quick("test_tension", "test_turn")
 @pytest.mark.parametrize("place", ["test_tension", "test_position", "test_frame", "test_turn"])
 def test_the_check_fails_where_a_number_is_not_python_s(place: str, tmp_path: Path) -> None:
     arm, scene, T = SCENES["the paper's"]
@@ -80,6 +82,7 @@ def test_the_check_fails_where_a_number_is_not_python_s(place: str, tmp_path: Pa
     assert "DISAGREES" in done.stdout
 
 
+@pytest.mark.quick("the paper's-double", "as printed-float", "short tendons-float")
 @pytest.mark.parametrize(("name", "precision"), CASES)
 def test_it_agrees_with_settle_and_tip_jacobian_at_other_tensions(
     name: str, precision: str, tmp_path: Path

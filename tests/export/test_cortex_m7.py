@@ -2,40 +2,53 @@
 
 from __future__ import annotations
 
+import re
+import shutil
+from pathlib import Path
+
 import pytest
 
-from studies.microcontroller import main as study
-from studies.microcontroller import measured, missing
-from tests.export.cases import SCENES
+from tests.commands import study
 
-needs_tools = pytest.mark.skipif(bool(missing()), reason=f"not installed: {missing()}")
+TOOLS = ("arm-none-eabi-gcc", "arm-none-eabi-size", "qemu-system-arm")
+MISSING = [tool for tool in TOOLS if shutil.which(tool) is None]
+needs_tools = pytest.mark.skipif(bool(MISSING), reason=f"not installed: {MISSING}")
+ROW = re.compile(r"([\d.]+) kB +([\d.]+) kB +(\d+) B +(\d+) = +[\d.]+ kHz +(\d+) = ")
+SHORT = """
+tensions = [0.6, 0.0, 0.2, 1.0, 0.0]
+[arm]
+length_mm = 300.0
+radius_mm = [10.0, 4.0]
+sections = [
+  { at_mm = 250.0, offset_mm = [8.0, 4.0], angles_deg = [0.0, 115.0, 230.0] },
+  { at_mm = 100.0, offset_mm = [8.0, 7.0], angles_deg = [60.0, 170.0] },
+]
+[effects]
+"""
 
 
 @needs_tools
-@pytest.mark.parametrize("precision", ["float", pytest.param("double", marks=pytest.mark.slow)])
+@pytest.mark.quick("float")
+@pytest.mark.parametrize("precision", ["float", "double"])
 def test_it_agrees_there_and_serves_a_kilohertz_loop(precision: str) -> None:
-    arm, scene, T = SCENES["the paper's"]
-    cost = measured(arm, scene, T, 1e-3, precision)
-    assert set(cost.instructions) == set(cost.stack) == {"tip", "nodes", "jacobian"}
-    assert cost.instructions["tip"] < cost.instructions["nodes"] < cost.instructions["jacobian"]
+    shown = study("microcontroller", "--precision", precision, "--accuracy", "1e-3")
+    (cost,) = ROW.findall(shown)
+    flash, static, stack, tip, jacobian = map(float, cost)
+    assert tip < jacobian
     # A count, not a time: 480 MHz allow for 480 000 a millisecond.
-    assert cost.instructions["nodes"] + cost.instructions["jacobian"] < 480_000
-    assert cost.flash < 64 * 1024
-    assert cost.static < 8192
-    assert max(cost.stack.values()) < 4096
+    assert tip + jacobian < 480_000
+    assert flash < 65.5 and static < 8.2 and stack < 4096
 
 
 @needs_tools
 @pytest.mark.slow
-@pytest.mark.parametrize("name", sorted(set(SCENES) - {"the paper's"}))
-def test_other_scenes_agree_there(name: str) -> None:
-    arm, scene, T = SCENES[name]
-    assert measured(arm, scene, T, 1e-3, "double").instructions["tip"] > 0
+@pytest.mark.parametrize("effects", ["", "extension = true", "as_printed = true"])
+def test_other_scenes_agree_there(effects: str, tmp_path: Path) -> None:
+    scene = tmp_path / "scene.toml"
+    scene.write_text(SHORT + effects)
+    assert ROW.search(study("microcontroller", scene, "--precision", "double"))
 
 
-def test_the_study_prints_its_table_or_what_is_missing(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("studies.microcontroller.TOOLS", ("no-such-tool",))
-    study()
-    assert capsys.readouterr().out == "not measured, not installed: no-such-tool\n"
+@pytest.mark.skipif(not MISSING, reason="all tools are installed")
+def test_the_study_says_what_is_missing() -> None:
+    assert study("microcontroller") == f"not measured, not installed: {', '.join(MISSING)}\n"

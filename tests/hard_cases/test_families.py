@@ -2,27 +2,38 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable
+
 import pytest
 
 from tests.hard_cases.families import FAMILIES
 from tests.hard_cases.family import Family, judge
 
-SMALL, FULL = 2, 40
+FULL = 40
 
 
-def check(family: Family, seeds: range) -> None:
-    for seed in seeds:
-        verdict = judge(family, seed)
-        told = verdict.refusal or f"error {verdict.error:.2e}"
-        assert verdict.passes(family), f"seed {seed}: {told}; {verdict.member}"
+def check(family: Family, seeds: range, record: Callable[[str, object], None]) -> None:
+    """Judge the members of some seeds; what `studies.hard_cases` draws is recorded."""
+    found = [judge(family, seed) for seed in seeds]
+    told = [(own.error, own.refusal, own.seconds, own.passes(family)) for own in found]
+    record("tolerance", family.tolerance)
+    record("verdicts", json.dumps(told))
+    for seed, verdict in zip(seeds, found, strict=True):
+        why = verdict.refusal or f"error {verdict.error:.2e}"
+        assert verdict.passes(family), f"seed {seed}: {why}; {verdict.member}"
 
 
 @pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.name)
-def test_a_few_members_are_right_or_refused(family: Family) -> None:
-    check(family, range(SMALL))
+def test_members_are_right_or_refused(
+    family: Family, request: pytest.FixtureRequest, record_property: Callable[[str, object], None]
+) -> None:
+    check(family, range(request.config.getoption("--members", 1)), record_property)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.name)
-def test_many_members_are_right_or_refused(family: Family) -> None:
-    check(family, range(SMALL, FULL))
+def test_many_members_are_right_or_refused(
+    family: Family, record_property: Callable[[str, object], None]
+) -> None:
+    check(family, range(1, FULL), record_property)

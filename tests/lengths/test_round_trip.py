@@ -12,6 +12,7 @@ from tests.lengths.cases import PAPER, SCENES, check_complementary, pulled, roun
 _ARMS = ("table-2", "table-4", "random")
 
 
+@pytest.mark.quick("inextensible", "silicone", "in water")
 @pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
 def test_lengths_of_a_shape_give_it_back(scene: Scene) -> None:
     check_trips(scene, 1, 1 if is_loaded(scene) else 3, 1)

@@ -109,6 +109,7 @@ def _seen(arm: Arm, scene: Scene) -> Array:
     return np.concatenate([shape.position(S), shape.frame(S).ravel("F"), shape.tendon_lengths])
 
 
+@pytest.mark.quick("modulus", "anchorage", "place of a load", "friction", "modulus, no loads")
 @pytest.mark.parametrize(("name", "scene", "change"), CASES, ids=[case[0] for case in CASES])
 def test_shapes_move_with_a_number_as_shapes_settled_afresh_do(
     name: str, scene: Scene, change: Change

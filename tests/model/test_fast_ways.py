@@ -49,6 +49,7 @@ def tensions(count: int) -> Array:
     return 0.3 * np.array(sets).T
 
 
+@pytest.mark.quick("1-bare", "1-exact", "40-extension", "40-silicone")
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize("count", [1, 40, 130])
 def test_batches_have_the_digits_of_one_by_one(scene: str, count: int) -> None:

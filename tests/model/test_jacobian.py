@@ -53,6 +53,14 @@ def differences(arm: Arm, T: Array, scene: Scene) -> Array:
     return np.array(columns).T
 
 
+@pytest.mark.quick(
+    "table 4-extension",
+    "sampled-bare",
+    "sampled-silicone",
+    "sampled-weight",
+    "uneven-as printed",
+    "uneven-exact",
+)
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize("arm", ARMS)
 def test_jacobian_is_what_differences_tend_to(arm: str, scene: str) -> None:

@@ -86,6 +86,7 @@ def slopes(function: ca.Function, T: Array) -> Array:
     return np.array(columns).T
 
 
+@pytest.mark.quick("paper-magnus6", "as_printed-rk8", "nh-magnus4", "nh-magnus2")
 @pytest.mark.parametrize(("scene", "scheme"), SLOPES)
 def test_slopes_of_the_tip_are_those_of_finite_differences(scene: Scene, scheme: str) -> None:
     forward = explicit_map(Arm.from_paper("table-2"), scene, scheme, 8)

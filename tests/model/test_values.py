@@ -106,6 +106,7 @@ def test_a_shape_does_not_change_when_the_tensions_given_do() -> None:
     assert np.array_equal(shape.strain(0.1), before)
 
 
+@pytest.mark.quick("table-2-bare", "table-4-extension", "table-2-as_printed")
 @pytest.mark.parametrize("key", SCENES)
 @pytest.mark.parametrize("name", ["table-2", "table-4"])
 def test_many_settle_as_one_by_one(name: str, key: str) -> None:

@@ -14,7 +14,7 @@ from model.clearance.pieces import segment_gaps
 from model.effects import Buoyancy, Extension, Weight
 from model.equilibrium.forward import STAGES, Collocation
 from model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
-from studies.draws import tensions
+from tests.model.cases import paper_tensions
 
 ARM = Arm.from_paper("table-4")
 Array = NDArray[np.float64]
@@ -40,6 +40,11 @@ def _sampled(line: Centreline, obstacles: list[Obstacle], count: int) -> dict[st
     return found
 
 
+def _pulls(rng: np.random.Generator) -> Array:
+    """Return tensions (12,) [N] that the arm bears, half of them none."""
+    return paper_tensions(rng, "table-4") * (rng.uniform(size=12) < 0.5)
+
+
 def _line(scene: Scene, T: Array) -> Centreline:
     forward = Collocation(ARM, scene, STAGES, 3)
     return Centreline.at_states(forward.system, forward.found(T).states)
@@ -61,7 +66,7 @@ def _check(seeds: range, count: int) -> None:
     for seed in seeds:
         rng = np.random.default_rng(seed)
         scene = (Scene(Extension()), Scene.silicone())[seed % 2]
-        line, obstacles = _line(scene, tensions(ARM, rng, 1.0, 0.5)), _obstacles(rng)
+        line, obstacles = _line(scene, _pulls(rng)), _obstacles(rng)
         found, true = clearances(line, obstacles), _sampled(line, obstacles, count)
         for name, clear in found.items():
             low, high = clear.gap, true[name]
@@ -82,7 +87,7 @@ def test_clearance_of_a_thousand_shapes_is_a_lower_bound_and_close() -> None:
 
 
 def test_what_is_between_nodes_is_that_of_the_shape() -> None:
-    T = tensions(ARM, np.random.default_rng(3), 1.0, 0.5)
+    T = _pulls(np.random.default_rng(3))
     for scene in (Scene(Extension()), Scene.silicone(), Scene(Extension(), Weight(), Buoyancy())):
         shape = settle(ARM, T, scene, 1e-9)
         s = np.linspace(0.0, ARM.length, 41)

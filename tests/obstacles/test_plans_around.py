@@ -56,6 +56,7 @@ def test_a_plan_leads_around_a_ball(free: Plan, around: Plan) -> None:
     _check(free, around)
 
 
+@pytest.mark.quick("<lambda>1")
 @pytest.mark.parametrize(
     "make",
     [

@@ -52,6 +52,7 @@ PROGRAMS: dict[str, tuple[Arm, tuple[Effect, ...]]] = {
 }
 
 
+@pytest.mark.quick("weight", "current", "friction", "exact, shear")
 @pytest.mark.parametrize(("arm", "effects"), PROGRAMS.values(), ids=PROGRAMS)
 def test_derivatives_of_a_loaded_program_are_those_that_casadi_finds(
     arm: Arm, effects: tuple[Effect, ...]
@@ -63,6 +64,7 @@ def test_derivatives_of_the_nearest_shape_are_those_that_casadi_finds() -> None:
     check_derivatives(ARM, PAYLOAD_IN_WATER, "nearest")
 
 
+@pytest.mark.quick("2")
 @pytest.mark.parametrize("modes", [1, 2])
 def test_derivatives_with_the_least_stable_modes_are_those_that_casadi_finds(modes: int) -> None:
     check_derivatives(ARM, PAYLOAD_IN_WATER, "exact", modes)

@@ -29,6 +29,7 @@ def fitted(arm: Arm, scene: Scene, target: Target) -> FittedGuesses:
     return fitted_guesses(task.problem(task.coarse("exact")), (target,), task.limits, COUNT)
 
 
+@pytest.mark.quick("scene0")
 @pytest.mark.parametrize("scene", [PAPER, Scene.silicone(), Scene(Extension(), ExactTendons())])
 def test_fits_meet_a_pose_cheapest_first_in_ways_that_differ(scene: Scene) -> None:
     T = np.array([[0.0, 0.0, 0.18, 0.05], [0.0, 0.9, 0.0, 0.0], [2.0, 0.0, 0.0, 1.0]])

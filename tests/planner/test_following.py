@@ -60,6 +60,7 @@ def exact_fetch() -> Fetch:
     return Fetch(*(Bend(*np.radians(bend).tolist()) for bend in bends))
 
 
+@pytest.mark.quick("tip", "plane, whose other tendons are held")
 @pytest.mark.parametrize(
     ("target", "scene"),
     [
@@ -174,6 +175,7 @@ def test_a_target_that_is_none_is_named() -> None:
         plan_many(ARM, [path(12)[0], "there"], PAPER)  # type: ignore[list-item]
 
 
+@pytest.mark.quick("0.1", "1e-11")
 @pytest.mark.parametrize("accuracy", [1e-1, 1e-3, 1e-9, 1e-11])
 def test_plans_are_as_accurate_as_asked(accuracy: float) -> None:
     found = plan(ARM, path(12)[5], PAPER, 20.0, accuracy=accuracy)

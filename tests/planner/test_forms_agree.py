@@ -17,6 +17,7 @@ ARM = Arm.from_paper("table-4")
 TIP = TipPosition(paper_tip(ARM, moderate()))
 
 
+@pytest.mark.quick("1")
 @pytest.mark.parametrize("norm", ["2", "1", "inf"])
 def test_both_forms_find_the_same_least_effort_for_a_tip(norm: str) -> None:
     plans = [
@@ -27,6 +28,7 @@ def test_both_forms_find_the_same_least_effort_for_a_tip(norm: str) -> None:
     assert plans[0].effort == pytest.approx(plans[1].effort, rel=1e-6)
 
 
+@pytest.mark.quick("fetch")
 @pytest.mark.parametrize(
     "target",
     [BendingPlane(0.4, 1.0, 2), Fetch.reach((0.05, 0.05, 0.0), 0.6)],
@@ -37,6 +39,7 @@ def test_both_forms_find_the_same_tensions(target: Any) -> None:
     assert np.abs(plans[0].tensions - plans[1].tensions).max() < 1e-6
 
 
+@pytest.mark.quick("payload")
 @pytest.mark.parametrize(
     "scene",
     [Scene(Extension(), TipLoad((0.0, 0.0, -1e-3))), Scene(Extension(), Weight(), Buoyancy())],
@@ -78,6 +81,7 @@ def test_the_equations_of_equilibrium_vanish_at_a_settled_shape_and_nowhere_near
         assert np.abs(off[names == "equilibrium"]).max() > 1e-5
 
 
+@pytest.mark.quick("paper-nearest", "bare-exact", "silicone-closest", "in water-nearest")
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("name", SCENES)
 def test_derivatives_with_the_states_are_those_of_finite_differences(name: str, mode: Any) -> None:
@@ -86,6 +90,9 @@ def test_derivatives_with_the_states_are_those_of_finite_differences(name: str, 
     check_derivatives(whole(problem, p), x + off, 1e-4)
 
 
+@pytest.mark.quick(
+    "paper-nearest", "bare-exact", "silicone-exact", "in water-closest", "printed-nearest"
+)
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("name", [*SCENES, "printed"])
 def test_derivatives_by_tensions_alone_are_those_of_finite_differences(

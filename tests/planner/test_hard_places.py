@@ -120,6 +120,7 @@ def test_a_pipe_in_place_of_a_file_is_not_waited_for(use: Callable[[str], Any]) 
         use("pipe.toml")
 
 
+@pytest.mark.quick("argv0")
 @pytest.mark.parametrize(
     "argv", [["settle", "scene.toml"], ["--help"], ["settle", "--help"], ["--version"]]
 )

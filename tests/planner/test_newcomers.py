@@ -216,6 +216,7 @@ def test_rounded_frames_are_frames(tmp_path: Path) -> None:
     assert main(["settle", str(path)]) == 0
 
 
+@pytest.mark.quick("type = 'stiffest'")
 @pytest.mark.parametrize("table", ["type = 'minimum-stiffness'\nvalue = 0.45", "type = 'stiffest'"])
 def test_a_stiffness_can_be_asked_for_without_a_shape(
     table: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

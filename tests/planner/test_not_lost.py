@@ -11,8 +11,8 @@ from model.equilibrium.forward import Collocation
 from planner import Limits, Plan, Statement, plan
 from planner.solve.task import Task
 from planner.targets import TipPose
-from studies.reachable import READ, draw, off
 from tests.planner.cases import PAPER, Array
+from tests.planner.read_targets import drawn, off, read
 
 ARM = Arm.from_paper("table-4")
 EXACT = Scene(Extension(), ExactTendons())
@@ -25,11 +25,10 @@ def arm_tensions(*rows: list[float]) -> Array:
 
 def planned(kind: str, scene: Scene, T: Array) -> Plan:
     """Plan for the target of a kind that a set of tensions reaches, and check that it is met."""
-    target = READ[kind](settle(ARM, T, scene, 1e-10), T)
-    assert target is not None
+    target = read(kind, settle(ARM, T, scene, 1e-10), 1 + int(np.argmax(T.sum(axis=1))))
     found = plan(ARM, target, scene, 20.0)
     assert found.reached, found.outcome
-    assert off(settle(ARM, found.tensions, scene, 1e-9), target) < 1e-6
+    assert off(settle(ARM, found.tensions, scene, 1e-9), target, kind) < 1e-6
     return found
 
 
@@ -84,6 +83,7 @@ def test_a_tip_is_bent_against_its_weight_by_many_times_what_bends_it_without() 
     assert planned("plane", water, T).effort <= np.linalg.norm(T) * 1.001
 
 
+@pytest.mark.quick("with extension")
 @pytest.mark.parametrize(
     ("scene", "T"),
     [
@@ -154,7 +154,7 @@ def test_the_mesh_of_the_search_tells_shapes_apart(scene: Scene) -> None:
     forward = Collocation(ARM, scene, coarse.stages, coarse.refinement, (), False)
     rng = np.random.default_rng(0)
     for _ in range(20):
-        T, _ = draw(rng, "tip", scene)
+        T = drawn(rng, ARM, scene)
         state, shape = forward.run(T.ravel())[0][-1], settle(ARM, T, scene, 1e-6)
         assert np.linalg.norm(state[4:7] - shape.tip) < 1e-3 * ARM.length
         quaternion = shape.poses(np.array([ARM.length]))[0, :4]

@@ -84,11 +84,13 @@ def check_tip(arm: Arm, scene: Scene, tensions: Array) -> Plan:
     return found
 
 
+@pytest.mark.quick("in water", "payload in water", "point load")
 @pytest.mark.parametrize("name", SCENES)
 def test_the_tip_of_an_arm_settled_under_loads_is_reached_with_no_more_effort(name: str) -> None:
     check_tip(ARM, SCENES[name], drawn(1))
 
 
+@pytest.mark.quick("silicone")
 @pytest.mark.parametrize(
     "scene",
     [SILICONE_IN_WATER, Scene(*IN_WATER.effects, Friction(0.1, (1, -1, -1, 1)))],
@@ -123,6 +125,7 @@ def test_five_sections_of_three_tendons_on_a_barrel_are_planned_under_loads() ->
     assert found.effort <= np.linalg.norm(pulls) * (1 + 1e-6)
 
 
+@pytest.mark.quick("2")
 @pytest.mark.parametrize("section", [1, 2, 3])
 def test_a_plane_and_bend_in_water_are_hit(section: int) -> None:
     angle, bend = 0.4, 1.0
@@ -220,6 +223,7 @@ def test_the_same_question_under_loads_gives_the_same_digits_and_travels_by_pick
     assert copy.certificate == one.certificate
 
 
+@pytest.mark.quick("in water")
 @pytest.mark.parametrize("name", ["in water", "current"])
 def test_a_point_beyond_the_arm_is_said_to_be_out_of_reach(name: str) -> None:
     found = plan(ARM, TipPosition((0.5, 0.0, 0.0)), SCENES[name], MAXIMUM)
@@ -235,6 +239,7 @@ def test_a_point_beyond_the_arm_is_said_to_be_out_of_reach(name: str) -> None:
         assert np.linalg.norm(tip - (0.5, 0.0, 0.0)) > gap - 1e-6
 
 
+@pytest.mark.slow
 def test_a_maximum_that_holds_under_a_load_is_named() -> None:
     found = plan(ARM, TipPosition((0.25, 0.3, 0.0)), IN_WATER, 0.2)
     assert not found.certificate.passed

@@ -17,6 +17,7 @@ from planner import Plan, plan
 from planner.plots.arm import draw_arm
 from planner.plots.plan import plot_plan, plot_shape, plot_strains, save
 from planner.plots.strains import broken_strains
+from planner.plots.work import Curve, plot_work
 from planner.program.limits import Limits
 from planner.targets import Backbone, BendingPlane, Fetch, Target, TipPose, TipPosition
 from tests.planner.cases import PAPER, barrel_arm, figure_15
@@ -82,6 +83,14 @@ def legend(ax: Any) -> set[str]:
     return set(ax.get_legend_handles_labels()[1])
 
 
+@pytest.mark.quick(
+    "position-table-2",
+    "pose-table-2",
+    "backbone-table-2",
+    "plane-table-2",
+    "bends-table-2",
+    "reach in a plane-table-2",
+)
 @pytest.mark.parametrize("name", ["table-2", "table-4"])
 @pytest.mark.parametrize("kind", MARKED)
 def test_the_figure_of_a_plan_shows_its_target(name: str, kind: str) -> None:
@@ -269,3 +278,15 @@ def test_paths_that_cannot_be_written_are_refused_by_name(tmp_path: Path) -> Non
     for path in (tmp_path / "arm.jpeg", tmp_path / "arm", tmp_path / "none" / "arm.png"):
         with pytest.raises(InputError, match="path"):
             save(Figure(), path)
+
+
+def test_a_work_precision_diagram_shows_quartiles_and_failures() -> None:
+    rows = np.array([[1.0, 2.0, 3.0], [2.0, 4.0, 6.0]])
+    figure = plot_work([Curve("a", rows, rows[::-1], np.array([5.0]))], "time [ms]", "error")
+    assert isinstance(figure, Figure)
+    ax = figure.axes[0]
+    assert ax.get_xscale() == ax.get_yscale() == "log"
+    crosses = [line for line in ax.lines if line.get_marker() == "x"]
+    assert crosses[0].get_xdata().tolist() == [5.0]
+    with pytest.raises(InputError, match="at least one Curve"):
+        plot_work([], "time [ms]", "error")

@@ -78,6 +78,7 @@ def ended(command: str, number: signal.Signals, after: float, folder: Path) -> i
     return process.returncode
 
 
+@pytest.mark.quick("settle-2-0.4", "plan-15-1.5")
 @pytest.mark.parametrize(("command", "number", "after"), [
     ("settle", signal.SIGINT, 0.4), ("plan", signal.SIGTERM, 1.5), ("sweep", signal.SIGINT, 2.5),
 ])  # fmt: skip

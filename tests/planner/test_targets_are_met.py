@@ -21,6 +21,7 @@ def test_the_tip_of_a_settled_shape_is_reached_with_no_more_effort(tensions: np.
     assert found.effort <= np.linalg.norm(tensions) * (1 + 1e-9)
 
 
+@pytest.mark.quick("moderate")
 @pytest.mark.parametrize("tensions", [moderate(), figure_15()], ids=["moderate", "figure 15"])
 def test_a_pose_is_reached_in_place_and_turn(tensions: np.ndarray) -> None:
     shape = settle(ARM, tensions, PAPER, 1e-9)
@@ -30,6 +31,7 @@ def test_a_pose_is_reached_in_place_and_turn(tensions: np.ndarray) -> None:
     assert np.abs(found.shape.tip_frame - shape.tip_frame).max() < 1e-6
 
 
+@pytest.mark.quick("1-30", "2-150", "3-90")
 @pytest.mark.parametrize(
     ("section", "bend"),
     # Section 3 cannot bend by 150 degrees in all planes: with extension it is crushed first.
@@ -61,6 +63,7 @@ def test_three_prescribed_bends_are_made_between_the_anchorages() -> None:
         assert np.isclose(n, -np.sin(angle) * np.sin(plane), atol=1e-6)
 
 
+@pytest.mark.quick("in a plane")
 @pytest.mark.parametrize("plane", [None, np.radians(90)], ids=["in space", "in a plane"])
 def test_a_fetch_reaches_the_mouth_through_three_bends(plane: float | None) -> None:
     mouth = (0.05, 0.05, 0.0)
@@ -101,6 +104,7 @@ def test_targets_combine() -> None:
     assert np.linalg.norm(found.shape.position(0.2) - shape.position(0.2)) < 1e-6 * ARM.length
 
 
+@pytest.mark.slow
 def test_an_arm_of_five_sections_of_three_tendons_on_a_barrel_is_planned_and_certified() -> None:
     arm = barrel_arm()
     rng = np.random.default_rng(2)

@@ -18,7 +18,7 @@ from planner.targets import Backbone, TipPosition
 
 ARM, T = Arm.from_paper("table-4"), np.linspace(0, 1, 12)
 PAPER, WATER = Scene(Extension()), Scene(Extension(), Weight(), Buoyancy(1000.0))
-SECONDS, N = {seconds}, 4
+SECONDS, N = {seconds}, {each}
 
 def tip(k, scene):
     return plan(ARM, TipPosition((0.2 + 0.02 * k, 0.1, -0.1)), scene, 20.0).tensions
@@ -72,8 +72,8 @@ print(len(count), "done,", len(wrong), "otherwise", wrong[:3])
 """
 
 
-def together(seconds: float, jobs: int, warm: bool) -> str:
-    code = TOGETHER.format(seconds=seconds, jobs=jobs, warm=warm)
+def together(seconds: float, jobs: int, each: int, warm: bool) -> str:
+    code = TOGETHER.format(seconds=seconds, jobs=jobs, each=each, warm=warm)
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert run.returncode == 0, f"exit code {run.returncode}: {run.stderr[-3000:]}"
     return run.stdout
@@ -81,9 +81,9 @@ def together(seconds: float, jobs: int, warm: bool) -> str:
 
 def test_four_threads_plan_and_settle_what_each_does_alone() -> None:
     """Used to end the process: one memory of the solver served all threads."""
-    assert "0 otherwise" in together(0.0, 5, warm=False)
+    assert "0 otherwise" in together(0.0, 5, 2, warm=False)
 
 
 @pytest.mark.slow
 def test_four_threads_plan_settle_and_are_stopped_for_a_minute() -> None:
-    assert "0 otherwise" in together(60.0, 9, warm=True)
+    assert "0 otherwise" in together(60.0, 9, 4, warm=True)

@@ -116,6 +116,9 @@ def check(case: Case, count: int) -> None:
             assert gap(found[6:], k.tension_response @ wrench) < WANTED
 
 
+@pytest.mark.quick(
+    "table-4 silicone tension 0", "table-2 paper in water tension 0", "table-2 exact length 0"
+)
 @pytest.mark.parametrize("case", FEW, ids=str)
 def test_the_compliance_is_the_slope_of_settled_shapes(case: Case) -> None:
     check(case, 1)
@@ -135,6 +138,7 @@ LOADED = {
 }
 
 
+@pytest.mark.quick("tip load", "current")
 @pytest.mark.parametrize("effects", LOADED.values(), ids=LOADED)
 def test_further_loads_are_in_the_slope(effects: tuple[object, ...]) -> None:
     arm, T = Arm.from_paper("table-2"), pulling("table-2", 3)
@@ -154,6 +158,7 @@ SOON = [*((statics, False) for statics in STATICS), ("paper", True)]
 LATER = [(statics, True) for statics in STATICS if statics != "paper"]
 
 
+@pytest.mark.quick("bare", "exact", "paper in water")
 @pytest.mark.parametrize(
     ("statics", "heavy"),
     [*SOON, *(pytest.param(*case, marks=pytest.mark.slow) for case in LATER)],
@@ -179,6 +184,7 @@ def test_poses_and_lengths_per_tension_are_slopes_of_settled_shapes(
     assert gap(found[6:], k.length_tension @ change) < WANTED
 
 
+@pytest.mark.quick("near the tip")
 @pytest.mark.parametrize(
     ("share", "heavy"),
     [(0.2, False), (0.55, True), (0.9, False)],

@@ -236,6 +236,7 @@ def test_antagonists_raise_eulers_load_by_the_papers_tangent_alone(exact: bool) 
     assert found.share == pytest.approx(1 + gain, rel=1e-3)
 
 
+@pytest.mark.quick("conical")
 @BARS
 def test_a_column_is_stable_below_its_critical_load_and_settles_not_above(bar: Bar) -> None:
     critical = euler_load(bar)

@@ -57,6 +57,7 @@ def stated(arm: Arm, effects: tuple[Effect, ...], target: Target) -> tuple[Probl
     return problem, p, problem.unknowns(rng.uniform(0.05, 0.3, arm.n_tendons), limits, p)
 
 
+@pytest.mark.quick("no load", "payload", "in water, a matrix", "in water, locked")
 @pytest.mark.parametrize(("arm", "effects", "target"), PROGRAMS.values(), ids=PROGRAMS)
 def test_derivatives_of_a_program_with_a_stiffness_are_differences_of_it(
     arm: Arm, effects: tuple[Effect, ...], target: Target
@@ -66,6 +67,7 @@ def test_derivatives_of_a_program_with_a_stiffness_are_differences_of_it(
     check_derivatives(whole(problem, p), x + off, 1e-4)
 
 
+@pytest.mark.quick("no load", "in water, locked", "friction", "silicone in water")
 @pytest.mark.parametrize(("arm", "effects", "target"), PROGRAMS.values(), ids=PROGRAMS)
 def test_so_are_those_by_tensions_alone(
     arm: Arm, effects: tuple[Effect, ...], target: Target
@@ -84,6 +86,7 @@ SEEN = {
 }
 
 
+@pytest.mark.quick("bare-length", "paper-tension", "silicone, payload-tension")
 @pytest.mark.parametrize("hold", ["tension", "length"])
 @pytest.mark.parametrize("name", SEEN)
 def test_what_a_program_sees_is_what_stiffness_says(name: str, hold: Any) -> None:
@@ -101,6 +104,7 @@ def test_what_a_program_sees_is_what_stiffness_says(name: str, hold: Any) -> Non
         assert g[0] == pytest.approx(1 / share - 1, abs=1e-7)
 
 
+@pytest.mark.quick("tension")
 @pytest.mark.parametrize("hold", ["tension", "length"])
 def test_a_program_sees_all_directions_of_a_matrix(hold: Any) -> None:
     scene, EA_held = with_effects(STATICS["paper"], *IN_WATER), EA if hold == "length" else None

@@ -45,6 +45,7 @@ def bound(found: Plan) -> Array:
     return np.asarray(np.linalg.inv((C + C.T) / 2))
 
 
+@pytest.mark.quick("paper-1.5")
 @pytest.mark.parametrize(
     ("scene", "factor"),
     [
@@ -165,6 +166,7 @@ def test_targets_of_stiffness_are_checked(make: Any, field: str) -> None:
     assert caught.value.field.startswith(field)
 
 
+@pytest.mark.quick("paper")
 @pytest.mark.parametrize("scene", ["paper", "silicone"])
 def test_co_contraction_keeps_the_tip_and_stiffens(scene: str) -> None:
     before = least(scene)
@@ -180,6 +182,7 @@ def test_co_contraction_keeps_the_tip_and_stiffens(scene: str) -> None:
 THREE = replace(ARM, sections=tuple(replace(s, angles=(0.0, 2.0, 4.0)) for s in ARM.sections))
 
 
+@pytest.mark.quick("three tendons")
 @pytest.mark.parametrize("arm", [THREE, ARM], ids=["three tendons", "four tendons"])
 def test_locked_lengths_are_planned_stiffer_too(arm: Arm) -> None:
     scene = STATICS["exact"]

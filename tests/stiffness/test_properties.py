@@ -60,6 +60,7 @@ def test_energies_make_the_compliance_symmetric_and_positive(scene: Scene, hold:
     assert np.linalg.eigvalsh((C + C.T) / 2)[0] > 0
 
 
+@pytest.mark.quick("silicone", "exact, in water, with a tip force")
 @EACH
 def test_locked_lengths_are_never_softer_than_held_tensions(scene: Scene) -> None:
     free = scaled(ARM, stiffness(ARM, T, scene, accuracy=1e-9).compliance)
@@ -73,6 +74,7 @@ def test_locked_lengths_are_never_softer_than_held_tensions(scene: Scene) -> Non
         assert values[-1] > 1e-6 * np.abs(free).max()
 
 
+@pytest.mark.quick("exact")
 @pytest.mark.parametrize("scene", ["paper", "exact", "silicone"])
 def test_stretchy_tendons_hold_their_tensions_and_stiff_ones_their_lengths(scene: str) -> None:
     free = stiffness(THREE, PULLS, STATICS[scene], accuracy=1e-9).compliance

@@ -62,6 +62,7 @@ def least_eigenvalue(arm: Arm, T: Any, scene: Scene) -> float:
     return float(np.linalg.eigvalsh(scaled).min())
 
 
+@pytest.mark.quick("table-4-bare", "table-2-paper", "table-4-exact")
 @pytest.mark.parametrize("scene", ["bare", "paper", "exact"])
 @pytest.mark.parametrize("name", ["table-2", "table-4"])
 def test_a_linear_body_only_gains_stiffness_from_its_tendons(name: str, scene: str) -> None:
@@ -112,6 +113,7 @@ def test_the_stability_of_a_column_is_what_is_left_of_its_buckling_load(
     assert stiffness(COLUMN, SLACK, Scene(load(share))).stable
 
 
+@pytest.mark.quick("1.01-at the tip", "4.0-its own weight")
 @pytest.mark.parametrize("load", [axial, own_weight], ids=["at the tip", "its own weight"])
 @pytest.mark.parametrize("share", [1.01, 1.5, 4.0])
 def test_beyond_that_the_straight_column_does_not_stand(share: float, load: Any) -> None:
@@ -137,6 +139,7 @@ def test_pulling_at_the_tip_makes_a_column_no_less_stable_and_so_does_what_follo
     assert stands(straight(follower))
 
 
+@pytest.mark.quick("paper", "silicone")
 @pytest.mark.parametrize("scene", ["bare", "paper", "exact", "silicone"])
 def test_an_arm_stands_where_its_stability_is_above_0(scene: str) -> None:
     arm, rng, seen = Arm.from_paper("table-2"), np.random.default_rng(4), []

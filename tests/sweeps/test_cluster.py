@@ -17,7 +17,9 @@ from planner.sweeps.workers import WorkersLostError
 from tests.sweeps.cases import DRAWN, GRID, STIFFNESS, written
 
 ROOT = Path(__file__).parents[2]
-AXES, MORE = GRID + STIFFNESS + DRAWN, "draws = 32"
+AXES = GRID + STIFFNESS + DRAWN
+# 64 chunks of compliances, and 18.
+MORE, FEW = "draws = 32", "draws = 3"
 
 
 def _free_port() -> int:
@@ -51,27 +53,36 @@ def test_a_worker_with_other_versions_is_refused(tmp_path: Path) -> None:
         on_dask._for_others({"octoplan": "0"}, asked.job, 0, asked.points(0))
 
 
-def _killing(process: "subprocess.Popen[bytes]", found: list[int]) -> Callable[..., Iterator]:
-    """Return on_cluster, which kills a process when ten chunks are found."""
+def _killing(
+    process: "subprocess.Popen[bytes]", found: list[int], after: int = 10
+) -> Callable[..., Iterator]:
+    """Return on_cluster, which kills a process when so many chunks are found."""
 
     def watched(*asked: object) -> Iterator:
         for chunk, rows in on_dask.on_cluster(*asked):
             found.append(chunk)
-            if len(found) == 10:
+            if len(found) == after:
                 os.kill(process.pid, signal.SIGKILL)
             yield chunk, rows
 
     return watched
 
 
+@pytest.mark.quick("18")
+@pytest.mark.parametrize(("more", "chunks", "after"), [(FEW, 18, 3), (MORE, 64, 10)], ids=[18, 64])
 def test_a_cluster_finds_what_one_process_finds_though_a_worker_is_killed(
-    tmp_path: Path, cluster: tuple, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
+    cluster: tuple,
+    monkeypatch: pytest.MonkeyPatch,
+    more: str,
+    chunks: int,
+    after: int,
 ) -> None:
     address, (_, first, second) = cluster
-    path, found = written(tmp_path, AXES, "stiffness", MORE), []
-    monkeypatch.setattr(planner.sweeps.sweep, "on_cluster", _killing(first, found))
+    path, found = written(tmp_path, AXES, "stiffness", more), []
+    monkeypatch.setattr(planner.sweeps.sweep, "on_cluster", _killing(first, found, after))
     data = planner.sweep(path, scheduler=address)
-    assert sorted(found) == list(range(64))
+    assert sorted(found) == list(range(chunks))
     assert first.wait() == -signal.SIGKILL
     assert second.poll() is None
     assert data.identical(planner.sweep(path))

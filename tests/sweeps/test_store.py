@@ -31,6 +31,7 @@ def test_boxes_hold_the_points_from_begin_to_end_in_order(shape: list[int], data
     assert all(inside == list(range(a, b)) for inside, a, b in found)
 
 
+@pytest.mark.quick(".nc")
 @pytest.mark.parametrize("suffix", [".nc", ".zarr"])
 def test_many_parts_are_saved_as_they_are_in_memory(tmp_path: Path, suffix: str) -> None:
     # Parts of a thousand points end inside of rows: 3 x 7 x 201.

@@ -135,6 +135,7 @@ def test_a_point_that_fails_is_a_row_that_says_why(tmp_path: Path, axes: str) ->
     assert np.isfinite(others.tip).all()
 
 
+@pytest.mark.quick("settle-.zarr", "stiffness-.nc")
 @pytest.mark.parametrize("suffix", [".nc", ".zarr"])
 @pytest.mark.parametrize("compute", ["settle", "stiffness"])
 def test_a_dataset_comes_back_from_its_file_with_units(

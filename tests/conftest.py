@@ -1,0 +1,24 @@
+"""The mark `quick`: which cases of a test run by default."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+
+import pytest
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark as slow what `quick` does not name, before pytest selects by marks."""
+    cases: dict[str, list[bool]] = defaultdict(list)
+    for item in items:
+        mark = item.get_closest_marker("quick")
+        if mark is None:
+            continue
+        named = item.callspec.id in mark.args  # type: ignore[attr-defined]
+        cases[item.nodeid.partition("[")[0]].append(named)
+        if not named:
+            item.add_marker(pytest.mark.slow)
+    lost = [name for name, named in cases.items() if len(named) > 1 and not any(named)]
+    if lost:
+        raise pytest.UsageError(f"quick names no case of {', '.join(lost)}")

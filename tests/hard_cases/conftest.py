@@ -1,0 +1,8 @@
+"""How many members of each family of hard cases are looked at."""
+
+import pytest
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the option that `python -m studies.hard_cases` sets."""
+    parser.addoption("--members", type=int, default=1, help="members of each family of hard cases")
