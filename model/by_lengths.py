@@ -18,7 +18,7 @@ from model.loads import is_loaded
 from model.mesh_refinement import estimate
 from model.paths import Array
 from model.scene import Scene
-from model.transcription.terms import Places
+from model.transcription.kernel import Places
 from model.unloaded.by_lengths import UnloadedLengths
 from model.unloaded.tendon_lengths import ORDER
 from model.winches import Winches
@@ -153,7 +153,7 @@ def _tightened(here: Linearised, hold: HeldLengths) -> Linearised:
         here = newton(system, T, 1.0, here.states, hold=rigid) or here
     taut = np.flatnonzero(winches.held & (here.tensions > 0))
     for _ in range(_TIGHTENED):
-        at = Linearised.at(system, here.x)
+        at = Linearised(system, here.x)
         change, now = -at.solve(at.residual), at.tensions
         lacks = winches.lacks(at.lengths + at.length_slopes @ change, now)[taut]
         M, after = _by_tensions(at, winches, taut), now.copy()
@@ -161,7 +161,7 @@ def _tightened(here: Linearised, hold: HeldLengths) -> Linearised:
         if after.min(initial=0.0) < 0:
             break
         change += at.by_tensions @ (after - now)
-        here = replace(at, x=system.x(after, 1.0, at.states + change))
+        here = Linearised(system, system.x(after, 1.0, at.states + change), at)
         if np.abs(after - now).max(initial=0.0) <= _LAST * after.max(initial=0.0):
             break
     return here

@@ -72,18 +72,23 @@ def matrix(q: ca.SX) -> ca.SX:
 
 
 def half_turn(w: ca.SX) -> ca.SX:
-    """Return the unit quaternion (4,) of a rotation vector (3,) [rad].
+    """Return the unit quaternion (4,) of a rotation vector (3,) [rad]; see half_angle."""
+    half = half_angle(ca.sumsqr(w))
+    return ca.vertcat(half[0], half[1] * w)
 
-    Power series at an eighth of the vector, doubled three times: smooth everywhere without a
+
+def half_angle(x: ca.SX) -> ca.SX:
+    """Return cos(angle / 2) and sin(angle / 2) / angle (2,) of the square x of an angle [rad2].
+
+    Power series at an eighth of the angle, doubled three times: smooth everywhere without a
     branch, and right to rounding up to two turns.
     """
-    x = ca.sumsqr(w)
     share = 0.5**_DOUBLINGS
     sinc, cos = (_series(x * share**2 / 4, order, _TERMS) for order in (1, 0))
     sinc = share / 2 * sinc
     for _ in range(_DOUBLINGS):
         sinc, cos = 2 * sinc * cos, 1 - 2 * sinc**2 * x
-    return ca.vertcat(cos, sinc * w)
+    return ca.vertcat(cos, sinc)
 
 
 def unit_matrix(q: ca.SX) -> ca.SX:

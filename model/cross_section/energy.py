@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 
-from model.cross_section.law import TINY, join, offset, size, split
+from model.cross_section.law import TINY, Name, join, offset, size, split
 
 
 @dataclass(frozen=True)
@@ -33,12 +33,13 @@ class EnergySection:
     def tangent(self, v: ca.SX, path: ca.SX) -> ca.SX:
         """See CrossSection.tangent: c = nu + w (Y' + kappa x Y) of a section of width w."""
         kappa, nu = self.twist(v)
-        return self.drawn(self.width(nu[0]) * kappa, nu, path)
+        w = self.width(nu[0])
+        return self.drawn(w * kappa, nu, w, path)
 
-    def drawn(self, bend: ca.SX, nu: ca.SX, path: ca.SX) -> ca.SX:
+    def drawn(self, bend: ca.SX, nu: ca.SX, w: ca.SX, path: ca.SX) -> ca.SX:
         """Return the tangent of a tendon from bend = w kappa (3,), in which it is linear."""
         Y, Y_rate = offset(path)
-        return nu + self.width(nu[0]) * Y_rate + ca.cross(bend, Y)
+        return nu + w * Y_rate + ca.cross(bend, Y)
 
     def twist(self, v: ca.SX) -> tuple[ca.SX, ca.SX]:
         """See CrossSection.twist."""
@@ -59,11 +60,16 @@ class EnergySection:
         at = ca.SX.sym("v", size(self))
         return ca.substitute([ca.gradient(self.energy(at, body), at)], [at], [v])[0]
 
-    def tendon(self, v: ca.SX, path: ca.SX) -> ca.SX:
-        """See CrossSection.tendon: the gradient of |c|."""
-        at = ca.SX.sym("v", size(self))
-        length = ca.sqrt(ca.sumsqr(self.tangent(at, path)) + TINY)
-        return ca.substitute([ca.gradient(length, at)], [at], [v])[0]
+    def tendon(self, v: ca.SX, path: ca.SX, name: Name = ca.densify) -> ca.SX:
+        """See CrossSection.tendon: the gradient of |c(v, w(v))|, (c_v + c_w w_v)^T c / |c|."""
+        at, w = ca.SX.sym("v", size(self)), ca.SX.sym("w")
+        kappa, nu = self.twist(at)
+        width, c = self.width(nu[0]), self.drawn(w * kappa, nu, w, path)
+        slopes = ca.jacobian(c, at) + ca.jacobian(c, w) @ ca.jacobian(width, at)
+        here = [v, name(ca.substitute(width, at, v))]
+        tangent, slopes = (ca.substitute([f], [at, w], here)[0] for f in (c, slopes))
+        tangent = name(tangent)
+        return slopes.T @ (tangent / ca.sqrt(ca.sumsqr(tangent) + TINY))
 
     def run(self, v: ca.SX, path: ca.SX) -> ca.SX:
         """See CrossSection.run: the tangent."""

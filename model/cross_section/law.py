@@ -7,6 +7,7 @@ forces that do work on the strains after the curvatures.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol
 
 import casadi as ca
@@ -16,6 +17,10 @@ import casadi as ca
 TINY = 1e-24
 # Under the root of how fast a tendon turns, which may be nothing.
 _STILL = 1e-30
+
+
+# Names a quantity that an expression is computed by; see model.transcription.kernel.
+Name = Callable[[ca.SX], ca.SX]
 
 
 class CrossSection(Protocol):
@@ -56,8 +61,8 @@ class CrossSection(Protocol):
     def body(self, v: ca.SX, body: ca.SX) -> ca.SX:
         """Return the wrench of the body."""
 
-    def tendon(self, v: ca.SX, path: ca.SX) -> ca.SX:
-        """Return the wrench of a tendon per newton of its tension."""
+    def tendon(self, v: ca.SX, path: ca.SX, name: Name = ca.densify) -> ca.SX:
+        """Return the wrench of a tendon per newton of its tension; `name` its intermediates."""
 
     def tangent(self, v: ca.SX, path: ca.SX) -> ca.SX:
         """Return the tangent c (3,) along which a tendon pulls."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 
-from model.cross_section.law import join, offset, split
+from model.cross_section.law import Name, join, offset, split
 
 _T = (1.0, 0.0, 0.0)
 
@@ -44,7 +44,7 @@ class PaperSection:
         """See CrossSection.reported: the strains themselves."""
         return ca.vertcat(*split(self, v)[:2])
 
-    def tendon(self, v: ca.SX, path: ca.SX) -> ca.SX:
+    def tendon(self, v: ca.SX, path: ca.SX, name: Name = ca.densify) -> ca.SX:
         """See CrossSection.tendon."""
         moment, along = self.tendons(v, resultants(path))
         moment += ca.cross(*offset(path))

@@ -38,9 +38,9 @@ class RubberSection(EnergySection):
         """See EnergySection.width: the volume is constant."""
         return 1 / ca.sqrt(stretch)
 
-    def drawn(self, bend: ca.SX, nu: ca.SX, path: ca.SX) -> ca.SX:
+    def drawn(self, bend: ca.SX, nu: ca.SX, w: ca.SX, path: ca.SX) -> ca.SX:
         """See EnergySection.drawn."""
-        c = super().drawn(bend, nu, path)
+        c = super().drawn(bend, nu, w, path)
         if self.anticlastic:
             Y, _ = offset(path)
             inward = bend[2] * Y[1] - bend[1] * Y[2]

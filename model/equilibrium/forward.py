@@ -18,8 +18,8 @@ from model.loads import is_loaded
 from model.paths import Array
 from model.scene import Scene
 from model.transcription.collocation import gauss
+from model.transcription.kernel import Places
 from model.transcription.system import System, system
-from model.transcription.terms import Places
 from model.unloaded.settled_sections import settled_sections
 
 # Of an element, unless a scheme asks for fewer.
@@ -85,7 +85,7 @@ class Collocation:
         """Return the equilibrium under tensions, near one that another mesh has, if any does."""
         if not is_loaded(self.system.scene):
             x = self.system.x(tensions, 1.0, self.without_loads(tensions))
-            return Linearised.at(self.system, x)
+            return Linearised(self.system, x)
         here = None if known is None else self.near(tensions, known)
         return here or self.from_rest(tensions)
 

@@ -61,27 +61,30 @@ def band(of: Layout) -> Band:
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """The equations linearised at a point.
+    """The equations linearised at a point; what is asked of them is computed then.
 
     Attributes
     ----------
     system : System
     x : (n_x,)
         Tensions, load factor and states.
-    residual : (n_states,)
-    nonzeros : (nnz,)
-        Of the Jacobian, in the places of `band`.
+    near : Linearised
+        The equations linearised so near that their Jacobian and its factors are as good.
     """
 
     system: System
     x: Array
-    residual: Array
-    nonzeros: Array
+    near: Linearised | None = None
 
-    @classmethod
-    def at(cls, system: System, x: Array) -> Linearised:
-        """Return the equations linearised at x."""
-        return cls(system, x, *system.jacobian(x))
+    @cached_property
+    def residual(self) -> Array:
+        """What vanishes at equilibrium (n_states,)."""
+        return self.system.residual(self.x)
+
+    @cached_property
+    def nonzeros(self) -> Array:
+        """The nonzeros of the Jacobian (nnz,), in the places of `band`."""
+        return self.near.nonzeros if self.near else self.system.jacobian(self.x)
 
     @property
     def tensions(self) -> Array:
@@ -101,6 +104,8 @@ class Linearised:
     @cached_property
     def factor(self) -> tuple[Array, Array]:
         """The LU factors of the Jacobian against the states; raises SingularError."""
+        if self.near:
+            return self.near.factor
         at, inside = self.band, self.band.inside
         stored = np.zeros((2 * at.below + at.above + 1, self.system.of.n_states), order="F")
         column = at.columns[inside] - at.first
@@ -129,6 +134,8 @@ class Linearised:
     @cached_property
     def by_parameters(self) -> Array:
         """How the states move with tensions and load factor (n_states, n_tendons + 1)."""
+        if self.near:
+            return self.near.by_parameters
         at, outside = self.band, self.band.outside
         right = np.zeros((self.system.of.n_states, at.first), order="F")
         right[at.rows[outside], at.columns[outside]] = self.nonzeros[outside]
@@ -152,7 +159,7 @@ class Linearised:
     @cached_property
     def length_slopes(self) -> Array:
         """How these change with the states (n_tendons, n_states)."""
-        return self.system.length_slopes(self.x)
+        return self.near.length_slopes if self.near else self.system.length_slopes(self.x)
 
     @cached_property
     def length_tension(self) -> Array:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from model.equilibrium.hold import TENSIONS, Hold
@@ -14,14 +12,19 @@ from model.time_limit import check_time
 from model.transcription.system import System
 
 _STEPS = 14
-_SETTLED = 1e-10
+# Steps are done with that leave so much of strains and quaternions: of the step itself if its
+# factorisation is its own, as the next one would be its square.
+_SETTLED, _LEFT = 1e-10, 1e-13
 # A step counts as safe if it is so much smaller than the last; below _SMALL rounding may be felt.
 _CONTRACTION, _SMALL = 0.25, 1e-3
 # The farthest that one step turns a frame, as a change of its quaternion, and how many steps may be
 # cut to that.
 TURN, NEAR = 0.3, 0.02
-# Steps that contract faster than this are taken with the factorisation of the step before.
-_KEPT = 0.02
+# The factorisation is kept after a step so small, and as long as steps contract so fast: a residual
+# costs a tenth of a factorised Jacobian.
+_CLOSE, _KEPT = 0.02, 0.1
+# Where an equilibrium is so near to where it was linearised, that does for its derivatives.
+_AS_GOOD = 1e-5
 
 
 def newton(
@@ -36,8 +39,7 @@ def newton(
 ) -> Linearised | None:
     """Return the equilibrium near given states, None where steps are not small or do not shrink.
 
-    That keeps to the branch that the states are on. The result is linearised a little before the
-    last point, where the factorisation is as good.
+    That keeps to the branch that the states are on.
 
     Parameters
     ----------
@@ -50,14 +52,16 @@ def newton(
     hold : Hold
         What is held; where lengths are, the tensions are those to begin with.
     """
-    last, of, here = 0.0, system.of, kept
+    last, of, here, moved = 0.0, system.of, kept, np.inf
     for _ in range(_STEPS):
         check_time()
         x = system.x(tensions, load, states)
         step = _step(system, x, here, hold)
         if step is None:
             return None
+        settled, moved = (_LEFT, moved) if here else (_SETTLED, 0.0)
         here, change, after = step
+        here = here.near or here
         turn = float(np.abs(change[of.nodes[:, :4]]).max())
         if turn > farthest:
             if last or cuts == 0:
@@ -70,10 +74,12 @@ def newton(
         size = _size(system, change, states)
         if last and size > max(_CONTRACTION * last, _SMALL):
             return None
-        if size < _SETTLED or size**2 < _SETTLED * last:
-            return replace(here, x=system.x(tensions, load, states))
-        if size > _KEPT * last or not last:
-            here = None if kept is None or last else here
+        moved += size
+        if size < settled or size**2 < settled * last:
+            x = system.x(tensions, load, states)
+            return Linearised(system, x, here if moved < _AS_GOOD else None)
+        if size > (_KEPT * last if last else _CLOSE) and (last or kept is None):
+            here = None
         last = size
     return None
 
@@ -81,16 +87,15 @@ def newton(
 def _step(
     system: System, x: Array, kept: Linearised | None, hold: Hold
 ) -> tuple[Linearised, Array, Array] | None:
-    """Return where the equations were linearised, a Newton step, and the tensions after it.
+    """Return the equations linearised, a Newton step, and the tensions after it.
 
     None where there is none.
     """
-    here = kept or Linearised.at(system, x)
-    residual = system.residual(x) if kept else here.residual
-    if not np.all(np.isfinite(residual)) or not np.all(np.isfinite(here.nonzeros)):
+    here = Linearised(system, x, kept)
+    if not np.all(np.isfinite(here.residual)) or not np.all(np.isfinite(here.nonzeros)):
         return None
     try:
-        change = -here.solve(residual)
+        change = -here.solve(here.residual)
     except SingularError:
         return None
     if not np.all(np.isfinite(change)):

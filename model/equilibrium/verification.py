@@ -9,7 +9,7 @@ away, by the factorisation of the equilibrium.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -65,7 +65,7 @@ def verified(here: Linearised, accuracy: float) -> Verified:
         if before is not None:
             error = estimate(float(np.abs(poses - before).max()), 1, 2, RK8.order)
             if error <= accuracy:
-                return Verified(replace(here, x=x), error)
+                return Verified(Linearised(system, x, here), error)
         before = poses
     raise ConvergenceError(accuracy, error, f"its check by {SCHEME} does not converge")
 

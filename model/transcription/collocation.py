@@ -16,7 +16,8 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from model.integrators.magnus import expansion
+from model.cross_section.law import Name
+from model.integrators.magnus import Bracket, expansion
 from model.paths import Array
 
 
@@ -50,7 +51,7 @@ def gauss(m: int) -> Tableau:
     return Tableau(c, b, a, np.asarray(powers, dtype=float))
 
 
-def rotation_vectors(kappa: list[ca.SX], h: ca.SX) -> list[ca.SX]:
+def rotation_vectors(kappa: list[ca.SX], h: ca.SX, name: Name = ca.densify) -> list[ca.SX]:
     """Return the rotation vectors (3,) from an element's first node to each stage, and to its last.
 
     To the stages the integral and its first bracket (the polynomial's coefficients k_p),
@@ -62,28 +63,34 @@ def rotation_vectors(kappa: list[ca.SX], h: ca.SX) -> list[ca.SX]:
         c_i^5 (h^3 [k_0, [k_0, k_2]] / 360 - h^3 [k_1, [k_0, k_1]] / 240
                + h^4 [k_0, [k_0, [k_0, k_1]]] / 720);
 
-    to the last node the expansion of order 2 m, six at most.
+    to the last node the expansion of order 2 m, six at most. What it takes on the way is named.
     """
     m = len(kappa)
     method = gauss(m)
-    k = [weighted_sum(method.powers[p], kappa) for p in range(m)]
+
+    def bracket(a: ca.SX, b: ca.SX) -> ca.SX:
+        return name(_bracket(a, b))
+
+    k = [name(weighted_sum(method.powers[p], kappa)) for p in range(m)]
     pairs = [(p, q) for p in range(m) for q in range(p + 1, m)]
-    brackets = {(p, q): _bracket(k[p], k[q]) for p, q in pairs}
-    found, fifth = [], _fifth(k, brackets, h) if m > 2 else ca.SX.zeros(3)
+    brackets = {(p, q): bracket(k[p], k[q]) for p, q in pairs}
+    found, fifth = [], name(_fifth(k, brackets, h, bracket)) if m > 2 else ca.SX.zeros(3)
     for c, row in zip(method.c, method.a, strict=True):
         turn = h * weighted_sum(row, kappa)
-        for (p, q), bracket in brackets.items():
+        for (p, q), single in brackets.items():
             share = (p - q) / (2 * (p + 1) * (q + 1) * (p + q + 2))
-            turn += h**2 * float(c ** (p + q + 2)) * share * bracket
+            turn += h**2 * float(c ** (p + q + 2)) * share * single
         found.append(turn + float(c**5) * fifth)
-    return [*found, expansion(kappa, h, _bracket)]
+    return [*found, expansion(kappa, h, bracket)]
 
 
-def _fifth(k: list[ca.SX], brackets: dict[tuple[int, int], ca.SX], h: ca.SX) -> ca.SX:
+def _fifth(
+    k: list[ca.SX], brackets: dict[tuple[int, int], ca.SX], h: ca.SX, bracket: Bracket
+) -> ca.SX:
     """Return the terms of the fifth order in h that are no single bracket, at x = 1."""
-    twice = _bracket(k[0], brackets[0, 1])
-    third = _bracket(k[0], brackets[0, 2]) / 360 - _bracket(k[1], brackets[0, 1]) / 240
-    fifth: ca.SX = h**3 * (third + h * _bracket(k[0], twice) / 720)
+    twice = bracket(k[0], brackets[0, 1])
+    third = bracket(k[0], brackets[0, 2]) / 360 - bracket(k[1], brackets[0, 1]) / 240
+    fifth: ca.SX = h**3 * (third + h * bracket(k[0], twice) / 720)
     return fifth
 
 

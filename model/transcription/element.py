@@ -21,9 +21,9 @@ from functools import lru_cache
 import casadi as ca
 
 from model.cross_section.law import CrossSection, join, size
-from model.rotations import half_turn, multiply, unit_matrix
+from model.rotations import half_angle, multiply, unit_matrix
 from model.transcription.collocation import gauss, rotation_vectors, weighted_sum
-from model.transcription.terms import Kernel
+from model.transcription.kernel import Kernel, Steps
 
 # Under the root of a stream's speed, which may vanish.
 _TINY = 1e-30
@@ -108,59 +108,81 @@ def element(form: Form) -> Kernel:
     """Return the kernel of an element.
 
     Rows: what vanishes of M_k, of F_k, less the local wrench at the stages (with friction each
-    followed by its derivative along s), q_{k+1}, u_{k+1}.
+    followed by its derivative along s), q_{k+1}, u_{k+1}. All but the rows at the nodes is reckoned
+    in the frame at the first node.
     """
-    x, law, method = ElementSymbols(form), form.law, gauss(form.stages)
+    x, law, method, through = ElementSymbols(form), form.law, gauss(form.stages), Steps()
     twists = [law.twist(v) for v in ca.horzsplit(x.v)]
-    *turns, across = rotation_vectors([kappa for kappa, _ in twists], x.h)
-    R = [unit_matrix(multiply(x.q, half_turn(turn))) for turn in turns]
-    along = [frame @ nu for frame, (_, nu) in zip(R, twists, strict=True)]
+    twists = [(through.name(kappa), nu) for kappa, nu in twists]
+    *turns, across = _turned(through, [kappa for kappa, _ in twists], x.h)
+    R = [unit_matrix(turn) for turn in turns]
+    along = [through.name(frame @ nu) for frame, (_, nu) in zip(R, twists, strict=True)]
+    first = unit_matrix(x.q)
     rows = [
-        x.q_next - multiply(x.q, half_turn(across)),
-        x.u_next - x.u - x.h * weighted_sum(method.b, along),
+        x.q_next - multiply(x.q, across),
+        x.u_next - x.u - x.h * first @ through.name(weighted_sum(method.b, along)),
     ]
     if form.loaded:
-        F, f, at_node = _forces(x, form, R, twists, along)
+        F, f, at_node = _forces(x, form, through, [frame[:, 0] for frame in R], twists)
         levers = [ca.cross(t, f) for t, f in zip(along, F, strict=True)]
         beyond = x.w_next[:3] + x.moment
-        at_node.insert(0, x.w[:3] - beyond - x.h * weighted_sum(method.b, levers))
-        M = [beyond + x.h * weighted_sum(method.b - row, levers) for row in method.a]
-        local = [(frame.T @ m, frame.T @ f) for frame, m, f in zip(R, M, F, strict=True)]
-        stages = [-join(law, m, force[0], force[1:]) for m, force in local]
+        lever = through.name(weighted_sum(method.b, levers))
+        at_node.insert(0, x.w[:3] - beyond - x.h * first @ lever)
+        local = through.name(first.T @ beyond)
+        M = [through.name(local + x.h * weighted_sum(method.b - row, levers)) for row in method.a]
+        wrenches = [(frame.T @ m, frame.T @ f) for frame, m, f in zip(R, M, F, strict=True)]
+        stages = [-join(law, m, force[0], force[1:]) for m, force in wrenches]
         if form.friction:
             spread = [frame.T @ load for frame, load in zip(R, f, strict=True)]
-            rates = [_rate(law, *part) for part in zip(twists, local, spread, strict=True)]
+            rates = [_rate(law, *part) for part in zip(twists, wrenches, spread, strict=True)]
             stages = [row for pair in zip(stages, rates, strict=True) for row in pair]
         rows = [*at_node, *stages, *rows]
     else:
         rows = [ca.SX.zeros(x.v.numel()), *rows]
-    return Kernel("element", x.unknowns, x.numbers, ca.vertcat(*rows))
+    return Kernel("element", x.unknowns, x.numbers, ca.vertcat(*rows), through)
+
+
+def _turned(through: Steps, kappa: list[ca.SX], h: ca.SX) -> list[ca.SX]:
+    """Return the quaternions (4,) from the first node's frame to each stage's, and the last's."""
+    within = Steps()
+    stacked = ca.vertcat(*rotation_vectors(kappa, h, within.name))
+    vectors = ca.vertsplit(through.name(stacked, within), 3)
+    halves = [through.name(half_angle(through.name(ca.sumsqr(turn)))) for turn in vectors]
+    pairs = zip(halves, vectors, strict=True)
+    return [through.name(ca.vertcat(half[0], half[1] * turn)) for half, turn in pairs]
 
 
 def _forces(
     x: ElementSymbols,
     form: Form,
-    R: list[ca.SX],
+    through: Steps,
+    t: list[ca.SX],
     twists: list[tuple[ca.SX, ca.SX]],
-    along: list[ca.SX],
 ) -> tuple[list[ca.SX], list[ca.SX], list[ca.SX]]:
-    """Return the forces beyond each stage, the loads per length there, and what vanishes of F_k."""
-    method = gauss(form.stages)
+    """Return the forces beyond each stage, the loads per length there, and what vanishes of F_k.
+
+    The former in the frame at the first node, in which t are the sections' normals.
+    """
+    method, first = gauss(form.stages), unit_matrix(x.q)
     F = [x.load * dead + x.force for dead in ca.horzsplit(x.dead)]
-    spread = [x.load * load for load in ca.horzsplit(x.spread)] if form.friction else []
+    beyond = x.w_next[3:] if form.moving else ca.SX.zeros(3)
+    F = [through.name(first.T @ (dead + beyond)) for dead in F]
     f = [ca.SX.zeros(3)] * form.stages
     if form.current:
-        drags = zip(R, twists, ca.vertsplit(x.drag), strict=True)
-        f = [x.load * _drag(frame[:, 0], nu, drag, x.velocity) for frame, (_, nu), drag in drags]
-    total = [a + b for a, b in zip(f, spread, strict=True)] if spread else f
+        velocity = through.name(first.T @ x.velocity)
+        drags = zip(t, twists, ca.vertsplit(x.drag), strict=True)
+        f = [through.name(x.load * _drag(n, nu, drag, velocity)) for n, (_, nu), drag in drags]
+    total = f
+    if form.friction:
+        spread = [first.T @ (x.load * load) for load in ca.horzsplit(x.spread)]
+        total = [through.name(a + b) for a, b in zip(f, spread, strict=True)]
     if not form.moving:
         return F, total, []
-    beyond = x.w_next[3:]
     F = [
-        dead + beyond + x.h * weighted_sum(method.b - row, f)
+        through.name(dead + x.h * weighted_sum(method.b - row, f))
         for dead, row in zip(F, method.a, strict=True)
     ]
-    return F, total, [x.w[3:] - beyond - x.h * weighted_sum(method.b, f)]
+    return F, total, [x.w[3:] - beyond - x.h * first @ weighted_sum(method.b, f)]
 
 
 def _rate(
@@ -173,7 +195,7 @@ def _rate(
 
 
 def _drag(t: ca.SX, nu: ca.SX, drag: ca.SX, velocity: ca.SX) -> ca.SX:
-    """Return the drag per unit reference length in the base frame (3,) [N/m]; see Current."""
+    """Return the drag per unit reference length (3,) [N/m] in the frame of t; see Current."""
     across = velocity - t * ca.dot(t, velocity)
     return drag * nu[0] * ca.sqrt(ca.sumsqr(across) + _TINY) * across
 
@@ -189,7 +211,9 @@ def body(law: CrossSection) -> Kernel:
 def tendon(law: CrossSection) -> Kernel:
     """Return the kernel of a tendon in a cross-section: tension, strains; its path -> wrench."""
     T, v, path = ca.SX.sym("T"), ca.SX.sym("v", size(law)), ca.SX.sym("path", 4)
-    return Kernel("tendon", ca.vertcat(T, v), path, T * law.tendon(v, path))
+    through = Steps()
+    wrench = T * law.tendon(v, path, through.name)
+    return Kernel("tendon", ca.vertcat(T, v), path, wrench, through)
 
 
 @lru_cache(maxsize=64)

@@ -22,7 +22,7 @@ import numpy as np
 from model.cross_section.law import CrossSection, size, turning_rate
 from model.paths import Array
 from model.transcription.collocation import gauss
-from model.transcription.terms import Kernel
+from model.transcription.kernel import Kernel
 
 # Under square roots whose argument may vanish, so that their derivatives are not NaN there.
 _TINY = 1e-30

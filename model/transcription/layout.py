@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from model.transcription.element import Form, body, clamp, element, run, tendon, tip
 from model.transcription.friction import body_rates, idle_tendon, kink, motor, sliding_tendon
-from model.transcription.terms import Equations, Places, Term
+from model.transcription.kernel import Places
+from model.transcription.terms import Equations, Term
 
 POSE = 7
 

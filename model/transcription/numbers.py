@@ -22,8 +22,8 @@ from model.stations import (
 )
 from model.transcription.collocation import gauss
 from model.transcription.element import Form
+from model.transcription.kernel import Places
 from model.transcription.layout import Layout
-from model.transcription.terms import Places
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,9 +24,9 @@ from model.scene import Scene
 from model.transcription.collocation import gauss
 from model.transcription.element import Form, element
 from model.transcription.friction import turning_function
+from model.transcription.kernel import Places
 from model.transcription.layout import POSE, Layout, layout
 from model.transcription.numbers import numbers
-from model.transcription.terms import Places
 
 
 @lru_cache(maxsize=256)
@@ -87,9 +87,9 @@ class System:
         """Return what vanishes at equilibrium (n_states,)."""
         return np.asarray(self._calls.value(x, self.p)[0][0])
 
-    def jacobian(self, x: Array) -> tuple[Array, Array]:
-        """Return residuals, and the nonzeros of their Jacobian in the places of `pattern`."""
-        return self.residual(x), np.asarray(self._calls.jacobian(x, self.p)[0][0])
+    def jacobian(self, x: Array) -> Array:
+        """Return the nonzeros of the residuals' Jacobian, see Equations.jacobian."""
+        return np.asarray(self._calls.jacobian(x, self.p)[0][0])
 
     def by_numbers(self, x: Array) -> csc_array:
         """Return the derivatives of the residuals by the numbers `p` (n_states, n_p)."""

@@ -1,9 +1,8 @@
 """The chain rule: equations that are sums of small kernels, each repeated over the arm.
 
-A kernel is an SX function of a few unknowns and numbers; a term is a kernel with the places of its
-unknowns and rows in the whole. CasADi differentiates the kernel alone, once and for all; the
-derivatives of all repetitions are evaluated by `map`, and put into the sparse Jacobian and Hessian
-by a constant matrix. Nothing else is differentiated by anybody.
+A kernel (model.transcription.kernel) is a function of a few unknowns and numbers; a term is a
+kernel with the places of its unknowns and rows in the whole. The derivatives of all repetitions are
+evaluated by `map`, and put into the sparse Jacobian and Hessian by a constant matrix.
 """
 
 from __future__ import annotations
@@ -15,50 +14,9 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from model.machine.compiled import kernels
-
-Places = NDArray[np.int64]
-
-
-class Kernel:
-    """Residuals r (SX) of unknowns y and numbers c, with their derivatives.
-
-    Attributes
-    ----------
-    value : casadi.Function
-        y, c -> r.
-    """
-
-    def __init__(self, name: str, y: ca.SX, c: ca.SX, r: ca.SX) -> None:
-        self.name, self.y, self.c, self.r = name, y, c, ca.densify(r)
-        self.value = ca.Function(name, [y, c], [self.r], {"cse": True})
-
-    @cached_property
-    def jacobian(self) -> tuple[ca.Function, Places, Places]:
-        """(y, c -> nonzeros of dr/dy), and the row and column of each."""
-        return self._slopes("jacobian", ca.jacobian(self.r, self.y))
-
-    @cached_property
-    def by_numbers(self) -> tuple[ca.Function, Places, Places]:
-        """(y, c -> nonzeros of dr/dc), and the row and column of each."""
-        return self._slopes("by_numbers", ca.jacobian(self.r, self.c))
-
-    @cached_property
-    def hessian(self) -> tuple[ca.Function, Places, Places]:
-        """(y, c, lam -> nonzeros of the Hessian of lam . r in y), and the place of each."""
-        lam = ca.SX.sym("lam", self.r.numel())
-        H = ca.hessian(ca.dot(lam, self.r), self.y)[0]
-        return self._named("hessian", [self.y, self.c, lam], H)
-
-    def _slopes(self, what: str, J: ca.SX) -> tuple[ca.Function, Places, Places]:
-        return self._named(what, [self.y, self.c], J)
-
-    def _named(self, what: str, given: list[ca.SX], A: ca.SX) -> tuple[ca.Function, Places, Places]:
-        rows, columns = (np.array(v, dtype=np.int64) for v in A.sparsity().get_triplet())
-        values = A.nz[:] if rows.size else ca.SX(0, 1)
-        return ca.Function(f"{self.name}_{what}", given, [values], {"cse": True}), rows, columns
+from model.transcription.kernel import Kernel, Places
 
 
 @dataclass(frozen=True, eq=False)

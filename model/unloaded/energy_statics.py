@@ -123,7 +123,7 @@ class EnergyStatics:
         bend = ca.vertcat(0, u[0] * cos + u[1] * sin, u[1] * cos - u[0] * sin)
         nu = ca.vertcat(u[2] if self.law.extension else ca.SX(1), 0, 0)
         y, y_rate = ca.vertsplit(self.offset(j, data))
-        c = self.law.drawn(bend, nu, ca.vertcat(y, 0, y_rate, 0))
+        c = self.law.drawn(bend, nu, self.law.width(nu[0]), ca.vertcat(y, 0, y_rate, 0))
         moving = [i for i in range(3) if ca.depends_on(c[i], u)]
         still = [i for i in range(3) if i not in moving]
         return c[moving], ca.sumsqr(c[still]) + TINY

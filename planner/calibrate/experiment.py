@@ -185,7 +185,7 @@ class Evaluation:
                 [f"tension_scale[{j}]" in own for own in of.keys] for j in range(len(of.scale))
             ]
             tensions = np.array(shape.tensions)[:, None] * np.array(scaled, dtype=float)
-            found.append(ByNumbers(Linearised.at(here.system, here.x), of.slopes, tensions))
+            found.append(ByNumbers(Linearised(here.system, here.x), of.slopes, tensions))
         return found
 
     @cached_property

@@ -146,4 +146,4 @@ def at_rest(system: System) -> Linearised:
     if law.extension:
         v[:, 2 + law.torsion] = law.along_at_rest
     none = np.zeros(system.of.n_tendons)
-    return Linearised.at(system, system.x(none, 0.0, system.start(none, v)))
+    return Linearised(system, system.x(none, 0.0, system.start(none, v)))

@@ -85,7 +85,7 @@ class Tasks:
         rest, found = Pulled(system), []
         for i, (targets, T) in enumerate(zip(self.tasks, tensions, strict=True)):
             here = self._near(i, system, values, T) or rest.at(T)
-            here = Linearised.at(system, here.x)
+            here = Linearised(system, here.x)
             by = ByNumbers(here, slopes, np.zeros((arm.n_tendons, values.size)))
             self._known[i] = _Known(values, T, by)
             found.append(_missed(arm, targets, by))

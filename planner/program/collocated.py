@@ -85,7 +85,7 @@ class Collocated:
             return np.inf
         try:
             states = self.states_of(x, tensions)
-            return stability(Linearised.at(system, system.x(tensions, 1.0, states)))
+            return stability(Linearised(system, system.x(tensions, 1.0, states)))
         except OctoplanError:
             return -np.inf
 

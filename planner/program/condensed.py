@@ -126,7 +126,7 @@ class Condensed:
         """Put the least stable modes at states into unknowns x."""
         blocks, system = self.program.blocks, self.forward.system
         T = np.maximum(x[: system.of.n_tendons] * self._unit(p), 0.0)
-        values, y = least_modes(Linearised.at(system, system.x(T, 1.0, states)), blocks.modes)
+        values, y = least_modes(Linearised(system, system.x(T, 1.0, states)), blocks.modes)
         y = self.states.mode_size(y)
         for k, value in enumerate(values):
             x[blocks.mode(k)] = y[:, k] / self.states.scale[1 : 1 + states.size]
@@ -144,7 +144,7 @@ class Condensed:
             if last is not None:
                 predicted = last.states + last.by_tensions @ (T - last.x[: T.size])
                 here = newton(system, T, 1.0, predicted, kept=last)
-            here = Linearised.at(system, (here or self.forward.found(T)).x)
+            here = Linearised(system, (here or self.forward.found(T)).x)
             here.by_parameters  # noqa: B018  (there, or the equations are singular)
         except OctoplanError:
             return None

@@ -16,9 +16,10 @@ import numpy as np
 
 from model.equilibrium.stability import rest_stiffness
 from model.paths import Array
+from model.transcription.kernel import Kernel, Places
 from model.transcription.layout import Layout
 from model.transcription.system import System
-from model.transcription.terms import Kernel, Places, Term
+from model.transcription.terms import Term
 
 
 def mode_terms(of: Layout, place: Places, shift: int, row: int) -> list[Term]:

@@ -15,9 +15,10 @@ import numpy as np
 from model.cross_section.law import CrossSection, size
 from model.paths import Array
 from model.transcription.element import run
+from model.transcription.kernel import Kernel, Places
 from model.transcription.layout import Layout
 from model.transcription.system import System
-from model.transcription.terms import Kernel, Places, Term
+from model.transcription.terms import Term
 from planner.program.modes import mode_numbers, mode_size, mode_terms
 from planner.targets.base import Look
 

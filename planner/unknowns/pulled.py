@@ -50,7 +50,7 @@ class Pulled:
         share, step, change = 0.0, 1.0, end - start
         while share < 1 and step >= _LEAST:
             to = min(1.0, share + step)
-            here = Linearised.at(self.system, here.x)
+            here = Linearised(self.system, here.x)
             guess = here.states + here.by_tensions @ (change * (to - share))
             found = newton(self.system, start + to * change, 1.0, guess, FARTHEST)
             if found is None:

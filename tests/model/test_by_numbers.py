@@ -116,7 +116,7 @@ def test_shapes_move_with_a_number_as_shapes_settled_afresh_do(
 ) -> None:
     arm, h = _arm(), 1e-3
     forward = Collocation(arm, scene, STAGES, 6 if scene.has(Friction) else 4, (S,))
-    here = Linearised.at(forward.system, forward.found(T).x)
+    here = Linearised(forward.system, forward.found(T).x)
     ends = [Neighbour(sign / 2e-5, *change(arm, scene, sign * 1e-5)) for sign in (1, -1)]
     slopes = number_slopes(forward.system, [ends])
     by = ByNumbers(here, slopes, np.zeros((T.size, 1)))

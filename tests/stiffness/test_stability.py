@@ -100,7 +100,7 @@ def straight(*effects: Effect) -> Linearised:
     """The straight column, which is in equilibrium under axial loads whether or not it stands."""
     here = system(COLUMN, Scene(*effects), 3, 4)
     x = here.x(SLACK, 1.0, here.start(SLACK, np.zeros(here.of.stages.shape), 1.0))
-    return Linearised.at(here, x)
+    return Linearised(here, x)
 
 
 @pytest.mark.parametrize("load", [axial, own_weight], ids=["at the tip", "its own weight"])
@@ -151,6 +151,6 @@ def test_an_arm_stands_where_its_stability_is_above_0(scene: str) -> None:
         v = rng.normal(size=here.of.stages.shape) * 5.0
         v[:, 3:] = law.along_at_rest + 0.01 * v[:, 3:]
         x = here.x(T, 1.0, here.start(T, v, 1.0))
-        seen.append((stands(Linearised.at(here, x)), stability(Linearised.at(here, x)) > 0))
+        seen.append((stands(Linearised(here, x)), stability(Linearised(here, x)) > 0))
     assert all(one == other for one, other in seen)
     assert 5 < sum(one for one, _ in seen) < 25

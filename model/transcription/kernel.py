@@ -1,0 +1,124 @@
+"""Kernels: small SX functions with their derivatives.
+
+What a function computes on the way, it may name: of unknowns y, intermediate quantities z_1 to z_K
+one after the other, of all these residuals r. CasADi differentiates each step by itself, and the
+chain rule puts the steps together from the last to the first, for Jacobians and Hessians alike.
+With z = f(x) a step, x all that comes before, and L the rest as a function of both,
+
+    L'(x)  <-  L_x + L_z f_x
+    L''(x) <-  L_xx + L_xz f_x + f_x^T L_zx + f_x^T L_zz f_x + sum_k L_z,k f_k,xx.
+
+Where few quantities carry the effect of many, that takes half as many operations as derivatives of
+the whole. Source: Gower, Mello, "A new framework for the computation of Hessians", Optim. Methods
+Softw. 27 (2012), here by blocks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+Places = NDArray[np.int64]
+
+
+class Steps:
+    """What a function computes on the way: quantities of its unknowns x and those before.
+
+    Attributes
+    ----------
+    steps : list of (z (n,), f (n,), Steps)
+        Symbols of a quantity, its value, and what that computes on the way.
+    """
+
+    def __init__(self) -> None:
+        self.steps: list[tuple[ca.SX, ca.SX, Steps]] = []
+
+    def name(self, value: ca.SX, through: Steps | None = None) -> ca.SX:
+        """Return the symbols (n,) of a quantity (n,), to be used in its place."""
+        z = ca.SX.sym(f"z{len(self.steps)}", value.numel())
+        self.steps.append((z, ca.densify(value), through or Steps()))
+        return z
+
+    def resolved(self, r: ca.SX, weights: Sequence[tuple[ca.SX, ca.SX]] = ()) -> ca.SX:
+        """Return an expression with the values of what it names in its place."""
+        values = [(z, through.resolved(f)) for z, f, through in self.steps]
+        pairs = [*values, *weights]
+        if not pairs:
+            return r
+        names, values_of = (list(part) for part in zip(*pairs, strict=True))
+        return ca.substitute_inplace(names, values_of, [r], False)[1][0]
+
+    def jacobian(self, r: ca.SX, x: ca.SX) -> ca.SX:
+        """Return dr/dx (n_r, n_x) as an expression of x and other symbols."""
+        J = ca.jacobian(r, self._all(x))
+        for k, (_, f, through) in reversed(list(enumerate(self.steps))):
+            before = self._all(x, k)
+            n = before.numel()
+            J = J[:, :n] + J[:, n:] @ through.jacobian(f, before)
+        return self.resolved(J)
+
+    def hessian(self, lam: ca.SX, r: ca.SX, x: ca.SX) -> ca.SX:
+        """Return the Hessian of lam . r in x (n_x, n_x), an expression of x and other symbols."""
+        H, gradient = ca.hessian(ca.dot(lam, r), self._all(x))
+        weights = []
+        for k, (z, f, through) in reversed(list(enumerate(self.steps))):
+            before, weight = self._all(x, k), ca.SX.sym("weight", z.numel())
+            n = before.numel()
+            weights.append((weight, gradient[n:]))
+            J = through.jacobian(f, before)
+            across = H[:n, n:] @ J
+            H = H[:n, :n] + across + across.T + J.T @ (H[n:, n:] @ J)
+            H = ca.triu2symm(ca.triu(H + through.hessian(weight, f, before)))
+            gradient = gradient[:n] + J.T @ weight
+        return self.resolved(H, weights)
+
+    def _all(self, x: ca.SX, count: int | None = None) -> ca.SX:
+        """Return x and the symbols of so many first steps, all unless told."""
+        return ca.vertcat(x, *(z for z, _, _ in self.steps[:count]))
+
+
+class Kernel:
+    """Residuals r (SX) of unknowns y and numbers c, with their derivatives.
+
+    Attributes
+    ----------
+    r : (n_r,)
+        Residuals as expressions of y and c alone.
+    value : casadi.Function
+        y, c -> r.
+    """
+
+    def __init__(
+        self, name: str, y: ca.SX, c: ca.SX, r: ca.SX, through: Steps | None = None
+    ) -> None:
+        self.name, self.y, self.c = name, y, c
+        self._through, self._r = through or Steps(), ca.densify(r)
+        self.r = self._through.resolved(self._r)
+        self.value = ca.Function(name, [y, c], [self.r], {"cse": True})
+
+    @cached_property
+    def jacobian(self) -> tuple[ca.Function, Places, Places]:
+        """(y, c -> nonzeros of dr/dy), and the row and column of each."""
+        J = self._through.jacobian(self._r, self.y)
+        return self._named("jacobian", [self.y, self.c], J)
+
+    @cached_property
+    def by_numbers(self) -> tuple[ca.Function, Places, Places]:
+        """(y, c -> nonzeros of dr/dc), and the row and column of each."""
+        return self._named("by_numbers", [self.y, self.c], ca.jacobian(self.r, self.c))
+
+    @cached_property
+    def hessian(self) -> tuple[ca.Function, Places, Places]:
+        """(y, c, lam -> nonzeros of the Hessian of lam . r in y), and the place of each."""
+        lam = ca.SX.sym("lam", self.r.numel())
+        H = self._through.hessian(lam, self._r, self.y)
+        return self._named("hessian", [self.y, self.c, lam], H)
+
+    def _named(self, what: str, given: list[ca.SX], A: ca.SX) -> tuple[ca.Function, Places, Places]:
+        rows, columns = (np.array(v, dtype=np.int64) for v in A.sparsity().get_triplet())
+        values = A.nz[:] if rows.size else ca.SX(0, 1)
+        return ca.Function(f"{self.name}_{what}", given, [values], {"cse": True}), rows, columns
