@@ -6,7 +6,7 @@ check_own("model")  # before what would fail with a riddle
 
 import planner.notebook  # noqa: F401  (it tells notebooks how to draw)
 from model.stiffness import stiffness
-from planner.c_code.export import export
+from planner.c_code.export import export, export_plan
 from planner.calibrate.calibrate import calibrate
 from planner.calibrate.calibration import Calibration
 from planner.calibrate.measured import Measured
@@ -43,6 +43,7 @@ __all__ = [
     "calibrate",
     "design",
     "export",
+    "export_plan",
     "load_calibration",
     "load_plan",
     "plan",

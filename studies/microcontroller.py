@@ -1,8 +1,9 @@
-"""Is the map fast enough for a microcontroller, as the paper says of its model?
+"""Are the map and its inverse fast enough for a microcontroller, as the paper says of its model?
 
 The paper calls it "fast enough to implement on a microcontroller as virtual sensor or internal
 model". Its statics, the arm of table 4 and the tensions of figure 15 are exported as C, compiled
-for a Cortex-M7, checked against Python and counted in QEMU.
+for a Cortex-M7, checked against Python and counted in QEMU. So is the inverse, which follows a tip
+target about a circle of 15 mm in 50 steps of about 2 mm.
 
 Assumed: 480 MHz and one instruction a cycle. A Cortex-M7 may issue two at once, but waits for slow
 memory and takes several cycles for divisions, roots and most operations in double precision; the
@@ -11,7 +12,9 @@ rates say what order to expect, above all in double.
 Answer: yes. In single precision the pose of the tip takes 11 100 instructions at an accuracy of
 1e-3 of the length and 31 400 at 1e-6 (43 and 15 kHz), its Jacobian by 12 tensions 101 000 and
 296 000 (4.8 and 1.6 kHz); 45 kB of flash, 2.5 kB of work arrays, 1.3 kB of stack. In double
-precision a few percent more instructions, and twice the memory.
+precision a few percent more instructions, and twice the memory. The inverse takes 3.25 million
+instructions a re-plan in single precision at 1e-4 of the length (148 a second) and 4.67 million in
+double at 1e-6 (103 a second); with the map 123 and 131 kB of flash, 11 and 22 kB of work arrays.
 
     python -m studies.microcontroller [SCENE.toml] [--precision float] [--accuracy 1e-3]
 
@@ -30,11 +33,13 @@ from pathlib import Path
 from typing import Any
 
 from model import Arm, Scene
-from planner import export
+from planner import Plan, export, export_plan, plan
 from planner.scenefile import load
+from planner.targets import TipPosition
 
 TOOLS = ("arm-none-eabi-gcc", "arm-none-eabi-size", "qemu-system-arm")
 HERTZ = 480e6
+TARGET, MAXIMUM = (0.20, 0.15, -0.20), 20.0
 _FIGURE_15 = Path(__file__).parent / "scenes" / "figure_15.toml"
 _BOARD = Path(__file__).parent / "cortex_m7"
 _TARGET = ("-mcpu=cortex-m7", "-mfpu=fpv5-d16", "-mfloat-abi=hard", "-mthumb", "-O2")
@@ -80,15 +85,47 @@ def measured(arm: Arm, scene: Scene, tensions: Any, accuracy: float, precision: 
         lines = [
             line.split() for line in run(build(folder, _BOARD / "bench.c")).stdout.splitlines()
         ]
-        compiled = folder / "arm.o"
-        _call("arm-none-eabi-gcc", *_TARGET, *_STRICT, "-c", folder / "arm.c", "-o", compiled)
-        text, data, bss = _call("arm-none-eabi-size", compiled).splitlines()[1].split()[:3]
         return Cost(
-            int(text) + int(data),
-            int(data) + int(bss),
+            *_size(folder, "arm"),
             {what: int(count) for what, count, _ in lines},
             {what: int(depth) for what, _, depth in lines},
         )
+
+
+@dataclass(frozen=True)
+class InverseCost:
+    """What a re-plan takes: instructions in the mean and at most, the rest as in Cost [bytes]."""
+
+    flash: int
+    static: int
+    mean: int
+    most: int
+    stack: int
+
+
+def measured_inverse(p: Plan, accuracy: float, precision: Any) -> InverseCost:
+    """Return the cost of the exported inverse of a plan whose test vector agrees.
+
+    Raises DisagreesError, also where a target of the circle is not met.
+    """
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        export_plan(p, folder, accuracy, precision)
+        for main in (folder / "plan_main.c", _BOARD / "bench_plan.c"):
+            said = run(build(folder, main))
+            if said.returncode != 0:
+                raise DisagreesError(said.stdout + said.stderr)
+        sizes = [_size(folder, part) for part in ("arm", "arm_plan")]
+        mean, most, stack = map(int, said.stdout.split()[:3])
+        return InverseCost(sum(s[0] for s in sizes), sum(s[1] for s in sizes), mean, most, stack)
+
+
+def _size(folder: Path, part: str) -> tuple[int, int]:
+    """Return the bytes of code and tables, and of work arrays, of a file compiled."""
+    compiled = folder / f"{part}.o"
+    _call("arm-none-eabi-gcc", *_TARGET, *_STRICT, "-c", folder / f"{part}.c", "-o", compiled)
+    text, data, bss = _call("arm-none-eabi-size", compiled).splitlines()[1].split()[:3]
+    return int(text) + int(data), int(data) + int(bss)
 
 
 def build(folder: Path, main: Path) -> Path:
@@ -101,7 +138,8 @@ def build(folder: Path, main: Path) -> Path:
         _BOARD / "layout.ld",
         "-Wl,--gc-sections",
     )
-    sources = (main, folder / "arm.c", _BOARD / "start.c")
+    own = [path for part in ("arm", "arm_plan") if (path := folder / f"{part}.c").exists()]
+    sources = (main, *own, _BOARD / "start.c")
     options = (*_TARGET, *_STRICT[:4], "-ffunction-sections", "-fdata-sections", f"-I{folder}")
     _call("arm-none-eabi-gcc", *options, *sources, *link, "-lm", "-o", program)
     return program
@@ -146,6 +184,22 @@ def main(argv: Sequence[str] | None = None) -> None:
             sizes = f"{cost.flash / 1e3:>6.1f} kB{cost.static / 1e3:>6.1f} kB"
             stack = max(cost.stack.values())
             print(f"{precision:<8}{accuracy:>9.0e}{sizes}{stack:>5} B{cells[0]:>20}{cells[1]:>22}")
+    _print_inverse(asked.arm, asked.scene)
+
+
+def _print_inverse(arm: Arm, scene: Scene) -> None:
+    """Print what a re-plan takes."""
+    head = f"{'numbers':<8}{'accuracy':>9}{'flash':>9}{'static':>9}{'stack':>7}"
+    print(f"\n{head}{'re-plan':>20}{'most':>10}")
+    p = plan(arm, TipPosition(TARGET), scene, MAXIMUM)
+    if not p.reached:
+        print(f"no inverse: {p.outcome}")
+        return
+    for precision, accuracy in (("float", 1e-4), ("double", 1e-6)):
+        found = measured_inverse(p, accuracy, precision)
+        sizes = f"{found.flash / 1e3:>6.1f} kB{found.static / 1e3:>6.1f} kB{found.stack:>5} B"
+        rate = f"{found.mean:>9} = {HERTZ / found.mean:>4.0f} Hz"
+        print(f"{precision:<8}{accuracy:>9.0e}{sizes}{rate:>20}{found.most:>10}")
 
 
 if __name__ == "__main__":

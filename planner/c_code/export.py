@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from model.arm import Arm
@@ -15,9 +17,12 @@ from model.mesh_refinement import checked_accuracy
 from model.scene import Scene
 from model.settle import ACCURACY, checked_scene, settle
 from model.shape import Shape
-from planner.c_code.source import PRECISIONS, Precision
+from planner.c_code.inverse import check_inverse, inverse_values
+from planner.c_code.source import PRECISIONS, CSource, Precision
+from planner.c_code.steps import steps_source
 from planner.c_code.values import BYTES, c_source, c_values
 from planner.files import why, write_together
+from planner.plan import Plan
 
 _TEMPLATES = {
     "@NAME@.h": "map.h",
@@ -25,9 +30,16 @@ _TEMPLATES = {
     "main.c": "main.c",
     "Makefile": "Makefile",
 }
+_PLAN_TEMPLATES = {
+    "@NAME@_plan.h": "plan.h",
+    "@NAME@_plan.c": "plan.c",
+    "plan_vector.h": "plan_vector.h",
+    "plan_main.c": "plan_main.c",
+    "Makefile": "plan_Makefile",
+}
 _NAME = re.compile(r"[A-Za-z](_?[A-Za-z0-9])*")
 _FINEST_FLOAT = 1e-6
-TAKEN = ("main", "test_vector", "casadi", "null", "jac", "hess")
+TAKEN = ("main", "test_vector", "plan_main", "plan_vector", "casadi", "null", "jac", "hess")
 
 
 @dataclass(frozen=True)
@@ -83,17 +95,67 @@ def export(
     CollapsedError, ConvergenceError
         As settle does, at the tensions given.
     """
-    scene = _checked(arm, scene, precision, name)
-    if precision == "float" and checked_accuracy(accuracy) < _FINEST_FLOAT:
-        allowed = f"{_FINEST_FLOAT:g} or above in single precision, which rounds about as much"
-        raise InputError("accuracy", accuracy, allowed)
+    scene = _checked(arm, scene, precision, name, accuracy)
     shape = settle(arm, tensions, scene, accuracy)
     source = c_source(shape, precision)
     values = c_values(shape, source, precision, name)
-    templates = files("planner.c_code").joinpath("files")
+    return _written(to, shape, source, values, precision)
+
+
+def export_plan(
+    p: Plan,
+    to: str | Path,
+    accuracy: float = ACCURACY,
+    precision: Precision = "double",
+    name: str = "arm",
+) -> Exported:
+    """Write the inverse of a plan as C99: from the last tensions to those for a target that moved.
+
+    Besides the files of `export`, with the tip's second derivatives, NAME_plan.h and NAME_plan.c go
+    into the folder `to`, and a path of targets with a plan_main.c that checks them. The tensions
+    are within the plan's limits and of least effort, as plan(near=...) finds them.
+
+    Parameters
+    ----------
+    p : Plan
+        Of one TipPosition that is reached, with limits of each tendon and the norm "2", in a scene
+        without loads in which tendons run straight along a straight arm.
+    accuracy, precision, name
+        As in `export`: the mesh is one that settles the plan's tensions to the accuracy. In double
+        precision targets are met to 1e-9 of the length on that mesh, in single to 1e-5.
+
+    Raises
+    ------
+    InputError
+        For another plan, naming what is not exported, and as `export` does.
+    CollapsedError, ConvergenceError
+        As settle does, at the plan's tensions.
+    """
+    scene = _checked(p.arm, p.scene, precision, name, accuracy)
+    check_inverse(p)
+    shape = settle(p.arm, p.tensions, scene, accuracy)
+    source = steps_source(shape, precision, twice=True)
+    if source is None:
+        allowed = "one whose tendons run straight along the straight arm, not as printed"
+        raise InputError("scene", scene, f"{allowed}: others' second derivatives are not exported")
+    values = c_values(shape, source, precision, name) | inverse_values(p, shape, precision)
+    values["HESSIAN"] = _filled(_template("hessian.c"), values)
+    values["HESSIAN_DECLARED"] = _filled(_template("hessian.h"), values)
+    return _written(to, shape, source, values, precision, _PLAN_TEMPLATES)
+
+
+def _written(
+    to: str | Path,
+    shape: Shape,
+    source: CSource,
+    values: dict[str, str],
+    precision: Precision,
+    more: Mapping[str, str] = MappingProxyType({}),
+) -> Exported:
+    """Write the files of a map, and `more` of them, into a folder."""
     texts = {
-        _filled(file, values): _filled(templates.joinpath(template).read_text("utf-8"), values)
-        for file, template in {**_TEMPLATES, "@NAME@.c": source.template}.items()
+        _filled(file, values): _filled(_template(template), values)
+        for file, template in {**_TEMPLATES, "@NAME@.c": source.template, **more}.items()
     }
     folder = Path(to)
     try:
@@ -101,10 +163,15 @@ def export(
     except (OSError, ValueError) as reason:
         raise InputError("to", str(to), f"a folder to write to: {why(reason)}") from None
     written = tuple(folder / file for file in texts)
-    return Exported(written, shape, BYTES[precision] * source.numbers)
+    used = source.numbers + int(values.get("PLAN_NUMBERS", 0))
+    return Exported(written, shape, BYTES[precision] * used)
 
 
-def _checked(arm: Arm, scene: Scene | None, precision: Any, name: Any) -> Scene:
+def _template(name: str) -> str:
+    return files("planner.c_code").joinpath("files", name).read_text("utf-8")
+
+
+def _checked(arm: Arm, scene: Scene | None, precision: Any, name: Any, accuracy: float) -> Scene:
     scene = checked_scene(arm, scene)
     if is_loaded(scene):
         raise InputError(
@@ -118,6 +185,9 @@ def _checked(arm: Arm, scene: Scene | None, precision: Any, name: Any) -> Scene:
     if not isinstance(name, str) or not _NAME.fullmatch(name) or name.lower() in TAKEN:
         allowed = f"letters, digits and single _ between them, other than {', '.join(TAKEN)}"
         raise InputError("name", name, allowed)
+    if precision == "float" and checked_accuracy(accuracy) < _FINEST_FLOAT:
+        allowed = f"{_FINEST_FLOAT:g} or above in single precision, which rounds about as much"
+        raise InputError("accuracy", accuracy, allowed)
     return scene
 
 

@@ -16,6 +16,7 @@ from model.shape import Shape
 from model.stations import base_pose, stations
 from model.unloaded.closed_form import ClosedForm, march_function, nodes_of, strain_function
 from model.unloaded.energy_statics import EnergyStatics
+from model.unloaded.hessian_step import own_step
 from model.unloaded.pulls import TERMS, PullPolynomials
 from model.unloaded.statics import ClosedStatics, closed_statics
 from model.unloaded.tip_slopes import shifts_and_turns, twist_step
@@ -25,8 +26,11 @@ from planner.c_code.source import CSource, Precision, frame_function, numbers, w
 _SETTLED_FLOAT = 1e-4
 
 
-def steps_source(shape: Shape, precision: Precision) -> CSource | None:
-    """Return the map of a shape's mesh, None where pull is not a polynomial of arc length."""
+def steps_source(shape: Shape, precision: Precision, twice: bool = False) -> CSource | None:
+    """Return the map of a shape's mesh, None where pull is not a polynomial of arc length.
+
+    With what the tip's second derivatives take, if it is differentiated `twice`.
+    """
     arm, scene = shape.arm, shape.scene
     forward = explicit_map(arm, scene, shape.scheme, shape.refinement)
     if not isinstance(forward, ClosedForm):
@@ -45,7 +49,15 @@ def steps_source(shape: Shape, precision: Precision) -> CSource | None:
     rows, n = len(arm.sections), TERMS * statics.n_pull
     coefficients, states, sums = (rows + 1) * n, 2 * (7 + 6 * n), rows * 6 * n
     functions = _functions(forward, statics, polynomials)
-    return CSource("steps.c", functions, places, coefficients + states + sums)
+    if not twice:
+        return CSource("steps.c", functions, places, coefficients + states + sums)
+    own = [np.array(part).T for part in polynomials.own]
+    places["OWN"] = numbers(np.vstack(own), precision)
+    places["SECTION_OF"] = whole_numbers([i for i, _ in arm.tendons])
+    functions = (*functions, _own_step(forward, statics))
+    at_nodes = statics.n_pull * len(forward.scheme.nodes)
+    seconds = (1 + rows) * n * (n + 1) // 2 + 12 * n + 36 + at_nodes * (at_nodes + n)
+    return CSource("steps.c", functions, places, coefficients + states + sums + seconds)
 
 
 def _statics(forward: ClosedForm, precision: Precision) -> ClosedStatics:
@@ -91,6 +103,17 @@ def _functions(
         ca.Function("twist_step", [x, c, basis, data, h], [twists], cse),
         _rows(polynomials),
     )
+
+
+def _own_step(forward: ClosedForm, statics: ClosedStatics) -> ca.Function:
+    """Return what the loop calls for second derivatives; see own_step."""
+    m, n = len(forward.scheme.nodes), statics.n_pull * TERMS
+    c, basis = ca.SX.sym("c", n), ca.SX.sym("basis", TERMS, m)
+    data, h = ca.SX.sym("data", statics.n_data, m), ca.SX.sym("h")
+    g, wrench = ca.SX.sym("g", 7), ca.SX.sym("wrench", 6)
+    pull = ca.reshape(c, statics.n_pull, TERMS) @ basis
+    found = own_step(statics, forward.scheme).call([g, pull, data, h, basis, wrench], True)
+    return ca.Function("own_step", [g, c, basis, data, h, wrench], found, {"cse": True})
 
 
 def _rows(polynomials: PullPolynomials) -> ca.Function:

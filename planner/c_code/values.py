@@ -39,6 +39,8 @@ def c_values(shape: Shape, source: CSource, precision: Precision, name: str) -> 
         "NODES": str(shape.s.size),
         "S": numbers(shape.s, precision),
         "NUMBERS": str(source.numbers),
+        "HESSIAN": "",
+        "HESSIAN_DECLARED": "",
         **source.code(f"{name}.c", precision),
         **_test_vector(shape, precision),
     }

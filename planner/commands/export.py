@@ -1,4 +1,4 @@
-"""octoplan export: the scene's forward map as C."""
+"""octoplan export: the scene's forward map, or its inverse, as C."""
 
 from __future__ import annotations
 
@@ -6,17 +6,28 @@ import argparse
 import re
 from pathlib import Path
 
-from planner.c_code.export import TAKEN, Exported, export
+from planner.c_code.export import TAKEN, Exported, export, export_plan
 from planner.c_code.source import PRECISIONS
 from planner.commands.command import OK, Answer, Command, accuracy, add_time_limit, tensions_of
+from planner.commands.plan import check_asked
+from planner.plan import plan
 from planner.records.export import export_record
-from planner.scenefile import load
+from planner.scenefile import Question, load
+
+# Of the plan that an inverse begins from, where its code is to be less accurate.
+_PLANNED = 1e-6
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Add the scene, the folder, and the precision."""
+    """Add the scene, the folder, what is written, and the precision."""
     parser.add_argument("scene", type=Path, metavar="SCENE.toml", help="scene file")
     parser.add_argument("--to", type=Path, metavar="DIR", required=True, help="folder to write to")
+    parser.add_argument(
+        "--what",
+        choices=("map", "plan"),
+        default="map",
+        help="tensions to shape (map), or a moving tip target to tensions besides (plan)",
+    )
     parser.add_argument("--precision", default="double", help=f"{' or '.join(PRECISIONS)} (double)")
     parser.add_argument("--json", action="store_true", help="print JSON, in SI units")
     add_time_limit(parser)
@@ -29,20 +40,32 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> Answer:
-    """Write the scene's map; its mesh is as fine as the scene's tensions call for."""
+    """Write the scene's map or inverse; its mesh is as fine as the scene's tensions call for."""
     asked = load(args.scene)
-    tensions = tensions_of(asked, args.scene)
     wanted = asked.accuracy if args.accuracy is None else args.accuracy
-    name = c_name(args.scene)
-    found = export(asked.arm, asked.scene, args.to, tensions, wanted, args.precision, name)
-    return Answer(OK, lambda: _text(found, args.to), export_record(found), name)
+    write = _map if args.what == "map" else _inverse
+    found = write(asked, wanted, args)
+    return Answer(OK, lambda: _text(found, args.to), export_record(found), c_name(args.scene))
+
+
+def _map(asked: Question, wanted: float, args: argparse.Namespace) -> Exported:
+    tensions, name = tensions_of(asked, args.scene), c_name(args.scene)
+    return export(asked.arm, asked.scene, args.to, tensions, wanted, args.precision, name)
+
+
+def _inverse(asked: Question, wanted: float, args: argparse.Namespace) -> Exported:
+    check_asked(asked, args.scene)
+    options = {"time_limit": args.time_limit, **asked.options, "compile": asked.compile}
+    planned = min(wanted, _PLANNED)
+    found = plan(asked.arm, asked.targets, asked.scene, accuracy=planned, **options)
+    return export_plan(found, args.to, wanted, args.precision, c_name(args.scene))
 
 
 def _text(found: Exported, to: Path) -> str:
     return (
         f"{', '.join(file.name for file in found.files)} in {to}\n"
         f"  {found.shape.s.size} nodes, tip error {found.shape.error:.1e} of the length at the "
-        f"scene's tensions, work arrays {found.static_bytes} bytes\n"
+        f"tensions of the scene or its plan, work arrays {found.static_bytes} bytes\n"
         f"  check them: make -C {to} check"
     )
 
@@ -55,7 +78,7 @@ def c_name(scene: Path) -> str:
 
 COMMAND = Command(
     "export",
-    "write the map from tensions to shape, and the tip's Jacobian, as C for small machines",
+    "write the map from tensions to shape, or also its inverse, as C for small machines",
     add,
     run,
 )

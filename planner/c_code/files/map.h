@@ -47,5 +47,5 @@ int @NAME@_nodes(const @NAME@_real tension[@NAME_UPPER@_TENDONS],
    The slopes mean something only at tensions for which @NAME@_tip returns @NAME_UPPER@_OK. */
 void @NAME@_jacobian(const @NAME@_real tension[@NAME_UPPER@_TENDONS],
     @NAME@_real jacobian[6][@NAME_UPPER@_TENDONS]);
-
+@HESSIAN_DECLARED@
 #endif

@@ -165,3 +165,4 @@ void @NAME@_jacobian(const real tension[@NAME_UPPER@_TENDONS],
   res[0] = jacobian[0];
   tip_rows(arg, res, NULL, NULL, 0);
 }
+@HESSIAN@

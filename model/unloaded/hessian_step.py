@@ -1,0 +1,136 @@
+"""How poses along an arm answer to the tensions to second order, where strains are closed forms.
+
+With spatial twists z_k (6,) by which steps move what is beyond them, a pose becomes
+exp(z_1) exp(z_2) .. g, and by the formula of Baker, Campbell and Hausdorff its own twist is
+
+    zeta = sum_k z_k + 1/2 sum_(i<k) [z_i, z_k] + ...
+
+so that a second derivative of zeta is the sum of the steps' own and of brackets with the sums so
+far (model.unloaded.tip_slopes). What is asked of it is its product with a wrench, or with several
+of them at places along the arm, which then add up from the tip to each step.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TypeVar
+
+import casadi as ca
+
+from model.cross_section.law import size
+from model.integrators.magnus import Magnus
+from model.rotations import compose, exponential, inverse
+from model.unloaded.closed_form import strain_function, twist
+from model.unloaded.pulls import TERMS
+from model.unloaded.statics import ClosedStatics
+from model.unloaded.step_twist import adjoint_function
+from model.unloaded.tip_slopes import strain_slopes, twist_step
+
+S = TypeVar("S", ca.SX, ca.MX)
+
+
+@lru_cache(maxsize=64)
+def hessian_step(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
+    """Return (x, pull, data, h, basis (TERMS, m), wrench) -> x across a step, Hessian.
+
+    x is that of tip_slopes.twist_step. The wrench (6,), moment about the origin [N m] and force
+    [N], works on the twists of all places beyond the step; the Hessian (n, n) by the n = n_pull
+    TERMS coefficients is what the step adds to that of its work, its lower triangle column by
+    column.
+    """
+    m, n, h = len(scheme.nodes), statics.n_pull, ca.SX.sym("h")
+    x, wrench = ca.SX.sym("x", 7 + 6 * n * TERMS), ca.SX.sym("wrench", 6)
+    pull, data = ca.SX.sym("pull", n, m), ca.SX.sym("data", statics.n_data, m)
+    basis = ca.SX.sym("basis", TERMS, m)
+    moved, turned, blocks = own_step(statics, scheme)(x[:7], pull, data, h, basis, wrench)
+    spread = ca.kron(basis, ca.SX.eye(n))
+    own = lower_of(turned.T @ moved @ turned) + lower_of(spread @ blocks @ spread.T)
+    after = twist_step(statics, scheme)(x, pull, data, h, basis)
+    before, grown = (ca.reshape(v, 6, -1) for v in (x[7:], after[7:] - x[7:]))
+    cross = before.T @ across(grown, wrench)
+    lower = own + lower_of((cross + cross.T) / 2)
+    given = [x, pull, data, h, basis, wrench]
+    return ca.Function("hessian_step", given, [after, lower], {"cse": True})
+
+
+def across(twists: S, wrench: S) -> S:
+    """Return w (6, n) with z . w the work of a wrench on the brackets [z, twists (6, n)]."""
+    turns, shifts = twists[:3, :], twists[3:, :]
+    moment, force = ca.skew(wrench[:3]), ca.skew(wrench[3:])
+    return ca.vertcat(-moment @ turns - force @ shifts, -force @ turns)
+
+
+def lower_of(A: ca.SX) -> ca.SX:
+    """Return the lower triangle of a matrix, column by column."""
+    n = A.shape[0]
+    return ca.vertcat(*(A[j:, j] for j in range(n)))
+
+
+@lru_cache(maxsize=64)
+def own_step(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
+    """Return (pose, pull, data, h, basis, wrench) -> what a step has of the Hessian by itself.
+
+    As three parts A (6, 6), B (6, n) and C (n_pull m, n_pull m): it is B^T A B + D C D^T, with D
+    the Kronecker product of the basis and the unit matrix; see hessian_step.
+    """
+    m, h = len(scheme.nodes), ca.SX.sym("h")
+    pull, data = ca.SX.sym("pull", statics.n_pull, m), ca.SX.sym("data", statics.n_data, m)
+    basis, e = ca.SX.sym("basis", TERMS, m), ca.SX.sym("e", 3 * m)
+    g, wrench, work = ca.SX.sym("g", 7), ca.SX.sym("wrench", 6), ca.SX.sym("work", 6)
+    omega = scheme.expansion([twist(ca.vertcat(0, v)) for v in ca.vertsplit(e, 3)], h)
+    moved, gradient = _move()(omega, adjoint_function()(g).T @ wrench)
+    along = ca.jacobian(omega, e)
+    bent = ca.substitute([ca.hessian(ca.dot(work, omega), e)[0]], [work], [gradient])[0]
+    by_strains, nodes = gradient.T @ along, range(m)
+    strains = [strain_function(statics)(pull[:, i], data[:, i])[1:] for i in nodes]
+    given = [(strains[i], pull[:, i], data[:, i]) for i in nodes]
+    slopes = [strain_slopes(statics)(*of) for of in given]
+    parts = [slice(3 * i, 3 * i + 3) for i in nodes]
+    blocks = [[slopes[i].T @ bent[parts[i], parts[j]] @ slopes[j] for j in nodes] for i in nodes]
+    for i in nodes:
+        blocks[i][i] += _strain_hessian(statics)(*given[i], by_strains[parts[i]].T)
+    at_nodes = [along[:, part] @ slope for part, slope in zip(parts, slopes, strict=True)]
+    turned = ca.horzcat(*(sum((basis[t, i] * at_nodes[i] for i in nodes), 0) for t in range(TERMS)))
+    found = [ca.densify(value) for value in (moved, turned, ca.blockcat(blocks))]
+    found = ca.substitute(found, [e], [ca.vertcat(*strains)])
+    return ca.Function("own_step", [g, pull, data, h, basis, wrench], found, {"cse": True})
+
+
+@lru_cache(maxsize=1)
+def _move() -> ca.Function:
+    """Return Omega (6,), wrench -> Hessian and gradient of the work on how exp(Omega) moves.
+
+    That is the logarithm of exp(Omega + change) exp(-Omega), as far as its second order, from which
+    quaternions differ beyond.
+    """
+    omega, wrench, here = ca.SX.sym("omega", 6), ca.SX.sym("wrench", 6), ca.SX.sym("here", 7)
+    pose = exponential(omega[:3], omega[3:])
+    moved = compose(pose, inverse(here))
+    rotation = 2 * moved[1:4]
+    shift = moved[4:] - ca.cross(rotation, moved[4:]) / 2
+    work = ca.hessian(ca.dot(wrench, ca.vertcat(rotation, shift)), omega)
+    found = [ca.densify(value) for value in ca.substitute(list(work), [here], [pose])]
+    return ca.Function("move", [omega, wrench], found, {"cse": True})
+
+
+@lru_cache(maxsize=64)
+def _strain_hessian(statics: ClosedStatics) -> ca.Function:
+    """Return (xi, k, q; pull, data, weights (3,)) -> weighted second derivatives (n_pull, n_pull).
+
+    By the implicit function theorem to second order, from the wrench that vanishes.
+    """
+    law, e, weights = statics.law, ca.SX.sym("e", 3), ca.SX.sym("weights", 3)
+    pull, data = ca.SX.sym("pull", statics.n_pull), ca.SX.sym("data", statics.n_data)
+    v = ca.SX.sym("v", size(law))
+    wrench, value = statics.wrench(v, pull, data), ca.dot(weights, law.reported(v)[1:])
+    inverted, multipliers = ca.inv_minor(ca.jacobian(wrench, v)), ca.SX.sym("lam", v.numel())
+    changes = -inverted @ ca.jacobian(wrench, pull)
+    both = ca.vertcat(v, pull)
+    hessian = ca.hessian(value + ca.dot(multipliers, wrench), both)[0]
+    hessian = ca.substitute([hessian], [multipliers], [-inverted.T @ ca.gradient(value, v)])[0]
+    along = ca.vertcat(changes, ca.SX.eye(pull.numel()))
+    kappa = ca.vertcat(0, (1 + e[2]) * e[:2])
+    strains = law.strains(kappa, ca.vertcat(1 + e[2], 0, 0))
+    found = ca.substitute([along.T @ hessian @ along], [v], [strains])[0]
+    given = [e, pull, data, weights]
+    return ca.Function("strain_hessian", given, [ca.densify(found)], {"cse": True})

@@ -1,0 +1,16 @@
+/* Targets one after another, and the tensions that Python found for them; plan_main.c compares. */
+
+#include "@NAME@_plan.h"
+
+#define TEST_TARGETS @TEST_TARGETS@
+
+/* Of tips over the length, and of tensions over the largest of them: the two programs' meshes differ
+   by so much. */
+static const @NAME@_real test_met = @TEST_MET@;
+static const @NAME@_real test_alike = @TEST_ALIKE@;
+static const @NAME@_real test_length = @TEST_LENGTH@;
+
+static const @NAME@_real test_target[TEST_TARGETS * 3] = {
+    @TEST_TARGET@};
+static const @NAME@_real test_tension[TEST_TARGETS * @NAME_UPPER@_TENDONS] = {
+    @TEST_FOUND@};
