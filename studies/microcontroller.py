@@ -16,7 +16,7 @@ precision a few percent more instructions, and twice the memory. The inverse tak
 instructions a re-plan in single precision at 1e-4 of the length (148 a second) and 4.67 million in
 double at 1e-6 (103 a second); with the map 123 and 131 kB of flash, 11 and 22 kB of work arrays.
 
-    python -m studies.microcontroller [SCENE.toml] [--precision float] [--accuracy 1e-3]
+    python -m studies.microcontroller [SCENE.toml] [--precision float] [--accuracy 1e-3] [--inverse]
 
 Needs arm-none-eabi-gcc with newlib, and qemu-system-arm.
 """
@@ -165,11 +165,15 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("scene", nargs="?", type=Path, default=_FIGURE_15, help="a scene file")
     parser.add_argument("--precision", nargs="*", default=["float", "double"])
     parser.add_argument("--accuracy", nargs="*", type=float, default=[1e-3, 1e-6])
+    parser.add_argument("--inverse", action="store_true", help="what a re-plan takes instead")
     args = parser.parse_args(argv)
     if missing():
         print(f"not measured, not installed: {missing()}")
         return
     asked = load(args.scene)
+    if args.inverse:
+        _print_inverse(asked.arm, asked.scene, args.precision)
+        return
     print(
         f"{'numbers':<8}{'accuracy':>9}{'flash':>9}{'static':>9}{'stack':>7}"
         f"{'tip pose':>20}{'tip Jacobian':>22}"
@@ -184,18 +188,18 @@ def main(argv: Sequence[str] | None = None) -> None:
             sizes = f"{cost.flash / 1e3:>6.1f} kB{cost.static / 1e3:>6.1f} kB"
             stack = max(cost.stack.values())
             print(f"{precision:<8}{accuracy:>9.0e}{sizes}{stack:>5} B{cells[0]:>20}{cells[1]:>22}")
-    _print_inverse(asked.arm, asked.scene)
 
 
-def _print_inverse(arm: Arm, scene: Scene) -> None:
+def _print_inverse(arm: Arm, scene: Scene, precisions: Sequence[Any]) -> None:
     """Print what a re-plan takes."""
     head = f"{'numbers':<8}{'accuracy':>9}{'flash':>9}{'static':>9}{'stack':>7}"
-    print(f"\n{head}{'re-plan':>20}{'most':>10}")
+    print(f"{head}{'re-plan':>20}{'most':>10}")
     p = plan(arm, TipPosition(TARGET), scene, MAXIMUM)
     if not p.reached:
         print(f"no inverse: {p.outcome}")
         return
-    for precision, accuracy in (("float", 1e-4), ("double", 1e-6)):
+    for precision in precisions:
+        accuracy = 1e-4 if precision == "float" else 1e-6
         found = measured_inverse(p, accuracy, precision)
         sizes = f"{found.flash / 1e3:>6.1f} kB{found.static / 1e3:>6.1f} kB{found.stack:>5} B"
         rate = f"{found.mean:>9} = {HERTZ / found.mean:>4.0f} Hz"

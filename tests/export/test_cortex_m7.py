@@ -14,6 +14,7 @@ TOOLS = ("arm-none-eabi-gcc", "arm-none-eabi-size", "qemu-system-arm")
 MISSING = [tool for tool in TOOLS if shutil.which(tool) is None]
 needs_tools = pytest.mark.skipif(bool(MISSING), reason=f"not installed: {MISSING}")
 ROW = re.compile(r"([\d.]+) kB +([\d.]+) kB +(\d+) B +(\d+) = +[\d.]+ kHz +(\d+) = ")
+REPLAN = re.compile(r"([\d.]+) kB +([\d.]+) kB +(\d+) B +(\d+) = +\d+ Hz +(\d+)")
 SHORT = """
 tensions = [0.6, 0.0, 0.2, 1.0, 0.0]
 [arm]
@@ -47,6 +48,16 @@ def test_other_scenes_agree_there(effects: str, tmp_path: Path) -> None:
     scene = tmp_path / "scene.toml"
     scene.write_text(SHORT + effects)
     assert ROW.search(study("microcontroller", scene, "--precision", "double"))
+
+
+@needs_tools
+@pytest.mark.slow
+def test_a_moving_target_is_followed_fifty_times_a_second() -> None:
+    shown = study("microcontroller", "--inverse", "--precision", "float")
+    ((flash, static, stack, _, most),) = REPLAN.findall(shown)
+    # A count, not a time: 480 MHz allow for 9.6 million.
+    assert int(most) < 9_600_000
+    assert float(flash) < 262 and float(static) < 16.4 and int(stack) < 8192
 
 
 @pytest.mark.skipif(not MISSING, reason="all tools are installed")

@@ -20,7 +20,6 @@ from model.obstacles import Sphere
 from planner import export_plan, plan
 from planner.cli import main
 from planner.targets import TipPose, TipPosition
-from studies.microcontroller import measured_inverse, missing
 from tests.export.cases import (
     CURVED,
     NO_DOUBLE,
@@ -252,14 +251,3 @@ def test_the_command_writes_the_inverse_of_a_scene(
         *("reach_plan.h", "reach_plan.c", "plan_vector.h", "plan_main.c"),
     }
     assert {path.name for path in (tmp_path / "c").iterdir()} == names
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(bool(missing()), reason=f"not installed: {missing()}")
-def test_a_cortex_m7_plans_again_fifty_times_a_second(first: Any) -> None:
-    cost = measured_inverse(first, 1e-4, "float")
-    # A count, not a time: 480 MHz allow for 9.6 million.
-    assert cost.most < 9_600_000
-    assert cost.flash < 256 * 1024
-    assert cost.static < 16384
-    assert cost.stack < 8192
