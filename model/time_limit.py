@@ -22,6 +22,11 @@ def time_limit(seconds: float | None) -> Iterator[None]:
         yield
 
 
+def shorten(seconds: float) -> None:
+    """Let what goes on inside of the innermost time_limit go on for no longer than that."""
+    _end.set(min(_end.get(), time.monotonic() + seconds))
+
+
 def end() -> float:
     """Return the time of `time.monotonic` at which the limit is reached; inf without one."""
     return _end.get()

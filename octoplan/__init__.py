@@ -47,7 +47,7 @@ def main() -> int:
 
 
 def _end(number: int, _: object) -> None:
-    os.write(2, f"octoplan: {_SAID[signal.Signals(number)]}\n".encode())
+    os.write(2, f"octoplan: {_SAID[signal.Signals(number)]}; nothing was written\n".encode())
     os._exit(128 + number)
 
 

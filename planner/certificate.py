@@ -21,6 +21,7 @@ from model.errors import OctoplanError
 from model.loads import is_loaded
 from model.mesh_refinement import FINEST_ACCURACY
 from model.paths import Array
+from model.progress import tell
 from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
@@ -234,6 +235,7 @@ def certify(
         excess = max(excess, float(tensions.sum()) - limits.total * (1 + 1e-9))
     printed = scene.has(PrintedStatics)
     scheme = _PRINTED if printed else SCHEME
+    tell("verifying by initial value integration")
     try:
         fine = max(tolerance / 10, FINEST_ACCURACY)
         shape = settle(arm, tensions, scene, fine, compile=machine_code)

@@ -11,7 +11,7 @@ from model import InputError, OctoplanError
 from model.errors import CompilerError, shortened
 from model.progress import listening
 from model.time_limit import OutOfTime, time_limit
-from planner.commands.command import BAD_INPUT, BROKEN_PIPE, NO_OUTPUT, NOT_REACHED
+from planner.commands.command import BAD_INPUT, BROKEN_PIPE, GRACE, NO_OUTPUT, NOT_REACHED
 from planner.commands.deliver import deliver
 from planner.commands.ending import ended_from_outside
 from planner.commands.output import OutputError, discard
@@ -20,8 +20,6 @@ from planner.commands.register import COMMANDS
 from planner.commands.usage import UsageError, parse
 from planner.extras import MissingExtraError
 
-# What a search that was stopped at the time limit has left to verify what it found [s].
-_GRACE = 0.7
 # Of messages, in characters.
 _LONG = 2000
 
@@ -48,12 +46,13 @@ def _run(argv: Sequence[str]) -> int:
     verbose = getattr(args, "verbose", False)
     seconds = getattr(args, "time_limit", None)
     try:
-        with time_limit(None if seconds is None else seconds + _GRACE):
+        with time_limit(None if seconds is None else seconds + GRACE):
             with _logged() if verbose else _shown():
                 answer = args.run(args)
             deliver(answer, args)
     except OutOfTime:
-        raise OctoplanError(f"nothing was found within the time limit of {seconds:g} s") from None
+        told = f"nothing was found within the time limit of {args.time_limit:g} s"
+        raise OctoplanError(told) from None
     return int(answer.code)
 
 

@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 
 from model.errors import InputError
-from planner.staging import placed, staged
+from planner.staging import keep, placed, staged
 
 
 def write_whole(path: Path, content: bytes) -> None:
@@ -34,6 +34,7 @@ def write_together(folder: Path, contents: dict[str, bytes]) -> None:
             for name, content in contents.items():
                 (here / name).write_bytes(content)
             _take_places(here, folder, list(contents))
+            keep(f"{', '.join(contents)} in {folder} are written")
     except BaseException:
         if new:
             with suppress(OSError):

@@ -47,8 +47,8 @@ def _happened(facts: Facts) -> str:
     certificate = facts.certificate
     if certificate.problem:
         return f"Not certified: {certificate.problem}."
-    plural = "s" * (facts.tried > 1)
-    tried = f"{facts.tried} start{plural} tried, {facts.agreed} at the best optimum"
+    plural = "es" * (facts.tried > 1)
+    tried = f"{facts.tried} initial guess{plural} tried, {facts.agreed} led to the best optimum"
     if certificate.passed:
         parts = [_success(facts), f"effort {facts.effort:.4g} N", *_bears(certificate), tried]
         return f"{'; '.join(parts)}."
@@ -57,12 +57,12 @@ def _happened(facts: Facts) -> str:
         return f"Not reached: the nearest attainable shape is {gaps}; {_holders(facts)}; {tried}."
     if certificate.too_near:
         advice = "move it or the target, raise the limits or ask for less clearance"
-        return f"Not clear: {certificate.nearest}; no start led around it: {advice} ({tried})."
+        return f"Not clear: {certificate.nearest}; no way around it was found: {advice} ({tried})."
     if certificate.lacks_stability:
         asked = f"stability {certificate.stability:.3g}, asked {certificate.stability_margin:g}"
         return f"Not stable enough: {asked}; raise the limits or ask for a lower margin ({tried})."
     failures = "; ".join(certificate.failures)
-    return f"Not certified: {failures}; try a finer accuracy or more starts ({tried})."
+    return f"Not certified: {failures}; ask for a finer accuracy or more starts ({tried})."
 
 
 def _bears(certificate: Certificate) -> list[str]:
@@ -85,7 +85,9 @@ def _gaps(facts: Facts) -> str:
     certificate = facts.certificate
     off = [item for item in certificate.match.items() if item[1] > certificate.tolerance]
     lacks = [item for item in certificate.margin.items() if item[1] < -certificate.tolerance]
-    gaps = [f"{name} by {_amount(facts, name, value)}" for name, value in off]
+    gaps = [
+        f"{name} by {_amount(facts, certificate.units.get(name, ''), value)}" for name, value in off
+    ]
     gaps += [_lack(name, value) for name, value in lacks]
     return "off in " + ", ".join(gaps)
 
@@ -98,10 +100,11 @@ def _lack(name: str, value: float) -> str:
     return f"{name.removesuffix(OVER_WANTED)} ({most}, short by {-value:.3g})"
 
 
-def _amount(facts: Facts, name: str, value: float) -> str:
+def _amount(facts: Facts, unit: str, value: float) -> str:
     """Return a residual in mm where it is a length, in degrees where it is an angle."""
-    is_length = any(word in name for word in ("position", "distance"))
-    return _length(facts, value) if is_length else f"{math.degrees(value):.3g} deg"
+    if unit == "L":
+        return _length(facts, value)
+    return f"{math.degrees(value):.3g} deg" if unit == "rad" else f"{value:.3g}"
 
 
 def _length(facts: Facts, value: float) -> str:
@@ -110,5 +113,5 @@ def _length(facts: Facts, value: float) -> str:
 
 def _holders(facts: Facts) -> str:
     if not facts.holders:
-        return "no maximum holds it: no start led these tendons nearer"
+        return "no limit is active: the target is out of reach of these tendons, move it"
     return f"held by {', '.join(facts.holders[:3])}; raise these limits or move the target"

@@ -110,7 +110,7 @@ def _record(path: Path, name: str) -> PlanRecord:
     try:
         table = msgspec.json.decode(text)
     except (msgspec.DecodeError, ValueError, RecursionError) as reason:
-        raise FileError(name, "", f"no JSON: {reason}") from None
+        raise FileError(name, "", f"this is not valid JSON: {reason}") from None
     try:
         return msgspec.convert(table, PlanRecord)
     except msgspec.ValidationError as reason:

@@ -62,6 +62,8 @@ class Question:
         What `trajectory` is to reach, in order.
     motion : dict
         Further arguments of trajectory: rates and times.
+    time_limit : float or None
+        After how long an answer has to be there [s].
     """
 
     arm: Arm
@@ -75,6 +77,7 @@ class Question:
     compile: Compile = False
     waypoints: tuple[Target, ...] = ()
     motion: dict[str, Any] = field(default_factory=dict)
+    time_limit: float | None = None
 
 
 def load(path: str | Path) -> Question:
@@ -127,7 +130,7 @@ def question_of(raw: dict[str, Any], name: str = "scene") -> Question:
     stiff = within("stiffness", lambda own: _stiffness(arm, own), table.stiffness)
     motion, held = _motion(table.motion), (table.tensions, winches)
     asked = (*held, table.accuracy, options, stiff, table.compile)
-    return Question(arm, scene, targets, *asked, ways, motion)
+    return Question(arm, scene, targets, *asked, ways, motion, table.time_limit_s)
 
 
 def _winches_key(table: SceneTable) -> str:

@@ -17,6 +17,8 @@ from pathlib import Path
 _MARK = ".octoplan.part"
 _DAY = 86400.0
 _staging: set[Path] = set()
+# What a command has finished writing, in words, for whoever interrupts it; None outside of one.
+_kept: list[str] | None = None
 
 
 @contextmanager
@@ -40,6 +42,29 @@ def placed(path: Path) -> Iterator[Path]:
         part = folder / f"part{path.suffix}"
         yield part
         part.replace(path)
+        keep(f"{path} is written")
+
+
+@contextmanager
+def remembered() -> Iterator[None]:
+    """Remember, inside the block, what is kept of the work in it."""
+    global _kept
+    _kept = []
+    try:
+        yield
+    finally:
+        _kept = None
+
+
+def keep(what: str) -> None:
+    """Say what stays where it is should the work be interrupted from now on."""
+    if _kept is not None:
+        _kept.append(what)
+
+
+def told_kept() -> str:
+    """Return what is kept of a command's work, in words."""
+    return "; ".join(_kept) if _kept else "nothing was written"
 
 
 def abandon() -> None:

@@ -11,7 +11,7 @@ from types import MappingProxyType
 from typing import Any
 
 from model.arm import Arm
-from model.errors import InputError
+from model.errors import FileError, InputError
 from model.loads import is_loaded
 from model.mesh_refinement import checked_accuracy
 from model.scene import Scene
@@ -158,10 +158,11 @@ def _written(
         for file, template in {**_TEMPLATES, "@NAME@.c": source.template, **more}.items()
     }
     folder = Path(to)
+    _check_free(folder, values["NAME"])
     try:
         write_together(folder, {file: text.encode() for file, text in texts.items()})
     except (OSError, ValueError) as reason:
-        raise InputError("to", str(to), f"a folder to write to: {why(reason)}") from None
+        raise FileError(str(to), "", f"nothing was written there: {why(reason)}") from None
     written = tuple(folder / file for file in texts)
     used = source.numbers + int(values.get("PLAN_NUMBERS", 0))
     return Exported(written, shape, BYTES[precision] * used)
@@ -169,6 +170,17 @@ def _written(
 
 def _template(name: str) -> str:
     return files("planner.c_code").joinpath("files", name).read_text("utf-8")
+
+
+def _check_free(folder: Path, name: str) -> None:
+    """Refuse a folder with another export, whose main.c and Makefile would be lost."""
+    shared = [file for file in _TEMPLATES if not file.startswith("@") and (folder / file).exists()]
+    if shared and not (folder / f"{name}.h").exists():
+        told = (
+            f"another export is there ({', '.join(shared)} would be overwritten); "
+            f"name another folder, such as {folder / name}"
+        )
+        raise FileError(str(folder), "", told)
 
 
 def _checked(arm: Arm, scene: Scene | None, precision: Any, name: Any, accuracy: float) -> Scene:

@@ -65,7 +65,7 @@ def _record(path: Path, name: str) -> CalibrationRecord:
         told = (reason.strerror or str(reason)).lower()
         raise FileError(name, "", f"{told}; a calibration that was saved is wanted") from None
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as reason:
-        raise FileError(name, "", f"no JSON: {reason}") from None
+        raise FileError(name, "", f"this is not valid JSON: {reason}") from None
     try:
         return msgspec.convert(table, CalibrationRecord)
     except msgspec.ValidationError as reason:

@@ -5,10 +5,16 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from model import InputError
 from planner.calibrate.calibration import Calibration
 from planner.calibrate.file import load_asked
-from planner.commands.command import OK, Answer, Command
+from planner.commands.command import (
+    OK,
+    Answer,
+    Command,
+    add_figure_kind,
+    add_time_limit,
+    check_folder,
+)
 from planner.records.calibration import calibration_record
 
 
@@ -21,9 +27,8 @@ def add(parser: argparse.ArgumentParser) -> None:
         help="print JSON, in SI units; `octoplan schema` tells its keys",
     )
     parser.add_argument("--out", type=Path, metavar="DIR", help="also write data and figure there")
-    parser.add_argument(
-        "--figure", choices=("png", "pdf"), default="png", help="of which kind the figure is (png)"
-    )
+    add_figure_kind(parser)
+    add_time_limit(parser)
     parser.add_argument(
         "-v", "--verbose", action="store_true", help="show the solver's own log on stderr"
     )
@@ -34,8 +39,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> Answer:
     """Calibrate the arm of the file."""
-    if args.out is not None and args.out.exists() and not args.out.is_dir():
-        raise InputError("--out", str(args.out), "a folder to write to, or one to make")
+    check_folder(args)
     found = load_asked(args.file).run()
     return Answer(
         OK,

@@ -12,11 +12,15 @@ from model import InputError
 from model.checks import positive
 from model.errors import FileError
 from model.mesh_refinement import FINEST_ACCURACY, LOOSEST, checked_accuracy
+from model.time_limit import shorten
 from planner.files import why
 from planner.scenefile import Question, load
 
+# What a search that was stopped at the time limit has left to verify what it found [s].
+GRACE = 0.7
 OK, NOT_REACHED, BAD_INPUT = 0, 1, 2
 NO_OUTPUT, INTERRUPTED, BROKEN_PIPE, TERMINATED = 74, 130, 141, 143
+FIGURES = ("png", "pdf")
 EXIT_CODES = """\
 exit codes:
   0    certified, settled or written
@@ -74,9 +78,7 @@ def add_scene_options(parser: argparse.ArgumentParser) -> None:
         help="print JSON, in SI units; `octoplan schema` tells its keys",
     )
     parser.add_argument("--out", type=Path, metavar="DIR", help="also write data and figure there")
-    parser.add_argument(
-        "--figure", choices=("png", "pdf"), default="png", help="of which kind the figure is (png)"
-    )
+    add_figure_kind(parser)
     parser.add_argument(
         "--accuracy",
         type=accuracy,
@@ -89,13 +91,29 @@ def add_scene_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_figure_kind(parser: argparse.ArgumentParser) -> None:
+    """Add of which kind the figure is that goes into the folder of --out."""
+    parser.add_argument(
+        "--figure", choices=FIGURES, help="of which kind the figure in --out is (png)"
+    )
+
+
+def check_folder(args: argparse.Namespace) -> None:
+    """Refuse a folder that is none, and a kind of figure without a folder that it goes to."""
+    if args.out is None and args.figure is not None:
+        told = f"--figure {args.figure} with --out DIR, the folder that it is written to"
+        raise InputError("--out", "nothing", told)
+    if args.out is not None:
+        _check_folder("--out", args.out)
+
+
 def add_time_limit(parser: argparse.ArgumentParser) -> None:
     """Add after how long an answer has to be there."""
     parser.add_argument(
         "--time-limit",
         type=seconds,
         metavar="SECONDS",
-        help="stop then, with the best that was found by then; no limit unless given",
+        help="stop then, with the best that was found by then; else the scene's time_limit_s",
     )
 
 
@@ -111,12 +129,23 @@ def add_compiled_options(parser: argparse.ArgumentParser) -> None:
 
 def question(args: argparse.Namespace) -> tuple[Question, float]:
     """Return the question of the scene file and the accuracy; FileError, InputError."""
-    if args.out is not None:
-        _check_folder("--out", args.out)
-    asked = load(args.scene)
+    check_folder(args)
+    asked = loaded(args)
     if getattr(args, "compile", False):
         asked = replace(asked, compile=True)
     return asked, asked.accuracy if args.accuracy is None else args.accuracy
+
+
+def loaded(args: argparse.Namespace) -> Question:
+    """Return the question of the scene file; its time limit holds from here on, if it alone has.
+
+    Raises FileError.
+    """
+    asked = load(args.scene)
+    if args.time_limit is None and asked.time_limit is not None:
+        args.time_limit = asked.time_limit
+        shorten(asked.time_limit + GRACE)
+    return asked
 
 
 def _check_folder(name: str, folder: Path) -> None:

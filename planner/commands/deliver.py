@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from model import InputError
-from planner.commands.command import Answer
+from model.errors import FileError
+from planner.commands.command import FIGURES, Answer
 from planner.commands.output import say
 from planner.files import to_json, why, write_together
 
@@ -14,7 +14,7 @@ from planner.files import to_json, why, write_together
 def deliver(answer: Answer, args: argparse.Namespace) -> None:
     """Write the files that --out asks for, then what --json or people are shown."""
     if getattr(args, "out", None):
-        _write(args.out, answer, args.figure)
+        _write(args.out, answer, getattr(args, "figure", None) or FIGURES[0])
     shown = to_json(answer.record).decode() if getattr(args, "json", False) else answer.text()
     say(shown + "\n")
 
@@ -30,5 +30,4 @@ def _write(folder: Path, answer: Answer, kind: str) -> None:
     try:
         write_together(folder, files)
     except (OSError, ValueError) as reason:
-        told = f"a folder to write to: {why(reason)}"
-        raise InputError("--out", str(folder), told) from None
+        raise FileError(str(folder), "", f"nothing was written there: {why(reason)}") from None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from planner.commands.command import NOT_REACHED, OK, Answer, Command
+from planner.commands.command import NOT_REACHED, OK, Answer, Command, add_time_limit
 from planner.design.design import Design
 from planner.design.file import run_design
 from planner.records.design import design_record
@@ -19,6 +19,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="print JSON, in SI units; `octoplan schema` tells its keys",
     )
+    add_time_limit(parser)
     parser.add_argument(
         "-v", "--verbose", action="store_true", help="show the solver's own log on stderr"
     )

@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 from planner.commands.command import INTERRUPTED, TERMINATED
-from planner.staging import abandon
+from planner.staging import abandon, remembered, told_kept
 
 _CODES = {signal.SIGINT: INTERRUPTED, signal.SIGTERM: TERMINATED}
 SAID = {INTERRUPTED: "interrupted", TERMINATED: "terminated"}
@@ -29,15 +29,16 @@ def ended_from_outside() -> Iterator[None]:
     heard = [number for number in _CODES if signal.getsignal(number) is not signal.SIG_IGN]
     before = {number: signal.signal(number, _end) for number in heard}
     try:
-        yield
+        with remembered():
+            yield
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
 
 
 def _end(number: int, _: Any) -> None:
-    code = _CODES[signal.Signals(number)]
+    code, kept = _CODES[signal.Signals(number)], told_kept()
     abandon()
     with suppress(OSError):
-        os.write(2, f"octoplan: {SAID[code]}\n".encode())
+        os.write(2, f"octoplan: {SAID[code]}; {kept}\n".encode())
     os._exit(code)

@@ -8,11 +8,19 @@ from pathlib import Path
 
 from planner.c_code.export import TAKEN, Exported, export, export_plan
 from planner.c_code.source import PRECISIONS
-from planner.commands.command import OK, Answer, Command, accuracy, add_time_limit, tensions_of
+from planner.commands.command import (
+    OK,
+    Answer,
+    Command,
+    accuracy,
+    add_time_limit,
+    loaded,
+    tensions_of,
+)
 from planner.commands.plan import check_asked
 from planner.plan import plan
 from planner.records.export import export_record
-from planner.scenefile import Question, load
+from planner.scenefile import Question
 
 # Of the plan that an inverse begins from, where its code is to be less accurate.
 _PLANNED = 1e-6
@@ -41,7 +49,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> Answer:
     """Write the scene's map or inverse; its mesh is as fine as the scene's tensions call for."""
-    asked = load(args.scene)
+    asked = loaded(args)
     wanted = asked.accuracy if args.accuracy is None else args.accuracy
     write = _map if args.what == "map" else _inverse
     found = write(asked, wanted, args)
@@ -55,7 +63,7 @@ def _map(asked: Question, wanted: float, args: argparse.Namespace) -> Exported:
 
 def _inverse(asked: Question, wanted: float, args: argparse.Namespace) -> Exported:
     check_asked(asked, args.scene)
-    options = {"time_limit": args.time_limit, **asked.options, "compile": asked.compile}
+    options = {**asked.options, "time_limit": args.time_limit, "compile": asked.compile}
     planned = min(wanted, _PLANNED)
     found = plan(asked.arm, asked.targets, asked.scene, accuracy=planned, **options)
     return export_plan(found, args.to, wanted, args.precision, c_name(args.scene))

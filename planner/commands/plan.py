@@ -30,7 +30,7 @@ def run(args: argparse.Namespace) -> Answer:
     """Plan for the scene's targets."""
     asked, accuracy = question(args)
     check_asked(asked, args.scene)
-    options = {"time_limit": args.time_limit, **asked.options, "compile": asked.compile}
+    options = {**asked.options, "time_limit": args.time_limit, "compile": asked.compile}
     found = plan(asked.arm, asked.targets, asked.scene, accuracy=accuracy, **options)
     return Answer(
         OK if found.certificate.passed else NOT_REACHED,

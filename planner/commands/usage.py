@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
@@ -23,11 +24,29 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Raise UsageError with where to read on."""
-        raise UsageError(f"{shortened(message)} (see {self.prog} --help)")
+        raise UsageError(f"{shortened(_plain(message))} (see {self.prog} --help)")
 
     def _print_message(self, message: str, file: Any = None) -> None:
         """Say what --help and --version ask for; argparse would not notice a full disk."""
         say(message)
+
+
+def _plain(message: str) -> str:
+    """Return what argparse says as errors of files are told: what was given, what is allowed."""
+    choice = re.fullmatch(r"argument (\S+): invalid choice: '(.*)' \(choose from (.*)\)", message)
+    if choice:
+        name, given, listed = choice.groups()
+        known = re.findall(r"'([^']*)'|([\w-]+)", listed)
+        texts = [quoted or bare for quoted, bare in known]
+        told = f'{name.upper() if name[0] != "-" else name}: got "{given}"'
+        return f"{told}, allowed is one of {', '.join(texts)}{hint(given, texts)}"
+    number = re.fullmatch(r"argument (\S+): invalid (int|float) value: '(.*)'", message)
+    if number:
+        wanted = {"int": "a whole number", "float": "a number"}[number[2]]
+        return f'{number[1]}: got "{number[3]}", allowed is {wanted}'
+    message = re.sub(r"^argument (\S+): expected one argument$", r"\1: a value is missing", message)
+    message = re.sub(r"^the following arguments are required: ", "missing: ", message)
+    return re.sub(r"^argument ", "", message)
 
 
 def parse(argv: Sequence[str], commands: Sequence[Command]) -> argparse.Namespace:

@@ -82,6 +82,9 @@ class FrictionTable(Table, frozen=True):
 class EffectsTable(Table, frozen=True):
     """The effects called for; nothing but bending is simulated unless named here."""
 
+    silicone: Annotated[
+        bool, Meta(description="the next three: what a real silicone arm calls for")
+    ] = False
     extension: Annotated[bool, Meta(description="the arm shortens under its tendons")] = False
     exact_tendons: Annotated[bool, Meta(description="tendons with their exact tangent")] = False
     neo_hookean: Annotated[
@@ -114,12 +117,14 @@ _KINDS: dict[str, type[Effect]] = {
 
 def scene_of(table: EffectsTable) -> Scene:
     """Return the scene of a table; raises InputError that names a key, or an effect's field."""
-    if table.anticlastic and not table.neo_hookean:
-        raise InputError("anticlastic", True, "anticlastic = true with neo_hookean = true only")
+    rubber = table.neo_hookean or table.silicone
+    if table.anticlastic and not rubber:
+        allowed = "anticlastic = true with silicone = true or neo_hookean = true only"
+        raise InputError("anticlastic", True, allowed)
     called: list[tuple[bool, Effect]] = [
-        (table.extension or table.as_printed, Extension()),
-        (table.exact_tendons, ExactTendons()),
-        (table.neo_hookean, NeoHookean(table.anticlastic)),
+        (table.extension or table.silicone or table.as_printed, Extension()),
+        (table.exact_tendons or table.silicone, ExactTendons()),
+        (rubber, NeoHookean(table.anticlastic)),
         (table.as_printed, PrintedStatics()),
     ]
     tables = [(kind, getattr(table, key)) for key, kind in _KINDS.items()]

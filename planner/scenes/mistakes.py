@@ -95,7 +95,7 @@ def _join(path: str, key: str) -> str:
 
 
 def _plain(what: str) -> str:
-    """Return "Expected `float` > 0.0, got ..." in plain words: a number > 0."""
+    """Return "Expected `float` > 0.0, got ..." in plain words: a number above 0."""
     wanted = what.removeprefix("Expected ").split(", got ")[0]
     kinds, bound = re.match(r"`([^`]*)`(.*)", wanted).groups() if "`" in wanted else (wanted, "")  # type: ignore[union-attr]
     words = [_WORDS.get(kind, kind) for kind in kinds.split(" | ") if kind != "null"]
@@ -103,6 +103,6 @@ def _plain(what: str) -> str:
         size = bound.removeprefix(" of length ").replace(">= ", "at least ")
         return f"a list of {size}"
     bound = re.sub(r"(\d)\.0\b", r"\1", bound)
-    for sign, word in ((">=", "from"), ("<=", "up to"), (">", "above"), ("<", "below")):
+    for sign, word in ((">=", "of at least"), ("<=", "up to"), (">", "above"), ("<", "below")):
         bound = bound.replace(f" {sign} ", f" {word} ")
     return " or ".join(words) + bound

@@ -1,4 +1,4 @@
-"""Text that is no TOML, told with its line and what is most often meant."""
+"""Text that is not valid TOML, told with its line and what is most often meant."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def no_toml(reason: str, text: bytes, name: str) -> FileError:
     """
     place = re.search(r" \(at line (\d+), column \d+\)$", reason)
     if place is None:
-        return FileError(name, "", f"no TOML: {reason}")
+        return FileError(name, "", f"this is not valid TOML: {reason}")
     number = int(place[1])
     lines = text.decode(errors="replace").splitlines()
     line = lines[number - 1].strip() if number <= len(lines) else ""
@@ -42,5 +42,7 @@ def no_toml(reason: str, text: bytes, name: str) -> FileError:
     )
     remedy = next((f"; {told}" for wrong, told in _REMEDIES if re.search(wrong, line)), "")
     return FileError(
-        name, f"line {number}", f"no TOML: {words[0].lower()}{words[1:]}: {shortened(line)}{remedy}"
+        name,
+        f"line {number}",
+        f"not valid TOML: {words[0].lower()}{words[1:]}: {shortened(line)}{remedy}",
     )

@@ -97,6 +97,10 @@ class SceneTable(Table, frozen=True):
     ] = 0.0
     stiffness: StiffnessTable = StiffnessTable()
     accuracy: Annotated[Accuracy, Meta(description="tip error over arm length")] = 1e-6
+    time_limit_s: Annotated[
+        Positive | None,
+        Meta(description="stop then, with the best that was found by then [s]; none unless given"),
+    ] = None
     compile: Annotated[
         bool | Literal["auto"],
         Meta(description="whether to plan, settle and find stiffness by machine code; see settle"),

@@ -12,6 +12,7 @@ TEMPLATE = """\
 # SI units, unless the key names another. What begins with # is off; the values there are examples.
 
 accuracy = 1e-6                 # tip error over arm length, from 1e-12 to 0.1
+# time_limit_s = 60.0           # then the best found by then is told; no limit unless given
 # compile = "auto"             # by machine code, where there is a C compiler; or true, false
 # norm = "2"                    # effort: "2" root of squares, "1" sum, "inf" largest tension
 # stability_margin = 0.05       # under loads: the least stability of a plan, 1 at rest, 0 to stand
@@ -52,7 +53,8 @@ density = 1080.0                # kg/m3
 
 [effects]                       # nothing but bending, unless named here
 extension = true                # the arm shortens under its tendons
-# exact_tendons = true          # both this and the next: what real silicone calls for
+# silicone = true               # this and the next two: what a real silicone arm calls for
+# exact_tendons = true
 # neo_hookean = true
 # anticlastic = true            # with neo_hookean
 # as_printed = true             # the paper's equations to the letter; no other effects

@@ -33,6 +33,12 @@ _HEAVY, _MORE_IF_HEAVY = 0.4, 4
 _BESIDE = 2
 _INSIDE = 0.005
 LITTLE = 1e-5
+# What is told of how far trials are, by how the targets are read.
+_PHASES: dict[Mode, str] = {
+    "exact": "trials that meet the targets",
+    "closest": "trials as near as the limits allow",
+    "nearest": "the targets are out of reach, trials for the nearest shape",
+}
 # Optima that do not stand from which one that does is looked for, and what a margin may lack.
 _STEADIED, _SLACK = 4, 1e-3
 
@@ -94,7 +100,7 @@ class Multistart:
     ) -> list[Solution]:
         """Return what is met from each start, until that is enough; append to the records."""
         found: list[Solution] = []
-        for T in told(f"first guesses, {statement.mode}", starts):
+        for T in told(_PHASES[statement.mode], starts):
             if self._enough(records, found):
                 break
             solution = self.solve(statement, T)

@@ -64,6 +64,7 @@ class Search:
 
     def _run(self, most: int) -> SearchResult:
         """Try the readings of the targets in turn; planner.program.problem has the three modes."""
+        tell("initial guesses")
         guesses = first_guesses(self.task, most)
         self.trials.sure, self.trials.carried = guesses.sure, guesses.carried
         starts, first = guesses.starts, self.trials.first
@@ -141,7 +142,7 @@ class Search:
         """Return the last digits of the best of what was found, and of what had to be steadied."""
         best = min((s.f for s in found), default=np.inf)
         steadied = self.trials.steadied(mode, best)
-        tell("the last digits")
+        tell("refining the mesh to the accuracy")
         tasks = ((self.task, found), (self.task.held, steadied))
         return [refine_best(task, own, mode) for task, own in tasks if own]
 

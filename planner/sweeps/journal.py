@@ -17,6 +17,7 @@ import msgspec
 import numpy as np
 
 from model.errors import InputError
+from planner.staging import keep
 from planner.sweeps.variables import Rows
 
 _NAME = "octoplan sweep journal 1"
@@ -68,7 +69,7 @@ class Journal:
     """
 
     def __init__(self, path: Path, identity: str, chunks: int, like: Rows) -> None:
-        self.path, self._like = path, like
+        self.path, self._like, self._is_told = path, like, False
         self.places = np.full(chunks, -1)
         try:
             self._stream = path.open("a+b", buffering=0)
@@ -113,6 +114,13 @@ class Journal:
                 if found is not None and found.chunk < self.places.size:
                     self.places[found.chunk] = begin
                 begin += len(line)
+        if np.any(self.places >= 0):
+            self._tell_kept()
+
+    def _tell_kept(self) -> None:
+        if not self._is_told:
+            self._is_told = True
+            keep(f"what is finished is kept in {self.path}: the same command goes on from there")
 
     @property
     def left(self) -> list[int]:
@@ -134,6 +142,7 @@ class Journal:
         begin = self._stream.seek(0, os.SEEK_END)
         self._write(_line(_Done(chunk, values, rows.outcomes)))
         self.places[chunk] = begin
+        self._tell_kept()
 
     def remove(self) -> None:
         """Remove the journal, whose sweep is written."""

@@ -100,7 +100,7 @@ def _settle(asked: Question, row: dict[str, Array]) -> str:
 
 def _plan(asked: Question, row: dict[str, Array]) -> str:
     options = {**asked.options, "accuracy": asked.accuracy, "compile": asked.compile}
-    found = plan(asked.arm, asked.targets, asked.scene, **options)
+    found = plan(asked.arm, asked.targets, asked.scene, time_limit=asked.time_limit, **options)
     row["tensions"][...] = np.ravel(found.tensions)
     row["effort"][...] = found.effort
     row["reached"][...] = found.reached

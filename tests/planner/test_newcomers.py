@@ -39,15 +39,15 @@ FILES: dict[str, tuple[str, str]] = {
     ),
     "no quotes": (
         "[arm]\npreset = table-4",
-        "line 2: no TOML: invalid value: preset = table-4; text",
+        "line 2: not valid TOML: invalid value: preset = table-4; text",
     ),
     "a decimal comma": ("[arm]\nlength_mm = 300,5", "300,5; decimal numbers have a point"),
     "a unit": ("[arm]\nlength_mm = 300 mm", "its unit is in the key"),
     "no zero before the point": ("[arm]\nnu = .5", "digits on both sides of a point"),
     "a colon": ("[arm]\npreset: 'table-4'", "joined by ="),
-    "a table not closed": ("[arm\npreset = 'table-4'", "line 1: no TOML"),
+    "a table not closed": ("[arm\npreset = 'table-4'", "line 1: not valid TOML"),
     "a table twice": (ARM + ARM, "[arm] is there twice"),
-    "an end in the middle": ("[arm]\npreset = 'table-4", "no TOML"),
+    "an end in the middle": ("[arm]\npreset = 'table-4", "not valid TOML"),
     "an unknown preset": ("[arm]\npreset = 'table4'", 'section-5.2; did you mean "table-4"?'),
     "a preset and a length": (ARM + "length_mm = 300", "either a preset, or length_mm"),
     "half an arm": ("[arm]\nlength_mm = 300", "no radius_mm, no sections"),
@@ -162,7 +162,7 @@ LINES: dict[str, tuple[list[str], str]] = {
     "nothing": ([], "no command; to begin: octoplan new"),
     "a command misspelt": (["paln", "mine.toml"], 'no command "paln"; did you mean "plan"?'),
     "a file alone": (["mine.toml"], "For example: octoplan plan mine.toml"),
-    "no file": (["plan"], "required: SCENE.toml (see octoplan plan --help)"),
+    "no file": (["plan"], "missing: SCENE.toml (see octoplan plan --help)"),
     "two files": (["plan", "mine.toml", "other.toml"], "no such argument: other.toml"),
     "an option misspelt": (
         ["plan", "mine.toml", "--acuracy=1e-3"],
@@ -185,7 +185,10 @@ LINES: dict[str, tuple[list[str], str]] = {
     "stiffness without tensions": (["stiffness", "mine.toml"], "tensions: missing"),
     "effects without tensions": (["effects", "mine.toml"], "tensions: missing"),
     "a scene written over": (["new", "mine.toml"], "a file that does not exist yet"),
-    "a schema of nothing": (["schema", "tables"], "invalid choice: 'tables'"),
+    "a schema of nothing": (
+        ["schema", "tables"],
+        'WHAT: got "tables", allowed is one of scene, plan, ',
+    ),
 }
 
 

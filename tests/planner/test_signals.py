@@ -68,10 +68,14 @@ def ended(command: str, number: signal.Signals, after: float, folder: Path) -> i
     shown, told = process.communicate()
     name = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}[number]
     assert process.returncode in (0, 128 + number), told
-    assert told == ("" if process.returncode == 0 else f"octoplan: {name}\n")
+    said = f"octoplan: {name}; "
+    assert told == "" if process.returncode == 0 else told.startswith(said), told
     assert process.returncode == 0 or shown == "" or (folder / "out").exists()
     out = folder / "out"
     left = {path.name for path in out.iterdir()} if out.is_dir() else set()
+    if process.returncode:
+        kept = told.removeprefix(said).strip()
+        assert ("nothing was written" in kept) == (not left), kept
     left.discard("a.nc.journal" if process.returncode else "")
     assert left in (files, set()), left
     assert left == files or process.returncode != 0
