@@ -1,12 +1,14 @@
 """The mechanics of tendon-driven arms: arms, scenes, and the shapes that they settle to."""
 
-from model.arm import Anchorage, Arm, Material, conical
+from model.anchorage import Anchorage
+from model.arm import Arm, Material, conical
 from model.effect_ablation import Switch, switch_effects
 from model.errors import CollapsedError, ConvergenceError, InputError, OctoplanError, SnapError
 from model.jacobian import tip_jacobian
 from model.length_response import LengthResponse, length_response
 from model.many import Shapes, settle_many
 from model.paths import Linear, Sampled
+from model.rest_curvature import RestCurvature
 from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
@@ -24,6 +26,7 @@ __all__ = [
     "Linear",
     "Material",
     "OctoplanError",
+    "RestCurvature",
     "Sampled",
     "Scene",
     "Shape",

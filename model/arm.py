@@ -10,15 +10,16 @@ from typing import Any
 
 import numpy as np
 
+from model.anchorage import Anchorage
 from model.arm_text import arm_text
 from model.checks import LARGEST, finite_array, kind, numbers, positive, within
 from model.errors import InputError
 from model.frozen import remembers_hash
 from model.paths import Array, Linear, Path
 from model.presets import PAPER_ARMS
+from model.rest_curvature import RestCurvature
 from model.text import in_notebook
 
-QUARTERS = (0.0, np.pi / 2, np.pi, 3 * np.pi / 2)
 PAPER_FRAME = ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0))
 
 
@@ -53,40 +54,6 @@ class Material:
         return self.E / (2 * (1 + self.nu))
 
 
-@dataclass(frozen=True)
-class Anchorage:
-    """A cross-section where tendons end, and the way that these take to it from the base.
-
-    Attributes
-    ----------
-    at : float
-        Arc length l_i of the section from the base [m].
-    offset : Path
-        Distance y_i(s) of the tendons from the midline on [0, l_i] [m]; eq. (5) is `Linear(a, b)`.
-    angles : tuple of float
-        One tendon for each: the angle phi of its side d = cos(phi) n + sin(phi) b [rad].
-        The paper's four tendons j = 1..4 (n, b, -n, -b) unless given.
-    turn : Path
-        What is added to all these angles along the arm [rad]; 0 unless given. Tendons that turn
-        twist the arm, which scenes with loads can have.
-    """
-
-    at: float
-    offset: Path
-    angles: tuple[float, ...] = QUARTERS
-    turn: Path | None = None
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "at", positive("Anchorage.at", self.at))
-        angles = finite_array("Anchorage.angles", self.angles, (None,))
-        if angles.size == 0:
-            raise InputError("Anchorage.angles", self.angles, "at least one tendon")
-        kind("Anchorage.offset", self.offset, Path, "a Linear or a Sampled path")
-        if self.turn is not None:
-            kind("Anchorage.turn", self.turn, Path, "a Linear or a Sampled path")
-        object.__setattr__(self, "angles", tuple(angles.tolist()))
-
-
 @remembers_hash
 @dataclass(frozen=True)
 class Arm:
@@ -108,6 +75,8 @@ class Arm:
     hull : Path
         Radius within which tendons run [m], where discs hold them outside of the body; the body's
         radius unless given.
+    rest_curvature : RestCurvature
+        Of the arm without tensions and loads; straight unless given.
 
     Raises
     ------
@@ -122,6 +91,7 @@ class Arm:
     base_frame: tuple[tuple[float, ...], ...] = PAPER_FRAME
     base_position: tuple[float, ...] = (0.0, 0.0, 0.0)
     hull: Path | None = None
+    rest_curvature: RestCurvature | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "length", positive("Arm.length", self.length))
@@ -129,6 +99,10 @@ class Arm:
         kind("Arm.material", self.material, Material, "a Material")
         if self.hull is not None:
             kind("Arm.hull", self.hull, Path, "a Linear or a Sampled path")
+        if self.rest_curvature is not None:
+            kind("Arm.rest_curvature", self.rest_curvature, RestCurvature, "a RestCurvature")
+            for path in (self.rest_curvature.n, self.rest_curvature.b):
+                path.evaluate(np.array([0.0, self.length]), self.length)
         kind("Arm.sections", self.sections, Sequence, "a tuple of Anchorage, tip to base")
         for i, section in enumerate(self.sections):
             kind(f"Arm.sections[{i}]", section, Anchorage, "an Anchorage")
@@ -160,9 +134,10 @@ class Arm:
         if radius.min() <= 0:
             at = s[np.argmin(radius)]
             raise InputError("Arm.radius", float(radius.min()), f"above 0 m; see s = {at:.4g} m")
-        for i, section in enumerate(self.sections):
+        for i, path in self.offset_paths:
+            section = self.sections[i]
             s = np.linspace(0.0, section.at, 401)
-            offset = np.abs(section.offset.evaluate(s, section.at)[0])
+            offset = np.abs(path.evaluate(s, section.at)[0])
             room = (self.hull or self.radius).evaluate(s, self.length)[0]
             worst = int(np.argmax(offset - room))
             if offset[worst] > room[worst] * (1 + 1e-9):
@@ -190,6 +165,31 @@ class Arm:
         """Arc lengths of the anchorages, from the tip to the base [m]."""
         return tuple(section.at for section in self.sections)
 
+    @cached_property
+    def offset_paths(self) -> tuple[tuple[int, Path], ...]:
+        """(section index from 0, offset) of each section, or of each tendon where these differ."""
+        found: list[tuple[int, Path]] = []
+        for i, section in enumerate(self.sections):
+            own = section.offset if isinstance(section.offset, tuple) else (section.offset,)
+            found += [(i, path) for path in own]
+        return tuple(found)
+
+    @cached_property
+    def offset_of(self) -> tuple[int, ...]:
+        """Which of `offset_paths` each tendon has."""
+        found: list[int] = []
+        first = 0
+        for section in self.sections:
+            count, own = len(section.angles), isinstance(section.offset, tuple)
+            found += [first + j * own for j in range(count)]
+            first += count if own else 1
+        return tuple(found)
+
+    @cached_property
+    def turns(self) -> tuple[Path | None, ...]:
+        """By what the angle of each tendon turns along the arm, None where it does not."""
+        return tuple(path for section in self.sections for path in section.turns)
+
     @property
     def tendons_by_section(self) -> list[tuple[float, list[str]]]:
         """Arc length of each anchorage [m], tip first, and the names of its tendons."""
@@ -198,18 +198,28 @@ class Arm:
         return list(zip(self.anchorages, names, strict=True))
 
     def __repr__(self) -> str:
-        m, sections = self.material, [(own.at, own.offset, own.angles) for own in self.sections]
+        m, sections = (
+            self.material,
+            [(s.at, tuple(dict.fromkeys(s.offsets)), s.angles) for s in self.sections],
+        )
         material = f"E {m.E / 1e3:g} kPa, nu {m.nu:g}, {m.density:g} kg/m3"
+        material += ", curved at rest" if self.is_curved else ""
         return arm_text(self.length, self.radius, material, sections)
 
     def _repr_html_(self) -> str:
         return in_notebook(self)
 
     @property
-    def tendon_paths(self) -> tuple[Path, ...]:
-        """All functions of arc length that say where tendons run."""
-        paths = [(section.offset, section.turn) for section in self.sections]
-        return tuple(path for pair in paths for path in pair if path is not None)
+    def along(self) -> tuple[Path, ...]:
+        """All functions of arc length that the equations ask for."""
+        tendons = [path for section in self.sections for path in section.paths]
+        rest = self.rest_curvature
+        return (self.radius, *tendons, *((rest.n, rest.b) if rest else ()))
+
+    @property
+    def is_curved(self) -> bool:
+        """Whether the arm has a curvature at rest."""
+        return self.rest_curvature is not None
 
     @property
     def n_tendons(self) -> int:

@@ -14,7 +14,7 @@ def arm_text(
     length: float,
     radius: Path,
     material: str,
-    sections: Sequence[tuple[float, Path, Sequence[float]]],
+    sections: Sequence[tuple[float, Sequence[Path], Sequence[float]]],
 ) -> str:
     """Return a table of an arm, a line an anchorage section.
 
@@ -26,13 +26,14 @@ def arm_text(
         Of the body.
     material : str
         In words.
-    sections : sequence of (at, offset, angles)
-        Arc length [m], distance of the tendons from the midline, their angles [rad]; tip first.
+    sections : sequence of (at, offsets, angles)
+        Arc length [m], distances of the tendons from the midline, their angles [rad]; tip first.
     """
     cells = [["  section", "at [mm]", "offset [mm]"]]
     angles = ["tendons at [deg]"]
-    for i, (at, offset, own) in enumerate(sections):
-        cells.append([f"  {i + 1}", f"{1e3 * at:g}", _ends(offset, at)])
+    for i, (at, offsets, own) in enumerate(sections):
+        ends = ", ".join(_ends(offset, at) for offset in offsets)
+        cells.append([f"  {i + 1}", f"{1e3 * at:g}", ends])
         angles.append(" ".join(f"{angle:.4g}" for angle in np.degrees(own)))
     rows = [f"{line}   {told}" for line, told in zip(columns(cells), angles, strict=True)]
     tendons = sum(len(own) for _, _, own in sections)

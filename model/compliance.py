@@ -91,7 +91,7 @@ def section_stiffness(shape: Shape, s: Array) -> Array:
     stretch [N]; infinite without extension. Curvature is per unit deformed length with the paper's
     tangent, per unit reference length with exact tendons. At an anchorage, those on its base side.
     """
-    law = cross_section_of(shape.scene)
+    law = cross_section_of(shape.scene, shape.arm.is_curved)
     active = np.array([sum(section.at >= place for section in shape.arm.sections) for place in s])
     sections = Sections(shape.arm, shape.scene, law, s, active)
     v = strains_of(law, shape.strains(s))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,6 +14,8 @@ from model.effects import (
     Extension,
     Friction,
     PointLoad,
+    PointMass,
+    PrintedStatics,
     Shear,
     TipLoad,
     Weight,
@@ -22,7 +24,7 @@ from model.errors import InputError
 from model.paths import Array
 from model.scene import Scene
 
-_LOADS = (Current, Friction, PointLoad, Shear, TipLoad, Weight)
+_LOADS = (Current, Friction, PointLoad, PointMass, Shear, TipLoad, Weight)
 _NAMES = tuple(kind.__name__ for kind in _LOADS)
 # The steepest growth per length that a mesh follows [1/m], whatever the loads.
 _STEEPEST = 1e80
@@ -43,20 +45,52 @@ def is_loaded(scene: Scene) -> bool:
 @lru_cache(maxsize=256)
 def check_loads(arm: Arm, scene: Scene) -> None:
     """Raise InputError for loads that this arm cannot have, and an arm that has to have some."""
-    if not is_loaded(scene) and any(section.turn for section in arm.sections):
+    if scene.has(PrintedStatics) and arm.is_curved:
+        told = "an arm that is straight at rest: eqs. (10) and (11) are written for that"
+        raise InputError("Arm.rest_curvature", arm.rest_curvature, told)
+    if not is_loaded(scene) and any(arm.turns):
         allowed = f"none in a scene without loads, or one of {', '.join(sorted(_NAMES))} in it"
         raise InputError("Anchorage.turn", "tendons that turn", allowed)
-    for load in point_loads(scene):
+    for load in acting(scene):
         if load.s > arm.length * (1 + 1e-12):
-            raise InputError("PointLoad.s", load.s, f"from 0 to the arm's length, {arm.length:g} m")
+            raise InputError(
+                f"{load.kind}.s", load.s, f"from 0 to the arm's length, {arm.length:g} m"
+            )
     friction = scene.find(Friction)
     if friction:
         directions(arm, friction)
 
 
-def point_loads(scene: Scene) -> list[PointLoad]:
-    """Return the scene's point loads."""
-    return [effect for effect in scene.effects if isinstance(effect, PointLoad)]
+class Acting(NamedTuple):
+    """A dead force (3,) [N] in the base frame, at an arc length [m].
+
+    `offset` is that in the local frame (3,) [m], None on the midline; `kind` its effect's name.
+    """
+
+    s: float
+    force: tuple[float, ...]
+    offset: tuple[float, ...] | None
+    kind: str
+
+
+@lru_cache(maxsize=256)
+def acting(scene: Scene) -> tuple[Acting, ...]:
+    """Return the scene's point loads, and the weights of its point masses."""
+    found, weight = list[Acting](), scene.find(Weight)
+    for effect in scene.effects:
+        if isinstance(effect, PointLoad):
+            found.append(Acting(effect.s, effect.force, None, "PointLoad"))
+        if isinstance(effect, PointMass) and weight:
+            force = tuple(effect.mass * g for g in weight.g)
+            found.append(Acting(effect.s, force, effect.offset, "PointMass"))
+    return tuple(found)
+
+
+def levers(scene: Scene) -> tuple[Array, Array]:
+    """Return the forces that act off the midline: arc lengths (n,), offsets and forces (n, 6)."""
+    own = [load for load in acting(scene) if load.offset is not None]
+    rows = [(*load.offset, *load.force) for load in own if load.offset is not None]
+    return np.array([load.s for load in own]), np.array(rows).reshape(-1, 6)
 
 
 def directions(arm: Arm, friction: Friction) -> tuple[int, ...]:
@@ -75,7 +109,7 @@ def places(arm: Arm, scene: Scene) -> tuple[float, ...]:
     Where a point load acts; and where a tendon with friction crosses the midline, as it turns the
     other way from there on and its tension has a kink.
     """
-    acts = [load.s for load in point_loads(scene) if 0 < load.s < arm.length]
+    acts = [load.s for load in acting(scene) if 0 < load.s < arm.length]
     if scene.has(Friction):
         acts += _crossings(arm, [*acts, *(section.at for section in arm.sections)])
     return tuple(acts)
@@ -95,13 +129,14 @@ def growth(arm: Arm, scene: Scene, s: Array) -> Array:
 def beyond(arm: Arm, scene: Scene, s: Array, end: Array) -> Array:
     """Return the resultant (3, N) of all dead forces beyond arc lengths s (N,) [N], base frame.
 
-    Of point loads those at `end` (N,) or farther: the far nodes of the elements that s lie in.
+    Of point loads and masses those at `end` (N,) or farther: the far nodes of the elements that s
+    lie in.
     """
     tip = scene.find(TipLoad)
     force = np.outer(heaviness(arm, scene), volume(arm, s))
     if tip and not tip.follower:
         force += np.array(tip.force)[:, None]
-    for load in point_loads(scene):
+    for load in acting(scene):
         force += np.outer(load.force, load.s >= end - 1e-9 * arm.length)
     return np.asarray(force)
 
@@ -136,14 +171,15 @@ def _crossings(arm: Arm, others: list[float]) -> list[float]:
     Each once, and none at the places of others.
     """
     found: list[float] = []
-    for section in arm.sections:
-        s = np.linspace(0.0, section.at, 401)
-        y = section.offset.evaluate(s, section.at)[0]
+    for section, path in arm.offset_paths:
+        end = arm.sections[section].at
+        s = np.linspace(0.0, end, 401)
+        y = path.evaluate(s, end)[0]
         for i in np.flatnonzero(y[:-1] * y[1:] < 0):
             low, high = float(s[i]), float(s[i + 1])
             for _ in range(_HALVINGS):
                 middle = (low + high) / 2
-                same = section.offset.evaluate(np.array([middle]), section.at)[0][0] * y[i] > 0
+                same = path.evaluate(np.array([middle]), end)[0][0] * y[i] > 0
                 low, high = (middle, high) if same else (low, middle)
             found.append((low + high) / 2)
         found += s[1:-1][y[1:-1] == 0].tolist() if y.any() else []
@@ -159,7 +195,7 @@ def _heaviest(arm: Arm, scene: Scene, s: Array) -> Array:
     tip, current = scene.find(TipLoad), scene.find(Current)
     force = _size(heaviness(arm, scene)) * volume(arm, s)
     force += _size(tip.force) if tip else 0.0
-    for load in point_loads(scene):
+    for load in acting(scene):
         force += _size(load.force) * (s <= load.s)
     if current:
         R = arm.radius.evaluate(s, arm.length)[0].max()

@@ -92,8 +92,7 @@ def graded(
 def _breaks(arm: Arm, at: Iterable[float]) -> Array:
     """Return where the solution is not smooth, or is wanted: sorted and without near copies."""
     places = {0.0, arm.length, *(section.at for section in arm.sections)}
-    paths = (arm.radius, *arm.tendon_paths)
-    knots = [s for path in paths for s in path.knots()]
+    knots = [s for path in arm.along for s in path.knots()]
     result = sorted(places)
     for s in [*at, *knots]:
         if 0 < s < arm.length and min(abs(s - other) for other in result) > 1e-9 * arm.length:

@@ -5,7 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TypeVar
 
-from model.effects import Effect, ExactTendons, Extension, NeoHookean, PointLoad, PrintedStatics
+from model.effects import (
+    Effect,
+    ExactTendons,
+    Extension,
+    NeoHookean,
+    PointLoad,
+    PointMass,
+    PrintedStatics,
+)
 from model.errors import InputError
 from model.frozen import remembers_hash
 
@@ -35,13 +43,13 @@ class Scene:
             if not isinstance(effect, Effect):
                 raise InputError(f"Scene effect {i + 1}", effect, "an effect such as Extension()")
         kinds = [type(effect).__name__ for effect in effects]
-        places = [effect.s for effect in effects if isinstance(effect, PointLoad)]
-        for kind in kinds:
-            if kinds.count(kind) > 1 and (kind != "PointLoad" or len({*places}) < len(places)):
-                raise InputError("Scene", kind, "each effect once (point loads: once at a place)")
+        places = [_place(effect) for effect in effects]
+        if len({*places}) < len(places):
+            twice = next(place[0] for place in places if places.count(place) > 1)
+            allowed = "each effect once (point loads and masses: once at a place)"
+            raise InputError("Scene", twice, allowed)
         _check_together(kinds)
-        in_order = sorted(effects, key=lambda e: (type(e).__name__, getattr(e, "s", 0.0)))
-        object.__setattr__(self, "effects", tuple(in_order))
+        object.__setattr__(self, "effects", tuple(sorted(effects, key=_place)))
 
     @classmethod
     def as_printed(cls) -> Scene:
@@ -90,7 +98,14 @@ class Scene:
         return self.find(kind) is not None
 
 
-_LOADS = ("Current", "PointLoad", "Shear", "TipLoad", "Weight")
+def _place(effect: Effect) -> tuple[str, float, tuple[float, ...]]:
+    """Return what no two effects of a scene share, and by which they are in order."""
+    own = effect if isinstance(effect, PointLoad | PointMass) else None
+    offset = own.offset if isinstance(own, PointMass) else None
+    return type(effect).__name__, own.s if own else 0.0, offset or ()
+
+
+_LOADS = ("Current", "PointLoad", "PointMass", "Shear", "TipLoad", "Weight")
 
 # (effect, what it needs), (effect, what it contradicts), each with the reason.
 _NEEDS = {
@@ -98,6 +113,7 @@ _NEEDS = {
         ("Extension", "the body shortens at constant volume"),
         ("ExactTendons", "its section is the stationary point of an energy"),
     ),
+    "PointMass": (("Weight", "it is a mass that gravity acts on"),),
     "Buoyancy": (("Weight", "it is a weight, that of the fluid displaced, and acts against g"),),
 }
 _CONTRADICTS = {

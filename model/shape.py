@@ -177,7 +177,7 @@ class Shape:
         if isinstance(self._map, Collocation):
             return self._map.lengths(self.tensions, self.states)
         mesh = self._map.mesh
-        law = cross_section_of(self.scene)
+        law = cross_section_of(self.scene, self.arm.is_curved)
         method, h = gauss(STAGES), np.diff(mesh.s)[:, None]
         s, weight = (mesh.s[:-1, None] + h * method.c).ravel(), (h * method.b).ravel()
         sections = Sections(self.arm, self.scene, law, s, np.repeat(mesh.active, STAGES))

@@ -27,9 +27,11 @@ class Stations:
         place with two sides, and this number says which is meant.
     body, body_rate : (3, N)
         E A [N], E J [N m2], G I [N m2], and their derivatives along s; eq. (7).
-    y, y_rate, y_curve : (n_sections, N)
-        Offset y_i(s) of each section's tendons and its first two derivatives; eq. (5).
-        Zero where the tendons do not cross.
+    y, y_rate, y_curve : (n_offsets, N)
+        Offset y_i(s) of each section's tendons, or of each tendon where these differ, and its first
+        two derivatives; eq. (5). Zero where the tendons do not cross.
+    rest, rest_rate : (2, N) or (0, N)
+        Curvature about n and b at rest [1/m] and its derivative; none of a straight arm.
     """
 
     s: Array
@@ -39,6 +41,8 @@ class Stations:
     y: Array
     y_rate: Array
     y_curve: Array
+    rest: Array
+    rest_rate: Array
 
 
 def stations(arm: Arm, s: Array, active: Counts) -> Stations:
@@ -47,17 +51,21 @@ def stations(arm: Arm, s: Array, active: Counts) -> Stations:
     E, G = arm.material.E, arm.material.G
     area, area_rate = np.pi * R**2, 2 * np.pi * R * slope
     J, J_rate = np.pi * R**4 / 4, np.pi * R**3 * slope
-    y = np.zeros((3, len(arm.sections), s.size))
-    for i, section in enumerate(arm.sections):
-        inside = active > i
+    y = np.zeros((3, len(arm.offset_paths), s.size))
+    for row, (i, path) in enumerate(arm.offset_paths):
+        inside, end = active > i, arm.sections[i].at
         if inside.any():
-            y[:, i, inside] = section.offset.evaluate(np.minimum(s[inside], section.at), section.at)
+            y[:, row, inside] = path.evaluate(np.minimum(s[inside], end), end)
+    rest = arm.rest_curvature
+    curved = [path.evaluate(s, arm.length)[:2] for path in (rest.n, rest.b)] if rest else []
+    bends = np.array(curved).reshape(len(curved), 2, s.size)
     return Stations(
         s,
         active,
         np.array([E * area, E * J, 2 * G * J]),
         np.array([E * area_rate, E * J_rate, 2 * G * J_rate]),
-        *y,
+        *(y[0], y[1], y[2]),
+        *(bends[:, 0], bends[:, 1]),
     )
 
 
@@ -88,12 +96,12 @@ def tendon_path_rates(arm: Arm, at: Stations, place: Counts, tendon: Counts) -> 
 
 def _offsets(arm: Arm, at: Stations, place: Counts, tendon: Counts) -> Array:
     """Return Y = y d and its first two derivatives (3, 2, P); d' = phi' d_perp where d turns."""
-    section = np.array([i for i, _ in arm.tendons])[tendon]
-    y, rate, curve = (own[section, place] for own in (at.y, at.y_rate, at.y_curve))
+    row = np.array(arm.offset_of)[tendon]
+    y, rate, curve = (own[row, place] for own in (at.y, at.y_rate, at.y_curve))
     d = np.stack(sides(arm))[:, tendon]
-    if not any(own.turn for own in arm.sections):
+    if not any(arm.turns):
         return np.stack([y * d, rate * d, curve * d])
-    phi, phi_rate, phi_curve = _turned(arm, at, place, section)
+    phi, phi_rate, phi_curve = _turned(arm, at, place, tendon)
     d = np.stack([d[0] * np.cos(phi) - d[1] * np.sin(phi), d[0] * np.sin(phi) + d[1] * np.cos(phi)])
     across = np.stack([-d[1], d[0]])
     twice = 2 * rate * phi_rate + y * phi_curve
@@ -102,15 +110,23 @@ def _offsets(arm: Arm, at: Stations, place: Counts, tendon: Counts) -> Array:
     )
 
 
-def _turned(arm: Arm, at: Stations, place: Counts, section: Counts) -> Array:
-    """Return by how much the tendons of sections (P,) have turned at stations (3, P) [rad]."""
+def _turned(arm: Arm, at: Stations, place: Counts, tendon: Counts) -> Array:
+    """Return by how much tendons (P,) have turned at stations (3, P) [rad]."""
     found = np.zeros((3, place.size))
-    for i, own in enumerate(arm.sections):
-        mine = section == i
-        if own.turn is not None:
-            s = np.minimum(at.s[place[mine]], own.at)
-            found[:, mine] = own.turn.evaluate(s, own.at)
+    for j, turn in enumerate(arm.turns):
+        if turn is not None:
+            mine, end = tendon == j, arm.sections[arm.tendons[j][0]].at
+            found[:, mine] = turn.evaluate(np.minimum(at.s[place[mine]], end), end)
     return found
+
+
+def tendon_offset(arm: Arm, tendon: int, s: Array) -> Array:
+    """Return the offset Y = y d of a tendon along n and b (N, 2) [m] at arc lengths s (N,)."""
+    section, phi = arm.tendons[tendon]
+    end, turn = arm.sections[section].at, arm.turns[tendon]
+    angle = phi + (turn.evaluate(s, end)[0] if turn else np.zeros(s.size))
+    y = arm.offset_paths[arm.offset_of[tendon]][1].evaluate(s, end)[0]
+    return np.asarray(y[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1))
 
 
 def base_pose(arm: Arm) -> Array:

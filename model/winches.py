@@ -14,6 +14,7 @@ from model.checks import not_negative, positive
 from model.errors import InputError
 from model.mesh import graded
 from model.paths import Array
+from model.stations import crossing, stations, tendon_paths
 from model.transcription.collocation import gauss
 
 # Held tendons give by this share of what the arm does, so that combinations of lengths that no
@@ -115,20 +116,22 @@ def _filled(row: Any) -> Any:
 @lru_cache(maxsize=64)
 def _rest_lengths(arm: Arm) -> tuple[float, ...]:
     mesh, method = graded(arm, _REST), gauss(3)
-    h, found = np.diff(mesh.s), []
-    s = (mesh.s[:-1, None] + h[:, None] * method.c).ravel()
-    for i, _ in arm.tendons:
-        section = arm.sections[i]
-        slope = section.offset.evaluate(np.minimum(s, section.at), section.at)[1]
-        inside = np.outer(h, method.b).ravel() * (s < section.at)
-        found.append(float(inside @ np.sqrt(1 + slope**2)))
-    return tuple(found)
+    h = np.diff(mesh.s)
+    s, weight = (mesh.s[:-1, None] + h[:, None] * method.c).ravel(), np.outer(h, method.b).ravel()
+    at = stations(arm, s, np.repeat(mesh.active, len(method.c)))
+    place, tendon = np.nonzero(crossing(arm, at))
+    n, b, *slope = tendon_paths(arm, at, place, tendon)
+    bent = at.rest[0, place] * b - at.rest[1, place] * n if arm.is_curved else np.zeros(place.size)
+    speed = np.sqrt((1 + bent) ** 2 + slope[0] ** 2 + slope[1] ** 2)
+    found = np.bincount(tendon, weight[place] * speed, arm.n_tendons)
+    return tuple(found.tolist())
 
 
 def rest_lengths(arm: Arm) -> Array:
-    """Return the length of each tendon in the straight arm at rest (n_tendons,) [m].
+    """Return the length of each tendon in the arm at rest (n_tendons,) [m].
 
-    Strokes count from there: what a winch has taken in.
+    The integral of |t + Y' + kappa_0 x Y|, Y = y d, kappa_0 the arm's curvature at rest. Strokes
+    count from there: what a winch has taken in.
     """
     return np.array(_rest_lengths(arm))
 
@@ -143,8 +146,9 @@ def least_give(arm: Arm) -> float:
     R = arm.radius.evaluate(s, arm.length)[0]
     EA = arm.material.E * np.pi * R**2
     total = 0.0
-    for section in arm.sections:
-        y = section.offset.evaluate(np.minimum(s, section.at), section.at)[0]
-        gives = (4 * y**2 / R**2 + 1) / EA * (s <= section.at)
-        total += len(section.angles) * float(np.trapezoid(gives, s))
+    for row in arm.offset_of:
+        section, path = arm.offset_paths[row]
+        end = arm.sections[section].at
+        y = path.evaluate(np.minimum(s, end), end)[0]
+        total += float(np.trapezoid((4 * y**2 / R**2 + 1) / EA * (s <= end), s))
     return GIVE * total

@@ -13,9 +13,12 @@ from model.scene import Scene
 
 
 @lru_cache(maxsize=256)
-def cross_section_of(scene: Scene, torsion: bool = True) -> CrossSection:
-    """Return the law of a scene's cross-sections; without loads none of them is twisted."""
-    shape = (scene.has(Extension), torsion, scene.has(Shear))
+def cross_section_of(scene: Scene, curved: bool = False, torsion: bool = True) -> CrossSection:
+    """Return the law of a scene's cross-sections; without loads none of them is twisted.
+
+    `curved` says whether they are curved at rest.
+    """
+    shape = (scene.has(Extension), torsion, scene.has(Shear), curved)
     rubber = scene.find(NeoHookean)
     if rubber is not None:
         return RubberSection(*shape, anticlastic=rubber.anticlastic)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 
-from model.cross_section.law import TINY, Name, join, offset, size, split
+from model.cross_section.law import TINY, Name, join, less_rest, offset, size, split
 
 
 @dataclass(frozen=True)
@@ -20,10 +20,11 @@ class EnergySection:
     extension: bool
     torsion: bool = True
     shear: bool = False
+    curved: bool = False
     along_at_rest: float = field(default=1.0, init=False)
 
     def energy(self, v: ca.SX, body: ca.SX) -> ca.SX:
-        """Return the energy of the body per unit reference length [N]."""
+        """Return the energy of a body that is straight at rest, per unit reference length [N]."""
         raise NotImplementedError
 
     def width(self, stretch: ca.SX) -> ca.SX:
@@ -58,7 +59,8 @@ class EnergySection:
     def body(self, v: ca.SX, body: ca.SX) -> ca.SX:
         """See CrossSection.body: the gradient of the energy."""
         at = ca.SX.sym("v", size(self))
-        return ca.substitute([ca.gradient(self.energy(at, body), at)], [at], [v])[0]
+        gradient = ca.gradient(self.energy(at, body[:4]), at)
+        return ca.substitute([gradient], [at], [less_rest(self, v, body)])[0]
 
     def tendon(self, v: ca.SX, path: ca.SX, name: Name = ca.densify) -> ca.SX:
         """See CrossSection.tendon: the gradient of |c(v, w(v))|, (c_v + c_w w_v)^T c / |c|."""

@@ -26,8 +26,9 @@ Name = Callable[[ca.SX], ca.SX]
 class CrossSection(Protocol):
     """The law of a cross-section; a frozen value of structure alone, numbers are arguments.
 
-    `body` are E A [N], E J [N m2], G I [N m2], k_s G A [N]; `path` the offset Y = y d (2,) [m] of
-    a tendon in the cross-section, along n and b, and its derivative along s [-].
+    `body` are E A [N], E J [N m2], G I [N m2], k_s G A [N], and of a section that is curved at rest
+    its curvature about n and b there [1/m]; `path` the offset Y = y d (2,) [m] of a tendon in the
+    cross-section, along n and b, and its derivative along s [-].
     """
 
     def __hash__(self) -> int:
@@ -44,6 +45,10 @@ class CrossSection(Protocol):
     @property
     def shear(self) -> bool:
         """Whether shears across n and b are strains."""
+
+    @property
+    def curved(self) -> bool:
+        """Whether the section is curved at rest."""
 
     @property
     def along_at_rest(self) -> float:
@@ -74,6 +79,19 @@ class CrossSection(Protocol):
 def size(law: CrossSection) -> int:
     """Return the number of strains."""
     return 2 + law.torsion + law.extension + 2 * law.shear
+
+
+def body_size(law: CrossSection) -> int:
+    """Return how many numbers a law takes of the body."""
+    return 4 + 2 * law.curved
+
+
+def less_rest(law: CrossSection, v: ca.SX, body: ca.SX) -> ca.SX:
+    """Return by how much strains differ from those at rest, as far as these are curvatures."""
+    if not law.curved:
+        return v
+    none = ca.SX(0)
+    return v - join(law, ca.vertcat(none, body[4:6]), none, ca.SX.zeros(2))
 
 
 def forces(law: CrossSection) -> tuple[int, ...]:

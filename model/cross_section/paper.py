@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 
-from model.cross_section.law import Name, join, offset, split
+from model.cross_section.law import Name, join, less_rest, offset, split
 
 _T = (1.0, 0.0, 0.0)
 
@@ -23,6 +23,7 @@ class PaperSection:
     extension: bool
     torsion: bool = True
     shear: bool = False
+    curved: bool = False
     along_at_rest: float = field(default=0.0, init=False)
 
     def twist(self, v: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -36,8 +37,8 @@ class PaperSection:
 
     def body(self, v: ca.SX, body: ca.SX) -> ca.SX:
         """See CrossSection.body."""
-        omega, q, slide = split(self, v)
-        EA, EJ, GI, GA = ca.vertsplit(body)
+        omega, q, slide = split(self, less_rest(self, v, body))
+        EA, EJ, GI, GA = ca.vertsplit(body[:4])
         return join(self, ca.vertcat(GI, EJ, EJ) * omega, EA * q, GA * slide)
 
     def reported(self, v: ca.SX) -> ca.SX:

@@ -10,22 +10,38 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.arm import Arm
-from model.cross_section.law import CrossSection, size, turning_rate
+from model.cross_section.law import CrossSection, body_size, size, turning_rate
 from model.effects import Shear
 from model.machine.buffered import Buffered
 from model.paths import Array
 from model.scene import Scene
-from model.stations import Counts, crossing, stations, tendon_path_rates, tendon_paths
+from model.stations import (
+    Counts,
+    Stations,
+    crossing,
+    stations,
+    tendon_path_rates,
+    tendon_paths,
+)
 
 # Newton's method squares the error: a step this small, relatively, leaves rounding.
 _STEPS, _SETTLED = 20, 1e-8
 
 
-def body_numbers(arm: Arm, scene: Scene, body: Array) -> Array:
-    """Return E A, E J, G I and k_s G A (4, N) from E A, E J and G I (3, N)."""
+def body_numbers(arm: Arm, scene: Scene, at: Stations) -> Array:
+    """Return what laws take of the body (n, N); see CrossSection."""
+    return _with_shear(arm, scene, at.body, at.rest)
+
+
+def body_rates(arm: Arm, scene: Scene, at: Stations) -> Array:
+    """Return the derivatives along s (n, N) of what laws take of the body."""
+    return _with_shear(arm, scene, at.body_rate, at.rest_rate)
+
+
+def _with_shear(arm: Arm, scene: Scene, body: Array, rest: Array) -> Array:
     shear = scene.find(Shear)
     GA = body[0] * (shear.k_s * arm.material.G / arm.material.E if shear else 0.0)
-    return np.vstack([body, GA])
+    return np.vstack([body, GA, rest])
 
 
 class Sections:
@@ -35,8 +51,8 @@ class Sections:
     ----------
     place, tendon : (P,)
         Cross-section and tendon of each crossing of a tendon through a cross-section.
-    body : (4, N)
-        E A, E J, G I, k_s G A.
+    body : (n, N)
+        What the law takes of the body.
     paths : (4, P)
         Offset, its derivative, cosine and sine of the angle at each crossing.
     path_rates : (4, P)
@@ -47,7 +63,7 @@ class Sections:
         self.law, self.s, self._n_tendons = law, s, arm.n_tendons
         at = stations(arm, s, active)
         self.place, self.tendon = np.nonzero(crossing(arm, at))
-        self.body = body_numbers(arm, scene, at.body)
+        self.body = body_numbers(arm, scene, at)
         self.paths = tendon_paths(arm, at, self.place, self.tendon)
         self.path_rates = tendon_path_rates(arm, at, self.place, self.tendon)
 
@@ -163,7 +179,7 @@ def _run(law: CrossSection) -> ca.Function:
 @lru_cache(maxsize=32)
 def _body(law: CrossSection) -> ca.Function:
     """Return strains, body numbers -> wrench of the body, then its slopes column by column."""
-    v, numbers = ca.SX.sym("v", size(law)), ca.SX.sym("body", 4)
+    v, numbers = ca.SX.sym("v", size(law)), ca.SX.sym("body", body_size(law))
     return _with_slopes("body", v, numbers, law.body(v, numbers))
 
 

@@ -7,6 +7,7 @@ from model.effects.extension import Extension
 from model.effects.friction import Friction
 from model.effects.neo_hookean import NeoHookean
 from model.effects.point_load import PointLoad
+from model.effects.point_mass import PointMass
 from model.effects.printed import PrintedStatics
 from model.effects.shear import Shear
 from model.effects.tip_load import TipLoad
@@ -21,6 +22,7 @@ __all__ = [
     "Friction",
     "NeoHookean",
     "PointLoad",
+    "PointMass",
     "PrintedStatics",
     "Shear",
     "TipLoad",

@@ -51,7 +51,8 @@ class _Parts:
         """Return poses (N, 7) and wrenches (N, n_w) at s."""
         form, N = self.form, self.s.size
         m, n, w = form.stages, form.strains, form.wrench
-        node = self.states[self.system.of.nodes[self.step, : POSE + w]]
+        poses = self.states[self.system.of.nodes[self.step, :POSE]]
+        node = np.hstack([poses, self.system.wrenches_beyond(self.x)[self.step]])
         sections = self._sections(self.at, np.repeat(self.active, m))
         pulls = self._pulls(sections)
         v = self._interpolated(gauss(m).c[None, :] * self.share[:, None]).reshape(N * m, n)

@@ -206,13 +206,13 @@ def rest_stiffness(system: System) -> tuple[Array, Array]:
     """
     m = system.of.form.stages
     weight = np.outer(np.diff(system.mesh.s), gauss(m).b).ravel()
-    body = stations(system.arm, system.s, np.repeat(system.mesh.active, m)).body
-    stiff = _at_rest(system.of.form.law, body_numbers(system.arm, system.scene, body))
+    at = stations(system.arm, system.s, np.repeat(system.mesh.active, m))
+    stiff = _at_rest(system.of.form.law, body_numbers(system.arm, system.scene, at))
     return np.repeat(weight, stiff.shape[0]), stiff.ravel("F")
 
 
 def _at_rest(law: CrossSection, numbers: Array) -> Array:
     """Return the stiffness (strains, N) of the body against each strain at rest."""
-    EA, EJ, GI, GA = numbers
+    EA, EJ, GI, GA = numbers[:4]
     bends = [(GI, EJ, EJ)[k] for k in moments(law)]
     return np.array([*bends, *[EA] * law.extension, *[GA, GA] * law.shear])

@@ -75,6 +75,7 @@ def _defects(here: Linearised, scheme: RungeKutta, substeps: int) -> Array:
     of, states = here.system.of, here.states
     segment = _Elements(here)
     y = states[of.nodes[:-1]].copy()
+    y[:, POSE : POSE + of.form.wrench] = here.system.wrenches_beyond(here.x)[:-1]
     for k in range(substeps):
         y = _step(segment, scheme, y, k / substeps, 1 / substeps)
     missed = np.zeros(of.n_states)

@@ -20,7 +20,7 @@ from functools import lru_cache
 
 import casadi as ca
 
-from model.cross_section.law import CrossSection, join, size
+from model.cross_section.law import CrossSection, body_size, join, size
 from model.rotations import half_angle, multiply, unit_matrix
 from model.transcription.collocation import gauss, rotation_vectors, weighted_sum
 from model.transcription.kernel import Kernel, Steps
@@ -202,8 +202,8 @@ def _drag(t: ca.SX, nu: ca.SX, drag: ca.SX, velocity: ca.SX) -> ca.SX:
 
 @lru_cache(maxsize=64)
 def body(law: CrossSection) -> Kernel:
-    """Return the kernel of the body of a cross-section: strains; EA, EJ, GI, GA -> wrench."""
-    v, numbers = ca.SX.sym("v", size(law)), ca.SX.sym("body", 4)
+    """Return the kernel of the body of a cross-section: strains; numbers of it -> wrench."""
+    v, numbers = ca.SX.sym("v", size(law)), ca.SX.sym("body", body_size(law))
     return Kernel("body", v, numbers, law.body(v, numbers))
 
 
@@ -229,6 +229,19 @@ def clamp() -> Kernel:
     """Return the kernel of the base: pose there; that of the clamp -> their difference."""
     g, clamped = ca.SX.sym("g", 7), ca.SX.sym("clamped", 7)
     return Kernel("clamp", g, clamped, g - clamped)
+
+
+@lru_cache(maxsize=1)
+def lever() -> Kernel:
+    """Return the kernel of a force off the midline: load factor, q -> less its moment.
+
+    Numbers: offset in the local frame (3,), force (3,). The moment at its node is that on the base
+    side: M(s-) = M(s+) + (R o) x F.
+    """
+    load, q = ca.SX.sym("load"), ca.SX.sym("q", 4)
+    offset, force = ca.SX.sym("offset", 3), ca.SX.sym("force", 3)
+    moment = load * ca.cross(unit_matrix(q) @ offset, force)
+    return Kernel("lever", ca.vertcat(load, q), ca.vertcat(offset, force), -moment)
 
 
 @lru_cache(maxsize=8)

@@ -19,7 +19,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from model.cross_section.law import CrossSection, size, turning_rate
+from model.cross_section.law import CrossSection, body_size, size, turning_rate
 from model.paths import Array
 from model.transcription.collocation import gauss
 from model.transcription.kernel import Kernel
@@ -35,7 +35,8 @@ def body_rates(law: CrossSection) -> Kernel:
     Strains, rates; body numbers, their rates -> wrench, wrench rate.
     """
     v, rate = ca.SX.sym("v", size(law)), ca.SX.sym("rate", size(law))
-    numbers, change = ca.SX.sym("body", 4), ca.SX.sym("change", 4)
+    n = body_size(law)
+    numbers, change = ca.SX.sym("body", n), ca.SX.sym("change", n)
     wrench = law.body(v, numbers)
     along = ca.jtimes(wrench, v, rate) + ca.jtimes(wrench, numbers, change)
     rows = ca.vertcat(wrench, along)

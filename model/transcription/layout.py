@@ -3,7 +3,8 @@
 The unknowns are the tensions, the load factor, then from base to tip each node and the stages of
 the element beyond it. A node has its pose q (4,), u (3,), moment M (3,), force F (3,), and with
 friction the angle Theta that each tendon has turned; a stage has its strains, and with friction
-their rates; as far as the form has them. Equations and states stand in the same order, so that the
+their rates; as far as the form has them. Where a force acts off the midline the moment is that on
+its base side. Equations and states stand in the same order, so that the
 Jacobian is a narrow band.
 At an anchorage pose, moment and force are those of one node, and the tendons that cross change:
 that is the interface condition between segments, across which the strains jump.
@@ -17,7 +18,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from model.transcription.element import Form, body, clamp, element, run, tendon, tip
+from model.transcription.element import Form, body, clamp, element, lever, run, tendon, tip
 from model.transcription.friction import body_rates, idle_tendon, kink, motor, sliding_tendon
 from model.transcription.kernel import Places
 from model.transcription.terms import Equations, Term
@@ -36,11 +37,14 @@ class Layout:
         The element, counted from 1 at the base, at whose far node each tendon ends.
     elements : int
         N.
+    levers : tuple of int
+        The nodes at which forces act off the midline.
     """
 
     form: Form
     ends: tuple[int, ...]
     elements: int
+    levers: tuple[int, ...] = ()
 
     @property
     def n_tendons(self) -> int:
@@ -135,6 +139,10 @@ class Layout:
             last = nodes[-1]
             ends = np.concatenate([[self.n_tendons], at + last[:4], at + last[POSE:]])
             terms.append(Term(tip(form), ends[:, None], last[POSE:, None]))
+        if self.levers:
+            own = nodes[list(self.levers)].T
+            loads = np.full((1, len(self.levers)), self.n_tendons)
+            terms.append(Term(lever(), np.vstack([loads, at + own[:4]]), own[POSE : POSE + 3]))
         return terms + (self._sliding() if form.friction else self._tendons())
 
     @cached_property
@@ -197,6 +205,8 @@ class Layout:
 
 
 @lru_cache(maxsize=32)
-def layout(form: Form, ends: tuple[int, ...], elements: int) -> Layout:
+def layout(
+    form: Form, ends: tuple[int, ...], elements: int, levers: tuple[int, ...] = ()
+) -> Layout:
     """Return the layout of a structure, built once."""
-    return Layout(form, ends, elements)
+    return Layout(form, ends, elements, levers)

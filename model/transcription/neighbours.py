@@ -109,6 +109,5 @@ def keep_sign(pose: Array, near: Array) -> None:
 
 def landmarks(arm: Arm, scene: Scene, at: Sequence[float] = ()) -> Array:
     """Return the arc lengths that a mesh has nodes at [m], in an order that stays."""
-    paths = (arm.radius, *arm.tendon_paths)
-    knots = [s for path in paths for s in path.knots() if 0 < s < arm.length]
+    knots = [s for path in arm.along for s in path.knots() if 0 < s < arm.length]
     return np.array([0.0, arm.length, *arm.anchorages, *knots, *places(arm, scene), *at])

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from model.arm import Arm
-from model.cross_section.sections import body_numbers
+from model.cross_section.sections import body_numbers, body_rates
 from model.effects import Current, Friction, TipLoad
-from model.loads import beyond, directions, heaviness
+from model.loads import beyond, directions, heaviness, levers
 from model.mesh import Mesh
 from model.paths import Array
 from model.scene import Scene
@@ -59,10 +59,12 @@ def numbers(arm: Arm, scene: Scene, mesh: Mesh, of: Layout) -> Numbers:
         load = scene.find(TipLoad)
         wrench = [load.moment, load.force] if load else np.zeros((2, 3))
         columns.append(np.concatenate([np.ravel(wrench), np.zeros(3)]))
-    body = body_numbers(arm, scene, at.body)
+    if of.levers:
+        columns.append(levers(scene)[1].T)
+    body = body_numbers(arm, scene, at)
     if form.friction:
         k, j = of.passages
-        columns.append(np.vstack([body, body_numbers(arm, scene, at.body_rate)]))
+        columns.append(np.vstack([body, body_rates(arm, scene, at)]))
         columns += [sliding_numbers(arm, scene, at, h, k, j, m), _kinks(arm, mesh, of, h)]
     else:
         columns += [body, paths]

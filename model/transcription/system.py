@@ -16,10 +16,11 @@ from scipy.sparse import csc_array
 from model.arm import Arm
 from model.cross_section import cross_section_of
 from model.effects import Current, Friction, TipLoad
-from model.loads import directions, growth, is_loaded, places
+from model.loads import directions, growth, is_loaded, levers, places
 from model.machine.buffered import Buffered
 from model.mesh import Mesh, graded
 from model.paths import Array
+from model.rotations import matrices
 from model.scene import Scene
 from model.transcription.collocation import gauss
 from model.transcription.element import Form, element
@@ -30,11 +31,16 @@ from model.transcription.numbers import numbers
 
 
 @lru_cache(maxsize=256)
-def form_of(scene: Scene, stages: int, loaded: bool = True, machine_code: bool = False) -> Form:
-    """Return the form of a scene's equations by elements of so many stages."""
+def form_of(
+    scene: Scene, curved: bool, stages: int, loaded: bool = True, machine_code: bool = False
+) -> Form:
+    """Return the form of a scene's equations by elements of so many stages.
+
+    `curved` says whether the arm is so at rest.
+    """
     load = scene.find(TipLoad)
     return Form(
-        cross_section_of(scene, torsion=loaded),
+        cross_section_of(scene, curved, torsion=loaded),
         stages,
         loaded,
         scene.has(Current),
@@ -69,7 +75,9 @@ class System:
         machine_code: bool = False,
     ) -> None:
         self.arm, self.scene, self.mesh = arm, scene, mesh
-        self.of = structure(arm, mesh, form_of(scene, stages, loaded, machine_code))
+        self.of = structure(
+            arm, scene, mesh, form_of(scene, arm.is_curved, stages, loaded, machine_code)
+        )
         found = numbers(arm, scene, mesh, self.of)
         self.p, self.s, self.length_numbers = found.p, found.s, found.lengths
         self._calls = _calls(self.of)
@@ -137,6 +145,19 @@ class System:
     def poses(self, states: Array) -> Array:
         """Return the poses at the nodes (N + 1, 7), from base to tip."""
         return states[self.of.nodes[:, :POSE]]
+
+    def wrenches_beyond(self, x: Array) -> Array:
+        """Return moments, and forces that are unknown, on the tip side of the nodes (N + 1, w)."""
+        of = self.of
+        states = x[of.first :]
+        found = states[of.nodes[:, POSE : POSE + of.form.wrench]]
+        if of.levers:
+            nodes = list(of.levers)
+            given, frames = levers(self.scene)[1], matrices(states[of.nodes[nodes, :4]])
+            arms = np.einsum("nij,nj->ni", frames, given[:, :3])
+            moments = x[of.n_tendons] * np.cross(arms, given[:, 3:])
+            np.subtract.at(found[:, :3], nodes, moments)
+        return np.asarray(found)
 
     def pulls(self, x: Array, s: Array, place: Places, tendon: Places) -> Array:
         """Return the tensions (P,) of tendons where they cross arc lengths s[place]."""
@@ -246,10 +267,11 @@ def _sparse(nonzeros: Array, places: ca.Sparsity) -> csc_array:
     return csc_array((nonzeros, places.row(), places.colind()), places.shape)
 
 
-def structure(arm: Arm, mesh: Mesh, form: Form) -> Layout:
-    """Return the layout of an arm's equations."""
+def structure(arm: Arm, scene: Scene, mesh: Mesh, form: Form) -> Layout:
+    """Return the layout of the equations of an arm in a scene."""
     at = [mesh.node(section.at) for section in arm.sections]
-    return layout(form, tuple(at[i] for i, _ in arm.tendons), mesh.steps)
+    off = tuple(mesh.node(s) for s in levers(scene)[0].tolist())
+    return layout(form, tuple(at[i] for i, _ in arm.tendons), mesh.steps, off)
 
 
 @lru_cache(maxsize=32)

@@ -17,7 +17,7 @@ import numpy as np
 
 from model.arm import Arm
 from model.cross_section.energy import EnergySection
-from model.cross_section.law import TINY
+from model.cross_section.law import TINY, less_rest
 from model.cross_section.rubber import RubberSection
 from model.paths import Array
 from model.stations import Stations, crossing
@@ -35,13 +35,13 @@ _SMALL = 1e-300
 
 @dataclass(frozen=True)
 class EnergyStatics:
-    """See ClosedStatics: `pull` are the tensions, `data` is E A, E J, G I, then y_i, then y_i'.
+    """See ClosedStatics: `pull` are the tensions, `data` is of the body, then y_i, then y_i'.
 
     Attributes
     ----------
     law : EnergySection
-    section, cos, sin
-        Section index and direction (n, b) of each tendon.
+    row, cos, sin
+        Which of the offsets y_i each tendon has, and its direction (n, b).
     careful : bool
         Whether to take more steps, for tensions far beyond the usual.
     settled : float
@@ -49,7 +49,7 @@ class EnergyStatics:
     """
 
     law: EnergySection
-    section: tuple[int, ...]
+    row: tuple[int, ...]
     cos: tuple[float, ...]
     sin: tuple[float, ...]
     careful: bool = False
@@ -58,12 +58,17 @@ class EnergyStatics:
     @property
     def n_pull(self) -> int:
         """The size of pull: a tension for each tendon."""
-        return len(self.section)
+        return len(self.row)
 
     @property
     def n_data(self) -> int:
         """The size of data."""
-        return 3 + 2 * (max(self.section) + 1)
+        return self._first + 2 * (max(self.row) + 1)
+
+    @property
+    def _first(self) -> int:
+        """Place of the offsets among the data."""
+        return 3 + 2 * self.law.curved
 
     @property
     def is_rubber(self) -> bool:
@@ -76,16 +81,16 @@ class EnergyStatics:
 
     def data(self, at: Stations) -> Array:
         """See ClosedStatics.data."""
-        return np.vstack([at.body, at.y, at.y_rate])
+        return np.vstack([at.body, at.rest, at.y, at.y_rate])
 
     def offset(self, j: int, data: ca.SX) -> ca.SX:
         """Return the offset of tendon j and its derivative (2,)."""
-        i = 3 + self.section[j]
-        return ca.vertcat(data[i], data[i + (self.n_data - 3) // 2])
+        i = self._first + self.row[j]
+        return ca.vertcat(data[i], data[i + (self.n_data - self._first) // 2])
 
     def wrench(self, v: ca.SX, pull: ca.SX, data: ca.SX) -> ca.SX:
         """See ClosedStatics.wrench: the gradient of the energy."""
-        found = self.law.body(v, ca.vertcat(data[:3], 0))
+        found = self.law.body(v, self._body(data))
         for j, side in enumerate(zip(self.cos, self.sin, strict=True)):
             path = ca.vec(ca.vertcat(*side) @ self.offset(j, data).T)
             found += pull[j] * self.law.tendon(v, path)
@@ -100,11 +105,12 @@ class EnergyStatics:
         return ca.if_else(size < self.settled, self._strains(u), np.nan)
 
     def _straight(self, pull: ca.SX, data: ca.SX) -> ca.SX:
-        """Return the strains to begin with: no curvature."""
+        """Return the strains to begin with: the curvature at rest."""
+        rest = data[3:5] if self.law.curved else ca.SX.zeros(2)
         if not self.law.extension:
-            return ca.SX.zeros(2)
+            return rest
         stretch = 1 / ca.sqrt(1 + 2 * ca.sum1(pull) / data[0]) if self.is_rubber else ca.SX(1)
-        return ca.vertcat(0, 0, stretch)
+        return ca.vertcat(rest * self.law.width(stretch), stretch)
 
     def _strains(self, u: ca.SX) -> ca.SX:
         """Return the strains v of u = (w kappa, lambda), w the section's width; see drawn."""
@@ -112,7 +118,12 @@ class EnergyStatics:
 
     def body_energy(self, u: ca.SX, data: ca.SX) -> ca.SX:
         """Return the energy of the body at u."""
-        return self.law.energy(self._strains(u), ca.vertcat(data[:3], 0))
+        body = self._body(data)
+        return self.law.energy(less_rest(self.law, self._strains(u), body), body[:4])
+
+    def _body(self, data: ca.SX) -> ca.SX:
+        """Return what the law takes of the body."""
+        return ca.vertcat(data[:3], 0, data[3 : self._first])
 
     def tangent(self, j: int, u: ca.SX, data: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return what of the tangent of tendon j depends on u, and the square of the rest.

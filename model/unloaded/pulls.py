@@ -41,7 +41,7 @@ class PullPolynomials:
     @classmethod
     def of(cls, arm: Arm, statics: ClosedStatics) -> PullPolynomials | None:
         """Return the polynomials of an arm, None where an offset is not linear."""
-        if not all(isinstance(section.offset, Linear) for section in arm.sections):
+        if not all(isinstance(path, Linear) for _, path in arm.offset_paths):
             return None
         own = []
         for i, section in enumerate(arm.sections):

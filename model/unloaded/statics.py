@@ -29,7 +29,8 @@ class ClosedStatics(Protocol):
     """The strains of a cross-section as SX expressions of its tendons; a frozen value.
 
     What it needs of a cross-section are `pull` (n_pull,), numbers that are linear in the tensions,
-    and `data` (n_data,), numbers of body and tendon paths, E A, E J and G I first.
+    and `data` (n_data,), numbers of body and tendon paths: E A, E J and G I first, then curvature
+    at rest about n and b, if there is any.
     """
 
     def __hash__(self) -> int:
@@ -63,13 +64,14 @@ class ClosedStatics(Protocol):
 @lru_cache(maxsize=256)
 def closed_statics(scene: Scene, arm: Arm) -> ClosedStatics:
     """Return the statics of a scene without loads, for an arm's tendons."""
-    law, tendons = cross_section_of(scene, torsion=False), scene.find(ExactTendons)
+    law = cross_section_of(scene, arm.is_curved, torsion=False)
+    tendons = scene.find(ExactTendons)
     if isinstance(law, PaperSection):
         return PaperStatics(law)
     assert isinstance(law, EnergySection)
-    section, (cos, sin) = tuple(i for i, _ in arm.tendons), sides(arm)
+    cos, sin = sides(arm)
     careful = tendons is not None and tendons.careful
-    return EnergyStatics(law, section, tuple(cos.tolist()), tuple(sin.tolist()), careful)
+    return EnergyStatics(law, arm.offset_of, tuple(cos.tolist()), tuple(sin.tolist()), careful)
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,11 @@ class PaperStatics:
 
     law: PaperSection
     n_pull: int = field(default=6, init=False)
-    n_data: int = field(default=3, init=False)
+
+    @property
+    def n_data(self) -> int:
+        """The size of data."""
+        return 3 + 2 * self.law.curved
 
     def pulls(self, arm: Arm, at: Stations) -> Array:
         """See ClosedStatics.pulls."""
@@ -89,12 +95,13 @@ class PaperStatics:
 
     def data(self, at: Stations) -> Array:
         """See ClosedStatics.data."""
-        return at.body
+        return np.vstack([at.body, at.rest])
 
     def wrench(self, v: ca.SX, pull: ca.SX, data: ca.SX) -> ca.SX:
         """See ClosedStatics.wrench."""
         moment, along = self.law.tendons(v, pull)
-        return self.law.body(v, ca.vertcat(data, 0)) + join(self.law, moment, along, ca.SX(0, 1))
+        body = self.law.body(v, ca.vertcat(data[:3], 0, data[3:]))
+        return body + join(self.law, moment, along, ca.SX(0, 1))
 
     def solve(self, pull: ca.SX, data: ca.SX) -> ca.SX:
         """See ClosedStatics.solve: curvatures, of which the stretch follows."""

@@ -24,6 +24,7 @@ from model.transcription.neighbours import (
     number_slopes,
 )
 from model.transcription.system import System
+from model.winches import rest_lengths
 from planner.calibrate.measured import Measured
 from planner.calibrate.rows import MM, Sensors, jacobian, residuals
 from planner.unknowns.meshes import Meshes
@@ -75,6 +76,15 @@ class Session:
     def slopes(self) -> NumberSlopes:
         """Derivatives of the equations' numbers by the unknowns."""
         return number_slopes(self.system, self.parameters.stencils(self.values, self.name))
+
+    @cached_property
+    def rest_slopes(self) -> Array:
+        """Derivatives of the tendons' lengths at rest by the unknowns (n_tendons, K)."""
+        found = np.zeros((self.system.arm.n_tendons, len(self.values)))
+        for k, stencil in enumerate(self.parameters.stencils(self.values, self.name)):
+            for near in stencil:
+                found[:, k] += near.weight * rest_lengths(near.arm)
+        return found
 
     @cached_property
     def keys(self) -> list[tuple[str, ...]]:
@@ -194,7 +204,9 @@ class Evaluation:
         rows = []
         for by, shape in zip(self.derivatives, self.experiment.shapes, strict=True):
             of = self.sessions[shape.session]
-            rows.append(jacobian(by, shape, of.sensors(shape), of.keys) / shape.stds[:, None])
+            rest = of.rest_slopes if shape.strokes else np.zeros((0, 0))
+            own = jacobian(by, shape, of.sensors(shape), of.keys, rest)
+            rows.append(own / shape.stds[:, None])
         return np.vstack(rows)
 
     def predicted(self, i: int, values: Array, of: Session) -> tuple[Array, Linearised | None]:

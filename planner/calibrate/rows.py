@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -13,7 +13,7 @@ from model.equilibrium.linearised import Index, Linearised
 from model.paths import Array
 from model.rotations import matrices
 from model.transcription.layout import POSE
-from model.transcription.system import System
+from model.winches import rest_lengths
 from planner.calibrate.measured import Measured
 
 MM = 1e-3
@@ -44,8 +44,13 @@ def residuals(here: Linearised, shape: Measured, sensors: Sensors) -> Array:
     )
 
 
-def jacobian(by: ByNumbers, shape: Measured, sensors: Sensors, keys: Keys) -> Array:
-    """Return the derivatives (size, K) of what is predicted by unknowns of these keys (K,)."""
+def jacobian(
+    by: ByNumbers, shape: Measured, sensors: Sensors, keys: Keys, rest_slopes: Array
+) -> Array:
+    """Return the derivatives (size, K) of what is predicted by unknowns of these keys (K,).
+
+    `rest_slopes` (n_tendons, K) are those of the tendons' lengths at rest, which strokes ask for.
+    """
     here = by.here
     rows = [_points_by(by, shape, sensors, keys)]
     if shape.tip is not None:
@@ -57,7 +62,7 @@ def jacobian(by: ByNumbers, shape: Measured, sensors: Sensors, keys: Keys) -> Ar
     if shape.lengths is not None:
         rows.append(by.lengths)
     if shape.strokes is not None:
-        rows.append(replace(by, here=at_rest(here.system)).direct_lengths - by.lengths)
+        rows.append(rest_slopes - by.lengths)
     return np.vstack(rows)
 
 
@@ -134,16 +139,5 @@ def _runs(here: Linearised, shape: Measured) -> list[Array]:
     if shape.lengths is not None:
         found.append(system.lengths(here.x) - shape.lengths)
     if shape.strokes is not None:
-        rest = at_rest(system)
-        found.append(system.lengths(rest.x) - system.lengths(here.x) - shape.strokes)
+        found.append(rest_lengths(system.arm) - system.lengths(here.x) - shape.strokes)
     return found
-
-
-def at_rest(system: System) -> Linearised:
-    """Return the arm straight and without tensions, where strokes are counted from."""
-    law, N = system.of.form.law, system.s.size
-    v = np.zeros((N, system.of.form.strains))
-    if law.extension:
-        v[:, 2 + law.torsion] = law.along_at_rest
-    none = np.zeros(system.of.n_tendons)
-    return Linearised(system, system.x(none, 0.0, system.start(none, v)))

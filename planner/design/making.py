@@ -39,9 +39,10 @@ class Making:
         """Return what is left of each limit over the arm's length (n,): 0 or above can be made."""
         share = np.linspace(0.0, 1.0, _STATIONS)
         rows = [arm.radius.evaluate(share * arm.length, arm.length)[0] - self.radius]
-        for section in arm.sections:
-            s = share * section.at
-            y = np.abs(section.offset.evaluate(s, section.at)[0])
+        for i, path in arm.offset_paths:
+            end = arm.sections[i].at
+            s = share * end
+            y = np.abs(path.evaluate(s, end)[0])
             rows.append((arm.hull or arm.radius).evaluate(s, arm.length)[0] - y - self.wall)
         ends = np.array([*arm.anchorages, 0.0])
         rows += [-np.diff(ends) - self.spacing, np.array([arm.length - ends[0]])]

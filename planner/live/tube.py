@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from model.paths import Array
 from model.rotations import matrices
 from model.shape import Shape
+from model.stations import tendon_offset
 
 _ALONG, _AROUND = 61, 24
 # Of a slack tendon, of one at the least, and of one at the most tension, red green blue.
@@ -77,12 +78,10 @@ def _tendons(
 ) -> tuple[Array, NDArray[np.uint8]]:
     """Return the pieces of the tendons along u + y d, eqs. (5), (6), and their colours."""
     pieces, colours = [], []
-    for j, (i, phi) in enumerate(shape.arm.tendons):
-        section = shape.arm.sections[i]
-        inside = s <= section.at
-        y = section.offset.evaluate(s[inside], section.at)[0]
-        d = frames[inside] @ np.array([0.0, np.cos(phi), np.sin(phi)])
-        path = places[inside] + y[:, None] * d
+    for j, (i, _) in enumerate(shape.arm.tendons):
+        inside = s <= shape.arm.sections[i].at
+        off = tendon_offset(shape.arm, j, s[inside])
+        path = places[inside] + np.einsum("nij,nj->ni", frames[inside][:, :, 1:], off)
         pieces.append(np.stack([path[:-1], path[1:]], axis=1))
         colour = tension_colour(float(shape.tensions[j]), float(most[j]))
         colours.append(np.broadcast_to(np.array(colour, np.uint8), pieces[-1].shape))

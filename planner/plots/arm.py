@@ -17,6 +17,7 @@ from mpl_toolkits.mplot3d.proj3d import proj_transform  # type: ignore[import-un
 from model.obstacles import Obstacle
 from model.paths import Array
 from model.shape import Shape
+from model.stations import tendon_offset
 from planner.plots.obstacles import draw_obstacles, mark_nearest
 from planner.plots.strains import INK, MM, PULL, SIZE, SLACK, pull_norm, pulling
 from planner.plots.targets import draw_target
@@ -143,16 +144,12 @@ def _skin(ax: Any, rings: Array) -> None:
 def _tendons(shape: Shape, ax: Any, s: Array) -> None:
     """Draw the tendons along u + y d, d = cos(phi) n + sin(phi) b: eqs. (5), (6)."""
     paths = []
-    for i, phi in shape.arm.tendons:
-        section = shape.arm.sections[i]
-        inside = np.append(s[s < section.at], section.at)
-        y = section.offset.evaluate(inside, section.at)[0]
-        angle = np.full(inside.size, phi)
-        if section.turn is not None:
-            angle += section.turn.evaluate(inside, section.at)[0]
-        d = np.stack([np.zeros(inside.size), np.cos(angle), np.sin(angle)], axis=1)
-        along = np.einsum("nij,nj->ni", shape.frame(inside), d)
-        paths.append(MM * (shape.position(inside) + y[:, None] * along))
+    for j, (i, _) in enumerate(shape.arm.tendons):
+        end = shape.arm.sections[i].at
+        inside = np.append(s[s < end], end)
+        off = tendon_offset(shape.arm, j, inside)
+        across = np.einsum("nij,nj->ni", shape.frame(inside)[:, :, 1:], off)
+        paths.append(MM * (shape.position(inside) + across))
     pulled = pulling(shape.tensions)
     slack = [path for path, on in zip(paths, pulled, strict=True) if not on]
     if slack:

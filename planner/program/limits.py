@@ -92,11 +92,12 @@ def natural_tensions(arm: Arm) -> Array:
     From the integral of y / EJ to its anchorage: the linear part of the closed form.
     """
     result = []
-    for section in arm.sections:
-        s = np.linspace(0.0, section.at, 201)
-        y = np.abs(section.offset.evaluate(s, section.at)[0])
+    for i, path in arm.offset_paths:
+        end = arm.sections[i].at
+        s = np.linspace(0.0, end, 201)
+        y = np.abs(path.evaluate(s, end)[0])
         EJ = arm.material.E * np.pi * arm.radius.evaluate(s, arm.length)[0] ** 4 / 4
         bend = float(np.trapezoid(y / EJ, s))
         shorten = float(np.trapezoid(1 / (EJ * 4 / arm.radius.evaluate(s, arm.length)[0] ** 2), s))
-        result += [1 / max(bend, shorten / arm.length)] * len(section.angles)
-    return np.array(result)
+        result.append(1 / max(bend, shorten / arm.length))
+    return np.array(result)[list(arm.offset_of)]

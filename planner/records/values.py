@@ -10,7 +10,7 @@ import numpy as np
 import model.effects
 import model.obstacles
 import planner.targets
-from model import Anchorage, Arm, InputError, Linear, Material, Sampled, Scene
+from model import Anchorage, Arm, InputError, Linear, Material, RestCurvature, Sampled, Scene
 from model.errors import FileError
 from planner.avoidance.rows import Apart, Avoidance, Place
 from planner.scenes.mistakes import hint, shown
@@ -26,7 +26,7 @@ _OBSTACLES = [
     for kind in (getattr(model.obstacles, name) for name in model.obstacles.__all__)
     if is_dataclass(kind)
 ]
-_ARM = (Arm, Material, Anchorage, Linear, Sampled)
+_ARM = (Arm, Material, Anchorage, Linear, Sampled, RestCurvature)
 KINDS: dict[str, Any] = {
     kind.__name__: kind
     for kind in (*_ARM, Scene, *_EFFECTS, *_TARGETS, *_OBSTACLES, Avoidance, Apart, Place)

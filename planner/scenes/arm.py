@@ -4,23 +4,30 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, get_args
 
+import msgspec
 from msgspec import Meta
 
-from model import Anchorage, Arm, InputError, Linear, Material
+from model import Anchorage, Arm, InputError, Material, RestCurvature
 from model.arm import PAPER_FRAME
 from model.paths import Path
 from planner.scenes.keys import (
     MM,
+    CurvatureKey,
     FrameTable,
     PathKey,
     Positive,
     Table,
+    TendonPathsKey,
+    TurnsKey,
     Vector,
+    curvature,
     frame,
     metres,
     path,
     radians,
     rotated,
+    tendon_paths,
+    turns,
 )
 
 Preset = Literal["table-2", "table-4", "section-5.1", "section-5.2"]
@@ -31,17 +38,34 @@ class SectionTable(Table, frozen=True):
 
     at_mm: Annotated[Positive, Meta(description="arc length of the section from the base [mm]")]
     offset_mm: Annotated[
-        PathKey,
-        Meta(description="distance of the tendons from the midline [mm]: [base, anchorage]"),
+        TendonPathsKey,
+        Meta(
+            description="distance of the tendons from the midline [mm]: [base, anchorage], samples,"
+            " or a list of such with one for each tendon"
+        ),
     ]
     angles_deg: Annotated[
         tuple[float, ...],
         Meta(min_length=1, description="a tendon each: its side, from n towards b [deg]"),
     ] = (0.0, 90.0, 180.0, 270.0)
     turn_deg: Annotated[
-        tuple[float, float] | None,
-        Meta(description="what is added to the angles [deg]: [base, anchorage]; with loads only"),
+        TurnsKey | None,
+        Meta(
+            description="what is added to the angles along the arm [deg]: [base, anchorage],"
+            " samples, or a list of such with one for each tendon; with loads only"
+        ),
     ] = None
+
+
+class RestCurvatureTable(Table, frozen=True):
+    """The curvature of the arm without tensions and loads; see model.RestCurvature."""
+
+    n: Annotated[
+        CurvatureKey, Meta(description="about n [1/m]: [base, tip], or samples; bends towards -b")
+    ] = msgspec.field(default_factory=lambda: [0.0, 0.0])
+    b: Annotated[
+        CurvatureKey, Meta(description="about b [1/m]: [base, tip], or samples; bends towards n")
+    ] = msgspec.field(default_factory=lambda: [0.0, 0.0])
 
 
 class ArmTable(Table, frozen=True):
@@ -70,6 +94,7 @@ class ArmTable(Table, frozen=True):
             description="radius within which tendons run [mm], where discs hold them off the body"
         ),
     ] = None
+    rest_curvature: RestCurvatureTable | None = None
 
 
 def arm_of(table: ArmTable) -> Arm:
@@ -85,7 +110,15 @@ def arm_of(table: ArmTable) -> Arm:
         base_frame=base,
         base_position=metres(table.base_position_mm),
         hull=None if table.hull_mm is None else path("hull_mm", table.hull_mm),
+        rest_curvature=_rest(table.rest_curvature),
     )
+
+
+def _rest(table: RestCurvatureTable | None) -> RestCurvature | None:
+    if table is None:
+        return None
+    named = ((f"rest_curvature.{name}", getattr(table, name)) for name in ("n", "b"))
+    return RestCurvature(*(curvature(name, own) for name, own in named))
 
 
 def _shape(table: ArmTable) -> tuple[float, Path, tuple[Anchorage, ...]]:
@@ -104,9 +137,9 @@ def _shape(table: ArmTable) -> tuple[float, Path, tuple[Anchorage, ...]]:
     sections = tuple(
         Anchorage(
             s.at_mm * MM,
-            path("offset_mm", s.offset_mm),
+            tendon_paths("offset_mm", s.offset_mm),
             tuple(map(radians, s.angles_deg)),
-            Linear(*map(radians, s.turn_deg)) if s.turn_deg else None,
+            None if s.turn_deg is None else turns(s.turn_deg),
         )
         for s in table.sections
     )

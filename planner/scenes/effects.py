@@ -17,12 +17,13 @@ from model.effects import (
     Friction,
     NeoHookean,
     PointLoad,
+    PointMass,
     PrintedStatics,
     Shear,
     TipLoad,
     Weight,
 )
-from planner.scenes.keys import MM, NotNegative, Positive, Table, Vector
+from planner.scenes.keys import MM, G, NotNegative, Positive, Table, Vector, metres
 
 _ZERO = (0.0, 0.0, 0.0)
 Way = Literal[1, -1]
@@ -59,6 +60,16 @@ class PointLoadTable(Table, frozen=True):
 
     s_mm: Annotated[NotNegative, Meta(description="arc length from the base [mm]")]
     force: Annotated[Vector, Meta(description="base frame [N]")]
+
+
+class PointMassTable(Table, frozen=True):
+    """See model.effects.PointMass; goes with weight."""
+
+    s_mm: Annotated[NotNegative, Meta(description="arc length from the base [mm]")]
+    mass_g: Annotated[NotNegative, Meta(description="[g]")]
+    offset_mm: Annotated[
+        Vector | None, Meta(description="from the midline in the local frame t, n, b [mm]")
+    ] = None
 
 
 class CurrentTable(Table, frozen=True):
@@ -101,6 +112,7 @@ class EffectsTable(Table, frozen=True):
     buoyancy: BuoyancyTable | None = None
     tip_load: TipLoadTable | None = None
     point_loads: tuple[PointLoadTable, ...] = ()
+    point_masses: tuple[PointMassTable, ...] = ()
     current: CurrentTable | None = None
     friction: FrictionTable | None = None
 
@@ -130,4 +142,8 @@ def scene_of(table: EffectsTable) -> Scene:
     tables = [(kind, getattr(table, key)) for key, kind in _KINDS.items()]
     loads = [kind(**msgspec.structs.asdict(own)) for kind, own in tables if own is not None]
     points = [PointLoad(own.s_mm * MM, own.force) for own in table.point_loads]
-    return Scene(*(effect for wanted, effect in called if wanted), *loads, *points)
+    masses = [
+        PointMass(own.s_mm * MM, own.mass_g * G, own.offset_mm and metres(own.offset_mm))
+        for own in table.point_masses
+    ]
+    return Scene(*(effect for wanted, effect in called if wanted), *loads, *points, *masses)

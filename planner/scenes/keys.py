@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Callable
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
@@ -11,8 +12,10 @@ from scipy.spatial.transform import Rotation
 
 from model import Linear, Sampled
 from model.errors import InputError
+from model.paths import Path
 
 MM = 1e-3
+G = 1e-3
 _ROUNDED = 2e-3
 
 Positive = Annotated[float, Meta(gt=0)]
@@ -33,7 +36,25 @@ class SamplesTable(Table, frozen=True):
     values_mm: Annotated[list[float], Meta(min_length=4, description="the values there [mm]")]
 
 
+class AngleSamplesTable(Table, frozen=True):
+    """An angle as a function of arc length by samples, at least four; see SamplesTable."""
+
+    s_mm: Annotated[list[float], Meta(min_length=4, description="arc lengths from the base [mm]")]
+    values_deg: Annotated[list[float], Meta(min_length=4, description="the angles there [deg]")]
+
+
+class CurvatureSamplesTable(Table, frozen=True):
+    """A curvature as a function of arc length by samples, at least four; see SamplesTable."""
+
+    s_mm: Annotated[list[float], Meta(min_length=4, description="arc lengths from the base [mm]")]
+    values: Annotated[list[float], Meta(min_length=4, description="curvatures there [1/m]")]
+
+
 PathKey = list[float] | SamplesTable
+# Of all tendons of a section, or a list with one for each.
+TendonPathsKey = list[float | list[float] | SamplesTable] | SamplesTable
+TurnsKey = list[float | list[float] | AngleSamplesTable] | AngleSamplesTable
+CurvatureKey = list[float] | CurvatureSamplesTable
 
 
 class FrameTable(Table, frozen=True):
@@ -47,9 +68,43 @@ def path(key: str, value: PathKey) -> Linear | Sampled:
     """Return the function of arc length of a key: [base, end], or samples."""
     if isinstance(value, SamplesTable):
         return Sampled(metres(value.s_mm), metres(value.values_mm))
-    if len(value) != 2:
+    if not (isinstance(value, list) and len(value) == 2):
         raise InputError(key, value, "[base, end] or { s_mm = [...], values_mm = [...] }")
     return Linear(value[0] * MM, value[1] * MM)
+
+
+def tendon_paths(key: str, value: TendonPathsKey) -> Path | tuple[Path, ...]:
+    """Return the offset of all tendons of a section, or of each."""
+    return _each(value, lambda own: path(key, own))
+
+
+def turns(value: TurnsKey) -> Path | tuple[Path, ...]:
+    """Return by what the angle of all tendons of a section turns, or that of each."""
+    return _each(value, lambda own: turn("turn_deg", own))
+
+
+def turn(key: str, value: list[float] | AngleSamplesTable) -> Linear | Sampled:
+    """Return an angle as a function of arc length, given in degrees: [base, end], or samples."""
+    if isinstance(value, AngleSamplesTable):
+        return Sampled(metres(value.s_mm), tuple(map(radians, value.values_deg)))
+    if not (isinstance(value, list) and len(value) == 2):
+        raise InputError(key, value, "[base, end] or { s_mm = [...], values_deg = [...] }")
+    return Linear(radians(value[0]), radians(value[1]))
+
+
+def curvature(key: str, value: CurvatureKey) -> Linear | Sampled:
+    """Return a curvature as a function of arc length: [base, tip], or samples."""
+    if isinstance(value, CurvatureSamplesTable):
+        return Sampled(metres(value.s_mm), tuple(value.values))
+    if len(value) != 2:
+        raise InputError(key, value, "[base, tip] or { s_mm = [...], values = [...] }")
+    return Linear(value[0], value[1])
+
+
+def _each(value: Any, one: Callable[[Any], Path]) -> Path | tuple[Path, ...]:
+    """Return a path, or a tuple of them where a list holds lists or samples."""
+    several = isinstance(value, list) and any(not isinstance(own, float | int) for own in value)
+    return tuple(map(one, value)) if several else one(value)
 
 
 def frame(tangent: Vector, normal: Vector) -> tuple[tuple[float, ...], ...]:

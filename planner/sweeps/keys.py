@@ -17,7 +17,7 @@ from planner.scenes.tables import SceneTable
 
 _PATH = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*|\[\d+\])*")
 _SCALARS = (float, int, str, bool)
-_SUFFIXES = {"_mm": "mm", "_deg": "deg", "_kPa": "kPa"}
+_SUFFIXES = {"_mm": "mm", "_deg": "deg", "_kPa": "kPa", "_g": "g"}
 
 
 def whole(table: SceneTable) -> dict[str, Any]:

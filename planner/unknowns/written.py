@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -16,13 +17,14 @@ from model.effects import (
     Friction,
     NeoHookean,
     PointLoad,
+    PointMass,
     PrintedStatics,
     Shear,
     TipLoad,
     Weight,
 )
 from model.paths import Path
-from planner.scenes.keys import MM
+from planner.scenes.keys import MM, G
 
 _TABLES: dict[str, tuple[type[Effect], tuple[str, ...]]] = {
     "shear": (Shear, ("k_s",)),
@@ -47,7 +49,7 @@ def _arm(arm: Arm) -> dict[str, Any]:
         "sections": [
             {
                 "at_mm": _mm(section.at),
-                "offset_mm": _path(section.offset),
+                "offset_mm": _each(section.offset, _path),
                 "angles_deg": [_rounded(np.degrees(angle)) for angle in section.angles],
             }
             | _turn(section)
@@ -59,22 +61,37 @@ def _arm(arm: Arm) -> dict[str, Any]:
         "base_frame": {"tangent": frame[:, 0].tolist(), "normal": frame[:, 1].tolist()},
         "base_position_mm": [_mm(x) for x in arm.base_position],
     }
+    if arm.rest_curvature is not None:
+        rest = {name: getattr(arm.rest_curvature, name) for name in ("n", "b")}
+        table["rest_curvature"] = {name: _curvature(path) for name, path in rest.items()}
     return table | ({"hull_mm": _path(arm.hull)} if arm.hull else {})
 
 
 def _turn(section: Anchorage) -> dict[str, Any]:
-    if section.turn is None:
-        return {}
-    if not isinstance(section.turn, Linear):
-        raise InputError("Anchorage.turn", section.turn, "a Linear path: others have no keys")
-    return {"turn_deg": [_rounded(np.degrees(x)) for x in (section.turn.base, section.turn.end)]}
+    return {} if section.turn is None else {"turn_deg": _each(section.turn, _degrees)}
+
+
+def _each(given: Path | tuple[Path, ...], one: Callable[[Path], Any]) -> Any:
+    return [one(own) for own in given] if isinstance(given, tuple) else one(given)
 
 
 def _path(path: Path) -> Any:
+    return _in_unit(path, "values_mm", _mm)
+
+
+def _degrees(path: Path) -> Any:
+    return _in_unit(path, "values_deg", lambda value: _rounded(np.degrees(value)))
+
+
+def _curvature(path: Path) -> Any:
+    return _in_unit(path, "values", float)
+
+
+def _in_unit(path: Path, key: str, unit: Callable[[float], float]) -> Any:
     if isinstance(path, Linear):
-        return [_mm(path.base), _mm(path.end)]
+        return [unit(path.base), unit(path.end)]
     if isinstance(path, Sampled):
-        return {"s_mm": [_mm(s) for s in path.s], "values_mm": [_mm(v) for v in path.values]}
+        return {"s_mm": [_mm(s) for s in path.s], key: [unit(v) for v in path.values]}
     raise InputError("path", path, "a Linear or a Sampled path: others have no keys")
 
 
@@ -93,6 +110,12 @@ def _effects(scene: Scene) -> dict[str, Any]:
             table[key] = {name: _listed(getattr(effect, name)) for name in fields}
     loads = [effect for effect in scene.effects if isinstance(effect, PointLoad)]
     table["point_loads"] = [{"s_mm": _mm(p.s), "force": list(p.force)} for p in loads]
+    masses = [effect for effect in scene.effects if isinstance(effect, PointMass)]
+    table["point_masses"] = [
+        {"s_mm": _mm(m.s), "mass_g": _rounded(m.mass / G)}
+        | ({} if m.offset is None else {"offset_mm": [_mm(x) for x in m.offset]})
+        for m in masses
+    ]
     return table
 
 

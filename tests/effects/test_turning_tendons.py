@@ -1,4 +1,4 @@
-"""Tendons whose angle turns along the arm: helices, against a balance written down in NumPy."""
+"""Paths of tendons: helices, against a balance in NumPy; a path of its own for each tendon."""
 
 from __future__ import annotations
 
@@ -8,8 +8,19 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import fsolve
 from scipy.spatial.transform import Rotation
 
-from model import Anchorage, Arm, InputError, Linear, Material, Sampled, Scene, settle
-from model.effects import ExactTendons, Extension, Friction, TipLoad, Weight
+from model import (
+    Anchorage,
+    Arm,
+    InputError,
+    Linear,
+    Material,
+    Sampled,
+    Scene,
+    settle,
+    settle_many,
+)
+from model.effects import Effect, ExactTendons, Extension, Friction, TipLoad, Weight
+from model.winches import rest_lengths
 
 L, R, Y, E, NU = 0.2, 0.01, 0.006, 150e3, 0.5
 ANGLE, TURN = 0.4, 1.1
@@ -92,3 +103,54 @@ def test_a_sampled_turn_with_friction_settles_near_the_linear_one() -> None:
 def test_scenes_without_loads_refuse_tendons_that_turn() -> None:
     with pytest.raises(InputError, match="without loads"):
         settle(_arm(), [1.0, 0.0], Scene(Extension()))
+
+
+def test_each_tendon_may_have_a_path_of_its_own() -> None:
+    """What two sections that end together would be: tendon by tendon the same forces."""
+    scene, T = Scene(Extension(), ExactTendons(), Weight()), [0.5, 1.0]
+    offsets, turns = (Linear(Y, Y / 2), Linear(Y / 3, Y)), (TURNING, Linear(0.2, -0.4))
+    both = Anchorage(L, offsets, (ANGLE, ANGLE + np.pi / 2), turns)
+    arm = Arm(L, Linear(R, R), (both,), Material(E, NU))
+    # One tendon alone has the path of a section with that path.
+    for j in (0, 1):
+        one = Anchorage(L, offsets[j], both.angles, turns[j])
+        alone = Arm(L, Linear(R, R), (one,), Material(E, NU))
+        pulled = np.where(np.arange(2) == j, T, 0.0)
+        tips = [settle(own, pulled, scene, 1e-9).tip for own in (arm, alone)]
+        assert np.allclose(*tips, rtol=0, atol=1e-12)
+    same = Anchorage(L, (Linear(Y, Y),) * 2, both.angles, (TURNING,) * 2)
+    tips = [
+        settle(own, T, scene, 1e-9).tip
+        for own in (Arm(L, Linear(R, R), (same,), Material(E, NU)), _arm())
+    ]
+    assert np.allclose(*tips, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("effects", [(), (ExactTendons(),)])
+def test_offsets_by_tendon_hold_in_closed_form_too(effects: tuple[Effect, ...]) -> None:
+    offsets = (Linear(Y, Y / 2), Linear(Y / 3, Y))
+    arm = Arm(L, Linear(R, R), (Anchorage(L, offsets, (ANGLE, 2.0)),), Material(E, NU))
+    scene, T = Scene(Extension(), *effects), [0.5, 1.0]
+    free, loaded = settle(arm, T, scene, 1e-9), settle(arm, T, Scene(*scene.effects, NOTHING), 1e-9)
+    assert np.allclose(free.tip, loaded.tip, rtol=0, atol=1e-9)
+    assert np.allclose(settle_many(arm, [T] * 40, scene).tip[7], free.tip, rtol=0, atol=1e-6)
+    held = settle(arm, lengths=free.tendon_lengths, scene=scene)
+    assert np.allclose(held.tip, free.tip, rtol=0, atol=1e-6)
+    straight = [np.hypot(L, path.end - path.base) for path in offsets]
+    assert np.allclose(rest_lengths(arm), straight, rtol=1e-12)
+
+
+def test_lengths_at_rest_are_those_of_the_helix() -> None:
+    assert rest_lengths(_arm())[0] == pytest.approx(np.hypot(L, Y * TURN), rel=1e-12)
+
+
+def test_a_wrong_number_of_paths_is_told() -> None:
+    with pytest.raises(
+        InputError, match=r"Anchorage\.offset: got '3 paths', allowed is one for each of 2"
+    ):
+        Anchorage(L, (Linear(Y, Y),) * 3, (0.0, 1.0))
+    with pytest.raises(InputError, match=r"Anchorage\.turn\[1\]"):
+        Anchorage(L, Linear(Y, Y), (0.0, 1.0), (TURNING, 3.0))  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"Arm\.sections\[0\]\.offset"):
+        wide = Anchorage(L, (Linear(Y, Y), Linear(Y, 2 * R)), (0.0, 1.0))
+        Arm(L, Linear(R, R), (wide,), Material(E, NU))

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from model import Anchorage, Arm, InputError, Linear, Scene, settle
+from model import Anchorage, Arm, InputError, Linear, RestCurvature, Scene, settle
 from model.effects import (
     Buoyancy,
     ExactTendons,
@@ -18,6 +18,7 @@ from model.effects import (
     Friction,
     NeoHookean,
     PointLoad,
+    PointMass,
     TipLoad,
     Weight,
 )
@@ -69,6 +70,22 @@ def _base(arm: Arm, scene: Scene, x: float) -> tuple[Arm, Scene]:
     return replace(arm, base_frame=frame, base_position=(0.0, 0.1 * x, 0.0)), scene
 
 
+def _rest_curvature(arm: Arm, scene: Scene, x: float) -> tuple[Arm, Scene]:
+    return replace(arm, rest_curvature=RestCurvature(Linear(x, 1.0), Linear(-2.0, 1 + x))), scene
+
+
+def _offset_of_one(arm: Arm, scene: Scene, x: float) -> tuple[Arm, Scene]:
+    outer, inner = arm.sections
+    offsets = (Linear(0.007 * (1 + x), 0.003), *[outer.offsets[-1]] * 3)
+    return replace(arm, sections=(replace(outer, offset=offsets), inner)), scene
+
+
+def _turn_of_one(arm: Arm, scene: Scene, x: float) -> tuple[Arm, Scene]:
+    outer, inner = arm.sections
+    turns = (Linear(0.0, 0.3 + x), *[Linear(0.0, 0.0)] * 3)
+    return replace(arm, sections=(replace(outer, turn=turns), inner)), scene
+
+
 def _effect(kind: type, new: Callable[[float], object]) -> Change:
     def change(arm: Arm, scene: Scene, x: float) -> tuple[Arm, Scene]:
         others = [effect for effect in scene.effects if not isinstance(effect, kind)]
@@ -87,6 +104,15 @@ LOADED = Scene(
     TipLoad((0.0, 0.002, 0.001)),
 )
 RUBBED = Scene(Extension(), ExactTendons(), Weight(), Friction(0.1))
+OFF = (0.0, 0.02, -0.01)
+LADEN = Scene(Extension(), ExactTendons(), Weight((0.0, 0.0, -3.0)), PointMass(0.15, 0.001, OFF))
+
+
+def _mass_offset(arm: Arm, scene: Scene, x: float) -> tuple[Arm, Scene]:
+    others = [effect for effect in scene.effects if not isinstance(effect, PointMass)]
+    return arm, Scene(*others, PointMass(0.15, 0.001, (x, 0.02, -0.01)))
+
+
 CASES: list[tuple[str, Scene, Change]] = [
     ("modulus", LOADED, _material("E")),
     ("density", LOADED, _material("density")),
@@ -96,6 +122,14 @@ CASES: list[tuple[str, Scene, Change]] = [
     ("base", LOADED, _base),
     ("place of a load", LOADED, _effect(PointLoad, lambda x: PointLoad(0.15 + x, (0, 0.005, 0)))),
     ("tip load", LOADED, _effect(TipLoad, lambda x: TipLoad((0.02 * x, 0.002, 0.001)))),
+    ("rest curvature", LOADED, _rest_curvature),
+    ("rest curvature, with friction", RUBBED, _rest_curvature),
+    ("rest curvature, no loads", Scene(Extension()), _rest_curvature),
+    ("offset of one tendon", LOADED, _offset_of_one),
+    ("offset of one tendon, no loads", Scene(Extension(), ExactTendons()), _offset_of_one),
+    ("turn of one tendon", LOADED, _turn_of_one),
+    ("a mass", LADEN, _effect(PointMass, lambda x: PointMass(0.15, 0.005 + 0.1 * x, OFF))),
+    ("the offset of a mass", LADEN, _mass_offset),
     ("friction", RUBBED, _effect(Friction, lambda x: Friction(0.1 + x))),
     ("anchorage, with friction", RUBBED, _anchorage),
     ("modulus, no loads", Scene(Extension()), _material("E")),
@@ -114,7 +148,7 @@ def _seen(arm: Arm, scene: Scene) -> Array:
 def test_shapes_move_with_a_number_as_shapes_settled_afresh_do(
     name: str, scene: Scene, change: Change
 ) -> None:
-    arm, h = _arm(), 1e-3
+    (arm, scene), h = change(_arm(), scene, 0.0), 1e-3
     forward = Collocation(arm, scene, STAGES, 6 if scene.has(Friction) else 4, (S,))
     here = Linearised(forward.system, forward.found(T).x)
     ends = [Neighbour(sign / 2e-5, *change(arm, scene, sign * 1e-5)) for sign in (1, -1)]

@@ -16,6 +16,7 @@ from model.effects import (
     Friction,
     NeoHookean,
     PointLoad,
+    PointMass,
     PrintedStatics,
     Shear,
     TipLoad,
@@ -60,6 +61,11 @@ TABLES: dict[str, tuple[str, tuple[Effect, ...]]] = {
         "[[effects.point_loads]]\ns_mm = 225\nforce = [0, 0, -0.005]\n"
         "[[effects.point_loads]]\ns_mm = 100.5\nforce = [0.001, 0, 0]",
         (PointLoad(0.225, (0.0, 0.0, -0.005)), PointLoad(0.1005, (0.001, 0.0, 0.0))),
+    ),
+    "a mass": (
+        "weight = {}\n[[effects.point_masses]]\ns_mm = 225\nmass_g = 2\n"
+        "[[effects.point_masses]]\ns_mm = 225\nmass_g = 3\noffset_mm = [0, 12, -1]",
+        (Weight(), PointMass(0.225, 0.002), PointMass(0.225, 0.003, (0.0, 0.012, -0.001))),
     ),
     "current": ("current = { velocity = [0, 0, 0.1] }", (Current((0.0, 0.0, 0.1)),)),
     "current of air": (

@@ -14,7 +14,17 @@ import jsonschema
 import numpy as np
 import pytest
 
-from model import Anchorage, Arm, InputError, Linear, Material, Sampled, Scene, settle
+from model import (
+    Anchorage,
+    Arm,
+    InputError,
+    Linear,
+    Material,
+    RestCurvature,
+    Sampled,
+    Scene,
+    settle,
+)
 from model.effects import (
     Buoyancy,
     Current,
@@ -23,6 +33,7 @@ from model.effects import (
     Friction,
     NeoHookean,
     PointLoad,
+    PointMass,
     Shear,
     TipLoad,
     Weight,
@@ -45,6 +56,18 @@ OWN = Arm(
     base_position=(0.1, 0.2, 1 / 3),
     hull=Linear(0.02, 0.02),
 )
+CURVED = replace(
+    OWN,
+    sections=(
+        replace(
+            OWN.sections[0],
+            offset=(Linear(0.006, 0.002), Linear(0.001, 0.0), Linear(0.002, 0.002)),
+            turn=(Linear(0.0, 1.0), Linear(0.0, 0.1), Linear(1.0, 0.0)),
+        ),
+        OWN.sections[1],
+    ),
+    rest_curvature=RestCurvature(Linear(0.1, 0.2)),
+)
 SCENES = (
     Scene(),
     Scene.silicone(),
@@ -58,6 +81,7 @@ SCENES = (
         TipLoad((0.0, 0.0, 0.1), follower=True),
         PointLoad(0.1, (0.0, 0.0, 0.1)),
         PointLoad(0.2, (0.0, 0.1, 0.1)),
+        PointMass(0.2, 0.01, (0.0, 0.1, 0.1)),
         Current((0.0, 0.0, 0.1)),
         Friction(0.1, (1, -1, 1, 1, 1, 1, 1)),
         Shear(0.9),
@@ -78,7 +102,9 @@ def unlimited() -> Plan:
 
 
 @pytest.mark.parametrize(
-    "given", [OWN, *SCENES, *(target for _, target in TARGETS.values())], ids=lambda x: repr(x)[:25]
+    "given",
+    [OWN, CURVED, *SCENES, *(target for _, target in TARGETS.values())],
+    ids=lambda x: repr(x)[:25],
 )
 def test_values_are_read_back_to_the_last_digit(given: Any) -> None:
     through = json.loads(json.dumps(plain(given)))

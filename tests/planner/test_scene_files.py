@@ -14,7 +14,7 @@ import pytest
 
 import model.effects
 import planner.targets
-from model import Anchorage, Arm, Linear, Material, Sampled
+from model import Anchorage, Arm, Linear, Material, RestCurvature, Sampled
 from model.effects import Effect
 from model.errors import FileError
 from model.presets import PAPER_ARMS
@@ -108,7 +108,13 @@ def test_every_field_of_an_arm_has_a_key() -> None:
     sections = [
       { at_mm = 250, offset_mm = [16, 8], angles_deg = [0, 180] },
       { at_mm = 125, offset_mm = { s_mm = [0, 50, 100, 125], values_mm = [8, 8, 8, 4] } },
+      { at_mm = 100, angles_deg = [0, 180], turn_deg = [[0, 90], [0, -180]], offset_mm = [
+        [8, 4], { s_mm = [0, 50, 75, 100], values_mm = [8, 8, 8, 4] }] },
+      { at_mm = 75, angles_deg = [0, 180], turn_deg = [0, 90], offset_mm = [4, 4] },
     ]
+    rest_curvature = { b = { s_mm = [0, 50, 125, 250], values = [0, 1, 2, 1] } }
+    [effects]
+    weight = {}
     """
     mm = 1e-3
     arm = Arm(
@@ -117,11 +123,22 @@ def test_every_field_of_an_arm_has_a_key() -> None:
         (
             Anchorage(0.25, Linear(16 * mm, 8 * mm), (0.0, np.pi)),
             Anchorage(0.125, Sampled((0, 50 * mm, 0.1, 0.125), (8 * mm, 8 * mm, 8 * mm, 4 * mm))),
+            Anchorage(
+                0.1,
+                (
+                    Linear(8 * mm, 4 * mm),
+                    Sampled((0, 50 * mm, 75 * mm, 0.1), (8 * mm, 8 * mm, 8 * mm, 4 * mm)),
+                ),
+                (0.0, np.pi),
+                (Linear(0.0, np.pi / 2), Linear(0.0, -np.pi)),
+            ),
+            Anchorage(75 * mm, Linear(4 * mm, 4 * mm), (0.0, np.pi), Linear(0.0, np.pi / 2)),
         ),
         Material(125e3, 0.25, 1000.0),
         ((0, 1, 0), (0, 0, 1), (1, 0, 0)),
         (0.125, 0, 0.25),
         Linear(16 * mm, 16 * mm),
+        RestCurvature(b=Sampled((0, 50 * mm, 0.125, 0.25), (0.0, 1.0, 2.0, 1.0))),
     )
     assert read(text.encode()).arm == arm
     keys = {key.split("_mm")[0] for key in ArmTable.__struct_fields__}
@@ -141,8 +158,9 @@ def test_presets_effects_and_targets_are_all_there() -> None:
     keys = set(SCHEMA["$defs"]["EffectsTable"]["properties"])
     effects = set(model.effects.__all__) - {Effect.__name__}
     named = {"".join(part.title() for part in key.split("_")) for key in keys}
-    assert effects - {"PointLoad", "PrintedStatics"} == named - {
+    assert effects - {"PointLoad", "PointMass", "PrintedStatics"} == named - {
         "PointLoads",
+        "PointMasses",
         "AsPrinted",
         "Anticlastic",
     }
