@@ -41,8 +41,12 @@ preset = "table-4"              # "table-2", "table-4", "section-5.1", "section-
 # sections = [                  # where tendons end, from the tip to the base
 #   { at_mm = 310.0, offset_mm = [7.5, 1.0] },    # distance from the midline: base, anchorage
 #   { at_mm = 150.0, offset_mm = [5.0, 5.0], angles_deg = [0.0, 120.0, 240.0] },
-#   # turn_deg = [0.0, 10.0] in one: tendons that turn along the arm, with loads
+#   # turn_deg = [0.0, 10.0] in one: tendons that turn along the arm, with loads;
+#   # or { s_mm = [0, 50, 100, 150], values_deg = [...] }. This and offset_mm: of each tendon
+#   # as a list, [[7.5, 1.0], [6.0, 1.0], ...]
 # ]
+# rest_curvature = { n = [0.0, 0.0], b = [1.0, 2.0] }  # 1/m at rest, about n and b: base, tip
+#                               # or b = { s_mm = [0, 100, 200, 310], values = [...] }
 # hull_mm = [16.0, 16.0]        # where discs hold tendons outside of the body
 E_kPa = 110.0                   # Young's modulus
 nu = 0.5                        # Poisson's ratio
