@@ -19,7 +19,7 @@ from planner.outcome import Facts, sentence
 from planner.program.effort import effort
 from planner.program.limits import Limits
 from planner.program.problem import Problem, build, units
-from planner.program.program import STABILITY
+from planner.program.program import STABILITY, STROKES
 from planner.program.statement import Mode, Statement
 from planner.solve.newton import optimality
 from planner.solve.search_result import Trial, agreed
@@ -158,6 +158,12 @@ class Answer:
             found.append((np.inf, f"stability, at its margin of {least:g}"))
         if np.ravel(self._rows("margin")).min(initial=0.0) < -1e-9 and self.surroundings:
             found.append((0.0, "what the arm is to keep clear of"))
+        if self.limits.strokes is not None:
+            lam_strokes = np.ravel(self._rows(STROKES))
+            for j in np.flatnonzero(np.abs(lam_strokes) > 1e-9).tolist():
+                end = self.limits.strokes[int(lam_strokes[j] < 0)][j]
+                name = f"the stroke of {self.arm.tendon_name(j)}, at {1e3 * end:g} mm"
+                found.append((abs(float(lam_strokes[j])), name))
         total = self.limits.total
         if total is not None and T.sum() >= total * (1 - 1e-6):
             found.append((np.inf, f"the total pull at its maximum of {total:g} N"))

@@ -39,6 +39,7 @@ from planner.program.terms import (
     ways_function,
 )
 from planner.targets.base import Target
+from planner.tendon_lengths import strokes
 
 # How accurate the check is: two digits more than what it has to judge.
 _SHARPER, _PRINTED = 1e-2, "rk8"
@@ -64,6 +65,7 @@ class Certificate:
     approach : size of each thing that was to be made as small as the limits allow
     margin : least value of each thing that has to be 0 or above
     bounds : largest violation of a tension limit [N]
+    strokes : largest violation of a limit of strokes
     kkt : residual of the first-order conditions, scaled; their multipliers are the plan's
     agreement : distance of the settled tip from the check's, over L
     error : estimated tip error of the check, over L
@@ -97,6 +99,7 @@ class Certificate:
     least_gaps: Mapping[str, float] = field(default_factory=dict)
     nearest: str = ""
     units: Mapping[str, str] = field(default_factory=dict)
+    strokes: float = 0.0
 
     @property
     def clearance(self) -> float:
@@ -144,6 +147,7 @@ class Certificate:
             (max(self.match.values(), default=0.0), self.tolerance, "target residual"),
             (-min(self.margin.values(), default=0.0), self.tolerance, "margin below 0 by"),
             (self.bounds, 0.0, "tension limit violated by [N]"),
+            (self.strokes, self.tolerance, "stroke limit violated by [L]"),
             (self.kkt, KKT_TOLERANCE, "optimality residual"),
             (self.agreement, self.tolerance, "integrators differ by"),
             (self.stability_margin - self.stability, self._stable, self._unstable),
@@ -264,7 +268,17 @@ def certify(
         least_gaps=surroundings.least,
         nearest=told(gaps),
         units=term_units(arm, targets),
+        strokes=_stroke_excess(shape, limits),
     )
+
+
+def _stroke_excess(shape: Shape, limits: Limits) -> float:
+    """Return the largest violation of a limit of strokes, over the arm's length."""
+    if limits.strokes is None:
+        return 0.0
+    (least, most), found = limits.strokes, strokes(shape)
+    over = max(float((least - found).max()), float((found - most).max()), 0.0)
+    return over / shape.arm.length
 
 
 # Poses at the stations (K, 7), the tip (3,), its estimated error, stability, load factor, midline.

@@ -26,7 +26,13 @@ from planner.files import to_json, write_named
 from planner.program.effort import check_norm
 from planner.program.limits import Limits
 from planner.program.statement import Form, Statement
-from planner.question import check_looks, check_targets, checked_form, checked_margin
+from planner.question import (
+    check_looks,
+    check_strokes,
+    check_targets,
+    checked_form,
+    checked_margin,
+)
 from planner.records.plan import plan_record
 from planner.report import plan_summary, plan_text
 from planner.solve.search import Search
@@ -65,6 +71,8 @@ class Plan(Answer):
             obstacles=self.surroundings.obstacles,
             clearance=self.surroundings.clearance,
             self_clearance=self.surroundings.of_itself,
+            stroke_max=self.limits.strokes and self.limits.strokes[1],
+            stroke_min=self.limits.strokes and self.limits.strokes[0],
         )
 
     def save(self, path: str | Path) -> Path:
@@ -110,6 +118,8 @@ def plan(
     obstacles: Any = (),
     clearance: float = 0.0,
     self_clearance: bool = False,
+    stroke_max: Any = None,
+    stroke_min: Any = None,
 ) -> Plan:
     """Return the tensions of least effort that give an arm the shape that a target wants.
 
@@ -156,6 +166,11 @@ def plan(
         How far its surface stays from them [m].
     self_clearance : bool
         Whether it stays as far from itself and from the far side of its base plane.
+    stroke_max : float, or one for each tendon
+        The most that winches take in of tendons from the straight arm at rest [m], of slack ones
+        too (`Plan.strokes`); no limit unless given.
+    stroke_min : float, or one for each tendon
+        The least: 0 or below, how far they can pay out; as far as they take in unless given.
 
     Returns
     -------
@@ -178,10 +193,12 @@ def plan(
     accuracy = checked_accuracy(accuracy)
     seconds = None if time_limit is None else positive("time_limit", time_limit)
     limits = Limits.of(arm, tension_max, tension_min, total_pull)
+    limits = limits.with_strokes(arm, stroke_max, stroke_min)
     check_looks(targets, scene, limits)
+    check_strokes(scene, limits)
     margin = checked_margin(stability_margin)
-    limited = total_pull is not None
-    statement = Statement(form, check_norm(norm), limited=limited, margin=margin)
+    limited, wound = total_pull is not None, limits.strokes is not None
+    statement = Statement(form, check_norm(norm), limited=limited, margin=margin, wound=wound)
     by = checked_compile(compile)
     task = Task(arm, targets, scene, limits, statement, accuracy, by)
     around = surroundings(arm, targets, obstacles, clearance, self_clearance)
@@ -234,7 +251,7 @@ def _followed(near: Plan, task: Task) -> SearchResult | None:
         raise InputError("near", "a plan for another arm or scene", "one for the same")
     limits, own = task.limits, near.limits
     same = near.statement.margin == task.statement.margin
-    if not same or (own.upper, own.total) != (limits.upper, limits.total):
+    if not same or replace(own, lower=limits.lower) != limits:
         return None
     answer = (near.tensions, near.lam_x, near.lam_g)
     known = Known(near.targets, own.lower, near.statement, *answer)

@@ -20,7 +20,7 @@ from planner.files import read_file, why
 from planner.plan import Plan
 from planner.program.limits import Limits
 from planner.program.problem import build
-from planner.question import check_targets, checked_form, checked_margin
+from planner.question import check_strokes, check_targets, checked_form, checked_margin
 from planner.records.plan import AnswerRecord, PlanRecord, QuestionRecord, StartRecord
 from planner.records.values import Number, value
 from planner.scenes.mistakes import mistake, shown
@@ -53,7 +53,14 @@ def load_plan(path: str | Path) -> Plan:
     tensions = _floats(answer.tensions, name, "answer.tensions")
     within = _Within(name)
     within("question.scene", lambda: check_loads(arm, scene))
-    limits = within("question.limits", lambda: Limits.of(arm, upper, lower, own.total))
+    ends: list[Any] = [None, None]
+    if own.strokes is not None:
+        ends = [_floats(end, name, "question.limits.strokes") for end in own.strokes]
+    limits = within(
+        "question.limits",
+        lambda: Limits.of(arm, upper, lower, own.total).with_strokes(arm, ends[1], ends[0]),
+    )
+    within("question.limits.strokes", lambda: check_strokes(scene, limits))
     targets = within("question.targets", lambda: check_targets(arm, found))
     around = _surroundings(within, question, arm, targets)
     avoidance = None
@@ -133,6 +140,9 @@ def _check_statement(within: _Within, answer: AnswerRecord, limits: Limits) -> N
     if stated.limited != (limits.total is not None):
         told = f"got {shown(stated.limited)}, question.limits.total is {shown(limits.total)}"
         raise FileError(within.name, "answer.statement.limited", told)
+    if stated.wound != (limits.strokes is not None):
+        told = f"got {shown(stated.wound)}, question.limits has {'no ' * stated.wound}strokes"
+        raise FileError(within.name, "answer.statement.wound", told)
 
 
 def _check_multipliers(plan: Plan, name: str) -> None:

@@ -29,6 +29,12 @@ def check_looks(targets: tuple[Target, ...], scene: Scene, limits: Limits) -> No
         raise InputError("tension_max", np.inf, "finite limits where a stiffness is wanted")
 
 
+def check_strokes(scene: Scene, limits: Limits) -> None:
+    """Raise InputError for limits of strokes where tendons have no lengths."""
+    if limits.strokes is not None and scene.has(PrintedStatics):
+        raise InputError("stroke_max", "given as printed", "none, in a scene as printed")
+
+
 def checked_form(form: Form | None) -> Form:
     """Return the form, multiple shooting for None; refuse what is none."""
     if form is None:

@@ -126,7 +126,7 @@ def question_of(raw: dict[str, Any], name: str = "scene") -> Question:
     options |= _surroundings(within, arm, (*targets, *ways), table)
     if table.limits is not None:
         within("limits", lambda own: _check_limits(arm, own), table.limits)
-        options |= msgspec.structs.asdict(table.limits)
+        options |= _limits(table.limits)
     stiff = within("stiffness", lambda own: _stiffness(arm, own), table.stiffness)
     motion, held = _motion(table.motion), (table.tensions, winches)
     asked = (*held, table.accuracy, options, stiff, table.compile)
@@ -235,7 +235,21 @@ def _motion(table: MotionTable) -> dict[str, Any]:
 
 
 def _check_limits(arm: Arm, table: LimitsTable) -> None:
-    Limits.of(arm, table.tension_max, table.tension_min, table.total_pull)
+    limits = Limits.of(arm, table.tension_max, table.tension_min, table.total_pull)
+    asked = _limits(table)
+    limits.with_strokes(arm, asked.get("stroke_max"), asked.get("stroke_min"))
+
+
+def _limits(table: LimitsTable) -> dict[str, Any]:
+    """Return the limits as plan takes them, those of strokes [m] if there are any."""
+    found = {key: getattr(table, key) for key in ("tension_max", "tension_min", "total_pull")}
+    ends = {"stroke_max": table.stroke_max_mm, "stroke_min": table.stroke_min_mm}
+    return found | {key: _metres(own) for key, own in ends.items() if own is not None}
+
+
+def _metres(lengths: Any) -> Any:
+    """Return lengths [mm] in rows or alone in metres."""
+    return [_metres(own) for own in lengths] if isinstance(lengths, list) else lengths * MM
 
 
 def _stiffness(arm: Arm, table: StiffnessTable) -> dict[str, Any]:

@@ -50,7 +50,7 @@ class Collocated:
         mesh = (statement.stages, statement.refinement, stations)
         self.forward = Collocation(arm, scene, *mesh, loaded, machine_code)
         at = self.forward.system
-        self.states = States(at, looks, least_give(arm), statement.modes)
+        self.states = States(at, looks, least_give(arm), statement.modes, statement.wound)
         self.program = program(arm, targets, statement, at.of, Stations.of(at, stations))
 
     def numbers(self, target: Array) -> Array:

@@ -116,6 +116,10 @@ class Condensed:
             x[start:stop] = -splu(responds).solve(np.array(g).ravel()[rows])
         if blocks.modes:
             self._add_modes(x, states, p)
+        if blocks.wound:
+            system = self.forward.system
+            found = system.lengths(system.x(np.zeros(system.of.n_tendons), 1.0, states))
+            x[blocks.lengths] = found / system.arm.length
         objective = self.program.objective
         if objective.n_lack:
             outer = np.array(self.program.outer_first(x, p)[2]).ravel()

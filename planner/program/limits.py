@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -20,7 +20,7 @@ _ROWS = (list, tuple, np.ndarray)
 
 @dataclass(frozen=True)
 class Limits:
-    """Bounds on the tensions.
+    """Bounds on the tensions, and on what winches take in.
 
     Attributes
     ----------
@@ -28,11 +28,14 @@ class Limits:
         [N]; upper may be infinite.
     total : float or None
         The most that all tendons together may pull [N].
+    strokes : ((n_tendons,), (n_tendons,)) or None
+        The least and the most that is taken in of each tendon from the straight arm at rest [m].
     """
 
     upper: tuple[float, ...]
     lower: tuple[float, ...]
     total: float | None = None
+    strokes: tuple[tuple[float, ...], tuple[float, ...]] | None = None
 
     @classmethod
     def of(cls, arm: Arm, upper: Any, lower: Any = 0.0, total: float | None = None) -> Limits:
@@ -60,10 +63,21 @@ class Limits:
                 )
         return cls(tuple(high.tolist()), tuple(low.tolist()), total)
 
+    def with_strokes(self, arm: Arm, most: Any, least: Any = None) -> Limits:
+        """Return the limits with those of strokes, as `plan` takes them; None for no limits.
+
+        Raises InputError for a most below or a least above 0, where the arm rests.
+        """
+        if most is None and least is None:
+            return self
+        high = _each(arm, "stroke_max", np.inf if most is None else most)
+        paid_out = high if least is None else _each(arm, "stroke_min", _negated(least))
+        return replace(self, strokes=(tuple((-paid_out).tolist()), tuple(high.tolist())))
+
     def restricted(self, tendons: frozenset[int]) -> Limits:
         """Return the limits with all other tendons held at their lower bounds."""
         upper = [u if j in tendons else self.lower[j] for j, u in enumerate(self.upper)]
-        return Limits(tuple(upper), self.lower, self.total)
+        return replace(self, upper=tuple(upper))
 
 
 def _each(arm: Arm, name: str, values: Any) -> Array:
@@ -76,6 +90,15 @@ def _each(arm: Arm, name: str, values: Any) -> Array:
         raise InputError(name, values, "a number, or one for each tendon")
     flat = arm.flat(_finite(values), name)
     return np.where(flat >= LARGEST, np.inf, flat)
+
+
+def _negated(least: Any) -> Array:
+    """Return how much may be paid out, of the least strokes, which are 0 or below."""
+    allowed = "0 or a number below it, or one for each tendon"
+    found = numbers("stroke_min", least, allowed)
+    if not np.all(found <= 0):
+        raise InputError("stroke_min", least, allowed)
+    return np.asarray(np.abs(found))
 
 
 def _finite(values: Any) -> Any:

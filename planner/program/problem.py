@@ -12,11 +12,12 @@ from model.effects import Extension, PrintedStatics
 from model.errors import OctoplanError
 from model.paths import Array
 from model.scene import Scene
+from model.winches import rest_lengths
 from planner.program.collocated import Collocated
 from planner.program.condensed import Condensed
 from planner.program.explicit import Explicit
 from planner.program.limits import Limits, natural_tensions
-from planner.program.program import STABILITY, Rows, Same
+from planner.program.program import STABILITY, STROKES, Rows, Same
 from planner.program.statement import Statement
 from planner.program.terms import looks_of, stations_of
 from planner.targets.base import Look, Target
@@ -36,6 +37,8 @@ def is_explicit(scene: Scene, statement: Statement, looks: tuple[Look, ...]) -> 
     """
     if scene.has(PrintedStatics):
         return True
+    if statement.wound:
+        return False
     paper = all(isinstance(effect, Extension) for effect in scene.effects)
     return statement.form == "condensed" and paper and not looks
 
@@ -114,9 +117,14 @@ class Problem:
         free = np.full(self.program.x.numel() - unit.size, np.inf)
         lbx, ubx = np.concatenate([lower / unit, -free]), np.concatenate([upper / unit, free])
         lbx[self.n_free :][:1] = ubx[self.n_free :][:1] = 1.0
-        least = {STABILITY: max(self.statement.margin, _STABLE)}
-        lbg = np.concatenate([np.full(r.size, least.get(r.name, r.lower)) for r in self.rows])
+        floors = {STABILITY: max(self.statement.margin, _STABLE)}
+        lbg = np.concatenate([np.full(r.size, floors.get(r.name, r.lower)) for r in self.rows])
         ubg = np.concatenate([np.full(r.size, r.upper) for r in self.rows])
+        if limits.strokes is not None:
+            at = [r.name == STROKES for r in self.rows for _ in range(r.size)]
+            least, most = (np.array(own) for own in limits.strokes)
+            rest = rest_lengths(self.arm)
+            lbg[at], ubg[at] = (rest - most) / self.arm.length, (rest - least) / self.arm.length
         return lbx, ubx, lbg, ubg
 
     def free_bounds(self, limits: Limits) -> Bounds:

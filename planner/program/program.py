@@ -47,7 +47,7 @@ from planner.program.terms import (
 from planner.targets.base import Target
 
 LEAST_STRETCH = 1e-3
-STABILITY = "stability"
+STABILITY, STROKES = "stability", "strokes"
 S = TypeVar("S", ca.SX, ca.MX)
 
 
@@ -168,7 +168,8 @@ class Program:
         size, machine_code = self.n_free + self.blocks.size, self.blocks.of.form.machine_code
         self.equations = Equations(size, self.blocks.n_rows, self.blocks.terms(), machine_code)
         modes = [Rows(STABILITY, self.blocks.modes, 0.0, np.inf)] * (self.blocks.modes > 0)
-        self.outer_rows = (*self.objective.rows, *modes)
+        wound = [Rows(STROKES, n, -np.inf, np.inf)] * self.blocks.wound
+        self.outer_rows = (*self.objective.rows, *modes, *wound)
         self.rows = (*self.outer_rows, Rows("equilibrium", self.blocks.n_rows, 0.0, 0.0))
         own = (1, self.equations.n_p, self.blocks.size, self.blocks.n_rows)
         self.sizes = (self.objective.n_numbers, n, *own)
@@ -180,7 +181,8 @@ class Program:
         whole = ca.vertcat(unit, ca.MX.ones(self.n_free - unit.numel()), scale)
         X = x * whole
         f, outer = self._outer(X, x, given, force, seen)
-        outer = ca.vertcat(outer, *(x[place] for place in self.blocks.eigenvalues))
+        eigenvalues = (x[place] for place in self.blocks.eigenvalues)
+        outer = ca.vertcat(outer, *eigenvalues, x[self.blocks.lengths])
         places, nonzeros = self.equations.jacobian[1], self.equations.jacobian[0](X, numbers)
         row, column = places.row(), places.get_col()
         J = ca.MX(places, nonzeros * whole[column] / row_scale[row])
@@ -283,5 +285,5 @@ def program(
 @lru_cache(maxsize=16)
 def _built(key: Hashable, of: Layout, seen: Stations, given: Same) -> Program:
     arm, targets, statement = given.value
-    looks, modes = looks_of(targets), statement.modes
-    return Program(arm, targets, statement, lambda first: Blocks(of, looks, first, modes), seen)
+    looks, more = looks_of(targets), (statement.modes, statement.wound)
+    return Program(arm, targets, statement, lambda first: Blocks(of, looks, first, *more), seen)

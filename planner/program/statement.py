@@ -32,6 +32,8 @@ class Statement:
         The least stability that is accepted, see planner.certificate.
     modes : int
         How many of the least stable modes are held to it; none where stability is only checked.
+    wound : bool
+        Whether strokes have limits: then the lengths of the tendons are unknowns.
     """
 
     form: Form = "condensed"
@@ -42,6 +44,7 @@ class Statement:
     refinement: int = 4
     margin: float = 0.0
     modes: int = 0
+    wound: bool = False
 
     @property
     def stages(self) -> int:

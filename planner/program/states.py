@@ -65,12 +65,15 @@ class Blocks:
         Place of the load factor.
     modes : int
         How many of the least stable modes are unknowns; see planner.program.modes.
+    wound : bool
+        Whether the lengths of the tendons are.
     """
 
     of: Layout
     looks: tuple[Look, ...]
     first: int
     modes: int = 0
+    wound: bool = False
 
     @property
     def responses(self) -> list[Look]:
@@ -79,14 +82,14 @@ class Blocks:
 
     @property
     def size(self) -> int:
-        """Number of unknowns: load factor, states, responses of all unknowns, modes."""
+        """Number of unknowns: load factor, states, responses of all, modes, lengths."""
         return 1 + self.n_answers + self.of.n_states
 
     @property
     def n_answers(self) -> int:
         """Number of unknowns that are neither load factor nor states."""
         own = len(self.responses) * self.of.n_x
-        return own + self.modes * (self.of.n_states + 1)
+        return own + self.modes * (self.of.n_states + 1) + self.wound * self.of.n_tendons
 
     @property
     def n_rows(self) -> int:
@@ -124,6 +127,12 @@ class Blocks:
         """The places of the modes' eigenvalues."""
         return [self.mode(k).stop for k in range(self.modes)]
 
+    @property
+    def lengths(self) -> slice:
+        """The places of the tendons' lengths."""
+        start = self.mode(self.modes).start
+        return slice(start, start + self.wound * self.of.n_tendons)
+
     def terms(self) -> list[Term]:
         """Return the terms of all equations, in the places of the program."""
         place = self.places()
@@ -139,6 +148,12 @@ class Blocks:
         for k in range(self.modes):
             terms += mode_terms(self.of, place, self.mode(k).start, row)
             row += self.of.n_states + 1
+        if self.wound:
+            (runs,) = self.of.lengths.terms
+            own_places = np.arange(self.lengths.start, self.lengths.stop)[None, :]
+            rows = row + np.arange(self.of.n_tendons)[None, :]
+            terms.append(Term(runs.kernel, place[runs.unknowns], row + runs.rows))
+            terms.append(Term(_scaled(), own_places, rows))
         return terms
 
     def _held(self, look: Look, place: Places, shift: int, row: int) -> list[Term]:
@@ -199,8 +214,15 @@ class States:
         What one unit of each equation is worth.
     """
 
-    def __init__(self, at: System, looks: tuple[Look, ...], give: float, modes: int = 0) -> None:
-        self.at, self.give = at, give
+    def __init__(
+        self,
+        at: System,
+        looks: tuple[Look, ...],
+        give: float,
+        modes: int = 0,
+        wound: bool = False,
+    ) -> None:
+        self.at, self.give, self.wound = at, give, wound
         self.looks, self.modes = looks, modes
         state, row = _scales(at)
         # A force that bends the straight arm by about 1 rad.
@@ -209,9 +231,11 @@ class States:
         whole = np.concatenate([np.full(at.of.first, self.force), state])
         each = [look for look in looks for _ in range(look.width)]
         mode, balance = np.append(state, 1.0), np.append(row, 1.0)
-        self.scale = np.concatenate([[1.0], state, *[whole for _ in each], *[mode] * modes])
+        lengths = np.full(at.of.n_tendons * wound, at.arm.length)
+        behind = [*[whole for _ in each], *[mode] * modes, lengths]
+        self.scale = np.concatenate([[1.0], state, *behind])
         rows = [np.concatenate([row, self._held_scale(look)]) for look in each]
-        self.row_scale = np.concatenate([row, *rows, *[balance] * modes])
+        self.row_scale = np.concatenate([row, *rows, *[balance] * modes, lengths])
         self._stages = state[at.of.stages].ravel()
 
     def _held_scale(self, look: Look) -> Array:
@@ -248,6 +272,8 @@ class States:
             columns.append(np.full((1, of.n_tendons), -self.give))
         for _ in range(self.modes):
             columns += [*own, *mode_numbers(at, self._stages)]
+        if self.wound:
+            columns += [at.length_numbers.reshape(-1, 5).T, np.full((1, of.n_tendons), -1.0)]
         return np.concatenate([np.ravel(column, "F") for column in columns])
 
 

@@ -24,6 +24,10 @@ class LimitsRecord(msgspec.Struct, kw_only=True):
     upper: list[Number]
     lower: list[Number]
     total: float | None = None
+    strokes: Annotated[
+        tuple[list[Number], list[Number]] | None,
+        Meta(description="least and most that winches take in [m]"),
+    ] = None
 
 
 class QuestionRecord(msgspec.Struct, kw_only=True):
@@ -70,6 +74,7 @@ class CertificateRecord(msgspec.Struct, kw_only=True):
     approach: dict[str, float | None]
     margin: dict[str, float | None]
     bounds: float | None
+    strokes: float | None = 0.0
     kkt: float | None
     agreement: float | None
     error: float | None
@@ -188,8 +193,10 @@ def _finite(value: Any) -> Any:
 
 
 def _limits(limits: Any) -> LimitsRecord:
-    lower = _numbers(limits.lower)
-    return LimitsRecord(upper=_numbers(limits.upper), lower=lower, total=limits.total)
+    lower, ends = _numbers(limits.lower), limits.strokes
+    strokes = None if ends is None else (_numbers(ends[0]), _numbers(ends[1]))
+    upper = _numbers(limits.upper)
+    return LimitsRecord(upper=upper, lower=lower, total=limits.total, strokes=strokes)
 
 
 def _start(start: Any) -> StartRecord:

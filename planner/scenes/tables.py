@@ -14,12 +14,20 @@ from planner.scenes.targets import Hold, TargetTable, TendonEA
 
 
 class LimitsTable(Table, frozen=True):
-    """Limits of the tensions [N]: a number for all tendons, or one for each."""
+    """Limits of tensions [N] and strokes [mm]: a number for all tendons, or one for each."""
 
     tension_max: Annotated[NotNegative | Tensions, Meta(description="[N]")]
     tension_min: Annotated[NotNegative | Tensions, Meta(description="[N]")] = 0.0
     total_pull: Annotated[
         NotNegative | None, Meta(description="the most that all together may pull [N]")
+    ] = None
+    stroke_max_mm: Annotated[
+        NotNegative | Tensions | None,
+        Meta(description="the most that winches take in from the straight arm at rest [mm]"),
+    ] = None
+    stroke_min_mm: Annotated[
+        Annotated[float, Meta(le=0)] | Tensions | None,
+        Meta(description="the least, 0 or below: paid out; as much as taken in unless given [mm]"),
     ] = None
 
 

@@ -74,7 +74,8 @@ class Task:
             scheme, refinement = self.fine_scheme, 1 if self.scene.has(Extension) else 2
         # What keeps clear changes its structure often: that is built soon with the states kept.
         keeps_clear = any(isinstance(target, Avoidance) for target in self.targets)
-        form: Form = self.statement.form if keeps_clear else "condensed"
+        kept = keeps_clear or self.statement.wound
+        form: Form = self.statement.form if kept else "condensed"
         return self.statement.but(mode=mode, form=form, scheme=scheme, refinement=refinement)
 
     def finer(self, mode: Mode) -> Statement:

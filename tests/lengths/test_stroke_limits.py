@@ -1,0 +1,102 @@
+"""Plans whose winches take in and pay out no more than they can."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from model import Arm, Scene, settle
+from model.effects import ExactTendons, Extension
+from planner import Plan, load_plan, plan
+from planner.scenefile import read
+from planner.targets import BendingPlane, TipPosition
+from tests.lengths.cases import EXACT, cylinder
+from tests.model.cases import check_refusal
+
+ARM = Arm.from_paper("table-4")
+T = np.array([0.1, 0.3, 0, 0, 0, 1.2, 0, 0.5, 3.0, 0, 0, 1.5])
+PAPER = Scene(Extension())
+
+
+def asked(scene: Scene, **limits: Any) -> Plan:
+    """Return the plan for a tip that is reachable without limits of strokes."""
+    return plan(ARM, TipPosition(tuple(settle(ARM, T, scene).tip)), scene, 20.0, **limits)
+
+
+@pytest.mark.parametrize("scene", [PAPER, EXACT], ids=["paper", "exact"])
+def test_strokes_stay_within_their_limits(scene: Scene) -> None:
+    free = asked(scene)
+    most = float(np.abs(free.strokes).max())
+    wide = asked(scene, stroke_max=1.05 * most)
+    assert wide.reached
+    assert wide.effort == pytest.approx(free.effort, rel=1e-6)
+    held = asked(scene, stroke_max=0.9 * most)
+    assert np.abs(held.strokes).max() <= 0.9 * most * (1 + 1e-6)
+    assert held.certificate.strokes <= 1e-9
+    assert held.reached or "the stroke of" in held.outcome
+
+
+def test_a_stroke_of_one_tendon_bends_by_as_much_as_it_is_long() -> None:
+    """An inextensible arm with tendons at y: the stroke of the one that pulls is y times the bend.
+
+    By hand: a bend of 0.5 rad takes 2 mm in; with 1.9 mm the arm bends by 0.475 rad at most.
+    """
+    arm, y = cylinder((0.2,)), 4e-3
+    target = BendingPlane(angle=0.0, bend=0.5, section=1)
+    wide = plan(arm, target, Scene(ExactTendons()), 20.0, stroke_max=1.001 * 0.5 * y)
+    assert wide.reached
+    assert np.abs(wide.strokes).max() == pytest.approx(0.5 * y, rel=1e-6)
+    tight = plan(arm, target, Scene(ExactTendons()), 20.0, stroke_max=1.9e-3)
+    assert not tight.reached
+    assert "at 1.9 mm" in tight.outcome
+    bend = np.arccos(tight.shape.tip_frame[:, 0] @ wide.shape.frame(0.0)[:, 0])
+    assert bend == pytest.approx(1.9e-3 / y, rel=1e-4)
+
+
+def test_how_far_winches_pay_out_is_a_limit_of_its_own() -> None:
+    """The slack tendon across is longer by y times the bend: 1.9 mm let it be 0.475 rad."""
+    arm, y = cylinder((0.2,)), 4e-3
+    target = BendingPlane(angle=0.0, bend=0.5, section=1)
+    held = plan(arm, target, Scene(ExactTendons()), 20.0, stroke_min=-1.9e-3)
+    assert not held.reached
+    assert held.strokes.min() == pytest.approx(-1.9e-3, rel=1e-6)
+    assert "at -1.9 mm" in held.outcome
+    bend = np.arccos(held.shape.tip_frame[:, 0] @ held.shape.frame(0.0)[:, 0])
+    assert bend == pytest.approx(1.9e-3 / y, rel=1e-4)
+
+
+def test_plans_with_limits_of_strokes_are_saved_and_followed(tmp_path: Path) -> None:
+    held = asked(PAPER, stroke_max=0.9 * float(np.abs(asked(PAPER).strokes).max()))
+    assert load_plan(held.save(tmp_path / "held.json")) == held
+    again = plan(ARM, held.targets, PAPER, 20.0, near=held, stroke_max=held.limits.strokes[1])  # type: ignore[index]
+    assert again.tensions == pytest.approx(held.tensions, abs=1e-6 * held.tensions.max())
+
+
+def test_scene_files_have_them_in_millimetres() -> None:
+    text = "[arm]\npreset = 'table-4'\n[limits]\ntension_max = 20\nstroke_max_mm = 15\n"
+    assert read(text.encode()).options["stroke_max"] == pytest.approx(0.015)
+    rows = text.replace("15", "[[15, 15, 15, 15], [9, 9, 9, 9], [9, 9, 9, 9]]")
+    options = read((rows + "stroke_min_mm = -3").encode()).options
+    assert options["stroke_max"][1] == pytest.approx([9e-3] * 4)
+    assert options["stroke_min"] == pytest.approx(-3e-3)
+
+
+@pytest.mark.parametrize(
+    ("field", "allowed", "limits"),
+    [
+        ("stroke_max", "0 or a number above", {"stroke_max": -0.01}),
+        ("stroke_max", "12 numbers", {"stroke_max": [0.01] * 3}),
+        ("stroke_max", "a number, or one", {"stroke_max": "far"}),
+        ("stroke_min", "0 or a number below", {"stroke_min": 0.01}),
+        ("stroke_min", "0 or a number below", {"stroke_min": np.nan}),
+        ("stroke_min", "12 numbers", {"stroke_min": [-0.01] * 3}),
+        ("stroke_max", "as printed", {"stroke_max": 0.01, "scene": Scene.as_printed()}),
+    ],
+)
+def test_what_is_no_limit_is_refused(field: str, allowed: str, limits: dict[str, Any]) -> None:
+    given: dict[str, Any] = {"scene": PAPER, **limits}
+    target = TipPosition((0.3, 0.05, 0.0))
+    check_refusal(lambda: plan(ARM, target, tension_max=20.0, **given), field, allowed)
