@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 
@@ -15,6 +16,7 @@ from model.shape import Shape
 from planner.avoidance.asked import NOTHING, Surroundings
 from planner.avoidance.rows import Avoidance
 from planner.certificate import Certificate, certify
+from planner.mirror import mirror_images
 from planner.outcome import Facts, sentence
 from planner.program.effort import effort
 from planner.program.limits import Limits
@@ -137,7 +139,21 @@ class Answer:
         if self.jump:
             more = f"left the branch of the plan before: tensions jump by {100 * self.jump:.0f} %"
             said = f"{said.removesuffix('.')}; {more}."
+        if self.mirror_images:
+            planes = ", ".join(f"{math.degrees(angle):.3g} deg" for angle, _ in self.mirror_images)
+            said = f"{said} Its mirror image across the plane at {planes} from n costs the same."
         return f"Stopped at the time limit, the best so far. {said}" if self.stopped else said
+
+    @cached_property
+    def mirror_images(self) -> tuple[tuple[float, Array], ...]:
+        """Other tensions that reach the targets at the same effort; none where it was not reached.
+
+        Angles of planes through the base's axis, from n towards b [rad], and mirrored tensions [N].
+        """
+        if not self.reached or self.mode != "exact" or self.surroundings:
+            return ()
+        asked = (self.arm, self.scene, self.targets, self.limits, self.shape, self.accuracy)
+        return tuple((mirror.angle, self.arm.by_section(T)) for mirror, T in mirror_images(*asked))
 
     def holding(self) -> list[str]:
         """Return the names of the limits that hold the tensions back, hardest first."""

@@ -7,18 +7,22 @@ import numpy as np
 from model.errors import OctoplanError
 from model.paths import Array
 from model.progress import tell
+from model.settle import settle
 from model.time_limit import OutOfTime, time_limit
 from planner.initial_guess.curled import curled_arms
+from planner.mirror import mirror_images
 from planner.program.statement import Mode, Statement
 from planner.solve.guesses import first_guesses, further_guesses
 from planner.solve.ipopt import Solution
 from planner.solve.multistart import LITTLE, Multistart, record
-from planner.solve.refine import Fine, best_of, refine_best
+from planner.solve.refine import Fine, best_of, refine, refine_best
 from planner.solve.search_result import SearchResult, Trial
 from planner.solve.task import Task
 
 # First guesses from which continuation is tried where none leads to the targets by itself.
 _CONTINUED = 2
+# How well a mirror image is looked for, and what counts as costing no more.
+_ROUGH, _NO_DEARER = 1e-4, 1e-6
 
 
 class Search:
@@ -117,7 +121,24 @@ class Search:
             found = self.trials.from_starts(starts, self.task.finer("exact"), records)
             fines = self._finished(found, "exact")
         fine = best_of(fines) if fines else None
-        return self._answer(fine, records) if fine and fine.optimal else None
+        return self._answer(self._in_plane(fine), records) if fine and fine.optimal else None
+
+    def _in_plane(self, fine: Fine) -> Fine:
+        """Return the optimum in a plane of symmetry where one costs no more, else the one given."""
+        task, T = self.task, self.task.tensions(fine.solution)
+        asked = (task.arm, task.scene, task.targets, task.limits)
+        try:
+            images = list(mirror_images(*asked, settle(task.arm, T, task.scene, _ROUGH), _ROUGH))
+        except OctoplanError:
+            return fine
+        for _, other in images:
+            statement = task.coarse("exact")
+            solution = self.trials.solve(statement, (T + other) / 2)
+            if solution.met and self.trials.stands(statement, solution):
+                inside = refine(task, solution, "exact")
+                if inside.optimal and inside.solution.f <= fine.solution.f * (1 + _NO_DEARER):
+                    return inside
+        return fine
 
     def _readings(self) -> tuple[Mode, ...]:
         """Return how the targets may be read where they cannot be met."""

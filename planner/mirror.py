@@ -1,0 +1,126 @@
+"""Mirror images: other tensions that do the same on the other side of a plane of the arm.
+
+A plane through the base's axis in which the tendons of each anchorage are mirrored maps tensions to
+those of the mirrored tendons. Where arm, loads and targets are alike on both sides too, the mirror
+image of a plan is a plan of the same effort. That is checked by the shapes themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from model.arm import Arm
+from model.errors import OctoplanError
+from model.paths import Array
+from model.rotations import from_matrix, matrices
+from model.scene import Scene
+from model.settle import settle
+from model.shape import Shape
+from planner.certificate import measure
+from planner.program.limits import Limits
+from planner.program.terms import looks_of, stations_of
+from planner.targets.base import Target
+
+# Angles that are the same [rad], and tensions that are, over the largest.
+_SAME_ANGLE, _SAME = 1e-9, 1e-6
+# How well mirrored poses meet the targets, over the arm's length, before a shape is settled for it.
+_LIKELY = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Mirror:
+    """A plane through the base's axis that maps the tendons to each other.
+
+    Attributes
+    ----------
+    angle : float
+        Of the plane in the base's n and b, in [0, pi) [rad].
+    tendons : (n_tendons,)
+        The mirror image of each tendon.
+    """
+
+    angle: float
+    tendons: Array
+
+    def poses(self, arm: Arm, poses: Array) -> Array:
+        """Return the mirror images of poses (K, 7), their frames right-handed like those."""
+        frame, origin = np.array(arm.base_frame), np.array(arm.base_position)
+        normal = np.array([0.0, -np.sin(self.angle), np.cos(self.angle)])
+        local = np.eye(3) - 2 * np.outer(normal, normal)
+        base = frame @ local @ frame.T
+        frames = base @ matrices(poses[:, :4]) @ local
+        quaternions = np.array([from_matrix(own) for own in frames])
+        return np.hstack([quaternions, origin + (poses[:, 4:] - origin) @ base])
+
+
+def mirrors(arm: Arm, limits: Limits) -> list[Mirror]:
+    """Return the planes that map the tendons to others of the same path and limits."""
+    found: list[Mirror] = []
+    first, phi = arm.tendons[0]
+    sums = {(phi + other) % (2 * np.pi) for i, other in arm.tendons if i == first}
+    for double in sorted(sums):
+        images = [_image(arm, limits, j, double) for j in range(arm.n_tendons)]
+        if None not in images:
+            found.append(Mirror(double / 2, np.array(images)))
+    return found
+
+
+def _image(arm: Arm, limits: Limits, j: int, double: float) -> int | None:
+    """Return the tendon that is the mirror image of tendon j, at twice the plane's angle less its.
+
+    None where there is none.
+    """
+    section, phi = arm.tendons[j]
+    own = arm.tendons_of(section + 1)
+    anchorage = arm.sections[section]
+    if anchorage.turn is not None:
+        return None
+    for k in own:
+        off = (double - phi - arm.tendons[k][1] + np.pi) % (2 * np.pi) - np.pi
+        paths = [anchorage.offsets[i - own[0]] for i in (j, k)]
+        bounds = [(limits.lower[i], limits.upper[i]) for i in (j, k)]
+        if abs(off) < _SAME_ANGLE and paths[0] == paths[1] and bounds[0] == bounds[1]:
+            return k
+    return None
+
+
+def mirror_images(
+    arm: Arm,
+    scene: Scene,
+    targets: tuple[Target, ...],
+    limits: Limits,
+    shape: Shape,
+    accuracy: float,
+) -> Iterator[tuple[Mirror, Array]]:
+    """Yield mirrors, and the mirrored tensions (n_tendons,) of a shape that meet the targets too.
+
+    As well as the shape does, to ten times an accuracy. None for targets of stiffness, with limits
+    on strokes, and of tensions that are their own mirror image.
+    """
+    T, stations = shape.tensions, np.array(stations_of(arm, targets))
+    if looks_of(targets) or limits.strokes is not None or not T.any():
+        return
+    poses = shape.poses(stations)
+    most = _off(arm, targets, poses) + 10 * accuracy
+    for mirror in mirrors(arm, limits):
+        other = T[mirror.tendons]
+        likely = _off(arm, targets, mirror.poses(arm, poses)) <= max(most, _LIKELY)
+        if not likely or np.abs(T - other).max() <= _SAME * T.max():
+            continue
+        try:
+            settled = settle(arm, other, scene, accuracy)
+        except OctoplanError:
+            continue
+        if _off(arm, targets, settled.poses(stations)) <= most:
+            yield mirror, other
+
+
+def _off(arm: Arm, targets: tuple[Target, ...], poses: Array) -> float:
+    """Return how far poses (K, 7) are from the targets, the largest residual."""
+    match, approach, margin = measure(arm, targets, poses, np.zeros(0))
+    gaps = [np.abs(value) for part in (match, approach) for value in part.values()]
+    gaps += [np.maximum(-value, 0.0) for value in margin.values()]
+    return max((float(gap.max(initial=0.0)) for gap in gaps), default=0.0)
