@@ -160,6 +160,15 @@ class Arm:
         """(section index from 0, angle [rad]) of each tendon, in tendon order."""
         return tuple((i, phi) for i, sec in enumerate(self.sections) for phi in sec.angles)
 
+    def outer_radius(self, s: Array) -> tuple[Array, Array, Array]:
+        """Return the radius of body or hull, whichever is wider, and two derivatives at s (N,)."""
+        own = self.radius.evaluate(s, self.length)
+        if self.hull is None:
+            return own
+        hull = self.hull.evaluate(s, self.length)
+        wide = hull[0] > own[0]
+        return tuple(np.where(wide, b, a) for a, b in zip(own, hull, strict=True))  # type: ignore[return-value]
+
     @cached_property
     def anchorages(self) -> tuple[float, ...]:
         """Arc lengths of the anchorages, from the tip to the base [m]."""

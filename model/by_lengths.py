@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from model.arm import Arm
+from model.contact.forward import TouchingMap
 from model.equilibrium.complementarity import determined, unfelt
 from model.equilibrium.forward import Collocation, Known
 from model.equilibrium.hold import HeldLengths
@@ -47,6 +48,8 @@ class OnMesh(NamedTuple):
         Whether finer meshes would not change the tensions by what matters.
     here : Linearised
         The equations linearised there, where lengths are held under loads.
+    snaps : tuple of float
+        The shares of the way at which the arm jumped; see TouchingMap.come_to.
     """
 
     tensions: Array
@@ -55,6 +58,7 @@ class OnMesh(NamedTuple):
     left: Array | None = None
     exact: bool = False
     here: Linearised | None = None
+    snaps: tuple[float, ...] = ()
 
 
 class Near(NamedTuple):
@@ -85,6 +89,10 @@ class GivenTensions:
     def on(self, forward: ForwardMap, near: Near | None) -> OnMesh:
         """Return the equilibrium on the mesh of a forward map, near that of another if given."""
         known: Any = None if near is None else near.known
+        if isinstance(forward, TouchingMap):
+            before = self.tensions if near is None else near.tensions
+            here, snaps = forward.come_to(self.tensions, before, known)
+            return OnMesh(self.tensions, *forward.rows(here), snaps=snaps)
         return OnMesh(self.tensions, *forward.run(self.tensions, known))
 
     def finished(self, forward: ForwardMap, found: OnMesh) -> OnMesh:

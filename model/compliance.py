@@ -9,9 +9,10 @@ import numpy as np
 from model.cross_section import cross_section_of
 from model.cross_section.reported import strains_of
 from model.cross_section.sections import Sections
-from model.equilibrium.forward import STAGES, Collocation
+from model.equilibrium.forward import STAGES
 from model.equilibrium.sensitivities import Sensitivities
 from model.errors import ConvergenceError
+from model.forward import by_collocation
 from model.mesh_refinement import FINEST, REFINEMENTS, estimate, next_refinement
 from model.paths import Array
 from model.shape import Shape
@@ -71,9 +72,9 @@ def compliance_of(shape: Shape, at: float, accuracy: float) -> Compliance:
 def sensitivities(shape: Shape, at: float, refinement: int) -> Sensitivities:
     """Return the sensitivities of a shape at arc length `at` on the mesh of a refinement."""
     mesh = (STAGES, refinement, (at,), True)
-    forward = Collocation(shape.arm, shape.scene, *mesh, shape.machine_code)
+    forward = by_collocation(shape.arm, shape.scene, *mesh, shape.machine_code)
     here = forward.found(shape.tensions, shape.known)
-    return Sensitivities(here, forward.mesh.node(at))
+    return Sensitivities(here, here.system.mesh.node(at))
 
 
 def _first_pair(shape: Shape, accuracy: float) -> tuple[int, int]:

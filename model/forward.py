@@ -8,12 +8,13 @@ from typing import Any, Protocol
 import casadi as ca
 
 from model.arm import Arm
+from model.contact.forward import TouchingMap
 from model.effects import Friction, PrintedStatics
 from model.equilibrium.forward import Collocation, collocation_order
 from model.errors import InputError
 from model.integrators.magnus import MAGNUS2, MAGNUS4, MAGNUS6
 from model.integrators.runge_kutta import RK4, RK6, RK8
-from model.loads import is_loaded
+from model.loads import contacts, is_loaded
 from model.mesh import Mesh, graded
 from model.paths import Array
 from model.scene import Scene
@@ -122,8 +123,28 @@ def collocation_map(
     machine_code: bool = False,
 ) -> Collocation:
     """Return the forward map by collocation; see forward_map."""
-    form = (COLLOCATIONS[scheme], refinement, at, is_loaded(scene), machine_code)
-    return Collocation(arm, scene, *form)
+    return by_collocation(
+        arm, scene, COLLOCATIONS[scheme], refinement, at, machine_code=machine_code
+    )
+
+
+def by_collocation(
+    arm: Arm,
+    scene: Scene,
+    stages: int,
+    refinement: int,
+    at: tuple[float, ...] = (),
+    loaded: bool | None = None,
+    machine_code: bool = False,
+) -> Collocation:
+    """Return the forward map by collocation with so many stages.
+
+    With torsion, moment and force where it is `loaded`, as the scene is unless told.
+    """
+    if contacts(scene):
+        return TouchingMap(arm, scene, stages, refinement, at, machine_code)
+    loaded = is_loaded(scene) if loaded is None else loaded
+    return Collocation(arm, scene, stages, refinement, at, loaded, machine_code)
 
 
 @lru_cache(maxsize=64)

@@ -10,6 +10,7 @@ import numpy as np
 from model.arm import Arm
 from model.effects import (
     Buoyancy,
+    Contact,
     Current,
     Extension,
     Friction,
@@ -24,7 +25,7 @@ from model.errors import InputError
 from model.paths import Array
 from model.scene import Scene
 
-_LOADS = (Current, Friction, PointLoad, PointMass, Shear, TipLoad, Weight)
+_LOADS = (Contact, Current, Friction, PointLoad, PointMass, Shear, TipLoad, Weight)
 _NAMES = tuple(kind.__name__ for kind in _LOADS)
 # The steepest growth per length that a mesh follows [1/m], whatever the loads.
 _STEEPEST = 1e80
@@ -43,8 +44,14 @@ def is_loaded(scene: Scene) -> bool:
 
 
 @lru_cache(maxsize=256)
-def check_loads(arm: Arm, scene: Scene) -> None:
-    """Raise InputError for loads that this arm cannot have, and an arm that has to have some."""
+def check_loads(arm: Arm, scene: Scene, contact: bool = False) -> None:
+    """Raise InputError for loads that this arm cannot have, and an arm that has to have some.
+
+    And for contact, unless what is asked is stated with `contact`.
+    """
+    if contacts(scene) and not contact:
+        allowed = "a scene without contact; with it settle and stiffness answer"
+        raise InputError("scene", "with contact", allowed)
     if scene.has(PrintedStatics) and arm.is_curved:
         told = "an arm that is straight at rest: eqs. (10) and (11) are written for that"
         raise InputError("Arm.rest_curvature", arm.rest_curvature, told)
@@ -91,6 +98,12 @@ def levers(scene: Scene) -> tuple[Array, Array]:
     own = [load for load in acting(scene) if load.offset is not None]
     rows = [(*load.offset, *load.force) for load in own if load.offset is not None]
     return np.array([load.s for load in own]), np.array(rows).reshape(-1, 6)
+
+
+@lru_cache(maxsize=256)
+def contacts(scene: Scene) -> tuple[Contact, ...]:
+    """Return the scene's contacts."""
+    return tuple(effect for effect in scene.effects if isinstance(effect, Contact))
 
 
 def directions(arm: Arm, friction: Friction) -> tuple[int, ...]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from model.effects import (
+    Contact,
     Effect,
     ExactTendons,
     Extension,
@@ -46,7 +47,7 @@ class Scene:
         places = [_place(effect) for effect in effects]
         if len({*places}) < len(places):
             twice = next(place[0] for place in places if places.count(place) > 1)
-            allowed = "each effect once (point loads and masses: once at a place)"
+            allowed = "each effect once (loads and masses: once at a place; contacts: a body once)"
             raise InputError("Scene", twice, allowed)
         _check_together(kinds)
         object.__setattr__(self, "effects", tuple(sorted(effects, key=_place)))
@@ -102,10 +103,12 @@ def _place(effect: Effect) -> tuple[str, float, tuple[float, ...]]:
     """Return what no two effects of a scene share, and by which they are in order."""
     own = effect if isinstance(effect, PointLoad | PointMass) else None
     offset = own.offset if isinstance(own, PointMass) else None
+    if isinstance(effect, Contact):
+        offset = tuple(effect.obstacle.numbers.tolist())
     return type(effect).__name__, own.s if own else 0.0, offset or ()
 
 
-_LOADS = ("Current", "PointLoad", "PointMass", "Shear", "TipLoad", "Weight")
+_LOADS = ("Contact", "Current", "PointLoad", "PointMass", "Shear", "TipLoad", "Weight")
 
 # (effect, what it needs), (effect, what it contradicts), each with the reason.
 _NEEDS = {
@@ -117,6 +120,9 @@ _NEEDS = {
     "Buoyancy": (("Weight", "it is a weight, that of the fluid displaced, and acts against g"),),
 }
 _CONTRADICTS = {
+    "Contact": (
+        ("Friction", "tendons that slide where contact bends them sharply are not stated"),
+    ),
     "PrintedStatics": (
         ("ExactTendons", "eqs. (10) and (11) are written for the reference tangent"),
         ("NeoHookean", "eqs. (10) and (11) are written for a linear material"),

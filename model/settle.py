@@ -11,7 +11,7 @@ import numpy as np
 from model.arm import Arm
 from model.by_lengths import GivenLengths, GivenTensions, Near
 from model.checks import kind
-from model.effects import PrintedStatics
+from model.effects import Contact, PrintedStatics
 from model.errors import ConvergenceError, InputError, SnapError, UnsettledSectionError
 from model.forward import COLLOCATIONS, check_scheme, forward_map, order_of
 from model.loads import check_loads, is_loaded
@@ -99,7 +99,7 @@ def settle(
     CompilerError
         If `compile` is True, and there is no compiler or it fails.
     """
-    scene = checked_scene(arm, scene)
+    scene = checked_scene(arm, scene, contact=True)
     accuracy = checked_accuracy(accuracy)
     given = _given(arm, scene, accuracy, tensions, lengths, tendon_EA, tendon_outside)
     scheme = check_scheme(scene, scheme)
@@ -120,6 +120,8 @@ def _given(
     if lengths is not None:
         if scene.has(PrintedStatics):
             raise InputError("lengths", "given as printed", "tensions in a scene as printed")
+        if scene.has(Contact):
+            raise InputError("lengths", "given with contact", "tensions in a scene with contact")
         winches = Winches.of(arm, tensions, lengths, EA, outside)
         return GivenLengths(arm, scene, winches, accuracy)
     for name, value in (("tendon_EA", EA), ("tendon_outside", outside)):
@@ -154,6 +156,7 @@ def _settled(
     coarse, fine = first_pair(accuracy, order)
     refinement = coarse
     before: tuple[int, Array] | None = None
+    snaps: tuple[float, ...] = ()
     while refinement:
         check_time()
         forward = forward_map(arm, scene, scheme, refinement, (), machine_code)
@@ -168,6 +171,7 @@ def _settled(
             refinement, before = next_refinement(refinement, np.inf, accuracy, order), None
             continue
         near = Near(found.tensions, forward.known(found.states), found, forward.mesh.steps)
+        snaps = (*snaps, *found.snaps)
         tip, error = found.states[-1, :7], np.inf
         if before is not None:
             gap = _gap(tip, before[1], lever) / arm.length
@@ -177,7 +181,8 @@ def _settled(
                 found = given.finished(forward, found)
                 check_stretch(forward, found.stretch)
                 mesh = scheme, refinement, found.states, machine_code
-                return Shape(arm, scene, found.tensions, error, *mesh, given.winches, found.left)
+                held = given.winches, found.left, snaps
+                return Shape(arm, scene, found.tensions, error, *mesh, *held)
         before = refinement, tip
         if refinement == coarse:
             refinement = fine
@@ -196,10 +201,10 @@ def _gap(tip: Array, other: Array, lever: float) -> float:
     return max(shift, 2 * lever * math.dist(tip[:4], other[:4])) if lever else shift
 
 
-def checked_scene(arm: Arm, scene: Scene | None) -> Scene:
+def checked_scene(arm: Arm, scene: Scene | None, contact: bool = False) -> Scene:
     """Return the scene, the bare one for None; refuse what is not an arm or a scene."""
     kind("arm", arm, Arm, "an Arm, such as Arm.from_paper(...)")
     scene = Scene() if scene is None else scene
     kind("scene", scene, Scene, "a Scene, such as Scene()")
-    check_loads(arm, scene)
+    check_loads(arm, scene, contact)
     return scene

@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 
 from model.arm import Arm
 from model.checks import finite_array
+from model.contact.contacts import Touch, touches_of
+from model.contact.forward import TouchingMap
+from model.contact.stability import held_stability
 from model.cross_section import cross_section_of
 from model.cross_section.reported import strains_of
 from model.cross_section.sections import Sections
@@ -19,8 +22,8 @@ from model.equilibrium.complementarity import unfelt
 from model.equilibrium.forward import STAGES, Collocation
 from model.equilibrium.stability import stability
 from model.errors import InputError
-from model.forward import ForwardMap, forward_map
-from model.loads import is_loaded
+from model.forward import ForwardMap, by_collocation, forward_map
+from model.loads import contacts, is_loaded
 from model.paths import Array
 from model.report import shape_text, tendon_table
 from model.rotations import matrices
@@ -58,6 +61,8 @@ class Shape:
         What held the tendons, if lengths were given.
     left : (n_tendons,) or None
         What is left then of tendons held by length, beyond their paths [m]; nan of others.
+    snaps : tuple of float
+        With contact, at which shares of tensions and loads the arm jumped on its way from rest.
     """
 
     arm: Arm
@@ -70,6 +75,7 @@ class Shape:
     machine_code: bool = False
     winches: Winches | None = None
     left: Array | None = None
+    snaps: tuple[float, ...] = ()
 
     @property
     def slack(self) -> NDArray[np.bool_]:
@@ -94,7 +100,7 @@ class Shape:
             return ()
         loaded = is_loaded(self.scene)
         mesh = STAGES, self.refinement, (), loaded, self.machine_code
-        here = Collocation(self.arm, self.scene, *mesh).found(self.tensions, self.known)
+        here = by_collocation(self.arm, self.scene, *mesh).found(self.tensions, self.known)
         firm = np.flatnonzero(self.winches.held & ~self.slack.ravel())
         found = here.length_tension[np.ix_(firm, firm)]
         idle = unfelt(np.diag(self.winches.stretch[firm]) - found, _FELT)
@@ -192,18 +198,30 @@ class Shape:
         if self.scene.has(PrintedStatics):
             raise InputError("scene", "as printed", "a scene whose equations hold under loads")
         mesh = (STAGES, self.refinement, (), True)
-        forward = Collocation(self.arm, self.scene, *mesh, self.machine_code)
-        return stability(forward.found(self.tensions, self.known))
+        forward = by_collocation(self.arm, self.scene, *mesh, self.machine_code)
+        here = forward.found(self.tensions, self.known)
+        return held_stability(here) if contacts(self.scene) else stability(here)
+
+    @property
+    def contacts(self) -> tuple[Touch, ...]:
+        """What it leans on, from base to tip: obstacle, s [m], force (3,) [N] on it, gap [m]."""
+        forward = self._map
+        if not isinstance(forward, Collocation) or not contacts(self.scene):
+            return ()
+        return touches_of(forward.system, forward.states(self.states))
 
     @property
     def known(self) -> Any:
         """The same equilibrium as another mesh takes it; None where the shape is explicit."""
-        return self._map.known(self.states)
+        mesh = (self.scheme, self.refinement, ())
+        forward = forward_map(self.arm, self.scene, *mesh, self.machine_code)
+        return forward.known(self.states)
 
     @property
     def _map(self) -> ForwardMap:
         mesh = (self.scheme, self.refinement, ())
-        return forward_map(self.arm, self.scene, *mesh, self.machine_code)
+        forward = forward_map(self.arm, self.scene, *mesh, self.machine_code)
+        return forward.settled(self.states) if isinstance(forward, TouchingMap) else forward
 
     def _at(self, s: Any, read: Any, strains: bool = False) -> Array:
         wanted = finite_array("s", np.atleast_1d(s), (None,))

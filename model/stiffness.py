@@ -232,7 +232,7 @@ def _checked(
     kind("arm", arm, Arm, "an Arm, such as Arm.from_paper(...)")
     scene = scene if scene is not None else Scene()
     kind("scene", scene, Scene, "a Scene, such as Scene()")
-    check_loads(arm, scene)
+    check_loads(arm, scene, contact=True)
     if hold not in HOLDS:
         raise InputError("hold", hold, '"tension" or "length"')
     if scene.has(PrintedStatics):

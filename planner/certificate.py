@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from model.arm import Arm
+from model.centreline import Centreline
 from model.clearance import clearances
-from model.clearance.centreline import Centreline
 from model.effects import PrintedStatics
 from model.equilibrium.forward import STAGES, Collocation
 from model.equilibrium.linearised import Linearised

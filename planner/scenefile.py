@@ -115,7 +115,7 @@ def question_of(raw: dict[str, Any], name: str = "scene") -> Question:
     within = partial(_within, raw, name)
     arm = within("arm", arm_of, table.arm)
     scene = within("effects", scene_of, table.effects)
-    within("effects", lambda _: check_loads(arm, scene), None)
+    within("effects", lambda _: check_loads(arm, scene, contact=True), None)
     winches = within(_winches_key(table), lambda own: winches_of(arm, own), table)
     if table.tensions is not None and not winches:
         within("tensions", lambda given: arm.flat(given), table.tensions)

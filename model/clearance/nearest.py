@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from model.clearance.centreline import Centreline
+from model.centreline import Centreline
 from model.clearance.pieces import Pieces, segment_gaps
 from model.obstacles import Obstacle, check_obstacles, distances, numbers_of
 from model.paths import Array

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from model.clearance.centreline import Centreline, Counts
+from model.centreline import Centreline, Counts
 from model.paths import Array
 
 Mask = NDArray[np.bool_]

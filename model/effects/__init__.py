@@ -1,6 +1,7 @@
 """The effects that a scene can call for, one small file each."""
 
 from model.effects.base import Effect
+from model.effects.contact import Contact
 from model.effects.current import Current
 from model.effects.exact_tendons import ExactTendons
 from model.effects.extension import Extension
@@ -15,6 +16,7 @@ from model.effects.weight import Buoyancy, Weight
 
 __all__ = [
     "Buoyancy",
+    "Contact",
     "Current",
     "Effect",
     "ExactTendons",

@@ -7,7 +7,7 @@ as accurate as what is read off at them.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,9 +19,11 @@ from model.rotations import matrices
 from model.stations import Counts
 from model.transcription.collocation import gauss
 from model.transcription.element import element
+from model.transcription.kernel import Kernel
 from model.transcription.layout import POSE
 from model.transcription.numbers import element_numbers
 from model.transcription.system import System
+from model.transcription.touch import pressure
 
 _STEPS, _SETTLED = 8, 1e-12
 
@@ -31,6 +33,27 @@ def poses_and_strains(system: System, x: Array, s: Array) -> tuple[Array, Array]
     inside = _Parts(system, x, s)
     g, w = inside.ends()
     return g, inside.strains(g, w)
+
+
+@dataclass(frozen=True, eq=False)
+class _Pressures:
+    """The pressure of an obstacle on N parts of elements: its kernel, and what that takes."""
+
+    kernel: Kernel
+    pose: Array
+    ends: Array
+    numbers: Array
+
+    def add(self, r: Array, J: Array, v: Array, first: int) -> None:
+        """Add it to residuals (N, n_r) and to their Jacobian, strains v (N, n) from `first` on."""
+        N, n = v.shape
+        y = np.vstack([self.pose, v.T, self.ends])
+        value = np.array(self.kernel.value.map(N)(y, self.numbers)).T
+        r[:, : value.shape[1]] += value
+        function, i, j = self.kernel.jacobian
+        slopes = np.array(function.map(N)(y, self.numbers)).T
+        own = (j >= POSE) & (j < POSE + n)
+        J[:, i[own], first + j[own] - POSE] += slopes[:, own]
 
 
 class _Parts:
@@ -61,6 +84,7 @@ class _Parts:
         load = self.x[self.system.of.n_tendons]
         known = np.vstack([np.full((int(form.loaded), N), load), node.T])
         free = len(known) + np.arange(m * n + POSE + w)
+        pressed = self._pressures(node) if form.pressed else []
         next_node = node.copy()
         function, i, j = element(form).jacobian
         for _ in range(_STEPS):
@@ -68,6 +92,8 @@ class _Parts:
             r = np.array(element(form).value.map(N)(y, c)).T
             J = np.zeros((N, r.shape[1], len(y)))
             J[:, i, j] = np.array(function.map(N)(y, c)).T
+            for press in pressed:
+                press.add(r, J, v.reshape(N, -1), len(known))
             found, slopes = sections.wrench(v, pulls)
             r[:, w : w + m * n] += found.reshape(N, -1)
             for k in range(m):
@@ -78,6 +104,21 @@ class _Parts:
             if np.abs(step).max() <= _SETTLED * (1 + np.abs(v).max()):
                 break
         return next_node[:, :POSE], next_node[:, POSE:]
+
+    def _pressures(self, node: Array) -> list[_Pressures]:
+        """Return the pressure on the parts from each obstacle, from nodes (N, ...) on."""
+        of, found = self.system.of, list[_Pressures]()
+        own = self.system.p[of.equations.numbers_of("pressure")]
+        own = own.reshape(of.elements, of.form.contacts, -1)[self.step]
+        p = self.states[of.touches[:, :, 1]]
+        for j in range(of.form.contacts):
+            numbers = own[:, j].copy()
+            numbers[:, -2] = self.h
+            before, after = p[self.step, j], p[self.step + 1, j]
+            ends = np.stack([before, before + self.share * (after - before)])
+            kernel = pressure(of.form.law, of.form.stages)
+            found.append(_Pressures(kernel, node[:, :POSE].T, ends, numbers.T))
+        return found
 
     def strains(self, g: Array, w: Array) -> Array:
         """Return the strains (N, n) where pose and wrench are known."""

@@ -113,7 +113,8 @@ class Collocation:
 
     def states(self, rows: Array) -> Array:
         """Return the states (n_states,) of their rows; undoes rows."""
-        return rows.ravel()[: self.system.of.n_states]
+        of = self.system.of
+        return rows[:, : of.stride].ravel()[: of.n_states]
 
     def lengths(self, tensions: Array, rows: Array) -> Array:
         """Return the lengths of the tendons (n_tendons,) of states [m]."""

@@ -104,7 +104,7 @@ def _next(
     tensions = np.maximum(before.tensions + (load - at.load) * pulls, 0.0)
     predicted = before.states + (load - at.load) * by_load
     here = newton(system, tensions, load, predicted, hold=hold)
-    if here is None or not _is_near(system, before.states, here.states):
+    if here is None or not is_near(system, before.states, here.states):
         return None, SNAPS
     return (here, "") if not stood or hold.stands(here) else (None, BUCKLES)
 
@@ -115,7 +115,7 @@ def _stands_unloaded(system: System, tensions: Array, unloaded: Array, hold: Hol
     return start is None or hold.stands(start)
 
 
-def _is_near(system: System, before: Array, after: Array) -> bool:
+def is_near(system: System, before: Array, after: Array) -> bool:
     """Return whether no frame turns by more than is followed in one step."""
     places = system.of.nodes[:, :4]
     return bool(np.abs((before[places] * after[places]).sum(axis=1)).min() > np.cos(_FOLLOWED / 2))

@@ -71,7 +71,7 @@ def newton(
             cuts, here = cuts - 1, None
             continue
         states, tensions = states + change, after
-        size = _size(system, change, states)
+        size = step_size(system, change, states)
         if last and size > max(_CONTRACTION * last, _SMALL):
             return None
         moved += size
@@ -107,7 +107,7 @@ def _step(
     return here, change if after is now else change + here.by_tensions @ (after - now), after
 
 
-def _size(system: System, change: Array, states: Array) -> float:
+def step_size(system: System, change: Array, states: Array) -> float:
     """Return the size of a step, relative to strains and quaternions or to 1 / L and 1."""
     of, L = system.of, system.arm.length
     scale = np.where(np.arange(of.form.strains) < 2 + of.form.law.torsion, 1 / L, 1.0)

@@ -48,6 +48,10 @@ class Form:
         Whether tensions fall along the tendons.
     machine_code : bool
         Whether the kernels are compiled.
+    contacts : int
+        How many obstacles a node may touch.
+    pressed : bool
+        Whether the arm may lie on them, pressed between the nodes too.
     """
 
     law: CrossSection
@@ -57,11 +61,13 @@ class Form:
     follower: bool = False
     friction: bool = False
     machine_code: bool = False
+    contacts: int = 0
+    pressed: bool = False
 
     @property
     def moving(self) -> bool:
         """Whether some of the force depends on the shape, so that it is unknown at the nodes."""
-        return self.current or self.follower
+        return self.current or self.follower or self.contacts > 0
 
     @property
     def wrench(self) -> int:

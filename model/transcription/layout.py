@@ -1,11 +1,11 @@
 """Where unknowns and equations of an arm's elements, anchorages and ends have their places.
 
 The unknowns are the tensions, the load factor, then from base to tip each node and the stages of
-the element beyond it. A node has its pose q (4,), u (3,), moment M (3,), force F (3,), and with
-friction the angle Theta that each tendon has turned; a stage has its strains, and with friction
-their rates; as far as the form has them. Where a force acts off the midline the moment is that on
-its base side. Equations and states stand in the same order, so that the
-Jacobian is a narrow band.
+the element beyond it. A node has its pose q (4,), u (3,), moment M (3,), force F (3,), with
+friction the angle Theta that each tendon has turned, and of each contact its two unknowns; a stage
+has its strains, and with friction their rates; as far as the form has them. Where a force acts off
+the midline the moment is that on its base side, where the arm touches something the force is.
+Equations and states stand in the same order, so that the Jacobian is a narrow band.
 At an anchorage pose, moment and force are those of one node, and the tendons that cross change:
 that is the interface condition between segments, across which the strains jump.
 """
@@ -22,6 +22,7 @@ from model.transcription.element import Form, body, clamp, element, lever, run, 
 from model.transcription.friction import body_rates, idle_tendon, kink, motor, sliding_tendon
 from model.transcription.kernel import Places
 from model.transcription.terms import Equations, Term
+from model.transcription.touch import no_touch, pressure, touch
 
 POSE = 7
 
@@ -59,7 +60,12 @@ class Layout:
     @property
     def node_size(self) -> int:
         """Number of unknowns of a node."""
-        return POSE + self.form.wrench + self.n_tendons * self.form.friction
+        return POSE + self.form.wrench + self.n_tendons * self.form.friction + self._touching
+
+    @property
+    def _touching(self) -> int:
+        """Number of a node's unknowns that are about contact."""
+        return 2 * self.form.contacts
 
     @property
     def stage_size(self) -> int:
@@ -102,7 +108,13 @@ class Layout:
     @property
     def turned(self) -> Places:
         """Places of the angles that tendons have turned (N + 1, n_tendons), with friction."""
-        return self.nodes[:, POSE + self.form.wrench :]
+        return self.nodes[:, POSE + self.form.wrench : self.node_size - self._touching]
+
+    @property
+    def touches(self) -> Places:
+        """Places of the two unknowns of each contact (N + 1, contacts, 2); see touch."""
+        found = self.nodes[:, self.node_size - self._touching :]
+        return found.reshape(self.elements + 1, self.form.contacts, 2)
 
     @cached_property
     def crossings(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -143,7 +155,34 @@ class Layout:
             own = nodes[list(self.levers)].T
             loads = np.full((1, len(self.levers)), self.n_tendons)
             terms.append(Term(lever(), np.vstack([loads, at + own[:4]]), own[POSE : POSE + 3]))
-        return terms + (self._sliding() if form.friction else self._tendons())
+        return (
+            terms
+            + (self._sliding() if form.friction else self._tendons())
+            + (self._contact() if form.contacts else [])
+        )
+
+    def _contact(self) -> list[Term]:
+        """Return the contact of the nodes, each with all obstacles, and of the elements."""
+        form, at, own, nodes = self.form, self.first, self.touches, self.nodes
+        law, m, K = form.law, form.stages, form.contacts
+        inside = np.repeat(self.inside.T, K, axis=0)
+        before, after = (np.repeat(part[:, :POSE], K, axis=0) for part in (nodes[:-1], nodes[1:]))
+        wrench = np.repeat(nodes[:, POSE : POSE + 6], K, axis=0)
+        here = own[1:].reshape(self.elements * K, -1)
+        none = own[0].reshape(1, -1)
+        terms = [
+            Term(
+                touch(law, m),
+                at + np.hstack([inside, after, here]).T,
+                np.hstack([wrench[K:], here]).T,
+            ),
+            Term(no_touch(), at + none, none),
+        ]
+        if form.pressed:
+            both = np.stack([own[:-1, :, 1], own[1:, :, 1]], axis=2).reshape(-1, 2)
+            unknowns = at + np.hstack([before, inside, both]).T
+            terms.append(Term(pressure(law, m), unknowns, np.hstack([wrench[:-K], inside]).T))
+        return terms
 
     @cached_property
     def inside(self) -> Places:

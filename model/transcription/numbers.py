@@ -9,8 +9,9 @@ import numpy as np
 from model.arm import Arm
 from model.cross_section.sections import body_numbers, body_rates
 from model.effects import Current, Friction, TipLoad
-from model.loads import beyond, directions, heaviness, levers
+from model.loads import beyond, contacts, directions, heaviness, levers
 from model.mesh import Mesh
+from model.obstacles import numbers_of
 from model.paths import Array
 from model.scene import Scene
 from model.stations import (
@@ -24,6 +25,7 @@ from model.transcription.collocation import gauss
 from model.transcription.element import Form
 from model.transcription.kernel import Places
 from model.transcription.layout import Layout
+from model.transcription.touch import TOLD
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,9 +70,24 @@ def numbers(arm: Arm, scene: Scene, mesh: Mesh, of: Layout) -> Numbers:
         columns += [sliding_numbers(arm, scene, at, h, k, j, m), _kinks(arm, mesh, of, h)]
     else:
         columns += [body, paths]
+    if form.contacts:
+        columns += contact_numbers(arm, scene, form, mesh)
     weights = (h[:, None] * method.b).ravel()[stage]
     p = np.concatenate([np.ravel(column, "F") for column in columns])
     return Numbers(p, np.vstack([paths, weights]).ravel("F"), s)
+
+
+def contact_numbers(arm: Arm, scene: Scene, form: Form, mesh: Mesh) -> list[Array]:
+    """Return the numbers of the nodes and elements that may touch something; none does yet."""
+    h, s = np.diff(mesh.s), mesh.s[1:]
+    bodies = numbers_of([contact.obstacle for contact in contacts(scene)]).T
+    K = bodies.shape[1]
+    told = np.zeros((TOLD, h.size * K))
+    nodes = np.vstack([np.repeat(row, K) for row in (*arm.outer_radius(s)[:2], h)])
+    found = [np.vstack([np.tile(bodies, h.size), nodes, told])]
+    if form.pressed:
+        found.append(np.vstack([np.tile(bodies, h.size), np.repeat(h, K), np.zeros(h.size * K)]))
+    return found
 
 
 def sliding_numbers(

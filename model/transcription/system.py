@@ -16,7 +16,7 @@ from scipy.sparse import csc_array
 from model.arm import Arm
 from model.cross_section import cross_section_of
 from model.effects import Current, Friction, TipLoad
-from model.loads import directions, growth, is_loaded, levers, places
+from model.loads import contacts, directions, growth, is_loaded, levers, places
 from model.machine.buffered import Buffered
 from model.mesh import Mesh, graded
 from model.paths import Array
@@ -32,7 +32,12 @@ from model.transcription.numbers import numbers
 
 @lru_cache(maxsize=256)
 def form_of(
-    scene: Scene, curved: bool, stages: int, loaded: bool = True, machine_code: bool = False
+    scene: Scene,
+    curved: bool,
+    stages: int,
+    loaded: bool = True,
+    machine_code: bool = False,
+    pressed: bool = False,
 ) -> Form:
     """Return the form of a scene's equations by elements of so many stages.
 
@@ -47,6 +52,8 @@ def form_of(
         load is not None and load.follower,
         scene.has(Friction),
         machine_code,
+        len(contacts(scene)) * loaded,
+        pressed,
     )
 
 
@@ -73,11 +80,11 @@ class System:
         stages: int,
         loaded: bool = True,
         machine_code: bool = False,
+        pressed: bool = False,
     ) -> None:
         self.arm, self.scene, self.mesh = arm, scene, mesh
-        self.of = structure(
-            arm, scene, mesh, form_of(scene, arm.is_curved, stages, loaded, machine_code)
-        )
+        form = form_of(scene, arm.is_curved, stages, loaded, machine_code, pressed)
+        self.of = structure(arm, scene, mesh, form)
         found = numbers(arm, scene, mesh, self.of)
         self.p, self.s, self.length_numbers = found.p, found.s, found.lengths
         self._calls = _calls(self.of)
@@ -157,7 +164,7 @@ class System:
             arms = np.einsum("nij,nj->ni", frames, given[:, :3])
             moments = x[of.n_tendons] * np.cross(arms, given[:, 3:])
             np.subtract.at(found[:, :3], nodes, moments)
-        return np.asarray(found)
+        return np.asarray(found - self.touched(x) if of.form.contacts else found)
 
     def pulls(self, x: Array, s: Array, place: Places, tendon: Places) -> Array:
         """Return the tensions (P,) of tendons where they cross arc lengths s[place]."""
@@ -195,6 +202,16 @@ class System:
         (term,) = (term for term in of.equations.terms if term.kernel.name == "kink")
         c = self.p[of.equations.numbers_of("kink")].reshape(term.count, -1).T
         return np.asarray(np.array(term.kernel.value.map(term.count)(x[term.unknowns], c))[0])
+
+    def touched(self, x: Array) -> Array:
+        """Return the moment and force that contact adds at each node (N + 1, 6)."""
+        found = np.zeros((self.mesh.steps + 1, 6))
+        for term in self.of.equations.terms:
+            if term.kernel.name == "touch":
+                c = self.p[self.of.equations.numbers_of("touch")].reshape(term.count, -1).T
+                rows = np.array(term.kernel.value.map(term.count)(x[term.unknowns], c))[:6]
+                found[1:] = -rows.T.reshape(self.mesh.steps, -1, 6).sum(axis=1)
+        return found
 
     def strains(self, states: Array) -> Array:
         """Return the strains at the stages (N stages, strains)."""

@@ -15,7 +15,7 @@ from time import monotonic
 
 import numpy as np
 
-from model.clearance.centreline import Centreline
+from model.centreline import Centreline
 from model.effects import PrintedStatics
 from model.equilibrium.forward import STAGES, Collocation
 from model.errors import OctoplanError

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from model.arm import Arm
+from model.centreline import Centreline
 from model.checks import not_negative
 from model.clearance import clearances
-from model.clearance.centreline import Centreline
 from model.clearance.nearest import BASE, ITSELF, OBSTACLES, Clearance
 from model.errors import InputError
 from model.obstacles import Obstacle, check_obstacles, distances, numbers_of

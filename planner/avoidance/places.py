@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from model.clearance.centreline import Centreline
+from model.centreline import Centreline
 from model.clearance.pieces import Pieces
 from model.obstacles import HalfSpace, distances, numbers_of
 from model.obstacles.base import signed_distance

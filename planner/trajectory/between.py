@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from model.centreline import Centreline
 from model.clearance import clearances
-from model.clearance.centreline import Centreline
 from model.paths import Array
 from planner.avoidance.asked import Surroundings
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from model.arm import Arm
-from model.clearance.centreline import Centreline
+from model.centreline import Centreline
 from model.equilibrium.forward import STAGES, Collocation
 from model.errors import InputError, OctoplanError
 from model.paths import Array

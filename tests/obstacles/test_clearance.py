@@ -7,8 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from model import Arm, Scene, conical, settle
+from model.centreline import Centreline
 from model.clearance import clearance
-from model.clearance.centreline import Centreline
 from model.clearance.nearest import BASE, ITSELF, clearances
 from model.clearance.pieces import segment_gaps
 from model.effects import Buoyancy, Extension, Weight

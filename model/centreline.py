@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
@@ -20,11 +21,33 @@ from model.equilibrium.forward import STAGES
 from model.paths import Array
 from model.rotations import half_turn, multiply, unit_matrix
 from model.scene import Scene
-from model.shape import Shape
 from model.transcription.collocation import gauss, rotation_vectors
 from model.transcription.system import System
 
 Counts = NDArray[np.int64]
+
+
+class Settled(Protocol):
+    """What is read off a settled shape; see model.shape.Shape."""
+
+    @property
+    def arm(self) -> Arm:
+        """What was settled."""
+
+    @property
+    def scene(self) -> Scene:
+        """And in which scene."""
+
+    @property
+    def s(self) -> Array:
+        """Arc lengths of the mesh's nodes (N + 1,) [m]."""
+
+    @property
+    def states(self) -> Array:
+        """Poses (N + 1, 7 or more) there."""
+
+    def strains(self, s: Any) -> Array:
+        """Return tau, xi, k, q (K, 4 or more) at arc lengths (K,) [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +74,7 @@ class Centreline:
     nu: Array
 
     @classmethod
-    def of(cls, shape: Shape) -> Centreline:
+    def of(cls, shape: Settled) -> Centreline:
         """Return that of a settled shape."""
         s = shape.s
         h = np.diff(s)

@@ -1,0 +1,1 @@
+"""Equilibria of an arm that leans on rigid obstacles."""

@@ -1,0 +1,64 @@
+"""What a settled arm leans on, as it is read off: forces and where they act."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from model.contact.gaps import Gaps
+from model.contact.touches import Touches, forces, second
+from model.loads import contacts
+from model.obstacles import Obstacle
+from model.paths import Array
+from model.transcription.system import System
+
+
+@dataclass(frozen=True, eq=False)
+class Touch:
+    """A place where an arm leans on an obstacle.
+
+    Where a part of the arm lies on one there is a touch at each node of it: forces at its ends, and
+    of the pressure what falls to the node, the same resultant and moment as it.
+
+    Attributes
+    ----------
+    obstacle : Obstacle
+    s : float
+        Arc length from the base [m].
+    force : (3,)
+        On the arm, in the base frame [N].
+    gap : float
+        Between the arm's surface and the obstacle [m].
+    point : (3,)
+        Of the obstacle's surface, where they touch [m].
+    pressure : float
+        Force per unit reference length there [N/m]; 0 where the arm touches at a point.
+    """
+
+    obstacle: Obstacle
+    s: float
+    force: Array
+    gap: float
+    point: Array
+    pressure: float = 0.0
+
+
+def touches_of(system: System, states: Array) -> tuple[Touch, ...]:
+    """Return what an arm leans on in an equilibrium, from base to tip."""
+    touches, gaps = Touches.of(system), Gaps.of(system, states)
+    s, own = system.mesh.s, touches.held | touches.inside
+    p = second(system, states) * (touches.end | touches.inside)
+    size = forces(system, states) * touches.held
+    h = np.diff(s)[:, None] * touches.lies
+    # Of a pressure that is linear between nodes: the lever rule.
+    size[:-1] += h * (2 * p[:-1] + p[1:]) / 6
+    size[1:] += h * (p[:-1] + 2 * p[1:]) / 6
+    bodies, places = contacts(system.scene), system.poses(states)[:, 4:]
+    found = []
+    for k, j in zip(*np.nonzero(own), strict=True):
+        normal, gap = gaps.normal[k - 1, j], float(gaps.gap[k - 1, j])
+        obstacle = bodies[j].obstacle
+        point = places[k] - float(obstacle.distance(places[k])) * normal
+        found.append(Touch(obstacle, float(s[k]), size[k, j] * normal, gap, point, float(p[k, j])))
+    return tuple(found)

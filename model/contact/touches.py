@@ -1,0 +1,107 @@
+"""Which nodes of a mesh touch which obstacles, and how: what the kernels of contact are told."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.paths import Array
+from model.transcription.system import System
+from model.transcription.touch import PRESSURE, TOLD, TOUCH
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Touches:
+    """How nodes touch obstacles; where all is False the arm is free.
+
+    Attributes
+    ----------
+    point : (N + 1, K)
+        Nodes at which a force holds the gap to each of K obstacles shut.
+    end : (N + 1, K)
+        Nodes where a part that lies on an obstacle begins or ends: force and pressure.
+    inside : (N + 1, K)
+        Nodes inside of such a part: pressure alone.
+    lies : (N, K)
+        Elements that such parts consist of.
+    curve : (N + 1, K) or None
+        gap'' [1/m] where points may move along the arm, nan elsewhere; None where nodes stay.
+    """
+
+    point: Mask
+    end: Mask
+    inside: Mask
+    lies: Mask
+    curve: Array | None = None
+
+    @classmethod
+    def none(cls, elements: int, obstacles: int) -> Touches:
+        """Return those of a free arm."""
+        nodes = np.zeros((elements + 1, obstacles), dtype=bool)
+        return cls(nodes, nodes, nodes, nodes[1:])
+
+    @classmethod
+    def at_points(cls, point: Mask) -> Touches:
+        """Return those of forces at nodes (N + 1, K)."""
+        none = np.zeros_like(point)
+        return cls(point, none, none, none[1:])
+
+    @classmethod
+    def of(cls, system: System) -> Touches:
+        """Return those that a system is told of."""
+        of = system.of
+        rows = system.p[of.equations.numbers_of("touch")].reshape(of.elements, -1, TOUCH)
+        held, inside, end, moves, curve = np.moveaxis(rows[:, :, -TOLD:], 2, 0)
+        first = np.zeros((1, held.shape[1]))
+        held, inside, end, moves, curve = (
+            np.vstack([first, part]) for part in (held, inside, end, moves, curve)
+        )
+        lies = np.zeros(inside[1:].shape, dtype=bool)
+        if of.form.pressed:
+            own = system.p[of.equations.numbers_of("pressure")]
+            lies = own.reshape(of.elements, -1, PRESSURE)[:, :, -1] > 0
+        at_point = (held > 0) & (end == 0)
+        return cls(at_point, end > 0, inside > 0, lies, np.where(moves > 0, curve, np.nan))
+
+    @property
+    def held(self) -> Mask:
+        """Nodes with a force (N + 1, K)."""
+        return self.point | self.end
+
+    @property
+    def pressed(self) -> bool:
+        """Whether the arm lies on anything."""
+        return bool(self.lies.any())
+
+    def told(self, system: System) -> System:
+        """Return a system whose kernels of contact are told of these touches."""
+        found, of = copy.copy(system), system.of
+        found.p = system.p.copy()
+        rows = found.p[of.equations.numbers_of("touch")].reshape(-1, TOUCH)
+        moves = np.zeros_like(self.point) if self.curve is None else ~np.isnan(self.curve)
+        curve = np.zeros_like(moves) if self.curve is None else np.nan_to_num(self.curve)
+        flags = [self.held, self.inside, self.end, moves, curve]
+        rows[:, -TOLD:] = np.stack(flags, axis=2)[1:].reshape(-1, TOLD)
+        if of.form.pressed:
+            found.p[of.equations.numbers_of("pressure")].reshape(-1, PRESSURE)[:, -1] = (
+                self.lies.ravel()
+            )
+        return found
+
+
+def forces(system: System, states: Array) -> Array:
+    """Return the contact force of each node on each obstacle (N + 1, K) [N]."""
+    return np.asarray(states[system.of.touches[:, :, 0]])
+
+
+def second(system: System, states: Array) -> Array:
+    """Return the second unknown of each node and obstacle (N + 1, K): pressure [N/m], or a shift.
+
+    The shift [m] is how far on along the arm a point touches.
+    """
+    return np.asarray(states[system.of.touches[:, :, 1]])

@@ -1,0 +1,38 @@
+"""Contact with something rigid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from model.checks import kind, not_negative
+from model.effects.base import Effect
+from model.obstacles import Obstacle
+
+
+@dataclass(frozen=True)
+class Contact(Effect):
+    """A rigid obstacle that the arm's surface may not enter, and that presses it back.
+
+    The surface is that of balls of the arm's radius along its midline, as clearances have it: the
+    gap at s is the distance of the midline from the obstacle less the radius. At each place gap
+    >= 0, force >= 0, gap times force = 0 (Signorini's conditions). The force acts along the
+    obstacle's normal through the midline: on a tapered arm it leans by the slope of the radius
+    against the cross-section, and has no moment about it. A scene may have several contacts, with
+    different obstacles; it adds torsion, moment, force and contact force at the nodes. A
+    neo-Hookean body swells where it is shortened; that it is squeezed where it leans is left out.
+
+    Attributes
+    ----------
+    obstacle : Obstacle
+        Such as a Sphere, Capsule, Box or HalfSpace.
+    friction : float
+        Coulomb's coefficient between arm and obstacle.
+    """
+
+    obstacle: Obstacle
+    friction: float = 0.0
+
+    def __post_init__(self) -> None:
+        allowed = "an obstacle such as Capsule(start, end, radius)"
+        kind("Contact.obstacle", self.obstacle, Obstacle, allowed)
+        object.__setattr__(self, "friction", not_negative("Contact.friction", self.friction))

@@ -1,0 +1,130 @@
+"""Kernels of contact: forces at nodes, pressure between them, and what vanishes of either or gap.
+
+At a node that touches an obstacle of signed distance d, with n = grad d at the midline, the force
+P n acts on the arm; between nodes where the arm lies on it the pressure p n per unit reference
+length, p linear between the nodes. gap = d(u) - R, along the arm gap' = n . u' - R'.
+
+Where the arm touches at a point, that is where the gap is least, and moves along the arm by x while
+this bends: gap' + gap'' x = 0, and the force P n(u + x u') has the moment x u' x P n about the
+node. A solution has its node there, x = 0; compliances have what x does in them.
+
+A node has two unknowns: P, and p or x. What vanishes there is told by numbers, so that contact
+comes and goes without building anything: P and p where the arm is free; gap, and gap' + gap'' x,
+where it touches at a point; gap and gap' at the ends of a part that lies on the obstacle; P and gap
+inside of it. So pressure holds the gap shut as a quintic spline interpolates: it is the fourth
+derivative of the deflection, with as many values as nodes and four conditions at the ends.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from model.cross_section.energy import EnergySection
+from model.cross_section.law import CrossSection, join, size
+from model.obstacles.base import SIZE, with_gradient
+from model.rotations import half_turn, multiply, unit_matrix
+from model.transcription.collocation import gauss, rotation_vectors, weighted_sum
+from model.transcription.kernel import Kernel
+
+# Numbers of a touch: the obstacle's, radius, its slope, h, and what its rows are told; see touch.
+TOLD = 5
+TOUCH = SIZE + 3 + TOLD
+PRESSURE = SIZE + 2
+
+
+def swelling(law: CrossSection, v: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Return the radius over that at rest, and its derivatives by the strains v (1, n)."""
+    at = ca.SX.sym("v", size(law))
+    wide = law.width(law.twist(at)[1][0]) if isinstance(law, EnergySection) else ca.SX(1)
+    width, slopes = ca.substitute([wide, ca.jacobian(wide, at)], [at], [v])
+    return width, slopes
+
+
+@lru_cache(maxsize=32)
+def touch(law: CrossSection, m: int) -> Kernel:
+    """Return the kernel of a node that may touch an obstacle.
+
+    Unknowns: the strains of the element before, q, u, P, p or x. Numbers: see TOUCH; the last are
+    1 or 0: a force holds the gap shut, pressure alone does, the node is an end of a part that lies,
+    it is a point that moves along the arm; and gap'' there. Rows: what it adds to M and F, and what
+    vanishes for the two unknowns.
+    """
+    v, q, u = ca.SX.sym("v", size(law), m), ca.SX.sym("q", 4), ca.SX.sym("u", 3)
+    P, p, c = ca.SX.sym("P"), ca.SX.sym("p"), ca.SX.sym("c", TOUCH)
+    gap, slope, along, normal = _gap(law, m, v, q, u, c)
+    held, inside, end, moves, curve = ca.vertsplit(c[-TOLD:])
+    second = inside * gap + end * slope + moves * (slope + curve * p)
+    rows = [
+        -moves * p * P * ca.cross(along, normal),
+        -P * (normal + moves * p * (ca.jacobian(normal, u) @ along)),
+        held * gap + (1 - held) * P,
+        second + (1 - inside - end - moves) * p,
+    ]
+    return Kernel("touch", ca.vertcat(ca.vec(v), q, u, P, p), c, ca.vertcat(*rows))
+
+
+@lru_cache(maxsize=32)
+def gap_function(law: CrossSection, m: int) -> ca.Function:
+    """Return (strains of the element before; q, u; numbers of a touch) -> gap, gap', normal (3,).
+
+    And the derivatives of the gap by the strains and u.
+    """
+    v, q, u = ca.SX.sym("v", size(law), m), ca.SX.sym("q", 4), ca.SX.sym("u", 3)
+    c = ca.SX.sym("c", TOUCH)
+    gap, slope, _, normal = _gap(law, m, v, q, u, c)
+    by_strains = ca.densify(ca.gradient(gap, ca.vec(v)))
+    given = [ca.vec(v), ca.vertcat(q, u), c]
+    return ca.Function("gap", given, [gap, slope, normal, by_strains], {"cse": True})
+
+
+def _gap(
+    law: CrossSection, m: int, v: ca.SX, q: ca.SX, u: ca.SX, c: ca.SX
+) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+    """Return gap, gap', u' and normal at the end of an element."""
+    radius, slope, h = ca.vertsplit(c[SIZE : SIZE + 3])
+    end, powers = v @ ca.DM(gauss(m).powers.sum(axis=0)), np.arange(m)
+    rate = v @ ca.DM(powers @ gauss(m).powers) / h
+    distance, normal = with_gradient()(u, c[:SIZE])
+    wide, widening = swelling(law, end)
+    gap = distance - radius * wide
+    along = unit_matrix(q) @ law.twist(end)[1]
+    gap_slope = ca.dot(normal, along) - slope * wide - radius * (widening @ rate)
+    return gap, gap_slope, along, normal
+
+
+@lru_cache(maxsize=1)
+def no_touch() -> Kernel:
+    """Return the kernel of the base, which touches nothing: P or p there."""
+    P = ca.SX.sym("P")
+    return Kernel("no_touch", P, ca.SX(0, 1), P)
+
+
+@lru_cache(maxsize=32)
+def pressure(law: CrossSection, m: int) -> Kernel:
+    """Return the kernel of an element that may lie on an obstacle.
+
+    Unknowns: q, u, strains; p at both nodes. Numbers: the obstacle's, h, 1 if it does. Rows: what
+    it adds to M and F at the first node, then to the local wrench at the stages.
+    """
+    q, u, v = ca.SX.sym("q", 4), ca.SX.sym("u", 3), ca.SX.sym("v", size(law), m)
+    p, c, method = ca.SX.sym("p", 2), ca.SX.sym("c", PRESSURE), gauss(m)
+    h, lies = c[SIZE], c[SIZE + 1]
+    twists = [law.twist(own) for own in ca.horzsplit(v)]
+    turns = rotation_vectors([kappa for kappa, _ in twists], h)[:-1]
+    R = [unit_matrix(multiply(q, half_turn(turn))) for turn in turns]
+    along = [frame @ nu for frame, (_, nu) in zip(R, twists, strict=True)]
+    places = [u + h * weighted_sum(row, along) for row in method.a]
+    shares = [lies * ((1 - x) * p[0] + x * p[1]) for x in method.c.tolist()]
+    f = [x * with_gradient()(at, c[:SIZE])[1] for x, at in zip(shares, places, strict=True)]
+    F = [h * weighted_sum(method.b - row, f) for row in method.a]
+    levers = [ca.cross(t, force) for t, force in zip(along, F, strict=True)]
+    M = [h * weighted_sum(method.b - row, levers) for row in method.a]
+    stages = [
+        -join(law, frame.T @ moment, *ca.vertsplit(frame.T @ force, [0, 1, 3]))
+        for frame, moment, force in zip(R, M, F, strict=True)
+    ]
+    rows = [-h * weighted_sum(method.b, levers), -h * weighted_sum(method.b, f), *stages]
+    return Kernel("pressure", ca.vertcat(q, u, ca.vec(v), p), c, ca.vertcat(*rows))

@@ -1,0 +1,106 @@
+"""An arm that leans on things: complementarity, stiffness, stability, the way it came there."""
+
+import numpy as np
+import pytest
+
+from model import Arm, Scene, settle
+from model.effects import Contact, ExactTendons, Extension, NeoHookean, PrintedStatics, TipLoad
+from model.errors import InputError
+from model.obstacles import Box, Capsule, HalfSpace, Sphere
+from model.stiffness import stiffness
+
+ARM = Arm.from_paper("table-4")
+TENSIONS = np.array([[0, 0, 0.5, 0], [4, 0, 0, 0], [0, 3, 0, 0]])
+ROD = Capsule((0.1, -0.05, -0.06), (0.1, 0.05, -0.06), 0.02)
+SCENES = {
+    "paper": Scene(Extension(), Contact(ROD)),
+    "exact": Scene(Extension(), ExactTendons(), Contact(ROD)),
+    "silicone": Scene(Extension(), ExactTendons(), NeoHookean(), Contact(ROD)),
+}
+
+
+def _gaps(shape, obstacle, swells: bool) -> np.ndarray:  # type: ignore[no-untyped-def]
+    """Return gaps along the arm, by NumPy alone from what is read off the shape."""
+    s = np.linspace(0, ARM.length, 1501)
+    radius = 0.015 + (0.002 - 0.015) * s / ARM.length
+    if swells:
+        radius = radius / np.sqrt(1 + shape.strain(s)[:, 3])
+    a, b = np.array(obstacle.start), np.array(obstacle.end)
+    x = shape.position(s)
+    share = np.clip((x - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
+    near = a + share[:, None] * (b - a)
+    return np.linalg.norm(x - near, axis=1) - obstacle.radius - radius
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_gap_and_force_are_complementary(name: str) -> None:
+    shape = settle(ARM, TENSIONS, SCENES[name])
+    gaps = _gaps(shape, ROD, name == "silicone")
+    assert gaps.min() > -1e-8
+    assert gaps.min() < 1e-5
+    for touch in shape.contacts:
+        out = shape.position(touch.s) - touch.point
+        assert abs(touch.gap) < 1e-12
+        assert touch.force @ out > 0
+        assert np.linalg.norm(np.cross(touch.force, out)) < 1e-12
+        assert ROD.distance(touch.point) == pytest.approx(0, abs=1e-12)
+
+
+def test_a_scene_whose_obstacles_are_far_off_is_one_without() -> None:
+    far = Scene(Extension(), ExactTendons(), Contact(Sphere((3.0, 0, 0), 0.1)))
+    alone = settle(ARM, TENSIONS, Scene(Extension(), ExactTendons()), 1e-8)
+    shape = settle(ARM, TENSIONS, far, 1e-8)
+    assert shape.tip == pytest.approx(alone.tip, abs=1e-8)
+    assert shape.contacts == ()
+
+
+def test_compliance_of_the_held_arm_is_the_derivative_of_where_it_settles() -> None:
+    scene = SCENES["exact"]
+    found = stiffness(ARM, TENSIONS, scene, accuracy=1e-7)
+    own = found.compliance[:3, :3]
+    assert own == pytest.approx(own.T, abs=1e-4)
+    push, tips = 2e-4, []
+    for sign in (1, -1):
+        load = TipLoad(force=(0, 0, sign * push))
+        tips.append(settle(ARM, TENSIONS, Scene(*scene.effects, load), 1e-9).tip)
+    moved = (tips[0] - tips[1]) / (2 * push)
+    assert found.compliance[:3, 2] == pytest.approx(moved, rel=1e-4, abs=1e-4)
+    free = stiffness(ARM, TENSIONS, Scene(Extension(), ExactTendons()), accuracy=1e-7)
+    assert np.trace(found.compliance[:3, :3]) < np.trace(free.compliance[:3, :3])
+
+
+def test_what_it_leans_on_may_be_many_and_of_all_kinds() -> None:
+    bodies = [
+        HalfSpace((0, 0, -0.09), (0, 0, 1)),
+        Box((0.2, 0.1, 0.0), (0.1, 0.05, 0.2)),
+        Sphere((0.16, -0.06, -0.05), 0.02),
+    ]
+    scene = Scene(Extension(), ExactTendons(), *(Contact(body) for body in bodies))
+    shape = settle(ARM, TENSIONS, scene)
+    s = np.linspace(0, ARM.length, 1501)
+    radius = 0.015 + (0.002 - 0.015) * s / ARM.length
+    for body in bodies:
+        assert (body.distance(shape.position(s)) - radius).min() > -1e-8
+    assert shape.contacts
+    assert shape.stability > 0
+
+
+def test_an_arm_that_begins_inside_is_refused() -> None:
+    scene = Scene(Contact(Sphere((0.2, 0, 0.02), 0.03)))
+    with pytest.raises(InputError, match=r"19\.2 mm inside at s = 0\.2"):
+        settle(ARM, TENSIONS, scene)
+
+
+def test_what_is_no_contact_is_refused() -> None:
+    with pytest.raises(InputError, match=r"Contact\.obstacle"):
+        Contact(0.1)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"Contact\.friction"):
+        Contact(ROD, friction=-0.1)
+    with pytest.raises(InputError, match="a body once"):
+        Scene(Contact(ROD), Contact(ROD))
+    with pytest.raises(InputError, match="PrintedStatics"):
+        Scene(Extension(), PrintedStatics(), Contact(ROD))
+    with pytest.raises(InputError, match="history"):
+        settle(ARM, TENSIONS, Scene(Contact(ROD, friction=0.3)))
+    with pytest.raises(InputError, match="lengths"):
+        settle(ARM, lengths=np.full(12, 0.4), scene=Scene(Contact(ROD)))
