@@ -6,12 +6,13 @@ from model.effect_ablation import Switch, switch_effects
 from model.errors import CollapsedError, ConvergenceError, InputError, OctoplanError, SnapError
 from model.jacobian import tip_jacobian
 from model.length_response import LengthResponse, length_response
-from model.many import Shapes, settle_many
+from model.many import settle_many
 from model.paths import Linear, Sampled
 from model.rest_curvature import RestCurvature
 from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
+from model.shapes import Shapes
 from octoplan_packages import warn_of_hidden
 
 warn_of_hidden("planner")

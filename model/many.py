@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from model.arm import Arm
 from model.checks import finite_array
@@ -23,36 +21,12 @@ from model.rotations import matrices
 from model.scene import Scene
 from model.settle import ACCURACY, checked_scene, settle
 from model.shape import Shape
+from model.shapes import Errors, Problems, Shapes
 from model.time_limit import check_time
 from model.unloaded.closed_form import ClosedForm
 from model.unloaded.pulls import PullPolynomials
 from model.unloaded.statics import closed_statics
 from model.unloaded.stretch import LEAST_STRETCH, check_stretch
-
-
-@dataclass(frozen=True, eq=False)
-class Shapes:
-    """The tips of many settled shapes.
-
-    Attributes
-    ----------
-    tip : (m, 3)
-        [m].
-    tip_frame : (m, 3, 3)
-        Columns t, n, b.
-    error : (m,)
-        Estimated tip error over arm length [-].
-    tensions : (m, n_tendons)
-        [N].
-    slack : (m, n_tendons)
-        Whether each tendon is slack.
-    """
-
-    tip: Array
-    tip_frame: Array
-    error: Array
-    tensions: Array
-    slack: NDArray[np.bool_]
 
 
 def settle_many(
@@ -65,38 +39,54 @@ def settle_many(
     lengths: Any = None,
     tendon_EA: float | None = None,
     tendon_outside: float = 0.0,
+    errors: Errors = "raise",
 ) -> Shapes:
     """Return the tips for many sets of tensions (m, n_sections, n) or (m, n_tendons) [N].
 
     As settle; only those that a mesh does not settle to the accuracy go on to a finer one. With
     `lengths`, of the same form [m], tendons are held by these: one set after the other.
 
+    Parameters
+    ----------
+    errors : "raise" or "nan"
+        Whether a set that is not allowed or does not settle ends all with its error, or is a row of
+        nan with the reason in `problems`, as in a sweep, while the others are settled.
+
     Raises
     ------
     InputError, CollapsedError, ConvergenceError, SnapError
-        As settle does, naming the set.
+        As settle does, naming the set, unless `errors` is "nan".
     CompilerError
         If `compile` is True, and there is no compiler or it fails.
     """
     scene = checked_scene(arm, scene)
     accuracy = checked_accuracy(accuracy)
     machine_code = checked_compile(compile)
+    problems = Problems(errors)
     if lengths is not None:
         winches = {"tendon_EA": tendon_EA, "tendon_outside": tendon_outside}
         held = {"lengths": lengths, "tensions": tensions}
-        return _by_lengths(arm, held, scene, accuracy, {**winches, "compile": machine_code})
-    T = _stack(arm, tensions)
+        options = {**winches, "compile": machine_code}
+        return _by_lengths(arm, held, scene, accuracy, options, problems)
+    T = _stack(arm, tensions, problems)
     if is_loaded(scene):
-        return _one_by_one(arm, T, scene, accuracy, machine_code)
-    return _Many(arm, T, scene, accuracy, machine_code).shapes()
+        return _one_by_one(arm, T, scene, accuracy, machine_code, problems)
+    return _Many(arm, T, scene, accuracy, machine_code, problems).shapes()
 
 
 class _Many:
     """Sets of tensions on their way to the accuracy, each on the mesh that it wants next."""
 
     def __init__(
-        self, arm: Arm, T: Array, scene: Scene, accuracy: float, machine_code: bool
+        self,
+        arm: Arm,
+        T: Array,
+        scene: Scene,
+        accuracy: float,
+        machine_code: bool,
+        problems: Problems,
     ) -> None:
+        self.problems = problems
         self.arm, self.T, self.scene, self.accuracy = arm, T, scene, accuracy
         self.machine_code, self.scheme = machine_code, check_scheme(scene, None)
         self.order = order_of(self.scheme, scene)
@@ -105,14 +95,22 @@ class _Many:
         self.last, self.wanted = np.zeros(len(T), int), np.full(len(T), self.coarse)
 
     def shapes(self) -> Shapes:
-        left = np.arange(len(self.T))
+        left = self._left(np.arange(len(self.T)))
         while left.size:
             check_time()
             refinement = int(self.wanted[left].min())
             self._step(left[self.wanted[left] == refinement], refinement)
-            left = left[~(self.errors[left] <= self.accuracy)]
-        poses = self.poses[:, 4:], matrices(self.poses[:, :4])
-        return Shapes(*poses, self.errors, self.T, self.T == 0)
+            left = self._left(left)
+        lost = self.problems.rows
+        self.poses[lost, 0] = 1.0  # what has no frame is not made one of
+        found = Shapes(
+            self.poses[:, 4:], matrices(self.poses[:, :4]), self.errors, self.T, self.T == 0
+        )
+        return self.problems.kept(found)
+
+    def _left(self, among: Any) -> Any:
+        """Return those sets that are neither settled nor lost."""
+        return among[~(self.errors[among] <= self.accuracy) & ~self.problems.at(among)]
 
     def _step(self, now: Any, refinement: int) -> None:
         """Settle the sets `now` on a mesh, and say which they want next."""
@@ -127,11 +125,13 @@ class _Many:
         lost = np.isnan(found).any(axis=0)
         settled = self.errors[now] <= self.accuracy
         for i in now[settled & ~(least > LEAST_STRETCH)]:
-            self._refuse_collapsed(int(i), refinement)
+            with self.problems.of(int(i)):
+                self._refuse_collapsed(int(i), refinement)
         if refinement != self.coarse:
             self._choose(now[~settled & ~lost], refinement)
         for i in now[lost]:
-            self._settle_alone(int(i))
+            with self.problems.of(int(i)):
+                self._settle_alone(int(i))
 
     def _settle_alone(self, i: int) -> None:
         """Settle a set that has a section without equilibrium, unless it is found carefully."""
@@ -148,9 +148,10 @@ class _Many:
             for error in self.errors[now].tolist()
         ]
         for i in now[self.wanted[now] == 0]:
-            self._refuse_collapsed(int(i), refinement)
-            remedy = f"ask for less accuracy, or look at set {i}"
-            raise ConvergenceError(self.accuracy, float(self.errors[i]), remedy)
+            with self.problems.of(int(i)):
+                self._refuse_collapsed(int(i), refinement)
+                remedy = f"ask for less accuracy, or look at set {i}"
+                raise ConvergenceError(self.accuracy, float(self.errors[i]), remedy)
 
     def _refuse_collapsed(self, i: int, refinement: int) -> None:
         forward = explicit_map(self.arm, self.scene, self.scheme, refinement)
@@ -179,12 +180,24 @@ def _tips(arm: Arm, scene: Scene, scheme: str, refinement: int, machine_code: bo
     return tips
 
 
-def _one_by_one(arm: Arm, T: Array, scene: Scene, accuracy: float, machine_code: bool) -> Shapes:
-    return _of(arm, [settle(arm, row, scene, accuracy, compile=machine_code) for row in T])
+def _one_by_one(
+    arm: Arm, T: Array, scene: Scene, accuracy: float, machine_code: bool, problems: Problems
+) -> Shapes:
+    shapes: list[Shape | None] = [None] * len(T)
+    for i, row in enumerate(T):
+        if not problems.at(i):
+            with problems.of(i):
+                shapes[i] = settle(arm, row, scene, accuracy, compile=machine_code)
+    return _of(arm, shapes, problems)
 
 
 def _by_lengths(
-    arm: Arm, held: dict[str, Any], scene: Scene, accuracy: float, options: dict[str, Any]
+    arm: Arm,
+    held: dict[str, Any],
+    scene: Scene,
+    accuracy: float,
+    options: dict[str, Any],
+    problems: Problems,
 ) -> Shapes:
     """Return the tips by sets of lengths, and of tensions where these are given in part."""
     lengths, tensions = held["lengths"], held["tensions"]
@@ -193,29 +206,39 @@ def _by_lengths(
             raise InputError(name, values, f"a set of {name} for each shape to settle")
     if tensions is not None and len(tensions) != len(lengths):
         raise InputError("tensions", f"{len(tensions)} sets", f"{len(lengths)}, as of lengths")
-    shapes = []
+    shapes: list[Shape | None] = [None] * len(lengths)
     for i, row in enumerate(lengths):
         T = None if tensions is None else tensions[i]
-        try:
-            shapes.append(settle(arm, T, scene, accuracy, lengths=row, **options))
-        except InputError as reason:
-            field = reason.field.replace("lengths", f"lengths[{i}]", 1)
-            raise InputError(field, reason.given, reason.allowed) from None
-    return _of(arm, shapes)
+        with problems.of(i):
+            try:
+                shapes[i] = settle(arm, T, scene, accuracy, lengths=row, **options)
+            except InputError as reason:
+                field = reason.field.replace("lengths", f"lengths[{i}]", 1)
+                raise InputError(field, reason.given, reason.allowed) from None
+    return _of(arm, shapes, problems)
 
 
-def _of(arm: Arm, shapes: list[Shape]) -> Shapes:
-    n = arm.n_tendons
-    return Shapes(
-        np.array([shape.tip for shape in shapes]).reshape(-1, 3),
-        np.array([shape.tip_frame for shape in shapes]).reshape(-1, 3, 3),
-        np.array([shape.error for shape in shapes]),
-        np.array([shape.tensions for shape in shapes]).reshape(-1, n),
-        np.array([shape.slack.ravel() for shape in shapes], dtype=bool).reshape(-1, n),
+def _of(arm: Arm, shapes: list[Shape | None], problems: Problems) -> Shapes:
+    m, n = len(shapes), arm.n_tendons
+    found = Shapes(
+        np.zeros((m, 3)),
+        np.zeros((m, 3, 3)),
+        np.zeros(m),
+        np.zeros((m, n)),
+        np.zeros((m, n), dtype=bool),
     )
+    for i, shape in enumerate(shapes):
+        if shape is not None:
+            found.tip[i], found.tip_frame[i], found.error[i] = (
+                shape.tip,
+                shape.tip_frame,
+                shape.error,
+            )
+            found.tensions[i], found.slack[i] = shape.tensions, shape.slack.ravel()
+    return problems.kept(found)
 
 
-def _stack(arm: Arm, tensions: Any) -> Array:
+def _stack(arm: Arm, tensions: Any, problems: Problems) -> Array:
     if not hasattr(tensions, "__len__"):
         raise InputError("tensions", tensions, "a set of tensions for each shape to settle")
     if isinstance(tensions, np.ndarray) and tensions.dtype == float and len(tensions):
@@ -225,4 +248,8 @@ def _stack(arm: Arm, tensions: Any) -> Array:
     rows = list(tensions)
     if not rows:
         return finite_array("tensions", np.zeros((0, arm.n_tendons)), (None, arm.n_tendons))
-    return np.array([arm.flat(row, f"tensions[{i}]") for i, row in enumerate(rows)])
+    stacked = np.zeros((len(rows), arm.n_tendons))
+    for i, row in enumerate(rows):
+        with problems.of(i):
+            stacked[i] = arm.flat(row, f"tensions[{i}]")
+    return stacked

@@ -14,7 +14,7 @@ from planner.calibrate.saved import load_calibration
 from planner.certificate import Certificate
 from planner.design.design import Design, design
 from planner.design.making import Making
-from planner.many import plan_many
+from planner.many import FailedPlan, plan_many
 from planner.plan import Plan, plan
 from planner.plan_files import load_plan
 from planner.program.limits import Limits
@@ -30,6 +30,7 @@ __all__ = [
     "Calibration",
     "Certificate",
     "Design",
+    "FailedPlan",
     "Limits",
     "Making",
     "Measured",

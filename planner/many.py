@@ -3,13 +3,62 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from model.arm import Arm
-from model.errors import InputError
+from model.errors import InputError, OctoplanError
+from model.paths import Array
 from model.scene import Scene
+from model.shape import Shape
+from model.shapes import Errors
+from planner.certificate import Certificate
 from planner.plan import Plan, plan
+from planner.program.limits import Limits
+from planner.program.statement import Statement
 from planner.targets.base import Target
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FailedPlan(Plan):
+    """The row of a target for which there is no plan, as it is not allowed or led to an error.
+
+    Its numbers are nan, `reached` is False, and certificate and outcome tell the reason.
+
+    Attributes
+    ----------
+    reason : str
+        What was wrong.
+    """
+
+    reason: str = ""
+
+    @property
+    def shape(self) -> Shape:
+        """Raises OctoplanError with the reason: there is none."""
+        raise OctoplanError(self.reason)
+
+    @property
+    def tip(self) -> Array:
+        """Three times nan."""
+        return np.full(3, np.nan)
+
+    @property
+    def lengths(self) -> Array:
+        """As many times nan as there are tendons."""
+        return np.full_like(self.tensions, np.nan)
+
+    @property
+    def strokes(self) -> Array:
+        """As many times nan as there are tendons."""
+        return np.full_like(self.tensions, np.nan)
+
+    @property
+    def certificate(self) -> Certificate:
+        """A certificate that is not passed, with the reason."""
+        return Certificate(problem=self.reason, tolerance=self.accuracy)
 
 
 def plan_many(
@@ -19,6 +68,7 @@ def plan_many(
     tension_max: Any = float("inf"),
     *,
     path: bool = True,
+    errors: Errors = "raise",
     **others: Any,
 ) -> list[Plan]:
     """Return a plan for each of many targets, in order; `others` as plan takes them.
@@ -29,17 +79,60 @@ def plan_many(
         Whether each target is near the one before, so that its plan starts at the other's optimum:
         some ten times sooner, and tensions that change smoothly. What is followed is one optimum;
         plans that start afresh may find a better one.
+    errors : "raise" or "nan"
+        Whether a target that is not allowed, or at which something goes wrong, ends all with its
+        error, or is a FailedPlan that tells the reason, its numbers nan.
 
     Raises
     ------
     InputError
-        As plan does, naming the target.
+        As plan does, naming the target, unless `errors` is "nan"; always for what is not allowed
+        whatever the target.
     """
+    if errors not in ("raise", "nan"):
+        raise InputError("errors", errors, '"raise" or "nan"')
+    limits = Limits.of(arm, tension_max, others.get("tension_min", 0.0), others.get("total_pull"))
     plans: list[Plan] = []
+    near: Plan | None = None
     for i, target in enumerate(targets):
-        near = plans[-1] if path and plans else None
         try:
             plans.append(plan(arm, target, scene, tension_max, near=near, **others))
-        except InputError as error:
-            raise InputError(f"targets[{i}]: {error.field}", error.given, error.allowed) from None
+            near = plans[-1] if path else None
+        except OctoplanError as reason:
+            error = _named(reason, i)
+            if errors == "raise":
+                raise error from None
+            asked: Any = target if isinstance(target, tuple | list) else (target,)
+            plans.append(_failed(arm, scene or Scene(), tuple(asked), limits, str(error), others))
     return plans
+
+
+def _named(reason: OctoplanError, i: int) -> OctoplanError:
+    """Return an error that names the target, if what was given was wrong."""
+    if isinstance(reason, InputError):
+        return InputError(f"targets[{i}]: {reason.field}", reason.given, reason.allowed)
+    return reason
+
+
+def _failed(
+    arm: Arm,
+    scene: Scene,
+    targets: tuple[Target, ...],
+    limits: Limits,
+    reason: str,
+    others: dict[str, Any],
+) -> FailedPlan:
+    rows = arm.by_section(np.zeros(arm.n_tendons))
+    return FailedPlan(
+        arm,
+        scene,
+        targets,
+        limits,
+        Statement(),
+        np.full_like(rows, np.nan),
+        (),
+        (),
+        float(others.get("accuracy", 1e-6)),
+        (),
+        reason=reason,
+    )
