@@ -9,6 +9,7 @@ from model import OctoplanError
 from model.time_limit import OutOfTime, time_limit
 from planner.commands.command import OK, Answer, Command, add_time_limit
 from planner.records.sweep import SweepRecord, sweep_record
+from planner.sweeps.file import load_sweep
 from planner.sweeps.sweep import written
 
 _SHOWN = 3
@@ -39,20 +40,24 @@ def run(args: argparse.Namespace) -> Answer:
     out = args.sweep.with_suffix(".nc") if args.to is None else args.to
     try:
         with time_limit(args.time_limit):
-            asked, tally = written(args.sweep, out, jobs=args.jobs, scheduler=args.scheduler)
+            asked = load_sweep(args.sweep)
+            found = written(asked, out, jobs=args.jobs, scheduler=args.scheduler)
     except OutOfTime:
         told = "what is finished is kept: start the sweep again, and it goes on"
         raise OctoplanError(
             f"the time limit of {args.time_limit:g} s was reached; {told}"
         ) from None
-    record = sweep_record(asked, tally, out)
+    record = sweep_record(asked, found, out)
     return Answer(OK, lambda: _text(record), record)
 
 
 def _text(record: SweepRecord) -> str:
     dims = " x ".join(f"{name} ({size})" for name, size in record.dims.items())
     word = "reached" if record.compute == "plan" else "settled"
-    lines = [f"{record.file}: {dims}", f"  {record.met} of {record.points} points {word}"]
+    lines = [
+        "finished by an earlier run, not run again; remove the file to run it"
+    ] * record.earlier
+    lines += [f"{record.file}: {dims}", f"  {record.met} of {record.points} points {word}"]
     shown = list(record.failures.items())[:_SHOWN]
     lines += [f"  {count} x such as: {told}" for told, count in shown]
     others = len(record.failures) - len(shown)

@@ -10,7 +10,7 @@ from msgspec import Meta
 
 from planner.files import versions
 from planner.sweeps.asked import Sweep
-from planner.sweeps.tally import Tally
+from planner.sweeps.sweep import Written
 
 
 class SweepRecord(msgspec.Struct, kw_only=True):
@@ -27,9 +27,10 @@ class SweepRecord(msgspec.Struct, kw_only=True):
         dict[str, int],
         Meta(description="outcomes of the others: one of each kind, that differ by numbers alone"),
     ]
+    earlier: Annotated[bool, Meta(description="whether an earlier run had found it all")] = False
 
 
-def sweep_record(asked: Sweep, tally: Tally, file: Path) -> SweepRecord:
+def sweep_record(asked: Sweep, found: Written, file: Path) -> SweepRecord:
     """Return the record of a sweep that is written to a file."""
     return SweepRecord(
         schema="octoplan sweep 1",
@@ -37,7 +38,8 @@ def sweep_record(asked: Sweep, tally: Tally, file: Path) -> SweepRecord:
         file=str(file),
         compute=asked.job.compute,
         dims=asked.dims,
-        points=tally.points,
-        met=tally.met,
-        failures=tally.failures,
+        points=found.tally.points,
+        met=found.tally.met,
+        failures=found.tally.failures,
+        earlier=found.earlier,
     )

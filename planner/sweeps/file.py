@@ -44,13 +44,24 @@ def load_sweep(path: str | Path) -> Sweep:
     raw = decoded(text, name)
     file = converted(raw, SweepFile, "sweep", name, f"a sweep file is such as {_SUCH}")
     texts = {"sweep": text.decode()}
-    if isinstance(file.scene, str):
-        scene_path = path.parent / file.scene
-        scene_text = text_of(scene_path)
-        texts["scene"] = scene_text.decode(errors="replace")
-        scene = _checked_scene(decoded(scene_text, str(scene_path)), str(scene_path), "")
-    else:
-        scene = _checked_scene(file.scene, name, "scene.")
+    if not isinstance(file.scene, str):
+        return _asked(file, _checked_scene(file.scene, name, "scene."), name, texts)
+    scene_path = path.parent / file.scene
+    scene_text = text_of(scene_path)
+    texts["scene"] = scene_text.decode(errors="replace")
+    scene = _checked_scene(decoded(scene_text, str(scene_path)), str(scene_path), "")
+    return _asked(file, scene, name, texts)
+
+
+def sweep_of(table: dict[str, Any], name: str = "sweep") -> Sweep:
+    """Return what a sweep file would ask that held a table, its scene in it; see load_sweep."""
+    file = converted(table, SweepFile, "sweep", name, "a sweep is wanted")
+    assert isinstance(file.scene, dict)
+    return _asked(file, _checked_scene(file.scene, name, "scene."), name, {})
+
+
+def _asked(file: SweepFile, scene: dict[str, Any], name: str, texts: dict[str, str]) -> Sweep:
+    """Return what a file asks with its scene, whose defaults are filled in."""
     asked = question_of(scene, name)
     _within(name, "sweep.compute", lambda: _check_compute(asked, file.sweep))
     axes = _axes(name, scene, file.sweep)

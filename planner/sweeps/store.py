@@ -72,6 +72,29 @@ def opened(path: Path) -> Any:
     return xarray.open_dataset(path, engine=_ENGINES[path.suffix.lower()])
 
 
+def identity_in(path: Path) -> str:
+    """Return the identity of the sweep that a path holds; empty where it holds none."""
+    if not path.exists():
+        return ""
+    try:
+        with opened(path) as found:
+            return str(found.attrs.get("identity", ""))
+    except (OSError, ValueError, KeyError):
+        return ""
+
+
+def tally_in(path: Path, sweep: Sweep) -> Tally:
+    """Return what became of a sweep's points that are written to a path, read part by part."""
+    tally, good = Tally(), "reached" if sweep.job.compute == "plan" else "settled"
+    shape = tuple(sweep.dims.values())
+    with opened(path) as found:
+        for begin in range(0, sweep.size, _PART):
+            for box, _, _ in boxes(begin, min(begin + _PART, sweep.size), shape):
+                values = {good: np.ravel(found[good][box].values)}
+                tally.add(Rows(values, [str(x) for x in np.ravel(found["outcome"][box].values)]))
+    return tally
+
+
 @contextmanager
 def _grown(sweep: Sweep, first: Any, path: Path) -> Iterator[Any]:
     """Write a Dataset of the first point, make room for all, and yield its arrays to be filled."""

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from model.arm import Arm
 from model.errors import InputError
 from model.progress import tell
 from model.time_limit import check_time
@@ -12,32 +16,38 @@ from planner.extras import needed
 from planner.sweeps.asked import Sweep
 from planner.sweeps.cluster import on_cluster
 from planner.sweeps.dataset import dataset
-from planner.sweeps.file import load_sweep
+from planner.sweeps.file import load_sweep, sweep_of
 from planner.sweeps.journal import Journal
-from planner.sweeps.store import check_store, opened, save
+from planner.sweeps.objects import sweep_table
+from planner.sweeps.store import check_store, identity_in, opened, save, tally_in
 from planner.sweeps.tally import Tally
 from planner.sweeps.variables import blank
 from planner.sweeps.workers import Found, here, on_machine
 
+_log = logging.getLogger("planner.sweeps")
+
 
 def sweep(
-    file: str | Path,
+    asked: str | Path | Arm,
     out: str | Path | None = None,
     *,
     jobs: int = 1,
     scheduler: str | None = None,
+    axes: Mapping[str, Any] | None = None,
+    **others: Any,
 ) -> Any:
-    """Return what a sweep file asks for, as an xarray Dataset.
+    """Return what is asked for at many values of a scene, as an xarray Dataset.
 
     The numbers do not depend on how many work on them, nor on interruptions. A sweep that was
     killed goes on where it was when it is started again: what is finished is kept in a journal
-    beside `out`, which is removed when `out` is written. A point that fails is a row whose
-    `outcome` says why, its numbers nan.
+    beside `out`, which is removed when `out` is written. Where `out` holds this same sweep already,
+    nothing is run: it is opened, and the log says so (logger planner.sweeps). A point that fails is
+    a row whose `outcome` says why, its numbers nan.
 
     Parameters
     ----------
-    file : path
-        The sweep file, see planner.sweeps.tables.
+    asked : path or Arm
+        The sweep file, see planner.sweeps.tables; or an arm, with `axes` and what follows.
     out : path
         Where to write the Dataset, .nc or .zarr. Memory does not grow with the number of points
         then, and what is returned reads its numbers from there when they are looked at. Without,
@@ -46,11 +56,18 @@ def sweep(
         How many processes of this machine work on it; -1 is one for each processor.
     scheduler : str
         Address of a Dask scheduler, "tcp://HOST:PORT", whose workers work on it in place of those.
+    axes : mapping
+        With an Arm: by the key that the value has in a scene file, in its unit, the values; or what
+        a [[sweep.axes]] table holds, such as {"distribution": "uniform", "low": 80, "high": 120}.
+    **others
+        With an Arm: `scene`, `target` (one or several), `tensions` [N], `tension_max` [N];
+        `compute`, "plan" with a target and else "settle", or "stiffness"; `draws`, `seed`; and
+        further keys of scene files, such as accuracy, limits={...} or stiffness={...}.
 
     Raises
     ------
     FileError
-        For what the sweep file or its scene must not have, before anything runs.
+        For what the sweep or its scene must not have, before anything runs.
     InputError
         For arguments that are not allowed, and a journal of another sweep.
     MissingExtraError
@@ -60,38 +77,56 @@ def sweep(
     VersionsError
         If a worker of the cluster has other versions of what computes.
     """
+    if isinstance(asked, Arm):
+        wanted = sweep_of(sweep_table(asked, axes, **others))
+    elif axes is not None or others:
+        given = ", ".join([*(["axes"] if axes is not None else []), *others])
+        raise InputError(given, "given beside a sweep file", "with an Arm in place of the file")
+    else:
+        wanted = load_sweep(asked)
+    _check(jobs)
     if out is not None:
-        written(file, out, jobs=jobs, scheduler=scheduler)
+        found = written(wanted, out, jobs=jobs, scheduler=scheduler)
+        if found.earlier:
+            _log.info("%s holds this sweep already; it is not run again", out)
         return opened(Path(out))
-    asked = _checked(file, jobs)
-    rows = blank(asked.job.compute, asked.job.tendons, asked.size)
-    for chunk, found in _found(asked, list(range(asked.chunks)), jobs, scheduler):
-        rows.put(chunk * asked.chunk, found)
-    return dataset(asked, rows)
+    rows = blank(wanted.job.compute, wanted.job.tendons, wanted.size)
+    for chunk, part in _found(wanted, list(range(wanted.chunks)), jobs, scheduler):
+        rows.put(chunk * wanted.chunk, part)
+    return dataset(wanted, rows)
+
+
+@dataclass(frozen=True)
+class Written:
+    """What became of a sweep's points, and whether an earlier run had found and written them."""
+
+    tally: Tally
+    earlier: bool
 
 
 def written(
-    file: str | Path, out: str | Path, *, jobs: int = 1, scheduler: str | None = None
-) -> tuple[Sweep, Tally]:
-    """As sweep, but return what was asked and what became of its points."""
-    asked, path = _checked(file, jobs), Path(out)
+    asked: Sweep, out: str | Path, *, jobs: int = 1, scheduler: str | None = None
+) -> Written:
+    """Write what a sweep asks for, unless it is there already."""
+    path = Path(out)
+    _check(jobs)
     check_store(path)
+    if not journal_of(path).exists() and identity_in(path) == asked.identity:
+        return Written(tally_in(path, asked), True)
     like = blank(asked.job.compute, asked.job.tendons, 0)
     with Journal(journal_of(path), asked.identity, asked.chunks, like) as journal:
         for chunk, rows in _found(asked, journal.left, jobs, scheduler):
             journal.add(chunk, rows)
         tally = save(asked, journal, path)
         journal.remove()
-    return asked, tally
+    return Written(tally, False)
 
 
-def _checked(file: str | Path, jobs: int) -> Sweep:
-    """Return what a sweep file asks; whatever hinders it is told before anything runs."""
-    asked = load_sweep(file)
+def _check(jobs: int) -> None:
+    """Tell whatever hinders a sweep before anything runs."""
     needed("xarray", "sweep")
     if isinstance(jobs, bool) or not isinstance(jobs, int) or (jobs < 1 and jobs != -1):
         raise InputError("jobs", jobs, "a whole number from 1, or -1 for all processors")
-    return asked
 
 
 def journal_of(out: Path) -> Path:

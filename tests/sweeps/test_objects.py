@@ -1,0 +1,147 @@
+"""Sweeps of arms, scenes and targets that are objects; sweeps that are finished already."""
+
+from __future__ import annotations
+
+import json
+import logging
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from model import Arm, InputError, Scene, settle
+from model.effects import Buoyancy, Extension, TipLoad, Weight
+from planner import sweep
+from planner.cli import main
+from planner.scenefile import question_of
+from planner.scenes.written_targets import target_table
+from planner.targets import (
+    Backbone,
+    Bend,
+    BendingPlane,
+    Fetch,
+    FetchReach,
+    MinimumStiffness,
+    Softest,
+    Stiffest,
+    TipPointing,
+    TipPose,
+    TipPosition,
+)
+from planner.unknowns.written import written as scene_table
+from tests.sweeps.cases import GRID, tensions, written
+
+ARM = Arm.from_paper("table-4")
+PAPER = Scene(Extension())
+TURNED = ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))
+TARGETS = [
+    TipPosition((0.2, 0.15, -0.2)),
+    TipPointing((0.2, 0.15, -0.2), (1.0, 2.0, 3.0), (1.0, 0.5)),
+    TipPose((0.2, 0.15, -0.2), TURNED, (2.0, 1.0)),
+    BendingPlane(np.radians(135.0), np.radians(75.5), 2),
+    Backbone(((0.1, 0.0, 0.0), (0.2, 0.1, 0.0)), (0.1, 0.3), (1.0, 2.0)),
+    Backbone(((0.1, 0.0, 0.0), (0.2, 0.1, 0.0))),
+    Fetch(Bend(1.0, 0.0), Bend(0.5, 0.1), Bend(0.7, np.pi / 2)),
+    FetchReach((0.04, 0.06, -0.05), 1.2, np.pi / 2),
+    FetchReach((0.04, 0.06, -0.05), 1.2),
+    MinimumStiffness((0.0, 0.6, 0.8), 0.5, "length", 1e3),
+    MinimumStiffness(((2.0, 0.5, 0.0), (0.5, 1.0, 0.0), (0.0, 0.0, 1.0)), 0.5),
+    Stiffest((0.0, 0.6, 0.8)),
+    Softest((1.0, 0.0, 0.0), hold="length", tendon_EA=500.0),
+]
+
+
+@pytest.mark.parametrize("target", TARGETS, ids=lambda target: type(target).__name__)
+def test_a_target_is_the_table_that_asks_for_it(target: Any) -> None:
+    table = scene_table(ARM, PAPER) | {"target": target_table(target)}
+    (found,) = question_of(table).targets
+    assert type(found) is type(target)
+    assert found.structure(ARM) == target.structure(ARM)
+    assert found.parameters(ARM) == pytest.approx(target.parameters(ARM), rel=1e-12, abs=1e-15)
+
+
+def test_a_target_without_keys_is_refused() -> None:
+    with pytest.raises(InputError, match="others have no keys"):
+        target_table(object())
+
+
+def test_an_arm_and_a_scene_are_swept_as_their_files_are() -> None:
+    scene = Scene(Extension(), Weight(), Buoyancy(), TipLoad((0.0, 0.0, -1e-3)))
+    axes = {"arm.E_kPa": np.array([100.0, 120.0]), "effects.tip_load.force[2]": [-1e-3, 0.0]}
+    found = sweep(ARM, scene=scene, tensions=tensions(), axes=axes, accuracy=1e-5)
+    assert dict(found.sizes)["arm.E_kPa"] == 2
+    alone = settle(ARM, tensions(), scene, 1e-5)
+    stiffer = found.sel({"arm.E_kPa": 120.0, "effects.tip_load.force[2]": -1e-3})
+    assert np.linalg.norm(stiffer.tip.values - alone.tip) > 1e-3
+    from dataclasses import replace
+
+    arm = replace(ARM, material=replace(ARM.material, E=120e3))
+    assert stiffer.tip.values == pytest.approx(settle(arm, tensions(), scene, 1e-5).tip, abs=1e-9)
+
+
+def test_plans_and_draws_too(tmp_path: Path) -> None:
+    target = BendingPlane(np.radians(135.0), np.radians(40.0))
+    drawn = {"distribution": "uniform", "low": 30.0, "high": 50.0}
+    asked: dict[str, Any] = {"scene": PAPER, "target": target, "tension_max": 20.0}
+    out = tmp_path / "plans.nc"
+    found = sweep(ARM, out, axes={"target.bend_deg": drawn}, draws=2, seed=3, **asked)
+    assert found.reached.values.all()
+    assert found.effort.values.shape == (2,)
+    assert not np.isclose(*found.effort.values)
+    again = sweep(ARM, axes={"target.bend_deg": drawn}, draws=2, seed=3, **asked)
+    assert np.array_equal(again.tensions.values, found.tensions.values)
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({}, "axes"),
+        ({"axes": {"arm.E_MPa": [1.0]}, "tensions": [0.0] * 12}, 'did you mean "E_kPa"'),
+        ({"axes": {"arm.E_kPa": [1.0]}, "scene": "silicone"}, "scene"),
+        ({"axes": {"arm.E_kPa": [1.0]}, "tension": 3}, "no such key"),
+        ({"axes": {"arm.E_kPa": [1.0]}}, "tensions, lengths_mm or strokes_mm"),
+        ({"axes": {"arm.E_kPa": [1.0]}, "target": 3}, "others have no keys"),
+    ],
+)
+def test_bad_input_is_told(options: dict[str, Any], told: str) -> None:
+    with pytest.raises(InputError) as caught:
+        sweep(ARM, **options)
+    assert told in str(caught.value)
+
+
+def test_a_file_and_objects_do_not_mix(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="with an Arm in place of the file"):
+        sweep(written(tmp_path, GRID), axes={"arm.E_kPa": [1.0]})
+
+
+@pytest.mark.parametrize("suffix", [".nc", ".zarr"])
+def test_a_finished_sweep_is_not_run_again_and_says_so(
+    suffix: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    caplog: pytest.LogCaptureFixture,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    path, out = written(tmp_path, GRID), tmp_path / f"out{suffix}"
+    argv = ["sweep", str(path), "--out", str(out), "--json"]
+    assert main(argv) == 0
+    first = json.loads(capsys.readouterr().out)
+
+    def never(*_: Any) -> Any:
+        raise AssertionError("run again")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("planner.sweeps.workers.run", never)
+        assert main(argv) == 0
+        assert json.loads(capsys.readouterr().out) == first | {"earlier": True}
+        assert main(argv[:-1]) == 0
+        assert "finished by an earlier run, not run again" in capsys.readouterr().out
+        with caplog.at_level(logging.INFO, "planner.sweeps"):
+            found = sweep(path, out)
+        assert found.settled.values.all()
+        assert f"{out} holds this sweep already" in caplog.text
+        found.close()
+    written(tmp_path, GRID.replace("0.5", "0.6"))
+    assert main(argv) == 0
+    assert json.loads(capsys.readouterr().out)["earlier"] is False
