@@ -64,8 +64,11 @@ class ExplicitMap(ForwardMap, Protocol):
     `stretch_active` sections cross at the arc lengths `stretch_at`.
     """
 
-    function: ca.Function
     stretch_active: Counts
+
+    @property
+    def function(self) -> ca.Function:
+        """Tensions (n_tendons,) -> poses (7, S + 1), 1 + q (1, K)."""
 
 
 @lru_cache(maxsize=64)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import casadi as ca
 
@@ -47,7 +48,7 @@ class PaperSection:
 
     def tendon(self, v: ca.SX, path: ca.SX, name: Name = ca.densify) -> ca.SX:
         """See CrossSection.tendon."""
-        moment, along = self.tendons(v, resultants(path))
+        moment, along = self.tendons(v, ca.vertcat(*resultants(path[0], path[1])))
         moment += ca.cross(*offset(path))
         return join(self, moment, along, self.tangent(v, path)[1:])
 
@@ -70,11 +71,10 @@ class PaperSection:
         return nu + Y_rate + ca.cross(kappa, Y)
 
 
-def resultants(path: ca.SX) -> ca.SX:
-    """Return a tendon's share per newton in the resultants T, T Y, T Y Y^T (6,), where Y = y d.
+def resultants(n: Any, b: Any) -> tuple[Any, ...]:
+    """Return a tendon's share per newton in the resultants T, T Y, T Y Y^T (6), where Y = (n, b).
 
     Of the paper's four tendons a section they are the sums T1+T2+T3+T4, y (T1-T3), y (T2-T4),
     y2 (T1+T3), 0, y2 (T2+T4).
     """
-    n, b = path[0], path[1]
-    return ca.vertcat(1, n, b, n * n, n * b, b * b)
+    return 1.0, n, b, n * n, n * b, b * b

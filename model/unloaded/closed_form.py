@@ -7,7 +7,7 @@ section) -> strains (closed form) -> one relative pose per step (Magnus) -> pose
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
@@ -95,6 +95,18 @@ def march_function(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
     return ca.Function("march", [g, *given], [compose(g, relative), stretch], {"cse": True})
 
 
+@lru_cache(maxsize=48)
+def _calls(
+    statics: ClosedStatics, scheme: Magnus, steps: int, ends: int, machine_code: bool
+) -> tuple[Buffered, Buffered]:
+    """Return march_function over so many steps and strain_function at the ends of segments.
+
+    They depend on an arm's structure alone, so that one with other numbers builds nothing.
+    """
+    march = kernel(march_function(statics, scheme), machine_code).mapaccum(steps)
+    return Buffered(march), Buffered(kernel(strain_function(statics), machine_code).map(ends))
+
+
 class ClosedForm:
     """The forward map of an unloaded scene with closed-form strains, on one mesh.
 
@@ -117,25 +129,42 @@ class ClosedForm:
         self.stretch_at = np.concatenate([inner, ends])
         self.stretch_active = np.concatenate([at_inner, at_ends])
 
+        everywhere = stations(arm, self.stretch_at, self.stretch_active)
+        self._maps, self._data = statics.pulls(arm, everywhere), statics.data(everywhere).T
+        self._base, self._h = base_pose(arm), np.diff(mesh.s)
+        self._calls = _calls(statics, scheme, mesh.steps, ends.size, machine_code)
+
+    @cached_property
+    def function(self) -> ca.Function:
+        """The map as a function that CasADi differentiates; see the class."""
+        arm, mesh, n = self.arm, self.mesh, self.mesh.steps * len(self.scheme.nodes)
+        statics = closed_statics(self.scene, arm)
         T = ca.MX.sym("T", arm.n_tendons)
-        pull, data = pull_and_data(arm, statics, inner, at_inner, T)
-        march = kernel(march_function(statics, scheme), machine_code).mapaccum(mesh.steps)
-        h = ca.DM(np.diff(mesh.s)).T
-        poses, stretch = march(base_pose(arm), pull, data, h)
-        at = kernel(strain_function(statics), machine_code).map(ends.size)
-        outer = 1 + at(*pull_and_data(arm, statics, ends, at_ends, T))[3, :]
-        everywhere = ca.horzcat(ca.reshape(stretch, 1, -1), outer)
-        nodes = ca.horzcat(base_pose(arm), poses)
-        self.function = ca.Function("closed_form", [T], [ca.densify(nodes), ca.densify(everywhere)])
-        self._call = Buffered(self.function)
+        s, active = self.stretch_at, self.stretch_active
+        inner, ends = (
+            pull_and_data(arm, statics, s[i], active[i], T) for i in (np.s_[:n], np.s_[n:])
+        )
+        march = kernel(march_function(statics, self.scheme), self.machine_code)
+        poses, stretch = march.mapaccum(mesh.steps)(
+            base_pose(arm), *inner, ca.DM(np.diff(mesh.s)).T
+        )
+        at = kernel(strain_function(statics), self.machine_code).map(s.size - n)
+        everywhere = ca.horzcat(ca.reshape(stretch, 1, -1), 1 + at(*ends)[3, :])
+        nodes = ca.horzcat(self._base, poses)
+        return ca.Function("closed_form", [T], [ca.densify(nodes), ca.densify(everywhere)])
 
     def run(self, tensions: Array, near: object = None) -> tuple[Array, Array]:
         """See ForwardMap.run: poses (S + 1, 7) and 1 + q (K,)."""
-        poses, stretch = self._call(tensions)
+        march, at_ends = self._calls
+        n, pull = self.mesh.steps * len(self.scheme.nodes), self._maps @ tensions
+        given = pull[:n].ravel(), self._data[:n].ravel()
+        beyond, inner = march(self._base, *given, self._h)
+        (strains,) = at_ends(pull[n:].ravel(), self._data[n:].ravel())
+        poses, stretch = np.vstack([self._base, beyond]), np.append(inner, 1 + strains[:, 3])
         lost = np.isnan(poses[:, 4])
         if lost.any():  # without extension a section that does not settle shows in the poses only
             stretch[self.stretch_at >= self.mesh.s[np.argmax(lost) - 1]] = np.nan
-        return poses, stretch[:, 0]
+        return poses, stretch
 
     def known(self, states: Array) -> None:
         """See ForwardMap.known: nothing, the map is explicit."""

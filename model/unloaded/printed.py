@@ -105,7 +105,7 @@ def _jump_function() -> ca.Function:
 @lru_cache(maxsize=1)
 def _rates_of_resultants() -> ca.Function:
     path, rate = ca.SX.sym("path", 4), ca.SX.sym("rate", 4)
-    found = ca.jtimes(resultants(path), path, rate)
+    found = ca.jtimes(ca.vertcat(*resultants(path[0], path[1])), path, rate)
     return ca.Function("rates", [path, rate], [ca.densify(found)])
 
 

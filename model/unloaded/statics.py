@@ -117,16 +117,10 @@ def resultant_maps(arm: Arm, at: Stations) -> Array:
     """Return the maps (N, 6, n_tendons) from tensions to the tendons' resultants at stations."""
     place, tendon = np.nonzero(crossing(arm, at))
     maps = np.zeros((at.s.size, 6, arm.n_tendons))
-    if place.size:
-        found = _resultants().map(place.size)(tendon_paths(arm, at, place, tendon))
-        maps[place, :, tendon] = np.array(found).T
+    n, b = tendon_paths(arm, at, place, tendon)[:2]
+    for i, share in enumerate(resultants(n, b)):
+        maps[place, i, tendon] = share
     return maps
-
-
-@lru_cache(maxsize=1)
-def _resultants() -> ca.Function:
-    path = ca.SX.sym("path", 4)
-    return ca.Function("resultants", [path], [ca.densify(resultants(path))])
 
 
 def _solve_2x2(D: ca.SX, right: ca.SX) -> ca.SX:
