@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from model import Arm, Scene
+from model import Scene
 from model.effects import Current, ExactTendons, Extension, Friction, Shear, TipLoad, Weight
 from model.transcription.element import element, tendon
 from model.transcription.kernel import Kernel, Steps
@@ -28,9 +28,12 @@ def dense(derivative, given, shape):
 
 
 @pytest.mark.parametrize("scene", LOADED.values(), ids=LOADED)
+@pytest.mark.parametrize("curved", [False, True])
 @pytest.mark.parametrize("stages", [1, 2, 3])
-def test_derivatives_by_steps_are_those_of_the_whole(scene: Scene, stages: int) -> None:
-    form = form_of(Arm.from_paper("table-4"), scene, stages)
+def test_derivatives_by_steps_are_those_of_the_whole(
+    scene: Scene, curved: bool, stages: int
+) -> None:
+    form = form_of(scene, curved, stages)
     for kernel in (element(form), tendon(form.law)):
         n, m = kernel.y.numel(), kernel.r.numel()
         rng = np.random.default_rng(stages)
