@@ -13,6 +13,7 @@ from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
 from model.shapes import Shapes
+from model.units import UnitWarning
 from octoplan_packages import warn_of_hidden
 
 warn_of_hidden("planner")
@@ -34,6 +35,7 @@ __all__ = [
     "Shapes",
     "SnapError",
     "Switch",
+    "UnitWarning",
     "conical",
     "length_response",
     "settle",

@@ -11,6 +11,7 @@ import numpy as np
 from model.checks import finite_array, kind, positive
 from model.errors import InputError
 from model.paths import Path
+from model.units import warn_of_angles
 
 QUARTERS = (0.0, np.pi / 2, np.pi, 3 * np.pi / 2)
 
@@ -43,6 +44,7 @@ class Anchorage:
         angles = finite_array("Anchorage.angles", self.angles, (None,))
         if angles.size == 0:
             raise InputError("Anchorage.angles", self.angles, "at least one tendon")
+        warn_of_angles("Anchorage.angles", angles.tolist(), usual=2)
         object.__setattr__(self, "angles", tuple(angles.tolist()))
         object.__setattr__(self, "offset", self._checked("offset", self.offset))
         if self.turn is not None:

@@ -19,6 +19,7 @@ from model.paths import Array, Linear, Path
 from model.presets import PAPER_ARMS
 from model.rest_curvature import RestCurvature
 from model.text import in_notebook
+from model.units import warn_of_length, warn_of_modulus
 
 PAPER_FRAME = ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0))
 
@@ -45,6 +46,7 @@ class Material:
         if within("Material.nu", self.nu, -1.0, 0.5) == -1.0:
             raise InputError("Material.nu", self.nu, "a number above -1, up to 0.5")
         object.__setattr__(self, "E", positive("Material.E", self.E))
+        warn_of_modulus("Material.E", self.E)
         object.__setattr__(self, "nu", float(self.nu))
         object.__setattr__(self, "density", positive("Material.density", self.density))
 
@@ -95,6 +97,7 @@ class Arm:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "length", positive("Arm.length", self.length))
+        warn_of_length("Arm.length", self.length)
         kind("Arm.radius", self.radius, Path, "a Linear or a Sampled path")
         kind("Arm.material", self.material, Material, "a Material")
         if self.hull is not None:

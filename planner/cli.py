@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import logging
 import sys
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
-from model import InputError, OctoplanError
+from model import InputError, OctoplanError, UnitWarning
 from model.errors import CompilerError, shortened
 from model.progress import listening
 from model.time_limit import OutOfTime, time_limit
@@ -47,7 +48,7 @@ def _run(argv: Sequence[str]) -> int:
     seconds = getattr(args, "time_limit", None)
     try:
         with time_limit(None if seconds is None else seconds + GRACE):
-            with _logged() if verbose else _shown():
+            with _warned(), _logged() if verbose else _shown():
                 answer = args.run(args)
             deliver(answer, args)
     except OutOfTime:
@@ -59,6 +60,18 @@ def _run(argv: Sequence[str]) -> int:
 def _told(reason: Exception, code: int) -> int:
     print(f"octoplan: {shortened(str(reason), _LONG)}", file=sys.stderr)
     return code
+
+
+@contextmanager
+def _warned() -> Iterator[None]:
+    """Tell warnings as sentences, each once."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", UnitWarning)
+        try:
+            yield
+        finally:
+            for told in dict.fromkeys(str(own.message) for own in caught):
+                sys.stderr.write(f"octoplan: beware: {shortened(told, _LONG)}\n")
 
 
 @contextmanager

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from model import Linear, Sampled
 from model.errors import InputError
 from model.paths import Path
+from model.units import warn_of_degrees
 
 MM = 1e-3
 G = 1e-3
@@ -137,5 +138,6 @@ def metres(values: list[float] | Vector) -> tuple[float, ...]:
 
 
 def radians(degrees: float) -> float:
-    """Return an angle in rad, given in degrees."""
+    """Return an angle in rad, given in degrees; UnitWarning for what is likely in rad already."""
+    warn_of_degrees(degrees)
     return float(np.radians(degrees))

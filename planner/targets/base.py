@@ -15,6 +15,7 @@ from model.errors import InputError
 from model.paths import Array
 from model.rotations import conjugate, matrix, multiply
 from model.stiffness import Hold
+from model.units import warn_of_distance
 
 # How the name of a margin ends that is a share of what is wanted.
 OVER_WANTED = " over that wanted, less 1"
@@ -204,6 +205,7 @@ def check_near(arm: Arm, field: str, points: Any) -> None:
     off = np.abs(np.asarray(points) / arm.length - np.array(arm.base_position) / arm.length)
     if not off.max() <= _FAR:
         raise InputError(field, points, f"within {_FAR:g} arm lengths of the base, in m")
+    warn_of_distance(field, float(np.linalg.norm(off, axis=-1).max()))
 
 
 def toward(arm: Arm, angle: float) -> Array:

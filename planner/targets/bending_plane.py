@@ -12,6 +12,7 @@ from model.arm import Arm
 from model.checks import finite_array
 from model.errors import InputError
 from model.paths import Array
+from model.units import likely_degrees, warn_of_angles
 from planner.targets.base import Free, Terms, View, toward
 
 
@@ -38,9 +39,12 @@ class BendingPlane(Free):
     section: int = 1
 
     def __post_init__(self) -> None:
-        finite_array("BendingPlane.angle", self.angle, ())
-        if not 0 < float(finite_array("BendingPlane.bend", self.bend, ())) <= np.pi:
-            raise InputError("BendingPlane.bend", self.bend, "an angle in rad above 0, up to pi")
+        angle = float(finite_array("BendingPlane.angle", self.angle, ()))
+        bend = float(finite_array("BendingPlane.bend", self.bend, ()))
+        if not 0 < bend <= np.pi:
+            allowed = f"an angle in rad above 0, up to pi{likely_degrees(bend)}"
+            raise InputError("BendingPlane.bend", self.bend, allowed)
+        warn_of_angles("BendingPlane.angle", [angle])
 
     def check(self, arm: Arm) -> None:
         """See Target.check."""

@@ -14,6 +14,7 @@ from model.arm import Arm
 from model.checks import finite_array
 from model.errors import InputError
 from model.paths import Array
+from model.units import likely_degrees, warn_of_angles
 from planner.targets.base import Free, Terms, View, check_near, toward
 
 
@@ -60,7 +61,9 @@ class Fetch(Free):
         for name in ("proximal", "medial", "distal"):
             angle, plane = finite_array(f"Fetch.{name}", getattr(self, name), (2,)).tolist()
             if not 0 <= angle <= np.pi:
-                raise InputError(f"Fetch.{name}", angle, "a bend from 0 to pi rad")
+                allowed = f"a bend from 0 to pi rad{likely_degrees(angle)}"
+                raise InputError(f"Fetch.{name}", angle, allowed)
+            warn_of_angles(f"Fetch.{name} plane", [plane])
             object.__setattr__(self, name, Bend(angle, plane))
 
     @staticmethod
@@ -130,7 +133,8 @@ class FetchReach(Free):
         if not 0 <= float(finite_array("Fetch.reach bend", self.bend, ())) < np.pi:
             raise InputError("Fetch.reach bend", self.bend, "an angle from 0 up to, not with, pi")
         if self.plane is not None:
-            finite_array("Fetch.reach plane", self.plane, ())
+            plane = float(finite_array("Fetch.reach plane", self.plane, ()))
+            warn_of_angles("Fetch.reach plane", [plane])
         object.__setattr__(self, "mouth", tuple(mouth.tolist()))
 
     def check(self, arm: Arm) -> None:

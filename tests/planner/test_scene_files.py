@@ -162,6 +162,7 @@ def test_presets_effects_and_targets_are_all_there() -> None:
         "PointLoads",
         "PointMasses",
         "AsPrinted",
+        "Silicone",
         "Anticlastic",
     }
     kinds = {kind.__name__ for kind in get_args(TargetTable)}

@@ -1,0 +1,83 @@
+"""Warnings of numbers that are likely given in another unit: millimetres, degrees, kilopascals.
+
+Numbers that are only unusual are allowed; what they are taken for, and what was likely meant, is
+told once at the line that gave them. `warnings.simplefilter("ignore", UnitWarning)` is silence.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Iterable
+
+# Lengths of arms [m], moduli [Pa]: nothing that is driven by tendons is outside of these.
+_SHORT, _LONG = 2e-3, 30.0
+_SOFT, _HARD = 1e3, 2e12
+# Distance of a target from the base, over the arm's length.
+_NEAR, _FAR = 3e-3, 50.0
+# Of fractions of pi that people round to 3.14, over pi / 12.
+_ROUNDED = 7e-3
+
+
+class UnitWarning(UserWarning):
+    """A number that was likely given in another unit."""
+
+
+def warn_of_length(field: str, metres: float) -> None:
+    """Warn of an arm's length that is likely in millimetres, or metres taken for them."""
+    if metres > _LONG:
+        _warn(f"{field} is {metres:g} m; if millimetres were meant, give {metres / 1e3:g} (m)")
+    elif metres < _SHORT:
+        mm = 1e3 * metres
+        told = f"if {mm:g} m were meant, give {mm:g} (m), or {1e3 * mm:g} in a key in mm"
+        _warn(f"{field} is {metres:g} m, {mm:g} mm; {told}")
+
+
+def warn_of_modulus(field: str, pascals: float) -> None:
+    """Warn of a modulus that is likely in kPa, or pascals taken for kilopascals."""
+    if pascals < _SOFT:
+        told = f"if kilopascals were meant, give {1e3 * pascals:g} (Pa)"
+        _warn(f"{field} is {pascals:g} Pa, softer than any elastomer; {told}")
+    elif pascals > _HARD:
+        told = f"if that was in pascals already, give {pascals / 1e3:g} Pa, {pascals / 1e6:g} kPa"
+        _warn(f"{field} is {pascals:g} Pa, harder than diamond; {told}")
+
+
+def warn_of_angles(field: str, radians: Iterable[float], usual: int = 1) -> None:
+    """Warn of an angle beyond so many turns as are usual, likely in degrees."""
+    for angle in radians:
+        if abs(angle) > 2 * math.pi * usual * (1 + 1e-9):
+            turns = abs(angle) / (2 * math.pi)
+            told = f"if degrees were meant, give {math.radians(angle):.6g} (rad)"
+            _warn(f"{field} is {angle:g} rad, {turns:.3g} turns; {told}")
+            return
+
+
+def likely_degrees(radians: float) -> str:
+    """Return what to give for an angle that is not allowed, if it is likely in degrees."""
+    if abs(radians) <= 2 * math.pi or abs(radians) > 360:
+        return ""
+    return f"; {radians:g} degrees are {math.radians(radians):.6g}"
+
+
+def warn_of_degrees(degrees: float) -> None:
+    """Warn of a key in degrees that holds a fraction of pi, likely in radians."""
+    twelfths = degrees / (math.pi / 12)
+    is_fraction = abs(twelfths) > 0.5 and abs(twelfths - round(twelfths)) < _ROUNDED
+    if is_fraction and abs(degrees) < 7 and abs(2 * degrees - round(2 * degrees)) > 1e-9:
+        told = f"if radians were meant, give {15 * round(twelfths)} (degrees)"
+        _warn(f"a key in degrees holds {degrees:g}, a fraction of pi; {told}")
+
+
+def warn_of_distance(field: str, share: float) -> None:
+    """Warn of a place whose distance from the base over the arm's length is out of proportion."""
+    if share > _FAR:
+        told = "if millimetres were meant for metres, it is 1000 times too far"
+        _warn(f"{field} is {share:.3g} arm lengths from the base; {told}")
+    elif 0 < share < _NEAR:
+        told = "if metres were meant in a key in mm, it is 1000 times too near"
+        _warn(f"{field} is {share:.2g} arm lengths from the base; {told}")
+
+
+def _warn(told: str) -> None:
+    warnings.warn(told, UnitWarning, stacklevel=5)

@@ -1,0 +1,135 @@
+"""Numbers that are likely in another unit are told, with what was likely meant."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from model import Anchorage, Arm, InputError, Linear, Material, UnitWarning, conical
+from planner import plan
+from planner.cli import main
+from planner.question import check_targets
+from planner.targets import Backbone, Bend, BendingPlane, Fetch, FetchReach, TipPosition
+
+ARM = Arm.from_paper("table-4")
+LIKELY: dict[str, tuple[Callable[[], Any], str]] = {
+    "degrees for a plane": (lambda: BendingPlane(135.0, 1.0), r"give 2\.35619 \(rad\)"),
+    "degrees for a fetch": (
+        lambda: Fetch(Bend(1.0, 90.0), Bend(1.0, 0.0), Bend(1.0, 0.0)),
+        r"Fetch\.proximal plane is 90 rad, 14\.3 turns; .* give 1\.5708 ",
+    ),
+    "degrees for a reach": (lambda: FetchReach((0.1, 0, 0), 1.0, 45.0), r"give 0\.785398 "),
+    "degrees for tendons": (
+        lambda: Anchorage(0.3, Linear(0.01, 0.01), (0, 120, 240)),
+        r"give 2\.0944 \(rad\)",
+    ),
+    "kilopascals": (lambda: Material(E=110.0), r"110 Pa, softer .* give 110000 \(Pa\)"),
+    "pascals for kilopascals": (lambda: Material(E=2e12 * 1.1), "harder than diamond"),
+    "millimetres for an arm": (
+        lambda: conical(450.0, (15.0, 2.0), [(450.0, 7.5, 1.0)]),
+        r"Arm\.length is 450 m; if millimetres were meant, give 0\.45",
+    ),
+    "metres in a key in mm": (
+        lambda: conical(0.45e-3, (15e-6, 2e-6), [(0.45e-3, 7.5e-6, 1e-6)]),
+        r"if 0\.45 m were meant, give 0\.45 \(m\), or 450 in a key in mm",
+    ),
+    "a target 1000 times too far": (
+        lambda: check_targets(ARM, TipPosition((200.0, 150.0, -200.0))),
+        "711 arm lengths from the base; if millimetres .* 1000 times too far",
+    ),
+    "a target 1000 times too near": (
+        lambda: check_targets(ARM, TipPosition((2e-4, 1.5e-4, -2e-4))),
+        r"0\.00071 arm lengths from the base; if metres .* 1000 times too near",
+    ),
+    "points 1000 times too near": (
+        lambda: check_targets(ARM, Backbone(((1e-4, 0.0, 0.0), (3e-4, 0.0, 0.0)))),
+        "Backbone.points .* 1000 times too near",
+    ),
+}
+
+
+@pytest.mark.parametrize(("make", "told"), LIKELY.values(), ids=LIKELY)
+def test_a_likely_unit_is_named(make: Callable[[], Any], told: str) -> None:
+    with pytest.warns(UnitWarning, match=told):
+        make()
+
+
+def test_the_warning_is_at_the_line_that_gave_the_number() -> None:
+    with pytest.warns(UnitWarning) as caught:
+        BendingPlane(135.0, 1.0)
+    assert Path(caught[0].filename) == Path(__file__)
+
+
+def test_usual_numbers_are_no_reason() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        BendingPlane(-2 * np.pi, np.pi)
+        BendingPlane(2 * np.pi, 1.0)
+        Material(E=5e3)
+        Material(E=60e9)
+        conical(0.004, (2e-4, 1e-4), [(0.004, 1e-4, 5e-5)])
+        conical(12.0, (0.2, 0.1), [(12.0, 0.1, 0.05)])
+        check_targets(ARM, TipPosition((0.0, 0.0, 0.0)))
+        check_targets(ARM, TipPosition((1.0, 0.0, 0.0)))
+
+
+def test_degrees_that_are_not_allowed_say_what_they_are_in_radians() -> None:
+    with pytest.raises(InputError, match=r"up to pi; 90 degrees are 1\.5708"):
+        BendingPlane(1.0, 90.0)
+    with pytest.raises(InputError, match=r"to pi rad; 60 degrees are 1\.0472"):
+        Fetch(Bend(60.0, 0.0), Bend(1.0, 0.0), Bend(1.0, 0.0))
+    with pytest.raises(InputError, match=r"up to pi$"):
+        BendingPlane(1.0, -1.0)
+
+
+SCENE = """
+accuracy = 1e-3
+[arm]
+preset = "section-5.2"
+[target]
+type = "bending-plane"
+angle_deg = {angle}
+bend_deg = 30
+[limits]
+tension_max = 5
+"""
+
+
+@pytest.mark.parametrize(
+    ("angle", "meant"),
+    [("1.5708", "90"), ("3.14159265", "180"), ("3.14", "180"), ("-0.785398", "-45")],
+)
+def test_radians_in_a_key_in_degrees_are_told_by_the_command(
+    angle: str, meant: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "scene.toml").write_text(SCENE.format(angle=angle))
+    assert main(["plan", str(tmp_path / "scene.toml")]) == 0
+    told = capsys.readouterr().err
+    assert told.startswith("octoplan: beware: a key in degrees holds")
+    assert told.endswith(f"if radians were meant, give {meant} (degrees)\n")
+    assert told.count("\n") == 1
+
+
+@pytest.mark.parametrize("angle", ["0", "90", "1.5", "2.5", "135.0", "5.0"])
+def test_degrees_are_no_radians(
+    angle: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from planner.scenefile import load
+
+    (tmp_path / "scene.toml").write_text(SCENE.format(angle=angle))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        load(tmp_path / "scene.toml")
+
+
+def test_a_plan_goes_on_all_the_same() -> None:
+    with pytest.warns(UnitWarning):
+        wanted = BendingPlane(135.0, 0.5)
+    same = BendingPlane(135.0 % (2 * np.pi), 0.5)
+    found = [plan(ARM, own, tension_max=20.0, accuracy=1e-4) for own in (wanted, same)]
+    assert found[0].tensions == pytest.approx(found[1].tensions, abs=1e-6)
