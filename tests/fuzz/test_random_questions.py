@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from model import Anchorage, Arm, Linear, Material, OctoplanError, Scene, Shape, settle
-from model.effects import Buoyancy, Current, Effect, Extension, TipLoad, Weight
+from model.effects import Buoyancy, Current, Effect, ExactTendons, Extension, TipLoad, Weight
 from planner import Plan, plan
 from planner.targets import Backbone, BendingPlane, Target, TipPose, TipPosition
+from tests.effects.energy_rod import EnergyRod
 from tests.effects.spatial import LoadedRod, Loads
 from tests.oracles import Array, Rod, RodSection, linear
 
@@ -24,10 +25,11 @@ class Question:
 
     arm: Arm
     scene: Scene
-    target: Target
+    target: Target | tuple[Target, ...]
     rod: Rod
     loads: Loads
-    extension: bool
+    statics: str
+    drawn: Array
 
 
 def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
@@ -60,31 +62,43 @@ def pulls(arm: Arm, rng: np.random.Generator) -> Array:
     return np.asarray(unit * rng.uniform(size=at.size) * (rng.uniform(size=at.size) < 0.5))
 
 
-def scene_of(arm: Arm, rng: np.random.Generator) -> tuple[Scene, Loads, bool]:
-    """Return the bare arm or the paper's, in half of all cases with loads that it bears."""
-    extension = bool(rng.uniform() < 0.8)
-    effects: list[Effect] = [Extension()] if extension else []
+STATICS: dict[str, tuple[Effect, ...]] = {
+    "bare": (),
+    "paper": (Extension(),),
+    "exact": (Extension(), ExactTendons()),
+    "silicone": Scene.silicone().effects,
+}
+
+
+def scene_of(arm: Arm, rng: np.random.Generator) -> tuple[Scene, Loads, str]:
+    """Return statics, in half of all cases with loads that the arm bears."""
+    statics = str(rng.choice(list(STATICS), p=[0.1, 0.4, 0.25, 0.25]))
+    effects = [*STATICS[statics]]
     R = float(arm.radius.evaluate(np.array([arm.length]), arm.length)[0][0])
     force = rng.normal(size=3) * 0.2 * arm.material.E * R**4 / arm.length**2
     kind = rng.choice(["none", "none", "water", "tip", "follower", "current"])
     if kind == "water":
         effects += [Weight((0.0, 0.0, -G)), Buoyancy(WATER)]
-        return Scene(*effects), Loads(heaviness=np.array([0, 0, -G]) * (DENSITY - WATER)), extension
+        return Scene(*effects), Loads(heaviness=np.array([0, 0, -G]) * (DENSITY - WATER)), statics
     if kind in ("tip", "follower"):
         effects.append(TipLoad(tuple(force.tolist()), follower=kind == "follower"))
-        return Scene(*effects), Loads(force=force, follower=kind == "follower"), extension
+        return Scene(*effects), Loads(force=force, follower=kind == "follower"), statics
     if kind == "current":
         velocity = rng.normal(size=3) * 0.02
         current = Current(tuple(velocity.tolist()))
         effects.append(current)
         drag = current.density * current.coefficient
-        return Scene(*effects), Loads(velocity=velocity, drag=drag), extension
-    return Scene(*effects), Loads(), extension
+        return Scene(*effects), Loads(velocity=velocity, drag=drag), statics
+    return Scene(*effects), Loads(), statics
 
 
-def target_of(shape: Shape, rng: np.random.Generator) -> Target:
-    """Return a target that a shape meets."""
-    kind = rng.choice(["tip", "tip", "pose", "backbone", "plane"])
+def target_of(shape: Shape, rng: np.random.Generator) -> Target | tuple[Target, ...]:
+    """Return a target that a shape meets, but for planes, or two."""
+    kind = rng.choice(["tip", "tip", "pose", "backbone", "plane", "both"])
+    if kind == "both":
+        place = 0.6 * shape.arm.length
+        middle = Backbone((tuple(shape.position(place).tolist()),), (place,))
+        return TipPosition(tuple(shape.tip)), middle
     if kind == "pose" and shape.arm.n_tendons >= 8:
         return TipPose(tuple(shape.tip), tuple(map(tuple, shape.tip_frame)))
     if kind == "backbone":
@@ -100,12 +114,13 @@ def question(seed: int) -> Question:
     rng = np.random.default_rng(seed)
     while True:
         arm, rod = arm_of(rng)
-        scene, loads, extension = scene_of(arm, rng)
+        scene, loads, statics = scene_of(arm, rng)
+        T = pulls(arm, rng)
         try:
-            shape = settle(arm, pulls(arm, rng), scene)
+            shape = settle(arm, T, scene)
         except OctoplanError:
             continue
-        return Question(arm, scene, target_of(shape, rng), rod, loads, extension)
+        return Question(arm, scene, target_of(shape, rng), rod, loads, statics, T)
 
 
 def gap(asked: Question, found: Plan) -> float:
@@ -113,8 +128,14 @@ def gap(asked: Question, found: Plan) -> float:
 
     It is integrated from the plan's tip to the base, which has to come out where it is clamped.
     """
-    rod = LoadedRod(asked.rod, np.ravel(found.tensions), asked.loads, asked.extension)
-    base = rod.run(found.shape.tip_frame)[0.0]
+    rod, T, loads = asked.rod, np.ravel(found.tensions), asked.loads
+    by_energy = asked.statics in ("exact", "silicone")
+    own: LoadedRod = (
+        EnergyRod(rod, T, loads, rubber=asked.statics == "silicone")
+        if by_energy
+        else LoadedRod(rod, T, loads, asked.statics == "paper")
+    )
+    base = own.run(found.shape.tip_frame)[0.0]
     place = np.linalg.norm(found.shape.tip + base[:3]) / asked.arm.length
     return max(float(place), float(np.abs(base[3:12].reshape(3, 3) - asked.rod.frame).max()))
 
