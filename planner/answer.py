@@ -55,6 +55,9 @@ class Answer:
     jump : float
         How far the tensions are from those of the plan that was to be followed, over their norm,
         where its branch was left; 0 where it was not, or none was given.
+    lost : float
+        By what share of the effort the coarse mesh of the search had a cheaper optimum that was
+        lost on finer ones; 0 if none.
     machine_code : bool
         Whether compiled kernels found it, and find what is derived from it; no part of the answer.
     surroundings : Surroundings
@@ -75,6 +78,7 @@ class Answer:
     starts: tuple[Trial, ...]
     stopped: bool = False
     jump: float = 0.0
+    lost: float = 0.0
     machine_code: bool = field(default=False, compare=False)
     surroundings: Surroundings = NOTHING
     avoidance: Avoidance | None = None
@@ -139,6 +143,9 @@ class Answer:
         if self.jump:
             more = f"left the branch of the plan before: tensions jump by {100 * self.jump:.0f} %"
             said = f"{said.removesuffix('.')}; {more}."
+        if self.lost:
+            more = f"an optimum {100 * self.lost:.0f} % cheaper on the coarse mesh"
+            said = f"{said} {more.capitalize()} was lost on finer ones: ask for more starts."
         if self.mirror_images:
             planes = ", ".join(f"{math.degrees(angle):.3g} deg" for angle, _ in self.mirror_images)
             said = f"{said} Its mirror image across the plane at {planes} from n costs the same."

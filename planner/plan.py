@@ -110,7 +110,7 @@ def plan(
     norm: Any = "2",
     form: Form | None = None,
     accuracy: float = 1e-6,
-    starts: int = 14,
+    starts: int | None = None,
     near: Plan | None = None,
     time_limit: float | None = None,
     stability_margin: float = 0.0,
@@ -144,7 +144,8 @@ def plan(
     accuracy : float
         What residuals and tip errors are held to, over the arm's length (angles: rad).
     starts : int
-        The most first guesses that are tried; fewer are, once the best was found twice.
+        How many initial guesses are tried, as far as so many differ. Unless given, 14 at most, and
+        fewer once enough of them led to the same optimum; that many are no proof.
     near : Plan
         A plan for a target nearby, of the same kind, for the same arm and scene: its optimum is
         followed to this target, which is some ten times sooner. Where that fails all starts are
@@ -188,7 +189,7 @@ def plan(
     scene, targets = scene or Scene(), check_targets(arm, target)
     check_loads(arm, scene)
     form = checked_form(form)
-    if isinstance(starts, bool) or not isinstance(starts, int) or starts < 1:
+    if starts is not None and (type(starts) is not int or starts < 1):
         raise InputError("starts", starts, "a whole number from 1")
     accuracy = checked_accuracy(accuracy)
     seconds = None if time_limit is None else positive("time_limit", time_limit)
@@ -200,9 +201,9 @@ def plan(
     limited, wound = total_pull is not None, limits.strokes is not None
     statement = Statement(form, check_norm(norm), limited=limited, margin=margin, wound=wound)
     by = checked_compile(compile)
-    task = Task(arm, targets, scene, limits, statement, accuracy, by)
+    task = Task(arm, targets, scene, limits, statement, accuracy, by, starts)
     around = surroundings(arm, targets, obstacles, clearance, self_clearance)
-    found, avoidance = _searched(task, around, near, starts, seconds)
+    found, avoidance = _searched(task, around, near, seconds)
     return Plan(
         arm,
         scene,
@@ -216,6 +217,7 @@ def plan(
         found.starts,
         found.stopped,
         found.jump,
+        found.lost,
         by,
         around,
         avoidance,
@@ -223,22 +225,22 @@ def plan(
 
 
 def _searched(
-    task: Task, around: Surroundings, near: Plan | None, starts: int, seconds: float | None
+    task: Task, around: Surroundings, near: Plan | None, seconds: float | None
 ) -> tuple[SearchResult, Avoidance | None]:
     """Return what a plan that is near leads to, or the best from all starts."""
     if near is None:
         if around:
-            return Around(task, around).run(starts, seconds)
-        return Search(task).run(starts, seconds), None
+            return Around(task, around).run(seconds)
+        return Search(task).run(seconds), None
     with time_limit(seconds):
         followed = _followed(near, task)
         avoidance, left = None, not followed
         if around and not (followed and followed.stopped):
             led = Around(task, around)
-            found, avoidance = led.run(starts, seconds, followed)
+            found, avoidance = led.run(seconds, followed)
             left = led.searched
         else:
-            found = followed or Search(task).run(starts)
+            found = followed or Search(task).run()
     if not left or found.stopped or found.statement.mode != "exact":
         return found, avoidance
     return replace(found, jump=jump(near.tensions, found.tensions)), avoidance

@@ -81,6 +81,7 @@ def load_plan(path: str | Path) -> Plan:
         tuple(_start(start, name, f"answer.starts[{i}]") for i, start in enumerate(answer.starts)),
         answer.stopped,
         answer.jump,
+        answer.lost,
         surroundings=around,
         avoidance=avoidance,
     )

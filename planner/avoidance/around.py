@@ -71,7 +71,7 @@ class Around:
         self.searched = False
 
     def run(
-        self, most: int, seconds: float | None, near: SearchResult | None = None
+        self, seconds: float | None, near: SearchResult | None = None
     ) -> tuple[SearchResult, Avoidance | None]:
         """Return the best that keeps clear, and the inequalities of its program.
 
@@ -83,7 +83,7 @@ class Around:
             if led is not None:
                 return led
         search, self.searched = Search(self.task), True
-        found = search.run(most, seconds)
+        found = search.run(seconds)
         line = self._line(self.task.problem(found.statement), np.ravel(found.tensions))
         if found.stopped or (line is not None and self.asked.keeps(line)):
             return found, None

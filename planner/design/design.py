@@ -114,7 +114,7 @@ def design(
     *,
     making: Making | None = None,
     begins: int = 3,
-    starts: int = 14,
+    starts: int | None = None,
     seed: int = 0,
 ) -> Design:
     """Return the arm for which several tasks take the least effort together.
@@ -135,7 +135,7 @@ def design(
     begins : int
         How many arms are begun with: the given one, then others spread evenly over the bounds.
     starts : int
-        The most first guesses of each plan; see plan.
+        Initial guesses of each plan; see plan.
     seed : int
         Of the other arms.
 
@@ -171,7 +171,7 @@ def _optimum(
     tasks: list[Targets],
     limits: Limits,
     making: Making,
-    search: tuple[tuple[Plan, ...], int, int, int],
+    search: tuple[tuple[Plan, ...], int, int | None, int],
 ) -> Optimum:
     """Return the best optimum of those that the given arm and others lead to."""
     before, begins, starts, seed = search
@@ -211,7 +211,7 @@ def _checked(arm: Arm, targets: Iterable[Any]) -> list[Targets]:
 
 
 def _plans(
-    arm: Arm, tasks: Sequence[Targets], scene: Scene, tension_max: Any, starts: int
+    arm: Arm, tasks: Sequence[Targets], scene: Scene, tension_max: Any, starts: int | None
 ) -> tuple[Plan, ...]:
     found = []
     for i, task in enumerate(tasks):

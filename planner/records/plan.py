@@ -63,6 +63,10 @@ class AnswerRecord(msgspec.Struct, kw_only=True):
     jump: Annotated[
         float, Meta(ge=0, description="of the tensions where a branch that was followed was left")
     ] = 0.0
+    lost: Annotated[
+        float,
+        Meta(ge=0, description="share of the effort by which a lost optimum was cheaper"),
+    ] = 0.0
     avoidance: dict[str, Any] | None = None
 
 
@@ -155,6 +159,7 @@ def plan_record(plan: Any) -> PlanRecord:
             starts=[_start(start) for start in plan.starts],
             stopped=plan.stopped,
             jump=plan.jump,
+            lost=plan.lost,
             avoidance=None if plan.avoidance is None else plain(plan.avoidance),
         ),
     )

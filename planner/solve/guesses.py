@@ -39,24 +39,24 @@ class Guesses:
     carried: list[tuple[Array, Solution]] = field(default_factory=list)
 
 
-def first_guesses(task: Task, most: int) -> Guesses:
-    """Return no more than so many first guesses."""
+def first_guesses(task: Task) -> Guesses:
+    """Return no more first guesses than the task allows."""
     simple = task.simple
     if task.scene == simple.scene:
-        return _of_closed_form(task, most)
-    return _carried(task, simple, most)
+        return _of_closed_form(task)
+    return _carried(task, simple)
 
 
-def further_guesses(task: Task, most: int) -> Guesses:
+def further_guesses(task: Task) -> Guesses:
     """Return initial guesses by the scene's own cross-sections, where the paper's led nowhere."""
     own = unloaded(task.scene)
     if own == task.simple.scene:
         return Guesses([])
     shape = tuple(target for target in task.targets if target.look() is None) or task.targets
-    return _of_closed_form(replace(task, scene=own, targets=shape), most)
+    return _of_closed_form(replace(task, scene=own, targets=shape))
 
 
-def _of_closed_form(task: Task, most: int) -> Guesses:
+def _of_closed_form(task: Task) -> Guesses:
     """Return fits, then arms that curl more and more, then what else fits.
 
     Where a single section may pull there is one way to curl, and no fit. For a point the nearest
@@ -67,15 +67,18 @@ def _of_closed_form(task: Task, most: int) -> Guesses:
     if task.is_point:
         if len(curled) == 1:
             return Guesses(curled)
-        found = fitted_guesses(problem, task.targets, task.allowed, COUNT_OF_POINT)
-        return Guesses(distinct([*[*found.likely, *found.others][:1], *curled], most))
+        many = task.starts is not None and task.starts > len(curled)
+        count = COUNT if many else COUNT_OF_POINT
+        found = fitted_guesses(problem, task.targets, task.allowed, count)
+        fitted = [*found.likely, *found.others]
+        return Guesses(distinct([*fitted[:1], *curled, *fitted[1:] * many], task.most))
     found = fitted_guesses(problem, task.targets, task.allowed, COUNT)
     first = found.likely or found.others[:_OTHERS]
-    starts = distinct([*first, *curled, *found.others], most)
-    return Guesses(starts, 0 if problem.looks else min(len(found.likely), most))
+    starts = distinct([*first, *curled, *found.others], task.most)
+    return Guesses(starts, 0 if problem.looks else min(len(found.likely), task.most))
 
 
-def _carried(task: Task, simple: Task, most: int) -> Guesses:
+def _carried(task: Task, simple: Task) -> Guesses:
     """Return the optima of a simpler scene, best first, those that cost little more as likely.
 
     Those for the shape alone, if there is one: how stiff it is has to be found with the loads. For
@@ -84,18 +87,18 @@ def _carried(task: Task, simple: Task, most: int) -> Guesses:
     """
     shape = tuple(target for target in task.targets if target.look() is None) or task.targets
     free = replace(simple, targets=shape)
-    guesses = _of_closed_form(free, most)
+    guesses = _of_closed_form(free)
     trials = Multistart(free, guesses.sure)
     mode: Mode = "exact" if free.can_be_exact else "closest"
     found = [trials.solve(free.coarse(mode), T) for T in guesses.starts[: trials.first]]
     met = sorted((s for s in found if s.finite), key=lambda s: (not s.met, s.f))
-    optima = distinct([free.tensions(s) for s in met], most)
+    optima = distinct([free.tensions(s) for s in met], task.most)
     likely = [s for s in met if s.met and s.f <= _DEARER * met[0].f]
-    sure = len(distinct([free.tensions(s) for s in likely], most)) if likely else 0
+    sure = len(distinct([free.tensions(s) for s in likely], task.most)) if likely else 0
     stronger = [more * T for T in optima[:1] for more in _STRONGER] if task.is_point else []
     few = max(sure, _BEFORE_STRONGER)
     starts = [*optima[:few], *stronger, *optima[few:], *guesses.starts]
-    starts = distinct([np.minimum(T, task.allowed.upper) for T in starts], most)
+    starts = distinct([np.minimum(T, task.allowed.upper) for T in starts], task.most)
     problem = free.problem(free.coarse(mode))
     known = [(free.tensions(s), s.free(problem)) for s in likely]
     return Guesses(starts, sure, known if shape == task.targets else [])

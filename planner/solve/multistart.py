@@ -81,11 +81,15 @@ class Multistart:
     @property
     def first(self) -> int:
         """How many starts are tried before it is said that none meets the targets."""
+        if self.task.starts is not None:
+            return self.task.starts
         heavier = (_MORE_IF_HEAVY if self.heavy else _STRONGER) if self.loaded else 0
         return max(self.least, self.sure) + heavier
 
     def _enough(self, records: list[Trial], found: list[Solution]) -> bool:
         """Return whether the best optimum is among what was found, as far as can be told."""
+        if self.task.starts is not None:
+            return len(records) >= self.task.starts
         if not self.task.can_be_exact and any(s.f <= _NOTHING for s in found):
             return len(records) >= _FIXED and agreed(records) >= 2
         if self.sure and not self.simple and not self.heavy:

@@ -11,7 +11,7 @@ from model.effects import PrintedStatics
 from model.equilibrium.forward import STAGES, Collocation
 from model.errors import OctoplanError
 from model.loads import is_loaded
-from model.mesh_refinement import next_refinement
+from model.mesh_refinement import REFINEMENTS, next_refinement
 from model.paths import Array
 from model.settle import settle
 from model.shape import Shape
@@ -94,11 +94,30 @@ def refine(task: Task, coarse: Solution, mode: Mode) -> Fine:
         mesh = _mesh(task, T)
         if mesh <= used:
             break
-        statement = task.statement.but(mode=mode, scheme=task.fine_scheme, refinement=mesh)
-        fine, used = _finish(task, statement, guess), mesh
+        fine, used = _on_mesh(task, mode, guess, mesh), mesh
+        if not fine.optimal:
+            fine = _by_meshes(task, mode, guess, mesh) or fine
         guess = fine.solution
         if not fine.optimal:
             break
+    return fine
+
+
+def _on_mesh(task: Task, mode: Mode, guess: Solution, mesh: int) -> Fine:
+    """Return the optimum of a mesh near a guess."""
+    statement = task.statement.but(mode=mode, scheme=task.fine_scheme, refinement=mesh)
+    return _finish(task, statement, guess)
+
+
+def _by_meshes(task: Task, mode: Mode, guess: Solution, mesh: int) -> Fine | None:
+    """Return the optimum of a mesh by way of those in between, None where it is lost on the way."""
+    fine: Fine | None = None
+    coarse = task.coarse(mode).refinement
+    for between in (r for r in REFINEMENTS if coarse < r <= mesh):
+        fine = _on_mesh(task, mode, guess, between)
+        if not fine.optimal:
+            return None
+        guess = fine.solution
     return fine
 
 

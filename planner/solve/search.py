@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from model.errors import OctoplanError
@@ -23,6 +25,8 @@ from planner.solve.task import Task
 _CONTINUED = 2
 # How well a mirror image is looked for, and what counts as costing no more.
 _ROUGH, _NO_DEARER = 1e-4, 1e-6
+# By so much of the effort the coarse mesh may be off.
+_BLURRED = 0.01
 
 
 class Search:
@@ -36,11 +40,11 @@ class Search:
         """What is asked; what turned out to need care on the way is so."""
         return self.trials.task
 
-    def run(self, most: int, seconds: float | None = None) -> SearchResult:
-        """Return the best optimum from so many starts, or the best so far after so long."""
+    def run(self, seconds: float | None = None) -> SearchResult:
+        """Return the best optimum from the starts it takes, or the best so far after so long."""
         try:
             with time_limit(seconds):
-                return self._run(most)
+                return self._run()
         except OutOfTime:
             return self._so_far()
 
@@ -66,16 +70,16 @@ class Search:
         found = curled_arms(problem, simple.targets, simple.allowed)
         return min(found, key=lambda guess: guess[0])[1]
 
-    def _run(self, most: int) -> SearchResult:
+    def _run(self) -> SearchResult:
         """Try the readings of the targets in turn; planner.program.problem has the three modes."""
         tell("initial guesses")
-        guesses = first_guesses(self.task, most)
+        guesses = first_guesses(self.task)
         self.trials.sure, self.trials.carried = guesses.sure, guesses.carried
         starts, first = guesses.starts, self.trials.first
         if self.task.can_be_exact:
             exact = self._exact(starts[:first], starts[first:])
             if exact is None and not self.trials.toppled:
-                more = further_guesses(self.task, most).starts
+                more = further_guesses(self.task).starts
                 exact = self._exact(more, []) if more else None
             if exact is not None:
                 return exact
@@ -121,7 +125,13 @@ class Search:
             found = self.trials.from_starts(starts, self.task.finer("exact"), records)
             fines = self._finished(found, "exact")
         fine = best_of(fines) if fines else None
-        return self._answer(self._in_plane(fine), records) if fine and fine.optimal else None
+        if fine is None or not fine.optimal:
+            return None
+        fine = self._in_plane(fine)
+        coarse = min((s.f for s in found), default=np.inf)
+        cheaper = 1 - float(np.sqrt(max(coarse, 0.0) / fine.solution.f)) if fine.solution.f else 0.0
+        lost = cheaper if cheaper > _BLURRED else 0.0
+        return replace(self._answer(fine, records), lost=lost)
 
     def _in_plane(self, fine: Fine) -> Fine:
         """Return the optimum in a plane of symmetry where one costs no more, else the one given."""

@@ -17,6 +17,9 @@ from planner.program.statement import Form, Mode, Statement
 from planner.solve.ipopt import Solution
 from planner.targets.base import Target
 
+# Initial guesses at most, unless a number is asked for.
+MOST = 14
+
 
 @dataclass(frozen=True, eq=False)
 class Task:
@@ -32,6 +35,9 @@ class Task:
         What residuals are held to, over the arm's length.
     machine_code : bool
         Whether to work by compiled kernels.
+    starts : int or None
+        Initial guesses that are tried, as far as so many differ; unless given, until enough of them
+        agree, `MOST` at most.
     """
 
     arm: Arm
@@ -41,6 +47,12 @@ class Task:
     statement: Statement
     accuracy: float
     machine_code: bool = False
+    starts: int | None = None
+
+    @property
+    def most(self) -> int:
+        """How many initial guesses are made at most."""
+        return MOST if self.starts is None else self.starts
 
     @property
     def simple(self) -> Task:

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from model import Arm, Scene, settle
 from model.effects import Buoyancy, ExactTendons, Extension, TipLoad, Weight
 from model.equilibrium.forward import Collocation
-from planner import Limits, Plan, Statement, plan
+from planner import Limits, Plan, Statement, load_plan, plan
+from planner.program.statement import Mode
+from planner.solve import refine
+from planner.solve.ipopt import Solution
 from planner.solve.task import Task
-from planner.targets import TipPose
+from planner.targets import TipPose, TipPosition
 from tests.planner.cases import PAPER, Array
 from tests.planner.read_targets import drawn, off, read
 
@@ -159,3 +165,29 @@ def test_the_mesh_of_the_search_tells_shapes_apart(scene: Scene) -> None:
         assert np.linalg.norm(state[4:7] - shape.tip) < 1e-3 * ARM.length
         quaternion = shape.poses(np.array([ARM.length]))[0, :4]
         assert min(np.linalg.norm(state[:4] - s * quaternion) for s in (1, -1)) < 5e-3
+
+
+def test_a_cheaper_optimum_that_is_lost_on_finer_meshes_is_told(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """It was dropped without a word, and the next one certified."""
+    rng = np.random.default_rng(1)
+    T = rng.exponential(1, (3, 4)) * np.array([[0.2], [1.0], [3.0]])
+    T = T * (np.random.default_rng(1).random((3, 4)) < 0.4)
+    target = TipPosition(tuple(settle(ARM, T, PAPER).tip))
+    best = plan(ARM, target, PAPER, 20.0)
+    own = refine.refine
+
+    def losing(task: Task, coarse: Solution, mode: Mode) -> refine.Fine:
+        fine = own(task, coarse, mode)
+        same = abs(coarse.f / min(s.objective for s in best.starts) - 1) < 1e-3
+        return replace(fine, worst=1.0) if same else fine
+
+    monkeypatch.setattr(refine, "refine", losing)
+    found = plan(ARM, target, PAPER, 20.0)
+    assert found.reached
+    assert found.lost == pytest.approx(1 - best.effort / found.effort, rel=0.02)
+    assert "cheaper on the coarse mesh was lost" in found.outcome
+    assert "lost" not in best.outcome
+    found.save(tmp_path / "plan.json")
+    assert load_plan(tmp_path / "plan.json") == found
