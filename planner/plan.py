@@ -160,7 +160,7 @@ def plan(
         is about to yield. With 0 the arm has to stand.
     compile : bool or "auto"
         Whether to work by machine code, see settle; the plan's shape and certificate are found by
-        it too. In a scene as printed only these are.
+        it too. In a scene as printed, and of curved tendons without loads, only these are.
     obstacles : sequence of Obstacle
         What the arm keeps clear of, all along; see model.obstacles.
     clearance : float

@@ -44,9 +44,9 @@ def hessian_step(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
     basis = ca.SX.sym("basis", TERMS, m)
     moved, turned, blocks = own_step(statics, scheme)(x[:7], pull, data, h, basis, wrench)
     spread = ca.kron(basis, ca.SX.eye(n))
-    own = lower_of(turned.T @ moved @ turned) + lower_of(spread @ blocks @ spread.T)
     after = twist_step(statics, scheme)(x, pull, data, h, basis)
     before, grown = (ca.reshape(v, 6, -1) for v in (x[7:], after[7:] - x[7:]))
+    own = lower_of(turned.T @ moved @ turned) + lower_of(spread @ blocks @ spread.T)
     cross = before.T @ across(grown, wrench)
     lower = own + lower_of((cross + cross.T) / 2)
     given = [x, pull, data, h, basis, wrench]
@@ -86,9 +86,12 @@ def own_step(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
     given = [(strains[i], pull[:, i], data[:, i]) for i in nodes]
     slopes = [strain_slopes(statics)(*of) for of in given]
     parts = [slice(3 * i, 3 * i + 3) for i in nodes]
-    blocks = [[slopes[i].T @ bent[parts[i], parts[j]] @ slopes[j] for j in nodes] for i in nodes]
+    blocks = [[ca.SX()] * m for _ in nodes]
     for i in nodes:
-        blocks[i][i] += _strain_hessian(statics)(*given[i], by_strains[parts[i]].T)
+        for j in range(i + 1):
+            blocks[i][j] = slopes[i].T @ bent[parts[i], parts[j]] @ slopes[j]
+            blocks[j][i] = blocks[i][j].T
+        blocks[i][i] = blocks[i][i] + _strain_hessian(statics)(*given[i], by_strains[parts[i]].T)
     at_nodes = [along[:, part] @ slope for part, slope in zip(parts, slopes, strict=True)]
     turned = ca.horzcat(*(sum((basis[t, i] * at_nodes[i] for i in nodes), 0) for t in range(TERMS)))
     found = [ca.densify(value) for value in (moved, turned, ca.blockcat(blocks))]

@@ -51,7 +51,7 @@ class Problem:
     arm, scene, statement
         What is planned, and how it is stated.
     machine_code : bool
-        Whether its kernels are compiled; an explicit program has none.
+        Whether its kernels are compiled.
     mechanics : Collocated or Explicit
         What turns tensions into a shape, and the program that it is part of.
     """
@@ -69,7 +69,8 @@ class Problem:
         self.stations, self.looks = stations_of(arm, targets), looks_of(targets)
         asked = (arm, scene, targets, statement, self.stations)
         explicit = is_explicit(scene, statement, self.looks)
-        self.mechanics = Explicit(*asked) if explicit else Collocated(*asked, machine_code)
+        mechanics = Explicit if explicit else Collocated
+        self.mechanics = mechanics(*asked, machine_code)
         self.program = self.mechanics.program
 
     @property
