@@ -1,14 +1,40 @@
-"""How Sphinx turns the docstrings into a site: `sphinx-build -W docs out/docs`."""
+"""How Sphinx makes the documentation: `sphinx-build -W docs out/docs`."""
 
+import sys
 from importlib.metadata import version as _version
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent / "extensions"))
 
 project = "octoplan"
 author = "The octoplan developers"
 release = _version("octoplan")
-extensions = ["sphinx.ext.autodoc", "sphinx.ext.autosummary", "numpydoc"]
-html_theme = "alabaster"
-html_theme_options = {"description": "Optimal tension allocation for soft arms"}
+extensions = [
+    "sphinx.ext.autodoc",
+    "sphinx.ext.doctest",
+    "sphinx.ext.mathjax",
+    "sphinx_copybutton",
+    "myst_nb",
+    "numpydoc",
+    "file_reference",
+]
+html_theme = "furo"
+html_title = f"octoplan {release}"
 html_copy_source = False
+html_theme_options = {"navigation_with_keys": True}
+exclude_patterns = ["images/*.py"]
 autodoc_typehints = "none"
-autosummary_generate = True
+autodoc_member_order = "bysource"
 numpydoc_show_class_members = False
+copybutton_prompt_text = r">>> |\.\.\. |\$ "
+copybutton_prompt_is_regexp = True
+# The notebook is run when the documentation is built, and what it shows is what it says.
+nb_execution_mode = "force"
+nb_execution_timeout = 300
+nb_execution_raise_on_error = True
+doctest_global_setup = """
+import matplotlib
+matplotlib.use("Agg")
+import numpy as np
+np.set_printoptions(precision=4, suppress=True)
+"""

@@ -1,5 +1,10 @@
-"""Docstrings become a site without a warning; citation and license say what the package does."""
+"""The documentation: it builds without a warning, what it shows is so, and nothing is left out."""
 
+from __future__ import annotations
+
+import os
+import re
+import shlex
 import subprocess
 import sys
 import tomllib
@@ -7,24 +12,64 @@ from pathlib import Path
 
 import pytest
 
+import octoplan
+from planner.commands.register import COMMANDS as OWN
+from planner.commands.usage import parse
+
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+PAGES = {str(path.relative_to(ROOT)): path.read_text() for path in ROOT.glob("docs/**/*.rst")}
+TEXT = "\n".join([*PAGES.values(), (ROOT / "studies" / "README.md").read_text()])
+_LINES = [*re.findall(r"^ +\$ (.+)$", TEXT, re.MULTILINE), *re.findall(r"``?([^`]+)``?", TEXT)]
+_NAMED = r"octoplan [a-z]+|python -m studies\."
+COMMANDS = sorted({" ".join(own.split()) for own in _LINES if re.match(_NAMED, own)})
+# Bases of the effects and obstacles, and what the planner asks of these.
+PLUMBING = {"Effect", "Obstacle", "check_obstacles", "distances", "numbers_of"}
+
+
+def _sphinx(builder: str, folder: Path) -> None:
+    command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-b", builder]
+    folders = ["-d", str(folder / "doctrees"), str(ROOT / "docs"), str(folder / builder)]
+    alone = {**os.environ, "PYTHONPATH": str(ROOT), "MPLBACKEND": "Agg"}
+    told = subprocess.run([*command, *folders], cwd=ROOT, env=alone, capture_output=True, text=True)
+    assert told.returncode == 0, told.stdout + told.stderr
 
 
 @pytest.mark.slow
-def test_the_documentation_builds_without_a_warning(tmp_path: Path) -> None:
+def test_the_documentation_builds_without_a_warning_and_runs_its_notebook(tmp_path: Path) -> None:
     pytest.importorskip("sphinx", reason="python -m pip install 'octoplan[docs]' builds it")
-    site = tmp_path / "site"
-    command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going"]
-    folders = ["-d", str(tmp_path / "doctrees"), str(ROOT / "docs"), str(site)]
-    told = subprocess.run([*command, *folders], cwd=ROOT, capture_output=True, text=True)
-    assert told.returncode == 0, told.stderr
-    pages = {page.name: page.read_text() for page in site.glob("*.html")}
-    assert "planner.plan" in pages["planner.html"]
-    assert "tip_load" in pages["command_line.html"]
-    assert all(
-        name in pages["model.html"] for name in ("settle_many", "tip_jacobian", "from_paper")
-    )
+    _sphinx("html", tmp_path)
+    keys = (tmp_path / "html" / "scene_files.html").read_text()
+    assert all(key in keys for key in ("tension_max", "E_kPa", "position_mm", "rate_max"))
+    assert "PASSED" in (tmp_path / "html" / "examples" / "first_plan.html").read_text()
+
+
+@pytest.mark.slow
+def test_what_the_documentation_shows_is_so(tmp_path: Path) -> None:
+    pytest.importorskip("sphinx", reason="python -m pip install 'octoplan[docs]' builds it")
+    _sphinx("doctest", tmp_path)
+
+
+def test_every_public_name_is_looked_up_somewhere() -> None:
+    pages = "\n".join(text for name, text in PAGES.items() if "/api/" in name)
+    named = set(re.findall(r":: octoplan\.(\w+)", pages))
+    errors = {name for name in octoplan.__all__ if name.endswith("Error")}
+    assert set(octoplan.__all__) - PLUMBING - errors <= named
+    assert named <= set(octoplan.__all__)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_commands_that_are_named_are_there(command: str) -> None:
+    words = shlex.split(command.partition(" >")[0])
+    if words[0] == "octoplan":
+        assert words[1] in {own.name for own in OWN}
+        if len(words) > 2:
+            parse(words[1:], OWN)
+    else:
+        source = (ROOT / f"{words[2].replace('.', '/')}.py").read_text()
+        assert not [own for own in words[3:] if own.startswith("--") and f'"{own}"' not in source]
+    files = [own for own in words if own.startswith(("studies/", "docs/"))]
+    assert not [own for own in files if not (ROOT / own).exists()]
 
 
 def test_the_citation_names_this_version_and_license() -> None:

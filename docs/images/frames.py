@@ -127,7 +127,12 @@ def draw_plane(ax: Axes) -> None:
     way = np.radians(90 + 135)
     arrow(ax, (0, 0), 1.3 * np.array([np.cos(way), np.sin(way)]), "", INK)
     arc(ax, 0.5, 90, 225, r"$\theta$")
-    for angle, text in ((90, "$T_{i2}$:  0°"), (180, "$T_{i3}$:\n90°"), (270, "$T_{i4}$:  180°"), (0, "$T_{i1}$:\n−90°")):  # noqa: E501, RUF001
+    for angle, text in (
+        (90, "$T_{i2}$:  0°"),
+        (180, "$T_{i3}$:\n90°"),
+        (270, "$T_{i4}$:  180°"),
+        (0, "$T_{i1}$:\n−90°"),
+    ):
         at = 1.27 * np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle))])
         if angle == 90:
             at = np.array([0.58, 1.16])

@@ -6,7 +6,7 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from matplotlib.colors import to_rgb
+from matplotlib.colors import Normalize, to_rgb
 from matplotlib.ticker import MultipleLocator
 from mpl_toolkits.mplot3d.art3d import (  # type: ignore[import-untyped]
     Line3DCollection,
@@ -158,12 +158,22 @@ def _tendons(shape: Shape, ax: Any, s: Array) -> None:
         tight = Line3DCollection(
             [path for path, on in zip(paths, pulled, strict=True) if on],
             cmap=PULL,
-            norm=pull_norm(shape.tensions),
+            norm=_shared_norm(ax, shape.tensions),
             lw=2.0,
             zorder=5,
         )
         tight.set_array(shape.tensions[pulled])
         ax.add_collection3d(tight)
+
+
+def _shared_norm(ax: Any, tensions: Array) -> Normalize:
+    """Return one scale of colours for tensions [N] and for all that the axes show already."""
+    drawn = [own for own in ax.collections if own.get_cmap().name == PULL.name]
+    most = [pull_norm(tensions).vmax, *(own.norm.vmax for own in drawn)]
+    shared = Normalize(0.0, max(most))
+    for own in drawn:
+        own.set_norm(shared)
+    return shared
 
 
 def fit(ax: Any, points: Array, fresh: bool) -> None:

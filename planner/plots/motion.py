@@ -93,7 +93,8 @@ def plot_motion(
         fill(ax, *view)
         if pulling(step.shape.tensions).any():
             ax.collections[-1].set_norm(norm)
-        ax.set_title(f"plan {step.number} of {len(plans)}", fontsize=SIZE)
+        if len(plans) > 1:
+            ax.set_title(f"plan {step.number} of {len(plans)}", fontsize=SIZE)
         return []
 
     return FuncAnimation(ax.figure, draw, len(steps), interval=1e3 / fps, init_func=list)

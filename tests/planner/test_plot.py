@@ -290,3 +290,16 @@ def test_a_work_precision_diagram_shows_quartiles_and_failures() -> None:
     assert crosses[0].get_xdata().tolist() == [5.0]
     with pytest.raises(InputError, match="at least one Curve"):
         plot_work([], "time [ms]", "error")
+
+
+def test_two_plans_in_one_axes_have_one_scale_of_colours(shape: Shape) -> None:
+    """The second scale used to end at its own largest tension."""
+    ax = three_d()
+    soft = settle(shape.arm, 0.1 * shape.tensions, PAPER)
+    for one in (shape, soft):
+        draw_arm(one, ax)
+    pulled = [own for own in ax.collections if own.get_array() is not None]
+    assert len(pulled) == 2
+    most = float(shape.tensions.max())
+    assert [own.norm.vmax for own in pulled] == [most, most]
+    assert pulled[0].norm(4.0) == pulled[1].norm(4.0)

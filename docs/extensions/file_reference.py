@@ -1,0 +1,144 @@
+"""The directive `file-reference`: keys of TOML files, made from the tables that read them."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+import msgspec
+from msgspec import inspect
+from sphinx.application import Sphinx
+from sphinx.util.docutils import SphinxDirective
+
+_WORDS = {
+    inspect.FloatType: "number",
+    inspect.IntType: "whole number",
+    inspect.BoolType: "true or false",
+    inspect.StrType: "text",
+    inspect.AnyType: "anything",
+    inspect.DictType: "table",
+}
+
+
+class FileReference(SphinxDirective):
+    """Write each table of a file that a msgspec struct reads, with its keys."""
+
+    required_arguments = 1
+
+    def run(self) -> list[Any]:
+        """Return a heading and a list of keys for each table."""
+        module, name = self.arguments[0].rsplit(".", 1)
+        info = msgspec.inspect.type_info(getattr(import_module(module), name))
+        lines = []
+        for place, table in _tables(info):
+            lines += _written(place, table)
+        return self.parse_text_to_nodes("\n".join(lines), allow_section_headings=True)
+
+
+def _tables(info: Any) -> list[tuple[str, Any]]:
+    """Return (place in the file, table) of a struct and of all in it, each once."""
+    found: dict[Any, tuple[str, Any]] = {}
+
+    def visit(place: str, table: Any) -> None:
+        if table.cls in found:
+            return
+        found[table.cls] = (place, table)
+        for field in table.fields:
+            for inner, many in _structs(field.type):
+                path = f"{place}.{field.encode_name}" if place else field.encode_name
+                visit(f"{path}[]" if many else path, inner)
+
+    visit("", info)
+    return list(found.values())
+
+
+def _structs(kind: Any, many: bool = False) -> list[tuple[Any, bool]]:
+    """Return the structs that a type may hold, and whether there may be several."""
+    if isinstance(kind, inspect.StructType):
+        return [(kind, many)]
+    if isinstance(kind, inspect.Metadata):
+        return _structs(kind.type, many)
+    if isinstance(kind, inspect.UnionType):
+        return [own for one in kind.types for own in _structs(one, many)]
+    if isinstance(kind, inspect.ListType | inspect.VarTupleType):
+        return _structs(kind.item_type, True)
+    return []
+
+
+def _written(place: str, table: Any) -> list[str]:
+    """Return a table as reStructuredText."""
+    title = _heading(place, table)
+    lines = [title, "^" * len(title), "", " ".join((table.cls.__doc__ or "").split()), ""]
+    rows = [("Key", "Holds", "Unless given", "What it is")]
+    if table.tag is not None:
+        rows.append(("``type``", f'``"{table.tag}"``', "required", "which kind of table it is"))
+    for field in table.fields:
+        holds = _holds(field.type)
+        rows.append(
+            (f"``{field.encode_name}``", holds or "table", _default(field), _told(field.type))
+        )
+    lines += [".. list-table::", "   :header-rows: 1", "   :widths: 20 28 16 36", ""]
+    for row in rows:
+        lines += [f"   {'*' if i == 0 else ' '} - {cell}" for i, cell in enumerate(row)]
+    return [*lines, ""]
+
+
+def _heading(place: str, table: Any) -> str:
+    if not place:
+        return "The file"
+    name = place.removesuffix("[]")
+    shown = f"[[{name}]]" if place.endswith("[]") else f"[{name}]"
+    return shown if table.tag is None else f'{shown} of type "{table.tag}"'
+
+
+def _told(kind: Any) -> str:
+    """Return the description of a key, which its type carries."""
+    if isinstance(kind, inspect.Metadata):
+        own = (kind.extra_json_schema or {}).get("description", "")
+        return str(own) or _told(kind.type)
+    if isinstance(kind, inspect.UnionType):
+        return next((told for told in map(_told, kind.types) if told), "")
+    return ""
+
+
+def _default(field: Any) -> str:
+    if field.required:
+        return "required"
+    value = field.default
+    if value is msgspec.NODEFAULT or isinstance(value, msgspec.Struct) or value in (None, ()):
+        return "none"
+    shown = str(value).lower() if isinstance(value, bool) else f"{value!r}".replace("'", '"')
+    return f"``{shown.replace('(', '[').replace(')', ']')}``"
+
+
+def _holds(kind: Any) -> str:
+    """Return in words what a key may hold."""
+    if isinstance(kind, inspect.Metadata):
+        return _holds(kind.type)
+    if isinstance(kind, inspect.UnionType):
+        parts = [_holds(one) for one in kind.types if not isinstance(one, inspect.NoneType)]
+        return ", or ".join(dict.fromkeys(part for part in parts if part))
+    if isinstance(kind, inspect.LiteralType):
+        return ", ".join(f"``{json!r}``".replace("'", '"') for json in kind.values)
+    if isinstance(kind, inspect.ListType | inspect.VarTupleType):
+        inner = _holds(kind.item_type)
+        return f"list of {inner}" if inner else "tables"
+    if isinstance(kind, inspect.TupleType):
+        kinds = {_holds(one) for one in kind.item_types}
+        return f"{len(kind.item_types)} of {', '.join(sorted(kinds))}"
+    if isinstance(kind, inspect.StructType):
+        return ""
+    return _WORDS[type(kind)] + _range(kind)
+
+
+def _range(kind: Any) -> str:
+    signs = {"gt": "above", "ge": "from", "lt": "below", "le": "up to"}
+    said = [f"{word} {getattr(kind, key, None):g}" for key, word in signs.items()
+            if getattr(kind, key, None) is not None]  # fmt: skip
+    return f" {', '.join(said)}" if said else ""
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Add the directive."""
+    app.add_directive("file-reference", FileReference)
+    return {"parallel_read_safe": True}
