@@ -35,54 +35,51 @@ from matplotlib.figure import Figure
 
 from model.forward import SCHEMES
 from planner.plots.work import Curve, legend_below, plot_work
+from studies.panels import lettered
 from studies.timing import machine
-from studies.work import Measured, Size, by_count
+from studies.work import Measured, Size
 from studies.work_plan import plans, reachable, statics
 from studies.work_settle import EXACT, EXPLICIT, PAPER, WEIGHT, jacobians, settling
 
 NAMES = SCHEMES
-TIP, SECTIONS = "verified tip error [L]", "cross-sections looked at"
+TIP = "verified tip error [L]"
+# Of all that is measured, and printed, the figures show what is best, chosen, or what users have.
+SHOWN = (
+    *("magnus6", "magnus4", "gauss6", "gauss4", "settle's choice"),
+    *("tip_jacobian's choice", "tip_jacobian's choice, compiled"),
+    *("SciPy DOP853", "SciPy LSODA", "SciPy shooting", "SciPy solve_bvp"),
+    *("SciPy DOP853, forward", "SciPy DOP853, central", "SoRoMoX, order 0 to 8"),
+)
 
 
-def draw_settling(settled: list[Measured], jacobian: list[Measured]) -> Figure:
-    """Return the figure of settling and of the tip Jacobian, over time and over counts."""
-    figure = Figure(figsize=(9.6, 8.4), layout="constrained")
-    panels = figure.subplots(2, 2, sharey="row")
-    slopes = "verified error of the Jacobian"
-    for row, curves, error, work in (
-        (panels[0], settled, TIP, "settling"),
-        (panels[1], jacobian, slopes, "tip Jacobian"),
-    ):
-        plot_work([curve.by_time() for curve in curves], f"{work}: time [ms]", error, row[0], NAMES)
-        plot_work(by_count(curves), f"{work}: {SECTIONS}", "", row[1], NAMES)
-    legend_below(figure, panels.ravel().tolist(), 5)
-    return figure
+def shown(curves: Sequence[Measured]) -> list[Curve]:
+    """Return the curves over time that a panel shows."""
+    return [curve.by_time() for curve in curves if curve.name in SHOWN]
 
 
-def draw_dearer(loaded: list[Measured], exact: list[Measured]) -> Figure:
-    """Return the figure of settling under loads and with exact tendons, over time."""
-    figure = Figure(figsize=(9.6, 5.0), layout="constrained")
-    panels = figure.subplots(1, 2, sharey=True)
-    for ax, curves, work, error in (
-        (panels[0], loaded, "weight in water", TIP),
-        (panels[1], exact, "exact tendons", ""),
-    ):
-        plot_work([curve.by_time() for curve in curves], f"{work}: time [ms]", error, ax, NAMES)
-    legend_below(figure, panels.tolist(), 5)
+def draw_times(panels: dict[str, tuple[list[Measured], str]]) -> Figure:
+    """Return a figure of errors over time, a panel for each (curves, label of the error)."""
+    figure = Figure(figsize=(9.6, 4.8), layout="constrained")
+    axes = figure.subplots(1, len(panels))
+    for ax, (curves, error) in zip(axes, panels.values(), strict=True):
+        plot_work(shown(curves), "time [ms]", error, ax, NAMES)
+    lettered(zip(axes, panels, strict=True))
+    legend_below(figure, axes.tolist(), 4)
     return figure
 
 
 def draw_planning(gaps: list[Curve], efforts: list[Curve], by_statics: list[Curve]) -> Figure:
     """Return the figure of plans, and of statics, over time."""
-    figure = Figure(figsize=(9.6, 3.8), layout="constrained")
+    figure = Figure(figsize=(9.6, 4.2), layout="constrained")
     panels = figure.subplots(1, 3)
     curves = (
-        (by_statics, "settling by other statics: time [ms]", "tip off the neo-Hookean one [L]"),
-        (gaps, "plan of a tip: time [s]", "tip off its target [L]"),
-        (efforts, "plan of a tip: time [s]", "effort above the best found"),
+        (by_statics, "time [ms]", "tip off the neo-Hookean one [L]"),
+        (gaps, "time [s]", "tip off its target [L]"),
+        (efforts, "time [s]", "effort above the best found"),
     )
     for ax, (lines, cost, error) in zip(panels, curves, strict=True):
         plot_work(lines, cost, error, ax)
+    lettered(zip(panels, ("statics", "plan of a tip", "plan of a tip"), strict=True))
     legend_below(figure, panels.tolist(), 4)
     return figure
 
@@ -125,8 +122,18 @@ def main(argv: Sequence[str] | None = None) -> None:
     table("plans, tip off its target", gaps, "s")
     table("plans, effort above the best found", efforts, "s")
     args.out.mkdir(parents=True, exist_ok=True)
-    draw_settling(settled, jacobian).savefig(args.out / "accuracy_cost.png", dpi=110)
-    draw_dearer(loaded, exact).savefig(args.out / "accuracy_cost_dearer.png", dpi=110)
+    figures = {
+        "accuracy_cost": {
+            "settling": (settled, TIP),
+            "tip Jacobian by 12 tensions": (jacobian, "verified error of the Jacobian"),
+        },
+        "accuracy_cost_dearer": {
+            "weight in water": (loaded, TIP),
+            "exact tendons": (exact, TIP),
+        },
+    }
+    for name, panels in figures.items():
+        draw_times(panels).savefig(args.out / f"{name}.png", dpi=110)
     figure = draw_planning(gaps, efforts, by_statics)
     figure.savefig(args.out / "accuracy_cost_plans.png", dpi=110)
 

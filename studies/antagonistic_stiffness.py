@@ -42,6 +42,7 @@ from model.stiffness import HOLDS
 from planner import Limits, Plan, plan, stiffness
 from planner.plots.stiffness import plot_ellipsoids
 from planner.targets import Bend, BendingPlane, Fetch, MinimumStiffness, Target, TipPosition
+from studies.panels import INK, STATICS, lettered
 
 REFERENCE = Path(__file__).parents[1] / "tests" / "data" / "fem_reference.json"
 SCENES = {
@@ -55,6 +56,11 @@ UNWOUND, MAXIMUM = (0.25, 20.0, 20.0), 20.0
 FRONTS = ("paper's tangent", "exact tendons")
 LINES = {"tension": "-", "length": "--"}
 MARKS = {"inplane": "k^", "outplane": "kv", "centre": "ko"}
+ELEMENTS = {
+    "inplane": "finite elements, in the tendons' plane",
+    "outplane": "finite elements, across it",
+    "centre": "finite elements, tendons in the middle",
+}
 SHAPES: dict[str, tuple[str, Target]] = {
     "90 degree bend": (
         "table-2",
@@ -142,39 +148,29 @@ def draw(
     fronts: dict[str, list[tuple[float, float]]],
 ) -> Figure:
     """Return the figure: stiffness over effort, shape by shape, and the Pareto front."""
-    figure = Figure(figsize=(11, 7), layout="constrained")
+    figure = Figure(figsize=(9.6, 7), layout="constrained")
     axes = figure.subplots(2, 2).ravel()
-    for i, (statics, held) in enumerate(straight.items()):
-        axes[0].plot(levels, held["tension"], color=f"C{i}")
-        for hold in HOLDS:
-            axes[0].plot([], [], LINES[hold], color=f"C{i}", label=f"{statics}, {hold} held")
+    titles = ("straight arm, two opposite tendons", *table, "same tip, stiffer: what it costs")
+    lettered(zip(axes, titles, strict=True))
+    colours = dict(zip(SCENES, STATICS.values(), strict=True))
+    for statics, held in straight.items():
+        axes[0].plot(levels, held["tension"], color=colours[statics], label=statics)
+    for hold in HOLDS:
+        axes[0].plot([], [], LINES[hold], color=INK, label=f"{hold} held")
     for kind, share in finite_elements().items():
-        axes[0].plot(
-            [1.0], [1 / share], MARKS[kind], markersize=5, label=f"finite elements, {kind}"
-        )
-    axes[0].set(
-        title="straight arm, two opposite tendons",
-        xlabel="pull of each [N]",
-        ylabel="lateral stiffness over that at rest",
-    )
-    for ax, (shape, rows) in zip(axes[1:3], table.items(), strict=True):
-        for i, held in enumerate(rows.values()):
+        axes[0].plot([1.0], [1 / share], MARKS[kind], markersize=5, label=ELEMENTS[kind])
+    axes[0].set(xlabel="pull of each [N]", ylabel="lateral stiffness over that at rest")
+    for ax, rows in zip(axes[1:3], table.values(), strict=True):
+        for statics, held in rows.items():
             for hold, points in held.items():
-                ax.plot(*np.array(points).T, LINES[hold], marker=".", color=f"C{i}")
-        ax.set(title=shape, xlabel="pull of all tendons [N]", ylabel="softest stiffness [N/m]")
-        ax.set_yscale("log")
-    for i, points in enumerate(fronts.values()):
-        axes[3].plot(*np.array(points).T, "o-", color=f"C{i}", markersize=3)
-    axes[3].set(
-        title="same tip, stiffer",
-        xlabel="stiffness along z over that of least effort",
-        ylabel="effort [N]",
-    )
-    for ax in axes:
-        ax.grid(color="#e3e5e8", linewidth=0.6)
-        ax.spines[["top", "right"]].set_visible(False)
+                ax.plot(*np.array(points).T, LINES[hold], marker=".", color=colours[statics])
+        ax.set(xlabel="pull of all tendons [N]", ylabel="softest stiffness [N/m]", yscale="log")
+        ax.yaxis.set_minor_formatter("")
+    for statics, points in fronts.items():
+        axes[3].plot(*np.array(points).T, "o-", color=colours[statics], markersize=3)
+    axes[3].set(xlabel="stiffness along z over that of least effort", ylabel="effort [N]")
     handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside right upper", fontsize=8, frameon=False)
+    figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=9, frameon=False)
     return figure
 
 

@@ -41,8 +41,10 @@ from model.effects import (
     TipLoad,
     Weight,
 )
+from studies.panels import lettered
 
 PAPER = Scene(Extension())
+_COLOURS = ("#1f6fb4", "#e8912c")
 CASES = {
     "figure 11(b)": ("table-2", [[1, np.sqrt(3), 0, 0], [0] * 4, [0] * 4]),
     "figure 15": ("table-4", [[0, 0, 0.5, 0], [4, 0, 0, 0], [0, 13, 0, 0]]),
@@ -80,38 +82,24 @@ def measure(case: str, labels: Sequence[str], repeats: int) -> dict[str, Switch]
 
 
 def draw(tables: dict[str, dict[str, Switch]]) -> Figure:
-    """Return the figure: tip change against the time it costs, a panel for each case."""
-    figure = Figure(figsize=(9, 4.2), layout="constrained")
-    panels = figure.subplots(1, len(tables), sharey=True, squeeze=False)[0]
-    for ax, (case, table) in zip(panels, tables.items(), strict=True):
-        ax.axhline(1e-6, color="#9aa0a6", linewidth=0.8, linestyle="--")
-        ax.annotate(
-            "accuracy",
-            (0.98, 1.15e-6),
-            xycoords=("axes fraction", "data"),
-            ha="right",
-            fontsize=8,
-            color="#6b7078",
-        )
-        for i, (label, switch) in enumerate(table.items(), 1):
-            ax.plot(
-                [switch.time_factor], [switch.tip_change], "o", color=f"C{i % 10}", markersize=9
-            )
-            ax.annotate(
-                str(i),
-                (switch.time_factor, switch.tip_change),
-                ha="center",
-                va="center",
-                fontsize=6,
-                color="white",
-            )
-            ax.plot([], [], "o", color=f"C{i % 10}", label=f"{i}  {label}")
-        ax.set(xscale="log", yscale="log", title=case, xlabel="time of a settle, over the paper's")
-        ax.grid(color="#e3e5e8", linewidth=0.6)
-        ax.spines[["top", "right"]].set_visible(False)
-    panels[0].set_ylabel("tip moves by [L]")
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside right upper", fontsize=8, frameon=False)
+    """Return the figure: a row for each effect, a colour for each case."""
+    figure = Figure(figsize=(9, 4.0), layout="constrained")
+    left, right = figure.subplots(1, 2, sharey=True)
+    titles = ("how far it moves the tip", "how much longer a settle takes")
+    lettered(zip((left, right), titles, strict=True))
+    names = list(next(iter(tables.values())))
+    for (case, table), colour in zip(tables.items(), _COLOURS, strict=True):
+        rows = range(len(names))
+        for ax, values in (
+            (left, [table[name].tip_change for name in names]),
+            (right, [table[name].time_factor for name in names]),
+        ):
+            ax.plot(values, rows, "o", color=colour, markersize=6, alpha=0.85, label=case)
+    left.set_yticks(range(len(names)), names)
+    left.invert_yaxis()
+    left.set(xscale="log", xlabel="tip moves by [L]")
+    right.set(xscale="log", xlabel="time over that of the paper's scene")
+    right.legend(frameon=False, loc="upper right")
     return figure
 
 

@@ -37,6 +37,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from studies.keeping import keeping
+from studies.panels import lettered
 from studies.sweeps import Sweeps, sweeps
 
 _ROOT = Path(__file__).parents[1]
@@ -104,8 +105,10 @@ def told(own: Family) -> str:
 
 def draw(table: list[Family], grown: Sweeps) -> Figure:
     """Return the figure: errors of all members, and how errors grow along the arm."""
-    figure = Figure(figsize=(11, 5), layout="constrained")
+    figure = Figure(figsize=(9.6, 4.6), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(3, 2))
+    titles = ("members of each family", "1e-9 off where integration begins")
+    lettered(zip((left, right), titles, strict=True))
     _draw_families(left, table)
     _draw_sweeps(right, grown)
     return figure
@@ -115,32 +118,29 @@ def _draw_families(ax: Axes, table: list[Family]) -> None:
     for i, own in enumerate(table):
         errors = [max(one.error, _LEAST) for one in own.verdicts if not one.refusal]
         spread = i + np.linspace(-0.25, 0.25, len(errors))
-        ax.plot(errors, spread, "o", color="C0", ms=4, alpha=0.6)
-        ax.plot([own.tolerance] * 2, [i - 0.4, i + 0.4], color="C3", lw=2)
+        ax.plot(errors, spread, "o", color="#1f6fb4", ms=4, alpha=0.6)
+        ax.plot([own.tolerance] * 2, [i - 0.4, i + 0.4], color="#b3123f", lw=2)
         refused = len(own.verdicts) - len(errors)
         if refused:
             ax.text(3e-6, i, f"{refused} refused", va="center", fontsize="small")
-    ax.plot([], [], "o", color="C0", ms=4, label="a member")
-    ax.plot([], [], color="C3", lw=2, label="tolerance")
+    ax.plot([], [], "o", color="#1f6fb4", ms=4, label="a member")
+    ax.plot([], [], color="#b3123f", lw=2, label="allowed")
     ax.set_yticks(range(len(table)), [own.name for own in table])
-    ax.set(xscale="log", xlim=(_LEAST / 2, 1e-3), xlabel="error", title="Hard cases")
+    ax.set(xscale="log", xlim=(_LEAST / 2, 1e-3), xlabel="error")
     ax.invert_yaxis()
-    ax.grid(alpha=0.3)
-    ax.legend(fontsize="small", loc="upper right")
+    ax.legend(fontsize="small", loc="upper right", frameon=False)
 
 
 def _draw_sweeps(ax: Axes, grown: Sweeps) -> None:
-    ax.plot(grown.s, grown.from_tip, label="from the tip")
-    ax.plot(grown.s, grown.from_base, label="from the base")
+    ax.plot(grown.s, grown.from_tip, color="#1f6fb4", label="from the tip")
+    ax.plot(grown.s, grown.from_base, color="#e8912c", label="from the base")
     ax.plot(grown.s, grown.predicted, "k--", lw=1, label="from the base, D(base) / D(s)")
     ax.set(
         yscale="log",
         xlabel="s [m]",
         ylabel="error of curvature times radius [-]",
-        title="1e-9 off at the beginning",
     )
-    ax.grid(alpha=0.3)
-    ax.legend(fontsize="small")
+    ax.legend(fontsize="small", frameon=False)
 
 
 def main(argv: Sequence[str] | None = None) -> None:

@@ -31,6 +31,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from planner import sweep
+from studies.panels import lettered
 
 MOST = (0.6, 5.0, 15.0)
 SCENE = """\
@@ -101,25 +102,28 @@ def softest(data: Any) -> Any:
 
 def draw(reach: Any, soft: Any, cost: Any) -> Figure:
     """Return the figure: three maps, x along the straight arm, all at one scale."""
-    figure = Figure(figsize=(13.5, 4.3), layout="constrained")
+    figure = Figure(figsize=(11.5, 4.0), layout="constrained")
     axes = figure.subplots(1, 3, sharex=True, sharey=True)
     tips = 1e3 * reach.tip.values
     pull = reach.tensions.values.sum(axis=1)
     off = np.hypot(tips[:, 1], tips[:, 2])
     seen = axes[0].scatter(tips[:, 0], off, c=pull, s=5, cmap="viridis_r")
     _bar(figure, seen, axes[0], "sum of all tensions [N]")
-    axes[0].set_title(f"Where the tip can be: {int(reach.settled.sum())} draws")
-    axes[0].set_ylabel("distance from the straight arm's line [mm]")
+    axes[0].set_ylabel("off the x axis [mm]")
     tips = 1e3 * soft.tip.values.reshape(-1, 3)
     seen = axes[1].scatter(tips[:, 0], tips[:, 1], c=softest(soft).ravel(), s=18, cmap="magma_r")
     _bar(figure, seen, axes[1], "tip's way in its softest direction [mm/mN]")
-    axes[1].set_title("How soft it is there: two tendons pull")
     effort = np.where(cost.reached, cost.effort, np.nan)
     seen = axes[2].pcolormesh(cost.x, cost.y, effort.T, shading="nearest", cmap="cividis_r")
     _bar(figure, seen, axes[2], "least effort, root of squares [N]")
     missed = np.argwhere(~cost.reached.values)
     axes[2].scatter(cost.x.values[missed[:, 0]], cost.y.values[missed[:, 1]], 8, "0.6", marker="x")
-    axes[2].set_title("What it costs to go there: x is out of reach")
+    titles = (
+        f"where the tip can be, {int(reach.settled.sum())} draws",
+        "how soft it is there, two tendons pulling",
+        "what it costs to go there, x: out of reach",
+    )
+    lettered(zip(axes, titles, strict=True))
     for ax in axes:
         ax.plot([0, 450], [0, 0], color="0.3", lw=2, zorder=0)
         ax.set(xlabel="x [mm]", aspect="equal", xlim=(-330, 480), ylim=(-100, 420))

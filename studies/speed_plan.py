@@ -50,7 +50,7 @@ def cold_rows(plans: int, rng: np.random.Generator) -> list[Row]:
     """Return cold, certified plans against SLSQP from random starts until one leads there."""
     arm = Arm.from_paper("table-4")
     scipy, found, ours, theirs = ScipyArm(arm), [], [], []
-    points = [draw(arm, rng, i % 3) for i in range(plans)]
+    points = [draw(arm, PAPER, rng, i % 3) for i in range(plans)]
     planned(arm, points[0])
     for point in points:
         starts = rng.uniform(size=(_SCIPY_STARTS, 12)) * np.repeat([0.1, 0.5, 1.5], 4)

@@ -1,9 +1,9 @@
 """Does the planner find the least effort for tip targets, and how long does it take?
 
-Question: of random reachable tip positions of the table 4 arm (maxima 20 N; in silicone, in silicone
-in water, or in the paper's scene), how many are met and certified; how often is the effort within 1 % of the best of many random starts;
-how many starts and how much time does it take; and how long does SciPy take (SLSQP with finite
-differences over solve_ivp), in the same run?
+Question: of random reachable tip positions of the table 4 arm (maxima 20 N; in the paper's scene,
+in silicone, or in silicone in water), how many are met and certified; how often is the effort
+within 1 % of the best of many random starts; how many starts and how much time does it take; and
+how long does SciPy take (SLSQP with finite differences over solve_ivp), in the same run?
 
 Assumptions: targets are tips of settled shapes. Their tensions come from three distributions in
 turn: each tendon slack or uniform up to 1, 20, 20 N (tip section first); one tendon a section; all

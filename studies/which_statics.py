@@ -29,6 +29,7 @@ from matplotlib.figure import Figure
 
 from model import Anchorage, Arm, Linear, Scene, settle
 from model.effects import ExactTendons, Extension, NeoHookean
+from studies.panels import GRID, STATICS
 
 REFERENCE = Path(__file__).parents[1] / "tests" / "data" / "fem_reference.json"
 SCENES = {
@@ -75,26 +76,29 @@ def uncertainty(case: dict[str, Any]) -> float:
 
 def draw(table: list[tuple[dict[str, Any], dict[str, float]]]) -> Figure:
     """Return the figure: error of each statics, case by case in the order of the bend."""
-    figure = Figure(figsize=(8, 4), layout="constrained")
+    figure = Figure(figsize=(8.4, 4), layout="constrained")
     ax = figure.subplots()
     places = np.arange(len(table))
     floor = [uncertainty(case) for case, _ in table]
-    ax.bar(places, floor, width=0.8, color="0.85", label="finite elements' uncertainty")
-    for name, marker in zip(SCENES, "os^v", strict=True):
-        ax.plot(places, [row[name] for _, row in table], marker, ms=7, label=name)
+    ax.bar(places, floor, width=0.8, color="#dfe3e8", label="finite elements' uncertainty")
+    looks = zip(SCENES, "os^v", STATICS.values(), strict=True)
+    for name, marker, colour in looks:
+        values = [row[name] for _, row in table]
+        ax.plot(places, values, marker, ms=7, color=colour, label=name)
     bends = [f"{np.degrees(case['theta']):.0f} deg" for case, _ in table]
     names = [f"{case['case']} {case['label']} N" for case, _ in table]
     labels = [f"{name}\n{bend}" for name, bend in zip(names, bends, strict=True)]
     ax.set_xticks(places, labels)
     ax.set(
         yscale="log",
-        xlabel="case: arm (a: section 5.1, b: section 5.2, c: table 2), tension, bend of the tip",
+        xlabel="arm (a: section 5.1, b: section 5.2, c: table 2), tension, bend of the tip",
         ylabel="tip error [% of L]",
         ylim=(1e-3, 10),
-        title="Tips against 3-D finite elements",
     )
-    ax.grid(alpha=0.3, axis="y")
-    figure.legend(loc="outside right center", fontsize="small")
+    ax.grid(color=GRID, linewidth=0.6, axis="y")
+    ax.set_axisbelow(True)
+    ax.spines[["top", "right"]].set_visible(False)
+    figure.legend(loc="outside upper center", ncols=5, fontsize="small", frameon=False)
     return figure
 
 

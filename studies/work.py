@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -42,13 +41,12 @@ class Size:
 
 @dataclass
 class Measured:
-    """A curve by time, and by a count where there is one, as settings are added to it."""
+    """A curve by time, as settings are added to it."""
 
     name: str
     kind: str = "own"
     errors: list[Array] = field(default_factory=list)
     times: list[Array] = field(default_factory=list)
-    counts: list[float] = field(default_factory=list)
     lost: list[float] = field(default_factory=list)
 
     def add(
@@ -56,11 +54,10 @@ class Measured:
         work: Callable[[int], Any],
         error: Callable[[int, Any], float],
         size: Size,
-        count: Callable[[], float] = lambda: math.nan,
     ) -> None:
         """Do a work of all cases, `repeats` times at least; a failure is kept as such.
 
-        `work` and `error` take the number of the case; `count` says what the last work took.
+        `work` and `error` take the number of the case.
         """
         try:
             found = [work(i) for i in range(size.cases)]
@@ -73,20 +70,11 @@ class Measured:
             times.append(seconds(lambda i=k % size.cases: work(i), many))
         self.errors.append(np.percentile(errors, [25, 50, 75]))
         self.times.append(1e3 * np.percentile(times, [25, 50, 75]))
-        self.counts.append(count())
 
     def by_time(self) -> Curve:
         """Return errors over milliseconds."""
         rows = np.array(self.times).reshape(-1, 3), np.array(self.errors).reshape(-1, 3)
         return Curve(self.name, *rows, 1e3 * np.array(self.lost), self.kind)
-
-    def by_count(self) -> Curve | None:
-        """Return errors over the count, None where it is not known."""
-        known = np.isfinite(self.counts)
-        if not known.any():
-            return None
-        counts = np.repeat(np.array(self.counts)[known, None], 3, axis=1)
-        return Curve(self.name, counts, np.array(self.errors)[known], np.zeros(0), self.kind)
 
 
 def failing_time(work: Callable[[int], Any], cases: int) -> float:
@@ -99,8 +87,3 @@ def failing_time(work: Callable[[int], Any], cases: int) -> float:
             return
 
     return float(np.mean([seconds(lambda i=i: attempt(i)) for i in range(cases)]))
-
-
-def by_count(curves: Iterable[Measured]) -> list[Curve]:
-    """Return the curves of those whose count is known."""
-    return [curve for measured in curves if (curve := measured.by_count())]

@@ -53,7 +53,7 @@ class Attempts:
 def reachable(count: int, rng: np.random.Generator) -> list[Array]:
     """Return reachable tips (3,) [m] of the table 4 arm."""
     arm = Arm.from_paper("table-4")
-    return [draw(arm, rng, i % 3) for i in range(count)]
+    return [draw(arm, PAPER, rng, i % 3) for i in range(count)]
 
 
 def planned(points: list[Array], accuracy: float, starts: int, i: int) -> Array | None:

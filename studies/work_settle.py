@@ -11,7 +11,6 @@ import numpy as np
 
 from model import Arm, Scene, settle, tip_jacobian
 from model.effects import ExactTendons, Extension
-from model.equilibrium.forward import Collocation
 from model.forward import CLOSED_FORMS, ForwardMap, forward_map, schemes_of
 from model.loads import is_loaded
 from model.mesh_refinement import REFINEMENTS
@@ -58,7 +57,7 @@ def settling(
         for refinement in (r for r in REFINEMENTS if r <= size.finest):
             forward = forward_map(arm, scene, name, refinement)
             work = partial(_tip, forward, T)
-            curve.add(work, off, size, partial(_sections, name, forward))
+            curve.add(work, off, size)
             if curve.errors and curve.errors[-1][1] < _FINE:
                 break
         curves.append(curve)
@@ -79,27 +78,12 @@ def _tip(forward: ForwardMap, T: Array, i: int) -> Array:
     return forward.run(T[i])[0][-1, 4:7]
 
 
-def _sections(name: str, forward: ForwardMap) -> float:
-    """Return how many cross-sections a mesh has."""
-    if isinstance(forward, Collocation):
-        return forward.system.s.size
-    return forward.mesh.steps * len(CLOSED_FORMS[name].nodes)
-
-
 def _scipy(arm: Arm, T: Array, off: Error, size: Size) -> list[Measured]:
     scipy, curves = ScipyArm(arm), []
     for method in ("DOP853", "RK45", "LSODA"):
         curve = Measured(f"SciPy {method}", "other")
         for rtol in RTOLS[: size.settings]:
-            scipy.rhs = 0
-            scipy.tip(T[0], method, rtol)
-            once = scipy.rhs
-            curve.add(
-                lambda i, m=method, r=rtol: scipy.tip(T[i], m, r),
-                off,
-                size,
-                lambda n=once: n,
-            )
+            curve.add(lambda i, m=method, r=rtol: scipy.tip(T[i], m, r), off, size)
         curves.append(curve)
     return curves
 
@@ -142,9 +126,8 @@ def jacobians(size: Size, rng: np.random.Generator) -> list[Measured]:
         curve = Measured(name)
         for refinement in (r for r in REFINEMENTS if r <= size.finest):
             function = tip_slopes(arm, PAPER, name, refinement)
-            forward = forward_map(arm, PAPER, name, refinement)
             work = partial(_called, function, T)
-            curve.add(work, off, size, partial(_sections, name, forward))
+            curve.add(work, off, size)
             if curve.errors[-1][1] < _FINE:
                 break
         curves.append(curve)
@@ -172,9 +155,7 @@ def _differences(scipy: ScipyArm, T: Array, scale: Array, off: Error, size: Size
         for rtol in RTOLS[1 : 1 + size.settings]:
             steps = scale * (max(rtol, 1e-12) ** (1 / 3) / 10 if central else rtol**0.5 / 10)
             work = partial(_difference, scipy, T, rtol, steps, central)
-            scipy.rhs = 0
-            work(0)
-            curve.add(work, off, size, lambda n=scipy.rhs: n)
+            curve.add(work, off, size)
         curves.append(curve)
     return curves
 

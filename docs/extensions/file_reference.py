@@ -74,9 +74,7 @@ def _written(place: str, table: Any) -> list[str]:
         rows.append(("``type``", f'``"{table.tag}"``', "required", "which kind of table it is"))
     for field in table.fields:
         holds = _holds(field.type)
-        rows.append(
-            (f"``{field.encode_name}``", holds or "table", _default(field), _told(field.type))
-        )
+        rows.append((f"``{field.encode_name}``", holds, _default(field), _told(field.type)))
     lines += [".. list-table::", "   :header-rows: 1", "   :widths: 20 28 16 36", ""]
     for row in rows:
         lines += [f"   {'*' if i == 0 else ' '} - {cell}" for i, cell in enumerate(row)]
@@ -122,12 +120,12 @@ def _holds(kind: Any) -> str:
         return ", ".join(f"``{json!r}``".replace("'", '"') for json in kind.values)
     if isinstance(kind, inspect.ListType | inspect.VarTupleType):
         inner = _holds(kind.item_type)
-        return f"list of {inner}" if inner else "tables"
+        return "tables" if inner == "table" else f"list of {inner}"
     if isinstance(kind, inspect.TupleType):
         kinds = {_holds(one) for one in kind.item_types}
         return f"{len(kind.item_types)} of {', '.join(sorted(kinds))}"
     if isinstance(kind, inspect.StructType):
-        return ""
+        return "table"
     return _WORDS[type(kind)] + _range(kind)
 
 

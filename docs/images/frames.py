@@ -47,7 +47,7 @@ def draw_side(ax: Axes) -> None:
         r = 1e3 * ARM.radius.evaluate(np.array([section.at]), ARM.length)[0][0]
         ax.plot(*np.array([at - r * way, at + r * way]).T, color=INK, lw=2, zorder=4)
         label = f"section {number}\n$s = l_{number}$" + (" = L" if number == 1 else "")
-        place = at - (r + (28 if number > 1 else 40)) * way + np.array([8, -6])
+        place = at - (r + (28 if number > 1 else 40)) * way + np.array([16, -8])
         ax.text(*place, label, color=SECTION[number], fontsize=10, ha="center", va="center")
     ax.plot([0, 0], [-40, 40], color=INK, lw=3)
     for k in np.arange(-36, 40, 9):
@@ -137,16 +137,16 @@ def draw_plane(ax: Axes) -> None:
         if angle == 90:
             at = np.array([0.58, 1.16])
         ax.text(*at, text, fontsize=10, ha="center", va="center", color=INK)
-    ax.text(-1.0, -1.28, "bends this way", fontsize=10, ha="center", color=INK)
+    ax.text(-1.12, -1.12, "bends this way", fontsize=10, ha="center", color=INK)
 
 
 def main() -> None:
     """Write frames.svg beside this file."""
-    figure = Figure(figsize=(11.5, 4.1), layout="constrained")
+    figure = Figure(figsize=(9.6, 3.5), layout="constrained")
     axes = figure.subplots(1, 3, width_ratios=(1.45, 1, 1))
     titles = (
         "a  Arm in the plane of t and b",
-        "b  Tendons of section i, seen from the tip",
+        "b  Tendons, seen from the tip",
         "c  Angle of a bending plane",
     )
     for ax, draw, title in zip(axes, (draw_side, draw_tendons, draw_plane), titles, strict=True):
