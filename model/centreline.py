@@ -18,6 +18,7 @@ from model.arm import Arm
 from model.cross_section.reported import kinematics
 from model.effects import NeoHookean
 from model.equilibrium.forward import STAGES
+from model.machine.buffered import Mapped
 from model.paths import Array
 from model.rotations import half_turn, multiply, unit_matrix
 from model.scene import Scene
@@ -116,11 +117,12 @@ class Centreline:
 
         Both are shares, from 0 to 1, of the elements (K,).
         """
+        if not element.size:
+            return np.zeros((0, 3)), np.zeros(0), np.zeros(0)
         h = np.diff(self.s)[element]
-        given = (self.poses[element].T, self.kappa[element].reshape(-1, 9).T)
-        found = _part().map(element.size)(*given, self.nu[element].reshape(-1, 9).T, h, start, end)
-        position, length, turn = (np.array(value) for value in found)
-        return position.T, length[0], turn[0]
+        given = (self.poses[element], self.kappa[element], self.nu[element], h, start, end)
+        position, length, turn = _part()(*given)
+        return position, length[:, 0], turn[:, 0]
 
     def radius(self, element: Counts, share: Array) -> Array:
         """Return the arm's outer radius (K,) [m] at shares of elements.
@@ -139,7 +141,7 @@ class Centreline:
 
 
 @lru_cache(maxsize=1)
-def _part() -> ca.Function:
+def _part() -> Mapped:
     """Return pose, kappa, nu by stage, h, shares a, b -> position at b; length, turn from a."""
     g, h = ca.SX.sym("g", 7), ca.SX.sym("h")
     kappa, nu = ca.SX.sym("kappa", 3, STAGES), ca.SX.sym("nu", 3, STAGES)
@@ -163,4 +165,4 @@ def _part() -> ca.Function:
         length += h * (b - a) * weight * ca.norm_2(v)
         turned += h * (b - a) * weight * ca.sqrt(k[1] ** 2 + k[2] ** 2)
     given = [g, ca.vec(kappa), ca.vec(nu), h, a, b]
-    return ca.Function("part", given, [position, length, turned], {"cse": True})
+    return Mapped(ca.Function("part", given, [position, length, turned], {"cse": True}))

@@ -78,19 +78,47 @@ def clearances(
     of: Collection[str] = (OBSTACLES, BASE, ITSELF),
 ) -> dict[str, Clearance]:
     """Return how clear the arm of a centreline is of OBSTACLES, BASE and ITSELF, each by name."""
-    bodies = numbers_of(obstacles)
-    pieces = Pieces.of(line, max(1, -(-_PIECES // (line.s.size - 1))))
-    kinds: dict[str, Callable[[Pieces], Found]] = {BASE: _plane, ITSELF: _self}
-    if obstacles:
-        kinds[OBSTACLES] = lambda pieces: _obstacles(pieces, bodies)
+    pieces, kinds = _pieces(line), _kinds(obstacles)
     return {name: _bounded(pieces, kinds[name]) for name in of if name in kinds}
+
+
+def rough_gaps(
+    line: Centreline,
+    obstacles: Sequence[Obstacle] = (),
+    of: Collection[str] = (OBSTACLES, BASE, ITSELF),
+) -> tuple[dict[str, float], Array]:
+    """Return lower bounds of distances [m] by name, and nodes (K, 3) of the midline [m].
+
+    Sooner than `clearances` and not as close: by a millimetre or so of an arm of half a metre.
+    """
+    pieces, kinds, found = _pieces(line), _kinds(obstacles), {}
+    for name in of:
+        if name in kinds:
+            nearest, bounds = kinds[name](pieces)
+            found[name] = min(nearest.gap, float(bounds.min()))
+    return found, pieces.nodes
+
+
+def _pieces(line: Centreline) -> Pieces:
+    """Return the pieces to begin with."""
+    return Pieces.of(line, max(1, -(-_PIECES // (line.s.size - 1))))
+
+
+def _kinds(obstacles: Sequence[Obstacle]) -> dict[str, Look]:
+    """Return how what can be met is looked at."""
+    kinds: dict[str, Look] = {BASE: _plane, ITSELF: _self}
+    if obstacles:
+        bodies = numbers_of(tuple(obstacles))
+        kinds[OBSTACLES] = lambda pieces: _obstacles(pieces, bodies)
+    return kinds
 
 
 # The nearest of the nodes, and for each piece a lower bound of its distance.
 Found = tuple[Clearance, Array]
+Look = Callable[[Pieces], Found]
 
 
-def _bounded(pieces: Pieces, look: Callable[[Pieces], Found]) -> Clearance:
+def _bounded(pieces: Pieces, look: Look) -> Clearance:
     """Return the nearest place, with a lower bound of the distance that is close to it."""
     while True:
         nearest, bounds = look(pieces)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from functools import lru_cache
 from typing import Any
 
 import casadi as ca
@@ -43,3 +44,21 @@ class Buffered:
         for i, result in enumerate(results):
             buffer.set_res(i, memoryview(result))  # type: ignore[call-arg,arg-type]
         return given, results, run, buffer
+
+
+class Mapped:
+    """A function of dense vectors for many columns at once, from any thread.
+
+    Maps are kept for sizes that are powers of two; the last columns are repeated up to one.
+    """
+
+    def __init__(self, function: ca.Function) -> None:
+        self._sized = lru_cache(maxsize=20)(lambda size: Buffered(function.map(size)))
+
+    def __call__(self, *given: Array) -> list[Array]:
+        """Return the results (N, n_out) of arguments (N, n_in) or (N,), N above 0."""
+        count = len(given[0])
+        size = 1 << (count - 1).bit_length()
+        if size > count:
+            given = tuple(np.concatenate([v, v[-1:].repeat(size - count, axis=0)]) for v in given)
+        return [found[:count] for found in self._sized(size)(*(v.ravel() for v in given))]

@@ -26,6 +26,7 @@ import numpy as np
 
 from model.checks import numbers
 from model.errors import InputError
+from model.machine.buffered import Mapped
 from model.paths import Array
 
 # Center (3,), axes (3, 3) column by column, half sizes (3,), layer, 1 for a half-space else 0.
@@ -64,6 +65,11 @@ class Obstacle(ABC):
 
 def numbers_of(obstacles: Sequence[Obstacle]) -> Array:
     """Return the numbers (M, 17) of obstacles."""
+    return _numbers(tuple(obstacles)).copy()
+
+
+@lru_cache(maxsize=32)
+def _numbers(obstacles: tuple[Obstacle, ...]) -> Array:
     return np.array([obstacle.numbers for obstacle in obstacles]).reshape(-1, SIZE)
 
 
@@ -75,9 +81,8 @@ def distances(bodies: Array, points: Array) -> tuple[Array, Array]:
     n, m = len(points), len(bodies)
     if not n * m:
         return np.zeros((n, m)), np.zeros((n, m, 3))
-    x, p = np.repeat(points, m, axis=0).T, np.tile(bodies, (n, 1)).T
-    found, gradient = (np.array(value) for value in with_gradient()(x, p))
-    return found.reshape(n, m), gradient.T.reshape(n, m, 3)
+    found, gradient = with_gradient()(np.repeat(points, m, axis=0), np.tile(bodies, (n, 1)))
+    return found.reshape(n, m), gradient.reshape(n, m, 3)
 
 
 @lru_cache(maxsize=1)
@@ -93,11 +98,12 @@ def signed_distance() -> ca.Function:
 
 
 @lru_cache(maxsize=1)
-def with_gradient() -> ca.Function:
+def with_gradient() -> Mapped:
     """Return point (3,), numbers (17,) of a body -> signed distance, its gradient (3,)."""
     x, p = ca.SX.sym("x", 3), ca.SX.sym("p", SIZE)
     d = signed_distance()(x, p)
-    return ca.Function("with_gradient", [x, p], [d, ca.densify(ca.gradient(d, x))], {"cse": True})
+    found = [d, ca.densify(ca.gradient(d, x))]
+    return Mapped(ca.Function("with_gradient", [x, p], found, {"cse": True}))
 
 
 def check_obstacles(obstacles: Any) -> tuple[Obstacle, ...]:

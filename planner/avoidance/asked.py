@@ -11,7 +11,7 @@ import numpy as np
 from model.arm import Arm
 from model.centreline import Centreline
 from model.checks import not_negative
-from model.clearance import clearances
+from model.clearance import clearances, rough_gaps
 from model.clearance.nearest import BASE, ITSELF, OBSTACLES, Clearance
 from model.errors import InputError
 from model.obstacles import Obstacle, check_obstacles, distances, numbers_of
@@ -63,6 +63,9 @@ class Surroundings:
 
     def keeps(self, line: Centreline) -> bool:
         """Return whether the arm of a centreline is proven to keep clear."""
+        rough, _ = rough_gaps(line, self.obstacles, self.least)
+        if all(rough[name] >= gap for name, gap in self.least.items()):
+            return True
         found = clearances(line, self.obstacles, self.least)
         return all(found[name].gap >= gap for name, gap in self.least.items())
 

@@ -10,19 +10,19 @@ d the farthest that a point travels.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from model.centreline import Centreline
-from model.clearance import clearances
+from model.clearance import clearances, rough_gaps
 from model.paths import Array
 from planner.avoidance.asked import Surroundings
 
 Settled = Callable[[Array], Centreline | None]
-# Places looked at; how far off the middle of a line a point may be for it to count as one, over
+# How far off the middle of a line a point may be for it to count as one, over
 # its length, and how much longer than the line its way may be then; how close bounds come.
-_PLACES, _STRAIGHT, _LONGER, _CLOSE, _DEEPEST = 65, 0.15, 1.25, 2e-5, 12
+_STRAIGHT, _LONGER, _CLOSE, _DEEPEST = 0.15, 1.25, 2e-5, 12
 # Shares of the way where a further waypoint parts it.
 _INSIDE = 0.02
 # Those that are looked at first.
@@ -31,11 +31,25 @@ _LOOKED = (0.5, 0.25, 0.75, 0.125, 0.375, 0.625, 0.875)
 
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """An arm at a share of the way: its gap less what is asked [m], and places (K, 3) [m]."""
+    """An arm at a share of the way.
+
+    Attributes
+    ----------
+    share : float
+    line : Centreline
+    gap : float
+        A lower bound of its gap less what is asked [m].
+    places : (K, 3)
+        Of its midline [m].
+    sharp : bool
+        Whether the bound is close.
+    """
 
     share: float
+    line: Centreline
     gap: float
     places: Array
+    sharp: bool = False
 
 
 @dataclass(frozen=True)
@@ -47,40 +61,77 @@ class Swept:
     share: float
 
 
-def swept(settled: Settled, start: Array, end: Array, asked: Surroundings) -> Swept:
-    """Return how clear an arm stays on the way between tensions (n_tendons,) [N].
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """The way from tensions to others (n_tendons,) [N], and what the arm keeps clear of on it."""
 
-    The bound is refined until it is 0 or above, or close to what was seen.
-    """
-    first, last = (_moment(settled, start, end, share, asked) for share in (0.0, 1.0))
-    if first is None or last is None:
-        return Swept(-np.inf, -np.inf, 0.0)
-    seen = min(first, last, key=lambda moment: moment.gap)
-    close = _CLOSE * float(np.abs(first.places - first.places[0]).max())
-    bound, left = min(first.gap, last.gap), [(first, last, 0)]
-    while left:
-        a, b, depth = left.pop()
-        middle = _moment(settled, start, end, (a.share + b.share) / 2, asked)
-        if middle is None:
-            return Swept(-np.inf, seen.gap, (a.share + b.share) / 2)
-        seen = min(seen, middle, key=lambda moment: moment.gap)
-        lower = _lower(a, middle, b)
-        if lower >= min(0.0, seen.gap - close) or depth == _DEEPEST:
-            bound = min(bound, lower)
-        else:
-            left += [(a, middle, depth + 1), (middle, b, depth + 1)]
-    return Swept(min(bound, seen.gap), seen.gap, seen.share)
+    settled: Settled
+    start: Array
+    end: Array
+    asked: Surroundings
 
+    def swept(self) -> Swept:
+        """Return how clear an arm stays; the bound is refined until it is 0 or close to the truth.
 
-def crossed(settled: Settled, start: Array, end: Array, asked: Surroundings) -> float | None:
-    """Return where on the way between tensions an arm is nearest, if it is too near there."""
-    looked = [_moment(settled, start, end, share, asked) for share in _LOOKED]
-    seen = [moment for moment in looked if moment is not None]
-    nearest = min(seen, key=lambda moment: moment.gap, default=None)
-    if nearest is None or nearest.gap < 0:
-        return None if nearest is None else nearest.share
-    found = swept(settled, start, end, asked)
-    return found.share if found.bound < 0 and _INSIDE < found.share < 1 - _INSIDE else None
+        Close bounds of single arms are found only where rough ones do not do.
+        """
+        first, last = self.moment(0.0), self.moment(1.0)
+        if first is None or last is None:
+            return Swept(-np.inf, -np.inf, 0.0)
+        seen = min(first, last, key=lambda moment: moment.gap)
+        close = _CLOSE * float(np.abs(first.places - first.places[0]).max())
+        bound, left = min(first.gap, last.gap), [(first, last, 0)]
+        if bound < 0:
+            first, last = self.sharpened(first), self.sharpened(last)
+            seen = min(first, last, key=lambda moment: moment.gap)
+            bound, left = seen.gap, [(first, last, 0)]
+        while left:
+            a, b, depth = left.pop()
+            middle = self.moment((a.share + b.share) / 2)
+            if middle is None:
+                return Swept(-np.inf, seen.gap, (a.share + b.share) / 2)
+            lower = _lower(a, middle, b)
+            if lower < 0:
+                a, middle, b = (self.sharpened(moment) for moment in (a, middle, b))
+                seen = min(seen, a, middle, b, key=lambda moment: moment.gap)
+                lower = _lower(a, middle, b)
+            if lower >= min(0.0, seen.gap - close) or depth == _DEEPEST:
+                bound = min(bound, lower)
+            else:
+                left += [(a, middle, depth + 1), (middle, b, depth + 1)]
+        return Swept(min(bound, seen.gap), seen.gap, seen.share)
+
+    def crossed(self) -> float | None:
+        """Return where on the way an arm is nearest, if it is too near there."""
+        found = self.swept()
+        if found.bound >= 0:
+            return None
+        looked = [self.moment(share) for share in _LOOKED]
+        seen = [self.sharpened(moment) for moment in looked if moment is not None]
+        nearest = min(seen, key=lambda moment: moment.gap, default=None)
+        if nearest is None or nearest.gap < 0:
+            return None if nearest is None else nearest.share
+        return found.share if _INSIDE < found.share < 1 - _INSIDE else None
+
+    def moment(self, share: float) -> Moment | None:
+        """Return the arm at a share of the way, with a rough bound; None if it does not settle."""
+        line = self.settled(self.start + share * (self.end - self.start))
+        if line is None:
+            return None
+        found, places = rough_gaps(line, self.asked.obstacles, self.asked.least)
+        return Moment(share, line, self._least(found), places)
+
+    def sharpened(self, moment: Moment) -> Moment:
+        """Return a moment with a close bound."""
+        if moment.sharp:
+            return moment
+        found = clearances(moment.line, self.asked.obstacles, self.asked.least)
+        gap = self._least({name: clear.gap for name, clear in found.items()})
+        return replace(moment, gap=gap, sharp=True)
+
+    def _least(self, gaps: dict[str, float]) -> float:
+        least = self.asked.least.items()
+        return min((gaps[name] - gap for name, gap in least), default=np.inf)
 
 
 def _lower(a: Moment, middle: Moment, b: Moment) -> float:
@@ -94,14 +145,3 @@ def _lower(a: Moment, middle: Moment, b: Moment) -> float:
         travelled = _LONGER * np.linalg.norm(other.places - one.places, axis=1).max()
         bounds.append((one.gap + other.gap - travelled) / 2)
     return float(min(bounds))
-
-
-def _moment(
-    settled: Settled, start: Array, end: Array, share: float, asked: Surroundings
-) -> Moment | None:
-    line = settled(start + share * (end - start))
-    if line is None:
-        return None
-    found = clearances(line, asked.obstacles, asked.least)
-    gap = min((found[name].gap - least for name, least in asked.least.items()), default=np.inf)
-    return Moment(share, gap, line.at(np.linspace(0.0, line.arm.length, _PLACES))[0])

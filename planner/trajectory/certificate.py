@@ -14,8 +14,8 @@ from model.shape import Shape
 from planner.certificate import gives, measure
 from planner.program.terms import stations_of
 from planner.targets.base import Target
-from planner.trajectory.between import swept
-from planner.trajectory.search import Question, line_of
+from planner.trajectory.between import Sweep
+from planner.trajectory.question import Question
 
 # Rounding, over a limit.
 _ROUNDING = 1e-9
@@ -129,7 +129,8 @@ def certify_motion(
 def _met(question: Question, targets: tuple[Target, ...], T: Array) -> tuple[float, float]:
     """Return the largest residual and the least margin of targets under tensions."""
     arm = question.arm
-    shape: Shape = settle(arm, T, question.scene, max(question.accuracy / 10, FINEST_ACCURACY))
+    fine = max(question.accuracy / 10, FINEST_ACCURACY)
+    shape: Shape = settle(arm, T, question.scene, fine, compile=question.machine_code)
     poses = shape.poses(np.array(stations_of(arm, targets)))
     match, approach, margin = measure(arm, targets, poses, gives(arm, targets, shape))
     sizes = [float(np.abs(v).max(initial=0.0)) for v in (*match.values(), *approach.values())]
@@ -154,10 +155,10 @@ def _clear(question: Question, times: Array, tensions: Array) -> tuple[float, fl
     """Return what is kept of the clearance, and when the least is."""
     if not question.surroundings:
         return np.inf, 0.0
-    least, when = np.inf, 0.0
+    least, when, lines = np.inf, 0.0, question.lines()
     for k, step in enumerate(np.diff(times)):
         ends = (tensions[k], tensions[k + 1])
-        found = swept(lambda T: line_of(question, T), *ends, question.surroundings)
+        found = Sweep(lines, *ends, question.surroundings).swept()
         if found.bound < least:
             least, when = found.bound, float(times[k] + found.share * step)
     return least, when

@@ -14,6 +14,7 @@ from model.arm import Arm
 from model.checks import finite_array, kind
 from model.errors import InputError
 from model.loads import check_loads
+from model.machine.compiled import Compile, checked_compile
 from model.mesh_refinement import checked_accuracy
 from model.paths import Array
 from model.scene import Scene
@@ -23,11 +24,13 @@ from planner.avoidance.asked import surroundings
 from planner.files import write_named
 from planner.plan import Plan
 from planner.program.limits import Limits
-from planner.question import check_targets
+from planner.question import check_strokes, check_targets
 from planner.targets.base import Target
 from planner.trajectory.asked import Rates, checked_times, waypoints_of
 from planner.trajectory.certificate import MotionCertificate, certify_motion, stroke_rates
-from planner.trajectory.search import Question, Waypoint, led, planned
+from planner.trajectory.initial import planned
+from planner.trajectory.question import Question, Waypoint
+from planner.trajectory.search import led
 from planner.trajectory.time_scale import inertia, slowest_period
 
 _LATE = 1e-6
@@ -161,7 +164,9 @@ class Trajectory:
         return ("\n".join(lines) + "\n").encode()
 
     def _shape(self, T: Array) -> Shape:
-        return settle(self.arm, T, self.question.scene, max(self.question.accuracy / 10, 1e-12))
+        asked = self.question
+        fine = max(asked.accuracy / 10, 1e-12)
+        return settle(self.arm, T, asked.scene, fine, compile=asked.machine_code)
 
 
 def trajectory(
@@ -181,6 +186,9 @@ def trajectory(
     self_clearance: bool = False,
     waypoints: int = 20,
     accuracy: float = 1e-6,
+    compile: Compile = False,  # noqa: A002  (the name that scripts use)
+    stroke_max: Any = None,
+    stroke_min: Any = None,
 ) -> Trajectory:
     """Return tensions over time that bring an arm through targets, in the least time or effort.
 
@@ -192,7 +200,7 @@ def trajectory(
         In order; a function of a share from 0 to 1 that returns a target or a place of the tip (3,)
         [m], asked so often as `waypoints` says; or the name of a .csv file with columns x_m, y_m,
         z_m, and t_s if times are given.
-    tension_max, tension_min, total_pull, scene, accuracy
+    tension_max, tension_min, total_pull, stroke_max, stroke_min, scene, accuracy, compile
         As plan takes them.
     rate_max : float, or one for each tendon
         The fastest that tensions change [N/s].
@@ -213,11 +221,13 @@ def trajectory(
     """
     scene = scene or Scene()
     check_loads(arm, scene)
-    given, own = waypoints_of(targets, waypoints)
+    path, own = waypoints_of(targets, waypoints)
     times = own if times is None else times
     limits = Limits.of(arm, tension_max, tension_min, total_pull)
+    limits = limits.with_strokes(arm, stroke_max, stroke_min)
+    check_strokes(scene, limits)
     asked = []
-    for i, target in enumerate(given):
+    for i, target in enumerate(path):
         try:
             asked.append(check_targets(arm, target))
         except InputError as reason:
@@ -232,7 +242,8 @@ def trajectory(
     around = surroundings(arm, every, obstacles, clearance, self_clearance)
     accuracy = checked_accuracy(accuracy)
     begin = _start(arm, start, limits)
-    question = Question(arm, scene, tuple(asked), limits, rates, around, found, begin, accuracy)
+    given = (around, found, begin, accuracy, checked_compile(compile))
+    question = Question(arm, scene, tuple(asked), limits, rates, *given)
     ways = planned(question)
     branches = tuple(
         i for i, way in enumerate(ways) if i and way.plan is not None and way.plan.jump > 0
@@ -240,7 +251,9 @@ def trajectory(
     met = [i for i, way in enumerate(ways) if way.plan is None or way.plan.mode == "exact"]
     if len(met) < len(ways):
         _out_of_reach(ways, met)
-    ways, durations = led(question, ways)
+    ways, durations, clear = led(question, ways)
+    if not clear and any(way.plan is None for way in ways if way.targets):
+        ways, durations, _ = led(question, planned(question, step=False))
     flat = np.vstack([question.start, *(way.tensions for way in ways)])
     ends = np.concatenate([[0.0], np.cumsum(durations)])
     # Strokes are no linear functions of tensions: somewhere in between they may be faster.

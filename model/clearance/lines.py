@@ -1,0 +1,78 @@
+"""The centrelines of an arm under one set of tensions after another."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from model.arm import Arm
+from model.centreline import Centreline
+from model.effects import PrintedStatics
+from model.equilibrium.forward import STAGES, Collocation, Known
+from model.errors import OctoplanError
+from model.forward import explicit_map
+from model.loads import is_loaded
+from model.machine.buffered import Buffered
+from model.machine.compiled import kernel
+from model.paths import Array
+from model.scene import Scene
+from model.unloaded.closed_form import nodes_of, pull_and_data, strain_function
+from model.unloaded.statics import closed_statics
+
+# Closed forms whose nodes in a step are the stages of an element.
+_SCHEME = "magnus6"
+
+
+class Lines:
+    """Tensions to centrelines, on one mesh that has given arc lengths as nodes.
+
+    Without loads the shape is a closed form of the tensions; under loads it is looked for near the
+    one before.
+    """
+
+    def __init__(
+        self, arm: Arm, scene: Scene, refinement: int, at: tuple[float, ...], machine_code: bool
+    ) -> None:
+        self._asked = (arm, scene, refinement, at, machine_code)
+        self._known: Known | None = None
+
+    def __call__(self, tensions: Array) -> Centreline | None:
+        """Return the centreline under tensions (n_tendons,); None where the arm does not settle."""
+        arm, scene, refinement, at, machine_code = self._asked
+        if is_loaded(scene) or scene.has(PrintedStatics):
+            stages = (STAGES, refinement, at, is_loaded(scene), machine_code)
+            return self._implicit(Collocation(arm, scene, *stages), tensions)
+        for own in dict.fromkeys((scene, scene.careful())):
+            s, call = _closed_form(arm, own, refinement, at, machine_code)
+            poses, strains = call(tensions)
+            if not np.isnan(poses.sum() + strains.sum()):
+                stretch, zero = 1 + strains[:, 3:], np.zeros((len(strains), 2))
+                parts = (strains[:, :3] * stretch, np.hstack([stretch, zero]))
+                kappa, nu = (values.reshape(-1, STAGES, 3) for values in parts)
+                return Centreline(arm, scene, s, poses, kappa, nu)
+        return None
+
+    def _implicit(self, forward: Collocation, tensions: Array) -> Centreline | None:
+        try:
+            states = forward.found(tensions, self._known).states
+        except OctoplanError:
+            return None
+        self._known = Known(forward.system, states)
+        return Centreline.at_states(forward.system, states)
+
+
+@lru_cache(maxsize=16)
+def _closed_form(
+    arm: Arm, scene: Scene, refinement: int, at: tuple[float, ...], machine_code: bool
+) -> tuple[Array, Any]:
+    """Return the nodes' arc lengths, and tensions -> poses (N + 1, 7), strains (3 N, 4)."""
+    forward: Any = explicit_map(arm, scene, _SCHEME, refinement, at, machine_code)
+    mesh, statics = forward.mesh, closed_statics(scene, arm)
+    s = nodes_of(forward.scheme, mesh.s[:-1], mesh.s[1:])
+    T = ca.MX.sym("T", arm.n_tendons)
+    given = pull_and_data(arm, statics, s, np.repeat(mesh.active, STAGES), T)
+    strains = kernel(strain_function(statics), machine_code).map(s.size)(*given)
+    return mesh.s, Buffered(ca.Function("line", [T], [forward.function(T)[0], strains]))

@@ -1,0 +1,107 @@
+"""The quadratic program of a step of the whole motion: block-diagonal and tridiagonal matrices."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from scipy.sparse import block_diag, csc_array, eye_array, hstack, kron, vstack
+
+from model.paths import Array
+from planner.trajectory.coupling import Coupling, Here, weights
+from planner.trajectory.restoration import Stop
+
+_LEAST_CURVATURE, _DURATION = 1e-6, 1e-9
+Limits = tuple[Array, Array]
+
+
+def step(
+    stops: list[Stop],
+    rough: list[Stop],
+    coupling: Coupling,
+    here: Here,
+    lam: list[Array],
+    trust: float,
+) -> tuple[Array | None, list[Array]]:
+    """Return the step (N, n), None where there is none, and multipliers of the waypoints' rows."""
+    (N, n), M = here.a.shape, coupling.least.size
+    effort, time = weights(coupling)
+    H = block_diag(
+        [
+            _convex(stop.problem.condensed.second(own, stop.p, effort, multipliers))
+            for stop, own, multipliers in zip(rough, here.a, lam, strict=True)
+        ]
+        + [_DURATION * np.eye(M)]
+    )
+    efforts = [effort * own.gradient for own in here.first]
+    gradient = np.concatenate([*efforts, np.full(M, time)])
+    rows = block_diag([own.jacobian for own in here.first])
+    own = [
+        (stop.bounds[2] - at.g, stop.bounds[3] - at.g)
+        for stop, at in zip(stops, here.first, strict=True)
+    ]
+    coupled, most = _coupled(coupling, here)
+    A = vstack([hstack([rows, csc_array((rows.shape[0], M))]), *coupled])
+    lower = np.concatenate([*(low for low, _ in own), np.full(most.size, -np.inf)])
+    upper = np.concatenate([*(high for _, high in own), most])
+    lbx = np.maximum(np.array([s.bounds[0] for s in stops]) - here.a, -trust).ravel()
+    ubx = np.minimum(np.array([s.bounds[1] for s in stops]) - here.a, trust).ravel()
+    within = np.concatenate([lbx, coupling.least]), np.append(ubx, np.full(M, np.inf))
+    found = _solve(csc_array(H), gradient, csc_array(A), (lower, upper), within)
+    if found is None:
+        return None, lam
+    x, multipliers = found
+    ends = np.cumsum([at.g.size for at in here.first])[:-1]
+    return x[: N * n].reshape(N, n), np.split(multipliers[: rows.shape[0]], ends)
+
+
+def _coupled(coupling: Coupling, here: Here) -> tuple[list[Any], Array]:
+    """Return the rows of tensions and durations that the rates give, and what they are at most."""
+    (N, n), M = here.a.shape, coupling.least.size
+    differences = eye_array(N) - eye_array(N, k=-1)
+    shares = csc_array((coupling.shares, (np.arange(N), coupling.group)), shape=(N, M))
+    finite, parts = np.isfinite(coupling.rate), []
+    if finite.any():
+        keep = csc_array(np.diag(1.0 / np.where(finite, coupling.rate, 1.0))[finite])
+        moved = np.diff(np.vstack([coupling.start, here.a]), axis=0)
+        parts.append((kron(differences, keep), moved[:, finite] / coupling.rate[finite]))
+    if np.isfinite(coupling.stroke):
+        slopes = block_diag(here.slopes) / coupling.stroke
+        moved = np.diff(np.vstack([coupling.start_lengths, here.lengths]), axis=0)
+        parts.append((kron(differences, eye_array(n)) @ slopes, moved / coupling.stroke))
+    rows, most = [], [np.zeros(0)]
+    for matrix, moved in parts:
+        durations = kron(shares, np.ones((moved.shape[1], 1)))
+        for sign in (1.0, -1.0):
+            rows.append(hstack([sign * matrix, -durations]))
+            most.append(-sign * moved.ravel())
+    return rows, np.concatenate(most)
+
+
+def _convex(H: Array) -> Array:
+    """Return the matrix with negative eigenvalues turned to positive ones."""
+    values, vectors = np.linalg.eigh((H + H.T) / 2)
+    return np.asarray(vectors * np.maximum(np.abs(values), _LEAST_CURVATURE) @ vectors.T)
+
+
+def _solve(
+    H: csc_array, g: Array, A: csc_array, la: Limits, lx: Limits
+) -> tuple[Array, Array] | None:
+    """Return the solution of a sparse quadratic program and multipliers of its rows, or None."""
+    hs, as_ = (
+        ca.Sparsity(M.shape[0], M.shape[1], M.indptr.tolist(), M.indices.tolist()) for M in (H, A)
+    )
+    for M in (H, A):
+        M.sort_indices()
+    given: dict[str, Any] = {"h": ca.DM(hs, H.data), "g": g, "a": ca.DM(as_, A.data)}
+    found = _solver(hs, as_)(**given, lba=la[0], uba=la[1], lbx=lx[0], ubx=lx[1])
+    x = np.array(found["x"]).ravel()
+    if not np.all(np.isfinite(x)):
+        return None
+    return x, np.array(found["lam_a"]).ravel()
+
+
+def _solver(h: ca.Sparsity, a: ca.Sparsity) -> ca.Function:
+    options: Any = {"error_on_fail": False, "print_time": False, "piqp": {"verbose": False}}
+    return ca.conic("qp", "piqp", {"h": h, "a": a}, options)

@@ -1,0 +1,63 @@
+"""Back to the constraints of a waypoint: from tensions nearby to those that meet them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from model.paths import Array
+from planner.program.condensed import First
+from planner.program.problem import Bounds, Problem
+
+# Steps back to the constraints, and when they are met.
+STEPS, EXACT = 4, 1e-10
+
+
+@dataclass(frozen=True, eq=False)
+class Stop:
+    """A waypoint as a program of its own: see planner.program.problem."""
+
+    problem: Problem
+    p: Array
+    bounds: Bounds
+
+    def first(self, a: Array) -> First:
+        """Return its values and first derivatives at scaled tensions a (n,)."""
+        return self.problem.condensed.first(a, self.p)
+
+    def lack(self, g: Array) -> Array:
+        """Return by how much constraints with values g are violated, with the sign of the cure."""
+        low, high = self.bounds[2:]
+        return np.where(g < low, low - g, np.where(g > high, high - g, 0.0))
+
+
+def restored(stop: Stop, a: Array, steps: int = STEPS) -> tuple[Array, First]:
+    """Return scaled tensions near a that meet the constraints, if a few steps lead there.
+
+    Newton's method for the rows that are violated, by the shortest steps within the bounds; with
+    the values of the program there.
+    """
+    lbx, ubx, lbg, ubg = stop.bounds
+    a = np.clip(a, lbx, ubx)
+    at = stop.first(a)
+    for _ in range(steps):
+        lack = stop.lack(at.g)
+        if not np.all(np.isfinite(at.jacobian)) or np.abs(lack).max(initial=0.0) < EXACT:
+            break
+        rows = (np.abs(lack) > EXACT) | np.equal(lbg, ubg)
+        a = np.clip(a + _shortest(at.jacobian[rows], lack[rows], lbx - a, ubx - a), lbx, ubx)
+        at = stop.first(a)
+    return a, at
+
+
+def _shortest(J: Array, lack: Array, low: Array, high: Array) -> Array:
+    """Return the shortest step with J step = lack, once more without what meets its bounds."""
+    step = np.linalg.lstsq(J, lack, rcond=1e-12)[0]
+    free = (step > low) & (step < high)
+    if free.all() or not free.any():
+        return np.asarray(step)
+    held = np.clip(step, low, high)
+    left = lack - J[:, ~free] @ held[~free]
+    held[free] = np.linalg.lstsq(J[:, free], left, rcond=1e-12)[0]
+    return np.asarray(held)
