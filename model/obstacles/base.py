@@ -81,7 +81,7 @@ def distances(bodies: Array, points: Array) -> tuple[Array, Array]:
     n, m = len(points), len(bodies)
     if not n * m:
         return np.zeros((n, m)), np.zeros((n, m, 3))
-    found, gradient = with_gradient()(np.repeat(points, m, axis=0), np.tile(bodies, (n, 1)))
+    found, gradient = _mapped()(np.repeat(points, m, axis=0), np.tile(bodies, (n, 1)))
     return found.reshape(n, m), gradient.reshape(n, m, 3)
 
 
@@ -98,12 +98,17 @@ def signed_distance() -> ca.Function:
 
 
 @lru_cache(maxsize=1)
-def with_gradient() -> Mapped:
+def with_gradient() -> ca.Function:
     """Return point (3,), numbers (17,) of a body -> signed distance, its gradient (3,)."""
     x, p = ca.SX.sym("x", 3), ca.SX.sym("p", SIZE)
     d = signed_distance()(x, p)
     found = [d, ca.densify(ca.gradient(d, x))]
-    return Mapped(ca.Function("with_gradient", [x, p], found, {"cse": True}))
+    return ca.Function("with_gradient", [x, p], found, {"cse": True})
+
+
+@lru_cache(maxsize=1)
+def _mapped() -> Mapped:
+    return Mapped(with_gradient())
 
 
 def check_obstacles(obstacles: Any) -> tuple[Obstacle, ...]:
