@@ -6,6 +6,9 @@ check_own("model")  # before what would fail with a riddle
 
 import planner.notebook  # noqa: F401  (it tells notebooks how to draw)
 from model.stiffness import stiffness
+from planner.bodies.files import export_shape, save_mesh
+from planner.bodies.mjcf import mjcf
+from planner.bodies.urdf import ros_messages, urdf
 from planner.c_code.export import export, export_plan
 from planner.calibrate.calibrate import calibrate
 from planner.calibrate.calibration import Calibration
@@ -45,12 +48,17 @@ __all__ = [
     "design",
     "export",
     "export_plan",
+    "export_shape",
     "load_calibration",
     "load_plan",
+    "mjcf",
     "plan",
     "plan_many",
+    "ros_messages",
+    "save_mesh",
     "save_shape",
     "stiffness",
     "sweep",
     "trajectory",
+    "urdf",
 ]

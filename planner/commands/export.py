@@ -1,4 +1,4 @@
-"""octoplan export: the scene's forward map, or its inverse, as C."""
+"""octoplan export: the scene's forward map or its inverse as C; its arm for other programs."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import argparse
 import re
 from pathlib import Path
 
+from model import settle
+from planner.bodies.files import KINDS, export_shape
 from planner.c_code.export import TAKEN, Exported, export, export_plan
 from planner.c_code.source import PRECISIONS
 from planner.commands.command import (
@@ -14,12 +16,13 @@ from planner.commands.command import (
     Command,
     accuracy,
     add_time_limit,
+    held_of,
     loaded,
     tensions_of,
 )
 from planner.commands.plan import check_asked
 from planner.plan import plan
-from planner.records.export import export_record
+from planner.records.export import export_record, shape_export_record
 from planner.scenefile import Question
 
 # Of the plan that an inverse begins from, where its code is to be less accurate.
@@ -32,9 +35,13 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--to", type=Path, metavar="DIR", required=True, help="folder to write to")
     parser.add_argument(
         "--what",
-        choices=("map", "plan"),
+        choices=("map", "plan", *KINDS),
         default="map",
-        help="tensions to shape (map), or a moving tip target to tensions besides (plan)",
+        help="as C: tensions to shape (map), a moving tip target to tensions besides (plan); the "
+        "settled arm as STL and glTF (mesh), for MuJoCo (mjcf), as URDF and ROS messages (urdf)",
+    )
+    parser.add_argument(
+        "--links", type=int, default=30, metavar="N", help="of the chain of mjcf and urdf (30)"
     )
     parser.add_argument("--precision", default="double", help=f"{' or '.join(PRECISIONS)} (double)")
     parser.add_argument("--json", action="store_true", help="print JSON, in SI units")
@@ -48,12 +55,31 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> Answer:
-    """Write the scene's map or inverse; its mesh is as fine as the scene's tensions call for."""
+    """Write the scene's map or inverse, or its settled arm for other programs."""
     asked = loaded(args)
     wanted = asked.accuracy if args.accuracy is None else args.accuracy
+    if args.what in KINDS:
+        return _bodies(asked, wanted, args)
     write = _map if args.what == "map" else _inverse
     found = write(asked, wanted, args)
     return Answer(OK, lambda: _text(found, args.to), export_record(found), c_name(args.scene))
+
+
+def _bodies(asked: Question, wanted: float, args: argparse.Namespace) -> Answer:
+    """Write the arm as it settles under the scene's tensions, by its lengths, or by its plan."""
+    if asked.tensions is None and not asked.winches and asked.targets:
+        check_asked(asked, args.scene)
+        options = {**asked.options, "time_limit": args.time_limit, "compile": asked.compile}
+        shape = plan(asked.arm, asked.targets, asked.scene, accuracy=wanted, **options).shape
+    else:
+        held = held_of(asked, args.scene)
+        options = {"accuracy": wanted, "compile": asked.compile, **held}
+        shape = settle(asked.arm, scene=asked.scene, **options)
+    name = c_name(args.scene)
+    files = export_shape(shape, args.to, args.what, name, args.links)
+    record = shape_export_record(files, shape)
+    told = f"{', '.join(file.name for file in files)} in {args.to}"
+    return Answer(OK, lambda: told, record, name)
 
 
 def _map(asked: Question, wanted: float, args: argparse.Namespace) -> Exported:
@@ -86,7 +112,7 @@ def c_name(scene: Path) -> str:
 
 COMMAND = Command(
     "export",
-    "write the map from tensions to shape, or also its inverse, as C for small machines",
+    "write the map from tensions to shape or its inverse as C, or the settled arm as mesh or links",
     add,
     run,
 )

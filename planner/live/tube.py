@@ -11,6 +11,7 @@ from model.paths import Array
 from model.rotations import matrices
 from model.shape import Shape
 from model.stations import tendon_offset
+from planner.bodies.surface import surface
 
 _ALONG, _AROUND = 61, 24
 # Of a slack tendon, of one at the least, and of one at the most tension, red green blue.
@@ -43,7 +44,7 @@ def picture(shape: Shape, most: Array) -> Picture:
     poses = shape.poses(s)
     places, frames = poses[:, 4:], matrices(poses[:, :4])
     pieces, colours = _tendons(shape, s, places, frames, most)
-    return Picture(_surface(shape, s, places, frames), _faces(), pieces, colours)
+    return Picture(*surface(shape, _ALONG, _AROUND), pieces, colours)
 
 
 def tension_colour(tension: float, most: float) -> tuple[int, int, int]:
@@ -53,24 +54,6 @@ def tension_colour(tension: float, most: float) -> tuple[int, int, int]:
     share = min(tension / most, 1.0) ** 0.5
     r, g, b = (round(a + share * (z - a)) for a, z in zip(LOW, HIGH, strict=True))
     return r, g, b
-
-
-def _surface(shape: Shape, s: Array, places: Array, frames: Array) -> Array:
-    """Return rings of points from base to tip (along * around, 3), then the middle of the tip."""
-    radius = shape.arm.radius.evaluate(s, shape.arm.length)[0]
-    phi = 2 * np.pi * np.arange(_AROUND) / _AROUND
-    circle = np.stack([np.zeros_like(phi), np.cos(phi), np.sin(phi)])
-    rings = places[:, None] + radius[:, None, None] * np.swapaxes(frames @ circle, 1, 2)
-    return np.vstack([rings.reshape(-1, 3), places[-1:]])
-
-
-def _faces() -> NDArray[np.int64]:
-    here = np.arange((_ALONG - 1) * _AROUND).reshape(-1, _AROUND)
-    beside = np.roll(here, -1, axis=1)
-    sides = [[here, beside, here + _AROUND], [beside, beside + _AROUND, here + _AROUND]]
-    rim = (_ALONG - 1) * _AROUND + np.arange(_AROUND)
-    cap = np.stack([rim, np.roll(rim, -1), np.full(_AROUND, _ALONG * _AROUND)], axis=1)
-    return np.vstack([*(np.stack(corners, axis=2).reshape(-1, 3) for corners in sides), cap])
 
 
 def _tendons(

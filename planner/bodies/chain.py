@@ -1,0 +1,113 @@
+"""A chain of rigid links that follows a settled arm, for simulators of rigid bodies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from model.arm import Arm
+from model.checks import within
+from model.paths import Array
+from model.scene import Scene
+from model.settle import settle
+from model.shape import Shape
+
+MOST_LINKS = 1000
+# Of the rest shape, over the arm's length.
+_ACCURACY = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """N links between N + 1 nodes, evenly spaced on the midline at rest, and the tip's frame.
+
+    Link i has its origin at node i and its x axis along the chord to the next; the last link, N, is
+    the tip's frame, without extent. Link i + 1 hangs on link i by a slide along that chord and
+    three hinges at its own origin, about its axes x, y, z in turn; link 0 on the base by hinges.
+
+    Attributes
+    ----------
+    s : (N + 1,)
+        Arc lengths of the nodes [m].
+    chords : (N,)
+        Distances of the nodes at rest [m].
+    rest : (N + 1, 3, 3)
+        Orientation of each link in the one before, at rest; of link 0 in the base frame.
+    angles : (N + 1, 3)
+        Of the hinges in the settled arm [rad].
+    slides : (N,)
+        Of the slides in the settled arm [m].
+    radii, masses : (N,)
+        Of the links [m], [kg].
+    hinge_stiffness : (N + 1, 3)
+        About x, y, z: G J_t / h, E J / h, E J / h [N m/rad].
+    slide_stiffness : (N,)
+        E A / h [N/m].
+    """
+
+    s: Array
+    chords: Array
+    rest: Array
+    angles: Array
+    slides: Array
+    radii: Array
+    masses: Array
+    hinge_stiffness: Array
+    slide_stiffness: Array
+
+
+def chain_of(shape: Shape, links: int) -> Chain:
+    """Return the chain of so many links that follows a shape; InputError for none or too many."""
+    within("links", links, 1, MOST_LINKS)
+    arm = shape.arm
+    s = np.linspace(0.0, arm.length, links + 1)
+    at_rest = settle(arm, np.zeros(arm.n_tendons), Scene(), _ACCURACY)
+    rest, chords = _relative(at_rest, s)
+    now, lengths = _relative(shape, s)
+    turned = np.swapaxes(rest, 1, 2) @ now
+    return Chain(
+        s,
+        chords,
+        rest,
+        Rotation.from_matrix(turned).as_euler("XYZ"),
+        lengths - chords,
+        *_links(arm, s),
+        *_stiffness(arm, s),
+    )
+
+
+def _relative(shape: Shape, s: Array) -> tuple[Array, Array]:
+    """Return the orientation of each link in the one before, and the distances of the nodes."""
+    middle = (s[:-1] + s[1:]) / 2
+    chords = np.diff(shape.position(s), axis=0)
+    lengths = np.linalg.norm(chords, axis=1)
+    frames = [_along(F, c) for F, c in zip(shape.frame(middle), chords, strict=True)]
+    world = np.array([np.array(shape.arm.base_frame), *frames, shape.tip_frame])
+    return np.swapaxes(world[:-1], 1, 2) @ world[1:], lengths
+
+
+def _along(frame: Array, chord: Array) -> Array:
+    """Return a frame by the least rotation with its x axis along a chord."""
+    wanted = chord / np.linalg.norm(chord)
+    axis, cos = np.cross(frame[:, 0], wanted), float(frame[:, 0] @ wanted)
+    sin = float(np.linalg.norm(axis))
+    vector = axis / sin * np.arctan2(sin, cos) if sin > 0 else axis
+    return np.asarray(Rotation.from_rotvec(vector).as_matrix() @ frame)
+
+
+def _links(arm: Arm, s: Array) -> tuple[Array, Array]:
+    radii = arm.radius.evaluate((s[:-1] + s[1:]) / 2, arm.length)[0]
+    return radii, arm.material.density * np.pi * radii**2 * np.diff(s)
+
+
+def _stiffness(arm: Arm, s: Array) -> tuple[Array, Array]:
+    """Return stiffnesses of hinges and slides; a hinge stands for half a link on either side."""
+    radius = arm.radius.evaluate(s, arm.length)[0]
+    h = np.diff(s)
+    spans = (np.append(0.0, h) + np.append(h, 0.0)) / 2
+    EJ, GJ = (k * np.pi * radius**4 / 4 for k in (arm.material.E, 2 * arm.material.G))
+    middle = arm.radius.evaluate((s[:-1] + s[1:]) / 2, arm.length)[0]
+    hinges = np.stack([GJ, EJ, EJ], axis=1) / spans[:, None]
+    return hinges, arm.material.E * np.pi * middle**2 / h

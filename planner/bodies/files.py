@@ -1,0 +1,104 @@
+"""Files of a settled arm for other programs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+from model.checks import within
+from model.errors import FileError, InputError
+from model.shape import Shape
+from planner.bodies.mjcf import mjcf
+from planner.bodies.surface import surface
+from planner.bodies.urdf import ros_messages, urdf
+from planner.extras import needed
+from planner.files import to_json, why, write_named, write_together
+
+MESHES = (".stl", ".glb", ".ply", ".obj")
+What = Literal["mesh", "mjcf", "urdf"]
+KINDS = get_args(What)
+
+
+def save_mesh(shape: Shape, path: str | Path, along: int = 200, around: int = 32) -> Path:
+    """Write the surface of a settled arm to a .stl, .glb (glTF), .ply or .obj file, in metres.
+
+    The triangles close; the file is there whole or not at all.
+
+    Parameters
+    ----------
+    along, around : int
+        Rings along the arm, 2 to 10000, and points in each, 3 to 1000.
+
+    Raises
+    ------
+    InputError
+        For another suffix, where it cannot be written, and for numbers that are not allowed.
+    MissingExtraError
+        Where trimesh is not installed; it comes with the extra `mesh`.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in MESHES:
+        raise InputError("path", str(path), f"a file name that ends in {', '.join(MESHES)}")
+    within("along", along, 2, 10_000)
+    within("around", around, 3, 1000)
+    return write_named(path, suffix, _mesh(shape, suffix, along, around))
+
+
+def export_shape(
+    shape: Shape, to: str | Path, what: What, name: str = "arm", links: int = 30
+) -> tuple[Path, ...]:
+    """Write a settled arm for other programs into a folder; return the files.
+
+    Parameters
+    ----------
+    what : "mesh", "mjcf" or "urdf"
+        NAME.stl and NAME.glb, see save_mesh; NAME.xml, see mjcf; or NAME.urdf and NAME.ros.json,
+        see urdf and ros_messages.
+    links : int
+        Of a chain.
+
+    Raises
+    ------
+    InputError
+        For what is not allowed, and where the files cannot be written.
+    MissingExtraError
+        For a mesh where trimesh is not installed.
+    """
+    if what not in _CONTENTS:
+        raise InputError("what", what, ", ".join(_CONTENTS))
+    contents = _CONTENTS[what](shape, name, links)
+    folder = Path(to)
+    try:
+        write_together(folder, contents)
+    except (OSError, ValueError) as reason:
+        raise FileError(str(folder), "", f"nothing was written there: {why(reason)}") from None
+    return tuple(folder / file for file in contents)
+
+
+def _meshes(shape: Shape, name: str, _: int) -> dict[str, bytes]:
+    return {f"{name}{suffix}": _mesh(shape, suffix, 200, 32) for suffix in (".stl", ".glb")}
+
+
+def _mjcf(shape: Shape, name: str, links: int) -> dict[str, bytes]:
+    return {f"{name}.xml": mjcf(shape, links, name).encode()}
+
+
+def _urdf(shape: Shape, name: str, links: int) -> dict[str, bytes]:
+    messages = to_json(ros_messages(shape, links))
+    return {f"{name}.urdf": urdf(shape, links, name).encode(), f"{name}.ros.json": messages}
+
+
+def _mesh(shape: Shape, suffix: str, along: int, around: int) -> bytes:
+    trimesh = needed("trimesh", "mesh")
+    vertices, faces = surface(shape, along, around)
+    mesh: Any = trimesh.Trimesh(vertices, faces, process=False)
+    content = mesh.export(file_type=suffix[1:])
+    return content.encode() if isinstance(content, str) else bytes(content)
+
+
+_CONTENTS: dict[str, Callable[[Shape, str, int], dict[str, bytes]]] = {
+    "mesh": _meshes,
+    "mjcf": _mjcf,
+    "urdf": _urdf,
+}

@@ -1,0 +1,51 @@
+"""The surface of a settled arm as triangles."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.paths import Array
+from model.rotations import matrices
+from model.shape import Shape
+
+
+def surface(shape: Shape, along: int, around: int) -> tuple[Array, NDArray[np.int64]]:
+    """Return the surface of the body: closed, its triangles turned outwards.
+
+    Rings of points about the midline, across its frames, with a flat end at base and tip. Cross-
+    sections keep their radius: how they swell where the arm is shortened is left out.
+
+    Parameters
+    ----------
+    along, around : int
+        Rings, and points in each.
+
+    Returns
+    -------
+    vertices : (along * around + 2, 3)
+        Rings from base to tip, then the middles of base and tip [m].
+    faces : (2 * along * around, 3)
+        Which three vertices make each triangle.
+    """
+    s = np.linspace(0.0, shape.arm.length, along)
+    poses, radius = shape.poses(s), shape.arm.radius.evaluate(s, shape.arm.length)[0]
+    places, frames = poses[:, 4:], matrices(poses[:, :4])
+    phi = 2 * np.pi * np.arange(around) / around
+    circle = np.stack([np.zeros_like(phi), np.cos(phi), np.sin(phi)])
+    rings = places[:, None] + radius[:, None, None] * np.swapaxes(frames @ circle, 1, 2)
+    return np.vstack([rings.reshape(-1, 3), places[[0, -1]]]), _faces(along, around)
+
+
+def _faces(along: int, around: int) -> NDArray[np.int64]:
+    here = np.arange((along - 1) * around).reshape(-1, around)
+    beside = np.roll(here, -1, axis=1)
+    first, base = np.arange(around), np.full(around, along * around)
+    last, tip = first + (along - 1) * around, base + 1
+    triangles = [
+        (here, beside, here + around),
+        (beside, beside + around, here + around),
+        (np.roll(first, -1), first, base),
+        (last, np.roll(last, -1), tip),
+    ]
+    return np.vstack([np.stack(corners, axis=-1).reshape(-1, 3) for corners in triangles])

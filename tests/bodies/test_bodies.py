@@ -1,0 +1,202 @@
+"""Settled arms for other programs: meshes that close, chains that follow the arm."""
+
+from __future__ import annotations
+
+import json
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from model import Anchorage, Arm, InputError, Linear, Scene, Shape, settle
+from model.effects import Buoyancy, Extension, Weight
+from planner import mjcf, ros_messages, save_mesh, urdf
+from planner.cli import main
+
+PAPER = Scene(Extension())
+TURNED = Rotation.from_rotvec([0.3, -1.2, 0.5]).as_matrix()
+T = np.array([[0, 0, 0.3, 0], [1.0, 0, 0, 0.2], [0, 2.0, 0, 0]])
+THREE = Arm(
+    0.3,
+    Linear(0.012, 0.006),
+    (Anchorage(0.29, Linear(0.008, 0.004), (0.0, 2.1, 4.2)), Anchorage(0.1, Linear(0.007, 0.007))),
+    base_frame=tuple(map(tuple, TURNED)),
+    base_position=(0.1, -0.2, 0.3),
+)
+
+
+def shapes() -> dict[str, Shape]:
+    arm = Arm.from_paper("table-4")
+    moved = replace(arm, base_frame=tuple(map(tuple, TURNED)), base_position=(0.1, 0.2, -0.3))
+    return {
+        "paper": settle(arm, T, PAPER),
+        "in water": settle(moved, T, Scene.silicone(Weight(), Buoyancy())),
+        "other": settle(THREE, [0.5, 0, 0, 0, 1.0, 0, 0], PAPER),
+        "rest": settle(arm, np.zeros(12), PAPER),
+    }
+
+
+SHAPES = shapes()
+each_shape = pytest.mark.parametrize("shape", SHAPES.values(), ids=SHAPES)
+
+
+@each_shape
+@pytest.mark.parametrize("links", [1, 7, 30])
+def test_mujoco_finds_the_arm_at_the_keyframe(shape: Shape, links: int) -> None:
+    mujoco = pytest.importorskip("mujoco")
+    model = mujoco.MjModel.from_xml_string(mjcf(shape, links))
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_forward(model, data)
+    tip = data.site("tip")
+    assert tip.xpos == pytest.approx(shape.tip, abs=1e-9)
+    assert tip.xmat.reshape(3, 3) == pytest.approx(shape.tip_frame, abs=1e-9)
+    s = np.linspace(0.0, shape.arm.length, links + 1)[:-1]
+    nodes = [data.body(f"link_{i}").xpos for i in range(links)]
+    assert np.array(nodes) == pytest.approx(shape.position(s), abs=1e-9)
+    assert sum(model.body_mass) == pytest.approx(_mass(shape.arm), rel=0.2 if links == 1 else 0.01)
+
+
+def _mass(arm: Arm) -> float:
+    s = np.linspace(0, arm.length, 2001)
+    radius = arm.radius.evaluate(s, arm.length)[0]
+    return float(arm.material.density * np.pi * np.trapezoid(radius**2, s))
+
+
+def test_more_links_are_nearer_to_balance() -> None:
+    """Springs, tendons and tensions of the chain hold each other where the arm settles."""
+    mujoco = pytest.importorskip("mujoco")
+    shape, left = SHAPES["paper"], []
+    for links in (10, 20, 40):
+        model = mujoco.MjModel.from_xml_string(mjcf(shape, links))
+        data = mujoco.MjData(model)
+        mujoco.mj_resetDataKeyframe(model, data, 0)
+        mujoco.mj_forward(model, data)
+        forces = data.qfrc_passive + data.qfrc_actuator - data.qfrc_bias
+        left.append(np.abs(forces).max() / np.abs(data.qfrc_passive).max())
+    assert left[1] < 0.5 * left[0]
+    assert left[2] < 0.5 * left[1]
+    assert left[2] < 0.05
+
+
+def _placed(text: str, joints: dict[str, float]) -> dict[str, Any]:
+    """Return the pose (R, p) of each link of a URDF, by its XML alone."""
+    root, poses = ET.fromstring(text), {"base_link": (np.eye(3), np.zeros(3))}
+    for joint in root.iter("joint"):
+        R, p = poses[joint.find("parent").attrib["link"]]  # type: ignore[union-attr]
+        origin = joint.find("origin").attrib  # type: ignore[union-attr]
+        xyz, rpy = (np.array([float(x) for x in origin[key].split()]) for key in ("xyz", "rpy"))
+        axis = np.array([float(x) for x in joint.find("axis").attrib["xyz"].split()])  # type: ignore[union-attr]
+        q = joints[joint.attrib["name"]]
+        p, R = p + R @ xyz, R @ Rotation.from_euler("xyz", rpy).as_matrix()
+        if joint.attrib["type"] == "prismatic":
+            p = p + R @ (q * axis)
+        else:
+            R = R @ Rotation.from_rotvec(q * axis).as_matrix()
+        poses[joint.find("child").attrib["link"]] = R, p  # type: ignore[union-attr]
+    return poses
+
+
+@each_shape
+def test_a_urdf_with_its_joint_state_is_the_arm(shape: Shape) -> None:
+    links = 12
+    text, messages = urdf(shape, links), ros_messages(shape, links)
+    chain = messages["chain"]
+    poses = _placed(text, dict(zip(chain["name"], chain["position"], strict=True)))
+    base, origin = np.array(shape.arm.base_frame), np.array(shape.arm.base_position)
+    for i, s in enumerate(np.linspace(0.0, shape.arm.length, links + 1)):
+        R, p = poses[f"link_z_{i}"]
+        assert origin + base @ p == pytest.approx(shape.position(s), abs=1e-9)
+    assert base @ R == pytest.approx(shape.tip_frame, abs=1e-9)
+    named = [own.attrib["name"] for own in ET.fromstring(text) if own.tag == "link"]
+    assert len({*named}) == len(named) == 1 + 4 * (links + 1) - 1
+    masses = [float(own.attrib["value"]) for own in ET.fromstring(text).iter("mass")]
+    assert sum(masses) == pytest.approx(_mass(shape.arm), rel=0.01)
+
+
+@each_shape
+def test_messages_hold_tendons_and_the_midline(shape: Shape) -> None:
+    messages = json.loads(json.dumps(ros_messages(shape)))
+    tendons = messages["tendons"]
+    assert tendons["effort"] == pytest.approx(shape.tensions)
+    assert tendons["name"][0] == "T_11"
+    base, origin = np.array(shape.arm.base_frame), np.array(shape.arm.base_position)
+    last = messages["path"]["poses"][-1]["pose"]
+    place = np.array([last["position"][axis] for axis in "xyz"])
+    assert origin + base @ place == pytest.approx(shape.tip, abs=1e-9)
+    q = [last["orientation"][axis] for axis in "xyzw"]
+    assert base @ Rotation.from_quat(q).as_matrix() == pytest.approx(shape.tip_frame, abs=1e-9)
+
+
+@each_shape
+@pytest.mark.parametrize("suffix", [".stl", ".glb", ".ply", ".obj"])
+def test_meshes_close_and_have_the_body_s_volume(shape: Shape, suffix: str, tmp_path: Path) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    mesh = trimesh.load(save_mesh(shape, tmp_path / f"arm{suffix}"), force="mesh")
+    assert mesh.is_watertight
+    assert mesh.volume > 0
+    # By Pappus, a tube's volume is that of its sections along the deformed midline.
+    s = np.linspace(0.0, shape.arm.length, 4001)
+    path = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(shape.position(s), axis=0), axis=1)))
+    area = np.pi * shape.arm.radius.evaluate(s, shape.arm.length)[0] ** 2
+    assert mesh.volume == pytest.approx(np.trapezoid(area, path), rel=0.02)
+    near = np.linalg.norm(mesh.vertices - shape.tip, axis=1).min()
+    assert near < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("call", "field"),
+    [
+        (lambda shape: mjcf(shape, 0), "links"),
+        (lambda shape: urdf(shape, 5000), "links"),
+        (lambda shape: save_mesh(shape, "arm.step"), "path"),
+        (lambda shape: save_mesh(shape, "arm.stl", around=2), "around"),
+    ],
+)
+def test_bad_input_is_named(call: Any, field: str) -> None:
+    with pytest.raises(InputError) as caught:
+        call(SHAPES["rest"])
+    assert caught.value.field == field
+
+
+SCENE = """
+accuracy = 1e-4
+{what}
+[arm]
+preset = "section-5.2"
+[effects]
+extension = true
+"""
+HELD = "tensions = [[0.3, 0.2, 0.0, 0.1]]"
+TARGET = (
+    '[target]\ntype = "bending-plane"\nangle_deg = 20\nbend_deg = 30\n[limits]\ntension_max = 5'
+)
+
+
+@pytest.mark.parametrize(
+    ("what", "files"),
+    [
+        ("mesh", {"my_arm.stl", "my_arm.glb"}),
+        ("mjcf", {"my_arm.xml"}),
+        ("urdf", {"my_arm.urdf", "my_arm.ros.json"}),
+    ],
+)
+@pytest.mark.parametrize("by", ["tensions", "target"])
+def test_the_command_writes_them(
+    what: str, files: set[str], by: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene, to = tmp_path / "my-arm.toml", tmp_path / "out"
+    text = SCENE.format(what=HELD) if by == "tensions" else SCENE.format(what="") + TARGET
+    scene.write_text(text)
+    argv = ["export", str(scene), "--what", what, "--to", str(to), "--links", "8", "--json"]
+    assert main(argv) == 0
+    shown = json.loads(capsys.readouterr().out)
+    assert {Path(file).name for file in shown["files"]} == files
+    assert {file.name for file in to.iterdir()} == files
+    scene.write_text(SCENE.format(what=""))
+    assert main(argv) == 2
+    assert "tensions: missing" in capsys.readouterr().err
