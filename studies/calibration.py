@@ -15,7 +15,8 @@ Answer: modulus and density explain the shapes to 10.8 mm and predict unseen one
 base's pose takes that to 10.0. With 20 unknowns (tendons that turn, their offsets, one's scale of
 tension, markers where they were moved; neo-Hookean, robust loss) it is 4.1 mm in sample, 4.9 mm for
 shapes left out and 4.6 mm for the shapes of two tendons by those of one; which 20 was chosen by
-looking at the same shapes. The neo-Hookean body helps only then: with modulus and density alone it
+looking at the same shapes. 97 % of the markers left out lie in their 95 % bands with two unknowns,
+96 % with 20. The neo-Hookean body helps only then: with modulus and density alone it
 is worse than a linear one.
 """
 

@@ -4,9 +4,9 @@ Measured by the Continuum Robotics Lab (opencr-mujoco, MIT): a steel wire of 186
 segments of three tendons that discs hold at 4.5 mm; what winches take in, and where the tip goes.
 
 What a single pulled tendon cannot tell is left out of the fit: its offset trades with how much it
-stretches, and stays what the discs are made to; rotation about the arm trades with all angles. What
-the arm is compressed by, the base and its mount with it, counts as axial stiffness of the wire: nine
-tendons that are tight shorten the arm and slacken each other, a single one does not.
+stretches, and stays what the discs are made to; rotation about the arm trades with all angles.
+What the arm is compressed by, the base and its mount with it, counts as axial stiffness of the
+wire: nine tendons that are tight shorten the arm and slacken each other, a single one does not.
 """
 
 from __future__ import annotations

@@ -39,7 +39,7 @@ SMALL: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "fetch": ("--budgets 5 --bends 40", "least total pull", ("fetch.png",)),
     "hard_cases": ("--members 1 --family many_turns", "from base to tip", ("hard_cases.png",)),
     "lengths": (
-        "--plans 1 --draws 1 --every 45 --steps 1 --mixed 1",
+        "--plans 1 --draws 1 --every 45 --steps 1 --mixed 2 --several 2",
         "mixed: mean",
         ("lengths.png",),
     ),
@@ -48,6 +48,7 @@ SMALL: dict[str, tuple[str, str, tuple[str, ...]]] = {
         "the softest direction gives",
         ("maps.png",),
     ),
+    "measured_plane": ("", "standard deviation", ("measured_plane.png",)),
     "motion": ("--longer", "least time over the bound 1.0", ("motion.png",)),
     "planner_suite": (
         "--targets 3 --best-of 0 --jobs 1",

@@ -13,6 +13,7 @@ from model import Arm, InputError, Scene
 from model.checks import kind
 from model.effects import PrintedStatics
 from model.errors import OctoplanError
+from model.machine.compiled import Compile, checked_compile
 from model.mesh_refinement import checked_accuracy
 from model.paths import Array
 from model.progress import tell
@@ -43,6 +44,7 @@ def calibrate(
     starts: int = 1,
     seed: int = 0,
     accuracy: float = ACCURACY,
+    compile: Compile = False,  # noqa: A002  (the name that scripts use)
 ) -> Calibration:
     """Return the arm, and the scene, that explain measured shapes best.
 
@@ -65,6 +67,8 @@ def calibrate(
         Of the other starts.
     accuracy : float
         Error of what is predicted, over the arm's length, that meshes may have.
+    compile : bool or "auto"
+        Whether to work by machine code; see settle.
 
     Raises
     ------
@@ -73,6 +77,8 @@ def calibrate(
         that exclude what the arm has, fewer data than unknowns.
     UnsettledShapeError
         If from no start all shapes settle.
+    CompilerError
+        If `compile` is True, and there is no compiler or it fails.
     """
     scene = checked_scene(arm, scene)
     if scene.has(PrintedStatics):
@@ -86,7 +92,8 @@ def calibrate(
     parameters = Parameters.of(arm, scene, unknowns, point_table(shapes), sessions)
     _check_enough(shapes, parameters)
     weights = Weights(loss, bool(absolute_std))
-    search = _Search(arm, scene, parameters, shapes, weights, checked_accuracy(accuracy))
+    asked = (parameters, shapes, weights, checked_accuracy(accuracy), checked_compile(compile))
+    search = _Search(arm, scene, *asked)
     return search.run(spread(parameters, starts, seed))
 
 
@@ -122,6 +129,7 @@ class _Search:
     shapes: tuple[Measured, ...]
     weights: Weights
     accuracy: float
+    machine_code: bool
     refinement: int = 1
 
     def run(self, spread: list[Array]) -> Calibration:
@@ -140,6 +148,7 @@ class _Search:
             error,
             tuple(told),
             astray,
+            self.machine_code,
         )
 
     def _fits(self, spread: list[Array]) -> tuple[list[Fit], list[Start]]:
@@ -167,7 +176,10 @@ class _Search:
 
     @property
     def _experiment(self) -> Experiment:
-        return Experiment(self.parameters, self.shapes, self.refinement)
+        return self._on(self.refinement)
+
+    def _on(self, refinement: int) -> Experiment:
+        return Experiment(self.parameters, self.shapes, refinement, self.machine_code)
 
     def _verified(self, best: Fit) -> tuple[Fit, float, tuple[str, ...]]:
         """Return the fit on a mesh that is fine enough, all shapes as they are reached from rest.
@@ -176,9 +188,10 @@ class _Search:
         """
         astray: tuple[str, ...] = ()
         for _ in range(_FINER):
-            fine = Experiment(self.parameters, self.shapes, 2 * self.refinement)
-            fresh = fine.at(best.found.values)
-            gaps = [_gap(a, b) for a, b in zip(best.found.heres, fresh.heres, strict=True)]
+            values = best.found.values
+            fresh = self._experiment.at(values)
+            fine = self._on(2 * self.refinement).at(values, fresh)
+            gaps = [_gap(a, b) for a, b in zip(best.found.heres, fine.heres, strict=True)]
             lost = tuple(
                 shape.name for shape, gap in zip(self.shapes, gaps, strict=True) if gap > _ASTRAY
             )

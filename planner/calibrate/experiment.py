@@ -102,10 +102,19 @@ class Experiment:
     shapes : tuple of Measured
     refinement : int
         Of the meshes.
+    machine_code : bool
+        Whether the kernels are compiled.
     """
 
-    def __init__(self, parameters: Parameters, shapes: Sequence[Measured], refinement: int) -> None:
-        self.parameters, self.shapes, self.refinement = parameters, tuple(shapes), refinement
+    def __init__(
+        self,
+        parameters: Parameters,
+        shapes: Sequence[Measured],
+        refinement: int,
+        machine_code: bool = False,
+    ) -> None:
+        self.parameters, self.shapes = parameters, tuple(shapes)
+        self.refinement, self.machine_code = refinement, machine_code
         self.meshes: dict[str, Meshes] = {}
 
     def session(self, values: Array, name: str) -> Session:
@@ -120,7 +129,8 @@ class Experiment:
         if places.size and not 0 <= places[0] <= places[-1] <= arm.length * (1 + 1e-12):
             raise InputError("points", places.tolist(), f"on the arm, 0 to {arm.length:g} m")
         at = tuple(np.minimum(places, arm.length).tolist())
-        stated = self.meshes.setdefault(name, Meshes(self.refinement)).system(arm, scene, at)
+        meshes = self.meshes.setdefault(name, Meshes(self.refinement, self.machine_code))
+        stated = meshes.system(arm, scene, at)
         return Session(
             values, name, self.parameters, stated, shifts, np.array(table["tension_scale"])
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -55,6 +55,8 @@ class Fitted:
         Where fits came to, the given values first.
     astray : tuple of str
         Shapes that the fit had on another branch than the arm takes from rest.
+    machine_code : bool
+        Whether shapes are found by compiled kernels.
     """
 
     given_arm: Arm
@@ -68,6 +70,7 @@ class Fitted:
     error: float
     starts: tuple[Start, ...]
     astray: tuple[str, ...] = ()
+    machine_code: bool = field(default=False, compare=False)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the numbers; what was worked out of them does not travel."""
@@ -185,7 +188,7 @@ class Fitted:
 
     def experiment(self, shapes: Sequence[Measured]) -> Experiment:
         """Return shapes with the unknowns of this calibration."""
-        return Experiment(self.parameters, shapes, self.refinement)
+        return Experiment(self.parameters, shapes, self.refinement, self.machine_code)
 
     @cached_property
     def information(self) -> Information:

@@ -31,7 +31,9 @@ class Prediction:
         Standard deviation of a coordinate by which fits without a shape miss it at such an arc
         length [m].
     freedom : float
-        Degrees of freedom; inf where standard deviations hold as given.
+        Degrees of freedom of the model error: as many as shapes, less what the unknowns take of
+        them, as what a shape's markers are missed by has one cause; inf where standard deviations
+        hold as given.
     """
 
     places: Array
@@ -75,8 +77,14 @@ def predicted(of: Fitted, there: Evaluation) -> Prediction:
     known = np.where(np.isfinite(of.information.covariance), of.information.covariance, 0.0)
     covariance = J @ known @ J.transpose(0, 2, 1) + error[:, None, None] ** 2 * np.eye(3)
     places = there.by_shape[0][:n].reshape(-1, 3) + shape.places
-    freedom = np.inf if of.weights.absolute else float(of.degrees_of_freedom)
-    return Prediction(places, covariance, error, freedom)
+    return Prediction(places, covariance, error, _freedom(of))
+
+
+def _freedom(of: Fitted) -> float:
+    if of.weights.absolute:
+        return np.inf
+    left = of.degrees_of_freedom / sum(shape.size for shape in of.measured)
+    return max(min(left, 1.0) * len(of.measured), 1.0)
 
 
 def model_error(of: Fitted, s: Array) -> Array:

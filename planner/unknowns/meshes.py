@@ -13,10 +13,13 @@ from model.transcription.system import System, system
 
 
 class Meshes:
-    """The equations of arms that differ by numbers, on meshes of a refinement."""
+    """The equations of arms that differ by numbers, on meshes of a refinement.
 
-    def __init__(self, refinement: int) -> None:
-        self.refinement = refinement
+    With `machine_code` their kernels are compiled.
+    """
+
+    def __init__(self, refinement: int, machine_code: bool = False) -> None:
+        self.refinement, self.machine_code = refinement, machine_code
         self._first: tuple[Mesh, Array, Array] | None = None
 
     def system(self, arm: Arm, scene: Scene, at: tuple[float, ...]) -> System:
@@ -29,12 +32,20 @@ class Meshes:
         if self._first is not None:
             mesh, old, base = self._first
             try:
-                found = System(arm, scene, moved_mesh(mesh, old, marks), STAGES)
+                found = System(
+                    arm,
+                    scene,
+                    moved_mesh(mesh, old, marks),
+                    STAGES,
+                    machine_code=self.machine_code,
+                )
             except InputError:
                 pass
             else:
                 keep_sign(found.base, base)
                 return found
-        found = system(arm, scene, STAGES, self.refinement, tuple(np.unique(at).tolist()))
+        places = tuple(np.unique(at).tolist())
+        form = (STAGES, self.refinement, places, True, self.machine_code)
+        found = system(arm, scene, *form)
         self._first = found.mesh, marks, found.base
         return found

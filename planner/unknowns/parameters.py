@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,7 +13,7 @@ import msgspec
 import numpy as np
 from scipy.stats import qmc
 
-from model import Arm, InputError, Scene
+from model import Arm, InputError, Scene, UnitWarning
 from model.loads import check_loads
 from model.paths import Array
 from model.transcription.neighbours import Neighbour
@@ -180,8 +181,11 @@ _STENCILS = (
 
 def _built(table: dict[str, Any]) -> tuple[Arm, Scene]:
     try:
-        arm = arm_of(msgspec.convert(table["arm"], ArmTable))
-        scene = scene_of(msgspec.convert(table["effects"], EffectsTable))
+        with warnings.catch_warnings():
+            # Nobody gave these numbers: on its way a search passes any of them.
+            warnings.simplefilter("ignore", UnitWarning)
+            arm = arm_of(msgspec.convert(table["arm"], ArmTable))
+            scene = scene_of(msgspec.convert(table["effects"], EffectsTable))
     except msgspec.ValidationError as reason:
         raise InputError("values", str(reason), "an arm that can be") from None
     check_loads(arm, scene)

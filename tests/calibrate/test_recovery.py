@@ -137,3 +137,10 @@ def test_intervals_hold_the_truth(count: int) -> None:
         held += ((low <= [E, y, density]) & (high >= [E, y, density])).tolist()
     share = float(np.mean(held))
     assert share >= 0.8 if count < 100 else 0.93 <= share <= 0.97
+
+
+@pytest.mark.slow
+def test_compiled_kernels_find_the_same_digits() -> None:
+    shapes = synthetic(small_arm(), HANGING, 1e-4, 3)
+    found = [calibrate(small_arm(), HANGING, shapes, KNOWN, compile=by) for by in (False, "auto")]
+    assert found[0].values == pytest.approx(found[1].values, rel=1e-12)
