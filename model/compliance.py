@@ -13,11 +13,14 @@ from model.equilibrium.forward import STAGES
 from model.equilibrium.sensitivities import Sensitivities
 from model.errors import ConvergenceError
 from model.forward import by_collocation
+from model.loads import is_loaded
 from model.mesh_refinement import FINEST, REFINEMENTS, estimate, next_refinement
 from model.paths import Array
 from model.shape import Shape
 from model.time_limit import check_time
+from model.unloaded.sensitivities import UnloadedSensitivities
 
+Response = Sensitivities | UnloadedSensitivities
 _ORDER = 2 * STAGES
 # The estimate for a compliance over that for the tip: 4 for table 2, 80 for table 4, whose tip is
 # slender. Too little costs a third mesh, too much a finer one.
@@ -30,14 +33,14 @@ class Compliance:
 
     Attributes
     ----------
-    sensitivities : Sensitivities
+    sensitivities : Response
     refinement : int
         Of the mesh.
     error : float
         Estimated relative error of the compliance.
     """
 
-    sensitivities: Sensitivities
+    sensitivities: Response
     refinement: int
     error: float
 
@@ -69,12 +72,15 @@ def compliance_of(shape: Shape, at: float, accuracy: float) -> Compliance:
     raise ConvergenceError(accuracy, error, "ask for less accuracy or a smoother arm")
 
 
-def sensitivities(shape: Shape, at: float, refinement: int) -> Sensitivities:
+def sensitivities(shape: Shape, at: float, refinement: int) -> Response:
     """Return the sensitivities of a shape at arc length `at` on the mesh of a refinement."""
     mesh = (STAGES, refinement, (at,), True)
     forward = by_collocation(shape.arm, shape.scene, *mesh, shape.machine_code)
     here = forward.found(shape.tensions, shape.known)
-    return Sensitivities(here, here.system.mesh.node(at))
+    node = here.system.mesh.node(at)
+    if is_loaded(shape.scene):
+        return Sensitivities(here, node)
+    return UnloadedSensitivities(here.system, here.tensions, here.states, node)
 
 
 def _first_pair(shape: Shape, accuracy: float) -> tuple[int, int]:

@@ -10,9 +10,8 @@ import numpy as np
 
 from model.arm import Arm
 from model.checks import finite_array, kind, within
-from model.compliance import compliance_of, section_stiffness, sensitivities
+from model.compliance import Response, compliance_of, section_stiffness, sensitivities
 from model.effects import PrintedStatics
-from model.equilibrium.sensitivities import Sensitivities
 from model.errors import InputError, SingularError
 from model.loads import check_loads
 from model.machine.compiled import Compile
@@ -81,7 +80,7 @@ class Stiffness:
         return np.asarray(np.linalg.inv(self.compliance))
 
     @cached_property
-    def _found(self) -> Sensitivities:
+    def _found(self) -> Response:
         return sensitivities(self.shape, self.at, self.refinement)
 
     @property

@@ -1,0 +1,177 @@
+"""How an arm without loads answers to a force and moment on its midline, and to its tendons.
+
+Without loads no wrench bends the arm but its tendons' own, so that a small one changes strains
+where it acts and nowhere else: what moves is an integral along the arm (the principle of virtual
+work). With K the derivative of a cross-section's wrench in its strains v, twist' that of (kappa,
+nu), and A the local moment and force of a force and moment at the point,
+
+    dv = K^-1 A (f, m),        d(pose) = integral of A^T twist' dv ds.
+
+The quadrature is collocation's, stage for stage, so that its order is that of the loaded equations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import casadi as ca
+import numpy as np
+
+from model.cross_section.law import CrossSection, forces, moments, size
+from model.cross_section.sections import Sections
+from model.machine.buffered import Buffered
+from model.paths import Array
+from model.rotations import half_turn, matrices, multiply, unit_matrix
+from model.transcription.collocation import gauss, rotation_vectors, weighted_sum
+from model.transcription.layout import POSE
+from model.transcription.system import System
+
+
+_ROUNDING = 4 * np.finfo(float).eps
+
+
+@dataclass(frozen=True, eq=False)
+class UnloadedSensitivities:
+    """See Sensitivities, which has the same for arms with loads.
+
+    Attributes
+    ----------
+    system : System
+    tensions : (n_tendons,)
+        [N].
+    states : (n_states,)
+        Of the arm that they settle.
+    node : int
+        The node that is pushed and watched.
+    """
+
+    system: System
+    tensions: Array
+    states: Array
+    node: int
+
+    @cached_property
+    def pose_wrench(self) -> Array:
+        """Displacement [m] and rotation [rad] per force [N] and moment [N m] (6, 6), base frame."""
+        return self._pose(self._by_wrench)
+
+    @cached_property
+    def pose_tension(self) -> Array:
+        """The same per newton in each tendon (6, n_tendons)."""
+        return self._pose(self._by_tensions)
+
+    @property
+    def lengths(self) -> Array:
+        """The lengths of the tendons (n_tendons,) [m]."""
+        return self._lengths[0]
+
+    @cached_property
+    def length_wrench(self) -> Array:
+        """Lengths of the tendons per force and moment (n_tendons, 6)."""
+        return np.asarray(np.einsum("tpn,pnk->tk", self._lengths[1], self._by_wrench))
+
+    @cached_property
+    def length_tension(self) -> Array:
+        """Lengths of the tendons per newton (n_tendons, n_tendons) [m/N]."""
+        return np.asarray(np.einsum("tpn,pnk->tk", self._lengths[1], self._by_tensions))
+
+    @cached_property
+    def stable(self) -> bool:
+        """Whether each cross-section is at a minimum of its energy, tensions held."""
+        K = self._stiffness
+        values = np.linalg.eigvalsh((K + K.transpose(0, 2, 1)) / 2)
+        # Where a tendon has no length left it is stiff beyond all digits of the rest.
+        return bool(np.all(values[:, 0] > -_ROUNDING * values[:, -1]))
+
+    @property
+    def _law(self) -> CrossSection:
+        return self.system.of.form.law
+
+    @cached_property
+    def _v(self) -> Array:
+        """Strains (P, n) at the stages."""
+        return self.system.strains(self.states)
+
+    @cached_property
+    def _weights(self) -> Array:
+        """Those of the quadrature (P,) [m]."""
+        return np.outer(np.diff(self.system.mesh.s), gauss(self.system.of.form.stages).b).ravel()
+
+    @cached_property
+    def _sections(self) -> Sections:
+        at, mesh = self.system, self.system.mesh
+        active = np.repeat(mesh.active, at.of.form.stages)
+        return Sections(at.arm, at.scene, self._law, at.s, active)
+
+    @cached_property
+    def _pulls(self) -> Array:
+        return self._sections.pulls(self.tensions)
+
+    @cached_property
+    def _stiffness(self) -> Array:
+        """How the wrench of cross-sections changes with their strains (P, n, n)."""
+        return self._sections.wrench(self._v, self._pulls)[1]
+
+    @cached_property
+    def _by_tensions(self) -> Array:
+        return self._sections.by_tensions(self._v, self._pulls)
+
+    @cached_property
+    def _by_wrench(self) -> Array:
+        """How strains change with a force and moment at the node (P, n, 6)."""
+        law = self._law
+        works = [*moments(law), *(3 + k for k in forces(law))]
+        return np.asarray(np.linalg.solve(self._stiffness, self._wrenches[:, works]))
+
+    @cached_property
+    def _lengths(self) -> tuple[Array, Array]:
+        return self._sections.length_slopes(self._v, self._weights)
+
+    @cached_property
+    def _wrenches(self) -> Array:
+        """Local moment and force (P, 6, 6) of a force and moment at the node, 0 beyond it."""
+        of, mesh = self.system.of, self.system.mesh
+        n = of.form.stages
+        poses = self.system.poses(self.states)
+        h = np.diff(mesh.s)
+        call = _inside(self._law, n, mesh.steps)
+        (found,) = call(poses[:-1].ravel(), self._v.ravel(), h)
+        inside = found.reshape(-1, POSE)
+        R, r = matrices(inside[:, :4]), poses[self.node, 4:] - inside[:, 4:]
+        lever = np.zeros((len(r), 3, 3))
+        for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+            lever[:, i, j], lever[:, j, i] = -r[:, k], r[:, k]
+        A, local = np.zeros((len(r), 6, 6)), R.transpose(0, 2, 1)
+        A[:, :3, :3], A[:, :3, 3:], A[:, 3:, :3] = local @ lever, local, local
+        A[self.node * n :] = 0.0
+        return A
+
+    def _pose(self, strains: Array) -> Array:
+        """Return displacement and rotation (6, k) of the node that changes of strains are."""
+        twists = _twist_slopes(self._law, len(self._v))
+        slopes = twists(self._v.ravel())[0].reshape(len(self._v), -1, 6).transpose(0, 2, 1)
+        moved = (slopes @ strains) * self._weights[:, None, None]
+        return np.asarray(np.einsum("pij,pik->jk", self._wrenches, moved))
+
+
+@lru_cache(maxsize=32)
+def _inside(law: CrossSection, stages: int, elements: int) -> Buffered:
+    """Return (pose at the first node, strains, h) -> poses at the stages, for all elements."""
+    g, h = ca.SX.sym("g", POSE), ca.SX.sym("h")
+    v = ca.SX.sym("v", size(law), stages)
+    twists = [law.twist(one) for one in ca.horzsplit(v)]
+    *turns, _ = rotation_vectors([kappa for kappa, _ in twists], h)
+    q = [multiply(g[:4], half_turn(turn)) for turn in turns]
+    along = [unit_matrix(one) @ nu for one, (_, nu) in zip(q, twists, strict=True)]
+    u = [g[4:] + h * weighted_sum(row, along) for row in gauss(stages).a]
+    poses = ca.vertcat(*(part for pair in zip(q, u, strict=True) for part in pair))
+    return Buffered(ca.Function("inside", [g, ca.vec(v), h], [poses], {"cse": True}).map(elements))
+
+
+@lru_cache(maxsize=32)
+def _twist_slopes(law: CrossSection, count: int) -> Buffered:
+    """Return strains -> the derivatives of (kappa, nu) (6 n, count), column by column."""
+    v = ca.SX.sym("v", size(law))
+    slopes = ca.jacobian(ca.vertcat(*law.twist(v)), v)
+    return Buffered(ca.Function("slopes", [v], [ca.vec(ca.densify(slopes))]).map(count))
