@@ -27,7 +27,6 @@ from model.transcription.collocation import gauss, rotation_vectors, weighted_su
 from model.transcription.layout import POSE
 from model.transcription.system import System
 
-
 _ROUNDING = 4 * np.finfo(float).eps
 
 
