@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import shlex
 import subprocess
@@ -15,8 +14,8 @@ import pytest
 import octoplan
 from planner.commands.register import COMMANDS as OWN
 from planner.commands.usage import parse
+from tests.commands import ALONE, ROOT
 
-ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 PAGES = {str(path.relative_to(ROOT)): path.read_text() for path in ROOT.glob("docs/**/*.rst")}
 TEXT = "\n".join([*PAGES.values(), (ROOT / "studies" / "README.md").read_text()])
@@ -30,8 +29,7 @@ PLUMBING = {"Effect", "Obstacle", "check_obstacles", "distances", "numbers_of"}
 def _sphinx(builder: str, folder: Path) -> None:
     command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-b", builder]
     folders = ["-d", str(folder / "doctrees"), str(ROOT / "docs"), str(folder / builder)]
-    alone = {**os.environ, "PYTHONPATH": str(ROOT), "MPLBACKEND": "Agg"}
-    told = subprocess.run([*command, *folders], cwd=ROOT, env=alone, capture_output=True, text=True)
+    told = subprocess.run([*command, *folders], cwd=ROOT, env=ALONE, capture_output=True, text=True)
     assert told.returncode == 0, told.stdout + told.stderr
 
 
@@ -48,6 +46,16 @@ def test_the_documentation_builds_without_a_warning_and_runs_its_notebook(tmp_pa
 def test_what_the_documentation_shows_is_so(tmp_path: Path) -> None:
     pytest.importorskip("sphinx", reason="python -m pip install 'octoplan[docs]' builds it")
     _sphinx("doctest", tmp_path)
+
+
+@pytest.mark.quick("around_a_ball")
+@pytest.mark.parametrize("path", sorted(ROOT.glob("docs/examples/*.py")), ids=lambda own: own.stem)
+def test_an_example_runs_and_leaves_its_figure(path: Path, tmp_path: Path) -> None:
+    command = [sys.executable, "-W", "error", str(path), str(tmp_path)]
+    told = subprocess.run(command, cwd=ROOT, env=ALONE, capture_output=True, text=True)
+    assert told.returncode == 0, told.stderr
+    assert "Reached" in told.stdout
+    assert (tmp_path / f"{path.stem}.png").stat().st_size > 10_000
 
 
 def test_every_public_name_is_looked_up_somewhere() -> None:
