@@ -129,6 +129,7 @@ NOTHING: dict[str, tuple[Effect, ...]] = {
 }
 
 
+@pytest.mark.quick("paper-tip load", "paper-current", "paper-weight", "paper-all")
 @pytest.mark.parametrize("name", NOTHING)
 @pytest.mark.parametrize(
     "kinds",

@@ -171,6 +171,7 @@ def imbalance(name: str, seed: int, T: Any) -> float:
     return float(abs(parts.sum()) / np.abs(parts).sum())
 
 
+@pytest.mark.quick("tip force-0", "rubber in water-1", "all at once-2")
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("name", SCENES)
 def test_the_potential_of_a_settled_arm_is_stationary(name: str, seed: int) -> None:

@@ -56,6 +56,7 @@ def energy(v: Array, s: float, T: Array, scene: Scene) -> float:
     return float(total)
 
 
+@pytest.mark.quick("0-bending only", "1-linear", "2-neo-Hookean", "3-with the shift")
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.parametrize("seed", range(6))
 def test_no_strain_nearby_has_less_energy(name: str, seed: int) -> None:

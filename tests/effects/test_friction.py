@@ -83,6 +83,12 @@ def compare(name: str, T: float, mu: float, way: int, extension: bool, accuracy:
     assert shape.tension(shape.arm.length)[0] == pytest.approx(pull, rel=100 * accuracy)
 
 
+@pytest.mark.quick(
+    "uniform-bending-out",
+    "conical body-extension-in",
+    "conical-extension-out",
+    "widening tendon-bending-in",
+)
 @WAYS
 @pytest.mark.parametrize("extension", [True, False], ids=["extension", "bending"])
 @pytest.mark.parametrize("name", ["uniform", "conical body", "conical", "widening tendon"])

@@ -43,6 +43,7 @@ def critical() -> float:
     return error.value.share * TOO_MUCH
 
 
+@pytest.mark.slow
 def test_the_arm_keeps_to_its_plane_below_the_load_that_is_told() -> None:
     arm, load = Arm.from_paper("table-4"), 0.99 * critical()
     shape = settle(arm, PULLS, Scene(TipLoad(tuple(load * DOWN))), 1e-8)

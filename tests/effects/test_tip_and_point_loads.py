@@ -42,6 +42,7 @@ def test_a_dead_force_across_the_tip_makes_an_elastica(alpha: float) -> None:
     assert np.abs(shape.position(s)[:, 2]).max() < 1e-15
 
 
+@pytest.mark.quick("uniform-0.5", "uniform-15.0", "conical-4.0")
 @pytest.mark.parametrize("alpha", [0.5, 4.0, 10.0, 15.0])
 @pytest.mark.parametrize("bar", [BAR, Bar(0.012, 0.004)], ids=["uniform", "conical"])
 def test_a_follower_force_is_an_initial_value_problem_from_the_tip(bar: Bar, alpha: float) -> None:

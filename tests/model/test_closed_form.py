@@ -65,6 +65,7 @@ def test_tendon_lengths_are_the_integrals_of_their_tangents(seed: int) -> None:
         assert abs(shape.tendon_lengths[index] - wanted) <= 1e-9 * rod.length
 
 
+@pytest.mark.quick("0-gauss4", "1-magnus4", "2-gauss6", "5-gauss6")
 @pytest.mark.parametrize("scheme", ["gauss4", "gauss6", "magnus4"])
 @pytest.mark.parametrize("seed", SEEDS[:6])
 def test_other_schemes_read_the_same_between_their_nodes(seed: int, scheme: str) -> None:

@@ -54,6 +54,7 @@ def test_as_printed_strains_are_integrated() -> None:
             check_scheme(Scene.as_printed(), scheme)
 
 
+@pytest.mark.quick("0-magnus6", "1-gauss6", "2-magnus4", "3-gauss4")
 @pytest.mark.parametrize("scheme", FINE)
 @pytest.mark.parametrize("seed", range(4))
 def test_any_arm_settles_as_it_is_integrated_independently(scheme: str, seed: int) -> None:

@@ -57,6 +57,7 @@ def relative(found: Array, wanted: Array) -> float:
     return float((gap / np.linalg.norm(wanted, axis=1)).max())
 
 
+@pytest.mark.quick("table-2-0", "table-4-3", "table-4-7")
 @pytest.mark.parametrize(("name", "seed"), EACH)
 def test_strains_agree_all_along(name: str, seed: int) -> None:
     way = ways(name)
@@ -93,6 +94,7 @@ def test_moment_is_continuous_across_every_anchorage(name: str, seed: int) -> No
             assert np.linalg.norm(jump) <= 1e-10 * np.linalg.norm(D @ inner)
 
 
+@pytest.mark.quick("table-2-1", "table-2-5", "table-4-2", "table-4-8")
 @pytest.mark.parametrize(("name", "seed"), EACH)
 def test_tip_is_the_same_by_all_three(name: str, seed: int) -> None:
     way = ways(name)

@@ -137,6 +137,7 @@ def test_bars_are_the_tensions_by_tendon_name(fetch: Plan) -> None:
     assert names[0] == "$T_{11}$" and names[-1] == "$T_{34}$" and len(names) == 12
 
 
+@pytest.mark.quick("inf-0", "3.0-12")
 @pytest.mark.parametrize(("maximum", "shown"), [(np.inf, 0), (1000.0, 0), (3.0, 12)])
 def test_maxima_are_marked_where_finite_and_of_comparable_size(
     fetch: Plan, maximum: float, shown: int

@@ -49,6 +49,7 @@ def sizes(arm: Arm) -> Array:
     return np.repeat([arm.length, 1.0], 3)
 
 
+@pytest.mark.quick("tension-silicone", "length-exact", "tension-exact, in water, with a tip force")
 @EACH
 @pytest.mark.parametrize("hold", ["tension", "length"])
 def test_energies_make_the_compliance_symmetric_and_positive(scene: Scene, hold: Any) -> None:
