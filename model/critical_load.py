@@ -24,17 +24,17 @@ class Critical:
 
     Attributes
     ----------
-    share : float
+    load_factor : float
         Of the scene's loads: above 1 the arm bears them and more.
     why : str
-        What happens there; empty if nothing does up to the share that was looked at.
+        What happens there; empty if nothing does up to the largest load factor that is tried.
     """
 
-    share: float
+    load_factor: float
     why: str
 
 
-def critical_share(
+def critical_load_factor(
     arm: Arm, tensions: Any, scene: Scene, most: float = 10.0, accuracy: float = 1e-4
 ) -> Critical:
     """Return how much of its loads an arm bears under tensions, by continuation in all of them.
@@ -42,9 +42,9 @@ def critical_share(
     Parameters
     ----------
     most : float
-        The largest share that is looked at.
+        The largest load factor that is tried.
     accuracy : float
-        Relative error of the share that is accepted.
+        Relative error of the load factor that is accepted.
 
     Raises
     ------
@@ -60,6 +60,7 @@ def critical_share(
         forward = collocation_map(arm, scene, "gauss6", refinement)
         end = follow(forward.system, T, forward.without_loads(T), most, accuracy / 4)
         found = Critical(end.load, end.why)
-        if abs(found.share - before.share) <= accuracy * found.share or refinement >= _FINEST:
-            return found if found.share < most else Critical(found.share, "")
+        gap = abs(found.load_factor - before.load_factor)
+        if gap <= accuracy * found.load_factor or refinement >= _FINEST:
+            return found if found.load_factor < most else Critical(found.load_factor, "")
         before, refinement = found, 2 * refinement

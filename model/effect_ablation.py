@@ -47,7 +47,7 @@ class Switch:
     ----------
     effect : str
         Its name, with the names of what had to be switched along with it.
-    called_for : bool
+    enabled : bool
         Whether the scene has it.
     tip_change : float
         Distance between the tips with and without it, over L; NaN where one does not settle.
@@ -63,7 +63,7 @@ class Switch:
     """
 
     effect: str
-    called_for: bool
+    enabled: bool
     tip_change: float
     sizes: ProblemSize
     sizes_without: ProblemSize
@@ -109,9 +109,9 @@ def switch_effects(
     own = [(_without(scene, effect), scene, effect, True) for effect in scene.effects]
     others = [(scene, richer, effect, False) for effect, richer in _richer(scene)]
     found = []
-    for without, with_it, effect, called_for in told("effects switched", [*own, *others]):
+    for without, with_it, effect, enabled in told("effects switched", [*own, *others]):
         pair = (without, with_it)
-        found.append(_compare(arm, tensions, pair, effect, called_for, accuracy, repeats))
+        found.append(_compare(arm, tensions, pair, effect, enabled, accuracy, repeats))
     return tuple(found)
 
 
@@ -160,7 +160,7 @@ def _compare(
     tensions: Any,
     pair: tuple[Scene, Scene],
     effect: Effect,
-    called_for: bool,
+    enabled: bool,
     accuracy: float,
     repeats: int,
 ) -> Switch:
@@ -175,10 +175,10 @@ def _compare(
     try:
         shapes = [settled(with_it), settled(without)]
     except OctoplanError as reason:
-        return Switch(name, called_for, np.nan, *counted, np.nan, True, str(reason))
+        return Switch(name, enabled, np.nan, *counted, np.nan, True, str(reason))
     change = float(np.linalg.norm(shapes[0].tip - shapes[1].tip)) / arm.length
     factor = _time_factor(lambda: settled(with_it), lambda: settled(without), repeats)
-    return Switch(name, called_for, change, *counted, factor, change > accuracy)
+    return Switch(name, enabled, change, *counted, factor, change > accuracy)
 
 
 def _names(effects: Iterable[Effect]) -> list[str]:

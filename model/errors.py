@@ -149,21 +149,21 @@ class SnapError(OctoplanError):
 
     Attributes
     ----------
-    share : float
+    load_factor : float
         How much of the loads, from 0 to 1, the arm bears.
     why : str
         What happens to it there.
     """
 
-    def __init__(self, share: float, why: str) -> None:
-        self.share, self.why = share, why
+    def __init__(self, load_factor: float, why: str) -> None:
+        self.load_factor, self.why = load_factor, why
         super().__init__(
-            f"the arm does not bear its loads: at {100 * share:.1f} % of them {why}, and no "
+            f"the arm does not bear its loads: at {100 * load_factor:.1f} % of them {why}, and no "
             "equilibrium beyond is connected with the unloaded arm; lower the loads or stiffen it"
         )
 
     def __reduce__(self) -> tuple[type, tuple[float, str]]:
-        return type(self), (self.share, self.why)
+        return type(self), (self.load_factor, self.why)
 
 
 class SingularError(OctoplanError):

@@ -134,7 +134,7 @@ class _Many:
                 self._settle_alone(int(i))
 
     def _settle_alone(self, i: int) -> None:
-        """Settle a set that has a section without equilibrium, unless it is found carefully."""
+        """Settle a set that has a section whose equilibrium only the robust iteration finds."""
         try:
             given = (self.arm, self.T[i], self.scene, self.accuracy)
             shape = settle(*given, compile=self.machine_code)

@@ -1,4 +1,4 @@
-"""A scene: the effects that are called for."""
+"""A scene: the effects that are enabled."""
 
 from __future__ import annotations
 
@@ -84,18 +84,18 @@ class Scene:
         lines = ["Scene(", *(f"    {effect}," for effect in told), ")"]
         return line if len(line) <= _WIDTH else "\n".join(lines)
 
-    def careful(self) -> Scene:
-        """Return the scene with sections that settle the careful way; see ExactTendons."""
+    def robust(self) -> Scene:
+        """Return the scene with sections that are settled robustly; see ExactTendons."""
         kept = [effect for effect in self.effects if not isinstance(effect, ExactTendons)]
-        exact = [ExactTendons(careful=True)] * self.has(ExactTendons)
+        exact = [ExactTendons(robust=True)] * self.has(ExactTendons)
         return Scene(*kept, *exact)
 
     def find(self, kind: type[E]) -> E | None:
-        """Return the scene's effect of a kind, or None if it is not called for."""
+        """Return the scene's effect of a kind, or None if it is not enabled."""
         return next((effect for effect in self.effects if isinstance(effect, kind)), None)
 
     def has(self, kind: type[Effect]) -> bool:
-        """Return whether an effect of a kind is called for."""
+        """Return whether an effect of a kind is enabled."""
         return self.find(kind) is not None
 
 

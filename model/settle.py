@@ -62,7 +62,7 @@ def settle(
     tensions : (n_sections, n) or (n_tendons,)
         [N], tip section first; None or nan for tendons that are held by length.
     scene : Scene
-        The effects called for; the bare arm `Scene()` unless given.
+        The effects enabled; the bare arm `Scene()` unless given.
     accuracy : float
         Tip error over arm length that is accepted, from 1e-12 to 0.1. The mesh is refined until
         the difference between two meshes says that the finer one is as good. With loads, which may
@@ -93,7 +93,7 @@ def settle(
         Where 1 + q reaches 0.
     ConvergenceError
         If the finest mesh is not as accurate as asked; UnsettledSectionError if a cross-section
-        has no equilibrium that is found, not even by the careful way of its tendons.
+        has no equilibrium that is found, not even by the robust iteration of its tendons.
     SnapError
         If the arm snaps, folds or buckles before the loads are in full.
     CompilerError
@@ -107,10 +107,10 @@ def settle(
     try:
         return _settled(arm, given, scene, accuracy, scheme, machine_code, begin)
     except UnsettledSectionError:
-        careful = scene.careful()
-        if careful == scene:
+        robust = scene.robust()
+        if robust == scene:
             raise
-        return _settled(arm, given, careful, accuracy, scheme, machine_code, begin)
+        return _settled(arm, given, robust, accuracy, scheme, machine_code, begin)
 
 
 def _given(
@@ -134,7 +134,7 @@ def _near(near: Any, arm: Arm, scene: Scene) -> Near | None:
     if near is None:
         return None
     kind("near", near, Shape, "a Shape of the same arm and scene, or None")
-    if near.arm != arm or near.scene.careful() != scene.careful():
+    if near.arm != arm or near.scene.robust() != scene.robust():
         raise InputError("near", "a shape of another arm or scene", "one of the same")
     return Near(near.tensions, near.known)
 

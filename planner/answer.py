@@ -49,7 +49,7 @@ class Answer:
     accuracy : float
         What residuals and tip errors are held to, over the arm's length.
     starts : tuple of Trial
-        The first guesses tried, in order.
+        The initial guesses tried, in order.
     stopped : bool
         Whether the time limit ended the search: these are the best tensions it had come to.
     jump : float

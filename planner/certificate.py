@@ -184,7 +184,7 @@ class Certificate:
 
     @property
     def passed(self) -> bool:
-        """Whether the plan is proven: the target met, within the limits, and a local optimum."""
+        """Whether target, limits and first-order optimality are verified to the tolerances."""
         return not self.failures
 
     def __str__(self) -> str:

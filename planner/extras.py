@@ -1,4 +1,4 @@
-"""What is needed for some tasks only: extras of the package, imported when they are called for."""
+"""What is needed for some tasks only: extras of the package, imported when they are needed."""
 
 from __future__ import annotations
 

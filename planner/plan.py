@@ -131,7 +131,7 @@ def plan(
     ----------
     target : Target, or several to be met together
     scene : Scene
-        The effects called for; the bare arm unless given.
+        The effects enabled; the bare arm unless given.
     tension_max, tension_min : float, or one for each tendon
         [N].
     total_pull : float

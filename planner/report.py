@@ -95,7 +95,7 @@ def _switch_row(switch: Switch) -> list[str]:
     more = switch.sizes.instructions / switch.sizes_without.instructions
     return [
         switch.effect,
-        "yes" if switch.called_for else "no",
+        "yes" if switch.enabled else "no",
         _or_dash(switch.tip_change, ".1e"),
         f"{switch.states_added:+}",
         f"{switch.unknowns_added:+}",

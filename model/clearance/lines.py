@@ -45,7 +45,7 @@ class Lines:
         if is_loaded(scene) or scene.has(PrintedStatics):
             stages = (STAGES, refinement, at, is_loaded(scene), machine_code)
             return self._implicit(Collocation(arm, scene, *stages), tensions)
-        for own in dict.fromkeys((scene, scene.careful())):
+        for own in dict.fromkeys((scene, scene.robust())):
             s, call = _closed_form(arm, own, refinement, at, machine_code)
             poses, strains = call(tensions)
             if not np.isnan(poses.sum() + strains.sum()):

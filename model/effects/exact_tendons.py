@@ -23,13 +23,13 @@ class ExactTendons(Effect):
 
     Attributes
     ----------
-    careful : bool
+    robust : bool
         Whether sections settle by forty Newton steps in place of ten. `settle` sees by itself where
-        that is called for: a neo-Hookean body under ten times the tension that curls it up.
+        that is needed: a neo-Hookean body under ten times the tension that curls it up.
     """
 
-    careful: bool = False
+    robust: bool = False
 
     def __post_init__(self) -> None:
-        if not isinstance(self.careful, bool):
-            raise InputError("ExactTendons.careful", self.careful, "True or False")
+        if not isinstance(self.robust, bool):
+            raise InputError("ExactTendons.robust", self.robust, "True or False")

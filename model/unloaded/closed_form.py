@@ -56,8 +56,8 @@ def unloaded_strains(arm: Arm, scene: Scene, s: Array, active: Counts, tensions:
     pull = np.einsum("nij,j->in", statics.pulls(arm, at), tensions)
     found = np.array(strain_function(statics).map(s.size)(pull, statics.data(at))).T
     lost = np.isnan(found).any(axis=1)
-    if lost.any() and scene.careful() != scene:
-        found[lost] = unloaded_strains(arm, scene.careful(), s[lost], active[lost], tensions)
+    if lost.any() and scene.robust() != scene:
+        found[lost] = unloaded_strains(arm, scene.robust(), s[lost], active[lost], tensions)
     return found
 
 

@@ -23,7 +23,7 @@ from model.paths import Array
 from model.stations import Stations, crossing
 
 # Ordinary tensions settle in 4 to 7 steps; a thousand times as much in 30.
-_STEPS, _CAREFUL_STEPS = 10, 40
+_STEPS, _ROBUST_STEPS = 10, 40
 # Of a neo-Hookean body at rest, the least stiffness that a step is taken with: the energy is not
 # convex everywhere. That of a linear body is, and at least as stiff as without tendons.
 _LEAST = 0.1
@@ -42,7 +42,7 @@ class EnergyStatics:
     law : EnergySection
     row, cos, sin
         Which of the offsets y_i each tendon has, and its direction (n, b).
-    careful : bool
+    robust : bool
         Whether to take more steps, for tensions far beyond the usual.
     settled : float
         A section is in equilibrium where the last step is below it, relative to its strains.
@@ -52,7 +52,7 @@ class EnergyStatics:
     row: tuple[int, ...]
     cos: tuple[float, ...]
     sin: tuple[float, ...]
-    careful: bool = False
+    robust: bool = False
     settled: float = 1e-9
 
     @property
@@ -100,7 +100,7 @@ class EnergyStatics:
         """See ClosedStatics.solve: a fixed number of steps."""
         step = _newton(self)
         u, w = self._straight(pull, data), ca.SX.zeros(1 + self.is_rubber, self.n_pull)
-        for _ in range(_CAREFUL_STEPS if self.careful else _STEPS):
+        for _ in range(_ROBUST_STEPS if self.robust else _STEPS):
             u, w, size = step(u, w, pull, data)
         return ca.if_else(size < self.settled, self._strains(u), np.nan)
 

@@ -70,8 +70,8 @@ def closed_statics(scene: Scene, arm: Arm) -> ClosedStatics:
         return PaperStatics(law)
     assert isinstance(law, EnergySection)
     cos, sin = sides(arm)
-    careful = tendons is not None and tendons.careful
-    return EnergyStatics(law, arm.offset_of, tuple(cos.tolist()), tuple(sin.tolist()), careful)
+    robust = tendons is not None and tendons.robust
+    return EnergyStatics(law, arm.offset_of, tuple(cos.tolist()), tuple(sin.tolist()), robust)
 
 
 @dataclass(frozen=True)

@@ -74,16 +74,16 @@ class TendonLengths:
         self._call = Buffered(
             ca.Function("tendon_lengths", [T], [ca.sum2(lengths[0]), lengths[1], slopes])
         )
-        self._careful: Callable[[], TendonLengths] | None = None
-        if scene.careful() != scene:
-            self._careful = partial(tendon_lengths, arm, scene.careful(), mesh, machine_code)
+        self._robust: Callable[[], TendonLengths] | None = None
+        if scene.robust() != scene:
+            self._robust = partial(tendon_lengths, arm, scene.robust(), mesh, machine_code)
 
     def __call__(self, tensions: Array) -> Lengths:
         """Return the lengths under tensions (n_tendons,); raises UnsettledSectionError."""
         lengths, by_strains, slopes = self._call(tensions)
         if np.isnan(lengths.sum()):
-            if self._careful is not None:
-                return self._careful()(tensions)
+            if self._robust is not None:
+                return self._robust()(tensions)
             lost = np.isnan(slopes).any(axis=1)
             raise UnsettledSectionError(float(self.s[np.argmax(lost)]))
         N, n_tendons = self._shape

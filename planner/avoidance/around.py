@@ -173,7 +173,7 @@ class Around:
         return None
 
     def fine(self, clear: Clear, mode: Mode) -> tuple[SearchResult, Avoidance | None] | None:
-        """Return the plan to the last digits, proven to keep clear; None where it is not."""
+        """Return the refined plan, verified to keep clear; None where it is not."""
         for _ in range(_CORRECTED):
             task = clear.stated
             fine = refine(task, clear.solution, mode)

@@ -62,7 +62,7 @@ class Surroundings:
         return all(height >= least for height in heights)
 
     def keeps(self, line: Centreline) -> bool:
-        """Return whether the arm of a centreline is proven to keep clear."""
+        """Return whether the arm of a centreline is verified to keep clear."""
         rough, _ = rough_gaps(line, self.obstacles, self.least)
         if all(rough[name] >= gap for name, gap in self.least.items()):
             return True

@@ -2,7 +2,7 @@
 
 An arm that leans towards a point can do it in several ways that a local method cannot leave, and
 what tells them apart is how far its tip is curled up: a tip that hangs loose, one that is bent,
-one that is wound up into a coil. So there is one first guess for each degree of curling; the
+one that is wound up into a coil. So there is one initial guess for each degree of curling; the
 sections nearer the base pull, towards the point or away from it, as brings the arm closest to what
 is wanted. All are read off a coarse mesh in one sweep.
 """

@@ -63,7 +63,7 @@ class Session:
     def step(self) -> Step:
         """Return the plan for the target as it is now, near the last one where that leads there.
 
-        What cannot be followed is searched for by few first guesses.
+        What cannot be followed is searched for by few initial guesses.
         """
         last, scene = self.last, self.scene
         near = last if last is not None and last.scene == scene else None
@@ -76,7 +76,7 @@ class Session:
     def settled(self) -> Plan | None:
         """Return the plan for a target that rests; None where there is none yet.
 
-        What few first guesses found is searched for by as many as were asked for.
+        What few initial guesses found is searched for by as many as were asked for.
         """
         if self._rough:
             self._plan()

@@ -36,8 +36,8 @@ def plot_effects(switches: tuple[Switch, ...], accuracy: float) -> Figure:
     for row, switch in zip(rows, switches, strict=True):
         colour = _MATTERS if switch.matters else _IDLE
         change = max(switch.tip_change, _FLOOR)
-        _dot(left, change, row, colour, switch.called_for)
-        _dot(right, switch.time_factor, row, _COST, switch.called_for)
+        _dot(left, change, row, colour, switch.enabled)
+        _dot(right, switch.time_factor, row, _COST, switch.enabled)
     for face, label in ((INK, "in the scene"), ("white", "switched on")):
         left.plot([], [], "o", color=INK, markerfacecolor=face, markersize=5, label=label)
     left.legend(loc="lower left", fontsize=SIZE - 2, frameon=False)

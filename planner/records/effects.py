@@ -16,7 +16,7 @@ class EffectRecord(msgspec.Struct, kw_only=True):
     """One effect, and the scene with and without it; null where one of the two does not settle."""
 
     effect: Annotated[str, Meta(description="its name, with what had to be switched along")]
-    called_for: Annotated[bool, Meta(description="whether the scene has it")]
+    enabled: Annotated[bool, Meta(description="whether the scene has it")]
     tip_change: Annotated[float | None, Meta(description="over arm length")]
     sizes: ProblemSize
     sizes_without: ProblemSize
@@ -46,7 +46,7 @@ def _row(switch: Switch) -> EffectRecord:
     settled = not switch.problem
     return EffectRecord(
         effect=switch.effect,
-        called_for=switch.called_for,
+        enabled=switch.enabled,
         tip_change=switch.tip_change if settled else None,
         sizes=switch.sizes,
         sizes_without=switch.sizes_without,

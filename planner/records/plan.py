@@ -44,7 +44,7 @@ class QuestionRecord(msgspec.Struct, kw_only=True):
 
 
 class StartRecord(msgspec.Struct, kw_only=True):
-    """A first guess and what became of it."""
+    """An initial guess and what became of it."""
 
     objective: Number
     met: bool

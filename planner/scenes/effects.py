@@ -91,7 +91,7 @@ class FrictionTable(Table, frozen=True):
 
 
 class EffectsTable(Table, frozen=True):
-    """The effects called for; nothing but bending is simulated unless named here."""
+    """The effects enabled; nothing but bending is simulated unless named here."""
 
     silicone: Annotated[
         bool, Meta(description="the next three: what a real silicone arm calls for")

@@ -62,7 +62,7 @@ class StiffnessTable(Table, frozen=True):
 
 
 class SceneTable(Table, frozen=True):
-    """A scene file: an arm, the effects called for, and what is asked."""
+    """A scene file: an arm, the effects enabled, and what is asked."""
 
     arm: ArmTable
     effects: EffectsTable = EffectsTable()

@@ -1,1 +1,1 @@
-"""From first guesses to an optimum: ipopt, Newton's last digits, and following an optimum."""
+"""From initial guesses to an optimum: ipopt, Newton's last digits, and following an optimum."""

@@ -1,4 +1,4 @@
-"""Which first guesses a search tries, and in which order."""
+"""Which initial guesses a search tries, and in which order."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Guesses:
 
 
 def first_guesses(task: Task) -> Guesses:
-    """Return no more first guesses than the task allows."""
+    """Return no more initial guesses than the task allows."""
     simple = task.simple
     if task.scene == simple.scene:
         return _of_closed_form(task)

@@ -29,7 +29,7 @@ _QUIET: dict[str, Any] = {
     "tol": 1e-7,
     "bound_relax_factor": 0.0,
 }
-# A small barrier keeps to the basin of the first guess, which was chosen for it.
+# A small barrier keeps to the basin of the initial guess, which was chosen for it.
 # Starts that lead to an optimum do so in 20 to 40 steps, 99 in 100 of them in less than 90.
 _COLD: dict[str, Any] = {"max_iter": 100, "mu_init": 1e-4, "bound_push": 5e-3, "bound_frac": 5e-3}
 _WARM: dict[str, Any] = {

@@ -71,7 +71,7 @@ class Multistart:
 
     @cached_property
     def heavy(self) -> bool:
-        """Whether loads move the tip of the first guess so far that the simpler optima mislead."""
+        """Whether loads move the initial guess's tip so far that the simpler optima mislead."""
         if not self.loaded or not self.carried:
             return self.loaded
         best, _ = self.carried[0]

@@ -11,7 +11,7 @@ from planner.program.statement import Statement
 
 @dataclass(frozen=True)
 class Trial:
-    """One first guess and what became of it: the objective reached, and whether it was met."""
+    """One initial guess and what became of it: the objective reached, and whether it was met."""
 
     objective: float
     met: bool

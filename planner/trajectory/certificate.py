@@ -42,7 +42,7 @@ class MotionCertificate:
         Largest rate of a stroke over its limit, at eight instants from each waypoint to the next.
     clearance : float
         What is kept of the clearance asked for, at waypoints and between them [m]; a bound, below 0
-        where it is not kept or that is not proven. Infinite where nothing was asked.
+        where it is not kept or not verified. Infinite where nothing was asked.
     nearest : float
         When that is [s].
     tolerance : float
@@ -82,12 +82,12 @@ class MotionCertificate:
             found.append(f"a rate of stroke is {self.stroke_rate:.4g} times its limit")
         if self.clearance < 0:
             short = f"{-1e3 * self.clearance:.3g} mm less than asked at {self.nearest:.4g} s"
-            found.append(f"the arm is clear by {short}, or that is not proven")
+            found.append(f"the arm is clear by {short}, or that is not verified")
         return tuple(found)
 
     @property
     def passed(self) -> bool:
-        """Whether targets, limits, rates and clearance are proven."""
+        """Whether targets, limits, rates and clearance are verified."""
         return not self.failures
 
     def __str__(self) -> str:

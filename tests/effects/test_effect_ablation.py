@@ -51,7 +51,7 @@ def tip_change(scene: Scene, other: Scene, accuracy: float = 1e-6) -> float:
 def test_the_scenes_own_effects_come_first_and_the_others_after(
     in_water: dict[str, Switch],
 ) -> None:
-    assert {name: switch.called_for for name, switch in in_water.items()} == {
+    assert {name: switch.enabled for name, switch in in_water.items()} == {
         "Buoyancy": True,
         "Extension": True,
         "Weight and Buoyancy": True,
@@ -59,7 +59,7 @@ def test_the_scenes_own_effects_come_first_and_the_others_after(
         "NeoHookean and ExactTendons": False,
         "Shear": False,
     }
-    flags = [switch.called_for for switch in in_water.values()]
+    flags = [switch.enabled for switch in in_water.values()]
     assert flags == sorted(flags, reverse=True)
 
 
@@ -97,8 +97,8 @@ def test_what_needs_an_effect_or_is_needed_by_it_is_switched_along(
     scene: Scene, own: list[str], others: list[str]
 ) -> None:
     found = switched(scene, 1e-3)
-    assert [name for name, switch in found.items() if switch.called_for] == own
-    assert [name for name, switch in found.items() if not switch.called_for] == others
+    assert [name for name, switch in found.items() if switch.enabled] == own
+    assert [name for name, switch in found.items() if not switch.enabled] == others
 
 
 def test_each_of_several_point_loads_is_switched_by_itself() -> None:
@@ -167,7 +167,7 @@ def test_an_effect_matters_if_it_moves_the_tip_by_more_than_the_accuracy(factor:
 
 def test_no_gravity_is_told_as_states_wasted() -> None:
     switch = switched(Scene(Extension(), Weight((0.0, 0.0, 0.0))))["Weight"]
-    assert switch.called_for
+    assert switch.enabled
     assert not switch.matters
     assert switch.tip_change < 1e-6
     assert switch.states_added == 7
@@ -222,7 +222,7 @@ def test_a_load_that_is_too_much_is_a_row_with_its_reason(load: TipLoad, told: s
     with pytest.raises(OctoplanError, match=told) as reason:
         settle(ARM, NO_PULL, Scene(Extension(), load))
     row = switch_on(ARM, NO_PULL, PAPER, (load,), repeats=1)
-    assert (row.effect, row.called_for, row.matters) == ("TipLoad", False, True)
+    assert (row.effect, row.enabled, row.matters) == ("TipLoad", False, True)
     assert row.problem == str(reason.value)
     assert np.isnan(row.tip_change)
     assert row.states_added == 7

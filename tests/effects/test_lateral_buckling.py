@@ -40,7 +40,7 @@ def critical() -> float:
     arm = Arm.from_paper("table-4")
     with pytest.raises(SnapError) as error:
         settle(arm, PULLS, Scene(TipLoad(tuple(TOO_MUCH * DOWN))), 1e-6)
-    return error.value.share * TOO_MUCH
+    return error.value.load_factor * TOO_MUCH
 
 
 @pytest.mark.slow

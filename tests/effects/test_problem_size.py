@@ -1,4 +1,4 @@
-"""What is not called for is not there: states, unknowns and instructions of scenes, counted."""
+"""What is not enabled is not there: states, unknowns and instructions of scenes, counted."""
 
 from __future__ import annotations
 

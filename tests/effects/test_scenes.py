@@ -1,4 +1,4 @@
-"""Which effects go together; plans with them; what is not called for is not there."""
+"""Which effects go together; plans with them; what is not enabled is not there."""
 
 from __future__ import annotations
 

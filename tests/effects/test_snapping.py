@@ -59,11 +59,11 @@ def test_above_eulers_load_a_straight_bar_buckles(bar: Bar, times: float) -> Non
     with pytest.raises(SnapError) as error:
         settle(bar.arm, NO_PULL, scene, 1e-8)
     # The last share that settled is less than a least step below the critical one.
-    assert -1e-4 < 1 / times - error.value.share <= 1 / 256
+    assert -1e-4 < 1 / times - error.value.load_factor <= 1 / 256
     copy = pickle.loads(pickle.dumps(error.value))
-    assert (str(copy), copy.share, copy.why) == (
+    assert (str(copy), copy.load_factor, copy.why) == (
         str(error.value),
-        error.value.share,
+        error.value.load_factor,
         error.value.why,
     )
 
@@ -84,7 +84,7 @@ def test_a_column_buckles_under_its_own_weight(times: float) -> None:
         return
     with pytest.raises(SnapError) as error:
         settle(BAR.arm, NO_PULL, scene)
-    assert -1e-4 < 1 / times - error.value.share <= 1 / 256
+    assert -1e-4 < 1 / times - error.value.load_factor <= 1 / 256
 
 
 @pytest.mark.parametrize("times", [0.98, 1.5, 5.0])

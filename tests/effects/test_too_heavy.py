@@ -43,7 +43,7 @@ def test_a_straight_column_buckles_at_eulers_load_however_much_more_it_is_given(
     scene = Scene(TipLoad((-times * EULER, 0.0, 0.0)))
     with pytest.raises(SnapError) as caught:
         settle(BAR.arm, NO_PULL, scene)
-    assert caught.value.share == pytest.approx(1 / times, abs=2 / 1024)
+    assert caught.value.load_factor == pytest.approx(1 / times, abs=2 / 1024)
     assert caught.value.why == "it buckles"
 
 

@@ -70,7 +70,7 @@ def test_json_holds_the_numbers_in_full(tmp_path: Path, capsys: pytest.CaptureFi
         switch = wanted[row["effect"]]
         assert row["tip_change"] == pytest.approx(switch.tip_change, rel=1e-12)
         assert row["matters"] is switch.matters
-        assert row["called_for"] is switch.called_for
+        assert row["enabled"] is switch.enabled
         assert row["problem"] == ""
         assert np.isfinite(row["time_factor"])
         for key in ("sizes", "sizes_without"):

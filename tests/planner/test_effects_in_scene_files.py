@@ -29,7 +29,7 @@ TABLE_2 = "[arm]\npreset = 'table-2'\n[effects]\n"
 TABLES: dict[str, tuple[str, tuple[Effect, ...]]] = {
     "nothing": ("", ()),
     "extension": ("extension = true", (Extension(),)),
-    "extension not called for": ("extension = false", ()),
+    "extension not enabled": ("extension = false", ()),
     "exact tendons": ("exact_tendons = true", (ExactTendons(),)),
     "rubber": (
         "extension = true\nexact_tendons = true\nneo_hookean = true",

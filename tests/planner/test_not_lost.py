@@ -134,7 +134,7 @@ def test_effort_is_not_lost_in_the_least_squares_of_a_backbone(scene: Scene, T: 
                 [1.81469894, 1.48982744, 6.29352436, 3.27859854],
             ),
         ),
-        # Sections near the base settle the careful way only.
+        # Sections near the base settle the robust way only.
         (
             "backbone",
             EXACT,
@@ -145,7 +145,7 @@ def test_effort_is_not_lost_in_the_least_squares_of_a_backbone(scene: Scene, T: 
             ),
         ),
     ],
-    ids=["turn", "spurious", "spurious, loaded", "careful"],
+    ids=["turn", "spurious", "spurious, loaded", "robust"],
 )
 def test_what_was_not_met_is_met_with_no_more_effort(kind: str, scene: Scene, T: Array) -> None:
     assert planned(kind, scene, T).effort <= np.linalg.norm(T)

@@ -10,7 +10,7 @@ from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 
 from model import Anchorage, Arm, Linear, Scene, SnapError, settle
-from model.critical_load import critical_share
+from model.critical_load import critical_load_factor
 from model.effects import ExactTendons, Extension, NeoHookean, TipLoad
 from planner import stiffness
 from tests.effects.bars import NO_PULL, Bar
@@ -220,8 +220,8 @@ def test_a_column_buckles_at_eulers_load(bar: Bar, share: float) -> None:
     critical = euler_load(bar)
     if bar is UNIFORM:
         assert critical == pytest.approx(EULER, rel=1e-8)
-    found = critical_share(bar.arm, NO_PULL, Scene(TipLoad((-critical / share, 0, 0))))
-    assert found.share == pytest.approx(share, rel=1e-3)
+    found = critical_load_factor(bar.arm, NO_PULL, Scene(TipLoad((-critical / share, 0, 0))))
+    assert found.load_factor == pytest.approx(share, rel=1e-3)
     assert found.why
 
 
@@ -231,9 +231,9 @@ def test_antagonists_raise_eulers_load_by_the_papers_tangent_alone(exact: bool) 
     effects = (TipLoad((-EULER, 0, 0)), *([ExactTendons()] * exact))
     # Pulled along z as well, so that no plane is softer.
     arm = antagonists(angles=(0.0, np.pi / 2, np.pi, 1.5 * np.pi))
-    found = critical_share(arm, [pull] * 4, Scene(*effects))
+    found = critical_load_factor(arm, [pull] * 4, Scene(*effects))
     gain = 0.0 if exact else 2 * Y**2 * pull / EJ
-    assert found.share == pytest.approx(1 + gain, rel=1e-3)
+    assert found.load_factor == pytest.approx(1 + gain, rel=1e-3)
 
 
 @pytest.mark.quick("conical")

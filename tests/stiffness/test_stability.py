@@ -123,7 +123,7 @@ def test_beyond_that_the_straight_column_does_not_stand(share: float, load: Any)
     assert not stands(here)
     with pytest.raises(SnapError, match="buckles") as caught:
         settle(COLUMN, SLACK, Scene(load(share)))
-    assert caught.value.share == pytest.approx(1 / share, abs=1e-3)
+    assert caught.value.load_factor == pytest.approx(1 / share, abs=1e-3)
 
 
 @pytest.mark.parametrize("effects", [(), (TipLoad(),), (Extension(),)], ids=["bare", "0 N", "q"])

@@ -49,7 +49,7 @@ def check(member: Member) -> float:
     try:
         shape = settle(bar.arm, NO_PULL, scene, 1e-7)
     except SnapError as error:
-        if across == 0 and abs(error.share * along / -euler - 1) < 1e-3:
+        if across == 0 and abs(error.load_factor * along / -euler - 1) < 1e-3:
             return 0.0
         raise
     if across == 0:
