@@ -31,12 +31,12 @@ from model.time_limit import OutOfTime
 from planner.avoidance.asked import NOTHING, Surroundings, told
 from planner.program.limits import Limits
 from planner.program.terms import (
-    looks_of,
+    compliance_requests,
+    directions_function,
     stations_of,
     term_names,
     term_units,
     terms_function,
-    ways_function,
 )
 from planner.targets.base import Target
 from planner.tendon_lengths import strokes
@@ -343,20 +343,22 @@ def measure(
 
 
 def gives(arm: Arm, targets: tuple[Target, ...], shape: Shape) -> Array:
-    """Return how the tip gives way along the directions of the targets' looks, stacked."""
-    looks = looks_of(targets)
+    """Return the tip's compliances along the directions of the targets' requests, stacked."""
+    requests = compliance_requests(targets)
     numbers = np.concatenate([target.parameters(arm) for target in targets])
     found = [np.zeros(0)]
-    for look, ways in zip(looks, ways_function(arm, targets).call([numbers]), strict=True):
+    for request, along in zip(
+        requests, directions_function(arm, targets).call([numbers]), strict=True
+    ):
         k = stiffness(
             arm,
             shape.tensions,
             shape.scene,
-            look.hold,
+            request.hold,
             accuracy=STIFF_ACCURACY,
-            tendon_EA=look.tendon_EA,
+            tendon_EA=request.tendon_EA,
             compile=shape.machine_code,
         )
-        D = np.array(ways)
+        D = np.array(along)
         found.append((D.T @ k.compliance[:3, :3] @ D).ravel("F"))
     return np.concatenate(found)

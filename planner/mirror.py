@@ -21,7 +21,7 @@ from model.settle import settle
 from model.shape import Shape
 from planner.certificate import measure
 from planner.program.limits import Limits
-from planner.program.terms import looks_of, stations_of
+from planner.program.terms import compliance_requests, stations_of
 from planner.targets.base import Target
 
 # Angles that are the same [rad], and tensions that are, over the largest.
@@ -101,7 +101,7 @@ def mirror_images(
     on strokes, and of tensions that are their own mirror image.
     """
     T, stations = shape.tensions, np.array(stations_of(arm, targets))
-    if looks_of(targets) or limits.strokes is not None or not T.any():
+    if compliance_requests(targets) or limits.strokes is not None or not T.any():
         return
     poses = shape.poses(stations)
     most = _off(arm, targets, poses) + 10 * accuracy

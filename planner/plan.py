@@ -27,7 +27,7 @@ from planner.program.effort import check_norm
 from planner.program.limits import Limits
 from planner.program.statement import Form, Statement
 from planner.question import (
-    check_looks,
+    check_compliance_requests,
     check_strokes,
     check_targets,
     checked_form,
@@ -195,7 +195,7 @@ def plan(
     seconds = None if time_limit is None else positive("time_limit", time_limit)
     limits = Limits.of(arm, tension_max, tension_min, total_pull)
     limits = limits.with_strokes(arm, stroke_max, stroke_min)
-    check_looks(targets, scene, limits)
+    check_compliance_requests(targets, scene, limits)
     check_strokes(scene, limits)
     margin = checked_margin(stability_margin)
     limited, wound = total_pull is not None, limits.strokes is not None

@@ -15,13 +15,13 @@ from model.paths import Array
 from model.scene import Scene
 from planner.program.limits import Limits
 from planner.program.statement import FORMS, Form
-from planner.program.terms import looks_of
+from planner.program.terms import compliance_requests
 from planner.targets.base import Target
 
 
-def check_looks(targets: tuple[Target, ...], scene: Scene, limits: Limits) -> None:
+def check_compliance_requests(targets: tuple[Target, ...], scene: Scene, limits: Limits) -> None:
     """Raise InputError for a stiffness where nothing is known of loads, and without limits."""
-    if not looks_of(targets):
+    if not compliance_requests(targets):
         return
     if scene.has(PrintedStatics):
         raise InputError("target", "a stiffness", "shapes alone, in a scene as printed")

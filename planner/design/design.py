@@ -20,7 +20,7 @@ from planner.design.program import Optimum, Program
 from planner.design.tasks import Targets
 from planner.plan import Plan, plan
 from planner.program.limits import Limits
-from planner.program.terms import looks_of, term_names
+from planner.program.terms import compliance_requests, term_names
 from planner.question import check_targets
 from planner.unknowns.parameters import Parameters, spread
 from planner.unknowns.unknown import Unknown
@@ -203,7 +203,7 @@ def _checked(arm: Arm, targets: Iterable[Any]) -> list[Targets]:
     if not tasks:
         raise InputError("targets", targets, "at least one task")
     for i, task in enumerate(tasks):
-        if looks_of(task):
+        if compliance_requests(task):
             raise InputError(f"targets[{i}]", "a stiffness", "targets of shape alone")
         if term_names(arm, task)[1]:
             raise InputError(f"targets[{i}]", task, "targets that can be met exactly")

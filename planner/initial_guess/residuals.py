@@ -51,7 +51,9 @@ def _sweep(problem: Problem) -> ca.Function:
     forward = explicit_map(arm, scene, scheme, 1, stations)
     T, numbers = ca.MX.sym("T", arm.n_tendons), ca.MX.sym("p", problem.terms.size1_in(1))
     poses, stretch = forward.function(T)[:2]
-    gives = ca.vertcat(ca.DM(0, 1), *(ca.vec(ca.DM.eye(look.width)) for look in problem.looks))
+    gives = ca.vertcat(
+        ca.DM(0, 1), *(ca.vec(ca.DM.eye(request.width)) for request in problem.requests)
+    )
     seen = poses[:, [forward.mesh.node(s) for s in stations]]
     match, approach, margin, _ = problem.terms(seen, numbers, gives)
     gaps = ca.vertcat(match, approach, ca.fmin(margin, 0))

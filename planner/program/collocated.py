@@ -19,7 +19,7 @@ from planner.program.condensed import Condensed
 from planner.program.program import program
 from planner.program.statement import Statement
 from planner.program.states import States, Stations
-from planner.program.terms import looks_of
+from planner.program.terms import compliance_requests
 from planner.targets.base import Target
 
 
@@ -45,20 +45,20 @@ class Collocated:
         stations: tuple[float, ...],
         machine_code: bool,
     ) -> None:
-        looks = looks_of(targets)
-        loaded = is_loaded(scene) or bool(looks)
+        requests = compliance_requests(targets)
+        loaded = is_loaded(scene) or bool(requests)
         mesh = (statement.stages, statement.refinement, stations)
         self.forward = Collocation(arm, scene, *mesh, loaded, machine_code)
         at = self.forward.system
-        self.states = States(at, looks, least_give(arm), statement.modes, statement.wound)
+        self.states = States(at, requests, least_give(arm), statement.modes, statement.wound)
         self.program = program(arm, targets, statement, at.of, Stations.of(at, stations))
 
     def numbers(self, target: Array) -> Array:
         """Return the parameters of the mechanics for the targets' numbers."""
-        ways = [np.array(D) for D in self.program.objective.ways.call([target])]
+        directions = [np.array(D) for D in self.program.objective.directions.call([target])]
         states = self.states
         scales = (states.scale, states.row_scale)
-        return np.concatenate([np.array([states.force]), states.numbers(ways), *scales])
+        return np.concatenate([np.array([states.force]), states.numbers(directions), *scales])
 
     def unknowns(self, a: Array, tensions: Array, p: Array) -> Array:
         """Return all unknowns for tensions: states that settle them, what margins lack.

@@ -19,8 +19,8 @@ from planner.program.explicit import Explicit
 from planner.program.limits import Limits, natural_tensions
 from planner.program.program import STABILITY, STROKES, Rows, Same
 from planner.program.statement import Statement
-from planner.program.terms import looks_of, stations_of
-from planner.targets.base import Look, Target
+from planner.program.terms import compliance_requests, stations_of
+from planner.targets.base import ComplianceRequest, Target
 
 Bounds = tuple[Array, Array, Array, Array]
 TRACES = (1e-6, 1e-11)
@@ -30,7 +30,9 @@ _STABLE = 1e-3
 _NOTHING, _NO_LIMIT = 1e-7, 1e12
 
 
-def is_explicit(scene: Scene, statement: Statement, looks: tuple[Look, ...]) -> bool:
+def is_explicit(
+    scene: Scene, statement: Statement, requests: tuple[ComplianceRequest, ...]
+) -> bool:
     """Return whether a program's poses are an explicit function of the tensions.
 
     As printed they are; in the paper's balance without loads where the states are eliminated.
@@ -40,7 +42,7 @@ def is_explicit(scene: Scene, statement: Statement, looks: tuple[Look, ...]) -> 
     if statement.wound:
         return False
     paper = all(isinstance(effect, Extension) for effect in scene.effects)
-    return statement.form == "condensed" and paper and not looks
+    return statement.form == "condensed" and paper and not requests
 
 
 class Problem:
@@ -66,9 +68,9 @@ class Problem:
     ) -> None:
         self.arm, self.scene, self.statement = arm, scene, statement
         self.machine_code = machine_code
-        self.stations, self.looks = stations_of(arm, targets), looks_of(targets)
+        self.stations, self.requests = stations_of(arm, targets), compliance_requests(targets)
         asked = (arm, scene, targets, statement, self.stations)
-        explicit = is_explicit(scene, statement, self.looks)
+        explicit = is_explicit(scene, statement, self.requests)
         mechanics = Explicit if explicit else Collocated
         self.mechanics = mechanics(*asked, machine_code)
         self.program = self.mechanics.program

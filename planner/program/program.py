@@ -38,11 +38,11 @@ from planner.program.states import Blocks, Stations
 from planner.program.terms import (
     FIRM,
     YIELDING,
+    compliance_requests,
+    directions_function,
     firmness,
-    looks_of,
     margin_firmness,
     terms_function,
-    ways_function,
 )
 from planner.targets.base import Target
 
@@ -72,8 +72,8 @@ class Objective:
     terms : casadi.Function
         Station poses (7, K), target numbers, compliances -> the targets' match, approach, margin
         and least.
-    ways : casadi.Function
-        Target numbers -> the directions (3, width) of each look.
+    directions : casadi.Function
+        Target numbers -> the directions (3, width) of each request.
     rows : tuple of Rows
         What the rows of g are, in order.
     lack_rows : list of int
@@ -83,8 +83,11 @@ class Objective:
     def __init__(
         self, arm: Arm, targets: tuple[Target, ...], statement: Statement, thin: int
     ) -> None:
-        self.statement, self.looks = statement, looks_of(targets)
-        self.terms, self.ways = terms_function(arm, targets), ways_function(arm, targets)
+        self.statement, self.requests = statement, compliance_requests(targets)
+        self.terms, self.directions = (
+            terms_function(arm, targets),
+            directions_function(arm, targets),
+        )
         n, K = arm.n_tendons, self.terms.size2_in(0)
         T, poses, least = ca.MX.sym("T", n), ca.MX.sym("poses", 7, K), ca.MX.sym("least", thin)
         p, gives = ca.MX.sym("p", self.n_numbers), ca.MX.sym("gives", self.terms.numel_in(2))
@@ -222,15 +225,15 @@ class Program:
         return ca.dot(weights, X[places.tolist()]) + 1 - of.form.law.along_at_rest
 
     def _gives(self, X: ca.MX, given: ca.MX, force: ca.MX) -> ca.MX:
-        """Return the compliances along the looks' directions, column by column."""
+        """Return the compliances along the requests' directions, column by column."""
         of, gives, k = self.blocks.of, [ca.MX(0, 1)], 0
         tip = (of.first + of.nodes[-1, 4:POSE]).tolist()
-        for look, D in zip(
-            self.objective.looks, self.objective.ways.call([given[:-3]]), strict=True
+        for request, D in zip(
+            self.objective.requests, self.objective.directions.call([given[:-3]]), strict=True
         ):
-            moved = [X[self.blocks.response(k + i)][tip] for i in range(look.width)]
+            moved = [X[self.blocks.response(k + i)][tip] for i in range(request.width)]
             gives.append(ca.vec(D.T @ ca.horzcat(*moved) / force))
-            k += look.width
+            k += request.width
         return ca.vertcat(*gives)
 
     @cached_property
@@ -285,5 +288,5 @@ def program(
 @lru_cache(maxsize=16)
 def _built(key: Hashable, of: Layout, seen: Stations, given: Same) -> Program:
     arm, targets, statement = given.value
-    looks, more = looks_of(targets), (statement.modes, statement.wound)
-    return Program(arm, targets, statement, lambda first: Blocks(of, looks, first, *more), seen)
+    requests, more = compliance_requests(targets), (statement.modes, statement.wound)
+    return Program(arm, targets, statement, lambda first: Blocks(of, requests, first, *more), seen)

@@ -20,7 +20,7 @@ from model.transcription.layout import Layout
 from model.transcription.system import System
 from model.transcription.terms import Term
 from planner.program.modes import mode_numbers, mode_size, mode_terms
-from planner.targets.base import Look
+from planner.targets.base import ComplianceRequest
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Blocks:
     Attributes
     ----------
     of : Layout
-    looks : tuple of Look
+    requests : tuple of ComplianceRequest
     first : int
         Place of the load factor.
     modes : int
@@ -70,15 +70,15 @@ class Blocks:
     """
 
     of: Layout
-    looks: tuple[Look, ...]
+    requests: tuple[ComplianceRequest, ...]
     first: int
     modes: int = 0
     wound: bool = False
 
     @property
-    def responses(self) -> list[Look]:
-        """The look of each response, one for each direction."""
-        return [look for look in self.looks for _ in range(look.width)]
+    def responses(self) -> list[ComplianceRequest]:
+        """The request of each response, one for each direction."""
+        return [request for request in self.requests for _ in range(request.width)]
 
     @property
     def size(self) -> int:
@@ -138,12 +138,12 @@ class Blocks:
         place = self.places()
         own = self.of.equations.terms
         terms = [Term(term.kernel, place[term.unknowns], term.rows) for term in own]
-        for k, look in enumerate(self.responses):
+        for k, request in enumerate(self.responses):
             shift, row = self.response(k).start, self.response_rows(k).start
             for term in own:
                 unknowns = np.vstack([place[term.unknowns], shift + term.unknowns])
                 terms.append(Term(tangent(term.kernel), unknowns, row + term.rows))
-            terms += self._held(look, place, shift, row + self.of.n_states)
+            terms += self._held(request, place, shift, row + self.of.n_states)
         row = self.response_rows(len(self.responses)).start
         for k in range(self.modes):
             terms += mode_terms(self.of, place, self.mode(k).start, row)
@@ -156,12 +156,12 @@ class Blocks:
             terms.append(Term(_scaled(), own_places, rows))
         return terms
 
-    def _held(self, look: Look, place: Places, shift: int, row: int) -> list[Term]:
+    def _held(self, request: ComplianceRequest, place: Places, shift: int, row: int) -> list[Term]:
         """Return what holds the tendons while the arm responds, and the load factor that stays."""
         n = self.of.n_tendons
         tensions, rows = shift + np.arange(n)[None, :], row + np.arange(n)[None, :]
         terms = [Term(_scaled(), np.array([[shift + n]]), np.array([[row + n]]))]
-        if look.hold == "tension":
+        if request.hold == "tension":
             return [*terms, Term(_scaled(), tensions, rows)]
         (lengths,) = self.of.lengths.terms
         kernel = _locked(self.of.form.law)
@@ -217,30 +217,30 @@ class States:
     def __init__(
         self,
         at: System,
-        looks: tuple[Look, ...],
+        requests: tuple[ComplianceRequest, ...],
         give: float,
         modes: int = 0,
         wound: bool = False,
     ) -> None:
         self.at, self.give, self.wound = at, give, wound
-        self.looks, self.modes = looks, modes
+        self.requests, self.modes = requests, modes
         state, row = _scales(at)
         # A force that bends the straight arm by about 1 rad.
         R = float(at.arm.radius.evaluate(np.zeros(1), at.arm.length)[0][0])
         self.force = at.arm.material.E * np.pi * R**4 / 4 / at.arm.length**2
         whole = np.concatenate([np.full(at.of.first, self.force), state])
-        each = [look for look in looks for _ in range(look.width)]
+        each = [request for request in requests for _ in range(request.width)]
         mode, balance = np.append(state, 1.0), np.append(row, 1.0)
         lengths = np.full(at.of.n_tendons * wound, at.arm.length)
         behind = [*[whole for _ in each], *[mode] * modes, lengths]
         self.scale = np.concatenate([[1.0], state, *behind])
-        rows = [np.concatenate([row, self._held_scale(look)]) for look in each]
+        rows = [np.concatenate([row, self._held_scale(request)]) for request in each]
         self.row_scale = np.concatenate([row, *rows, *[balance] * modes, lengths])
         self._stages = state[at.of.stages].ravel()
 
-    def _held_scale(self, look: Look) -> Array:
+    def _held_scale(self, request: ComplianceRequest) -> Array:
         of = self.at.of
-        length = self.at.arm.length if look.hold == "length" else self.force
+        length = self.at.arm.length if request.hold == "length" else self.force
         return np.append(np.full(of.n_tendons, length), 1.0)
 
     def mode_size(self, y: Array) -> Array:
@@ -248,26 +248,28 @@ class States:
         return mode_size(self.at, self._stages, y)
 
     def numbers(self, directions: list[Array]) -> Array:
-        """Return the numbers (n_p,) with the directions (3, width) of the looks."""
+        """Return the numbers (n_p,) with the directions (3, width) of the requests."""
         at, of = self.at, self.at.of
         own = [
             at.p[numbers].reshape(term.count, -1).T
             for term, numbers in zip(of.equations.terms, of.equations.slices, strict=True)
         ]
         columns = list(own)
-        pairs = [(look, d) for look, D in zip(self.looks, directions, strict=True) for d in D.T]
-        for look, d in pairs:
+        pairs = [
+            (request, d) for request, D in zip(self.requests, directions, strict=True) for d in D.T
+        ]
+        for request, d in pairs:
             for term, numbers in zip(of.equations.terms, own, strict=True):
                 change = np.zeros_like(numbers)
                 if term.kernel.name == "element":
                     change[1:4] = self.force * d[:, None]
                 columns.append(np.vstack([numbers, change]))
             columns.append(np.ones((1, 1)))
-            if look.hold == "tension":
+            if request.hold == "tension":
                 columns.append(np.ones((1, of.n_tendons)))
                 continue
             lengths = at.length_numbers.reshape(-1, 5).T
-            stretch = 0.0 if look.tendon_EA is None else 1 / look.tendon_EA
+            stretch = 0.0 if request.tendon_EA is None else 1 / request.tendon_EA
             columns.append(np.vstack([lengths, np.full((1, lengths.shape[1]), stretch)]))
             columns.append(np.full((1, of.n_tendons), -self.give))
         for _ in range(self.modes):

@@ -7,7 +7,7 @@ import math
 import casadi as ca
 
 from model.arm import Arm
-from planner.targets.base import Look, Target, Terms, View
+from planner.targets.base import ComplianceRequest, Target, Terms, View
 
 FIRM, YIELDING = 1e2, 3e-4
 # Of margins that may lack nothing.
@@ -20,24 +20,25 @@ def stations_of(arm: Arm, targets: tuple[Target, ...]) -> tuple[float, ...]:
     return tuple(sorted({s for target in targets for s in target.stations(arm)}))
 
 
-def looks_of(targets: tuple[Target, ...]) -> tuple[Look, ...]:
+def compliance_requests(targets: tuple[Target, ...]) -> tuple[ComplianceRequest, ...]:
     """Return the looks at the tip's compliance of the targets that have one, in their order."""
-    return tuple(look for target in targets if (look := target.look()) is not None)
+    found = (target.compliance_request() for target in targets)
+    return tuple(request for request in found if request is not None)
 
 
-def ways_function(arm: Arm, targets: tuple[Target, ...]) -> ca.Function:
-    """Return target numbers -> the directions (3, width) of each look."""
+def directions_function(arm: Arm, targets: tuple[Target, ...]) -> ca.Function:
+    """Return target numbers -> the directions (3, width) of each request."""
     numbers = _numbers(arm, targets)
     pairs = zip(targets, numbers, strict=True)
-    ways = [target.ways(p) for target, p in pairs if target.look() is not None]
-    return ca.Function("ways", [ca.vertcat(*numbers)], ways)
+    found = [target.directions(p) for target, p in pairs if target.compliance_request() is not None]
+    return ca.Function("directions", [ca.vertcat(*numbers)], found)
 
 
 def terms_function(arm: Arm, targets: tuple[Target, ...]) -> ca.Function:
     """Return (poses (7, K), target numbers, gives) -> stacked terms.
 
-    They are match, approach, margin, least, each by target. Gives are those of the looks, one below
-    the other, a give column by column.
+    They are match, approach, margin, least, each by target. Gives are the compliances of the
+    requests, one below the other, each column by column.
     """
     stations = stations_of(arm, targets)
     poses = ca.MX.sym("poses", 7, len(stations))
@@ -100,9 +101,11 @@ def _numbers(arm: Arm, targets: tuple[Target, ...]) -> list[ca.MX]:
 
 
 def _gives(targets: tuple[Target, ...]) -> list[ca.MX | None]:
-    """Return symbols for what each target's look gives, None for those without."""
-    looks = [target.look() for target in targets]
-    return [ca.MX.sym("give", look.width, look.width) if look else None for look in looks]
+    """Return symbols for the compliance of each target's request, None for those without."""
+    requests = [target.compliance_request() for target in targets]
+    return [
+        ca.MX.sym("give", request.width, request.width) if request else None for request in requests
+    ]
 
 
 def _stack(terms: list[Terms], kind: str) -> ca.MX:

@@ -52,7 +52,10 @@ def further_guesses(task: Task) -> Guesses:
     own = unloaded(task.scene)
     if own == task.simple.scene:
         return Guesses([])
-    shape = tuple(target for target in task.targets if target.look() is None) or task.targets
+    shape = (
+        tuple(target for target in task.targets if target.compliance_request() is None)
+        or task.targets
+    )
     return _of_closed_form(replace(task, scene=own, targets=shape))
 
 
@@ -75,7 +78,7 @@ def _of_closed_form(task: Task) -> Guesses:
     found = fitted_guesses(problem, task.targets, task.allowed, COUNT)
     first = found.likely or found.others[:_OTHERS]
     starts = distinct([*first, *curled, *found.others], task.most)
-    return Guesses(starts, 0 if problem.looks else min(len(found.likely), task.most))
+    return Guesses(starts, 0 if problem.requests else min(len(found.likely), task.most))
 
 
 def _carried(task: Task, simple: Task) -> Guesses:
@@ -85,7 +88,10 @@ def _carried(task: Task, simple: Task) -> Guesses:
     a point, which takes few tendons, the best of them comes again with more pull: a load that is
     heavy for the tip takes several times what bends it without.
     """
-    shape = tuple(target for target in task.targets if target.look() is None) or task.targets
+    shape = (
+        tuple(target for target in task.targets if target.compliance_request() is None)
+        or task.targets
+    )
     free = replace(simple, targets=shape)
     guesses = _of_closed_form(free)
     trials = Multistart(free, guesses.sure)

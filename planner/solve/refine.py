@@ -20,7 +20,7 @@ from planner.certificate import measure
 from planner.program.limits import Limits
 from planner.program.problem import Problem
 from planner.program.statement import Mode, Statement
-from planner.program.terms import looks_of, stations_of
+from planner.program.terms import compliance_requests, stations_of
 from planner.solve.ipopt import Solution, solve
 from planner.solve.newton import newton, optimality
 from planner.solve.task import Task
@@ -167,8 +167,8 @@ def _mesh(task: Task, T: Array) -> int:
         if not task.is_point:
             sharp = settle(*asked, max(fine / 30, 1e-12), compile=by)
             mesh = mesh if _apart(task, shape, sharp) <= fine else sharp.refinement
-        for look in looks_of(task.targets):
-            found = stiffness(*asked, look.hold, accuracy=fine, compile=by)
+        for request in compliance_requests(task.targets):
+            found = stiffness(*asked, request.hold, accuracy=fine, compile=by)
             mesh = max(mesh, found.refinement)
         if not is_loaded(task.scene) and not task.scene.has(PrintedStatics):
             mesh = _collocated(task, shape, mesh, fine)
@@ -197,7 +197,7 @@ def _collocated(task: Task, shape: Shape, mesh: int, fine: float) -> int:
 
 def _apart(task: Task, shape: Shape, other: Shape) -> float:
     """Return how much two shapes differ in what the targets measure of them, stiffness aside."""
-    targets = tuple(target for target in task.targets if target.look() is None)
+    targets = tuple(target for target in task.targets if target.compliance_request() is None)
     if not targets:
         return 0.0
     stations, none = np.array(stations_of(task.arm, targets)), np.zeros(0)

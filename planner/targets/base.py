@@ -52,15 +52,15 @@ class Terms:
 
 
 @dataclass(frozen=True)
-class Look:
-    """How the tip gives way, as a target asks for it.
+class ComplianceRequest:
+    """A compliance of the tip that a target is stated with.
 
     Attributes
     ----------
     hold : "tension" or "length"
         What holds the tendons.
     width : int
-        Along how many directions at once; see Target.ways.
+        Along how many directions at once; see Target.directions.
     tendon_EA : float or None
         Stiffness E A of tendons whose lengths are held [N]; see model.stiffness.
     """
@@ -71,17 +71,19 @@ class Look:
 
 
 class View:
-    """The poses of a shape at the stations that a target asked for, and how its tip gives way.
+    """The poses of a shape at the stations that a target asked for, and its tip's compliance.
 
     Attributes
     ----------
-    give : (width, width)
+    compliance : (width, width)
         D^T C D [m/N] with the compliance C (3, 3) of model.stiffness against forces on the tip,
-        and the target's directions D (3, width); only there for a target with a look.
+        and the target's directions D (3, width); only there for a target with a request.
     """
 
-    def __init__(self, arm: Arm, poses: Mapping[float, ca.MX], give: ca.MX | None = None) -> None:
-        self.arm, self._poses, self._give = arm, poses, give
+    def __init__(
+        self, arm: Arm, poses: Mapping[float, ca.MX], compliance: ca.MX | None = None
+    ) -> None:
+        self.arm, self._poses, self._compliance = arm, poses, compliance
         self.base_frame = ca.MX(ca.DM(np.array(arm.base_frame)))
         self.base_position = ca.MX(ca.DM(np.array(arm.base_position)))
 
@@ -102,10 +104,10 @@ class View:
         return _rotation()(self._poses[s][:4], wanted)
 
     @property
-    def give(self) -> ca.MX:
-        """How the tip gives way along the target's directions."""
-        assert self._give is not None
-        return self._give
+    def compliance(self) -> ca.MX:
+        """The tip's compliance along the target's directions."""
+        assert self._compliance is not None
+        return self._compliance
 
     @property
     def tip(self) -> ca.MX:
@@ -159,11 +161,11 @@ class Target(Protocol):
     def prescribed(self, arm: Arm) -> Mapping[str, Array]:
         """Return the quantities that the target fixes, by name; two targets have to agree."""
 
-    def look(self) -> Look | None:
-        """Return how the target looks at the tip's compliance, if it does."""
+    def compliance_request(self) -> ComplianceRequest | None:
+        """Return the compliance of the tip that it is stated with, if it is."""
 
-    def ways(self, p: ca.MX) -> ca.MX:
-        """Return the directions (3, width) of its look, in the base frame, from its numbers p."""
+    def directions(self, p: ca.MX) -> ca.MX:
+        """Return the directions (3, width) of its request, base frame, from its numbers p."""
 
     def guess_towards(self, arm: Arm) -> Array | None:
         """Return a point (3,) towards which initial guesses bend the arm [m]."""
@@ -191,12 +193,12 @@ class Free:
         """See Target.prescribed: none."""
         return {}
 
-    def look(self) -> Look | None:
-        """See Target.look: not at all."""
+    def compliance_request(self) -> ComplianceRequest | None:
+        """See Target.compliance_request: none."""
         return None
 
-    def ways(self, p: ca.MX) -> ca.MX:
-        """See Target.ways: none."""
+    def directions(self, p: ca.MX) -> ca.MX:
+        """See Target.directions: none."""
         return ca.MX(3, 0)
 
 

@@ -15,7 +15,7 @@ from model.checks import finite_array, positive
 from model.errors import InputError
 from model.paths import Array
 from model.stiffness import HOLDS, Hold
-from planner.targets.base import OVER_WANTED, Free, Look, Terms, View
+from planner.targets.base import OVER_WANTED, ComplianceRequest, Free, Terms, View
 
 SHARE = f"stiffness{OVER_WANTED}"
 
@@ -43,23 +43,23 @@ class _Directed(Free):
 
     def structure(self, arm: Arm) -> Hashable:
         """See Target.structure."""
-        return type(self).__name__, self.look()
+        return type(self).__name__, self.compliance_request()
 
     def stations(self, arm: Arm) -> tuple[float, ...]:
         """See Target.stations: the tip, so that a stiffness can be asked for alone."""
         return (arm.length,)
 
-    def look(self) -> Look:
-        """See Target.look: along one direction."""
-        return Look(self.hold, 1, self.tendon_EA)
+    def compliance_request(self) -> ComplianceRequest:
+        """See Target.compliance_request: along one direction."""
+        return ComplianceRequest(self.hold, 1, self.tendon_EA)
 
-    def ways(self, p: ca.MX) -> ca.MX:
-        """See Target.ways."""
+    def directions(self, p: ca.MX) -> ca.MX:
+        """See Target.directions."""
         return p[:3]
 
     def parameters(self, arm: Arm) -> Array:
         """See Target.parameters: the direction, the compliance of the arm at rest."""
-        return np.append(self.direction, rest_give(arm))
+        return np.append(self.direction, rest_compliance(arm))
 
     def guess_towards(self, arm: Arm) -> Array | None:
         """See Target.guess_towards: nowhere."""
@@ -82,7 +82,7 @@ class Stiffest(_Directed):
 
     def terms(self, view: View, p: ca.MX) -> Terms:
         """See Target.terms."""
-        return Terms(least={"compliance": _log_give(view, p)})
+        return Terms(least={"compliance": _log_compliance(view, p)})
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class Softest(_Directed):
 
     def terms(self, view: View, p: ca.MX) -> Terms:
         """See Target.terms."""
-        return Terms(least={"stiffness": -_log_give(view, p)})
+        return Terms(least={"stiffness": -_log_compliance(view, p)})
 
 
 @dataclass(frozen=True)
@@ -135,19 +135,21 @@ class MinimumStiffness(Free):
 
     def structure(self, arm: Arm) -> Hashable:
         """See Target.structure."""
-        return "MinimumStiffness", self.look()
+        return "MinimumStiffness", self.compliance_request()
 
     def stations(self, arm: Arm) -> tuple[float, ...]:
         """See Target.stations: the tip, so that a stiffness can be asked for alone."""
         return (arm.length,)
 
-    def look(self) -> Look:
-        """See Target.look: along one direction, or all three."""
-        return Look(self.hold, 3 if np.ndim(self.direction) == 2 else 1, self.tendon_EA)
+    def compliance_request(self) -> ComplianceRequest:
+        """See Target.compliance_request: along one direction, or all three."""
+        return ComplianceRequest(
+            self.hold, 3 if np.ndim(self.direction) == 2 else 1, self.tendon_EA
+        )
 
-    def ways(self, p: ca.MX) -> ca.MX:
-        """See Target.ways: scaled so that what is wanted is a give of 1 at most."""
-        return ca.reshape(p, 3, self.look().width)
+    def directions(self, p: ca.MX) -> ca.MX:
+        """See Target.directions: scaled so that what is wanted is a compliance of 1 at most."""
+        return ca.reshape(p, 3, self.compliance_request().width)
 
     def parameters(self, arm: Arm) -> Array:
         """See Target.parameters: the direction, or the matrix's root; times the value's root."""
@@ -160,10 +162,10 @@ class MinimumStiffness(Free):
     def terms(self, view: View, p: ca.MX) -> Terms:
         """See Target.terms: the stiffness over that wanted, less 1; or minors of a matrix."""
         if np.ndim(self.direction) == 1:
-            margin = {SHARE: 1 / view.give - 1}
+            margin = {SHARE: 1 / view.compliance - 1}
             return Terms(margin=margin, yielding=frozenset({SHARE}))
         name = "stiffness above that wanted"
-        return Terms(margin={name: _minors()(view.give)}, yielding=frozenset({name}))
+        return Terms(margin={name: _minors()(view.compliance)}, yielding=frozenset({name}))
 
     def guess_towards(self, arm: Arm) -> Array | None:
         """See Target.guess_towards: nowhere."""
@@ -172,7 +174,7 @@ class MinimumStiffness(Free):
 
 @cache
 def _minors() -> ca.Function:
-    """Return give G (3, 3) -> principal minors of 1 - G, 0 or above where G is at most 1."""
+    """Return compliance G (3, 3) -> principal minors of 1 - G, 0 or above where G is at most 1."""
     G = ca.SX.sym("G", 3, 3)
     spare = ca.SX.eye(3) - G
     pairs = ([0, 1], [0, 2], [1, 2])
@@ -180,12 +182,12 @@ def _minors() -> ca.Function:
     return ca.Function("minors", [G], [ca.vertcat(*minors)])
 
 
-def _log_give(view: View, p: ca.MX) -> ca.MX:
-    """Return the logarithm of the give over that of the straight arm at rest."""
-    return ca.log(view.give / p[3])
+def _log_compliance(view: View, p: ca.MX) -> ca.MX:
+    """Return the logarithm of the compliance over that of the straight arm at rest."""
+    return ca.log(view.compliance / p[3])
 
 
-def rest_give(arm: Arm) -> float:
+def rest_compliance(arm: Arm) -> float:
     """Return about the lateral compliance of the straight arm at rest [m/N]."""
     s = np.linspace(0.0, arm.length, 201)
     EJ = arm.material.E * np.pi * arm.radius.evaluate(s, arm.length)[0] ** 4 / 4
