@@ -17,7 +17,8 @@ from model.progress import tell
 from model.settle import checked_scene
 from planner.design.making import Making
 from planner.design.program import Optimum, Program
-from planner.design.tasks import Targets
+from planner.design.sensitivity import effort_slopes
+from planner.design.tasks import Targets, Tasks
 from planner.plan import Plan, plan
 from planner.program.limits import Limits
 from planner.program.terms import compliance_requests, term_names
@@ -25,7 +26,7 @@ from planner.question import check_targets
 from planner.unknowns.parameters import Parameters, spread
 from planner.unknowns.unknown import Unknown
 
-_END = 1e-6
+_END, _REFINEMENT = 1e-6, 2
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,8 @@ class Design:
         Of each task for the designed arm, and for the given one.
     steps : int
         Of the optimisation.
+    making : Making
+        What can be made.
     """
 
     given_arm: Arm
@@ -55,6 +58,7 @@ class Design:
     plans: tuple[Plan, ...] = field(compare=False)
     before: tuple[Plan, ...] = field(compare=False)
     steps: int
+    making: Making = field(default_factory=Making)
 
     @cached_property
     def parameters(self) -> Parameters:
@@ -83,17 +87,39 @@ class Design:
         return 1 - self.effort / _total(self.before) if met else float("nan")
 
     @cached_property
+    def sensitivity(self) -> Array:
+        """How the effort changes with the unknowns (K,) [N per unit], tensions chosen anew.
+
+        At a bound it says what the bound costs. Raises InputError unless all tasks are met.
+        """
+        if not self.feasible:
+            raise InputError("design", "tasks that are not met", "a design that meets all tasks")
+        tasks = Tasks(self.parameters, [own.targets for own in self.plans], _REFINEMENT)
+        T = np.array([np.ravel(own.tensions) for own in self.plans])
+        return effort_slopes(self.plans, tasks.missed(self.array, T))
+
+    @cached_property
     def outcome(self) -> str:
         """What was found, and where that is not enough which task and which limit hold it."""
         told = [self._told()]
         for i, own in enumerate(self.plans):
             if not own.certificate.passed:
-                told.append(f"Task {i} is not met: {own.outcome}")
+                told.append(f"Task {i} is not met: {own.outcome}{self._held(own)}")
+        limits = self.making.binding(self.arm)
+        if limits:
+            told.append(f"At a limit of what can be made: {', '.join(limits)}.")
         rows = zip(self.unknowns, self.values, strict=True)
         ends = [own.name for own, x in rows if _at_end(own, x)]
         if ends:
             told.append(f"At a bound: {', '.join(ends)}.")
         return " ".join(told)
+
+    def _held(self, own: Plan) -> str:
+        """Return which tension limits a plan is at."""
+        T, upper = np.ravel(own.tensions), np.array(own.limits.upper)
+        at = np.flatnonzero(upper * (1 - _END) <= T)
+        names = ", ".join(own.arm.tendon_name(int(j)) for j in at)
+        return f" At the tension limit: {names}." if names else ""
 
     def _told(self) -> str:
         tasks = f"{len(self.plans)} tasks, {len(self.unknowns)} unknowns"
@@ -163,7 +189,8 @@ def design(
     best = parameters.built(found.values, "")[0]
     plans = _plans(best, tasks, scene, tension_max, starts)
     values = tuple(found.values.tolist())
-    return Design(arm, scene, parameters.unknowns, values, best, plans, before, found.steps)
+    steps = found.steps
+    return Design(arm, scene, parameters.unknowns, values, best, plans, before, steps, making)
 
 
 def _optimum(

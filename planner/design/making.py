@@ -11,6 +11,8 @@ from model.checks import not_negative
 from model.paths import Array
 
 _STATIONS = 9
+# Room, over an arm's length, that is none.
+_NONE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,15 @@ class Making:
     def __post_init__(self) -> None:
         for name in ("wall", "radius", "spacing"):
             object.__setattr__(self, name, not_negative(f"Making.{name}", getattr(self, name)))
+
+    def binding(self, arm: Arm) -> tuple[str, ...]:
+        """Return what an arm has no room left of, in words; only of limits that were given."""
+        names = [(f"radius {1e3 * self.radius:g} mm", self.radius)] * _STATIONS
+        names += [(f"wall {1e3 * self.wall:g} mm", self.wall)] * _STATIONS * len(arm.offset_paths)
+        names += [(f"spacing {1e3 * self.spacing:g} mm", self.spacing)] * len(arm.sections)
+        rows = zip(names, self.room(arm), strict=False)
+        found = [name for (name, limit), room in rows if limit > 0 and room < _NONE]
+        return tuple(dict.fromkeys(found))
 
     def room(self, arm: Arm) -> Array:
         """Return what is left of each limit over the arm's length (n,): 0 or above can be made."""

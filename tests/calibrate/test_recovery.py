@@ -7,9 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model import Anchorage, Arm, Linear, Material, Scene, settle
+from model import Anchorage, Arm, Linear, Material, RestCurvature, Scene, settle
+from model.effects import PointMass
+from model.winches import rest_lengths
 from planner import Measured, Unknown, calibrate
-from tests.calibrate.cases import HANGING, small_arm, synthetic
+from tests.calibrate.cases import HANGING, PULLS, small_arm, synthetic
 
 SCALE = tuple(f"tension_scale[{j}]" for j in range(3))
 KNOWN = [Unknown("arm.E_kPa", 50, 300), Unknown("arm.sections[0].offset_mm[0]", 3, 9)]
@@ -137,6 +139,47 @@ def test_intervals_hold_the_truth(count: int) -> None:
         held += ((low <= [E, y, density]) & (high >= [E, y, density])).tolist()
     share = float(np.mean(held))
     assert share >= 0.8 if count < 100 else 0.93 <= share <= 0.97
+
+
+def test_a_shape_at_rest_a_tendons_path_and_a_mass_are_recovered() -> None:
+    straight = small_arm()
+    tendons = straight.sections[0]
+    offsets = (Linear(0.0055, 0.005), Linear(0.006, 0.005), Linear(0.006, 0.005))
+    curved = replace(
+        straight,
+        sections=(replace(tendons, offset=offsets),),
+        rest_curvature=RestCurvature(Linear(0.8, 0.8), Linear(-1.5, 0.5)),
+    )
+    scene = Scene(*HANGING.effects, PointMass(0.1, 0.004, (0.0, 0.02, 0.0)))
+    shapes = synthetic(curved, scene, 0.0, 0, PULLS)
+    guess = replace(
+        straight,
+        sections=(replace(tendons, offset=(tendons.offset,) * 3),),
+        rest_curvature=RestCurvature(),
+    )
+    bare = Scene(*HANGING.effects, PointMass(0.1, 0.002, (0.0, 0.0, 0.0)))
+    unknowns = [
+        Unknown("arm.E_kPa", 50, 300),
+        Unknown("arm.sections[0].offset_mm[0][0]", 3, 9),
+        Unknown(("arm.rest_curvature.n[0]", "arm.rest_curvature.n[1]"), -3, 3),
+        *(Unknown(f"arm.rest_curvature.b[{i}]", -3, 3) for i in (0, 1)),
+        Unknown("effects.point_masses[0].mass_g", 0, 10),
+        Unknown("effects.point_masses[0].offset_mm[1]", -40, 40),
+    ]
+    found = calibrate(guess, bare, shapes, unknowns)
+    assert found.values == pytest.approx((120.0, 5.5, 0.8, -1.5, 0.5, 4.0, 20.0), rel=1e-3)
+
+
+def test_strokes_tell_the_curvature_at_rest_that_they_count_from() -> None:
+    arm = replace(small_arm(), rest_curvature=RestCurvature(b=Linear(2.0, 2.0)))
+    shapes = []
+    for i, T in enumerate(PULLS):
+        shape = settle(arm, T, HANGING, 1e-8)
+        shapes.append(Measured(T, strokes=rest_lengths(arm) - shape.tendon_lengths, name=f"{i}"))
+    guess = replace(arm, rest_curvature=RestCurvature(b=Linear(1.0, 1.0)))
+    tied = Unknown(("arm.rest_curvature.b[0]", "arm.rest_curvature.b[1]"), -3, 3)
+    found = calibrate(guess, HANGING, shapes, [tied])
+    assert found.values == pytest.approx((2.0,), rel=1e-3)
 
 
 @pytest.mark.slow

@@ -81,6 +81,23 @@ def test_the_optimum_is_that_of_a_search_over_plans() -> None:
     assert found.effort <= min(efforts) * (1 + 1e-6)
 
 
+@pytest.mark.parametrize("key", ["arm.sections[1].offset_mm[0]", "arm.radius_mm[1]"])
+def test_sensitivity_is_that_of_plans_made_anew(key: str) -> None:
+    """At bounds the effort still falls; differences of plans of neighbouring arms say how fast."""
+    start = {"arm.sections[1].offset_mm[0]": 6.0, "arm.radius_mm[1]": 5.0}[key]
+    narrow = Unknown(key, start - 0.01, start + 0.01)
+    found = design(_arm(), _tips(), [narrow], PAPER, 5.0, starts=3, begins=1)
+    h = 1e-3
+
+    def effort(x: float) -> float:
+        arm = found.parameters.built(np.array([found.values[0] + x]), "")[0]
+        plans = [plan(arm, tip, PAPER, 5.0, starts=3, accuracy=1e-9) for tip in _tips()]
+        return float(np.linalg.norm([own.effort for own in plans]))
+
+    wanted = (effort(h) - effort(-h)) / (2 * h)
+    assert found.sensitivity == pytest.approx([wanted], rel=1e-3)
+
+
 def test_what_can_be_made_is_kept_to() -> None:
     wall = 0.0015
     with pytest.raises(InputError, match="it lacks"):
@@ -89,6 +106,7 @@ def test_what_can_be_made_is_kept_to() -> None:
         _arm(), _tips(), [RADIUS, OFFSET], PAPER, 5.0, making=Making(wall), starts=2, begins=1
     )
     assert Making(wall).room(found.arm).min() > -1e-9
+    assert "wall 1.5 mm" in found.outcome
 
 
 @pytest.mark.slow
@@ -98,6 +116,17 @@ def test_a_task_that_no_arm_meets_is_named() -> None:
     assert not found.feasible
     assert np.isnan(found.gain)
     assert "Task 1 is not met" in found.outcome
+    with pytest.raises(InputError, match="meets all tasks"):
+        found.sensitivity  # noqa: B018
+
+
+@pytest.mark.slow
+def test_the_limit_that_holds_a_task_is_named() -> None:
+    bent = TipPosition(tuple(settle(_arm(), [0, 0, 0.05, 0, 0, 0.8, 0, 0], PAPER).tip.tolist()))
+    found = design(_arm(), [bent], [RADIUS], PAPER, 1e-3, starts=2, begins=1)
+    assert not found.feasible
+    assert "Task 0 is not met" in found.outcome
+    assert "At the tension limit: T_" in found.outcome
 
 
 @pytest.mark.parametrize(
