@@ -11,7 +11,9 @@ import numpy as np
 from model.arm import Arm
 from model.centreline import Centreline
 from model.effects import PrintedStatics
-from model.equilibrium.forward import STAGES, Collocation, Known
+from model.equilibrium.forward import STAGES, Collocation
+from model.equilibrium.linearised import Linearised
+from model.equilibrium.newton import newton
 from model.errors import OctoplanError
 from model.forward import explicit_map
 from model.loads import is_loaded
@@ -37,7 +39,7 @@ class Lines:
         self, arm: Arm, scene: Scene, refinement: int, at: tuple[float, ...], machine_code: bool
     ) -> None:
         self._asked = (arm, scene, refinement, at, machine_code)
-        self._known: Known | None = None
+        self._last: Linearised | None = None
 
     def __call__(self, tensions: Array) -> Centreline | None:
         """Return the centreline under tensions (n_tendons,); None where the arm does not settle."""
@@ -56,12 +58,16 @@ class Lines:
         return None
 
     def _implicit(self, forward: Collocation, tensions: Array) -> Centreline | None:
+        here, system, last = None, forward.system, self._last
         try:
-            states = forward.found(tensions, self._known).states
+            if last is not None and last.system is system:
+                predicted = last.states + last.by_tensions @ (tensions - last.tensions)
+                here = newton(system, tensions, 1.0, predicted)
+            here = here or forward.found(tensions)
         except OctoplanError:
             return None
-        self._known = Known(forward.system, states)
-        return Centreline.at_states(forward.system, states)
+        self._last = here
+        return Centreline.at_states(system, here.states)
 
 
 @lru_cache(maxsize=16)
