@@ -19,7 +19,8 @@ from planner.trajectory.motion import Trajectory, trajectory
 
 _WAYPOINTS = """[[waypoints]] tables, such as type = "tip-position", position_mm = [250, 0, -150]"""
 _MOTION = "a [motion] table, such as [motion] rate_max = 5.0 (N/s), or times_s"
-_TAKEN = ("tension_max", "tension_min", "total_pull", "obstacles", "clearance", "self_clearance")
+_TAKEN = ("tension_max", "tension_min", "total_pull", "stroke_max", "stroke_min")
+_TAKEN += ("obstacles", "clearance", "self_clearance")
 
 
 def run(args: argparse.Namespace) -> Answer:
@@ -35,7 +36,7 @@ def run(args: argparse.Namespace) -> Answer:
             raise FileError(str(args.scene), key, f"missing; needed is {told}")
     options = {key: own for key, own in asked.options.items() if key in _TAKEN}
     ways = list(asked.waypoints)
-    given = {"accuracy": accuracy, **options, **asked.motion}
+    given = {"accuracy": accuracy, "compile": asked.compile, **options, **asked.motion}
     found = trajectory(asked.arm, ways, asked.scene, **given)
     return Answer(
         OK if found.certificate.passed else NOT_REACHED,

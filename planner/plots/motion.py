@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from matplotlib.animation import FuncAnimation
+from matplotlib.animation import FuncAnimation, writers
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
@@ -25,10 +25,14 @@ from model.shape import Shape
 from planner.plots.arm import best_view, draw_arm, fill, fit
 from planner.plots.plan import DPI, Planned
 from planner.plots.strains import PULL, SIZE, pull_norm, pulling
+from planner.plots.trajectory import Moving
 from planner.staging import placed
 
 # Of the tip over arm length: less than what is seen.
 _SEEN = 1e-4
+# By the suffix of a file; the most frames of a trajectory.
+_WRITERS = {".gif": "pillow", ".mp4": "ffmpeg"}
+_MOST = 1000
 
 
 class Moved(Planned, Protocol):
@@ -76,6 +80,38 @@ def plot_motion(
     arm, scene = _checked(plans, ax)
     within("fps", fps, 0.1, 120.0)
     steps = _steps(arm, scene, plans, int(within("frames", frames, 1, 10_000)))
+    titles = [f"plan {step.number} of {len(plans)}" * (len(plans) > 1) for step in steps]
+    return _animation(arm, steps, titles, ax, fps)
+
+
+def animate_trajectory(
+    motion: Moving, ax: Any = None, *, fps: float = 15.0, seconds: float | None = None
+) -> FuncAnimation:
+    """Return the animation of a trajectory, in the time that it takes or in `seconds`.
+
+    Every frame is the settled shape at its time; the target that comes next is shown.
+
+    Raises InputError for axes that are not 3-D, and OctoplanError where the arm does not settle.
+    """
+    _check_axes(ax)
+    within("fps", fps, 0.1, 120.0)
+    shown = motion.duration if seconds is None else within("seconds", seconds, 0.01, 3600.0)
+    count = min(max(round(shown * fps), 1), _MOST) + 1
+    times = np.linspace(0.0, motion.duration, count)
+    ends, asked = motion.times[list(motion.stops)], motion.question
+    after = np.minimum(np.searchsorted(ends, times - 1e-9 * motion.duration), ends.size - 1)
+    obstacles = asked.surroundings.obstacles
+    steps = [
+        _Step(motion.shape(float(t)), int(k) + 1, asked.targets[k], obstacles)
+        for t, k in zip(times, after, strict=True)
+    ]
+    return _animation(motion.arm, steps, [f"{t:.2f} s" for t in times], ax, (count - 1) / shown)
+
+
+def _animation(
+    arm: Arm, steps: list[_Step], titles: list[str], ax: Any, fps: float
+) -> FuncAnimation:
+    """Return the animation of frames, each with its title."""
     norm = pull_norm(np.concatenate([step.shape.tensions for step in steps]))
     if ax is None:
         ax = _axes(norm)
@@ -93,26 +129,35 @@ def plot_motion(
         fill(ax, *view)
         if pulling(step.shape.tensions).any():
             ax.collections[-1].set_norm(norm)
-        if len(plans) > 1:
-            ax.set_title(f"plan {step.number} of {len(plans)}", fontsize=SIZE)
+        ax.set_title(titles[index], fontsize=SIZE)
         return []
 
     return FuncAnimation(ax.figure, draw, len(steps), interval=1e3 / fps, init_func=list)
 
 
 def save_motion(motion: FuncAnimation, path: str | Path, dpi: float = 0.8 * DPI) -> Path:
-    """Write an animation as .gif; the file appears whole or not at all.
+    """Write an animation as .gif, or as .mp4 by ffmpeg; the file appears whole or not at all.
 
-    Raises InputError for another suffix and for a folder that does not exist.
+    Raises InputError for another suffix, for a folder that does not exist, and for .mp4 where there
+    is no ffmpeg.
     """
     path = Path(path)
-    if path.suffix.lower() != ".gif":
-        raise InputError("path", str(path), "a file name that ends in .gif")
+    writer = writer_of(path)
+    with placed(path) as part:
+        motion.save(str(part), writer, dpi=dpi)
+    return path
+
+
+def writer_of(path: Path) -> str:
+    """Return what writes an animation to a file; InputError as save_motion raises it."""
+    writer = _WRITERS.get(path.suffix.lower())
+    if writer is None:
+        raise InputError("path", str(path), "a file name that ends in .gif or .mp4")
     if not path.parent.is_dir():
         raise InputError("path", str(path), "a file in a folder that exists")
-    with placed(path) as part:
-        motion.save(str(part), "pillow", dpi=dpi)
-    return path
+    if not writers.is_available(writer):
+        raise InputError("path", str(path), f"a .gif: there is no {writer}, which writes .mp4")
+    return writer
 
 
 def _checked(plans: Sequence[Moved], ax: Any) -> tuple[Arm, Scene]:
@@ -122,9 +167,13 @@ def _checked(plans: Sequence[Moved], ax: Any) -> tuple[Arm, Scene]:
     for i, other in enumerate(plans):
         if other.arm != first.arm or other.scene != first.scene:
             raise InputError(f"plans[{i}]", "another arm or scene", "one arm and scene for all")
+    _check_axes(ax)
+    return first.arm, first.scene
+
+
+def _check_axes(ax: Any) -> None:
     if ax is not None and getattr(ax, "name", "") != "3d":
         raise InputError("ax", ax, 'axes made with projection="3d"')
-    return first.arm, first.scene
 
 
 def _steps(arm: Arm, scene: Scene, plans: Sequence[Moved], frames: int) -> list[_Step]:

@@ -47,6 +47,14 @@ class Moving(Protocol):
         """Return the shape at a time [s]."""
 
     @property
+    def duration(self) -> float:
+        """Return how long it takes [s]."""
+
+    @property
+    def stops(self) -> tuple[int, ...]:
+        """Return at which of the times each target is met."""
+
+    @property
     def outcome(self) -> str:
         """Return what happened, in words."""
 

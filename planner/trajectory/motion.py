@@ -143,9 +143,14 @@ class Trajectory:
     def save(self, path: str | Path) -> Path:
         """Write times [s], tensions [N] and lengths [m] of the tendons to a .csv file, for a robot.
 
-        The file is there whole or not at all. Raises InputError for another suffix, and where it
-        cannot be written.
+        Or an animation to .gif, or .mp4 where there is ffmpeg. The file is there whole or not at
+        all. Raises InputError for another suffix, and where it cannot be written.
         """
+        if Path(path).suffix.lower() in (".gif", ".mp4"):
+            from planner.plots.motion import animate_trajectory, save_motion, writer_of
+
+            writer_of(Path(path))
+            return save_motion(animate_trajectory(self), path)
         return write_named(path, ".csv", self.csv)
 
     def plot(self) -> Any:

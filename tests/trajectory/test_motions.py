@@ -6,13 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.animation import writers
 from numpy.typing import NDArray
+from PIL import Image
 
 from model import Arm, InputError, Scene, settle
 from model.effects import Extension
 from model.errors import FileError
 from model.obstacles import Sphere
 from planner import Trajectory, plan, trajectory
+from planner.plots.motion import animate_trajectory, save_motion
 from planner.targets import TipPosition
 from planner.trajectory.asked import waypoints_of
 
@@ -102,6 +105,17 @@ def test_a_motion_is_saved_for_a_robot(quickest: Trajectory, tmp_path: Path) -> 
     np.testing.assert_allclose(rows["T_11_length_m"], quickest.lengths[:, 0])
     with pytest.raises(InputError, match="csv"):
         quickest.save(tmp_path / "motion.txt")
+
+
+def test_a_motion_is_shown_in_the_time_that_it_takes(quickest: Trajectory, tmp_path: Path) -> None:
+    film = animate_trajectory(quickest, fps=4.0, seconds=1.0)
+    path = save_motion(film, tmp_path / "motion.gif", 20)
+    with Image.open(path) as shown:
+        assert shown.n_frames == 5
+        assert shown.info["duration"] == pytest.approx(250, abs=10)
+    if not writers.is_available("ffmpeg"):
+        with pytest.raises(InputError, match="ffmpeg"):
+            quickest.save(tmp_path / "motion.mp4")
 
 
 def test_functions_and_files_are_paths(tmp_path: Path) -> None:
