@@ -41,8 +41,8 @@ class Stiffness:
     at : float
         Arc length of the point that is pushed and watched [m].
     compliance : (6, 6)
-        Displacement [m] and turn [rad] of the midline there per force [N] and moment [N m] on it,
-        in the base frame.
+        Displacement [m] and rotation [rad] of the midline there per force [N] and moment [N m] on
+        it, in the base frame.
     tension_response : (n_tendons, 6)
         Change of each tension per force and moment [N per N, N per N m]; zero where tension holds.
     locked : tuple of int
@@ -67,16 +67,16 @@ class Stiffness:
 
     @cached_property
     def stiffness(self) -> Array:
-        """Force [N] and moment [N m] per displacement [m] and turn [rad] (6, 6).
+        """Force [N] and moment [N m] per displacement [m] and rotation [rad] (6, 6).
 
-        Raises SingularError, naming the direction, where nothing gives way.
+        Raises SingularError, naming the direction, where there is no compliance.
         """
         size = np.repeat([self.shape.arm.length, 1.0], 3)
         scaled = self.compliance / np.outer(size, size)
         values, vectors = np.linalg.eigh((scaled + scaled.T) / 2)
         if np.abs(values).min() < 1e-12 * np.abs(values).max():
             stiff = vectors[:, np.argmin(np.abs(values))].round(3)
-            raise SingularError(f"nothing gives way to (force, moment) along {stiff.tolist()}")
+            raise SingularError(f"there is no compliance to (force, moment) along {stiff.tolist()}")
         return np.asarray(np.linalg.inv(self.compliance))
 
     @cached_property
@@ -100,7 +100,7 @@ class Stiffness:
 
     @property
     def pose_length(self) -> Array:
-        """Displacement and turn (6, n_tendons) per metre of each tendon paid out [-, rad/m]."""
+        """Displacement and rotation (6, n_tendons) per metre of each tendon paid out [-, rad/m]."""
         return np.asarray(self.pose_tension @ np.linalg.pinv(self.length_tension, _IDLE))
 
     def section(self, s: Any) -> Array:

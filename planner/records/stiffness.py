@@ -20,13 +20,14 @@ class StiffnessRecord(msgspec.Struct, kw_only=True):
     schema: Annotated[Literal["octoplan stiffness 1"], Meta(description="what this is")]
     versions: Annotated[dict[str, str], Meta(description="of what computed it")]
     tensions_N: Annotated[Any, Meta(description="a row a section, tip first, or flat")]
+    tendon_lengths_m: Annotated[list[float], Meta(description="in tendon order")]
     tip_m: list[float]
     hold: Annotated[Literal["tension", "length"], Meta(description="what holds the tendons")]
     at_m: Annotated[float, Meta(description="arc length of the point")]
     position_m: Annotated[list[float], Meta(description="of the point, base frame")]
     compliance: Annotated[
         list[list[float]],
-        Meta(description="[displacement m; turn rad] per [force N; moment N m], base frame"),
+        Meta(description="[displacement m; rotation rad] per [force N; moment N m], base frame"),
     ]
     half_axes_m_per_N: Annotated[list[float], Meta(description="of displacements, softest first")]
     directions: Annotated[list[list[float]], Meta(description="of the half axes, as columns")]
@@ -52,6 +53,7 @@ def stiffness_record(k: Stiffness) -> StiffnessRecord:
         schema="octoplan stiffness 1",
         versions=versions(),
         tensions_N=arm.by_section(shape.tensions).tolist(),
+        tendon_lengths_m=shape.tendon_lengths.tolist(),
         tip_m=shape.tip.tolist(),
         hold=k.hold,
         at_m=float(k.at),

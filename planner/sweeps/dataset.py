@@ -17,7 +17,7 @@ from planner.sweeps.variables import VARIABLES, Rows
 _LABELS = {
     "xyz": ["x", "y", "z"],
     "column": ["t", "n", "b"],
-    "displacement": ["x", "y", "z", "turn_x", "turn_y", "turn_z"],
+    "displacement": ["x", "y", "z", "rotation_x", "rotation_y", "rotation_z"],
     "wrench": ["F_x", "F_y", "F_z", "M_x", "M_y", "M_z"],
 }
 

@@ -44,7 +44,7 @@ VARIABLES: dict[Compute, dict[str, Variable]] = {
         "compliance": Variable(
             ("displacement", "wrench"),
             "m/N, m/(N m), rad/N, rad/(N m)",
-            "displacement [m] and turn [rad] per force [N] and moment [N m], base frame",
+            "displacement [m] and rotation [rad] per force [N] and moment [N m], base frame",
         ),
         "stable": Variable((), "1", "whether the shape is stable under held tensions", True),
     },

@@ -92,11 +92,11 @@ class MotionCertificate:
 
     def __str__(self) -> str:
         lines = [f"certificate: {'PASSED' if self.passed else 'FAILED'}"]
-        lines.append(f"  {'targets met':<28} {sum(self.reached)} of {len(self.reached)}")
-        lines.append(f"  {'limits violated by [N]':<28} {self.bounds:9.2e}")
-        lines.append(f"  {'rate of tension over limit':<28} {self.rate:9.2e}")
-        lines.append(f"  {'rate of stroke over limit':<28} {self.stroke_rate:9.2e}")
-        lines.append(f"  {'clearance less asked [mm]':<28} {1e3 * self.clearance:9.2e}")
+        lines.append(f"  {'targets met':<30} {sum(self.reached)} of {len(self.reached)}")
+        lines.append(f"  {'limits violated by [N]':<30} {self.bounds:9.2e}")
+        lines.append(f"  {'rate of tension over limit [-]':<30} {self.rate:9.2e}")
+        lines.append(f"  {'rate of stroke over limit [-]':<30} {self.stroke_rate:9.2e}")
+        lines.append(f"  {'clearance less asked [mm]':<30} {1e3 * self.clearance:9.2e}")
         return "\n".join(lines + [f"  failed: {failure}" for failure in self.failures])
 
 
