@@ -19,8 +19,8 @@ from planner.trajectory.motion import Trajectory, trajectory
 
 _WAYPOINTS = """[[waypoints]] tables, such as type = "tip-position", position_mm = [250, 0, -150]"""
 _MOTION = "a [motion] table, such as [motion] rate_max = 5.0 (N/s), or times_s"
-_TAKEN = ("tension_max", "tension_min", "total_pull", "stroke_max", "stroke_min")
-_TAKEN += ("obstacles", "clearance", "self_clearance")
+_LIMITS = ("tension_max", "tension_min", "total_pull", "stroke_max", "stroke_min")
+_TAKEN = (*_LIMITS, "obstacles", "clearance", "self_clearance")
 
 
 def run(args: argparse.Namespace) -> Answer:
