@@ -55,6 +55,7 @@ SMALL: dict[str, tuple[str, str, tuple[str, ...]]] = {
         "all                3   100.0%      0      100.0%",
         (),
     ),
+    "recovery": ("--arms 1", "intervals that hold the truth", ()),
     "speed": (
         "--repeats 1 --arms 1 --batch 4 --plans 1 --points 2 --sections 1 2"
         " --rows settle jacobian path floors --knob 13",

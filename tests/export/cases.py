@@ -5,13 +5,14 @@ from __future__ import annotations
 import ctypes
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from model import Anchorage, Arm, Linear, Sampled, Scene
+from model import Anchorage, Arm, Linear, RestCurvature, Sampled, Scene
 from model.effects import ExactTendons, Extension
 
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
@@ -42,12 +43,26 @@ SHORT = Arm(
     ),
     base_frame=((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
 )
+# Curved at rest, the tendons of its tip section at offsets of their own.
+BENT_AT_REST = replace(
+    SHORT,
+    sections=(
+        Anchorage(
+            0.25,
+            (Linear(0.008, 0.004), Linear(0.007, 0.004), Linear(0.008, 0.003)),
+            (0.0, 2.0, 4.0),
+        ),
+        SHORT.sections[1],
+    ),
+    rest_curvature=RestCurvature(Linear(1.0, -2.0), Linear(-1.0, 3.0)),
+)
 SCENES: dict[str, tuple[Arm, Scene, Any]] = {
     "bending alone": (TABLE_4, Scene(), BENT),
     "the paper's": (TABLE_4, Scene(Extension()), BENT),
     "as printed": (SECTION_52, Scene.as_printed(), (0.3, 0.0, 0.0, 0.1)),
     "short tendons": (SHORT, Scene(Extension()), (0.6, 0.0, 0.2, 1.0, 0.0)),
     "curved tendons": (CURVED, Scene(Extension()), (0.6, 0.0, 0.2, 1.0, 0.0)),
+    "curved at rest": (BENT_AT_REST, Scene(Extension()), (0.6, 0.0, 0.2, 1.0, 0.0)),
 }
 SETTLING = {
     "exact tendons": (SECTION_52, Scene(ExactTendons()), (0.3, 0.0, 0.0, 0.1)),
