@@ -17,6 +17,7 @@ import numpy as np
 from model.arm import Arm
 from model.effects import Extension, PrintedStatics
 from model.forward import ExplicitMap, explicit_map
+from model.machine.buffered import Buffered
 from model.paths import Array
 from model.scene import Scene
 from model.stations import Counts
@@ -92,15 +93,25 @@ class Explicit:
     @cached_property
     def first_function(self) -> ca.Function:
         """x, p -> f, gradient, g, Jacobian."""
-        return ca.Function(
-            "first", [self.x, self.p], [self.f, self.gradient, self.g, self.jacobian]
-        )
+        found = [ca.densify(v) for v in (self.f, self.gradient, self.g, self.jacobian)]
+        return ca.Function("first", [self.x, self.p], found)
 
     @cached_property
     def second_function(self) -> ca.Function:
         """x, p, sigma, lam -> Hessian."""
         given = [self.x, self.p, self.sigma, self.lam]
         return ca.Function("second", given, [ca.densify(self.hessian)])
+
+    @cached_property
+    def _calls(self) -> tuple[Buffered, Buffered, Buffered]:
+        """The value, the first derivatives and the Hessian, called without overhead."""
+        value = ca.Function("value", [self.x, self.p], [self.f, ca.densify(self.g)])
+        return Buffered(value), Buffered(self.first_function), Buffered(self.second_function)
+
+    def value(self, a: Array, p: Array) -> tuple[float, Array]:
+        """Return objective and constraints."""
+        f, g = self._calls[0](a, p)
+        return float(f[0, 0]), g.ravel()
 
     def values(self, x: Array, p: Array) -> Array:
         """Return the constraints at unknowns x."""
@@ -115,12 +126,12 @@ class Explicit:
 
     def first(self, a: Array, p: Array) -> First:
         """See Condensed.first."""
-        f, gradient, g, J = self.first_function(a, p)
-        return First(float(f), np.array(gradient).ravel(), np.array(g).ravel(), np.array(J))
+        f, gradient, g, J = self._calls[1](a, p)
+        return First(float(f[0, 0]), gradient.ravel(), g.ravel(), J.T)
 
     def second(self, a: Array, p: Array, sigma: float, lam: Array) -> Array:
         """See Condensed.second."""
-        return np.array(self.second_function(a, p, sigma, lam))
+        return self._calls[2](a, p, np.array([sigma]), lam)[0]
 
     def stability(self, x: Array, tensions: Array) -> float:
         """See Collocated.stability: nothing topples without loads."""

@@ -17,6 +17,7 @@ from planner.solve.continuation import continued_targets
 from planner.solve.ipopt import Solution, solve
 from planner.solve.newton import newton
 from planner.solve.search_result import Trial, agreed
+from planner.solve.sqp import solve_explicit
 from planner.solve.task import Task
 
 # Starts before agreement counts: five do for points, more where optima are many and close.
@@ -165,7 +166,8 @@ class Multistart:
                 self.seen.append((statement, solution))
                 return solution
         problem, x, p = self._stated(statement, T)
-        solution = solve(problem, x, p, problem.bounds(self.task.allowed))
+        bounds = problem.bounds(self.task.allowed)
+        solution = solve_explicit(problem, x, p, bounds) or solve(problem, x, p, bounds)
         if solution.finite:
             self.seen.append((statement, solution))
         check_time()
