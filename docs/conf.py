@@ -35,6 +35,4 @@ nb_execution_raise_on_error = True
 doctest_global_setup = """
 import matplotlib
 matplotlib.use("Agg")
-import numpy as np
-np.set_printoptions(precision=4, suppress=True)
 """

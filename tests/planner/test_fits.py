@@ -47,6 +47,7 @@ def test_fits_meet_a_pose_cheapest_first_in_ways_that_differ(scene: Scene) -> No
         assert all(np.abs(one - other).max() > 0.01 for other in found[:i])
 
 
+@pytest.mark.slow
 def test_where_there_are_more_bends_than_numbers_to_meet_no_fit_is_likelier() -> None:
     arm = barrel_arm()
     target = posed(arm, PAPER, np.random.default_rng(5).uniform(0, 1.0, arm.n_tendons))

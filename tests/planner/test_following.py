@@ -114,6 +114,7 @@ def test_a_plan_with_other_maxima_is_searched_for_afresh() -> None:
     assert len(plan(ARM, path(12)[0], PAPER, 15.0, near=near).starts) > 1
 
 
+@pytest.mark.slow
 def test_a_target_beyond_reach_is_searched_for_afresh() -> None:
     near = followed(12)[0]
     beyond = plan(ARM, TipPosition((0.0, 0.9, 0.0)), PAPER, 20.0, near=near)

@@ -56,6 +56,7 @@ def test_a_pose_that_cannot_be_had_is_no_exception() -> None:
     assert found.outcome
 
 
+@pytest.mark.slow
 def test_bends_that_cannot_be_had_are_said_to_lack() -> None:
     found = plan(ARM, Fetch.reach((0.1, 0.1, 0.0), np.radians(60)), PAPER, 0.05)
     assert not found.certificate.passed

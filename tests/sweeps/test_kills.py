@@ -120,6 +120,7 @@ class _Deadly:
         return os._exit, (1,)
 
 
+@pytest.mark.slow
 def test_points_that_kill_their_workers_again_and_again_are_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
