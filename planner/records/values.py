@@ -35,6 +35,10 @@ KINDS: dict[str, Any] = {
 Number = float | str
 
 
+# Fields by the names that plans of earlier versions have.
+_RENAMED = {("ExactTendons", "careful"): "robust"}
+
+
 def plain(value: Any) -> Any:
     """Return an arm, a scene, a target or what they are made of as dicts, lists and numbers.
 
@@ -62,6 +66,7 @@ def value(table: Any, file: str, where: str) -> Any:
     if not isinstance(name, str) or name not in KINDS:
         allowed = f"one of {', '.join(KINDS)}{hint(name, list(KINDS))}"
         raise FileError(file, f"{where}.kind", f"got {shown(name)}, allowed is {allowed}")
+    table = {_RENAMED.get((name, key), key): own for key, own in table.items()}
     names = [f.name for f in fields(KINDS[name])]
     # What need not be given is left out by versions that did not have it yet.
     optional = {f.name for f in fields(KINDS[name]) if f.default is not MISSING}
