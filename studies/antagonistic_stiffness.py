@@ -34,6 +34,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 
 from model import Anchorage, Arm, Linear, Scene, settle
 from model.effects import ExactTendons, Extension, NeoHookean
@@ -165,6 +166,8 @@ def draw(
             for hold, points in held.items():
                 ax.plot(*np.array(points).T, LINES[hold], marker=".", color=colours[statics])
         ax.set(xlabel="pull of all tendons [N]", ylabel="softest stiffness [N/m]", yscale="log")
+        ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        ax.yaxis.set_major_formatter("{x:g}")
         ax.yaxis.set_minor_formatter("")
     for statics, points in fronts.items():
         axes[3].plot(*np.array(points).T, "o-", color=colours[statics], markersize=3)
