@@ -50,7 +50,7 @@ def check_loads(arm: Arm, scene: Scene, contact: bool = False) -> None:
     And for contact, unless what is asked is stated with `contact`.
     """
     if contacts(scene) and not contact:
-        allowed = "a scene without contact; with it settle and stiffness answer"
+        allowed = "a scene without contact; with it settle, stiffness and plan answer"
         raise InputError("scene", "with contact", allowed)
     if scene.has(PrintedStatics) and arm.is_curved:
         told = "an arm that is straight at rest: eqs. (10) and (11) are written for that"

@@ -11,6 +11,7 @@ import numpy as np
 from model.arm import Arm
 from model.centreline import Centreline
 from model.clearance import clearances
+from model.contact.stability import held_stability
 from model.effects import PrintedStatics
 from model.equilibrium.forward import STAGES, Collocation
 from model.equilibrium.linearised import Linearised
@@ -18,8 +19,10 @@ from model.equilibrium.load_stepping import Followed, follow_on
 from model.equilibrium.stability import least_eigenvalue, stability
 from model.equilibrium.verification import SCHEME, verified
 from model.errors import OctoplanError
-from model.loads import is_loaded
+from model.forward import by_collocation
+from model.loads import contacts, is_loaded
 from model.mesh_refinement import FINEST_ACCURACY
+from model.obstacles import distances, numbers_of
 from model.paths import Array
 from model.progress import tell
 from model.scene import Scene
@@ -51,6 +54,8 @@ KKT_TOLERANCE = 1e-6
 STABILITY_TOLERANCE = 1e-4
 # As many times its loads an arm is followed; relative error of the factor at which it yields.
 MOST_LOADS, _YIELDS = 3.0, 0.01
+# Of gaps and forces, and where along the arm gaps are looked at.
+COMPLEMENTARY, _LOOKS = 1e-8, 2001
 _LATE = "the time limit was reached before it was verified"
 STIFF_ACCURACY = 1e-8
 
@@ -65,6 +70,8 @@ class Certificate:
     approach : size of each thing that was to be made as small as the limits allow
     margin : least value of each thing that has to be 0 or above
     bounds : largest violation of a tension limit [N]
+    complementarity : by how much gap >= 0 [m], force >= 0 [N] and their product = 0 [N m] are
+        missed with contact, None without
     strokes : largest violation of a limit of strokes
     kkt : residual of the first-order conditions, scaled; their multipliers are the plan's
     agreement : distance of the settled tip from the check's, over L
@@ -100,6 +107,7 @@ class Certificate:
     nearest: str = ""
     units: Mapping[str, str] = field(default_factory=dict)
     strokes: float = 0.0
+    complementarity: float | None = None
 
     @property
     def clearance(self) -> float:
@@ -152,6 +160,8 @@ class Certificate:
             (self.agreement, self.tolerance, "integrators differ by"),
             (self.stability_margin - self.stability, self._stable, self._unstable),
         ]
+        if self.complementarity is not None:
+            checks.append((self.complementarity, COMPLEMENTARY, "complementarity missed by"))
         near = self.too_near.items()
         checks += [(1e3 * lack, 0.0, f"too near {name} by [mm]") for name, lack in near]
         failed = [check for check in checks if not check[0] <= check[1]]
@@ -210,6 +220,8 @@ class Certificate:
         ]
         if self.load_factor is not None:
             rows.append(("load factor [-]", min(self.load_factor, MOST_LOADS), self.bears))
+        if self.complementarity is not None:
+            rows.append(("complementarity missed by", self.complementarity, ""))
         nearest = self.nearest or "can meet nothing"
         rows.append(("clearance [mm]", 1e3 * self.clearance, nearest))
         return [(name, _digits(value), told) for name, value, told in rows]
@@ -269,6 +281,7 @@ def certify(
         nearest=told(gaps),
         units=term_units(arm, targets),
         strokes=_stroke_excess(shape, limits),
+        complementarity=_violation(shape, line) if contacts(scene) else None,
     )
 
 
@@ -287,6 +300,8 @@ Checked = tuple[Array, Array, float, float, float | None, Centreline]
 
 def _integrated(shape: Shape, stations: tuple[float, ...], accuracy: float) -> Checked:
     """Return what initial value integration makes of a shape."""
+    if contacts(shape.scene):
+        return _leaning(shape, stations, accuracy)
     scale = np.repeat([1.0, shape.arm.length], [4, 3])
     for mesh in sorted({min(shape.refinement, _MESH), shape.refinement}):
         form = (STAGES, mesh, stations, True, shape.machine_code)
@@ -308,6 +323,30 @@ def _integrated(shape: Shape, stations: tuple[float, ...], accuracy: float) -> C
     stands = least_eigenvalue(found.here) if least > 0 else least
     bears = _load_factor(rough, shape)
     return poses[places], poses[-1, 4:], found.error, stands, bears, line
+
+
+def _leaning(shape: Shape, stations: tuple[float, ...], accuracy: float) -> Checked:
+    """Return what initial value integration makes of a shape that leans on things."""
+    form = (STAGES, shape.refinement, stations, True, shape.machine_code)
+    here = by_collocation(shape.arm, shape.scene, *form).found(shape.tensions, shape.known)
+    found = verified(here, accuracy)
+    system, states = here.system, found.here.states
+    poses, line = system.poses(states), Centreline.at_states(system, states)
+    places = [system.mesh.node(s) for s in stations]
+    return poses[places], poses[-1, 4:], found.error, held_stability(here), None, line
+
+
+def _violation(shape: Shape, line: Centreline) -> float:
+    """Return by how much gap >= 0 [m], force >= 0 [N] and their product = 0 [N m] are missed."""
+    bodies = numbers_of([contact.obstacle for contact in contacts(shape.scene)])
+    s = np.linspace(0.0, shape.arm.length, _LOOKS)[1:]
+    places, radii = line.at(s)
+    worst = float((radii[:, None] - distances(bodies, places)[0]).max(initial=-np.inf))
+    for touch in shape.contacts:
+        out = shape.position(touch.s) - touch.point
+        force = float(touch.force @ out) / float(np.linalg.norm(out))
+        worst = max(worst, -force, abs(force * touch.gap))
+    return max(worst, 0.0)
 
 
 def _load_factor(here: Linearised, shape: Shape) -> float:

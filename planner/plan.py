@@ -12,9 +12,10 @@ import numpy as np
 from model.arm import Arm
 from model.checks import kind, not_negative, positive
 from model.errors import InputError
-from model.loads import check_loads
+from model.loads import check_loads, contacts
 from model.machine.compiled import Compile, checked_compile
 from model.mesh_refinement import checked_accuracy
+from model.paths import Array
 from model.scene import Scene
 from model.text import in_notebook
 from model.time_limit import OutOfTime, time_limit
@@ -22,6 +23,7 @@ from planner.answer import Answer
 from planner.avoidance.around import Around
 from planner.avoidance.asked import Surroundings, surroundings
 from planner.avoidance.rows import Avoidance
+from planner.contact.plan import ContactSearch, check_contact, optimality_of
 from planner.files import to_json, write_named
 from planner.program.effort import check_norm
 from planner.program.limits import Limits
@@ -97,6 +99,28 @@ class Plan(Answer):
         from planner.plots.plan import plot_plan
 
         return plot_plan(self, ax)
+
+
+@dataclass(frozen=True, eq=False)
+class HeldPlan(Plan):
+    """A plan for an arm that leans on things; see planner.contact.
+
+    Its way is from rest: tensions and loads grow in proportion, and `shape.snaps` tells where the
+    arm jumps on it.
+    """
+
+    @property
+    def mirror_images(self) -> tuple[tuple[float, Array], ...]:
+        """See Answer.mirror_images: not looked for."""
+        return ()
+
+    def _rows(self, name: str) -> Array:
+        """See Answer._rows: none, limits of tensions hold alone."""
+        return np.zeros(0)
+
+    def _kkt(self, T: Array) -> float:
+        asked = (self.arm, self.targets, self.scene, self.limits, self.statement, self.accuracy)
+        return optimality_of(Task(*asked, self.machine_code), T)
 
 
 def plan(
@@ -187,7 +211,7 @@ def plan(
         If `compile` is True, and there is no compiler or it fails.
     """
     scene, targets = scene or Scene(), check_targets(arm, target)
-    check_loads(arm, scene)
+    check_loads(arm, scene, contact=True)
     form = checked_form(form)
     if starts is not None and (type(starts) is not int or starts < 1):
         raise InputError("starts", starts, "a whole number from 1")
@@ -203,8 +227,13 @@ def plan(
     by = checked_compile(compile)
     task = Task(arm, targets, scene, limits, statement, accuracy, by, starts)
     around = surroundings(arm, targets, obstacles, clearance, self_clearance)
-    found, avoidance = _searched(task, around, near, seconds)
-    return Plan(
+    touches = bool(contacts(scene))
+    if touches:
+        check_contact(task, bool(around))
+        found, avoidance = ContactSearch(task).run(seconds), None
+    else:
+        found, avoidance = _searched(task, around, near, seconds)
+    return (HeldPlan if touches else Plan)(
         arm,
         scene,
         targets,

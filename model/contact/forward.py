@@ -82,11 +82,12 @@ class TouchingMap(Collocation):
         return self.come_to(tensions, tensions, known)[0]
 
     def come_to(
-        self, tensions: Array, before: Array, known: Known | None
+        self, tensions: Array, before: Array, known: Known | None, jumps: bool = True
     ) -> tuple[Linearised, tuple[float, ...]]:
         """Return the equilibrium that the arm comes to, and at which shares of the way it snaps.
 
         From rest, or from what is `known`, which is an equilibrium under the tensions `before`.
+        Raises SnapError where none is found, and where the arm would jump unless it may.
         """
         system = self.system
         of = Question(
@@ -103,7 +104,7 @@ class TouchingMap(Collocation):
             moved = self._carried(of, there)
             if moved is not None and _close(there, moved.held):
                 return moved.held.here, ()
-            way = follow(there.here.system, before, tensions, _at_nodes(there), 1.0)
+            way = follow(there.here.system, before, tensions, _at_nodes(there), 1.0, jumps)
         else:
             way = from_rest(system, tensions, self._rest)
         return self._placed(of, way)

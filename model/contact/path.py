@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from model.contact.newton import Drag, Held, complementary_step, newton
-from model.contact.stability import held_stability
+from model.contact.stability import held_stability, held_stands
 from model.contact.touches import Touches
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.load_stepping import is_near
@@ -25,9 +25,11 @@ from model.transcription.system import System
 
 # First and least step in the share of tensions and loads.
 _FIRST, _LEAST = 0.25, 1 / 256
-# Steps against resistance: how many, how far one may turn a frame, resistance to begin with and at
-# which Newton's method is tried.
-_FLOWS, _TURN, _THICK, _THIN = 400, 0.15, 1.0, 1e-2
+# Steps against resistance: how many, how far one may turn a frame, resistance to begin with, the
+# least and the most, and in how many steps Newton's method is tried once.
+_FLOWS, _TURN, _THICK, _THIN, _STUCK, _TRIED = 200, 0.15, 1.0, 1e-2, 1e9, 4
+# Resistance over the stability that an equilibrium lacks, so that steps lead away from it.
+_AWAY = 3.0
 # How far along its least mode an arm that does not stand is pushed, as a change of the strains over
 # 1 / L.
 _PUSHED = 1e-3
@@ -60,11 +62,13 @@ def from_rest(system: System, tensions: Array, rest: Array) -> Followed:
     return follow(system, 0 * tensions, tensions, held, 0.0)
 
 
-def follow(system: System, before: Array, tensions: Array, held: Held, load: float) -> Followed:
+def follow(
+    system: System, before: Array, tensions: Array, held: Held, load: float, jumps: bool = True
+) -> Followed:
     """Return where an equilibrium under tensions `before` and a load factor comes to.
 
     While tensions go to others in a straight line, and loads to the full.
-    Raises SnapError where none is found.
+    Raises SnapError where none is found, and where the arm would jump unless it may.
     """
     at, step, snaps = 0.0, _FIRST, list[float]()
     while at < 1:
@@ -77,10 +81,12 @@ def follow(system: System, before: Array, tensions: Array, held: Held, load: flo
             held, at, step = found, share, 2 * step
         elif step > _LEAST:
             step /= 4
+        elif not jumps:
+            raise SnapError(at, "it jumps")
         else:
             held, at, step = relaxed(system, *now, held), share, _FIRST / 4
             snaps.append(share)
-    if held_stability(held.here) <= 0:
+    if jumps and not held_stands(held.here):
         held = relaxed(system, tensions, 1.0, _pushed(held))
         snaps.append(1.0)
     return Followed(held, tuple(snaps))
@@ -91,23 +97,24 @@ def relaxed(system: System, tensions: Array, load: float, held: Held) -> Held:
 
     Raises SnapError where it comes to none.
     """
-    states, touches, share = held.states, held.touches, _THICK
-    for _ in range(_FLOWS):
+    states, touches, share, floor = held.states, held.touches, _THICK, _THIN
+    for count in range(_FLOWS):
         check_time()
-        drag = Drag(share, states)
-        step = complementary_step(system, tensions, load, states, touches, drag)
+        step = complementary_step(system, tensions, load, states, touches, Drag(share, states))
         if step is None or np.abs(step[0][system.of.nodes[:, :4]]).max() > _TURN:
             share *= 4
-            if share > 1e9:
+            if share > _STUCK:
                 break
             continue
         states, touches = states + step[0], step[1]
-        share /= 2
-        if share < _THIN:
+        share = max(share / 2, floor)
+        if share == floor and count % _TRIED == 0:
             found = newton(system, tensions, load, states, touches)
-            if found is not None and held_stability(found.here) > 0:
+            if found is not None and held_stands(found.here):
                 return found
-            share = max(share, _THIN / 64)
+            if found is not None:
+                # With less resistance than this steps lead back to where it does not stand.
+                floor = share = _AWAY * max(-held_stability(found.here), _THIN)
     raise SnapError(load, "it finds no place to rest")
 
 

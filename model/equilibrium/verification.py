@@ -22,6 +22,8 @@ from model.errors import ConvergenceError
 from model.integrators.runge_kutta import RK8, RungeKutta
 from model.loads import beyond
 from model.mesh_refinement import estimate
+from model.obstacles import distances
+from model.obstacles.base import SIZE
 from model.paths import Array
 from model.rotations import matrices
 from model.time_limit import check_time
@@ -88,7 +90,8 @@ def _defects(here: Linearised, scheme: RungeKutta, substeps: int) -> Array:
     stages = of.inside.ravel()
     missed[of.nodes[:, POSE : POSE + w]] = left[of.nodes[:, POSE : POSE + w]]
     missed[stages] = left[stages]
-    missed[of.turned[1:]] = (states[there] - y)[:, POSE + w :] - segment.kinks()
+    turned = slice(POSE + w, POSE + w + of.turned.shape[1])
+    missed[of.turned[1:]] = (states[there] - y)[:, turned] - segment.kinks()
     return missed
 
 
@@ -132,6 +135,8 @@ class _Elements:
         found[:, :4] = _turning(y[:, :4], kappa)
         found[:, 4:POSE] = along
         found[:, POSE : POSE + 3] = -np.cross(along, F)
+        if form.pressed:
+            found[:, POSE + 3 : POSE + w] -= self._pressed(x, y[:, 4:POSE])
         if form.current:
             found[:, POSE + 3 : POSE + w] = -load * self._drag(s, frame[:, :, 0], nu)
         if form.friction:
@@ -169,6 +174,15 @@ class _Elements:
         across = np.array(current.velocity) - t * (t @ np.array(current.velocity))[:, None]
         drag = current.density * current.coefficient * R * nu[:, 0] * np.linalg.norm(across, axis=1)
         return np.asarray(drag[:, None] * across)
+
+    def _pressed(self, x: float, u: Array) -> Array:
+        """Return the force per length of what the elements lie on (N, 3) [N/m]."""
+        of, K = self.system.of, self.system.of.form.contacts
+        own = self.system.p[of.equations.numbers_of("pressure")].reshape(of.elements, K, -1)
+        p = self.here.states[of.touches[:, :, 1]]
+        size = own[:, :, -1] * ((1 - x) * p[:-1] + x * p[1:])
+        bodies = own[0, :, :SIZE]
+        return np.asarray(np.einsum("nk,nki->ni", size, distances(bodies, u)[1]))
 
     def _turned(self, x: float, v: Array) -> Array:
         """Return how fast each tendon turns (N, n_tendons) [rad/m]."""
