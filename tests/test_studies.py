@@ -56,6 +56,7 @@ SMALL: dict[str, tuple[str, str, tuple[str, ...]]] = {
         (),
     ),
     "recovery": ("--arms 1", "intervals that hold the truth", ()),
+    "solvers": ("--targets 1", "planner.solve.sqp", ()),
     "speed": (
         "--repeats 1 --arms 1 --batch 4 --plans 1 --points 2 --sections 1 2"
         " --rows settle jacobian path floors --knob 13",

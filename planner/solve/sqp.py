@@ -28,7 +28,7 @@ from planner.program.problem import Bounds, Problem
 from planner.solve.ipopt import Solution
 
 Mask = NDArray[np.bool_]
-_STEPS, _MET = 25, 1e-7
+_STEPS, _MET = 12, 1e-7
 _SOFT = 1e-6
 # How much of what constraints lack one step is to make up for, how far it goes in an unknown, and
 # from what length on it is taken only where it helps, halved so often at most.
