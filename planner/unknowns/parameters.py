@@ -11,7 +11,6 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from scipy.stats import qmc
 
 from model import Arm, InputError, Scene, UnitWarning
 from model.loads import check_loads
@@ -194,6 +193,8 @@ def _built(table: dict[str, Any]) -> tuple[Arm, Scene]:
 
 def spread(parameters: Parameters, count: int, seed: int) -> list[Array]:
     """Return the given values (K,), and others spread evenly over the bounds: `count` in all."""
+    from scipy.stats import qmc  # takes as long to load as all else that a plan needs
+
     if count == 1:
         return [parameters.start]
     draws = qmc.Halton(len(parameters.unknowns), seed=seed).random(count - 1)
