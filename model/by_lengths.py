@@ -141,7 +141,7 @@ class GivenLengths:
         exact = False
         if near is not None and before is not None:
             error = estimate(found.first_off, near.steps, forward.mesh.steps, ORDER)
-            exact = error <= _QUADRATURE * self.accuracy
+            exact = found.firm and error <= _QUADRATURE * self.accuracy
         return OnMesh(found.tensions, *forward.run(found.tensions), found.left, exact)
 
     def _unloaded(self, forward: ForwardMap) -> UnloadedLengths:

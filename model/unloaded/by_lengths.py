@@ -60,11 +60,14 @@ class Found(NamedTuple):
         What is left of held tendons beyond their paths [m], nan of others.
     first_off : float
         How far from complementary the tensions were that were begun with, over the length.
+    firm : bool
+        Whether no combination of tensions hardly changes lengths: rounding then decides on it.
     """
 
     tensions: Array
     left: Array
     first_off: float
+    firm: bool
 
 
 class UnloadedLengths:
@@ -88,22 +91,22 @@ class UnloadedLengths:
         if found is None:
             found = self._by_giving()
         self._check(found)
-        found = self._determined(found)
+        firm = not unfelt(self._taut(found)[1], _FIRM).size
+        found = self._determined(found, firm)
         left = self.winches.lacks(found.lengths, found.tensions)
-        return Found(
-            found.tensions, np.where(self.winches.held, left, np.nan), self._off(first, 0.0)
-        )
+        left = np.where(self.winches.held, left, np.nan)
+        return Found(found.tensions, left, self._off(first, 0.0), firm)
 
     def _first(self, near: Array | None) -> Lengths:
         if near is None and not self.winches.tensions.any():
             return self._lengths.at_rest
         return self._lengths(self.winches.tensions if near is None else near)
 
-    def _determined(self, found: Lengths) -> Lengths:
+    def _determined(self, found: Lengths, firm: bool) -> Lengths:
         """Return what rigid winches come to, near what winches do that give the least."""
         least, taut, M = found, *self._taut(found)
         lacks = self.winches.lacks(found.lengths, found.tensions)
-        if not unfelt(M, _FIRM).size:
+        if firm:
             change = np.linalg.solve(M, -lacks[taut])
         else:
             for share in _FADING:
