@@ -10,6 +10,7 @@ from msgspec import Meta
 from model import InputError, Scene
 from model.effects import (
     Buoyancy,
+    Contact,
     Current,
     Effect,
     ExactTendons,
@@ -24,6 +25,7 @@ from model.effects import (
     Weight,
 )
 from planner.scenes.keys import MM, G, NotNegative, Positive, Table, Vector, metres
+from planner.scenes.obstacles import ObstacleTable, obstacle_of
 
 _ZERO = (0.0, 0.0, 0.0)
 Way = Literal[1, -1]
@@ -113,6 +115,9 @@ class EffectsTable(Table, frozen=True):
     tip_load: TipLoadTable | None = None
     point_loads: tuple[PointLoadTable, ...] = ()
     point_masses: tuple[PointMassTable, ...] = ()
+    contacts: Annotated[
+        tuple[ObstacleTable, ...], Meta(description="what the arm may lean on, see obstacles")
+    ] = ()
     current: CurrentTable | None = None
     friction: FrictionTable | None = None
 
@@ -146,4 +151,6 @@ def scene_of(table: EffectsTable) -> Scene:
         PointMass(own.s_mm * MM, own.mass_g * G, own.offset_mm and metres(own.offset_mm))
         for own in table.point_masses
     ]
-    return Scene(*(effect for wanted, effect in called if wanted), *loads, *points, *masses)
+    touched = [Contact(obstacle_of(own)) for own in table.contacts]
+    kept = (effect for wanted, effect in called if wanted)
+    return Scene(*kept, *loads, *points, *masses, *touched)

@@ -67,6 +67,7 @@ extension = true                # the arm shortens under its tendons
 # buoyancy = { density = 1000.0 }                 # kg/m3 of the water; with weight
 # tip_load = { force = [0.0, 0.0, -0.005], moment = [0.0, 0.0, 0.0], follower = false }  # N, N m
 # point_loads = [{ s_mm = 225.0, force = [0.0, 0.0, -0.005] }]
+# contacts = [{ type = "half-space", point_mm = [0.0, 0.0, -40.0], normal = [0.0, 0.0, 1.0] }]
 # point_masses = [{ s_mm = 225.0, mass_g = 2.0, offset_mm = [0.0, 12.0, 0.0] }]  # with weight
 # current = { velocity = [0.0, 0.1, 0.0], density = 1000.0, coefficient = 1.1 }          # m/s
 # friction = { mu = 0.1, direction = 1 }          # 1 pulling in, -1 paying out

@@ -4,10 +4,19 @@ import numpy as np
 import pytest
 
 from model import Arm, Scene, settle
-from model.effects import Contact, ExactTendons, Extension, NeoHookean, PrintedStatics, TipLoad
+from model.effects import (
+    Contact,
+    Effect,
+    ExactTendons,
+    Extension,
+    NeoHookean,
+    PrintedStatics,
+    TipLoad,
+)
 from model.errors import InputError
 from model.obstacles import Box, Capsule, HalfSpace, Sphere
 from model.stiffness import stiffness
+from model.transcription.system import system
 
 ARM = Arm.from_paper("table-4")
 TENSIONS = np.array([[0, 0, 0.5, 0], [4, 0, 0, 0], [0, 3, 0, 0]])
@@ -104,3 +113,15 @@ def test_what_is_no_contact_is_refused() -> None:
         settle(ARM, TENSIONS, Scene(Contact(ROD, friction=0.3)))
     with pytest.raises(InputError, match="lengths"):
         settle(ARM, lengths=np.full(12, 0.4), scene=Scene(Contact(ROD)))
+
+
+def test_a_scene_without_contact_has_none_of_its_kernels() -> None:
+    """Nor unknowns: what it costs is what it did."""
+
+    def terms(*effects: Effect) -> list[str]:
+        own = system(ARM, Scene(Extension(), *effects), 3, 1)
+        return [term.kernel.name for term in own.of.equations.terms]
+
+    load = TipLoad(force=(0, 0, -0.01))
+    assert terms(load) == ["clamp", "element", "tip", "body", "tendon"]
+    assert {"touch", "no_touch"} <= {*terms(load, Contact(ROD))}

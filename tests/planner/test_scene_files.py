@@ -158,7 +158,8 @@ def test_presets_effects_and_targets_are_all_there() -> None:
     keys = set(SCHEMA["$defs"]["EffectsTable"]["properties"])
     effects = set(model.effects.__all__) - {Effect.__name__}
     named = {"".join(part.title() for part in key.split("_")) for key in keys}
-    assert effects - {"PointLoad", "PointMass", "PrintedStatics"} == named - {
+    assert effects - {"Contact", "PointLoad", "PointMass", "PrintedStatics"} == named - {
+        "Contacts",
         "PointLoads",
         "PointMasses",
         "AsPrinted",
