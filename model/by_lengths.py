@@ -26,8 +26,8 @@ from model.winches import Winches
 
 # Of the least give of winches, where steps may be as if they were rigid.
 _RIGID = 1e-4
-# Of the accuracy that is asked for, what the quadrature of lengths may be off, over the length.
-_QUADRATURE = 1e-2
+# What the quadrature of lengths may be off, over the length.
+_QUADRATURE = 2e-11
 # Newton steps to rounding; one does where it changes tensions by no more than this share, and no
 # rigid winches are needed where all combinations of tensions change lengths by such a share.
 _TIGHTENED, _LAST, _FIRM = 2, 1e-7, 1e-5
@@ -107,7 +107,6 @@ class GivenLengths:
     arm: Arm
     scene: Scene
     winches: Winches
-    accuracy: float
 
     def on(self, forward: ForwardMap, near: Near | None) -> OnMesh:
         """See GivenTensions.on; raises InputError where no shape has the lengths."""
@@ -141,7 +140,7 @@ class GivenLengths:
         exact = False
         if near is not None and before is not None:
             error = estimate(found.first_off, near.steps, forward.mesh.steps, ORDER)
-            exact = found.firm and error <= _QUADRATURE * self.accuracy
+            exact = found.firm and error <= _QUADRATURE
         return OnMesh(found.tensions, *forward.run(found.tensions), found.left, exact)
 
     def _unloaded(self, forward: ForwardMap) -> UnloadedLengths:

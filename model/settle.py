@@ -101,7 +101,7 @@ def settle(
     """
     scene = checked_scene(arm, scene, contact=True)
     accuracy = checked_accuracy(accuracy)
-    given = _given(arm, scene, accuracy, tensions, lengths, tendon_EA, tendon_outside)
+    given = _given(arm, scene, tensions, lengths, tendon_EA, tendon_outside)
     scheme = check_scheme(scene, scheme)
     machine_code, begin = checked_compile(compile), _near(near, arm, scene)
     try:
@@ -114,7 +114,7 @@ def settle(
 
 
 def _given(
-    arm: Arm, scene: Scene, accuracy: float, tensions: Any, lengths: Any, EA: Any, outside: Any
+    arm: Arm, scene: Scene, tensions: Any, lengths: Any, EA: Any, outside: Any
 ) -> GivenTensions | GivenLengths:
     """Return what holds the tendons; InputError."""
     if lengths is not None:
@@ -122,8 +122,7 @@ def _given(
             raise InputError("lengths", "given as printed", "tensions in a scene as printed")
         if scene.has(Contact):
             raise InputError("lengths", "given with contact", "tensions in a scene with contact")
-        winches = Winches.of(arm, tensions, lengths, EA, outside)
-        return GivenLengths(arm, scene, winches, accuracy)
+        return GivenLengths(arm, scene, Winches.of(arm, tensions, lengths, EA, outside))
     for name, value in (("tendon_EA", EA), ("tendon_outside", outside)):
         if value:
             raise InputError(name, value, "none where no lengths are given")
