@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from model.errors import InputError
 from model.paths import Array
@@ -22,6 +23,8 @@ _OWN = (
 _MARKS = ("o", "s", "D", "^", "v", "P", "<", ">")
 _CHOICE, _STARS = "#111111", ("*", "P")
 _LEAST = 1e-13
+# Costs within this factor have ticks between the powers of ten.
+_FEW = 50.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +71,11 @@ def plot_work(
     for curve in curves:
         _draw(curve, _number(curve, curves, names), ax)
     ax.set(xscale="log", yscale="log")
+    ax.xaxis.set_minor_formatter(NullFormatter())
+    low, high = ax.get_xlim()
+    if high < _FEW * low:
+        ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        ax.xaxis.set_major_formatter("{x:g}")
     ax.set_xlabel(cost, fontsize=SIZE)
     ax.set_ylabel(error, fontsize=SIZE)
     ax.tick_params(labelsize=SIZE - 1)
