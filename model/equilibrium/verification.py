@@ -20,12 +20,12 @@ from model.effects import Current
 from model.equilibrium.linearised import Linearised
 from model.errors import ConvergenceError
 from model.integrators.runge_kutta import RK8, RungeKutta
-from model.loads import beyond
+from model.loads import beyond, is_loaded
 from model.mesh_refinement import estimate
 from model.obstacles import distances
 from model.obstacles.base import SIZE
 from model.paths import Array
-from model.rotations import matrices
+from model.rotations import cross, matrices
 from model.time_limit import check_time
 from model.transcription.collocation import gauss
 from model.transcription.friction import hermite
@@ -115,7 +115,7 @@ class _Elements:
             system.mesh.s[:-1],
             system.mesh.s[1:],
         )
-        form = system.of.form
+        form, self.loaded = system.of.form, is_loaded(system.scene)
         shape = (system.mesh.steps, form.stages, form.strains)
         self.v = here.states[system.of.stages].reshape(shape)
         self.v_rate = here.states[system.of.rates].reshape(shape) if form.friction else None
@@ -126,7 +126,7 @@ class _Elements:
         system, form, load = self.system, self.system.of.form, self.here.x[self.system.of.n_tendons]
         s, w = self.left + x * self.h, form.wrench
         frame, M = matrices(y[:, :4]), y[:, POSE : POSE + 3]
-        F = load * beyond(system.arm, system.scene, s, self.right).T
+        F = load * beyond(system.arm, system.scene, s, self.right).T if self.loaded else 0 * M
         F = F + y[:, POSE + 3 : POSE + w] if form.moving else F
         v = self._strains(x, frame, M, F, y)
         kappa, nu = kinematics(form.law, v)
@@ -134,7 +134,7 @@ class _Elements:
         found = np.zeros_like(y)
         found[:, :4] = _turning(y[:, :4], kappa)
         found[:, 4:POSE] = along
-        found[:, POSE : POSE + 3] = -np.cross(along, F)
+        found[:, POSE : POSE + 3] = -cross(along, F)
         if form.pressed:
             found[:, POSE + 3 : POSE + w] -= self._pressed(x, y[:, 4:POSE])
         if form.current:
@@ -209,4 +209,4 @@ def _turning(q: Array, kappa: Array) -> Array:
     """Return q' = q (0, kappa) / 2 (N, 4)."""
     w, r = q[:, :1], q[:, 1:]
     scalar = -(r * kappa).sum(axis=1, keepdims=True)
-    return np.asarray(np.hstack([scalar, w * kappa + np.cross(r, kappa)]) / 2)
+    return np.asarray(np.hstack([scalar, w * kappa + cross(r, kappa)]) / 2)
