@@ -85,6 +85,9 @@ class CertificateRecord(msgspec.Struct, kw_only=True):
     stability: float | None = None
     stability_margin: float | None = None
     load_factor: float | None = None
+    complementarity: Annotated[
+        float | None, Meta(description="by how much conditions of contact are missed; null without")
+    ] = None
     scheme: str
     tolerance: float
     problem: str
