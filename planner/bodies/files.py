@@ -72,7 +72,9 @@ def export_shape(
     try:
         write_together(folder, contents)
     except (OSError, ValueError) as reason:
-        raise FileError(str(folder), "", f"nothing was written there: {why(reason)}") from None
+        raise FileError(
+            str(folder), "", f"no file was written in this folder: {why(reason)}"
+        ) from None
     return tuple(folder / file for file in contents)
 
 

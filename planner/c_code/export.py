@@ -158,11 +158,12 @@ def _written(
         for file, template in {**_TEMPLATES, "@NAME@.c": source.template, **more}.items()
     }
     folder = Path(to)
-    _check_free(folder, values["NAME"])
     try:
+        _check_free(folder, values["NAME"])
         write_together(folder, {file: text.encode() for file, text in texts.items()})
     except (OSError, ValueError) as reason:
-        raise FileError(str(to), "", f"nothing was written there: {why(reason)}") from None
+        told = f"no file was written in this folder: {why(reason)}"
+        raise FileError(str(to), "", told) from None
     written = tuple(folder / file for file in texts)
     used = source.numbers + int(values.get("PLAN_NUMBERS", 0))
     return Exported(written, shape, BYTES[precision] * used)

@@ -30,4 +30,6 @@ def _write(folder: Path, answer: Answer, kind: str) -> None:
     try:
         write_together(folder, files)
     except (OSError, ValueError) as reason:
-        raise FileError(str(folder), "", f"nothing was written there: {why(reason)}") from None
+        raise FileError(
+            str(folder), "", f"no file was written in this folder: {why(reason)}"
+        ) from None

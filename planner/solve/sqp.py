@@ -13,6 +13,7 @@ is no answer, and ipopt is asked.
 
 from __future__ import annotations
 
+import logging
 from functools import lru_cache
 
 import casadi as ca
@@ -27,6 +28,7 @@ from planner.program.explicit import Explicit
 from planner.program.problem import Bounds, Problem
 from planner.solve.ipopt import Solution
 
+LOG = logging.getLogger(__name__)
 Mask = NDArray[np.bool_]
 _STEPS, _MET = 12, 1e-7
 _SOFT = 1e-6
@@ -43,7 +45,12 @@ def solve_explicit(problem: Problem, x: Array, p: Array, bounds: Bounds) -> Solu
     """Return the optimum of an explicit program near x, None where it does not converge soon."""
     if not isinstance(problem.program, Explicit) or problem.statement.mode != "exact":
         return None
-    return _Sqp(problem.program, p, bounds).run(x)
+    found = _Sqp(problem.program, p, bounds).run(x)
+    if found is None:
+        LOG.debug("not met in %d steps", _STEPS)
+    else:
+        LOG.debug("met after %d steps, objective %.6g", found.iterations, found.f)
+    return found
 
 
 class _Sqp:

@@ -168,7 +168,7 @@ BARS: dict[str, tuple[tuple[Any, ...], str, str]] = {
     "two points at a place": (
         (PointLoad(0.2, FORCE), PointLoad(0.1, FORCE), PointLoad(0.2, (1.0, 0.0, 0.0))),
         "Scene",
-        "point loads: once at a place",
+        "loads and masses: once at a place",
     ),
     "buoyancy of what weighs nothing": (
         (Extension(), Buoyancy()),

@@ -182,7 +182,7 @@ def test_commands_end_at_their_time_limit(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(cli, "_GRACE", 0.0)
+    monkeypatch.setattr(cli, "GRACE", 0.0)
     Path("scene.toml").write_text(SCENE)
     assert cli.main([command[0], "scene.toml", *command[1:], "--time-limit", "1e-6"]) == 1
     shown = capsys.readouterr()

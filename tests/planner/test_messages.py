@@ -83,7 +83,9 @@ def test_a_full_disk_is_told_and_leaves_nothing(
 
     monkeypatch.setattr(Path, "write_bytes", full)
     message = said(capsys, ["settle", scene, "--out", str(out)])
-    assert message == f"octoplan: {out}: nothing was written there: no space left on device"
+    assert (
+        message == f"octoplan: {out}: no file was written in this folder: no space left on device"
+    )
     assert not out.exists()
 
 
