@@ -21,6 +21,6 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             item.add_marker(pytest.mark.slow)
     lost = [name for name, named in cases.items() if len(named) > 1 and not any(named)]
     # Of a selection of cases it may name none.
-    selected = config.getoption("lf") or any("::" in name for name in config.args)
+    selected = config.getoption("lf", False) or any("::" in name for name in config.args)
     if lost and not selected:
         raise pytest.UsageError(f"quick names no case of {', '.join(lost)}")
