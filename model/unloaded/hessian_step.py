@@ -13,7 +13,6 @@ of them at places along the arm, which then add up from the tip to each step.
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TypeVar
 
 import casadi as ca
 
@@ -24,46 +23,7 @@ from model.unloaded.closed_form import strain_function, twist
 from model.unloaded.pulls import TERMS
 from model.unloaded.statics import ClosedStatics
 from model.unloaded.step_twist import adjoint_function
-from model.unloaded.tip_slopes import strain_slopes, twist_step
-
-S = TypeVar("S", ca.SX, ca.MX)
-
-
-@lru_cache(maxsize=64)
-def hessian_step(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
-    """Return (x, pull, data, h, basis (TERMS, m), wrench) -> x across a step, Hessian.
-
-    x is that of tip_slopes.twist_step. The wrench (6,), moment about the origin [N m] and force
-    [N], works on the twists of all places beyond the step; the Hessian (n, n) by the n = n_pull
-    TERMS coefficients is what the step adds to that of its work, its lower triangle column by
-    column.
-    """
-    m, n, h = len(scheme.nodes), statics.n_pull, ca.SX.sym("h")
-    x, wrench = ca.SX.sym("x", 7 + 6 * n * TERMS), ca.SX.sym("wrench", 6)
-    pull, data = ca.SX.sym("pull", n, m), ca.SX.sym("data", statics.n_data, m)
-    basis = ca.SX.sym("basis", TERMS, m)
-    moved, turned, blocks = own_step(statics, scheme)(x[:7], pull, data, h, basis, wrench)
-    spread = ca.kron(basis, ca.SX.eye(n))
-    after = twist_step(statics, scheme)(x, pull, data, h, basis)
-    before, grown = (ca.reshape(v, 6, -1) for v in (x[7:], after[7:] - x[7:]))
-    own = lower_of(turned.T @ moved @ turned) + lower_of(spread @ blocks @ spread.T)
-    cross = before.T @ across(grown, wrench)
-    lower = own + lower_of((cross + cross.T) / 2)
-    given = [x, pull, data, h, basis, wrench]
-    return ca.Function("hessian_step", given, [after, lower], {"cse": True})
-
-
-def across(twists: S, wrench: S) -> S:
-    """Return w (6, n) with z . w the work of a wrench on the brackets [z, twists (6, n)]."""
-    turns, shifts = twists[:3, :], twists[3:, :]
-    moment, force = ca.skew(wrench[:3]), ca.skew(wrench[3:])
-    return ca.vertcat(-moment @ turns - force @ shifts, -force @ turns)
-
-
-def lower_of(A: ca.SX) -> ca.SX:
-    """Return the lower triangle of a matrix, column by column."""
-    n = A.shape[0]
-    return ca.vertcat(*(A[j:, j] for j in range(n)))
+from model.unloaded.tip_slopes import strain_slopes
 
 
 @lru_cache(maxsize=64)
@@ -71,7 +31,7 @@ def own_step(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
     """Return (pose, pull, data, h, basis, wrench) -> what a step has of the Hessian by itself.
 
     As three parts A (6, 6), B (6, n) and C (n_pull m, n_pull m): it is B^T A B + D C D^T, with D
-    the Kronecker product of the basis and the unit matrix; see hessian_step.
+    the Kronecker product of the basis and the unit matrix; see the module.
     """
     m, h = len(scheme.nodes), ca.SX.sym("h")
     pull, data = ca.SX.sym("pull", statics.n_pull, m), ca.SX.sym("data", statics.n_data, m)

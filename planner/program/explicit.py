@@ -1,33 +1,26 @@
 """The program of a scene whose poses are an explicit function of the tensions.
 
 In the paper's balance without loads strains are closed forms; as printed, eqs. (10) and (11) are
-integrated from the tip to the base. The tensions are the only unknowns of the mechanics. Of closed
-forms along straight tendons the derivatives are put together step by step, by kernels that may be
-compiled; all else CasADi differentiates as a whole.
+integrated from the tip to the base. The tensions are the only unknowns of the mechanics.
 """
 
 from __future__ import annotations
 
 from functools import cached_property
-from typing import cast
 
 import casadi as ca
 import numpy as np
 
 from model.arm import Arm
 from model.effects import Extension, PrintedStatics
-from model.forward import ExplicitMap, explicit_map
+from model.forward import explicit_map
 from model.machine.buffered import Buffered
 from model.paths import Array
 from model.scene import Scene
 from model.stations import Counts
-from model.unloaded.closed_form import ClosedForm
-from model.unloaded.pulls import PullPolynomials
-from model.unloaded.statics import closed_statics
 from planner.program.condensed import First
 from planner.program.program import Objective, Rows, split
 from planner.program.statement import Statement
-from planner.program.twists import Expressions, by_twists
 from planner.targets.base import Target
 
 # By stages of the elements: as printed, and in closed form.
@@ -45,7 +38,6 @@ class Explicit:
         targets: tuple[Target, ...],
         statement: Statement,
         stations: tuple[float, ...],
-        machine_code: bool = False,
     ) -> None:
         schemes = _PRINTED if scene.has(PrintedStatics) else _CLOSED
         mesh = (schemes[statement.stages], statement.refinement, stations)
@@ -55,21 +47,17 @@ class Explicit:
         n = arm.n_tendons
         self.n_free = n + self.objective.n_peak + self.objective.n_lack
         self.sizes = (self.objective.n_numbers, n)
-        nodes = [forward.mesh.node(s) for s in stations]
-        polynomials = None
-        if isinstance(forward, ClosedForm):
-            polynomials = PullPolynomials.of(arm, closed_statics(scene, arm))
-        if polynomials is not None:
-            slimmest = forward.stretch_at[rows], forward.stretch_active[rows]
-            asked = (polynomials, self.objective, nodes, slimmest, machine_code)
-            found = by_twists(
-                cast(ClosedForm, explicit_map(arm, scene, *mesh, machine_code)), *asked
-            )
-        else:
-            found = _by_casadi(arm, forward, self.objective, nodes, rows)
-        self.x, self.p, self.f, self.g = found.x, found.p, found.f, found.g
-        self.gradient, self.jacobian = found.gradient, found.jacobian
-        self.sigma, self.lam, self.hessian = found.sigma, found.lam, found.hessian
+        self.x, self.p = ca.SX.sym("x", self.n_free), ca.SX.sym("p", sum(self.sizes))
+        given, unit = split(self.p, self.sizes)
+        T, last = self.x[:n] * unit, n + self.objective.n_peak
+        poses, stretch = forward.function.expand()(T)[:2]
+        seen = poses[:, [forward.mesh.node(s) for s in stations]]
+        least = stretch[rows].T if rows else ca.SX(0, 1)
+        parts = (T, self.x[n:last], self.x[last:], given, seen, least, ca.SX(0, 1))
+        self.f, self.g = self.objective.function.expand().call(parts, True)
+        self.sigma, self.lam = ca.SX.sym("sigma"), ca.SX.sym("lam", self.g.numel())
+        self.gradient, self.jacobian = ca.gradient(self.f, self.x), ca.jacobian(self.g, self.x)
+        self.hessian = ca.hessian(self.sigma * self.f + ca.dot(self.lam, self.g), self.x)[0]
 
     @property
     def rows(self) -> tuple[Rows, ...]:
@@ -148,23 +136,6 @@ class Explicit:
             g = self.first(a, p).g
             a[self.n_free - lack :] = np.maximum(-g[self.objective.lack_rows], 0.0)
         return a
-
-
-def _by_casadi(
-    arm: Arm, forward: ExplicitMap, objective: Objective, nodes: list[int], rows: list[int]
-) -> Expressions:
-    """Return the program of an objective that sees the poses at some nodes, derived as a whole."""
-    n, sizes = arm.n_tendons, (objective.n_numbers, arm.n_tendons)
-    x, p = ca.SX.sym("x", n + objective.n_peak + objective.n_lack), ca.SX.sym("p", sum(sizes))
-    given, unit = split(p, sizes)
-    T, last = x[:n] * unit, n + objective.n_peak
-    poses, stretch = forward.function.expand()(T)[:2]
-    least = stretch[rows].T if rows else ca.SX(0, 1)
-    parts = (T, x[n:last], x[last:], given, poses[:, nodes], least, ca.SX(0, 1))
-    f, g = objective.function.expand().call(parts, True)
-    sigma, lam = ca.SX.sym("sigma"), ca.SX.sym("lam", g.numel())
-    hessian = ca.hessian(sigma * f + ca.dot(lam, g), x)[0]
-    return Expressions(x, p, f, g, ca.gradient(f, x), ca.jacobian(g, x), sigma, lam, hessian)
 
 
 def _slimmest(arm: Arm, s: Array, active: Counts) -> list[int]:
