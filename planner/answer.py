@@ -15,7 +15,8 @@ from model.settle import settle
 from model.shape import Shape
 from planner.avoidance.asked import NOTHING, Surroundings
 from planner.avoidance.rows import Avoidance
-from planner.certificate import Certificate, certify
+from planner.certificate import Certificate
+from planner.certify import certify
 from planner.mirror import mirror_images
 from planner.outcome import Facts, sentence
 from planner.program.effort import effort

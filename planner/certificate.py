@@ -1,63 +1,21 @@
-"""The certificate: a plan checked by means that did not make it."""
+"""The certificate: what the check of a plan found, and what it says of it."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from model.arm import Arm
-from model.centreline import Centreline
-from model.clearance import clearances
-from model.contact.stability import held_stability
-from model.effects import PrintedStatics
-from model.equilibrium.forward import STAGES, Collocation
-from model.equilibrium.linearised import Linearised
-from model.equilibrium.load_stepping import Followed, follow_on
-from model.equilibrium.stability import least_eigenvalue, stability
-from model.equilibrium.verification import SCHEME, verified
-from model.errors import OctoplanError
-from model.forward import by_collocation
-from model.loads import contacts, is_loaded
-from model.mesh_refinement import FINEST_ACCURACY
-from model.obstacles import distances, numbers_of
-from model.paths import Array
-from model.progress import tell
-from model.scene import Scene
-from model.settle import settle
-from model.shape import Shape
-from model.stiffness import stiffness
 from model.text import columns
-from model.time_limit import OutOfTime
-from planner.avoidance.asked import NOTHING, Surroundings, told
-from planner.program.limits import Limits
-from planner.program.terms import (
-    compliance_requests,
-    directions_function,
-    stations_of,
-    term_names,
-    term_units,
-    terms_function,
-)
-from planner.targets.base import Target
-from planner.tendon_lengths import strokes
 
-# How accurate the check is: two digits more than what it has to judge.
-_SHARPER, _PRINTED = 1e-2, "rk8"
-# The mesh whose wrenches it begins from: what these lack is corrected to first order. Where that
-# leaves the tip's pose farther off than so many times what is asked of it, that of the shape.
-_MESH, _CLOSE = 3, 10
 KKT_TOLERANCE = 1e-6
 # Of the least eigenvalue, which another mesh has with other digits.
 STABILITY_TOLERANCE = 1e-4
-# As many times its loads an arm is followed; relative error of the factor at which it yields.
-MOST_LOADS, _YIELDS = 3.0, 0.01
-# Of gaps and forces, and where along the arm gaps are looked at.
-COMPLEMENTARY, _LOOKS = 1e-8, 2001
-_LATE = "the time limit was reached before it was verified"
-STIFF_ACCURACY = 1e-8
+# As many times its loads an arm is followed.
+MOST_LOADS = 3.0
+# Of gaps [m], forces [N] and their products [N m].
+COMPLEMENTARY = 1e-8
 
 
 @dataclass(frozen=True)
@@ -230,174 +188,3 @@ class Certificate:
 def _digits(value: float) -> str:
     """Return a number with three digits: as people write it, a small one with its exponent."""
     return f"{value:.3g}" if value == 0 or 1e-2 <= abs(value) < 1e5 else f"{value:.2e}"
-
-
-def certify(
-    arm: Arm,
-    scene: Scene,
-    targets: tuple[Target, ...],
-    limits: Limits,
-    tensions: Array,
-    kkt: float,
-    tolerance: float,
-    stability_margin: float = 0.0,
-    machine_code: bool = False,
-    surroundings: Surroundings = NOTHING,
-) -> Certificate:
-    """Verify the settled tensions by initial value integration, and look at everything anew."""
-    low, high = np.array(limits.lower), np.array(limits.upper)
-    excess = max(float((low - tensions).max()), float((tensions - high).max()), 0.0)
-    if limits.total is not None:
-        excess = max(excess, float(tensions.sum()) - limits.total * (1 + 1e-9))
-    printed = scene.has(PrintedStatics)
-    scheme = _PRINTED if printed else SCHEME
-    tell("verifying by initial value integration")
-    try:
-        fine = max(tolerance / 10, FINEST_ACCURACY)
-        shape = settle(arm, tensions, scene, fine, compile=machine_code)
-        stations, sharp = stations_of(arm, targets), max(_SHARPER * tolerance, FINEST_ACCURACY)
-        check = _printed if printed else _integrated
-        poses, tip, error, stands, load_factor, line = check(shape, stations, sharp)
-        gaps = clearances(line, surroundings.obstacles)
-    except (OctoplanError, OutOfTime) as reason:
-        why = _LATE if isinstance(reason, OutOfTime) else str(reason)
-        return Certificate(bounds=excess, scheme=scheme, tolerance=tolerance, problem=why)
-    match, approach, margin = measure(arm, targets, poses, gives(arm, targets, shape))
-    return Certificate(
-        {name: float(np.abs(values).max()) for name, values in match.items()},
-        {name: float(np.linalg.norm(values)) for name, values in approach.items()},
-        {name: float(np.min(values)) for name, values in margin.items()},
-        excess,
-        kkt,
-        math.dist(tip, shape.tip) / arm.length,
-        error,
-        stands,
-        stability_margin,
-        load_factor,
-        scheme,
-        tolerance,
-        gaps={name: clear.gap for name, clear in gaps.items()},
-        least_gaps=surroundings.least,
-        nearest=told(gaps),
-        units=term_units(arm, targets),
-        strokes=_stroke_excess(shape, limits),
-        complementarity=_violation(shape, line) if contacts(scene) else None,
-    )
-
-
-def _stroke_excess(shape: Shape, limits: Limits) -> float:
-    """Return the largest violation of a limit of strokes, over the arm's length."""
-    if limits.strokes is None:
-        return 0.0
-    (least, most), found = limits.strokes, strokes(shape)
-    over = max(float((least - found).max()), float((found - most).max()), 0.0)
-    return over / shape.arm.length
-
-
-# Poses at the stations (K, 7), the tip (3,), its estimated error, stability, load factor, midline.
-Checked = tuple[Array, Array, float, float, float | None, Centreline]
-
-
-def _integrated(shape: Shape, stations: tuple[float, ...], accuracy: float) -> Checked:
-    """Return what initial value integration makes of a shape."""
-    if contacts(shape.scene):
-        return _leaning(shape, stations, accuracy)
-    scale = np.repeat([1.0, shape.arm.length], [4, 3])
-    for mesh in sorted({min(shape.refinement, _MESH), shape.refinement}):
-        form = (STAGES, mesh, stations, True, shape.machine_code)
-        forward = Collocation(shape.arm, shape.scene, *form)
-        here = forward.found(shape.tensions, shape.known)
-        found = verified(here, accuracy)
-        poses = forward.system.poses(found.here.states)
-        gap = np.abs(poses[-1] - shape.poses(shape.arm.length)) / scale
-        if gap.max() <= _CLOSE * accuracy:
-            break
-    places = [forward.mesh.node(s) for s in stations]
-    # Whether it stands does not take a fine mesh, how well it does takes one.
-    form = (STAGES, 1, (), True, shape.machine_code)
-    rough = Collocation(shape.arm, shape.scene, *form).found(shape.tensions, shape.known)
-    least = stability(rough)
-    line = Centreline.at_states(forward.system, found.here.states)
-    if not is_loaded(shape.scene):
-        return poses[places], poses[-1, 4:], found.error, least, None, line
-    stands = least_eigenvalue(found.here) if least > 0 else least
-    bears = _load_factor(rough, shape)
-    return poses[places], poses[-1, 4:], found.error, stands, bears, line
-
-
-def _leaning(shape: Shape, stations: tuple[float, ...], accuracy: float) -> Checked:
-    """Return what initial value integration makes of a shape that leans on things."""
-    form = (STAGES, shape.refinement, stations, True, shape.machine_code)
-    here = by_collocation(shape.arm, shape.scene, *form).found(shape.tensions, shape.known)
-    found = verified(here, accuracy)
-    system, states = here.system, found.here.states
-    poses, line = system.poses(states), Centreline.at_states(system, states)
-    places = [system.mesh.node(s) for s in stations]
-    return poses[places], poses[-1, 4:], found.error, held_stability(here), None, line
-
-
-def _violation(shape: Shape, line: Centreline) -> float:
-    """Return by how much gap >= 0 [m], force >= 0 [N] and their product = 0 [N m] are missed."""
-    bodies = numbers_of([contact.obstacle for contact in contacts(shape.scene)])
-    s = np.linspace(0.0, shape.arm.length, _LOOKS)[1:]
-    places, radii = line.at(s)
-    worst = float((radii[:, None] - distances(bodies, places)[0]).max(initial=-np.inf))
-    for touch in shape.contacts:
-        out = shape.position(touch.s) - touch.point
-        force = float(touch.force @ out) / float(np.linalg.norm(out))
-        worst = max(worst, -force, abs(force * touch.gap))
-    return max(worst, 0.0)
-
-
-def _load_factor(here: Linearised, shape: Shape) -> float:
-    """Return how many times its loads an arm bears, infinite if more than it is followed."""
-    end = follow_on(Followed(here, 1.0, ""), MOST_LOADS, _YIELDS)
-    return end.load if end.why else np.inf
-
-
-def _printed(shape: Shape, stations: tuple[float, ...], accuracy: float) -> Checked:
-    """Return what another integrator makes of a scene as printed."""
-    asked = (shape.arm, shape.tensions, shape.scene, accuracy, _PRINTED)
-    check = settle(*asked, compile=shape.machine_code)
-    poses, line = check.poses(np.array(stations)), Centreline.of(check)
-    return poses, check.tip, check.error, np.inf, None, line
-
-
-def measure(
-    arm: Arm, targets: tuple[Target, ...], poses: Array, given: Array
-) -> tuple[dict[str, Array], dict[str, Array], dict[str, Array]]:
-    """Return the targets' match, approach and margin terms by name.
-
-    Of poses (K, 7) at the targets' stations, and of what `gives` returns.
-    """
-    numbers = np.concatenate([target.parameters(arm) for target in targets])
-    values = terms_function(arm, targets)(poses.T, numbers, given)
-    names = term_names(arm, targets)
-    found: list[dict[str, Array]] = []
-    for kind, value in zip(names, values, strict=True):
-        flat = np.array(value).ravel()
-        own = np.array(kind)
-        found.append({name: flat[own == name] for name in dict.fromkeys(kind)})
-    return found[0], found[1], found[2]
-
-
-def gives(arm: Arm, targets: tuple[Target, ...], shape: Shape) -> Array:
-    """Return the tip's compliances along the directions of the targets' requests, stacked."""
-    requests = compliance_requests(targets)
-    numbers = np.concatenate([target.parameters(arm) for target in targets])
-    found = [np.zeros(0)]
-    for request, along in zip(
-        requests, directions_function(arm, targets).call([numbers]), strict=True
-    ):
-        k = stiffness(
-            arm,
-            shape.tensions,
-            shape.scene,
-            request.hold,
-            accuracy=STIFF_ACCURACY,
-            tendon_EA=request.tendon_EA,
-            compile=shape.machine_code,
-        )
-        D = np.array(along)
-        found.append((D.T @ k.compliance[:3, :3] @ D).ravel("F"))
-    return np.concatenate(found)

@@ -19,7 +19,7 @@ from model.rotations import from_matrix, matrices
 from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
-from planner.certificate import measure
+from planner.measure import measure
 from planner.program.limits import Limits
 from planner.program.terms import compliance_requests, stations_of
 from planner.targets.base import Target

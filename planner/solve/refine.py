@@ -16,7 +16,7 @@ from model.paths import Array
 from model.settle import settle
 from model.shape import Shape
 from model.stiffness import stiffness
-from planner.certificate import measure
+from planner.measure import measure
 from planner.program.limits import Limits
 from planner.program.problem import Problem
 from planner.program.statement import Mode, Statement

@@ -11,7 +11,7 @@ from model.mesh_refinement import FINEST_ACCURACY
 from model.paths import Array
 from model.settle import settle
 from model.shape import Shape
-from planner.certificate import gives, measure
+from planner.measure import compliances_along, measure
 from planner.program.terms import stations_of
 from planner.targets.base import Target
 from planner.trajectory.between import Sweep
@@ -132,7 +132,7 @@ def _met(question: Question, targets: tuple[Target, ...], T: Array) -> tuple[flo
     fine = max(question.accuracy / 10, FINEST_ACCURACY)
     shape: Shape = settle(arm, T, question.scene, fine, compile=question.machine_code)
     poses = shape.poses(np.array(stations_of(arm, targets)))
-    match, approach, margin = measure(arm, targets, poses, gives(arm, targets, shape))
+    match, approach, margin = measure(arm, targets, poses, compliances_along(arm, targets, shape))
     sizes = [float(np.abs(v).max(initial=0.0)) for v in (*match.values(), *approach.values())]
     least = [float(np.min(v)) for v in margin.values()]
     return max(sizes, default=0.0), min(least, default=0.0)

@@ -11,7 +11,7 @@ import pytest
 
 from model import Arm, InputError, Scene, settle
 from planner import Plan, plan, stiffness
-from planner.certificate import gives, measure
+from planner.measure import measure
 from planner.program.terms import stations_of
 from planner.targets import MinimumStiffness, Softest, Stiffest, TipPosition
 from tests.stiffness.cases import STATICS, Array
@@ -92,7 +92,7 @@ def test_a_matrix_that_is_not_attained_leaves_a_margin_below_0(spare: tuple[floa
     root = back @ (turn * np.sqrt(inner)) @ turn.T @ back
     targets = (MinimumStiffness(root @ root, 1.0),)
     poses = shape.poses(np.array(stations_of(ARM, targets)))
-    margin = measure(ARM, targets, poses, gives(ARM, targets, shape))[2]
+    margin = measure(ARM, targets, poses, compliances_along(ARM, targets, shape))[2]
     least_margin = min(float(np.min(rows)) for rows in margin.values())
     assert (least_margin < -1e-3) == (min(spare) < 0)
 
