@@ -11,7 +11,7 @@ import pytest
 
 from model import Arm, InputError, Scene, settle
 from planner import Plan, plan, stiffness
-from planner.measure import measure
+from planner.measure import compliances_along, measure
 from planner.program.terms import stations_of
 from planner.targets import MinimumStiffness, Softest, Stiffest, TipPosition
 from tests.stiffness.cases import STATICS, Array
