@@ -113,8 +113,8 @@ class Answer:
         """The check of the tensions by another integrator; see planner.certificate."""
         T = np.ravel(self.tensions)
         asked = (self.arm, self.scene, self.targets, self.limits)
-        more = (self.statement.margin, self.machine_code, self.surroundings)
-        return certify(*asked, T, self._kkt(T), self.accuracy, *more)
+        more = (self.statement.margin, self.surroundings)
+        return certify(*asked, T, lambda: self.shape, self._kkt(T), self.accuracy, *more)
 
     @property
     def mode(self) -> Mode:

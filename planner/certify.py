@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -12,10 +13,11 @@ from model.clearance import clearances
 from model.contact.stability import held_stability
 from model.effects import PrintedStatics
 from model.equilibrium.forward import STAGES, Collocation
+from model.equilibrium.integration import SCHEME
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.load_stepping import Followed, follow_on
 from model.equilibrium.stability import least_eigenvalue, stability
-from model.equilibrium.verification import SCHEME, verified
+from model.equilibrium.verification import verified
 from model.errors import OctoplanError
 from model.forward import by_collocation
 from model.loads import contacts, is_loaded
@@ -53,23 +55,25 @@ def certify(
     targets: tuple[Target, ...],
     limits: Limits,
     tensions: Array,
+    settled: Callable[[], Shape],
     kkt: float,
     tolerance: float,
     stability_margin: float = 0.0,
-    machine_code: bool = False,
     surroundings: Surroundings = NOTHING,
 ) -> Certificate:
-    """Verify the settled tensions by initial value integration, and look at everything anew."""
+    """Verify the settled tensions by initial value integration, and look at everything anew.
+
+    `settled` returns the shape, ten times as accurate as the tolerance.
+    """
     low, high = np.array(limits.lower), np.array(limits.upper)
     excess = max(float((low - tensions).max()), float((tensions - high).max()), 0.0)
     if limits.total is not None:
         excess = max(excess, float(tensions.sum()) - limits.total * (1 + 1e-9))
     printed = scene.has(PrintedStatics)
-    scheme = _PRINTED if printed else SCHEME
+    scheme = _PRINTED if printed else SCHEME.name
     tell("verifying by initial value integration")
     try:
-        fine = max(tolerance / 10, FINEST_ACCURACY)
-        shape = settle(arm, tensions, scene, fine, compile=machine_code)
+        shape = settled()
         stations, sharp = stations_of(arm, targets), max(_SHARPER * tolerance, FINEST_ACCURACY)
         check = _printed if printed else _integrated
         poses, tip, error, stands, load_factor, line = check(shape, stations, sharp)

@@ -13,6 +13,7 @@ from model.arm import Arm
 from model.cross_section.law import CrossSection, body_size, size, turning_rate
 from model.effects import Shear
 from model.machine.buffered import Buffered
+from model.machine.compiled import kernel
 from model.paths import Array
 from model.scene import Scene
 from model.stations import (
@@ -57,10 +58,21 @@ class Sections:
         Offset, its derivative, cosine and sine of the angle at each crossing.
     path_rates : (4, P)
         Their derivatives along s.
+    machine_code : bool
+        Whether the law's kernels are compiled.
     """
 
-    def __init__(self, arm: Arm, scene: Scene, law: CrossSection, s: Array, active: Counts) -> None:
+    def __init__(
+        self,
+        arm: Arm,
+        scene: Scene,
+        law: CrossSection,
+        s: Array,
+        active: Counts,
+        machine_code: bool = False,
+    ) -> None:
         self.law, self.s, self._n_tendons = law, s, arm.n_tendons
+        self.machine_code = machine_code
         at = stations(arm, s, active)
         self.place, self.tendon = np.nonzero(crossing(arm, at))
         self.body = body_numbers(arm, scene, at)
@@ -73,13 +85,16 @@ class Sections:
         These are (N, n, n); `tensions` (P,) are those of the crossings.
         """
         N, n = v.shape
-        (found,) = _mapped(_body, self.law, N)(v.ravel(), self.body.ravel("F"))
+        (found,) = self._mapped(_body, N)(v.ravel(), self.body.ravel("F"))
         if self.place.size:
-            call = _mapped(_tendon, self.law, self.place.size)
+            call = self._mapped(_tendon, self.place.size)
             (rows,) = call(v[self.place].ravel(), self.paths.ravel("F"))
             first = np.flatnonzero(np.diff(self.place, prepend=-1))
             found[self.place[first]] += np.add.reduceat(rows * tensions[:, None], first)
         return found[:, :n], found[:, n:].reshape(N, n, n).transpose(0, 2, 1)
+
+    def _mapped(self, kernel_of: Callable[[CrossSection], ca.Function], N: int) -> Buffered:
+        return _mapped(kernel_of, self.law, N, self.machine_code)
 
     def pulls(self, tensions: Array) -> Array:
         """Return the tensions of the crossings (P,) of constant tensions (n_tendons,)."""
@@ -113,20 +128,30 @@ class Sections:
         least = np.linalg.eigvalsh((slopes + slopes.transpose(0, 2, 1)) / 2).min(axis=1)
         return found, np.logical_or(lost, np.less_equal(least, 0))
 
-    def turning(self, v: Array, rate: Array) -> Array:
-        """Return how fast each tendon turns (P,) [rad/m] at strains v and their rates (N, n)."""
-        P = self.place.size
+    def turning(self, v: Array, rate: Array) -> tuple[Array, Array]:
+        """Return how fast each tendon turns (P,) [rad/m], and its slopes by the strains (P, n).
+
+        At strains v and their rates (N, n).
+        """
+        if not self.place.size:
+            return np.zeros(0), np.zeros((0, v.shape[1]))
         given = (v[self.place].T, rate[self.place].T, self.paths, self.path_rates)
-        return np.asarray(np.array(_turning(self.law).map(P)(*given))[0])
+        (found,) = self._mapped(_turning, self.place.size)(*(part.ravel("F") for part in given))
+        return found[:, 0], found[:, 1:]
 
     def by_tensions(self, v: Array, tensions: Array) -> Array:
         """Return how settled strains v (N, n) move with each tension (N, n, n_tendons)."""
         rows, slopes = np.zeros((*v.shape, self._n_tendons)), self.wrench(v, tensions)[1]
-        if self.place.size:
-            call = _mapped(_tendon, self.law, self.place.size)
-            (found,) = call(v[self.place].ravel(), self.paths.ravel("F"))
-            rows[self.place, :, self.tendon] = found[:, : v.shape[1]]
+        rows[self.place, :, self.tendon] = self.unit_wrenches(v)
         return np.asarray(-np.linalg.solve(slopes, rows))
+
+    def unit_wrenches(self, v: Array) -> Array:
+        """Return the wrench per newton of each crossing's tendon (P, n) at strains v (N, n)."""
+        if not self.place.size:
+            return np.zeros((0, v.shape[1]))
+        call = self._mapped(_tendon, self.place.size)
+        (found,) = call(v[self.place].ravel(), self.paths.ravel("F"))
+        return np.asarray(found[:, : v.shape[1]])
 
     def length_slopes(self, v: Array, weights: Array) -> tuple[Array, Array]:
         """Return the lengths (n_tendons,) [m], and their slopes in the strains (n_tendons, N, n).
@@ -136,7 +161,7 @@ class Sections:
         slopes = np.zeros((self._n_tendons, *v.shape))
         if not self.place.size:
             return np.zeros(self._n_tendons), slopes
-        call, weight = _mapped(_run, self.law, self.place.size), weights[self.place]
+        call, weight = self._mapped(_run, self.place.size), weights[self.place]
         (found,) = call(v[self.place].ravel(), self.paths.ravel("F"))
         slopes[self.tendon, self.place] = found[:, 1:] * weight[:, None]
         lengths = np.bincount(self.tendon, found[:, 0] * weight, self._n_tendons)
@@ -154,12 +179,12 @@ class Sections:
 
 @lru_cache(maxsize=32)
 def _turning(law: CrossSection) -> ca.Function:
-    """Return strains, rates, path, its rate -> |d(c/|c|)/ds| of a tendon."""
+    """Return strains, rates, path, its rate -> |d(c/|c|)/ds| of a tendon, then its slopes."""
     v, rate = ca.SX.sym("v", size(law)), ca.SX.sym("rate", size(law))
     path, change = ca.SX.sym("path", 4), ca.SX.sym("change", 4)
-    return ca.Function(
-        "turning", [v, rate, path, change], [turning_rate(law, v, rate, path, change)]
-    )
+    turns = turning_rate(law, v, rate, path, change)
+    both = ca.densify(ca.vertcat(turns, ca.gradient(turns, v)))
+    return ca.Function("turning", [v, rate, path, change], [both], {"cse": True})
 
 
 @lru_cache(maxsize=32)
@@ -191,9 +216,11 @@ def _tendon(law: CrossSection) -> ca.Function:
 
 
 @lru_cache(maxsize=64)
-def _mapped(kernel: Callable[[CrossSection], ca.Function], law: CrossSection, N: int) -> Buffered:
+def _mapped(
+    kernel_of: Callable[[CrossSection], ca.Function], law: CrossSection, N: int, machine_code: bool
+) -> Buffered:
     """Return a kernel of a law for N cross-sections or crossings at once; a row for each."""
-    return Buffered(kernel(law).map(N))
+    return Buffered(kernel(kernel_of(law), machine_code).map(N))
 
 
 def _with_slopes(name: str, v: ca.SX, numbers: ca.SX, wrench: ca.SX) -> ca.Function:
