@@ -44,16 +44,12 @@ class ByNumbers:
         """Of the states (n_states, K)."""
         right = self.here.system.by_numbers(self.here.x) @ self.slopes.p
         found = -self.here.solve(np.asfortranarray(right))
-        if self.tensions.any():
-            found += self.here.by_tensions @ self.tensions
-        return found
+        return found + self.here.by_tensions @ self.tensions if self.tensions.any() else found
 
     def poses(self, nodes: Index) -> Array:
         """Displacement [m] and rotation [rad] at the arc lengths of nodes (n, 6, K), base frame."""
         places = self.here.system.of.nodes[nodes, :POSE]
-        turned = 4 * turns(self.here.states[places[:, :4]]).transpose(0, 2, 1)
-        moved = self.states[places]
-        found = np.concatenate([moved[:, 4:], turned @ moved[:, :4]], axis=1)
+        found = displaced(self.here.states[places], self.states[places])
         shifts = self.slopes.s[nodes]
         if shifts.any():
             found -= along(self.here, nodes)[:, :, None] * shifts[:, None, :]
@@ -69,6 +65,12 @@ class ByNumbers:
     def direct_lengths(self) -> Array:
         """Of the lengths of the tendons in a shape that stays (n_tendons, K) [m]."""
         return np.asarray(self.here.system.lengths_by_numbers(self.here.x) @ self.slopes.lengths)
+
+
+def displaced(poses: Array, moved: Array) -> Array:
+    """Return displacement and rotation (n, 6, K) of poses (n, 7) that move so (n, 7, K)."""
+    turned = 4 * turns(poses[:, :4]).transpose(0, 2, 1)
+    return np.concatenate([moved[:, 4:], turned @ moved[:, :4]], axis=1)
 
 
 def along(here: Linearised, nodes: Index) -> Array:

@@ -77,6 +77,11 @@ class Linearised:
     near: Linearised | None = None
 
     @cached_property
+    def refreshed(self) -> Linearised:
+        """The same point with a Jacobian of its own."""
+        return Linearised(self.system, self.x) if self.near else self
+
+    @cached_property
     def residual(self) -> Array:
         """What vanishes at equilibrium (n_states,)."""
         return self.system.residual(self.x)

@@ -86,7 +86,7 @@ def follow_on(at: Followed, most: float, least: float, hold: Hold = TENSIONS) ->
         load = min(most, at.load + step)
         found, why = _next(system, at, load, stood, hold)
         if found is None:
-            at, step = at._replace(why=why), step / 2
+            at, step = at._replace(why=why), (load - at.load) / 2
         else:
             at, step = Followed(found, load, ""), 2 * step
     return at

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from model.equilibrium.hold import TENSIONS, Hold
@@ -9,6 +11,7 @@ from model.equilibrium.linearised import Linearised
 from model.errors import SingularError
 from model.paths import Array
 from model.time_limit import check_time
+from model.transcription.layout import Layout
 from model.transcription.system import System
 
 _STEPS = 14
@@ -92,13 +95,13 @@ def _step(
     None where there is none.
     """
     here = Linearised(system, x, kept)
-    if not np.all(np.isfinite(here.residual)) or not np.all(np.isfinite(here.nonzeros)):
+    if not (np.isfinite(here.residual).all() and (kept or np.isfinite(here.nonzeros).all())):
         return None
     try:
         change = -here.solve(here.residual)
     except SingularError:
         return None
-    if not np.all(np.isfinite(change)):
+    if not np.isfinite(change).all():
         return None
     now = x[: system.of.n_tendons]
     after = hold.tensions(here, change, now)
@@ -109,8 +112,14 @@ def _step(
 
 def step_size(system: System, change: Array, states: Array) -> float:
     """Return the size of a step, relative to strains and quaternions or to 1 / L and 1."""
-    of, L = system.of, system.arm.length
-    scale = np.where(np.arange(of.form.strains) < 2 + of.form.law.torsion, 1 / L, 1.0)
+    of = system.of
+    scale = _scale(of, system.arm.length)
     moved, now = change[of.stages] / scale, states[of.stages] / scale
     turned = change[of.nodes[:, :4]]
     return max(float((np.abs(moved) / (1 + np.abs(now))).max()), float(np.abs(turned).max()))
+
+
+@lru_cache(maxsize=64)
+def _scale(of: Layout, length: float) -> Array:
+    """Return what strains (strains,) are counted in: curvatures in 1 / L."""
+    return np.where(np.arange(of.form.strains) < 2 + of.form.law.torsion, 1 / length, 1.0)

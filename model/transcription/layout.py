@@ -57,7 +57,7 @@ class Layout:
         """Place of the first state, behind the tensions and the load factor."""
         return self.n_tendons + 1
 
-    @property
+    @cached_property
     def node_size(self) -> int:
         """Number of unknowns of a node."""
         return POSE + self.form.wrench + self.n_tendons * self.form.friction + self._touching
@@ -67,7 +67,7 @@ class Layout:
         """Number of a node's unknowns that are about contact."""
         return 2 * self.form.contacts
 
-    @property
+    @cached_property
     def stage_size(self) -> int:
         """Number of unknowns of the stages of an element."""
         return self.form.stages * self.form.strains * (1 + self.form.friction)
@@ -77,7 +77,7 @@ class Layout:
         """From the place of a node to that of the next."""
         return self.node_size + self.stage_size
 
-    @property
+    @cached_property
     def n_states(self) -> int:
         """Number of states, and of equations."""
         return self.elements * self.stride + self.node_size

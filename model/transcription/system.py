@@ -109,12 +109,13 @@ class System:
     def by_numbers(self, x: Array) -> csc_array:
         """Return the derivatives of the residuals by the numbers `p` (n_states, n_p)."""
         nonzeros = self._calls.by_numbers(x, self.p)[0][0]
-        return _sparse(nonzeros, self.of.equations.by_numbers[1])
+        return csc_array((nonzeros, *self._calls.number_places), (self.of.n_states, self.p.size))
 
     def lengths_by_numbers(self, x: Array) -> csc_array:
         """Return the derivatives of the tendons' lengths by `length_numbers` (n_tendons, n)."""
         function, places = self.of.lengths.by_numbers
-        return _sparse(np.ravel(np.array(function(x, self.length_numbers))), places)
+        nonzeros = np.ravel(np.array(function(x, self.length_numbers)))
+        return csc_array((nonzeros, *_compressed(places)), places.shape)
 
     def hessian(self, x: Array, multipliers: Array) -> Array:
         """Return the nonzeros of the Hessian of multipliers . residuals, see Equations.hessian."""
@@ -257,6 +258,10 @@ class _Calls:
         return Buffered(self.of.equations.by_numbers[0])
 
     @cached_property
+    def number_places(self) -> tuple[Places, Places]:
+        return _compressed(self.of.equations.by_numbers[1])
+
+    @cached_property
     def hessian(self) -> Buffered:
         return Buffered(self.of.equations.hessian[0])
 
@@ -279,9 +284,9 @@ def _calls(of: Layout) -> _Calls:
     return _Calls(of)
 
 
-def _sparse(nonzeros: Array, places: ca.Sparsity) -> csc_array:
-    """Return a sparse matrix of CasADi's as one of SciPy's."""
-    return csc_array((nonzeros, places.row(), places.colind()), places.shape)
+def _compressed(places: ca.Sparsity) -> tuple[Places, Places]:
+    """Return the rows of nonzeros and where columns begin, as SciPy has them."""
+    return np.array(places.row()), np.array(places.colind())
 
 
 def structure(arm: Arm, scene: Scene, mesh: Mesh, form: Form) -> Layout:

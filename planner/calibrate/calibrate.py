@@ -19,10 +19,11 @@ from model.paths import Array
 from model.progress import tell
 from model.settle import checked_scene
 from planner.calibrate.calibration import Calibration
-from planner.calibrate.experiment import Experiment, UnsettledShapeError, point_table
+from planner.calibrate.experiment import Experiment, UnsettledShapeError
 from planner.calibrate.fit import LOSSES, Fit, Loss, Weights, fit
 from planner.calibrate.fitted import Start
 from planner.calibrate.measured import Measured, check_scale
+from planner.calibrate.session import point_table
 from planner.unknowns.parameters import Parameters, spread
 from planner.unknowns.unknown import Unknown
 
@@ -189,7 +190,7 @@ class _Search:
         astray: tuple[str, ...] = ()
         for _ in range(_FINER):
             values = best.found.values
-            fresh = self._experiment.at(values)
+            fresh = self._experiment.from_rest(best.found)
             fine = self._on(2 * self.refinement).at(values, fresh)
             gaps = [_gap(a, b) for a, b in zip(best.found.heres, fine.heres, strict=True)]
             lost = tuple(

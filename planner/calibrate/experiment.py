@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -19,14 +18,9 @@ from model.equilibrium.forward import Collocation, Known
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import newton
 from model.paths import Array
-from model.transcription.neighbours import (
-    NumberSlopes,
-    number_slopes,
-)
-from model.transcription.system import System
-from model.winches import rest_lengths
 from planner.calibrate.measured import Measured
-from planner.calibrate.rows import MM, Sensors, jacobian, residuals
+from planner.calibrate.rows import Rows
+from planner.calibrate.session import Session, point_rows, shifted
 from planner.unknowns.meshes import Meshes
 from planner.unknowns.parameters import Parameters
 from planner.unknowns.pulled import FARTHEST, Pulled
@@ -41,56 +35,6 @@ class UnsettledShapeError(OctoplanError):
 
     def __reduce__(self) -> tuple[type, tuple[str, OctoplanError]]:
         return type(self), (self.name, self.why)
-
-
-@dataclass(frozen=True, eq=False)
-class Session:
-    """The arm of a session at given values.
-
-    Attributes
-    ----------
-    system : System
-        The equations, on a mesh that has the markers as nodes.
-    shifts : (P, 4)
-        By how much each point is off where it was said to be: arc length, offset [m].
-    scale : (n_tendons,)
-        Of the tensions.
-    """
-
-    values: Array
-    name: str
-    parameters: Parameters
-    system: System
-    shifts: Array
-    scale: Array
-
-    def tensions(self, shape: Measured) -> Array:
-        """Return the tensions of a shape (n_tendons,) [N]."""
-        return np.asarray(self.scale * np.array(shape.tensions))
-
-    def sensors(self, shape: Measured) -> Sensors:
-        """Return where the markers of a shape are."""
-        return _shifted(shape, self.shifts)
-
-    @cached_property
-    def slopes(self) -> NumberSlopes:
-        """Derivatives of the equations' numbers by the unknowns."""
-        return number_slopes(self.system, self.parameters.stencils(self.values, self.name))
-
-    @cached_property
-    def rest_slopes(self) -> Array:
-        """Derivatives of the tendons' lengths at rest by the unknowns (n_tendons, K)."""
-        found = np.zeros((self.system.arm.n_tendons, len(self.values)))
-        for k, stencil in enumerate(self.parameters.stencils(self.values, self.name)):
-            for near in stencil:
-                found[:, k] += near.weight * rest_lengths(near.arm)
-        return found
-
-    @cached_property
-    def keys(self) -> list[tuple[str, ...]]:
-        """Keys of the unknowns, none for those of other sessions."""
-        belongs = self.parameters.belongs
-        return [own.keys if belongs(own, self.name) else () for own in self.parameters.unknowns]
 
 
 class Experiment:
@@ -117,13 +61,17 @@ class Experiment:
         self.refinement, self.machine_code = refinement, machine_code
         self.meshes: dict[str, Meshes] = {}
 
+    def session_of(self, shape: Measured) -> str:
+        """Return the key of the session that a shape is evaluated in."""
+        return self.parameters.shared(shape.session)
+
     def session(self, values: Array, name: str) -> Session:
         """Return a session at values (K,); InputError where no such arm can be."""
         arm, scene = self.parameters.built(values, name)
         table = self.parameters.table_at(values, name)
-        shifts = _rows(table["points"]) - _rows(self.parameters.table["points"])
-        own = [shape for shape in self.shapes if shape.session == name]
-        seen = [s for shape in own for s in _shifted(shape, shifts).s.tolist()]
+        shifts = point_rows(table["points"]) - point_rows(self.parameters.table["points"])
+        own = [shape for shape in self.shapes if self.session_of(shape) == name]
+        seen = [s for shape in own for s in shifted(shape, shifts).s.tolist()]
         seen += [frame.s for shape in own for frame in shape.frames]
         places = np.unique(seen)
         if places.size and not 0 <= places[0] <= places[-1] <= arm.length * (1 + 1e-12):
@@ -141,25 +89,61 @@ class Experiment:
         Without one, or where that leads nowhere, as they are reached from rest. Raises InputError
         where no such arm can be, UnsettledShapeError.
         """
-        names = dict.fromkeys(shape.session for shape in self.shapes)
-        sessions = {name: self.session(values, name) for name in names}
-        rests = {name: Pulled(of.system) for name, of in sessions.items()}
-        heres = {}
+        sessions = self._sessions(values)
+        none: list[Linearised | None] = [None for _ in self.shapes]
+        near = none
+        if before is not None:
+            near = [self._near(sessions, i, values, before) for i in range(len(self.shapes))]
+        return self._from_rest(values, sessions, near, none)
+
+    def from_rest(self, found: Evaluation) -> Evaluation:
+        """Return all shapes at the values of an evaluation, as they are reached from rest."""
+        sessions = self._sessions(found.values)
+        none: list[Linearised | None] = [None for _ in self.shapes]
+        same = [
+            sessions[self.session_of(shape)].system.of is here.system.of
+            for shape, here in zip(self.shapes, found.heres, strict=True)
+        ]
+        near = [here if own else None for here, own in zip(found.heres, same, strict=True)]
+        return self._from_rest(found.values, sessions, none, near)
+
+    def _sessions(self, values: Array) -> dict[str, Session]:
+        names = dict.fromkeys(self.session_of(shape) for shape in self.shapes)
+        return {name: self.session(values, name) for name in names}
+
+    def _from_rest(
+        self,
+        values: Array,
+        sessions: dict[str, Session],
+        known: list[Linearised | None],
+        near: list[Linearised | None],
+    ) -> Evaluation:
+        """Return shapes that are known, and others as reached from rest, perhaps `near` one."""
+        rests, heres = {name: Pulled(of.system) for name, of in sessions.items()}, list(known)
+        for shape, here in zip(self.shapes, known, strict=True):
+            if here:
+                name = self.session_of(shape)
+                rests[name].known.append((sessions[name].tensions(shape), here))
         pulls = [float(np.linalg.norm(shape.tensions)) for shape in self.shapes]
         for i in np.argsort(pulls, kind="stable").tolist():
-            shape, of = self.shapes[i], sessions[self.shapes[i].session]
-            found = before and self._near(of, i, values, before)
+            name = self.session_of(self.shapes[i])
+            T = sessions[name].tensions(self.shapes[i])
             try:
-                heres[i] = found or rests[of.name].at(of.tensions(shape))
+                heres[i] = heres[i] or rests[name].at(T, near[i])
             except OctoplanError as reason:
-                raise UnsettledShapeError(shape.name, reason) from None
-        return Evaluation(self, values, sessions, tuple(heres[i] for i in range(len(heres))))
+                raise UnsettledShapeError(self.shapes[i].name, reason) from None
+        return Evaluation(self, values, sessions, tuple(here for here in heres if here))
 
-    def _near(self, of: Session, i: int, values: Array, before: Evaluation) -> Linearised | None:
+    def _near(
+        self, sessions: dict[str, Session], i: int, values: Array, before: Evaluation
+    ) -> Linearised | None:
         """Return the equilibrium of a shape near that of an evaluation, None if there is none."""
+        of = sessions[self.session_of(self.shapes[i])]
         guess, kept = before.predicted(i, values, of)
         T = of.tensions(self.shapes[i])
         found = newton(of.system, T, 1.0, guess, FARTHEST, kept=kept)
+        if found is None and kept is not None:
+            found = newton(of.system, T, 1.0, guess)
         return None if found is None else replace(found, system=of.system)
 
 
@@ -184,10 +168,10 @@ class Evaluation:
     @cached_property
     def by_shape(self) -> list[Array]:
         """Predictions less measurements of each shape (size,), [m] and [rad]."""
-        return [
-            residuals(here, shape, self.sessions[shape.session].sensors(shape))
-            for here, shape in self._pairs
-        ]
+        found = dict[int, Array]()
+        for name, own in self._members.items():
+            found.update(zip(own, self._rows[name].residuals(), strict=True))
+        return [found[i] for i in range(len(self.heres))]
 
     @cached_property
     def residuals(self) -> Array:
@@ -199,25 +183,39 @@ class Evaluation:
     def derivatives(self) -> list[ByNumbers]:
         """Derivatives of each shape by the unknowns."""
         found = []
-        for here, shape in self._pairs:
-            of = self.sessions[shape.session]
-            scaled = [
-                [f"tension_scale[{j}]" in own for own in of.keys] for j in range(len(of.scale))
-            ]
-            tensions = np.array(shape.tensions)[:, None] * np.array(scaled, dtype=float)
-            found.append(ByNumbers(Linearised(here.system, here.x), of.slopes, tensions))
+        for here, shape in zip(self.heres, self.experiment.shapes, strict=True):
+            of = self.sessions[self.experiment.session_of(shape)]
+            tensions = np.array(shape.tensions)[:, None] * of.scaled
+            found.append(ByNumbers(here.refreshed, of.slopes, tensions))
         return found
 
     @cached_property
     def jacobian(self) -> Array:
         """Derivatives of `residuals` by the unknowns (n, K)."""
-        rows = []
-        for by, shape in zip(self.derivatives, self.experiment.shapes, strict=True):
-            of = self.sessions[shape.session]
-            rest = of.rest_slopes if shape.strokes else np.zeros((0, 0))
-            own = jacobian(by, shape, of.sensors(shape), of.keys, rest)
-            rows.append(own / shape.stds[:, None])
-        return np.vstack(rows)
+        found, shapes = dict[int, Array](), self.experiment.shapes
+        for name, own in self._members.items():
+            of, by = self.sessions[name], [self.derivatives[i] for i in own]
+            strokes = any(shapes[i].strokes is not None for i in own)
+            rest = of.rest_slopes if strokes else np.zeros((0, 0))
+            found.update(zip(own, self._rows[name].jacobians(by, of.keys, rest), strict=True))
+        return np.vstack([found[i] / shape.stds[:, None] for i, shape in enumerate(shapes)])
+
+    @cached_property
+    def _members(self) -> dict[str, list[int]]:
+        """Which shapes are of each session."""
+        found: dict[str, list[int]] = {name: [] for name in self.sessions}
+        for i, shape in enumerate(self.experiment.shapes):
+            found[self.experiment.session_of(shape)].append(i)
+        return {name: own for name, own in found.items() if own}
+
+    @cached_property
+    def _rows(self) -> dict[str, Rows]:
+        found = {}
+        for name, own in self._members.items():
+            shapes, of = [self.experiment.shapes[i] for i in own], self.sessions[name]
+            sensors = [of.sensors(shape) for shape in shapes]
+            found[name] = Rows([self.heres[i] for i in own], shapes, sensors)
+        return found
 
     def predicted(self, i: int, values: Array, of: Session) -> tuple[Array, Linearised | None]:
         """Return the states that shape i has at other values, to first order.
@@ -230,26 +228,3 @@ class Evaluation:
             return Collocation.on(of.system).carried(T, Known(here.system, here.states)), None
         by = self.derivatives[i]
         return here.states + by.states @ (values - self.values), by.here
-
-    @property
-    def _pairs(self) -> list[tuple[Linearised, Measured]]:
-        return list(zip(self.heres, self.experiment.shapes, strict=True))
-
-
-def point_table(shapes: Sequence[Measured]) -> list[dict[str, object]]:
-    """Return s_mm and offset_mm of each point, of the first of the shapes that have most."""
-    return [
-        {"s_mm": p.s / MM, "offset_mm": [x / MM for x in p.offset]}
-        for p in max((shape.points for shape in shapes), key=len, default=())
-    ]
-
-
-def _rows(points: list[dict[str, Any]]) -> Array:
-    """Return arc length and offset of points (P, 4) [m]."""
-    return MM * np.array([[p["s_mm"], *p["offset_mm"]] for p in points]).reshape(-1, 4)
-
-
-def _shifted(shape: Measured, shifts: Array) -> Sensors:
-    rows = np.array([[p.s, *p.offset] for p in shape.points]).reshape(-1, 4)
-    rows = rows + shifts[: len(rows)]
-    return Sensors(rows[:, 0], rows[:, 1:])

@@ -7,6 +7,7 @@ the trust region shrinks.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -20,6 +21,7 @@ from model.paths import Array
 from model.time_limit import check_time
 from planner.calibrate.experiment import Evaluation, Experiment, UnsettledShapeError
 
+LOG = logging.getLogger(__name__)
 Loss = Literal["linear", "huber", "soft_l1", "cauchy"]
 LOSSES = ("linear", "huber", "soft_l1", "cauchy")
 # rho(z), rho', rho'' of squared residuals z over the noise; scipy.optimize.least_squares.
@@ -34,6 +36,11 @@ _RHO: dict[str, Callable[[Array], tuple[Array, Array, Array]]] = {
     "cauchy": lambda z: (np.log1p(z), 1 / (1 + z), -1 / (1 + z) ** 2),
 }
 _ROUNDS, _STEADY, _LEAST, _MOST = 6, 0.01, 1e-9, 60
+# Of the residuals, what unknowns could still explain over what they cannot: an optimum is found to
+# about such a share of the standard errors. Source: Bates and Watts, Technometrics 23 (1981).
+_OFFSET = 1e-3
+# Nearer to a bound, over the range, an unknown is at it: the trust region keeps inside.
+_BOUND = 1e-6
 # A normal distribution's standard deviation over the median of its sizes.
 _MAD = 1.4826
 
@@ -144,7 +151,7 @@ def _guess(experiment: Experiment) -> float:
 
 
 def _descent(start: Evaluation, weights: Weights, noise: float) -> Fit:
-    steps = _Steps(start, noise)
+    steps = _Steps(start, weights, noise)
     n_data = start.residuals.size
 
     def rho(z: Array) -> NDArray[np.float64]:
@@ -152,28 +159,38 @@ def _descent(start: Evaluation, weights: Weights, noise: float) -> Fit:
         rows[:, :n_data] = _RHO[weights.loss](z[:n_data])
         return rows
 
-    plain = weights.loss == "linear"
-    result = least_squares(
-        steps.residuals,
-        np.clip(steps.scaled(start.values), 0.0, 1.0),
-        steps.jacobian,
-        bounds=(0.0, 1.0),
-        loss="linear" if plain else rho,
-        x_scale="jac",
-        xtol=_LEAST,
-        ftol=_LEAST,
-        gtol=1e-3 * _LEAST,
-        max_nfev=_MOST,
-    )
-    return Fit(steps.at(result.x), noise, float(result.cost), int(result.nfev))
+    try:
+        least_squares(
+            steps.residuals,
+            np.clip(steps.scaled(start.values), 0.0, 1.0),
+            steps.jacobian,
+            bounds=(0.0, 1.0),
+            loss="linear" if weights.loss == "linear" else rho,
+            x_scale="jac",
+            xtol=_LEAST,
+            ftol=_LEAST,
+            gtol=1e-3 * _LEAST,
+            max_nfev=_MOST,
+        )
+    except _OptimumError:
+        LOG.debug("optimum after %d evaluations", steps.evaluations)
+    found = steps.before
+    r = np.concatenate([found.residuals / noise, prior_rows(found.experiment, found.values)[0]])
+    cost = float(rho(np.square(r))[0].sum()) / 2
+    return Fit(found, noise, cost, steps.evaluations)
+
+
+class _OptimumError(Exception):
+    """Ends SciPy's iteration at an optimum, of which it has no such criterion."""
 
 
 class _Steps:
     """What SciPy calls: z (K,) from 0 to 1; shapes are found from those last differentiated."""
 
-    def __init__(self, start: Evaluation, noise: float) -> None:
-        self.experiment, self.noise = start.experiment, noise
+    def __init__(self, start: Evaluation, weights: Weights, noise: float) -> None:
+        self.experiment, self.weights, self.noise = start.experiment, weights, noise
         self.last = self.before = start
+        self.evaluations = 0
 
     def scaled(self, values: Array) -> Array:
         of = self.experiment.parameters
@@ -183,6 +200,7 @@ class _Steps:
         of = self.experiment.parameters
         values = of.lower + of.range * z
         if not np.allclose(self.scaled(self.last.values), z, rtol=0, atol=1e-14):
+            self.evaluations += 1
             self.last = self.experiment.at(values, self.before)
         return self.last
 
@@ -196,11 +214,31 @@ class _Steps:
         return np.concatenate([here.residuals / self.noise, prior])
 
     def jacobian(self, z: Array) -> Array:
-        self.before = self.at(z)
-        _, prior = prior_rows(self.experiment, self.before.values)
-        span = self.experiment.parameters.range
-        return np.vstack([self.before.jacobian * span / self.noise, prior])
+        """Return the derivatives; raises _OptimumError where they say that there is no more."""
+        self.before = here = self.at(z)
+        known, slopes = prior_rows(self.experiment, here.values)
+        r, J = here.residuals / self.noise, here.jacobian * self.experiment.parameters.range
+        J = np.vstack([J / self.noise, slopes])
+        counted = np.concatenate([np.sqrt(self.weights.slopes(r)), np.ones(known.size)])
+        if _offset(counted[:, None] * J, counted * np.concatenate([r, known]), z) <= _OFFSET:
+            raise _OptimumError
+        return J
 
     @property
     def _rows(self) -> int:
         return self.before.residuals.size + prior_rows(self.experiment, self.before.values)[0].size
+
+
+def _offset(J: Array, r: Array, z: Array) -> float:
+    """Return what of residuals r (n,) unknowns could explain over what they cannot, each by number.
+
+    `z` (K,) are the unknowns from 0 to 1: those that press against a bound stay there.
+    """
+    slope = J.T @ r
+    held = np.where(slope > 0, z, 1 - z) <= _BOUND
+    free = J[:, ~held]
+    explained = free @ np.linalg.lstsq(free, r, rcond=None)[0]
+    left = max(r.size - free.shape[1], 1)
+    unexplained = float(np.linalg.norm(r - explained)) / np.sqrt(left)
+    size = float(np.linalg.norm(explained)) / np.sqrt(max(free.shape[1], 1))
+    return float(size / max(unexplained, 1e-300))

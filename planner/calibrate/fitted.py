@@ -12,11 +12,12 @@ from scipy.special import ndtri, stdtrit
 
 from model import Arm, Scene
 from model.paths import Array
-from planner.calibrate.experiment import Evaluation, Experiment, point_table
+from planner.calibrate.experiment import Evaluation, Experiment
 from planner.calibrate.fit import Weights, prior_rows
 from planner.calibrate.identify import Direction, Information, direction, information
 from planner.calibrate.measured import Measured
 from planner.calibrate.residuals import Residual, mean_distance, residuals_of
+from planner.calibrate.session import point_table
 from planner.unknowns.parameters import Parameters
 from planner.unknowns.unknown import Unknown
 

@@ -76,12 +76,15 @@ def _shown(path: Sequence[Step]) -> str:
 
 
 def changed(scene: dict[str, Any], keys: Sequence[str], values: Sequence[Any]) -> dict[str, Any]:
-    """Return a scene with other values at key paths."""
-    new = copy.deepcopy(scene)
+    """Return a scene with other values at key paths; what is not on these is that of the given."""
+    new, own = dict(scene), set[int]()
     for key, value in zip(keys, values, strict=True):
         *path, last = steps(key)
         place: Any = new
         for step in path:
+            if id(place[step]) not in own:
+                place[step] = copy.copy(place[step])
+                own.add(id(place[step]))
             place = place[step]
         place[last] = value
     return new

@@ -127,6 +127,10 @@ class Parameters:
         """Return whether an unknown is one of a session."""
         return own.session is None or own.session == session
 
+    def shared(self, session: str) -> str:
+        """Return the session whose arm it has: "" unless it has unknowns of its own."""
+        return session if any(own.session == session for own in self.unknowns) else ""
+
     def table_at(self, values: Array, session: str) -> dict[str, Any]:
         """Return the table with values (K,) of the unknowns that belong to a session."""
         keys, new = list[str](), list[float]()
