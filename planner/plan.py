@@ -34,6 +34,7 @@ from planner.question import (
     check_targets,
     checked_form,
     checked_margin,
+    with_form,
 )
 from planner.records.plan import plan_record
 from planner.report import plan_summary, plan_text
@@ -163,8 +164,8 @@ def plan(
     norm : "2", "1" or "inf"
         What effort is: root of the sum of squares, sum, or largest tension.
     form : "condensed" or "multiple-shooting"
-        Unknowns of the problem: tensions alone, or with the states of all elements, which is the
-        default.
+        Unknowns of the problem: tensions alone, or with the states of all elements. Unless given,
+        tensions alone in scenes without loads in the paper's balance, whose poses they give.
     accuracy : float
         What residuals and tip errors are held to, over the arm's length (angles: rad).
     starts : int
@@ -223,7 +224,8 @@ def plan(
     check_strokes(scene, limits)
     margin = checked_margin(stability_margin)
     limited, wound = total_pull is not None, limits.strokes is not None
-    statement = Statement(form, check_norm(norm), limited=limited, margin=margin, wound=wound)
+    asked = Statement(norm=check_norm(norm), limited=limited, margin=margin, wound=wound)
+    statement = with_form(asked, form, scene, targets)
     by = checked_compile(compile)
     task = Task(arm, targets, scene, limits, statement, accuracy, by, starts)
     around = surroundings(arm, targets, obstacles, clearance, self_clearance)

@@ -14,7 +14,8 @@ from model.errors import InputError
 from model.paths import Array
 from model.scene import Scene
 from planner.program.limits import Limits
-from planner.program.statement import FORMS, Form
+from planner.program.problem import is_explicit
+from planner.program.statement import FORMS, Form, Statement
 from planner.program.terms import compliance_requests
 from planner.targets.base import Target
 
@@ -35,13 +36,20 @@ def check_strokes(scene: Scene, limits: Limits) -> None:
         raise InputError("stroke_max", "given as printed", "none, in a scene as printed")
 
 
-def checked_form(form: Form | None) -> Form:
-    """Return the form, multiple shooting for None; refuse what is none."""
-    if form is None:
-        return "multiple-shooting"
-    if form not in FORMS:
+def checked_form(form: Form | None) -> Form | None:
+    """Return the form as it is; refuse what is none."""
+    if form is not None and form not in FORMS:
         raise InputError("form", form, ", ".join(FORMS))
     return form
+
+
+def with_form(
+    statement: Statement, form: Form | None, scene: Scene, targets: tuple[Target, ...]
+) -> Statement:
+    """Return a statement of a form: unless given, of tensions alone where these give the poses."""
+    condensed = statement.but(form="condensed")
+    explicit = is_explicit(scene, condensed, compliance_requests(targets))
+    return statement.but(form=form or ("condensed" if explicit else "multiple-shooting"))
 
 
 def checked_margin(margin: Any) -> float:

@@ -116,6 +116,8 @@ class ClosedForm:
         tensions (n_tendons,) -> poses at the mesh's nodes (7, S + 1), and 1 + q at the arc lengths
         `stretch_at` (1, K), the scheme's nodes in the steps and both ends of each segment, which
         `stretch_active` sections cross.
+    maps, data
+        Maps (K, n_pull, n_tendons) from tensions to pull there, and data (K, n_data).
     """
 
     def __init__(
@@ -130,7 +132,7 @@ class ClosedForm:
         self.stretch_active = np.concatenate([at_inner, at_ends])
 
         everywhere = stations(arm, self.stretch_at, self.stretch_active)
-        self._maps, self._data = statics.pulls(arm, everywhere), statics.data(everywhere).T
+        self.maps, self.data = statics.pulls(arm, everywhere), statics.data(everywhere).T
         self._base, self._h = base_pose(arm), np.diff(mesh.s)
         self._calls = _calls(statics, scheme, mesh.steps, ends.size, machine_code)
 
@@ -156,10 +158,10 @@ class ClosedForm:
     def run(self, tensions: Array, near: object = None) -> tuple[Array, Array]:
         """See ForwardMap.run: poses (S + 1, 7) and 1 + q (K,)."""
         march, at_ends = self._calls
-        n, pull = self.mesh.steps * len(self.scheme.nodes), self._maps @ tensions
-        given = pull[:n].ravel(), self._data[:n].ravel()
+        n, pull = self.mesh.steps * len(self.scheme.nodes), self.maps @ tensions
+        given = pull[:n].ravel(), self.data[:n].ravel()
         beyond, inner = march(self._base, *given, self._h)
-        (strains,) = at_ends(pull[n:].ravel(), self._data[n:].ravel())
+        (strains,) = at_ends(pull[n:].ravel(), self.data[n:].ravel())
         poses, stretch = np.vstack([self._base, beyond]), np.append(inner, 1 + strains[:, 3])
         lost = np.isnan(poses[:, 4])
         if lost.any():  # without extension a section that does not settle shows in the poses only

@@ -71,7 +71,7 @@ class Problem:
         self.stations, self.requests = stations_of(arm, targets), compliance_requests(targets)
         asked = (arm, scene, targets, statement, self.stations)
         explicit = is_explicit(scene, statement, self.requests)
-        self.mechanics = Explicit(*asked) if explicit else Collocated(*asked, machine_code)
+        self.mechanics = (Explicit if explicit else Collocated)(*asked, machine_code)
         self.program = self.mechanics.program
 
     @property

@@ -1,0 +1,68 @@
+"""Poses of closed forms and their derivatives, condensed step by step, are those of the whole."""
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from model import Anchorage, Arm, Linear, Material, RestCurvature, Scene
+from model.effects import Extension
+from model.forward import explicit_map
+from model.unloaded.condensed_steps import CondensedSteps
+
+BENT = Arm(
+    0.3,
+    Linear(0.01, 0.004),
+    (
+        Anchorage(0.3, Linear(0.004, 0.002), (0.3, 2.0, 4.0)),
+        Anchorage(0.12, Linear(0.006, 0.003), (1.0, 3.0)),
+    ),
+    Material(2e5, 0.4),
+    rest_curvature=RestCurvature(Linear(1.0, 3.0), Linear(-2.0, 0.5)),
+)
+ARMS = {
+    "table 4": Arm.from_paper("table-4"),
+    "one section": Arm.from_paper("section-5.2"),
+    "bent": BENT,
+}
+
+
+@pytest.mark.parametrize("scheme", ["magnus2", "magnus6"])
+@pytest.mark.parametrize("scene", [Scene(), Scene(Extension())], ids=["bare", "extension"])
+@pytest.mark.parametrize("name", ARMS)
+def test_poses_slopes_and_hessian_are_those_that_casadi_finds(
+    name: str, scene: Scene, scheme: str
+) -> None:
+    arm = ARMS[name]
+    forward = explicit_map(arm, scene, scheme, 1, (0.4 * arm.length,))
+    nodes = [0, forward.mesh.node(0.4 * arm.length), forward.mesh.steps]
+    rng = np.random.default_rng(3)
+    tensions, weights = rng.uniform(0, 0.2, arm.n_tendons), rng.normal(size=(7, 3))
+    T = ca.SX.sym("T", arm.n_tendons)
+    seen = forward.function.expand()(T)[0][:, nodes]
+    hessian = ca.hessian(ca.dot(seen, weights), T)[0]
+    whole = ca.Function("whole", [T], [seen, ca.jacobian(ca.vec(seen), T), hessian])
+    wanted = [np.array(value) for value in whole(tensions)]
+    assert np.abs(wanted[2]).max() > 0
+    for machine_code in (False, True):
+        steps, x = CondensedSteps(forward, nodes, machine_code), ca.MX.sym("x", arm.n_tendons)
+        poses, slopes = steps.first(x)
+        results = [steps.poses(x), poses, slopes, steps.second(x, ca.DM(weights))]
+        found = [np.array(value) for value in ca.Function("found", [x], results)(tensions)]
+        for value, exact in zip(found, [wanted[0], *wanted], strict=True):
+            assert np.abs(value - exact).max() <= 1e-12 * np.abs(exact).max()
+
+
+@pytest.mark.parametrize("node", [0, 1])
+def test_a_base_and_a_first_node_alone_have_derivatives_too(node: int) -> None:
+    arm = ARMS["one section"]
+    forward = explicit_map(arm, Scene(Extension()), "magnus6", 1)
+    x = ca.MX.sym("x", arm.n_tendons)
+    steps = CondensedSteps(forward, [node], False)
+    results = [*steps.first(x), steps.second(x, ca.DM.ones(7, 1))]
+    pose, slopes, hessian = (
+        np.array(value) for value in ca.Function("found", [x], results)([0.1, 0.0, 0.2, 0.0])
+    )
+    assert np.allclose(
+        pose.ravel(), forward.run(np.array([0.1, 0.0, 0.2, 0.0]))[0][node], atol=1e-14
+    )
+    assert bool(slopes.any()) == bool(hessian.any()) == bool(node)
