@@ -6,8 +6,9 @@ element itself, and its end is where the equations of model.transcription.elemen
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, Protocol
 
 import casadi as ca
@@ -92,6 +93,30 @@ class Centreline:
         found = kinematics(system.of.form.law, system.strains(states))
         parts = (values.reshape(-1, STAGES, 3) for values in found)
         return cls(system.arm, system.scene, system.mesh.s, system.poses(states), *parts)
+
+    @classmethod
+    def joined(cls, lines: Sequence[Centreline]) -> Centreline:
+        """Return centrelines of one arm and mesh one after another, N + 1 elements to each.
+
+        The last of these leads from one arm to the next, and means nothing.
+        """
+        first = lines[0]
+
+        def together(parts: list[Array]) -> Array:
+            return np.concatenate([np.concatenate([own, own[-1:]]) for own in parts])
+
+        kappa, nu = together([own.kappa for own in lines]), together([own.nu for own in lines])
+        s, poses = np.tile(first.s, len(lines)), np.concatenate([own.poses for own in lines])
+        return cls(first.arm, first.scene, s, poses, kappa, nu)
+
+    @cached_property
+    def sizes(self) -> tuple[Array, Array]:
+        """The length [m] and turn [rad] of each element (N,)."""
+        weights, h = gauss(STAGES).b, np.diff(self.s)
+        kappa, nu = self.kappa[: h.size], self.nu[: h.size]
+        return h * (np.linalg.norm(nu, axis=2) @ weights), h * (
+            np.hypot(kappa[..., 1], kappa[..., 2]) @ weights
+        )
 
     def at(self, s: Array) -> tuple[Array, Array]:
         """Return positions (K, 3) and outer radii (K,) [m] at arc lengths (K,) [m]."""

@@ -17,7 +17,7 @@ from model.equilibrium.newton import newton
 from model.errors import OctoplanError
 from model.forward import explicit_map
 from model.loads import is_loaded
-from model.machine.buffered import Buffered
+from model.machine.buffered import Mapped
 from model.machine.compiled import kernel
 from model.paths import Array
 from model.scene import Scene
@@ -26,6 +26,8 @@ from model.unloaded.statics import closed_statics
 
 # Closed forms whose nodes in a step are the stages of an element.
 _SCHEME = "magnus6"
+# Those that are found in one call.
+_TOGETHER = 64
 
 
 class Lines:
@@ -38,24 +40,30 @@ class Lines:
     def __init__(
         self, arm: Arm, scene: Scene, refinement: int, at: tuple[float, ...], machine_code: bool
     ) -> None:
+        self.arm = arm
         self._asked = (arm, scene, refinement, at, machine_code)
         self._last: Linearised | None = None
 
     def __call__(self, tensions: Array) -> Centreline | None:
         """Return the centreline under tensions (n_tendons,); None where the arm does not settle."""
+        return self.many(tensions[None])[0]
+
+    def many(self, tensions: Array) -> list[Centreline | None]:
+        """Return the centrelines under tensions (K, n_tendons), None where one does not settle."""
         arm, scene, refinement, at, machine_code = self._asked
         if is_loaded(scene) or scene.has(PrintedStatics):
             stages = (STAGES, refinement, at, is_loaded(scene), machine_code)
-            return self._implicit(Collocation(arm, scene, *stages), tensions)
+            forward = Collocation(arm, scene, *stages)
+            return [self._implicit(forward, T) for T in tensions]
+        found: list[Centreline | None] = [None] * len(tensions)
         for own in dict.fromkeys((scene, scene.robust())):
+            left = [i for i, line in enumerate(found) if line is None]
             s, call = _closed_form(arm, own, refinement, at, machine_code)
-            poses, strains = call(tensions)
-            if not np.isnan(poses.sum() + strains.sum()):
-                stretch, zero = 1 + strains[:, 3:], np.zeros((len(strains), 2))
-                parts = (strains[:, :3] * stretch, np.hstack([stretch, zero]))
-                kappa, nu = (values.reshape(-1, STAGES, 3) for values in parts)
-                return Centreline(arm, scene, s, poses, kappa, nu)
-        return None
+            for first in range(0, len(left), _TOGETHER):
+                some = left[first : first + _TOGETHER]
+                for i, *parts in zip(some, *call(tensions[some]), strict=True):
+                    found[i] = _line(arm, scene, s, *parts)
+        return found
 
     def _implicit(self, forward: Collocation, tensions: Array) -> Centreline | None:
         here, system, last = None, forward.system, self._last
@@ -74,11 +82,23 @@ class Lines:
 def _closed_form(
     arm: Arm, scene: Scene, refinement: int, at: tuple[float, ...], machine_code: bool
 ) -> tuple[Array, Any]:
-    """Return the nodes' arc lengths, and tensions -> poses (N + 1, 7), strains (3 N, 4)."""
+    """Return the nodes' arc lengths, and tensions -> poses 7 (N + 1), strains 12 N, row by row."""
     forward: Any = explicit_map(arm, scene, _SCHEME, refinement, at, machine_code)
     mesh, statics = forward.mesh, closed_statics(scene, arm)
     s = nodes_of(forward.scheme, mesh.s[:-1], mesh.s[1:])
     T = ca.MX.sym("T", arm.n_tendons)
     given = pull_and_data(arm, statics, s, np.repeat(mesh.active, STAGES), T)
     strains = kernel(strain_function(statics), machine_code).map(s.size)(*given)
-    return mesh.s, Buffered(ca.Function("line", [T], [forward.function(T)[0], strains]))
+    found = [ca.vec(forward.function(T)[0]), ca.vec(strains)]
+    return mesh.s, Mapped(ca.Function("line", [T], found))
+
+
+def _line(arm: Arm, scene: Scene, s: Array, poses: Array, strains: Array) -> Centreline | None:
+    """Return the centreline of poses (7 (N + 1),) and strains (12 N,), None if they are none."""
+    if np.isnan(poses.sum() + strains.sum()):
+        return None
+    strains = strains.reshape(-1, 4)
+    stretch, zero = 1 + strains[:, 3:], np.zeros((len(strains), 2))
+    parts = (strains[:, :3] * stretch, np.hstack([stretch, zero]))
+    kappa, nu = (values.reshape(-1, STAGES, 3) for values in parts)
+    return Centreline(arm, scene, s, poses.reshape(-1, 7), kappa, nu)

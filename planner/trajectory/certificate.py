@@ -14,7 +14,7 @@ from model.shape import Shape
 from planner.measure import compliances_along, measure
 from planner.program.terms import stations_of
 from planner.targets.base import Target
-from planner.trajectory.between import Sweep
+from planner.trajectory.between import between
 from planner.trajectory.question import Question
 
 # Rounding, over a limit.
@@ -41,8 +41,10 @@ class MotionCertificate:
     stroke_rate : float
         Largest rate of a stroke over its limit, at eight instants from each waypoint to the next.
     clearance : float
-        What is kept of the clearance asked for, at waypoints and between them [m]; a bound, below 0
-        where it is not kept or not verified. Infinite where nothing was asked.
+        What is kept of the clearance asked for, at waypoints and between them [m]; a lower bound,
+        refined until it is 0 or more or close to the truth, below 0 where it is not kept, and
+        -infinite where it cannot be verified. Infinite where nothing was asked. See
+        model.clearance.smooth for the one assumption on what is between instants.
     nearest : float
         When that is [s].
     tolerance : float
@@ -155,10 +157,6 @@ def _clear(question: Question, times: Array, tensions: Array) -> tuple[float, fl
     """Return what is kept of the clearance, and when the least is."""
     if not question.surroundings:
         return np.inf, 0.0
-    least, when, lines = np.inf, 0.0, question.lines()
-    for k, step in enumerate(np.diff(times)):
-        ends = (tensions[k], tensions[k + 1])
-        found = Sweep(lines, *ends, question.surroundings).swept()
-        if found.bound < least:
-            least, when = found.bound, float(times[k] + found.share * step)
-    return least, when
+    found = between(question.lines(), tensions, question.surroundings)
+    k = int(np.argmin(found.bound))
+    return float(found.bound[k]), float(times[k] + found.share[k] * (times[k + 1] - times[k]))

@@ -15,7 +15,7 @@ from model.paths import Array
 from planner.avoidance.places import updated, watched_places
 from planner.program.problem import units
 from planner.program.statement import Statement
-from planner.trajectory.between import Sweep
+from planner.trajectory.between import between
 from planner.trajectory.coupled import Way, solved
 from planner.trajectory.coupling import Coupling, lengths_of
 from planner.trajectory.initial import coarse, corrected, stop_of
@@ -25,6 +25,8 @@ from planner.trajectory.restoration import Stop
 _ROUNDS = 8
 # Steps of the program over the motion on the coarsest mesh, and on the one that plans want.
 _COARSE_STEPS, _FINE_STEPS = 40, 2
+# Shares of the way where a further waypoint parts it.
+_INSIDE = 0.02
 
 
 def led(question: Question, ways: list[Waypoint]) -> tuple[list[Waypoint], Array, bool]:
@@ -90,16 +92,17 @@ def _statement(ways: list[Waypoint]) -> Statement:
 
 def _parted(question: Question, ways: list[Waypoint], lines: Lines) -> tuple[list[Waypoint], bool]:
     """Return the waypoints with others between them where the way there touches something."""
-    found, parted, before = [], False, question.start
-    asked = question.wider
-    for way in ways:
-        share = Sweep(lines, before, way.tensions, question.surroundings).crossed()
-        line = None if share is None else lines(before + share * (way.tensions - before))
-        if line is not None and share is not None:
-            T = before + share * (way.tensions - before)
-            rows = updated(None, watched_places(line, asked), line, asked)
-            found.append(Waypoint((), T, rows, share * way.share))
-            way, parted = replace(way, share=(1 - share) * way.share), True
+    tensions = np.vstack([question.start, *(way.tensions for way in ways)])
+    on_way, asked = between(lines, tensions, question.surroundings), question.wider
+    found, parted = [], False
+    for k, way in enumerate(ways):
+        share = float(on_way.share[k])
+        if on_way.bound[k] < 0 and _INSIDE < share < 1 - _INSIDE:
+            T = tensions[k] + share * (tensions[k + 1] - tensions[k])
+            line = lines(T)
+            if line is not None:
+                rows = updated(None, watched_places(line, asked), line, asked)
+                found.append(Waypoint((), T, rows, share * way.share))
+                way, parted = replace(way, share=(1 - share) * way.share), True
         found.append(way)
-        before = way.tensions
     return found, parted
