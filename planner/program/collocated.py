@@ -73,7 +73,9 @@ class Collocated:
 
     def values(self, x: Array, p: Array) -> Array:
         """Return the constraints at unknowns x."""
-        return np.array(self.program.first(x, p)[2]).ravel()
+        return np.concatenate(
+            [self.program.values(x, p)[1][0], self.program.equilibrium(x, p)[0][0]]
+        )
 
     def stability(self, x: Array, tensions: Array) -> float:
         """Return the stability of the shape at unknowns x, infinite without loads.

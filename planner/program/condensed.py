@@ -1,23 +1,11 @@
-"""A problem with its states eliminated: functions of the tensions alone, by settling the arm.
-
-With c = 0 the equations of equilibrium, S the states and a what comes before them, the states move
-by Z = dS/da = -c_S^-1 c_a, so that
-
-    gradient = f_a + Z^T f_S        Jacobian = g_a + g_S Z        Hessian = (1, Z)^T H (1, Z)
-
-where H is the Hessian of f + lam . g + mu . c with the multipliers mu = -c_S^-T (f_S + g_S^T lam):
-the implicit function theorem, first and second order, exact.
-"""
+"""A problem with its states eliminated: functions of what comes before them alone."""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from typing import Any, NamedTuple
 
-import casadi as ca
 import numpy as np
-from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
 from model.equilibrium.forward import Collocation
@@ -27,31 +15,19 @@ from model.equilibrium.stability import least_modes
 from model.errors import OctoplanError, SingularError
 from model.paths import Array
 from planner.program.program import Program, Rows
+from planner.program.reduced import Eliminated, Reduced
 from planner.program.states import States
 
-
-class First(NamedTuple):
-    """Values and first derivatives at a point.
-
-    Attributes
-    ----------
-    f : float
-    gradient : (n,)
-    g : (m,)
-    jacobian : (m, n)
-    """
-
-    f: float
-    gradient: Array
-    g: Array
-    jacobian: Array
+# Newton's steps of the states after a change of what comes before them, with the factorisation from
+# before it: how many at most, the size that does, and that from which on they have to shrink.
+_FOLLOWED, _NEAR, _SHRINKS = 5, 0.1, 0.9
 
 
 class _Memory(threading.local):
     """What was found last; another thread asks at other points, and has a memory of its own."""
 
     here: Linearised | None = None
-    point: _Point | None = None
+    settled: tuple[Array, Array, Reduced] | None = None
 
 
 class Condensed:
@@ -65,41 +41,77 @@ class Condensed:
 
     def forget(self) -> None:
         """Begin afresh: what is found next does not depend on what was found before."""
-        self._last.here = self._last.point = None
+        self._last.here = self._last.settled = None
 
-    def first(self, a: Array, p: Array) -> First:
-        """Return values and first derivatives; NaN where the arm does not settle."""
-        point = self._at(a, p)
-        if point is None:
-            nan = np.full(self.n, np.nan)
-            return First(np.nan, nan, np.full(self.m, np.nan), np.full((self.m, self.n), np.nan))
-        n, Z = self.n, point.Z
-        gradient = point.gradient[:n] + Z.T @ point.gradient[n:]
-        jacobian = point.jacobian[:, :n].toarray() + point.jacobian[:, n:] @ Z
-        return First(point.f, gradient, point.g, np.asarray(jacobian))
+    def first(self, a: Array, p: Array) -> Reduced:
+        """Return values and first derivatives in equilibrium; NaN where the arm does not settle."""
+        known = self._last.settled
+        if known and np.array_equal(known[0], a) and np.array_equal(known[1], p):
+            return known[2]
+        here = self._settled(np.maximum(a[: self._unit(p).size] * self._unit(p), 0.0))
+        found = None
+        if here is not None:
+            x = self.whole(a, here.states, p)
+            x[: self.n] = a
+            found = self._reduced(x, p, here)
+        if found is None:
+            n, m, nan = self.n, self.m, np.nan
+            nowhere = np.full(self.program.x.numel(), nan)
+            return Reduced(nowhere, nan, np.full(n, nan), np.full(m, nan), np.full((m, n), nan))
+        self._last.settled = a.copy(), p.copy(), found
+        return found
 
     def second(self, a: Array, p: Array, sigma: float, lam: Array) -> Array:
-        """Return the Hessian (n, n) of sigma f + lam . g."""
-        point = self._at(a, p)
-        if point is None:
-            return np.full((self.n, self.n), np.nan)
-        multipliers = np.concatenate([lam, self._mu(point, sigma, lam)])
-        H = _sparse(self.program.second(point.x, p, sigma, multipliers))
-        moved = np.vstack([np.eye(self.n), point.Z])
-        return np.asarray(moved.T @ (H @ moved))
+        """Return the Hessian (n, n) of sigma f + lam . g in equilibrium."""
+        return self.curvature(self.first(a, p), p, sigma, lam)[0]
+
+    def at(self, x: Array, p: Array) -> Reduced | None:
+        """Return values and first derivatives at all unknowns; None where they are singular."""
+        system = self.forward.system
+        T = np.maximum(x[: system.of.n_tendons] * self._unit(p), 0.0)
+        scale = self.states.scale[1 : 1 + system.of.n_states]
+        states = x[self.program.blocks.states] * scale
+        return self._reduced(x, p, Linearised(system, system.x(T, 1.0, states)))
+
+    def curvature(self, here: Reduced, p: Array, sigma: float, lam: Array) -> tuple[Array, Array]:
+        """Return the Hessian (n, n) of sigma f + lam . g, and the slope that states off add."""
+        if here.states is None:
+            return np.full((self.n, self.n), np.nan), np.full(self.n, np.nan)
+        multipliers = np.concatenate([lam, here.states.multipliers(sigma, lam)])
+        return here.states.hessian(self.program.second(here.x, p, np.array([sigma]), multipliers))
+
+    def follow(self, here: Reduced, change: Array, p: Array) -> Array | None:
+        """Return all unknowns after a change of those before the states, near equilibrium.
+
+        None where the states do not come near it.
+        """
+        assert here.states is not None
+        x, last = here.x.copy(), np.inf
+        x[: self.n] += change
+        x[self.n :] += here.states.shift + here.states.Z @ change
+        for _ in range(_FOLLOWED):
+            step = here.states.solve(self.program.equilibrium(x, p)[0][0], False)
+            size = float(np.abs(step).max())
+            if not size <= _SHRINKS * last:
+                return None
+            x[self.n + 1 :] -= step
+            if size <= _NEAR:
+                return x
+            last = size
+        return None
+
+    def value(self, x: Array, p: Array) -> tuple[float, Array]:
+        """Return objective and constraints besides equilibrium at all unknowns."""
+        f, g = self.program.values(x, p)
+        return float(f[0, 0]), g[0]
 
     def multipliers(self, a: Array, p: Array, lam_x: Array, lam_g: Array) -> tuple[Array, Array]:
         """Return the multipliers of all unknowns and constraints of the program."""
-        point = self._at(a, p)
+        states = self.first(a, p).states
         rows = self.program.blocks.n_rows
-        mu = np.zeros(rows) if point is None else self._mu(point, 1.0, lam_g)
+        mu = np.zeros(rows) if states is None else states.multipliers(1.0, lam_g)
         zeros = np.zeros(self.program.x.numel() - self.n)
         return np.concatenate([lam_x, zeros]), np.concatenate([lam_g, mu])
-
-    def _mu(self, point: _Point, sigma: float, lam: Array) -> Array:
-        """Return the multipliers of equilibrium."""
-        slope = sigma * point.gradient[self.n :] + point.jacobian[:, self.n :].T @ lam
-        return -point.solve(slope[1:], True)
 
     def whole(self, a: Array, states: Array, p: Array) -> Array:
         """Return all unknowns of the problem for states of the arm (n_states,)."""
@@ -109,11 +121,9 @@ class Condensed:
         x[blocks.states] = states / scale[1 : 1 + states.size]
         if blocks.responses:
             start, stop = blocks.response(0).start, blocks.response(len(blocks.responses)).start
-            _, _, g, J = self.program.first(x, p)
-            first = self.m + states.size
-            rows = slice(first, first + stop - start)
-            responds = _sparse(J).tocsr()[rows].tocsc()[:, start:stop]
-            x[start:stop] = -splu(responds).solve(np.array(g).ravel()[rows])
+            rows = slice(states.size, states.size + stop - start)
+            responds = self.program.inner(x, p).tocsr()[rows].tocsc()[:, start:stop]
+            x[start:stop] = -splu(responds).solve(self.program.equilibrium(x, p)[0][0, rows])
         if blocks.modes:
             self._add_modes(x, states, p)
         if blocks.wound:
@@ -122,7 +132,7 @@ class Condensed:
             x[blocks.lengths] = found / system.arm.length
         objective = self.program.objective
         if objective.n_lack:
-            outer = np.array(self.program.outer_first(x, p)[2]).ravel()
+            outer = self.program.values(x, p)[1][0]
             x[self.n - objective.n_lack : self.n] = np.maximum(-outer[objective.lack_rows], 0.0)
         return x
 
@@ -155,64 +165,41 @@ class Condensed:
         self._last.here = here
         return here
 
-    def _at(self, a: Array, p: Array) -> _Point | None:
-        known = self._last.point
-        if known and np.array_equal(known.a, a) and np.array_equal(known.p, p):
-            return known
-        unit = self._unit(p)
-        here = self._settled(np.maximum(a[: unit.size] * unit, 0.0))
-        if here is None:
-            return None
+    def _reduced(self, x: Array, p: Array, here: Linearised) -> Reduced | None:
+        """Return the program linearised at unknowns x, whose states are those of `here`."""
+        n = self.n
+        f, gradient, g, J = self.program.first(x, p)
+        gradient, g, J = gradient[0], g[0], J.T
         try:
-            x = self.whole(a, here.states, p)
-            x[: self.n] = a
-            Z, solve = self._eliminated(here, x, p, unit)
+            shift, Z, solve = self._eliminated(x, p, here)
         except (SingularError, RuntimeError):  # "exactly singular", in SciPy's words
             return None
-        f, gradient, g, J = self.program.outer_first(x, p)
-        values = (np.array(gradient).ravel(), np.array(g).ravel(), _sparse(J).tocsr())
-        self._last.point = _Point(a.copy(), p.copy(), x, float(f), *values, solve, Z)
-        return self._last.point
+        states = Eliminated(shift, Z, gradient[n:], J[:, n:], solve)
+        moved = g + states.g_S @ shift, J[:, :n] + states.g_S @ Z
+        return Reduced(x, float(f[0, 0]), gradient[:n] + Z.T @ states.f_S, *moved, states)
 
     def _eliminated(
-        self, here: Linearised, x: Array, p: Array, unit: Array
-    ) -> tuple[Array, Callable[[Array, bool], Array]]:
-        """Return Z, and the solution of linear systems with c_S or its transpose.
+        self, x: Array, p: Array, here: Linearised
+    ) -> tuple[Array, Array, Callable[[Array, bool], Array]]:
+        """Return z, Z, and the solution of linear systems with c_S or its transpose.
 
         The load factor, which stays, has a row of zeros.
         """
-        n, Z = self.n, np.zeros((x.size - self.n, self.n))
+        n, unit = self.n, self._unit(p)
+        Z, shift = np.zeros((x.size - n, n)), np.zeros(x.size - n)
         if self.program.blocks.n_answers:
-            inner = _sparse(self.program.first(x, p)[3])[self.m :]
-            factor = splu(inner[:, n + 1 :].tocsc())
+            inner = self.program.inner(x, p)
+            factor = splu(inner[:, n + 1 :])
             Z[1:] = -factor.solve(inner[:, :n].toarray())
-            return Z, lambda right, transposed: factor.solve(right, "NT"[transposed])
+            shift[1:] = -factor.solve(self.program.equilibrium(x, p)[0][0])
+            return shift, Z, lambda right, transposed: factor.solve(right, "NT"[transposed])
         column, row = self.states.scale[1:], self.states.row_scale
         Z[1:, : unit.size] = here.by_tensions * unit / column[:, None]
+        shift[1:] = -here.solve(here.residual) / column
 
         def solve(right: Array, transposed: bool) -> Array:
             if transposed:
                 return np.asarray(row * here.solve(right / column, True))
             return np.asarray(here.solve(right * row) / column)
 
-        return Z, solve
-
-
-class _Point(NamedTuple):
-    """What is known at a point."""
-
-    a: Array
-    p: Array
-    x: Array
-    f: float
-    gradient: Array
-    g: Array
-    jacobian: Any
-    solve: Callable[[Array, bool], Array]
-    Z: Array
-
-
-def _sparse(A: ca.DM) -> Any:
-    """Return a sparse matrix of CasADi's."""
-    places = A.sparsity()
-    return csc_array((np.array(A.nonzeros()), places.row(), places.colind()), shape=A.shape)
+        return shift, Z, solve

@@ -25,8 +25,8 @@ from model.stations import Counts
 from model.unloaded.closed_form import ClosedForm, strain_function
 from model.unloaded.condensed_steps import CondensedSteps
 from model.unloaded.statics import closed_statics
-from planner.program.condensed import First
 from planner.program.program import Objective, Rows, split
+from planner.program.reduced import Reduced
 from planner.program.statement import Statement
 from planner.targets.base import Target
 
@@ -135,10 +135,22 @@ class Explicit:
     def forget(self) -> None:
         """See Condensed.forget: nothing is kept."""
 
-    def first(self, a: Array, p: Array) -> First:
+    def first(self, a: Array, p: Array) -> Reduced:
         """See Condensed.first."""
         f, gradient, g, J = self._calls[1](a, p)
-        return First(float(f[0, 0]), gradient.ravel(), g.ravel(), J.T)
+        return Reduced(a, float(f[0, 0]), gradient.ravel(), g.ravel(), J.T)
+
+    def at(self, x: Array, p: Array) -> Reduced:
+        """See Condensed.at: there are no other unknowns."""
+        return self.first(x, p)
+
+    def curvature(self, here: Reduced, p: Array, sigma: float, lam: Array) -> tuple[Array, Array]:
+        """See Condensed.curvature."""
+        return self.second(here.x, p, sigma, lam), np.zeros(self.n_free)
+
+    def follow(self, here: Reduced, change: Array, p: Array) -> Array:
+        """See Condensed.follow."""
+        return here.x + change
 
     def second(self, a: Array, p: Array, sigma: float, lam: Array) -> Array:
         """See Condensed.second."""

@@ -29,10 +29,12 @@ import casadi as ca
 import numpy as np
 
 from model.arm import Arm
+from model.machine.buffered import Buffered
 from model.transcription.collocation import gauss
 from model.transcription.layout import POSE, Layout
 from model.transcription.terms import Equations
 from planner.program.effort import smooth_norm
+from planner.program.reduced import Sparse
 from planner.program.statement import Statement
 from planner.program.states import Blocks, Stations
 from planner.program.terms import (
@@ -237,22 +239,33 @@ class Program:
         return ca.vertcat(*gives)
 
     @cached_property
-    def first(self) -> ca.Function:
-        """x, p -> f, gradient of f, g, Jacobian of g (sparse)."""
-        return ca.Function(
-            "first", [self.x, self.p], [self.f, self.gradient, self.g, self.jacobian]
-        )
+    def values(self) -> Buffered:
+        """x, p -> f, constraints besides equilibrium."""
+        found = [self.f, ca.densify(self.outer)]
+        return Buffered(ca.Function("values", [self.x, self.p], found))
 
     @cached_property
-    def outer_first(self) -> ca.Function:
-        """x, p -> as first, of the constraints besides equilibrium."""
+    def first(self) -> Buffered:
+        """x, p -> f, its gradient, constraints besides equilibrium, their Jacobian transposed."""
         found = [self.f, self.gradient, self.outer, self.outer_jacobian]
-        return ca.Function("outer_first", [self.x, self.p], found)
+        found = [ca.densify(value) for value in found]
+        return Buffered(ca.Function("first", [self.x, self.p], found))
 
     @cached_property
-    def second(self) -> ca.Function:
-        """x, p, sigma, lam -> Hessian of sigma f + lam . g (sparse, all of it)."""
-        return ca.Function("second", [self.x, self.p, self.sigma, self.lam], [self.hessian])
+    def equilibrium(self) -> Buffered:
+        """x, p -> the equations of equilibrium."""
+        own = ca.densify(self.g[self.outer.numel() :])
+        return Buffered(ca.Function("equilibrium", [self.x, self.p], [own]))
+
+    @cached_property
+    def inner(self) -> Sparse:
+        """x, p -> the Jacobian of the equations of equilibrium."""
+        return Sparse("inner", [self.x, self.p], self.jacobian[self.outer.numel() :, :])
+
+    @cached_property
+    def second(self) -> Sparse:
+        """x, p, sigma, lam -> the Hessian of sigma f + lam . g, all of it."""
+        return Sparse("second", [self.x, self.p, self.sigma, self.lam], self.hessian)
 
 
 def split(p: S, sizes: tuple[int, ...]) -> list[S]:

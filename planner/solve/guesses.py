@@ -96,7 +96,9 @@ def _carried(task: Task, simple: Task) -> Guesses:
     guesses = _of_closed_form(free)
     trials = Multistart(free, guesses.sure)
     mode: Mode = "exact" if free.can_be_exact else "closest"
-    found = [trials.solve(free.coarse(mode), T) for T in guesses.starts[: trials.first]]
+    found: list[Solution] = []
+    for T in guesses.starts[: trials.first]:
+        found.append(trials.solve(free.coarse(mode), T, not any(s.met for s in found)))
     met = sorted((s for s in found if s.finite), key=lambda s: (not s.met, s.f))
     optima = distinct([free.tensions(s) for s in met], task.most)
     likely = [s for s in met if s.met and s.f <= _DEARER * met[0].f]

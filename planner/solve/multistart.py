@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -15,9 +14,8 @@ from planner.program.problem import TRACES, Problem
 from planner.program.statement import Mode, Statement
 from planner.solve.continuation import continued_targets
 from planner.solve.ipopt import Solution, solve
-from planner.solve.newton import newton
 from planner.solve.search_result import Trial, agreed
-from planner.solve.sqp import solve_explicit
+from planner.solve.sqp import solve_quadratic
 from planner.solve.task import Task
 
 # Starts before agreement counts: five do for points, more where optima are many and close.
@@ -108,7 +106,7 @@ class Multistart:
         for T in told(_PHASES[statement.mode], starts):
             if self._enough(records, found):
                 break
-            solution = self.solve(statement, T)
+            solution = self.solve(statement, T, patient=not found)
             stands = not solution.met or self.stands(statement, solution)
             records.append(record(solution))
             if solution.met and stands:
@@ -157,40 +155,23 @@ class Multistart:
                 return [solution]
         return []
 
-    def solve(self, statement: Statement, T: Array) -> Solution:
-        """Return what tensions (n_tendons,) [N] lead to."""
+    def solve(self, statement: Statement, T: Array, patient: bool = True) -> Solution:
+        """Return what tensions (n_tendons,) [N] lead to.
+
+        What sequential quadratic programming does not meet soon, ipopt takes on if `patient`.
+        """
         known = next((s for own, s in self.carried if np.array_equal(own, T)), None)
-        if known is not None and statement.mode == "exact":
-            solution = self._carried(statement, known)
-            if solution is not None:
-                self.seen.append((statement, solution))
-                return solution
+        lam = None if known is None or statement.mode != "exact" else known.lam_g
         problem, x, p = self._stated(statement, T)
-        bounds = problem.bounds(self.task.allowed)
-        solution = solve_explicit(problem, x, p, bounds) or solve(problem, x, p, bounds)
+        bounds, free = problem.bounds(self.task.allowed), problem.free_bounds(self.task.allowed)
+        lam = lam if lam is not None and lam.shape == free[2].shape else None
+        solution = solve_quadratic(problem, x, p, free, lam)
+        if solution is None or (patient and not solution.met):
+            solution = solve(problem, x, p, bounds)
         if solution.finite:
             self.seen.append((statement, solution))
         check_time()
         return solution
-
-    def _carried(self, statement: Statement, known: Solution) -> Solution | None:
-        """Return the optimum that one of a simpler scene leads to, by Newton's method.
-
-        None where it leads to none.
-        """
-        task, problem = self.task, self.task.problem(statement)
-        p = problem.parameters(task.targets, task.allowed, TRACES[0])
-        bounds = problem.free_bounds(task.allowed)
-        if known.x.shape != bounds[0].shape or known.lam_g.shape != bounds[2].shape:
-            return None
-        problem.condensed.forget()
-        g = problem.condensed.first(known.x, p).g
-        found = newton(problem, replace(known, g=g), p, bounds)
-        if found.x is known.x:
-            return None
-        f = problem.condensed.first(found.x, p).f
-        check_time()
-        return replace(found, f=f)
 
     def _stated(self, statement: Statement, T: Array) -> tuple[Problem, Array, Array]:
         """Return the program, its unknowns for tensions a little inside the limits, parameters."""

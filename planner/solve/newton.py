@@ -58,8 +58,8 @@ def optimality(
 
     Unknowns, multipliers and bounds are those without the states.
     """
-    _, gradient, g, jacobian = problem.condensed.first(x, p)
-    return _residuals(gradient, g, jacobian, x, lam_x, lam_g, bounds)
+    at = problem.condensed.first(x, p)
+    return _residuals(at.gradient, at.g, at.jacobian, x, lam_x, lam_g, bounds)
 
 
 def _residuals(
@@ -111,7 +111,8 @@ def newton(problem: Problem, start: Solution, p: Array, bounds: Bounds) -> Solut
     hessian, previous, astray = np.zeros(0), np.inf, 0
     for _ in range(_STEPS):
         check_time()
-        _, gradient, g, jacobian = problem.condensed.first(x, p)
+        at = problem.condensed.first(x, p)
+        gradient, g, jacobian = at.gradient, at.g, at.jacobian
         lam_x = np.where(held.fixed, -(gradient + jacobian.T @ lam_g), 0.0)
         found = _residuals(gradient, g, jacobian, x, lam_x, lam_g, bounds).worst
         if found <= least:

@@ -1,4 +1,4 @@
-"""Sequential quadratic programming for explicit programs: where tensions are the only unknowns.
+"""Sequential quadratic programming in the tensions: states follow, linearised and corrected.
 
 Of a dozen unknowns a quadratic program is solved in less time than ipopt takes for an iteration,
 and exact Hessians take 4 to 8 of them. What equality constraints lack is softened within a step,
@@ -23,93 +23,101 @@ from numpy.typing import NDArray
 from model.machine.buffered import Buffered
 from model.paths import Array
 from model.time_limit import check_time
-from planner.program.condensed import First
+from planner.program.condensed import Condensed
 from planner.program.explicit import Explicit
 from planner.program.problem import Bounds, Problem
+from planner.program.reduced import Reduced
 from planner.solve.ipopt import Solution
 
 LOG = logging.getLogger(__name__)
 Mask = NDArray[np.bool_]
-_STEPS, _MET = 12, 1e-7
+_STEPS, _MET = 25, 1e-7
 _SOFT = 1e-6
 # How much of what constraints lack one step is to make up for, how far it goes in an unknown, and
 # from what length on it is taken only where it helps, halved so often at most.
 _CLOSED, _LONGEST, _LOCAL, _HALVED = 0.15, 1.0, 0.02, 9
 # Multipliers that grow beyond tell that the constraints contradict each other near this start.
 _LOST = 1e4
+_REASON = "quadratic programs did not lead to an optimum in a few steps"
 # An unknown so near to its bound is at it.
 _AT = 1e-9
 
 
-def solve_explicit(problem: Problem, x: Array, p: Array, bounds: Bounds) -> Solution | None:
-    """Return the optimum of an explicit program near x, None where it does not converge soon."""
-    if not isinstance(problem.program, Explicit) or problem.statement.mode != "exact":
+def solve_quadratic(
+    problem: Problem, x: Array, p: Array, bounds: Bounds, lam: Array | None = None
+) -> Solution | None:
+    """Return where a few steps from unknowns x lead, an optimum if it is `met`.
+
+    None where that is nowhere, or the program is one of least squares, which take ipopt's care.
+    `bounds` are those without the states, `lam` the multipliers to begin with.
+    """
+    if problem.statement.mode != "exact":
         return None
-    found = _Sqp(problem.program, p, bounds).run(x)
-    if found is None:
-        LOG.debug("not met in %d steps", _STEPS)
-    else:
-        LOG.debug("met after %d steps, objective %.6g", found.iterations, found.f)
+    found = _Sqp(problem.condensed, p, bounds).run(x, lam)
+    if found is not None:
+        told = "met" if found.met else "not met"
+        LOG.debug("%s after %d steps, objective %.6g", told, found.iterations, found.f)
     return found
 
 
 class _Sqp:
     """One program with its numbers; constraints are equalities, or inequalities of one side."""
 
-    def __init__(self, program: Explicit, p: Array, bounds: Bounds) -> None:
+    def __init__(self, program: Condensed | Explicit, p: Array, bounds: Bounds) -> None:
         self.program, self.p, self.bounds = program, p, bounds
         lbx, ubx, lbg, ubg = bounds
         self.equal, self.fixed = np.equal(lbg, ubg), np.equal(lbx, ubx)
         self.quadratic = _quadratic(lbx.size, int(np.sum(~self.equal)))
 
-    def run(self, x: Array) -> Solution | None:
-        """Return the optimum near x."""
-        lam, here = np.zeros(self.equal.size), self._at(np.clip(x, *self.bounds[:2]))
-        for count in range(1, _STEPS + 1):
-            check_time()
-            step = self._step(*here, lam)
+    def run(self, x: Array, lam: Array | None = None) -> Solution | None:
+        """Return where the steps from unknowns x lead; None where that is nowhere."""
+        n = self.fixed.size
+        lam = np.zeros(self.equal.size) if lam is None else lam
+        x = np.concatenate([np.clip(x[:n], *self.bounds[:2]), x[n:]])
+        here, steps = self.program.at(x, self.p), 0
+        last: Solution | None = None
+        while here is not None and np.isfinite(here.f) and np.abs(lam).max(initial=0.0) <= _LOST:
+            last = self._solution(here, lam, steps)
+            step = None if last.met or steps == _STEPS else self._step(here, lam)
             if step is None:
-                return None
+                break
+            check_time()
             change, after = step
-            x, share = self._line(*here, change, 2 * float(np.abs(after).max(initial=0.0)) + 1e-3)
-            here, lam = self._at(x), lam + share * (after - lam)
-            if not np.isfinite(here[1].f) or np.abs(lam).max(initial=0.0) > _LOST:
-                return None
-            if self._residual(*here, lam) <= _MET:
-                x, first = here
-                slope = first.gradient + first.jacobian.T @ lam
-                lam_x = np.where(self._held(x, first, lam), -slope, 0.0)
-                return Solution(x, lam_x, lam, first.f, first.g, True, "", count)
-        return None
+            x, share = self._line(here, change, 2 * float(np.abs(after).max(initial=0.0)) + 1e-3)
+            here, lam, steps = self.program.at(x, self.p), lam + share * (after - lam), steps + 1
+        return last
 
-    def _at(self, x: Array) -> tuple[Array, First]:
-        return x, self.program.first(x, self.p)
+    def _solution(self, here: Reduced, lam: Array, steps: int) -> Solution:
+        met = self._residual(here, lam) <= _MET
+        slope = here.gradient + here.jacobian.T @ lam
+        lam_x = np.where(self._held(here, lam), -slope, 0.0)
+        return Solution(here.x, lam_x, lam, here.f, here.g, met, "" if met else _REASON, steps)
 
-    def _step(self, x: Array, first: First, lam: Array) -> tuple[Array, Array] | None:
+    def _step(self, here: Reduced, lam: Array) -> tuple[Array, Array] | None:
         """Return the step of the quadratic program, and the multipliers after it."""
         lbx, ubx, lbg, ubg = self.bounds
-        equal, g, J = self.equal, first.g, first.jacobian
+        equal, g, J, a = self.equal, here.g, here.jacobian, here.x[: self.fixed.size]
         lack = (g - lbg)[equal]
         lack *= min(1.0, _CLOSED / max(float(np.linalg.norm(lack)), 1e-300))
-        softened = self.program.second(x, self.p, 1.0, lam) + J[equal].T @ J[equal] / _SOFT
-        H = self._convex(softened, self._held(x, first, lam))
-        if H is None:
+        H, more = self.program.curvature(here, self.p, 1.0, lam)
+        convex = self._convex(H + J[equal].T @ J[equal] / _SOFT, self._held(here, lam))
+        if convex is None:
             return None
-        slope = first.gradient + J[equal].T @ (lam[equal] + lack / _SOFT)
-        low, high = np.maximum(lbx - x, -_LONGEST), np.minimum(ubx - x, _LONGEST)
+        slope = here.gradient + more + J[equal].T @ (lam[equal] + lack / _SOFT)
+        low, high = np.maximum(lbx - a, -_LONGEST), np.minimum(ubx - a, _LONGEST)
         rows = (lbg - g)[~equal], (ubg - g)[~equal]
-        solved = self.quadratic(H.ravel(), slope, J[~equal].ravel("F"), *rows, low, high)
+        solved = self.quadratic(convex.ravel(), slope, J[~equal].ravel("F"), *rows, low, high)
         change, _, own, _ = (value.ravel() for value in solved)
         after = np.zeros(g.size)
         after[equal], after[~equal] = lam[equal] + (J[equal] @ change + lack) / _SOFT, own
         found = bool(np.all(np.isfinite(change)) and np.all(np.isfinite(after)))
         return (change, after) if found else None
 
-    def _held(self, x: Array, first: First, lam: Array) -> Mask:
+    def _held(self, here: Reduced, lam: Array) -> Mask:
         """Return which unknowns are held by their bounds."""
         lbx, ubx, _, _ = self.bounds
-        slope = first.gradient + first.jacobian.T @ lam
-        low, high = (x <= lbx + _AT) & (slope > 0), (x >= ubx - _AT) & (slope < 0)
+        slope, a = here.gradient + here.jacobian.T @ lam, here.x[: self.fixed.size]
+        low, high = (a <= lbx + _AT) & (slope > 0), (a >= ubx - _AT) & (slope < 0)
         return np.asarray(low | high | self.fixed)
 
     @staticmethod
@@ -132,15 +140,18 @@ class _Sqp:
             more[held] = extra = 4 * extra
         return np.asarray(H + np.diag(more))
 
-    def _line(self, x: Array, first: First, change: Array, weight: float) -> tuple[Array, float]:
+    def _line(self, here: Reduced, change: Array, weight: float) -> tuple[Array, float]:
         """Return unknowns along a step, and how much of it was gone: as much as helps."""
-        before, most = self._merit(first.f, first.g, weight), float(np.abs(change).max())
-        share = 1.0
+        before, most = self._merit(here.f, here.g, weight), float(np.abs(change).max())
+        lbx, ubx, _, _ = self.bounds
+        a, trial, share = here.x[: self.fixed.size], here.x, 1.0
         for _ in range(_HALVED):
-            trial = np.clip(x + share * change, *self.bounds[:2])
-            after = self._merit(*self.program.value(trial, self.p), weight)
-            if np.isfinite(after) and (after < before or share * most < _LOCAL):
-                break
+            there = self.program.follow(here, np.clip(a + share * change, lbx, ubx) - a, self.p)
+            if there is not None:
+                trial = there
+                after = self._merit(*self.program.value(trial, self.p), weight)
+                if np.isfinite(after) and (after < before or share * most < _LOCAL):
+                    break
             share /= 2
         return trial, share
 
@@ -151,15 +162,15 @@ class _Sqp:
         _, _, lbg, ubg = self.bounds
         return np.maximum(0.0, np.maximum(lbg - g, g - ubg))
 
-    def _residual(self, x: Array, first: First, lam: Array) -> float:
+    def _residual(self, here: Reduced, lam: Array) -> float:
         """Return the residual of the first-order conditions, scaled as planner.solve.newton's."""
         _, _, lbg, ubg = self.bounds
-        slope = first.gradient + first.jacobian.T @ lam
-        slope[self._held(x, first, lam)] = 0.0
-        room = np.minimum(np.abs(np.where(lam > 0, ubg, lbg) - first.g), 1e3)
+        slope = here.gradient + here.jacobian.T @ lam
+        slope[self._held(here, lam)] = 0.0
+        room = np.minimum(np.abs(np.where(lam > 0, ubg, lbg) - here.g), 1e3)
         idle = np.abs(lam[~self.equal]) * room[~self.equal]
-        scale = 1e-2 + np.abs(first.gradient).max() + np.abs(lam).max(initial=0.0)
-        violated = float(self._violations(first.g).max(initial=0.0))
+        scale = 1e-2 + np.abs(here.gradient).max() + np.abs(lam).max(initial=0.0)
+        violated = max(float(self._violations(here.g).max(initial=0.0)), here.off)
         return max(violated, float(max(np.abs(slope).max(), idle.max(initial=0.0)) / scale))
 
 

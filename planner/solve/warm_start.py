@@ -111,10 +111,11 @@ def _solution(problem: Problem, known: Known, limits: Limits) -> Solution | None
     p = problem.parameters(known.targets, limits)
     x = problem.free(np.ravel(known.tensions), limits)
     lam_x, lam_g = np.array(known.lam_x)[: x.size], np.array(known.lam_g)
-    f, _, g, _ = problem.condensed.first(x, p)
-    if lam_x.shape != x.shape or lam_g.size < g.size:
+    at = problem.condensed.first(x, p)
+    m = at.g.size
+    if lam_x.shape != x.shape or lam_g.size < m:
         return None
-    return Solution(x, lam_x, lam_g[: g.size], f, g, True, "", 0)
+    return Solution(x, lam_x, lam_g[:m], at.f, at.g, True, "", 0)
 
 
 def _moved(

@@ -13,8 +13,8 @@ from model.forward import explicit_map
 from model.loads import is_loaded
 from model.paths import Array
 from model.unloaded.tendon_lengths import tendon_lengths
-from planner.program.condensed import First
 from planner.program.problem import Problem
+from planner.program.reduced import Reduced
 from planner.trajectory.restoration import Stop
 
 Counts = NDArray[np.int64]
@@ -73,12 +73,12 @@ class Here:
     """Scaled tensions (N, n), and values and derivatives there; lengths [m] if strokes count."""
 
     a: Array
-    first: Sequence[First]
+    first: Sequence[Reduced]
     lengths: Array
     slopes: list[Array]
 
     @classmethod
-    def at(cls, stops: list[Stop], coupling: Coupling, a: Array, first: Sequence[First]) -> Here:
+    def at(cls, stops: list[Stop], coupling: Coupling, a: Array, first: Sequence[Reduced]) -> Here:
         """Return what is known at scaled tensions."""
         if not np.isfinite(coupling.stroke):
             return cls(a, first, np.zeros(a.shape), [])

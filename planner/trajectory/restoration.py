@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from model.paths import Array
-from planner.program.condensed import First
 from planner.program.problem import Bounds, Problem
+from planner.program.reduced import Reduced
 
 # Steps back to the constraints, and when they are met.
 STEPS, EXACT = 4, 1e-10
@@ -22,7 +22,7 @@ class Stop:
     p: Array
     bounds: Bounds
 
-    def first(self, a: Array) -> First:
+    def first(self, a: Array) -> Reduced:
         """Return its values and first derivatives at scaled tensions a (n,)."""
         return self.problem.condensed.first(a, self.p)
 
@@ -32,7 +32,7 @@ class Stop:
         return np.where(g < low, low - g, np.where(g > high, high - g, 0.0))
 
 
-def restored(stop: Stop, a: Array, steps: int = STEPS) -> tuple[Array, First]:
+def restored(stop: Stop, a: Array, steps: int = STEPS) -> tuple[Array, Reduced]:
     """Return scaled tensions near a that meet the constraints, if a few steps lead there.
 
     Newton's method for the rows that are violated, by the shortest steps within the bounds; with

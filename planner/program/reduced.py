@@ -1,0 +1,107 @@
+"""A program linearised at some unknowns, reduced to those before the states.
+
+With c = 0 the equations of equilibrium, S the states and a what comes before them, a change of a
+moves the states by z + Z da with z = -c_S^-1 c and Z = -c_S^-1 c_a, so that
+
+    gradient = f_a + Z^T f_S        Jacobian = g_a + g_S Z        Hessian = (1, Z)^T H (1, Z)
+
+where H is the Hessian of f + lam . g + mu . c with the multipliers mu = -c_S^-T (f_S + g_S^T lam):
+the implicit function theorem, first and second order, exact in equilibrium, where z = 0. Near it
+the constraints are g + g_S z to first order, and a quadratic model's slope has (1, Z)^T H (0, z)
+more. Source: Albersmeyer, Diehl, "The lifted Newton method and its application in optimization",
+SIAM J. Optim. 20 (2010).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from scipy.sparse import csc_array
+
+from model.machine.buffered import Buffered
+from model.paths import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Reduced:
+    """Values and first derivatives at unknowns x.
+
+    Attributes
+    ----------
+    x : (size,)
+        All unknowns.
+    f : float
+    gradient : (n,)
+    g : (m,)
+        Constraints besides equilibrium, to first order where the states settle.
+    jacobian : (m, n)
+    states : States or None
+        What was eliminated, if anything was.
+    """
+
+    x: Array
+    f: float
+    gradient: Array
+    g: Array
+    jacobian: Array
+    states: Eliminated | None = None
+
+    @property
+    def off(self) -> float:
+        """The largest of what the states lack to equilibrium, to first order."""
+        return 0.0 if self.states is None else float(np.abs(self.states.shift).max())
+
+
+@dataclass(frozen=True, eq=False)
+class Eliminated:
+    """How the states follow, at a point.
+
+    Attributes
+    ----------
+    shift : (size - n,)
+        z, what they lack to equilibrium.
+    Z : (size - n, n)
+        How they move with the unknowns before them.
+    f_S : (size - n,)
+    g_S : (m, size - n)
+        Derivatives of objective and constraints by the states.
+    solve : right-hand side, transposed -> solution of systems with c_S
+    """
+
+    shift: Array
+    Z: Array
+    f_S: Array
+    g_S: Array
+    solve: Callable[[Array, bool], Array]
+
+    def multipliers(self, sigma: float, lam: Array) -> Array:
+        """Return the multipliers mu of equilibrium; the load factor, which stays, has none."""
+        return -self.solve((sigma * self.f_S + self.g_S.T @ lam)[1:], True)
+
+    def hessian(self, H: Any) -> tuple[Array, Array]:
+        """Return (1, Z)^T H (1, Z), (n, n), and (1, Z)^T H (0, z), (n,), of a sparse H."""
+        n = self.Z.shape[1]
+        moved = np.zeros((n + self.shift.size, n + 1))
+        moved[:n, :n], moved[n:, :n], moved[n:, n] = np.eye(n), self.Z, self.shift
+        found = moved[:, :n].T @ (H @ moved)
+        return found[:, :n], found[:, n]
+
+
+class Sparse:
+    """A function of dense vectors with one sparse result, called without CasADi's wrapping."""
+
+    def __init__(self, name: str, given: list[ca.MX], result: ca.MX) -> None:
+        places = result.sparsity()
+        self._call = Buffered(ca.Function(name, given, [result.nz[:]]))
+        self._rows = np.array(places.row(), dtype=np.int32)
+        self._ends = np.array(places.colind(), dtype=np.int32)
+        self._shape = result.shape
+
+    def __call__(self, *given: Array) -> csc_array:
+        """Return the matrix."""
+        nonzeros = self._call(*given)[0].ravel()
+        return csc_array((nonzeros, self._rows, self._ends), shape=self._shape)
