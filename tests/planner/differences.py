@@ -8,26 +8,45 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from planner.program.condensed import First
 from planner.program.problem import Problem
+from planner.program.program import Program
+from planner.program.reduced import Reduced
 from tests.differences import Array, check_rows, fourth_order
+
+
+class First(NamedTuple):
+    """Values and first derivatives."""
+
+    f: float
+    gradient: Array
+    g: Array
+    jacobian: Array
 
 
 class Twice(NamedTuple):
     """A program as numbers: point -> values and slopes; point, sigma, lam -> Hessian."""
 
-    first: Callable[[Array], First]
+    first: Callable[[Array], First | Reduced]
     second: Callable[[Array, float, Array], Array]
 
 
 def whole(problem: Problem, p: Array) -> Twice:
     """The program with the states among its unknowns."""
 
-    def first(x: Array) -> First:
-        f, gradient, g, J = problem.program.first(x, p)
-        return First(float(f), dense(gradient).ravel(), dense(g).ravel(), dense(J))
+    of = problem.program
+    assert isinstance(of, Program)
 
-    return Twice(first, lambda x, sigma, lam: dense(problem.program.second(x, p, sigma, lam)))
+    def second(x: Array, sigma: float, lam: Array) -> Array:
+        return of.second(x, p, np.array([sigma]), lam).toarray()
+
+    return Twice(lambda x: all_of(of, x, p), second)
+
+
+def all_of(of: Program, x: Array, p: Array) -> First:
+    """Values and first derivatives of a program, the equations of equilibrium last."""
+    f, gradient, g, J = of.first(x, p)
+    g = np.concatenate([g[0], of.equilibrium(x, p)[0][0]])
+    return First(float(f[0, 0]), gradient[0], g, np.vstack([J.T, of.inner(x, p).toarray()]))
 
 
 def condensed(problem: Problem, p: Array) -> Twice:
