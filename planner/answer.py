@@ -9,10 +9,12 @@ from functools import cached_property
 import numpy as np
 
 from model.arm import Arm
+from model.equilibrium.forward import Known
+from model.errors import OctoplanError
 from model.paths import Array
 from model.scene import Scene
-from model.settle import settle
 from model.shape import Shape
+from model.time_limit import OutOfTime
 from planner.avoidance.asked import NOTHING, Surroundings
 from planner.avoidance.rows import Avoidance
 from planner.certificate import Certificate
@@ -24,6 +26,7 @@ from planner.program.limits import Limits
 from planner.program.problem import Problem, build, units
 from planner.program.program import STABILITY, STROKES
 from planner.program.statement import Mode, Statement
+from planner.settled import settled
 from planner.solve.newton import optimality
 from planner.solve.search_result import Trial, agreed
 from planner.solve.task import allowed
@@ -88,7 +91,16 @@ class Answer:
     def shape(self) -> Shape:
         """The shape under the tensions, a digit more accurate than asked."""
         asked = (self.arm, self.tensions, self.scene, max(self.accuracy / 10, 1e-12))
-        return settle(*asked, compile=self.machine_code)
+        return settled(*asked, self.machine_code)
+
+    @property
+    def known_equilibrium(self) -> Known | None:
+        """The states of the shape, to begin with on other meshes; None where there are none."""
+        try:
+            known: Known | None = self.shape.known
+        except (OctoplanError, OutOfTime):
+            return None
+        return known
 
     @property
     def tip(self) -> Array:
@@ -210,7 +222,7 @@ class Answer:
 
     def _kkt(self, T: Array) -> float:
         problem = self._problem()
-        problem.condensed.forget()
+        problem.condensed.forget(self.known_equilibrium)
         limits = allowed(self.arm, self.targets, self.limits)
         p = problem.parameters(self.stated, limits)
         x, bounds = problem.free(T, limits), problem.free_bounds(limits)

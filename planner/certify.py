@@ -31,9 +31,9 @@ from model.shape import Shape
 from model.time_limit import OutOfTime
 from planner.avoidance.asked import NOTHING, Surroundings, told
 from planner.certificate import MOST_LOADS, Certificate
-from planner.measure import compliances_along, measure
+from planner.measure import compliances_along, measure, measured_units
 from planner.program.limits import Limits
-from planner.program.terms import stations_of, term_units
+from planner.program.terms import stations_of
 from planner.targets.base import Target
 from planner.tendon_lengths import strokes
 
@@ -98,7 +98,7 @@ def certify(
         gaps={name: clear.gap for name, clear in gaps.items()},
         least_gaps=surroundings.least,
         nearest=told(gaps),
-        units=term_units(arm, targets),
+        units=measured_units(arm, targets),
         strokes=_stroke_excess(shape, limits),
         complementarity=_violation(shape, line) if contacts(scene) else None,
     )
@@ -132,13 +132,14 @@ def _integrated(shape: Shape, stations: tuple[float, ...], accuracy: float) -> C
         if gap.max() <= _CLOSE * accuracy:
             break
     places = [forward.mesh.node(s) for s in stations]
+    line = Centreline.at_states(forward.system, found.here.states)
+    if not is_loaded(shape.scene):
+        stands = stability(found.here)
+        return poses[places], poses[-1, 4:], found.error, stands, None, line
     # Whether it stands does not take a fine mesh, how well it does takes one.
     form = (STAGES, 1, (), True, shape.machine_code)
     rough = Collocation(shape.arm, shape.scene, *form).found(shape.tensions, shape.known)
     least = stability(rough)
-    line = Centreline.at_states(forward.system, found.here.states)
-    if not is_loaded(shape.scene):
-        return poses[places], poses[-1, 4:], found.error, least, None, line
     stands = least_eigenvalue(found.here) if least > 0 else least
     bears = _load_factor(rough, shape)
     return poses[places], poses[-1, 4:], found.error, stands, bears, line

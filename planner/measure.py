@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
 import numpy as np
 
 from model.arm import Arm
+from model.machine.buffered import Buffered
 from model.paths import Array
 from model.shape import Shape
 from model.stiffness import stiffness
+from planner.program.program import Same
 from planner.program.terms import (
     compliance_requests,
     directions_function,
     term_names,
+    term_units,
     terms_function,
 )
 from planner.targets.base import Target
@@ -26,22 +33,52 @@ def measure(
 
     Of poses (K, 7) at the targets' stations, and of what `compliances_along` returns.
     """
-    numbers = np.concatenate([target.parameters(arm) for target in targets])
-    values = terms_function(arm, targets)(poses.T, numbers, given)
-    names = term_names(arm, targets)
+    terms, numbers = _terms(arm, targets), _numbers(arm, targets)
     found: list[dict[str, Array]] = []
-    for kind, value in zip(names, values, strict=True):
-        flat = np.array(value).ravel()
-        own = np.array(kind)
+    for kind, value in zip(terms.names, terms.function(poses.ravel(), numbers, given), strict=True):
+        flat, own = value.ravel(), np.array(kind)
         found.append({name: flat[own == name] for name in dict.fromkeys(kind)})
     return found[0], found[1], found[2]
 
 
+def measured_units(arm: Arm, targets: tuple[Target, ...]) -> dict[str, str]:
+    """Return by name the unit of those terms that have one."""
+    return dict(_terms(arm, targets).units)
+
+
+@dataclass(frozen=True, eq=False)
+class _Measured:
+    """The terms of targets of one structure: their function, names by kind, units."""
+
+    function: Buffered
+    names: tuple[list[str], ...]
+    units: dict[str, str]
+
+
+def _terms(arm: Arm, targets: tuple[Target, ...]) -> _Measured:
+    return _of_structure(arm, tuple(target.structure(arm) for target in targets), Same(targets))
+
+
+@lru_cache(maxsize=64)
+def _of_structure(arm: Arm, structure: tuple[object, ...], targets: Same) -> _Measured:
+    own = targets.value
+    function = terms_function(arm, own)
+    dense = ca.Function(
+        "terms", function.mx_in(), [ca.densify(v) for v in function.call(function.mx_in())]
+    )
+    return _Measured(Buffered(dense), term_names(arm, own), term_units(arm, own))
+
+
+def _numbers(arm: Arm, targets: tuple[Target, ...]) -> Array:
+    return np.concatenate([target.parameters(arm) for target in targets])
+
+
 def compliances_along(arm: Arm, targets: tuple[Target, ...], shape: Shape) -> Array:
     """Return the tip's compliances along the directions of the targets' requests, stacked."""
-    requests = compliance_requests(targets)
-    numbers = np.concatenate([target.parameters(arm) for target in targets])
-    found = [np.zeros(0)]
+    requests, numbers = compliance_requests(targets), _numbers(arm, targets)
+    if not requests:
+        return np.zeros(0)
+    found = []
     for request, along in zip(
         requests, directions_function(arm, targets).call([numbers]), strict=True
     ):

@@ -286,7 +286,7 @@ def _followed(near: Plan, task: Task) -> SearchResult | None:
     same = near.statement.margin == task.statement.margin
     if not same or replace(own, lower=limits.lower) != limits:
         return None
-    answer = (near.tensions, near.lam_x, near.lam_g)
+    answer = (near.tensions, near.lam_x, near.lam_g, near.known_equilibrium)
     known = Known(near.targets, own.lower, near.statement, *answer)
     asked = (task.arm, task.scene, task.targets, limits, task.accuracy)
     try:

@@ -8,7 +8,6 @@ import numpy as np
 
 from model.arm import Arm
 from model.cross_section.reported import reported
-from model.cross_section.sections import Sections
 from model.effects import Friction
 from model.equilibrium.dense import poses_and_strains
 from model.equilibrium.hold import TENSIONS, Hold
@@ -126,11 +125,8 @@ class Collocation:
 
     def without_loads(self, tensions: Array) -> Array:
         """Return the states under tensions without loads; raises UnsettledSectionError."""
-        at, law = self.system, self.system.of.form.law
-        active = np.repeat(self.mesh.active, at.of.form.stages)
-        sections = Sections(at.arm, at.scene, law, at.s, active)
-        strains = settled_sections(at.arm, at.scene, sections, active, tensions)
-        return at.start(tensions, strains)
+        at = self.system
+        return at.start(tensions, settled_sections(at).strains(tensions))
 
     def carried(self, tensions: Array, known: Known) -> Array:
         """Return the states of this mesh by the polynomials of another's strains."""

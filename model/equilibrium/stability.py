@@ -20,11 +20,13 @@ from model.cross_section.law import CrossSection, moments
 from model.cross_section.sections import body_numbers
 from model.equilibrium.linearised import Index, Linearised, band
 from model.errors import SingularError
+from model.loads import is_loaded
 from model.paths import Array
 from model.stations import stations
 from model.transcription.collocation import gauss
 from model.transcription.layout import POSE, Layout
 from model.transcription.system import System
+from model.unloaded.settled_sections import settled_sections
 
 # What a Hessian may be unsymmetric by for it not to matter.
 _SYMMETRIC = 1e-3
@@ -131,6 +133,8 @@ def stability(here: Linearised) -> float:
 
     Of a Hessian that is not symmetric, the least real part. 0 where the arm is about to give way.
     """
+    if not is_loaded(here.system.scene):
+        return _by_sections(here)
     try:
         H = energy_hessian(here)
     except (SingularError, np.linalg.LinAlgError):
@@ -138,6 +142,18 @@ def stability(here: Linearised) -> float:
     even = (H + H.T) / 2
     if np.abs(H - even).max() <= _SYMMETRIC * np.abs(H).max():
         return float(np.linalg.eigvalsh(even)[0])
+    return float(np.linalg.eigvals(H).real.min())
+
+
+def _by_sections(here: Linearised) -> float:
+    """Return the stability without loads, where no wrench couples the cross-sections."""
+    at, sections = here.system, settled_sections(here.system).sections
+    _, slopes = sections.wrench(at.strains(here.states), sections.pulls(here.tensions))
+    root = np.sqrt(rest_stiffness(at)[1].reshape(len(slopes), -1))
+    H = slopes / root[:, :, None] / root[:, None, :]
+    even = (H + H.transpose(0, 2, 1)) / 2
+    if np.abs(H - even).max() <= _SYMMETRIC * np.abs(H).max():
+        return float(np.linalg.eigvalsh(even).min())
     return float(np.linalg.eigvals(H).real.min())
 
 
@@ -199,6 +215,7 @@ def energy_hessian(here: Linearised) -> Array:
     return np.asarray(reduced * np.sqrt(weight / stiff)[:, None] / np.sqrt(weight * stiff))
 
 
+@lru_cache(maxsize=32)
 def rest_stiffness(system: System) -> tuple[Array, Array]:
     """Return the weight of each strain's stage [m], and the stiffness of the body at rest there.
 

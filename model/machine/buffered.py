@@ -49,15 +49,27 @@ class Buffered:
 class Mapped:
     """A function of dense vectors for many columns at once, from any thread.
 
-    Maps are kept for sizes that are powers of two; the last columns are repeated up to one.
+    They are taken so many at a time. Maps are kept for sizes that are powers of two; the last
+    columns are repeated up to one.
     """
 
+    _most = 128
+
     def __init__(self, function: ca.Function) -> None:
+        self._function = function
         self._sized = lru_cache(maxsize=20)(lambda size: Buffered(function.map(size)))
 
     def __call__(self, *given: Array) -> list[Array]:
-        """Return the results (N, n_out) of arguments (N, n_in) or (N,), N above 0."""
+        """Return the results (N, n_out) of arguments (N, n_in) or (N,)."""
         count = len(given[0])
+        if not count:
+            return [
+                np.zeros((0, self._function.numel_out(i))) for i in range(self._function.n_out())
+            ]
+        if count > self._most:
+            starts = range(0, count, self._most)
+            parts = [self(*(v[i : i + self._most] for v in given)) for i in starts]
+            return [np.concatenate(found) for found in zip(*parts, strict=True)]
         size = 1 << (count - 1).bit_length()
         if size > count:
             given = tuple(np.concatenate([v, v[-1:].repeat(size - count, axis=0)]) for v in given)

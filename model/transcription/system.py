@@ -226,8 +226,8 @@ class System:
         states, of = np.zeros(self.of.n_states), self.of
         states[of.stages] = strains
         g, N = self.base, self.mesh.steps
-        found = _march(of.form, N)(g, strains.reshape(N, -1).T, np.diff(self.mesh.s)[None, :])
-        states[of.nodes[:, :POSE]] = np.vstack([g, np.array(found).T])
+        (found,) = _march(of.form, N)(g, strains.ravel(), np.diff(self.mesh.s))
+        states[of.nodes[:, :POSE]] = np.vstack([g, found])
         if of.form.friction:
             powers, m = gauss(of.form.stages).powers, of.form.stages
             slope = np.arange(1, m) * gauss(m).c[:, None] ** np.arange(m - 1) @ powers[1:]
@@ -317,7 +317,7 @@ def system(
 
 
 @lru_cache(maxsize=64)
-def _march(form: Form, N: int) -> ca.Function:
+def _march(form: Form, N: int) -> Buffered:
     """Return (pose, strains of each of N elements, h (1, N)) -> pose at the end of each."""
     kernel = element(replace(form, friction=False))
     g, v, h = ca.SX.sym("g", POSE), ca.SX.sym("v", form.stages * form.strains), ca.SX.sym("h")
@@ -325,4 +325,4 @@ def _march(form: Form, N: int) -> ca.Function:
     y = ca.vertcat(ca.SX.zeros(int(form.loaded)), g, none, v, ca.SX.zeros(POSE), none)
     numbers_of = ca.vertcat(h, ca.SX.zeros(kernel.c.numel() - 1))
     after = -kernel.value(y, numbers_of)[-POSE:]
-    return ca.Function("march", [g, v, h], [after], {"cse": True}).mapaccum(N)
+    return Buffered(ca.Function("march", [g, v, h], [after], {"cse": True}).mapaccum(N))

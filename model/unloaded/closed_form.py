@@ -15,7 +15,7 @@ import numpy as np
 from model.arm import Arm
 from model.effects import ExactTendons, Extension, NeoHookean
 from model.integrators.magnus import Magnus
-from model.machine.buffered import Buffered
+from model.machine.buffered import Buffered, Mapped
 from model.machine.compiled import kernel
 from model.mesh import Mesh
 from model.paths import Array
@@ -49,16 +49,23 @@ def pull_at(
     return ca.reshape(maps @ T, -1, s.size), ca.DM(statics.data(at))
 
 
-def unloaded_strains(arm: Arm, scene: Scene, s: Array, active: Counts, tensions: Array) -> Array:
-    """Return tau, xi, k, q (N, 4) at s (N,) where loads are left out; NaN where nothing settles."""
-    scene = unloaded(scene)
-    statics, at = closed_statics(scene, arm), stations(arm, s, active)
-    pull = np.einsum("nij,j->in", statics.pulls(arm, at), tensions)
-    found = np.array(strain_function(statics).map(s.size)(pull, statics.data(at))).T
-    lost = np.isnan(found).any(axis=1)
-    if lost.any() and scene.robust() != scene:
-        found[lost] = unloaded_strains(arm, scene.robust(), s[lost], active[lost], tensions)
-    return found
+class SectionStrains:
+    """The strains of cross-sections at s (N,) where loads are left out, by tensions."""
+
+    def __init__(self, arm: Arm, scene: Scene, s: Array, active: Counts) -> None:
+        self.arm, self.scene, self.s, self.active = arm, unloaded(scene), s, active
+        statics, at = closed_statics(self.scene, arm), stations(arm, s, active)
+        self._maps, self._data = statics.pulls(arm, at), statics.data(at).T
+        self._call = Mapped(strain_function(statics))
+
+    def __call__(self, tensions: Array) -> Array:
+        """Return tau, xi, k, q (N, 4) under tensions (n_tendons,); NaN where nothing settles."""
+        (found,) = self._call(self._maps @ tensions, self._data)
+        lost, robust = np.isnan(found).any(axis=1), self.scene.robust()
+        if lost.any() and robust != self.scene:
+            again = SectionStrains(self.arm, robust, self.s[lost], self.active[lost])
+            found[lost] = again(tensions)
+        return found
 
 
 def unloaded(scene: Scene) -> Scene:

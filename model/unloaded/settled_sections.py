@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from model.arm import Arm
+from model.cross_section.law import CrossSection
 from model.cross_section.reported import strains_of
 from model.cross_section.sections import Sections
 from model.effects import ExactTendons, Extension
@@ -12,26 +15,50 @@ from model.errors import UnsettledSectionError
 from model.paths import Array
 from model.scene import Scene
 from model.stations import Counts
-from model.unloaded.closed_form import unloaded_strains
+from model.transcription.system import System
+from model.unloaded.closed_form import SectionStrains
 
 
-def settled_sections(
-    arm: Arm, scene: Scene, sections: Sections, active: Counts, tensions: Array
-) -> Array:
-    """Return the strains (N, n) of cross-sections that `active` (N,) anchorages' tendons cross.
+class SettledSections:
+    """The cross-sections of an arm at s (N,) that `active` (N,) anchorages' tendons cross."""
 
-    Of an energy by Newton's method from those of the paper's balance; where that does not come to a
-    minimum, by one that holds at any tension. Raises UnsettledSectionError.
-    """
-    law, s = sections.law, sections.s
-    paper = Scene(Extension()) if law.extension else Scene()
-    found = strains_of(law, unloaded_strains(arm, paper, s, active, tensions))
-    if not scene.has(ExactTendons):
+    def __init__(
+        self,
+        arm: Arm,
+        scene: Scene,
+        law: CrossSection,
+        s: Array,
+        active: Counts,
+        machine_code: bool = False,
+    ) -> None:
+        self.arm, self.scene, self.active = arm, scene, active
+        self.sections = Sections(arm, scene, law, s, active, machine_code)
+        paper = Scene(Extension()) if law.extension else Scene()
+        self._paper = SectionStrains(arm, paper, s, active)
+
+    def strains(self, tensions: Array) -> Array:
+        """Return their strains (N, n) under tensions (n_tendons,).
+
+        Of an energy by Newton's method from those of the paper's balance; where that does not come
+        to a minimum, by one that holds at any tension. Raises UnsettledSectionError.
+        """
+        sections = self.sections
+        law, s = sections.law, sections.s
+        found = strains_of(law, self._paper(tensions))
+        if not self.scene.has(ExactTendons):
+            return found
+        found, lost = sections.at_rest(found, sections.pulls(tensions))
+        if lost.any():
+            left = SectionStrains(self.arm, self.scene, s[lost], self.active[lost])(tensions)
+            if np.isnan(left).any():
+                raise UnsettledSectionError(float(s[lost][np.isnan(left).any(axis=1)][0]))
+            found[lost] = strains_of(law, left)
         return found
-    found, lost = sections.at_rest(found, sections.pulls(tensions))
-    if lost.any():
-        left = unloaded_strains(arm, scene, s[lost], active[lost], tensions)
-        if np.isnan(left).any():
-            raise UnsettledSectionError(float(s[lost][np.isnan(left).any(axis=1)][0]))
-        found[lost] = strains_of(law, left)
-    return found
+
+
+@lru_cache(maxsize=32)
+def settled_sections(at: System) -> SettledSections:
+    """Return the cross-sections at the stages of a system."""
+    active = np.repeat(at.mesh.active, at.of.form.stages)
+    form = at.of.form
+    return SettledSections(at.arm, at.scene, form.law, at.s, active, form.machine_code)

@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 
 from model.forward import explicit_map, schemes_of
+from model.machine.buffered import Mapped
 from model.paths import Array
 from planner.program.problem import Problem
 from planner.targets.base import Target
@@ -34,21 +35,20 @@ class Residuals:
 
         Of tensions (m, n_tendons) [N].
         """
-        m = len(T)
-        found = self.sweep.map(m)(T.T, np.tile(self.numbers[:, None], m))
-        gaps, least = (np.array(value).reshape(-1, m).T for value in found)
+        gaps, least = self.sweep(T, np.tile(self.numbers, (len(T), 1)))
         crushed = np.nan_to_num(_FEASIBLE - least[:, 0], nan=_FAR)
         return np.clip(np.nan_to_num(gaps, nan=_FAR), -_FAR, _FAR), np.clip(crushed, 0, _FAR)
 
 
-_sweeps: WeakKeyDictionary[Problem, ca.Function] = WeakKeyDictionary()
+_sweeps: WeakKeyDictionary[Problem, Mapped] = WeakKeyDictionary()
 
 
-def _sweep(problem: Problem) -> ca.Function:
+def _sweep(problem: Problem) -> Mapped:
     """Return tensions, target numbers -> residuals (k,), least 1 + q, on the coarsest mesh."""
     arm, scene, stations = problem.arm, problem.scene, problem.stations
     scheme = "magnus6" if "magnus6" in schemes_of(scene) else "rk4"
-    forward = explicit_map(arm, scene, scheme, 1, stations)
+    compiled = problem.machine_code and scheme == "magnus6"
+    forward = explicit_map(arm, scene, scheme, 1, stations, compiled)
     T, numbers = ca.MX.sym("T", arm.n_tendons), ca.MX.sym("p", problem.terms.size1_in(1))
     poses, stretch = forward.function(T)[:2]
     gives = ca.vertcat(
@@ -57,4 +57,6 @@ def _sweep(problem: Problem) -> ca.Function:
     seen = poses[:, [forward.mesh.node(s) for s in stations]]
     match, approach, margin, _ = problem.terms(seen, numbers, gives)
     gaps = ca.vertcat(match, approach, ca.fmin(margin, 0))
-    return ca.Function("sweep", [T, numbers], [gaps, ca.mmin(stretch)]).expand()
+    found = [ca.densify(gaps), ca.densify(ca.mmin(stretch))]
+    sweep = ca.Function("sweep", [T, numbers], found)
+    return Mapped(sweep if compiled else sweep.expand())

@@ -7,9 +7,9 @@ from functools import cached_property
 import numpy as np
 
 from model.arm import Arm
-from model.equilibrium.forward import Collocation
+from model.equilibrium.forward import Collocation, Known
 from model.equilibrium.linearised import Linearised
-from model.equilibrium.stability import stability
+from model.equilibrium.stability import least_eigenvalue, stability, stands
 from model.errors import OctoplanError, SnapError
 from model.loads import is_loaded
 from model.paths import Array
@@ -21,6 +21,9 @@ from planner.program.statement import Statement
 from planner.program.states import States, Stations
 from planner.program.terms import compliance_requests
 from planner.targets.base import Target
+
+# Strains of an arm from which on the least eigenvalue is sooner found by iteration.
+_DENSE = 120
 
 
 class Collocated:
@@ -77,7 +80,7 @@ class Collocated:
             [self.program.values(x, p)[1][0], self.program.equilibrium(x, p)[0][0]]
         )
 
-    def stability(self, x: Array, tensions: Array) -> float:
+    def stability(self, x: Array, tensions: Array, near: Known | None = None) -> float:
         """Return the stability of the shape at unknowns x, infinite without loads.
 
         Of unknowns without states, of the shape that the arm settles in.
@@ -86,8 +89,10 @@ class Collocated:
         if not is_loaded(system.scene):
             return np.inf
         try:
-            states = self.states_of(x, tensions)
-            return stability(Linearised(system, system.x(tensions, 1.0, states)))
+            states = self.states_of(x, tensions, near)
+            here = Linearised(system, system.x(tensions, 1.0, states))
+            fine = system.of.stages.size > _DENSE and stands(here)
+            return least_eigenvalue(here) if fine else stability(here)
         except OctoplanError:
             return -np.inf
 
@@ -100,10 +105,10 @@ class Collocated:
             return np.inf
         return float(np.linalg.norm(after.states[tip] - before[tip]))
 
-    def states_of(self, x: Array, tensions: Array) -> Array:
+    def states_of(self, x: Array, tensions: Array, near: Known | None = None) -> Array:
         """Return the states (n_states,) in unknowns x, those settled where x has none."""
         if x.size == self.program.n_free:
-            return self.forward.found(tensions).states
+            return self.forward.found(tensions, near).states
         of = self.forward.system.of
         return np.asarray(x[self.program.blocks.states] * self.states.scale[1 : 1 + of.n_states])
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.sparse.linalg import splu
 
-from model.equilibrium.forward import Collocation
+from model.equilibrium.forward import Collocation, Known
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import newton
 from model.equilibrium.stability import least_modes
@@ -28,6 +28,7 @@ class _Memory(threading.local):
 
     here: Linearised | None = None
     settled: tuple[Array, Array, Reduced] | None = None
+    near: Known | None = None
 
 
 class Condensed:
@@ -39,9 +40,13 @@ class Condensed:
         self.n, self.m = program.n_free, sum(row.size for row in self.rows)
         self._last = _Memory()
 
-    def forget(self) -> None:
-        """Begin afresh: what is found next does not depend on what was found before."""
+    def forget(self, near: Known | None = None) -> None:
+        """Begin afresh: what is found next does not depend on what was found before.
+
+        It is found near an equilibrium that is known, if there is any there, else from rest.
+        """
         self._last.here = self._last.settled = None
+        self._last.near = near
 
     def first(self, a: Array, p: Array) -> Reduced:
         """Return values and first derivatives in equilibrium; NaN where the arm does not settle."""
@@ -158,7 +163,7 @@ class Condensed:
             if last is not None:
                 predicted = last.states + last.by_tensions @ (T - last.x[: T.size])
                 here = newton(system, T, 1.0, predicted, kept=last)
-            here = Linearised(system, (here or self.forward.found(T)).x)
+            here = Linearised(system, (here or self.forward.found(T, self._last.near)).x)
             here.by_parameters  # noqa: B018  (there, or the equations are singular)
         except OctoplanError:
             return None

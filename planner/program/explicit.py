@@ -16,6 +16,7 @@ import numpy as np
 
 from model.arm import Arm
 from model.effects import Extension, PrintedStatics
+from model.equilibrium.forward import Known
 from model.forward import ExplicitMap, explicit_map
 from model.machine.buffered import Buffered
 from model.machine.compiled import kernels
@@ -132,7 +133,7 @@ class Explicit:
         """See Condensed.multipliers: there are no states."""
         return lam_x, lam_g
 
-    def forget(self) -> None:
+    def forget(self, near: Known | None = None) -> None:
         """See Condensed.forget: nothing is kept."""
 
     def first(self, a: Array, p: Array) -> Reduced:
@@ -156,7 +157,7 @@ class Explicit:
         """See Condensed.second."""
         return self._calls[2](a, p, np.array([sigma]), lam)[0]
 
-    def stability(self, x: Array, tensions: Array) -> float:
+    def stability(self, x: Array, tensions: Array, near: Known | None = None) -> float:
         """See Collocated.stability: nothing topples without loads."""
         return np.inf
 

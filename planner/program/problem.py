@@ -9,6 +9,7 @@ import numpy as np
 
 from model.arm import Arm
 from model.effects import Extension, PrintedStatics
+from model.equilibrium.forward import Known
 from model.errors import OctoplanError
 from model.paths import Array
 from model.scene import Scene
@@ -154,9 +155,12 @@ class Problem:
         T = x[: self.arm.n_tendons] * units(self.arm, limits)
         return np.clip(T, limits.lower, limits.upper)
 
-    def stability(self, x: Array, tensions: Array) -> float:
-        """Return the stability of the shape at unknowns x, infinite without loads."""
-        return self.mechanics.stability(x, tensions)
+    def stability(self, x: Array, tensions: Array, near: Known | None = None) -> float:
+        """Return the stability of the shape at unknowns x, infinite without loads.
+
+        Of unknowns without states, of the shape near one that is known, or else from rest.
+        """
+        return self.mechanics.stability(x, tensions, near)
 
     def moved_by_loads(self, tensions: Array) -> float:
         """Return how far the loads move the tip [m], infinite where they are too heavy."""

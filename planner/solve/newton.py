@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dgecon, dgetrf, dgetrs
 
 from model.paths import Array
 from model.time_limit import check_time
@@ -19,7 +20,8 @@ from planner.solve.ipopt import Solution
 
 Mask = NDArray[np.bool_]
 _STEPS, _SETS = 15, 20
-_SLOW = 0.05
+# The Hessian is computed anew where residuals shrink by less.
+_SLOW = 2e-3
 # Steps that lead away, before it is given up.
 _ASTRAY = 1
 # So little changes where the limits that are held are not those of the optimum.
@@ -27,6 +29,8 @@ _STUCK = 1e-3
 _ACCEPTED = 1e-10
 _ROUNDING = 1e-12
 _NEAR = 1e-4
+# Matrices of a lower reciprocal condition are singular.
+_SINGULAR = 1e-13
 
 
 @dataclass(frozen=True)
@@ -224,8 +228,13 @@ def _active(value: Array, lam: Array, lower: Array, upper: Array) -> tuple[Mask,
 def _newton(H: Array, J: Array, slope: Array, residual: Array) -> tuple[Array, Array]:
     """Return the Newton step of the equality-constrained problem, least squares if singular."""
     n, m = H.shape[0], J.shape[0]
-    K = np.block([[H, J.T], [J, np.zeros((m, m))]])
+    K, right = np.zeros((n + m, n + m)), -np.concatenate([slope, residual])
+    K[:n, :n], K[n:, :n], K[:n, n:] = H, J, J.T
     if not np.all(np.isfinite(K)):
         return np.full(n, np.nan), np.full(m, np.nan)
-    step = np.linalg.lstsq(K, -np.concatenate([slope, residual]), rcond=1e-13)[0]
+    factors, pivots, _ = dgetrf(K)
+    if n + m and dgecon(factors, float(np.abs(K).sum(axis=0).max()))[0] > _SINGULAR:
+        step = dgetrs(factors, pivots, right)[0]
+    else:
+        step = np.linalg.lstsq(K, right, rcond=_SINGULAR)[0]
     return step[:n], step[n:]

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from model.effects import PrintedStatics
 from model.equilibrium.forward import STAGES, Collocation
 from model.errors import OctoplanError
 from model.loads import is_loaded
@@ -18,7 +17,7 @@ from model.shape import Shape
 from model.stiffness import stiffness
 from planner.measure import measure
 from planner.program.limits import Limits
-from planner.program.problem import Problem
+from planner.program.problem import Problem, is_explicit
 from planner.program.statement import Mode, Statement
 from planner.program.terms import compliance_requests, stations_of
 from planner.solve.ipopt import Solution, solve
@@ -157,9 +156,10 @@ def _mesh(task: Task, T: Array) -> int:
     """Return the mesh on which tensions settle to a tenth of the accuracy.
 
     In all that the targets look at: between base and tip, in turns and in stiffness, it may take a
-    finer one than the tip's place does.
+    finer one than the tip's place does. The next finer one where tensions are the only unknowns:
+    there it costs little.
     """
-    fine = task.accuracy / _SHARE
+    fine, requests = task.accuracy / _SHARE, compliance_requests(task.targets)
     try:
         asked, by = (task.arm, T, task.scene), task.machine_code
         shape = settle(*asked, fine, compile=by)
@@ -167,10 +167,12 @@ def _mesh(task: Task, T: Array) -> int:
         if not task.is_point:
             sharp = settle(*asked, max(fine / 30, 1e-12), compile=by)
             mesh = mesh if _apart(task, shape, sharp) <= fine else sharp.refinement
-        for request in compliance_requests(task.targets):
+        for request in requests:
             found = stiffness(*asked, request.hold, accuracy=fine, compile=by)
             mesh = max(mesh, found.refinement)
-        if not is_loaded(task.scene) and not task.scene.has(PrintedStatics):
+        if is_explicit(task.scene, task.statement, requests):
+            mesh = next((finer for finer in REFINEMENTS if finer > mesh), mesh)
+        elif not is_loaded(task.scene):
             mesh = _collocated(task, shape, mesh, fine)
     except OctoplanError:
         return _FINE_IF_UNSETTLED

@@ -14,13 +14,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from model.arm import Arm
+from model.equilibrium.forward import Known as States
 from model.errors import OctoplanError
+from model.mesh_refinement import FINEST_ACCURACY
 from model.paths import Array
 from model.scene import Scene
-from model.settle import settle
 from planner.program.limits import Limits
 from planner.program.problem import Bounds, Problem, build, units
 from planner.program.statement import Statement
+from planner.settled import settled
 from planner.solve.continuation import continuation
 from planner.solve.ipopt import Solution
 from planner.solve.newton import newton
@@ -38,7 +40,10 @@ _SLACK = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """An optimum that was found: for which targets and minima, how it was stated, what it is."""
+    """An optimum that was found: for which targets and minima, how it was stated, what it is.
+
+    `states` are those of its shape.
+    """
 
     targets: tuple[Target, ...]
     lower: tuple[float, ...]
@@ -46,6 +51,7 @@ class Known:
     tensions: Array
     lam_x: tuple[float, ...]
     lam_g: tuple[float, ...]
+    states: States | None = None
 
 
 def warm_start(
@@ -68,14 +74,14 @@ def warm_start(
         return None
     limits = allowed(arm, targets, limits)
     problem = build(arm, targets, scene, known.statement, machine_code)
-    problem.condensed.forget()
+    problem.condensed.forget(known.states)
     start = _solution(problem, known, limits)
     moved = None if start is None else _moved(problem, start, known, targets, limits)
     if moved is None:
         return None
     found: Solution | None
     found, apart = moved
-    statement = _fine_enough(problem, found, limits, accuracy)
+    statement, states = _fine_enough(problem, found, limits, accuracy)
     if statement != known.statement:
         problem = build(arm, targets, scene, statement, machine_code)
         p, bounds = problem.parameters(targets, limits), problem.free_bounds(limits)
@@ -83,7 +89,7 @@ def warm_start(
         if found is None:
             return None
     T = problem.tensions(found.x, limits)
-    if problem.stability(found.x, T) < statement.margin - _SLACK:
+    if problem.stability(found.x, T, states) < statement.margin - _SLACK:
         return None
     return SearchResult(
         statement,
@@ -168,12 +174,17 @@ def _near(
     return replace(found, f=problem.condensed.first(found.x, p).f)
 
 
-def _fine_enough(problem: Problem, found: Solution, limits: Limits, accuracy: float) -> Statement:
-    """Return the statement, on a finer mesh if the accuracy asks for one at the new optimum."""
-    statement, asked = problem.statement, (problem.scene, accuracy / 10)
+def _fine_enough(
+    problem: Problem, found: Solution, limits: Limits, accuracy: float
+) -> tuple[Statement, States | None]:
+    """Return the statement, on a finer mesh if the accuracy asks for one at the new optimum.
+
+    And the states of the shape there.
+    """
+    statement, T = problem.statement, problem.tensions(found.x, limits)
     try:
-        T = problem.tensions(found.x, limits)
-        mesh = settle(problem.arm, T, *asked, compile=problem.machine_code).refinement
+        asked = (problem.arm, T, problem.scene, max(accuracy / 10, FINEST_ACCURACY))
+        shape = settled(*asked, problem.machine_code)
     except OctoplanError:
-        return statement
-    return statement.but(refinement=max(mesh, statement.refinement))
+        return statement, None
+    return statement.but(refinement=max(shape.refinement, statement.refinement)), shape.known
