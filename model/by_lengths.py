@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,18 +17,14 @@ from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import newton
 from model.forward import ForwardMap
 from model.loads import is_loaded
-from model.mesh_refinement import estimate
 from model.paths import Array
 from model.scene import Scene
 from model.transcription.kernel import Places
-from model.unloaded.by_lengths import UnloadedLengths
-from model.unloaded.tendon_lengths import ORDER
+from model.unloaded.by_lengths import NEARLY, Found, UnloadedLengths
 from model.winches import Winches
 
 # Of the least give of winches, where steps may be as if they were rigid.
 _RIGID = 1e-4
-# What the quadrature of lengths may be off, over the length.
-_QUADRATURE = 2e-11
 # Newton steps to rounding; one does where it changes tensions by no more than this share, and no
 # rigid winches are needed where all combinations of tensions change lengths by such a share.
 _TIGHTENED, _LAST, _FIRM = 2, 1e-7, 1e-5
@@ -44,8 +41,6 @@ class OnMesh(NamedTuple):
         See ForwardMap.run.
     left : (n_tendons,)
         What is left of held tendons beyond their paths [m], nan of others; None without any.
-    exact : bool
-        Whether finer meshes would not change the tensions by what matters.
     here : Linearised
         The equations linearised there, where lengths are held under loads.
     snaps : tuple of float
@@ -56,7 +51,6 @@ class OnMesh(NamedTuple):
     states: Array
     stretch: Array
     left: Array | None = None
-    exact: bool = False
     here: Linearised | None = None
     snaps: tuple[float, ...] = ()
 
@@ -69,14 +63,10 @@ class Near(NamedTuple):
     tensions : (n_tendons,)
     known : Known or None
         Its states, of a forward map that is implicit.
-    mesh : OnMesh or None
-        The equilibrium on that mesh, if it has `steps` steps and is of the same lengths.
     """
 
     tensions: Array
     known: Known | None
-    mesh: OnMesh | None = None
-    steps: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,22 +92,31 @@ class GivenTensions:
 
 @dataclass(frozen=True, eq=False)
 class GivenLengths:
-    """Lengths that winches leave, of some tendons or all."""
+    """Lengths that winches leave, of some tendons or all.
+
+    Attributes
+    ----------
+    near : (n_tendons,)
+        Tensions to begin with.
+    """
 
     arm: Arm
     scene: Scene
     winches: Winches
+    machine_code: bool = False
+    near: Array | None = None
 
     def on(self, forward: ForwardMap, near: Near | None) -> OnMesh:
         """See GivenTensions.on; raises InputError where no shape has the lengths."""
         if not (is_loaded(self.scene) and isinstance(forward, Collocation)):
-            return self._without_loads(forward, near)
+            T, left = self._unloaded.tensions, self._unloaded.left
+            return OnMesh(T, *forward.run(T), left)
         hold = HeldLengths(self.winches)
         here = None
         if near is not None and near.known is not None:
             here = forward.near(near.tensions, near.known, hold)
         if here is None:
-            here = forward.from_rest(self._unloaded(forward).found().tensions, hold)
+            here = forward.from_rest(self._unloaded.tensions, hold)
         return self._of(forward, here)
 
     def finished(self, forward: ForwardMap, found: OnMesh) -> OnMesh:
@@ -131,21 +130,12 @@ class GivenLengths:
         left = np.where(self.winches.held, left, np.nan)
         return OnMesh(here.tensions, *forward.rows(here), left, here=here)
 
-    def _without_loads(self, forward: ForwardMap, near: Near | None) -> OnMesh:
-        """Return the equilibrium; the quadrature of lengths needs no meshes as fine as poses do."""
-        before = None if near is None else near.mesh
-        if before is not None and before.exact:
-            return OnMesh(before.tensions, *forward.run(before.tensions), before.left, True)
-        found = self._unloaded(forward).found(None if near is None else near.tensions)
-        exact = False
-        if near is not None and before is not None:
-            error = estimate(found.first_off, near.steps, forward.mesh.steps, ORDER)
-            exact = found.firm and error <= _QUADRATURE
-        return OnMesh(found.tensions, *forward.run(found.tensions), found.left, exact)
-
-    def _unloaded(self, forward: ForwardMap) -> UnloadedLengths:
-        given = self.arm, self.scene, forward.mesh, self.winches
-        return UnloadedLengths(*given, forward.machine_code)
+    @cached_property
+    def _unloaded(self) -> Found:
+        """Tensions of the arm without its loads, found once: no mesh is asked for."""
+        given = self.arm, self.scene, self.winches
+        near = None if is_loaded(self.scene) else self.near
+        return UnloadedLengths(*given, self.machine_code).found(near)
 
 
 def _tightened(here: Linearised, hold: HeldLengths) -> Linearised:
@@ -154,8 +144,9 @@ def _tightened(here: Linearised, hold: HeldLengths) -> Linearised:
     By Newton steps in all unknowns; combinations of tensions that no length feels stay as they are.
     """
     system, winches, T = here.system, hold.winches, here.tensions
-    taut = np.flatnonzero(winches.held & (T > 0))
-    if unfelt(_by_tensions(here, winches, taut), _FIRM).size:
+    left = winches.lacks(here.lengths, T)
+    tight = np.flatnonzero(winches.held & ((T > 0) | (left <= NEARLY * system.arm.length)))
+    if unfelt(_by_tensions(here, winches, tight), _FIRM).size:
         rigid = replace(hold, share=_RIGID)
         here = newton(system, T, 1.0, here.states, hold=rigid) or here
     taut = np.flatnonzero(winches.held & (here.tensions > 0))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -101,9 +102,12 @@ def settle(
     """
     scene = checked_scene(arm, scene, contact=True)
     accuracy = checked_accuracy(accuracy)
+    begin = _near(near, arm, scene)
+    machine_code = checked_compile(compile)
     given = _given(arm, scene, tensions, lengths, tendon_EA, tendon_outside)
+    if isinstance(given, GivenLengths):
+        given = replace(given, machine_code=machine_code, near=begin and begin.tensions)
     scheme = check_scheme(scene, scheme)
-    machine_code, begin = checked_compile(compile), _near(near, arm, scene)
     try:
         return _settled(arm, given, scene, accuracy, scheme, machine_code, begin)
     except UnsettledSectionError:
@@ -169,7 +173,7 @@ def _settled(
             # Nor does a coarser one that did bear the loads tell how accurate a finer one is.
             refinement, before = next_refinement(refinement, np.inf, accuracy, order), None
             continue
-        near = Near(found.tensions, forward.known(found.states), found, forward.mesh.steps)
+        near = Near(found.tensions, forward.known(found.states))
         snaps = (*snaps, *found.snaps)
         tip, error = found.states[-1, :7], np.inf
         if before is not None:

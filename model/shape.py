@@ -30,6 +30,7 @@ from model.rotations import matrices
 from model.scene import Scene
 from model.text import in_notebook
 from model.transcription.collocation import gauss
+from model.unloaded.tendon_lengths import tendon_lengths
 from model.winches import Winches
 
 # What is left of a tendon, over the arm's length, from which on it is slack.
@@ -178,10 +179,12 @@ class Shape:
         """Length of each tendon from base to anchorage (n_tendons,) [m], tendon order.
 
         By collocation that of the stages, to which settles by lengths hold the tendons; otherwise
-        the integral of ``|du_c/ds|`` by Gauss quadrature on the mesh.
+        the integral of ``|du_c/ds|`` by Gauss quadrature.
         """
         if isinstance(self._map, Collocation):
             return self._map.lengths(self.tensions, self.states)
+        if not self.scene.has(PrintedStatics):
+            return tendon_lengths(self.arm, self.scene, self.machine_code)(self.tensions).lengths
         mesh = self._map.mesh
         law = cross_section_of(self.scene, self.arm.is_curved)
         method, h = gauss(STAGES), np.diff(mesh.s)[:, None]

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.equilibrium.forward import STAGES, Collocation
-from model.forward import explicit_map
 from model.loads import is_loaded
 from model.paths import Array
 from model.unloaded.tendon_lengths import tendon_lengths
@@ -105,12 +104,11 @@ def merit(stops: list[Stop], coupling: Coupling, here: Here) -> float:
 def lengths_of(problem: Problem, a: Array, p: Array) -> tuple[Array, Array]:
     """Return the tendons' lengths (n,) [m] at scaled tensions, and their derivatives (n, n)."""
     start, arm, scene = problem.program.sizes[0], problem.arm, problem.scene
-    unit, mesh = p[start : start + a.size], problem.statement.refinement
+    unit = p[start : start + a.size]
     T = np.maximum(a, 0.0) * unit
     if not is_loaded(scene):
-        at = explicit_map(arm, scene, "magnus6", mesh, (), problem.machine_code).mesh
-        found = tendon_lengths(arm, scene, at, problem.machine_code)(T)
+        found = tendon_lengths(arm, scene, problem.machine_code)(T)
         return found.lengths, found.by_tensions * unit
-    forward = Collocation(arm, scene, STAGES, mesh, (), True, problem.machine_code)
-    here = forward.found(T)
+    mesh = STAGES, problem.statement.refinement, (), True, problem.machine_code
+    here = Collocation(arm, scene, *mesh).found(T)
     return here.lengths, here.length_tension * unit

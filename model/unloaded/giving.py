@@ -1,0 +1,133 @@
+"""Winches that give a little: tensions by lengths as the maximum of a concave function.
+
+With exact tendons the energy is convex in the strains and so are the lengths, so that the shape of
+least energy is one, and its tensions maximise a concave function: least energy over shapes plus
+tensions times what tendons lack. Its gradient is what they lack, its Hessian d lengths / d tensions
+comes from the cross-sections alone, and the maximum under T >= 0 is found by projected Newton
+steps, each a linear complementarity problem. Source: Boyd and Vandenberghe, Convex Optimization
+(2004), chapter 5. Where the law has no energy, as with the paper's tangent, the same steps solve
+the same equations, without a proof that there is one solution only. A give keeps steps definite.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from model.arm import Arm
+from model.equilibrium.complementarity import complementary
+from model.errors import UnsettledSectionError
+from model.paths import Array
+from model.time_limit import check_time
+from model.unloaded.tendon_lengths import Lengths, TendonLengths
+from model.winches import Winches
+
+_STEPS, _HALVINGS = 60, 20
+# What tendons may lack in the end, over the arm's length: rounding, or what does not get less.
+_ROUNDING, _MET = 1e-16, 1e-12
+# The last step, whose square is rounding: what it changes of lengths over the arm's length, and of
+# tensions over the largest.
+_LAST, _LAST_TENSION = 1e-7, 1e-6
+# Steps may leave at most this share of the slope along them, on either side of the maximum.
+_SLOPE = 0.9
+
+
+class Giving:
+    """An arm without loads, whose tendons are held by winches that give.
+
+    Attributes
+    ----------
+    arm : Arm
+    winches : Winches
+    lengths : TendonLengths
+    held : (n,)
+        The tendons that winches hold.
+    """
+
+    def __init__(self, arm: Arm, winches: Winches, lengths: TendonLengths) -> None:
+        self.arm, self.winches, self.lengths = arm, winches, lengths
+        self.held = np.flatnonzero(winches.held)
+
+    def by(self, winches: Winches) -> Giving:
+        """Return the same arm with other winches."""
+        return Giving(self.arm, winches, self.lengths)
+
+    def maximum(self, at: Lengths, give: float) -> Lengths | None:
+        """Return the shape where winches give by so much per newton; None if none is found."""
+        none, last = np.zeros(self.winches.held.size), np.inf
+        for _ in range(_STEPS):
+            check_time()
+            off = self._off(at, give)
+            if off <= _ROUNDING or (off <= _MET and off > last / 2):
+                return at
+            to = self._newton(at, give, none)
+            if to is None:
+                return None
+            if off <= _LAST and np.abs(to - at.tensions).max() <= _LAST_TENSION * to.max():
+                return moved(at, to)
+            searched = self._searched(at, to, give, none)
+            if searched is None:
+                return None
+            at, last = searched, off
+        return None
+
+    def _off(self, at: Lengths, give: float) -> float:
+        """Return how far tensions and what is left are from complementary, over the length."""
+        T = at.tensions
+        own = self.winches.stretch + give - at.by_tensions.diagonal()
+        off = np.abs(np.minimum(self.winches.lacks(at.lengths, T) + give * T, own * T))
+        return float(off[self.winches.held].max(initial=0.0)) / self.arm.length
+
+    def _newton(self, at: Lengths, give: float, given: Array) -> Array | None:
+        """Return tensions after a Newton step where winches give for those beyond `given`."""
+        held = self.held
+        M, T, after = self._matrix(at, give), at.tensions[held], at.tensions.copy()
+        found = complementary(M, self._left(at, give, given)[held] - M @ T, T > 0)
+        if found is None:
+            return None
+        after[held] = found
+        return after
+
+    def _searched(self, at: Lengths, to: Array, give: float, given: Array) -> Lengths | None:
+        """Return what a step to tensions, or a part of it, leads to."""
+        change = to - at.tensions
+        slope = abs(float(change @ self._left(at, give, given)))
+        most = _SLOPE * slope + _MET * self.arm.length * np.abs(change).max()
+        for halving in range(_HALVINGS):
+            try:
+                after = self.lengths(at.tensions + 0.5**halving * change)
+            except UnsettledSectionError:
+                continue
+            if change @ self._left(after, give, given) <= most:
+                return after
+        return None
+
+    def nearer(self, at: Lengths, give: float) -> Lengths | None:
+        """Return what winches come to that give for changes of the tensions only."""
+        to = self._newton(at, give, at.tensions)
+        return None if to is None else self._searched(at, to, give, at.tensions)
+
+    def _left(self, at: Lengths, give: float, given: Array) -> Array:
+        left = self.winches.lacks(at.lengths, at.tensions)
+        return np.asarray(left + give * (at.tensions - given))
+
+    def _matrix(self, at: Lengths, give: float) -> Array:
+        """Return how what is left of held tendons grows with their tensions (n, n) [m/N]."""
+        M = np.diag(self.winches.stretch + give) - at.by_tensions
+        return np.asarray(M[self.held[:, None], self.held])
+
+    def lacks(self, at: Lengths) -> float:
+        """Return what the tendon that lacks most lacks [m]."""
+        lacks = self.winches.lacks(at.lengths, at.tensions)[self.winches.held]
+        return float(-lacks.min(initial=0.0))
+
+    def matrix_of(self, own: Any, at: Lengths) -> Array:
+        """Return how what is left of tendons (n,) grows with their tensions (n, n) [m/N]."""
+        found = np.diag(self.winches.stretch[own]) - at.by_tensions[own[:, None], own]
+        return np.asarray(found)
+
+
+def moved(at: Lengths, to: Array) -> Lengths:
+    """Return the lengths under tensions so near that their second derivatives do not matter."""
+    return at._replace(tensions=to, lengths=at.lengths + at.by_tensions @ (to - at.tensions))
