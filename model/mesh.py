@@ -83,7 +83,11 @@ def graded(
         inner = np.interp(np.linspace(0, total[-1], count + 1), total, fine)[1:]
         inner[-1] = right
         nodes.append(inner)
-    s = np.concatenate(nodes)
+    return with_nodes(arm, np.concatenate(nodes))
+
+
+def with_nodes(arm: Arm, s: Array) -> Mesh:
+    """Return the mesh of given nodes (S + 1,), every anchorage among them [m]."""
     ends = np.array([section.at for section in arm.sections])
     middle = (s[:-1] + s[1:]) / 2
     return Mesh(s, (ends[:, None] > middle).sum(axis=0))

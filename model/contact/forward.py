@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
 from model.arm import Arm
-from model.contact.moving import Question, Settled, gaps_along, places_of, settled
-from model.contact.newton import Held
-from model.contact.path import Followed, follow, from_rest
-from model.contact.places import SAME, Place
+from model.contact.moving import Question, Settled, settled
+from model.contact.newton import Held, newton
+from model.contact.passing import gaps_along
+from model.contact.path import follow
+from model.contact.places import SAME
+from model.contact.read_off import close, exact_places
 from model.contact.touches import Touches
 from model.equilibrium.forward import Collocation, Known
 from model.equilibrium.linearised import Linearised
 from model.errors import InputError, SnapError
 from model.loads import contacts, growth, places
-from model.mesh import Mesh, graded
+from model.mesh import graded, with_nodes
 from model.obstacles import numbers_of
 from model.paths import Array
 from model.scene import Scene
@@ -89,34 +91,32 @@ class TouchingMap(Collocation):
         From rest, or from what is `known`, which is an equilibrium under the tensions `before`.
         Raises SnapError where none is found, and where the arm would jump unless it may.
         """
+        of = self._question(tensions)
+        if not isinstance(known, KnownContact):
+            way = follow(of, 0 * tensions, 0.0, self._at_rest(of))
+            return way.settled.held.here, way.snaps
+        there = _held(known, before)
+        start = Settled(there, exact_places(there))
+        moved = settled(of, there, start.places)
+        if moved is not None and close(there, moved.held):
+            return moved.held.here, ()
+        way = follow(of, before, 1.0, start, jumps)
+        return way.settled.held.here, way.snaps
+
+    def _question(self, tensions: Array) -> Question:
         system = self.system
-        of = Question(
-            system.arm,
-            system.scene,
-            system.mesh,
-            self._fixed,
-            tensions,
-            system.of.form.stages,
-            self._machine_code,
-        )
-        if isinstance(known, KnownContact):
-            there = _held(known, before)
-            moved = self._carried(of, there)
-            if moved is not None and _close(there, moved.held):
-                return moved.held.here, ()
-            way = follow(there.here.system, before, tensions, _at_nodes(there), 1.0, jumps)
-        else:
-            way = from_rest(system, tensions, self._rest)
-        return self._placed(of, way)
+        mesh = system.mesh, self._fixed
+        form = system.of.form.stages, self._machine_code
+        return Question(system.arm, system.scene, *mesh, tensions, 1.0, *form)
 
-    def _carried(self, of: Question, there: Held) -> Settled | None:
-        return settled(of, there, _places(there))
-
-    def _placed(self, of: Question, way: Followed) -> tuple[Linearised, tuple[float, ...]]:
-        found = settled(of, way.held, places_of(way.held))
-        if found is None:
-            raise SnapError(1.0, "no places are found where it touches")
-        return found.held.here, way.snaps
+    def _at_rest(self, of: Question) -> Settled:
+        """Return the arm without tensions and loads; raises SnapError."""
+        form = self.system.of
+        none = Touches.none(form.elements, form.form.contacts)
+        held = newton(self.system, 0 * of.tensions, 0.0, self._rest, none)
+        if held is None:
+            raise SnapError(0.0, "it does not come to rest without them")
+        return Settled(held, ())
 
     def rows(self, here: Linearised) -> tuple[Array, Array]:
         """See Collocation.rows."""
@@ -144,7 +144,7 @@ class TouchingMap(Collocation):
         curve[curve == 0] = np.nan
         lies = codes[:-1, :, 2] > 0
         touches = Touches(kind == _POINT, kind == _END, kind == _INSIDE, lies, curve)
-        mesh = Mesh(rows[:, stride], own.mesh.active)
+        mesh = with_nodes(own.arm, rows[:, stride])
         stages = own.of.form.stages
         stated = System(own.arm, own.scene, mesh, stages, True, self._machine_code, touches.pressed)
         return touches.told(stated), touches
@@ -164,32 +164,6 @@ def _held(known: KnownContact, tensions: Array) -> Held:
     """Return an equilibrium that is known."""
     system = known.system
     return Held(Linearised(system, system.x(tensions, 1.0, known.states)), known.touches)
-
-
-def _places(held: Held) -> tuple[Place, ...]:
-    """Return the places where an equilibrium touches."""
-    s, touches, found = held.here.system.mesh.s, held.touches, list[Place]()
-    for j in range(touches.point.shape[1]):
-        found += [Place(j, float(at), float(at)) for at in s[touches.point[:, j]]]
-        edges = np.diff(touches.lies[:, j].astype(int), prepend=0, append=0)
-        pairs = zip(np.flatnonzero(edges > 0), np.flatnonzero(edges < 0), strict=True)
-        found += [Place(j, float(s[a]), float(s[b])) for a, b in pairs]
-    return tuple(found)
-
-
-def _at_nodes(held: Held) -> Held:
-    """Return an equilibrium whose contact is by forces at nodes alone."""
-    touches = held.touches
-    return replace(held, touches=Touches.at_points(touches.held | touches.inside))
-
-
-def _close(one: Held, other: Held) -> bool:
-    """Return whether no frame turns far between two equilibria."""
-    a, b = (held.here.system for held in (one, other))
-    before, after = (system.poses(h.states) for system, h in ((a, one), (b, other)))
-    there = np.array([np.interp(b.mesh.s, a.mesh.s, column) for column in before[:, :4].T]).T
-    there /= np.linalg.norm(there, axis=1)[:, None]
-    return bool(np.abs((there * after[:, :4]).sum(axis=1)).min() > np.cos(0.3))
 
 
 def _density(arm: Arm, scene: Scene, s: Array) -> Array:

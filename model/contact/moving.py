@@ -1,9 +1,7 @@
 """Equilibria with contact at places that move along the arm until they are where it touches.
 
-With all places held shut the equations are solved by Newton's method; then places move, points to
-where the gap is least, ends of parts that lie to where the gap's second derivative vanishes, and
-nodes move with them. Places where the obstacle would have to pull are given up, and those where the
-arm would pass through it between the places become new ones.
+With all places held shut the equations are solved by Newton's method; then places move, come and
+go as model.contact.changes has it, and nodes move with them.
 """
 
 from __future__ import annotations
@@ -13,31 +11,32 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from model.arm import Arm
-from model.centreline import Centreline
 from model.contact.along import along
+from model.contact.changes import changed, exchanged, moved, split
 from model.contact.newton import Held, newton
-from model.contact.places import SAME, Place, Placed, placed
-from model.contact.touches import Touches, forces, second
+from model.contact.places import Place, Placed, placed
+from model.contact.root import Root
+from model.contact.touches import Touches, forces
 from model.equilibrium.forward import Collocation, Known
-from model.equilibrium.linearised import Index, Linearised
 from model.loads import contacts
 from model.mesh import Mesh
-from model.obstacles import distances, numbers_of
 from model.paths import Array
 from model.scene import Scene
 from model.transcription.system import System
 
-# How often places move, or come and go.
+# How often places move, come or go.
 _ROUNDS = 40
-# How far off points, and ends of parts that lie, may be, over the arm's length.
-_FOUND, _FOUND_END = 1e-8, 1e-10
-# What a gap may be below 0, over the arm's length.
-THROUGH = 1e-9
-# Gaps are looked at this often in each element.
-_LOOKS = 6
-# Of an element: the farthest that its nodes may have moved for its states to be kept, and how far
-# from an end derivatives are taken.
-_KEPT, _ASIDE = 0.2, 0.05
+# How often a move of places is halved that leads nowhere, or to where an obstacle pulls.
+_HALVED = 4
+# gap'' [1/m] that counts as flat, and what points move by instead, over 1 / L: to lesser gaps.
+_FLAT, _BENT = 1e-3, 4.0
+# Of an element: the farthest that its nodes may have moved for its states to be kept.
+_KEPT = 0.2
+
+
+_Nodes = tuple[tuple[int, ...], ...]
+_Found = tuple[Held, _Nodes]
+_Last = tuple[Held, _Nodes, tuple[Place, ...]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +51,8 @@ class Question:
     fixed : (n,)
         Arc lengths of nodes that stay [m].
     tensions : (n_tendons,)
+    load : float
+        Load factor.
     stages : int
     machine_code : bool
     """
@@ -61,6 +62,7 @@ class Question:
     base: Mesh
     fixed: Array
     tensions: Array
+    load: float
     stages: int
     machine_code: bool = False
 
@@ -77,51 +79,67 @@ class Settled:
     places: tuple[Place, ...]
 
 
-def places_of(held: Held) -> tuple[Place, ...]:
-    """Return places to begin with: of nodes next to each other that touch, their middle.
+def settled(
+    of: Question, held: Held, places: tuple[Place, ...], rounds: int = _ROUNDS
+) -> Settled | None:
+    """Return the equilibrium near one of which places are known about; None if none is found.
 
-    Of three or more a part that lies; single nodes beyond a free one belong to it.
+    `rounds` is how often places may move, come or go.
     """
-    system, states = held.here.system, held.states
-    s, force, found = system.mesh.s, forces(system, states), list[Place]()
-    for j in range(force.shape[1]):
-        own = np.flatnonzero(held.touches.point[:, j])
-        runs = np.split(own, np.flatnonzero(np.diff(own) > 2) + 1) if own.size else []
-        for run in runs if max((r.size for r in runs), default=0) > 2 else _next_to(own):
-            if run.size > 2:
-                found.append(Place(j, float(s[run[0]]), float(s[run[-1]])))
-            else:
-                weight = np.maximum(force[run, j], 1e-300)
-                at = s[-1] if run[-1] == s.size - 1 else weight @ s[run] / weight.sum()
-                found.append(Place(j, float(at), float(at)))
-    return tuple(found)
-
-
-def _next_to(own: Index) -> list[Index]:
-    """Return runs of numbers that follow each other."""
-    return np.split(own, np.flatnonzero(np.diff(own) > 1) + 1) if own.size else []
-
-
-def settled(of: Question, held: Held, places: tuple[Place, ...]) -> Settled | None:
-    """Return the equilibrium near one of which places are known about; None if none is found."""
-    for _ in range(_ROUNDS):
+    roots, last, halved = dict[tuple[int, int], Root](), None, 0
+    born = tuple[Place, ...]()
+    for _ in range(rounds):
         found = _solved(of, held, places)
+        if last is not None and halved < _HALVED and (found is None or _pulls(found, last)):
+            places, halved = _between(last[2], places), halved + 1
+            continue
+        if found is None and any(place in born for place in places):
+            places, born = split(places, born), ()
+            continue
         if found is None:
             return None
-        held, own = found
-        moved = tuple(_joined(list(_moved(of, held, places, own)), held.here.system.mesh))
-        if moved == places:
-            changed = _changed(of, held, places, own)
-            if changed == places:
+        held, nodes = found
+        after = exchanged(held, places, nodes)
+        if after == places:
+            after = moved(held, places, nodes, roots)
+        if after == places:
+            after = changed(held, places, nodes)
+            if after == places:
                 return Settled(held, places)
-            moved = changed
-        places = moved
+        if _kinds(after) == _kinds(places):
+            last = held, nodes, places
+        else:
+            roots, last = {}, None
+            born = tuple(place for place in after if place.lies and place not in places)
+        places, halved = after, 0
     return None
 
 
-def _solved(
-    of: Question, held: Held, places: tuple[Place, ...]
-) -> tuple[Held, tuple[tuple[int, ...], ...]] | None:
+def _pulls(found: _Found, last: _Last) -> bool:
+    """Return whether obstacles pull everywhere that pressed before: another branch."""
+    after, before = (_pressing(held, nodes) for held, nodes in (found, last[:2]))
+    return max(after, default=0.0) < 0 < max(before)
+
+
+def _pressing(held: Held, nodes: _Nodes) -> list[float]:
+    """Return the force on the first node of each place."""
+    force = forces(held.here.system, held.states)
+    return [float(force[own[0]].sum()) for own in nodes]
+
+
+def _between(one: tuple[Place, ...], other: tuple[Place, ...]) -> tuple[Place, ...]:
+    """Return the places halfway between those of the same kinds."""
+    return tuple(
+        Place(a.obstacle, (a.start + b.start) / 2, (a.end + b.end) / 2)
+        for a, b in zip(one, other, strict=True)
+    )
+
+
+def _kinds(places: tuple[Place, ...]) -> list[tuple[int, bool]]:
+    return [(place.obstacle, place.lies) for place in places]
+
+
+def _solved(of: Question, held: Held, places: tuple[Place, ...]) -> _Found | None:
     """Return the equilibrium with places held shut, and their nodes."""
     K = len(contacts(of.scene))
     at = placed(of.base, of.fixed, places, K)
@@ -129,7 +147,7 @@ def _solved(
         return None
     before = held.here
     system = of.system(at.mesh, at.touches.pressed)
-    touches = replace(at.touches, curve=_curves(before, places, at))
+    touches = replace(at.touches, curve=_curves(held, places, at))
     if _near(before.system.mesh, at.mesh):
         states = before.states.copy()
     else:
@@ -139,7 +157,7 @@ def _solved(
     own = system.of.touches
     states[own[:, :, 1]] *= touches.inside | touches.end
     states[own[:, :, 0]] *= touches.held
-    found = newton(system, of.tensions, 1.0, states, touches, cuts=4, fixed=True)
+    found = newton(system, of.tensions, of.load, states, touches, cuts=4, fixed=True)
     return None if found is None else (found, at.nodes)
 
 
@@ -166,142 +184,15 @@ def _carried(held: Held, system: System, touches: Touches) -> Array:
     return found
 
 
-def _curves(before: Linearised, places: tuple[Place, ...], at: Placed) -> Array:
+def _curves(before: Held, places: tuple[Place, ...], at: Placed) -> Array:
     """Return gap'' where points may move (N + 1, K), nan elsewhere."""
-    system, found = before.system, np.full(at.touches.point.shape, np.nan)
-    free = [i for i, p in enumerate(places) if not p.lies and p.start < system.arm.length]
+    system, found = before.here.system, np.full(at.touches.point.shape, np.nan)
+    free = [i for i, p in enumerate(places) if not p.lies and p.start not in before.corners]
     if free:
         s = np.array([places[i].start for i in free])
         j = np.array([places[i].obstacle for i in free])
-        curve = along(system, before.x, s, j)[:, 2]
-        found[[at.nodes[i][0] for i in free], j] = np.where(np.abs(curve) > 1e-3, curve, 1e-3)
+        curve = along(system, before.here.x, s, j)[:, 2]
+        found[[at.nodes[i][0] for i in free], j] = np.where(
+            curve > _FLAT, curve, _BENT / system.arm.length
+        )
     return found
-
-
-def _moved(
-    of: Question, held: Held, places: tuple[Place, ...], nodes: tuple[tuple[int, ...], ...]
-) -> tuple[Place, ...]:
-    """Return the places where the equilibrium says that they are; the same where they are found."""
-    L, found = of.arm.length, list[Place]()
-    shifts = second(held.here.system, held.states)
-    for place, own in zip(places, nodes, strict=True):
-        if place.lies:
-            ends = _ends(held, place, own)
-            found.append(place if ends == place.ends else Place(place.obstacle, *ends))
-            continue
-        shift = float(shifts[own[0], place.obstacle]) if place.start < L else 0.0
-        if abs(shift) > _FOUND * L:
-            most = 0.5 * float(np.diff(held.here.system.mesh.s)[max(own[0] - 1, 0)])
-            s = min(place.start + float(np.clip(shift, -most, most)), L)
-            place = Place(place.obstacle, s, s)
-        found.append(place)
-    return tuple(found)
-
-
-def _ends(held: Held, place: Place, nodes: tuple[int, ...]) -> tuple[float, float]:
-    """Return where a part that lies begins and ends: where gap'' of the free arm vanishes."""
-    system = held.here.system
-    s, L, found = system.mesh.s, system.mesh.s[-1], list[float]()
-    for at, node, side in zip(place.ends, nodes, (-1, 1), strict=True):
-        beyond = node + side
-        if at >= L * (1 - SAME) or not 0 <= beyond < s.size:
-            found.append(at)
-            continue
-        h = abs(s[beyond] - s[node])
-        # What is known at a node is on its base side.
-        look = side * _ASIDE * h * (np.arange(5) + (side > 0))
-        curve = along(system, held.here.x, at + look, np.full(5, place.obstacle))[:, 2]
-        here, slope = np.polynomial.polynomial.polyfit(look / h, curve, 4)[:2] / [1.0, h]
-        shift = -here / slope if slope else 0.0
-        most = 0.3 * min(h, place.end - place.start)
-        found.append(at + float(np.clip(shift, -most, most)) * (abs(shift) > _FOUND_END * L))
-    return found[0], min(found[1], float(L))
-
-
-def _changed(
-    of: Question, held: Held, places: tuple[Place, ...], nodes: tuple[tuple[int, ...], ...]
-) -> tuple[Place, ...]:
-    """Return the places after some of them came, went, parted or joined; the same if none did."""
-    kept = list[Place]()
-    for place, own in zip(places, nodes, strict=True):
-        kept += _lying(held, place, own) if place.lies else _touching(of, held, place, own)
-    kept = _joined(kept, held.here.system.mesh)
-    if tuple(kept) != places:
-        return tuple(kept)
-    found = passing(held, places)
-    return (*places, *found)
-
-
-def _joined(places: list[Place], mesh: Mesh) -> list[Place]:
-    """Return places where points next to a part that lies on the same obstacle belong to it."""
-    found = list[Place]()
-    for place in sorted(places, key=lambda own: (own.obstacle, own.start)):
-        last = found[-1] if found else None
-        if last is not None and last.obstacle == place.obstacle and (last.lies or place.lies):
-            k = mesh.node(last.end)
-            if place.start - last.end <= 1.5 * (mesh.s[min(k + 1, mesh.steps)] - mesh.s[k]):
-                found[-1] = Place(place.obstacle, last.start, place.end)
-                continue
-        found.append(place)
-    return found
-
-
-def _touching(of: Question, held: Held, place: Place, nodes: tuple[int, ...]) -> list[Place]:
-    """Return what becomes of a point."""
-    system, j = held.here.system, place.obstacle
-    if forces(system, held.states)[nodes[0], j] < 0:
-        return []
-    _, slope, curve = along(system, held.here.x, np.array([place.start]), np.array([j]))[0]
-    h = float(np.diff(system.mesh.s)[nodes[0] - 1])
-    if place.start >= of.arm.length:
-        if slope <= 1e-9:
-            return [place]
-        s = of.arm.length - 0.3 * h
-        return [Place(j, s, s)]
-    if curve >= 0:
-        return [place]
-    return [Place(j, place.start - h / 2, min(place.start + h / 2, of.arm.length))]
-
-
-def _lying(held: Held, place: Place, nodes: tuple[int, ...]) -> list[Place]:
-    """Return what becomes of a part that lies."""
-    system, j = held.here.system, place.obstacle
-    first, last = nodes
-    ends = forces(system, held.states)[[first, last], j]
-    p = second(system, held.states)[first : last + 1, j]
-    if ends.min() >= 0 and p.min() >= -1e-9 * max(np.abs(p).max(), 1e-30):
-        return [place]
-    points = [Place(j, s, s) for s in place.ends]
-    if ends.min() >= 0 or ends.max() < 0:
-        return points
-    return [points[int(np.argmax(ends))]]
-
-
-def passing(held: Held, places: tuple[Place, ...], through: float = THROUGH) -> list[Place]:
-    """Return points where the arm passes through an obstacle: where gaps are least, below 0."""
-    system = held.here.system
-    s, gap = gaps_along(system, held.states)
-    found = list[Place]()
-    for j in range(gap.shape[1]):
-        own = gap[:, j].copy()
-        for place in places:
-            if place.obstacle == j and place.lies:
-                own[(s >= place.start) & (s <= place.end)] = 0.0
-        low = own < -through * system.arm.length
-        least = low & (own <= np.append(own[1:], np.inf)) & (own <= np.append(np.inf, own[:-1]))
-        found += [Place(j, float(at), float(at)) for at in s[least]]
-    return found
-
-
-def gaps_along(system: System, states: Array) -> tuple[Array, Array]:
-    """Return arc lengths (n,) beyond the base, and the gaps there (n, K) [m]."""
-    line = Centreline.at_states(system, states)
-    h = np.diff(system.mesh.s)
-    share = np.tile(np.arange(1, _LOOKS + 1) / _LOOKS, h.size)
-    element = np.repeat(np.arange(h.size), _LOOKS)
-    s = system.mesh.s[element] + share * h[element]
-    s[_LOOKS - 1 :: _LOOKS] = system.mesh.s[1:]
-    points = line.moved(element, np.zeros(s.size), share)[0]
-    bodies = numbers_of([contact.obstacle for contact in contacts(system.scene)])
-    radius = line.radius(element, share)
-    return s, distances(bodies, points)[0] - radius[:, None]

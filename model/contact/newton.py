@@ -17,11 +17,11 @@ import numpy as np
 
 from model.contact.gaps import Gaps
 from model.contact.touches import Touches
+from model.effects import NeoHookean
 from model.equilibrium.complementarity import complementary
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import TURN, step_size
 from model.equilibrium.stability import rest_stiffness
-from model.errors import SingularError
 from model.paths import Array
 from model.time_limit import check_time
 from model.transcription.system import System
@@ -52,6 +52,20 @@ class Held:
     def states(self) -> Array:
         """The states (n_states,)."""
         return self.here.states
+
+    @cached_property
+    def corners(self) -> tuple[float, ...]:
+        """Where the arm's surface ends on the base side of arc lengths [m]: a point may stay there.
+
+        That is the tip, and where a body that swells is wider before an anchorage than beyond.
+        """
+        arm, scene = self.here.system.arm, self.here.system.scene
+        return (*(arm.anchorages if scene.has(NeoHookean) else ()), arm.length)
+
+    @property
+    def length(self) -> float:
+        """The arm's length [m]."""
+        return self.here.system.arm.length
 
 
 class Drag(NamedTuple):
@@ -153,13 +167,8 @@ def complementary_step(
     told = touches.told(system)
     x = told.x(tensions, load, states)
     here = Linearised(told, x) if drag is None else Dragged(told, x, drag=drag)
-    if not (np.all(np.isfinite(here.residual)) and np.all(np.isfinite(here.nonzeros))):
-        return None
-    try:
-        change = -here.solve(here.residual)
-    except SingularError:
-        return None
-    if not np.all(np.isfinite(change)):
+    change = here.newton_step()
+    if change is None:
         return None
     if fixed:
         return change, touches

@@ -8,13 +8,14 @@ strains, whose energy falls with each, longer as it comes to rest.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from model.contact.moving import Question, Settled, settled
 from model.contact.newton import Drag, Held, complementary_step, newton
-from model.contact.stability import held_stability, held_stands
-from model.contact.touches import Touches
+from model.contact.read_off import at_nodes, close, guesses
+from model.contact.stability import held_stability, held_stands, least_mode
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.load_stepping import is_near
 from model.errors import SnapError
@@ -23,15 +24,18 @@ from model.progress import tell
 from model.time_limit import check_time
 from model.transcription.system import System
 
-# First and least step in the share of tensions and loads.
-_FIRST, _LEAST = 0.25, 1 / 256
+# First and least steps in the share of tensions and loads: with forces at nodes, with places that
+# move.
+_FIRST, _ROUGH, _LEAST = 0.25, 1 / 64, 1 / 256
+# How often places may move in a step.
+_SHORT = 12
 # Steps against resistance: how many, how far one may turn a frame, resistance to begin with, the
-# least and the most, and in how many steps Newton's method is tried once.
-_FLOWS, _TURN, _THICK, _THIN, _STUCK, _TRIED = 200, 0.15, 1.0, 1e-2, 1e9, 4
-# Resistance over the stability that an equilibrium lacks, so that steps lead away from it.
-_AWAY = 3.0
-# How far along its least mode an arm that does not stand is pushed, as a change of the strains over
-# 1 / L.
+# least and the most, and with how little Newton's method is tried, once in so many steps.
+_FLOWS, _TURN, _THICK, _THIN, _STUCK, _LITTLE, _TRIED = 200, 0.15, 1.0, 1e-2, 1e9, 0.1, 4
+# Resistance over the stability that an equilibrium lacks, so that steps lead away from it; how much
+# of a step leads back if the next is so much against it, and by what the least resistance falls.
+_AWAY, _BACK, _EASED = 3.0, 0.3, 1.2
+# How far along its least mode an arm that does not stand is pushed, as a change of strains, 1 / L.
 _PUSHED = 1e-3
 
 
@@ -41,55 +45,100 @@ class Followed:
 
     Attributes
     ----------
-    held : Held
+    settled : Settled
     snaps : tuple of float
         The shares of tensions and loads at which the arm jumped to another equilibrium.
     """
 
-    held: Held
+    settled: Settled
     snaps: tuple[float, ...] = ()
 
 
-def from_rest(system: System, tensions: Array, rest: Array) -> Followed:
-    """Return the equilibrium that the arm comes to from its states at rest.
-
-    Raises SnapError where none is found.
-    """
-    none = Touches.none(system.of.elements, system.of.form.contacts)
-    held = newton(system, 0 * tensions, 0.0, rest, none)
-    if held is None:
-        raise SnapError(0.0, "it does not come to rest without them")
-    return follow(system, 0 * tensions, tensions, held, 0.0)
-
-
 def follow(
-    system: System, before: Array, tensions: Array, held: Held, load: float, jumps: bool = True
+    of: Question, before: Array, load: float, start: Settled, jumps: bool = True
 ) -> Followed:
     """Return where an equilibrium under tensions `before` and a load factor comes to.
 
     While tensions go to others in a straight line, and loads to the full.
     Raises SnapError where none is found, and where the arm would jump unless it may.
     """
-    at, step, snaps = 0.0, _FIRST, list[float]()
+    held = _at_nodes_alone(of, before, load, start)
+    found = None if held is None else _placed(of, held)
+    if found is not None and held_stands(found.held.here):
+        return Followed(found)
+    return _exactly(of, before, load, start, jumps)
+
+
+def _way(of: Question, before: Array, load: float, share: float) -> Question:
+    """Return the question at a share of the way."""
+    tensions = before + share * (of.tensions - before)
+    return replace(of, tensions=tensions, load=load + share * (of.load - load))
+
+
+def _at_nodes_alone(of: Question, before: Array, load: float, start: Settled) -> Held | None:
+    """Return the equilibrium at the end of the way with forces at the nodes of one mesh.
+
+    None where it would jump, be it from node to node: that it does not is told by moving places.
+    """
+    held, at, step = at_nodes(start.held), 0.0, _FIRST
+    system = held.here.system
+    while at < 1:
+        share = min(1.0, at + step)
+        on = _way(of, before, load, share)
+        found = newton(system, on.tensions, on.load, held.states, held.touches)
+        if found is not None and is_near(system, held.states, found.states):
+            held, at, step = found, share, 2 * step
+        elif step > _ROUGH:
+            step /= 4
+        else:
+            return None
+    return held
+
+
+def _exactly(of: Question, before: Array, load: float, start: Settled, jumps: bool) -> Followed:
+    """Return the end of the way with places that move; see follow."""
+    here, at, step, snaps = start, 0.0, _FIRST, list[float]()
+    stood = held_stands(start.held.here)
     while at < 1:
         check_time()
         tell("percent of tensions and loads", round(100 * at), 100)
         share = min(1.0, at + step)
-        now = before + share * (tensions - before), load + share * (1 - load)
-        found = newton(system, *now, held.states, held.touches)
-        if found is not None and is_near(system, held.states, found.states):
-            held, at, step = found, share, 2 * step
+        on = _way(of, before, load, share)
+        found = settled(on, here.held, here.places, _SHORT) or _by_nodes(on, here.held)
+        if found is not None and close(here.held, found.held):
+            here, at, step = found, share, 2 * step
+            if jumps and stood and not held_stands(here.held.here):
+                here = _jumped(on, _pushed(here.held))
+                snaps.append(share)
         elif step > _LEAST:
             step /= 4
         elif not jumps:
             raise SnapError(at, "it jumps")
         else:
-            held, at, step = relaxed(system, *now, held), share, _FIRST / 4
+            here, at, step, stood = _jumped(on, here.held), share, _FIRST / 4, True
             snaps.append(share)
-    if jumps and not held_stands(held.here):
-        held = relaxed(system, tensions, 1.0, _pushed(held))
-        snaps.append(1.0)
-    return Followed(held, tuple(snaps))
+    return Followed(here, tuple(snaps))
+
+
+def _placed(of: Question, held: Held) -> Settled | None:
+    """Return the equilibrium near one with forces at nodes; None if none is found."""
+    found = (settled(of, held, places) for places in guesses(held))
+    return next((one for one in found if one is not None and close(held, one.held)), None)
+
+
+def _by_nodes(of: Question, near: Held) -> Settled | None:
+    """Return an equilibrium whose places are told by one with forces at nodes."""
+    found = newton(near.here.system, of.tensions, of.load, near.states, at_nodes(near).touches)
+    return None if found is None else settled(of, found, next(guesses(found)), _SHORT)
+
+
+def _jumped(of: Question, held: Held) -> Settled:
+    """Return the equilibrium that an arm jumps to; raises SnapError where it finds none."""
+    rest = relaxed(held.here.system, of.tensions, of.load, at_nodes(held))
+    found = _placed(of, rest)
+    if found is None:
+        raise SnapError(of.load, "no places are found where it touches")
+    return found
 
 
 def relaxed(system: System, tensions: Array, load: float, held: Held) -> Held:
@@ -98,32 +147,33 @@ def relaxed(system: System, tensions: Array, load: float, held: Held) -> Held:
     Raises SnapError where it comes to none.
     """
     states, touches, share, floor = held.states, held.touches, _THICK, _THIN
+    stages, last = np.ravel(system.of.stages), np.zeros(system.of.stages.size)
     for count in range(_FLOWS):
         check_time()
+        if share > _STUCK:
+            break
         step = complementary_step(system, tensions, load, states, touches, Drag(share, states))
         if step is None or np.abs(step[0][system.of.nodes[:, :4]]).max() > _TURN:
             share *= 4
-            if share > _STUCK:
-                break
             continue
-        states, touches = states + step[0], step[1]
-        share = max(share / 2, floor)
-        if share == floor and count % _TRIED == 0:
+        own = step[0][stages]
+        if own @ last < -_BACK * max(own @ own, last @ last):
+            # With less resistance than the arm lacks stability, steps lead back.
+            floor, share, last = 4 * share, 4 * share, 0 * own
+            continue
+        states, touches, last = states + step[0], step[1], own
+        share, floor = max(share / 2, floor), max(floor / _EASED, _THIN)
+        if share <= _LITTLE and count % _TRIED == 0:
             found = newton(system, tensions, load, states, touches)
             if found is not None and held_stands(found.here):
                 return found
             if found is not None:
-                # With less resistance than this steps lead back to where it does not stand.
                 floor = share = _AWAY * max(-held_stability(found.here), _THIN)
     raise SnapError(load, "it finds no place to rest")
 
 
 def _pushed(held: Held) -> Held:
     """Return an equilibrium that does not stand, pushed off a little."""
-    system = held.here.system
-    rng = np.random.default_rng(0)
-    states = held.states.copy()
-    stages = system.of.stages
-    states[stages] += _PUSHED / system.arm.length * rng.standard_normal(stages.shape)
-    x = np.concatenate([held.here.x[: system.of.first], states])
-    return Held(Linearised(system, x), held.touches)
+    x = held.here.x.copy()
+    x[held.here.system.of.first :] += _PUSHED * least_mode(held.here)
+    return Held(Linearised(held.here.system, x), held.touches)

@@ -8,6 +8,7 @@ continuous, and the free arm leaves the obstacle with its curvature.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -63,34 +64,57 @@ class Placed:
 
 
 def placed(base: Mesh, fixed: Array, places: tuple[Place, ...], obstacles: int) -> Placed | None:
-    """Return a mesh whose nodes are moved to places; None where it has too few between two.
+    """Return a mesh whose nodes are moved to places; None where two of them are one.
 
-    The nodes at `fixed` arc lengths stay.
+    The nodes at `fixed` arc lengths stay. Where there are too few between two of these, elements
+    are halved.
     """
-    L, nodes = base.s[-1], np.arange(base.s.size)
-    stay = {base.node(s): float(s) for s in fixed}
-    wanted = sorted((s, i, k) for i, place in enumerate(places) for k, s in enumerate(place.ends))
-    anchors, found = dict(stay), dict[tuple[int, int], int]()
-    last = 0
-    for s, i, k in wanted:
-        near = [n for n, at in anchors.items() if n > 0 and abs(at - s) <= SAME * L]
-        if near:
-            found[i, k] = near[0]
-            last = max(last, near[0])
-            continue
-        low = max([n for n, at in anchors.items() if at < s])
-        high = min([n for n, at in stay.items() if at > s], default=low)
-        first = max(low, last) + 1 + (1 if k and places[i].lies and last == found[i, 0] else 0)
-        if first >= high:
-            return None
-        last = int(np.clip(np.rint(np.interp(s, base.s, nodes)), first, high - 1))
-        anchors[last], found[i, k] = s, last
-    at = np.array(sorted(anchors))
-    s = np.interp(base.s, base.s[at], np.array([anchors[n] for n in at]))
-    if np.diff(s).min() <= 0:
+    ends = sorted((s, i, k) for i, place in enumerate(places) for k, s in enumerate(place.ends))
+    at, same = np.array([end[0] for end in ends]), SAME * base.s[-1]
+    if ends and (np.abs(at[:, None] - fixed).min(axis=1) > same).any():
+        base = _roomy(base, fixed, at)
+    anchors, found = {base.node(s): float(s) for s in fixed}, dict[tuple[int, int], int]()
+    stay = np.array(sorted(anchors))
+    for low, high in pairwise(stay.tolist()):
+        own = [end for end in ends if base.s[low] + same < end[0] < base.s[high] - same]
+        chosen = _chosen(base, own, low, high)
+        anchors.update((n, end[0]) for n, end in zip(chosen, own, strict=True))
+        found.update((end[1:], n) for n, end in zip(chosen, own, strict=True))
+    found.update((end[1:], base.node(end[0])) for end in ends if end[1:] not in found)
+    order = np.array(sorted(anchors))
+    s = np.interp(base.s, base.s[order], np.array([anchors[n] for n in order]))
+    if np.diff(s).min() <= same:
         return None
-    own = tuple(tuple(found[i, k] for k in range(len(p.ends))) for i, p in enumerate(places))
-    return Placed(Mesh(s, base.active), own, _touches(own, places, base.steps, obstacles))
+    nodes = tuple(tuple(found[i, k] for k in range(len(p.ends))) for i, p in enumerate(places))
+    return Placed(Mesh(s, base.active), nodes, _touches(nodes, places, base.steps, obstacles))
+
+
+def _roomy(base: Mesh, fixed: Array, ends: Array) -> Mesh:
+    """Return a mesh with two nodes for each of the ends (n,) between fixed nodes, and one more."""
+    nodes, active = base.s, base.active
+    for low, high in pairwise(np.unique(np.append(fixed, [0.0, base.s[-1]])).tolist()):
+        need = 1 + 2 * int(((ends > low) & (ends < high)).sum())
+        while need > 1 and ((nodes > low) & (nodes < high)).sum() < need:
+            inside = (nodes[:-1] >= low) & (nodes[1:] <= high)
+            middle = (nodes[:-1] + nodes[1:])[inside] / 2
+            active = np.repeat(active, 1 + inside)
+            nodes = np.sort(np.append(nodes, middle))
+    return base if nodes is base.s else Mesh(nodes, active)
+
+
+def _chosen(base: Mesh, ends: list[tuple[float, int, int]], low: int, high: int) -> list[int]:
+    """Return nodes between two that stay, the nearest that are in order, for ends in order.
+
+    A part has a node inside of it.
+    """
+    apart = [1 + (k == 1 and ends[n - 1][1] == i) for n, (_, i, k) in enumerate(ends)]
+    room = [sum(apart[n + 1 :]) + 1 for n in range(len(ends))]
+    found, last = list[int](), low
+    for (s, *_), gap, left in zip(ends, apart, room, strict=True):
+        near = int(np.rint(np.interp(s, base.s, np.arange(base.s.size))))
+        last = min(max(near, last + gap), high - left)
+        found.append(last)
+    return found
 
 
 def _touches(

@@ -26,7 +26,7 @@ _BASIS, _SETTLED, _RESTARTS = 32, 1e-2, 30
 def held_stands(here: Linearised) -> bool:
     """Return whether an equilibrium is stable while what touches stays shut."""
     try:
-        return _extreme(here, "SR") > -_NONE
+        return _Inverse(here).extreme("SR")[0] > -_NONE
     except SingularError:
         return False
 
@@ -37,37 +37,57 @@ def held_stability(here: Linearised) -> float:
     Of a Hessian that is not symmetric the least real part. 0 where the arm is about to give way.
     """
     try:
-        low = _extreme(here, "SR", 1e-8)
-        return float(1 / (low if low < -_NONE else _extreme(here, "LR", 1e-8)))
+        inverse = _Inverse(here)
+        low = inverse.extreme("SR", 1e-8)[0]
+        return 1 / (low if low < -_NONE else inverse.extreme("LR", 1e-8)[0])
     except SingularError:
         return 0.0
 
 
-def _extreme(here: Linearised, which: Literal["SR", "LR"], tol: float = _SETTLED) -> float:
-    """Return the least or largest eigenvalue of the Hessian's inverse, by Arnoldi's method."""
+def least_mode(here: Linearised) -> Array:
+    """Return how the states move (n_states,) in the mode of least stability, of either sign.
+
+    Its strains are up to 1 / L.
+    """
     of = here.system.of
-    places, n = np.ravel(of.stages), of.stages.size
-    weight, stiff = rest_stiffness(here.system)
-    before, after = np.sqrt(stiff / weight), np.sqrt(weight * stiff)
+    inverse = _Inverse(here)
+    right = np.zeros(of.n_states)
+    right[inverse.places] = inverse.before * inverse.extreme("SR")[1]
+    change = here.solve(right)
+    strains = change[of.stages]
+    # Of the two signs one that does not depend on the mesh.
+    sign = np.sign(strains.mean(axis=0) @ np.sqrt(np.arange(1, of.form.strains + 1.0)))
+    return np.asarray((sign or 1.0) * change / (here.system.arm.length * np.abs(strains).max()))
 
-    def inverse(bends: Array) -> Array:
-        right = np.zeros(of.n_states)
-        right[places] = before * np.ravel(bends)
-        return after * here.solve(right)[places]
 
-    start = np.random.default_rng(0).standard_normal(n)
-    operator = LinearOperator((n, n), matvec=inverse, dtype=float)
-    given = {
-        "which": which,
-        "v0": start,
-        "ncv": min(_BASIS, n - 1),
-        "tol": tol,
-        "maxiter": _RESTARTS,
-    }
-    try:
-        found = eigs(operator, 1, return_eigenvectors=False, **given)
-    except ArpackNoConvergence:  # as where many eigenvalues are one
-        unit = np.zeros((of.n_states, n), order="F")
-        unit[places, np.arange(n)] = before
-        found = np.linalg.eigvals(after[:, None] * here.solve(unit)[places])
-    return float(found.real.min() if which == "SR" else found.real.max())
+class _Inverse:
+    """The inverse of the scaled Hessian, by the equations' factors."""
+
+    def __init__(self, here: Linearised) -> None:
+        self.here, of = here, here.system.of
+        self.places, self.n = np.ravel(of.stages), of.stages.size
+        weight, stiff = rest_stiffness(here.system)
+        self.before, self.after = np.sqrt(stiff / weight), np.sqrt(weight * stiff)
+
+    def times(self, bends: Array) -> Array:
+        """Return it times changes of the strains (n,)."""
+        right = np.zeros(self.here.system.of.n_states)
+        right[self.places] = self.before * np.ravel(bends)
+        return np.asarray(self.after * self.here.solve(right)[self.places])
+
+    def extreme(self, which: Literal["SR", "LR"], tol: float = _SETTLED) -> tuple[float, Array]:
+        """Return the least or largest eigenvalue, and its vector (n,), by Arnoldi's method."""
+        operator = LinearOperator((self.n, self.n), matvec=self.times, dtype=float)
+        start = np.random.default_rng(0).standard_normal(self.n)
+        given = {"v0": start, "ncv": min(_BASIS, self.n - 1), "tol": tol, "maxiter": _RESTARTS}
+        try:
+            values, vectors = eigs(operator, 1, which=which, **given)
+        except ArpackNoConvergence:  # as where many eigenvalues are one
+            values, vectors = np.linalg.eig(self._dense())
+        at = int(np.argmin(values.real) if which == "SR" else np.argmax(values.real))
+        return float(values[at].real), vectors[:, at].real
+
+    def _dense(self) -> Array:
+        unit = np.zeros((self.here.system.of.n_states, self.n), order="F")
+        unit[self.places, np.arange(self.n)] = self.before
+        return np.asarray(self.after[:, None] * self.here.solve(unit)[self.places])

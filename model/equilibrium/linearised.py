@@ -136,6 +136,21 @@ class Linearised:
         found, _ = dgbtrs(factors, at.below, at.above, right, pivots, trans=int(transposed))
         return np.asarray(found)
 
+    def newton_step(self) -> Array | None:
+        """Return the change of the states (n_states,) that Newton's method asks for; None if none.
+
+        There is none where the equations are singular or no numbers.
+        """
+        if not np.isfinite(self.residual).all():
+            return None
+        if self.near is None and not np.isfinite(self.nonzeros).all():
+            return None
+        try:
+            change = -self.solve(self.residual)
+        except SingularError:
+            return None
+        return change if np.isfinite(change).all() else None
+
     @cached_property
     def by_parameters(self) -> Array:
         """How the states move with tensions and load factor (n_states, n_tendons + 1)."""

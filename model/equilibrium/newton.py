@@ -8,7 +8,6 @@ import numpy as np
 
 from model.equilibrium.hold import TENSIONS, Hold
 from model.equilibrium.linearised import Linearised
-from model.errors import SingularError
 from model.paths import Array
 from model.time_limit import check_time
 from model.transcription.layout import Layout
@@ -95,13 +94,8 @@ def _step(
     None where there is none.
     """
     here = Linearised(system, x, kept)
-    if not (np.isfinite(here.residual).all() and (kept or np.isfinite(here.nonzeros).all())):
-        return None
-    try:
-        change = -here.solve(here.residual)
-    except SingularError:
-        return None
-    if not np.isfinite(change).all():
+    change = here.newton_step()
+    if change is None:
         return None
     now = x[: system.of.n_tendons]
     after = hold.tensions(here, change, now)

@@ -1,0 +1,177 @@
+"""How places move along the arm, come and go, part and join, as an equilibrium with them says.
+
+Points move to where the gap is least, ends of parts that lie to where the gap's second derivative
+vanishes. Places where the obstacle would have to pull are given up, and those where the arm would
+pass through it between the places become new ones.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from model.contact.along import along
+from model.contact.newton import Held
+from model.contact.passing import deep, passing
+from model.contact.places import SAME, Place
+from model.contact.root import Root
+from model.contact.touches import forces, second
+from model.mesh import Mesh
+
+# How far off points, and ends of parts that lie, may be, over the arm's length.
+_FOUND, _FOUND_END = 1e-8, 1e-10
+# gap' at a corner that counts as 0.
+_LEVEL = 1e-9
+# Half the length of a part that was a point, over an element.
+_BORN = 0.5
+# Of the largest force, what pulls hard.
+_PULLED = 1e-2
+# How far from an end derivatives are taken, over an element.
+_ASIDE = 0.05
+
+
+def moved(
+    held: Held,
+    places: tuple[Place, ...],
+    nodes: tuple[tuple[int, ...], ...],
+    roots: dict[tuple[int, int], Root],
+) -> tuple[Place, ...]:
+    """Return the places where the equilibrium says that they are; the same where they are found.
+
+    `roots` remember where they were before, by place and end.
+    """
+    found = list[Place]()
+    for i, (place, own) in enumerate(zip(places, nodes, strict=True)):
+        ends = list(place.ends)
+        for k, node in enumerate(own):
+            f, shift, most = (_end if place.lies else _point)(held, place, node, 2 * k - 1)
+            if shift:
+                root = roots.setdefault((i, k), Root())
+                after = root.next(ends[k], f, ends[k] + shift, most)
+                ends[k] = after if place.lies else _up_to_corner(held, ends[k], after)
+                ends[k] = min(ends[k], held.length)
+        if place.lies and ends[0] >= ends[1]:
+            ends = [sum(ends) / 2] * 2
+        found.append(
+            place if ends == list(place.ends) else Place(place.obstacle, ends[0], ends[-1])
+        )
+    return tuple(_joined(found, held.here.system.mesh))
+
+
+def _up_to_corner(held: Held, s: float, after: float) -> float:
+    """Return where a point goes that passes no corner."""
+    for corner in held.corners:
+        if min(s, after) < corner < max(s, after):
+            return corner
+    return after
+
+
+def _point(held: Held, place: Place, node: int, _: int) -> tuple[float, float, float]:
+    """Return gap' at a point, how far on it touches, 0 if it is found, and how far it may move."""
+    system, j = held.here.system, place.obstacle
+    curve = held.touches.curve
+    if place.start in held.corners or curve is None:
+        return 0.0, 0.0, 0.0
+    shift = float(second(system, held.states)[node, j])
+    most = 0.5 * float(np.diff(system.mesh.s)[max(node - 1, 0)])
+    return -float(curve[node, j]) * shift, shift * (abs(shift) > _FOUND * held.length), most
+
+
+def _end(held: Held, place: Place, node: int, side: int) -> tuple[float, float, float]:
+    """Return gap'' beyond the end of a part that lies, how far on it vanishes, and the farthest."""
+    system, beyond = held.here.system, node + side
+    s, at = system.mesh.s, float(system.mesh.s[node])
+    if at >= held.length * (1 - SAME) or not 0 <= beyond < s.size:
+        return 0.0, 0.0, 0.0
+    h = abs(s[beyond] - at)
+    # What is known at a node is on its base side.
+    look = side * _ASIDE * h * (np.arange(5) + (side > 0))
+    curve = along(system, held.here.x, at + look, np.full(5, place.obstacle))[:, 2]
+    here, slope = np.polynomial.polynomial.polyfit(look / h, curve, 4)[:2] / [1.0, h]
+    shift = -float(here / slope) if slope else 0.0
+    most = 0.4 * min(h, place.end - place.start)
+    return float(here), shift * (abs(shift) > _FOUND_END * held.length), most
+
+
+def exchanged(
+    held: Held, places: tuple[Place, ...], nodes: tuple[tuple[int, ...], ...]
+) -> tuple[Place, ...]:
+    """Return the places without the point that is pulled hardest, and with those it passes deep by.
+
+    That is for places that are still moving: the same if nothing is far off.
+    """
+    force = forces(held.here.system, held.states)
+    own = [force[at[0], p.obstacle] for at, p in zip(nodes, places, strict=True)]
+    points = [i for i, place in enumerate(places) if not place.lies]
+    worst = min(points, key=lambda i: own[i], default=None)
+    if worst is not None and own[worst] < -_PULLED * max(own):
+        return (*places[:worst], *places[worst + 1 :])
+    return _sorted([*places, *deep(held, places)])
+
+
+def split(places: tuple[Place, ...], parts: tuple[Place, ...]) -> tuple[Place, ...]:
+    """Return the places with points at the ends of some parts in their stead."""
+    kept = [place for place in places if place not in parts]
+    return _sorted([*kept, *(Place(p.obstacle, s, s) for p in parts for s in p.ends)])
+
+
+def _sorted(places: list[Place]) -> tuple[Place, ...]:
+    return tuple(sorted(places, key=lambda own: (own.obstacle, own.start)))
+
+
+def changed(
+    held: Held, places: tuple[Place, ...], nodes: tuple[tuple[int, ...], ...]
+) -> tuple[Place, ...]:
+    """Return the places after some of them came, went, parted or joined; the same if none did."""
+    kept = list[Place]()
+    for place, own in zip(places, nodes, strict=True):
+        kept += _lying(held, place, own) if place.lies else _touching(held, place, own)
+    kept = _joined(kept, held.here.system.mesh)
+    if tuple(kept) != places:
+        return tuple(kept)
+    return _sorted([*places, *passing(held, places)])
+
+
+def _joined(places: list[Place], mesh: Mesh) -> list[Place]:
+    """Return places where points next to a part that lies on the same obstacle belong to it."""
+    found = list[Place]()
+    for place in _sorted(places):
+        last = found[-1] if found else None
+        if last is not None and last.obstacle == place.obstacle and (last.lies or place.lies):
+            k = mesh.node(last.end)
+            if place.start - last.end <= 1.5 * (mesh.s[min(k + 1, mesh.steps)] - mesh.s[k]):
+                found[-1] = Place(place.obstacle, last.start, place.end)
+                continue
+        found.append(place)
+    return found
+
+
+def _touching(held: Held, place: Place, nodes: tuple[int, ...]) -> list[Place]:
+    """Return what becomes of a point."""
+    system, j = held.here.system, place.obstacle
+    if forces(system, held.states)[nodes[0], j] < 0:
+        return []
+    _, slope, curve = along(system, held.here.x, np.array([place.start]), np.array([j]))[0]
+    h = float(np.diff(system.mesh.s)[nodes[0] - 1])
+    if place.start in held.corners:
+        if slope <= _LEVEL:
+            return [place]
+        s = place.start - 0.3 * h
+        return [Place(j, s, s)]
+    if curve >= 0:
+        return [place]
+    half = _BORN * h
+    return [Place(j, place.start - half, min(place.start + half, held.length))]
+
+
+def _lying(held: Held, place: Place, nodes: tuple[int, ...]) -> list[Place]:
+    """Return what becomes of a part that lies."""
+    system, j = held.here.system, place.obstacle
+    first, last = nodes
+    ends = forces(system, held.states)[[first, last], j]
+    p = second(system, held.states)[first : last + 1, j]
+    if ends.min() >= 0 and p.min() >= -1e-9 * max(np.abs(p).max(), 1e-30):
+        return [place]
+    points = [Place(j, s, s) for s in place.ends]
+    if ends.min() >= 0 or ends.max() < 0:
+        return points
+    return [points[int(np.argmax(ends))]]

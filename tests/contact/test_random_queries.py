@@ -1,0 +1,44 @@
+"""Random arms pulled against random obstacles: complementary and in balance, by NumPy alone."""
+
+from collections import Counter
+
+import pytest
+
+from model import OctoplanError, settle
+from tests.contact.checks import complementarity, imbalance
+from tests.contact.queries import query
+
+
+def ending(seed: int) -> str:
+    """Return what becomes of a query; "wrong" for a shape that is no equilibrium with contact."""
+    asked = query(seed)
+    try:
+        shape = settle(asked.arm, asked.tensions, asked.scene, 1e-4)
+    except OctoplanError as problem:
+        return type(problem).__name__
+    if complementarity(asked, shape) > 1e-8 or imbalance(asked, shape) > 1e-3:
+        return "wrong"
+    return "touches" if shape.contacts else "free"
+
+
+@pytest.mark.parametrize(
+    "seed",
+    [
+        pytest.param(2, id="what is known of an element looks as if it passed through"),
+        pytest.param(3, id="a sphere, a box"),
+        pytest.param(24, id="it slides over an edge"),
+        pytest.param(33, id="curvatures jump at an edge"),
+        pytest.param(37, id="two places next to an anchorage"),
+        pytest.param(75, id="heavy silicone, three obstacles"),
+    ],
+)
+def test_a_query_is_settled(seed: int) -> None:
+    assert ending(seed) in ("touches", "free")
+
+
+@pytest.mark.slow
+def test_of_525_random_queries_98_percent_are_settled_and_none_is_wrong() -> None:
+    ends = Counter(ending(seed) for seed in range(525))
+    assert not ends["wrong"], ends
+    assert ends["touches"] + ends["free"] >= 0.98 * ends.total(), ends
+    assert ends["touches"] >= 0.8 * ends.total(), ends
