@@ -182,16 +182,24 @@ class ClosedForm:
         """Return poses (N, 7) and strains (N, 4) at arc lengths s, a step from the nodes below."""
         step = np.clip(np.searchsorted(self.mesh.s, s, side="left") - 1, 0, self.mesh.steps - 1)
         active, left, m = self.mesh.active[step], self.mesh.s[step], len(self.scheme.nodes)
-        statics = closed_statics(self.scene, self.arm)
-        T = ca.MX.sym("T", self.arm.n_tendons)
-        nodes = nodes_of(self.scheme, left, s)
-        given = pull_at(self.arm, statics, nodes, np.repeat(active, m), T)
-        march = march_function(statics, self.scheme).map(s.size)
-        pose, _ = march(ca.DM(poses[step].T), *given, ca.DM(s - left).T)
-        strain = strain_function(statics).map(s.size)(*pull_at(self.arm, statics, s, active, T))
-        found, strains = ca.Function("dense", [T], [pose, strain])(tensions)
+        march, strain = _dense(closed_statics(self.scene, self.arm), self.scheme)
+        inside = self._given(nodes_of(self.scheme, left, s), np.repeat(active, m), tensions)
+        pull, data = (values.reshape(s.size, -1) for values in inside)
+        pose, _ = march(poses[step], pull, data, s - left)
+        (strains,) = strain(*self._given(s, active, tensions))
         at_node = (s == self.mesh.s[step + 1])[:, None]
-        return np.where(at_node, poses[step + 1], np.array(found).T), np.array(strains).T
+        return np.where(at_node, poses[step + 1], pose), strains
+
+    def _given(self, s: Array, active: Counts, tensions: Array) -> tuple[Array, Array]:
+        """Return pull (N, n_pull) and data (N, n_data) at s (N,)."""
+        statics, at = closed_statics(self.scene, self.arm), stations(self.arm, s, active)
+        return np.asarray(statics.pulls(self.arm, at) @ tensions), statics.data(at).T
+
+
+@lru_cache(maxsize=24)
+def _dense(statics: ClosedStatics, scheme: Magnus) -> tuple[Mapped, Mapped]:
+    """Return march_function and strain_function for many places at once."""
+    return Mapped(march_function(statics, scheme)), Mapped(strain_function(statics))
 
 
 def pull_and_data(

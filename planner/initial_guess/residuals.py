@@ -47,8 +47,7 @@ def _sweep(problem: Problem) -> Mapped:
     """Return tensions, target numbers -> residuals (k,), least 1 + q, on the coarsest mesh."""
     arm, scene, stations = problem.arm, problem.scene, problem.stations
     scheme = "magnus6" if "magnus6" in schemes_of(scene) else "rk4"
-    compiled = problem.machine_code and scheme == "magnus6"
-    forward = explicit_map(arm, scene, scheme, 1, stations, compiled)
+    forward = explicit_map(arm, scene, scheme, 1, stations, problem.machine_code)
     T, numbers = ca.MX.sym("T", arm.n_tendons), ca.MX.sym("p", problem.terms.size1_in(1))
     poses, stretch = forward.function(T)[:2]
     gives = ca.vertcat(
@@ -58,5 +57,4 @@ def _sweep(problem: Problem) -> Mapped:
     match, approach, margin, _ = problem.terms(seen, numbers, gives)
     gaps = ca.vertcat(match, approach, ca.fmin(margin, 0))
     found = [ca.densify(gaps), ca.densify(ca.mmin(stretch))]
-    sweep = ca.Function("sweep", [T, numbers], found)
-    return Mapped(sweep if compiled else sweep.expand())
+    return Mapped(ca.Function("sweep", [T, numbers], found))

@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 
 from model.arm import Arm
+from model.obstacles import Obstacle
 from model.paths import Array
 from model.rotations import from_matrix
 from model.shape import Shape
 from planner.live.tube import picture, tension_colour
 from planner.plan import Plan
 
-_BODY, _ELLIPSOID = (178, 196, 214), (90, 160, 90)
+_BODY, _ELLIPSOID, _OBSTACLE = (178, 196, 214), (90, 160, 90), (181, 101, 29)
 # The width of a tendon, and the ellipsoid's longest half axis, over the arm's length.
 _THICK, _SEEN = 4e-3, 0.15
 # Where the camera is from the arm's middle, in arm lengths.
@@ -36,6 +37,12 @@ def draw_arm(server: Any, shape: Shape, most: Array) -> None:
         scene.add_mesh_simple("/body", seen.vertices, seen.faces, color=_BODY, opacity=0.3)
         thickness = _THICK * shape.arm.length
         scene.add_line_segments("/tendons", seen.tendons, seen.colours, thickness=thickness)
+
+
+def add_obstacle(server: Any, name: str, obstacle: Obstacle) -> Any:
+    """Draw an obstacle; return what is drawn, to be hidden."""
+    points, triangles = obstacle.outline
+    return server.scene.add_mesh_simple(name, points, triangles, color=_OBSTACLE, opacity=0.4)
 
 
 def draw_ellipsoid(server: Any, p: Plan, axes: Array, directions: Array) -> None:

@@ -18,12 +18,14 @@ import numpy as np
 
 from model.effects import Effect
 from model.errors import InputError, OctoplanError
+from model.obstacles import Obstacle
 from planner.extras import needed
 from planner.files import to_json
-from planner.live.drawing import bars, draw_arm, draw_ellipsoid, set_camera
+from planner.live.drawing import add_obstacle, bars, draw_arm, draw_ellipsoid, set_camera
 from planner.live.handles import Handle
 from planner.live.latest import Latest
 from planner.live.session import Session
+from planner.plan import Plan
 from planner.records.plan import plan_record
 
 _LEFT = "The branch of plans before could not be followed: this is another."
@@ -86,10 +88,15 @@ class Page:
         """Return what is said, the bars, and the box that shows the ellipsoid."""
         gui = self._server.gui
         said, shown = gui.add_markdown("Looking for a first plan ..."), gui.add_html("")
-        with gui.add_folder("Effects"):
+        with gui.add_folder("Effects and loads"):
             for effect in self.session.effects:
                 box = gui.add_checkbox(type(effect).__name__, initial_value=True)
                 box.on_update(self._switch(effect))
+        if self.session.obstacles:
+            with gui.add_folder("Obstacles"):
+                for i, obstacle in enumerate(self.session.obstacles):
+                    box = gui.add_checkbox(f"{i}: {type(obstacle).__name__}", initial_value=True)
+                    box.on_update(self._place(i, obstacle))
         shows = gui.add_checkbox("Compliance ellipsoid", initial_value=False)
         shows.on_update(lambda _: self._work.put(lambda: None))
         gui.add_button("Save the plan").on_click(lambda event: self._save(event.client))
@@ -98,6 +105,15 @@ class Page:
     def _switch(self, effect: Effect) -> Callable[[Any], None]:
         def switched(event: Any) -> None:
             self.session.enabled[effect] = event.target.value
+            self.move()
+
+        return switched
+
+    def _place(self, i: int, obstacle: Obstacle) -> Callable[[Any], None]:
+        drawn = add_obstacle(self._server, f"/obstacles/{i}", obstacle)
+
+        def switched(event: Any) -> None:
+            self.session.present[i] = drawn.visible = event.target.value
             self.move()
 
         return switched
@@ -120,8 +136,7 @@ class Page:
             return
         self._bars.content = bars(step.plan, session.most)
         self._left = self._left or step.left
-        found = "reached" if step.plan.mode == "exact" else "out of reach, the nearest shape"
-        self._said.content = f"Following: {found}; not checked yet."
+        self._said.content = f"{_following(step.plan)} {_LEFT * self._left}"
 
     def _rest(self) -> None:
         """Check the last plan and say what it is; in the worker's thread."""
@@ -143,6 +158,15 @@ class Page:
 
     def _tell(self, reason: OctoplanError) -> None:
         self._said.content = f"**{html.escape(str(reason))}**"
+
+
+def _following(p: Plan) -> str:
+    """Return what is said of a plan that is not checked yet."""
+    if p.mode == "exact":
+        return "Following: reached; not checked yet."
+    held = ", ".join(map(html.escape, p.holding()))
+    by = f", held by {held}" if held else ""
+    return f"Out of reach: this is the nearest shape{by}; not checked yet."
 
 
 def _check_port(host: str, port: int) -> None:

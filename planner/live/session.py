@@ -9,6 +9,7 @@ import numpy as np
 
 from model.arm import Arm
 from model.effects import Effect
+from model.obstacles import check_obstacles
 from model.paths import Array
 from model.scene import Scene
 from model.settle import settle
@@ -31,7 +32,7 @@ class Step:
 
 
 class Session:
-    """An arm, effects that may be switched, and the last plan.
+    """An arm, effects and obstacles that may be switched, and the last plan.
 
     Attributes
     ----------
@@ -39,11 +40,16 @@ class Session:
         What is wanted now.
     enabled : dict
         Which of the scene's effects are.
+    obstacles : tuple of Obstacle
+    present : list of bool
+        Which of the obstacles are there.
     """
 
     def __init__(self, arm: Arm, scene: Scene, target: Target, options: dict[str, Any]) -> None:
         self.arm, self.effects, self.target, self._options = arm, scene.effects, target, options
         self.enabled: dict[Effect, bool] = dict.fromkeys(scene.effects, True)
+        self.obstacles = check_obstacles(options.get("obstacles", ()))
+        self.present = [True] * len(self.obstacles)
         self.last: Plan | None = None
         self._rough = False
 
@@ -84,7 +90,11 @@ class Session:
         return self.last
 
     def _plan(self, **options: Any) -> Plan:
-        self.last = plan(self.arm, self.target, self.scene, **self._options | options)
+        there = [own for own, here in zip(self.obstacles, self.present, strict=True) if here]
+        asked = self._options | {"obstacles": there} | options
+        if not there and not asked.get("self_clearance"):
+            asked["clearance"] = 0.0  # there is nothing left to be clear of
+        self.last = plan(self.arm, self.target, self.scene, **asked)
         return self.last
 
     def seen(self, p: Plan) -> Shape:

@@ -14,11 +14,12 @@ import pytest
 
 from model import Arm, InputError, Scene, settle
 from model.effects import Extension, TipLoad
+from model.obstacles import Sphere
 from planner.cli import main
 from planner.live.drawing import bars
 from planner.live.handles import handle_of
 from planner.live.latest import Latest
-from planner.live.page import Page
+from planner.live.page import Page, _following
 from planner.live.session import Session
 from planner.live.tube import HIGH, SLACK, picture, tension_colour
 from planner.plan import plan
@@ -69,6 +70,33 @@ def test_effects_are_switched_and_contradictions_refused() -> None:
     silicone.enabled[Extension()] = False
     with pytest.raises(InputError, match="NeoHookean"):
         silicone.step()
+
+
+def test_obstacles_are_switched_and_followed_around() -> None:
+    free = session()
+    free.step()
+    assert free.last is not None
+    middle = free.last.shape.position(0.6 * ARM.length)
+    ball = Sphere(tuple(middle + np.array([0.0, 0.01, 0.01])), 0.015)
+    hand = session(obstacles=[ball], clearance=0.001)
+    around = hand.step().plan
+    assert around.certificate.passed
+    assert around.certificate.clearance >= 0.001
+    hand.present[0] = False
+    through = hand.step().plan
+    assert through.tensions == pytest.approx(free.last.tensions, abs=1e-6)
+    hand.present[0] = True
+    again = hand.step().plan
+    assert again.certificate.passed
+    assert again.certificate.clearance >= 0.001
+
+
+def test_out_of_reach_the_page_says_which_limit_holds_the_nearest_shape() -> None:
+    hand = session(tension_max=0.5, starts=1)
+    hand.target = TipPosition((0.0, 0.35, 0.0))
+    said = _following(hand.step().plan)
+    assert "Out of reach" in said
+    assert "at its maximum of 0.5 N" in said
 
 
 @pytest.mark.parametrize(
@@ -180,7 +208,8 @@ def test_in_a_browser_a_drag_moves_the_arm(tmp_path: Path) -> None:
     pytest.importorskip("viser")
     driver = pytest.importorskip("playwright.sync_api")
     chromium = shutil.which("chromium") or pytest.skip("no Chromium")
-    hand, port, size = session(), free_port(), (1200, 800)
+    far = Sphere((0.1, 0.3, 0.1), 0.02)
+    hand, port, size = session(obstacles=[far]), free_port(), (1200, 800)
     page = Page(hand, handle_of(ARM, (hand.target,)), "localhost", port)
     options = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
     said: list[str] = []
@@ -214,6 +243,9 @@ def test_in_a_browser_a_drag_moves_the_arm(tmp_path: Path) -> None:
         assert moved == pytest.approx([0.0, 0.0, 0.02], abs=4e-3)
         viewer.get_by_role("checkbox").last.evaluate("box => box.click()")
         viewer.get_by_text("/ellipsoid").wait_for(state="attached", timeout=300_000)
+        viewer.get_by_role("checkbox").nth(1).evaluate("box => box.click()")
+        viewer.wait_for_timeout(1000)
+        assert hand.present == [False]
         with viewer.expect_download(timeout=300_000) as saved:
             viewer.get_by_text("Save the plan").click()
         assert '"certified":true' in Path(saved.value.path()).read_text().replace(" ", "")
