@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
@@ -99,10 +100,14 @@ class Multistart:
         return len(records) >= least and agreed(records) >= 2
 
     def from_starts(
-        self, starts: list[Array], statement: Statement, records: list[Trial]
+        self,
+        starts: list[Array],
+        statement: Statement,
+        records: list[Trial],
+        before: Sequence[Solution] = (),
     ) -> list[Solution]:
-        """Return what is met from each start, until that is enough; append to the records."""
-        found: list[Solution] = []
+        """Return what is met before and from each start, until that is enough; append records."""
+        found = [*before]
         for T in told(_PHASES[statement.mode], starts):
             if self._enough(records, found):
                 break

@@ -118,7 +118,7 @@ class Search:
             found = self.trials.by_continuation(first[:_CONTINUED], statement, records)
         if not found and not self.trials.toppled:
             return None
-        found += self.trials.from_starts(others, statement, records)
+        found = self.trials.from_starts(others, statement, records, found)
         fines = self._finished(found, "exact")
         if found and not any(fine.optimal for fine in fines):
             records, starts = [], [*map(self.task.tensions, found), *first, *others]
