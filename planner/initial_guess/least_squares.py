@@ -10,6 +10,8 @@ from model.paths import Array
 from model.time_limit import check_time
 
 _STEPS, _DONE = 16, 1e-6
+# What came nearer by less than this part in so many steps is stuck, and is left where it is.
+_NEARER, _STUCK = 0.3, 4
 _DIFFERENCE = 1e-4
 # Of the slopes squared; what is less does not keep a system from being singular.
 _ROUNDING = 1e-12
@@ -21,9 +23,11 @@ def least_squares(gaps: Callable[[Array], Array], U: Array) -> tuple[Array, Arra
     Gaps are a function of points (m, n) -> (m, k).
     """
     U, r, damping = U.copy(), gaps(U), np.full(len(U), 1e-2)
+    sizes = [np.linalg.norm(r, axis=1)]
     for _ in range(_STEPS):
         check_time()
-        on = np.linalg.norm(r, axis=1) > _DONE
+        before = sizes[-1 - _STUCK] if len(sizes) > _STUCK else np.inf
+        on = (sizes[-1] > _DONE) & (sizes[-1] < (1 - _NEARER) * before)
         if not on.any():
             break
         trial = U[on] + _step(gaps, U[on], r[on], damping[on])
@@ -32,7 +36,8 @@ def least_squares(gaps: Callable[[Array], Array], U: Array) -> tuple[Array, Arra
         for now, new in ((U, trial), (r, tried)):
             now[on] = np.where(better[:, None], new, now[on])
         damping[on] = np.maximum(damping[on] * np.where(better, 0.2, 8.0), 1e-8)
-    return U, np.linalg.norm(r, axis=1)
+        sizes.append(np.linalg.norm(r, axis=1))
+    return U, sizes[-1]
 
 
 def _step(gaps: Callable[[Array], Array], U: Array, r: Array, damping: Array) -> Array:
