@@ -150,7 +150,7 @@ class Equations:
 def _gathered(values: list[ca.MX], places: Places, size: int) -> ca.MX:
     """Return the vector (size,) in which values are added up at their places."""
     stacked = ca.vertcat(*values)
-    add = ca.Sparsity.triplet(size, places.size, places.tolist(), list(range(places.size)))
+    add = ca.Sparsity(size, places.size, list(range(places.size + 1)), places.tolist())
     return ca.DM(add, 1.0) @ stacked
 
 
@@ -158,9 +158,8 @@ def _sparse(
     values: list[ca.MX], rows: list[Any], columns: list[Any], shape: tuple[int, int]
 ) -> tuple[ca.MX, ca.Sparsity]:
     """Return the nonzeros of a sparse matrix whose entries are sums of values, and its sparsity."""
-    i, j = np.concatenate(rows), np.concatenate(columns)
-    places = ca.Sparsity.triplet(*shape, i.tolist(), j.tolist())
-    known_rows, known_columns = (np.array(v) for v in places.get_triplet())
-    order = known_columns.astype(np.int64) * shape[0] + known_rows
-    index = np.searchsorted(order, j.astype(np.int64) * shape[0] + i)
+    i, j = np.concatenate(rows).astype(np.int64), np.concatenate(columns).astype(np.int64)
+    order, index = np.unique(j * shape[0] + i, return_inverse=True)
+    ends = np.searchsorted(order, np.arange(shape[1] + 1) * shape[0])
+    places = ca.Sparsity(*shape, ends.tolist(), (order % shape[0]).tolist())
     return _gathered(values, index, places.nnz()), places

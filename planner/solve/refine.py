@@ -17,11 +17,12 @@ from model.shape import Shape
 from model.stiffness import stiffness
 from planner.measure import measure
 from planner.program.limits import Limits
-from planner.program.problem import Problem, is_explicit
+from planner.program.problem import Bounds, Problem, is_explicit
 from planner.program.statement import Mode, Statement
 from planner.program.terms import compliance_requests, stations_of
 from planner.solve.ipopt import Solution, solve
 from planner.solve.newton import newton, optimality
+from planner.solve.sqp import solve_quadratic
 from planner.solve.task import Task
 
 # What counts as optimal, of that a certificate allows.
@@ -31,6 +32,8 @@ _OPTIMAL = 1e-7
 _RIVAL, _BLUR, _MOST = 0.05, 1e-6, 4
 _SAME = 1e-3
 _MESHES = 3
+# From a coarse mesh to one so many times finer there are others in between.
+_FARTHER = 4
 _FINE_IF_UNSETTLED = 16
 # The part of the accuracy that a plan's mesh may take; what is estimated of it is cautious.
 _SHARE = 4
@@ -38,11 +41,20 @@ _SHARE = 4
 
 @dataclass(frozen=True, eq=False)
 class Fine:
-    """An optimum on a fine mesh; `worst` is its residual of the first-order conditions."""
+    """An optimum on a fine mesh.
+
+    Attributes
+    ----------
+    worst : float
+        Its residual of the first-order conditions.
+    shape : Shape or None
+        The shape that it settles in, where that was looked at.
+    """
 
     statement: Statement
     solution: Solution
     worst: float
+    shape: Shape | None = None
 
     @property
     def optimal(self) -> bool:
@@ -87,42 +99,44 @@ def refine(task: Task, coarse: Solution, mode: Mode) -> Fine:
     """
     guess, used = coarse.free(task.problem(task.coarse(mode))), 0
     if mode != "exact":
-        guess = _finish(task, task.coarse(mode), guess).solution
+        guess = _finish(task, task.coarse(mode), guess, None).solution
+    mesh, shape = _mesh(task, task.tensions(guess), None)
     for _ in range(_MESHES):
-        T = task.tensions(guess)
-        mesh = _mesh(task, T)
+        finer = [r for r in REFINEMENTS if task.coarse(mode).refinement < r <= mesh]
+        far = [r for r in finer if r * _FARTHER <= mesh][_FARTHER - 1 :: _FARTHER]
+        fine, used = _by_meshes(task, mode, guess, [*far, mesh], shape), mesh
+        if not fine.optimal:
+            fine = _by_meshes(task, mode, guess, finer, shape)
+        guess = fine.solution
+        if not fine.optimal:
+            break
+        mesh, shape = _mesh(task, task.tensions(guess), shape)
         if mesh <= used:
-            break
-        fine, used = _on_mesh(task, mode, guess, mesh), mesh
-        if not fine.optimal:
-            fine = _by_meshes(task, mode, guess, mesh) or fine
-        guess = fine.solution
-        if not fine.optimal:
-            break
+            return replace(fine, shape=shape)
     return fine
 
 
-def _on_mesh(task: Task, mode: Mode, guess: Solution, mesh: int) -> Fine:
-    """Return the optimum of a mesh near a guess."""
+def _on_mesh(task: Task, mode: Mode, guess: Solution, mesh: int, near: Shape | None) -> Fine:
+    """Return the optimum of a mesh near a guess and a shape."""
     statement = task.statement.but(mode=mode, scheme=task.fine_scheme, refinement=mesh)
-    return _finish(task, statement, guess)
+    return _finish(task, statement, guess, near)
 
 
-def _by_meshes(task: Task, mode: Mode, guess: Solution, mesh: int) -> Fine | None:
-    """Return the optimum of a mesh by way of those in between, None where it is lost on the way."""
-    fine: Fine | None = None
-    coarse = task.coarse(mode).refinement
-    for between in (r for r in REFINEMENTS if coarse < r <= mesh):
-        fine = _on_mesh(task, mode, guess, between)
+def _by_meshes(
+    task: Task, mode: Mode, guess: Solution, meshes: list[int], near: Shape | None
+) -> Fine:
+    """Return the optimum of the last mesh by way of those before it, unless it is lost there."""
+    for mesh in meshes[:-1]:
+        fine = _on_mesh(task, mode, guess, mesh, near)
         if not fine.optimal:
-            return None
+            break
         guess = fine.solution
-    return fine
+    return _on_mesh(task, mode, guess, meshes[-1], near)
 
 
-def _finish(task: Task, statement: Statement, coarse: Solution) -> Fine:
+def _finish(task: Task, statement: Statement, coarse: Solution, near: Shape | None) -> Fine:
     problem, limits = task.problem(statement), task.allowed
-    problem.condensed.forget()
+    problem.condensed.forget(None if near is None else near.known)
     p, bounds = problem.parameters(task.targets, limits), problem.free_bounds(limits)
 
     def worst(s: Solution) -> float:
@@ -131,10 +145,21 @@ def _finish(task: Task, statement: Statement, coarse: Solution) -> Fine:
     guess = _warm(task, problem, coarse, p)
     best = newton(problem, guess, p, bounds)
     if best is guess and worst(guess) > _OPTIMAL:
-        solved = solve_again(problem, guess, p, limits)
+        solved = _closer(problem, guess, p, bounds, limits)
         polished = newton(problem, solved, p, bounds) if solved.finite else guess
         best = min((polished, guess), key=worst)
     return Fine(statement, replace(best, f=problem.condensed.first(best.x, p).f), worst(best))
+
+
+def _closer(
+    problem: Problem, guess: Solution, p: Array, bounds: Bounds, limits: Limits
+) -> Solution:
+    """Return what quadratic programs make of a guess without states, or else ipopt does."""
+    x = problem.unknowns(problem.tensions(guess.x, limits), limits, p)
+    solved = solve_quadratic(problem, x, p, bounds, guess.lam_g)
+    if solved is None or not solved.met:
+        return solve_again(problem, guess, p, limits)
+    return solved.free(problem)
 
 
 def solve_again(problem: Problem, guess: Solution, p: Array, limits: Limits) -> Solution:
@@ -152,8 +177,8 @@ def _warm(task: Task, problem: Problem, coarse: Solution, p: Array) -> Solution:
     return replace(coarse, x=x, g=problem.condensed.first(x, p).g)
 
 
-def _mesh(task: Task, T: Array) -> int:
-    """Return the mesh on which tensions settle to a tenth of the accuracy.
+def _mesh(task: Task, T: Array, near: Shape | None) -> tuple[int, Shape | None]:
+    """Return the mesh on which tensions settle to a part of the accuracy, and the shape.
 
     In all that the targets look at: between base and tip, in turns and in stiffness, it may take a
     finer one than the tip's place does. The next finer one where tensions are the only unknowns:
@@ -162,10 +187,10 @@ def _mesh(task: Task, T: Array) -> int:
     fine, requests = task.accuracy / _SHARE, compliance_requests(task.targets)
     try:
         asked, by = (task.arm, T, task.scene), task.machine_code
-        shape = settle(*asked, fine, compile=by)
+        shape = settle(*asked, fine, compile=by, near=near)
         mesh = shape.refinement
         if not task.is_point:
-            sharp = settle(*asked, max(fine / 30, 1e-12), compile=by)
+            sharp = settle(*asked, max(fine / 30, 1e-12), compile=by, near=shape)
             mesh = mesh if _apart(task, shape, sharp) <= fine else sharp.refinement
         for request in requests:
             found = stiffness(*asked, request.hold, accuracy=fine, compile=by)
@@ -175,8 +200,8 @@ def _mesh(task: Task, T: Array) -> int:
         elif not is_loaded(task.scene):
             mesh = _collocated(task, shape, mesh, fine)
     except OctoplanError:
-        return _FINE_IF_UNSETTLED
-    return mesh
+        return _FINE_IF_UNSETTLED, None
+    return mesh, shape
 
 
 def _collocated(task: Task, shape: Shape, mesh: int, fine: float) -> int:

@@ -138,7 +138,8 @@ class Search:
         task, T = self.task, self.task.tensions(fine.solution)
         asked = (task.arm, task.scene, task.targets, task.limits)
         try:
-            images = list(mirror_images(*asked, settle(task.arm, T, task.scene, _ROUGH), _ROUGH))
+            shape = fine.shape or settle(task.arm, T, task.scene, _ROUGH)
+            images = list(mirror_images(*asked, shape, _ROUGH))
         except OctoplanError:
             return fine
         for _, other in images:
