@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -23,8 +23,6 @@ from model.transcription.kernel import Places
 from model.unloaded.by_lengths import NEARLY, Found, UnloadedLengths
 from model.winches import Winches
 
-# Of the least give of winches, where steps may be as if they were rigid.
-_RIGID = 1e-4
 # Newton steps to rounding; one does where it changes tensions by no more than this share, and no
 # rigid winches are needed where all combinations of tensions change lengths by such a share.
 _TIGHTENED, _LAST, _FIRM = 2, 1e-7, 1e-5
@@ -147,8 +145,7 @@ def _tightened(here: Linearised, hold: HeldLengths) -> Linearised:
     left = winches.lacks(here.lengths, T)
     tight = np.flatnonzero(winches.held & ((T > 0) | (left <= NEARLY * system.arm.length)))
     if unfelt(_by_tensions(here, winches, tight), _FIRM).size:
-        rigid = replace(hold, share=_RIGID)
-        here = newton(system, T, 1.0, here.states, hold=rigid) or here
+        here = newton(system, T, 1.0, here.states, hold=hold) or here
     taut = np.flatnonzero(winches.held & (here.tensions > 0))
     for _ in range(_TIGHTENED):
         at = Linearised(system, here.x)

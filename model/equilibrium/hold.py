@@ -15,10 +15,23 @@ from model.winches import GIVE, Winches, least_give
 
 # Steps far from the lengths are damped in the combinations of tensions that hardly change these.
 _DAMPED = 0.01
+# So near to the lengths, over the arm's length, steps are as if winches were rigid but for a share
+# of the least give: the give slows down what lengths hardly determine.
+_NEAR, _RIGID = 1e-9, 1e-6
 
 
 class Hold(Protocol):
-    """See HeldTensions and HeldLengths."""
+    """See HeldTensions and HeldLengths.
+
+    Attributes
+    ----------
+    creep : float
+        Steps so small, relative to strains, that do not shrink are of what is hardly determined.
+    """
+
+    @property
+    def creep(self) -> float:
+        """See Hold."""
 
     def tensions(self, here: Linearised, change: Array, now: Array) -> Array | None:
         """Return the tensions (n_tendons,) after a Newton step from here; None if there are none.
@@ -36,6 +49,8 @@ class Hold(Protocol):
 @dataclass(frozen=True)
 class HeldTensions:
     """Tensions that do not change: force-controlled motors."""
+
+    creep: float = 0.0
 
     def tensions(self, here: Linearised, change: Array, now: Array) -> Array:
         """See Hold.tensions."""
@@ -65,24 +80,26 @@ class HeldLengths:
     Attributes
     ----------
     winches : Winches
-    share : float
-        Of the least give that keeps a step definite; it is no part of the equations.
     """
 
     winches: Winches
-    share: float = 1.0
+    creep: float = 1e-8
 
     def tensions(self, here: Linearised, change: Array, now: Array) -> Array | None:
         """See Hold.tensions."""
-        held, T, M = self.winches.held, now[self.winches.held], self._matrix(here)
-        lengths = here.lengths + here.length_slopes @ change
+        arm, held, T = here.system.arm, self.winches.held, now[self.winches.held]
+        M, lengths = self._matrix(here, 1.0), here.lengths + here.length_slopes @ change
         lacks = self.winches.lacks(lengths, now)[held]
         off = float(np.abs(np.minimum(lacks, np.diag(M) * T)).max(initial=0.0))
-        if off:
-            soft = least_give(here.system.arm) / GIVE
-            M = M + _DAMPED * off / (T.max(initial=0.0) + off / soft) * np.eye(T.size)
-        found = complementary(M, lacks - M @ T, T > 0)
-        if found is None:
+        soft = least_give(arm) / GIVE
+        damping = _DAMPED * off / (T.max(initial=0.0) + off / soft) if off else 0.0
+        found = None
+        for share in (_RIGID, 1.0) if off <= _NEAR * arm.length else (1.0,):
+            M = self._matrix(here, share) + damping * np.eye(T.size)
+            found = complementary(M, lacks - M @ T, T > 0)
+            if found is not None:
+                break
+        else:
             return None
         after = now.copy()
         after[held] = found
@@ -94,7 +111,7 @@ class HeldLengths:
         taut = here.tensions[held] > 0
         longer = (here.length_slopes @ here.by_load)[held][taut]
         places = np.flatnonzero(held)[taut]
-        moved[places] = np.linalg.solve(self._matrix(here)[np.ix_(taut, taut)], longer)
+        moved[places] = np.linalg.solve(self._matrix(here, 1.0)[np.ix_(taut, taut)], longer)
         return moved
 
     def stands(self, here: Linearised) -> bool:
@@ -109,11 +126,14 @@ class HeldLengths:
         if not falls:
             return True
         taut = here.tensions[self.winches.held] > 0
-        own = self._matrix(here)[np.ix_(taut, taut)]
+        own = self._matrix(here, 1.0)[np.ix_(taut, taut)]
         return falls == int((np.linalg.eigvals(own).real < 0).sum())
 
-    def _matrix(self, here: Linearised) -> Array:
-        """Return how what is left of held tendons grows with their tensions (n, n) [m/N]."""
+    def _matrix(self, here: Linearised, share: float) -> Array:
+        """Return how what is left of held tendons grows with their tensions (n, n) [m/N].
+
+        By a share of the least give, which keeps a step definite and is no part of the equations.
+        """
         held = self.winches.held
-        give = self.winches.stretch[held] + self.share * least_give(here.system.arm)
+        give = self.winches.stretch[held] + share * least_give(here.system.arm)
         return np.asarray(np.diag(give) - here.length_tension[np.ix_(held, held)])

@@ -77,7 +77,8 @@ def newton(
         if last and size > max(_CONTRACTION * last, _SMALL):
             return None
         moved += size
-        if size < settled or size**2 < settled * last:
+        creeps = _CONTRACTION * last < size < hold.creep and last > 0
+        if size < settled or size**2 < settled * last or creeps:
             x = system.x(tensions, load, states)
             return Linearised(system, x, here if moved < _AS_GOOD else None)
         if size > (_KEPT * last if last else _CLOSE) and (last or kept is None):
