@@ -13,7 +13,7 @@ from model.centreline import Centreline
 from model.effects import PrintedStatics
 from model.equilibrium.forward import STAGES, Collocation
 from model.equilibrium.linearised import Linearised
-from model.equilibrium.newton import newton
+from model.equilibrium.newton import newton, step_size
 from model.errors import OctoplanError
 from model.forward import explicit_map
 from model.loads import is_loaded
@@ -28,6 +28,8 @@ from model.unloaded.statics import closed_statics
 _SCHEME = "magnus6"
 # Those that are found in one call.
 _TOGETHER = 64
+# The equations are linearised anew where shapes have changed by so much; see step_size.
+_FAR = 0.05
 
 
 class Lines:
@@ -66,15 +68,17 @@ class Lines:
         return found
 
     def _implicit(self, forward: Collocation, tensions: Array) -> Centreline | None:
-        here, system, last = None, forward.system, self._last
+        here, system, last, far = None, forward.system, self._last, True
         try:
             if last is not None and last.system is system:
-                predicted = last.states + last.by_tensions @ (tensions - last.tensions)
-                here = newton(system, tensions, 1.0, predicted)
+                change = last.by_tensions @ (tensions - last.tensions)
+                far = step_size(system, change, last.states) > _FAR
+                here = newton(system, tensions, 1.0, last.states + change, kept=last)
             here = here or forward.found(tensions)
         except OctoplanError:
             return None
-        self._last = here
+        if far:
+            self._last = here
         return Centreline.at_states(system, here.states)
 
 

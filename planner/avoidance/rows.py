@@ -23,7 +23,8 @@ from model.paths import Array
 from planner.targets.base import Free, Terms, View
 
 NAME = "clearance"
-# Slots of an element come so many at a time; those that are empty keep clear of a ball far off.
+# Slots of an element come so many at a time, and every element has some: that makes one program of
+# nearly all that is to be kept clear of. Those that are empty keep clear of a ball far off.
 _SLOTS = 2
 _FAR = 10.0
 _TINY = 1e-60
@@ -68,9 +69,21 @@ class Apart:
 
 @dataclass(frozen=True)
 class Avoidance(Free):
-    """The inequalities of a plan, stated as a target of margins that never yield."""
+    """The inequalities of a plan, stated as a target of margins that never yield.
+
+    `room` is for how many bodies each element has slots at least, so that plans share a program.
+    """
 
     rows: tuple[Apart, ...]
+    room: tuple[int, ...] = ()
+
+    def needed(self, arm: Arm) -> tuple[int, ...]:
+        """Return for how many bodies each element has slots; none where no bodies are near."""
+        count = Counter(element_of(arm, row.place.s) for row in self.bodies)
+        if not count and not self.room:
+            return ()
+        least = self.room or (1,) * (grid(arm).size - 1)
+        return tuple(-(-max(count[k], own) // _SLOTS) * _SLOTS for k, own in enumerate(least))
 
     @property
     def bodies(self) -> list[Apart]:
@@ -126,8 +139,7 @@ class Avoidance(Free):
 
     def _slots(self, arm: Arm) -> list[int]:
         """Return the element of each slot for a body."""
-        count = Counter(element_of(arm, row.place.s) for row in self.bodies)
-        return [k for k in sorted(count) for _ in range(-(-count[k] // _SLOTS) * _SLOTS)]
+        return [k for k, own in enumerate(self.needed(arm)) for _ in range(own)]
 
     def _elements(self, arm: Arm) -> list[tuple[int, int]]:
         """Return the elements of each pair of places."""

@@ -11,7 +11,7 @@ from scipy.sparse.linalg import splu
 from model.equilibrium.forward import Collocation, Known
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import newton
-from model.equilibrium.stability import least_modes
+from model.equilibrium.stability import least_modes, stands
 from model.errors import OctoplanError, SingularError
 from model.paths import Array
 from planner.program.program import Program, Rows
@@ -47,6 +47,18 @@ class Condensed:
         """
         self._last.here = self._last.settled = None
         self._last.near = near
+
+    def apart(self) -> Condensed:
+        """Return the same with a memory of its own, which begins with what was found last."""
+        other = Condensed(self.program, self.forward, self.states)
+        other._last.here, other._last.settled = self._last.here, self._last.settled
+        other._last.near = self._last.near
+        return other
+
+    @property
+    def stands(self) -> bool:
+        """Whether the arm is stable where it was settled last."""
+        return self._last.here is not None and stands(self._last.here)
 
     def first(self, a: Array, p: Array) -> Reduced:
         """Return values and first derivatives in equilibrium; NaN where the arm does not settle."""

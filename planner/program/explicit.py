@@ -26,6 +26,7 @@ from model.stations import Counts
 from model.unloaded.closed_form import ClosedForm, strain_function
 from model.unloaded.condensed_steps import CondensedSteps
 from model.unloaded.statics import closed_statics
+from planner.avoidance.rows import Avoidance
 from planner.program.program import Objective, Rows, split
 from planner.program.reduced import Reduced
 from planner.program.statement import Statement
@@ -76,7 +77,9 @@ class Explicit:
         nodes = [forward.mesh.node(s) for s in stations]
         if isinstance(forward, ClosedForm):
             steps = CondensedSteps(forward, nodes, machine_code)
-            found = _by_steps(steps, self.objective, _stretch(forward, rows), machine_code)
+            # What keeps clear changes its structure often: a compiler takes longer than it saves.
+            compiled = machine_code and not any(isinstance(own, Avoidance) for own in targets)
+            found = _by_steps(steps, self.objective, _stretch(forward, rows), compiled)
         else:
             found = _by_casadi(forward, self.objective, nodes, rows)
         self.x, self.p, self.f, self.g = found.x, found.p, found.f, found.g
@@ -135,6 +138,15 @@ class Explicit:
 
     def forget(self, near: Known | None = None) -> None:
         """See Condensed.forget: nothing is kept."""
+
+    @property
+    def stands(self) -> bool:
+        """See Condensed.stands: without loads nothing topples."""
+        return True
+
+    def apart(self) -> Explicit:
+        """See Condensed.apart: there is no memory."""
+        return self
 
     def first(self, a: Array, p: Array) -> Reduced:
         """See Condensed.first."""

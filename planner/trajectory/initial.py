@@ -13,6 +13,7 @@ import numpy as np
 from model.clearance.lines import Lines
 from model.errors import InputError
 from model.loads import is_loaded
+from model.paths import Array
 from model.progress import told
 from planner.avoidance.places import near_places, updated
 from planner.plan import Plan, plan
@@ -20,6 +21,7 @@ from planner.program.problem import build, units
 from planner.program.statement import Form, Statement
 from planner.solve.task import allowed
 from planner.targets.base import Target
+from planner.trajectory.between import between
 from planner.trajectory.question import Question, Waypoint
 from planner.trajectory.restoration import EXACT, Stop, restored
 
@@ -28,13 +30,45 @@ _STEPS, _ROUNDS = 8, 4
 
 
 def planned(question: Question, step: bool = True) -> list[Waypoint]:
-    """Return a waypoint for each target, stepped to from the one before or planned."""
-    found: list[Waypoint] = []
-    near: Plan | None = None
+    """Return a waypoint for each target, stepped to from the one before or planned.
+
+    Whether those that are stepped to keep clear is looked at together; from the first that does
+    not, it is looked at step by step.
+    """
     lines = question.lines()
-    for i, targets in enumerate(told("waypoints", question.targets)):
-        if step and near is not None:
-            way = _stepped(question, targets, found[-1], coarse(near.statement), lines)
+    found = _chain(question, [], lines if step else None, False)
+    if not (step and question.surroundings):
+        return found
+    tensions = np.vstack([question.start, *(way.tensions for way in found)])
+    near = unverified(lines, tensions, question)
+    lost = [i for i in near if found[i].plan is None and corrected(question, found[i], lines)]
+    return _chain(question, found[: lost[0]], lines, True) if lost else found
+
+
+def unverified(lines: Lines, tensions: Array, question: Question) -> list[int]:
+    """Return the waypoints on the way to or from which an arm may not keep clear as planned.
+
+    Of tensions (N + 1, n_tendons), the first of which are those that the motion begins with.
+    """
+    kept = between(lines, tensions, question.wider).bound >= 0
+    kept = kept & np.append(kept[1:], True)
+    return [int(i) for i in np.flatnonzero(~kept)]
+
+
+def _chain(
+    question: Question, found: list[Waypoint], lines: Lines | None, careful: bool
+) -> list[Waypoint]:
+    """Return what is found and the waypoints after it; they are stepped to where lines are given.
+
+    With `careful` each step keeps clear.
+    """
+    found, near = list(found), next((w.plan for w in reversed(found) if w.plan), None)
+    left = question.targets[len(found) :]
+    for i, targets in enumerate(told("waypoints", left), start=len(found)):
+        if lines is not None and near is not None:
+            way = _stepped(
+                question, targets, found[-1], coarse(near.statement), lines if careful else None
+            )
             if way is not None:
                 found.append(way)
                 continue
@@ -64,14 +98,15 @@ def stop_of(question: Question, way: Waypoint, statement: Statement) -> Stop:
     own = allowed(question.arm, stated, limits)
     held = np.array(own.upper) <= limits.lower
     ubx[: held.size][held] = lbx[: held.size][held]
-    return Stop(problem, problem.parameters(stated, limits), (lbx, ubx, rows[0], rows[1]))
+    bounds = (lbx, ubx, rows[0], rows[1])
+    return Stop(problem, problem.parameters(stated, limits), bounds, problem.condensed)
 
 
-def corrected(question: Question, way: Waypoint, lines: Lines) -> Waypoint:
-    """Return a waypoint with inequalities where it is too near; the same if it is not."""
+def corrected(question: Question, way: Waypoint, lines: Lines) -> Waypoint | None:
+    """Return a waypoint with inequalities where it is too near; None if it is not."""
     line, asked = lines(way.tensions), question.wider
     if line is None or asked.keeps(line):
-        return way
+        return None
     rows = updated(way.avoidance, near_places(line, asked), line, asked)
     return Waypoint(way.targets, way.tensions, rows, way.share, way.plan)
 
@@ -102,9 +137,12 @@ def _stepped(
     targets: tuple[Target, ...],
     before: Waypoint,
     statement: Statement,
-    lines: Lines,
+    lines: Lines | None,
 ) -> Waypoint | None:
-    """Return a waypoint stepped to from the one before, None where that does not lead there."""
+    """Return a waypoint stepped to from the one before, None where that does not lead there.
+
+    It keeps clear where lines are given.
+    """
     unit = units(question.arm, question.limits)
     way = Waypoint(targets, before.tensions, before.avoidance)
     for _ in range(_ROUNDS):
@@ -113,11 +151,11 @@ def _stepped(
         if not np.abs(stop.lack(at.g)).max(initial=0.0) < EXACT:
             return None
         T = np.clip(a * unit, question.limits.lower, question.limits.upper)
-        if is_loaded(question.scene) and not stop.problem.stability(a, T) > 0:
+        if is_loaded(question.scene) and not stop.functions.stands:
             return None
         way = Waypoint(targets, T, way.avoidance)
-        clear = corrected(question, way, lines) if question.surroundings else way
-        if clear is way:
+        clear = corrected(question, way, lines) if lines and question.surroundings else None
+        if clear is None:
             return way
         way = clear
     return None

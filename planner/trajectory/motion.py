@@ -12,6 +12,7 @@ import numpy as np
 
 from model.arm import Arm
 from model.checks import finite_array, kind
+from model.clearance import clearances
 from model.errors import InputError
 from model.loads import check_loads
 from model.machine.compiled import Compile, checked_compile
@@ -249,6 +250,7 @@ def trajectory(
     begin = _start(arm, start, limits)
     given = (around, found, begin, accuracy, checked_compile(compile))
     question = Question(arm, scene, tuple(asked), limits, rates, *given)
+    _check_start(question)
     ways = planned(question)
     branches = tuple(
         i for i, way in enumerate(ways) if i and way.plan is not None and way.plan.jump > 0
@@ -279,6 +281,18 @@ def _start(arm: Arm, start: Any, limits: Limits) -> Array:
         return np.ravel(start.tensions)
     kind("start", start, Iterable, "a Plan, or tensions [N]")
     return arm.flat(start, "start")
+
+
+def _check_start(question: Question) -> None:
+    """Raise InputError where the arm is too near to something before it moves."""
+    line, asked = question.lines()(question.start), question.surroundings
+    if not asked or line is None or asked.keeps(line):
+        return
+    found = clearances(line, asked.obstacles, asked.least)
+    nearest = min(found.values(), key=lambda clear: clear.gap)
+    kept = f"{1e3 * asked.clearance:g} mm of clearance" if asked.clearance else "clear"
+    allowed = f"a start or obstacles that leave the arm {kept} before it moves: {nearest}"
+    raise InputError("start", [round(float(T), 6) for T in question.start], allowed)
 
 
 def _out_of_reach(ways: list[Waypoint], met: list[int]) -> None:

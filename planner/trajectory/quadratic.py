@@ -6,14 +6,19 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import block_diag, csc_array, eye_array, hstack, kron, vstack
 
 from model.paths import Array
+from planner.program.reduced import Reduced
 from planner.trajectory.coupling import Coupling, Here, weights
 from planner.trajectory.restoration import Stop
 
 _LEAST_CURVATURE, _DURATION = 1e-6, 1e-9
+# What inequalities are slack by, over L, that no step makes active.
+_FAR = 3.0
 Limits = tuple[Array, Array]
+Mask = NDArray[np.bool_]
 
 
 def step(
@@ -29,17 +34,18 @@ def step(
     effort, time = weights(coupling)
     H = block_diag(
         [
-            _convex(stop.problem.condensed.second(own, stop.p, effort, multipliers))
+            _convex(stop.functions.second(own, stop.p, effort, multipliers))
             for stop, own, multipliers in zip(rough, here.a, lam, strict=True)
         ]
         + [_DURATION * np.eye(M)]
     )
     efforts = [effort * own.gradient for own in here.first]
     gradient = np.concatenate([*efforts, np.full(M, time)])
-    rows = block_diag([own.jacobian for own in here.first])
+    near = [_near(stop, at) for stop, at in zip(stops, here.first, strict=True)]
+    rows = block_diag([at.jacobian[which] for at, which in zip(here.first, near, strict=True)])
     own = [
-        (stop.bounds[2] - at.g, stop.bounds[3] - at.g)
-        for stop, at in zip(stops, here.first, strict=True)
+        ((stop.bounds[2] - at.g)[which], (stop.bounds[3] - at.g)[which])
+        for stop, at, which in zip(stops, here.first, near, strict=True)
     ]
     coupled, most = _coupled(coupling, here)
     A = vstack([hstack([rows, csc_array((rows.shape[0], M))]), *coupled])
@@ -52,8 +58,18 @@ def step(
     if found is None:
         return None, lam
     x, multipliers = found
-    ends = np.cumsum([at.g.size for at in here.first])[:-1]
-    return x[: N * n].reshape(N, n), np.split(multipliers[: rows.shape[0]], ends)
+    known, first = [], 0
+    for which in near:
+        known.append(np.zeros(which.size))
+        known[-1][which] = multipliers[first : first + which.sum()]
+        first += which.sum()
+    return x[: N * n].reshape(N, n), known
+
+
+def _near(stop: Stop, at: Reduced) -> Mask:
+    """Return which constraints (m,) may matter: those of empty slots are far from their bounds."""
+    low, high = stop.bounds[2:]
+    return np.asarray((at.g - low < _FAR) | (high - at.g < _FAR))
 
 
 def _coupled(coupling: Coupling, here: Here) -> tuple[list[Any], Array]:

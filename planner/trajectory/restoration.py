@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from model.paths import Array
+from planner.program.condensed import Condensed
+from planner.program.explicit import Explicit
 from planner.program.problem import Bounds, Problem
 from planner.program.reduced import Reduced
 
@@ -16,15 +18,24 @@ STEPS, EXACT = 4, 1e-10
 
 @dataclass(frozen=True, eq=False)
 class Stop:
-    """A waypoint as a program of its own: see planner.program.problem."""
+    """A waypoint as a program of its own: see planner.program.problem.
+
+    `functions` are those of the problem; with a memory of the waypoint's own once it is `apart`.
+    """
 
     problem: Problem
     p: Array
     bounds: Bounds
+    functions: Condensed | Explicit
+
+    def apart(self, a: Array) -> Stop:
+        """Return the waypoint with a memory of its own, of what is found at scaled tensions a."""
+        self.first(a)
+        return replace(self, functions=self.functions.apart())
 
     def first(self, a: Array) -> Reduced:
         """Return its values and first derivatives at scaled tensions a (n,)."""
-        return self.problem.condensed.first(a, self.p)
+        return self.functions.first(a, self.p)
 
     def lack(self, g: Array) -> Array:
         """Return by how much constraints with values g are violated, with the sign of the cure."""

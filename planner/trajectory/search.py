@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from model.arm import Arm
 from model.clearance.lines import Lines
 from model.paths import Array
 from planner.avoidance.places import updated, watched_places
@@ -18,11 +19,11 @@ from planner.program.statement import Statement
 from planner.trajectory.between import between
 from planner.trajectory.coupled import Way, solved
 from planner.trajectory.coupling import Coupling, lengths_of
-from planner.trajectory.initial import coarse, corrected, stop_of
+from planner.trajectory.initial import coarse, corrected, stop_of, unverified
 from planner.trajectory.question import Question, Waypoint
 from planner.trajectory.restoration import Stop
 
-_ROUNDS = 8
+_ROUNDS = 20
 # Steps of the program over the motion on the coarsest mesh, and on the one that plans want.
 _COARSE_STEPS, _FINE_STEPS = 40, 2
 # Shares of the way where a further waypoint parts it.
@@ -37,31 +38,68 @@ def led(question: Question, ways: list[Waypoint]) -> tuple[list[Waypoint], Array
     coupled, durations, met = _coupled(question, ways)
     if not question.surroundings:
         return coupled, durations, met
-    lines, violated = question.lines(), True
+    lines = question.lines()
     for _ in range(_ROUNDS):
-        new = [corrected(question, way, lines) for way in coupled]
-        violated = any(one is not other for one, other in zip(new, coupled, strict=True))
-        if not violated:
-            new, violated = _parted(question, coupled, lines)
-        if not violated:
-            break
+        new = _cleared(question, coupled, lines)
+        if new is None:
+            return coupled, durations, met
         coupled, durations, met = _coupled(question, new)
-    return coupled, durations, met and not violated
+    return coupled, durations, met and _cleared(question, coupled, lines) is None
+
+
+def _cleared(question: Question, ways: list[Waypoint], lines: Lines) -> list[Waypoint] | None:
+    """Return waypoints with inequalities where they, or the ways between, are too near."""
+    tensions = np.vstack([question.start, *(way.tensions for way in ways)])
+    near = unverified(lines, tensions, question)
+    if not near:
+        return None
+    found, asked = between(lines, tensions, question.surroundings), question.wider
+    new, changed = [], False
+    for k, way in enumerate(ways):
+        share = float(found.share[k])
+        if found.bound[k] < 0 and _INSIDE < share < 1 - _INSIDE:
+            T = tensions[k] + share * (tensions[k + 1] - tensions[k])
+            line = lines(T)
+            if line is not None:
+                rows = updated(None, watched_places(line, asked), line, asked)
+                new.append(Waypoint((), T, rows, share * way.share))
+                way, changed = replace(way, share=(1 - share) * way.share), True
+        clear = corrected(question, way, lines) if k in near else None
+        new.append(clear or way)
+        changed = changed or clear is not None
+    return new if changed else None
 
 
 def _coupled(question: Question, ways: list[Waypoint]) -> tuple[list[Waypoint], Array, bool]:
     """Return the waypoints with the tensions of the program over them all, durations [s], check."""
-    fine = _statement(ways)
+    fine, ways = _statement(ways), _alike(question.arm, ways)
     unit = units(question.arm, question.limits)
     a, lam = np.array([way.tensions for way in ways]) / unit, None
-    rough = [stop_of(question, way, coarse(fine)) for way in ways]
+    rough = stops = _stops(question, ways, coarse(fine), a)
     for statement, steps in ((coarse(fine), _COARSE_STEPS), (fine, _FINE_STEPS)):
-        stops = [stop_of(question, way, statement) for way in ways]
+        if statement is fine:
+            stops = _stops(question, ways, fine, a)
         found: Way = solved(stops, rough, _coupling(question, ways, stops[0]), a, steps, lam)
         a, lam = found.a, found.lam
     T = np.clip(a * unit, question.limits.lower, question.limits.upper)
     moved = [replace(way, tensions=own) for way, own in zip(ways, T, strict=True)]
     return moved, found.durations, found.missed <= question.accuracy
+
+
+def _alike(arm: Arm, ways: list[Waypoint]) -> list[Waypoint]:
+    """Return waypoints whose inequalities are of one structure, so that they share a program."""
+    needed = [way.avoidance.needed(arm) for way in ways if way.avoidance]
+    room = tuple(max(own) for own in zip(*(own for own in needed if own), strict=True))
+    return [
+        replace(way, avoidance=replace(way.avoidance, room=room)) if way.avoidance else way
+        for way in ways
+    ]
+
+
+def _stops(question: Question, ways: list[Waypoint], statement: Statement, a: Array) -> list[Stop]:
+    """Return waypoints as programs, each settled near the one before at scaled tensions (N, n)."""
+    stops = (stop_of(question, way, statement) for way in ways)
+    return [stop.apart(own) for stop, own in zip(stops, a, strict=True)]
 
 
 def _coupling(question: Question, ways: list[Waypoint], first: Stop) -> Coupling:
@@ -88,21 +126,3 @@ def _statement(ways: list[Waypoint]) -> Statement:
     stated = [way.plan.statement for way in ways if way.plan is not None]
     finest = max(stated, key=lambda one: one.refinement)
     return finest.but(mode="exact")
-
-
-def _parted(question: Question, ways: list[Waypoint], lines: Lines) -> tuple[list[Waypoint], bool]:
-    """Return the waypoints with others between them where the way there touches something."""
-    tensions = np.vstack([question.start, *(way.tensions for way in ways)])
-    on_way, asked = between(lines, tensions, question.surroundings), question.wider
-    found, parted = [], False
-    for k, way in enumerate(ways):
-        share = float(on_way.share[k])
-        if on_way.bound[k] < 0 and _INSIDE < share < 1 - _INSIDE:
-            T = tensions[k] + share * (tensions[k + 1] - tensions[k])
-            line = lines(T)
-            if line is not None:
-                rows = updated(None, watched_places(line, asked), line, asked)
-                found.append(Waypoint((), T, rows, share * way.share))
-                way, parted = replace(way, share=(1 - share) * way.share), True
-        found.append(way)
-    return found, parted

@@ -42,18 +42,20 @@ def _ways(rng: np.random.Generator, count: int) -> tuple[Array, Array]:
     return start, start + size * (other * (rng.uniform(size=start.shape) < 0.5) - start)
 
 
-def _least(line: Centreline, obstacles: list[Obstacle], moved: Array, itself: bool) -> float:
-    """Return the least distance of many places of an arm, from what has moved (B, 3)."""
+def _least(line: Centreline, obstacles: list[Obstacle], moved: Array, turn: float) -> float:
+    """Return the least distance of many places of an arm, from what has moved (B, 3).
+
+    `turn` is about a half turn: between places that may meet.
+    """
     x, r = line.at(np.linspace(0.0, ARM.length, 301))
     gaps = [float((own.distance(x - d) - r).min()) for own, d in zip(obstacles, moved, strict=True)]
-    if itself:
-        t = np.diff(x, axis=0) / np.linalg.norm(np.diff(x, axis=0), axis=1, keepdims=True)
-        angle = np.arccos(np.clip(np.einsum("ki,ki->k", t[1:], t[:-1]), -1, 1))
-        turned = np.concatenate([[0, 0], np.cumsum(angle)])
-        d = np.linalg.norm(x[:, None] - x[None], axis=2) - r[:, None] - r[None]
-        gaps.append(float(d[turned[None] - turned[:, None] >= np.pi].min(initial=np.inf)))
-        height = (x - ARM.base_position) @ np.array(ARM.base_frame)[:, 0] - r
-        gaps.append(float(height[turned >= np.pi / 2].min(initial=np.inf)))
+    t = np.diff(x, axis=0) / np.linalg.norm(np.diff(x, axis=0), axis=1, keepdims=True)
+    angle = np.arccos(np.clip(np.einsum("ki,ki->k", t[1:], t[:-1]), -1, 1))
+    turned = np.concatenate([[0, 0], np.cumsum(angle)])
+    d = np.linalg.norm(x[:, None] - x[None], axis=2) - r[:, None] - r[None]
+    gaps.append(float(d[turned[None] - turned[:, None] >= turn].min(initial=np.inf)))
+    height = (x - ARM.base_position) @ np.array(ARM.base_frame)[:, 0] - r
+    gaps.append(float(height[turned >= turn / 2].min(initial=np.inf)))
     return min(gaps)
 
 
@@ -71,23 +73,21 @@ def _check(scene: Scene, rng: np.random.Generator, count: int, instants: int) ->
     with_plane = np.concatenate([moved, np.zeros((count, 2, 1, 3))], axis=2)
     found = swept(settled, count, Around(numbers, with_plane, turns, True, KEEP))
 
-    def true(k: int, share: float) -> float:
+    def true(k: int, share: float, turn: float) -> float:
         line = lines(start[k] + share * (end[k] - start[k]))
         assert line is not None
         at = moved[k, 0] + share * (moved[k, 1] - moved[k, 0])
-        return _least(line, obstacles, at, True) - KEEP
+        return _least(line, obstacles, at, turn) - KEEP
 
     for k in range(count):
-        sampled = min(true(k, share) for share in np.linspace(0, 1, instants))
-        assert found.bound[k] <= sampled + 1e-9
-        if sampled < 0 or found.seen[k] < 0:
-            # Refuted, where it was seen, by a bound that is close.
-            assert found.seen[k] < 0 or sampled > -1e-4
-            # Places are 1.5 mm apart, and of those that face each other the nearest may be left out.
-            assert true(k, found.share[k]) <= found.seen[k] + 1.5e-3
-            assert found.seen[k] - found.bound[k] <= 2e-5 * ARM.length + 0.0101 * abs(found.seen[k])
-        elif sampled > 1e-3:
-            assert found.bound[k] >= 0
+        shares = np.linspace(0, 1, instants)
+        assert found.bound[k] <= min(true(k, share, np.pi) for share in shares) + 1e-9
+        # Of places 1.5 mm apart turns are a little less than those of the arm.
+        nearest = min(true(k, share, 0.96 * np.pi) for share in shares)
+        if found.seen[k] < 0:
+            nearest = min(nearest, true(k, found.share[k], 0.96 * np.pi))
+            assert nearest <= found.seen[k] + 1e-3
+        assert found.bound[k] >= min(1.0101 * nearest, 0.0) - 1.5e-3
 
 
 @pytest.mark.parametrize("scene", [PAPER, SILICONE], ids=["paper", "silicone"])
@@ -98,7 +98,7 @@ def test_no_bound_on_the_way_is_above_what_fine_sampling_sees(scene: Scene) -> N
 @pytest.mark.slow
 @pytest.mark.parametrize("scene", [PAPER, SILICONE, IN_WATER], ids=["paper", "silicone", "water"])
 def test_no_bound_on_many_ways_is_above_what_fine_sampling_sees(scene: Scene) -> None:
-    for seed in range(20 if scene is IN_WATER else 60):
+    for seed in range(8):
         _check(scene, np.random.default_rng(seed), 8, 61)
 
 

@@ -164,6 +164,12 @@ def test_what_a_motion_cannot_be_is_refused_by_name(given: dict[str, object], fi
         trajectory(ARM, TARGETS, SCENE, 20.0, **given)  # type: ignore[arg-type]
 
 
+def test_a_start_that_touches_an_obstacle_is_refused_with_where() -> None:
+    ball = Sphere((0.25, 0.0, 0.02), 0.02)
+    with pytest.raises(InputError, match=r"start.*passes through obstacles\[0\].*s = "):
+        trajectory(ARM, TARGETS, SCENE, 20.0, rate_max=1.0, obstacles=[ball])
+
+
 def test_what_is_no_path_is_refused() -> None:
     for path in ([], 3.0):
         with pytest.raises(InputError, match="targets"):
