@@ -55,6 +55,7 @@ SMALL: dict[str, tuple[str, str, tuple[str, ...]]] = {
         "all                3   100.0%      0      100.0%",
         (),
     ),
+    "real_time": ("--steps 6 --cold 1 --scipy 0 --many 4", "0 refused, 0 neither", ()),
     "recovery": ("--arms 1", "intervals that hold the truth", ()),
     "solvers": ("--targets 1", "planner.solve.sqp", ()),
     "speed": (

@@ -19,6 +19,9 @@ from model.machine.pieces import in_pieces
 Compile = bool | Literal["auto"]
 # More takes the compiler several times as long, for code that is a tenth faster.
 _LEVEL = "-O1"
+# Longer functions stay as they are: half a minute of a compiler's for what few plans call at all,
+# those that hold the least stable mode to a margin.
+_LONGEST = 30_000
 _built: WeakKeyDictionary[ca.Function, ca.Function] = WeakKeyDictionary()
 
 
@@ -49,20 +52,25 @@ def _try(named: str | None, path: str | None) -> None:
 def kernels(functions: Iterable[ca.Function], machine_code: bool = True) -> list[ca.Function]:
     """Return functions as machine code, or as they are; several are compiled side by side.
 
-    Those that are no SX functions stay. CasADi cannot differentiate what is compiled.
+    Those that are no SX functions stay, and very long ones. CasADi cannot differentiate what is
+    compiled.
 
     Raises CompilerError.
     """
     functions = list(functions)
     if not machine_code:
         return functions
-    left = [f for f in dict.fromkeys(functions) if f not in _built and f.is_a("SXFunction")]
+    left = [f for f in dict.fromkeys(functions) if f not in _built and _worth(f)]
     sources = [_source(f) for f in left]
     with ThreadPoolExecutor(max(len(left), 1)) as pool:
         paths = list(pool.map(lambda source: library(source, _LEVEL, in_pieces), sources))
     for f, path in zip(left, paths, strict=True):
         _built[f] = ca.external(f.name(), str(path))
     return [_built.get(f, f) for f in functions]
+
+
+def _worth(f: ca.Function) -> bool:
+    return f.is_a("SXFunction") and f.n_instructions() <= _LONGEST
 
 
 def kernel(function: ca.Function, machine_code: bool = True) -> ca.Function:
