@@ -14,11 +14,13 @@ from model.contact.newton import Held
 from model.contact.passing import deep, passing
 from model.contact.places import SAME, Place
 from model.contact.root import Root
-from model.contact.touches import forces, second
+from model.contact.touches import forces, resultants, second
 from model.mesh import Mesh
 
 # How far off points, and ends of parts that lie, may be, over the arm's length.
 _FOUND, _FOUND_END = 1e-8, 1e-10
+# How near a point belongs to a part that lies, over an element.
+_NEXT = 0.1
 # gap' at a corner that counts as 0.
 _LEVEL = 1e-9
 # Half the length of a part that was a point, over an element.
@@ -44,8 +46,8 @@ def moved(
         ends = list(place.ends)
         for k, node in enumerate(own):
             f, shift, most = (_end if place.lies else _point)(held, place, node, 2 * k - 1)
-            if shift:
-                root = roots.setdefault((i, k), Root())
+            root = roots.setdefault((i, k), Root())
+            if shift and not root.is_jump(ends[k], f, _FOUND * held.length):
                 after = root.next(ends[k], f, ends[k] + shift, most)
                 ends[k] = after if place.lies else _up_to_corner(held, ends[k], after)
                 ends[k] = min(ends[k], held.length)
@@ -87,8 +89,9 @@ def _end(held: Held, place: Place, node: int, side: int) -> tuple[float, float, 
     look = side * _ASIDE * h * (np.arange(5) + (side > 0))
     curve = along(system, held.here.x, at + look, np.full(5, place.obstacle))[:, 2]
     here, slope = np.polynomial.polynomial.polyfit(look / h, curve, 4)[:2] / [1.0, h]
-    shift = -float(here / slope) if slope else 0.0
-    most = 0.4 * min(h, place.end - place.start)
+    # A part is too long where the free arm leaves with gap'' > 0, as if it were pulled there.
+    shift = -side * float(np.sign(here)) * abs(float(here / slope) if slope else h)
+    most = min(0.8 * h, 0.35 * (place.end - place.start))
     return float(here), shift * (abs(shift) > _FOUND_END * held.length), most
 
 
@@ -138,7 +141,7 @@ def _joined(places: list[Place], mesh: Mesh) -> list[Place]:
         last = found[-1] if found else None
         if last is not None and last.obstacle == place.obstacle and (last.lies or place.lies):
             k = mesh.node(last.end)
-            if place.start - last.end <= 1.5 * (mesh.s[min(k + 1, mesh.steps)] - mesh.s[k]):
+            if place.start - last.end <= _NEXT * (mesh.s[min(k + 1, mesh.steps)] - mesh.s[k]):
                 found[-1] = Place(place.obstacle, last.start, place.end)
                 continue
         found.append(place)
@@ -168,8 +171,8 @@ def _lying(held: Held, place: Place, nodes: tuple[int, ...]) -> list[Place]:
     system, j = held.here.system, place.obstacle
     first, last = nodes
     ends = forces(system, held.states)[[first, last], j]
-    p = second(system, held.states)[first : last + 1, j]
-    if ends.min() >= 0 and p.min() >= -1e-9 * max(np.abs(p).max(), 1e-30):
+    pressed = resultants(system, held.states, held.touches)[first : last + 1, j]
+    if ends.min() >= 0 and pressed.min() >= -1e-9 * pressed.max():
         return [place]
     points = [Place(j, s, s) for s in place.ends]
     if ends.min() >= 0 or ends.max() < 0:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from model.contact.gaps import Gaps
-from model.contact.touches import Touches, forces, second
+from model.contact.touches import Touches, resultants, second
 from model.loads import contacts
 from model.obstacles import Obstacle
 from model.paths import Array
@@ -49,11 +49,7 @@ def touches_of(system: System, states: Array) -> tuple[Touch, ...]:
     touches, gaps = Touches.of(system), Gaps.of(system, states)
     s, own = system.mesh.s, touches.held | touches.inside
     p = second(system, states) * (touches.end | touches.inside)
-    size = forces(system, states) * touches.held
-    h = np.diff(s)[:, None] * touches.lies
-    # Of a pressure that is linear between nodes: the lever rule.
-    size[:-1] += h * (2 * p[:-1] + p[1:]) / 6
-    size[1:] += h * (p[:-1] + 2 * p[1:]) / 6
+    size = resultants(system, states, touches)
     bodies, places = contacts(system.scene), system.poses(states)[:, 4:]
     found = []
     for k, j in zip(*np.nonzero(own), strict=True):

@@ -28,7 +28,7 @@ from model.transcription.system import System
 # move.
 _FIRST, _ROUGH, _LEAST = 0.25, 1 / 64, 1 / 256
 # How often places may move in a step.
-_SHORT = 12
+_SHORT = 25
 # Steps against resistance: how many, how far one may turn a frame, resistance to begin with, the
 # least and the most, and with how little Newton's method is tried, once in so many steps.
 _FLOWS, _TURN, _THICK, _THIN, _STUCK, _LITTLE, _TRIED = 200, 0.15, 1.0, 1e-2, 1e9, 0.1, 4

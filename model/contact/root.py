@@ -41,6 +41,10 @@ class Root:
                 guess = s + min(max(secant - s, -most), most)
         return self._inside(s, f, guess)
 
+    def is_jump(self, s: float, f: float, near: float) -> bool:
+        """Return whether the function jumps across 0 as near to s, as where an obstacle ends."""
+        return any(value * f < 0 and abs(at - s) < near for at, value in self.values)
+
     def _inside(self, s: float, f: float, guess: float) -> float:
         """Return a guess, or one between s and the nearest place where f has the other sign."""
         side = guess - s

@@ -105,3 +105,16 @@ def second(system: System, states: Array) -> Array:
     The shift [m] is how far on along the arm a point touches.
     """
     return np.asarray(states[system.of.touches[:, :, 1]])
+
+
+def resultants(system: System, states: Array, touches: Touches) -> Array:
+    """Return the forces with which obstacles press at the nodes (N + 1, K) [N].
+
+    Of a pressure that is linear between nodes what falls to each by the lever rule.
+    """
+    p = second(system, states) * (touches.end | touches.inside)
+    found = forces(system, states) * touches.held
+    h = np.diff(system.mesh.s)[:, None] * touches.lies
+    found[:-1] += h * (2 * p[:-1] + p[1:]) / 6
+    found[1:] += h * (p[:-1] + 2 * p[1:]) / 6
+    return found
