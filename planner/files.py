@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from model.errors import InputError
+from model.errors import FileError, InputError
 from planner.staging import keep, placed, staged
 
 
@@ -25,8 +25,16 @@ def write_together(folder: Path, contents: dict[str, bytes]) -> None:
     """Write files into a folder, which is made if need be: all of them, or on an error none.
 
     They are staged in a folder inside it first, so that a full disk spoils nothing; what was there
-    before is put back where one of them cannot take its place.
+    before is put back where one of them cannot take its place. Raises FileError.
     """
+    try:
+        _write_staged(folder, contents)
+    except (OSError, ValueError) as reason:
+        told = f"no file was written in this folder: {why(reason)}"
+        raise FileError(str(folder), "", told) from None
+
+
+def _write_staged(folder: Path, contents: dict[str, bytes]) -> None:
     new = not folder.exists()
     folder.mkdir(parents=True, exist_ok=True)
     try:

@@ -1,7 +1,7 @@
 """Where does the arm reach, how soft is it there, and what does it cost to go there?
 
 Question: over the plane in which the third tendons bend the arm of table 4, where can its tip be,
-how far does the softest direction at the tip give way to a force, and how hard must tendons pull to
+how compliant is the softest direction at the tip, and how hard must tendons pull to
 bring the tip to a point?
 
 Assumptions: extension, no loads. Workspace: all tensions drawn log-uniformly, up to 0.6, 5 and 15 N

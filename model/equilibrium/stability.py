@@ -133,7 +133,7 @@ def _block_places(of: Layout) -> Index:
 def stability(here: Linearised) -> float:
     """Return the least eigenvalue of the scaled Hessian of the energy; below 0 it does not stand.
 
-    Of a Hessian that is not symmetric, the least real part. 0 where the arm is about to give way.
+    Of a Hessian that is not symmetric, the least real part. 0 where the arm is about to yield.
     """
     if not is_loaded(here.system.scene):
         return _by_sections(here)

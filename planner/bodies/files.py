@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from model.checks import within
-from model.errors import FileError, InputError
+from model.errors import InputError
 from model.shape import Shape
 from planner.bodies.mjcf import mjcf
 from planner.bodies.surface import surface
 from planner.bodies.urdf import ros_messages, urdf
 from planner.extras import needed
-from planner.files import to_json, why, write_named, write_together
+from planner.files import to_json, write_named, write_together
 
 MESHES = (".stl", ".glb", ".ply", ".obj")
 What = Literal["mesh", "mjcf", "urdf"]
@@ -69,12 +69,7 @@ def export_shape(
         raise InputError("what", what, ", ".join(_CONTENTS))
     contents = _CONTENTS[what](shape, name, links)
     folder = Path(to)
-    try:
-        write_together(folder, contents)
-    except (OSError, ValueError) as reason:
-        raise FileError(
-            str(folder), "", f"no file was written in this folder: {why(reason)}"
-        ) from None
+    write_together(folder, contents)
     return tuple(folder / file for file in contents)
 
 

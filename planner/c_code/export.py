@@ -21,7 +21,7 @@ from planner.c_code.inverse import check_inverse, inverse_values
 from planner.c_code.source import PRECISIONS, CSource, Precision
 from planner.c_code.steps import steps_source
 from planner.c_code.values import BYTES, c_source, c_values
-from planner.files import why, write_together
+from planner.files import write_together
 from planner.plan import Plan
 
 _TEMPLATES = {
@@ -158,12 +158,8 @@ def _written(
         for file, template in {**_TEMPLATES, "@NAME@.c": source.template, **more}.items()
     }
     folder = Path(to)
-    try:
-        _check_free(folder, values["NAME"])
-        write_together(folder, {file: text.encode() for file, text in texts.items()})
-    except (OSError, ValueError) as reason:
-        told = f"no file was written in this folder: {why(reason)}"
-        raise FileError(str(to), "", told) from None
+    _check_free(folder, values["NAME"])
+    write_together(folder, {file: text.encode() for file, text in texts.items()})
     written = tuple(folder / file for file in texts)
     used = source.numbers + int(values.get("PLAN_NUMBERS", 0))
     return Exported(written, shape, BYTES[precision] * used)
@@ -175,8 +171,13 @@ def _template(name: str) -> str:
 
 def _check_free(folder: Path, name: str) -> None:
     """Refuse a folder with another export, whose main.c and Makefile would be lost."""
-    shared = [file for file in _TEMPLATES if not file.startswith("@") and (folder / file).exists()]
-    if shared and not (folder / f"{name}.h").exists():
+    own = [file for file in _TEMPLATES if not file.startswith("@")]
+    try:
+        shared = [file for file in own if (folder / file).exists()]
+        again = (folder / f"{name}.h").exists()
+    except (OSError, ValueError):  # a folder that cannot be: writing says why
+        return
+    if shared and not again:
         told = (
             f"another export is there ({', '.join(shared)} would be overwritten); "
             f"name another folder, such as {folder / name}"

@@ -5,10 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from model.errors import FileError
 from planner.commands.command import FIGURES, Answer
 from planner.commands.output import say
-from planner.files import to_json, why, write_together
+from planner.files import to_json, write_together
 
 
 def deliver(answer: Answer, args: argparse.Namespace) -> None:
@@ -27,9 +26,4 @@ def _write(folder: Path, answer: Answer, kind: str) -> None:
     files[f"{answer.name}.json"] = to_json(answer.record)
     if answer.draw is not None:
         files[f"{answer.name}.{kind}"] = drawn(answer.draw(), kind)
-    try:
-        write_together(folder, files)
-    except (OSError, ValueError) as reason:
-        raise FileError(
-            str(folder), "", f"no file was written in this folder: {why(reason)}"
-        ) from None
+    write_together(folder, files)

@@ -25,7 +25,7 @@ from planner.targets.base import ComplianceRequest, Target
 
 Bounds = tuple[Array, Array, Array, Array]
 TRACES = (1e-6, 1e-11)
-# The least stability that a plan is held to: an arm that is about to give way does not settle.
+# The least stability that a plan is held to: an arm that is about to yield does not settle.
 _STABLE = 1e-3
 # Over what bends the arm by some rad: maxima below this share do nothing, those above are none.
 _NOTHING, _NO_LIMIT = 1e-7, 1e12

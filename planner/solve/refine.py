@@ -66,7 +66,7 @@ def refine_best(task: Task, coarse: Sequence[Solution], mode: Mode) -> Fine:
     """Return the best of coarse optima on the fine mesh; `optimal` is False if none is one there.
 
     Which is best is decided there among all that are nearly so, and an optimum that only the coarse
-    mesh has gives way to the next.
+    mesh has is left for the next.
     """
     finished: list[Fine] = []
     limit, last = np.inf, -np.inf

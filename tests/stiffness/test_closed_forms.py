@@ -187,7 +187,7 @@ def test_locked_antagonists_hold_the_turn_of_the_tip(exact: bool, tendon_EA: flo
     assert k.compliance[1, 1] == pytest.approx(wanted, rel=1e-9)
     response, moment = k.tension_response[:, 1] * Y, held * L / 2
     assert response[0] - response[1] == pytest.approx(moment, rel=1e-9)
-    # What they pull together is up to their stretch: nothing else gives way to it.
+    # What they pull together is up to their stretch: nothing else yields to it.
     if tendon_EA is not None:
         assert response.sum() == pytest.approx(0, abs=1e-9 * moment)
     assert k.compliance[2, 2] == pytest.approx(L**3 / (3 * EJ), rel=1e-9)

@@ -1,4 +1,4 @@
-"""How the tip gives way inside a program: values, and first and second derivatives."""
+"""The tip's compliance inside a program: values, and first and second derivatives."""
 
 from __future__ import annotations
 
