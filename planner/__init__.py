@@ -15,8 +15,10 @@ from planner.calibrate.calibration import Calibration
 from planner.calibrate.measured import Measured
 from planner.calibrate.saved import load_calibration
 from planner.certificate import Certificate
-from planner.design.design import Design, design
+from planner.design.design import design
+from planner.design.designed import Design
 from planner.design.making import Making
+from planner.design.objective import Reach
 from planner.many import FailedPlan, plan_many
 from planner.plan import Plan, plan
 from planner.plan_files import load_plan
@@ -39,6 +41,7 @@ __all__ = [
     "Measured",
     "Plan",
     "Problem",
+    "Reach",
     "Statement",
     "Trajectory",
     "Trial",

@@ -5,6 +5,7 @@ States S are an arm's unknowns but for tensions and load factor; see model.trans
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 from functools import cached_property, lru_cache, partial
 from typing import Any
@@ -149,6 +150,14 @@ class System:
                 p[self.of.equations.numbers_of("tip")][3 + component] += 1.0
             found.append(self._calls.value(x, p)[0][0] - still)
         return np.stack(found, axis=1)
+
+    def pushed(self, force: Array) -> System:
+        """Return the same equations with a dead force (3,) [N] more at the tip."""
+        other = copy(self)
+        other.p = self.p.copy()
+        elements = other.p[self.of.equations.numbers_of("element")].reshape(self.mesh.steps, -1)
+        elements[:, 1:4] += force
+        return other
 
     def poses(self, states: Array) -> Array:
         """Return the poses at the nodes (N + 1, 7), from base to tip."""

@@ -29,7 +29,7 @@ from model.unloaded.statics import ClosedStatics, closed_statics
 
 # Strains are analytic between nodes: so many Gauss points on the coarsest mesh leave rounding only,
 # whatever mesh poses have. Measured on the paper's arms and random ones at thrice their tensions.
-_POINTS = 10
+_POINTS = 8
 
 
 class Lengths(NamedTuple):

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from planner.commands.command import NOT_REACHED, OK, Answer, Command, add_time_limit
-from planner.design.design import Design
+from planner.design.designed import Design
 from planner.design.file import run_design
 from planner.records.design import design_record
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,120 +14,21 @@ from model.errors import OctoplanError
 from model.paths import Array
 from model.progress import tell
 from model.settle import checked_scene
+from planner.design.designed import Design
 from planner.design.making import Making
+from planner.design.objective import Objective, Reach, checked_objective
 from planner.design.program import Optimum, Program
-from planner.design.sensitivity import effort_slopes
-from planner.design.tasks import Targets, Tasks
+from planner.design.tasks import Targets
 from planner.plan import Plan, plan
 from planner.program.limits import Limits
 from planner.program.terms import compliance_requests, term_names
 from planner.question import check_targets
+from planner.targets import Softest, Stiffest
 from planner.unknowns.parameters import Parameters, spread
 from planner.unknowns.unknown import Unknown
 
-_END, _REFINEMENT = 1e-6, 2
-
-
-@dataclass(frozen=True)
-class Design:
-    """A designed arm.
-
-    Attributes
-    ----------
-    given_arm, scene
-        What it began with.
-    unknowns : tuple of Unknown
-    values : tuple of float
-        In the units of their keys.
-    arm : Arm
-        The designed arm.
-    plans, before : tuple of Plan
-        Of each task for the designed arm, and for the given one.
-    steps : int
-        Of the optimisation.
-    making : Making
-        What can be made.
-    """
-
-    given_arm: Arm
-    scene: Scene
-    unknowns: tuple[Unknown, ...]
-    values: tuple[float, ...]
-    arm: Arm
-    plans: tuple[Plan, ...] = field(compare=False)
-    before: tuple[Plan, ...] = field(compare=False)
-    steps: int
-    making: Making = field(default_factory=Making)
-
-    @cached_property
-    def parameters(self) -> Parameters:
-        """The unknowns with what they are numbers of."""
-        return Parameters.of(self.given_arm, self.scene, self.unknowns)
-
-    @property
-    def array(self) -> Array:
-        """The values (K,)."""
-        return np.array(self.values)
-
-    @property
-    def feasible(self) -> bool:
-        """Whether the designed arm meets every task, by the plans' certificates."""
-        return _met(self.plans)
-
-    @property
-    def effort(self) -> float:
-        """Root of the sum of the squared efforts of all tasks [N]."""
-        return _total(self.plans)
-
-    @property
-    def gain(self) -> float:
-        """The share of the given arm's effort that is saved; NaN unless both meet all tasks."""
-        met = self.feasible and _met(self.before)
-        return 1 - self.effort / _total(self.before) if met else float("nan")
-
-    @cached_property
-    def sensitivity(self) -> Array:
-        """How the effort changes with the unknowns (K,) [N per unit], tensions chosen anew.
-
-        At a bound it says what the bound costs. Raises InputError unless all tasks are met.
-        """
-        if not self.feasible:
-            raise InputError("design", "tasks that are not met", "a design that meets all tasks")
-        tasks = Tasks(self.parameters, [own.targets for own in self.plans], _REFINEMENT)
-        T = np.array([np.ravel(own.tensions) for own in self.plans])
-        return effort_slopes(self.plans, tasks.missed(self.array, T))
-
-    @cached_property
-    def outcome(self) -> str:
-        """What was found, and where that is not enough which task and which limit hold it."""
-        told = [self._told()]
-        for i, own in enumerate(self.plans):
-            if not own.certificate.passed:
-                told.append(f"Task {i} is not met: {own.outcome}{self._held(own)}")
-        limits = self.making.binding(self.arm)
-        if limits:
-            told.append(f"At a limit of what can be made: {', '.join(limits)}.")
-        rows = zip(self.unknowns, self.values, strict=True)
-        ends = [own.name for own, x in rows if _at_end(own, x)]
-        if ends:
-            told.append(f"At a bound: {', '.join(ends)}.")
-        return " ".join(told)
-
-    def _held(self, own: Plan) -> str:
-        """Return which tension limits a plan is at."""
-        T, upper = np.ravel(own.tensions), np.array(own.limits.upper)
-        at = np.flatnonzero(upper * (1 - _END) <= T)
-        names = ", ".join(own.arm.tendon_name(int(j)) for j in at)
-        return f" At the tension limit: {names}." if names else ""
-
-    def _told(self) -> str:
-        tasks = f"{len(self.plans)} tasks, {len(self.unknowns)} unknowns"
-        if not self.feasible:
-            return f"{tasks}: no arm within the bounds was found that meets all of them."
-        if not np.isfinite(self.gain):
-            return f"{tasks}: effort {self.effort:.4g} N; the given arm does not meet all of them."
-        saved = f"{100 * self.gain:.3g} % less than the given arm's {_total(self.before):.4g} N"
-        return f"{tasks}: effort {self.effort:.4g} N, {saved}."
+# What the given arm may lack of what can be made [mm].
+_END = 1e-6
 
 
 def design(
@@ -139,11 +39,12 @@ def design(
     tension_max: Any = np.inf,
     *,
     making: Making | None = None,
+    objective: Objective = "effort",
     begins: int = 3,
     starts: int | None = None,
     seed: int = 0,
 ) -> Design:
-    """Return the arm for which several tasks take the least effort together.
+    """Return the arm for which several tasks take the least effort together, or another objective.
 
     Local optimisations begin at the given arm and at others within the bounds, each at its plans;
     every task is planned afresh for the best arm found, and certified as any plan is.
@@ -158,6 +59,10 @@ def design(
         [N].
     making : Making
         What can be made.
+    objective : "effort", Stiffest, Softest or Reach
+        What is best while all tasks are met: the root of the sum of squared efforts; the stiffness
+        of the tip along a direction, tensions held, its geometric mean over the tasks; or how far
+        the tip gets along a direction, by tensions of its own, with limits that are finite.
     begins : int
         How many arms are begun with: the given one, then others spread evenly over the bounds.
     starts : int
@@ -177,6 +82,7 @@ def design(
         raise InputError("scene", "as printed", "a scene whose equations hold under loads")
     if not (isinstance(begins, int) and 1 <= begins <= 1000):
         raise InputError("begins", begins, "a whole number from 1 to 1000")
+    objective = checked_objective(objective)
     tasks = _checked(arm, targets)
     parameters = Parameters.of(arm, scene, unknowns)
     for own in parameters.unknowns:
@@ -184,38 +90,78 @@ def design(
             raise InputError("key", own.name, "numbers of the arm but for its base")
     making, limits = making or Making(), Limits.of(arm, tension_max)
     _check_made(making, arm)
-    before = _plans(arm, tasks, scene, tension_max, starts)
-    found = _optimum(parameters, tasks, limits, making, (before, begins, starts, seed))
+    if isinstance(objective, Reach) and not np.all(np.isfinite(limits.upper)):
+        raise InputError("tension_max", tension_max, "finite tensions where a reach is asked for")
+    search = _Search(parameters, tasks, limits, making, objective, starts)
+    before = search.plans(arm)
+    found = search.optimum(before, begins, seed)
     best = parameters.built(found.values, "")[0]
-    plans = _plans(best, tasks, scene, tension_max, starts)
-    values = tuple(found.values.tolist())
-    steps = found.steps
-    return Design(arm, scene, parameters.unknowns, values, best, plans, before, steps, making)
+    reaches = None
+    if isinstance(objective, Reach):
+        at_first = search.program(parameters.start, before).solve(fixed=True)
+        both = (own.tensions[-1].tolist() for own in (at_first, found))
+        reaches = (tuple(next(both)), tuple(next(both)))
+    return Design(
+        arm,
+        scene,
+        parameters.unknowns,
+        tuple(found.values.tolist()),
+        best,
+        search.plans(best),
+        before,
+        found.steps,
+        making,
+        objective,
+        reaches,
+    )
 
 
-def _optimum(
-    parameters: Parameters,
-    tasks: list[Targets],
-    limits: Limits,
-    making: Making,
-    search: tuple[tuple[Plan, ...], int, int | None, int],
-) -> Optimum:
-    """Return the best optimum of those that the given arm and others lead to."""
-    before, begins, starts, seed = search
-    found = []
-    for i, values in enumerate(spread(parameters, begins, seed)):
-        tell("arms begun with", i, begins)
-        try:
-            arm, scene = parameters.built(values, "")
-            if i and making.room(arm).min() < 0:
-                continue
-            plans = _plans(arm, tasks, scene, limits.upper, starts) if i else before
-            T: Array = np.array([np.ravel(own.tensions) for own in plans])
-            found.append(Program(parameters, tasks, limits, making, values, T).solve())
-        except OctoplanError:
-            if not i:
-                raise
-    return min(found, key=lambda own: own.cost)
+@dataclass(frozen=True)
+class _Search:
+    """Local optimisations of one design."""
+
+    parameters: Parameters
+    tasks: list[Targets]
+    limits: Limits
+    making: Making
+    objective: Objective
+    starts: int | None
+
+    def plans(self, arm: Arm, scene: Scene | None = None) -> tuple[Plan, ...]:
+        """Return the plans of all tasks, each by itself the best for the objective."""
+        more = (self.objective,) if isinstance(self.objective, Stiffest | Softest) else ()
+        if scene is None:
+            scene = self.parameters.built(self.parameters.start, "")[1]
+        found = []
+        for i, task in enumerate(self.tasks):
+            tell("tasks planned", i, len(self.tasks))
+            asked = (*task, *more)
+            found.append(plan(arm, asked, scene, self.limits.upper, starts=self.starts))
+        return tuple(found)
+
+    def program(self, values: Array, plans: tuple[Plan, ...]) -> Program:
+        """Return the program that begins at values and the plans of that arm."""
+        T, tasks = [np.ravel(own.tensions) for own in plans], list(self.tasks)
+        if isinstance(self.objective, Reach):
+            T, tasks = [*T, T[0]], [*tasks, ()]
+        given = self.limits, self.making, values, np.array(T), self.objective
+        return Program(self.parameters, tasks, *given)
+
+    def optimum(self, before: tuple[Plan, ...], begins: int, seed: int) -> Optimum:
+        """Return the best optimum of those that the given arm and others lead to."""
+        found = []
+        for i, values in enumerate(spread(self.parameters, begins, seed)):
+            tell("arms begun with", i, begins)
+            try:
+                arm, scene = self.parameters.built(values, "")
+                if i and self.making.room(arm).min() < 0:
+                    continue
+                plans = self.plans(arm, scene) if i else before
+                found.append(self.program(values, plans).solve())
+            except OctoplanError:
+                if not i:
+                    raise
+        return min(found, key=lambda own: own.cost)
 
 
 def _check_made(making: Making, arm: Arm) -> None:
@@ -235,25 +181,3 @@ def _checked(arm: Arm, targets: Iterable[Any]) -> list[Targets]:
         if term_names(arm, task)[1]:
             raise InputError(f"targets[{i}]", task, "targets that can be met exactly")
     return tasks
-
-
-def _plans(
-    arm: Arm, tasks: Sequence[Targets], scene: Scene, tension_max: Any, starts: int | None
-) -> tuple[Plan, ...]:
-    found = []
-    for i, task in enumerate(tasks):
-        tell("tasks planned", i, len(tasks))
-        found.append(plan(arm, task, scene, tension_max, starts=starts))
-    return tuple(found)
-
-
-def _met(plans: Sequence[Plan]) -> bool:
-    return all(own.certificate.passed for own in plans)
-
-
-def _total(plans: Sequence[Plan]) -> float:
-    return float(np.linalg.norm([own.effort for own in plans]))
-
-
-def _at_end(own: Unknown, value: float) -> bool:
-    return min(value - own.lower, own.upper - value) < _END * own.range

@@ -9,11 +9,14 @@ from msgspec import Meta
 
 from model import InputError
 from model.errors import FileError
-from planner.design.design import Design, design
+from planner.design.design import design
+from planner.design.designed import Design
 from planner.design.making import Making
+from planner.design.objective import Objective, Reach
 from planner.scenefile import converted, decoded, scene_beside, text_of
 from planner.scenes.keys import MM, NotNegative, Table
-from planner.scenes.targets import TargetTable, target_of
+from planner.scenes.targets import SoftestTable, StiffestTable, TargetTable, target_of
+from planner.targets import Softest, Stiffest
 from planner.unknowns.tables import UnknownTable, unknown_of
 
 _SUCH = """
@@ -36,6 +39,12 @@ class MakingTable(Table, frozen=True):
     spacing_mm: Annotated[NotNegative, Meta(description="least, of the anchorages [mm]")] = 0.0
 
 
+class ReachTable(Table, tag="reach", frozen=True):
+    """See planner.Reach."""
+
+    direction: Annotated[tuple[float, float, float], Meta(description="in the base frame")]
+
+
 class DesignFile(Table, frozen=True):
     """A design file: a scene, tasks, and what of the arm is unknown."""
 
@@ -45,6 +54,10 @@ class DesignFile(Table, frozen=True):
     tasks: Annotated[tuple[TargetTable, ...], Meta(min_length=1, description="a target each")]
     unknowns: Annotated[tuple[UnknownTable, ...], Meta(min_length=1)]
     making: MakingTable = MakingTable()
+    objective: Annotated[
+        StiffestTable | SoftestTable | ReachTable | None,
+        Meta(description="what is best while all tasks are met; the least effort unless given"),
+    ] = None
 
 
 def run_design(path: str | Path) -> Design:
@@ -62,8 +75,19 @@ def run_design(path: str | Path) -> Design:
     most = asked.options.get("tension_max", float("inf"))
     try:
         tasks = [target_of(own) for own in file.tasks]
-        return design(asked.arm, tasks, unknowns, asked.scene, most, making=making)
+        given = asked.arm, tasks, unknowns, asked.scene, most
+        return design(*given, making=making, objective=_objective(file.objective))
     except FileError:
         raise
     except InputError as reason:
         raise FileError.of(reason, name, "") from None
+
+
+def _objective(table: StiffestTable | SoftestTable | ReachTable | None) -> Objective:
+    if table is None:
+        return "effort"
+    if isinstance(table, ReachTable):
+        return Reach(table.direction)
+    found = target_of(table)
+    assert isinstance(found, Stiffest | Softest)
+    return found

@@ -1,7 +1,7 @@
 """The program of a design: numbers of the arm and the tensions of all tasks, at once.
 
-    least  1/2 sum over tasks |T|^2    such that every task is met, tensions keep to their limits,
-                                       and the arm can be made
+    least  1/2 sum over tasks |T|^2,   such that every task is met, tensions keep to their limits,
+           or another objective        and the arm can be made
 
 by sequential quadratic programming (SciPy's SLSQP), with exact first derivatives. Unknowns z: those
 of the arm from 0 to 10 between their bounds, so that steps in them are short, then tensions over
@@ -20,12 +20,14 @@ from scipy.optimize import minimize
 from model.errors import OctoplanError
 from model.paths import Array
 from planner.design.making import Making
+from planner.design.objective import Objective, Reach, Slopes, tip_along, tip_compliance
 from planner.design.tasks import Missed, Targets, Tasks
 from planner.program.limits import Limits
+from planner.targets import Stiffest
 from planner.unknowns.parameters import Parameters
 
 LOG = logging.getLogger(__name__)
-_REFINEMENT, _TOLERANCE, _STEPS = 2, 1e-10, 200
+REFINEMENT, _TOLERANCE, _STEPS = 2, 1e-10, 200
 # What every residual is said to be where there is no such arm, or it does not settle.
 _NOWHERE = 10.0
 # The residual up to which a task counts as met here; plans are held to their own accuracy.
@@ -37,19 +39,21 @@ _SPAN = 10.0
 class Optimum:
     """Values (K,) of the unknowns, tensions (n_tasks, n_tendons) [N], steps taken.
 
-    `missed` is the largest residual that is left, over the arm's length or in rad.
+    `missed` is the largest residual that is left, over the arm's length or in rad; `objective` is
+    what is least.
     """
 
     values: Array
     tensions: Array
     steps: int
     missed: float
+    objective: float
 
     @property
     def cost(self) -> tuple[bool, float]:
-        """What the best of several has least of: tasks that are not met, then effort."""
+        """What the best of several has least of: tasks that are not met, then the objective."""
         lost = self.missed > _MET
-        return lost, self.missed if lost else float(np.linalg.norm(self.tensions))
+        return lost, self.missed if lost else self.objective
 
 
 class Program:
@@ -63,15 +67,18 @@ class Program:
         making: Making,
         values: Array,
         tensions: Array,
+        objective: Objective = "effort",
     ) -> None:
         self.parameters, self.making, self.limits = parameters, making, limits
+        self.asked = objective
         self.K, self.shape = len(parameters.unknowns), tensions.shape
         self.unit = max(float(tensions.max()), 1e-9)
         scaled = _SPAN * (values - parameters.lower) / parameters.range
         self.start = np.concatenate([scaled, tensions.ravel() / self.unit])
-        self.tasks = Tasks(parameters, tasks, _REFINEMENT)
+        self.tasks = Tasks(parameters, tasks, REFINEMENT)
         self._at, self._missed = self.start, self.tasks.missed(*self.split(self.start))
         self._lost = False
+        self._known: tuple[Array, list[tuple[int, float, Slopes]]] = (np.zeros(0), [])
 
     def split(self, z: Array) -> tuple[Array, Array]:
         """Return values (K,) and tensions (n_tasks, n_tendons) [N] of z."""
@@ -80,13 +87,13 @@ class Program:
         T = np.maximum(self.unit * z[self.K :].reshape(self.shape), 0.0)
         return of.lower + of.range * share, T
 
-    def solve(self) -> Optimum:
-        """Return the optimum that the start leads to."""
+    def solve(self, fixed: bool = False) -> Optimum:
+        """Return the optimum that the start leads to, numbers of the arm `fixed` or not."""
         count = self.shape[0]
         lower, upper = (
             np.tile(own, count) / self.unit for own in (self.limits.lower, self.limits.upper)
         )
-        bounds = [(0.0, _SPAN)] * self.K
+        bounds = [(x, x) if fixed else (0.0, _SPAN) for x in self.start[: self.K].tolist()]
         bounds += list(zip(lower.tolist(), upper.tolist(), strict=True))
         constraints = [
             {"type": "eq", "fun": self.match, "jac": self.match_slopes},
@@ -95,9 +102,9 @@ class Program:
         ]
         seen = [self._optimum(self.start, 0)]
         found = minimize(
-            self.effort,
+            self.objective,
             self.start,
-            jac=self.effort_slopes,
+            jac=self.objective_slopes,
             method="SLSQP",
             bounds=bounds,
             constraints=constraints,
@@ -110,15 +117,49 @@ class Program:
 
     def _optimum(self, z: Array, steps: int) -> Optimum:
         lacks = np.concatenate([np.abs(self.match(z)), -self.margin(z), -self.room(z), [0.0]])
-        return Optimum(*self.split(z), steps, float(lacks.max()))
+        return Optimum(*self.split(z), steps, float(lacks.max()), self.objective(z))
 
-    def effort(self, z: Array) -> float:
-        """Half the sum of all squared tensions, over the largest to begin with."""
-        return float(z[self.K :] @ z[self.K :]) / 2
+    def objective(self, z: Array) -> float:
+        """What is least: half the sum of all squared tensions, over the largest to begin with.
 
-    def effort_slopes(self, z: Array) -> Array:
+        Or the mean logarithm of compliances, or with a minus the reach over the arm's length.
+        """
+        if self.asked == "effort":
+            return float(z[self.K :] @ z[self.K :]) / 2
+        return sum(weight * self._told(own) for _, weight, own in self._wanted(z))
+
+    def objective_slopes(self, z: Array) -> Array:
         """Its gradient."""
-        return np.concatenate([np.zeros(self.K), z[self.K :]])
+        found = np.concatenate([np.zeros(self.K), z[self.K :] * (self.asked == "effort")])
+        if self.asked == "effort":
+            return found
+        n = self.shape[1]
+        for i, weight, own in self._wanted(z):
+            each = weight * (1.0 if isinstance(self.asked, Reach) else 1 / own.value)
+            found[: self.K] += each * own.by_numbers * self.parameters.range / _SPAN
+            found[self.K + i * n : self.K + (i + 1) * n] += each * own.by_tensions * self.unit
+        return found
+
+    def _told(self, own: Slopes) -> float:
+        return own.value if isinstance(self.asked, Reach) else float(np.log(own.value))
+
+    def _wanted(self, z: Array) -> list[tuple[int, float, Slopes]]:
+        """Return what the objective is of: shapes by number, their weights, and quantities."""
+        if not np.array_equal(z, self._known[0]):
+            self._seen(z)
+            self._known = z.copy(), self._quantities()
+        return self._known[1]
+
+    def _quantities(self) -> list[tuple[int, float, Slopes]]:
+        if isinstance(self.asked, Reach):
+            last, length = self.shape[0] - 1, self.tasks.shape(0).here.system.arm.length
+            along = np.array(self.asked.direction)
+            return [(last, -1 / length, tip_along(self.tasks.shape(last), along))]
+        assert not isinstance(self.asked, str)
+        sign = 1.0 if isinstance(self.asked, Stiffest) else -1.0
+        along, count = np.array(self.asked.direction), self.shape[0]
+        shapes = [self.tasks.shape(i) for i in range(count)]
+        return [(i, sign / count, tip_compliance(by, along)) for i, by in enumerate(shapes)]
 
     def match(self, z: Array) -> Array:
         """Residuals of all tasks that have to be 0."""

@@ -91,6 +91,10 @@ class Tasks:
             found.append(_missed(arm, targets, by))
         return found
 
+    def shape(self, i: int) -> ByNumbers:
+        """Return the shape of a task where it was looked at last, with its derivatives."""
+        return self._known[i].by
+
     def _stations(self, arm: Arm) -> tuple[float, ...]:
         return tuple(s for targets in self.tasks for s in stations_of(arm, targets))
 
@@ -107,6 +111,9 @@ class Tasks:
 
 def _missed(arm: Arm, targets: Targets, by: ByNumbers) -> Missed:
     here = by.here
+    if not targets:
+        nothing = np.zeros((0, arm.n_tendons)), np.zeros((0, by.slopes.p.shape[1]))
+        return Missed(np.zeros(0), np.zeros(0), *nothing)
     mesh = here.system.mesh
     nodes = [mesh.node(s) for s in stations_of(arm, targets)]
     places = here.system.of.nodes[nodes, :POSE].ravel()

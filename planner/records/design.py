@@ -27,7 +27,12 @@ class DesignRecord(msgspec.Struct, kw_only=True):
     outcome: str
     feasible: Annotated[bool, Meta(description="whether every plan is certified")]
     effort_N: Annotated[float, Meta(description="root of the sum of the squared efforts")]
-    gain: Annotated[float | None, Meta(description="share of the effort that is saved")]
+    objective: Annotated[str, Meta(description="effort, Stiffest, Softest or Reach")]
+    value: Annotated[float, Meta(description="of the objective: [N], [N/m] or [m]")]
+    value_before: Annotated[float, Meta(description="the same of the given arm")]
+    gain: Annotated[
+        float | None, Meta(description="share of effort saved, or by which stiffness or reach grow")
+    ]
     values: list[DesignedRecord]
     scene: Annotated[dict[str, Any], Meta(description="arm and effects as a scene file has them")]
     plans: list[PlanRecord]
@@ -43,6 +48,9 @@ def design_record(of: Any) -> DesignRecord:
         outcome=of.outcome,
         feasible=of.feasible,
         effort_N=of.effort,
+        objective="effort" if of.objective == "effort" else type(of.objective).__name__,
+        value=of.value,
+        value_before=of.value_before,
         gain=of.gain if of.gain == of.gain else None,
         values=[DesignedRecord(name=own.name, value=x, before=old) for own, x, old in rows],
         scene={key: table[key] for key in ("arm", "effects")},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +11,13 @@ import pytest
 
 from model import Anchorage, Arm, InputError, Linear, Scene, settle
 from model.effects import Extension, Weight
-from planner import Making, Unknown, design, plan
+from planner import Making, Reach, Unknown, design, plan, stiffness
 from planner.cli import main
+from planner.design.objective import Objective
 from planner.design.program import Program
+from planner.design.tasks import Targets
 from planner.program.limits import Limits
-from planner.targets import Backbone, MinimumStiffness, TipPosition
+from planner.targets import Backbone, MinimumStiffness, Softest, Stiffest, TipPosition
 from planner.unknowns.parameters import Parameters
 from tests.differences import fourth_order
 
@@ -52,6 +55,53 @@ def test_derivatives_of_the_program_are_those_of_differences(scene: Scene) -> No
             along = np.eye(z.size)[k]
             wanted = fourth_order(lambda x, f=function, v=along: f(z + x * v), 1e-3)
             assert np.abs(J[:, k] - wanted).max() <= 1e-6 * max(np.abs(wanted).max(), 1e-3)
+
+
+@pytest.mark.parametrize("objective", [Stiffest((0, 0.3, 1)), Softest((0, 1, 0)), Reach((1, 0, 0))])
+@pytest.mark.parametrize("scene", [PAPER, Scene(Extension(), Weight((0, 0, -3.0)))])
+def test_gradients_of_objectives_are_those_of_differences(
+    objective: Objective, scene: Scene
+) -> None:
+    parameters = Parameters.of(_arm(), scene, [RADIUS, PLACE, OFFSET])
+    reach = isinstance(objective, Reach)
+    T = np.random.default_rng(0).uniform(0, 0.1, (2 + reach, 8))
+    tasks: list[Targets] = [*((tip,) for tip in _tips()), *[()] * reach]
+    given = Limits.of(_arm(), 5.0), Making(), parameters.start, T, objective
+    program = Program(parameters, tasks, *given)
+    z, slopes = program.start.copy(), program.objective_slopes(program.start)
+    for k in (0, 1, 2, 5, z.size - 3):
+        along = np.eye(z.size)[k]
+        wanted = fourth_order(lambda x, v=along: np.array([program.objective(z + x * v)]), 1e-3)[0]
+        assert slopes[k] == pytest.approx(wanted, rel=1e-6, abs=1e-9)
+
+
+@pytest.mark.slow
+def test_an_arm_is_designed_for_stiffness() -> None:
+    """A thicker tip is stiffer: the optimum is at the bound, or where tensions are at theirs."""
+    up = Stiffest((0.0, 0.0, 1.0))
+    found = design(_arm(), _tips()[:1], [RADIUS], PAPER, 5.0, objective=up, begins=1, starts=2)
+    assert found.feasible
+    assert "stiffness of the tip" in found.outcome
+    C = [stiffness(found.arm, own.tensions, PAPER).compliance[2, 2] for own in found.plans]
+    assert found.value == pytest.approx(1 / C[0], rel=1e-6)
+    assert found.gain > 0.1
+    with pytest.raises(InputError, match="least effort"):
+        found.sensitivity  # noqa: B018
+
+
+def test_an_arm_is_designed_for_reach() -> None:
+    """Tendons farther out bend more: the tip gets farther aside, and a search confirms how far."""
+    aside = Reach((0.0, -1.0, 0.0))
+    found = design(_arm(), _tips()[:1], [OFFSET], PAPER, 0.8, objective=aside, begins=1, starts=2)
+    assert found.feasible
+    assert found.reaches is not None
+    assert max(max(T) for T in found.reaches) <= 0.8 * (1 + 1e-9)
+    assert found.value > found.value_before
+    assert "reach" in found.outcome
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        T = 0.8 * rng.uniform(0, 1, 8) * (rng.uniform(0, 1, 8) < 0.5)
+        assert -settle(found.arm, T, PAPER).tip[1] <= found.value * (1 + 1e-6)
 
 
 def test_a_designed_arm_is_cheaper_and_every_plan_is_certified() -> None:
@@ -144,6 +194,24 @@ def test_what_does_not_fit_is_refused(targets: Any, unknowns: Any, told: str) ->
         design(_arm(), targets, unknowns, PAPER, 5.0)
 
 
+@pytest.mark.parametrize(
+    ("objective", "most", "told"),
+    [
+        ("stiffness", 5.0, "Reach"),
+        (Stiffest((0, 0, 1), hold="length"), 5.0, "tensions held"),
+        (Reach((1, 0, 0)), np.inf, "finite tensions"),
+    ],
+)
+def test_objectives_that_cannot_be(objective: Any, most: float, told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        design(_arm(), _tips(), [RADIUS], PAPER, most, objective=objective)
+
+
+def test_a_reach_has_a_direction() -> None:
+    with pytest.raises(InputError, match="not 0"):
+        Reach((0.0, 0.0, 0.0))
+
+
 FILE = """
 [scene.arm]
 length_mm = 200.0
@@ -164,6 +232,18 @@ key = "arm.radius_mm[1]"
 lower = 3.0
 upper = 8.0
 """
+
+
+def test_a_file_asks_for_an_objective(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "design.toml"
+    path.write_text(FILE + '[objective]\ntype = "reach"\ndirection = [0, 0, 1]\n')
+    assert main(["design", str(path), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["objective"] == "Reach"
+    assert told["value"] >= told["value_before"]
+    path.write_text(FILE + '[objective]\ntype = "stiffest"\ndirection = [0, 0, 0]\n')
+    assert main(["design", str(path)]) == 2
+    assert "not 0" in capsys.readouterr().err
 
 
 def test_the_command_line_designs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,0 +1,184 @@
+"""A designed arm: its plans, what was gained, and what it is sensitive to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from model import Arm, InputError, Scene, settle
+from model.paths import Array
+from model.stiffness import stiffness
+from planner.design.making import Making
+from planner.design.objective import Objective, Reach
+from planner.design.program import REFINEMENT
+from planner.design.sensitivity import effort_slopes
+from planner.design.tasks import Tasks
+from planner.plan import Plan
+from planner.targets import Softest, Stiffest
+from planner.unknowns.parameters import Parameters
+from planner.unknowns.unknown import Unknown
+
+_END = 1e-6
+
+
+@dataclass(frozen=True)
+class Design:
+    """A designed arm; see planner.design.objective for what it is best at.
+
+    Attributes
+    ----------
+    given_arm, scene
+        What it began with.
+    unknowns : tuple of Unknown
+    values : tuple of float
+        In the units of their keys.
+    arm : Arm
+        The designed arm.
+    plans, before : tuple of Plan
+        Of each task for the designed arm, and for the given one.
+    steps : int
+        Of the optimisation.
+    making : Making
+        What can be made.
+    objective : "effort", Stiffest, Softest or Reach
+    reaches : (before, now) or None
+        Tensions (n_tendons,) that reach farthest, of the given arm and the designed one.
+    """
+
+    given_arm: Arm
+    scene: Scene
+    unknowns: tuple[Unknown, ...]
+    values: tuple[float, ...]
+    arm: Arm
+    plans: tuple[Plan, ...] = field(compare=False)
+    before: tuple[Plan, ...] = field(compare=False)
+    steps: int
+    making: Making = field(default_factory=Making)
+    objective: Objective = "effort"
+    reaches: tuple[tuple[float, ...], tuple[float, ...]] | None = None
+
+    @cached_property
+    def parameters(self) -> Parameters:
+        """The unknowns with what they are numbers of."""
+        return Parameters.of(self.given_arm, self.scene, self.unknowns)
+
+    @property
+    def array(self) -> Array:
+        """The values (K,)."""
+        return np.array(self.values)
+
+    @property
+    def feasible(self) -> bool:
+        """Whether the designed arm meets every task, by the plans' certificates."""
+        return _met(self.plans)
+
+    @property
+    def effort(self) -> float:
+        """Root of the sum of the squared efforts of all tasks [N]."""
+        return _total(self.plans)
+
+    @cached_property
+    def value(self) -> float:
+        """What was made best: effort [N], mean stiffness of the tip [N/m], or reach [m]."""
+        return self._value(self.arm, self.plans, self.reaches and self.reaches[1])
+
+    @cached_property
+    def value_before(self) -> float:
+        """The same of the given arm."""
+        return self._value(self.given_arm, self.before, self.reaches and self.reaches[0])
+
+    def _value(self, arm: Arm, plans: tuple[Plan, ...], T: tuple[float, ...] | None) -> float:
+        if self.objective == "effort":
+            return _total(plans)
+        along = np.array(self.objective.direction)
+        if T is not None:
+            return float(settle(arm, T, self.scene).tip @ along)
+        answers = [stiffness(arm, own.tensions, self.scene).compliance[:3, :3] for own in plans]
+        return float(np.exp(-np.mean([np.log(along @ C @ along) for C in answers])))
+
+    @property
+    def gain(self) -> float:
+        """The share of the given arm's effort that is saved, or by which stiffness or reach grow.
+
+        NaN unless both meet all tasks.
+        """
+        if not (self.feasible and _met(self.before)):
+            return float("nan")
+        grown = self.value / self.value_before - 1
+        return -grown if self.objective == "effort" else grown
+
+    @cached_property
+    def sensitivity(self) -> Array:
+        """How the effort changes with the unknowns (K,) [N per unit], tensions chosen anew.
+
+        At a bound it says what the bound costs. Raises InputError unless all tasks are met, and
+        unless effort was made least.
+        """
+        if self.objective != "effort":
+            raise InputError("design", self.objective, "a design for the least effort")
+        if not self.feasible:
+            raise InputError("design", "tasks that are not met", "a design that meets all tasks")
+        tasks = Tasks(self.parameters, [own.targets for own in self.plans], REFINEMENT)
+        T = np.array([np.ravel(own.tensions) for own in self.plans])
+        return effort_slopes(self.plans, tasks.missed(self.array, T))
+
+    @cached_property
+    def outcome(self) -> str:
+        """What was found, and where that is not enough which task and which limit hold it."""
+        told = [self._told()]
+        for i, own in enumerate(self.plans):
+            if not own.certificate.passed:
+                told.append(f"Task {i} is not met: {own.outcome}{self._held(own)}")
+        limits = self.making.binding(self.arm)
+        if limits:
+            told.append(f"At a limit of what can be made: {', '.join(limits)}.")
+        rows = zip(self.unknowns, self.values, strict=True)
+        ends = [own.name for own, x in rows if _at_end(own, x)]
+        if ends:
+            told.append(f"At a bound: {', '.join(ends)}.")
+        return " ".join(told)
+
+    def _held(self, own: Plan) -> str:
+        """Return which tension limits a plan is at."""
+        T, upper = np.ravel(own.tensions), np.array(own.limits.upper)
+        at = np.flatnonzero(upper * (1 - _END) <= T)
+        names = ", ".join(own.arm.tendon_name(int(j)) for j in at)
+        return f" At the tension limit: {names}." if names else ""
+
+    def _told(self) -> str:
+        tasks = f"{len(self.plans)} tasks, {len(self.unknowns)} unknowns"
+        if not self.feasible:
+            return f"{tasks}: no arm within the bounds was found that meets all of them."
+        said, unit = _WORDS[type(self.objective)]
+        now = f"{said} {self.value:.4g} {unit}"
+        if not np.isfinite(self.gain):
+            return f"{tasks}: {now}; the given arm does not meet all of them."
+        before = f"the given arm's {self.value_before:.4g} {unit}"
+        return f"{tasks}: {now}, {100 * abs(self.gain):.3g} % {self._compared} than {before}."
+
+    @property
+    def _compared(self) -> str:
+        return "less" if (self.gain > 0) == (self.objective == "effort") else "more"
+
+
+_WORDS: dict[type, tuple[str, str]] = {
+    str: ("effort", "N"),
+    Stiffest: ("stiffness of the tip", "N/m"),
+    Softest: ("stiffness of the tip", "N/m"),
+    Reach: ("reach", "m"),
+}
+
+
+def _met(plans: Sequence[Plan]) -> bool:
+    return all(own.certificate.passed for own in plans)
+
+
+def _total(plans: Sequence[Plan]) -> float:
+    return float(np.linalg.norm([own.effort for own in plans]))
+
+
+def _at_end(own: Unknown, value: float) -> bool:
+    return min(value - own.lower, own.upper - value) < _END * own.range
