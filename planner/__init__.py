@@ -28,7 +28,8 @@ from planner.program.statement import Statement
 from planner.records.shape import save_shape
 from planner.solve.search_result import Trial
 from planner.sweeps.sweep import sweep
-from planner.trajectory.motion import Trajectory, trajectory
+from planner.trajectory.motion import trajectory
+from planner.trajectory.result import Trajectory
 from planner.unknowns.unknown import Unknown
 
 __all__ = [

@@ -226,10 +226,11 @@ def _stated(
 
 def _motion(table: MotionTable) -> dict[str, Any]:
     """Return the rates and times of a motion in SI units."""
-    stroke = table.stroke_rate_max_mm_s
+    rate, acceleration = table.stroke_rate_max_mm_s, table.stroke_acceleration_max_mm_s2
     return {
         "rate_max": table.rate_max,
-        "stroke_rate_max": None if stroke is None else stroke * MM,
+        "stroke_rate_max": None if rate is None else rate * MM,
+        "stroke_acceleration_max": None if acceleration is None else acceleration * MM,
         "times": table.times_s,
     }
 

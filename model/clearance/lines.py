@@ -23,6 +23,7 @@ from model.paths import Array
 from model.scene import Scene
 from model.unloaded.closed_form import nodes_of, pull_and_data, strain_function
 from model.unloaded.statics import closed_statics
+from model.unloaded.tendon_lengths import tendon_lengths
 
 # Closed forms whose nodes in a step are the stages of an element.
 _SCHEME = "magnus6"
@@ -67,7 +68,21 @@ class Lines:
                     found[i] = _line(arm, scene, s, *parts)
         return found
 
+    def lengths(self, tensions: Array) -> Array:
+        """Return the lengths of the tendons (n_tendons,) [m] under tensions; NaN if unsettled."""
+        arm, scene, refinement, at, machine_code = self._asked
+        if not (is_loaded(scene) or scene.has(PrintedStatics)):
+            return tendon_lengths(arm, scene, machine_code)(tensions).lengths
+        stages = (STAGES, refinement, at, is_loaded(scene), machine_code)
+        here = self._followed(Collocation(arm, scene, *stages), tensions)
+        return np.full(arm.n_tendons, np.nan) if here is None else here.lengths
+
     def _implicit(self, forward: Collocation, tensions: Array) -> Centreline | None:
+        here = self._followed(forward, tensions)
+        return None if here is None else Centreline.at_states(forward.system, here.states)
+
+    def _followed(self, forward: Collocation, tensions: Array) -> Linearised | None:
+        """Return the equilibrium under tensions near the last one; None if there is none."""
         here, system, last, far = None, forward.system, self._last, True
         try:
             if last is not None and last.system is system:
@@ -79,7 +94,7 @@ class Lines:
             return None
         if far:
             self._last = here
-        return Centreline.at_states(system, here.states)
+        return here
 
 
 @lru_cache(maxsize=16)

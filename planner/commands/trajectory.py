@@ -15,7 +15,8 @@ from planner.commands.command import (
     question,
 )
 from planner.records.trajectory import trajectory_record
-from planner.trajectory.motion import Trajectory, trajectory
+from planner.trajectory.motion import trajectory
+from planner.trajectory.result import Trajectory
 
 _WAYPOINTS = """[[waypoints]] tables, such as type = "tip-position", position_mm = [250, 0, -150]"""
 _MOTION = "a [motion] table, such as [motion] rate_max = 5.0 (N/s), or times_s"

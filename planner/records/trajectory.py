@@ -10,7 +10,7 @@ import numpy as np
 from msgspec import Meta
 
 from planner.files import versions
-from planner.trajectory.motion import Trajectory
+from planner.trajectory.result import Trajectory
 
 
 class TrajectoryRecord(msgspec.Struct, kw_only=True):

@@ -40,6 +40,10 @@ class MotionTable(Table, frozen=True):
     stroke_rate_max_mm_s: Annotated[
         Positive | None, Meta(description="of the lengths of tendons [mm/s]")
     ] = None
+    stroke_acceleration_max_mm_s2: Annotated[
+        Positive | None,
+        Meta(description="of these rates [mm/s2]; then the arm rests at each waypoint"),
+    ] = None
     times_s: Annotated[
         list[Positive] | None,
         Meta(description="of each waypoint [s]; then effort is made least, otherwise time"),

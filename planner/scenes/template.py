@@ -128,6 +128,7 @@ tension_max = 20.0              # N, each tendon; or a row a section, as in tens
 # [motion]
 # rate_max = 5.0                # N/s
 # stroke_rate_max_mm_s = 20.0
+# stroke_acceleration_max_mm_s2 = 50.0   # then the arm rests at each waypoint
 # times_s = [2.0]               # of each waypoint; then effort is made least, otherwise time
 
 [stiffness]

@@ -31,13 +31,16 @@ class Rates:
         [N/s], infinite where there is no limit.
     stroke : float
         [m/s], of every tendon.
+    acceleration : float
+        Of every stroke [m/s2]; where it is limited, motions rest at each waypoint.
     """
 
     tension: tuple[float, ...]
     stroke: float = np.inf
+    acceleration: float = np.inf
 
     @classmethod
-    def of(cls, arm: Arm, tension: Any, stroke: Any) -> Rates:
+    def of(cls, arm: Arm, tension: Any, stroke: Any, acceleration: Any = None) -> Rates:
         """Return the rates of an arm; None is no limit. InputError for what is none."""
         if tension is None:
             tension = np.full(arm.n_tendons, np.inf)
@@ -47,13 +50,24 @@ class Rates:
             tension = arm.flat(tension, "rate_max")
             if not tension.min() > 0:
                 raise InputError("rate_max", tension.tolist(), "numbers above 0 N/s")
-        given = np.inf if stroke is None else positive("stroke_rate_max", stroke)
-        return cls(tuple(np.asarray(tension).tolist()), given)
+        given = {"stroke_rate_max": stroke, "stroke_acceleration_max": acceleration}
+        most = (np.inf if own is None else positive(key, own) for key, own in given.items())
+        return cls(tuple(np.asarray(tension).tolist()), *most)
 
     @property
     def limited(self) -> bool:
         """Whether every motion takes time."""
-        return bool(np.all(np.isfinite(self.tension))) or np.isfinite(self.stroke)
+        strokes = np.isfinite(self.stroke) or np.isfinite(self.acceleration)
+        return bool(np.all(np.isfinite(self.tension))) or bool(strokes)
+
+    @property
+    def pace(self) -> float:
+        """The rate of strokes that the program over the waypoints counts with [m/s].
+
+        Where only accelerations are limited, any: durations are theirs then.
+        """
+        free = not np.isfinite(self.stroke) and np.isfinite(self.acceleration)
+        return 1.0 if free and not np.all(np.isfinite(self.tension)) else self.stroke
 
 
 def waypoints_of(path: Any, count: int) -> tuple[list[Any], Array | None]:

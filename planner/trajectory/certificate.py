@@ -16,12 +16,13 @@ from planner.program.terms import stations_of
 from planner.targets.base import Target
 from planner.trajectory.between import between
 from planner.trajectory.question import Question
+from planner.trajectory.strokes import Stretch
+from planner.trajectory.timed import Timed
 
 # Rounding, over a limit.
 _ROUNDING = 1e-9
-_BETWEEN = 8
-# What rates of strokes may be off by, over their limit: between waypoints they are sampled.
-_STROKES = 0.01
+# What rates and accelerations of strokes may be off by, over their limit: they are sampled.
+_STROKES = 1e-3
 
 
 @dataclass(frozen=True)
@@ -38,8 +39,9 @@ class MotionCertificate:
         Largest violation of a tension limit [N]; between waypoints there is none beyond theirs.
     rate : float
         Largest rate of tension over its limit; exact, as tensions are linear in between.
-    stroke_rate : float
-        Largest rate of a stroke over its limit, at eight instants from each waypoint to the next.
+    stroke_rate, stroke_acceleration : float
+        Largest rate and acceleration of a stroke over their limits, at 200 instants or more from
+        each waypoint to the next.
     clearance : float
         What is kept of the clearance asked for, at waypoints and between them [m]; a lower bound,
         refined until it is 0 or more or close to the truth, below 0 where it is not kept, and
@@ -58,6 +60,7 @@ class MotionCertificate:
     bounds: float = np.inf
     rate: float = np.inf
     stroke_rate: float = 0.0
+    stroke_acceleration: float = 0.0
     clearance: float = np.inf
     nearest: float = 0.0
     tolerance: float = 1e-6
@@ -82,6 +85,9 @@ class MotionCertificate:
             found.append(f"a rate of tension is {self.rate:.4g} times its limit")
         if self.stroke_rate > 1 + _STROKES:
             found.append(f"a rate of stroke is {self.stroke_rate:.4g} times its limit")
+        if self.stroke_acceleration > 1 + _STROKES:
+            told = f"{self.stroke_acceleration:.4g} times its limit"
+            found.append(f"an acceleration of a stroke is {told}")
         if self.clearance < 0:
             short = f"{-1e3 * self.clearance:.3g} mm less than asked at {self.nearest:.4g} s"
             found.append(f"the arm is clear by {short}, or that is not verified")
@@ -98,33 +104,35 @@ class MotionCertificate:
         lines.append(f"  {'limits violated by [N]':<30} {self.bounds:9.2e}")
         lines.append(f"  {'rate of tension over limit [-]':<30} {self.rate:9.2e}")
         lines.append(f"  {'rate of stroke over limit [-]':<30} {self.stroke_rate:9.2e}")
+        acceleration = self.stroke_acceleration
+        lines.append(f"  {'stroke acceleration over limit':<30} {acceleration:9.2e}")
         lines.append(f"  {'clearance less asked [mm]':<30} {1e3 * self.clearance:9.2e}")
         return "\n".join(lines + [f"  failed: {failure}" for failure in self.failures])
 
 
-def certify_motion(
-    question: Question, times: Array, tensions: Array, stops: tuple[int, ...]
-) -> MotionCertificate:
-    """Check a motion: times (N + 1,) [s], tensions (N + 1, n_tendons) [N], targets at `stops`."""
+def certify_motion(question: Question, way: Timed, met: tuple[int, ...]) -> MotionCertificate:
+    """Check a motion whose targets are met at some of its waypoints."""
     low, high = np.array(question.limits.lower), np.array(question.limits.upper)
-    excess = max(float((low - tensions[1:]).max()), float((tensions[1:] - high).max()), 0.0)
+    tensions = way.tensions[1:]
+    excess = max(float((low - tensions).max()), float((tensions - high).max()), 0.0)
     if question.limits.total is not None:
-        over = float(tensions[1:].sum(axis=1).max()) - question.limits.total * (1 + _ROUNDING)
+        over = float(tensions.sum(axis=1).max()) - question.limits.total * (1 + _ROUNDING)
         excess = max(excess, over)
-    speed = np.abs(np.diff(tensions, axis=0)) / np.diff(times)[:, None]
-    rate = float((speed / question.rates.tension).max())
+    steps = np.abs(np.diff(way.tensions, axis=0)) / question.rates.tension
+    pace = np.array([law.speeds.max() for law in way.laws])
+    rate = float((steps.max(axis=1) * pace).max())
     try:
         found = [
-            _met(question, targets, tensions[stop])
-            for targets, stop in zip(question.targets, stops, strict=True)
+            _met(question, targets, way.tensions[stop])
+            for targets, stop in zip(question.targets, met, strict=True)
         ]
-        strokes = float(stroke_rates(question, times, tensions).max())
+        strokes = _strokes(question, way)
     except OctoplanError as reason:
         return MotionCertificate(bounds=excess, rate=rate, problem=str(reason))
-    gap, when = _clear(question, times, tensions)
+    gap, when = _clear(question, way)
     residuals, margins = tuple(own for own, _ in found), tuple(least for _, least in found)
     return MotionCertificate(
-        residuals, margins, excess, rate, strokes, gap, when, question.accuracy
+        residuals, margins, excess, rate, *strokes, gap, when, question.accuracy
     )
 
 
@@ -140,23 +148,23 @@ def _met(question: Question, targets: tuple[Target, ...], T: Array) -> tuple[flo
     return max(sizes, default=0.0), min(least, default=0.0)
 
 
-def stroke_rates(question: Question, times: Array, tensions: Array) -> Array:
-    """Return the largest rate of a stroke over its limit, from each time to the next (N,)."""
-    rates: list[float] = []
-    if not np.isfinite(question.rates.stroke):
-        return np.zeros(times.size - 1)
-    for k, step in enumerate(np.diff(times)):
-        shares = np.linspace(0.0, 1.0, _BETWEEN + 1)[:, None]
-        between = tensions[k] + shares * (tensions[k + 1] - tensions[k])
-        lengths = [settle(question.arm, T, question.scene, 1e-5).tendon_lengths for T in between]
-        rates.append(float(np.abs(np.diff(lengths, axis=0)).max()) * _BETWEEN / step)
-    return np.array(rates) / question.rates.stroke
+def _strokes(question: Question, way: Timed) -> tuple[float, float]:
+    """Return the largest rate and acceleration of a stroke over their limits."""
+    rates, lengths = question.rates, question.lines().lengths
+    if not (np.isfinite(rates.stroke) or np.isfinite(rates.acceleration)):
+        return 0.0, 0.0
+    pairs = zip(way.tensions[:-1], way.tensions[1:], way.laws, strict=True)
+    found = [law.stroke_rates(Stretch.of(lengths, *ends)) for *ends, law in pairs]
+    speed, acceleration = np.max(found, axis=0) / (rates.stroke, rates.acceleration)
+    return float(speed), float(acceleration)
 
 
-def _clear(question: Question, times: Array, tensions: Array) -> tuple[float, float]:
+def _clear(question: Question, way: Timed) -> tuple[float, float]:
     """Return what is kept of the clearance, and when the least is."""
     if not question.surroundings:
         return np.inf, 0.0
-    found = between(question.lines(), tensions, question.surroundings)
+    found = between(question.lines(), way.tensions, question.surroundings)
     k = int(np.argmin(found.bound))
-    return float(found.bound[k]), float(times[k] + found.share[k] * (times[k + 1] - times[k]))
+    law = way.laws[k]
+    when = way.starts[k] + np.interp(found.share[k], law.shares, law.times)
+    return float(found.bound[k]), float(when)

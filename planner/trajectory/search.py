@@ -107,7 +107,7 @@ def _coupling(question: Question, ways: list[Waypoint], first: Stop) -> Coupling
     unit = units(question.arm, question.limits)
     start = question.start / unit
     lengths = np.zeros(start.size)
-    if np.isfinite(question.rates.stroke):
+    if np.isfinite(question.rates.pace):
         lengths = lengths_of(first.problem, start, first.p)[0]
     return Coupling(
         start,
@@ -116,7 +116,7 @@ def _coupling(question: Question, ways: list[Waypoint], first: Stop) -> Coupling
         np.cumsum([0, *(bool(way.targets) for way in ways[:-1])]),
         np.array([way.share for way in ways]),
         question.times is not None,
-        question.rates.stroke,
+        question.rates.pace,
         lengths,
     )
 

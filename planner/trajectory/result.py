@@ -1,0 +1,179 @@
+"""A motion that was found: tensions over time, what was asked, and how it was checked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from model.arm import Arm
+from model.checks import finite_array
+from model.errors import InputError
+from model.paths import Array
+from model.settle import settle
+from model.shape import Shape
+from planner.files import write_named
+from planner.trajectory.certificate import MotionCertificate, certify_motion
+from planner.trajectory.question import Question
+from planner.trajectory.time_scale import inertia, slowest_period
+from planner.trajectory.timed import Timed
+
+# The share of inertia in weight below which a motion counts as quasi-static.
+_SLOW = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Tensions over time. Numbers only.
+
+    Attributes
+    ----------
+    question : Question
+        What was asked.
+    way : Timed
+        The waypoints and the pace between them.
+    met : tuple of int
+        At which waypoint each target is met.
+    branches : tuple of int
+        Targets, from 0, whose plan is another branch of optima than that of the one before.
+    """
+
+    question: Question
+    way: Timed
+    met: tuple[int, ...]
+    branches: tuple[int, ...] = ()
+
+    @property
+    def times(self) -> Array:
+        """Times (N + 1,) [s], from 0.
+
+        Those of the targets, of further waypoints around obstacles, and where accelerations of
+        strokes are limited more in between. From one to the next tensions change linearly, or
+        where accelerations are limited nearly so: `at` is exact.
+        """
+        return self.way.knots
+
+    @cached_property
+    def flat(self) -> Array:
+        """Tensions (N + 1, n_tendons) at the times [N]."""
+        return self.way.at(self.times)
+
+    @property
+    def stops(self) -> tuple[int, ...]:
+        """At which of the times each target is met."""
+        found = np.searchsorted(self.times, self.way.starts[list(self.met)] * (1 - 1e-12))
+        return tuple(found.tolist())
+
+    @property
+    def arm(self) -> Arm:
+        """The arm."""
+        return self.question.arm
+
+    @cached_property
+    def tensions(self) -> Array:
+        """Tensions (N + 1, n_sections, n), or (N + 1, n_tendons), at the times [N]."""
+        return np.array([self.arm.by_section(T) for T in self.flat])
+
+    @cached_property
+    def shapes(self) -> tuple[Shape, ...]:
+        """The settled shapes at the times."""
+        return tuple(self._shape(T) for T in self.flat)
+
+    @cached_property
+    def lengths(self) -> Array:
+        """Lengths of the tendons (N + 1, n_tendons) at the times [m]."""
+        return np.array([shape.tendon_lengths for shape in self.shapes])
+
+    @property
+    def duration(self) -> float:
+        """How long it takes [s]."""
+        return float(self.times[-1])
+
+    @cached_property
+    def certificate(self) -> MotionCertificate:
+        """The check of targets, limits, rates, and of clearance between the times, too."""
+        return certify_motion(self.question, self.way, self.met)
+
+    @property
+    def reached(self) -> tuple[bool, ...]:
+        """Whether each target is met, by the certificate."""
+        return self.certificate.reached
+
+    @cached_property
+    def period(self) -> float:
+        """The slowest period of the arm on its way [s]: what is much slower is quasi-static."""
+        return max(slowest_period(self.shapes[stop]) for stop in (0, *self.stops))
+
+    @property
+    def inertia(self) -> float:
+        """An estimate of the tip's largest acceleration over gravity."""
+        return inertia(self.times, np.array([shape.tip for shape in self.shapes]))
+
+    @property
+    def outcome(self) -> str:
+        """What happened, and what to try: a sentence or two."""
+        found, certificate = (
+            f"{self.duration:.4g} s for {len(self.stops)} targets",
+            self.certificate,
+        )
+        if certificate.passed:
+            told = [f"Reached: {found}, every target met, limits, rates and clearance kept."]
+        else:
+            advice = "give it more time, room or tension, or move what is missed"
+            told = [f"Not certified ({found}): {'; '.join(certificate.failures)}; {advice}."]
+        if self.branches:
+            names = ", ".join(str(i) for i in self.branches)
+            told.append(f"At target {names} the plan goes over to another way of reaching.")
+        share = f"the tip accelerates by some {self.inertia:.2g} times gravity"
+        slow = self.inertia < _SLOW
+        words = f"{'Slow' if slow else 'Not slow'} enough to be quasi-static"
+        told.append(f"{words}: {share}, the arm's slowest period {self.period:.2g} s.")
+        return " ".join(told)
+
+    def at(self, t: Any) -> Array:
+        """Return the tensions at a time, by section, or at times (M,), flat (M, n_tendons) [N]."""
+        wanted = finite_array("t", np.atleast_1d(t), (None,))
+        if wanted.size and (wanted.min() < 0 or wanted.max() > self.duration * (1 + 1e-12)):
+            raise InputError("t", t, f"times from 0 to {self.duration:g} s")
+        found = self.way.at(wanted)
+        return self.arm.by_section(found[0]) if np.ndim(t) == 0 else found
+
+    def shape(self, t: float) -> Shape:
+        """Return the settled shape at a time [s]."""
+        return self._shape(np.ravel(self.at(t)))
+
+    def save(self, path: str | Path) -> Path:
+        """Write times [s], tensions [N] and lengths [m] of the tendons to a .csv file, for a robot.
+
+        Or an animation to .gif, or .mp4 where there is ffmpeg. The file is there whole or not at
+        all. Raises InputError for another suffix, and where it cannot be written.
+        """
+        if Path(path).suffix.lower() in (".gif", ".mp4"):
+            from planner.plots.motion import animate_trajectory, save_motion, writer_of
+
+            writer_of(Path(path))
+            return save_motion(animate_trajectory(self), path)
+        return write_named(path, ".csv", self.csv)
+
+    def plot(self) -> Any:
+        """Draw the motion; see planner.plots.trajectory."""
+        from planner.plots.trajectory import plot_trajectory
+
+        return plot_trajectory(self)
+
+    @property
+    def csv(self) -> bytes:
+        """What is saved."""
+        names = [self.arm.tendon_name(j).replace(",", "_") for j in range(self.arm.n_tendons)]
+        head = ["t_s", *(f"{name}_N" for name in names), *(f"{name}_length_m" for name in names)]
+        rows = np.column_stack([self.times, self.flat, self.lengths]).tolist()
+        lines = [",".join(head), *(",".join(map(repr, row)) for row in rows)]
+        return ("\n".join(lines) + "\n").encode()
+
+    def _shape(self, T: Array) -> Shape:
+        asked = self.question
+        fine = max(asked.accuracy / 10, 1e-12)
+        return settle(self.arm, T, asked.scene, fine, compile=asked.machine_code)

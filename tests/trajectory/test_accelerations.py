@@ -1,0 +1,83 @@
+"""Motions with limited accelerations of strokes: closed forms, and limits at every instant."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from model import Arm, InputError, Scene, settle
+from model.effects import Extension
+from planner import trajectory
+from planner.targets import TipPosition
+from planner.trajectory.asked import Rates
+from planner.trajectory.strokes import Stretch
+from planner.trajectory.time_law import fastest
+
+ARM, SCENE = Arm.from_paper("table-4"), Scene(Extension())
+TARGETS = [TipPosition((0.32, 0.08, -0.1)), TipPosition((0.3, 0.12, -0.12))]
+Array = NDArray[np.float64]
+
+
+@pytest.mark.parametrize(
+    ("rate", "expected"),
+    [(np.inf, 2 * np.sqrt(0.03 / 0.5)), (0.08, 0.03 / 0.08 + 0.08 / 0.5)],
+    ids=["two parabolas", "a steady part between them"],
+)
+def test_one_winch_takes_the_time_of_bang_bang(rate: float, expected: float) -> None:
+    """From rest to rest over D: 2 sqrt(D / a), or D / v + v / a where v limits the rate."""
+    stretch = Stretch.of(lambda T: 0.4 - 0.03 * T, np.zeros(1), np.ones(1))
+    law = fastest(stretch, np.ones(1), Rates((np.inf,), rate, 0.5))
+    assert law.times[-1] == pytest.approx(expected, rel=2e-3)
+    assert law.times[-1] >= expected * (1 - 1e-9)
+
+
+def test_one_winch_along_a_curved_length_is_no_faster_than_bang_bang() -> None:
+    """The pace of l(T) is free: its time is that of the same change of length along a line."""
+    stretch = Stretch.of(lambda T: 0.4 - 0.03 * T / (1 + T), np.zeros(1), np.ones(1))
+    law = fastest(stretch, np.ones(1), Rates((np.inf,), np.inf, 0.5))
+    bound = 2 * np.sqrt(0.015 / 0.5)
+    assert bound * (1 - 1e-9) <= law.times[-1] <= bound * 1.02
+
+
+def test_a_limit_of_tension_rates_holds_as_well() -> None:
+    stretch = Stretch.of(lambda T: 0.4 - 0.03 * T, np.zeros(1), np.ones(1))
+    law = fastest(stretch, np.ones(1), Rates((2.0,), np.inf, 0.5))
+    assert law.speeds.max() == pytest.approx(2.0, rel=1e-6)
+    assert law.times[-1] == pytest.approx(1 / 2.0 + 0.06 / 0.5, rel=2e-3)
+
+
+@pytest.mark.parametrize("given", [{}, {"times": [1.5, 3.0]}], ids=["least time", "times"])
+def test_accelerations_of_strokes_keep_to_their_limit(given: dict[str, list[float]]) -> None:
+    most, rate = 0.2, 0.05
+    limits = {"stroke_rate_max": rate, "stroke_acceleration_max": most}
+    tr = trajectory(ARM, TARGETS, SCENE, 20.0, **limits, **given)  # type: ignore[arg-type]
+    assert tr.certificate.passed, tr.outcome
+    assert tr.certificate.stroke_acceleration <= 1 + 1e-3
+    if given:
+        np.testing.assert_allclose(tr.times[list(tr.stops)], given["times"])
+    t = np.linspace(0.0, tr.duration, 241)
+    lengths = np.array([settle(ARM, T, SCENE, 1e-10).tendon_lengths for T in tr.at(t)])
+    speeds = np.diff(lengths, axis=0) / t[1]
+    assert np.abs(speeds).max() <= rate * (1 + 1e-3)
+    # Means over two steps are never above the limit, and rest is at both ends.
+    assert (np.abs(np.diff(speeds, axis=0)) / t[1]).max() <= most * (1 + 2e-3)
+    assert np.abs(speeds[[0, -1]]).max() <= most * t[1]
+    # No motion is faster than that of each tendon alone, from rest to rest.
+    moved = np.abs(lengths[-1] - lengths[0]).max()
+    assert tr.duration >= 2 * np.sqrt(moved / most) - 1e-9
+
+
+def test_accelerations_alone_limit_a_motion() -> None:
+    tr = trajectory(ARM, TARGETS[:1], SCENE, 20.0, stroke_acceleration_max=0.2)
+    assert tr.certificate.passed, tr.outcome
+    moved = np.abs(tr.lengths[-1] - tr.lengths[0]).max()
+    assert 2 * np.sqrt(moved / 0.2) <= tr.duration <= 1.1 * 2 * np.sqrt(moved / 0.2)
+
+
+def test_times_that_accelerations_do_not_allow_are_refused_with_what_would_do() -> None:
+    with pytest.raises(InputError, match=r"times\[0\].*s after what is before"):
+        trajectory(ARM, TARGETS[:1], SCENE, 20.0, stroke_acceleration_max=0.2, times=[0.1])
+    for wrong in (0.0, -1.0, np.nan):
+        with pytest.raises(InputError, match="stroke_acceleration_max"):
+            trajectory(ARM, TARGETS[:1], SCENE, 20.0, stroke_acceleration_max=wrong)
