@@ -19,6 +19,7 @@ from planner.avoidance.asked import NOTHING, Surroundings
 from planner.avoidance.rows import Avoidance
 from planner.certificate import Certificate
 from planner.certify import certify
+from planner.contact.remarks import remarks
 from planner.mirror import mirror_images
 from planner.outcome import Facts, sentence
 from planner.program.effort import effort
@@ -162,6 +163,9 @@ class Answer:
         if self.mirror_images:
             planes = ", ".join(f"{math.degrees(angle):.3g} deg" for angle, _ in self.mirror_images)
             said = f"{said} Its mirror image across the plane at {planes} from n costs the same."
+        if not self.certificate.problem:
+            told = (self.targets, self.shape, self.limits, self.reached, self.accuracy)
+            said += remarks(*told)
         return f"Stopped at the time limit, the best so far. {said}" if self.stopped else said
 
     @cached_property

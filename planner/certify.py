@@ -31,10 +31,12 @@ from model.shape import Shape
 from model.time_limit import OutOfTime
 from planner.avoidance.asked import NOTHING, Surroundings, told
 from planner.certificate import MOST_LOADS, Certificate
+from planner.contact.grasp import left_of
 from planner.measure import compliances_along, measure, measured_units
 from planner.program.limits import Limits
 from planner.program.terms import stations_of
 from planner.targets.base import Target
+from planner.targets.hold import LEVER, WRENCH, Hold
 from planner.tendon_lengths import strokes
 
 # How accurate the check is: two digits more than what it has to judge.
@@ -82,6 +84,7 @@ def certify(
         why = _LATE if isinstance(reason, OutOfTime) else str(reason)
         return Certificate(bounds=excess, scheme=scheme, tolerance=tolerance, problem=why)
     match, approach, margin = measure(arm, targets, poses, compliances_along(arm, targets, shape))
+    match |= _held(targets, shape)
     return Certificate(
         {name: float(np.abs(values).max()) for name, values in match.items()},
         {name: float(np.linalg.norm(values)) for name, values in approach.items()},
@@ -102,6 +105,17 @@ def certify(
         strokes=_stroke_excess(shape, limits),
         complementarity=_violation(shape, line) if contacts(scene) else None,
     )
+
+
+def _held(targets: tuple[Target, ...], shape: Shape) -> dict[str, Array]:
+    """Return what is left of the wrenches that are held, over their sizes, by name."""
+    holds = [target for target in targets if isinstance(target, Hold)]
+    sizes = [hold.size(shape.arm) for hold in holds]
+    found = [left_of(shape.arm, shape, hold) for hold in holds]
+    for left in found:
+        left[3:] /= LEVER * shape.arm.length
+    rows = [left / size for left, size in zip(found, sizes, strict=True)]
+    return {WRENCH: np.concatenate(rows)} if rows else {}
 
 
 def _stroke_excess(shape: Shape, limits: Limits) -> float:

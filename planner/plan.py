@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -15,15 +16,20 @@ from model.errors import InputError
 from model.loads import check_loads, contacts
 from model.machine.compiled import Compile, checked_compile
 from model.mesh_refinement import checked_accuracy
+from model.obstacles import check_obstacles
 from model.paths import Array
 from model.scene import Scene
+from model.shape import Shape
 from model.text import in_notebook
 from model.time_limit import OutOfTime, time_limit
 from planner.answer import Answer
 from planner.avoidance.around import Around
 from planner.avoidance.asked import Surroundings, surroundings
 from planner.avoidance.rows import Avoidance
-from planner.contact.plan import ContactSearch, check_contact, optimality_of
+from planner.contact.grasp import Grip, grips_of
+from planner.contact.plan import ContactSearch, check_contact, check_holds, optimality_of
+from planner.contact.way import settled_along
+from planner.contact.wrapping import beside, open_wrap, with_turns
 from planner.files import to_json, write_named
 from planner.program.effort import check_norm
 from planner.program.limits import Limits
@@ -43,6 +49,7 @@ from planner.solve.search_result import SearchResult
 from planner.solve.task import Task
 from planner.solve.warm_start import Known, jump, warm_start
 from planner.targets.base import Target
+from planner.targets.hold import Hold
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,9 +113,27 @@ class Plan(Answer):
 class HeldPlan(Plan):
     """A plan for an arm that leans on things; see planner.contact.
 
-    Its way is from rest: tensions and loads grow in proportion, and `shape.snaps` tells where the
-    arm jumps on it.
+    Attributes
+    ----------
+    way : tuple of (n_tendons,)
+        Tensions by which the arm comes to the shape: from rest tensions and loads grow in
+        proportion to the first, then they change in straight lines to the next and to the plan's.
+        Empty where it comes there from rest. `shape.snaps` tells where the arm jumps at last.
     """
+
+    way: tuple[tuple[float, ...], ...] = ()
+
+    @cached_property
+    def shape(self) -> Shape:
+        """See Answer.shape: the one to which its way leads."""
+        asked = (self.arm, self.way, np.ravel(self.tensions), self.scene)
+        return settled_along(*asked, max(self.accuracy / 10, 1e-12), self.machine_code)
+
+    @cached_property
+    def grips(self) -> tuple[Grip, ...]:
+        """The forces on the objects that are held, by target and from base to tip."""
+        holds = [target for target in self.targets if isinstance(target, Hold)]
+        return tuple(grip for hold in holds for grip in grips_of(self.shape, hold))
 
     @property
     def mirror_images(self) -> tuple[tuple[float, Array], ...]:
@@ -121,7 +146,7 @@ class HeldPlan(Plan):
 
     def _kkt(self, T: Array) -> float:
         asked = (self.arm, self.targets, self.scene, self.limits, self.statement, self.accuracy)
-        return optimality_of(Task(*asked, self.machine_code), T)
+        return optimality_of(Task(*asked, self.machine_code), T, self.way)
 
 
 def plan(
@@ -212,6 +237,28 @@ def plan(
         If `compile` is True, and there is no compiler or it fails.
     """
     scene, targets = scene or Scene(), check_targets(arm, target)
+    if wrap := open_wrap(targets):
+        given = {
+            "tension_min": tension_min,
+            "total_pull": total_pull,
+            "norm": norm,
+            "form": form,
+            "accuracy": accuracy,
+            "starts": starts,
+            "time_limit": time_limit,
+            "stability_margin": stability_margin,
+            "compile": compile,
+            "obstacles": obstacles,
+            "clearance": clearance,
+            "self_clearance": self_clearance,
+            "stroke_max": stroke_max,
+            "stroke_min": stroke_min,
+        }
+
+        def planned(found: tuple[Target, ...], before: Plan | None) -> Plan:
+            return plan(arm, found, scene, tension_max, near=before or near, **given)
+
+        return with_turns(arm, targets, wrap, planned)
     check_loads(arm, scene, contact=True)
     form = checked_form(form)
     if starts is not None and (type(starts) is not int or starts < 1):
@@ -228,14 +275,14 @@ def plan(
     statement = with_form(asked, form, scene, targets)
     by = checked_compile(compile)
     task = Task(arm, targets, scene, limits, statement, accuracy, by, starts)
+    check_holds(targets, scene)
+    obstacles = check_obstacles(obstacles) + beside(targets, scene)
     around = surroundings(arm, targets, obstacles, clearance, self_clearance)
-    touches = bool(contacts(scene))
-    if touches:
+    if contacts(scene):
         check_contact(task, bool(around))
-        found, avoidance = ContactSearch(task).run(seconds), None
-    else:
-        found, avoidance = _searched(task, around, near, seconds)
-    return (HeldPlan if touches else Plan)(
+        return _held(task, near, seconds)
+    found, avoidance = _searched(task, around, near, seconds)
+    return Plan(
         arm,
         scene,
         targets,
@@ -252,6 +299,29 @@ def plan(
         by,
         around,
         avoidance,
+    )
+
+
+def _held(task: Task, near: Plan | None, seconds: float | None) -> HeldPlan:
+    """Return the plan of an arm that leans on things."""
+    known = None if near is None else _checked_near(near, task)
+    way = known.way if isinstance(known, HeldPlan) else ()
+    begin = None if known is None else (*way, tuple(np.ravel(known.tensions).tolist()))
+    found = ContactSearch(task, begin).run(seconds)
+    return HeldPlan(
+        task.arm,
+        task.scene,
+        task.targets,
+        task.limits,
+        found.statement,
+        found.tensions,
+        found.lam_x,
+        found.lam_g,
+        task.accuracy,
+        found.starts,
+        found.stopped,
+        machine_code=task.machine_code,
+        way=found.way,
     )
 
 
@@ -277,11 +347,17 @@ def _searched(
     return replace(found, jump=jump(near.tensions, found.tensions)), avoidance
 
 
-def _followed(near: Plan, task: Task) -> SearchResult | None:
-    """Return what a plan leads to, None where it cannot be followed."""
+def _checked_near(near: Plan, task: Task) -> Plan:
+    """Return a plan that is near; InputError for one of another arm or scene."""
     kind("near", near, Plan, "a Plan for the same arm and scene, or None")
     if near.arm != task.arm or near.scene != task.scene:
         raise InputError("near", "a plan for another arm or scene", "one for the same")
+    return near
+
+
+def _followed(near: Plan, task: Task) -> SearchResult | None:
+    """Return what a plan leads to, None where it cannot be followed."""
+    near = _checked_near(near, task)
     limits, own = task.limits, near.limits
     same = near.statement.margin == task.statement.margin
     if not same or replace(own, lower=limits.lower) != limits:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -12,12 +13,12 @@ import numpy as np
 from model import Arm, InputError, Scene
 from model.errors import FileError
 from model.forward import SCHEMES
-from model.loads import check_loads
+from model.loads import check_loads, contacts
 from model.mesh_refinement import FINEST, checked_accuracy
 from planner.avoidance.asked import Surroundings, surroundings
 from planner.avoidance.rows import Avoidance
 from planner.files import read_file, why
-from planner.plan import Plan
+from planner.plan import HeldPlan, Plan
 from planner.program.limits import Limits
 from planner.program.problem import build
 from planner.question import check_strokes, check_targets, checked_form, checked_margin
@@ -52,7 +53,7 @@ def load_plan(path: str | Path) -> Plan:
     lower = _floats(own.lower, name, "question.limits.lower")
     tensions = _floats(answer.tensions, name, "answer.tensions")
     within = _Within(name)
-    within("question.scene", lambda: check_loads(arm, scene))
+    within("question.scene", lambda: check_loads(arm, scene, contact=True))
     ends: list[Any] = [None, None]
     if own.strokes is not None:
         ends = [_floats(end, name, "question.limits.strokes") for end in own.strokes]
@@ -68,7 +69,13 @@ def load_plan(path: str | Path) -> Plan:
         rows = value(answer.avoidance, name, "answer.avoidance")
         avoidance = _kind(rows, Avoidance, name, "answer.avoidance")
     _check_statement(within, answer, limits)
-    plan = Plan(
+    touches = bool(contacts(scene))
+    way = tuple(
+        tuple(within(f"answer.way[{i}]", partial(arm.flat, _floats(T, name, f"answer.way[{i}]"))))
+        for i, T in enumerate(answer.way)
+    )
+    own_kind: Any = partial(HeldPlan, way=way) if touches else Plan
+    plan: Plan = own_kind(
         arm,
         scene,
         targets,
@@ -149,7 +156,11 @@ def _check_statement(within: _Within, answer: AnswerRecord, limits: Limits) -> N
 def _check_multipliers(plan: Plan, name: str) -> None:
     """Refuse multipliers that are not finite, or not those of the problem; there may be none."""
     sizes = len(plan.lam_x), len(plan.lam_g)
-    if any(sizes):
+    if any(sizes) and isinstance(plan, HeldPlan):
+        if sizes[0] != plan.arm.n_tendons:
+            told = f"got {sizes[0]} numbers, allowed are {plan.arm.n_tendons}, or none"
+            raise FileError(name, "answer.lam_x", told)
+    elif any(sizes):
         problem = build(plan.arm, plan.stated, plan.scene, plan.statement.but(refinement=1))
         wanted = problem.n_free, sum(row.size for row in problem.condensed.rows)
         if sizes != wanted:

@@ -4,30 +4,42 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from model.effects import Contact
-from model.errors import InputError, OctoplanError
+from model.errors import InputError, OctoplanError, SnapError
+from model.loads import contacts
 from model.paths import Array
 from model.progress import tell
 from model.scene import Scene
 from model.time_limit import OutOfTime, check_time, time_limit
+from planner.avoidance.around import Around
+from planner.avoidance.asked import Surroundings
+from planner.contact.program import Optimum, Program, lacking
+from planner.contact.quadratic import optimum_at
 from planner.contact.settled_terms import SettledTerms, Settling
-from planner.contact.sqp import Optimum, Program, kkt_residual, solve
+from planner.contact.sqp import solve
+from planner.contact.way import Way, followed
 from planner.program.limits import natural_tensions
 from planner.program.statement import Mode
 from planner.program.terms import compliance_requests
 from planner.solve.search import Search
 from planner.solve.search_result import SearchResult, Trial
 from planner.solve.task import Task
+from planner.targets.base import Target
+from planner.targets.hold import Hold
+from planner.targets.wrap import Wrap
 
 # Meshes on which a plan is searched for and finished.
-_ROUGH, _FINE = 1, 3
+_ROUGH, _FINE = 1, 2
 # How close optimum and targets are asked to be, over the accuracy.
 _CLOSER = 0.1
 # First guesses of the free arm, and bends towards a target by so many times the natural tensions.
 _FREE, _BENDS = 3, (0.3, 1.0, 2.0)
+# Bends that may press on what is held, harder and harder.
+_HARDER = tuple((0.25 * 1.5 ** np.arange(12)).tolist())
 
 
 def check_contact(task: Task, avoids: bool) -> None:
@@ -43,72 +55,107 @@ def check_contact(task: Task, avoids: bool) -> None:
         raise InputError("stroke_max", "given", "none in a scene with contact")
 
 
+def check_holds(targets: tuple[Target, ...], scene: Scene) -> None:
+    """Raise InputError for what is held and is no contact of the scene."""
+    touched = [contact.obstacle for contact in contacts(scene)]
+    for target in targets:
+        if isinstance(target, Hold) and target.obstacle not in touched:
+            allowed = "an obstacle that the scene has as a Contact"
+            raise InputError("Hold.obstacle", target.obstacle, allowed)
+
+
 @dataclass(frozen=True, eq=False)
 class ContactSearch:
-    """The search for the least tensions of an arm that leans on things."""
+    """The search for the least tensions of an arm that leans on things.
+
+    Attributes
+    ----------
+    task : Task
+    begin : tuple of (n_tendons,) or None
+        The way to an equilibrium that is nearby, its tensions last; it is tried before others.
+    """
 
     task: Task
+    begin: Way | None = None
 
     def run(self, seconds: float | None) -> SearchResult:
         """Return the best optimum from the starts, or the best so far after so long."""
-        found = list[Optimum]()
-        stopped = False
+        found = list[Led]()
+        stopped, best = False, None
         try:
             with time_limit(seconds):
-                for T in self._starts()[: self.task.starts]:
-                    found += self._from(T)
+                for way in self._ways():
+                    found += self._from(way)
+                    if way == self.begin and self._met(found):
+                        break
                 best = self._finished(found) if found else None
         except OutOfTime:
             stopped, best = True, self._best(found)
-        trials = tuple(Trial(own.effort, own.lacks < self._close, 0) for own in found)
-        exact = best is not None and best.lacks < self._close
+        ends = [own.optimum for own in found]
+        trials = tuple(Trial(own.effort, own.lacks < self._close, 0) for own in ends)
+        exact = best is not None and best.optimum.lacks < self._close
         mode: Mode = "exact" if exact else "nearest"
         statement = self.task.statement.but(mode=mode, scheme="gauss6", refinement=_FINE)
         if best is None:
             T = np.array(self.task.allowed.lower)
             return SearchResult(statement, self.task.arm.by_section(T), (), (), trials, stopped)
-        T = self.task.arm.by_section(best.terms.tensions)
-        lam = tuple(best.lam_bounds.tolist()), tuple(best.lam_match.tolist())
-        return SearchResult(statement, T, *lam, trials, stopped)
+        end = best.optimum
+        T = self.task.arm.by_section(end.terms.tensions)
+        lam = tuple(end.lam_bounds.tolist()), tuple(end.lam_match.tolist())
+        return SearchResult(statement, T, *lam, trials, stopped, way=best.way)
 
     @property
     def _close(self) -> float:
         return self.task.accuracy
 
-    def _best(self, found: list[Optimum]) -> Optimum | None:
-        """Return the optimum of least effort of those that meet the targets, else the nearest."""
-        met = [own for own in found if own.lacks < self._close]
-        if met:
-            return min(met, key=lambda own: own.effort)
-        return min(found, key=lambda own: own.lacks, default=None)
+    def _met(self, found: list[Led]) -> list[Led]:
+        return [own for own in found if own.optimum.lacks < self._close]
 
-    def _from(self, T: Array) -> list[Optimum]:
-        """Return the optimum that a start leads to; none where the arm comes to no rest."""
+    def _best(self, found: list[Led]) -> Led | None:
+        """Return the optimum of least effort of those that meet the targets, else the nearest."""
+        if met := self._met(found):
+            return min(met, key=lambda own: own.optimum.effort)
+        return min(found, key=lambda own: own.optimum.lacks, default=None)
+
+    def _ways(self) -> list[Way]:
+        """Return ways to begin with: to what is near, then straight ones from rest."""
+        own = [] if self.begin is None else [self.begin]
+        most = max(self.task.starts - len(own), 0) if self.task.starts else None
+        return own + [(tuple(T.tolist()),) for T in self._starts()[:most]]
+
+    def _from(self, way: Way) -> list[Led]:
+        """Return the optimum that a way leads to; none where the arm comes to no rest."""
         tell("initial guesses")
         check_time()
         program = _program(self.task, _ROUGH)
+        last = np.clip(way[-1], program.lower, program.upper)
         try:
-            start = program.evaluate(np.clip(T, program.lower, program.upper), None)
-            return [solve(program, start, _CLOSER * self.task.accuracy)]
+            start = _along(program, (*way[:-1], tuple(last.tolist())))
+            end = solve(program, start, _CLOSER * self.task.accuracy)
         except OctoplanError:
             return []
+        return [Led(end, (*way[:-1], tuple(last.tolist())))]
 
-    def _finished(self, found: list[Optimum]) -> Optimum | None:
-        """Return the best optimum on a fine mesh, as the arm comes to it from rest."""
+    def _finished(self, found: list[Led]) -> Led | None:
+        """Return the best optimum on a fine mesh, as the arm comes to it from rest or on a way."""
         left, program = list(found), _program(self.task, _FINE)
         while left:
             best = self._best(left)
             assert best is not None
-            start = self._from_rest(program, best.terms)
-            if start is not None:
-                return solve(program, start, _CLOSER * self.task.accuracy)
+            for way in best.ways():
+                start = self._there(program, way, best.optimum.terms)
+                if start is not None:
+                    end = solve(program, start, _CLOSER * self.task.accuracy)
+                    led = Led(end, way)
+                    if self._there(program, way, end.terms) is not None:
+                        return led
             left.remove(best)
         return self._best(found)
 
-    def _from_rest(self, program: Program, terms: SettledTerms) -> SettledTerms | None:
-        """Return the terms under the same tensions from rest; None if the arm comes elsewhere."""
+    def _there(self, program: Program, way: Way, terms: SettledTerms) -> SettledTerms | None:
+        """Return the terms under the same tensions on a way; None if the arm comes elsewhere."""
         try:
-            found = program.evaluate(terms.tensions, None)
+            found = _along(program, (*way, tuple(terms.tensions.tolist())))
         except OctoplanError:
             return None
         off = np.abs(_tip(found) - _tip(terms)).max()
@@ -119,10 +166,30 @@ class ContactSearch:
         task, found = self.task, list[Array]()
         effects = (e for e in task.scene.effects if not isinstance(e, Contact))
         free = replace(task, scene=Scene(*effects), starts=_FREE)
+        bodies = tuple(own.obstacle for own in contacts(task.scene))
         with suppress(OctoplanError):
-            found.append(np.ravel(Search(free).run().tensions))
+            if any(isinstance(target, Wrap) for target in task.targets):
+                led = Around(free, Surroundings(bodies)).run(None)[0]
+            else:
+                led = Search(free).run()
+            found.append(np.ravel(led.tensions))
         natural = np.minimum(natural_tensions(task.arm), np.array(task.allowed.upper))
-        return found + [share * own for own in self._towards(natural) for share in _BENDS]
+        holds = any(isinstance(target, Hold) for target in task.targets)
+        bends = _HARDER if holds else _BENDS
+        found += [share * own for own in self._towards(natural) for share in bends]
+        return self._nearest(found) if holds else found
+
+    def _nearest(self, starts: list[Array]) -> list[Array]:
+        """Return those that lack least where they come to rest, a hold only where they touch."""
+        program, found = _program(self.task, _ROUGH), list[tuple[float, int]]()
+        for i, T in enumerate(starts):
+            check_time()
+            try:
+                T = np.clip(T, program.lower, program.upper)
+                found.append((lacking(program.evaluate(T, None, None)), i))
+            except OctoplanError:
+                continue
+        return [starts[i] for _, i in sorted(found)]
 
     def _towards(self, natural: Array) -> list[Array]:
         """Return the natural tensions of the tendons on the sides of what targets are about."""
@@ -139,13 +206,46 @@ class ContactSearch:
         return found
 
 
+@dataclass(frozen=True, eq=False)
+class Led:
+    """An optimum, and the way to where its steps began."""
+
+    optimum: Optimum
+    way: Way
+
+    def ways(self) -> list[Way]:
+        """Return ways to the optimum: from rest alone, then by more and more of the steps."""
+        steps = [tuple(T.tolist()) for T in self.optimum.steps]
+        parts = [steps[:: len(steps) // 2**n] for n in range(len(steps).bit_length())]
+        return [(), self.way, *((*self.way, *part[1:]) for part in parts)]
+
+
+def _along(program: Program, way: Way) -> SettledTerms:
+    """Return the terms at the end of a way; raises what settling does."""
+    here: SettledTerms | None = program.evaluate(np.array(way[0]), None, None)
+    for T in way[1:]:
+        assert here is not None
+        here = followed(np.array(T), here, partial(_near, program))
+        if here is None:
+            raise SnapError(1.0, "the arm jumps on its way")
+    assert here is not None
+    return here
+
+
+def _near(program: Program, tensions: Array, here: SettledTerms) -> SettledTerms | None:
+    try:
+        return program.evaluate(tensions, here, None)
+    except OctoplanError:
+        return None
+
+
 def _program(task: Task, refinement: int) -> Program:
     """Return the program on meshes of a refinement."""
     settling = Settling(task.arm, task.scene, task.targets, refinement, task.machine_code)
-    scale = float(natural_tensions(task.arm).max())
+    units = natural_tensions(task.arm)
     total = np.inf if task.limits.total is None else task.limits.total
     low, high = np.array(task.allowed.lower), np.array(task.allowed.upper)
-    return Program(settling.at, low, high, total, scale)
+    return Program(settling.at, low, high, total, float(units.max()), units)
 
 
 def _tip(terms: SettledTerms) -> Array:
@@ -153,10 +253,13 @@ def _tip(terms: SettledTerms) -> Array:
     return np.asarray(terms.here.states[system.of.nodes[-1, 4:7]])
 
 
-def optimality_of(task: Task, tensions: Array) -> float:
-    """Return the residual of the first-order conditions at tensions (n_tendons,), scaled."""
+def optimality_of(task: Task, tensions: Array, way: Way = ()) -> float:
+    """Return the residual of the first-order conditions at tensions (n_tendons,), scaled.
+
+    Where a way leads to.
+    """
     program = _program(task, _FINE)
     try:
-        return kkt_residual(program, program.evaluate(tensions, None))
+        return optimum_at(program, _along(program, (*way, tuple(tensions.tolist())))).kkt
     except OctoplanError:
         return np.inf

@@ -14,14 +14,21 @@ import numpy as np
 
 from model.arm import Arm
 from model.contact.forward import KnownContact, TouchingMap
+from model.contact.stability import held_stands
 from model.contact.touches import Touches
 from model.equilibrium.forward import STAGES
 from model.equilibrium.linearised import Linearised
+from model.errors import SnapError
 from model.paths import Array
 from model.scene import Scene
 from model.transcription.layout import POSE
-from planner.program.terms import KINDS, stations_of, terms_function
+from planner.contact.grasp_terms import GraspTerms, grasp_terms
+from planner.contact.pieces import piece_margins
+from planner.program.limits import natural_tensions
+from planner.program.terms import KINDS, stations_of, term_names, terms_function
 from planner.targets.base import Target
+from planner.targets.hold import Hold
+from planner.targets.wrap import CLEAR
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,13 +42,25 @@ class SettledTerms:
     snaps : tuple of float
         The shares of the way at which the arm jumped.
     values, slopes : by kind
-        Terms (n,), and their derivatives by the tensions (n, n_tendons).
+        Terms (n,), and their derivatives by the tensions (n, n_tendons). Behind the margins of
+        targets are those of the piece, see planner.contact.pieces.
+    margins : int
+        How many are the targets'.
+    grasps : tuple of GraspTerms
+        Of the targets that hold, in their order; their terms come behind those of poses.
     """
 
     here: Linearised
     snaps: tuple[float, ...]
     values: dict[str, Array]
     slopes: dict[str, Array]
+    margins: int
+    grasps: tuple[GraspTerms, ...] = ()
+
+    @property
+    def tangential(self) -> Array:
+        """Tangential forces (n_z,), over what is held."""
+        return np.concatenate([np.zeros(0), *(own.tangential for own in self.grasps)])
 
     @property
     def tensions(self) -> Array:
@@ -74,27 +93,73 @@ class Settling:
         return TouchingMap(self.arm, self.scene, *mesh, self.machine_code)
 
     @cached_property
+    def _force(self) -> float:
+        """A unit of contact forces [N]."""
+        return float(natural_tensions(self.arm).min())
+
+    @cached_property
     def _terms(self) -> tuple[ca.Function, ca.Function]:
         """(poses, numbers -> terms by kind), and their derivatives by the poses."""
         terms = terms_function(self.arm, self.targets)
         poses = ca.MX.sym("poses", *terms.size_in(0))
         numbers = ca.MX.sym("numbers", *terms.size_in(1))
-        found = terms(poses, numbers, ca.MX(0, 1))
+        found = list(terms(poses, numbers, ca.MX(0, 1)))
+        # Contact keeps gaps open by itself; where it does they do not move with the tensions.
+        margins = term_names(self.arm, self.targets)[KINDS.index("margin")]
+        kept = [i for i, name in enumerate(margins) if name != CLEAR]
+        found[KINDS.index("margin")] = found[KINDS.index("margin")][kept]
         slopes = [ca.densify(ca.jacobian(value, poses)) for value in found]
-        given, values = [poses, numbers], list(found)
+        given, values = [poses, numbers], found
         return ca.Function("terms", given, values), ca.Function("slopes", given, slopes)
 
-    def at(self, tensions: Array, near: SettledTerms | None = None) -> SettledTerms:
+    def at(
+        self, tensions: Array, near: SettledTerms | None = None, tangential: Array | None = None
+    ) -> SettledTerms:
         """Return the terms where the arm comes to, from rest or from another equilibrium.
 
-        Raises SnapError where it comes to none, and near another where it would jump.
+        With tangential forces (n_z,) of holds; the best ones unless given. Raises SnapError where
+        it comes to none, and near another where it would jump.
         """
-        known, before = None, tensions
-        if near is not None:
-            system = near.here.system
-            known = KnownContact(system, near.here.states, Touches.of(system))
-            before = near.tensions
-        here, snaps = self._forward.come_to(tensions, before, known, known is None)
+        here, snaps = self._settled(tensions, near)
+        values, slopes = self._of_poses(here)
+        grasps = self._grasps(here, near, tangential)
+        z = np.cumsum([0, *(own.tangential.size for own in grasps)])
+        for kind in values:
+            slopes[kind] = np.hstack([slopes[kind], np.zeros((values[kind].size, z[-1]))])
+        for own, first, last in zip(grasps, z[:-1], z[1:], strict=True):
+            for kind, value, slope in (
+                ("match", own.match, own.match_slopes),
+                ("margin", own.margin, own.margin_slopes),
+            ):
+                wide = np.zeros((value.size, slopes[kind].shape[1]))
+                wide[:, : tensions.size] = slope[:, : tensions.size]
+                wide[:, tensions.size + first : tensions.size + last] = slope[:, tensions.size :]
+                values[kind] = np.append(values[kind], value)
+                slopes[kind] = np.vstack([slopes[kind], wide])
+        margins = values["margin"].size
+        own_values, own_slopes = piece_margins(here, self._force)
+        values["margin"] = np.append(values["margin"], own_values)
+        none = np.zeros((own_values.size, z[-1]))
+        slopes["margin"] = np.vstack([slopes["margin"], np.hstack([own_slopes, none])])
+        return SettledTerms(here, snaps, values, slopes, margins, grasps)
+
+    def _settled(
+        self, tensions: Array, near: SettledTerms | None
+    ) -> tuple[Linearised, tuple[float, ...]]:
+        """Return the equilibrium, and where the arm jumped."""
+        if near is None:
+            return self._forward.come_to(tensions, tensions, None)
+        if np.array_equal(tensions, near.tensions):
+            return near.here, near.snaps
+        system = near.here.system
+        known = KnownContact(system, near.here.states, Touches.of(system))
+        here, snaps = self._forward.come_to(tensions, near.tensions, known, False)
+        if not held_stands(here):
+            raise SnapError(1.0, "it does not stand")
+        return here, snaps
+
+    def _of_poses(self, here: Linearised) -> tuple[dict[str, Array], dict[str, Array]]:
+        """Return the terms of poses, and their derivatives by the tensions."""
         mesh, of = here.system.mesh, here.system.of
         nodes = [mesh.node(s) for s in stations_of(self.arm, self.targets)]
         places = of.nodes[nodes, :POSE]
@@ -107,4 +172,19 @@ class Settling:
             kind: np.array(J).reshape(-1, places.size) @ moved
             for kind, J in zip(KINDS, slopes, strict=True)
         }
-        return SettledTerms(here, snaps, found, rates)
+        return found, rates
+
+    def _grasps(
+        self, here: Linearised, near: SettledTerms | None, tangential: Array | None
+    ) -> tuple[GraspTerms, ...]:
+        """Return the terms of what is held."""
+        found, first = list[GraspTerms](), 0
+        holds = [target for target in self.targets if isinstance(target, Hold)]
+        for i, hold in enumerate(holds):
+            before = near.grasps[i] if near is not None else None
+            own = None
+            if before is not None and tangential is not None:
+                own = tangential[first : first + before.tangential.size]
+                first += before.tangential.size
+            found.append(grasp_terms(here, hold, before, own))
+        return tuple(found)

@@ -1,266 +1,151 @@
 """Sequential quadratic programming in the tensions, over shapes that settle by themselves.
 
-Least f(T) = |T|^2 / 2 + W |approach|^2 / 2, scaled, with match = 0, margin >= 0 and limits. Each
-step solves a quadratic program in which what cannot be met costs in proportion (an exact penalty);
-the Hessian of the Lagrangian is Powell's damped BFGS; steps stay within a region that grows and
-shrinks as the penalised objective falls by what was foreseen. Source: Nocedal and Wright,
-"Numerical Optimization" (2006), 18.3 to 18.5.
+Each step solves a quadratic program in which what cannot be met costs in proportion; steps stay
+within a region that grows and shrinks as the penalised objective falls by what was foreseen, and
+are corrected by how much linear terms were off where it falls by less. The shape is smooth in
+pieces, see planner.contact.pieces: a step stays in its piece as far as linear terms tell, and from
+an optimum at the end of one that beyond is tried. Source: Nocedal and Wright, "Numerical
+Optimization" (2006), 15.4 to 18.5.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import replace
 
-import casadi as ca
 import numpy as np
-from scipy.optimize import lsq_linear
 
-from model.errors import OctoplanError
 from model.paths import Array
 from model.progress import tell
 from model.time_limit import check_time
+from planner.contact.hessian import exact_hessian, of_targets, updated
+from planner.contact.program import Optimum, Program, lacking
+from planner.contact.quadratic import ACTIVE, optimum_at, quadratic_step
 from planner.contact.settled_terms import SettledTerms
 
-# What is near costs before effort, in units of the arm's length and of the scale of tensions.
-_NEAREST = 1e6
-_STEPS, _FIRST, _LEAST = 80, 0.25, 1e-9
+_STEPS, _FIRST, _MOST_FAR, _CAREFUL = 80, 0.5, 2.0, 1e-2
+# The least region, and where targets are missed.
+_LEAST, _MISSED = 1e-9, 1e-5
 _ACCEPTED, _GOOD = 0.05, 0.7
-_PENALTY = 10.0
-# So many steps are taken with an approximate Hessian, and longer while targets lack more than this;
-# then it is found by differences of this size over the scale of tensions.
-_ROUGH, _CLOSE, _STEP = 10, 1e-4, 1e-5
-# Margins and limits that may hold: below this share of the arm's length, or of the scale.
-_ACTIVE = 1e-7
-
-
-# Of tensions, match and margin, scaled.
-Multipliers = tuple[Array, Array, Array]
-
-
-@dataclass(frozen=True, eq=False)
-class Program:
-    """The program.
-
-    Attributes
-    ----------
-    evaluate : callable
-        Tensions, an equilibrium near -> terms there.
-    lower, upper : (n,)
-        Limits [N].
-    total : float
-        The most that all tendons pull together [N].
-    scale : float
-        Of tensions [N].
-    """
-
-    evaluate: Callable[[Array, SettledTerms | None], SettledTerms]
-    lower: Array
-    upper: Array
-    total: float
-    scale: float
-
-
-@dataclass(frozen=True, eq=False)
-class Optimum:
-    """Where the program ended.
-
-    Attributes
-    ----------
-    terms : SettledTerms
-    lam_bounds, lam_match, lam_margin : multipliers of tensions, match and margin
-        Scaled.
-    kkt : float
-        Residual of the first-order conditions, scaled.
-    """
-
-    terms: SettledTerms
-    lam_bounds: Array
-    lam_match: Array
-    lam_margin: Array
-    kkt: float
-
-    @property
-    def lacks(self) -> float:
-        """What match and margin lack together."""
-        return _lacks(self.terms)
-
-    @property
-    def effort(self) -> float:
-        """Root of the sum of squared tensions [N]."""
-        return float(np.linalg.norm(self.terms.tensions))
+# Of the penalty. Where targets are always missed it would grow without end.
+_PENALTY, _MOST = 10.0, 1e5
+# From this step on, and while targets lack less than this, each so many steps the Hessian is found
+# by differences; at once where the residual is as small as this.
+_ROUGH, _AGAIN, _CLOSE, _NEARLY = 4, 3, 1e-4, 1e-3
+# Residual of an optimum.
+_OPTIMAL = 3e-7
+# Ends of pieces beyond which is looked, how often, and how far; what that has to gain.
+_SIDES, _PROBES, _ACROSS, _GAINED = 2, 4, 1e-2, 1e-7
 
 
 def solve(program: Program, start: SettledTerms, accuracy: float) -> Optimum:
-    """Return the optimum that steps from a start lead to."""
-    here, region, n = start, _FIRST, start.tensions.size
-    B, penalty = np.eye(n), _PENALTY
+    """Return the optimum that steps from a start lead to, beyond the pieces of contact as well."""
+    best = _descended(program, start, accuracy)
+    for _ in range(_PROBES):
+        found = [_descended(program, there, accuracy) for there in _beyond(program, best)]
+        found = [replace(own, steps=best.steps + own.steps) for own in found]
+        better = [own for own in found if _better(program, own, best, accuracy)]
+        if not better:
+            break
+        best = min(better, key=lambda own: program.merit(own.terms, _PENALTY))
+    return best
+
+
+def _better(program: Program, one: Optimum, other: Optimum, accuracy: float) -> bool:
+    """Return whether an optimum is better than another, by more than its accuracy."""
+    if max(one.lacks, other.lacks) > accuracy:
+        return one.lacks < 0.99 * other.lacks
+    a, b = (program.objective(own.terms) for own in (one, other))
+    closer = one.kkt < _OPTIMAL <= other.kkt
+    return a < b * (1 - _GAINED) or (closer and a < b * (1 + _GAINED))
+
+
+def _beyond(program: Program, at: Optimum) -> list[SettledTerms]:
+    """Return terms in the pieces beyond those ends of the piece that hold an optimum."""
+    here, found = at.terms, list[SettledTerms]()
+    lam = np.abs(at.lam_margin[here.margins :])
+    for k in np.argsort(-lam)[:_SIDES]:
+        if lam[k] <= ACTIVE:
+            continue
+        keep = np.delete(np.arange(at.lam_margin.size), here.margins + k)
+        values = here.values | {"margin": here.values["margin"][keep]}
+        slopes = here.slopes | {"margin": here.slopes["margin"][keep]}
+        free, B = replace(here, values=values, slopes=slopes), program.effort_hessian(here)
+        there = program.moved(here, quadratic_step(program, free, B, _PENALTY, _ACROSS)[0])
+        if there is not None:
+            found.append(there)
+    return found
+
+
+def _descended(program: Program, start: SettledTerms, accuracy: float) -> Optimum:
+    """Return the optimum that steps from a start lead to, in the pieces that they meet."""
+    here, region, penalty, steps = start, _FIRST, _PENALTY, [start.tensions]
+    B = program.effort_hessian(here)
     for count in range(_STEPS):
         check_time()
         tell("steps of the program with contact", count, _STEPS)
-        step, lam = _step(program, here, B, penalty, region)
-        penalty = max(penalty, 2 * float(np.abs(lam[1]).max(initial=0.0)))
-        penalty = max(penalty, 2 * float(np.abs(lam[2]).max(initial=0.0)))
-        best = _optimum(program, here)
-        if best.kkt < accuracy and _lacks(here) < accuracy:
-            return best
-        gain = _merit(program, here, penalty) - _foreseen(program, here, step, penalty)
-        there = _tried(program, here, step)
-        fell = 0.0 if there is None else _merit(program, here, penalty)
-        fell -= 0.0 if there is None else _merit(program, there, penalty)
-        if there is None or fell < _ACCEPTED * gain:
+        best = optimum_at(program, here)
+        if best.kkt < _OPTIMAL and lacking(here) < accuracy:
+            break
+        if _wants_hessian(best, count):
+            exact = exact_hessian(program, here, best)
+            B = B if exact is None else exact
+        # Far from the targets steps go wherever contact lets the arm go.
+        free = best.lacks > _CLOSE and region > _CAREFUL
+        stated = of_targets(here) if free else here
+        step, lam = quadratic_step(program, stated, B, penalty, region)
+        most = max(float(np.abs(own).max(initial=0.0)) for own in lam[1:])
+        penalty = max(penalty, min(2 * most, _MOST))
+        gain = program.merit(here, penalty) - program.foreseen(stated, step, penalty)
+        there = _stepped(program, here, step, B, penalty, region, gain)
+        fell = _fall(program, here, there, penalty)
+        if there is None or fell < _ACCEPTED * gain or gain <= 0:
             region = 0.3 * min(region, float(np.abs(step).max()))
         else:
             if fell > _GOOD * gain:
-                region = min(2 * region, 2.0)
-            B, here = _updated(program, B, here, there, lam), there
-            if _lacks(here) < _CLOSE and count > _ROUGH:
-                B = _hessian(program, here, _optimum(program, here))
-        if region < _LEAST:
+                region = min(2 * region, _MOST_FAR)
+            B, here = updated(program, B, here, there, lam), there
+            steps.append(here.tensions)
+        if region < (_LEAST if lacking(here) < _CLOSE else _MISSED):
             break
-    return _optimum(program, here)
+    return replace(optimum_at(program, here), steps=tuple(steps))
 
 
-def _tried(program: Program, here: SettledTerms, step: Array) -> SettledTerms | None:
-    T = np.clip(here.tensions + program.scale * step, program.lower, program.upper)
-    try:
-        return program.evaluate(T, here)
-    except OctoplanError:
-        return None
+def _wants_hessian(at: Optimum, count: int) -> bool:
+    """Return whether the Hessian is found by differences."""
+    if at.lacks > _CLOSE:
+        return False
+    return (count == 0 and at.kkt < _NEARLY) or (count >= _ROUGH and count % _AGAIN == 0)
 
 
-def _gradient(program: Program, terms: SettledTerms) -> Array:
-    """Return the gradient of f by scaled tensions (n,)."""
-    near, slopes = terms.values["approach"], program.scale * terms.slopes["approach"]
-    return terms.tensions / program.scale + _NEAREST * slopes.T @ near
-
-
-def _objective(program: Program, terms: SettledTerms) -> float:
-    near = terms.values["approach"]
-    own = terms.tensions / program.scale
-    return float(own @ own + _NEAREST * near @ near) / 2
-
-
-def _lacks(terms: SettledTerms) -> float:
-    match, margin = terms.values["match"], terms.values["margin"]
-    return float(np.abs(match).sum() + np.maximum(-margin, 0.0).sum())
-
-
-def _merit(program: Program, terms: SettledTerms, penalty: float) -> float:
-    return _objective(program, terms) + penalty * _lacks(terms)
-
-
-def _foreseen(program: Program, here: SettledTerms, step: Array, penalty: float) -> float:
-    """Return the penalised objective that linear terms foresee."""
-    moved = {k: v + program.scale * here.slopes[k] @ step for k, v in here.values.items()}
-    T = here.tensions / program.scale + step
-    f = float(T @ T + _NEAREST * moved["approach"] @ moved["approach"]) / 2
-    lacks = np.abs(moved["match"]).sum() + np.maximum(-moved["margin"], 0.0).sum()
-    return f + penalty * float(lacks)
-
-
-def _step(
-    program: Program, here: SettledTerms, B: Array, penalty: float, region: float
-) -> tuple[Array, Multipliers]:
-    """Return a step of scaled tensions (n,), and multipliers of bounds, match and margin."""
-    n, T, s = here.tensions.size, here.tensions, program.scale
-    A, C = s * here.slopes["match"], s * here.slopes["margin"]
-    c, d = here.values["match"], here.values["margin"]
-    near = s * here.slopes["approach"]
-    m, k = c.size, d.size
-    size = n + 2 * m + k
-    H = np.zeros((size, size))
-    H[:n, :n] = B + _NEAREST * near.T @ near
-    H[n:, n:] = 1e-12 * np.eye(size - n)
-    g = np.concatenate([_gradient(program, here), np.full(size - n, penalty)])
-    rows = np.zeros((m + k + 1, size))
-    rows[:m, :n], rows[:m, n : n + m], rows[:m, n + m : n + 2 * m] = A, np.eye(m), -np.eye(m)
-    rows[m : m + k, :n], rows[m : m + k, n + 2 * m :] = C, np.eye(k)
-    rows[-1, :n] = 1.0
-    low = np.concatenate([-c, -d, [-np.inf]])
-    high = np.concatenate([-c, np.full(k, np.inf), [(program.total - T.sum()) / s]])
-    lbx = np.concatenate([np.maximum((program.lower - T) / s, -region), np.zeros(size - n)])
-    ubx = np.concatenate([np.minimum((program.upper - T) / s, region), np.full(size - n, np.inf)])
-    found = _quadratic(size, m + k + 1)(h=H, g=g, a=rows, lba=low, uba=high, lbx=lbx, ubx=ubx)
-    x, lam_x, lam_a = (np.array(found[name]).ravel() for name in ("x", "lam_x", "lam_a"))
-    free = (x[:n] > -region * (1 - 1e-9)) & (x[:n] < region * (1 - 1e-9))
-    return x[:n], (np.where(free, lam_x[:n], 0.0), lam_a[:m], lam_a[m : m + k])
-
-
-@lru_cache(maxsize=32)
-def _quadratic(n: int, m: int) -> ca.Function:
-    shape = {"h": ca.Sparsity.dense(n, n), "a": ca.Sparsity.dense(m, n)}
-    quiet = {"print_iter": False, "print_header": False, "error_on_fail": False}
-    return ca.conic("quadratic", "qrqp", shape, quiet)
-
-
-def _optimum(program: Program, here: SettledTerms) -> Optimum:
-    """Return where the program is, with the multipliers that leave least of its gradient."""
-    s, T = program.scale, here.tensions
-    g = _gradient(program, here)
-    active = np.flatnonzero(here.values["margin"] <= _ACTIVE)
-    room = _ACTIVE * s
-    low, high = np.flatnonzero(program.lower + room >= T), np.flatnonzero(program.upper - room <= T)
-    all_ = np.ones((1, T.size))[: int(T.sum() >= program.total - room)]
-    A, C = s * here.slopes["match"], s * here.slopes["margin"][active]
-    unit = np.eye(T.size)
-    rows = np.vstack([A, -C, -unit[low], unit[high], all_])
-    least = np.concatenate([np.full(len(A), -np.inf), np.zeros(len(rows) - len(A))])
-    lam = lsq_linear(rows.T, -g, (least, np.inf)).x if rows.size else np.zeros(0)
-    left = float(np.abs(g + rows.T @ lam).max()) / (1 + float(np.abs(lam).max(initial=0.0)))
-    match, margin, bounds = lam[: len(A)], np.zeros(here.values["margin"].size), np.zeros(T.size)
-    ends = np.cumsum([len(A), active.size, low.size, high.size])
-    margin[active] = -lam[ends[0] : ends[1]]
-    bounds[low] -= lam[ends[1] : ends[2]]
-    bounds[high] += lam[ends[2] : ends[3]]
-    return Optimum(here, bounds, match, margin, left)
-
-
-def kkt_residual(program: Program, here: SettledTerms) -> float:
-    """Return the residual of the first-order conditions, scaled."""
-    return _optimum(program, here).kkt
-
-
-def _lagrangian_slope(program: Program, terms: SettledTerms, lam: tuple[Array, Array]) -> Array:
-    """Return the gradient by scaled tensions of effort and of what multipliers weigh (n,)."""
-    s = program.scale
-    own = terms.tensions / s + s * terms.slopes["match"].T @ lam[0]
-    return np.asarray(own + s * terms.slopes["margin"].T @ lam[1])
-
-
-def _hessian(program: Program, here: SettledTerms, at: Optimum) -> Array:
-    """Return the Hessian of the Lagrangian by differences, made definite."""
-    n, lam = here.tensions.size, (at.lam_match, at.lam_margin)
-    still, found = _lagrangian_slope(program, here, lam), np.eye(n)
-    for j in range(n):
-        sign = 1.0 if here.tensions[j] + _STEP * program.scale <= program.upper[j] else -1.0
-        T = here.tensions.copy()
-        T[j] += sign * _STEP * program.scale
-        try:
-            there = program.evaluate(T, here)
-        except OctoplanError:
-            continue
-        found[:, j] = sign * (_lagrangian_slope(program, there, lam) - still) / _STEP
-    values, vectors = np.linalg.eigh((found + found.T) / 2)
-    return np.asarray(vectors * np.maximum(np.abs(values), 1e-3) @ vectors.T)
-
-
-def _updated(
+def _stepped(
     program: Program,
-    B: Array,
     here: SettledTerms,
-    there: SettledTerms,
-    lam: Multipliers,
-) -> Array:
-    """Return the Hessian after a step; Powell's damping keeps it definite."""
-    step = (there.tensions - here.tensions) / program.scale
-    y = _lagrangian_slope(program, there, lam[1:]) - _lagrangian_slope(program, here, lam[1:])
-    Bs = B @ step
-    curve = float(step @ Bs)
-    if curve <= 1e-300:
-        return B
-    if step @ y < 0.2 * curve:
-        share = 0.8 * curve / (curve - float(step @ y))
-        y = share * y + (1 - share) * Bs
-    return np.asarray(B - np.outer(Bs, Bs) / curve + np.outer(y, y) / float(step @ y))
+    step: Array,
+    B: Array,
+    penalty: float,
+    region: float,
+    gain: float,
+) -> SettledTerms | None:
+    """Return the terms after a step, corrected where that is better; None if there are none."""
+    there = program.moved(here, step)
+    fell = _fall(program, here, there, penalty)
+    same = there is not None and all(
+        there.values[kind].size == own.size for kind, own in here.values.items()
+    )
+    if there is None or not same or fell >= _GOOD * gain:
+        return there
+    off = {
+        kind: there.values[kind] - program.rows(here, kind) @ step for kind in ("match", "margin")
+    }
+    bent = replace(here, values=here.values | off)
+    again = program.moved(here, quadratic_step(program, bent, B, penalty, region)[0])
+    return again if _fall(program, here, again, penalty) > fell else there
+
+
+def _fall(
+    program: Program, here: SettledTerms, there: SettledTerms | None, penalty: float
+) -> float:
+    """Return by how much the penalised objective falls; without limit downwards for None."""
+    if there is None:
+        return -np.inf
+    return program.merit(here, penalty) - program.merit(there, penalty)

@@ -137,6 +137,16 @@ def metres(values: list[float] | Vector) -> tuple[float, ...]:
     return tuple((np.array(values, dtype=float) * MM).tolist())
 
 
+def mm(metres: Any) -> list[float]:
+    """Return lengths in mm, given in m."""
+    return [rounded(x / MM) for x in metres]
+
+
+def rounded(value: float) -> float:
+    """Return a number without what a change of units leaves in its last digit."""
+    return float(f"{value:.15g}")
+
+
 def radians(degrees: float) -> float:
     """Return an angle in rad, given in degrees; UnitWarning for what is likely in rad already."""
     warn_of_degrees(degrees)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
+import numpy as np
 from msgspec import Meta
 
+from model.errors import InputError
 from model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
-from planner.scenes.keys import Positive, Table, Vector, frame, metres
+from planner.scenes.keys import Positive, Table, Vector, frame, metres, mm
 
 Place = Annotated[Vector, Meta(description="in the base frame [mm]")]
 Size = Annotated[Positive, Meta(description="[mm]")]
@@ -60,3 +62,25 @@ def obstacle_of(table: ObstacleTable) -> Obstacle:
             return Box(metres(table.center_mm), metres(table.size_mm), edges)
         case HalfSpaceTable():
             return HalfSpace(metres(table.point_mm), table.normal)
+
+
+def obstacle_table(obstacle: Obstacle) -> dict[str, Any]:
+    """Return the table that obstacle_of reads; InputError for a kind without keys."""
+    match obstacle:
+        case Sphere():
+            return {"type": "sphere", "center_mm": mm(obstacle.center), **_radius(obstacle)}
+        case Capsule():
+            ends = {"start_mm": mm(obstacle.start), "end_mm": mm(obstacle.end)}
+            return {"type": "capsule", **ends, **_radius(obstacle)}
+        case Box():
+            sizes = {"center_mm": mm(obstacle.center), "size_mm": mm(obstacle.size)}
+            t, n, _ = np.array(obstacle.frame).T.tolist()
+            return {"type": "box", **sizes, "tangent": t, "normal": n}
+        case HalfSpace():
+            normal = list(obstacle.normal)
+            return {"type": "half-space", "point_mm": mm(obstacle.point), "normal": normal}
+    raise InputError("obstacle", obstacle, "one of model.obstacles: others have no keys")
+
+
+def _radius(obstacle: Sphere | Capsule) -> dict[str, float]:
+    return {"radius_mm": mm([obstacle.radius])[0]}

@@ -8,6 +8,7 @@ from msgspec import Meta
 
 from model import InputError
 from planner.scenes.keys import (
+    MM,
     NotNegative,
     Positive,
     Table,
@@ -16,6 +17,7 @@ from planner.scenes.keys import (
     metres,
     radians,
 )
+from planner.scenes.obstacles import ObstacleTable, obstacle_of
 from planner.targets import (
     Backbone,
     Bend,
@@ -28,7 +30,9 @@ from planner.targets import (
     TipPointing,
     TipPose,
     TipPosition,
+    Wrap,
 )
+from planner.targets import Hold as HoldObject
 
 Hold = Annotated[Literal["tension", "length"], Meta(description="what holds the tendons")]
 TendonEA = Annotated[
@@ -136,6 +140,29 @@ class SoftestTable(Table, tag="softest", frozen=True):
     tendon_EA: TendonEA = None
 
 
+class WrapTable(Table, tag="wrap", frozen=True):
+    """See Wrap: turns, or the length of the part."""
+
+    obstacle: ObstacleTable
+    turns: Annotated[Positive | None, Meta(description="round the obstacle")] = None
+    length_mm: Annotated[Positive | None, Meta(description="of the part [mm]")] = None
+    start_mm: Annotated[
+        NotNegative | None, Meta(description="where the part begins [mm]; ends at the tip without")
+    ] = None
+    tolerance: Annotated[Positive, Meta(description="of the gap over the arm's radius")] = 0.25
+
+
+class HoldTable(Table, tag="hold", frozen=True):
+    """See Hold: a force on the object, and a moment about its centre if that is to be held too."""
+
+    obstacle: ObstacleTable
+    force: Annotated[Vector, Meta(description="on the object, base frame [N]")]
+    moment: Annotated[
+        Vector | None, Meta(description="about its centre [N m]; taken up elsewhere without")
+    ] = None
+    friction: Annotated[NotNegative, Meta(description="Coulomb's coefficient")] = 0.0
+
+
 TargetTable = (
     BendingPlaneTable
     | TipPositionTable
@@ -147,6 +174,8 @@ TargetTable = (
     | MinimumStiffnessTable
     | StiffestTable
     | SoftestTable
+    | WrapTable
+    | HoldTable
 )
 
 
@@ -177,6 +206,17 @@ def target_of(table: TargetTable) -> Target:
         case StiffestTable() | SoftestTable():
             kind = Stiffest if isinstance(table, StiffestTable) else Softest
             return kind(table.direction, hold=table.hold, tendon_EA=table.tendon_EA)
+        case WrapTable():
+            obstacle = obstacle_of(table.obstacle)
+            lengths = (_metres(table.length_mm), _metres(table.start_mm))
+            return Wrap(obstacle, table.turns, *lengths, table.tolerance)
+        case HoldTable():
+            wrench = (*table.force, *(table.moment or ()))
+            return HoldObject(obstacle_of(table.obstacle), wrench, table.friction)
+
+
+def _metres(value: float | None) -> float | None:
+    return None if value is None else value * MM
 
 
 def _minimum(table: MinimumStiffnessTable) -> MinimumStiffness:

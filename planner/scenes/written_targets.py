@@ -8,18 +8,21 @@ from typing import Any
 import numpy as np
 
 from model import InputError
-from planner.scenes.keys import MM
+from planner.scenes.keys import mm, rounded
+from planner.scenes.obstacles import obstacle_table
 from planner.targets import (
     Backbone,
     BendingPlane,
     Fetch,
     FetchReach,
+    Hold,
     MinimumStiffness,
     Softest,
     Stiffest,
     TipPointing,
     TipPose,
     TipPosition,
+    Wrap,
 )
 
 
@@ -31,19 +34,19 @@ def target_table(target: Any) -> dict[str, Any]:
 
 @target_table.register
 def _(target: TipPosition) -> dict[str, Any]:
-    return {"type": "tip-position", "position_mm": _mm(target.position)}
+    return {"type": "tip-position", "position_mm": mm(target.position)}
 
 
 @target_table.register
 def _(target: TipPointing) -> dict[str, Any]:
-    own = {"position_mm": _mm(target.position), "weights": list(target.weights)}
+    own = {"position_mm": mm(target.position), "weights": list(target.weights)}
     return {"type": "tip-pointing", "direction": list(target.direction), **own}
 
 
 @target_table.register
 def _(target: TipPose) -> dict[str, Any]:
     frame = np.array(target.frame)
-    own = {"position_mm": _mm(target.position), "weights": list(target.weights)}
+    own = {"position_mm": mm(target.position), "weights": list(target.weights)}
     columns = {"tangent": frame[:, 0].tolist(), "normal": frame[:, 1].tolist()}
     return {"type": "tip-pose", **columns, **own}
 
@@ -56,9 +59,9 @@ def _(target: BendingPlane) -> dict[str, Any]:
 
 @target_table.register
 def _(target: Backbone) -> dict[str, Any]:
-    table: dict[str, Any] = {"type": "backbone", "points_mm": [_mm(p) for p in target.points]}
+    table: dict[str, Any] = {"type": "backbone", "points_mm": [mm(p) for p in target.points]}
     if target.s is not None:
-        table["s_mm"] = _mm(target.s)
+        table["s_mm"] = mm(target.s)
     if target.weights is not None:
         table["weights"] = list(target.weights)
     return table
@@ -74,7 +77,7 @@ def _(target: Fetch) -> dict[str, Any]:
 
 @target_table.register
 def _(target: FetchReach) -> dict[str, Any]:
-    table = {"type": "fetch-reach", "mouth_mm": _mm(target.mouth), "bend_deg": _deg(target.bend)}
+    table = {"type": "fetch-reach", "mouth_mm": mm(target.mouth), "bend_deg": _deg(target.bend)}
     return table if target.plane is None else table | {"plane_deg": _deg(target.plane)}
 
 
@@ -92,19 +95,27 @@ def _(target: Stiffest | Softest) -> dict[str, Any]:
     return {"type": kind, "direction": list(target.direction)} | _held(target)
 
 
+@target_table.register
+def _(target: Wrap) -> dict[str, Any]:
+    given = {"turns": target.turns, "tolerance": target.tolerance}
+    for key, own in (("length_mm", target.length), ("start_mm", target.start)):
+        given[key] = None if own is None else mm([own])[0]
+    kept = {key: own for key, own in given.items() if own is not None}
+    return {"type": "wrap", "obstacle": obstacle_table(target.obstacle), **kept}
+
+
+@target_table.register
+def _(target: Hold) -> dict[str, Any]:
+    parts = {"force": list(target.wrench[:3]), "moment": list(target.wrench[3:])}
+    kept = {key: own for key, own in parts.items() if own}
+    obstacle = obstacle_table(target.obstacle)
+    return {"type": "hold", "obstacle": obstacle, **kept, "friction": target.friction}
+
+
 def _held(target: Any) -> dict[str, Any]:
     held = {"hold": target.hold}
     return held if target.tendon_EA is None else held | {"tendon_EA": target.tendon_EA}
 
 
-def _mm(metres: Any) -> list[float]:
-    return [_rounded(x / MM) for x in metres]
-
-
 def _deg(radians: float) -> float:
-    return _rounded(float(np.degrees(radians)))
-
-
-def _rounded(value: float) -> float:
-    """Return a number without what a change of units leaves in its last digit."""
-    return float(f"{value:.15g}")
+    return rounded(float(np.degrees(radians)))

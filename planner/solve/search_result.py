@@ -24,7 +24,8 @@ class SearchResult:
 
     `stopped` says that the time limit ended it, `jump` by how much the tensions differ from those
     of the optimum that was to be followed, over their norm, where its branch was left, `lost` by
-    what share of the effort the coarse mesh had a cheaper optimum that no fine mesh has.
+    what share of the effort the coarse mesh had a cheaper optimum that no fine mesh has; `way` are
+    tensions on the way of an arm in contact.
     """
 
     statement: Statement
@@ -35,6 +36,7 @@ class SearchResult:
     stopped: bool = False
     jump: float = 0.0
     lost: float = 0.0
+    way: tuple[tuple[float, ...], ...] = ()
 
 
 def agreed(starts: Sequence[Trial]) -> int:

@@ -4,8 +4,10 @@ from planner.targets.backbone import Backbone
 from planner.targets.base import Target, Terms, View
 from planner.targets.bending_plane import BendingPlane
 from planner.targets.fetch import Bend, Fetch, FetchReach
+from planner.targets.hold import Hold
 from planner.targets.stiffness import MinimumStiffness, Softest, Stiffest
 from planner.targets.tip import TipPointing, TipPose, TipPosition
+from planner.targets.wrap import Wrap
 
 __all__ = [
     "Backbone",
@@ -13,6 +15,7 @@ __all__ = [
     "BendingPlane",
     "Fetch",
     "FetchReach",
+    "Hold",
     "MinimumStiffness",
     "Softest",
     "Stiffest",
@@ -22,4 +25,5 @@ __all__ = [
     "TipPose",
     "TipPosition",
     "View",
+    "Wrap",
 ]

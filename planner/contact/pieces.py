@@ -1,0 +1,79 @@
+"""Where an equilibrium with contact is smooth in the tensions: what touches goes on touching.
+
+The map from tensions to shapes is smooth in pieces. In one of them the same places touch: their
+forces stay 0 or above, pressures along parts that lie as well, and gaps elsewhere. Where one of
+these vanishes the piece ends and another begins. Programs in the tensions have them as inequalities
+of a step, and then look at the piece beyond (a piecewise program; Luo, Pang and Ralph,
+"Mathematical Programs with Equilibrium Constraints", 1996, chapter 6).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from model.contact.along import along
+from model.contact.passing import gaps_along
+from model.contact.touches import Touches
+from model.equilibrium.linearised import Linearised
+from model.paths import Array
+
+# Gaps up to this share of the arm's length count, with this step in the tensions' derivatives.
+_NEAR, _STEP = 0.01, 1e-5
+_NEWTON = 3
+
+
+def piece_margins(here: Linearised, force: float) -> tuple[Array, Array]:
+    """Return what is 0 or above in the piece (k,), and its derivatives by tensions (k, n).
+
+    Forces over a unit of force [N], pressures over that and the arm's length, gaps over the length.
+    """
+    system, L = here.system, here.system.arm.length
+    touches, own = Touches.of(system), system.of.touches
+    P, p = own[:, :, 0][touches.held], own[:, :, 1][touches.end | touches.inside]
+    moved = here.by_tensions
+    s, j = _openings(here, touches)
+    gap, gap_slopes = _gaps(here, s, j)
+    values = [here.states[P] / force, here.states[p] * L / force, gap / L]
+    slopes = [moved[P] / force, moved[p] * L / force, gap_slopes / L]
+    return np.concatenate(values), np.vstack(slopes)
+
+
+def _openings(here: Linearised, touches: Touches) -> tuple[Array, Array]:
+    """Return where gaps that are open are least (k,) [m], and whose of the obstacles they are."""
+    system, L = here.system, here.system.arm.length
+    s, gap = gaps_along(system, here.states)
+    nodes = system.mesh.s
+    at, whose = list[float](), list[int]()
+    for j in range(gap.shape[1]):
+        shut = nodes[touches.held[:, j] | touches.inside[:, j]]
+        before, after = np.append(np.inf, gap[:-1, j]), np.append(gap[1:, j], np.inf)
+        least = (gap[:, j] < before) & (gap[:, j] <= after) & (gap[:, j] < _NEAR * L)
+        for k in np.flatnonzero(least).tolist():
+            h = s[min(k + 1, s.size - 1)] - s[k - 1]
+            if not shut.size or np.abs(shut - s[k]).min() > h:
+                at.append(float(s[k]))
+                whose.append(j)
+    found, own = np.array(at), np.array(whose, dtype=int)
+    for _ in range(_NEWTON if found.size else 0):
+        _, slope, curve = along(system, here.x, found, own).T
+        inner = (found < L) | (slope > 0)
+        step = np.where(inner & (curve > 0), -slope / np.where(curve > 0, curve, 1.0), 0.0)
+        h = np.diff(nodes).min()
+        found = np.clip(found + np.clip(step, -h, h), nodes[1] / 2, L)
+    return found, own
+
+
+def _gaps(here: Linearised, s: Array, j: Array) -> tuple[Array, Array]:
+    """Return gaps (k,) [m] at arc lengths s (k,), and their derivatives (k, n) by tensions."""
+    n = here.tensions.size
+    if not s.size:
+        return np.zeros(0), np.zeros((0, n))
+    system, first = here.system, here.x.size - here.states.size
+    moved, slopes = here.by_tensions, np.zeros((s.size, n))
+    for i in range(n):
+        step = _STEP / max(float(np.abs(moved[system.of.nodes[:, :4], i]).max()), 1e-300)
+        change = np.zeros_like(here.x)
+        change[first:] = step * moved[:, i]
+        ends = [along(system, here.x + sign * change, s, j)[:, 0] for sign in (1, -1)]
+        slopes[:, i] = (ends[0] - ends[1]) / (2 * step)
+    return along(system, here.x, s, j)[:, 0], slopes

@@ -1,0 +1,157 @@
+"""The program over shapes that settle by themselves, and an optimum of it.
+
+Least f = |T|^2 / 2 + W |approach|^2 / 2, scaled, with match = 0, margin >= 0 and limits. Its
+unknowns are the tensions over what bends the arm alike, then the tangential forces of holds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from model.errors import OctoplanError
+from model.paths import Array
+from planner.contact.settled_terms import SettledTerms
+
+# What is near costs before effort, in units of the arm's length and of the scale of tensions.
+NEAREST = 1e6
+# The least that tangential forces cost, so that those that nothing determines stay.
+_COST = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Program:
+    """The program.
+
+    Attributes
+    ----------
+    evaluate : callable
+        Tensions, an equilibrium near, tangential forces -> terms there.
+    lower, upper : (n,)
+        Limits [N].
+    total : float
+        The most that all tendons pull together [N].
+    scale : float
+        Of effort [N].
+    units : (n,)
+        Of the tensions, such as bend the arm alike [N]: what steps are measured in.
+    """
+
+    evaluate: Callable[[Array, SettledTerms | None, Array | None], SettledTerms]
+    lower: Array
+    upper: Array
+    total: float
+    scale: float
+    units: Array
+
+    def units_of(self, terms: SettledTerms) -> Array:
+        """Return the units of all unknowns."""
+        return np.concatenate([self.units, np.ones(terms.tangential.size)])
+
+    def room(self, terms: SettledTerms) -> tuple[Array, Array]:
+        """Return how far down and up the unknowns may step, scaled."""
+        none = np.full(terms.tangential.size, np.inf)
+        down, up = (self.lower - terms.tensions), (self.upper - terms.tensions)
+        return np.append(down / self.units, -none), np.append(up / self.units, none)
+
+    def sums(self, terms: SettledTerms) -> Array:
+        """Return the row (1, n) that adds up tensions, over the largest unit."""
+        own = self.units / self.units.max()
+        return np.append(own, np.zeros(terms.tangential.size))[None]
+
+    def rows(self, terms: SettledTerms, kind: str) -> Array:
+        """Return the derivatives of terms by the scaled unknowns."""
+        return np.asarray(terms.slopes[kind] * self.units_of(terms))
+
+    def moved(self, terms: SettledTerms, step: Array, clip: bool = True) -> SettledTerms | None:
+        """Return the terms after a step of the scaled unknowns; None where the arm jumps."""
+        n = self.units.size
+        T = terms.tensions + self.units * step[:n]
+        T = np.clip(T, self.lower, self.upper) if clip else T
+        try:
+            return self.evaluate(T, terms, terms.tangential + step[n:])
+        except OctoplanError:
+            return None
+
+    def objective(self, terms: SettledTerms) -> float:
+        """Return what is made least."""
+        near, own = terms.values["approach"], terms.tensions / self.scale
+        return (
+            float(own @ own + NEAREST * near @ near + _COST * terms.tangential @ terms.tangential)
+            / 2
+        )
+
+    def effort_slope(self, terms: SettledTerms) -> Array:
+        """Return the gradient of effort by the scaled unknowns (n,)."""
+        own = self.units * terms.tensions / self.scale**2
+        return np.append(own, _COST * terms.tangential)
+
+    def gradient(self, terms: SettledTerms) -> Array:
+        """Return the gradient of the objective by the scaled unknowns (n,)."""
+        return np.asarray(
+            self.effort_slope(terms)
+            + NEAREST * self.rows(terms, "approach").T @ terms.values["approach"]
+        )
+
+    def effort_hessian(self, terms: SettledTerms) -> Array:
+        """Return the Hessian of effort (n, n)."""
+        own = (self.units / self.scale) ** 2
+        return np.diag(np.append(own, np.full(terms.tangential.size, _COST)))
+
+    def foreseen(self, terms: SettledTerms, step: Array, penalty: float) -> float:
+        """Return the penalised objective that linear terms foresee after a step."""
+        moved = {kind: own + self.rows(terms, kind) @ step for kind, own in terms.values.items()}
+        n = self.units.size
+        T = (terms.tensions + self.units * step[:n]) / self.scale
+        z = terms.tangential + step[n:]
+        f = float(T @ T + NEAREST * moved["approach"] @ moved["approach"] + _COST * z @ z) / 2
+        return f + penalty * _lacking(moved)
+
+    def merit(self, terms: SettledTerms, penalty: float) -> float:
+        """Return the penalised objective."""
+        return self.objective(terms) + penalty * lacking(terms)
+
+
+@dataclass(frozen=True, eq=False)
+class Optimum:
+    """Where the program ended.
+
+    Attributes
+    ----------
+    terms : SettledTerms
+    lam_bounds, lam_match, lam_margin : multipliers of tensions, match and margin
+        Scaled.
+    kkt : float
+        Residual of the first-order conditions, scaled.
+    steps : tuple of (n_tendons,)
+        Tensions from the start to the optimum, at each step that was taken.
+    """
+
+    terms: SettledTerms
+    lam_bounds: Array
+    lam_match: Array
+    lam_margin: Array
+    kkt: float
+    steps: tuple[Array, ...] = ()
+
+    @property
+    def lacks(self) -> float:
+        """What match and margin lack together."""
+        return lacking(self.terms)
+
+    @property
+    def effort(self) -> float:
+        """Root of the sum of squared tensions [N]."""
+        return float(np.linalg.norm(self.terms.tensions))
+
+
+def lacking(terms: SettledTerms) -> float:
+    """Return what match and margin lack together."""
+    return _lacking(terms.values)
+
+
+def _lacking(values: dict[str, Array]) -> float:
+    match, margin = values["match"], values["margin"]
+    return float(np.abs(match).sum() + np.maximum(-margin, 0.0).sum())

@@ -1,0 +1,88 @@
+"""The quadratic program of a step, and multipliers at a point."""
+
+from __future__ import annotations
+
+import logging
+from functools import lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from model.log_capture import logged
+from model.paths import Array
+from planner.contact.program import NEAREST, Optimum, Program
+from planner.contact.settled_terms import SettledTerms
+
+LOG = logging.getLogger(__name__)
+# Margins and limits that may hold: below this share of the arm's length, or of the unit.
+ACTIVE = 1e-7
+# Curvature of what cannot be met, beside its cost in proportion; steps stay so far inside of a
+# piece.
+_CURVED, _ASIDE = 1e-3, 1e-9
+
+# Of tensions, match and margin, scaled.
+Multipliers = tuple[Array, Array, Array]
+
+
+def quadratic_step(
+    program: Program, here: SettledTerms, B: Array, penalty: float, region: float
+) -> tuple[Array, Multipliers]:
+    """Return a step of the scaled unknowns (n,), and multipliers of bounds, match and margin.
+
+    What cannot be met costs in proportion (an exact penalty). Source: Nocedal and Wright,
+    "Numerical Optimization" (2006), 18.5.
+    """
+    A, C = program.rows(here, "match"), program.rows(here, "margin")
+    c, d = here.values["match"], here.values["margin"]
+    near = program.rows(here, "approach")
+    n, m, k = B.shape[0], c.size, d.size
+    size = n + 2 * m + k
+    H = _CURVED * np.eye(size)
+    H[:n, :n] = B + NEAREST * near.T @ near
+    g = np.concatenate([program.gradient(here), np.full(size - n, penalty)])
+    rows = np.zeros((m + k + 1, size))
+    rows[:m, :n], rows[:m, n : n + m], rows[:m, n + m : n + 2 * m] = A, np.eye(m), -np.eye(m)
+    rows[m : m + k, :n], rows[m : m + k, n + 2 * m :] = C, np.eye(k)
+    rows[-1, :n] = program.sums(here)
+    aside = np.zeros(k)
+    aside[here.margins :] = np.clip(d[here.margins :], 0.0, _ASIDE)
+    low = np.concatenate([-c, aside - d, [-np.inf]])
+    left = (program.total - here.tensions.sum()) / program.units.max()
+    high = np.concatenate([-c, np.full(k, np.inf), [left]])
+    down, up = program.room(here)
+    lbx = np.concatenate([np.maximum(down, -region), np.zeros(size - n)])
+    ubx = np.concatenate([np.minimum(up, region), np.full(size - n, np.inf)])
+    with logged(LOG, stdout=True):
+        solver = _solver(size, m + k + 1)
+        found = solver(h=H, g=g, a=rows, lba=low, uba=high, lbx=lbx, ubx=ubx)
+    x, lam_x, lam_a = (np.array(found[name]).ravel() for name in ("x", "lam_x", "lam_a"))
+    free = (x[:n] > -region * (1 - 1e-9)) & (x[:n] < region * (1 - 1e-9))
+    return x[:n], (np.where(free, lam_x[:n], 0.0), lam_a[:m], lam_a[m : m + k])
+
+
+@lru_cache(maxsize=32)
+def _solver(n: int, m: int) -> ca.Function:
+    shape = {"h": ca.Sparsity.dense(n, n), "a": ca.Sparsity.dense(m, n)}
+    quiet: Any = {"printLevel": "none", "sparse": False, "error_on_fail": False}
+    return ca.conic("quadratic", "qpoases", shape, quiet)
+
+
+def optimum_at(program: Program, here: SettledTerms) -> Optimum:
+    """Return where the program is, with the multipliers that leave least of its gradient."""
+    g, T = program.gradient(here), here.tensions
+    active, near = np.flatnonzero(here.values["margin"] <= ACTIVE), ACTIVE * program.units
+    low, high = np.flatnonzero(program.lower + near >= T), np.flatnonzero(program.upper - near <= T)
+    full = int(T.sum() >= program.total - near.max())
+    A, C, unit = program.rows(here, "match"), program.rows(here, "margin")[active], np.eye(g.size)
+    rows = np.vstack([A, -C, -unit[low], unit[high], program.sums(here)[:full]])
+    least = np.concatenate([np.full(len(A), -np.inf), np.zeros(len(rows) - len(A))])
+    lam = lsq_linear(rows.T, -g, (least, np.inf)).x if rows.size else np.zeros(len(rows))
+    left = float(np.abs(g + rows.T @ lam).max()) / (1 + float(np.abs(lam).max(initial=0.0)))
+    match, margin, bounds = lam[: len(A)], np.zeros(here.values["margin"].size), np.zeros(T.size)
+    ends = np.cumsum([len(A), active.size, low.size, high.size])
+    margin[active] = -lam[ends[0] : ends[1]]
+    bounds[low] -= lam[ends[1] : ends[2]]
+    bounds[high] += lam[ends[2] : ends[3]]
+    return Optimum(here, bounds, match, margin, left)

@@ -1,0 +1,75 @@
+"""The way by which an arm came to lean on things: which of several equilibria it is in."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeVar
+
+import numpy as np
+
+from model.arm import Arm
+from model.errors import OctoplanError
+from model.paths import Array
+from model.scene import Scene
+from model.settle import settle
+from model.shape import Shape
+
+# Tensions on the way to an equilibrium, in order.
+Way = tuple[tuple[float, ...], ...]
+# How accurately shapes on the way are settled; the least step, as a share of a straight line.
+_ON_THE_WAY, _LEAST = 1e-4, 1 / 64
+S = TypeVar("S")
+
+
+def settled_along(
+    arm: Arm,
+    way: Way,
+    tensions: Array,
+    scene: Scene,
+    accuracy: float,
+    machine_code: bool = False,
+) -> Shape:
+    """Return the shape that an arm comes to by tensions (n_tendons,) on its way.
+
+    From rest to the first of them tensions and loads grow in proportion, then tensions change in
+    straight lines from one to the next. Where the arm jumps `Shape.snaps` of the last tells so.
+    Raises what settle does.
+    """
+    if not way:
+        return settle(arm, tensions, scene, accuracy, compile=machine_code)
+
+    def at(T: Array, near: Shape, fine: float) -> Shape | None:
+        try:
+            found = settle(arm, T, scene, fine, compile=machine_code, near=near)
+        except OctoplanError:
+            return None
+        return None if found.snaps else found
+
+    near = settle(arm, way[0], scene, _ON_THE_WAY, compile=machine_code)
+    for T in (*way[1:], tensions):
+        there = followed(np.asarray(T), near, lambda T, n: at(T, n, _ON_THE_WAY))
+        near = there or settle(arm, T, scene, _ON_THE_WAY, compile=machine_code, near=near)
+    last = at(tensions, near, accuracy)
+    return last or settle(arm, tensions, scene, accuracy, compile=machine_code, near=near)
+
+
+def followed(
+    tensions: Array,
+    near: S,
+    step: Callable[[Array, S], S | None],
+) -> S | None:
+    """Return where an equilibrium under other tensions goes in a straight line; None if it jumps.
+
+    `step` returns the equilibrium near another, None where it is too far. Anything with tensions.
+    """
+    before, at, size = np.ravel(near.tensions), 0.0, 1.0  # type: ignore[attr-defined]
+    while at < 1:
+        share = min(at + size, 1.0)
+        found = step(before + share * (tensions - before), near)
+        if found is not None:
+            near, at, size = found, share, 2 * size
+        elif size <= _LEAST:
+            return None
+        else:
+            size = min(size, 1 - at) / 2
+    return near

@@ -1,0 +1,88 @@
+"""Wraps in plans: what lies beside the arm is kept clear of, and where a part begins is found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+
+from model.arm import Arm
+from model.errors import InputError
+from model.loads import contacts
+from model.obstacles import Obstacle
+from model.scene import Scene
+from model.shape import Shape
+from planner.answer import Answer
+from planner.targets.base import Target
+from planner.targets.wrap import Wrap
+
+# Plans with which a part's length is found, how close the turns come then, what is to spare.
+_ROUNDS, _FOUND, _SPARE = 4, 0.02, 5e-3
+P = TypeVar("P", bound=Answer)
+
+
+def beside(targets: Iterable[Target], scene: Scene) -> tuple[Obstacle, ...]:
+    """Return the obstacles that wraps lie along and that are no contacts: to be kept clear of.
+
+    Raises InputError where the scene has others as contacts.
+    """
+    touched = [contact.obstacle for contact in contacts(scene)]
+    found = [own.obstacle for own in targets if isinstance(own, Wrap)]
+    free = tuple(obstacle for obstacle in found if obstacle not in touched)
+    if free and touched:
+        allowed = "an obstacle that is a Contact of the scene, which has others"
+        raise InputError("Wrap.obstacle", free[0], allowed)
+    return free
+
+
+def open_wrap(targets: Iterable[Target]) -> Wrap | None:
+    """Return the wrap whose part a plan has to find; InputError for several."""
+    found = [own for own in targets if isinstance(own, Wrap) and own.is_open]
+    if len(found) > 1:
+        raise InputError("target", found, "one Wrap by turns, others with where they begin")
+    return found[0] if found else None
+
+
+def with_turns(
+    arm: Arm,
+    targets: tuple[Target, ...],
+    wrap: Wrap,
+    planned: Callable[[tuple[Target, ...], P | None], P],
+) -> P:
+    """Return the plan for a wrap of so many turns: its part is as long as they take.
+
+    By plans for parts of given length, whose turns are measured, until they are about those asked;
+    then by a plan for a part a little longer, with the turns as an inequality.
+    """
+
+    def stated(own: Wrap) -> tuple[Target, ...]:
+        return tuple(own if target is wrap else target for target in targets)
+
+    assert wrap.turns is not None
+    length, found = arm.length - wrap.part(arm)[0], None
+    for _ in range(_ROUNDS):
+        found = planned(stated(replace(wrap, turns=None, length=length)), found)
+        if found.mode != "exact":
+            break
+        had = turns_along(found.shape, wrap.obstacle, arm.length - length)
+        if had <= 0:
+            break
+        longer = length * wrap.turns / had
+        if longer > arm.length:
+            length = arm.length
+            break
+        length, off = longer, abs(had / wrap.turns - 1)
+        if off < _FOUND:
+            break
+    start = arm.length - min(length * (1 + _SPARE), arm.length)
+    near = found if found is not None and found.mode == "exact" else None
+    return planned(stated(replace(wrap, start=start)), near)
+
+
+def turns_along(shape: Shape, obstacle: Obstacle, start: float) -> float:
+    """Return by how much the obstacle's normal rotates along an arm from a start, over 2 pi."""
+    normals = obstacle.gradient(shape.position(np.linspace(start, shape.arm.length, 201)))
+    half = np.linalg.norm(np.diff(normals, axis=0), axis=1) / 2
+    return float(2 * np.arcsin(np.minimum(half, 1.0)).sum() / (2 * np.pi))

@@ -1,0 +1,79 @@
+"""Hold an object: contact forces that balance a wrench on it within their friction cones."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from model.arm import Arm
+from model.checks import finite_array, kind, not_negative
+from model.errors import InputError
+from model.obstacles import Obstacle
+from model.paths import Array
+from planner.targets.base import Free, Terms, View
+
+WRENCH = "balance of the held wrench"
+# What moments are divided by to be compared with forces, over the arm's length.
+LEVER = 0.1
+
+
+@dataclass(frozen=True)
+class Hold(Free):
+    """Contact forces with which the arm can balance a wrench on an object.
+
+    The static grasp problem: the normal forces are those of the arm in equilibrium, without
+    friction; at each place that touches a tangential force is free within Coulomb's cone,
+    |tangential force| <= friction times normal force; together they balance the wrench. That the
+    tangential forces push back on the arm is left out: they are taken as small against what bends
+    it. The scene has the obstacle as a Contact, and the object does not move.
+
+    Attributes
+    ----------
+    obstacle : Obstacle
+    wrench : (3,) or (6,)
+        On the object, base frame, such as its weight: a force [N], moments being taken up by
+        something else; or force and moment about its centre [N, N m].
+    friction : float
+        Coulomb's coefficient between arm and object.
+    """
+
+    obstacle: Obstacle
+    wrench: tuple[float, ...]
+    friction: float = 0.0
+
+    def __post_init__(self) -> None:
+        allowed = "an obstacle such as Capsule(start, end, radius)"
+        kind("Hold.obstacle", self.obstacle, Obstacle, allowed)
+        given = finite_array("Hold.wrench", self.wrench, (None,))
+        if given.size not in (3, 6):
+            allowed = "a force (3,) [N], or force and moment (6,) [N, N m]"
+            raise InputError("Hold.wrench", self.wrench, allowed)
+        if not np.any(given):
+            raise InputError("Hold.wrench", self.wrench, "a force or moment that is not 0")
+        object.__setattr__(self, "wrench", tuple(given.tolist()))
+        object.__setattr__(self, "friction", not_negative("Hold.friction", self.friction))
+
+    def size(self, arm: Arm) -> float:
+        """Return how large the wrench is [N], moments over a tenth of the arm's length."""
+        scaled = np.array(self.wrench)
+        scaled[3:] /= LEVER * arm.length
+        return float(np.linalg.norm(scaled))
+
+    def structure(self, arm: Arm) -> Hashable:
+        """See Target.structure."""
+        return type(self).__name__
+
+    def parameters(self, arm: Arm) -> Array:
+        """See Target.parameters: none, what it is about are forces."""
+        return np.zeros(0)
+
+    def terms(self, view: View, p: ca.MX) -> Terms:
+        """See Target.terms: none of poses; see planner.contact.grasp."""
+        return Terms()
+
+    def guess_towards(self, arm: Arm) -> Array:
+        """See Target.guess_towards: the object's centre."""
+        return np.array(self.obstacle.numbers[:3])

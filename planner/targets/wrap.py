@@ -1,0 +1,180 @@
+"""Lie along an obstacle: wrap a part of the arm round it."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass, replace
+from functools import cache
+from itertools import pairwise
+
+import casadi as ca
+import numpy as np
+
+from model.arm import Arm
+from model.checks import kind, not_negative, positive
+from model.errors import InputError
+from model.obstacles import HalfSpace, Obstacle
+from model.obstacles.base import SIZE, with_gradient
+from model.paths import Array
+from planner.targets.base import OVER_WANTED, Free, Terms, View
+
+NEAR, CLEAR, TURNS = "nearness along the obstacle", "gap to the obstacle", f"turns{OVER_WANTED}"
+# Places at which the part is looked at, its ends among them.
+PLACES = 17
+# Keeps the angle between two normals that are the same differentiable.
+_TINY = 1e-24
+
+
+@dataclass(frozen=True)
+class Wrap(Free):
+    """A part of the arm along an obstacle, for a contact length or so many turns round it.
+
+    A part lies along an obstacle where the gap between surfaces is from 0 to `tolerance` times the
+    arm's radius there; the gap at s is the distance of the midline less the radius at rest. It is
+    looked at in 17 places from end to end. Pressed contact all along is not asked for: a tapered
+    arm on a cylinder touches at points with low arches in between, as its even curvature would take
+    pressure that pulls.
+
+    The part ends at the tip, unless `start` says where it begins. Turns are by how much the
+    obstacle's outward normal rotates along the part, over 2 pi: of a cylinder the angle round its
+    axis. The part is as long as they take then, found by the plan.
+
+    The arm leans on the obstacle if the scene has it as Contact; otherwise it is kept clear of it
+    and lies beside it. A neo-Hookean body swells where it is shortened, and is nearer than told.
+
+    Attributes
+    ----------
+    obstacle : Obstacle
+    turns : float
+        At least so many, above 0; or else a length.
+    length : float
+        Of the part, arc length of the arm at rest [m].
+    start : float
+        Arc length at which the part begins [m]. With turns it ends at the tip all the same.
+    tolerance : float
+        Gap over the arm's radius.
+    """
+
+    obstacle: Obstacle
+    turns: float | None = None
+    length: float | None = None
+    start: float | None = None
+    tolerance: float = 0.25
+
+    def __post_init__(self) -> None:
+        allowed = "an obstacle such as Capsule(start, end, radius)"
+        kind("Wrap.obstacle", self.obstacle, Obstacle, allowed)
+        if (self.turns is None) == (self.length is None):
+            given = "neither" if self.turns is None else "both"
+            raise InputError("Wrap", given, "turns, or the length of the part in m")
+        for name in ("turns", "length"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, positive(f"Wrap.{name}", getattr(self, name)))
+        if self.start is not None:
+            object.__setattr__(self, "start", not_negative("Wrap.start", self.start))
+        object.__setattr__(self, "tolerance", positive("Wrap.tolerance", self.tolerance))
+        if self.turns is not None and isinstance(self.obstacle, HalfSpace):
+            raise InputError("Wrap.turns", self.turns, "a length: there are no turns round a plane")
+
+    @property
+    def is_open(self) -> bool:
+        """Whether a plan has to find where the part begins."""
+        return self.turns is not None and self.start is None
+
+    def begun(self, start: float) -> Wrap:
+        """Return the same for a part that begins at an arc length [m]."""
+        return replace(self, start=start)
+
+    def part(self, arm: Arm) -> tuple[float, float]:
+        """Return where the part begins and ends [m]; with turns of unknown length, a guess."""
+        if self.length is None:
+            return (self._guess(arm) if self.start is None else self.start), arm.length
+        if self.start is None:
+            return arm.length - self.length, arm.length
+        return self.start, self.start + self.length
+
+    def _guess(self, arm: Arm) -> float:
+        """Return about where a part begins that goes so often round, of the arm as it is at rest.
+
+        Round a cylinder as wide as the obstacle is at its narrowest.
+        """
+        assert self.turns is not None
+        s = np.linspace(0.0, arm.length, 201)
+        round_ = self._wide + arm.outer_radius(s)[0]
+        angle = np.append(0.0, np.cumsum((1 / round_[1:] + 1 / round_[:-1]) / 2 * np.diff(s)))
+        return float(np.interp(angle[-1] - 2 * np.pi * self.turns, angle, s))
+
+    @property
+    def _wide(self) -> float:
+        """Half the obstacle's narrowest width [m]."""
+        numbers = self.obstacle.numbers
+        return float(np.sort(numbers[12:15])[1] + numbers[15])
+
+    def check(self, arm: Arm) -> None:
+        """See Target.check."""
+        L = arm.length
+        if self.start is not None and self.start >= L:
+            raise InputError("Wrap.start", self.start, f"below the arm's length, {L:g} m")
+        start, end = self.part(arm)
+        if start < 0 or end > L * (1 + 1e-12):
+            allowed = f"a part of the arm, which is {L:g} m long"
+            raise InputError("Wrap.length", self.length, allowed)
+        if self.turns is not None and self.start is None and start <= 0:
+            most = L / (2 * np.pi * (self._wide + float(arm.outer_radius(np.array([L]))[0][0])))
+            allowed = f"fewer: all of the arm goes {most:.3g} times round the obstacle at most"
+            raise InputError("Wrap.turns", self.turns, allowed)
+        off = float(self.obstacle.distance(np.array(arm.base_position)))
+        near = (1 + self.tolerance) * float(arm.outer_radius(np.array([start]))[0][0])
+        if self.length is not None and off - near > start:
+            allowed = f"an obstacle within reach: it is {1e3 * off:.4g} mm from the base, "
+            allowed += f"and the part begins at {1e3 * start:.4g} mm"
+            raise InputError("Wrap.obstacle", self.obstacle, allowed)
+        if off > L:
+            allowed = f"an obstacle within reach: it is {1e3 * off:.4g} mm from the base"
+            raise InputError("Wrap.obstacle", self.obstacle, allowed)
+
+    def structure(self, arm: Arm) -> Hashable:
+        """See Target.structure."""
+        return type(self).__name__, self.stations(arm), self.turns is None
+
+    def stations(self, arm: Arm) -> tuple[float, ...]:
+        """See Target.stations."""
+        start, end = self.part(arm)
+        found = np.linspace(start, min(end, arm.length), PLACES)
+        return tuple(found[found > 0].tolist())
+
+    def parameters(self, arm: Arm) -> Array:
+        """See Target.parameters: the obstacle's numbers, tolerance, turns, radii at the places."""
+        radii = arm.outer_radius(np.array(self.stations(arm)))[0]
+        return np.concatenate([self.obstacle.numbers, [self.tolerance, self.turns or 1.0], radii])
+
+    def terms(self, view: View, p: ca.MX) -> Terms:
+        """See Target.terms."""
+        stations, body = self.stations(view.arm), p[:SIZE]
+        found = [with_gradient()(view.position(s), body) for s in stations]
+        radii = p[SIZE + 2 :]
+        gap = ca.vertcat(*(distance for distance, _ in found)) - radii
+        L = view.arm.length
+        margin = {NEAR: (p[SIZE] * radii - gap) / L, CLEAR: gap / L}
+        if self.turns is not None:
+            normals = [normal for _, normal in found]
+            angle = sum((_angle()(*pair) for pair in pairwise(normals)), ca.MX(0))
+            margin[TURNS] = angle / (2 * np.pi * p[SIZE + 1]) - 1
+        return Terms(margin=margin, units={NEAR: "L", CLEAR: "L"})
+
+    def guess_towards(self, arm: Arm) -> Array:
+        """See Target.guess_towards: the obstacle's point nearest to the arm at rest."""
+        frame, base = np.array(arm.base_frame), np.array(arm.base_position)
+        s = np.linspace(0.0, arm.length, 101)
+        points = base + s[:, None] * frame[:, 0]
+        d = self.obstacle.distance(points)
+        k = int(np.argmin(d))
+        return np.asarray(points[k] - d[k] * self.obstacle.gradient(points[k]))
+
+
+@cache
+def _angle() -> ca.Function:
+    """Return two unit vectors -> the angle between them [rad]."""
+    a, b = ca.SX.sym("a", 3), ca.SX.sym("b", 3)
+    half = ca.sqrt(ca.sumsqr(a - b) + _TINY) / 2
+    return ca.Function("angle", [a, b], [2 * ca.asin(ca.fmin(half, 1))])

@@ -1,0 +1,98 @@
+"""Contact forces that balance a wrench on an object."""
+
+import numpy as np
+import pytest
+
+from model import Scene, settle
+from model.effects import Contact, ExactTendons, Extension
+from model.errors import InputError
+from model.obstacles import Capsule, Sphere
+from planner import plan
+from planner.plan import HeldPlan
+from planner.plan_files import load_plan
+from planner.targets import Hold
+from tests.contact.cases import bar
+
+ARM = bar(0.3, 0.006, 2e5)
+ROD = Capsule((0.2, -0.1, -0.04), (0.2, 0.1, -0.04), 0.02)
+SCENE = Scene(Extension(), ExactTendons(), Contact(ROD))
+FRICTION, ASIDE = 0.5, np.radians(15)
+
+
+def pressed() -> tuple[np.ndarray, np.ndarray]:
+    """Return the force on the arm, and the normal, where it leans on the rod under some pull."""
+    [touch] = settle(ARM, [0.0, 0.6, 0.0, 0.0], SCENE, 1e-8).contacts
+    return touch.force, touch.force / np.linalg.norm(touch.force)
+
+
+def wrench(angle: float) -> tuple[float, ...]:
+    """Return a force of that size on the rod, that far off the normal."""
+    force = pressed()[0]
+    c, s = np.cos(angle), np.sin(angle)
+    return tuple((np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]) @ force).tolist())
+
+
+@pytest.fixture(scope="module")
+def held() -> HeldPlan:
+    p = plan(ARM, Hold(ROD, wrench(ASIDE), FRICTION), SCENE, 50.0, starts=1)
+    assert isinstance(p, HeldPlan)
+    return p
+
+
+def test_the_forces_on_the_object_balance_within_their_cones_by_numpy_alone(held: HeldPlan) -> None:
+    assert held.reached, held.outcome
+    [hold] = held.targets
+    assert isinstance(hold, Hold)
+    total = np.array(hold.wrench)
+    for grip in held.grips:
+        out = (grip.point - np.array([0.2, grip.point[1], -0.04])) / ROD.radius
+        assert np.linalg.norm(out) == pytest.approx(1.0, abs=1e-9)
+        assert np.allclose(np.cross(grip.normal, out), 0.0, atol=1e-12)
+        assert grip.normal @ out < 0
+        assert abs(grip.tangential @ out) < 1e-12
+        most = FRICTION * np.linalg.norm(grip.normal)
+        assert np.linalg.norm(grip.tangential) <= most * (1 + 1e-9)
+        total = total + grip.normal + grip.tangential
+    assert np.linalg.norm(total) < 1e-6 * np.linalg.norm(hold.wrench)
+    assert held.certificate.complementarity < 1e-8
+
+
+def test_what_the_arm_presses_is_what_its_own_contacts_say(held: HeldPlan) -> None:
+    for grip, touch in zip(held.grips, held.shape.contacts, strict=True):
+        assert np.allclose(grip.normal, -touch.force, atol=1e-9)
+
+
+def test_a_hold_is_saved_and_loads_as_it_was(held: HeldPlan, tmp_path) -> None:  # type: ignore[no-untyped-def]
+    again = load_plan(held.save(tmp_path / "held.json"))
+    assert again == held
+    assert isinstance(again, HeldPlan)
+    assert again.way == held.way
+    assert again.reached
+
+
+def test_what_cannot_be_held_is_told_as_the_wrench_that_is_left() -> None:
+    p = plan(ARM, Hold(ROD, (0.0, 0.0, -0.02), 0.1), SCENE, 50.0, starts=1)
+    assert not p.reached
+    assert "is left" in p.outcome
+
+
+BAD = {
+    "friction below 0": ((0, 0, 0.1), -0.1, "Hold.friction"),
+    "no force": ((0, 0, 0), 0.1, "Hold.wrench"),
+    "two numbers": ((0, 1), 0.1, "Hold.wrench"),
+    "no number": ((0, 0, np.nan), 0.1, "Hold.wrench"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_what_is_no_hold_is_refused(name: str) -> None:
+    force, friction, told = BAD[name]
+    with pytest.raises(InputError, match=told):
+        Hold(ROD, force, friction)
+
+
+def test_what_is_held_has_to_be_a_contact_of_the_scene() -> None:
+    with pytest.raises(InputError, match="Contact"):
+        plan(ARM, Hold(Sphere((0.2, 0, -0.1), 0.02), (0, 0, 0.1)), SCENE, 50.0)
+    with pytest.raises(InputError, match="Contact"):
+        plan(ARM, Hold(ROD, (0, 0, 0.1)), Scene(), 50.0)

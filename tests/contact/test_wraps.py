@@ -1,0 +1,110 @@
+"""A part of an arm along an obstacle."""
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from model import Scene, settle
+from model.effects import Contact, ExactTendons, Extension
+from model.errors import InputError
+from model.obstacles import Capsule, HalfSpace, Sphere
+from planner import plan
+from planner.targets import Wrap
+from tests.contact.cases import bar, stiffness
+
+L, R, E = 0.3, 0.006, 2e5
+ARM = bar(L, R, E)
+# Below the arm, across it; the arm at rest is a little off.
+ROD_RADIUS, OFF = 0.06, 2e-4
+ROD = Capsule((0.0, -0.1, -ROD_RADIUS - R - OFF), (0.0, 0.1, -ROD_RADIUS - R - OFF), ROD_RADIUS)
+SCENES = {"beside": Scene(), "in contact": Scene(Extension(), ExactTendons(), Contact(ROD))}
+
+
+def least_tension(part: float, tolerance: float) -> float:
+    """Return the pull of one tendon whose circular arc is near the rod all along the part [N].
+
+    Without extension curvature is y T / (E J + y^2 T): physics of the paper, section 2.
+    """
+
+    def lacks(k: float) -> float:
+        s = np.linspace(L - part, L, 17)
+        x, z = np.sin(k * s) / k, -(1 - np.cos(k * s)) / k
+        gap = np.hypot(x, z + ROD_RADIUS + R + OFF) - ROD_RADIUS - R
+        return float(gap.max()) - tolerance * R
+
+    k, y = brentq(lacks, 8.0, 1 / (ROD_RADIUS + R + OFF)), R / 2
+    return float(k * stiffness(R, E) / (y * (1 - y * k)))
+
+
+def test_the_least_tensions_are_those_of_a_circle_that_is_just_near_enough() -> None:
+    p = plan(ARM, Wrap(ROD, length=0.2), Scene(), [0.0, 50.0, 0.0, 0.0])
+    assert p.reached, p.outcome
+    assert p.effort == pytest.approx(least_tension(0.2, 0.25), rel=1e-6)
+    assert p.certificate.gaps["obstacles"] >= 0
+
+
+@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.quick("beside")
+def test_turns_are_measured_round_the_axis(scene: str) -> None:
+    p = plan(ARM, Wrap(ROD, turns=0.5), SCENES[scene], 50.0, starts=2)
+    assert p.reached, p.outcome
+    [wrap] = p.targets
+    assert isinstance(wrap, Wrap)
+    assert wrap.start is not None
+    s = np.linspace(wrap.start, L, 401)
+    places = p.shape.position(s)
+    angle = np.unwrap(np.arctan2(places[:, 2] - ROD.start[2], places[:, 0]))
+    assert 0.5 <= abs(angle[-1] - angle[0]) / (2 * np.pi) + 1e-6 < 0.52
+    gap = np.hypot(places[:, 0], places[:, 2] - ROD.start[2]) - ROD_RADIUS - R
+    assert gap.max() < 0.26 * R
+    assert gap.min() > -1e-9
+
+
+def test_an_arm_that_leans_is_near_with_less_effort_and_verified() -> None:
+    p = plan(ARM, Wrap(ROD, length=0.2), SCENES["in contact"], 50.0, starts=1)
+    assert p.reached, p.outcome
+    assert p.certificate.complementarity < 1e-8
+    free = plan(ARM, Wrap(ROD, length=0.2), Scene(Extension(), ExactTendons()), 50.0)
+    assert p.effort < free.effort * (1 + 1e-6)
+
+
+def test_the_outcome_tells_that_an_object_is_too_tight_for_the_limits() -> None:
+    thin = Capsule((0.1, -0.1, -0.02), (0.1, 0.1, -0.02), 0.008)
+    p = plan(ARM, Wrap(thin, length=0.1), Scene(), 1.0, starts=2)
+    assert not p.reached
+    assert "too tight for the arm" in p.outcome
+    assert "71.4 /m" in p.outcome
+
+
+BAD = {
+    "both": ({"turns": 1.0, "length": 0.1}, "both"),
+    "neither": ({}, "neither"),
+    "negative turns": ({"turns": -1.0}, "Wrap.turns"),
+    "no length": ({"length": 0.0}, "Wrap.length"),
+    "tolerance": ({"length": 0.1, "tolerance": 0.0}, "Wrap.tolerance"),
+    "longer than the arm": ({"length": 0.4}, "0.3 m long"),
+    "more turns than the arm has": ({"turns": 3.0}, "Wrap.turns"),
+    "beyond the tip": ({"turns": 0.2, "start": 0.3}, "Wrap.start"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_what_is_no_part_of_the_arm_is_refused(name: str) -> None:
+    given, told = BAD[name]
+    with pytest.raises(InputError, match=told):
+        plan(ARM, Wrap(ROD, **given), Scene(), 50.0)  # type: ignore[arg-type]
+
+
+def test_a_plane_has_no_turns_and_what_is_out_of_reach_is_refused() -> None:
+    with pytest.raises(InputError, match="round a plane"):
+        Wrap(HalfSpace((0, 0, -0.1), (0, 0, 1)), turns=1.0)
+    with pytest.raises(InputError, match="within reach"):
+        plan(ARM, Wrap(Sphere((0.5, 0, 0), 0.05), length=0.1), Scene(), 50.0)
+    other = Scene(Contact(HalfSpace((0, 0, -0.1), (0, 0, 1))))
+    with pytest.raises(InputError, match="Contact of the scene"):
+        plan(ARM, Wrap(ROD, length=0.1), other, 50.0)
+
+
+def test_a_shape_beside_the_obstacle_does_not_settle_otherwise_than_alone() -> None:
+    p = plan(ARM, Wrap(ROD, length=0.2), Scene(), 50.0)
+    assert np.allclose(settle(ARM, p.tensions, Scene(), 1e-7).tip, p.tip, atol=1e-7)
