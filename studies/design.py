@@ -28,10 +28,12 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from scipy.optimize import differential_evolution
 from scipy.stats import qmc
 
 from model import Arm, OctoplanError, Scene, settle
 from model.effects import Extension
+from model.paths import Array
 from planner import Design, Making, Unknown, design, plan
 from planner.targets import Bend, Fetch, TipPosition
 
@@ -50,6 +52,8 @@ MAKING = Making(wall=0.0008, spacing=0.05)
 FETCH = Fetch(*(Bend(*np.radians(bend).tolist()) for bend in ((60, 0), (60, 180), (60, 90))))
 # What a global search looks through: taper and places of the inner anchorages.
 SEARCHED = (1, 5, 6)
+# Of differential evolution; what stands for an arm that does not meet its tasks [N].
+_GENERATIONS, _LOST = 8, 1e3
 # Room over the arm's length that a limit which is kept to the last digit may lack.
 _ROUNDING = 1e-6
 
@@ -61,26 +65,44 @@ def tips(count: int, seed: int = 0) -> list[TipPosition]:
     return [TipPosition(tuple(settle(arm, T, SCENE).tip.tolist())) for T in pulls]
 
 
-def searched(found: Design, count: int, starts: int = 4) -> list[float]:
-    """Return efforts of arms spread over the bounds of three numbers, others as designed [N].
+def effort_of(found: Design, values: Array, starts: int) -> float:
+    """Return the effort of the tasks by plans of an arm [N]; infinite unless it meets them all."""
+    try:
+        arm = found.parameters.built(values, "")[0]
+        if MAKING.room(arm).min() < -_ROUNDING:
+            return float("inf")
+        plans = [plan(arm, p.targets, SCENE, MOST, starts=starts) for p in found.plans]
+    except OctoplanError:
+        return float("inf")
+    met = all(p.certificate.passed for p in plans)
+    return float(np.linalg.norm([p.effort for p in plans])) if met else float("inf")
 
-    Of those that can be made and meet all tasks, by plans of their own.
+
+def searched(found: Design, count: int, starts: int = 1) -> tuple[float, Array, int]:
+    """Return the least effort [N] that differential evolution finds over three numbers, and these.
+
+    Others are as designed; `count` arms are tried, of which the number that meet all tasks is told.
     """
     own, efforts = found.parameters, list[float]()
     kept = [k for k in SEARCHED if k < len(found.values)]
-    for share in qmc.Halton(len(kept), seed=0).random(count):
+
+    def effort(share: Array) -> float:
         values = found.array
         values[kept] = own.lower[kept] + share * own.range[kept]
-        try:
-            arm = own.built(values, "")[0]
-            if MAKING.room(arm).min() < -_ROUNDING:
-                continue
-            plans = [plan(arm, p.targets, SCENE, MOST, starts=starts) for p in found.plans]
-        except OctoplanError:
-            continue
-        if all(p.certificate.passed for p in plans):
-            efforts.append(float(np.linalg.norm([p.effort for p in plans])))
-    return efforts
+        efforts.append(effort_of(found, values, starts))
+        return min(efforts[-1], _LOST)
+
+    population = max(5, count // _GENERATIONS)
+    result = differential_evolution(
+        effort,
+        [(0.0, 1.0)] * len(kept),
+        maxiter=max(count // population - 1, 0),
+        init=qmc.Halton(len(kept), seed=0).random(population),
+        seed=0,
+        polish=False,
+    )
+    values = own.lower[kept] + result.x * own.range[kept]
+    return min(efforts), values, int(np.isfinite(efforts).sum())
 
 
 def figure(found: Design) -> Figure:
@@ -102,7 +124,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--tips", type=int, default=10)
     parser.add_argument("--begins", type=int, default=2, help="arms that the search begins with")
-    parser.add_argument("--search", type=int, default=40, help="arms of the global search")
+    parser.add_argument("--search", type=int, default=40, help="arms of the global search; 0: none")
     parser.add_argument("--unknowns", type=int, default=len(UNKNOWNS), help="of those listed")
     parser.add_argument("--out", type=Path, default=Path("out"))
     args = parser.parse_args(argv)
@@ -119,10 +141,12 @@ def main(argv: Sequence[str] | None = None) -> None:
     certified = sum(own.certificate.passed for own in found.plans)
     print(f"  {certified} of {len(found.plans)} plans certified")
     if args.search:
-        others = searched(found, args.search)
-        best = f"{min(others):.4g} N" if others else "none"
-        told = f"of {args.search} arms {len(others)} meet all tasks, the cheapest for {best}"
-        print(f"  search over {len(SEARCHED)} of the numbers: {told}")
+        best, values, met = searched(found, args.search)
+        names = [own.name for k, own in enumerate(unknowns) if k in SEARCHED]
+        at = ", ".join(f"{name} {x:.4g}" for name, x in zip(names, values, strict=True))
+        print(
+            f"  differential evolution: {met} arms meet all tasks, least effort {best:.4g} N: {at}"
+        )
     args.out.mkdir(parents=True, exist_ok=True)
     path = args.out / "design.png"
     figure(found).savefig(path, dpi=110)

@@ -83,7 +83,7 @@ class HeldLengths:
     """
 
     winches: Winches
-    creep: float = 1e-8
+    creep: float = 1e-6
 
     def tensions(self, here: Linearised, change: Array, now: Array) -> Array | None:
         """See Hold.tensions."""

@@ -64,19 +64,18 @@ def pulled(rng: np.random.Generator, name: str, slack: float = 0.4) -> tuple[Arm
 
 
 def round_trip(
-    rng: np.random.Generator, arm: Arm, T: Array, scene: Scene, accuracy: float = 1e-10
+    rng: np.random.Generator, arm: Arm, T: Array, scene: Scene, accuracy: float = 1e-9
 ) -> tuple[Shape, Shape] | None:
     """Return the shape under tensions and that by its lengths, slack tendons longer at random.
 
-    None where the arm does not settle under the tensions, or the rounding of lengths that hardly
-    determine the shape keeps it from the accuracy, which is said.
+    None where the arm does not settle under the tensions.
     """
     try:
         given = settle(arm, T, scene, accuracy)
-        lengths = given.tendon_lengths + (T == 0) * rng.uniform(1e-6, 1e-2, T.size)
-        return given, settle(arm, scene=scene, accuracy=accuracy, lengths=lengths)
     except OctoplanError:
         return None
+    lengths = given.tendon_lengths + (T == 0) * rng.uniform(1e-6, 1e-2, T.size)
+    return given, settle(arm, scene=scene, accuracy=accuracy, lengths=lengths)
 
 
 def check_complementary(shape: Shape, tolerance: float = 1e-10) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from model import Scene
+from model.effects import Friction
 from model.loads import is_loaded
 from tests.lengths.cases import PAPER, SCENES, check_complementary, pulled, round_trip
 
@@ -33,11 +34,13 @@ def check_trips(scene: Scene, least: int, tries: int, seed: int) -> None:
         if trip is None:
             continue
         given, back = trip
-        # Tensions that lengths hardly determine amplify their rounding.
-        near = 2e-7 if back.undetermined else 1e-8
-        assert np.linalg.norm(back.tip - given.tip) <= near * arm.length
         assert np.array_equal(np.ravel(back.slack), T == 0)
         check_complementary(back)
+        # With friction tensions that lengths hardly determine have no energy that tells them apart.
+        # Otherwise the shape is as the square root of its lengths' rounding, 3e-16 of the length.
+        if not (back.undetermined and scene.has(Friction)):
+            near = 2e-8 if back.undetermined else 1e-8
+            assert np.linalg.norm(back.tip - given.tip) <= near * arm.length
         firm = [j for j in range(T.size) if arm.tendon_name(j) not in back.undetermined]
         assert np.abs(back.tensions - T)[firm].max(initial=0) <= 1e-4 * T.max(initial=1e-9)
         found += 1
