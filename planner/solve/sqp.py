@@ -7,8 +7,8 @@ and exact Hessians take 4 to 8 of them. What equality constraints lack is soften
 
 the method of multipliers: a step is there even where constraints contradict each other, and the
 soft term goes as the multipliers settle. Source: Nocedal, Wright, Numerical Optimization, 2nd ed.,
-2006, chapters 17 and 18. The quadratic programs are DAQP's. Where it does not converge soon there
-is no answer, and ipopt is asked.
+2006, chapters 17 and 18. The quadratic programs are DAQP's. How states are eliminated is told in
+planner.program.reduced.
 """
 
 from __future__ import annotations
