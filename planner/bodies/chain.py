@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from model.arm import Arm
 from model.checks import within
@@ -71,7 +71,7 @@ def chain_of(shape: Shape, links: int) -> Chain:
         s,
         chords,
         rest,
-        Rotation.from_matrix(turned).as_euler("XYZ"),
+        scipy.spatial.transform.Rotation.from_matrix(turned).as_euler("XYZ"),
         lengths - chords,
         *_links(arm, s),
         *_stiffness(arm, s),
@@ -94,7 +94,7 @@ def _along(frame: Array, chord: Array) -> Array:
     axis, cos = np.cross(frame[:, 0], wanted), float(frame[:, 0] @ wanted)
     sin = float(np.linalg.norm(axis))
     vector = axis / sin * np.arctan2(sin, cos) if sin > 0 else axis
-    return np.asarray(Rotation.from_rotvec(vector).as_matrix() @ frame)
+    return np.asarray(scipy.spatial.transform.Rotation.from_rotvec(vector).as_matrix() @ frame)
 
 
 def _links(arm: Arm, s: Array) -> tuple[Array, Array]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from model.effects import Weight
 from model.paths import Array
@@ -123,4 +123,4 @@ def _joints(chain: Chain) -> list[float]:
 
 
 def _quaternion(frame: Array) -> Array:
-    return np.roll(Rotation.from_matrix(frame).as_quat(), 1)
+    return np.roll(scipy.spatial.transform.Rotation.from_matrix(frame).as_quat(), 1)

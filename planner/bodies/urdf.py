@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ET
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from model.shape import Shape
 from planner.bodies.chain import Chain, chain_of
@@ -36,7 +36,7 @@ def urdf(shape: Shape, links: int = 30, name: str = "arm") -> str:
         if i:
             place, along = (chain.chords[i - 1], 0, 0), (1, 0, 0)
             parent = _jointed(root, parent, f"slide_{i}", "prismatic", along, xyz=place)
-        turned = Rotation.from_matrix(chain.rest[i]).as_euler("xyz")
+        turned = scipy.spatial.transform.Rotation.from_matrix(chain.rest[i]).as_euler("xyz")
         for letter, axis, rpy in zip("xyz", np.eye(3), [turned, _NOT, _NOT], strict=True):
             parent = _jointed(root, parent, f"{letter}_{i}", "revolute", axis, rpy=rpy)
         if i < last:
@@ -125,7 +125,7 @@ def _poses(shape: Shape) -> list[dict[str, Any]]:
     base, origin = np.array(shape.arm.base_frame), np.array(shape.arm.base_position)
     s = np.linspace(0.0, shape.arm.length, _POINTS)
     places = (shape.position(s) - origin) @ base
-    turned = Rotation.from_matrix(base.T @ shape.frame(s)).as_quat()
+    turned = scipy.spatial.transform.Rotation.from_matrix(base.T @ shape.frame(s)).as_quat()
     return [
         {
             "position": dict(zip("xyz", place, strict=True)),

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from model import InputError
 from model.paths import Array
@@ -160,7 +160,7 @@ def _descent(start: Evaluation, weights: Weights, noise: float) -> Fit:
         return rows
 
     try:
-        least_squares(
+        scipy.optimize.least_squares(
             steps.residuals,
             np.clip(steps.scaled(start.values), 0.0, 1.0),
             steps.jacobian,

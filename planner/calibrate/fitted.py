@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import ndtri, stdtrit
+import scipy
 
 from model import Arm, Scene
 from model.paths import Array
@@ -172,8 +172,8 @@ class Fitted:
         """Return how many standard errors an interval reaches to either side."""
         half = (1 + level) / 2
         if self.weights.absolute:
-            return float(ndtri(half))
-        return float(stdtrit(self.degrees_of_freedom, half))
+            return float(scipy.special.ndtri(half))
+        return float(scipy.special.stdtrit(self.degrees_of_freedom, half))
 
     @cached_property
     def parameters(self) -> Parameters:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.special import fdtri, stdtrit
+import scipy
 
 from model.paths import Array
 from planner.calibrate.experiment import Evaluation
@@ -44,7 +44,7 @@ class Prediction:
     def band(self, level: float = 0.95) -> Array:
         """Return the half widths of the band by coordinate (P, 3) [m]."""
         spread = np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
-        return np.asarray(stdtrit(self.freedom, (1 + level) / 2) * spread)
+        return np.asarray(scipy.special.stdtrit(self.freedom, (1 + level) / 2) * spread)
 
     def holds(self, places: Any, level: float = 0.95) -> Array:
         """Return whether measured places (P, 3) [m] lie in the points' ellipsoids (P,)."""
@@ -52,7 +52,7 @@ class Prediction:
         size = np.einsum(
             "pi,pi->p", off, np.linalg.solve(self.covariance, off[:, :, None])[:, :, 0]
         )
-        return np.asarray(size <= 3 * fdtri(3, self.freedom, level))
+        return np.asarray(size <= 3 * scipy.special.fdtri(3, self.freedom, level))
 
 
 def predict(

@@ -8,7 +8,7 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from model.equilibrium.by_numbers import ByNumbers, along, displaced
 from model.equilibrium.linearised import Index, Linearised
@@ -173,7 +173,8 @@ def _turns(here: Linearised, shape: Measured) -> tuple[Index, Array]:
     nodes = np.asarray(np.abs(here.system.mesh.s[:, None] - s).argmin(axis=0))
     measured = np.array([own.matrix for own in shape.frames])
     found = matrices(here.states[here.system.of.nodes[nodes, :4]])
-    return nodes, Rotation.from_matrix(found @ measured.transpose(0, 2, 1)).as_rotvec()
+    off = scipy.spatial.transform.Rotation.from_matrix(found @ measured.transpose(0, 2, 1))
+    return nodes, off.as_rotvec()
 
 
 def _inverse_left_jacobian(w: Array) -> Array:

@@ -8,7 +8,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from scipy.optimize import lsq_linear
+import scipy
 
 from model.log_capture import logged
 from model.paths import Array
@@ -78,7 +78,11 @@ def optimum_at(program: Program, here: SettledTerms) -> Optimum:
     A, C, unit = program.rows(here, "match"), program.rows(here, "margin")[active], np.eye(g.size)
     rows = np.vstack([A, -C, -unit[low], unit[high], program.sums(here)[:full]])
     least = np.concatenate([np.full(len(A), -np.inf), np.zeros(len(rows) - len(A))])
-    lam = lsq_linear(rows.T, -g, (least, np.inf)).x if rows.size else np.zeros(len(rows))
+    lam = (
+        scipy.optimize.lsq_linear(rows.T, -g, (least, np.inf)).x
+        if rows.size
+        else np.zeros(len(rows))
+    )
     left = float(np.abs(g + rows.T @ lam).max()) / (1 + float(np.abs(lam).max(initial=0.0)))
     match, margin, bounds = lam[: len(A)], np.zeros(here.values["margin"].size), np.zeros(T.size)
     ends = np.cumsum([len(A), active.size, low.size, high.size])

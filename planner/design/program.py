@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize
+import scipy
 
 from model.errors import OctoplanError
 from model.paths import Array
@@ -101,7 +101,7 @@ class Program:
             {"type": "ineq", "fun": self.room, "jac": self.room_slopes},
         ]
         seen = [self._optimum(self.start, 0)]
-        found = minimize(
+        found = scipy.optimize.minimize(
             self.objective,
             self.start,
             jac=self.objective_slopes,

@@ -7,8 +7,8 @@ from typing import Annotated, Any
 
 import msgspec
 import numpy as np
+import scipy
 from msgspec import Meta
-from scipy.spatial.transform import Rotation
 
 from model import Linear, Sampled
 from model.errors import InputError
@@ -128,7 +128,7 @@ def frame(tangent: Vector, normal: Vector) -> tuple[tuple[float, ...], ...]:
 
 def rotated(base: tuple[tuple[float, ...], ...], vector: Vector) -> tuple[tuple[float, ...], ...]:
     """Return a frame (3, 3) turned in itself by a rotation vector [deg]."""
-    turn = Rotation.from_rotvec(np.radians(vector)).as_matrix()
+    turn = scipy.spatial.transform.Rotation.from_rotvec(np.radians(vector)).as_matrix()
     return tuple(tuple(row) for row in (np.array(base) @ turn).tolist())
 
 
