@@ -144,6 +144,30 @@ class UnsettledSectionError(ConvergenceError):
         return type(self), (self.s, self.which)
 
 
+class UnsettledContactError(ConvergenceError):
+    """No equilibrium of an arm that leans on things was found; there may be one.
+
+    Attributes
+    ----------
+    share : float
+        How much of tensions and loads, from 0 to 1, was reached.
+    why : str
+        What was not found there.
+    """
+
+    def __init__(self, share: float, why: str) -> None:
+        self.share, self.why, self.asked, self.reached = share, why, 0.0, float("inf")
+        self.remedy = "other tensions, or fewer obstacles, may do"
+        OctoplanError.__init__(
+            self,
+            f"no equilibrium with contact was found: at {100 * share:.1f} % of tensions and loads "
+            f"{why}; {self.remedy}",
+        )
+
+    def __reduce__(self) -> tuple[type, tuple[float, str]]:  # type: ignore[override]
+        return type(self), (self.share, self.why)
+
+
 class SnapError(OctoplanError):
     """No equilibrium under the full loads is connected with the unloaded arm.
 

@@ -13,7 +13,13 @@ from model.arm import Arm
 from model.by_lengths import GivenLengths, GivenTensions, Near
 from model.checks import kind
 from model.effects import Contact, PrintedStatics
-from model.errors import ConvergenceError, InputError, SnapError, UnsettledSectionError
+from model.errors import (
+    ConvergenceError,
+    InputError,
+    SnapError,
+    UnsettledContactError,
+    UnsettledSectionError,
+)
 from model.forward import COLLOCATIONS, check_scheme, forward_map, order_of
 from model.loads import check_loads, is_loaded
 from model.machine.compiled import Compile, checked_compile
@@ -94,7 +100,8 @@ def settle(
         Where 1 + q reaches 0.
     ConvergenceError
         If the finest mesh is not as accurate as asked; UnsettledSectionError if a cross-section
-        has no equilibrium that is found, not even by the robust iteration of its tendons.
+        has no equilibrium that is found, not even by the robust iteration of its tendons;
+        UnsettledContactError if none is found in which the arm leans on things.
     SnapError
         If the arm snaps, folds or buckles before the loads are in full.
     CompilerError
@@ -166,7 +173,7 @@ def _settled(
         try:
             found = given.on(forward, near)
             check_sections(forward, found.stretch)
-        except (SnapError, UnsettledSectionError) as problem:
+        except (SnapError, UnsettledContactError, UnsettledSectionError) as problem:
             in_closed_form = isinstance(problem, UnsettledSectionError) and by_sections
             if refinement >= _COARSE or in_closed_form:
                 raise

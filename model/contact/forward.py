@@ -17,7 +17,7 @@ from model.contact.read_off import close, exact_places
 from model.contact.touches import Touches
 from model.equilibrium.forward import Collocation, Known
 from model.equilibrium.linearised import Linearised
-from model.errors import InputError, SnapError
+from model.errors import InputError, UnsettledContactError
 from model.loads import contacts, growth, places
 from model.mesh import graded, with_nodes
 from model.obstacles import numbers_of
@@ -76,7 +76,7 @@ class TouchingMap(Collocation):
                 raise InputError("Contact.obstacle", contact.obstacle, allowed)
 
     def run(self, tensions: Array, near: Known | None = None) -> tuple[Array, Array]:
-        """See ForwardMap.run; raises SnapError."""
+        """See ForwardMap.run; raises UnsettledContactError."""
         return self.rows(self.found(tensions, near))
 
     def found(self, tensions: Array, known: Known | None = None) -> Linearised:
@@ -89,7 +89,8 @@ class TouchingMap(Collocation):
         """Return the equilibrium that the arm comes to, and at which shares of the way it snaps.
 
         From rest, or from what is `known`, which is an equilibrium under the tensions `before`.
-        Raises SnapError where none is found, and where the arm would jump unless it may.
+        Raises UnsettledContactError where none is found, SnapError where it would jump unless it
+        may.
         """
         of = self._question(tensions)
         if not isinstance(known, KnownContact):
@@ -110,12 +111,12 @@ class TouchingMap(Collocation):
         return Question(system.arm, system.scene, *mesh, tensions, 1.0, *form)
 
     def _at_rest(self, of: Question) -> Settled:
-        """Return the arm without tensions and loads; raises SnapError."""
+        """Return the arm without tensions and loads; raises UnsettledContactError."""
         form = self.system.of
         none = Touches.none(form.elements, form.form.contacts)
         held = newton(self.system, 0 * of.tensions, 0.0, self._rest, none)
         if held is None:
-            raise SnapError(0.0, "it does not come to rest without them")
+            raise UnsettledContactError(0.0, "it does not come to rest")
         return Settled(held, ())
 
     def rows(self, here: Linearised) -> tuple[Array, Array]:

@@ -18,7 +18,7 @@ from model.contact.read_off import at_nodes, close, guesses
 from model.contact.stability import held_stability, held_stands, least_mode
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.load_stepping import is_near
-from model.errors import SnapError
+from model.errors import SnapError, UnsettledContactError
 from model.paths import Array
 from model.progress import tell
 from model.time_limit import check_time
@@ -60,7 +60,7 @@ def follow(
     """Return where an equilibrium under tensions `before` and a load factor comes to.
 
     While tensions go to others in a straight line, and loads to the full.
-    Raises SnapError where none is found, and where the arm would jump unless it may.
+    Raises UnsettledContactError where none is found, SnapError where it would jump unless it may.
     """
     held = _at_nodes_alone(of, before, load, start)
     found = None if held is None else _placed(of, held)
@@ -108,14 +108,14 @@ def _exactly(of: Question, before: Array, load: float, start: Settled, jumps: bo
         if found is not None and close(here.held, found.held):
             here, at, step = found, share, 2 * step
             if jumps and stood and not held_stands(here.held.here):
-                here = _jumped(on, _pushed(here.held))
+                here = _jumped(on, share, _pushed(here.held))
                 snaps.append(share)
         elif step > _LEAST:
             step /= 4
         elif not jumps:
             raise SnapError(at, "it jumps")
         else:
-            here, at, step, stood = _jumped(on, here.held), share, _FIRST / 4, True
+            here, at, step, stood = _jumped(on, share, here.held), share, _FIRST / 4, True
             snaps.append(share)
     return Followed(here, tuple(snaps))
 
@@ -132,20 +132,22 @@ def _by_nodes(of: Question, near: Held) -> Settled | None:
     return None if found is None else settled(of, found, next(guesses(found)), _SHORT)
 
 
-def _jumped(of: Question, held: Held) -> Settled:
-    """Return the equilibrium that an arm jumps to; raises SnapError where it finds none."""
+def _jumped(of: Question, share: float, held: Held) -> Settled:
+    """Return the equilibrium that an arm jumps to at a share of the way.
+
+    Raises UnsettledContactError where it finds none.
+    """
     rest = relaxed(held.here.system, of.tensions, of.load, at_nodes(held))
+    if rest is None:
+        raise UnsettledContactError(share, "it jumps, and comes to no rest")
     found = _placed(of, rest)
     if found is None:
-        raise SnapError(of.load, "no places are found where it touches")
+        raise UnsettledContactError(share, "it jumps to places that are not found")
     return found
 
 
-def relaxed(system: System, tensions: Array, load: float, held: Held) -> Held:
-    """Return the equilibrium that an arm comes to against a viscous resistance.
-
-    Raises SnapError where it comes to none.
-    """
+def relaxed(system: System, tensions: Array, load: float, held: Held) -> Held | None:
+    """Return the equilibrium that an arm comes to against a viscous resistance; None if to none."""
     states, touches, share, floor = held.states, held.touches, _THICK, _THIN
     stages, last = np.ravel(system.of.stages), np.zeros(system.of.stages.size)
     for count in range(_FLOWS):
@@ -169,7 +171,7 @@ def relaxed(system: System, tensions: Array, load: float, held: Held) -> Held:
                 return found
             if found is not None:
                 floor = share = _AWAY * max(-held_stability(found.here), _THIN)
-    raise SnapError(load, "it finds no place to rest")
+    return None
 
 
 def _pushed(held: Held) -> Held:

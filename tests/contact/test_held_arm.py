@@ -1,9 +1,13 @@
 """An arm that leans on things: complementarity, stiffness, stability, the way it came there."""
 
+import pickle
+
 import numpy as np
 import pytest
 
 from model import Arm, Scene, settle
+from model.contact import path
+from model.contact.forward import TouchingMap
 from model.effects import (
     Contact,
     Effect,
@@ -12,8 +16,9 @@ from model.effects import (
     NeoHookean,
     PrintedStatics,
     TipLoad,
+    Weight,
 )
-from model.errors import InputError
+from model.errors import ConvergenceError, InputError, UnsettledContactError
 from model.obstacles import Box, Capsule, HalfSpace, Sphere
 from model.stiffness import stiffness
 from model.transcription.system import system
@@ -100,6 +105,23 @@ def test_an_arm_that_begins_inside_is_refused() -> None:
         settle(ARM, TENSIONS, scene)
 
 
+def test_obstacles_between_which_nothing_fits_are_refused() -> None:
+    above, below = HalfSpace((0, 0, 0.01), (0, 0, -1)), HalfSpace((0, 0, -0.01), (0, 0, 1))
+    with pytest.raises(InputError, match=r"Contact\.obstacle: got HalfSpace.* inside at s = 0\.0"):
+        settle(ARM, TENSIONS, Scene(Contact(above), Contact(below)))
+
+
+def test_what_is_not_found_says_how_far_it_came(monkeypatch: pytest.MonkeyPatch) -> None:
+    forward = TouchingMap(ARM, SCENES["exact"], 3, 1)
+    monkeypatch.setattr(path, "settled", lambda *_: None)
+    told = r"at \d.* % of tensions and loads it jumps to places that are not found"
+    with pytest.raises(UnsettledContactError, match=told) as caught:
+        forward.found(TENSIONS.ravel())
+    again = pickle.loads(pickle.dumps(caught.value))
+    assert (str(again), again.share) == (str(caught.value), caught.value.share)
+    assert isinstance(again, ConvergenceError)
+
+
 def test_what_is_no_contact_is_refused() -> None:
     with pytest.raises(InputError, match=r"Contact\.obstacle"):
         Contact(0.1)  # type: ignore[arg-type]
@@ -115,13 +137,30 @@ def test_what_is_no_contact_is_refused() -> None:
         settle(ARM, lengths=np.full(12, 0.4), scene=Scene(Contact(ROD)))
 
 
-def test_a_scene_without_contact_has_none_of_its_kernels() -> None:
-    """Nor unknowns: what it costs is what it did."""
+def test_a_scene_without_contact_costs_what_it_did_to_the_instruction() -> None:
+    """Of values and Jacobians of its kernels, as counted before there was contact."""
 
-    def terms(*effects: Effect) -> list[str]:
-        own = system(ARM, Scene(Extension(), *effects), 3, 1)
-        return [term.kernel.name for term in own.of.equations.terms]
+    def kernels(*effects: Effect) -> dict[str, tuple[int, int]]:
+        terms = system(ARM, Scene(Extension(), *effects), 3, 1).of.equations.terms
+        found = {term.kernel.name: term.kernel for term in terms}
+        return {
+            name: (kernel.value.n_instructions(), kernel.jacobian[0].n_instructions())
+            for name, kernel in found.items()
+        }
 
     load = TipLoad(force=(0, 0, -0.01))
-    assert terms(load) == ["clamp", "element", "tip", "body", "tendon"]
-    assert {"touch", "no_touch"} <= {*terms(load, Contact(ROD))}
+    assert kernels(load) == {
+        "clamp": (28, 8),
+        "element": (1213, 10889),
+        "tip": (22, 13),
+        "body": (15, 7),
+        "tendon": (38, 49),
+    }
+    assert kernels(ExactTendons(), NeoHookean(), Weight()) == {
+        "clamp": (28, 8),
+        "element": (1201, 10301),
+        "tip": (22, 13),
+        "body": (63, 148),
+        "tendon": (71, 237),
+    }
+    assert {"touch", "no_touch"} <= kernels(load, Contact(ROD)).keys()
