@@ -35,6 +35,7 @@ from model.paths import Array
 from model.scene import Scene
 from model.shape import Shape
 from model.time_limit import check_time
+from model.units import warn_of_lengths
 from model.unloaded.stretch import check_sections, check_stretch
 from model.winches import Winches
 
@@ -133,7 +134,9 @@ def _given(
             raise InputError("lengths", "given as printed", "tensions in a scene as printed")
         if scene.has(Contact):
             raise InputError("lengths", "given with contact", "tensions in a scene with contact")
-        return GivenLengths(arm, scene, Winches.of(arm, tensions, lengths, EA, outside))
+        winches = Winches.of(arm, tensions, lengths, EA, outside)
+        warn_of_lengths("lengths", (winches.lengths[winches.held] / arm.length).tolist())
+        return GivenLengths(arm, scene, winches)
     for name, value in (("tendon_EA", EA), ("tendon_outside", outside)):
         if value:
             raise InputError(name, value, "none where no lengths are given")

@@ -79,5 +79,13 @@ def warn_of_distance(field: str, share: float) -> None:
         _warn(f"{field} is {share:.2g} arm lengths from the base; {told}")
 
 
+def warn_of_lengths(field: str, shares: Iterable[float]) -> None:
+    """Warn of lengths of tendons, over the arm's length, that are all likely in millimetres."""
+    least = min(shares, default=0.0)
+    if least > _FAR:
+        told = "if millimetres were meant for metres, they are 1000 times too long"
+        _warn(f"{field} are all {least:.3g} arm lengths or more; {told}")
+
+
 def _warn(told: str) -> None:
     warnings.warn(told, UnitWarning, stacklevel=5)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Arm, CollapsedError, InputError, Scene, settle, settle_many
+from model import Arm, CollapsedError, InputError, Scene, UnitWarning, settle, settle_many
 from model.effects import ExactTendons
 from model.stiffness import stiffness
 from model.winches import rest_lengths
@@ -61,6 +61,11 @@ def test_nearly_all_length_taken_in_crushes_a_linear_body() -> None:
     arm = cylinder((0.2,))
     with pytest.raises((CollapsedError, InputError), match=r"crushed|no shape"):
         settle(arm, scene=EXACT, lengths=[1e-9] * 4)
+
+
+def test_lengths_in_millimetres_are_told() -> None:
+    with pytest.warns(UnitWarning, match="lengths are all .* 1000 times too long"):
+        settle(ARM, scene=EXACT, lengths=1e3 * REST)
 
 
 def test_settle_many_names_the_set() -> None:
