@@ -25,7 +25,7 @@ from planner.scenes.as_written import as_written
 from planner.scenes.effects import scene_of
 from planner.scenes.keys import MM
 from planner.scenes.mistakes import mistake
-from planner.scenes.obstacles import obstacle_of
+from planner.scenes.obstacles import in_time
 from planner.scenes.places import steps, value_at
 from planner.scenes.syntax import no_toml
 from planner.scenes.tables import LimitsTable, MotionTable, SceneTable, StiffnessTable
@@ -141,10 +141,13 @@ def _surroundings(
     within: Callable[..., Any], arm: Arm, targets: tuple[Target, ...], table: SceneTable
 ) -> dict[str, Any]:
     """Return what plan is told of obstacles, if there is something to keep clear of."""
-    found = [within(f"obstacles[{i}]", obstacle_of, own) for i, own in enumerate(table.obstacles)]
+    found = [within(f"obstacles[{i}]", in_time, own) for i, own in enumerate(table.obstacles)]
     asked = (found, table.clearance_mm * MM, table.self_clearance)
     key = "obstacles" if found else "clearance_mm"
-    if not within(key, lambda own: surroundings(arm, targets, *own), asked):
+    moves = bool(table.waypoints)
+    if not within(
+        key, lambda own: surroundings(arm, targets, own[0], own[1], own[2], moves), asked
+    ):
         return {}
     return dict(zip(("obstacles", "clearance", "self_clearance"), asked, strict=True))
 

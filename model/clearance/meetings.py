@@ -40,6 +40,12 @@ class Bodies:
     moved: Array
     turns: Array
 
+    @property
+    def travel(self) -> Array:
+        """How far bodies move during each part at the most (P,) [m]."""
+        way = np.linalg.norm(self.moved[:, 1] - self.moved[:, 0], axis=2)
+        return np.asarray(way.max(axis=1, initial=0.0))
+
     def lower(self, pieces: Pieces) -> Array:
         """Return lower bounds of the distances (K,) [m] of pieces from all bodies."""
         moved = self._moved(pieces, SHARES)

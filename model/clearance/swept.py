@@ -160,6 +160,8 @@ class _Look:
         rows = np.flatnonzero(~done)
         sizes = np.column_stack([own.size for own in pieces])
         travel = np.max([own.travel for own in pieces], axis=0)
+        if bodies:
+            travel += bodies.travel[left.part]
         by_time = (travel > sizes.max(axis=1)) | ~known
         late, piece = rows[by_time[rows]], rows[~by_time[rows]]
         return left.halved(late, piece, sizes[piece].argmax(axis=1))

@@ -4,12 +4,14 @@ from model.obstacles.base import Obstacle, check_obstacles, distances, numbers_o
 from model.obstacles.box import Box
 from model.obstacles.capsule import Capsule
 from model.obstacles.half_space import HalfSpace
+from model.obstacles.moving import Moving
 from model.obstacles.sphere import Sphere
 
 __all__ = [
     "Box",
     "Capsule",
     "HalfSpace",
+    "Moving",
     "Obstacle",
     "Sphere",
     "check_obstacles",

@@ -129,7 +129,10 @@ def check_obstacles(obstacles: Any) -> tuple[Obstacle, ...]:
         raise InputError("obstacles", obstacles, "a list of obstacles")
     for i, obstacle in enumerate(found):
         if not isinstance(obstacle, Obstacle):
-            allowed = "an obstacle such as Sphere(center=(x, y, z), radius=r)"
+            allowed = (
+                "an obstacle such as Sphere(center=(x, y, z), radius=r); what is Moving only in a "
+                "trajectory, as all else has no time"
+            )
             raise InputError(f"obstacles[{i}]", obstacle, allowed)
     return tuple(found)
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from model.checks import not_negative
 from model.clearance import clearances, rough_gaps
 from model.clearance.nearest import BASE, ITSELF, OBSTACLES, Clearance
 from model.errors import InputError
-from model.obstacles import Obstacle, check_obstacles, distances, numbers_of
+from model.obstacles import Moving, Obstacle, check_obstacles, distances, numbers_of
 from model.paths import Array
 from planner.targets.base import Target
 
@@ -33,14 +33,24 @@ class Surroundings:
         The least distance of its surface from them [m].
     of_itself : bool
         Whether it is to keep so clear of itself and of the far side of its base plane, too.
+    moving : tuple of Moving
+        Other obstacles, of motions.
     """
 
     obstacles: tuple[Obstacle, ...] = ()
     clearance: float = 0.0
     of_itself: bool = False
+    moving: tuple[Moving, ...] = ()
 
     def __bool__(self) -> bool:
-        return bool(self.obstacles) or self.of_itself
+        return bool(self.obstacles) or self.of_itself or bool(self.moving)
+
+    def at(self, t: float) -> Surroundings:
+        """Return the surroundings at a time [s], where nothing moves."""
+        if not self.moving:
+            return self
+        placed = tuple(own.at(t) for own in self.moving)
+        return replace(self, obstacles=self.obstacles + placed, moving=())
 
     @property
     def least(self) -> Mapping[str, float]:
@@ -79,16 +89,19 @@ def surroundings(
     obstacles: Any,
     clearance: Any,
     of_itself: bool,
+    in_time: bool = False,
 ) -> Surroundings:
-    """Return what was asked, checked.
+    """Return what was asked, checked; of a motion, which goes on `in_time`, obstacles may move.
 
     Raises InputError for what is no obstacle, a negative clearance, obstacles that hold the base or
     a place that the targets prescribe, and a clearance from nothing.
     """
-    found = check_obstacles(obstacles)
+    given = list(obstacles) if in_time and isinstance(obstacles, Sequence) else []
+    moving = tuple(own for own in given if isinstance(own, Moving))
+    found = check_obstacles([own for own in given if own not in moving] if moving else obstacles)
     if not isinstance(of_itself, bool | np.bool_):
         raise InputError("self_clearance", of_itself, "True or False")
-    asked = Surroundings(found, not_negative("clearance", clearance), bool(of_itself))
+    asked = Surroundings(found, not_negative("clearance", clearance), bool(of_itself), moving)
     if asked.clearance and not asked:
         allowed = "0, or obstacles to be clear of, or self_clearance=True"
         raise InputError("clearance", clearance, allowed)

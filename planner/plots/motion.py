@@ -100,9 +100,9 @@ def animate_trajectory(
     times = np.linspace(0.0, motion.duration, count)
     ends, asked = motion.times[list(motion.stops)], motion.question
     after = np.minimum(np.searchsorted(ends, times - 1e-9 * motion.duration), ends.size - 1)
-    obstacles = asked.surroundings.obstacles
+    around = asked.surroundings
     steps = [
-        _Step(motion.shape(float(t)), int(k) + 1, asked.targets[k], obstacles)
+        _Step(motion.shape(float(t)), int(k) + 1, asked.targets[k], around.at(t).obstacles)
         for t, k in zip(times, after, strict=True)
     ]
     return _animation(motion.arm, steps, [f"{t:.2f} s" for t in times], ax, (count - 1) / shown)

@@ -64,7 +64,7 @@ def plot_trajectory(motion: Moving) -> Figure:
     figure = Figure(figsize=(10, 5.0), dpi=DPI)
     ax: Any = figure.add_axes((0.0, 0.06, 0.52, 0.86), projection="3d")
     asked, last = motion.question, motion.shapes[-1]
-    points = draw_arm(last, ax, asked.targets[-1], asked.surroundings.obstacles)
+    points = draw_arm(last, ax, asked.targets[-1], asked.surroundings.at(motion.duration).obstacles)
     tips = np.array([motion.shape(t).tip for t in np.linspace(0, motion.times[-1], _SHOWN)])
     ax.plot(*(MM * tips).T, "-", color=INK, lw=1.0, label="path of the tip", zorder=8)
     look(ax, last, np.vstack([points, tips]))

@@ -5,24 +5,35 @@ from __future__ import annotations
 from typing import Annotated, Any
 
 import numpy as np
-from msgspec import Meta
+from msgspec import Meta, structs
 
 from model.errors import InputError
-from model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
+from model.obstacles import Box, Capsule, HalfSpace, Moving, Obstacle, Sphere
 from planner.scenes.keys import Positive, Table, Vector, frame, metres, mm
 
 Place = Annotated[Vector, Meta(description="in the base frame [mm]")]
 Size = Annotated[Positive, Meta(description="[mm]")]
 
 
-class SphereTable(Table, tag="sphere", frozen=True):
+class Moved(Table, frozen=True, kw_only=True):
+    """An obstacle that may move, in motions."""
+
+    path_s_mm: Annotated[
+        tuple[tuple[float, float, float, float], ...] | None,
+        Meta(
+            description="time [s] and how far it has moved by then along x, y, z [mm], row by row"
+        ),
+    ] = None
+
+
+class SphereTable(Moved, tag="sphere", frozen=True):
     """See Sphere."""
 
     center_mm: Place
     radius_mm: Size
 
 
-class CapsuleTable(Table, tag="capsule", frozen=True):
+class CapsuleTable(Moved, tag="capsule", frozen=True):
     """See Capsule."""
 
     start_mm: Place
@@ -30,7 +41,7 @@ class CapsuleTable(Table, tag="capsule", frozen=True):
     radius_mm: Size
 
 
-class BoxTable(Table, tag="box", frozen=True):
+class BoxTable(Moved, tag="box", frozen=True):
     """See Box; tangent, normal and their cross product are the directions of its edges."""
 
     center_mm: Place
@@ -39,7 +50,7 @@ class BoxTable(Table, tag="box", frozen=True):
     normal: Annotated[Vector, Meta(description="along its second edge, of length 1")] = (0, 1, 0)
 
 
-class HalfSpaceTable(Table, tag="half-space", frozen=True):
+class HalfSpaceTable(Moved, tag="half-space", frozen=True):
     """See HalfSpace."""
 
     point_mm: Place
@@ -49,8 +60,19 @@ class HalfSpaceTable(Table, tag="half-space", frozen=True):
 ObstacleTable = SphereTable | CapsuleTable | BoxTable | HalfSpaceTable
 
 
+def in_time(table: ObstacleTable) -> Obstacle | Moving:
+    """Return the obstacle of a table, which may move; raises InputError, see obstacle_of."""
+    obstacle = obstacle_of(structs.replace(table, path_s_mm=None))
+    if table.path_s_mm is None:
+        return obstacle
+    times = tuple(row[0] for row in table.path_s_mm)
+    return Moving(obstacle, times, tuple(metres(row[1:]) for row in table.path_s_mm))
+
+
 def obstacle_of(table: ObstacleTable) -> Obstacle:
     """Return the obstacle of a table; raises InputError that names a key, or a field."""
+    if table.path_s_mm is not None:
+        raise InputError("path_s_mm", table.path_s_mm, "none here: what is leant on rests")
     match table:
         case SphereTable():
             return Sphere(metres(table.center_mm), *metres([table.radius_mm]))
@@ -64,9 +86,12 @@ def obstacle_of(table: ObstacleTable) -> Obstacle:
             return HalfSpace(metres(table.point_mm), table.normal)
 
 
-def obstacle_table(obstacle: Obstacle) -> dict[str, Any]:
-    """Return the table that obstacle_of reads; InputError for a kind without keys."""
+def obstacle_table(obstacle: Obstacle | Moving) -> dict[str, Any]:
+    """Return the table that is read as an obstacle; InputError for a kind without keys."""
     match obstacle:
+        case Moving():
+            rows = [[t, *mm(x)] for t, x in zip(obstacle.times, obstacle.path, strict=True)]
+            return {**obstacle_table(obstacle.obstacle), "path_s_mm": rows}
         case Sphere():
             return {"type": "sphere", "center_mm": mm(obstacle.center), **_radius(obstacle)}
         case Capsule():

@@ -6,6 +6,7 @@ the shortest way and around what is near; where that does not lead there, it is 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,9 +14,13 @@ import numpy as np
 from model.clearance.lines import Lines
 from model.errors import InputError
 from model.loads import is_loaded
+from model.obstacles import numbers_of
+from model.obstacles.moving import Placed
 from model.paths import Array
 from model.progress import told
+from planner.avoidance.asked import Surroundings
 from planner.avoidance.places import near_places, updated
+from planner.avoidance.rows import Avoidance, Place
 from planner.plan import Plan, plan
 from planner.program.problem import build, units
 from planner.program.statement import Form, Statement
@@ -40,17 +45,18 @@ def planned(question: Question, step: bool = True) -> list[Waypoint]:
     if not (step and question.surroundings):
         return found
     tensions = np.vstack([question.start, *(way.tensions for way in found)])
-    near = unverified(lines, tensions, question)
+    times = np.append(0.0, np.cumsum(question.least))
+    near = unverified(lines, tensions, times, replace(question.wider, moving=()))
     lost = [i for i in near if found[i].plan is None and corrected(question, found[i], lines)]
     return _chain(question, found[: lost[0]], lines, True) if lost else found
 
 
-def unverified(lines: Lines, tensions: Array, question: Question) -> list[int]:
+def unverified(lines: Lines, tensions: Array, times: Array, asked: Surroundings) -> list[int]:
     """Return the waypoints on the way to or from which an arm may not keep clear as planned.
 
-    Of tensions (N + 1, n_tendons), the first of which are those that the motion begins with.
+    Of tensions (N + 1, n_tendons) at times (N + 1,) [s], the first where the motion begins.
     """
-    kept = between(lines, tensions, question.wider).bound >= 0
+    kept = between(lines, tensions, times, asked).bound >= 0
     kept = kept & np.append(kept[1:], True)
     return [int(i) for i in np.flatnonzero(~kept)]
 
@@ -102,17 +108,37 @@ def stop_of(question: Question, way: Waypoint, statement: Statement) -> Stop:
     return Stop(problem, problem.parameters(stated, limits), bounds, problem.condensed)
 
 
-def corrected(question: Question, way: Waypoint, lines: Lines) -> Waypoint | None:
-    """Return a waypoint with inequalities where it is too near; None if it is not."""
+def corrected(
+    question: Question, way: Waypoint, lines: Lines, t: float | None = None
+) -> Waypoint | None:
+    """Return a waypoint with inequalities where it is too near; None if it is not.
+
+    Too near to what moves as well, where a time [s] is given.
+    """
     line, asked = lines(way.tensions), question.wider
+    asked = replace(asked, moving=()) if t is None else asked.at(t)
     if line is None or asked.keeps(line):
         return None
-    rows = updated(way.avoidance, near_places(line, asked), line, asked)
+    rows = updated(_still(way.avoidance, asked), near_places(line, asked), line, asked)
     return Waypoint(way.targets, way.tensions, rows, way.share, way.plan)
 
 
+def _still(avoidance: Avoidance | None, asked: Surroundings) -> Avoidance | None:
+    """Return inequalities without those of obstacles that have moved on."""
+    if avoidance is None:
+        return None
+    there = {tuple(own.tolist()) for own in numbers_of(asked.obstacles)}
+    moved = asked.obstacles[-1:] and isinstance(asked.obstacles[-1], Placed)
+    rows = [
+        row
+        for row in avoidance.rows
+        if not moved or isinstance(row.other, Place) or row.other in there
+    ]
+    return replace(avoidance, rows=tuple(rows))
+
+
 def _plan(question: Question, targets: tuple[Target, ...], near: Plan | None) -> Plan:
-    around, limits = question.wider, question.limits
+    around, limits = replace(question.wider, moving=()), question.limits
     ends: Any = limits.strokes or (None, None)
     return plan(
         question.arm,
@@ -124,7 +150,7 @@ def _plan(question: Question, targets: tuple[Target, ...], near: Plan | None) ->
         accuracy=question.accuracy,
         near=near,
         obstacles=around.obstacles,
-        clearance=around.clearance,
+        clearance=around.clearance if around else 0.0,
         self_clearance=around.of_itself,
         stroke_min=ends[0],
         stroke_max=ends[1],

@@ -77,7 +77,8 @@ def trajectory(
     start : Plan, or tensions
         Where the motion begins; at rest, with the least tensions, unless given.
     obstacles, clearance, self_clearance
-        What the arm keeps clear of, all the time; see plan.
+        What the arm keeps clear of, all the time; see plan. Obstacles may be Moving. In the least
+        time it goes around them; that it waits for them is not tried.
 
     Raises
     ------
@@ -105,7 +106,10 @@ def trajectory(
         told = "rate_max [N/s], a limit of strokes [m/s, m/s2] for the least time, or times [s]"
         raise InputError("times", None, told)
     every: tuple[Target, ...] = tuple(target for targets in asked for target in targets)
-    around = surroundings(arm, every, obstacles, clearance, self_clearance)
+    around = surroundings(arm, every, obstacles, clearance, self_clearance, in_time=True)
+    if around.moving and np.isfinite(rates.acceleration):
+        allowed = "none where accelerations of strokes are limited"
+        raise InputError("obstacles", "an obstacle that moves", allowed)
     accuracy = checked_accuracy(accuracy)
     begin = _start(arm, start, limits)
     given = (around, found, begin, accuracy, checked_compile(compile))
@@ -142,7 +146,7 @@ def _start(arm: Arm, start: Any, limits: Limits) -> Array:
 
 def _check_start(question: Question) -> None:
     """Raise InputError where the arm is too near to something before it moves."""
-    line, asked = question.lines()(question.start), question.surroundings
+    line, asked = question.lines()(question.start), question.surroundings.at(0.0)
     if not asked or line is None or asked.keeps(line):
         return
     found = clearances(line, asked.obstacles, asked.least)

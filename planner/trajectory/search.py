@@ -40,31 +40,35 @@ def led(question: Question, ways: list[Waypoint]) -> tuple[list[Waypoint], Array
         return coupled, durations, met
     lines = question.lines()
     for _ in range(_ROUNDS):
-        new = _cleared(question, coupled, lines)
+        new = _cleared(question, coupled, durations, lines)
         if new is None:
             return coupled, durations, met
         coupled, durations, met = _coupled(question, new)
-    return coupled, durations, met and _cleared(question, coupled, lines) is None
+    return coupled, durations, met and _cleared(question, coupled, durations, lines) is None
 
 
-def _cleared(question: Question, ways: list[Waypoint], lines: Lines) -> list[Waypoint] | None:
+def _cleared(
+    question: Question, ways: list[Waypoint], durations: Array, lines: Lines
+) -> list[Waypoint] | None:
     """Return waypoints with inequalities where they, or the ways between, are too near."""
     tensions = np.vstack([question.start, *(way.tensions for way in ways)])
-    near = unverified(lines, tensions, question)
+    times = np.append(0.0, np.cumsum(durations))
+    near = unverified(lines, tensions, times, question.wider)
     if not near:
         return None
-    found, asked = between(lines, tensions, question.surroundings), question.wider
+    found = between(lines, tensions, times, question.surroundings)
     new, changed = [], False
     for k, way in enumerate(ways):
         share = float(found.share[k])
         if found.bound[k] < 0 and _INSIDE < share < 1 - _INSIDE:
             T = tensions[k] + share * (tensions[k + 1] - tensions[k])
             line = lines(T)
+            asked = question.wider.at(times[k] + share * durations[k])
             if line is not None:
                 rows = updated(None, watched_places(line, asked), line, asked)
                 new.append(Waypoint((), T, rows, share * way.share))
                 way, changed = replace(way, share=(1 - share) * way.share), True
-        clear = corrected(question, way, lines) if k in near else None
+        clear = corrected(question, way, lines, times[k + 1]) if k in near else None
         new.append(clear or way)
         changed = changed or clear is not None
     return new if changed else None
