@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from model.arm import Arm
 from model.errors import InputError
+from model.loads import contacts
 from model.obstacles import Obstacle
 from model.paths import Array
 from model.shape import Shape
@@ -70,10 +71,10 @@ def plot_plan(plan: Planned, ax: Any = None) -> Figure | Axes:
     of tensions, and `figure.colorbar(ax.collections[-1])` tells them. Otherwise returns a Figure.
     """
     if ax is not None:
-        draw_arm(plan.shape, _three_d(ax), plan.targets, plan.surroundings.obstacles)
+        draw_arm(plan.shape, _three_d(ax), plan.targets, _things(plan))
         return ax  # type: ignore[no-any-return]
     figure = Figure(figsize=(10, 5.8), dpi=DPI)
-    asked = (plan.targets, plan.surroundings.obstacles)
+    asked = (plan.targets, _things(plan))
     _arm_panel(figure, plan.shape, *asked, (0.0, 0.14, 0.56, 0.80))
     plot_strains(plan.shape, figure.add_axes((0.618, 0.515, 0.30, 0.36)))
     bars = figure.add_axes((0.618, 0.09, 0.30, 0.27))
@@ -110,6 +111,12 @@ def drawn(figure: Figure, kind: str) -> bytes:
     file = io.BytesIO()
     figure.savefig(file, format=kind, dpi=DPI if kind == "png" else 2 * DPI)
     return file.getvalue()
+
+
+def _things(plan: Planned) -> tuple[Obstacle, ...]:
+    """Return what the arm keeps clear of, and what it may lean on."""
+    touched = tuple(contact.obstacle for contact in contacts(plan.shape.scene))
+    return plan.surroundings.obstacles + touched
 
 
 def _three_d(ax: Any) -> Any:
