@@ -30,7 +30,8 @@ _LEAST = 0.1
 # What of its stretch a step may take from a neo-Hookean body, add to it, and bend it by (curvature
 # times radius): 4 to 7 steps do where an arm curls up, 30 at a thousand times that tension.
 _SHRINKS, _GROWS, _BENDS = 0.3, 2.0, 1.0
-_SMALL = 1e-300
+# Under a root that is compared with 1, where it may vanish; no less than single precision has.
+_SMALL = 1e-30
 
 
 @dataclass(frozen=True)

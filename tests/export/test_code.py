@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 from itertools import product
@@ -49,6 +50,16 @@ def test_sections_that_settle_by_newton_agree_too(
     name: str, precision: str, tmp_path: Path
 ) -> None:
     _check_settling(name, precision, tmp_path)
+
+
+def test_in_single_precision_no_constant_is_lost(tmp_path: Path) -> None:
+    arm, scene, T = SETTLING["silicone"]
+    export(arm, scene, tmp_path, T, 1e-2, "float", "octo")
+    constants = re.findall(r"=(-?\d\.\d+e[+-]\d+)f;", (tmp_path / "octo.c").read_text())
+    given = np.array([float(constant) for constant in constants])
+    assert given.size > 0
+    assert np.all(np.float32(given[given != 0]) != 0)
+    assert np.all(np.isfinite(np.float32(given)))
 
 
 def _check_settling(name: str, precision: str, folder: Path) -> None:
