@@ -33,7 +33,8 @@ class Wrap(Free):
     arm's radius there; the gap at s is the distance of the midline less the radius at rest. It is
     looked at in 17 places from end to end. Pressed contact all along is not asked for: a tapered
     arm on a cylinder touches at points with low arches in between, as its even curvature would take
-    pressure that pulls.
+    pressure that pulls. A length may lie along the axis of a rod as well as across it, turns go
+    round.
 
     The part ends at the tip, unless `start` says where it begins. Turns are by how much the
     obstacle's outward normal rotates along the part, over 2 pi: of a cylinder the angle round its
