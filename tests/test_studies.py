@@ -30,7 +30,7 @@ SMALL: dict[str, tuple[str, str, tuple[str, ...]]] = {
         ("calibration.png",),
     ),
     "clutter": ("--targets 1 --obstacles 3 --itself 1", "solved 100.0%, wrongly 0", ()),
-    "design": ("--tips 1 --begins 1 --unknowns 1 --search 1", "plans certified", ("design.png",)),
+    "design": ("--tips 1 --begins 1 --unknowns 2 --search 1", "plans certified", ("design.png",)),
     "effects_cost": (
         "--repeats 1 --effects exact_tendons weight_in_water",
         "weight in water",
