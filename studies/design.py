@@ -16,8 +16,8 @@ and 315, takes 0.95 N in place of 7.40: 87 % less; all 11 plans are certified. T
 its bound: what the tasks ask for is a softer arm, until loads or stiffness are asked of it as well.
 Each mm of base radius costs 0.34 N, each of tip radius 0.23 N; 10 mm of an anchorage's place cost
 less than 0.05 N. Differential evolution over tip radius and both anchorages (--search 72: 53 arms
-meet all tasks) comes to 1.04 N at 2.2, 325 and 164 mm, near the optimum at 1.9, 318 and 179 mm; none
-is cheaper.
+meet all tasks) comes to 1.04 N at 2.2, 325 and 164 mm, near the optimum at 1.9, 318 and 179 mm;
+none is cheaper.
 """
 
 from __future__ import annotations
