@@ -10,26 +10,20 @@ from the latter the nearest shape that keeps clear is found where the target can
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from time import monotonic
 
 import numpy as np
 
-from model.centreline import Centreline
-from model.effects import PrintedStatics
-from model.equilibrium.forward import STAGES, Collocation
-from model.errors import OctoplanError
 from model.paths import Array
 from model.progress import told
-from model.settle import settle
 from model.time_limit import OutOfTime, time_limit
 from planner.avoidance.asked import Surroundings
-from planner.avoidance.clear_guesses import likely_clear
+from planner.avoidance.clear import Clear, keeping, line_of
+from planner.avoidance.other_starts import clear_arms, other_arms
 from planner.avoidance.places import near_places, updated, watched_places
 from planner.avoidance.rows import Avoidance
 from planner.initial_guess.curled import distinct
-from planner.initial_guess.fitting import COUNT, fitted_guesses
-from planner.program.problem import Problem
 from planner.program.statement import Mode
 from planner.solve.ipopt import Solution
 from planner.solve.multistart import Multistart, record
@@ -38,28 +32,12 @@ from planner.solve.search import Search
 from planner.solve.search_result import SearchResult, Trial
 from planner.solve.task import Task
 
-# Optima that are led around, other arms of both kinds, and those of them that are enough.
-_OPTIMA, _OTHERS, _CLEAR_ONES, _ENOUGH = 8, 12, 6, 2
+# Optima that are led around, and those of other arms that are enough.
+_OPTIMA, _ENOUGH = 8, 2
 # Times that inequalities are added, on the coarse mesh and on the fine one.
 _ADDED, _CORRECTED = 10, 6
 # A place is clear that lacks so little of what is kept to spare.
 _CLEAR = 0.6
-
-
-@dataclass(frozen=True, eq=False)
-class Clear:
-    """An optimum that keeps clear, and the inequalities of its program."""
-
-    task: Task
-    avoidance: Avoidance | None
-    solution: Solution
-    held: bool
-
-    @property
-    def stated(self) -> Task:
-        """The task with its inequalities, and the least stable mode where it has to be held."""
-        task = _with(self.task, self.avoidance)
-        return task.held if self.held else task
 
 
 class Around:
@@ -84,7 +62,9 @@ class Around:
                 return led
         search, self.searched = Search(self.task), True
         found = search.run(seconds)
-        line = self._line(self.task.problem(found.statement), np.ravel(found.tensions))
+        line = line_of(
+            self.task.problem(found.statement), np.ravel(found.tensions), self.task.accuracy
+        )
         if found.stopped or (line is not None and self.asked.keeps(line)):
             return found, None
         self.task = search.task
@@ -97,7 +77,7 @@ class Around:
     def _near(self, near: SearchResult) -> tuple[SearchResult, Avoidance | None] | None:
         """Return a plan that keeps clear near one without surroundings."""
         T = np.ravel(near.tensions)
-        line = self._line(self.task.problem(near.statement), T)
+        line = line_of(self.task.problem(near.statement), T, self.task.accuracy)
         if line is not None and self.asked.keeps(line):
             return near, None
         clear = self.coarse(T, "exact")
@@ -113,8 +93,8 @@ class Around:
         possible = mode == "nearest" or self.asked.allows(self.task.arm, self.task.targets)
         best = self._best(optima, mode, ordered=True) if possible else None
         if best is None and possible:
-            best = self._best(self._others(), mode)
-        clear = self._clear_ones() if best is None else []
+            best = self._best(other_arms(self.task, self.asked, self._enough), mode)
+        clear = clear_arms(self.task, self.asked) if best is None else []
         if best is None and possible:
             best = self._best(clear, mode)
         if best is None and mode != "nearest":
@@ -153,9 +133,9 @@ class Around:
         solution: Solution | None = None
         held = False
         for _ in range(_ADDED):
-            task = _with(self.task, avoidance)
+            task = keeping(self.task, avoidance)
             statement = task.coarse(mode)
-            line = self._line(task.problem(statement), T)
+            line = line_of(task.problem(statement), T, self.task.accuracy)
             if line is None:
                 return None
             look = watched_places if solution is None else near_places
@@ -164,7 +144,7 @@ class Around:
                 self.records.append(record(solution))
                 return Clear(self.task, avoidance, solution, held)
             avoidance = updated(avoidance, near, line, self.asked)
-            task = _with(self.task, avoidance)
+            task = keeping(self.task, avoidance)
             solution, held = self._solved(task, T, mode)
             if not solution.finite or (mode == "exact" and not solution.met):
                 self.records.append(record(solution))
@@ -180,7 +160,7 @@ class Around:
             if mode == "exact" and not fine.optimal:
                 return None
             T = task.problem(fine.statement).tensions(fine.solution.x, task.allowed)
-            line = self._line(task.problem(fine.statement), T)
+            line = line_of(task.problem(fine.statement), T, self.task.accuracy)
             if line is None:
                 return None
             if self.asked.keeps(line):
@@ -193,7 +173,7 @@ class Around:
             avoidance = updated(clear.avoidance, near, line, self.asked)
             before, solution = clear.avoidance, fine.solution
             if before is None or avoidance.structure(task.arm) != before.structure(task.arm):
-                solution, held = self._solved(_with(self.task, avoidance), T, mode)
+                solution, held = self._solved(keeping(self.task, avoidance), T, mode)
                 clear = replace(clear, held=held)
                 if not solution.finite or (mode == "exact" and not solution.met):
                     return None
@@ -214,49 +194,3 @@ class Around:
     @property
     def _enough(self) -> float:
         return self.asked.clearance + _CLEAR * self.asked.spare(self.task.arm)
-
-    def _others(self) -> list[Array]:
-        """Return other arms that meet the targets, those that are farther off first."""
-        task = self.task.simple
-        found = fitted_guesses(
-            task.problem(task.coarse("exact")), task.targets, task.allowed, COUNT
-        )
-        tensions = [*found.likely, *found.others][: 4 * _OTHERS]
-        lacks = []
-        for T in tensions:
-            line = self._line(task.problem(task.coarse("exact")), T)
-            near = [] if line is None else near_places(line, self.asked)
-            lacks.append(sum(min(place.gap - self._enough, 0.0) for place in near))
-        order = np.argsort(lacks, kind="stable")[::-1]
-        return [tensions[i] for i in order[:_OTHERS]]
-
-    def _clear_ones(self) -> list[Array]:
-        """Return arms that touch nothing, those first that are nearer to the target."""
-        task = self.task.simple
-        problem, found = task.problem(task.coarse("exact")), []
-        for T in likely_clear(problem, task.targets, task.allowed, self.asked):
-            line = self._line(problem, T)
-            if line is not None and all(near.gap >= 0 for near in near_places(line, self.asked)):
-                found.append(T)
-            if len(found) == _CLEAR_ONES:
-                break
-        return found
-
-    def _line(self, problem: Problem, T: Array) -> Centreline | None:
-        """Return the centreline of a program's arm under tensions; None if it does not settle."""
-        try:
-            if problem.scene.has(PrintedStatics):
-                return Centreline.of(settle(problem.arm, T, problem.scene, self.task.accuracy))
-            mesh = problem.statement.refinement
-            places = tuple(Avoidance(()).stations(problem.arm))
-            forward = Collocation(problem.arm, problem.scene, STAGES, mesh, places)
-            return Centreline.at_states(forward.system, forward.found(T).states)
-        except OctoplanError:
-            return None
-
-
-def _with(task: Task, avoidance: Avoidance | None) -> Task:
-    """Return a task with inequalities."""
-    if avoidance is None or not avoidance.rows:
-        return task
-    return replace(task, targets=(*task.targets, avoidance))

@@ -115,6 +115,11 @@ def trajectory(
     given = (around, found, begin, accuracy, checked_compile(compile))
     question = Question(arm, scene, tuple(asked), limits, rates, *given)
     _check_start(question)
+    return _found(question)
+
+
+def _found(question: Question) -> Trajectory:
+    """Return the motion that a question asks for."""
     ways = planned(question)
     branches = tuple(
         i for i, way in enumerate(ways) if i and way.plan is not None and way.plan.jump > 0

@@ -1,0 +1,52 @@
+"""An optimum that keeps clear, with the inequalities of its program."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from model.centreline import Centreline
+from model.effects import PrintedStatics
+from model.equilibrium.forward import STAGES, Collocation
+from model.errors import OctoplanError
+from model.paths import Array
+from model.settle import settle
+from planner.avoidance.rows import Avoidance
+from planner.program.problem import Problem
+from planner.solve.ipopt import Solution
+from planner.solve.task import Task
+
+
+@dataclass(frozen=True, eq=False)
+class Clear:
+    """An optimum that keeps clear, and the inequalities of its program."""
+
+    task: Task
+    avoidance: Avoidance | None
+    solution: Solution
+    held: bool
+
+    @property
+    def stated(self) -> Task:
+        """The task with its inequalities, and the least stable mode where it has to be held."""
+        task = keeping(self.task, self.avoidance)
+        return task.held if self.held else task
+
+
+def keeping(task: Task, avoidance: Avoidance | None) -> Task:
+    """Return a task with inequalities."""
+    if avoidance is None or not avoidance.rows:
+        return task
+    return replace(task, targets=(*task.targets, avoidance))
+
+
+def line_of(problem: Problem, T: Array, accuracy: float) -> Centreline | None:
+    """Return the centreline of a program's arm under tensions; None if it does not settle."""
+    try:
+        if problem.scene.has(PrintedStatics):
+            return Centreline.of(settle(problem.arm, T, problem.scene, accuracy))
+        mesh = problem.statement.refinement
+        places = tuple(Avoidance(()).stations(problem.arm))
+        forward = Collocation(problem.arm, problem.scene, STAGES, mesh, places)
+        return Centreline.at_states(forward.system, forward.found(T).states)
+    except OctoplanError:
+        return None
