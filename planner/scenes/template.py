@@ -102,6 +102,14 @@ position_mm = [200.0, 150.0, -200.0]
 # value = 0.5                   # N/m
 # hold = "tension"              # or "length", with tendon_EA if tendons stretch [N]
 # type = "stiffest"             # or "softest": direction, hold
+# type = "wrap"                 # length_mm or turns
+# obstacle = { type = "sphere", center_mm = [250.0, 0.0, -45.0], radius_mm = 20.0 }
+# length_mm = 150.0             # turns = 0.75 in its place
+# turns = 0.75
+# start_mm = 300.0              # where the part begins; it ends at the tip unless given
+# tolerance = 0.25              # of the gap over the arm's radius
+# type = "hold"                 # with obstacle, which is one of the contacts; friction
+# force = [0.0, 0.0, 0.02]      # N, and moment N m if that is to be held too
 
 [limits]
 tension_max = 20.0              # N, each tendon; or a row a section, as in tensions
