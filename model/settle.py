@@ -12,6 +12,7 @@ import numpy as np
 from model.arm import Arm
 from model.by_lengths import GivenLengths, GivenTensions, Near
 from model.checks import kind
+from model.contact.forward import TouchingMap
 from model.effects import Contact, PrintedStatics
 from model.errors import (
     ConvergenceError,
@@ -20,7 +21,7 @@ from model.errors import (
     UnsettledContactError,
     UnsettledSectionError,
 )
-from model.forward import COLLOCATIONS, check_scheme, forward_map, order_of
+from model.forward import COLLOCATIONS, ForwardMap, check_scheme, forward_map, order_of
 from model.loads import check_loads, is_loaded
 from model.machine.compiled import Compile, checked_compile
 from model.mesh_refinement import (
@@ -175,7 +176,7 @@ def _settled(
         forward = forward_map(arm, scene, scheme, refinement, (), machine_code)
         try:
             found = given.on(forward, near)
-            check_sections(forward, found.stretch)
+            check_sections(_on_its_mesh(forward, found.states), found.stretch)
         except (SnapError, UnsettledContactError, UnsettledSectionError) as problem:
             in_closed_form = isinstance(problem, UnsettledSectionError) and by_sections
             if refinement >= _COARSE or in_closed_form:
@@ -192,7 +193,7 @@ def _settled(
             LOG.debug("%s, mesh %d: estimated tip error %.1e of L", scheme, refinement, error)
             if error <= accuracy:
                 found = given.finished(forward, found)
-                check_stretch(forward, found.stretch)
+                check_stretch(_on_its_mesh(forward, found.states), found.stretch)
                 mesh = scheme, refinement, found.states, machine_code
                 held = given.winches, found.left, snaps
                 return Shape(arm, scene, found.tensions, error, *mesh, *held)
@@ -201,8 +202,13 @@ def _settled(
             refinement = fine
         else:
             refinement = next_refinement(refinement, error, accuracy, order)
-    check_stretch(forward, found.stretch)
+    check_stretch(_on_its_mesh(forward, found.states), found.stretch)
     raise ConvergenceError(accuracy, error, "ask for less accuracy or a smoother arm")
+
+
+def _on_its_mesh(forward: ForwardMap, states: Array) -> ForwardMap:
+    """Return the forward map on the mesh of its states, that contact may have moved."""
+    return forward.settled(states) if isinstance(forward, TouchingMap) else forward
 
 
 def _gap(tip: Array, other: Array, lever: float) -> float:

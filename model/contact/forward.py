@@ -127,7 +127,7 @@ class TouchingMap(Collocation):
     def known(self, rows: Array) -> Known:
         """See ForwardMap.known."""
         system, touches = self._read(rows)
-        return KnownContact(system, self.states(rows), touches)
+        return KnownContact(system, Collocation.on(system).states(rows), touches)
 
     def settled(self, rows: Array) -> Collocation:
         """Return the map on the mesh that rows have, told of what touches there."""

@@ -21,6 +21,12 @@ def ending(seed: int) -> str:
     return "touches" if shape.contacts else "free"
 
 
+@pytest.mark.quick(
+    "what is known of an element looks as if it passed through",
+    "it slides over an edge",
+    "two places next to an anchorage",
+    "a mesh with more nodes than it began with",
+)
 @pytest.mark.parametrize(
     "seed",
     [
@@ -29,6 +35,7 @@ def ending(seed: int) -> str:
         pytest.param(24, id="it slides over an edge"),
         pytest.param(33, id="curvatures jump at an edge"),
         pytest.param(37, id="two places next to an anchorage"),
+        pytest.param(134, id="a mesh with more nodes than it began with"),
         pytest.param(75, id="heavy silicone, three obstacles"),
     ],
 )
