@@ -85,13 +85,10 @@ def curvature_along(wrap: Wrap, shape: Shape, s: Array) -> Array:
 
 def _bend_towards(wrap: Wrap, shape: Shape, s: float) -> float:
     """Return the curvature of the midline towards the obstacle at an arc length [1/m]."""
-    step = 1e-3 * shape.arm.length
-    s = float(np.clip(s, step, shape.arm.length - step))
-    before, at, after = shape.position(np.array([s - step, s, s + step]))
-    first = (after - before) / (2 * step)
-    second = (after - 2 * at + before) / step**2
-    towards = -wrap.obstacle.gradient(at)
-    return float(np.vdot(towards, second) / np.vdot(first, first))
+    _, xi, k = shape.strain(s)[:3]
+    _, n, b = shape.frame(s).T
+    towards = -wrap.obstacle.gradient(shape.position(s))
+    return float(np.vdot(towards, k * n - xi * b))
 
 
 def attainable_curvature(arm: Arm, scene: Scene, limits: Limits, s: Array) -> Array:
