@@ -196,7 +196,7 @@ class Answer:
         if np.ravel(self._rows(STABILITY)).min(initial=0.0) < -1e-9:
             least = self.statement.margin
             found.append((np.inf, f"stability, at its margin of {least:g}"))
-        if np.ravel(self._rows("margin")).min(initial=0.0) < -1e-9 and self.surroundings:
+        if np.ravel(self._rows("inequality")).min(initial=0.0) < -1e-9 and self.surroundings:
             found.append((0.0, "what the arm is to keep clear of"))
         if self.limits.strokes is not None:
             lam_strokes = np.ravel(self._rows(STROKES))

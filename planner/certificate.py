@@ -24,9 +24,9 @@ class Certificate:
 
     Attributes
     ----------
-    match : largest residual of each thing that has to be met
-    approach : size of each thing that was to be made as small as the limits allow
-    margin : least value of each thing that has to be 0 or above
+    equality : largest residual of each thing that has to be met
+    soft_residual : size of each thing that was to be made as small as the limits allow
+    inequality : least value of each thing that has to be 0 or above
     bounds : largest violation of a tension limit [N]
     complementarity : by how much gap >= 0 [m], force >= 0 [N] and their product = 0 [N m] are
         missed with contact, None without
@@ -39,17 +39,17 @@ class Certificate:
     load_factor : times its loads at which the arm yields, tensions held: infinite if that is
         more than MOST_LOADS, None without loads
     scheme : the integrator of the check
-    tolerance : what match, margin and agreement are held to
+    tolerance : what equality, inequality and agreement are held to
     problem : why the check could not be made, if so
     gaps : least distance of the arm's surface from each thing it can meet [m]; see model.clearance
     least_gaps : the distance asked for of some of them [m]
     nearest : the nearest of them, in words
-    units : of match, approach and margin by name: "L" of lengths over the arm's, "rad"
+    units : of these by name: "L" of lengths over the arm's, "rad"
     """
 
-    match: Mapping[str, float] = field(default_factory=dict)
-    approach: Mapping[str, float] = field(default_factory=dict)
-    margin: Mapping[str, float] = field(default_factory=dict)
+    equality: Mapping[str, float] = field(default_factory=dict)
+    soft_residual: Mapping[str, float] = field(default_factory=dict)
+    inequality: Mapping[str, float] = field(default_factory=dict)
     bounds: float = np.inf
     kkt: float = np.inf
     agreement: float = np.inf
@@ -92,7 +92,7 @@ class Certificate:
     @property
     def residual(self) -> float:
         """The largest residual of what has to be met."""
-        return max(self.match.values(), default=0.0)
+        return max(self.equality.values(), default=0.0)
 
     @property
     def reached(self) -> bool:
@@ -101,8 +101,8 @@ class Certificate:
 
     @property
     def attained(self) -> bool:
-        """Whether everything asked for is there: what has to be met, and the margins."""
-        return self.reached and min(self.margin.values(), default=0.0) >= -self.tolerance
+        """Whether everything asked for is there: what has to be met, and the inequalities."""
+        return self.reached and min(self.inequality.values(), default=0.0) >= -self.tolerance
 
     @property
     def failures(self) -> tuple[str, ...]:
@@ -110,8 +110,8 @@ class Certificate:
         if self.problem:
             return (self.problem,)
         checks = [
-            (max(self.match.values(), default=0.0), self.tolerance, "target residual"),
-            (-min(self.margin.values(), default=0.0), self.tolerance, "margin below 0 by"),
+            (max(self.equality.values(), default=0.0), self.tolerance, "target residual"),
+            (-min(self.inequality.values(), default=0.0), self.tolerance, "inequality below 0 by"),
             (self.bounds, 0.0, "tension limit violated by [N]"),
             (self.strokes, self.tolerance, "stroke limit violated by [L]"),
             (self.kkt, KKT_TOLERANCE, "optimality residual"),
@@ -164,10 +164,10 @@ class Certificate:
     def _rows(self) -> list[tuple[str, str, str]]:
         """Return what was checked: name with unit, value, what is allowed."""
         most = f"at most {self.tolerance:.0e}"
-        found = [(name, value, most) for name, value in self.match.items()]
+        found = [(name, value, most) for name, value in self.equality.items()]
         least = "as small as the limits allow"
-        found += [(name, value, least) for name, value in self.approach.items()]
-        found += [(name, value, "at least 0") for name, value in self.margin.items()]
+        found += [(name, value, least) for name, value in self.soft_residual.items()]
+        found += [(name, value, "at least 0") for name, value in self.inequality.items()]
         rows = [(f"{name} [{self.units.get(name, '-')}]", v, told) for name, v, told in found]
         rows += [
             ("limits violated by [N]", self.bounds, "at most 0"),

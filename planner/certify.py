@@ -83,12 +83,14 @@ def certify(
     except (OctoplanError, OutOfTime) as reason:
         why = _LATE if isinstance(reason, OutOfTime) else str(reason)
         return Certificate(bounds=excess, scheme=scheme, tolerance=tolerance, problem=why)
-    match, approach, margin = measure(arm, targets, poses, compliances_along(arm, targets, shape))
-    match |= _held(targets, shape)
+    equality, soft_residual, inequality = measure(
+        arm, targets, poses, compliances_along(arm, targets, shape)
+    )
+    equality |= _held(targets, shape)
     return Certificate(
-        {name: float(np.abs(values).max()) for name, values in match.items()},
-        {name: float(np.linalg.norm(values)) for name, values in approach.items()},
-        {name: float(np.min(values)) for name, values in margin.items()},
+        {name: float(np.abs(values).max()) for name, values in equality.items()},
+        {name: float(np.linalg.norm(values)) for name, values in soft_residual.items()},
+        {name: float(np.min(values)) for name, values in inequality.items()},
         excess,
         kkt,
         math.dist(tip, shape.tip) / arm.length,

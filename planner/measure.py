@@ -29,7 +29,7 @@ _STIFF_ACCURACY = 1e-8
 def measure(
     arm: Arm, targets: tuple[Target, ...], poses: Array, given: Array
 ) -> tuple[dict[str, Array], dict[str, Array], dict[str, Array]]:
-    """Return the targets' match, approach and margin terms by name.
+    """Return the targets' equality, soft residual and inequality terms by name.
 
     Of poses (K, 7) at the targets' stations, and of what `compliances_along` returns.
     """

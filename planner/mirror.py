@@ -120,7 +120,7 @@ def mirror_images(
 
 def _off(arm: Arm, targets: tuple[Target, ...], poses: Array) -> float:
     """Return how far poses (K, 7) are from the targets, the largest residual."""
-    match, approach, margin = measure(arm, targets, poses, np.zeros(0))
-    gaps = [np.abs(value) for part in (match, approach) for value in part.values()]
-    gaps += [np.maximum(-value, 0.0) for value in margin.values()]
+    equality, soft_residual, inequality = measure(arm, targets, poses, np.zeros(0))
+    gaps = [np.abs(value) for part in (equality, soft_residual) for value in part.values()]
+    gaps += [np.maximum(-value, 0.0) for value in inequality.values()]
     return max((float(gap.max(initial=0.0)) for gap in gaps), default=0.0)

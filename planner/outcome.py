@@ -74,17 +74,17 @@ def _bears(certificate: Certificate) -> list[str]:
 
 def _success(facts: Facts) -> str:
     certificate = facts.certificate
-    met = max([certificate.residual, *certificate.approach.values()])
+    met = max([certificate.residual, *certificate.soft_residual.values()])
     if met <= certificate.tolerance:
         return f"Reached: every target met to {met:.1e} (asked {certificate.tolerance:.0e})"
-    gaps = [f"{name} {_length(facts, value)}" for name, value in certificate.approach.items()]
+    gaps = [f"{name} {_length(facts, value)}" for name, value in certificate.soft_residual.items()]
     return f"Reached, as near as the limits allow: {', '.join(gaps)} ({_holders(facts)})"
 
 
 def _gaps(facts: Facts) -> str:
     certificate = facts.certificate
-    off = [item for item in certificate.match.items() if item[1] > certificate.tolerance]
-    lacks = [item for item in certificate.margin.items() if item[1] < -certificate.tolerance]
+    off = [item for item in certificate.equality.items() if item[1] > certificate.tolerance]
+    lacks = [item for item in certificate.inequality.items() if item[1] < -certificate.tolerance]
     gaps = [
         f"{name} by {_amount(facts, certificate.units.get(name, ''), value)}" for name, value in off
     ]
@@ -93,7 +93,7 @@ def _gaps(facts: Facts) -> str:
 
 
 def _lack(name: str, value: float) -> str:
-    """Return what a margin lacks; of a share of what is wanted, the most that can be had."""
+    """Return what an inequality lacks; of a share of what is wanted, the most that can be had."""
     if not name.endswith(OVER_WANTED):
         return f"{name} (short by {-value:.3g})"
     most = f"at most {1 + value:.4g} times what is wanted can be had"

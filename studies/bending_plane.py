@@ -105,7 +105,7 @@ def report_plans(results: list[tuple[int, Plan]]) -> None:
             good = [p for p in group if p.certificate.passed]
             tip = [plane_of(p.arm, p.shape.tip) - p.targets[0].angle for p in good]
             plane = np.degrees(np.abs(np.angle(np.exp(1j * np.array(tip)))))
-            residual = np.degrees([p.certificate.match["bend"] for p in good])
+            residual = np.degrees([p.certificate.equality["bend"] for p in good])
             tangent = np.array([p.shape.tip_frame[:, 0] @ p.arm.base_frame for p in good])
             unsigned = [np.degrees(np.arccos(np.clip(t[0], -1, 1)) - bend) for t in tangent]
             sides = sum(neighbours(p.tensions[section - 1]) for p in good)

@@ -122,7 +122,7 @@ def run(job: tuple[int, int, int]) -> Case:
         error = off(settle(ARM, found.tensions, scene, 1e-9, scheme), target)
     except OctoplanError:
         error = np.inf
-    near = max(found.certificate.approach.values(), default=0.0) <= _NEAR
+    near = max(found.certificate.soft_residual.values(), default=0.0) <= _NEAR
     cost = max(float(found.effort / np.linalg.norm(T)), _over_best(found, scene, best_of, rng))
     done = (passed and near, error, cost, seconds, len(found.starts), outcome)
     return Case(**case, **dict(zip(_RESULTS, done, strict=True)))

@@ -57,7 +57,7 @@ def run(number: int, seed: int, best_of: int) -> Case:
     kind, scene = KINDS[number % len(KINDS)], (Scene(), Scene(Extension()))[rng.integers(2)]
     target, maxima = beyond(rng, kind, scene)
     found = plan(ARM, target, scene, maxima)
-    if found.reached and max(found.certificate.approach.values(), default=0.0) <= _NEAR:
+    if found.reached and max(found.certificate.soft_residual.values(), default=0.0) <= _NEAR:
         wrong = off(settle(ARM, found.tensions, scene, 1e-9), target) > _WRONG
         return Case(number, kind, np.nan, wrong)
     limits = Limits.of(ARM, maxima)

@@ -69,7 +69,7 @@ class Apart:
 
 @dataclass(frozen=True)
 class Avoidance(Free):
-    """The inequalities of a plan, stated as a target of margins that never yield.
+    """The inequalities of a plan, stated as a target of inequalities that never yield.
 
     `room` is for how many bodies each element has slots at least, so that plans share a program.
     """
@@ -123,16 +123,18 @@ class Avoidance(Free):
     def terms(self, view: View, p: ca.MX) -> Terms:
         """See Target.terms: how much farther off than they have to be the places are, over L."""
         arm, distance, size = view.arm, signed_distance(), 7 + SIZE + 1
-        slots, margins = self._slots(arm), []
+        slots, inequalities = self._slots(arm), []
         for i, k in enumerate(slots):
             own = p[size * i : size * (i + 1)]
-            margins.append(distance(_point(view, k, own[:7]), own[7:-1]) - own[-1])
+            inequalities.append(distance(_point(view, k, own[:7]), own[7:-1]) - own[-1])
         first = size * len(slots)
         for i, (k, other) in enumerate(self._elements(arm)):
             own = p[first + 15 * i : first + 15 * (i + 1)]
             gap = _point(view, k, own[:7]) - _point(view, other, own[7:14])
-            margins.append(ca.sqrt(ca.sumsqr(gap) + _TINY) - own[-1])
-        return Terms(margin={NAME: ca.vertcat(*margins) / arm.length}, hard=frozenset({NAME}))
+            inequalities.append(ca.sqrt(ca.sumsqr(gap) + _TINY) - own[-1])
+        return Terms(
+            inequality={NAME: ca.vertcat(*inequalities) / arm.length}, hard=frozenset({NAME})
+        )
 
     def guess_towards(self, arm: Arm) -> None:
         """See Target.guess_towards: nowhere."""

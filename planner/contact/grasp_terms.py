@@ -41,17 +41,17 @@ class GraspTerms:
         Over the size of the wrench.
     bases : (k, 3, 2)
         Directions they are along.
-    match, margin : (m,), (k,)
+    equality, inequality : (m,), (k,)
     match_slopes, margin_slopes : (m, n_tendons + n_z), (k, n_tendons + n_z)
         By tensions [1/N] and tangential forces.
     """
 
     tangential: Array
     bases: Array
-    match: Array
-    margin: Array
-    match_slopes: Array
-    margin_slopes: Array
+    equality: Array
+    inequality: Array
+    equality_jacobian: Array
+    inequality_jacobian: Array
 
 
 def grasp_terms(
@@ -77,12 +77,12 @@ def grasp_terms(
     given = (hold.obstacle.numbers, np.concatenate([wrench, [hold.friction, size, lever]]))
     directions = np.hstack(list(bases)) if m else np.zeros((3, 0))
     found = _rows(k, tuple(rough.tolist()), full)(points.T, N, forces, directions, *given)
-    match, margin, *slopes = (np.array(part) for part in found)
+    equality, inequality, *slopes = (np.array(part) for part in found)
     both = []
     for by_u, by_n, by_z in (slopes[:3], slopes[3:]):
         moved = by_u @ by_points.reshape(3 * k, n) + by_n @ by_N
         both.append(np.hstack([moved, by_z]))
-    return GraspTerms(forces, bases, match.ravel(), margin.ravel(), *both)
+    return GraspTerms(forces, bases, equality.ravel(), inequality.ravel(), *both)
 
 
 def _grasp(here: Linearised, hold: Hold, points: Array, N: Array) -> Grasp:

@@ -24,20 +24,22 @@ def exact_hessian(program: Program, here: SettledTerms, at: Optimum) -> Array | 
     Differences are taken in directions along which the ends of the piece stay as they are, a little
     inside of it, so that all are of one piece. None where the arm does not come there.
     """
-    n, size = here.tensions.size, here.values["margin"].size
-    edges = here.margins + np.flatnonzero(here.values["margin"][here.margins :] < _INSIDE)
-    ends = program.rows(here, "margin")[edges][:, :n]
+    n, size = here.tensions.size, here.values["inequality"].size
+    edges = here.inequalities + np.flatnonzero(
+        here.values["inequality"][here.inequalities :] < _INSIDE
+    )
+    ends = program.rows(here, "inequality")[edges][:, :n]
     inward = np.zeros(n + here.tangential.size)
     inward[:n] = np.linalg.lstsq(ends, np.full(edges.size, _INSIDE), rcond=None)[0]
     still = program.moved(here, inward, clip=False)
-    if still is None or still.values["margin"].size != size:
+    if still is None or still.values["inequality"].size != size:
         return None
     along = block_diag(_across(ends), np.eye(here.tangential.size))
-    lam = (at.lam_match, at.lam_margin)
+    lam = (at.lam_equality, at.lam_inequality)
     slope, found = lagrangian_slope(program, still, lam), np.zeros((along.shape[1],) * 2)
     for j, direction in enumerate(along.T):
         there = program.moved(still, _STEP * direction, clip=False)
-        if there is None or there.values["margin"].size != size:
+        if there is None or there.values["inequality"].size != size:
             return None
         found[:, j] = along.T @ (lagrangian_slope(program, there, lam) - slope) / _STEP
     held = _held_rows(program, here, at)
@@ -56,16 +58,18 @@ def _across(rows: Array) -> Array:
 
 def _held_rows(program: Program, here: SettledTerms, at: Optimum) -> Array:
     """Return the directions (k, n) of scaled unknowns that equations and limits hold."""
-    margins = program.rows(here, "margin")[np.flatnonzero(np.abs(at.lam_margin) > ACTIVE)]
-    bounds = np.eye(margins.shape[1])[np.flatnonzero(at.lam_bounds)]
-    rows = np.vstack([program.rows(here, "match"), margins, bounds])
+    inequalities = program.rows(here, "inequality")[
+        np.flatnonzero(np.abs(at.lam_inequality) > ACTIVE)
+    ]
+    bounds = np.eye(inequalities.shape[1])[np.flatnonzero(at.lam_bounds)]
+    rows = np.vstack([program.rows(here, "equality"), inequalities, bounds])
     sizes = np.linalg.norm(rows, axis=1)
     return np.asarray(rows[sizes > 0] / sizes[sizes > 0, None])
 
 
 def lagrangian_slope(program: Program, terms: SettledTerms, lam: tuple[Array, Array]) -> Array:
     """Return the gradient by the scaled unknowns of effort and of what multipliers weigh (n,)."""
-    own = program.rows(terms, "match").T @ lam[0] + program.rows(terms, "margin").T @ lam[1]
+    own = program.rows(terms, "equality").T @ lam[0] + program.rows(terms, "inequality").T @ lam[1]
     return np.asarray(program.effort_slope(terms) + own)
 
 
@@ -78,9 +82,13 @@ def updated(
     """
     if there.tangential.size != here.tangential.size:
         return program.effort_hessian(there)
-    sizes = {lam[2].size, here.values["margin"].size, there.values["margin"].size}
+    sizes = {lam[2].size, here.values["inequality"].size, there.values["inequality"].size}
     if len(sizes) > 1:
-        lam, here, there = (*lam[:2], lam[2][: here.margins]), of_targets(here), of_targets(there)
+        lam, here, there = (
+            (*lam[:2], lam[2][: here.inequalities]),
+            of_targets(here),
+            of_targets(there),
+        )
     step = np.append(
         (there.tensions - here.tensions) / program.units, there.tangential - here.tangential
     )
@@ -96,7 +104,7 @@ def updated(
 
 
 def of_targets(terms: SettledTerms) -> SettledTerms:
-    """Return terms without the margins of their piece."""
-    values = {"margin": terms.values["margin"][: terms.margins]}
-    slopes = {"margin": terms.slopes["margin"][: terms.margins]}
+    """Return terms without the inequalities of their piece."""
+    values = {"inequality": terms.values["inequality"][: terms.inequalities]}
+    slopes = {"inequality": terms.slopes["inequality"][: terms.inequalities]}
     return replace(terms, values=terms.values | values, slopes=terms.slopes | slopes)

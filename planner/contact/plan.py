@@ -101,7 +101,7 @@ class ContactSearch:
             return SearchResult(statement, self.task.arm.by_section(T), (), (), trials, stopped)
         end = best.optimum
         T = self.task.arm.by_section(end.terms.tensions)
-        lam = tuple(end.lam_bounds.tolist()), tuple(end.lam_match.tolist())
+        lam = tuple(end.lam_bounds.tolist()), tuple(end.lam_equality.tolist())
         return SearchResult(statement, T, *lam, trials, stopped, way=best.way)
 
     @property

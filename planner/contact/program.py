@@ -1,7 +1,8 @@
 """The program over shapes that settle by themselves, and an optimum of it.
 
-Least f = |T|^2 / 2 + W |approach|^2 / 2, scaled, with match = 0, margin >= 0 and limits. Its
-unknowns are the tensions over what bends the arm alike, then the tangential forces of holds.
+Least f = |T|^2 / 2 + W |soft residuals|^2 / 2, scaled, with equalities = 0, inequalities >= 0 and
+limits. Its unknowns are the tensions over what bends the arm alike, then the tangential forces of
+holds.
 """
 
 from __future__ import annotations
@@ -77,7 +78,7 @@ class Program:
 
     def objective(self, terms: SettledTerms) -> float:
         """Return what is made least."""
-        near, own = terms.values["approach"], terms.tensions / self.scale
+        near, own = terms.values["soft_residual"], terms.tensions / self.scale
         return (
             float(own @ own + NEAREST * near @ near + _COST * terms.tangential @ terms.tangential)
             / 2
@@ -92,7 +93,7 @@ class Program:
         """Return the gradient of the objective by the scaled unknowns (n,)."""
         return np.asarray(
             self.effort_slope(terms)
-            + NEAREST * self.rows(terms, "approach").T @ terms.values["approach"]
+            + NEAREST * self.rows(terms, "soft_residual").T @ terms.values["soft_residual"]
         )
 
     def effort_hessian(self, terms: SettledTerms) -> Array:
@@ -106,7 +107,10 @@ class Program:
         n = self.units.size
         T = (terms.tensions + self.units * step[:n]) / self.scale
         z = terms.tangential + step[n:]
-        f = float(T @ T + NEAREST * moved["approach"] @ moved["approach"] + _COST * z @ z) / 2
+        f = (
+            float(T @ T + NEAREST * moved["soft_residual"] @ moved["soft_residual"] + _COST * z @ z)
+            / 2
+        )
         return f + penalty * _lacking(moved)
 
     def merit(self, terms: SettledTerms, penalty: float) -> float:
@@ -121,7 +125,7 @@ class Optimum:
     Attributes
     ----------
     terms : SettledTerms
-    lam_bounds, lam_match, lam_margin : multipliers of tensions, match and margin
+    lam_bounds, lam_match, lam_margin : multipliers of tensions, equality and inequality
         Scaled.
     kkt : float
         Residual of the first-order conditions, scaled.
@@ -131,14 +135,14 @@ class Optimum:
 
     terms: SettledTerms
     lam_bounds: Array
-    lam_match: Array
-    lam_margin: Array
+    lam_equality: Array
+    lam_inequality: Array
     kkt: float
     steps: tuple[Array, ...] = ()
 
     @property
     def lacks(self) -> float:
-        """What match and margin lack together."""
+        """What equalities and inequalities lack together."""
         return lacking(self.terms)
 
     @property
@@ -148,10 +152,10 @@ class Optimum:
 
 
 def lacking(terms: SettledTerms) -> float:
-    """Return what match and margin lack together."""
+    """Return what equality and inequality lack together."""
     return _lacking(terms.values)
 
 
 def _lacking(values: dict[str, Array]) -> float:
-    match, margin = values["match"], values["margin"]
-    return float(np.abs(match).sum() + np.maximum(-margin, 0.0).sum())
+    equality, inequality = values["equality"], values["inequality"]
+    return float(np.abs(equality).sum() + np.maximum(-inequality, 0.0).sum())

@@ -22,21 +22,21 @@ ACTIVE = 1e-7
 # piece.
 _CURVED, _ASIDE = 1e-3, 1e-9
 
-# Of tensions, match and margin, scaled.
+# Of tensions, equality and inequality, scaled.
 Multipliers = tuple[Array, Array, Array]
 
 
 def quadratic_step(
     program: Program, here: SettledTerms, B: Array, penalty: float, region: float
 ) -> tuple[Array, Multipliers]:
-    """Return a step of the scaled unknowns (n,), and multipliers of bounds, match and margin.
+    """Return a step of the scaled unknowns (n,), and multipliers of bounds and constraints.
 
     What cannot be met costs in proportion (an exact penalty). Source: Nocedal and Wright,
     "Numerical Optimization" (2006), 18.5.
     """
-    A, C = program.rows(here, "match"), program.rows(here, "margin")
-    c, d = here.values["match"], here.values["margin"]
-    near = program.rows(here, "approach")
+    A, C = program.rows(here, "equality"), program.rows(here, "inequality")
+    c, d = here.values["equality"], here.values["inequality"]
+    near = program.rows(here, "soft_residual")
     n, m, k = B.shape[0], c.size, d.size
     size = n + 2 * m + k
     H = _CURVED * np.eye(size)
@@ -47,7 +47,7 @@ def quadratic_step(
     rows[m : m + k, :n], rows[m : m + k, n + 2 * m :] = C, np.eye(k)
     rows[-1, :n] = program.sums(here)
     aside = np.zeros(k)
-    aside[here.margins :] = np.clip(d[here.margins :], 0.0, _ASIDE)
+    aside[here.inequalities :] = np.clip(d[here.inequalities :], 0.0, _ASIDE)
     low = np.concatenate([-c, aside - d, [-np.inf]])
     left = (program.total - here.tensions.sum()) / program.units.max()
     high = np.concatenate([-c, np.full(k, np.inf), [left]])
@@ -72,10 +72,14 @@ def _solver(n: int, m: int) -> ca.Function:
 def optimum_at(program: Program, here: SettledTerms) -> Optimum:
     """Return where the program is, with the multipliers that leave least of its gradient."""
     g, T = program.gradient(here), here.tensions
-    active, near = np.flatnonzero(here.values["margin"] <= ACTIVE), ACTIVE * program.units
+    active, near = np.flatnonzero(here.values["inequality"] <= ACTIVE), ACTIVE * program.units
     low, high = np.flatnonzero(program.lower + near >= T), np.flatnonzero(program.upper - near <= T)
     full = int(T.sum() >= program.total - near.max())
-    A, C, unit = program.rows(here, "match"), program.rows(here, "margin")[active], np.eye(g.size)
+    A, C, unit = (
+        program.rows(here, "equality"),
+        program.rows(here, "inequality")[active],
+        np.eye(g.size),
+    )
     rows = np.vstack([A, -C, -unit[low], unit[high], program.sums(here)[:full]])
     least = np.concatenate([np.full(len(A), -np.inf), np.zeros(len(rows) - len(A))])
     lam = (
@@ -84,9 +88,13 @@ def optimum_at(program: Program, here: SettledTerms) -> Optimum:
         else np.zeros(len(rows))
     )
     left = float(np.abs(g + rows.T @ lam).max()) / (1 + float(np.abs(lam).max(initial=0.0)))
-    match, margin, bounds = lam[: len(A)], np.zeros(here.values["margin"].size), np.zeros(T.size)
+    equality, inequality, bounds = (
+        lam[: len(A)],
+        np.zeros(here.values["inequality"].size),
+        np.zeros(T.size),
+    )
     ends = np.cumsum([len(A), active.size, low.size, high.size])
-    margin[active] = -lam[ends[0] : ends[1]]
+    inequality[active] = -lam[ends[0] : ends[1]]
     bounds[low] -= lam[ends[1] : ends[2]]
     bounds[high] += lam[ends[2] : ends[3]]
-    return Optimum(here, bounds, match, margin, left)
+    return Optimum(here, bounds, equality, inequality, left)

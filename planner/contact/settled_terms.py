@@ -42,9 +42,9 @@ class SettledTerms:
     snaps : tuple of float
         The shares of the way at which the arm jumped.
     values, slopes : by kind
-        Terms (n,), and their derivatives by the tensions (n, n_tendons). Behind the margins of
+        Terms (n,), and their derivatives by the tensions (n, n_tendons). Behind the inequalities of
         targets are those of the piece, see planner.contact.pieces.
-    margins : int
+    inequalities : int
         How many are the targets'.
     grasps : tuple of GraspTerms
         Of the targets that hold, in their order; their terms come behind those of poses.
@@ -54,7 +54,7 @@ class SettledTerms:
     snaps: tuple[float, ...]
     values: dict[str, Array]
     slopes: dict[str, Array]
-    margins: int
+    inequalities: int
     grasps: tuple[GraspTerms, ...] = ()
 
     @property
@@ -105,9 +105,9 @@ class Settling:
         numbers = ca.MX.sym("numbers", *terms.size_in(1))
         found = list(terms(poses, numbers, ca.MX(0, 1)))
         # Contact keeps gaps open by itself; where it does they do not move with the tensions.
-        margins = term_names(self.arm, self.targets)[KINDS.index("margin")]
-        kept = [i for i, name in enumerate(margins) if name != CLEAR]
-        found[KINDS.index("margin")] = found[KINDS.index("margin")][kept]
+        inequalities = term_names(self.arm, self.targets)[KINDS.index("inequality")]
+        kept = [i for i, name in enumerate(inequalities) if name != CLEAR]
+        found[KINDS.index("inequality")] = found[KINDS.index("inequality")][kept]
         slopes = [ca.densify(ca.jacobian(value, poses)) for value in found]
         given, values = [poses, numbers], found
         return ca.Function("terms", given, values), ca.Function("slopes", given, slopes)
@@ -128,20 +128,20 @@ class Settling:
             slopes[kind] = np.hstack([slopes[kind], np.zeros((values[kind].size, z[-1]))])
         for own, first, last in zip(grasps, z[:-1], z[1:], strict=True):
             for kind, value, slope in (
-                ("match", own.match, own.match_slopes),
-                ("margin", own.margin, own.margin_slopes),
+                ("equality", own.equality, own.equality_jacobian),
+                ("inequality", own.inequality, own.inequality_jacobian),
             ):
                 wide = np.zeros((value.size, slopes[kind].shape[1]))
                 wide[:, : tensions.size] = slope[:, : tensions.size]
                 wide[:, tensions.size + first : tensions.size + last] = slope[:, tensions.size :]
                 values[kind] = np.append(values[kind], value)
                 slopes[kind] = np.vstack([slopes[kind], wide])
-        margins = values["margin"].size
+        inequalities = values["inequality"].size
         own_values, own_slopes = piece_margins(here, self._force)
-        values["margin"] = np.append(values["margin"], own_values)
+        values["inequality"] = np.append(values["inequality"], own_values)
         none = np.zeros((own_values.size, z[-1]))
-        slopes["margin"] = np.vstack([slopes["margin"], np.hstack([own_slopes, none])])
-        return SettledTerms(here, snaps, values, slopes, margins, grasps)
+        slopes["inequality"] = np.vstack([slopes["inequality"], np.hstack([own_slopes, none])])
+        return SettledTerms(here, snaps, values, slopes, inequalities, grasps)
 
     def _settled(
         self, tensions: Array, near: SettledTerms | None

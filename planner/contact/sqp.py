@@ -62,13 +62,13 @@ def _better(program: Program, one: Optimum, other: Optimum, accuracy: float) -> 
 def _beyond(program: Program, at: Optimum) -> list[SettledTerms]:
     """Return terms in the pieces beyond those ends of the piece that hold an optimum."""
     here, found = at.terms, list[SettledTerms]()
-    lam = np.abs(at.lam_margin[here.margins :])
+    lam = np.abs(at.lam_inequality[here.inequalities :])
     for k in np.argsort(-lam)[:_SIDES]:
         if lam[k] <= ACTIVE:
             continue
-        keep = np.delete(np.arange(at.lam_margin.size), here.margins + k)
-        values = here.values | {"margin": here.values["margin"][keep]}
-        slopes = here.slopes | {"margin": here.slopes["margin"][keep]}
+        keep = np.delete(np.arange(at.lam_inequality.size), here.inequalities + k)
+        values = here.values | {"inequality": here.values["inequality"][keep]}
+        slopes = here.slopes | {"inequality": here.slopes["inequality"][keep]}
         free, B = replace(here, values=values, slopes=slopes), program.effort_hessian(here)
         there = program.moved(here, quadratic_step(program, free, B, _PENALTY, _ACROSS)[0])
         if there is not None:
@@ -135,7 +135,8 @@ def _stepped(
     if there is None or not same or fell >= _GOOD * gain:
         return there
     off = {
-        kind: there.values[kind] - program.rows(here, kind) @ step for kind in ("match", "margin")
+        kind: there.values[kind] - program.rows(here, kind) @ step
+        for kind in ("equality", "inequality")
     }
     bent = replace(here, values=here.values | off)
     again = program.moved(here, quadratic_step(program, bent, B, penalty, region)[0])

@@ -96,8 +96,8 @@ class Program:
         bounds = [(x, x) if fixed else (0.0, _SPAN) for x in self.start[: self.K].tolist()]
         bounds += list(zip(lower.tolist(), upper.tolist(), strict=True))
         constraints = [
-            {"type": "eq", "fun": self.match, "jac": self.match_slopes},
-            {"type": "ineq", "fun": self.margin, "jac": self.margin_slopes},
+            {"type": "eq", "fun": self.equality, "jac": self.equality_jacobian},
+            {"type": "ineq", "fun": self.inequality, "jac": self.inequality_jacobian},
             {"type": "ineq", "fun": self.room, "jac": self.room_slopes},
         ]
         seen = [self._optimum(self.start, 0)]
@@ -116,7 +116,9 @@ class Program:
         return min(seen, key=lambda own: own.cost)
 
     def _optimum(self, z: Array, steps: int) -> Optimum:
-        lacks = np.concatenate([np.abs(self.match(z)), -self.margin(z), -self.room(z), [0.0]])
+        lacks = np.concatenate(
+            [np.abs(self.equality(z)), -self.inequality(z), -self.room(z), [0.0]]
+        )
         return Optimum(*self.split(z), steps, float(lacks.max()), self.objective(z))
 
     def objective(self, z: Array) -> float:
@@ -161,23 +163,23 @@ class Program:
         shapes = [self.tasks.shape(i) for i in range(count)]
         return [(i, sign / count, tip_compliance(by, along)) for i, by in enumerate(shapes)]
 
-    def match(self, z: Array) -> Array:
+    def equality(self, z: Array) -> Array:
         """Residuals of all tasks that have to be 0."""
         missed = self._seen(z)
         lost = _NOWHERE * self._lost
-        return np.concatenate([own.match for own in missed]) + lost
+        return np.concatenate([own.equality for own in missed]) + lost
 
-    def margin(self, z: Array) -> Array:
+    def inequality(self, z: Array) -> Array:
         """Quantities of all tasks that have to be 0 or above."""
-        return np.concatenate([own.margin for own in self._seen(z)])
+        return np.concatenate([own.inequality for own in self._seen(z)])
 
-    def match_slopes(self, z: Array) -> Array:
-        """Derivatives of match."""
-        return self._slopes(z, [slice(0, own.match.size) for own in self._seen(z)])
+    def equality_jacobian(self, z: Array) -> Array:
+        """Derivatives of the equalities."""
+        return self._slopes(z, [slice(0, own.equality.size) for own in self._seen(z)])
 
-    def margin_slopes(self, z: Array) -> Array:
-        """Derivatives of margin."""
-        return self._slopes(z, [slice(own.match.size, None) for own in self._seen(z)])
+    def inequality_jacobian(self, z: Array) -> Array:
+        """Derivatives of the inequalities."""
+        return self._slopes(z, [slice(own.equality.size, None) for own in self._seen(z)])
 
     def room(self, z: Array) -> Array:
         """What is left to the limits of making."""

@@ -16,7 +16,7 @@ from model.paths import Array
 from planner.design.tasks import Missed
 from planner.plan import Plan
 
-# Tensions nearer to a limit than this, over the largest, and margins below are held.
+# Tensions nearer to a limit than this, over the largest, and inequalities below are held.
 _HELD = 1e-6
 
 
@@ -30,7 +30,7 @@ def effort_slopes(plans: Sequence[Plan], missed: Sequence[Missed]) -> Array:
         T = np.ravel(own.tensions)
         room = np.minimum(T - own.limits.lower, np.array(own.limits.upper) - T)
         free = room > _HELD * max(float(T.max()), 1e-12)
-        held = np.concatenate([np.full(task.match.size, True), task.margin <= _HELD])
+        held = np.concatenate([np.full(task.equality.size, True), task.inequality <= _HELD])
         multipliers = np.linalg.lstsq(task.by_tensions[held][:, free].T, -T[free], rcond=None)[0]
         found += task.by_numbers[held].T @ multipliers
     return found / max(float(np.linalg.norm([own.effort for own in plans])), 1e-300)

@@ -37,9 +37,9 @@ class Missed:
 
     Attributes
     ----------
-    match : (m,)
+    equality : (m,)
         Residuals that have to be 0; lengths over L, angles in rad.
-    margin : (k,)
+    inequality : (k,)
         Quantities that have to be 0 or above.
     by_tensions : (m + k, n_tendons)
         Derivatives of both [1/N].
@@ -47,8 +47,8 @@ class Missed:
         Derivatives by the unknowns.
     """
 
-    match: Array
-    margin: Array
+    equality: Array
+    inequality: Array
     by_tensions: Array
     by_numbers: Array
 
@@ -119,17 +119,20 @@ def _missed(arm: Arm, targets: Targets, by: ByNumbers) -> Missed:
     places = here.system.of.nodes[nodes, :POSE].ravel()
     numbers = np.concatenate([target.parameters(arm) for target in targets])
     poses = here.states[places].reshape(-1, POSE).T
-    match, margin, slopes = (np.array(v) for v in _terms(arm, targets)(poses, numbers))
+    equality, inequality, slopes = (np.array(v) for v in _terms(arm, targets)(poses, numbers))
     return Missed(
-        match.ravel(), margin.ravel(), slopes @ here.by_tensions[places], slopes @ by.states[places]
+        equality.ravel(),
+        inequality.ravel(),
+        slopes @ here.by_tensions[places],
+        slopes @ by.states[places],
     )
 
 
 @lru_cache(maxsize=256)
 def _terms(arm: Arm, targets: Targets) -> ca.Function:
-    """Return poses (7, K), numbers -> match, margin, and their derivatives by the poses."""
+    """Return poses (7, K), numbers -> equality, inequality, and their derivatives by the poses."""
     terms = terms_function(arm, targets)
     poses, numbers = ca.MX.sym("poses", *terms.size_in(0)), ca.MX.sym("p", terms.size1_in(1))
-    match, _, margin, _ = terms(poses, numbers, ca.DM(0, 1))
-    slopes = ca.jacobian(ca.vertcat(match, margin), ca.vec(poses))
-    return ca.Function("missed", [poses, numbers], [match, margin, ca.densify(slopes)])
+    equality, _, inequality, _ = terms(poses, numbers, ca.DM(0, 1))
+    slopes = ca.jacobian(ca.vertcat(equality, inequality), ca.vec(poses))
+    return ca.Function("missed", [poses, numbers], [equality, inequality, ca.densify(slopes)])

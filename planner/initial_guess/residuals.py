@@ -31,7 +31,7 @@ class Residuals:
         self.numbers = np.concatenate([target.parameters(problem.arm) for target in targets])
 
     def __call__(self, T: Array) -> tuple[Array, Array]:
-        """Return residuals and what margins lack (m, k), and by how much it is crushed (m,).
+        """Return residuals and what inequalities lack (m, k), and by how much it is crushed (m,).
 
         Of tensions (m, n_tendons) [N].
         """
@@ -50,11 +50,11 @@ def _sweep(problem: Problem) -> Mapped:
     forward = explicit_map(arm, scene, scheme, 1, stations, problem.machine_code)
     T, numbers = ca.MX.sym("T", arm.n_tendons), ca.MX.sym("p", problem.terms.size1_in(1))
     poses, stretch = forward.function(T)[:2]
-    gives = ca.vertcat(
+    compliances = ca.vertcat(
         ca.DM(0, 1), *(ca.vec(ca.DM.eye(request.width)) for request in problem.requests)
     )
     seen = poses[:, [forward.mesh.node(s) for s in stations]]
-    match, approach, margin, _ = problem.terms(seen, numbers, gives)
-    gaps = ca.vertcat(match, approach, ca.fmin(margin, 0))
+    equality, soft_residual, inequality, _ = problem.terms(seen, numbers, compliances)
+    gaps = ca.vertcat(equality, soft_residual, ca.fmin(inequality, 0))
     found = [ca.densify(gaps), ca.densify(ca.mmin(stretch))]
     return Mapped(ca.Function("sweep", [T, numbers], found))

@@ -82,7 +82,7 @@ class Problem:
 
     @property
     def terms(self) -> ca.Function:
-        """Station poses (7, K), target numbers, compliances -> match, approach, margin, least."""
+        """Station poses (7, K), target numbers, compliances -> terms, for each of KINDS."""
         return self.program.objective.terms
 
     @property
@@ -92,7 +92,7 @@ class Problem:
 
     @property
     def n_lack(self) -> int:
-        """How many margins may lack something."""
+        """How many inequalities may lack something."""
         return self.program.objective.n_lack
 
     def parameters(
@@ -141,7 +141,7 @@ class Problem:
         return np.array(self.mechanics.values(x, p)).ravel()
 
     def unknowns(self, tensions: Array, limits: Limits, p: Array) -> Array:
-        """Return the unknowns for tensions: states that settle them, what margins lack."""
+        """Return the unknowns for tensions: states that settle them, what inequalities lack."""
         return self.mechanics.unknowns(self.free(tensions, limits), tensions, p)
 
     def free(self, tensions: Array, limits: Limits) -> Array:

@@ -1,20 +1,21 @@
 """The nonlinear program of a structure, in scaled unknowns; numbers are its parameters.
 
     minimise    what the mode says
-    subject to  margins >= 0                  1 + q >= least stretch
+    subject to  inequalities >= 0             1 + q >= least stretch
                 lower <= tensions <= upper    total pull <= limit
                 the equations of equilibrium, of the arm and of its responses
 
-Targets have things to match and things to approach. The modes are three readings of them, tried in
-this order:
+Targets have equalities and soft residuals, which are to be 0 as well as the limits allow. The modes
+are three readings of them, tried in this order:
 
-    exact      match = 0 and approach = 0; effort is made least
-    closest    match = 0; the approach and what yielding margins lack are made least, with a trace
-               of effort
-    nearest    match, approach and what all margins lack are made least, firm ones first
+    exact      equalities = 0 and soft residuals = 0; effort is made least
+    closest    equalities = 0; soft residuals, and what inequalities of low priority lack, are made
+               least, with a regularisation weight on effort
+    nearest    equalities, soft residuals and what all inequalities lack are made least, those of
+               high priority first
 
-The unknowns are the tensions, what the norm and the margins add, then the load factor (which is 1)
-and the states; see planner.program.states.
+The unknowns are the tensions, what the norm and the inequalities add, then the load factor (which
+is 1) and the states; see planner.program.states.
 """
 
 from __future__ import annotations
@@ -38,12 +39,12 @@ from planner.program.reduced import Sparse
 from planner.program.statement import Statement
 from planner.program.states import Blocks, Stations
 from planner.program.terms import (
-    FIRM,
-    YIELDING,
+    HIGH_PRIORITY,
+    LOW_PRIORITY,
     compliance_requests,
     directions_function,
-    firmness,
-    margin_firmness,
+    equality_weights,
+    inequality_weights,
     terms_function,
 )
 from planner.targets.base import Target
@@ -72,14 +73,14 @@ class Objective:
         Tensions [N], peak, lack, parameters, station poses (7, K), least stretches, compliances ->
         f, g.
     terms : casadi.Function
-        Station poses (7, K), target numbers, compliances -> the targets' match, approach, margin
-        and least.
+        Station poses (7, K), target numbers, compliances -> the targets' terms, one vector for each
+        of planner.program.terms.KINDS.
     directions : casadi.Function
         Target numbers -> the directions (3, width) of each request.
     rows : tuple of Rows
         What the rows of g are, in order.
     lack_rows : list of int
-        The rows of margins that may lack something.
+        The rows of inequalities that may lack something.
     """
 
     def __init__(
@@ -92,15 +93,15 @@ class Objective:
         )
         n, K = arm.n_tendons, self.terms.size2_in(0)
         T, poses, least = ca.MX.sym("T", n), ca.MX.sym("poses", 7, K), ca.MX.sym("least", thin)
-        p, gives = ca.MX.sym("p", self.n_numbers), ca.MX.sym("gives", self.terms.numel_in(2))
-        soft = self._soft_rows(margin_firmness(arm, targets))
+        p, compliances = ca.MX.sym("p", self.n_numbers), ca.MX.sym("gives", self.terms.numel_in(2))
+        soft = self._soft_rows(inequality_weights(arm, targets))
         lack = ca.MX.sym("lack", len(soft))
-        f, blocks, peak = self._stated(arm, targets, soft, (T, lack, p, poses, least, gives))
+        f, blocks, peak = self._stated(arm, targets, soft, (T, lack, p, poses, least, compliances))
         self.rows = tuple(Rows(name, g.numel(), lo, hi) for name, g, lo, hi in blocks)
         self.n_peak, self.n_lack = peak.numel(), lack.numel()
         self.lack_rows = [self.rows[0].size + row for row in soft]
         g = ca.vertcat(*(g for _, g, _, _ in blocks))
-        given = [T, peak, lack, p, poses, least, gives]
+        given = [T, peak, lack, p, poses, least, compliances]
         self.function = ca.Function("objective", given, [f, g])
 
     @property
@@ -111,18 +112,28 @@ class Objective:
     def _stated(
         self, arm: Arm, targets: tuple[Target, ...], soft_rows: list[int], given: tuple[ca.MX, ...]
     ) -> tuple[ca.MX, list[tuple[str, ca.MX, float, float]], ca.MX]:
-        T, lack, p, poses, thin, gives = given
+        T, lack, p, poses, thin, compliances = given
         target, (reference, total, trace) = p[:-3], ca.vertsplit(p[-3:])
-        match, approach, margin, least = self.terms(poses, target, gives)
+        equality, soft_residual, inequality, least = self.terms(poses, target, compliances)
         effort, peak, peaks = smooth_norm(T / reference, self.statement.norm)
         mode, none = self.statement.mode, ca.MX(0, 1)
-        weights, lacking = firmness(arm, targets), margin_firmness(arm, targets)[soft_rows]
-        soft = ca.vertcat(weights * match, lacking * lack) if mode == "nearest" else lack
-        met = {"exact": ca.vertcat(match, approach), "closest": match, "nearest": none}[mode]
-        gaps = ca.sumsqr(ca.vertcat(approach, soft)) / 2
+        weights, lacking = (
+            equality_weights(arm, targets),
+            inequality_weights(arm, targets)[soft_rows],
+        )
+        soft = ca.vertcat(weights * equality, lacking * lack) if mode == "nearest" else lack
+        met = {"exact": ca.vertcat(equality, soft_residual), "closest": equality, "nearest": none}[
+            mode
+        ]
+        gaps = ca.sumsqr(ca.vertcat(soft_residual, soft)) / 2
         blocks = [
-            ("match", met, 0.0, 0.0),
-            ("margin", margin + ca.DM.eye(margin.numel())[:, soft_rows] @ lack, 0.0, np.inf),
+            ("equality", met, 0.0, 0.0),
+            (
+                "inequality",
+                inequality + ca.DM.eye(inequality.numel())[:, soft_rows] @ lack,
+                0.0,
+                np.inf,
+            ),
             ("stretch", thin, LEAST_STRETCH, np.inf),
             ("total pull", (total - ca.sum1(T)) / reference, 0.0, np.inf),
             ("peak", peaks, 0.0, np.inf),
@@ -133,8 +144,8 @@ class Objective:
         return aim if mode == "exact" else gaps + trace * aim, blocks, peak
 
     def _soft_rows(self, lacking: ca.DM) -> list[int]:
-        """Return which margins may lack something: none, those that yield, or all."""
-        kept = {"exact": (), "closest": (YIELDING,), "nearest": (YIELDING, FIRM)}
+        """Return which inequalities may lack something: none, those that yield, or all."""
+        kept = {"exact": (), "closest": (LOW_PRIORITY,), "nearest": (LOW_PRIORITY, HIGH_PRIORITY)}
         weights = np.array(lacking).ravel()
         return [row for row, w in enumerate(weights) if w in kept[self.statement.mode]]
 
@@ -215,7 +226,7 @@ class Program:
         poses = ca.reshape(X[places.ravel().tolist()], POSE, len(seen.nodes))
         thin = ca.vertcat(ca.MX(0, 1), *(self._stretch(X, k, end) for k, end in seen.slim))
         parts = (X[:n], x[n : n + n_peak], x[n + n_peak : self.n_free], given, poses, thin)
-        f, g = self.objective.function.call([*parts, self._gives(X, given, force)], True)
+        f, g = self.objective.function.call([*parts, self._compliances(X, given, force)], True)
         return f, g
 
     def _stretch(self, X: ca.MX, element: int, end: int) -> ca.MX:
@@ -226,17 +237,17 @@ class Program:
         weights = ca.DM(float(end) ** np.arange(m) @ gauss(m).powers)
         return ca.dot(weights, X[places.tolist()]) + 1 - of.form.law.along_at_rest
 
-    def _gives(self, X: ca.MX, given: ca.MX, force: ca.MX) -> ca.MX:
+    def _compliances(self, X: ca.MX, given: ca.MX, force: ca.MX) -> ca.MX:
         """Return the compliances along the requests' directions, column by column."""
-        of, gives, k = self.blocks.of, [ca.MX(0, 1)], 0
+        of, compliances, k = self.blocks.of, [ca.MX(0, 1)], 0
         tip = (of.first + of.nodes[-1, 4:POSE]).tolist()
         for request, D in zip(
             self.objective.requests, self.objective.directions.call([given[:-3]]), strict=True
         ):
             moved = [X[self.blocks.response(k + i)][tip] for i in range(request.width)]
-            gives.append(ca.vec(D.T @ ca.horzcat(*moved) / force))
+            compliances.append(ca.vec(D.T @ ca.horzcat(*moved) / force))
             k += request.width
-        return ca.vertcat(*gives)
+        return ca.vertcat(*compliances)
 
     @cached_property
     def values(self) -> Buffered:

@@ -9,10 +9,10 @@ import casadi as ca
 from model.arm import Arm
 from planner.targets.base import ComplianceRequest, Target, Terms, View
 
-FIRM, YIELDING = 1e2, 3e-4
-# Of margins that may lack nothing.
+HIGH_PRIORITY, LOW_PRIORITY = 1e2, 3e-4
+# Of inequalities that may lack nothing.
 HARD = float("inf")
-KINDS = ("match", "approach", "margin", "least")
+KINDS = ("equality", "soft_residual", "inequality", "objective")
 
 
 def stations_of(arm: Arm, targets: tuple[Target, ...]) -> tuple[float, ...]:
@@ -37,24 +37,24 @@ def directions_function(arm: Arm, targets: tuple[Target, ...]) -> ca.Function:
 def terms_function(arm: Arm, targets: tuple[Target, ...]) -> ca.Function:
     """Return (poses (7, K), target numbers, gives) -> stacked terms.
 
-    They are match, approach, margin, least, each by target. Gives are the compliances of the
-    requests, one below the other, each column by column.
+    They are those of KINDS, each by target. Compliances are those of the requests, one below the
+    other, each column by column.
     """
     stations = stations_of(arm, targets)
     poses = ca.MX.sym("poses", 7, len(stations))
     seen = {s: poses[:, i] for i, s in enumerate(stations)}
-    numbers, gives = _numbers(arm, targets), _gives(targets)
+    numbers, compliances = _numbers(arm, targets), _compliances(targets)
     found = [
         target.terms(View(arm, seen, give), p)
-        for target, p, give in zip(targets, numbers, gives, strict=True)
+        for target, p, give in zip(targets, numbers, compliances, strict=True)
     ]
-    flat = ca.vertcat(*(ca.vec(give) for give in gives if give is not None))
+    flat = ca.vertcat(*(ca.vec(give) for give in compliances if give is not None))
     stacks = [_stack(found, kind) for kind in KINDS]
     return ca.Function("terms", [poses, ca.vertcat(*numbers), flat], stacks)
 
 
 def term_names(arm: Arm, targets: tuple[Target, ...]) -> tuple[list[str], ...]:
-    """Return the name of each component of match, approach, margin and least."""
+    """Return the name of each component of the terms, for each of KINDS."""
     terms = _symbolic_terms(arm, targets)
     return tuple(
         [
@@ -72,26 +72,26 @@ def term_units(arm: Arm, targets: tuple[Target, ...]) -> dict[str, str]:
     return {name: u for term in _symbolic_terms(arm, targets) for name, u in term.units.items()}
 
 
-def firmness(arm: Arm, targets: tuple[Target, ...]) -> ca.DM:
-    """Return the factor of each component of match where not all can be had."""
+def equality_weights(arm: Arm, targets: tuple[Target, ...]) -> ca.DM:
+    """Return the factor of each equality where not all can be had."""
     factors: dict[str, float] = {}
     for term in _symbolic_terms(arm, targets):
         factors |= {name: math.sqrt(weight) for name, weight in term.weights.items()}
-        factors |= dict.fromkeys(term.firm, FIRM)
+        factors |= dict.fromkeys(term.high_priority, HIGH_PRIORITY)
     return ca.DM([factors.get(name, 1.0) for name in term_names(arm, targets)[0]])
 
 
-def margin_firmness(arm: Arm, targets: tuple[Target, ...]) -> ca.DM:
-    """Return the weight of what each component of margin lacks where not all can be had."""
+def inequality_weights(arm: Arm, targets: tuple[Target, ...]) -> ca.DM:
+    """Return the weight of what each inequality lacks where not all can be had."""
     weights: dict[str, float] = {}
     for term in _symbolic_terms(arm, targets):
-        weights |= dict.fromkeys(term.yielding, YIELDING) | dict.fromkeys(term.hard, HARD)
-    return ca.DM([weights.get(name, FIRM) for name in term_names(arm, targets)[2]])
+        weights |= dict.fromkeys(term.low_priority, LOW_PRIORITY) | dict.fromkeys(term.hard, HARD)
+    return ca.DM([weights.get(name, HIGH_PRIORITY) for name in term_names(arm, targets)[2]])
 
 
 def _symbolic_terms(arm: Arm, targets: tuple[Target, ...]) -> list[Terms]:
     poses = {s: ca.MX.sym("pose", 7) for s in stations_of(arm, targets)}
-    parts = zip(targets, _numbers(arm, targets), _gives(targets), strict=True)
+    parts = zip(targets, _numbers(arm, targets), _compliances(targets), strict=True)
     return [target.terms(View(arm, poses, give), p) for target, p, give in parts]
 
 
@@ -100,7 +100,7 @@ def _numbers(arm: Arm, targets: tuple[Target, ...]) -> list[ca.MX]:
     return [ca.MX.sym("p", target.parameters(arm).size) for target in targets]
 
 
-def _gives(targets: tuple[Target, ...]) -> list[ca.MX | None]:
+def _compliances(targets: tuple[Target, ...]) -> list[ca.MX | None]:
     """Return symbols for the compliance of each target's request, None for those without."""
     requests = [target.compliance_request() for target in targets]
     return [

@@ -77,9 +77,10 @@ class CertificateRecord(msgspec.Struct, kw_only=True):
     """What the check by another integrator found; lengths over arm length, angles in rad."""
 
     passed: bool
-    match: dict[str, float | None]
-    approach: dict[str, float | None]
-    margin: dict[str, float | None]
+    # Files keep the keys that they had.
+    equality: dict[str, float | None] = msgspec.field(name="match")
+    soft_residual: dict[str, float | None] = msgspec.field(name="approach")
+    inequality: dict[str, float | None] = msgspec.field(name="margin")
     bounds: float | None
     strokes: float | None = 0.0
     kkt: float | None
@@ -99,7 +100,8 @@ class CertificateRecord(msgspec.Struct, kw_only=True):
     least_gaps: dict[str, float] = {}
     nearest: str = ""
     units: Annotated[
-        dict[str, str], Meta(description='of match, approach, margin: "L" is over arm length')
+        dict[str, str],
+        Meta(description='of match, approach, margin: "L" is over arm length'),
     ] = {}
 
 

@@ -107,7 +107,7 @@ class Task:
 
     @property
     def can_be_exact(self) -> bool:
-        """Whether there are tendons enough to meet every row of match and approach."""
+        """Whether there are tendons enough to meet every equality and soft residual."""
         free = np.sum(np.array(self.allowed.upper) > self.allowed.lower)
         return bool(self._rows <= free)
 

@@ -89,7 +89,7 @@ class Backbone(Free):
             for i, s in enumerate(stations)
         ]
         name = "distance to the points"
-        return Terms(approach={name: ca.vertcat(*gaps)}, units={name: "L"})
+        return Terms(soft_residual={name: ca.vertcat(*gaps)}, units={name: "L"})
 
     def guess_towards(self, arm: Arm) -> Array:
         """See Target.guess_towards."""

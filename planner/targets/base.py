@@ -17,7 +17,7 @@ from model.rotations import conjugate, matrix, multiply
 from model.stiffness import Hold
 from model.units import warn_of_distance
 
-# How the name of a margin ends that is a share of what is wanted.
+# How the name of an inequality ends that is a share of what is wanted.
 OVER_WANTED = " over that wanted, less 1"
 # Arm lengths.
 _FAR = 1e6
@@ -29,23 +29,23 @@ class Terms:
 
     Attributes
     ----------
-    match : residuals that have to be 0, by name
-    approach : residuals to be made as small as the limits allow, by name
-    margin : quantities that have to be 0 or above, by name
-    least : numbers whose sum is made least, by name, instead of effort
-    firm : names of matches that come first where not all can be had
-    yielding : names of margins that come last
-    hard : names of margins that hold whatever else cannot be had
-    weights : by name, of the squares of matches where not all can be had; 1 unless given
+    equality : residuals that have to be 0, by name
+    soft_residual : residuals to be made as small as the limits allow, by name
+    inequality : quantities that have to be 0 or above, by name
+    objective : numbers whose sum is made least, by name, instead of effort
+    high_priority : names of equalities that come first where not all can be had
+    low_priority : names of inequalities that come last
+    hard : names of inequalities that hold whatever else cannot be had
+    weights : by name, of the squares of equalities where not all can be had; 1 unless given
     units : by name, "L" of what is a length over the arm's, "rad" of angles; others have none
     """
 
-    match: Mapping[str, ca.MX] = field(default_factory=dict)
-    approach: Mapping[str, ca.MX] = field(default_factory=dict)
-    margin: Mapping[str, ca.MX] = field(default_factory=dict)
-    least: Mapping[str, ca.MX] = field(default_factory=dict)
-    firm: frozenset[str] = frozenset()
-    yielding: frozenset[str] = frozenset()
+    equality: Mapping[str, ca.MX] = field(default_factory=dict)
+    soft_residual: Mapping[str, ca.MX] = field(default_factory=dict)
+    inequality: Mapping[str, ca.MX] = field(default_factory=dict)
+    objective: Mapping[str, ca.MX] = field(default_factory=dict)
+    high_priority: frozenset[str] = frozenset()
+    low_priority: frozenset[str] = frozenset()
     hard: frozenset[str] = frozenset()
     weights: Mapping[str, float] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)

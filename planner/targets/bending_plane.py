@@ -68,11 +68,11 @@ class BendingPlane(Free):
         off = across * ca.cos(bend) - along * ca.sin(bend)
         near = across * ca.sin(bend) + along * ca.cos(bend)
         return Terms(
-            match={
+            equality={
                 "bending plane": ca.dot(tip, ca.cross(t, e)),
                 "bend": ca.atan2(off, near),
             },
-            firm=frozenset({"bending plane"}),
+            high_priority=frozenset({"bending plane"}),
             units={"bending plane": "L", "bend": "rad"},
         )
 

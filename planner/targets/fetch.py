@@ -87,7 +87,7 @@ class Fetch(Free):
 
     def terms(self, view: View, p: ca.MX) -> Terms:
         """See Target.terms: two components of each tangent across the one wanted."""
-        match, margin = {}, {}
+        equality, inequality = {}, {}
         for i, (name, (start, end)) in enumerate(
             zip(("proximal", "medial", "distal"), pairwise(stretches(view.arm)), strict=True)
         ):
@@ -96,9 +96,11 @@ class Fetch(Free):
             b, n = ca.cos(p[2 * i + 1]), -ca.sin(p[2 * i + 1])
             bend = ca.dot(tangent, ca.vertcat(-sin, cos * n, cos * b))
             plane = ca.dot(tangent, ca.vertcat(0, -b, n))
-            match[f"{name} bend"] = ca.vertcat(bend, plane)
-            margin[f"side of the {name} bend"] = ca.dot(tangent, ca.vertcat(cos, sin * n, sin * b))
-        return Terms(match=match, margin=margin, units=dict.fromkeys(match, "rad"))
+            equality[f"{name} bend"] = ca.vertcat(bend, plane)
+            inequality[f"side of the {name} bend"] = ca.dot(
+                tangent, ca.vertcat(cos, sin * n, sin * b)
+            )
+        return Terms(equality=equality, inequality=inequality, units=dict.fromkeys(equality, "rad"))
 
     def prescribed(self, arm: Arm) -> Mapping[str, Array]:
         """See Target.prescribed."""
@@ -161,15 +163,15 @@ class FetchReach(Free):
         ends = stretches(view.arm)
         tangents = [view.frame(s)[:, 0] for s in ends]
         bends = [p[3] - ca.dot(a, b) for a, b in pairwise(tangents)]
-        match = {}
+        equality = {}
         if self.plane is not None:
             off = [ca.dot(view.position(s) - view.base_position, p[4:]) for s in ends[1:]]
-            match["distance from the plane"] = ca.vertcat(*off) / view.arm.length
+            equality["distance from the plane"] = ca.vertcat(*off) / view.arm.length
         return Terms(
-            match=match,
-            approach={"distance to the mouth": (view.tip - p[:3]) / view.arm.length},
-            margin={"least bend": ca.vertcat(*bends)},
-            firm=frozenset(match),
+            equality=equality,
+            soft_residual={"distance to the mouth": (view.tip - p[:3]) / view.arm.length},
+            inequality={"least bend": ca.vertcat(*bends)},
+            high_priority=frozenset(equality),
             units={"distance from the plane": "L", "distance to the mouth": "L"},
         )
 

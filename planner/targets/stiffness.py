@@ -82,7 +82,7 @@ class Stiffest(_Directed):
 
     def terms(self, view: View, p: ca.MX) -> Terms:
         """See Target.terms."""
-        return Terms(least={"compliance": _log_compliance(view, p)})
+        return Terms(objective={"compliance": _log_compliance(view, p)})
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class Softest(_Directed):
 
     def terms(self, view: View, p: ca.MX) -> Terms:
         """See Target.terms."""
-        return Terms(least={"stiffness": -_log_compliance(view, p)})
+        return Terms(objective={"stiffness": -_log_compliance(view, p)})
 
 
 @dataclass(frozen=True)
@@ -162,10 +162,10 @@ class MinimumStiffness(Free):
     def terms(self, view: View, p: ca.MX) -> Terms:
         """See Target.terms: the stiffness over that wanted, less 1; or minors of a matrix."""
         if np.ndim(self.direction) == 1:
-            margin = {SHARE: 1 / view.compliance - 1}
-            return Terms(margin=margin, yielding=frozenset({SHARE}))
+            inequality = {SHARE: 1 / view.compliance - 1}
+            return Terms(inequality=inequality, low_priority=frozenset({SHARE}))
         name = "stiffness above that wanted"
-        return Terms(margin={name: _minors()(view.compliance)}, yielding=frozenset({name}))
+        return Terms(inequality={name: _minors()(view.compliance)}, low_priority=frozenset({name}))
 
     def guess_towards(self, arm: Arm) -> Array | None:
         """See Target.guess_towards: nowhere."""

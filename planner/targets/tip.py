@@ -45,7 +45,7 @@ class TipPosition(Free):
 
     def terms(self, view: View, p: ca.MX) -> Terms:
         """See Target.terms."""
-        return Terms(match={POSITION: (view.tip - p) / view.arm.length}, units={POSITION: "L"})
+        return Terms(equality={POSITION: (view.tip - p) / view.arm.length}, units={POSITION: "L"})
 
     def prescribed(self, arm: Arm) -> Mapping[str, Array]:
         """See Target.prescribed."""
@@ -128,7 +128,7 @@ class TipPointing(_Oriented):
         """
         off = view.rotation_from(view.arm.length, p[3:])[1:]
         return Terms(
-            match={POSITION: (view.tip - p[:3]) / view.arm.length, DIRECTION: off},
+            equality={POSITION: (view.tip - p[:3]) / view.arm.length, DIRECTION: off},
             weights=dict(zip((POSITION, DIRECTION), self.weights, strict=True)),
             units={POSITION: "L", DIRECTION: "rad"},
         )
@@ -177,7 +177,7 @@ class TipPose(_Oriented):
         """See Target.terms and View.rotation_from."""
         off = view.rotation_from(view.arm.length, p[3:])
         return Terms(
-            match={POSITION: (view.tip - p[:3]) / view.arm.length, ROTATION: off},
+            equality={POSITION: (view.tip - p[:3]) / view.arm.length, ROTATION: off},
             weights=dict(zip((POSITION, ROTATION), self.weights, strict=True)),
             units={POSITION: "L", ROTATION: "rad"},
         )

@@ -156,12 +156,12 @@ class Wrap(Free):
         radii = p[SIZE + 2 :]
         gap = ca.vertcat(*(distance for distance, _ in found)) - radii
         L = view.arm.length
-        margin = {NEAR: (p[SIZE] * radii - gap) / L, CLEAR: gap / L}
+        inequality = {NEAR: (p[SIZE] * radii - gap) / L, CLEAR: gap / L}
         if self.turns is not None:
             normals = [normal for _, normal in found]
             angle = sum((_angle()(*pair) for pair in pairwise(normals)), ca.MX(0))
-            margin[TURNS] = angle / (2 * np.pi * p[SIZE + 1]) - 1
-        return Terms(margin=margin, units={NEAR: "L", CLEAR: "L"})
+            inequality[TURNS] = angle / (2 * np.pi * p[SIZE + 1]) - 1
+        return Terms(inequality=inequality, units={NEAR: "L", CLEAR: "L"})
 
     def guess_towards(self, arm: Arm) -> Array:
         """See Target.guess_towards: the obstacle's point nearest to the arm at rest."""

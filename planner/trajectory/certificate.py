@@ -33,7 +33,7 @@ class MotionCertificate:
     ----------
     residuals : (M,)
         The largest residual of what has to be met at each target; lengths over the arm's length.
-    margins : (M,)
+    inequalities : (M,)
         The least of what has to be 0 or above there.
     bounds : float
         Largest violation of a tension limit [N]; between waypoints there is none beyond theirs.
@@ -56,7 +56,7 @@ class MotionCertificate:
     """
 
     residuals: tuple[float, ...] = ()
-    margins: tuple[float, ...] = ()
+    inequalities: tuple[float, ...] = ()
     bounds: float = np.inf
     rate: float = np.inf
     stroke_rate: float = 0.0
@@ -69,7 +69,7 @@ class MotionCertificate:
     @property
     def reached(self) -> tuple[bool, ...]:
         """Which targets are met."""
-        pairs = zip(self.residuals, self.margins, strict=True)
+        pairs = zip(self.residuals, self.inequalities, strict=True)
         return tuple(own <= self.tolerance and least >= -self.tolerance for own, least in pairs)
 
     @property
@@ -130,21 +130,25 @@ def certify_motion(question: Question, way: Timed, met: tuple[int, ...]) -> Moti
     except OctoplanError as reason:
         return MotionCertificate(bounds=excess, rate=rate, problem=str(reason))
     gap, when = _clear(question, way)
-    residuals, margins = tuple(own for own, _ in found), tuple(least for _, least in found)
+    residuals, inequalities = tuple(own for own, _ in found), tuple(least for _, least in found)
     return MotionCertificate(
-        residuals, margins, excess, rate, *strokes, gap, when, question.accuracy
+        residuals, inequalities, excess, rate, *strokes, gap, when, question.accuracy
     )
 
 
 def _met(question: Question, targets: tuple[Target, ...], T: Array) -> tuple[float, float]:
-    """Return the largest residual and the least margin of targets under tensions."""
+    """Return the largest residual and the least inequality of targets under tensions."""
     arm = question.arm
     fine = max(question.accuracy / 10, FINEST_ACCURACY)
     shape: Shape = settle(arm, T, question.scene, fine, compile=question.machine_code)
     poses = shape.poses(np.array(stations_of(arm, targets)))
-    match, approach, margin = measure(arm, targets, poses, compliances_along(arm, targets, shape))
-    sizes = [float(np.abs(v).max(initial=0.0)) for v in (*match.values(), *approach.values())]
-    least = [float(np.min(v)) for v in margin.values()]
+    equality, soft_residual, inequality = measure(
+        arm, targets, poses, compliances_along(arm, targets, shape)
+    )
+    sizes = [
+        float(np.abs(v).max(initial=0.0)) for v in (*equality.values(), *soft_residual.values())
+    ]
+    least = [float(np.min(v)) for v in inequality.values()]
     return max(sizes, default=0.0), min(least, default=0.0)
 
 

@@ -47,7 +47,7 @@ def test_derivatives_of_the_program_are_those_of_differences(scene: Scene) -> No
     program = Program(parameters, tasks, *given, T)
     z = program.start.copy()
     for function, slopes in (
-        (program.match, program.match_slopes),
+        (program.equality, program.equality_jacobian),
         (program.room, program.room_slopes),
     ):
         J = slopes(z)

@@ -34,7 +34,7 @@ def _frame(rng: np.random.Generator) -> Any:
 def _terms(target: Any) -> ca.Function:
     pose = ca.MX.sym("pose", 7)
     p = ca.MX.sym("p", target.parameters(ARM).size)
-    own = target.terms(View(ARM, {ARM.length: pose}), p).match
+    own = target.terms(View(ARM, {ARM.length: pose}), p).equality
     return ca.Function("terms", [pose, p], list(own.values()))
 
 
@@ -105,7 +105,7 @@ def test_the_tip_points_where_it_is_asked_to_and_rolls_as_it_likes(scene: Scene)
     assert found.reached, found.outcome
     assert found.shape.tip == pytest.approx(shape.tip, abs=1e-6 * ARM.length)
     assert found.shape.tip_frame[:, 0] == pytest.approx(shape.tip_frame[:, 0], abs=2e-6)
-    assert set(found.certificate.match) == {"tip position", "tip direction"}
+    assert set(found.certificate.equality) == {"tip position", "tip direction"}
     assert "tip direction [rad]" in str(found.certificate)
     posed = plan(ARM, TipPose(tuple(shape.tip), shape.tip_frame), scene, 20.0)
     assert found.effort <= posed.effort * (1 + 1e-6)
@@ -125,8 +125,8 @@ def test_weights_choose_what_comes_nearer_where_both_cannot_be_had(kind: str) ->
         )
         found = plan(ARM, target, PAPER, 20.0, starts=2)
         assert not found.reached
-        places.append(found.certificate.match["tip position"])
-        angles.append(found.certificate.match[name])
+        places.append(found.certificate.equality["tip position"])
+        angles.append(found.certificate.equality[name])
     assert places[0] < 0.9 * places[1]
     assert angles[1] < 0.3 * angles[0]
 

@@ -63,7 +63,7 @@ def test_the_tip_stays_and_stiffens_at_the_cost_of_effort(scene: str, factor: fl
     assert off(found) < KEPT
     # Effort grows with stiffness, so that no more of it is had than was asked.
     assert stiff(found) == pytest.approx(wanted, rel=1e-5)
-    assert abs(next(iter(found.certificate.margin.values()))) < 1e-5
+    assert abs(next(iter(found.certificate.inequality.values()))) < 1e-5
     assert found.effort > least(scene).effort * (1 + 1e-4)
 
 
@@ -121,7 +121,7 @@ def test_an_impossible_stiffness_is_not_reached_and_the_outcome_says_by_how_much
     found = plan(ARM, [PLACE, target], STATICS["paper"], 1.0)
     assert not found.reached
     assert found.outcome.startswith("Not reached")
-    lack = min(found.certificate.margin.values())
+    lack = min(found.certificate.inequality.values())
     assert lack == pytest.approx(stiff(found) / wanted - 1, rel=1e-4)
     assert f"at most {1 + lack:.4g} times what is wanted can be had" in found.outcome
     assert f"short by {-lack:.3g}" in found.outcome

@@ -175,7 +175,7 @@ def test_the_most_that_can_be_had_is_told_where_it_is_not_what_was_asked() -> No
     assert not found.reached
     assert "stiffness (at most 0.1 times what is wanted can be had, short by 0.9)" in found.outcome
     assert stiff(found, "tension") == pytest.approx(most, rel=1e-5)
-    assert found.certificate.match["tip position"] < 1e-6
+    assert found.certificate.equality["tip position"] < 1e-6
 
 
 @pytest.mark.slow
