@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.optimize import minimize
+import scipy
 
 from model.arm import Arm
 from model.obstacles import Obstacle
@@ -134,7 +134,9 @@ class Grasp:
 
         within = {"type": "ineq", "fun": cones, "jac": cone_slopes}
         given = {"jac": slope, "constraints": within, "method": "SLSQP"}
-        found = minimize(cost, np.zeros(2 * k), **given, options={"ftol": 1e-18, "maxiter": 300})
+        found = scipy.optimize.minimize(
+            cost, np.zeros(2 * k), **given, options={"ftol": 1e-18, "maxiter": 300}
+        )
         z = found.x.reshape(k, 2)
         sizes = np.linalg.norm(z, axis=1)
         z *= np.minimum(1.0, most / unit / np.maximum(sizes, 1e-300))[:, None]

@@ -16,7 +16,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linprog
+import scipy
 from scipy.sparse import csr_array, diags_array, vstack
 
 from model.paths import Array
@@ -98,7 +98,7 @@ def fastest(stretch: Stretch, way: Array, rates: Rates) -> TimeLaw:
     most = np.minimum((rates.stroke / size) ** 2, 1 / rate**2 if rate > 0 else np.inf) / unit
     most[[0, -1]] = 0.0
     ends = np.column_stack([np.zeros(u.size), np.minimum(most, _FREE)])
-    found = linprog(
+    found = scipy.optimize.linprog(
         -np.ones(u.size), csr_array(vstack([A, -A])), np.ones(2 * A.shape[0]), bounds=ends
     )
     speeds = np.sqrt(np.maximum(found.x, 0.0) * unit)
