@@ -122,6 +122,7 @@ tension_max = 20.0              # N, each tendon; or a row a section, as in tens
 # type = "sphere"
 # center_mm = [250.0, 100.0, 50.0]
 # radius_mm = 20.0
+# path_s_mm = [[0.0, 0.0, 0.0, 0.0], [2.0, 40.0, 0.0, 0.0]]  # [[obstacles]] in motions: s, then mm
 # type = "capsule"              # and radius_mm
 # start_mm = [150.0, 100.0, 50.0]
 # end_mm = [150.0, 200.0, 50.0]

@@ -83,6 +83,7 @@ def test_compliance_of_the_held_arm_is_the_derivative_of_where_it_settles() -> N
     assert np.trace(found.compliance[:3, :3]) < np.trace(free.compliance[:3, :3])
 
 
+@pytest.mark.slow
 def test_what_it_leans_on_may_be_many_and_of_all_kinds() -> None:
     bodies = [
         HalfSpace((0, 0, -0.09), (0, 0, 1)),

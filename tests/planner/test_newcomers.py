@@ -86,7 +86,7 @@ FILES: dict[str, tuple[str, str]] = {
     ),
     "target type misspelt": (
         ARM + "[target]\ntype = 'tip_position'",
-        'softest; did you mean "tip-position"?',
+        'did you mean "tip-position"?',
     ),
     "a point in a plane": (
         ARM + "[target]\ntype = 'tip-position'\nposition_mm = [1, 2]",
