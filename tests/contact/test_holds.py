@@ -70,6 +70,7 @@ def test_a_hold_is_saved_and_loads_as_it_was(held: HeldPlan, tmp_path) -> None: 
     assert again.reached
 
 
+@pytest.mark.slow
 def test_what_cannot_be_held_is_told_as_the_wrench_that_is_left() -> None:
     p = plan(ARM, Hold(ROD, (0.0, 0.0, -0.02), 0.1), SCENE, 50.0, starts=1)
     assert not p.reached

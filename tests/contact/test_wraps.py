@@ -60,6 +60,7 @@ def test_turns_are_measured_round_the_axis(scene: str) -> None:
     assert gap.min() > -1e-9
 
 
+@pytest.mark.slow
 def test_an_arm_that_leans_is_near_with_less_effort_and_verified() -> None:
     p = plan(ARM, Wrap(ROD, length=0.2), SCENES["in contact"], 50.0, starts=1)
     assert p.reached, p.outcome
