@@ -42,6 +42,8 @@ class Wrap(Free):
 
     The arm leans on the obstacle if the scene has it as Contact; otherwise it is kept clear of it
     and lies beside it. A neo-Hookean body swells where it is shortened, and is nearer than told.
+    With extension tendons may shorten the part to lay it along, at a slender tip to a few
+    hundredths of its length: `p.shape.strains` tells; a neo-Hookean body resists.
 
     Attributes
     ----------
