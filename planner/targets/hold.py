@@ -26,7 +26,7 @@ class Hold(Free):
 
     The static grasp problem: the normal forces are those of the arm in equilibrium, without
     friction; at each place that touches a tangential force is free within Coulomb's cone,
-    |tangential force| <= friction times normal force; together they balance the wrench. That the
+    of size at most friction times the normal force; together they balance the wrench. That the
     tangential forces push back on the arm is left out: they are taken as small against what bends
     it. The scene has the obstacle as a Contact, and the object does not move.
 
