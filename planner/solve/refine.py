@@ -102,11 +102,11 @@ def refine(task: Task, coarse: Solution, mode: Mode) -> Fine:
         guess = _finish(task, task.coarse(mode), guess, None).solution
     mesh, shape = _mesh(task, task.tensions(guess), None)
     for _ in range(_MESHES):
-        finer = [r for r in REFINEMENTS if task.coarse(mode).refinement < r <= mesh]
-        far = [r for r in finer if r * _FARTHER <= mesh][_FARTHER - 1 :: _FARTHER]
-        fine, used = _by_meshes(task, mode, guess, [*far, mesh], shape), mesh
-        if not fine.optimal:
-            fine = _by_meshes(task, mode, guess, finer, shape)
+        finer = [r for r in REFINEMENTS if task.coarse(mode).refinement < r < mesh]
+        few = [r for r in finer if r * _FARTHER <= mesh][_FARTHER - 1 :: _FARTHER]
+        fine, used = _by_meshes(task, mode, guess, [*few, mesh], shape), mesh
+        if not fine.optimal and few != finer:
+            fine = best_of([fine, _by_meshes(task, mode, guess, [*finer, mesh], shape)])
         guess = fine.solution
         if not fine.optimal:
             break

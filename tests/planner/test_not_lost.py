@@ -15,6 +15,7 @@ from planner import Limits, Plan, Statement, load_plan, plan
 from planner.program.statement import Mode
 from planner.solve import refine
 from planner.solve.ipopt import Solution
+from planner.solve.multistart import Multistart
 from planner.solve.task import Task
 from planner.targets import TipPose, TipPosition
 from tests.planner.cases import PAPER, Array
@@ -191,3 +192,16 @@ def test_a_cheaper_optimum_that_is_lost_on_finer_meshes_is_told(
     assert "lost" not in best.outcome
     found.save(tmp_path / "plan.json")
     assert load_plan(tmp_path / "plan.json") == found
+
+
+@pytest.mark.parametrize("scene", [Scene(), Scene(ExactTendons())], ids=["bare", "exact"])
+def test_what_is_lost_on_a_mesh_no_finer_than_the_coarse_one_is_told(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It ended in an IndexError: there were no meshes in between."""
+    T = np.array([0, 0, 0.2, 0, 0, 0.4, 0, 0, 0, 0, 1.0, 0])
+    target = (TipPosition(tuple(settle(ARM, T, scene).tip)),)
+    task = Task(ARM, target, scene, Limits.of(ARM, 20.0), Statement(), 0.1)
+    found = Multistart(task).solve(task.coarse("exact"), T)
+    monkeypatch.setattr(refine, "_finish", lambda _, s, solution, near: refine.Fine(s, solution, 1))
+    assert not refine.refine(task, found, "exact").optimal
