@@ -21,16 +21,15 @@ from model.paths import Array
 from model.scene import Scene
 from model.shape import Shape
 from model.text import in_notebook
-from model.time_limit import OutOfTime, time_limit
+from model.time_limit import time_limit
 from planner.answer import Answer
-from planner.avoidance.around import Around
 from planner.avoidance.asked import Surroundings, surroundings
-from planner.avoidance.rows import Avoidance
 from planner.contact.grasp import Grip, grips_of
 from planner.contact.plan import ContactSearch, check_contact, check_holds, optimality_of
 from planner.contact.way import settled_along
 from planner.contact.wrapping import beside, open_wrap, with_turns
 from planner.files import to_json, write_named
+from planner.following import searched
 from planner.program.effort import check_norm
 from planner.program.limits import Limits
 from planner.program.statement import Form, Statement
@@ -44,12 +43,10 @@ from planner.question import (
 )
 from planner.records.plan import plan_record
 from planner.report import plan_summary, plan_text
-from planner.solve.search import Search
-from planner.solve.search_result import SearchResult
 from planner.solve.task import Task
-from planner.solve.warm_start import Known, jump, warm_start
 from planner.targets.base import Target
 from planner.targets.hold import Hold
+from planner.targets.wrap import Wrap
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,28 +234,6 @@ def plan(
         If `compile` is True, and there is no compiler or it fails.
     """
     scene, targets = scene or Scene(), check_targets(arm, target)
-    if wrap := open_wrap(targets):
-        given = {
-            "tension_min": tension_min,
-            "total_pull": total_pull,
-            "norm": norm,
-            "form": form,
-            "accuracy": accuracy,
-            "starts": starts,
-            "time_limit": time_limit,
-            "stability_margin": stability_margin,
-            "compile": compile,
-            "obstacles": obstacles,
-            "clearance": clearance,
-            "self_clearance": self_clearance,
-            "stroke_max": stroke_max,
-            "stroke_min": stroke_min,
-        }
-
-        def planned(found: tuple[Target, ...], before: Plan | None) -> Plan:
-            return plan(arm, found, scene, tension_max, near=before or near, **given)
-
-        return with_turns(arm, targets, wrap, planned)
     check_loads(arm, scene, contact=True)
     form = checked_form(form)
     if starts is not None and (type(starts) is not int or starts < 1):
@@ -280,23 +255,45 @@ def plan(
     around = surroundings(arm, targets, obstacles, clearance, self_clearance)
     if contacts(scene):
         check_contact(task, bool(around))
+    if near is not None:
+        _check_near(near, task)
+    wrap = open_wrap(targets)
+    if wrap is None:
+        return _planned(task, around, near, seconds)
+    return _with_turns(task, wrap, around, near, seconds)
+
+
+def _with_turns(
+    task: Task, wrap: Wrap, around: Surroundings, near: Plan | None, seconds: float | None
+) -> Plan:
+    """Return the plan for a wrap whose part has to be found."""
+
+    def planned(found: tuple[Target, ...], before: Plan | None) -> Plan:
+        return _planned(replace(task, targets=found), around, before or near, None)
+
+    with time_limit(seconds):
+        return with_turns(task.arm, task.targets, wrap, planned)
+
+
+def _planned(task: Task, around: Surroundings, near: Plan | None, seconds: float | None) -> Plan:
+    if contacts(task.scene):
         return _held(task, near, seconds)
-    found, avoidance = _searched(task, around, near, seconds)
+    found, avoidance = searched(task, around, near, seconds)
     return Plan(
-        arm,
-        scene,
-        targets,
-        limits,
+        task.arm,
+        task.scene,
+        task.targets,
+        task.limits,
         found.statement,
         found.tensions,
         found.lam_x,
         found.lam_g,
-        accuracy,
+        task.accuracy,
         found.starts,
         found.stopped,
         found.jump,
         found.lost,
-        by,
+        task.machine_code,
         around,
         avoidance,
     )
@@ -304,9 +301,8 @@ def plan(
 
 def _held(task: Task, near: Plan | None, seconds: float | None) -> HeldPlan:
     """Return the plan of an arm that leans on things."""
-    known = None if near is None else _checked_near(near, task)
-    way = known.way if isinstance(known, HeldPlan) else ()
-    begin = None if known is None else (*way, tuple(np.ravel(known.tensions).tolist()))
+    way = near.way if isinstance(near, HeldPlan) else ()
+    begin = None if near is None else (*way, tuple(np.ravel(near.tensions).tolist()))
     found = ContactSearch(task, begin).run(seconds)
     return HeldPlan(
         task.arm,
@@ -325,48 +321,8 @@ def _held(task: Task, near: Plan | None, seconds: float | None) -> HeldPlan:
     )
 
 
-def _searched(
-    task: Task, around: Surroundings, near: Plan | None, seconds: float | None
-) -> tuple[SearchResult, Avoidance | None]:
-    """Return what a plan that is near leads to, or the best from all starts."""
-    if near is None:
-        if around:
-            return Around(task, around).run(seconds)
-        return Search(task).run(seconds), None
-    with time_limit(seconds):
-        followed = _followed(near, task)
-        avoidance, left = None, not followed
-        if around and not (followed and followed.stopped):
-            led = Around(task, around)
-            found, avoidance = led.run(seconds, followed)
-            left = led.searched
-        else:
-            found = followed or Search(task).run()
-    if not left or found.stopped or found.statement.mode != "exact":
-        return found, avoidance
-    return replace(found, jump=jump(near.tensions, found.tensions)), avoidance
-
-
-def _checked_near(near: Plan, task: Task) -> Plan:
-    """Return a plan that is near; InputError for one of another arm or scene."""
+def _check_near(near: Plan, task: Task) -> None:
+    """Raise InputError for what is no plan for the same arm and scene."""
     kind("near", near, Plan, "a Plan for the same arm and scene, or None")
     if near.arm != task.arm or near.scene != task.scene:
         raise InputError("near", "a plan for another arm or scene", "one for the same")
-    return near
-
-
-def _followed(near: Plan, task: Task) -> SearchResult | None:
-    """Return what a plan leads to, None where it cannot be followed."""
-    near = _checked_near(near, task)
-    limits, own = task.limits, near.limits
-    same = near.statement.margin == task.statement.margin
-    if not same or replace(own, lower=limits.lower) != limits:
-        return None
-    answer = (near.tensions, near.lam_x, near.lam_g, near.known_equilibrium)
-    known = Known(near.targets, own.lower, near.statement, *answer)
-    asked = (task.arm, task.scene, task.targets, limits, task.accuracy)
-    try:
-        return warm_start(known, *asked, task.machine_code)
-    except OutOfTime:
-        T = np.clip(np.ravel(near.tensions), limits.lower, limits.upper)
-        return SearchResult(near.statement, task.arm.by_section(T), (), (), (), stopped=True)

@@ -14,6 +14,7 @@ from model.loads import contacts
 from model.obstacles import Obstacle
 from model.scene import Scene
 from model.shape import Shape
+from model.time_limit import OutOfTime
 from planner.answer import Answer
 from planner.targets.base import Target
 from planner.targets.wrap import Wrap
@@ -64,9 +65,12 @@ def with_turns(
     length, found = arm.length - wrap.part(arm)[0], None
     for _ in range(_ROUNDS):
         found = planned(stated(replace(wrap, turns=None, length=length)), found)
-        if found.mode != "exact":
+        if found.mode != "exact" or found.stopped:
             break
-        had = turns_along(found.shape, wrap.obstacle, arm.length - length)
+        try:
+            had = turns_along(found.shape, wrap.obstacle, arm.length - length)
+        except OutOfTime:
+            break
         if had <= 0:
             break
         longer = length * wrap.turns / had

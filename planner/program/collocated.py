@@ -64,7 +64,7 @@ class Collocated:
         return np.concatenate([np.array([states.force]), states.numbers(directions), *scales])
 
     def unknowns(self, a: Array, tensions: Array, p: Array) -> Array:
-        """Return all unknowns for tensions: states that settle them, what margins lack.
+        """Return all unknowns for tensions: states that settle them, what inequalities lack.
 
         Where the arm does not bear its loads, the states are those without loads.
         """

@@ -109,3 +109,11 @@ def test_a_plane_has_no_turns_and_what_is_out_of_reach_is_refused() -> None:
 def test_a_shape_beside_the_obstacle_does_not_settle_otherwise_than_alone() -> None:
     p = plan(ARM, Wrap(ROD, length=0.2), Scene(), 50.0)
     assert np.allclose(settle(ARM, p.tensions, Scene(), 1e-7).tip, p.tip, atol=1e-7)
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_a_time_limit_is_one_for_all_the_plans_that_turns_take(scene: str) -> None:
+    """Each of them had a limit of its own."""
+    p = plan(ARM, Wrap(ROD, turns=0.25), SCENES[scene], 50.0, time_limit=1e-9)
+    assert p.stopped
+    assert p.targets[0].turns == 0.25

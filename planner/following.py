@@ -1,0 +1,55 @@
+"""What answers a question: the plan that one nearby leads to, or the best from all starts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from model.time_limit import OutOfTime, time_limit
+from planner.answer import Answer
+from planner.avoidance.around import Around
+from planner.avoidance.asked import Surroundings
+from planner.avoidance.rows import Avoidance
+from planner.solve.search import Search
+from planner.solve.search_result import SearchResult
+from planner.solve.task import Task
+from planner.solve.warm_start import Known, jump, warm_start
+
+
+def searched(
+    task: Task, around: Surroundings, near: Answer | None, seconds: float | None
+) -> tuple[SearchResult, Avoidance | None]:
+    """Return what a plan that is near leads to, or the best from all starts."""
+    if near is None:
+        if around:
+            return Around(task, around).run(seconds)
+        return Search(task).run(seconds), None
+    with time_limit(seconds):
+        followed = _followed(near, task)
+        avoidance, left = None, not followed
+        if around and not (followed and followed.stopped):
+            led = Around(task, around)
+            found, avoidance = led.run(seconds, followed)
+            left = led.searched
+        else:
+            found = followed or Search(task).run()
+    if not left or found.stopped or found.statement.mode != "exact":
+        return found, avoidance
+    return replace(found, jump=jump(near.tensions, found.tensions)), avoidance
+
+
+def _followed(near: Answer, task: Task) -> SearchResult | None:
+    """Return what a plan leads to, None where it cannot be followed."""
+    limits, own = task.limits, near.limits
+    same = near.statement.margin == task.statement.margin
+    if not same or replace(own, lower=limits.lower) != limits:
+        return None
+    answer = (near.tensions, near.lam_x, near.lam_g, near.known_equilibrium)
+    known = Known(near.targets, own.lower, near.statement, *answer)
+    asked = (task.arm, task.scene, task.targets, limits, task.accuracy)
+    try:
+        return warm_start(known, *asked, task.machine_code)
+    except OutOfTime:
+        T = np.clip(np.ravel(near.tensions), limits.lower, limits.upper)
+        return SearchResult(near.statement, task.arm.by_section(T), (), (), (), stopped=True)
