@@ -45,6 +45,18 @@ class Band:
         return np.flatnonzero(self.columns >= self.first)
 
     @cached_property
+    def stored(self) -> Index:
+        """Where these stand in LAPACK's band storage, column by column."""
+        column = self.columns[self.inside] - self.first
+        row = self.below + self.above + self.rows[self.inside] - column
+        return column * self.height + row
+
+    @property
+    def height(self) -> int:
+        """The rows of LAPACK's band storage, those that pivoting fills among them."""
+        return 2 * self.below + self.above + 1
+
+    @cached_property
     def outside(self) -> Index:
         """Which nonzeros are against tensions and the load factor."""
         return np.flatnonzero(self.columns < self.first)
@@ -111,11 +123,11 @@ class Linearised:
         """The LU factors of the Jacobian against the states; raises SingularError."""
         if self.near:
             return self.near.factor
-        at, inside = self.band, self.band.inside
-        stored = np.zeros((2 * at.below + at.above + 1, self.system.of.n_states), order="F")
-        column = at.columns[inside] - at.first
-        stored[at.below + at.above + at.rows[inside] - column, column] = self.nonzeros[inside]
-        factors, pivots, info = dgbtrf(stored, at.below, at.above, overwrite_ab=1)
+        at = self.band
+        stored = np.zeros(self.system.of.n_states * at.height)
+        stored[at.stored] = self.nonzeros[at.inside]
+        columns = stored.reshape(-1, at.height).T
+        factors, pivots, info = dgbtrf(columns, at.below, at.above, overwrite_ab=1)
         if info != 0 or not np.all(np.isfinite(factors)):
             raise SingularError("the equations of equilibrium are singular: the arm buckles")
         return factors, pivots

@@ -13,20 +13,20 @@ from model.time_limit import check_time
 from model.transcription.layout import Layout
 from model.transcription.system import System
 
-_STEPS = 14
+STEPS = 14
 # Steps are done with that leave so much of strains and quaternions: of the step itself if its
 # factorisation is its own, as the next one would be its square.
-_SETTLED, _LEFT = 1e-10, 1e-13
-# A step counts as safe if it is so much smaller than the last; below _SMALL rounding may be felt.
-_CONTRACTION, _SMALL = 0.25, 1e-3
+SETTLED, LEFT = 1e-10, 1e-13
+# A step counts as safe if it is so much smaller than the last; below SMALL rounding may be felt.
+CONTRACTION, SMALL = 0.25, 1e-3
 # The farthest that one step turns a frame, as a change of its quaternion, and how many steps may be
 # cut to that.
 TURN, NEAR = 0.3, 0.02
 # The factorisation is kept after a step so small, and as long as steps contract so fast: a residual
 # costs a tenth of a factorised Jacobian.
-_CLOSE, _KEPT = 0.02, 0.1
+CLOSE, KEPT = 0.02, 0.1
 # Where an equilibrium is so near to where it was linearised, that does for its derivatives.
-_AS_GOOD = 1e-5
+AS_GOOD = 1e-5
 
 
 def newton(
@@ -55,13 +55,13 @@ def newton(
         What is held; where lengths are, the tensions are those to begin with.
     """
     last, of, here, moved = 0.0, system.of, kept, np.inf
-    for _ in range(_STEPS):
+    for _ in range(STEPS):
         check_time()
         x = system.x(tensions, load, states)
         step = _step(system, x, here, hold)
         if step is None:
             return None
-        settled, moved = (_LEFT, moved) if here else (_SETTLED, 0.0)
+        settled, moved = (LEFT, moved) if here else (SETTLED, 0.0)
         here, change, after = step
         here = here.near or here
         turn = float(np.abs(change[of.nodes[:, :4]]).max())
@@ -74,14 +74,14 @@ def newton(
             continue
         states, tensions = states + change, after
         size = step_size(system, change, states)
-        if last and size > max(_CONTRACTION * last, _SMALL):
+        if last and size > max(CONTRACTION * last, SMALL):
             return None
         moved += size
-        creeps = _CONTRACTION * last < size < hold.creep and last > 0
+        creeps = CONTRACTION * last < size < hold.creep and last > 0
         if size < settled or size**2 < settled * last or creeps:
             x = system.x(tensions, load, states)
-            return Linearised(system, x, here if moved < _AS_GOOD else None)
-        if size > (_KEPT * last if last else _CLOSE) and (last or kept is None):
+            return Linearised(system, x, here if moved < AS_GOOD else None)
+        if size > (KEPT * last if last else CLOSE) and (last or kept is None):
             here = None
         last = size
     return None
@@ -108,13 +108,13 @@ def _step(
 def step_size(system: System, change: Array, states: Array) -> float:
     """Return the size of a step, relative to strains and quaternions or to 1 / L and 1."""
     of = system.of
-    scale = _scale(of, system.arm.length)
+    scale = strain_scale(of, system.arm.length)
     moved, now = change[of.stages] / scale, states[of.stages] / scale
     turned = change[of.nodes[:, :4]]
     return max(float((np.abs(moved) / (1 + np.abs(now))).max()), float(np.abs(turned).max()))
 
 
 @lru_cache(maxsize=64)
-def _scale(of: Layout, length: float) -> Array:
+def strain_scale(of: Layout, length: float) -> Array:
     """Return what strains (strains,) are counted in: curvatures in 1 / L."""
     return np.where(np.arange(of.form.strains) < 2 + of.form.law.torsion, 1 / length, 1.0)

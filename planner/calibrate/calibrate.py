@@ -12,6 +12,7 @@ import numpy as np
 from model import Arm, InputError, Scene
 from model.checks import kind
 from model.effects import PrintedStatics
+from model.equilibrium.forward import STAGES
 from model.errors import OctoplanError
 from model.machine.compiled import Compile, checked_compile
 from model.mesh_refinement import checked_accuracy
@@ -19,7 +20,7 @@ from model.paths import Array
 from model.progress import tell
 from model.settle import checked_scene
 from planner.calibrate.calibration import Calibration
-from planner.calibrate.experiment import Experiment, UnsettledShapeError
+from planner.calibrate.experiment import Evaluation, Experiment, UnsettledShapeError
 from planner.calibrate.fit import LOSSES, Fit, Loss, Weights, fit
 from planner.calibrate.fitted import Start
 from planner.calibrate.measured import Measured, check_scale
@@ -32,6 +33,9 @@ ACCURACY = 1e-5
 # How far apart shapes are that are on different branches, over the arm's length.
 _ASTRAY = 1e-3
 _FINER = 3
+# Stages of elements while starts are compared, and how near to the optima that is done, in standard
+# errors.
+_COARSE, _NEAR = 2, 0.1
 
 
 def calibrate(
@@ -122,7 +126,7 @@ def _check_enough(shapes: Sequence[Measured], parameters: Parameters) -> None:
 
 @dataclass
 class _Search:
-    """Fits from several starts, on a mesh that is fine enough."""
+    """Fits from several starts on a coarse mesh, the best one followed on finer ones."""
 
     arm: Arm
     scene: Scene
@@ -135,8 +139,8 @@ class _Search:
 
     def run(self, spread: list[Array]) -> Calibration:
         fits, told = self._fits(spread)
-        best = min(fits, key=lambda own: own.misfit)
-        best, error, astray = self._verified(best)
+        best, astray = self._from_rest(min(fits, key=lambda own: own.misfit))
+        best, error, lost = self._verified(best)
         return Calibration(
             self.arm,
             self.scene,
@@ -148,7 +152,7 @@ class _Search:
             self.refinement,
             error,
             tuple(told),
-            astray,
+            astray or lost,
             self.machine_code,
         )
 
@@ -159,7 +163,7 @@ class _Search:
         for i, values in enumerate(spread):
             tell("fits", i, len(spread))
             try:
-                found = fit(self._experiment.at(values), self.weights)
+                found = fit(self._on(1, _COARSE).at(values), self.weights, _NEAR)
             except (UnsettledShapeError, InputError) as reason:
                 problem = problem or reason
                 told.append(Start(tuple(values.tolist()), None, float("inf"), str(reason)))
@@ -175,35 +179,46 @@ class _Search:
             raise problem
         return fits, told
 
-    @property
-    def _experiment(self) -> Experiment:
-        return self._on(self.refinement)
+    def _on(self, refinement: int, stages: int = STAGES) -> Experiment:
+        return Experiment(self.parameters, self.shapes, refinement, self.machine_code, stages)
 
-    def _on(self, refinement: int) -> Experiment:
-        return Experiment(self.parameters, self.shapes, refinement, self.machine_code)
-
-    def _verified(self, best: Fit) -> tuple[Fit, float, tuple[str, ...]]:
-        """Return the fit on a mesh that is fine enough, all shapes as they are reached from rest.
-
-        With the error that the mesh leaves, and the shapes that were on another branch.
-        """
+    def _from_rest(self, best: Fit) -> tuple[Fit, tuple[str, ...]]:
+        """Return a fit with all shapes as they are reached from rest, and those that were not."""
         astray: tuple[str, ...] = ()
         for _ in range(_FINER):
-            values = best.found.values
-            fresh = self._experiment.from_rest(best.found)
-            fine = self._on(2 * self.refinement).at(values, fresh)
-            gaps = [_gap(a, b) for a, b in zip(best.found.heres, fine.heres, strict=True)]
-            lost = tuple(
-                shape.name for shape, gap in zip(self.shapes, gaps, strict=True) if gap > _ASTRAY
-            )
-            error = max((gap for gap in gaps if gap <= _ASTRAY), default=0.0)
-            if not lost and error <= self.accuracy:
-                return best, error, astray
+            fresh = best.found.experiment.from_rest(best.found)
+            lost, _ = self._apart(best.found, fresh)
+            if not lost:
+                break
             astray = astray or lost
-            if error > self.accuracy:
-                self.refinement *= 2
-            best = fit(self._experiment.at(best.found.values), self.weights)
+            best = fit(fresh, self.weights, _NEAR)
+        return best, astray
+
+    def _verified(self, best: Fit) -> tuple[Fit, float, tuple[str, ...]]:
+        """Return the fit on a mesh that is fine enough, beginning with that on a coarse one.
+
+        With the error that the mesh leaves, and the shapes that finer meshes have elsewhere.
+        """
+        at, astray = best.found, tuple[str, ...]()
+        for _ in range(_FINER):
+            best = fit(self._on(self.refinement).at(at.values, at), self.weights)
+            fine = self._on(2 * self.refinement).at(best.found.values, best.found)
+            lost, error = self._apart(best.found, fine)
+            if not lost and error <= self.accuracy:
+                break
+            astray, at = astray or lost, fine
+            self.refinement *= 2
         return best, error, astray
+
+    def _apart(self, one: Evaluation, other: Evaluation) -> tuple[tuple[str, ...], float]:
+        """Return the shapes that two evaluations have on different branches.
+
+        And how far apart the tips of the others are at most, over the arm's length.
+        """
+        gaps = [_gap(a, b) for a, b in zip(one.heres, other.heres, strict=True)]
+        named = zip(self.shapes, gaps, strict=True)
+        lost = tuple(shape.name for shape, gap in named if gap > _ASTRAY)
+        return lost, max((gap for gap in gaps if gap <= _ASTRAY), default=0.0)
 
 
 def _gap(one: Any, other: Any) -> float:

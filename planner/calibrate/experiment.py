@@ -14,9 +14,9 @@ import numpy as np
 
 from model import InputError, OctoplanError
 from model.equilibrium.by_numbers import ByNumbers
-from model.equilibrium.forward import Collocation, Known
+from model.equilibrium.forward import STAGES, Collocation, Known
 from model.equilibrium.linearised import Linearised
-from model.equilibrium.newton import newton
+from model.equilibrium.newton_many import newton_many
 from model.paths import Array
 from planner.calibrate.measured import Measured
 from planner.calibrate.rows import Rows
@@ -48,6 +48,8 @@ class Experiment:
         Of the meshes.
     machine_code : bool
         Whether the kernels are compiled.
+    stages : int
+        Of an element of the meshes.
     """
 
     def __init__(
@@ -56,9 +58,10 @@ class Experiment:
         shapes: Sequence[Measured],
         refinement: int,
         machine_code: bool = False,
+        stages: int = STAGES,
     ) -> None:
         self.parameters, self.shapes = parameters, tuple(shapes)
-        self.refinement, self.machine_code = refinement, machine_code
+        self.refinement, self.machine_code, self.stages = refinement, machine_code, stages
         self.meshes: dict[str, Meshes] = {}
 
     def session_of(self, shape: Measured) -> str:
@@ -77,7 +80,9 @@ class Experiment:
         if places.size and not 0 <= places[0] <= places[-1] <= arm.length * (1 + 1e-12):
             raise InputError("points", places.tolist(), f"on the arm, 0 to {arm.length:g} m")
         at = tuple(np.minimum(places, arm.length).tolist())
-        meshes = self.meshes.setdefault(name, Meshes(self.refinement, self.machine_code))
+        meshes = self.meshes.setdefault(
+            name, Meshes(self.refinement, self.machine_code, self.stages)
+        )
         stated = meshes.system(arm, scene, at)
         return Session(
             values, name, self.parameters, stated, shifts, np.array(table["tension_scale"])
@@ -90,61 +95,52 @@ class Experiment:
         where no such arm can be, UnsettledShapeError.
         """
         sessions = self._sessions(values)
-        none: list[Linearised | None] = [None for _ in self.shapes]
-        near = none
-        if before is not None:
-            near = [self._near(sessions, i, values, before) for i in range(len(self.shapes))]
-        return self._from_rest(values, sessions, near, none)
+        heres: list[Linearised | None] = [None for _ in self.shapes]
+        for name, of in sessions.items():
+            own = self._members(name)
+            T = [of.tensions(self.shapes[i]) for i in own]
+            known = [None for _ in own] if before is None else before.moved(own, values, of, T)
+            for i, here in zip(own, self._settled(of, own, T, known), strict=True):
+                heres[i] = here
+        return Evaluation(self, values, sessions, tuple(here for here in heres if here))
 
     def from_rest(self, found: Evaluation) -> Evaluation:
-        """Return all shapes at the values of an evaluation, as they are reached from rest."""
-        sessions = self._sessions(found.values)
-        none: list[Linearised | None] = [None for _ in self.shapes]
-        same = [
-            sessions[self.session_of(shape)].system.of is here.system.of
-            for shape, here in zip(self.shapes, found.heres, strict=True)
-        ]
-        near = [here if own else None for here, own in zip(found.heres, same, strict=True)]
-        return self._from_rest(found.values, sessions, none, near)
+        """Return all shapes at the values of an evaluation of this, as reached from rest."""
+        heres = list(found.heres)
+        for name, of in found.sessions.items():
+            own = self._members(name)
+            T, here = [of.tensions(self.shapes[i]) for i in own], [found.heres[i] for i in own]
+            sure = Pulled(of.system).confirmed(T, here)
+            known = [one if is_it else None for one, is_it in zip(here, sure, strict=True)]
+            for i, settled in zip(own, self._settled(of, own, T, known), strict=True):
+                heres[i] = settled
+        return replace(found, heres=tuple(heres))
 
     def _sessions(self, values: Array) -> dict[str, Session]:
         names = dict.fromkeys(self.session_of(shape) for shape in self.shapes)
         return {name: self.session(values, name) for name in names}
 
-    def _from_rest(
-        self,
-        values: Array,
-        sessions: dict[str, Session],
-        known: list[Linearised | None],
-        near: list[Linearised | None],
-    ) -> Evaluation:
-        """Return shapes that are known, and others as reached from rest, perhaps `near` one."""
-        rests, heres = {name: Pulled(of.system) for name, of in sessions.items()}, list(known)
-        for shape, here in zip(self.shapes, known, strict=True):
-            if here:
-                name = self.session_of(shape)
-                rests[name].known.append((sessions[name].tensions(shape), here))
-        pulls = [float(np.linalg.norm(shape.tensions)) for shape in self.shapes]
-        for i in np.argsort(pulls, kind="stable").tolist():
-            name = self.session_of(self.shapes[i])
-            T = sessions[name].tensions(self.shapes[i])
-            try:
-                heres[i] = heres[i] or rests[name].at(T, near[i])
-            except OctoplanError as reason:
-                raise UnsettledShapeError(self.shapes[i].name, reason) from None
-        return Evaluation(self, values, sessions, tuple(here for here in heres if here))
+    def _members(self, name: str) -> list[int]:
+        """Return which shapes are of a session."""
+        return [i for i, shape in enumerate(self.shapes) if self.session_of(shape) == name]
 
-    def _near(
-        self, sessions: dict[str, Session], i: int, values: Array, before: Evaluation
-    ) -> Linearised | None:
-        """Return the equilibrium of a shape near that of an evaluation, None if there is none."""
-        of = sessions[self.session_of(self.shapes[i])]
-        guess, kept = before.predicted(i, values, of)
-        T = of.tensions(self.shapes[i])
-        found = newton(of.system, T, 1.0, guess, FARTHEST, kept=kept)
-        if found is None and kept is not None:
-            found = newton(of.system, T, 1.0, guess)
-        return None if found is None else replace(found, system=of.system)
+    def _settled(
+        self,
+        of: Session,
+        own: Sequence[int],
+        tensions: Sequence[Array],
+        known: Sequence[Linearised | None],
+    ) -> list[Linearised]:
+        """Return the equilibria of shapes of a session: those known, others as from rest."""
+        rest = Pulled(of.system)
+        rest.known += [(T, here) for T, here in zip(tensions, known, strict=True) if here]
+        lost = [k for k, here in enumerate(known) if here is None]
+        found, fallen = list(known), rest.all([tensions[k] for k in lost])
+        for k, here in zip(lost, fallen, strict=True):
+            if isinstance(here, OctoplanError):
+                raise UnsettledShapeError(self.shapes[own[k]].name, here) from None
+            found[k] = here
+        return [here for here in found if here]
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,14 +213,29 @@ class Evaluation:
             found[name] = Rows([self.heres[i] for i in own], shapes, sensors)
         return found
 
-    def predicted(self, i: int, values: Array, of: Session) -> tuple[Array, Linearised | None]:
-        """Return the states that shape i has at other values, to first order.
+    def moved(
+        self, own: Sequence[int], values: Array, of: Session, tensions: Sequence[Array]
+    ) -> list[Linearised | None]:
+        """Return the equilibria of shapes at other values, near these; None where there are none.
 
-        And the equations linearised nearby, where the mesh is as it was.
+        They begin where the derivatives by the unknowns say that they are.
         """
-        here = self.heres[i]
-        if of.system.of is not here.system.of:
-            T = of.tensions(self.experiment.shapes[i])
-            return Collocation.on(of.system).carried(T, Known(here.system, here.states)), None
-        by = self.derivatives[i]
-        return here.states + by.states @ (values - self.values), by.here
+        T, N = np.array(tensions), len(own)
+        heres = [self.heres[i] for i in own]
+        if of.system.of is not heres[0].system.of:
+            on = Collocation.on(of.system)
+            guesses = [
+                on.carried(pulls, Known(here.system, here.states))
+                for pulls, here in zip(T, heres, strict=True)
+            ]
+            return newton_many(of.system, T, np.array(guesses)).found
+        change, by = values - self.values, [self.derivatives[i] for i in own]
+        guesses = [own.here.states + own.states @ change for own in by]
+        kept = [own.here for own in by]
+        found = newton_many(of.system, T, np.array(guesses), FARTHEST, kept).found
+        lost = [k for k in range(N) if found[k] is None]
+        if lost:
+            again = newton_many(of.system, T[lost], np.array(guesses)[lost]).found
+            for k, here in zip(lost, again, strict=True):
+                found[k] = here
+        return [None if here is None else replace(here, system=of.system) for here in found]

@@ -38,7 +38,7 @@ _RHO: dict[str, Callable[[Array], tuple[Array, Array, Array]]] = {
 _ROUNDS, _STEADY, _LEAST, _MOST = 6, 0.01, 1e-9, 60
 # Of the residuals, what unknowns could still explain over what they cannot: an optimum is found to
 # about such a share of the standard errors. Source: Bates and Watts, Technometrics 23 (1981).
-_OFFSET = 1e-3
+OFFSET = 1e-3
 # Nearer to a bound, over the range, an unknown is at it: the trust region keeps inside.
 _BOUND = 1e-6
 # A normal distribution's standard deviation over the median of its sizes.
@@ -92,14 +92,14 @@ class Weights:
         return np.asarray(_RHO[self.loss](np.square(r))[1])
 
 
-def fit(start: Evaluation, weights: Weights, noise: float | None = None) -> Fit:
+def fit(start: Evaluation, weights: Weights, offset: float = OFFSET) -> Fit:
     """Return the optimum that an evaluation of all shapes leads to.
 
-    The noise and the optimum depend on each other where there are priors or a robust loss: they are
-    worked out in turn, unless the noise is given.
+    It is found to about such an `offset` of the standard errors. The noise and the optimum depend
+    on each other where there are priors or a robust loss: they are worked out in turn.
     """
-    known = 1.0 if weights.absolute else noise
-    found = _descent(start, weights, known or _guess(start.experiment))
+    known = 1.0 if weights.absolute else None
+    found = _descent(start, weights, known or _guess(start.experiment), offset)
     if known is not None:
         return found
     alone = weights.loss == "linear" and not any(
@@ -111,7 +111,7 @@ def fit(start: Evaluation, weights: Weights, noise: float | None = None) -> Fit:
             return replace(found, noise=now, cost=found.cost * (found.noise / now) ** 2)
         if abs(now / found.noise - 1) < _STEADY:
             return found
-        again = _descent(found.found, weights, now)
+        again = _descent(found.found, weights, now, offset)
         found = replace(again, evaluations=found.evaluations + again.evaluations)
     return found
 
@@ -150,8 +150,8 @@ def _guess(experiment: Experiment) -> float:
     return float(0.01 * arm.length / np.median([shape.std for shape in experiment.shapes]))
 
 
-def _descent(start: Evaluation, weights: Weights, noise: float) -> Fit:
-    steps = _Steps(start, weights, noise)
+def _descent(start: Evaluation, weights: Weights, noise: float, offset: float) -> Fit:
+    steps = _Steps(start, weights, noise, offset)
     n_data = start.residuals.size
 
     def rho(z: Array) -> NDArray[np.float64]:
@@ -187,8 +187,9 @@ class _OptimumError(Exception):
 class _Steps:
     """What SciPy calls: z (K,) from 0 to 1; shapes are found from those last differentiated."""
 
-    def __init__(self, start: Evaluation, weights: Weights, noise: float) -> None:
+    def __init__(self, start: Evaluation, weights: Weights, noise: float, offset: float) -> None:
         self.experiment, self.weights, self.noise = start.experiment, weights, noise
+        self.offset = offset
         self.last = self.before = start
         self.evaluations = 0
 
@@ -220,7 +221,7 @@ class _Steps:
         r, J = here.residuals / self.noise, here.jacobian * self.experiment.parameters.range
         J = np.vstack([J / self.noise, slopes])
         counted = np.concatenate([np.sqrt(self.weights.slopes(r)), np.ones(known.size)])
-        if _offset(counted[:, None] * J, counted * np.concatenate([r, known]), z) <= _OFFSET:
+        if _offset(counted[:, None] * J, counted * np.concatenate([r, known]), z) <= self.offset:
             raise _OptimumError
         return J
 

@@ -15,11 +15,11 @@ from model.transcription.system import System, system
 class Meshes:
     """The equations of arms that differ by numbers, on meshes of a refinement.
 
-    With `machine_code` their kernels are compiled.
+    With `machine_code` their kernels are compiled; elements have so many `stages`.
     """
 
-    def __init__(self, refinement: int, machine_code: bool = False) -> None:
-        self.refinement, self.machine_code = refinement, machine_code
+    def __init__(self, refinement: int, machine_code: bool = False, stages: int = STAGES) -> None:
+        self.refinement, self.machine_code, self.stages = refinement, machine_code, stages
         self._first: tuple[Mesh, Array, Array] | None = None
 
     def system(self, arm: Arm, scene: Scene, at: tuple[float, ...]) -> System:
@@ -36,7 +36,7 @@ class Meshes:
                     arm,
                     scene,
                     moved_mesh(mesh, old, marks),
-                    STAGES,
+                    self.stages,
                     machine_code=self.machine_code,
                 )
             except InputError:
@@ -45,7 +45,7 @@ class Meshes:
                 keep_sign(found.base, base)
                 return found
         places = tuple(np.unique(at).tolist())
-        form = (STAGES, self.refinement, places, True, self.machine_code)
+        form = (self.stages, self.refinement, places, True, self.machine_code)
         found = system(arm, scene, *form)
         self._first = found.mesh, marks, found.base
         return found
