@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from model.text import columns
+from planner.avoidance.asked import told
+from planner.besides import Besides
 
 KKT_TOLERANCE = 1e-6
 # Of the least eigenvalue, which another mesh has with other digits.
@@ -36,14 +38,12 @@ class Certificate:
     error : estimated tip error of the check, over L
     stability : least eigenvalue of the scaled Hessian of the energy; below 0 the arm does not stand
     stability_margin : the least that is accepted
-    load_factor : times its loads at which the arm yields, tensions held: infinite if that is
-        more than MOST_LOADS, None without loads
     scheme : the integrator of the check
     tolerance : what equality, inequality and agreement are held to
     problem : why the check could not be made, if so
-    gaps : least distance of the arm's surface from each thing it can meet [m]; see model.clearance
-    least_gaps : the distance asked for of some of them [m]
-    nearest : the nearest of them, in words
+    gaps_asked : least distance of the arm's surface from each thing that was asked about [m]
+    least_gaps : the distance asked for of these [m]
+    besides : what is no part of the verdict: other gaps, the load factor
     units : of these by name: "L" of lengths over the arm's, "rad"
     """
 
@@ -56,16 +56,36 @@ class Certificate:
     error: float = np.inf
     stability: float = np.inf
     stability_margin: float = 0.0
-    load_factor: float | None = None
     scheme: str = ""
     tolerance: float = 1e-6
     problem: str = ""
-    gaps: Mapping[str, float] = field(default_factory=dict)
+    gaps_asked: Mapping[str, float] = field(default_factory=dict)
     least_gaps: Mapping[str, float] = field(default_factory=dict)
-    nearest: str = ""
+    besides: Besides = field(default_factory=Besides)
     units: Mapping[str, str] = field(default_factory=dict)
     strokes: float = 0.0
     complementarity: float | None = None
+
+    @property
+    def gaps(self) -> Mapping[str, float]:
+        """The least distance of the arm's surface from each thing it can meet [m].
+
+        See model.clearance; found when it is asked for.
+        """
+        return {name: own.gap for name, own in self.besides.clearances.items()}
+
+    @property
+    def nearest(self) -> str:
+        """The nearest of what the arm can meet, in words."""
+        return told(self.besides.clearances) if self.besides.clearances else ""
+
+    @property
+    def load_factor(self) -> float | None:
+        """Times its loads at which the arm yields, tensions held; found when it is asked for.
+
+        Infinite if that is more than MOST_LOADS, None without loads.
+        """
+        return self.besides.load_factor
 
     @property
     def clearance(self) -> float:
@@ -78,16 +98,15 @@ class Certificate:
     @property
     def too_near(self) -> Mapping[str, float]:
         """By how much less than asked the arm is clear of things that were asked about [m]."""
-        lacks = {name: least - self.gaps[name] for name, least in self.least_gaps.items()}
+        lacks = {name: least - self.gaps_asked[name] for name, least in self.least_gaps.items()}
         return {name: lack for name, lack in lacks.items() if lack > 0}
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What was not asked about and yet cannot be, a sentence each."""
-        found = [name for name, gap in self.gaps.items() if gap < 0 and name not in self.least_gaps]
-        return tuple(
-            f"the arm passes through {name} by {-1e3 * self.gaps[name]:.3g} mm" for name in found
-        )
+        gaps = self.gaps.items()
+        found = [(name, gap) for name, gap in gaps if gap < 0 and name not in self.least_gaps]
+        return tuple(f"the arm passes through {name} by {-1e3 * gap:.3g} mm" for name, gap in found)
 
     @property
     def residual(self) -> float:

@@ -9,14 +9,14 @@ import numpy as np
 
 from model.arm import Arm
 from model.centreline import Centreline
-from model.clearance import clearances
+from model.clearance import KINDS, clearances
 from model.contact.stability import held_stability
 from model.effects import PrintedStatics
 from model.equilibrium.forward import STAGES, Collocation
 from model.equilibrium.integration import SCHEME
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.load_stepping import Followed, follow_on
-from model.equilibrium.stability import least_eigenvalue, stability
+from model.equilibrium.stability import least_eigenvalue, stability, stands
 from model.equilibrium.verification import verified
 from model.errors import OctoplanError
 from model.forward import by_collocation
@@ -29,7 +29,8 @@ from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
 from model.time_limit import OutOfTime
-from planner.avoidance.asked import NOTHING, Surroundings, told
+from planner.avoidance.asked import NOTHING, Surroundings
+from planner.besides import Besides
 from planner.certificate import MOST_LOADS, Certificate
 from planner.contact.grasp import left_of
 from planner.measure import compliances_along, measure, measured_units
@@ -78,8 +79,8 @@ def certify(
         shape = settled()
         stations, sharp = stations_of(arm, targets), max(_SHARPER * tolerance, FINEST_ACCURACY)
         check = _printed if printed else _integrated
-        poses, tip, error, stands, load_factor, line = check(shape, stations, sharp)
-        gaps = clearances(line, surroundings.obstacles)
+        poses, tip, error, least, line = check(shape, stations, sharp)
+        asked = clearances(line, surroundings.obstacles, surroundings.least)
     except (OctoplanError, OutOfTime) as reason:
         why = _LATE if isinstance(reason, OutOfTime) else str(reason)
         return Certificate(bounds=excess, scheme=scheme, tolerance=tolerance, problem=why)
@@ -95,14 +96,16 @@ def certify(
         kkt,
         math.dist(tip, shape.tip) / arm.length,
         error,
-        stands,
+        least,
         stability_margin,
-        load_factor,
         scheme,
         tolerance,
-        gaps={name: clear.gap for name, clear in gaps.items()},
+        gaps_asked={name: clear.gap for name, clear in asked.items()},
         least_gaps=surroundings.least,
-        nearest=told(gaps),
+        besides=Besides(
+            lambda: asked | clearances(line, surroundings.obstacles, KINDS - asked.keys()),
+            lambda: _load_factor(shape),
+        ),
         units=measured_units(arm, targets),
         strokes=_stroke_excess(shape, limits),
         complementarity=_violation(shape, line) if contacts(scene) else None,
@@ -129,8 +132,8 @@ def _stroke_excess(shape: Shape, limits: Limits) -> float:
     return over / shape.arm.length
 
 
-# Poses at the stations (K, 7), the tip (3,), its estimated error, stability, load factor, midline.
-Checked = tuple[Array, Array, float, float, float | None, Centreline]
+# Poses at the stations (K, 7), the tip (3,), its estimated error, stability, midline.
+Checked = tuple[Array, Array, float, float, Centreline]
 
 
 def _integrated(shape: Shape, stations: tuple[float, ...], accuracy: float) -> Checked:
@@ -150,15 +153,17 @@ def _integrated(shape: Shape, stations: tuple[float, ...], accuracy: float) -> C
     places = [forward.mesh.node(s) for s in stations]
     line = Centreline.at_states(forward.system, found.here.states)
     if not is_loaded(shape.scene):
-        stands = stability(found.here)
-        return poses[places], poses[-1, 4:], found.error, stands, None, line
+        return poses[places], poses[-1, 4:], found.error, stability(found.here), line
     # Whether it stands does not take a fine mesh, how well it does takes one.
+    rough = _rough(shape)
+    least = least_eigenvalue(found.here) if stands(rough) else stability(rough)
+    return poses[places], poses[-1, 4:], found.error, least, line
+
+
+def _rough(shape: Shape) -> Linearised:
+    """Return the equilibrium of a shape on the coarsest mesh."""
     form = (STAGES, 1, (), True, shape.machine_code)
-    rough = Collocation(shape.arm, shape.scene, *form).found(shape.tensions, shape.known)
-    least = stability(rough)
-    stands = least_eigenvalue(found.here) if least > 0 else least
-    bears = _load_factor(rough, shape)
-    return poses[places], poses[-1, 4:], found.error, stands, bears, line
+    return Collocation(shape.arm, shape.scene, *form).found(shape.tensions, shape.known)
 
 
 def _in_contact(shape: Shape, stations: tuple[float, ...], accuracy: float) -> Checked:
@@ -169,7 +174,7 @@ def _in_contact(shape: Shape, stations: tuple[float, ...], accuracy: float) -> C
     system, states = here.system, found.here.states
     poses, line = system.poses(states), Centreline.at_states(system, states)
     places = [system.mesh.node(s) for s in stations]
-    return poses[places], poses[-1, 4:], found.error, held_stability(here), None, line
+    return poses[places], poses[-1, 4:], found.error, held_stability(here), line
 
 
 def _violation(shape: Shape, line: Centreline) -> float:
@@ -185,9 +190,14 @@ def _violation(shape: Shape, line: Centreline) -> float:
     return max(worst, 0.0)
 
 
-def _load_factor(here: Linearised, shape: Shape) -> float:
-    """Return how many times its loads an arm bears, infinite if more than it is followed."""
-    end = follow_on(Followed(here, 1.0, ""), MOST_LOADS, _YIELDS)
+def _load_factor(shape: Shape) -> float | None:
+    """Return how many times its loads an arm bears, infinite if more than it is followed.
+
+    None without loads, and of an arm in contact.
+    """
+    if not is_loaded(shape.scene) or contacts(shape.scene):
+        return None
+    end = follow_on(Followed(_rough(shape), 1.0, ""), MOST_LOADS, _YIELDS)
     return end.load if end.why else np.inf
 
 
@@ -196,4 +206,4 @@ def _printed(shape: Shape, stations: tuple[float, ...], accuracy: float) -> Chec
     asked = (shape.arm, shape.tensions, shape.scene, accuracy, _PRINTED)
     check = settle(*asked, compile=shape.machine_code)
     poses, line = check.poses(np.array(stations)), Centreline.of(check)
-    return poses, check.tip, check.error, np.inf, None, line
+    return poses, check.tip, check.error, np.inf, line

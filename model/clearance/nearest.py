@@ -30,6 +30,7 @@ from model.shape import Shape
 # Pieces to begin with; how close the bound comes, over L and over the clearance; the most pieces.
 _PIECES, _CLOSE, _RELATIVE, _MOST = 32, 2e-5, 1e-2, 3000
 OBSTACLES, BASE, ITSELF = "obstacles", "the far side of its base plane", "itself"
+KINDS = frozenset({OBSTACLES, BASE, ITSELF})
 
 
 @dataclass(frozen=True)
@@ -75,17 +76,19 @@ def clearance_of(line: Centreline, obstacles: Sequence[Obstacle] = ()) -> Cleara
 def clearances(
     line: Centreline,
     obstacles: Sequence[Obstacle] = (),
-    of: Collection[str] = (OBSTACLES, BASE, ITSELF),
+    of: Collection[str] = KINDS,
 ) -> dict[str, Clearance]:
     """Return how clear the arm of a centreline is of OBSTACLES, BASE and ITSELF, each by name."""
-    pieces, kinds = _pieces(line), _kinds(obstacles)
-    return {name: _bounded(pieces, kinds[name]) for name in of if name in kinds}
+    kinds = _kinds(obstacles)
+    looked = [name for name in of if name in kinds]
+    pieces = _pieces(line) if looked else None
+    return {} if pieces is None else {name: _bounded(pieces, kinds[name]) for name in looked}
 
 
 def rough_gaps(
     line: Centreline,
     obstacles: Sequence[Obstacle] = (),
-    of: Collection[str] = (OBSTACLES, BASE, ITSELF),
+    of: Collection[str] = KINDS,
 ) -> tuple[dict[str, float], Array]:
     """Return lower bounds of distances [m] by name, and nodes (K, 3) of the midline [m].
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 import msgspec
@@ -195,13 +195,12 @@ def _winches(plan: Any) -> tuple[Any, Any, dict[str, float] | None]:
 
 
 def _certificate(certificate: Any) -> CertificateRecord:
-    finite = {k: _finite(v) for k, v in asdict(certificate).items()}
-    clearance = _finite(certificate.clearance)
-    return CertificateRecord(passed=certificate.passed, clearance=clearance, **finite)
+    names = (name for name in CertificateRecord.__struct_fields__)
+    return CertificateRecord(**{name: _finite(getattr(certificate, name)) for name in names})
 
 
 def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
+    if isinstance(value, Mapping):
         return {name: _finite(own) for name, own in value.items()}
     return None if isinstance(value, float) and not np.isfinite(value) else value
 
