@@ -8,17 +8,20 @@ as accurate as what is read off at them.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
 from model.cross_section.law import forces, moments
 from model.cross_section.sections import Sections
 from model.loads import beyond
+from model.machine.buffered import Mapped
+from model.machine.compiled import kernels
 from model.paths import Array
 from model.rotations import matrices
 from model.stations import Counts
 from model.transcription.collocation import gauss
-from model.transcription.element import element
+from model.transcription.element import Form, element
 from model.transcription.kernel import Kernel
 from model.transcription.layout import POSE
 from model.transcription.numbers import element_numbers
@@ -33,6 +36,14 @@ def poses_and_strains(system: System, x: Array, s: Array) -> tuple[Array, Array]
     inside = _Parts(system, x, s)
     g, w = inside.ends()
     return g, inside.strains(g, w)
+
+
+@lru_cache(maxsize=32)
+def _element(form: Form) -> tuple[Mapped, Mapped]:
+    """Return the residuals of an element and the nonzeros of their Jacobian, of many at once."""
+    own = element(form)
+    value, jacobian = kernels([own.value, own.jacobian[0]], form.machine_code)
+    return Mapped(value), Mapped(jacobian)
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,20 +91,22 @@ class _Parts:
         pulls = self._pulls(sections)
         v = self._interpolated(gauss(m).c[None, :] * self.share[:, None]).reshape(N * m, n)
         ends = np.repeat(self.end, m)
-        c = element_numbers(self.system.arm, self.system.scene, form, self.at, self.h, ends)
+        c = element_numbers(self.system.arm, self.system.scene, form, self.at, self.h, ends).T
         load = self.x[self.system.of.n_tendons]
-        known = np.vstack([np.full((int(form.loaded), N), load), node.T])
-        free = len(known) + np.arange(m * n + POSE + w)
+        known = np.hstack([np.full((N, int(form.loaded)), load), node])
+        first = known.shape[1]
+        free = first + np.arange(m * n + POSE + w)
         pressed = self._pressures(node) if form.pressed else []
         next_node = node.copy()
-        function, i, j = element(form).jacobian
+        value, jacobian = _element(form)
+        _, i, j = element(form).jacobian
         for _ in range(_STEPS):
-            y = np.vstack([known, v.reshape(N, -1).T, next_node.T])
-            r = np.array(element(form).value.map(N)(y, c)).T
-            J = np.zeros((N, r.shape[1], len(y)))
-            J[:, i, j] = np.array(function.map(N)(y, c)).T
+            y = np.hstack([known, v.reshape(N, -1), next_node])
+            (r,) = value(y, c)
+            J = np.zeros((N, r.shape[1], y.shape[1]))
+            J[:, i, j] = jacobian(y, c)[0]
             for press in pressed:
-                press.add(r, J, v.reshape(N, -1), len(known))
+                press.add(r, J, v.reshape(N, -1), first)
             found, slopes = sections.wrench(v, pulls)
             r[:, w : w + m * n] += found.reshape(N, -1)
             for k in range(m):
@@ -140,7 +153,8 @@ class _Parts:
 
     def _sections(self, s: Array, active: Counts) -> Sections:
         system = self.system
-        return Sections(system.arm, system.scene, system.of.form.law, s, active)
+        form = system.of.form
+        return Sections(system.arm, system.scene, form.law, s, active, form.machine_code)
 
     def _interpolated(self, x: Array) -> Array:
         """Return the stages' polynomials (N, k, n) at shares x (N, k) of their elements."""

@@ -46,7 +46,8 @@ def line_of(problem: Problem, T: Array, accuracy: float) -> Centreline | None:
             return Centreline.of(settle(problem.arm, T, problem.scene, accuracy))
         mesh = problem.statement.refinement
         places = tuple(Avoidance(()).stations(problem.arm))
-        forward = Collocation(problem.arm, problem.scene, STAGES, mesh, places)
+        form = STAGES, mesh, places, True, problem.machine_code
+        forward = Collocation(problem.arm, problem.scene, *form)
         return Centreline.at_states(forward.system, forward.found(T).states)
     except OctoplanError:
         return None

@@ -6,6 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal, get_args
 
+import numpy as np
+
 from model.checks import within
 from model.errors import InputError
 from model.shape import Shape
@@ -88,7 +90,8 @@ def _urdf(shape: Shape, name: str, links: int) -> dict[str, bytes]:
 
 def _mesh(shape: Shape, suffix: str, along: int, around: int) -> bytes:
     trimesh = needed("trimesh", "mesh")
-    vertices, faces = surface(shape, along, around)
+    s = np.linspace(0.0, shape.arm.length, along)
+    vertices, faces = surface(shape.arm, s, shape.poses(s), around)
     mesh: Any = trimesh.Trimesh(vertices, faces, process=False)
     content = mesh.export(file_type=suffix[1:])
     return content.encode() if isinstance(content, str) else bytes(content)

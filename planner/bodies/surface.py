@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from model.arm import Arm
 from model.paths import Array
 from model.rotations import matrices
-from model.shape import Shape
 
 
-def surface(shape: Shape, along: int, around: int) -> tuple[Array, NDArray[np.int64]]:
+def surface(arm: Arm, s: Array, poses: Array, around: int) -> tuple[Array, NDArray[np.int64]]:
     """Return the surface of the body: closed, its triangles turned outwards.
 
     Rings of points about the midline, across its frames, with a flat end at base and tip. Cross-
@@ -18,8 +18,10 @@ def surface(shape: Shape, along: int, around: int) -> tuple[Array, NDArray[np.in
 
     Parameters
     ----------
-    along, around : int
-        Rings, and points in each.
+    s, poses : (along,), (along, 7)
+        Arc lengths of the rings from base to tip [m], and the midline's poses there.
+    around : int
+        Points in each ring.
 
     Returns
     -------
@@ -28,13 +30,12 @@ def surface(shape: Shape, along: int, around: int) -> tuple[Array, NDArray[np.in
     faces : (2 * along * around, 3)
         Which three vertices make each triangle.
     """
-    s = np.linspace(0.0, shape.arm.length, along)
-    poses, radius = shape.poses(s), shape.arm.radius.evaluate(s, shape.arm.length)[0]
+    radius = arm.radius.evaluate(s, arm.length)[0]
     places, frames = poses[:, 4:], matrices(poses[:, :4])
     phi = 2 * np.pi * np.arange(around) / around
     circle = np.stack([np.zeros_like(phi), np.cos(phi), np.sin(phi)])
     rings = places[:, None] + radius[:, None, None] * np.swapaxes(frames @ circle, 1, 2)
-    return np.vstack([rings.reshape(-1, 3), places[[0, -1]]]), _faces(along, around)
+    return np.vstack([rings.reshape(-1, 3), places[[0, -1]]]), _faces(s.size, around)
 
 
 def _faces(along: int, around: int) -> NDArray[np.int64]:

@@ -44,7 +44,7 @@ def picture(shape: Shape, most: Array) -> Picture:
     poses = shape.poses(s)
     places, frames = poses[:, 4:], matrices(poses[:, :4])
     pieces, colours = _tendons(shape, s, places, frames, most)
-    return Picture(*surface(shape, _ALONG, _AROUND), pieces, colours)
+    return Picture(*surface(shape.arm, s, poses, _AROUND), pieces, colours)
 
 
 def tension_colour(tension: float, most: float) -> tuple[int, int, int]:

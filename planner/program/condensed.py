@@ -48,6 +48,19 @@ class Condensed:
         self._last.here = self._last.settled = None
         self._last.near = near
 
+    def lifted(self, a: Array, known: Known, p: Array) -> Array:
+        """Return all unknowns with the states of an equilibrium nearby, as this mesh has them."""
+        same = known.system is self.forward.system
+        T = np.maximum(a[: self._unit(p).size] * self._unit(p), 0.0)
+        x = self.whole(a, known.states if same else self.forward.carried(T, known), p)
+        x[: self.n] = a
+        return x
+
+    def begin_at(self, x: Array, p: Array) -> None:
+        """Begin with the states in unknowns x: what is found next is near them."""
+        self.forget()
+        self._last.here = self._linearised(x, p)
+
     def apart(self) -> Condensed:
         """Return the same with a memory of its own, which begins with what was found last."""
         other = Condensed(self.program, self.forward, self.states)
@@ -84,11 +97,7 @@ class Condensed:
 
     def at(self, x: Array, p: Array) -> Reduced | None:
         """Return values and first derivatives at all unknowns; None where they are singular."""
-        system = self.forward.system
-        T = np.maximum(x[: system.of.n_tendons] * self._unit(p), 0.0)
-        scale = self.states.scale[1 : 1 + system.of.n_states]
-        states = x[self.program.blocks.states] * scale
-        return self._reduced(x, p, Linearised(system, system.x(T, 1.0, states)))
+        return self._reduced(x, p, self._linearised(x, p))
 
     def curvature(self, here: Reduced, p: Array, sigma: float, lam: Array) -> tuple[Array, Array]:
         """Return the Hessian (n, n) of sigma f + lam . g, and the slope that states off add."""
@@ -162,6 +171,14 @@ class Condensed:
         for k, value in enumerate(values):
             x[blocks.mode(k)] = y[:, k] / self.states.scale[1 : 1 + states.size]
             x[blocks.mode(k).stop] = value
+
+    def _linearised(self, x: Array, p: Array) -> Linearised:
+        """Return the equations of equilibrium linearised at unknowns x."""
+        system = self.forward.system
+        T = np.maximum(x[: system.of.n_tendons] * self._unit(p), 0.0)
+        scale = self.states.scale[1 : 1 + system.of.n_states]
+        states = x[self.program.blocks.states] * scale
+        return Linearised(system, system.x(T, 1.0, states))
 
     def _unit(self, p: Array) -> Array:
         """Return what one unit of each tension is worth [N]."""
