@@ -38,8 +38,10 @@ _ROUGH, _FINE = 1, 2
 _CLOSER = 0.1
 # First guesses of the free arm, and bends towards a target by so many times the natural tensions.
 _FREE, _BENDS = 3, (0.3, 1.0, 2.0)
-# Bends that may press on what is held, harder and harder.
-_HARDER = tuple((0.25 * 1.5 ** np.arange(12)).tolist())
+# Bends that may press on what is held, harder and harder; how many are begun with.
+_HARDER, _PRESSED = tuple((0.25 * 1.5 ** np.arange(12)).tolist()), 4
+# Efforts of optima that are one: starts are enough where two lead there.
+_SAME = 1e-5
 
 
 def check_contact(task: Task, avoids: bool) -> None:
@@ -86,7 +88,7 @@ class ContactSearch:
             with time_limit(seconds):
                 for way in self._ways():
                     found += self._from(way)
-                    if way == self.begin and self._met(found):
+                    if (way == self.begin and self._met(found)) or self._agree(found):
                         break
                 best = self._finished(found) if found else None
         except OutOfTime:
@@ -110,6 +112,11 @@ class ContactSearch:
 
     def _met(self, found: list[Led]) -> list[Led]:
         return [own for own in found if own.optimum.lacks < self._close]
+
+    def _agree(self, found: list[Led]) -> bool:
+        """Return whether two starts led to one optimum, the best so far."""
+        efforts = sorted(own.optimum.effort for own in self._met(found))
+        return len(efforts) > 1 and efforts[1] <= efforts[0] * (1 + _SAME)
 
     def _best(self, found: list[Led]) -> Led | None:
         """Return the optimum of least effort of those that meet the targets, else the nearest."""
@@ -164,32 +171,43 @@ class ContactSearch:
     def _starts(self) -> list[Array]:
         """Return tensions to begin with: of the free arm, and bends towards targets."""
         task, found = self.task, list[Array]()
+        natural = np.minimum(natural_tensions(task.arm), np.array(task.allowed.upper))
+        towards = self._towards(natural)
+        if any(isinstance(target, Hold) for target in task.targets):
+            found += self._pressing(towards)
+        if not all(isinstance(target, Hold) for target in task.targets):
+            with suppress(OctoplanError):
+                found.append(self._free())
+        return found + [share * own for own in towards for share in _BENDS]
+
+    def _free(self) -> Array:
+        """Return the tensions of the arm that meets the targets without contact."""
+        task = self.task
         effects = (e for e in task.scene.effects if not isinstance(e, Contact))
         free = replace(task, scene=Scene(*effects), starts=_FREE)
         bodies = tuple(own.obstacle for own in contacts(task.scene))
-        with suppress(OctoplanError):
-            if any(isinstance(target, Wrap) for target in task.targets):
-                led = Around(free, Surroundings(bodies)).run(None)[0]
-            else:
-                led = Search(free).run()
-            found.append(np.ravel(led.tensions))
-        natural = np.minimum(natural_tensions(task.arm), np.array(task.allowed.upper))
-        holds = any(isinstance(target, Hold) for target in task.targets)
-        bends = _HARDER if holds else _BENDS
-        found += [share * own for own in self._towards(natural) for share in bends]
-        return self._nearest(found) if holds else found
+        if any(isinstance(target, Wrap) for target in task.targets):
+            return np.ravel(Around(free, Surroundings(bodies)).run(None)[0].tensions)
+        return np.ravel(Search(free).run().tensions)
 
-    def _nearest(self, starts: list[Array]) -> list[Array]:
-        """Return those that lack least where they come to rest, a hold only where they touch."""
-        program, found = _program(self.task, _ROUGH), list[tuple[float, int]]()
-        for i, T in enumerate(starts):
-            check_time()
-            try:
-                T = np.clip(T, program.lower, program.upper)
-                found.append((lacking(program.evaluate(T, None, None)), i))
-            except OctoplanError:
-                continue
-        return [starts[i] for _, i in sorted(found)]
+    def _pressing(self, directions: list[Array]) -> list[Array]:
+        """Return the bends that press on what is held so that least is lacking.
+
+        Each direction is followed from rest, harder and harder, up to where the arm jumps: beyond
+        it has slipped off.
+        """
+        program, found = _program(self.task, _ROUGH), list[tuple[float, Array]]()
+        for own in directions:
+            near: SettledTerms | None = None
+            for share in _HARDER:
+                check_time()
+                T = np.clip(share * own, program.lower, program.upper)
+                try:
+                    near = program.evaluate(T, near, None)
+                except OctoplanError:
+                    break
+                found.append((lacking(near), T))
+        return [T for _, T in sorted(found, key=lambda one: one[0])[:_PRESSED]]
 
     def _towards(self, natural: Array) -> list[Array]:
         """Return the natural tensions of the tendons on the sides of what targets are about."""
