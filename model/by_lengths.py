@@ -10,7 +10,7 @@ import numpy as np
 
 from model.arm import Arm
 from model.contact.forward import TouchingMap
-from model.equilibrium.complementarity import determined, unfelt
+from model.equilibrium.complementarity import ROUNDING, least, unfelt
 from model.equilibrium.forward import Collocation, Known
 from model.equilibrium.hold import HeldLengths
 from model.equilibrium.linearised import Linearised
@@ -23,9 +23,10 @@ from model.transcription.kernel import Places
 from model.unloaded.by_lengths import NEARLY, Found, UnloadedLengths
 from model.winches import Winches
 
-# Newton steps to rounding; one does where it changes tensions by no more than this share, and no
-# rigid winches are needed where all combinations of tensions change lengths by such a share.
-_TIGHTENED, _LAST, _FIRM = 2, 1e-7, 1e-5
+# Newton steps to rounding, more where lengths hardly feel some combinations of tensions; one does
+# that changes tensions by no more than this share. All are felt that change lengths by such a share
+# of what others do; then rigid winches are not needed.
+_TIGHTENED, _WEAK, _LAST, _FIRM = 2, 12, 1e-7, 1e-5
 
 
 class OnMesh(NamedTuple):
@@ -139,27 +140,35 @@ class GivenLengths:
 def _tightened(here: Linearised, hold: HeldLengths) -> Linearised:
     """Return an equilibrium with its weakly determined tensions found as well, to rounding.
 
-    By Newton steps in all unknowns; combinations of tensions that no length feels stay as they are.
+    By Newton steps in all unknowns; of combinations of tensions that no length feels the least are
+    found.
     """
-    system, winches, T = here.system, hold.winches, here.tensions
-    left = winches.lacks(here.lengths, T)
-    tight = np.flatnonzero(winches.held & ((T > 0) | (left <= NEARLY * system.arm.length)))
-    if unfelt(_by_tensions(here, winches, tight), _FIRM).size:
-        here = newton(system, T, 1.0, here.states, hold=hold) or here
-    taut = np.flatnonzero(winches.held & (here.tensions > 0))
-    for _ in range(_TIGHTENED):
+    system, winches = here.system, hold.winches
+    tight = _tight(here, winches)
+    weak = bool(unfelt(_by_tensions(here, winches, tight), _FIRM).size)
+    if weak:
+        here = newton(system, here.tensions, 1.0, here.states, hold=hold) or here
+    for _ in range(_WEAK if weak else _TIGHTENED):
         at = Linearised(system, here.x)
         change, now = -at.solve(at.residual), at.tensions
-        lacks = winches.lacks(at.lengths + at.length_slopes @ change, now)[taut]
-        M, after = _by_tensions(at, winches, taut), now.copy()
-        after[taut] = determined(M, lacks, now[taut], T[taut])
-        if after.min(initial=0.0) < 0:
-            break
+        tight = _tight(at, winches)
+        left = winches.lacks(at.lengths + at.length_slopes @ change, now)[tight]
+        after = now.copy()
+        after[tight] = least(
+            _by_tensions(at, winches, tight), left, now[tight], ROUNDING * system.arm.length
+        )
         change += at.by_tensions @ (after - now)
         here = Linearised(system, system.x(after, 1.0, at.states + change), at)
         if np.abs(after - now).max(initial=0.0) <= _LAST * after.max(initial=0.0):
             break
-    return here
+    return (newton(system, here.tensions, 1.0, here.states) if weak else None) or here
+
+
+def _tight(here: Linearised, winches: Winches) -> Places:
+    """Return the tendons that winches hold which are taut, or as long as these leave."""
+    left = winches.lacks(here.lengths, here.tensions)
+    near = left <= NEARLY * here.system.arm.length
+    return np.flatnonzero(winches.held & ((here.tensions > 0) | near))
 
 
 def _by_tensions(at: Linearised, winches: Winches, taut: Places) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import nnls
 
 from model.paths import Array
 
@@ -11,8 +12,10 @@ from model.paths import Array
 _BLOCKS = 8
 # Rounding, against the largest number of its kind.
 _TINY = 1e-14
-# Combinations of tensions that change lengths by less than this share of what others do.
-_IDLE = 1e-15
+# What rounding leaves of lengths, over the arm's length.
+ROUNDING = 1e-13
+# A residual as small says that inequalities exclude each other.
+_APART = 1e-9
 
 
 def complementary(M: Array, q: Array, taut: NDArray[np.bool_]) -> Array | None:
@@ -48,15 +51,45 @@ def complementary(M: Array, q: Array, taut: NDArray[np.bool_]) -> Array | None:
     return None
 
 
-def determined(M: Array, w: Array, z: Array, least: Array) -> Array:
-    """Return z (n,) after a Newton step to w = 0, w (n,) changing with z as M (n, n) says.
+def least(M: Array, w: Array, z: Array, rounding: float) -> Array:
+    """Return z >= 0 (n,) after a Newton step to w = 0, w (n,) changing with z as M (n, n) says.
 
-    Combinations that M does not feel are as `least` has them.
+    Of the z that w does not tell apart, but for its `rounding`, those of least norm. A step that
+    would lead below 0 ends there; what is at 0 and would go below stays.
+    """
+    own = np.ones(z.size, dtype=bool)
+    while own.any():
+        found = np.where(own, 0.0, z)
+        found[own] = _least(M[np.ix_(own, own)], w[own], z[own], rounding)
+        blocked = own & (found < 0) & (z <= 0)
+        if not blocked.any():
+            below = found < 0
+            share = np.min(z[below] / (z[below] - found[below]), initial=1.0)
+            return np.asarray(np.maximum(z + share * (found - z), 0.0))
+        own &= ~blocked
+    return z
+
+
+def _least(M: Array, w: Array, z: Array, rounding: float) -> Array:
+    """Return z of least norm after the step; below 0 where no such z avoids it.
+
+    Least distance programming: Lawson and Hanson, Solving Least Squares Problems (1974), 23.4.
     """
     left, values, right = np.linalg.svd(M)
-    felt = values > _IDLE * values.max(initial=0.0)
-    change = right[felt].T @ ((left[:, felt].T @ -w) / values[felt])
-    return np.asarray(z + change - right[~felt].T @ (right[~felt] @ (z - least)))
+    felt = values * np.abs(z).max() > rounding
+    found = z + right[felt].T @ ((left[:, felt].T @ -w) / values[felt])
+    idle = right[~felt]
+    found = found - idle.T @ (idle @ found)
+    size = float(np.abs(found).max(initial=0.0))
+    if not len(idle) or found.min() >= 0:
+        return np.asarray(found)
+    E = np.vstack([idle, -found / size])
+    f = np.eye(len(E))[-1]
+    r = E @ nnls(E, f)[0] - f
+    if np.linalg.norm(r) <= _APART:
+        return np.asarray(found)
+    raised = found - idle.T @ (r[:-1] / r[-1] * size)
+    return np.asarray(np.where(np.abs(raised) <= _TINY * size, 0.0, raised))
 
 
 def unfelt(M: Array, share: float) -> Array:

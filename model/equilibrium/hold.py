@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from model.equilibrium.complementarity import complementary
+from model.equilibrium.complementarity import complementary, unfelt
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.stability import stands, unstable_modes
 from model.paths import Array
@@ -15,9 +15,9 @@ from model.winches import GIVE, Winches, least_give
 
 # Steps far from the lengths are damped in the combinations of tensions that hardly change these.
 _DAMPED = 0.01
-# So near to the lengths, over the arm's length, steps are as if winches were rigid but for a share
-# of the least give: the give slows down what lengths hardly determine.
-_NEAR, _RIGID = 1e-9, 1e-6
+# Combinations of tensions that change lengths by less than this share of what others do are left:
+# rounding would drive them.
+_WEAK = 1e-8
 
 
 class Hold(Protocol):
@@ -88,18 +88,17 @@ class HeldLengths:
     def tensions(self, here: Linearised, change: Array, now: Array) -> Array | None:
         """See Hold.tensions."""
         arm, held, T = here.system.arm, self.winches.held, now[self.winches.held]
-        M, lengths = self._matrix(here, 1.0), here.lengths + here.length_slopes @ change
+        M, lengths = self._matrix(here), here.lengths + here.length_slopes @ change
         lacks = self.winches.lacks(lengths, now)[held]
         off = float(np.abs(np.minimum(lacks, np.diag(M) * T)).max(initial=0.0))
         soft = least_give(arm) / GIVE
-        damping = _DAMPED * off / (T.max(initial=0.0) + off / soft) if off else 0.0
-        found = None
-        for share in (_RIGID, 1.0) if off <= _NEAR * arm.length else (1.0,):
-            M = self._matrix(here, share) + damping * np.eye(T.size)
-            found = complementary(M, lacks - M @ T, T > 0)
-            if found is not None:
-                break
-        else:
+        if off:
+            M = M + _DAMPED * off / (T.max(initial=0.0) + off / soft) * np.eye(T.size)
+        taut = np.flatnonzero(T > 0)
+        idle = unfelt(M[np.ix_(taut, taut)], _WEAK)
+        M[np.ix_(taut, taut)] += soft * idle.T @ idle
+        found = complementary(M, lacks - M @ T, T > 0)
+        if found is None:
             return None
         after = now.copy()
         after[held] = found
@@ -111,7 +110,7 @@ class HeldLengths:
         taut = here.tensions[held] > 0
         longer = (here.length_slopes @ here.by_load)[held][taut]
         places = np.flatnonzero(held)[taut]
-        moved[places] = np.linalg.solve(self._matrix(here, 1.0)[np.ix_(taut, taut)], longer)
+        moved[places] = np.linalg.solve(self._matrix(here)[np.ix_(taut, taut)], longer)
         return moved
 
     def stands(self, here: Linearised) -> bool:
@@ -126,14 +125,14 @@ class HeldLengths:
         if not falls:
             return True
         taut = here.tensions[self.winches.held] > 0
-        own = self._matrix(here, 1.0)[np.ix_(taut, taut)]
+        own = self._matrix(here)[np.ix_(taut, taut)]
         return falls == int((np.linalg.eigvals(own).real < 0).sum())
 
-    def _matrix(self, here: Linearised, share: float) -> Array:
+    def _matrix(self, here: Linearised) -> Array:
         """Return how what is left of held tendons grows with their tensions (n, n) [m/N].
 
-        By a share of the least give, which keeps a step definite and is no part of the equations.
+        By the least give as well, which keeps a step definite and is no part of the equations.
         """
         held = self.winches.held
-        give = self.winches.stretch[held] + share * least_give(here.system.arm)
+        give = self.winches.stretch[held] + least_give(here.system.arm)
         return np.asarray(np.diag(give) - here.length_tension[np.ix_(held, held)])

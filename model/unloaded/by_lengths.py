@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from model.arm import Arm
-from model.equilibrium.complementarity import determined, unfelt
+from model.equilibrium.complementarity import ROUNDING, least, unfelt
 from model.errors import ConvergenceError
 from model.paths import Array
 from model.scene import Scene
@@ -25,6 +25,8 @@ _FADING = (1e-2, 1e-4)
 # Where no combination of tensions changes lengths by less than this share of what others do, one
 # step does.
 _FIRM = 1e-8
+# Else so many steps, of which one does that changes tensions by no more than this share.
+_TIGHTENED, _LAST = 12, 1e-7
 # Slack over the arm's length of tendons that winches which give least may have slackened.
 NEARLY = 1e-9
 # Winches that give more and more like rigid ones, as multiples of the least give, where the least
@@ -96,21 +98,32 @@ class UnloadedLengths:
             raise ConvergenceError(0.0, np.inf, "ask for lengths nearer to those at rest")
         return at
 
-    def _determined(self, least: Lengths) -> Lengths:
+    def _determined(self, found: Lengths) -> Lengths:
         """Return what rigid winches come to, near what winches do that give the least."""
-        found, T = least, least.tensions.copy()
+        T = found.tensions.copy()
         if not unfelt(self._giving.matrix_of(self._tight(found), found), _FIRM).size:
             taut, M, lacks = self._taut(found)
             T[taut] += np.linalg.solve(M, -lacks)
-        else:
-            for share in _FADING:
-                nearer = self._giving.nearer(found, share * self.least)
-                if nearer is None:
-                    return found
-                found = nearer
-            (taut, M, lacks), T = self._taut(found), found.tensions.copy()
-            T[taut] = determined(M, lacks, T[taut], least.tensions[taut])
-        return found if T.min(initial=0.0) < 0 else moved(found, T)
+            return found if T.min(initial=0.0) < 0 else moved(found, T)
+        for share in _FADING:
+            nearer = self._giving.nearer(found, share * self.least)
+            if nearer is None:
+                return found
+            found = nearer
+        for _ in range(_TIGHTENED):
+            tight, T = self._tight(found), found.tensions.copy()
+            left = self.winches.lacks(found.lengths, T)[tight]
+            T[tight] = least(
+                self._giving.matrix_of(tight, found),
+                left,
+                T[tight],
+                ROUNDING * self._giving.arm.length,
+            )
+            done = np.abs(T - found.tensions).max() <= _LAST * T.max(initial=0.0)
+            if done:
+                return moved(found, T)
+            found = self._lengths(T)
+        return found
 
     def _taut(self, at: Lengths) -> tuple[Any, Array, Array]:
         """Return taut tendons, how what is left of them grows with tensions, and what is left."""
