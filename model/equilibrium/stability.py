@@ -13,6 +13,7 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
+from scipy.linalg.lapack import dgesv, dpotrf
 from scipy.sparse import csr_array
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
@@ -56,32 +57,38 @@ def unstable_modes(here: Linearised, most: int | None = None) -> int:
     small = turns(nodes)
     v, nxt = slice(POSE + w, POSE + w + n), POSE + w + n
     after = slice(nxt + POSE, nxt + POSE + w)
-    P, count = _tip(here) @ small[-1], 0
+    moment, stage, quaternion = J[:, :w], J[:, w : w + n], J[:, w + n : w + n + 4]
+    back, turned = 4 * small[1:].transpose(0, 2, 1), small[:-1]
+    # By the turn at the first node and the strains: the turn at the last, the balance of the
+    # stages and that of the node, these two without what lies beyond.
+    on = np.dstack([-back @ (quaternion[:, :, :4] @ turned), -back @ quaternion[:, :, v]])
+    inner = np.dstack([stage[:, :, :4] @ turned, stage[:, :, v]])
+    own = np.dstack([moment[:, :, :4] @ turned, moment[:, :, v]])
+    beyond, passed = stage[:, :, after], moment[:, :, after]
+    held = -np.linalg.inv(moment[:, :, POSE : POSE + w])
     weight = np.repeat(gauss(of.form.stages).b, of.form.strains)[:, None]
+    P, count = _tip(here) @ small[-1], 0
     for k in range(of.elements)[::-1]:
-        rows, back = J[k], 4 * small[k + 1].T
-        moment, stage, quaternion = rows[:w], rows[w : w + n], rows[w + n : w + n + 4]
-        B, A = -back @ quaternion[:, v], -back @ quaternion[:, :4] @ small[k]
-        S = stage[:, v] + stage[:, after] @ P @ B
+        wrench = P @ on[k]
+        K = inner[k] + beyond[k] @ wrench
+        S = K[:, 3:]
         count += _negative(weight * S)
         if most is not None and count > most:
             return count
-        bent = np.linalg.solve(S, stage[:, :4] @ small[k] + stage[:, after] @ P @ A)
-        turned = A - B @ bent
-        P = moment[:, v] @ bent - moment[:, :4] @ small[k] - moment[:, after] @ P @ turned
-        P = np.linalg.solve(moment[:, POSE : POSE + w], P) if w else P
+        *_, bent, singular = dgesv(S, K[:, :3])
+        if singular:
+            raise np.linalg.LinAlgError("a pivot is singular")
+        both = own[k] + passed[k] @ wrench
+        P = held[k] @ (both[:, :3] - both[:, 3:] @ bent)
     return count
 
 
 def _negative(S: Array) -> int:
     """Return how many eigenvalues of a pivot are not positive; all of one that is no number."""
-    if not np.all(np.isfinite(S)):
+    if not np.isfinite(S.sum()):
         return len(S)
-    try:
-        np.linalg.cholesky((S + S.T) / 2)
-    except np.linalg.LinAlgError:
-        return int((np.linalg.eigvals(S).real <= 0).sum())
-    return 0
+    _, lost = dpotrf(S + S.T, overwrite_a=True)
+    return int((np.linalg.eigvals(S).real <= 0).sum()) if lost else 0
 
 
 def turns(q: Array) -> Array:

@@ -48,11 +48,20 @@ class Condensed:
         self._last.here = self._last.settled = None
         self._last.near = near
 
-    def lifted(self, a: Array, known: Known, p: Array) -> Array:
-        """Return all unknowns with the states of an equilibrium nearby, as this mesh has them."""
-        same = known.system is self.forward.system
+    def lifted(self, a: Array, p: Array) -> Array:
+        """Return all unknowns with the states that were found last, or of what is begun near.
+
+        Raises SnapError and UnsettledSectionError where there are none.
+        """
+        last, near = self._last.here, self._last.near
         T = np.maximum(a[: self._unit(p).size] * self._unit(p), 0.0)
-        x = self.whole(a, known.states if same else self.forward.carried(T, known), p)
+        if last is not None:
+            states = last.states
+        elif near is None:
+            states = self.forward.found(T).states
+        else:
+            states = self.forward.carried(T, near)
+        x = self.whole(a, states, p)
         x[: self.n] = a
         return x
 

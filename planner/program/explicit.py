@@ -126,6 +126,13 @@ class Explicit:
     def forget(self, near: Known | None = None) -> None:
         """See Condensed.forget: nothing is kept."""
 
+    def lifted(self, a: Array, p: Array) -> Array:
+        """See Condensed.lifted: there are no states."""
+        return a
+
+    def begin_at(self, x: Array, p: Array) -> None:
+        """See Condensed.begin_at: nothing is kept."""
+
     @property
     def stands(self) -> bool:
         """See Condensed.stands: without loads nothing topples."""

@@ -19,6 +19,7 @@ from model.errors import OctoplanError
 from model.mesh_refinement import FINEST_ACCURACY
 from model.paths import Array
 from model.scene import Scene
+from planner.program.explicit import Explicit
 from planner.program.limits import Limits
 from planner.program.problem import Bounds, Problem, build, units
 from planner.program.statement import Statement
@@ -28,6 +29,7 @@ from planner.solve.ipopt import Solution
 from planner.solve.newton import newton
 from planner.solve.refine import solve_again
 from planner.solve.search_result import SearchResult, Trial
+from planner.solve.sqp import solve_quadratic
 from planner.solve.task import allowed
 from planner.targets.base import Target
 
@@ -89,7 +91,11 @@ def warm_start(
         if found is None:
             return None
     T = problem.tensions(found.x, limits)
-    if problem.stability(found.x, T, states) < statement.margin - _SLACK:
+    if not statement.margin:
+        stands = problem.condensed.stands
+    else:
+        stands = problem.stability(found.x, T, states) >= statement.margin - _SLACK
+    if not stands:
         return None
     return SearchResult(
         statement,
@@ -117,11 +123,13 @@ def _solution(problem: Problem, known: Known, limits: Limits) -> Solution | None
     p = problem.parameters(known.targets, limits)
     x = problem.free(np.ravel(known.tensions), limits)
     lam_x, lam_g = np.array(known.lam_x)[: x.size], np.array(known.lam_g)
-    at = problem.condensed.first(x, p)
-    m = at.g.size
-    if lam_x.shape != x.shape or lam_g.size < m:
+    try:
+        f, g = problem.condensed.value(problem.condensed.lifted(x, p), p)
+    except OctoplanError:
         return None
-    return Solution(x, lam_x, lam_g[:m], at.f, at.g, True, "", 0)
+    if lam_x.shape != x.shape or lam_g.size < g.size:
+        return None
+    return Solution(x, lam_x, lam_g[: g.size], f, g, True, "", 0)
 
 
 def _moved(
@@ -165,13 +173,32 @@ def _near(
     problem: Problem, start: Solution, p: Array, bounds: Bounds, limits: Limits
 ) -> Solution | None:
     """Return the optimum near a start by Newton's method, or else by ipopt; None without one."""
-    found = newton(problem, start, p, bounds)
-    if found is start:
+    begin = _stepped(problem, start, p, bounds)
+    found = newton(problem, begin, p, bounds)
+    if found is begin:
         solved = solve_again(problem, start, p, limits)
-        found = newton(problem, solved, p, bounds) if solved.met and solved.finite else start
-        if found is start or found is solved:
+        found = newton(problem, solved, p, bounds) if solved.met and solved.finite else begin
+        if found is begin or found is solved:
             return None
     return replace(found, f=problem.condensed.first(found.x, p).f)
+
+
+def _stepped(problem: Problem, start: Solution, p: Array, bounds: Bounds) -> Solution:
+    """Return a start brought near the optimum by quadratic programs, where there are states.
+
+    These follow, linearised; Newton's method in the tensions alone settles the arm at each step.
+    """
+    if isinstance(problem.condensed, Explicit):
+        return start
+    try:
+        x = problem.condensed.lifted(start.x, p)
+        solved = solve_quadratic(problem, x, p, bounds, start.lam_g)
+    except OctoplanError:
+        return start
+    if solved is None or not solved.met:
+        return start
+    problem.condensed.begin_at(solved.x, p)
+    return solved.free(problem)
 
 
 def _fine_enough(
