@@ -142,7 +142,7 @@ class Answer:
     @property
     def effort(self) -> float:
         """The norm of the tensions that was made least [N]."""
-        return effort(np.ravel(self.tensions), self.statement.norm)
+        return float(effort(np.ravel(self.tensions), self.statement.norm))
 
     @property
     def agreed(self) -> int:

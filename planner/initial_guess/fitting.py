@@ -129,13 +129,23 @@ class Fitting:
 
     def cost(self, T: Array) -> Array:
         """Return the effort of tensions (m, n_tendons) [N]."""
-        return np.array([effort(one, self.problem.statement.norm) for one in T])
+        return effort(T, self.problem.statement.norm)
 
     def different(self, points: Array, residual: Array) -> list[int]:
         """Return which differ from those before: the cheapest that meet, then the nearest."""
         T, met = self.bends.tensions(points), residual < _MET
-        kept: list[int] = []
-        for i in np.lexsort([np.where(met, self.cost(T), residual), ~met]):
-            if all(np.abs(T[i] - T[j]).max() > _SAME * np.abs(T[i]).max() for j in kept):
-                kept.append(int(i))
-        return kept
+        order = np.lexsort([np.where(met, self.cost(T), residual), ~met])
+        T = T[order]
+        same = _distances(T) <= _SAME * np.abs(T).max(axis=1, keepdims=True)
+        kept = np.zeros(len(T), dtype=bool)
+        for i in range(len(T)):
+            kept[i] = not (same[i] & kept).any()
+        return [int(i) for i in order[kept]]
+
+
+def _distances(T: Array) -> Array:
+    """Return the largest differences (m, m) between rows (m, n)."""
+    found = np.zeros((len(T), len(T)))
+    for column in T.T:
+        np.maximum(found, np.abs(column[:, None] - column), out=found)
+    return found

@@ -10,6 +10,9 @@ from model.paths import Array
 from model.time_limit import check_time
 
 _STEPS, _DONE = 16, 1e-6
+# Of those that are not there yet so many of the farthest are left at each step, but not all: what
+# comes to nothing shows early.
+_LEFT, _FEWEST = 0.2, 16
 # What came nearer by less than this part in so many steps is stuck, and is left where it is.
 _NEARER, _STUCK = 0.3, 4
 _DIFFERENCE = 1e-4
@@ -23,12 +26,15 @@ def least_squares(gaps: Callable[[Array], Array], U: Array) -> tuple[Array, Arra
     Gaps are a function of points (m, n) -> (m, k).
     """
     U, r, damping = U.copy(), gaps(U), np.full(len(U), 1e-2)
-    sizes = [np.linalg.norm(r, axis=1)]
+    sizes, on = [np.linalg.norm(r, axis=1)], np.arange(len(U))
     for _ in range(_STEPS):
         check_time()
-        before = sizes[-1 - _STUCK] if len(sizes) > _STUCK else np.inf
-        on = (sizes[-1] > _DONE) & (sizes[-1] < (1 - _NEARER) * before)
-        if not on.any():
+        size = sizes[-1][on]
+        before = sizes[-1 - _STUCK][on] if len(sizes) > _STUCK else np.inf
+        on = on[(size > _DONE) & (size < (1 - _NEARER) * before)]
+        most = max(_FEWEST, round((1 - _LEFT) ** (len(sizes) - 1) * len(U)))
+        on = np.sort(on[np.argsort(sizes[-1][on], kind="stable")[:most]])
+        if not on.size:
             break
         trial = U[on] + _step(gaps, U[on], r[on], damping[on])
         tried = gaps(trial)

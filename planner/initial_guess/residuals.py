@@ -46,7 +46,7 @@ _sweeps: WeakKeyDictionary[Problem, Mapped] = WeakKeyDictionary()
 def _sweep(problem: Problem) -> Mapped:
     """Return tensions, target numbers -> residuals (k,), least 1 + q, on the coarsest mesh."""
     arm, scene, stations = problem.arm, problem.scene, problem.stations
-    scheme = "magnus6" if "magnus6" in schemes_of(scene) else "rk4"
+    scheme = "magnus4" if "magnus4" in schemes_of(scene) else "rk4"
     forward = explicit_map(arm, scene, scheme, 1, stations, problem.machine_code)
     T, numbers = ca.MX.sym("T", arm.n_tendons), ca.MX.sym("p", problem.terms.size1_in(1))
     poses, stretch = forward.function(T)[:2]
@@ -57,4 +57,11 @@ def _sweep(problem: Problem) -> Mapped:
     equality, soft_residual, inequality, _ = problem.terms(seen, numbers, compliances)
     gaps = ca.vertcat(equality, soft_residual, ca.fmin(inequality, 0))
     found = [ca.densify(gaps), ca.densify(ca.mmin(stretch))]
-    return Mapped(ca.Function("sweep", [T, numbers], found))
+    sweep = ca.Function("sweep", [T, numbers], found)
+    return Mapped(sweep if problem.machine_code else _flat(sweep))
+
+
+def _flat(function: ca.Function) -> ca.Function:
+    """Return a function as one list of scalar instructions, each written once."""
+    given = function.sx_in()
+    return ca.Function(function.name(), given, function.call(given), {"cse": True})

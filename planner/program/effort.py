@@ -14,9 +14,10 @@ Norm = Literal["2", "1", "inf"]
 NORMS: tuple[Norm, ...] = ("2", "1", "inf")
 
 
-def effort(tensions: Array, norm: Norm) -> float:
-    """Return the norm of the tensions [N]."""
-    return float(np.linalg.norm(tensions, {"2": 2, "1": 1, "inf": np.inf}[norm]))
+def effort(tensions: Array, norm: Norm) -> Array:
+    """Return the norms (...) of tensions (..., n_tendons) [N]."""
+    order = {"2": 2, "1": 1, "inf": np.inf}[norm]
+    return np.asarray(np.linalg.norm(tensions, order, axis=-1))
 
 
 def check_norm(norm: Any) -> Norm:
