@@ -1,7 +1,10 @@
 """The poses of a closed form and their derivatives by the tensions, step by step.
 
-CasADi differentiates the strains of one cross-section by its tendons' resultants, and one step by
-the pose before it and the strains e at its nodes. Along the arm the chain rule does the rest: with
+The strains v of a cross-section balance its wrench, w(v, pull) = 0, and move with what its tendons
+pull by the implicit function theorem: v' = -w_v^-1 w_pull, and with e = e(v) and l = w_v^-T e_v^T
+weights the Hessian of weights . e is that of weights . e - l . w along (v', 1). CasADi
+differentiates w, e, and one step by the pose before it and the strains at its nodes. Along the arm
+the chain rule does the rest: with
 A, B the derivatives of a step by pose and strains, E those of strains by the tensions, and H the
 second ones of lam . (pose after the step),
 
@@ -22,11 +25,12 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
+from model.cross_section.law import size
 from model.integrators.magnus import Magnus
 from model.machine.compiled import kernels
 from model.rotations import compose
 from model.stations import base_pose
-from model.unloaded.closed_form import ClosedForm, strain_function, twist
+from model.unloaded.closed_form import ClosedForm, twist
 from model.unloaded.statics import ClosedStatics, closed_statics
 
 # Numbers of a pose; of the strains at a node: xi, k, q.
@@ -34,9 +38,14 @@ _POSE, _STRAINS = 7, 3
 
 
 class CondensedSteps:
-    """Poses at some nodes of a closed form, by tensions, and their derivatives."""
+    """Poses at some nodes of a closed form and 1 + q at some of its places, with derivatives.
 
-    def __init__(self, forward: ClosedForm, nodes: list[int], machine_code: bool) -> None:
+    All are functions of the tensions; `slim` are places among the closed form's `stretch_at`.
+    """
+
+    def __init__(
+        self, forward: ClosedForm, nodes: list[int], slim: list[int], machine_code: bool
+    ) -> None:
         arm, scheme = forward.arm, forward.scheme
         self.n, self.steps, self._seen = arm.n_tendons, max([*nodes, 1]), nodes
         self._m = len(scheme.nodes)
@@ -49,38 +58,64 @@ class CondensedSteps:
         self._data = ca.DM(forward.data[:count].T)
         self._h = ca.DM(np.diff(forward.mesh.s)[None, : self.steps])
         self._base = ca.DM(base_pose(arm))
+        self._slim, self._slim_maps = len(slim), [ca.DM(forward.maps[i]) for i in slim]
+        self._slim_data = ca.DM(forward.data[slim].T)
         statics = closed_statics(forward.scene, arm)
         functions = (*_strain_kernels(statics), *_step_kernels(scheme))
-        self._strain, self._strain_first, self._strain_second, *rest = kernels(
-            functions, machine_code
-        )
+        made = kernels(functions, machine_code)
+        self._solve, self._strain, self._strain_first, self._strain_second, *rest = made
         self._march, self._first, self._second = rest
 
     def poses(self, T: ca.MX) -> ca.MX:
         """Return the poses (7, K) at the nodes under tensions (n_tendons,)."""
-        return self._poses(self._by_step(self._each(self._strain)(*self._pulled(T))))[:, self._seen]
+        v, _, _ = self._settled(T)
+        return self._poses(self._by_step(self._each(self._strain)(v)))[:, self._seen]
 
     def first(self, T: ca.MX) -> tuple[ca.MX, ca.MX]:
         """Return the poses (7, K), and their derivatives by the tensions (7 K, n_tendons)."""
-        poses, slopes = self._slopes(T)[:2]
+        poses, slopes = self._slopes(self._settled(T))[:2]
         by_node = ca.horzsplit(slopes, self.n)
         return poses[:, self._seen], ca.vertcat(*(by_node[node] for node in self._seen))
 
+    def stretch(self, T: ca.MX) -> tuple[ca.MX, ca.MX]:
+        """Return 1 + q (r,) at the places of `slim`, and its derivatives (r, n_tendons)."""
+        if not self._slim:
+            return ca.MX(0, 1), ca.MX(0, self.n)
+        strains, slopes = self._strain_first.map(self._slim)(*self._slim_settled(T))
+        own = zip(ca.horzsplit(slopes, self._by_node.shape[0]), self._slim_maps, strict=True)
+        return 1 + strains[2, :].T, ca.vertcat(*(by_pull[2, :] @ maps for by_pull, maps in own))
+
+    def stretch_second(self, T: ca.MX, weights: ca.MX) -> ca.MX:
+        """Return the Hessian (n_tendons, n_tendons) of a weighted sum (r,) of what stretch is."""
+        if not self._slim:
+            return ca.MX(self.n, self.n)
+        along = ca.vertcat(ca.MX.zeros(2, self._slim), weights.T)
+        found = self._strain_second.map(self._slim)(*self._slim_settled(T), along)
+        own = zip(ca.horzsplit(found, self._by_node.shape[0]), self._slim_maps, strict=True)
+        return sum((maps.T @ (H @ maps) for H, maps in own), ca.MX.zeros(self.n, self.n))
+
+    def _slim_settled(self, T: ca.MX) -> tuple[ca.MX, ca.MX, ca.DM]:
+        """See _settled, of the places of `slim`."""
+        pull = ca.horzcat(*(ca.sparsify(maps) @ T for maps in self._slim_maps))
+        return self._solve.map(self._slim)(pull, self._slim_data), pull, self._slim_data
+
     def second(self, T: ca.MX, weights: ca.MX) -> ca.MX:
         """Return the Hessian (n_tendons, n_tendons) of a weighted sum (7, K) of the poses."""
-        poses, slopes, strains, by_tensions, by_pose, by_strains = self._slopes(T)
+        settled = self._settled(T)
+        poses, slopes, strains, by_tensions, by_pose, by_strains = self._slopes(settled)
         lam = self._adjoints(by_pose, weights)
         H = self._second.map(self.steps)(poses[:, : self.steps], strains, self._h, lam)
         start, before = ca.MX.zeros(self.n, self.n), slopes[:, : self.steps * self.n]
         folded = _folded(self.n, self._m * _STRAINS).fold(self.steps)(start, before, by_tensions, H)
         works = _works(self._m * _STRAINS).map(self.steps)(by_strains, lam)
-        own = self._each(self._strain_second)(*self._pulled(T), ca.reshape(works, _STRAINS, -1))
+        own = self._each(self._strain_second)(*settled, ca.reshape(works, _STRAINS, -1))
         rows = self._by_node.shape[0]
         return _own(self.n, rows).fold(self.steps * self._m)(folded, self._by_node, own)
 
-    def _pulled(self, T: ca.MX) -> tuple[ca.MX, ca.DM]:
-        """Return the resultants at all nodes of all steps, and the numbers there."""
-        return ca.reshape(self._maps @ T, -1, self.steps * self._m), self._data
+    def _settled(self, T: ca.MX) -> tuple[ca.MX, ca.MX, ca.DM]:
+        """Return the law's strains at all nodes of all steps, the resultants and numbers there."""
+        pull = ca.reshape(self._maps @ T, -1, self.steps * self._m)
+        return self._each(self._solve)(pull, self._data), pull, self._data
 
     def _each(self, function: ca.Function) -> ca.Function:
         return function.map(self.steps * self._m)
@@ -93,10 +128,10 @@ class CondensedSteps:
         after = self._march.mapaccum(self.steps)(self._base, strains, self._h)
         return ca.horzcat(self._base, after)
 
-    def _slopes(self, T: ca.MX) -> tuple[ca.MX, ...]:
+    def _slopes(self, settled: tuple[ca.MX, ca.MX, ca.DM]) -> tuple[ca.MX, ...]:
         """Return the poses, P at all nodes, strains, E, A and B of all steps."""
         size = self._m * _STRAINS
-        strains, by_pull = self._each(self._strain_first)(*self._pulled(T))
+        strains, by_pull = self._each(self._strain_first)(*settled)
         chained = _chained(self.n, self._m, self._by_node.shape[0])
         by_tensions = chained.map(self.steps)(by_pull, self._by_node)
         strains = self._by_step(strains)
@@ -121,17 +156,27 @@ class CondensedSteps:
 
 
 @lru_cache(maxsize=24)
-def _strain_kernels(statics: ClosedStatics) -> tuple[ca.Function, ca.Function, ca.Function]:
-    """Return (resultants, numbers) -> xi, k, q; with derivatives; and with weights, Hessian."""
+def _strain_kernels(statics: ClosedStatics) -> tuple[ca.Function, ...]:
+    """Return (pull, data) -> v; v -> xi, k, q; with pull, data -> both derivatives by pull.
+
+    That is the first ones with the strains; and, with weights (3,) besides, the Hessian.
+    """
     pull, data = ca.SX.sym("pull", statics.n_pull), ca.SX.sym("data", statics.n_data)
-    weights = ca.SX.sym("weights", _STRAINS)
-    e = ca.densify(strain_function(statics)(pull, data)[1:])
-    first, H = ca.densify(ca.jacobian(e, pull)), ca.hessian(ca.dot(weights, e), pull)[0]
-    given, cse = [pull, data], {"cse": True}
+    v, weights = ca.SX.sym("v", size(statics.law)), ca.SX.sym("weights", _STRAINS)
+    e, wrench = ca.densify(statics.law.reported(v)[1:]), statics.wrench(v, pull, data)
+    inverse = ca.inv_minor(ca.densify(ca.jacobian(wrench, v)))
+    by_pull = -inverse @ ca.jacobian(wrench, pull)
+    work, held = inverse.T @ (ca.jacobian(e, v).T @ weights), ca.SX.sym("work", v.numel())
+    L = ca.dot(weights, e) - ca.dot(held, wrench)
+    bent = ca.substitute(ca.hessian(L, ca.vertcat(v, pull))[0], held, work)
+    along, at = ca.vertcat(by_pull, ca.SX.eye(pull.numel())), [v, pull, data]
+    slopes, curvature = ca.jacobian(e, v) @ by_pull, along.T @ (bent @ along)
+    settled, cse = statics.solve(pull, data), {"cse": True}
     return (
-        ca.Function("strain_value", given, [e], cse),
-        ca.Function("strain_first", given, [e, first], cse),
-        ca.Function("strain_second", [*given, weights], [ca.densify(H)], cse),
+        ca.Function("strain_solve", [pull, data], [ca.densify(settled)], cse),
+        ca.Function("strain_value", [v], [e], cse),
+        ca.Function("strain_first", at, [e, ca.densify(slopes)], cse),
+        ca.Function("strain_second", [*at, weights], [ca.densify(curvature)], cse),
     )
 
 

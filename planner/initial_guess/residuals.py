@@ -7,6 +7,7 @@ from weakref import WeakKeyDictionary
 import casadi as ca
 import numpy as np
 
+from model.effects import ExactTendons
 from model.forward import explicit_map, schemes_of
 from model.machine.buffered import Mapped
 from model.paths import Array
@@ -58,7 +59,9 @@ def _sweep(problem: Problem) -> Mapped:
     gaps = ca.vertcat(equality, soft_residual, ca.fmin(inequality, 0))
     found = [ca.densify(gaps), ca.densify(ca.mmin(stretch))]
     sweep = ca.Function("sweep", [T, numbers], found)
-    return Mapped(sweep if problem.machine_code else _flat(sweep))
+    # A section that takes a Newton's method to settle is a long list by itself.
+    flat = not problem.machine_code and not scene.has(ExactTendons)
+    return Mapped(_flat(sweep) if flat else sweep)
 
 
 def _flat(function: ca.Function) -> ca.Function:

@@ -1,8 +1,8 @@
 """The program of a scene whose poses are an explicit function of the tensions.
 
-In the paper's balance without loads strains are closed forms; as printed, eqs. (10) and (11) are
-integrated from the tip to the base. The tensions are the only unknowns of the mechanics. Closed
-forms are derived step by step, by kernels that may be compiled; those as printed as a whole.
+Without loads each cross-section settles by itself; as printed, eqs. (10) and (11) are integrated
+from the tip to the base. The tensions are the only unknowns of the mechanics. Closed forms are
+derived step by step, by kernels that may be compiled; those as printed as a whole.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from model.stations import Counts
 from model.unloaded.closed_form import ClosedForm
 from model.unloaded.condensed_steps import CondensedSteps
 from planner.avoidance.rows import Avoidance
-from planner.program.expressions import by_casadi, by_steps, stretch_function
+from planner.program.expressions import by_casadi, by_steps
 from planner.program.program import Objective, Rows
 from planner.program.reduced import Reduced
 from planner.program.statement import Statement
@@ -62,10 +62,10 @@ class Explicit:
         self.sizes = (self.objective.n_numbers, n)
         nodes = [forward.mesh.node(s) for s in stations]
         if isinstance(forward, ClosedForm):
-            steps = CondensedSteps(forward, nodes, machine_code)
+            steps = CondensedSteps(forward, nodes, rows, machine_code)
             # What keeps clear changes its structure often: a compiler takes longer than it saves.
             compiled = machine_code and not any(isinstance(own, Avoidance) for own in targets)
-            found = by_steps(steps, self.objective, stretch_function(forward, rows), compiled)
+            found = by_steps(steps, self.objective, compiled)
         else:
             found = by_casadi(forward, self.objective, nodes, rows)
         self.x, self.p, self.f, self.g = found.x, found.p, found.f, found.g

@@ -8,9 +8,10 @@ import casadi as ca
 import numpy as np
 
 from model.arm import Arm
-from model.effects import Extension, PrintedStatics
+from model.effects import PrintedStatics
 from model.equilibrium.forward import Known
 from model.errors import OctoplanError
+from model.loads import is_loaded
 from model.paths import Array
 from model.scene import Scene
 from model.winches import rest_lengths
@@ -36,14 +37,13 @@ def is_explicit(
 ) -> bool:
     """Return whether a program's poses are an explicit function of the tensions.
 
-    As printed they are; in the paper's balance without loads where the states are eliminated.
+    As printed they are; without loads where the states are eliminated.
     """
     if scene.has(PrintedStatics):
         return True
     if statement.wound:
         return False
-    paper = all(isinstance(effect, Extension) for effect in scene.effects)
-    return statement.form == "condensed" and paper and not requests
+    return statement.form == "condensed" and not is_loaded(scene) and not requests
 
 
 class Problem:

@@ -13,6 +13,7 @@ from model.progress import told
 from model.time_limit import check_time
 from planner.program.problem import TRACES, Problem
 from planner.program.statement import Mode, Statement
+from planner.program.terms import compliance_requests
 from planner.solve.continuation import continued_targets
 from planner.solve.ipopt import Solution, solve
 from planner.solve.search_result import Trial, agreed
@@ -31,6 +32,9 @@ _FEWEST, _STRONGER, _CARRIED = 2, 2, 1
 _HEAVY, _MORE_IF_HEAVY = 0.4, 4
 # Tried besides the fits that meet what is wanted.
 _BESIDE = 2
+# Starts that ipopt takes on before it is left: where it meets nothing from so many, least squares
+# tell sooner what can be had. Where a stiffness is wanted each costs as much as ten others.
+_PATIENCE, _PATIENCE_IF_STIFF = 6, 2
 _INSIDE = 0.005
 LITTLE = 1e-5
 # What is told of how far trials are, by how the targets are read.
@@ -52,6 +56,8 @@ class Multistart:
         Among how many of the first starts the best optimum is, 0 where that is not known.
     carried : list of ((n_tendons,), Solution)
         Optima of a simpler scene to begin with, best first, without their states.
+    patience : int
+        From how many starts ipopt may yet try in vain to meet the targets.
     seen : list of (Statement, Solution)
         Every solution with finite numbers, in order.
     toppled : list of (Statement, Solution)
@@ -65,6 +71,8 @@ class Multistart:
         self.toppled: list[tuple[Statement, Solution]] = []
         self.loaded = is_loaded(task.scene)
         self.simple = task.scene == task.simple.scene
+        stiff = bool(compliance_requests(task.targets))
+        self.patience = _PATIENCE_IF_STIFF if stiff else _PATIENCE
         self.least = _FEW if task.is_point else _MORE
         if not self.simple:
             self.least = _FEWEST if self.loaded else _CARRIED
@@ -111,7 +119,9 @@ class Multistart:
         for T in told(_PHASES[statement.mode], starts):
             if self._enough(records, found):
                 break
-            solution = self.solve(statement, T, patient=not found)
+            patient = not found and (statement.mode != "exact" or self.patience > 0)
+            solution = self.solve(statement, T, patient)
+            self.patience -= patient and statement.mode == "exact" and not solution.met
             stands = not solution.met or self.stands(statement, solution)
             records.append(record(solution))
             if solution.met and stands:

@@ -20,7 +20,7 @@ from tests.oracles import Array
 ARM, PAPER = Arm.from_paper("table-4"), Scene(Extension())
 COARSE = Statement(refinement=1)
 SCENES = {
-    "silicone": Scene.silicone(),
+    "the paper's tendons in water": Scene(Extension(), Weight(), Buoyancy(1000.0)),
     "in water": Scene.silicone(Weight(), Buoyancy(1000.0)),
     "friction": Scene(Extension(), Friction(0.1)),
 }
@@ -38,12 +38,13 @@ def stated(
     return problem, problem.parameters(target, limits, TRACES[0]), limits
 
 
+@pytest.mark.parametrize("scene", [PAPER, Scene.silicone()], ids=["paper", "silicone"])
 @pytest.mark.parametrize("kind", ["tip", "pose"])
-def test_it_finds_optima_near_initial_guesses_in_few_steps(kind: str) -> None:
+def test_it_finds_optima_near_initial_guesses_in_few_steps(kind: str, scene: Scene) -> None:
     rng, steps, alike = np.random.default_rng(3), [], []
     for _ in range(12):
         T = rng.uniform(size=12) * np.repeat([0.15, 1.0, 4.0], 4)
-        problem, p, limits = stated(T, kind)
+        problem, p, limits = stated(T, kind, scene=scene)
         x = problem.free(T * rng.uniform(0.5, 1.0), limits)
         bounds = problem.free_bounds(limits)
         found, wanted = solve_quadratic(problem, x, p, bounds), solve(problem, x, p, bounds)
