@@ -33,6 +33,14 @@ def warn_of_length(field: str, metres: float) -> None:
         _warn(f"{field} is {metres:g} m, {mm:g} mm; {told}")
 
 
+def warn_of_width(field: str, metres: float) -> None:
+    """Warn of a body's width that is likely in millimetres, or metres taken for them."""
+    if metres > _LONG:
+        _warn(f"{field} is {metres:.4g} m wide; if that is in millimetres, unit='mm' was meant")
+    elif metres < _SHORT:
+        _warn(f"{field} is {1e3 * metres:.4g} mm wide; if that is in metres, unit='m' was meant")
+
+
 def warn_of_modulus(field: str, pascals: float) -> None:
     """Warn of a modulus that is likely in kPa, or pascals taken for kilopascals."""
     if pascals < _SOFT:

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 
 from model import InputError, OctoplanError, UnitWarning
 from model.errors import CompilerError, shortened
+from model.extras import MissingExtraError
 from model.progress import listening
 from model.time_limit import OutOfTime, time_limit
 from planner.commands.command import BAD_INPUT, BROKEN_PIPE, GRACE, NO_OUTPUT, NOT_REACHED
@@ -19,7 +20,6 @@ from planner.commands.output import OutputError, discard
 from planner.commands.progress import Bar
 from planner.commands.register import COMMANDS
 from planner.commands.usage import UsageError, parse
-from planner.extras import MissingExtraError
 
 # Of messages, in characters.
 _LONG = 2000

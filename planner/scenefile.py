@@ -123,7 +123,7 @@ def question_of(raw: dict[str, Any], name: str = "scene") -> Question:
     options: dict[str, Any] = {"norm": str(table.norm), "form": table.form}
     options["stability_margin"] = table.stability_margin
     ways = _stated(within, arm, [(f"waypoints[{i}]", w) for i, w in enumerate(table.waypoints)])
-    options |= _surroundings(within, arm, (*targets, *ways), table)
+    options |= _surroundings(within, arm, (*targets, *ways), table, Path(name).parent)
     if table.limits is not None:
         within("limits", lambda own: _check_limits(arm, own), table.limits)
         options |= _limits(table.limits)
@@ -138,10 +138,14 @@ def _winches_key(table: SceneTable) -> str:
 
 
 def _surroundings(
-    within: Callable[..., Any], arm: Arm, targets: tuple[Target, ...], table: SceneTable
+    within: Callable[..., Any], arm: Arm, targets: tuple[Target, ...], table: SceneTable, at: Path
 ) -> dict[str, Any]:
-    """Return what plan is told of obstacles, if there is something to keep clear of."""
-    found = [within(f"obstacles[{i}]", in_time, own) for i, own in enumerate(table.obstacles)]
+    """Return what plan is told of obstacles, if there is something to keep clear of.
+
+    Their files are looked for from a folder `at`.
+    """
+    read = partial(in_time, folder=at)
+    found = [within(f"obstacles[{i}]", read, own) for i, own in enumerate(table.obstacles)]
     asked = (found, table.clearance_mm * MM, table.self_clearance)
     key = "obstacles" if found else "clearance_mm"
     moves = bool(table.waypoints)

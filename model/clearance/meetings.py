@@ -1,10 +1,10 @@
 """Lower bounds of how near pieces of a moving arm come to bodies, and to each other.
 
-A convex body's distance is nowhere below a tangent plane's, so that the convex hull of a piece's
-points bounds it; two pieces are apart by what parts their hulls along the direction between them.
-As for arms at rest (model.clearance.nearest), a piece can come behind the base plane only where the
-arm has turned by a right angle, and two pieces meet only where it has turned by half a turn between
-them.
+A body's distance from a piece is bounded by that from its middle and how it changes from there to
+the convex hull of its points (model.obstacles.bodies); two pieces are apart by what parts their
+hulls along the direction between them. As for arms at rest (model.clearance.nearest), a piece can
+come behind the base plane only where the arm has turned by a right angle, and two pieces meet only
+where it has turned by half a turn between them.
 """
 
 from __future__ import annotations
@@ -16,27 +16,26 @@ import numpy as np
 from model.centreline import Counts
 from model.clearance.parts import Parts, Pieces
 from model.clearance.smooth import INSTANTS, SHARES
-from model.obstacles.base import pair_distances
+from model.obstacles.bodies import Bodies
 from model.paths import Array
 
 _MIDDLE = INSTANTS // 2
 
 
 @dataclass(frozen=True, eq=False)
-class Bodies:
-    """Convex bodies that move steadily during each part.
+class Surrounding:
+    """Bodies that move steadily during each part.
 
     Attributes
     ----------
-    numbers : (B, 17)
-        See model.obstacles.
+    bodies : Bodies
     moved : (P, 2, B, 3)
         How far each has moved where a part begins and where it ends [m].
     turns : (B,)
         How far the arm has to have turned to come there [rad]: a right angle for the base plane.
     """
 
-    numbers: Array
+    bodies: Bodies
     moved: Array
     turns: Array
 
@@ -50,10 +49,12 @@ class Bodies:
         """Return lower bounds of the distances (K,) [m] of pieces from all bodies."""
         moved = self._moved(pieces, SHARES)
         rest = moved[:, _MIDDLE]
-        d, g = self._distances(pieces.middle[:, None] - rest)
-        along = np.einsum("kbi,kti->kbt", g, pieces.hull - pieces.middle[:, None])
-        away = np.einsum("kbi,ktbi->kbt", g, moved - rest[:, None]).repeat(2, axis=2)
-        lower = d + (along - away).min(axis=2) - pieces.wide[:, None]
+        d, g = self.bodies.at(pieces.middle[:, None] - rest)
+        change = np.full(d.shape, np.inf)
+        for i, point in enumerate(np.swapaxes(pieces.hull, 0, 1)):
+            offset = (point - pieces.middle)[:, None] - (moved[:, i // 2] - rest)
+            change = np.minimum(change, self.bodies.change(g, offset))
+        lower = d + change - pieces.wide[:, None]
         most, least = pieces.turned.max(axis=(1, 2)), pieces.turned[:, :, 1].min(axis=1)
         reach = ((2 * most - least)[:, None] >= self.turns) | ~pieces.known[:, None]
         return np.asarray(np.where(reach, lower, np.inf).min(axis=1, initial=np.inf))
@@ -61,8 +62,7 @@ class Bodies:
     def seen(self, pieces: Pieces) -> Array:
         """Return the distances (K, 5) [m] that the ends of pieces have at the instants."""
         moved = self._moved(pieces, SHARES)
-        points = pieces.ends[:, :, :, None] - moved[:, :, None]
-        found, _ = self._distances(points)
+        found, _ = self.bodies.at(pieces.ends[:, :, :, None] - moved[:, :, None])
         found = np.where(pieces.turned[..., None] >= self.turns, found, np.inf)
         return np.asarray((found - pieces.radii[:, :, ::2, None]).min(axis=(2, 3), initial=np.inf))
 
@@ -70,13 +70,6 @@ class Bodies:
         """Return how far bodies have moved (K, n, B, 3) at shares (n,) of the pieces' parts."""
         first, last = self.moved[pieces.part, 0], self.moved[pieces.part, 1]
         return np.asarray(first[:, None] + shares[:, None, None] * (last - first)[:, None])
-
-    def _distances(self, points: Array) -> tuple[Array, Array]:
-        """Return distances (..., B) and gradients (..., B, 3) of points (..., B, 3)."""
-        flat = points.reshape(-1, 3)
-        numbers = np.tile(self.numbers, (len(flat) // len(self.numbers), 1))
-        d, g = pair_distances(numbers, flat)
-        return d.reshape(points.shape[:-1]), g.reshape(points.shape)
 
 
 def apart(one: Pieces, other: Pieces) -> Array:

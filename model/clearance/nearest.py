@@ -23,7 +23,8 @@ import numpy as np
 
 from model.centreline import Centreline
 from model.clearance.pieces import Pieces, segment_gaps
-from model.obstacles import Obstacle, check_obstacles, distances, numbers_of
+from model.obstacles import Obstacle, check_obstacles
+from model.obstacles.bodies import Bodies
 from model.paths import Array
 from model.shape import Shape
 
@@ -111,7 +112,7 @@ def _kinds(obstacles: Sequence[Obstacle]) -> dict[str, Look]:
     """Return how what can be met is looked at."""
     kinds: dict[str, Look] = {BASE: _plane, ITSELF: _self}
     if obstacles:
-        bodies = numbers_of(tuple(obstacles))
+        bodies = Bodies(obstacles)
         kinds[OBSTACLES] = lambda pieces: _obstacles(pieces, bodies)
     return kinds
 
@@ -132,13 +133,13 @@ def _bounded(pieces: Pieces, look: Look) -> Clearance:
         pieces = pieces.halved(open_)
 
 
-def _obstacles(pieces: Pieces, bodies: Array) -> Found:
-    """Look at obstacles, each convex: its distance is not below a tangent plane's anywhere."""
+def _obstacles(pieces: Pieces, bodies: Bodies) -> Found:
+    """Look at obstacles: how their distances change along half a piece is bounded."""
     nodes, n = pieces.nodes, len(pieces.nodes)
     middle, half = (nodes[1:] + nodes[:-1]) / 2, (nodes[1:] - nodes[:-1]) / 2
-    found, gradient = distances(bodies, np.vstack([nodes, middle]))
-    slope = np.abs(np.einsum("kmi,ki->km", gradient[n:], half))
-    bounds = (found[n:] - slope).min(axis=1) - pieces.sag - pieces.most
+    found, gradient = bodies.at(np.vstack([nodes, middle])[:, None])
+    ends = [bodies.change(gradient[n:], sign * half[:, None]) for sign in (1.0, -1.0)]
+    bounds = (found[n:] + np.minimum(*ends)).min(axis=1) - pieces.sag - pieces.most
     gaps = found[:n] - pieces.least[:, None]
     at, which = np.unravel_index(int(np.argmin(gaps)), gaps.shape)
     s = (float(pieces.s[at]),)

@@ -13,10 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from model.centreline import Centreline, Counts
-from model.clearance.meetings import Bodies, apart, pairs, seen_apart
+from model.clearance.meetings import Surrounding, apart, pairs, seen_apart
 from model.clearance.parts import Parts
 from model.clearance.smooth import SHARES
 from model.clearance.worklist import Worklist
+from model.obstacles.bodies import Bodies
 from model.paths import Array
 from model.time_limit import check_time
 
@@ -54,8 +55,7 @@ class Around:
 
     Attributes
     ----------
-    numbers : (B, 17)
-        Bodies; see model.obstacles.
+    bodies : Bodies
     moved : (S, 2, B, 3)
         How far each has moved where a stretch begins and where it ends [m], steadily in between.
     turns : (B,)
@@ -65,24 +65,25 @@ class Around:
         The least distance from all of these [m].
     """
 
-    numbers: Array
+    bodies: Bodies
     moved: Array
     turns: Array
     itself: bool
     keep: float
 
-    def bodies(self, left: Worklist) -> Bodies:
+    def during(self, left: Worklist) -> Surrounding:
         """Return the bodies during parts of stretches."""
         first, last = self.moved[left.stretch, 0], self.moved[left.stretch, 1]
         shares = np.stack([left.start, left.end], axis=1)[:, :, None, None]
-        return Bodies(self.numbers, first[:, None] + shares * (last - first)[:, None], self.turns)
+        moved = first[:, None] + shares * (last - first)[:, None]
+        return Surrounding(self.bodies, moved, self.turns)
 
 
 def swept(settled: Settled, count: int, around: Around) -> Swept:
     """Return how clear an arm stays on so many stretches."""
     found = Swept(np.full(count, np.inf), np.full(count, np.inf), np.zeros(count))
     look = _Look(settled, around, found)
-    if len(around.numbers):
+    if len(around.bodies):
         look.run(_every, count)
     if around.itself:
         look.run(pairs, count)
@@ -142,7 +143,7 @@ class _Look:
         """Return what is still open after a look; with `last` bounds are taken as they are."""
         parts, around, found = self._parts(left), self.around, self.found
         pieces, stretch = left.pieces(parts), left.stretch[left.part]
-        bodies = around.bodies(left) if len(pieces) == 1 else None
+        bodies = around.during(left) if len(pieces) == 1 else None
         lower = bodies.lower(*pieces) if bodies else apart(*pieces)
         lower -= around.keep
         known = pieces[0].known

@@ -9,7 +9,7 @@ import numpy as np
 from model.contact.gaps import Gaps
 from model.contact.touches import Touches, resultants, second
 from model.loads import contacts
-from model.obstacles import Obstacle
+from model.obstacles.base import Convex
 from model.paths import Array
 from model.transcription.system import System
 
@@ -23,7 +23,7 @@ class Touch:
 
     Attributes
     ----------
-    obstacle : Obstacle
+    obstacle : Convex
     s : float
         Arc length from the base [m].
     force : (3,)
@@ -36,7 +36,7 @@ class Touch:
         Force per unit reference length there [N/m]; 0 where the arm touches at a point.
     """
 
-    obstacle: Obstacle
+    obstacle: Convex
     s: float
     force: Array
     gap: float

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from model.checks import kind, not_negative
 from model.effects.base import Effect
-from model.obstacles import Obstacle
+from model.obstacles.base import Convex
 
 
 @dataclass(frozen=True)
@@ -23,16 +23,16 @@ class Contact(Effect):
 
     Attributes
     ----------
-    obstacle : Obstacle
+    obstacle : Convex
         Such as a Sphere, Capsule, Box or HalfSpace.
     friction : float
         Coulomb's coefficient between arm and obstacle.
     """
 
-    obstacle: Obstacle
+    obstacle: Convex
     friction: float = 0.0
 
     def __post_init__(self) -> None:
-        allowed = "an obstacle such as Capsule(start, end, radius)"
-        kind("Contact.obstacle", self.obstacle, Obstacle, allowed)
+        allowed = "a convex obstacle such as Capsule(start, end, radius); a Mesh is none"
+        kind("Contact.obstacle", self.obstacle, Convex, allowed)
         object.__setattr__(self, "friction", not_negative("Contact.friction", self.friction))

@@ -1,9 +1,10 @@
-"""Obstacles: convex bodies that an arm keeps clear of, by their signed distances."""
+"""Obstacles: bodies that an arm keeps clear of, by their signed distances."""
 
 from model.obstacles.base import Obstacle, check_obstacles, distances, numbers_of
 from model.obstacles.box import Box
 from model.obstacles.capsule import Capsule
 from model.obstacles.half_space import HalfSpace
+from model.obstacles.mesh import Mesh
 from model.obstacles.moving import Moving
 from model.obstacles.sphere import Sphere
 
@@ -11,6 +12,7 @@ __all__ = [
     "Box",
     "Capsule",
     "HalfSpace",
+    "Mesh",
     "Moving",
     "Obstacle",
     "Sphere",

@@ -1,8 +1,8 @@
-"""What an obstacle is: a convex body, by its signed distance and the exact derivatives of that.
+"""What an obstacle is: a body, by its signed distance and the exact derivatives of that.
 
-Sphere, capsule, box and half-space are one thing with different numbers: a box that may have no
-size along some of its axes, in a layer of constant thickness. So there is one statement of the
-distance, in CasADi's symbols: programs differentiate it, and NumPy arrays are put through it.
+Sphere, capsule, box and half-space are convex, and one thing with different numbers: a box that may
+have no size along some of its axes, in a layer of constant thickness. So there is one statement of
+the distance, in CasADi's symbols: programs differentiate it, and NumPy arrays are put through it.
 
 With y the point in the box's axes, h half its size and q = |y| - h, the distance is
 
@@ -40,7 +40,46 @@ _TINY = 1e-60
 
 
 class Obstacle(ABC):
-    """A convex body that an arm keeps clear of; frozen values are its kinds."""
+    """A body that an arm keeps clear of; frozen values are its kinds."""
+
+    @property
+    @abstractmethod
+    def outline(self) -> tuple[Array, Array]:
+        """Points (N, 3) [m] and triangles (M, 3) of its surface, for figures."""
+
+    @property
+    @abstractmethod
+    def is_convex(self) -> bool:
+        """Whether it is convex, so that its distance is nowhere below a tangent plane's."""
+
+    @abstractmethod
+    def at(self, points: Array) -> tuple[Array, Array]:
+        """Return signed distances (N,) [m] and their gradients (N, 3) at points (N, 3) [m]."""
+
+    @abstractmethod
+    def nearest_part(self, point: Array) -> Array:
+        """Return the numbers (17,) of a convex part that is as near to a point (3,) as the body.
+
+        Of a point outside it is part of the body, so that what is clear of the body is clear of it.
+        """
+
+    @abstractmethod
+    def moved(self, by: tuple[float, ...]) -> Obstacle:
+        """Return the obstacle after a translation (3,) [m]."""
+
+    def distance(self, points: Any) -> Array:
+        """Return signed distances (...) of points (..., 3) [m], below 0 inside."""
+        found = _points(points)
+        return self.at(found.reshape(-1, 3))[0].reshape(found.shape[:-1])
+
+    def gradient(self, points: Any) -> Array:
+        """Return the derivatives (..., 3) of the signed distance at points (..., 3) [m]."""
+        found = _points(points)
+        return self.at(found.reshape(-1, 3))[1].reshape(found.shape)
+
+
+class Convex(Obstacle):
+    """An obstacle that is a box in a layer; see the formula above."""
 
     @property
     @abstractmethod
@@ -48,30 +87,52 @@ class Obstacle(ABC):
         """The body as numbers (17,): center, axes column by column, half sizes, layer, open."""
 
     @property
-    @abstractmethod
+    def is_convex(self) -> bool:
+        """See Obstacle.is_convex."""
+        return True
+
+    def at(self, points: Array) -> tuple[Array, Array]:
+        """See Obstacle.at."""
+        found, gradient = distances(self.numbers[None], points)
+        return found[:, 0], gradient[:, 0]
+
+    def nearest_part(self, point: Array) -> Array:
+        """See Obstacle.nearest_part: itself."""
+        return self.numbers
+
+    def moved(self, by: tuple[float, ...]) -> Obstacle:
+        """See Obstacle.moved."""
+        return Translated(self, by)
+
+
+@dataclass(frozen=True)
+class Translated(Convex):
+    """A convex obstacle after a translation (3,) [m]."""
+
+    obstacle: Convex
+    by: tuple[float, ...]
+
+    @property
+    def numbers(self) -> Array:
+        """See Convex.numbers."""
+        found = self.obstacle.numbers.copy()
+        found[:3] += self.by
+        return found
+
+    @property
     def outline(self) -> tuple[Array, Array]:
-        """Points (N, 3) [m] and triangles (M, 3) of its surface, for figures."""
-
-    def distance(self, points: Any) -> Array:
-        """Return signed distances (...) of points (..., 3) [m], below 0 inside."""
-        found = _points(points)
-        return distances(self.numbers[None], found.reshape(-1, 3))[0][:, 0].reshape(
-            found.shape[:-1]
-        )
-
-    def gradient(self, points: Any) -> Array:
-        """Return the derivatives (..., 3) of the signed distance at points (..., 3) [m]."""
-        found = _points(points)
-        return distances(self.numbers[None], found.reshape(-1, 3))[1].reshape(found.shape)
+        """See Obstacle.outline."""
+        points, triangles = self.obstacle.outline
+        return points + np.array(self.by), triangles
 
 
-def numbers_of(obstacles: Sequence[Obstacle]) -> Array:
-    """Return the numbers (M, 17) of obstacles."""
+def numbers_of(obstacles: Sequence[Convex]) -> Array:
+    """Return the numbers (M, 17) of convex obstacles."""
     return _numbers(tuple(obstacles)).copy()
 
 
 @lru_cache(maxsize=32)
-def _numbers(obstacles: tuple[Obstacle, ...]) -> Array:
+def _numbers(obstacles: tuple[Convex, ...]) -> Array:
     return np.array([obstacle.numbers for obstacle in obstacles]).reshape(-1, SIZE)
 
 
@@ -139,7 +200,7 @@ def check_obstacles(obstacles: Any) -> tuple[Obstacle, ...]:
 
 @dataclass(frozen=True)
 class Rounded:
-    """The numbers of a box in a layer; see Obstacle.numbers."""
+    """The numbers of a box in a layer; see Convex.numbers."""
 
     center: Array
     axes: Array
@@ -149,7 +210,7 @@ class Rounded:
 
     @property
     def numbers(self) -> Array:
-        """See Obstacle.numbers."""
+        """See Convex.numbers."""
         last = np.array([self.layer, float(self.is_open)])
         return np.concatenate([self.center, self.axes.T.ravel(), self.half, last])
 

@@ -9,14 +9,14 @@ import numpy as np
 
 from model.checks import finite_array, positive, vector
 from model.errors import InputError
-from model.obstacles.base import Obstacle, Rounded
+from model.obstacles.base import Convex, Rounded
 from model.paths import Array
 
 _ALONG_BASE = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 @dataclass(frozen=True)
-class Box(Obstacle):
+class Box(Convex):
     """A box.
 
     Attributes
@@ -44,7 +44,7 @@ class Box(Obstacle):
 
     @property
     def numbers(self) -> Array:
-        """See Obstacle.numbers."""
+        """See Convex.numbers."""
         half = np.array(self.size) / 2
         return Rounded(np.array(self.center), np.array(self.frame), half).numbers
 

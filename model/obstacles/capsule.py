@@ -8,13 +8,13 @@ import numpy as np
 
 from model.checks import positive, vector
 from model.errors import InputError
-from model.obstacles.base import Obstacle, Rounded, axes_with
+from model.obstacles.base import Convex, Rounded, axes_with
 from model.obstacles.outlines import swept
 from model.paths import Array
 
 
 @dataclass(frozen=True)
-class Capsule(Obstacle):
+class Capsule(Convex):
     """All points within a radius of a line segment.
 
     Attributes
@@ -38,7 +38,7 @@ class Capsule(Obstacle):
 
     @property
     def numbers(self) -> Array:
-        """See Obstacle.numbers: a box of no width in a layer."""
+        """See Convex.numbers: a box of no width in a layer."""
         a, b = np.array(self.start), np.array(self.end)
         half = np.array([np.linalg.norm(b - a) / 2, 0.0, 0.0])
         return Rounded((a + b) / 2, axes_with(b - a), half, self.radius).numbers

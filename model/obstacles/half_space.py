@@ -8,7 +8,7 @@ import numpy as np
 
 from model.checks import vector
 from model.errors import InputError
-from model.obstacles.base import ENDLESS, Obstacle, Rounded, axes_with
+from model.obstacles.base import ENDLESS, Convex, Rounded, axes_with
 from model.paths import Array
 
 # How far from the point a figure shows the plane [m].
@@ -16,7 +16,7 @@ _SHOWN = 0.15
 
 
 @dataclass(frozen=True)
-class HalfSpace(Obstacle):
+class HalfSpace(Convex):
     """All that is behind a plane: a wall, a floor, a table.
 
     Attributes
@@ -40,7 +40,7 @@ class HalfSpace(Obstacle):
 
     @property
     def numbers(self) -> Array:
-        """See Obstacle.numbers: a box without end, but for one side."""
+        """See Convex.numbers: a box without end, but for one side."""
         half = np.array([0.0, ENDLESS, ENDLESS])
         axes = axes_with(np.array(self.normal))
         return Rounded(np.array(self.point), axes, half, is_open=True).numbers

@@ -15,27 +15,6 @@ from model.paths import Array
 
 
 @dataclass(frozen=True)
-class Placed(Obstacle):
-    """An obstacle that has moved by a vector (3,) [m]."""
-
-    obstacle: Obstacle
-    by: tuple[float, ...]
-
-    @property
-    def numbers(self) -> Array:
-        """See Obstacle.numbers."""
-        found = self.obstacle.numbers.copy()
-        found[:3] += self.by
-        return found
-
-    @property
-    def outline(self) -> tuple[Array, Array]:
-        """See Obstacle.outline."""
-        points, triangles = self.obstacle.outline
-        return points + np.array(self.by), triangles
-
-
-@dataclass(frozen=True)
 class Moving:
     """An obstacle that moves without turning; for motions, as plans have no time.
 
@@ -72,4 +51,4 @@ class Moving:
 
     def at(self, t: float) -> Obstacle:
         """Return the obstacle where it is at a time [s]."""
-        return Placed(self.obstacle, tuple(self.moved(t).tolist()))
+        return self.obstacle.moved(tuple(self.moved(t).tolist()))

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from model.checks import positive, vector
-from model.obstacles.base import Obstacle, Rounded
+from model.obstacles.base import Convex, Rounded
 from model.obstacles.outlines import swept
 from model.paths import Array
 
 
 @dataclass(frozen=True)
-class Sphere(Obstacle):
+class Sphere(Convex):
     """A ball.
 
     Attributes
@@ -33,7 +33,7 @@ class Sphere(Obstacle):
 
     @property
     def numbers(self) -> Array:
-        """See Obstacle.numbers: a point in a layer."""
+        """See Convex.numbers: a point in a layer."""
         return Rounded(np.array(self.center), np.eye(3), np.zeros(3), self.radius).numbers
 
     @property

@@ -21,7 +21,7 @@ from model.time_limit import OutOfTime, time_limit
 from planner.avoidance.asked import Surroundings
 from planner.avoidance.clear import Clear, keeping, line_of
 from planner.avoidance.other_starts import clear_arms, other_arms
-from planner.avoidance.places import near_places, updated, watched_places
+from planner.avoidance.places import lasting, near_places, updated, watched_places
 from planner.avoidance.rows import Avoidance
 from planner.initial_guess.curled import distinct
 from planner.program.statement import Mode
@@ -140,7 +140,8 @@ class Around:
                 return None
             look = watched_places if solution is None else near_places
             near = look(line, self.asked)
-            if solution is not None and all(place.gap >= self._enough for place in near):
+            enough = lasting(avoidance, self.task.arm, self.asked)
+            if solution is not None and enough and all(place.gap >= self._enough for place in near):
                 self.records.append(record(solution))
                 return Clear(self.task, avoidance, solution, held)
             avoidance = updated(avoidance, near, line, self.asked)

@@ -14,7 +14,9 @@ from model.checks import not_negative
 from model.clearance import clearances, rough_gaps
 from model.clearance.nearest import BASE, ITSELF, OBSTACLES, Clearance
 from model.errors import InputError
-from model.obstacles import Moving, Obstacle, check_obstacles, distances, numbers_of
+from model.obstacles import Moving, Obstacle, check_obstacles
+from model.obstacles.base import Convex
+from model.obstacles.bodies import Bodies
 from model.paths import Array
 from planner.targets.base import Target
 
@@ -44,6 +46,11 @@ class Surroundings:
 
     def __bool__(self) -> bool:
         return bool(self.obstacles) or self.of_itself or bool(self.moving)
+
+    @property
+    def has_parts(self) -> bool:
+        """Whether some obstacle is kept clear of part by part, as it has no numbers of its own."""
+        return not all(isinstance(own, Convex) for own in self.obstacles)
 
     def at(self, t: float) -> Surroundings:
         """Return the surroundings at a time [s], where nothing moves."""
@@ -125,7 +132,7 @@ def _radius(arm: Arm, s: float) -> float:
 
 def _check_place(asked: Surroundings, name: str, place: Array, radius: float, allowed: str) -> None:
     """Raise InputError if an obstacle holds a place (3,) that the arm takes in any case."""
-    gaps = distances(numbers_of(asked.obstacles), place[None])[0][0] - radius - asked.clearance
+    gaps = Bodies(asked.obstacles).at(place[None])[0] - radius - asked.clearance
     for i in np.flatnonzero(gaps < 0):
         told = f"{allowed}: {name} would be {-1e3 * gaps[i]:.3g} mm too near"
         raise InputError(f"obstacles[{i}]", asked.obstacles[i], told)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from model.forward import explicit_map, schemes_of
-from model.obstacles import distances, numbers_of
+from model.obstacles.bodies import Bodies
 from model.paths import Array
 from model.rotations import matrices
 from planner.avoidance.asked import Surroundings
@@ -35,10 +35,10 @@ def likely_clear(
     tensions = bends.tensions(bends.draw(_DRAWN))
     gaps, crushed = Residuals(problem, targets)(tensions)
     order = np.argsort(np.linalg.norm(gaps, axis=1) + 10 * crushed, kind="stable")
-    bodies, given = numbers_of(asked.obstacles), 0
+    bodies, given = Bodies(asked.obstacles), 0
     for some in np.split(order, np.arange(_TOGETHER, _DRAWN, _TOGETHER)):
         points, radius = _points(problem, tensions[some])
-        found = distances(bodies, points.reshape(-1, 3))[0].reshape(*points.shape[:2], -1)
+        found = bodies.at(points[:, :, None])[0]
         clear = (found - radius[:, None] >= asked.clearance).all(axis=(1, 2))
         for i in some[clear]:
             yield tensions[i]

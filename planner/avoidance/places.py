@@ -8,10 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from model.arm import Arm
 from model.centreline import Centreline
 from model.clearance.pieces import Pieces
-from model.obstacles import HalfSpace, distances, numbers_of
-from model.obstacles.base import signed_distance
+from model.obstacles import HalfSpace, numbers_of
+from model.obstacles.base import Convex
+from model.obstacles.bodies import Bodies
 from model.paths import Array
 from planner.avoidance.asked import Surroundings
 from planner.avoidance.rows import Apart, Avoidance, Place, cubic, element_of, grid
@@ -24,6 +26,8 @@ _POINTS, _AROUND, _ROUNDS = 64, 9, 3
 _NEAR, _WATCHED = 0.02, 0.15
 # Rows of one body so near to each other, over the distance of stations, are one.
 _SAME = 0.05
+# Rows between two stations beyond which older ones of parts of meshes are let go.
+_PARTS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +39,7 @@ class Near:
     s : float
         Arc length [m].
     other : float or (17,)
-        Another arc length [m], or the numbers of a body.
+        Another arc length [m], or the numbers of a convex body, or of the part that is nearest.
     gap : float
         Between the surfaces [m].
     """
@@ -43,6 +47,11 @@ class Near:
     s: float
     other: float | Array
     gap: float
+
+
+def base_plane(arm: Arm) -> HalfSpace:
+    """Return what is behind the plane of an arm's base."""
+    return HalfSpace(arm.base_position, tuple(np.array(arm.base_frame)[:, 0].tolist()))
 
 
 def watched_places(line: Centreline, asked: Surroundings) -> list[Near]:
@@ -56,22 +65,18 @@ def near_places(line: Centreline, asked: Surroundings, within: float = _NEAR) ->
     """Return the places where an arm is about as near as is allowed, or nearer."""
     pieces = Pieces.of(line, max(1, -(-_POINTS // (line.s.size - 1))))
     most = asked.clearance + within * line.arm.length
-    found = _of_bodies(
-        line, pieces, numbers_of(asked.obstacles), np.ones(len(pieces.s), bool), most
-    )
+    found = _of_bodies(line, pieces, Bodies(asked.obstacles), np.ones(len(pieces.s), bool), most)
     if asked.of_itself:
-        arm = line.arm
-        plane = HalfSpace(arm.base_position, tuple(np.array(arm.base_frame)[:, 0].tolist()))
         beyond = pieces.turned >= np.pi / 2
-        found += _of_bodies(line, pieces, numbers_of([plane]), beyond, most)
+        found += _of_bodies(line, pieces, Bodies([base_plane(line.arm)]), beyond, most)
         found += _of_pairs(line, pieces, most)
     return found
 
 
 def _of_bodies(
-    line: Centreline, pieces: Pieces, bodies: Array, which: Mask, most: float
+    line: Centreline, pieces: Pieces, bodies: Bodies, which: Mask, most: float
 ) -> list[Near]:
-    gaps = distances(bodies, pieces.nodes)[0] - pieces.least[:, None]
+    gaps = bodies.at(pieces.nodes[:, None])[0] - pieces.least[:, None]
     gaps[~which] = np.inf
     gaps[0] = np.inf  # the base stays where it is
     padded = np.pad(gaps, ((1, 1), (0, 0)), constant_values=np.inf)
@@ -83,13 +88,13 @@ def _of_bodies(
     for _ in range(_ROUNDS):
         s = low[:, None] + (high - low)[:, None] * np.linspace(0, 1, _AROUND)
         points, radius = line.at(s.ravel())
-        own = np.repeat(bodies[body], _AROUND, axis=0)
-        gap = np.array(signed_distance()(points.T, own.T))[0] - radius
-        gap = gap.reshape(s.shape)
+        gap = (bodies.of(np.repeat(body, _AROUND), points) - radius).reshape(s.shape)
         k = gap.argmin(axis=1)
         best, least = s[rows, k], gap[rows, k]
         low, high = s[rows, np.maximum(k - 1, 0)], s[rows, np.minimum(k + 1, _AROUND - 1)]
-    return [Near(float(s), bodies[b], float(g)) for s, b, g in zip(best, body, least, strict=True)]
+    places = line.at(best)[0]
+    parts = [bodies.obstacles[b].nearest_part(x) for b, x in zip(body, places, strict=True)]
+    return [Near(float(s), p, float(g)) for s, p, g in zip(best, parts, least, strict=True)]
 
 
 def _of_pairs(line: Centreline, pieces: Pieces, most: float) -> list[Near]:
@@ -122,10 +127,44 @@ def updated(
     margin = asked.clearance + asked.spare(line.arm)
     rows = [_row(line, place.s, place.other, margin) for place in near]
     for row in before.rows if before else ():
-        if not any(_alike(line, row, other) for other in rows):
+        if (
+            _lasts(row, line.arm, asked)
+            and not _crowded(row, rows, line.arm, asked)
+            and not any(_alike(line, row, other) for other in rows)
+        ):
             own = row.other.s if isinstance(row.other, Place) else np.array(row.other)
             rows.append(_row(line, row.place.s, own, margin))
     return Avoidance(tuple(rows))
+
+
+def _crowded(row: Apart, rows: list[Apart], arm: Arm, asked: Surroundings) -> bool:
+    """Return whether an older row of a mesh's part is one of too many between two stations."""
+    if isinstance(row.other, Place) or not asked.has_parts or row.other in _whole(arm, asked):
+        return False
+    k = element_of(arm, row.place.s)
+    return sum(element_of(arm, own.place.s) == k for own in rows) >= _PARTS
+
+
+def lasting(avoidance: Avoidance | None, arm: Arm, asked: Surroundings) -> bool:
+    """Return whether no inequality keeps off more than what is asked."""
+    return avoidance is None or all(_lasts(row, arm, asked) for row in avoidance.rows)
+
+
+def _lasts(row: Apart, arm: Arm, asked: Surroundings) -> bool:
+    """Return whether a row is kept once the arm is elsewhere.
+
+    That of a place inside of a mesh is not, as it keeps off more; of others parts are flat.
+    """
+    if isinstance(row.other, Place) or not row.other[14]:
+        return True
+    return not asked.has_parts or row.other in _whole(arm, asked)
+
+
+def _whole(arm: Arm, asked: Surroundings) -> set[tuple[float, ...]]:
+    """Return the numbers of all that is kept clear of as a whole, not part by part."""
+    convex: list[Convex] = [own for own in asked.obstacles if isinstance(own, Convex)]
+    convex += [base_plane(arm)] * asked.of_itself
+    return {tuple(own.tolist()) for own in numbers_of(convex)}
 
 
 def _alike(line: Centreline, row: Apart, other: Apart) -> bool:

@@ -10,11 +10,11 @@ import numpy as np
 
 from model.checks import within
 from model.errors import InputError
+from model.extras import needed
 from model.shape import Shape
 from planner.bodies.mjcf import mjcf
 from planner.bodies.surface import surface
 from planner.bodies.urdf import ros_messages, urdf
-from planner.extras import needed
 from planner.files import to_json, write_named, write_together
 
 MESHES = (".stl", ".glb", ".ply", ".obj")

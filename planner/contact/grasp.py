@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 
 from model.arm import Arm
-from model.obstacles import Obstacle
+from model.obstacles.base import Convex
 from model.paths import Array
 from model.shape import Shape
 from planner.targets.hold import LEVER, Hold
@@ -24,14 +24,14 @@ class Grip:
 
     Attributes
     ----------
-    obstacle : Obstacle
+    obstacle : Convex
     point : (3,)
         Of its surface, base frame [m].
     normal, tangential : (3,)
         On the object [N]: what the arm's equilibrium presses, and friction within its cone.
     """
 
-    obstacle: Obstacle
+    obstacle: Convex
     point: Array
     normal: Array
     tangential: Array

@@ -18,8 +18,8 @@ import numpy as np
 
 from model.effects import Effect
 from model.errors import InputError, OctoplanError
+from model.extras import needed
 from model.obstacles import Obstacle
-from planner.extras import needed
 from planner.files import to_json
 from planner.live.drawing import add_obstacle, bars, draw_arm, draw_ellipsoid, set_camera
 from planner.live.handles import Handle

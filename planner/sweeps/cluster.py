@@ -7,7 +7,7 @@ from itertools import islice
 from typing import Any
 
 from model.errors import InputError, OctoplanError
-from planner.extras import needed
+from model.extras import needed
 from planner.files import versions
 from planner.sweeps.asked import Sweep
 from planner.sweeps.points import Job, Point

@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from planner.extras import needed
+from model.extras import needed
 from planner.files import versions
 from planner.sweeps.asked import Sweep
 from planner.sweeps.axes import Axis

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from model.errors import InputError
+from model.extras import needed
 from model.progress import tell
-from planner.extras import needed
 from planner.staging import staged
 from planner.sweeps.asked import Sweep
 from planner.sweeps.boxes import boxes

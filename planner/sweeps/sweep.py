@@ -10,9 +10,9 @@ from typing import Any
 
 from model.arm import Arm
 from model.errors import InputError
+from model.extras import needed
 from model.progress import tell
 from model.time_limit import check_time
-from planner.extras import needed
 from planner.sweeps.asked import Sweep
 from planner.sweeps.cluster import on_cluster
 from planner.sweeps.dataset import dataset

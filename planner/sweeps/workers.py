@@ -13,9 +13,9 @@ import time
 from collections.abc import Iterable, Iterator
 
 from model.errors import OctoplanError
+from model.extras import needed
 from model.time_limit import end as end_of_limit
 from model.time_limit import until
-from planner.extras import needed
 from planner.sweeps.asked import Sweep
 from planner.sweeps.points import Job, Point, run
 from planner.sweeps.variables import Rows

@@ -11,7 +11,7 @@ import numpy as np
 from model.arm import Arm
 from model.checks import finite_array, kind, not_negative
 from model.errors import InputError
-from model.obstacles import Obstacle
+from model.obstacles.base import Convex
 from model.paths import Array
 from planner.targets.base import Free, Terms, View
 
@@ -32,7 +32,7 @@ class Hold(Free):
 
     Attributes
     ----------
-    obstacle : Obstacle
+    obstacle : Convex
     wrench : (3,) or (6,)
         On the object, base frame, such as its weight: a force [N], moments being taken up by
         something else; or force and moment about its centre [N, N m].
@@ -40,13 +40,13 @@ class Hold(Free):
         Coulomb's coefficient between arm and object.
     """
 
-    obstacle: Obstacle
+    obstacle: Convex
     wrench: tuple[float, ...]
     friction: float = 0.0
 
     def __post_init__(self) -> None:
-        allowed = "an obstacle such as Capsule(start, end, radius)"
-        kind("Hold.obstacle", self.obstacle, Obstacle, allowed)
+        allowed = "a convex obstacle such as Capsule(start, end, radius); a Mesh is none"
+        kind("Hold.obstacle", self.obstacle, Convex, allowed)
         given = finite_array("Hold.wrench", self.wrench, (None,))
         if given.size not in (3, 6):
             allowed = "a force (3,) [N], or force and moment (6,) [N, N m]"

@@ -13,8 +13,8 @@ import numpy as np
 from model.arm import Arm
 from model.checks import kind, not_negative, positive
 from model.errors import InputError
-from model.obstacles import HalfSpace, Obstacle
-from model.obstacles.base import SIZE, with_gradient
+from model.obstacles import HalfSpace
+from model.obstacles.base import SIZE, Convex, with_gradient
 from model.paths import Array
 from planner.targets.base import OVER_WANTED, Free, Terms, View
 
@@ -47,7 +47,7 @@ class Wrap(Free):
 
     Attributes
     ----------
-    obstacle : Obstacle
+    obstacle : Convex
     turns : float
         At least so many, above 0; or else a length.
     length : float
@@ -58,15 +58,15 @@ class Wrap(Free):
         Gap over the arm's radius.
     """
 
-    obstacle: Obstacle
+    obstacle: Convex
     turns: float | None = None
     length: float | None = None
     start: float | None = None
     tolerance: float = 0.25
 
     def __post_init__(self) -> None:
-        allowed = "an obstacle such as Capsule(start, end, radius)"
-        kind("Wrap.obstacle", self.obstacle, Obstacle, allowed)
+        allowed = "a convex obstacle such as Capsule(start, end, radius); a Mesh is none"
+        kind("Wrap.obstacle", self.obstacle, Convex, allowed)
         if (self.turns is None) == (self.length is None):
             given = "neither" if self.turns is None else "both"
             raise InputError("Wrap", given, "turns, or the length of the part in m")

@@ -9,9 +9,10 @@ import numpy as np
 from model.centreline import Centreline, Counts
 from model.clearance.lines import Lines
 from model.clearance.swept import Around, Swept, swept
-from model.obstacles import HalfSpace, numbers_of
+from model.obstacles.bodies import Bodies
 from model.paths import Array
 from planner.avoidance.asked import Surroundings
+from planner.avoidance.places import base_plane
 
 
 def between(lines: Lines, tensions: Array, times: Array, asked: Surroundings) -> Swept:
@@ -54,7 +55,6 @@ def _around(lines: Lines, asked: Surroundings, ends: Array) -> Around:
     for i, own in enumerate(asked.moving, start=len(asked.obstacles)):
         moved[:, :, i] = own.moved(ends)
     if asked.of_itself:
-        normal = tuple(np.array(arm.base_frame)[:, 0].tolist())
-        bodies.append(HalfSpace(arm.base_position, normal))
+        bodies.append(base_plane(arm))
         turns[-1] = np.pi / 2
-    return Around(numbers_of(bodies), moved, turns, asked.of_itself, asked.clearance)
+    return Around(Bodies(bodies), moved, turns, asked.of_itself, asked.clearance)

@@ -15,7 +15,8 @@ from model.clearance.lines import Lines
 from model.errors import InputError
 from model.loads import is_loaded
 from model.obstacles import numbers_of
-from model.obstacles.moving import Placed
+from model.obstacles.base import Convex, Translated
+from model.obstacles.mesh import TranslatedMesh
 from model.paths import Array
 from model.progress import told
 from planner.avoidance.asked import Surroundings
@@ -127,8 +128,9 @@ def _still(avoidance: Avoidance | None, asked: Surroundings) -> Avoidance | None
     """Return inequalities without those of obstacles that have moved on."""
     if avoidance is None:
         return None
-    there = {tuple(own.tolist()) for own in numbers_of(asked.obstacles)}
-    moved = asked.obstacles[-1:] and isinstance(asked.obstacles[-1], Placed)
+    convex = [own for own in asked.obstacles if isinstance(own, Convex)]
+    there = {tuple(own.tolist()) for own in numbers_of(convex)}
+    moved = isinstance((*asked.obstacles, None)[-1], Translated | TranslatedMesh)
     rows = [
         row
         for row in avoidance.rows

@@ -12,7 +12,8 @@ from model.clearance.lines import Lines
 from model.clearance.smooth import SHARES, chebyshev, control, falls, highest
 from model.clearance.swept import Around, swept
 from model.effects import Buoyancy, Extension, Weight
-from model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere, numbers_of
+from model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
+from model.obstacles.bodies import Bodies
 from tests.model.cases import paper_tensions
 
 ARM = Arm.from_paper("table-4")
@@ -69,9 +70,9 @@ def _check(scene: Scene, rng: np.random.Generator, count: int, instants: int) ->
         return lines.many(start[which] + share[:, None] * (end - start)[which])
 
     plane = HalfSpace(ARM.base_position, np.array(ARM.base_frame)[:, 0])
-    numbers, turns = numbers_of([*obstacles, plane]), np.array([0, 0, 0, np.pi / 2])
+    bodies, turns = Bodies([*obstacles, plane]), np.array([0, 0, 0, np.pi / 2])
     with_plane = np.concatenate([moved, np.zeros((count, 2, 1, 3))], axis=2)
-    found = swept(settled, count, Around(numbers, with_plane, turns, True, KEEP))
+    found = swept(settled, count, Around(bodies, with_plane, turns, True, KEEP))
 
     def true(k: int, share: float, turn: float) -> float:
         line = lines(start[k] + share * (end[k] - start[k]))
@@ -112,7 +113,7 @@ def test_what_is_only_touched_halfway_is_seen() -> None:
     def settled(_: NDArray[np.int64], share: Array) -> list[Centreline | None]:
         return lines.many(T[0] + share[:, None] * (T[1] - T[0]))
 
-    ball = numbers_of([Sphere(tip, 0.0065)])
+    ball = Bodies([Sphere(tip, 0.0065)])
     still, zero = np.zeros((1, 2, 1, 3)), np.zeros(1)
     found = swept(settled, 1, Around(ball, still, zero, False, 0.0))
     assert found.seen[0] < 0
@@ -125,9 +126,7 @@ def test_an_arm_that_jumps_on_its_way_is_not_verified() -> None:
     lines = Lines(ARM, PAPER, 2, (), False)
     T = np.zeros((2, 12))
     T[1, 4] = 4.0
-    around = Around(
-        numbers_of([Sphere((0, 0, 5.0), 1.0)]), np.zeros((1, 2, 1, 3)), np.zeros(1), 0, 0
-    )
+    around = Around(Bodies([Sphere((0, 0, 5.0), 1.0)]), np.zeros((1, 2, 1, 3)), np.zeros(1), 0, 0)
 
     def jumps(_: NDArray[np.int64], share: Array) -> list[Centreline | None]:
         return [lines(T[int(u > 0.43)]) for u in share]

@@ -11,8 +11,8 @@ import xarray
 import planner
 from model import Arm, InputError, Material, Scene, settle
 from model.effects import Extension, TipLoad
+from model.extras import MissingExtraError
 from planner.cli import main
-from planner.extras import MissingExtraError
 from planner.targets import TipPosition
 from tests.sweeps.cases import DRAWN, GRID, STIFFNESS, tensions, written
 

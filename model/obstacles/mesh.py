@@ -1,0 +1,183 @@
+"""A body of any shape, by a closed surface of triangles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from model.checks import finite_array, vector
+from model.errors import FileError, InputError
+from model.extras import needed
+from model.obstacles.base import ENDLESS, Obstacle, Rounded, axes_with
+from model.obstacles.triangles import Triangles, check_closed, volume
+from model.paths import Array
+from model.units import warn_of_width
+
+UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}
+_ALONG_BASE = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+@dataclass(frozen=True, repr=False)
+class Mesh(Obstacle):
+    """A body by the triangles of its surface, which is closed; it need not be convex.
+
+    That triangles do not pass through each other is not checked. Distances are those of libigl,
+    which the extra `mesh` brings; they have derivatives but where two places are equally near.
+
+    Attributes
+    ----------
+    vertices : (N, 3)
+        In the base frame [m].
+    faces : (M, 3)
+        The corners of each triangle, counter-clockwise from outside.
+    """
+
+    vertices: tuple[tuple[float, ...], ...]
+    faces: tuple[tuple[int, ...], ...]
+
+    def __post_init__(self) -> None:
+        vertices = finite_array("Mesh.vertices", self.vertices, (None, 3))
+        faces = finite_array("Mesh.faces", self.faces, (None, 3))
+        if len(faces) < 4 or not np.array_equal(faces, faces.astype(int)):
+            raise InputError("Mesh.faces", f"{len(faces)} rows", "4 or more, of whole numbers")
+        if faces.min() < 0 or faces.max() >= len(vertices):
+            told = f"numbers of vertices, from 0 to {len(vertices) - 1}"
+            worst = faces.min() if faces.min() < 0 else faces.max()
+            raise InputError("Mesh.faces", int(worst), told)
+        check_closed(vertices, faces.astype(np.int64))
+        warn_of_width("the mesh", float(np.ptp(vertices, axis=0).max()))
+        object.__setattr__(self, "vertices", tuple(map(tuple, vertices.tolist())))
+        object.__setattr__(self, "faces", tuple(map(tuple, faces.astype(int).tolist())))
+
+    @classmethod
+    def read(
+        cls, path: str | Path, unit: str, position: Any = (0, 0, 0), frame: Any = _ALONG_BASE
+    ) -> Mesh:
+        """Return the mesh of a .stl, .obj, .ply or .off file, whose corners are joined.
+
+        Parameters
+        ----------
+        unit : "m", "cm", "mm" or "in"
+            Of the file, which does not say.
+        position, frame : (3,), (3, 3)
+            Where its origin is in the base frame [m], and the directions of its axes, by columns.
+
+        Raises
+        ------
+        FileError
+            For a file that cannot be read or is no closed surface; MissingExtraError without the
+            extra `mesh`.
+        """
+        if unit not in UNITS:
+            raise InputError("unit", unit, f"one of {', '.join(UNITS)}: files of meshes have none")
+        axes = finite_array("frame", frame, (3, 3))
+        if not np.allclose(axes.T @ axes, np.eye(3), atol=1e-9) or np.linalg.det(axes) < 0:
+            raise InputError("frame", frame, "a right-handed orthonormal frame")
+        trimesh = needed("trimesh", "mesh")
+        try:
+            found: Any = trimesh.load(path, force="mesh")
+            found.merge_vertices(merge_tex=True, merge_norm=True)
+            found.update_faces(found.nondegenerate_faces(height=0))
+            vertices, faces = np.array(found.vertices, float), np.array(found.faces, np.int64)
+        except Exception as reason:  # readers of formats raise what they like
+            raise FileError(str(path), "", f"cannot be read as a mesh: {reason}") from None
+        if not len(faces):
+            raise FileError(str(path), "", "there are no triangles in it")
+        faces = faces[:, ::-1] if volume(vertices, faces) < 0 else faces
+        try:
+            return cls(UNITS[unit] * vertices @ axes.T + vector("position", position), faces)  # type: ignore[arg-type]
+        except InputError as reason:
+            raise FileError.of(reason, str(path), "") from None
+
+    def __hash__(self) -> int:
+        """By a few of the numbers: there are many."""
+        return hash((len(self.faces), self.vertices[:8], self.faces[-8:]))
+
+    def __repr__(self) -> str:
+        low, high = (np.round(own, 4).tolist() for own in self._bounds)
+        return f"Mesh({len(self.faces)} triangles, from {low} to {high} m)"
+
+    @property
+    def _bounds(self) -> tuple[Array, Array]:
+        points = np.array(self.vertices)
+        return points.min(axis=0), points.max(axis=0)
+
+    @property
+    def outline(self) -> tuple[Array, Array]:
+        """See Obstacle.outline."""
+        return np.array(self.vertices), np.array(self.faces)
+
+    @property
+    def is_convex(self) -> bool:
+        """See Obstacle.is_convex."""
+        return _convex(self)
+
+    def at(self, points: Array) -> tuple[Array, Array]:
+        """See Obstacle.at."""
+        return _triangles(self).nearest(points)[:2]
+
+    def nearest_part(self, point: Array) -> Array:
+        """See Obstacle.nearest_part: a rectangle in the nearest triangle.
+
+        Of a point inside a convex one the box around it; of others what is behind the plane through
+        the nearest place.
+        """
+        surface = _triangles(self)
+        d, gradient, face, place = surface.nearest(point[None])
+        if d[0] <= 0 and self.is_convex:
+            return Rounded(*surface.box).numbers
+        if d[0] <= 0:
+            sizes = np.array([0.0, ENDLESS, ENDLESS])
+            return Rounded(place[0], axes_with(gradient[0]), sizes, is_open=True).numbers
+        return Rounded(*surface.rectangle(int(face[0]), place[0])).numbers
+
+    def moved(self, by: tuple[float, ...]) -> Obstacle:
+        """See Obstacle.moved."""
+        return TranslatedMesh(self, by)
+
+
+@dataclass(frozen=True)
+class TranslatedMesh(Obstacle):
+    """A mesh after a translation (3,) [m]; it is searched as the mesh itself."""
+
+    mesh: Mesh
+    by: tuple[float, ...]
+
+    @property
+    def outline(self) -> tuple[Array, Array]:
+        """See Obstacle.outline."""
+        points, triangles = self.mesh.outline
+        return points + np.array(self.by), triangles
+
+    @property
+    def is_convex(self) -> bool:
+        """See Obstacle.is_convex."""
+        return self.mesh.is_convex
+
+    def at(self, points: Array) -> tuple[Array, Array]:
+        """See Obstacle.at."""
+        return self.mesh.at(points - np.array(self.by))
+
+    def nearest_part(self, point: Array) -> Array:
+        """See Obstacle.nearest_part."""
+        found = self.mesh.nearest_part(point - np.array(self.by))
+        found[:3] += self.by
+        return found
+
+    def moved(self, by: tuple[float, ...]) -> Obstacle:
+        """See Obstacle.moved."""
+        return TranslatedMesh(self.mesh, tuple(np.add(self.by, by).tolist()))
+
+
+@lru_cache(maxsize=16)
+def _triangles(mesh: Mesh) -> Triangles:
+    return Triangles(np.array(mesh.vertices), np.array(mesh.faces, dtype=np.int64))
+
+
+@lru_cache(maxsize=16)
+def _convex(mesh: Mesh) -> bool:
+    return _triangles(mesh).is_convex

@@ -1,0 +1,144 @@
+"""A closed surface of triangles: whether it is one, and its signed distance from points.
+
+The nearest point is found by libigl's tree of boxes, exactly. Its distance has the sign of the
+normal there: that of the triangle, the sum of both at an edge, at a corner their sum by angles.
+Source: Baerentzen, Aanaes, "Signed distance computation using the angle weighted pseudonormal",
+IEEE Transactions on Visualization and Computer Graphics 11 (2005).
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from model.errors import InputError
+from model.extras import needed
+from model.paths import Array
+
+Faces = NDArray[np.int64]
+# Barycentric coordinates of the nearest point that count as 0; the same of sizes.
+_EDGE, _TINY = 1e-9, 1e-12
+# How far triangles of a convex body may be inside of its hull, over its size; the most that are
+# looked at.
+_FLAT, _MANY = 1e-7, 5000
+
+
+def check_closed(vertices: Array, faces: Faces) -> None:
+    """Raise InputError unless triangles (M, 3) are a closed surface that is turned outwards."""
+    size = float(np.ptp(vertices, axis=0).max(initial=0.0))
+    areas = np.linalg.norm(_normals(vertices, faces), axis=1) / 2
+    for i in np.flatnonzero(areas <= (_TINY * size) ** 2)[:1]:
+        told = f"triangles that have an area; {np.sum(areas <= (_TINY * size) ** 2)} have none"
+        raise InputError(f"Mesh.faces[{i}]", faces[i].tolist(), told)
+    edges = np.vstack([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    key, back = edges @ [len(vertices), 1], edges @ [1, len(vertices)]
+    _, counts = np.unique(np.sort(edges, axis=1), axis=0, return_counts=True)
+    if (counts != 2).any():
+        given = f"{np.sum(counts != 2)} of {counts.size} edges with one triangle, or three"
+        told = "a closed (watertight) surface, two triangles at each edge: fill its holes"
+        raise InputError("Mesh.faces", given, told)
+    if not np.array_equal(np.sort(key), np.sort(back)):
+        told = "triangles whose corners all go round counter-clockwise, seen from outside"
+        raise InputError("Mesh.faces", "some turned over", told)
+    if volume(vertices, faces) <= 0:
+        told = "triangles turned outwards: corners counter-clockwise, seen from outside"
+        raise InputError("Mesh.faces", "turned inwards", told)
+
+
+def volume(vertices: Array, faces: Faces) -> float:
+    """Return the volume [m3] of a closed surface, below 0 if it is turned inwards."""
+    a, b, c = (vertices[faces[:, i]] - vertices.mean(axis=0) for i in range(3))
+    return float(np.einsum("ki,ki->", a, np.cross(b, c)) / 6)
+
+
+class Triangles:
+    """A closed surface; finds what of it is nearest."""
+
+    def __init__(self, vertices: Array, faces: Faces) -> None:
+        igl = needed("igl", "mesh")
+        self.vertices, self.faces = vertices, faces
+        self._tree: Any = igl.AABB()
+        self._tree.init(vertices, faces)
+        crossed = _normals(vertices, faces)
+        self.normals = crossed / np.linalg.norm(crossed, axis=1, keepdims=True)
+        edges, _, which = igl.per_edge_normals(
+            vertices, faces, igl.PER_EDGE_NORMALS_WEIGHTING_TYPE_UNIFORM
+        )
+        # By triangle, and the corner that is opposite.
+        self._edges = edges[which.reshape(3, -1).T]
+        self._corners = igl.per_vertex_normals(
+            vertices, faces, igl.PER_VERTEX_NORMALS_WEIGHTING_TYPE_ANGLE
+        )
+
+    def nearest(self, points: Array) -> tuple[Array, Array, Faces, Array]:
+        """Return signed distances (N,) [m], gradients (N, 3), triangles (N,), places (N, 3)."""
+        if not len(points):
+            return np.zeros(0), np.zeros((0, 3)), np.zeros(0, dtype=np.int64), np.zeros((0, 3))
+        given = np.ascontiguousarray(points)
+        _, face, place = self._tree.squared_distance(self.vertices, self.faces, given)
+        way, normal = points - place, self._normal(face, place)
+        size = np.linalg.norm(way, axis=1)
+        sign = np.where(np.einsum("ki,ki->k", way, normal) < 0, -1.0, 1.0)
+        on = size <= _TINY * np.abs(self.vertices).max()
+        gradient = np.where(on[:, None], normal, (sign / np.where(on, 1.0, size))[:, None] * way)
+        return sign * size, gradient, face, place
+
+    def _normal(self, face: Faces, place: Array) -> Array:
+        """Return the unit normals (N, 3) at places (N, 3) on triangles (N,)."""
+        a, b, c = (self.vertices[self.faces[face, i]] for i in range(3))
+        crossed = np.cross(b - a, c - a)
+        square = np.einsum("ki,ki->k", crossed, crossed)
+        parts = (np.cross(c - b, place - b), np.cross(a - c, place - c), np.cross(b - a, place - a))
+        weights = np.column_stack([np.einsum("ki,ki->k", crossed, own) for own in parts])
+        inside = weights > _EDGE * square[:, None]
+        count = inside.sum(axis=1)
+        on_edge = self._edges[face, inside.argmin(axis=1)]
+        at_corner = self._corners[self.faces[face, inside.argmax(axis=1)]]
+        found = np.where((count == 3)[:, None], self.normals[face], on_edge)
+        found = np.where((count <= 1)[:, None], at_corner, found)
+        return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))
+
+    @property
+    def is_convex(self) -> bool:
+        """Whether the body is convex, to rounding; not looked at where there are very many."""
+        if len(self.faces) > _MANY:
+            return False
+        hull = scipy.spatial.ConvexHull(self.vertices)
+        middles = self.vertices[self.faces].mean(axis=1)
+        depth = (middles @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1)
+        return bool(depth.min() >= -_FLAT * np.ptp(self.vertices, axis=0).max())
+
+    @cached_property
+    def box(self) -> tuple[Array, Array, Array]:
+        """A box around it, along the axes of its vertices: center, axes (3, 3), half sizes."""
+        axes = np.linalg.svd(self.vertices - self.vertices.mean(axis=0), full_matrices=False)[2].T
+        low, high = (own(self.vertices @ axes, axis=0) for own in (np.min, np.max))
+        return axes @ (low + high) / 2, axes, (high - low) / 2
+
+    def rectangle(self, face: int, place: Array) -> tuple[Array, Array, Array]:
+        """Return a rectangle in a triangle that has a place (3,): center, axes (3, 3), half sizes.
+
+        Along the longest edge, half as high as the triangle where it then has the place.
+        """
+        corners = self.vertices[self.faces[face]]
+        lengths = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
+        a, b, c = np.roll(corners, -int(lengths.argmax()), axis=0)
+        x = (b - a) / np.linalg.norm(b - a)
+        axes = np.column_stack([x, np.cross(self.normals[face], x), self.normals[face]])
+        (width, _), (foot, top), (x0, y0) = (own @ axes[:, :2] for own in (b - a, c - a, place - a))
+        # Where the sides over the place are.
+        over = min(x0 / max(foot, _TINY), (width - x0) / max(width - foot, _TINY), 1.0)
+        high = max(min(top / 2, over * top), min(y0, top), 0.0)
+        low, far = foot * high / top, width + (foot - width) * high / top
+        middle = a + axes[:, :2] @ [(low + far) / 2, high / 2]
+        return middle, axes, np.array([(far - low) / 2, high / 2, 0.0])
+
+
+def _normals(vertices: Array, faces: Faces) -> Array:
+    """Return the normals (M, 3) of triangles, twice their areas long."""
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    return np.cross(b - a, c - a)
