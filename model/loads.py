@@ -17,6 +17,7 @@ from model.effects import (
     PointLoad,
     PointMass,
     PrintedStatics,
+    SelfContact,
     Shear,
     TipLoad,
     Weight,
@@ -52,6 +53,9 @@ def check_loads(arm: Arm, scene: Scene, contact: bool = False) -> None:
     if contacts(scene) and not contact:
         allowed = "a scene without contact; with it settle, stiffness and plan answer"
         raise InputError("scene", "with contact", allowed)
+    if scene.has(SelfContact):
+        allowed = "a scene without SelfContact; with it settle by tensions answers"
+        raise InputError("scene", "with SelfContact", allowed)
     if scene.has(PrintedStatics) and arm.is_curved:
         told = "an arm that is straight at rest: eqs. (10) and (11) are written for that"
         raise InputError("Arm.rest_curvature", arm.rest_curvature, told)

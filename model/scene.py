@@ -108,7 +108,16 @@ def _place(effect: Effect) -> tuple[str, float, tuple[float, ...]]:
     return type(effect).__name__, own.s if own else 0.0, offset or ()
 
 
-_LOADS = ("Contact", "Current", "PointLoad", "PointMass", "Shear", "TipLoad", "Weight")
+_LOADS = (
+    "Contact",
+    "Current",
+    "PointLoad",
+    "PointMass",
+    "SelfContact",
+    "Shear",
+    "TipLoad",
+    "Weight",
+)
 
 # (effect, what it needs), (effect, what it contradicts), each with the reason.
 _NEEDS = {
@@ -121,6 +130,10 @@ _NEEDS = {
 }
 _CONTRADICTS = {
     "Contact": (
+        ("Friction", "tendons that slide where contact bends them sharply are not stated"),
+    ),
+    "SelfContact": (
+        ("Contact", "what presses on both an obstacle and itself is not stated"),
         ("Friction", "tendons that slide where contact bends them sharply are not stated"),
     ),
     "PrintedStatics": (

@@ -13,7 +13,8 @@ from model.arm import Arm
 from model.by_lengths import GivenLengths, GivenTensions, Near
 from model.checks import kind
 from model.contact.forward import TouchingMap
-from model.effects import Contact, PrintedStatics
+from model.contact.itself import pressed_on_itself
+from model.effects import Contact, PrintedStatics, SelfContact
 from model.errors import (
     ConvergenceError,
     InputError,
@@ -44,6 +45,8 @@ LOG = logging.getLogger(__name__)
 ACCURACY = 1e-6
 # A mesh up to this one may be too coarse to say that the arm snaps.
 _COARSE = 16
+# How accurate shapes are that press on themselves.
+_CLOSE = 1e-9
 
 
 def settle(
@@ -109,8 +112,13 @@ def settle(
     CompilerError
         If `compile` is True, and there is no compiler or it fails.
     """
-    scene = checked_scene(arm, scene, contact=True)
     accuracy = checked_accuracy(accuracy)
+    if isinstance(scene, Scene) and scene.has(SelfContact):
+        for name, value in (("lengths", lengths), ("near", near), ("scheme", scheme)):
+            if value is not None:
+                raise InputError(name, "given with SelfContact", "none in a scene with SelfContact")
+        return _on_itself(arm, tensions, scene, accuracy, checked_compile(compile))
+    scene = checked_scene(arm, scene, contact=True)
     begin = _near(near, arm, scene)
     machine_code = checked_compile(compile)
     given = _given(arm, scene, tensions, lengths, tendon_EA, tendon_outside)
@@ -124,6 +132,23 @@ def settle(
         if robust == scene:
             raise
         return _settled(arm, given, robust, accuracy, scheme, machine_code, begin)
+
+
+def _on_itself(arm: Arm, tensions: Any, scene: Scene, accuracy: float, machine_code: bool) -> Shape:
+    """Return the shape of an arm that may press on itself; tensions grow from none.
+
+    All that is settled on the way is as accurate as gaps are closed.
+    """
+    alone = Scene(*(effect for effect in scene.effects if not isinstance(effect, SelfContact)))
+    alone, close = checked_scene(arm, alone), min(accuracy, _CLOSE)
+
+    def at(T: Array, loaded: Scene, near: Shape | None) -> Shape:
+        alike = near is not None and is_loaded(loaded) and is_loaded(near.scene)
+        begin = Near(near.tensions, near.known) if near is not None and alike else None
+        given, scheme = GivenTensions(T), check_scheme(loaded, None)
+        return _settled(arm, given, loaded, close, scheme, machine_code, begin)
+
+    return pressed_on_itself(arm.flat(tensions), alone, at)
 
 
 def _given(

@@ -64,6 +64,9 @@ class Shape:
         What is left then of tendons held by length, beyond their paths [m]; nan of others.
     snaps : tuple of float
         With contact, at which shares of tensions and loads the arm jumped on its way from rest.
+    on_itself : tuple of Touch
+        Where the arm presses on itself: two of each pair of places, from base to tip. The shape is
+        that of the scene with these forces as point loads; so is its stability.
     """
 
     arm: Arm
@@ -77,6 +80,7 @@ class Shape:
     winches: Winches | None = None
     left: Array | None = None
     snaps: tuple[float, ...] = ()
+    on_itself: tuple[Touch, ...] = ()
 
     @property
     def slack(self) -> NDArray[np.bool_]:
@@ -210,7 +214,7 @@ class Shape:
         """What it leans on, from base to tip: obstacle, s [m], force (3,) [N] on it, gap [m]."""
         forward = self._map
         if not isinstance(forward, Collocation) or not contacts(self.scene):
-            return ()
+            return self.on_itself
         return touches_of(forward.system, forward.states(self.states))
 
     @property

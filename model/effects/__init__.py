@@ -10,6 +10,7 @@ from model.effects.neo_hookean import NeoHookean
 from model.effects.point_load import PointLoad
 from model.effects.point_mass import PointMass
 from model.effects.printed import PrintedStatics
+from model.effects.self_contact import SelfContact
 from model.effects.shear import Shear
 from model.effects.tip_load import TipLoad
 from model.effects.weight import Buoyancy, Weight
@@ -26,6 +27,7 @@ __all__ = [
     "PointLoad",
     "PointMass",
     "PrintedStatics",
+    "SelfContact",
     "Shear",
     "TipLoad",
     "Weight",

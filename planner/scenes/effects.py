@@ -20,6 +20,7 @@ from model.effects import (
     PointLoad,
     PointMass,
     PrintedStatics,
+    SelfContact,
     Shear,
     TipLoad,
     Weight,
@@ -118,6 +119,9 @@ class EffectsTable(Table, frozen=True):
     contacts: Annotated[
         tuple[ObstacleTable, ...], Meta(description="what the arm may lean on, see obstacles")
     ] = ()
+    self_contact: Annotated[
+        bool, Meta(description="parts of the arm that meet press each other apart; in settle")
+    ] = False
     current: CurrentTable | None = None
     friction: FrictionTable | None = None
 
@@ -143,6 +147,7 @@ def scene_of(table: EffectsTable) -> Scene:
         (table.exact_tendons or table.silicone, ExactTendons()),
         (rubber, NeoHookean(table.anticlastic)),
         (table.as_printed, PrintedStatics()),
+        (table.self_contact, SelfContact()),
     ]
     tables = [(kind, getattr(table, key)) for key, kind in _KINDS.items()]
     loads = [kind(**msgspec.structs.asdict(own)) for kind, own in tables if own is not None]

@@ -1,0 +1,106 @@
+"""An arm that presses on itself: against a rod by SciPy, its balance by NumPy, what is refused."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import fsolve
+
+from model import Arm, Scene, settle
+from model.arm import Anchorage, Material
+from model.effects import Contact, Extension, Friction, SelfContact
+from model.errors import InputError, UnsettledContactError
+from model.obstacles import Sphere
+from model.paths import Linear
+from model.stiffness import stiffness
+from planner import plan
+from planner.targets import TipPosition
+
+L, R, E = 0.3, 0.006, 2e5
+EJ, OFF = E * np.pi * R**4 / 4, R / 2
+PATH = Linear(OFF, OFF)
+ENDS = (Anchorage(L, PATH), Anchorage(L / 2, PATH))
+ARM = Arm(L, Linear(R, R), ENDS, Material(E=E, nu=0.5, density=1000.0))
+SCENE = Scene(SelfContact())
+
+
+def curled(pull: float, across: float = 0.0) -> np.ndarray:
+    """Return tensions that bend the farther half alone [N]: the nearer one is held straight."""
+    return np.array([[across, pull, 0.0, 0.0], [0.0, 0.0, across, pull]]) * 1.0
+
+
+def rod(pull: float) -> tuple[float, float]:
+    """Return where the tip touches the nearer half [m], and the force [N].
+
+    A planar rod by initial values, straight along x up to where its tip presses: from there on
+    (E J + sum of y^2 T) kappa = sum of y T + f (x_tip - x), with the force f on the tip along -z.
+    """
+
+    def end(force: float, s: float) -> np.ndarray:
+        def slope(at: float, y: np.ndarray) -> list[float]:
+            stiff = EJ + OFF**2 * pull * (1 if at > L / 2 else 2)
+            moment = force * (s - y[0]) + OFF * pull * (at > L / 2)
+            return [np.cos(y[2]), -np.sin(y[2]), moment / stiff]
+
+        y = np.array([s, 0.0, 0.0])
+        for part in ((s, L / 2 - 1e-15), (L / 2 + 1e-15, L)):
+            y = solve_ivp(slope, part, y, rtol=1e-11, atol=1e-13).y[:, -1]
+        return y
+
+    def lacks(z: np.ndarray) -> list[float]:
+        x, height, _ = end(1e-2 * z[0], L * z[1])
+        return [x / L - z[1], (height + 2 * R) / L]
+
+    force, s = fsolve(lacks, [0.1, 0.43], xtol=1e-13)
+    return float(L * s), float(1e-2 * force)
+
+
+def test_the_tip_presses_on_the_arm_as_a_rod_by_scipy_does() -> None:
+    shape = settle(ARM, curled(2.71), SCENE, compile=True)
+    s, force = rod(2.71)
+    below, tip = shape.contacts
+    assert tip.s == L
+    assert below.s == pytest.approx(s, abs=1e-6 * L)
+    assert np.allclose(tip.force, [0.0, 0.0, -force], atol=1e-6 * force)
+    assert np.array_equal(tip.force, -below.force)
+    assert max(abs(tip.gap), abs(below.gap)) < 1e-8 * L
+
+
+def test_what_would_slip_past_itself_sideways_is_refused() -> None:
+    """In a plane it is an equilibrium, from which any push across leads away."""
+    with pytest.raises(UnsettledContactError, match="slip past each other"):
+        settle(ARM, curled(3.0), SCENE, compile=True)
+
+
+@pytest.mark.slow
+def test_coils_side_by_side_are_complementary_and_balanced_by_numpy_alone() -> None:
+    shape = settle(ARM, curled(3.5, 0.105), SCENE, compile=True)
+    touches = shape.contacts
+    assert len(touches) == 4
+    forces = np.array([touch.force for touch in touches])
+    places = shape.position(np.array([touch.s for touch in touches]))
+    assert np.abs(forces.sum(axis=0)).max() < 1e-15
+    assert np.abs(np.cross(places, forces).sum(axis=0)).max() < 1e-9 * np.abs(forces).max()
+    assert max(abs(touch.gap) for touch in touches) < 1e-8 * L
+    s = np.linspace(0, L, 601)
+    x = shape.position(s)
+    gap = np.linalg.norm(x[:, None] - x, axis=2) - 2 * R
+    gap[np.abs(s[:, None] - s) < 6 * R] = np.inf
+    assert gap.min() > -1e-8 * L
+
+
+def test_an_arm_that_does_not_meet_itself_is_settled_as_without() -> None:
+    shape = settle(ARM, curled(1.0), SCENE)
+    assert shape.contacts == ()
+    assert np.allclose(shape.tip, settle(ARM, curled(1.0), Scene()).tip, atol=1e-9)
+
+
+def test_what_does_not_state_it_refuses_it() -> None:
+    with pytest.raises(InputError, match="SelfContact"):
+        plan(ARM, TipPosition((0.2, 0.0, -0.1)), SCENE, 5.0)
+    with pytest.raises(InputError, match="SelfContact"):
+        stiffness(ARM, curled(1.0), SCENE)
+    with pytest.raises(InputError, match="SelfContact"):
+        settle(ARM, lengths=np.full(8, 0.29), scene=SCENE)
+    for other in (Contact(Sphere((0.2, 0.0, -0.1), 0.02)), Friction(0.1)):
+        with pytest.raises(InputError, match="SelfContact"):
+            Scene(Extension(), SelfContact(), other)
