@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from model.compliance import sensitivities
 from model.paths import Array
 from model.shape import Shape
-from model.winches import least_give
+from model.winches import least_compliance
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,8 @@ def length_response(shape: Shape) -> LengthResponse:
     stretch = np.zeros(T.size) if winches is None else winches.stretch
     longer = 1 + T / (np.inf if winches is None else winches.tendon_EA)
     taut = np.flatnonzero(held & (T > 0))
-    M = np.diag(stretch[taut] + least_give(shape.arm)) - found.length_tension[np.ix_(taut, taut)]
+    own = stretch[taut] + least_compliance(shape.arm)
+    M = np.diag(own) - found.length_tension[np.ix_(taut, taut)]
     tension = np.zeros((T.size, T.size))
     tension[np.ix_(taut, taut)] = -np.linalg.solve(M, np.diag(longer[taut]))
     pose = found.pose_tension @ tension

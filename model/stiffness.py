@@ -21,7 +21,7 @@ from model.scene import Scene
 from model.settle import ACCURACY, settle
 from model.shape import Shape
 from model.text import in_notebook
-from model.winches import checked_EA, least_give
+from model.winches import checked_EA, least_compliance
 
 Hold = Literal["tension", "length"]
 HOLDS: tuple[Hold, ...] = ("tension", "length")
@@ -204,12 +204,12 @@ def stiffness(
     C, response, locked = here.pose_wrench, np.zeros((T.size, 6)), np.zeros(0, int)
     if hold == "length":
         locked = np.flatnonzero(T > 0) if release else np.arange(T.size)
-        give = here.lengths[locked] / tendon_EA if tendon_EA else np.zeros(locked.size)
+        stretch = here.lengths[locked] / tendon_EA if tendon_EA else np.zeros(locked.size)
         if shape.winches is not None:
             locked = np.flatnonzero(shape.winches.held & (T > 0))
-            give = shape.winches.stretch[locked]
-        own = here.length_tension[np.ix_(locked, locked)] - np.diag(give)
-        own -= least_give(arm) * np.eye(locked.size)
+            stretch = shape.winches.stretch[locked]
+        own = here.length_tension[np.ix_(locked, locked)] - np.diag(stretch)
+        own -= least_compliance(arm) * np.eye(locked.size)
         response[locked] = -np.linalg.solve(own, here.length_wrench[locked])
         C = C + here.pose_tension @ response
     return Stiffness(

@@ -17,9 +17,9 @@ from model.paths import Array
 from model.stations import crossing, stations, tendon_paths
 from model.transcription.collocation import gauss
 
-# Held tendons give by this share of what the arm does, so that combinations of lengths that no
+# Compliance of held tendons as a share of the arm's own, so that combinations of lengths that no
 # strain changes do not matter.
-GIVE = 1e-10
+_LEAST_COMPLIANCE = 1e-10
 # Of the mesh on which lengths at rest are summed up.
 _REST = 16
 
@@ -137,10 +137,10 @@ def rest_lengths(arm: Arm) -> Array:
 
 
 @lru_cache(maxsize=64)
-def least_give(arm: Arm) -> float:
-    """Return by how much tendons give per newton where their lengths are held [m/N].
+def arm_compliance(arm: Arm) -> float:
+    """Return how much all tendons shorten, in sum, for one newton in each, arm at rest [m/N].
 
-    A small share of what the straight arm at rest does for all of them: integrals of y2/EJ + 1/EA.
+    The straight arm's own compliance: integrals of y2/EJ + 1/EA.
     """
     s = np.linspace(0.0, arm.length, 201)
     R = arm.radius.evaluate(s, arm.length)[0]
@@ -151,4 +151,12 @@ def least_give(arm: Arm) -> float:
         end = arm.sections[section].at
         y = path.evaluate(np.minimum(s, end), end)[0]
         total += float(np.trapezoid((4 * y**2 / R**2 + 1) / EA * (s <= end), s))
-    return GIVE * total
+    return total
+
+
+def least_compliance(arm: Arm) -> float:
+    """Return the compliance that tendons have at least where their lengths are held [m/N].
+
+    It regularises what lengths do not determine: a share of the arm's own, below what matters.
+    """
+    return _LEAST_COMPLIANCE * arm_compliance(arm)

@@ -34,7 +34,7 @@ def held_stands(here: Linearised) -> bool:
 def held_stability(here: Linearised) -> float:
     """Return the least eigenvalue of the scaled Hessian; below 0 it does not stand.
 
-    Of a Hessian that is not symmetric the least real part. 0 where the arm is about to give way.
+    Of a Hessian that is not symmetric the least real part. 0 where the arm is about to buckle.
     """
     try:
         inverse = _Inverse(here)

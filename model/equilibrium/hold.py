@@ -11,7 +11,7 @@ from model.equilibrium.complementarity import complementary, unfelt
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.stability import stands, unstable_modes
 from model.paths import Array
-from model.winches import GIVE, Winches, least_give
+from model.winches import Winches, arm_compliance, least_compliance
 
 # Steps far from the lengths are damped in the combinations of tensions that hardly change these.
 _DAMPED = 0.01
@@ -91,7 +91,7 @@ class HeldLengths:
         M, lengths = self._matrix(here), here.lengths + here.length_slopes @ change
         lacks = self.winches.lacks(lengths, now)[held]
         off = float(np.abs(np.minimum(lacks, np.diag(M) * T)).max(initial=0.0))
-        soft = least_give(arm) / GIVE
+        soft = arm_compliance(arm)
         if off:
             M = M + _DAMPED * off / (T.max(initial=0.0) + off / soft) * np.eye(T.size)
         taut = np.flatnonzero(T > 0)
@@ -116,23 +116,23 @@ class HeldLengths:
     def stands(self, here: Linearised) -> bool:
         """See Hold.stands: the taut tendons keep the arm from moving where it would not stand.
 
-        As many ways as it falls with tensions held, so many have to be barred: with H the Hessian
-        of the energy and L the slopes of the lengths, [H, L^T; L, -stretch] has as many negative
-        eigenvalues as H and stretch + L H^-1 L^T have together, its negative ones counted as
-        positive (Haynsworth, Linear Algebra and its Applications 1, 1968).
+        Held lengths have to bar every direction in which it is unstable with tensions held: with H
+        the Hessian of the energy and L the Jacobian of the lengths, [H, L^T; L, -stretch] has as
+        many negative eigenvalues as H and stretch + L H^-1 L^T have together, its negative ones
+        counted as positive (Haynsworth, Linear Algebra and its Applications 1, 1968).
         """
-        falls = unstable_modes(here)
-        if not falls:
+        unstable = unstable_modes(here)
+        if not unstable:
             return True
         taut = here.tensions[self.winches.held] > 0
         own = self._matrix(here)[np.ix_(taut, taut)]
-        return falls == int((np.linalg.eigvals(own).real < 0).sum())
+        return unstable == int((np.linalg.eigvals(own).real < 0).sum())
 
     def _matrix(self, here: Linearised) -> Array:
         """Return how what is left of held tendons grows with their tensions (n, n) [m/N].
 
-        By the least give as well, which keeps a step definite and is no part of the equations.
+        With the least compliance as well: it keeps a step definite, no part of the equations.
         """
         held = self.winches.held
-        give = self.winches.stretch[held] + least_give(here.system.arm)
-        return np.asarray(np.diag(give) - here.length_tension[np.ix_(held, held)])
+        compliance = self.winches.stretch[held] + least_compliance(here.system.arm)
+        return np.asarray(np.diag(compliance) - here.length_tension[np.ix_(held, held)])

@@ -1,7 +1,8 @@
 """Tensions by lengths where each cross-section settles by itself.
 
-Winches that give least come to a shape at once or, where that fails, by giving less and less; from
-there their give is taken away, as far as rounding of the lengths allows.
+Tendons of the least compliance are solved for at once or, where that fails, by continuation from
+more compliant ones; from there their compliance is taken away, as far as rounding of the lengths
+allows.
 """
 
 from __future__ import annotations
@@ -15,23 +16,23 @@ from model.equilibrium.complementarity import ROUNDING, least, unfelt
 from model.errors import ConvergenceError
 from model.paths import Array
 from model.scene import Scene
-from model.unloaded.giving import Giving, moved
+from model.unloaded.compliant_tendons import CompliantTendons, moved
 from model.unloaded.tendon_lengths import Lengths, tendon_lengths
 from model.unloaded.too_short import SHORT, refuse
-from model.winches import Winches, least_give
+from model.winches import Winches, least_compliance
 
-# What winches give in the end, as shares of the least give.
+# The last compliances of the tendons, as shares of the least.
 _FADING = (1e-2, 1e-4)
 # Where no combination of tensions changes lengths by less than this share of what others do, one
 # step does.
 _FIRM = 1e-8
 # Else so many steps, of which one does that changes tensions by no more than this share.
 _TIGHTENED, _LAST = 12, 1e-7
-# Slack over the arm's length of tendons that winches which give least may have slackened.
+# Slack over the arm's length of tendons that their least compliance may have slackened.
 NEARLY = 1e-9
-# Winches that give more and more like rigid ones, as multiples of the least give, where the least
-# is not arrived at directly.
-_GIVES = (1e8, 1e6, 1e4, 1e2, 1.0)
+# Compliances of a continuation, as multiples of the least, where the least is not arrived at
+# directly.
+_COMPLIANCES = (1e8, 1e6, 1e4, 1e2, 1.0)
 
 
 class Found(NamedTuple):
@@ -55,10 +56,10 @@ class UnloadedLengths:
     def __init__(
         self, arm: Arm, scene: Scene, winches: Winches, machine_code: bool = False
     ) -> None:
-        self.winches, self.least, self._short = winches, least_give(arm), SHORT * arm.length
+        self.winches, self.least, self._short = winches, least_compliance(arm), SHORT * arm.length
         self._nearly = NEARLY * arm.length
         self._lengths = tendon_lengths(arm, scene, machine_code)
-        self._giving = Giving(arm, winches, self._lengths)
+        self._tendons = CompliantTendons(arm, winches, self._lengths)
 
     def found(self, near: Array | None = None) -> Found:
         """Return tensions by lengths; the least where lengths leave them undetermined.
@@ -66,11 +67,11 @@ class UnloadedLengths:
         Tensions `near` are begun with. Raises InputError where no shape has the lengths, and
         UnsettledSectionError, ConvergenceError.
         """
-        found = self._giving.maximum(self._first(near), self.least)
+        found = self._tendons.maximum(self._first(near), self.least)
         if found is None:
-            found = self._by_giving()
-        if self._giving.lacks(found) > self._short:
-            refuse(self._giving, found)
+            found = self._by_continuation()
+        if self._tendons.lacks(found) > self._short:
+            refuse(self._tendons, found)
         found = self._determined(found)
         left = self.winches.lacks(found.lengths, found.tensions)
         left = np.where(self.winches.held, left, np.nan)
@@ -81,32 +82,32 @@ class UnloadedLengths:
             return self._lengths.at_rest
         return self._lengths(self.winches.tensions if near is None else near)
 
-    def _by_giving(self) -> Lengths:
-        """Return the shape that winches come to which give less and less."""
+    def _by_continuation(self) -> Lengths:
+        """Return the shape found by making the tendons less and less compliant."""
         at, lacked = self._lengths(self.winches.tensions), np.inf
-        for multiple in _GIVES:
-            found = self._giving.maximum(at, multiple * self.least)
+        for multiple in _COMPLIANCES:
+            found = self._tendons.maximum(at, multiple * self.least)
             if found is None:
                 break
             at = found
-            lacks = self._giving.lacks(at)
+            lacks = self._tendons.lacks(at)
             if lacks > max(lacked / 2, self._short):
-                refuse(self._giving, at)
+                refuse(self._tendons, at)
             lacked = lacks
         if found is None:
-            refuse(self._giving, at)
+            refuse(self._tendons, at)
             raise ConvergenceError(0.0, np.inf, "ask for lengths nearer to those at rest")
         return at
 
     def _determined(self, found: Lengths) -> Lengths:
-        """Return what rigid winches come to, near what winches do that give the least."""
+        """Return what inextensible tendons come to, near those of the least compliance."""
         T = found.tensions.copy()
-        if not unfelt(self._giving.matrix_of(self._tight(found), found), _FIRM).size:
+        if not unfelt(self._tendons.matrix_of(self._tight(found), found), _FIRM).size:
             taut, M, lacks = self._taut(found)
             T[taut] += np.linalg.solve(M, -lacks)
             return found if T.min(initial=0.0) < 0 else moved(found, T)
         for share in _FADING:
-            nearer = self._giving.nearer(found, share * self.least)
+            nearer = self._tendons.nearer(found, share * self.least)
             if nearer is None:
                 return found
             found = nearer
@@ -114,10 +115,10 @@ class UnloadedLengths:
             tight, T = self._tight(found), found.tensions.copy()
             left = self.winches.lacks(found.lengths, T)[tight]
             T[tight] = least(
-                self._giving.matrix_of(tight, found),
+                self._tendons.matrix_of(tight, found),
                 left,
                 T[tight],
-                ROUNDING * self._giving.arm.length,
+                ROUNDING * self._tendons.arm.length,
             )
             done = np.abs(T - found.tensions).max() <= _LAST * T.max(initial=0.0)
             if done:
@@ -129,10 +130,10 @@ class UnloadedLengths:
         """Return taut tendons, how what is left of them grows with tensions, and what is left."""
         taut = np.flatnonzero(self.winches.held & (at.tensions > 0))
         left = self.winches.lacks(at.lengths, at.tensions)[taut]
-        return taut, self._giving.matrix_of(taut, at), left
+        return taut, self._tendons.matrix_of(taut, at), left
 
     def _tight(self, at: Lengths) -> Any:
-        """Return tendons that are taut, or may be where winches give less."""
+        """Return tendons that are taut, or may be where tendons stretch less."""
         left = self.winches.lacks(at.lengths, at.tensions)
         near = (at.tensions > 0) | (left <= self._nearly)
         return np.flatnonzero(self.winches.held & near)

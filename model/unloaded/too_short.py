@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from model.errors import InputError
-from model.unloaded.giving import Giving
+from model.unloaded.compliant_tendons import CompliantTendons
 from model.unloaded.tendon_lengths import Lengths
-from model.winches import least_give
+from model.winches import least_compliance
 
 # What tendons may lack over the arm's length, and what says that no shape has the lengths, with one
 # tendon longer as well.
@@ -18,36 +18,36 @@ SHORT, _UNKNOWN = 1e-7, 1e-5
 _TIED = 1e-6
 
 
-def refuse(giving: Giving, found: Lengths) -> None:
+def refuse(tendons: CompliantTendons, found: Lengths) -> None:
     """Raise InputError that names the tendon which lacks most."""
     lacks = np.where(
-        giving.winches.held, -giving.winches.lacks(found.lengths, found.tensions), -np.inf
+        tendons.winches.held, -tendons.winches.lacks(found.lengths, found.tensions), -np.inf
     )
     j = int(np.argmax(lacks >= lacks.max() * (1 - _TIED)))
-    if lacks[j] <= SHORT * giving.arm.length:
+    if lacks[j] <= SHORT * tendons.arm.length:
         return
-    least = _least(giving, j, found)
+    least = _least(tendons, j, found)
     nearest = f"the nearest that a shape has is {found.lengths[j]:.9g} m"
     told = f"from {least:.7g} m on" if least else f"lengths that go together, {nearest}"
     raise InputError(
-        f"lengths[{j}] ({giving.arm.tendon_name(j)})",
-        float(giving.winches.lengths[j]),
+        f"lengths[{j}] ({tendons.arm.tendon_name(j)})",
+        float(tendons.winches.lengths[j]),
         f"{told}, beside the other lengths: no shape of the arm has these",
     )
 
 
-def _least(giving: Giving, j: int, found: Lengths) -> float:
+def _least(tendons: CompliantTendons, j: int, found: Lengths) -> float:
     """Return how short a tendon is that pulls hard beside the others [m]; 0 for unknown.
 
     Others that want to be shorter than they can be are unknown as well. Pulling so hard that
-    these give by what would count as lacking tells nothing.
+    these stretch by what would count as lacking tells nothing.
     """
-    held, T = giving.winches.held.copy(), giving.winches.tensions.copy()
-    hard = _UNKNOWN / 100 * giving.arm.length / least_give(giving.arm)
+    held, T = tendons.winches.held.copy(), tendons.winches.tensions.copy()
+    hard = _UNKNOWN / 100 * tendons.arm.length / least_compliance(tendons.arm)
     pulled = np.minimum(found.tensions, hard)
     held[j], T[j] = False, pulled[j]
-    other = giving.by(replace(giving.winches, held=held, tensions=T))
-    at = other.maximum(giving.lengths(pulled), least_give(giving.arm))
-    if at is None or other.lacks(at) > _UNKNOWN * giving.arm.length:
+    other = tendons.by(replace(tendons.winches, held=held, tensions=T))
+    at = other.maximum(tendons.lengths(pulled), least_compliance(tendons.arm))
+    if at is None or other.lacks(at) > _UNKNOWN * tendons.arm.length:
         return 0.0
     return float(at.lengths[j])

@@ -14,7 +14,7 @@ from model.errors import OctoplanError, SnapError
 from model.loads import is_loaded
 from model.paths import Array
 from model.scene import Scene
-from model.winches import least_give
+from model.winches import least_compliance
 from planner.program.condensed import Condensed
 from planner.program.program import program
 from planner.program.statement import Statement
@@ -53,7 +53,7 @@ class Collocated:
         mesh = (statement.stages, statement.refinement, stations)
         self.forward = Collocation(arm, scene, *mesh, loaded, machine_code)
         at = self.forward.system
-        self.states = States(at, requests, least_give(arm), statement.modes, statement.wound)
+        self.states = States(at, requests, least_compliance(arm), statement.modes, statement.wound)
         self.program = program(arm, targets, statement, at.of, Stations.of(at, stations))
 
     def numbers(self, target: Array) -> Array:

@@ -195,10 +195,11 @@ def _locked(law: CrossSection) -> Kernel:
     Strains, their changes, change of its tension; its path and a weight, 1 / E A of the tendon.
     """
     kernel = run(law)
-    change, pull, give = ca.SX.sym("change", size(law)), ca.SX.sym("pull"), ca.SX.sym("give")
-    grows = ca.jtimes(kernel.r, kernel.y, change) - kernel.r * pull * give
+    change, pull = ca.SX.sym("change", size(law)), ca.SX.sym("pull")
+    compliance = ca.SX.sym("compliance")
+    grows = ca.jtimes(kernel.r, kernel.y, change) - kernel.r * pull * compliance
     y = ca.vertcat(kernel.y, change, pull)
-    return Kernel("locked", y, ca.vertcat(kernel.c, give), grows)
+    return Kernel("locked", y, ca.vertcat(kernel.c, compliance), grows)
 
 
 class States:
@@ -218,11 +219,11 @@ class States:
         self,
         at: System,
         requests: tuple[ComplianceRequest, ...],
-        give: float,
+        compliance: float,
         modes: int = 0,
         wound: bool = False,
     ) -> None:
-        self.at, self.give, self.wound = at, give, wound
+        self.at, self.compliance, self.wound = at, compliance, wound
         self.requests, self.modes = requests, modes
         state, row = _scales(at)
         # A force that bends the straight arm by about 1 rad.
@@ -271,7 +272,7 @@ class States:
             lengths = at.length_numbers.reshape(-1, 5).T
             stretch = 0.0 if request.tendon_EA is None else 1 / request.tendon_EA
             columns.append(np.vstack([lengths, np.full((1, lengths.shape[1]), stretch)]))
-            columns.append(np.full((1, of.n_tendons), -self.give))
+            columns.append(np.full((1, of.n_tendons), -self.compliance))
         for _ in range(self.modes):
             columns += [*own, *mode_numbers(at, self._stages)]
         if self.wound:

@@ -35,7 +35,7 @@ def directions_function(arm: Arm, targets: tuple[Target, ...]) -> ca.Function:
 
 
 def terms_function(arm: Arm, targets: tuple[Target, ...]) -> ca.Function:
-    """Return (poses (7, K), target numbers, gives) -> stacked terms.
+    """Return (poses (7, K), target numbers, compliances) -> stacked terms.
 
     They are those of KINDS, each by target. Compliances are those of the requests, one below the
     other, each column by column.
@@ -45,10 +45,10 @@ def terms_function(arm: Arm, targets: tuple[Target, ...]) -> ca.Function:
     seen = {s: poses[:, i] for i, s in enumerate(stations)}
     numbers, compliances = _numbers(arm, targets), _compliances(targets)
     found = [
-        target.terms(View(arm, seen, give), p)
-        for target, p, give in zip(targets, numbers, compliances, strict=True)
+        target.terms(View(arm, seen, compliance), p)
+        for target, p, compliance in zip(targets, numbers, compliances, strict=True)
     ]
-    flat = ca.vertcat(*(ca.vec(give) for give in compliances if give is not None))
+    flat = ca.vertcat(*(ca.vec(compliance) for compliance in compliances if compliance is not None))
     stacks = [_stack(found, kind) for kind in KINDS]
     return ca.Function("terms", [poses, ca.vertcat(*numbers), flat], stacks)
 
@@ -92,7 +92,7 @@ def inequality_weights(arm: Arm, targets: tuple[Target, ...]) -> ca.DM:
 def _symbolic_terms(arm: Arm, targets: tuple[Target, ...]) -> list[Terms]:
     poses = {s: ca.MX.sym("pose", 7) for s in stations_of(arm, targets)}
     parts = zip(targets, _numbers(arm, targets), _compliances(targets), strict=True)
-    return [target.terms(View(arm, poses, give), p) for target, p, give in parts]
+    return [target.terms(View(arm, poses, compliance), p) for target, p, compliance in parts]
 
 
 def _numbers(arm: Arm, targets: tuple[Target, ...]) -> list[ca.MX]:
@@ -103,9 +103,7 @@ def _numbers(arm: Arm, targets: tuple[Target, ...]) -> list[ca.MX]:
 def _compliances(targets: tuple[Target, ...]) -> list[ca.MX | None]:
     """Return symbols for the compliance of each target's request, None for those without."""
     requests = [target.compliance_request() for target in targets]
-    return [
-        ca.MX.sym("give", request.width, request.width) if request else None for request in requests
-    ]
+    return [ca.MX.sym("compliance", r.width, r.width) if r else None for r in requests]
 
 
 def _stack(terms: list[Terms], kind: str) -> ca.MX:

@@ -1,4 +1,4 @@
-"""Winches that give a little: tensions by lengths as the maximum of a concave function.
+"""Tendons that stretch a little: tensions by lengths as the maximum of a concave function.
 
 With exact tendons the energy is convex in the strains and so are the lengths, so that the shape of
 least energy is one, and its tensions maximise a concave function: least energy over shapes plus
@@ -6,7 +6,8 @@ tensions times what tendons lack. Its gradient is what they lack, its Hessian d 
 comes from the cross-sections alone, and the maximum under T >= 0 is found by projected Newton
 steps, each a linear complementarity problem. Source: Boyd and Vandenberghe, Convex Optimization
 (2004), chapter 5. Where the law has no energy, as with the paper's tangent, the same steps solve
-the same equations, without a proof that there is one solution only. A give keeps steps definite.
+the same equations, without a proof that there is one solution only. A tendon compliance keeps
+steps definite.
 """
 
 from __future__ import annotations
@@ -33,8 +34,8 @@ _LAST, _LAST_TENSION = 1e-7, 1e-6
 _SLOPE = 0.9
 
 
-class Giving:
-    """An arm without loads, whose tendons are held by winches that give.
+class CompliantTendons:
+    """An arm without loads, whose tendons are held by length and stretch a little.
 
     Attributes
     ----------
@@ -49,72 +50,72 @@ class Giving:
         self.arm, self.winches, self.lengths = arm, winches, lengths
         self.held = np.flatnonzero(winches.held)
 
-    def by(self, winches: Winches) -> Giving:
+    def by(self, winches: Winches) -> CompliantTendons:
         """Return the same arm with other winches."""
-        return Giving(self.arm, winches, self.lengths)
+        return CompliantTendons(self.arm, winches, self.lengths)
 
-    def maximum(self, at: Lengths, give: float) -> Lengths | None:
-        """Return the shape where winches give by so much per newton; None if none is found."""
+    def maximum(self, at: Lengths, compliance: float) -> Lengths | None:
+        """Return the shape where tendons have this compliance [m/N]; None if none is found."""
         none, last = np.zeros(self.winches.held.size), np.inf
         for _ in range(_STEPS):
             check_time()
-            off = self._off(at, give)
+            off = self._off(at, compliance)
             if off <= _ROUNDING or (off <= _MET and off > last / 2):
                 return at
-            to = self._newton(at, give, none)
+            to = self._newton(at, compliance, none)
             if to is None:
                 return None
             if off <= _LAST and np.abs(to - at.tensions).max() <= _LAST_TENSION * to.max():
                 return moved(at, to)
-            searched = self._searched(at, to, give, none)
+            searched = self._searched(at, to, compliance, none)
             if searched is None:
                 return None
             at, last = searched, off
         return None
 
-    def _off(self, at: Lengths, give: float) -> float:
+    def _off(self, at: Lengths, compliance: float) -> float:
         """Return how far tensions and what is left are from complementary, over the length."""
         T = at.tensions
-        own = self.winches.stretch + give - at.by_tensions.diagonal()
-        off = np.abs(np.minimum(self.winches.lacks(at.lengths, T) + give * T, own * T))
+        own = self.winches.stretch + compliance - at.by_tensions.diagonal()
+        off = np.abs(np.minimum(self.winches.lacks(at.lengths, T) + compliance * T, own * T))
         return float(off[self.winches.held].max(initial=0.0)) / self.arm.length
 
-    def _newton(self, at: Lengths, give: float, given: Array) -> Array | None:
-        """Return tensions after a Newton step where winches give for those beyond `given`."""
+    def _newton(self, at: Lengths, compliance: float, given: Array) -> Array | None:
+        """Return tensions after a Newton step; those beyond `given` stretch the tendons."""
         held = self.held
-        M, T, after = self._matrix(at, give), at.tensions[held], at.tensions.copy()
-        found = complementary(M, self._left(at, give, given)[held] - M @ T, T > 0)
+        M, T, after = self._matrix(at, compliance), at.tensions[held], at.tensions.copy()
+        found = complementary(M, self._left(at, compliance, given)[held] - M @ T, T > 0)
         if found is None:
             return None
         after[held] = found
         return after
 
-    def _searched(self, at: Lengths, to: Array, give: float, given: Array) -> Lengths | None:
+    def _searched(self, at: Lengths, to: Array, compliance: float, given: Array) -> Lengths | None:
         """Return what a step to tensions, or a part of it, leads to."""
         change = to - at.tensions
-        slope = abs(float(change @ self._left(at, give, given)))
+        slope = abs(float(change @ self._left(at, compliance, given)))
         most = _SLOPE * slope + _MET * self.arm.length * np.abs(change).max()
         for halving in range(_HALVINGS):
             try:
                 after = self.lengths(at.tensions + 0.5**halving * change)
             except UnsettledSectionError:
                 continue
-            if change @ self._left(after, give, given) <= most:
+            if change @ self._left(after, compliance, given) <= most:
                 return after
         return None
 
-    def nearer(self, at: Lengths, give: float) -> Lengths | None:
-        """Return what winches come to that give for changes of the tensions only."""
-        to = self._newton(at, give, at.tensions)
-        return None if to is None else self._searched(at, to, give, at.tensions)
+    def nearer(self, at: Lengths, compliance: float) -> Lengths | None:
+        """Return the next shape where only changes of the tensions stretch the tendons."""
+        to = self._newton(at, compliance, at.tensions)
+        return None if to is None else self._searched(at, to, compliance, at.tensions)
 
-    def _left(self, at: Lengths, give: float, given: Array) -> Array:
+    def _left(self, at: Lengths, compliance: float, given: Array) -> Array:
         left = self.winches.lacks(at.lengths, at.tensions)
-        return np.asarray(left + give * (at.tensions - given))
+        return np.asarray(left + compliance * (at.tensions - given))
 
-    def _matrix(self, at: Lengths, give: float) -> Array:
+    def _matrix(self, at: Lengths, compliance: float) -> Array:
         """Return how what is left of held tendons grows with their tensions (n, n) [m/N]."""
-        M = np.diag(self.winches.stretch + give) - at.by_tensions
+        M = np.diag(self.winches.stretch + compliance) - at.by_tensions
         return np.asarray(M[self.held[:, None], self.held])
 
     def lacks(self, at: Lengths) -> float:
