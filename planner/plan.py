@@ -106,7 +106,7 @@ class Plan(Answer):
         return plot_plan(self, ax)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class HeldPlan(Plan):
     """A plan for an arm that leans on things; see planner.contact.
 

@@ -94,7 +94,9 @@ def _descended(program: Program, start: SettledTerms, accuracy: float) -> Optimu
         stated = of_targets(here) if free else here
         step, lam = quadratic_step(program, stated, B, penalty, region)
         most = max(float(np.abs(own).max(initial=0.0)) for own in lam[1:])
-        penalty = max(penalty, min(2 * most, _MOST))
+        # What it took far from the targets would keep steps along them short.
+        least = _PENALTY if best.lacks < _CLOSE else penalty
+        penalty = max(least, min(2 * most, _MOST))
         gain = program.merit(here, penalty) - program.foreseen(stated, step, penalty)
         there = _stepped(program, here, step, B, penalty, region, gain)
         fell = _fall(program, here, there, penalty)

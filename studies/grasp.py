@@ -1,0 +1,244 @@
+"""How does the curvature of an object compare with that of the arm that grasps it?
+
+Question: how much of the arm of table 4 can lie along cylinders of radius 5 to 60 mm, with what
+effort, by which tendons; with what force does it press on them, and hold them, as it pulls harder?
+The paper's conclusions say that the relation between the curvatures of object and arm could play
+the role that a displacement has in impedance control. How far do the two agree, and what limits it?
+
+Assumptions: neo-Hookean body, exact tendons (with extension alone, tendons may shorten a slender
+tip to a few hundredths of its length to lay it along, which no silicone does). The arm is straight
+at rest, in a plane; tendons above and below it pull up to 20 N. A part ends at the tip, or at
+another anchorage, and lies on where the gap is at most a quarter of the arm's radius. The cylinder
+lies below the arm, beside the part's beginning. Shares of the arm's length are tried in steps, up
+to one that has no plan. Then the cylinder becomes a contact and all tensions are scaled up, until
+the arm snaps or is not settled. What is held along the cylinder's axis is the friction coefficient,
+0.5, times the sum of normal forces.
+
+Command: python -m studies.grasp [--radii 60 40 20 10 5] [--shares 0.05 0.1 0.15 0.2] [--out out]
+
+Answer: 0.15 L, up to the middle anchorage, lie on 40 and 60 mm (1.42 and 0.96 N), 0.05 L on 20 mm
+(1.2 N); of the slender tip 0.1 L on 60 mm, 0.05 L on 40 and 20 mm, for 0.06 to 0.3 N; neither lies
+on 10 mm or less. A part is as long as the arm's curvature stays between about half and twice that
+of the object: tendons of one anchorage bend a tapered arm ever more towards the tip, by a factor of
+three along these parts, while a cylinder asks for one curvature. Tendons of all anchorages are
+needed, the tip's above, the base's below, to keep it even. Where the object is more curved, the arm
+is too slack at the part's beginning before it is bent enough; where it is less curved, the tip
+rolls up in an arch. The difference does act as a displacement does in impedance control: a wrap of
+least effort only touches, and from there on the force grows in proportion as the arm is asked for
+more curvature than the object has, by some 40 to 70 mN for each N more of the middle part, which
+holds up to 48 mN along the axis; beyond twice the effort it grows less, and a tip may roll off (20
+mm). Tips hold 1 mN at most.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+
+from model import Arm, OctoplanError, Scene, settle
+from model.effects import Contact
+from model.obstacles import Capsule
+from model.paths import Array
+from planner import Plan, plan
+from planner.contact.remarks import curvature_along
+from planner.targets import Wrap
+from studies.panels import lettered
+
+ARM, STATICS = Arm.from_paper("table-4"), Scene.silicone()
+L = ARM.length
+# Of each anchorage the tendons at 90 and 270 degrees, which bend the arm in the plane [N].
+ABOVE, BELOW = 1, 3
+MOST = np.tile([0.0, 20.0, 0.0, 20.0], 3)
+# The cylinder's axis is so far before the part, its surface so far below the arm [m].
+BEFORE, APART, HALF_WIDTH = 0.03, 0.01, 0.15
+FRICTION = 0.5
+HARDER = (1.0, 1.1, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0)
+HEAD = (
+    "radius  part [mm]     effort  above, below, of tip, middle, base [N]"
+    "      curvature of object, of arm [1/m]"
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """A cylinder, a part of the arm, and the plan that lays it along the cylinder."""
+
+    rod: Capsule
+    wrap: Wrap
+    plan: Plan
+
+    @property
+    def part(self) -> Array:
+        """Arc lengths at which the part is looked at [m]."""
+        return np.linspace(*self.wrap.part(ARM), 101)
+
+    @property
+    def arm_curvature(self) -> Array:
+        """Curvature of the arm along the part [1/m]."""
+        strains = self.plan.shape.strain(self.part)
+        return np.asarray(np.hypot(strains[:, 1], strains[:, 2]))
+
+    @property
+    def object_curvature(self) -> Array:
+        """Curvature of the object along the part, at the arm's midline [1/m]."""
+        return curvature_along(self.wrap, self.plan.shape, self.part)
+
+    @property
+    def told(self) -> str:
+        """What the plan came to: certified, too tight, too slack, or missed otherwise."""
+        if self.plan.reached:
+            return "certified"
+        causes = [cause for cause in ("too tight", "too slack") if cause in self.plan.outcome]
+        return causes[0] if causes else "missed"
+
+
+def laid_along(radius: float, end: float, share: float) -> Row:
+    """Return the plan of a share of the arm's length, up to arc length `end`, on a cylinder."""
+    start = end - share * L
+    x, z = start - BEFORE, -radius - APART - float(ARM.outer_radius(np.array([start]))[0][0])
+    rod = Capsule((x, -HALF_WIDTH, z), (x, HALF_WIDTH, z), radius)
+    wrap = Wrap(rod, length=share * L, start=start)
+    return Row(rod, wrap, plan(ARM, wrap, STATICS, MOST, starts=2))
+
+
+def up_to_longest(radius: float, end: float, shares: Sequence[float]) -> list[Row]:
+    """Return plans of longer and longer parts on a cylinder, up to one that is missed."""
+    found = list[Row]()
+    for share in sorted(shares):
+        found.append(laid_along(radius, end, share))
+        print(line(found[-1]), flush=True)
+        if not found[-1].plan.reached:
+            break
+    return found
+
+
+def line(row: Row) -> str:
+    """Return what was found for a cylinder and a part, as a line of the table."""
+    start, end = (1e3 * s for s in row.wrap.part(ARM))
+    pulls = row.plan.tensions[:, [ABOVE, BELOW]].ravel()
+    curved = [own for c in (row.object_curvature, row.arm_curvature) for own in (c.min(), c.max())]
+    return (
+        f"{1e3 * row.rod.radius:4.0f} mm  {start:3.0f} to {end:3.0f} {row.plan.effort:8.3f} N  "
+        + " ".join(f"{own:6.3f}" for own in pulls)
+        + "  {:5.1f} to {:5.1f} {:7.1f} to {:5.1f}  ".format(*curved)
+        + row.told
+    )
+
+
+def gripped(row: Row) -> Array:
+    """Return efforts, sums of normal forces, largest of them [N] (k, 3) as the arm pulls harder.
+
+    Until it snaps, or is not settled.
+    """
+    scene, found, near = STATICS + Contact(row.rod), list[tuple[float, float, float]](), None
+    for factor in HARDER:
+        try:
+            near = settle(ARM, factor * row.plan.tensions, scene, 1e-5, near=near)
+        except OctoplanError:
+            break
+        if near.snaps:
+            break
+        forces = [float(np.linalg.norm(touch.force)) for touch in near.contacts]
+        found.append((factor * row.plan.effort, sum(forces), max(forces, default=0.0)))
+    return np.array(found).reshape(-1, 3)
+
+
+def grip_lines(row: Row, grips: Array) -> Iterable[str]:
+    """Return what an arm presses with, as lines of the table."""
+    length = np.diff(row.wrap.part(ARM))[0]
+    for effort, total, most in grips:
+        yield (
+            f"          {effort:.3g} N press with {1e3 * total:.3g} mN, {total / length:.3g} N/m, "
+            f"at most {1e3 * most:.3g} mN at a place; hold {1e3 * FRICTION * total:.3g} mN"
+        )
+
+
+def figure(longest: Sequence[tuple[Row, Array]], rows: Sequence[Row]) -> Figure:
+    """Draw arms, effort over radius, curvatures along the arm, and hold forces over effort."""
+    drawn = Figure(figsize=(10.5, 8.0), layout="constrained")
+    (arms, effort), (bends, holds) = axes = drawn.subplots(2, 2)
+    colours = colormaps["viridis"](np.linspace(0, 0.9, max(len(longest), 1)))
+    for (row, grips), colour in zip(longest, colours, strict=True):
+        _draw_arm(arms, row, colour)
+        label = f"{1e3 * row.rod.radius:g} mm, " + "{:.0f} to {:.0f} mm".format(
+            *(1e3 * s for s in row.wrap.part(ARM))
+        )
+        bends.plot(1e3 * row.part, row.arm_curvature, color=colour, label=label)
+        bends.plot(1e3 * row.part, row.object_curvature, "--", color=colour)
+        if grips[:, 1].any():
+            holds.plot(grips[:, 0], 1e3 * FRICTION * grips[:, 1], ".-", color=colour, label=label)
+    passed = [row for row in rows if row.plan.reached]
+    for end in sorted({row.wrap.part(ARM)[1] for row in passed}):
+        for share in sorted({_share(row) for row in passed}):
+            own = [
+                (1e3 * row.rod.radius, row.plan.effort)
+                for row in passed
+                if row.wrap.part(ARM)[1] == end and _share(row) == share
+            ]
+            if own:
+                label = f"{share:g} L up to {1e3 * end:.0f} mm"
+                effort.plot(*np.transpose(sorted(own)), "o-" if end == L else "s--", label=label)
+    titles = (
+        "the longest part found on each cylinder",
+        "least effort to lie along",
+        "curvature of the arm; dashed: of the object",
+        f"hold along the axis, friction {FRICTION:g}",
+    )
+    lettered(zip(axes.ravel(), titles, strict=True))
+    arms.set(xlabel="x [mm]", ylabel="z [mm]", aspect="equal")
+    effort.set(xlabel="radius of the cylinder [mm]", ylabel="effort [N]", yscale="log")
+    bends.set(xlabel="arc length at rest [mm]", ylabel="curvature [1/m]", yscale="log")
+    holds.set(xlabel="effort [N]", ylabel="force held [mN]")
+    for ax in (effort, bends, holds):
+        if ax.get_legend_handles_labels()[0]:
+            ax.legend(fontsize=7)
+    return drawn
+
+
+def _share(row: Row) -> float:
+    start, end = row.wrap.part(ARM)
+    return round((end - start) / L, 6)
+
+
+def _draw_arm(ax: Axes, row: Row, colour: Array) -> None:
+    points = row.plan.shape.position(np.linspace(0.0, L, 301))
+    part = row.plan.shape.position(row.part)
+    ax.plot(1e3 * points[:, 0], 1e3 * points[:, 2], color=colour, linewidth=1)
+    ax.plot(1e3 * part[:, 0], 1e3 * part[:, 2], color=colour, linewidth=3)
+    x, _, z = row.rod.start
+    ax.add_patch(Circle((1e3 * x, 1e3 * z), 1e3 * row.rod.radius, color=colour, alpha=0.25))
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Run the study, print its tables and save its figure."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--radii", type=float, nargs="+", default=[60, 40, 20, 10, 5], help="[mm]")
+    parser.add_argument("--ends", type=int, nargs="+", default=[0, 1], help="anchorages, 0 the tip")
+    parser.add_argument("--shares", type=float, nargs="+", default=[0.05, 0.1, 0.15, 0.2])
+    parser.add_argument("--out", type=Path, default=Path("out"))
+    args = parser.parse_args(argv)
+    args.out.mkdir(parents=True, exist_ok=True)
+    print(HEAD)
+    rows, longest = list[Row](), list[tuple[Row, Array]]()
+    for end in (ARM.anchorages[k] for k in args.ends):
+        for radius in args.radii:
+            own = up_to_longest(1e-3 * radius, end, args.shares)
+            rows += own
+            if passed := [row for row in own if row.plan.reached]:
+                grips = gripped(passed[-1])
+                longest.append((passed[-1], grips))
+                print("\n".join(grip_lines(passed[-1], grips)), flush=True)
+    print(f"{sum(row.plan.reached for row in rows)} of {len(rows)} wraps planned and certified")
+    figure(longest, rows).savefig(args.out / "grasp.png", dpi=100)
+
+
+if __name__ == "__main__":
+    main()
