@@ -32,6 +32,11 @@ def columns(rows: Sequence[Sequence[str]], left: int = 1) -> list[str]:
     return lines
 
 
+def counted(count: int, what: str) -> str:
+    """Return how many of something there are: "1 shape", "2 shapes"."""
+    return f"{count} {what}{'' if count == 1 else 's'}"
+
+
 def shortened_lines(lines: list[str], most: int = MOST_LINES) -> list[str]:
     """Return lines, of many the first and how many more there are."""
     if len(lines) <= most:

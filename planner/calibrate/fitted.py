@@ -22,6 +22,8 @@ from planner.unknowns.parameters import Parameters
 from planner.unknowns.unknown import Unknown
 
 _AT_BOUND, _UNMOVED, _UNLIKE = 1e-6, 0.9, 3.0
+# Markers that are off by such a share of the arm's length in the mean are not explained at all.
+_UNREACHED = 0.1
 
 
 class Start(NamedTuple):
@@ -161,6 +163,18 @@ class Fitted:
         usual = float(np.median(sizes))
         far = max(_UNLIKE * usual, 1.0)
         return tuple(m.name for m, size in zip(self.measured, sizes, strict=True) if size > far)
+
+    @cached_property
+    def unreached(self) -> tuple[str, ...]:
+        """Names of shapes that no values within the bounds come near.
+
+        Their markers are off by more than a tenth of the arm's length in the mean.
+        """
+        far, found = _UNREACHED * self.given_arm.length, dict[str, list[float]]()
+        for own in self.residuals:
+            if own.is_place:
+                found.setdefault(own.shape, []).append(own.size)
+        return tuple(name for name, sizes in found.items() if np.mean(sizes) > far)
 
     @property
     def degrees_of_freedom(self) -> int:

@@ -4,33 +4,55 @@ from __future__ import annotations
 
 import numpy as np
 
+from model.text import counted
 from planner.calibrate.fitted import Fitted
 
 _SAME = 1e-3
+# Tensions over the arm's E A that crush it: they are likely in another unit.
+_CRUSHING = 10.0
 
 
 def outcome(of: Fitted) -> str:
     """Return what was found, how well it is known, and what to try."""
     size = sum(shape.size for shape in of.measured)
-    told = [
-        f"{len(of.measured)} shapes, {size} numbers, {len(of.unknowns)} unknowns: {_error(of)}."
-    ]
+    counts = [(len(of.measured), "shape"), (size, "number"), (len(of.unknowns), "unknown")]
+    told = [f"{', '.join(counted(n, what) for n, what in counts)}: {_error(of)}."]
     told += [f"{line[0].upper()}{line[1:]}." for line in map(str, of.unidentified)]
     if of.at_bounds:
         told.append(f"At a bound: {', '.join(of.at_bounds)}; widen it, or doubt the model.")
     if of.at_priors:
         told.append(f"The data say no more than the prior of {', '.join(of.at_priors)}.")
-    if of.unlike:
-        told.append(
-            f"No values within the bounds reach {', '.join(of.unlike)} as well as the others: "
-            "check tensions and markers there, or fit with a robust loss."
-        )
+    told += _far(of)
     if of.astray:
         told.append(
             f"The fit had {', '.join(of.astray)} on a branch that the arm does not take from rest; "
             "it was begun again from there. Check for another optimum with more starts."
         )
     return " ".join([*told, *_starts(of)])
+
+
+def _far(of: Fitted) -> list[str]:
+    """Return which shapes are not reached, and which not as well as others."""
+    told, far, unlike = [], of.unreached, [own for own in of.unlike if own not in of.unreached]
+    if far:
+        told.append(
+            f"No values within the bounds reach {', '.join(far)}: markers are off by more than a "
+            "tenth of the arm's length; check tensions and markers there, units, and the bounds."
+        )
+        most = max(max(shape.tensions) for shape in of.measured)
+        radius = of.given_arm.radius.evaluate(np.zeros(1), of.given_arm.length)[0][0]
+        stiff = of.given_arm.material.E * np.pi * radius**2
+        if most > _CRUSHING * stiff:
+            told.append(
+                f"Tensions of up to {most:g} N are {most / stiff:.3g} times the arm's E A at its "
+                f"base, {stiff:.3g} N: are they in mN?"
+            )
+    if unlike:
+        told.append(
+            f"No values within the bounds reach {', '.join(unlike)} as well as the others: "
+            "check tensions and markers there, or fit with a robust loss."
+        )
+    return told
 
 
 def _error(of: Fitted) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 from model import Arm, InputError, Scene, settle
 from model.paths import Array
 from model.stiffness import stiffness
+from model.text import counted
 from planner.design.making import Making
 from planner.design.objective import Objective, Reach
 from planner.design.program import REFINEMENT
@@ -149,7 +150,7 @@ class Design:
         return f" At the tension limit: {names}." if names else ""
 
     def _told(self) -> str:
-        tasks = f"{len(self.plans)} tasks, {len(self.unknowns)} unknowns"
+        tasks = f"{counted(len(self.plans), 'task')}, {counted(len(self.unknowns), 'unknown')}"
         if not self.feasible:
             return f"{tasks}: no arm within the bounds was found that meets all of them."
         said, unit = _WORDS[type(self.objective)]

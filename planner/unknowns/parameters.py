@@ -78,8 +78,9 @@ class Parameters:
                 others.add(own.session)
             start = self.start_of(own)
             if not own.lower <= start <= own.upper:
-                allowed = f"bounds that hold what arm or scene has, {start:g} {self.unit(own)}"
-                raise InputError(own.name, (own.lower, own.upper), allowed.rstrip())
+                has = f"{start:g} {self.unit(own)}".rstrip()
+                allowed = f"bounds that hold what arm or scene has, {has}{_thousands(own, start)}"
+                raise InputError(own.name, (own.lower, own.upper), allowed)
 
     def _check_key(self, key: str) -> None:
         if key.startswith(("points", "tension_scale")):
@@ -180,6 +181,14 @@ _STENCILS = (
     ((0, -1.5), (1, 2.0), (2, -0.5)),
     ((0, 1.5), (-1, -2.0), (-2, 0.5)),
 )
+
+
+def _thousands(own: Unknown, start: float) -> str:
+    """Return a hint where bounds would hold the start but for a factor of 1000."""
+    for factor, how in ((1e3, "large"), (1e-3, "small")):
+        if own.lower <= factor * start <= own.upper:
+            return f"; are they 1000 times too {how}? Check the unit"
+    return ""
 
 
 def _built(table: dict[str, Any]) -> tuple[Arm, Scene]:

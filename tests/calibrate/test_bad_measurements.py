@@ -96,6 +96,26 @@ def test_a_place_that_nothing_reaches_is_named_and_bounds_are_told() -> None:
     shapes.append(replace(GOOD, points=[(*POINT[:2], (0.1, 0.1, 0.0))], name="far"))
     found = calibrate(small_arm(), HANGING, shapes, [E])
     assert found.unlike == ("far",)
-    assert "reach far" in found.outcome
+    assert "far: markers are off" in found.outcome
     assert found.at_bounds == ("arm.E_kPa",)
     assert "At a bound" in found.outcome
+
+
+def test_shapes_out_of_reach_are_named_without_others_to_compare_them_with() -> None:
+    far = replace(GOOD, points=[(*POINT[:2], (0.1, 0.1, 0.0))], name="far")
+    found = calibrate(small_arm(), HANGING, [far], [E])
+    assert found.unreached == ("far",)
+    assert "No values within the bounds reach far: markers are off by more than" in found.outcome
+    assert "mN" not in found.outcome
+
+
+def test_tensions_in_the_wrong_unit_are_told() -> None:
+    strong = replace(GOOD, tensions=[2000.0, 0, 0], points=[(*POINT[:2], (0.1, 0.1, 0.0))])
+    found = calibrate(small_arm(), HANGING, [strong], [Unknown("arm.E_kPa", 100, 400)])
+    assert "are they in mN?" in found.outcome
+
+
+@pytest.mark.parametrize(("low", "high", "how"), [(5e4, 4e5, "large"), (0.05, 0.4, "small")])
+def test_bounds_in_another_unit_are_told(low: float, high: float, how: str) -> None:
+    with pytest.raises(InputError, match=f"1000 times too {how}"):
+        calibrate(small_arm(), HANGING, [GOOD], [Unknown("arm.E_kPa", low, high)])

@@ -73,7 +73,7 @@ def test_the_command_line_calibrates(folder: Path, capsys: pytest.CaptureFixture
     out = folder / "out"
     assert main(["calibrate", str(folder / "calibration.toml"), "--out", str(out)]) == 0
     told = capsys.readouterr().out
-    assert "4 shapes, 24 numbers, 1 unknowns" in told
+    assert "4 shapes, 24 numbers, 1 unknown:" in told
     assert "arm.E_kPa  120" in told
     record = json.loads((out / "calibration.json").read_text())
     assert record["values"][0]["value"] == pytest.approx(120.0, rel=1e-3)
