@@ -44,6 +44,8 @@ class OnMesh(NamedTuple):
         The equations linearised there, where lengths are held under loads.
     snaps : tuple of float
         The shares of the way at which the arm jumped; see TouchingMap.come_to.
+    before : (tensions, states) or None
+        With friction of contacts, of the equilibrium before the last step.
     """
 
     tensions: Array
@@ -52,6 +54,7 @@ class OnMesh(NamedTuple):
     left: Array | None = None
     here: Linearised | None = None
     snaps: tuple[float, ...] = ()
+    before: tuple[Array, Array] | None = None
 
 
 class Near(NamedTuple):
@@ -80,8 +83,13 @@ class GivenTensions:
         known: Any = None if near is None else near.known
         if isinstance(forward, TouchingMap):
             before = self.tensions if near is None else near.tensions
-            here, snaps = forward.come_to(self.tensions, before, known)
-            return OnMesh(self.tensions, *forward.rows(here), snaps=snaps)
+            way = forward.led(self.tensions, before, known)
+            rows = forward.rows(way.settled.held.here)
+            found = OnMesh(self.tensions, *rows, snaps=way.snaps)
+            if way.before is None:
+                return found
+            last = way.before.tensions, forward.rows(way.before)[0]
+            return found._replace(before=last)
         return OnMesh(self.tensions, *forward.run(self.tensions, known))
 
     def finished(self, forward: ForwardMap, found: OnMesh) -> OnMesh:

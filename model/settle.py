@@ -12,7 +12,7 @@ import numpy as np
 from model.arm import Arm
 from model.by_lengths import GivenLengths, GivenTensions, Near
 from model.checks import kind
-from model.contact.forward import TouchingMap
+from model.contact.forward import TouchingMap, without_friction
 from model.contact.itself import pressed_on_itself
 from model.effects import Contact, PrintedStatics, SelfContact
 from model.errors import (
@@ -23,7 +23,7 @@ from model.errors import (
     UnsettledSectionError,
 )
 from model.forward import COLLOCATIONS, ForwardMap, check_scheme, forward_map, order_of
-from model.loads import check_loads, is_loaded
+from model.loads import check_loads, contacts, is_loaded
 from model.machine.compiled import Compile, checked_compile
 from model.mesh_refinement import (
     IMPLICIT,
@@ -94,13 +94,16 @@ def settle(
         How much more of each tendon there is between its winch and the base [m], which stretches.
         Friction in the arm is left out of how much it stretches.
     near : Shape
-        A shape of the same arm and scene nearby, whose tensions and branch are begun with.
+        A shape of the same arm and scene nearby, whose tensions and branch are begun with. With
+        friction of contacts the arm moves from it, in a straight line of tensions; its scene may
+        have other friction there, or none.
 
     Raises
     ------
     InputError
         For tensions, lengths, accuracies and schemes that are not allowed; for lengths that no
-        shape of the arm has, naming the tendon that is farthest from it.
+        shape of the arm has, naming the tendon that is farthest from it; for friction of an arm
+        that touches something, and comes from nowhere.
     CollapsedError
         Where 1 + q reaches 0.
     ConvergenceError
@@ -173,9 +176,14 @@ def _near(near: Any, arm: Arm, scene: Scene) -> Near | None:
     if near is None:
         return None
     kind("near", near, Shape, "a Shape of the same arm and scene, or None")
-    if near.arm != arm or near.scene.robust() != scene.robust():
+    if near.arm != arm or _alike(near.scene) != _alike(scene):
         raise InputError("near", "a shape of another arm or scene", "one of the same")
     return Near(near.tensions, near.known)
+
+
+def _alike(scene: Scene) -> Scene:
+    """Return a scene that others share whose shapes may lead to it."""
+    return without_friction(scene.robust())
 
 
 def _settled(
@@ -191,6 +199,8 @@ def _settled(
     lever = float(arm.radius.evaluate(np.zeros(1), arm.length)[0][0]) if is_loaded(scene) else 0.0
     # As printed strains that are no numbers may be those of a step that is too long.
     by_sections = not scene.has(PrintedStatics)
+    # Friction of a part that lies on an obstacle acts at nodes.
+    least = 2 if any(contact.friction for contact in contacts(scene)) else order
     rounding = IMPLICIT if scheme in COLLOCATIONS else ROUNDING
     coarse, fine = first_pair(accuracy, order)
     refinement = coarse
@@ -209,24 +219,25 @@ def _settled(
             # Nor does a coarser one that did bear the loads tell how accurate a finer one is.
             refinement, before = next_refinement(refinement, np.inf, accuracy, order), None
             continue
-        near = Near(found.tensions, forward.known(found.states))
+        if found.before is None:
+            near = Near(found.tensions, forward.known(found.states))
         snaps = (*snaps, *found.snaps)
         tip, error = found.states[-1, :7], np.inf
         if before is not None:
             gap = _gap(tip, before[1], lever) / arm.length
-            error = estimate(gap, before[0], refinement, order, rounding)
+            error = estimate(gap, before[0], refinement, least, rounding)
             LOG.debug("%s, mesh %d: estimated tip error %.1e of L", scheme, refinement, error)
             if error <= accuracy:
                 found = given.finished(forward, found)
                 check_stretch(_on_its_mesh(forward, found.states), found.stretch)
                 mesh = scheme, refinement, found.states, machine_code
                 held = given.winches, found.left, snaps
-                return Shape(arm, scene, found.tensions, error, *mesh, *held)
+                return Shape(arm, scene, found.tensions, error, *mesh, *held, before=found.before)
         before = refinement, tip
         if refinement == coarse:
             refinement = fine
         else:
-            refinement = next_refinement(refinement, error, accuracy, order)
+            refinement = next_refinement(refinement, error, accuracy, least)
     check_stretch(_on_its_mesh(forward, found.states), found.stretch)
     raise ConvergenceError(accuracy, error, "ask for less accuracy or a smoother arm")
 

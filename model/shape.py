@@ -67,6 +67,8 @@ class Shape:
     on_itself : tuple of Touch
         Where the arm presses on itself: two of each pair of places, from base to tip. The shape is
         that of the scene with these forces as point loads; so is its stability.
+    before : (tensions, states) or None
+        With friction of contacts, of the equilibrium before its last step: what has slipped since.
     """
 
     arm: Arm
@@ -81,6 +83,7 @@ class Shape:
     left: Array | None = None
     snaps: tuple[float, ...] = ()
     on_itself: tuple[Touch, ...] = ()
+    before: tuple[Array, Array] | None = None
 
     @property
     def slack(self) -> NDArray[np.bool_]:
@@ -215,13 +218,16 @@ class Shape:
         forward = self._map
         if not isinstance(forward, Collocation) or not contacts(self.scene):
             return self.on_itself
-        return touches_of(forward.system, forward.states(self.states))
+        known = self.known
+        return touches_of(known.system, known.states, known.history)
 
     @property
     def known(self) -> Any:
         """The same equilibrium as another mesh takes it; None where the shape is explicit."""
         mesh = (self.scheme, self.refinement, ())
         forward = forward_map(self.arm, self.scene, *mesh, self.machine_code)
+        if isinstance(forward, TouchingMap):
+            return forward.known(self.states, self.before)
         return forward.known(self.states)
 
     @property

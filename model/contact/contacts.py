@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from model.contact.gaps import Gaps
-from model.contact.touches import Touches, resultants, second
+from model.contact.history import History
+from model.contact.touches import Touches, frictions, resultants, second
 from model.loads import contacts
 from model.obstacles.base import Convex
 from model.paths import Array
@@ -34,6 +35,11 @@ class Touch:
         Of the obstacle's surface, where they touch [m].
     pressure : float
         Force per unit reference length there [N/m]; 0 where the arm touches at a point.
+    friction : (3,)
+        The part of the force that is along the obstacle's surface [N].
+    slip : (3,)
+        How far the midline there has slipped along the surface in the last step [m], against which
+        friction acts; 0 where it sticks, and where there is no friction.
     """
 
     obstacle: Convex
@@ -42,19 +48,26 @@ class Touch:
     gap: float
     point: Array
     pressure: float = 0.0
+    friction: Array = field(default_factory=lambda: np.zeros(3))
+    slip: Array = field(default_factory=lambda: np.zeros(3))
 
 
-def touches_of(system: System, states: Array) -> tuple[Touch, ...]:
+def touches_of(system: System, states: Array, history: History | None = None) -> tuple[Touch, ...]:
     """Return what an arm leans on in an equilibrium, from base to tip."""
     touches, gaps = Touches.of(system), Gaps.of(system, states)
     s, own = system.mesh.s, touches.held | touches.inside
     p = second(system, states) * (touches.end | touches.inside)
     size = resultants(system, states, touches)
     bodies, places = contacts(system.scene), system.poses(states)[:, 4:]
+    rubs = frictions(system, states)
+    moved = 0 * places if history is None else places - history.places(s)
     found = []
     for k, j in zip(*np.nonzero(own), strict=True):
         normal, gap = gaps.normal[k - 1, j], float(gaps.gap[k - 1, j])
         obstacle = bodies[j].obstacle
         point = places[k] - float(obstacle.distance(places[k])) * normal
-        found.append(Touch(obstacle, float(s[k]), size[k, j] * normal, gap, point, float(p[k, j])))
+        slip = (moved[k] - normal * float(normal @ moved[k])) * (bodies[j].friction > 0)
+        own_force = size[k, j] * normal + rubs[k, j]
+        where = (obstacle, float(s[k]), own_force, gap, point, float(p[k, j]))
+        found.append(Touch(*where, rubs[k, j], slip))
     return tuple(found)

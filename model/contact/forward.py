@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 
 from model.arm import Arm
+from model.contact.history import History
 from model.contact.moving import Question, Settled, settled
 from model.contact.newton import Held, newton
 from model.contact.passing import gaps_along
-from model.contact.path import follow
+from model.contact.path import Followed, follow
 from model.contact.places import SAME
 from model.contact.read_off import close, exact_places
 from model.contact.touches import Touches
+from model.effects import Contact
 from model.equilibrium.forward import Collocation, Known
 from model.equilibrium.linearised import Linearised
 from model.errors import InputError, UnsettledContactError
@@ -37,9 +39,10 @@ _POINT, _END, _INSIDE = 1.0, 2.0, 3.0
 
 @dataclass(frozen=True, eq=False)
 class KnownContact(Known):
-    """States of an equilibrium with contact on some mesh, and how its nodes touch."""
+    """States of an equilibrium with contact on some mesh, how its nodes touch, and where it was."""
 
     touches: Touches
+    history: History | None = None
 
 
 class TouchingMap(Collocation):
@@ -56,6 +59,7 @@ class TouchingMap(Collocation):
     ) -> None:
         own = (*at, *places(arm, scene))
         base = graded(arm, _FINER * refinement, own, partial(_density, arm, scene))
+        self._form = stages, refinement, at, machine_code
         self._state(System(arm, scene, base, stages, True, machine_code))
         self._fixed, self._machine_code = np.unique(landmarks(arm, scene, at)), machine_code
         self._last: tuple[Array, Collocation] | None = None
@@ -66,9 +70,6 @@ class TouchingMap(Collocation):
         """Raise InputError where the arm at rest is inside of an obstacle."""
         s, gap = gaps_along(self.system, self._rest)
         for j, contact in enumerate(contacts(self.system.scene)):
-            if contact.friction:
-                allowed = "0: which way it acts, a static question without history does not tell"
-                raise InputError("Contact.friction", contact.friction, allowed)
             at = int(np.argmin(gap[:, j]))
             if gap[at, j] < -SAME * self.system.arm.length:
                 told = f"it is {-1e3 * gap[at, j]:.3g} mm inside at s = {s[at]:.4g} m"
@@ -92,17 +93,57 @@ class TouchingMap(Collocation):
         Raises UnsettledContactError where none is found, SnapError where it would jump unless it
         may.
         """
-        of = self._question(tensions)
-        if not isinstance(known, KnownContact):
-            way = follow(of, 0 * tensions, 0.0, self._at_rest(of))
-            return way.settled.held.here, way.snaps
-        there = _held(known, before)
-        start = Settled(there, exact_places(there))
-        moved = settled(of, there, start.places)
-        if moved is not None and close(there, moved.held):
-            return moved.held.here, ()
-        way = follow(of, before, 1.0, start, jumps)
+        way = self.led(tensions, before, known, jumps)
         return way.settled.held.here, way.snaps
+
+    def led(
+        self, tensions: Array, before: Array, known: Known | None, jumps: bool = True
+    ) -> Followed:
+        """Return where the arm comes to, and how; see come_to.
+
+        With friction it acts against the steps from what is known; an arm without that history has
+        none as long as it touches nothing: else InputError.
+        """
+        of, rubs = self._question(tensions), self.system.of.form.rubbing
+        if not isinstance(known, KnownContact):
+            if rubs:
+                return self._untouched(tensions)
+            return follow(of, 0 * tensions, 0.0, self._at_rest(of))
+        there = _held(known, before)
+        start, stays = Settled(there, exact_places(there)), np.array_equal(tensions, before)
+        if rubs:
+            own = known.history if stays and known.history else History(there.here)
+            of = replace(of, history=own)
+        if stays or not rubs:
+            found = settled(of, there, start.places)
+            if found is not None and close(there, found.held):
+                rubbed = found.held.here if of.history is None else of.history.here
+                at_rest = rubs and rubbed is there.here
+                return Followed(found, (), found.held.here if at_rest else rubbed)
+        return follow(of, before, 1.0, start, jumps)
+
+    def _untouched(self, tensions: Array) -> Followed:
+        """Return the equilibrium of an arm from rest that touches nothing; InputError else."""
+        here, snaps = self._smooth.come_to(tensions, tensions, None)
+        touches = Touches.of(here.system)
+        if (touches.held | touches.inside).any():
+            allowed = (
+                "the shape of the same arm that it moved from: friction acts against the motion "
+                "before, and an arm without history has none"
+            )
+            raise InputError("near", None, allowed)
+        states = self.carried(tensions, Known(here.system, here.states))
+        none = Touches.none(self.system.of.elements, self.system.of.form.contacts)
+        held = newton(self.system, tensions, 1.0, states, none)
+        if held is None:
+            raise UnsettledContactError(1.0, "none is found on a mesh with friction")
+        return Followed(Settled(held, ()), snaps, held.here)
+
+    @cached_property
+    def _smooth(self) -> TouchingMap:
+        """The map of the scene without friction of contacts."""
+        scene = without_friction(self.system.scene)
+        return TouchingMap(self.system.arm, scene, *self._form)
 
     def _question(self, tensions: Array) -> Question:
         system = self.system
@@ -124,10 +165,15 @@ class TouchingMap(Collocation):
         rows, stretch = Collocation.on(here.system).rows(here)
         return np.hstack([rows, _codes(here.system)]), stretch
 
-    def known(self, rows: Array) -> Known:
-        """See ForwardMap.known."""
+    def known(self, rows: Array, before: tuple[Array, Array] | None = None) -> Known:
+        """See ForwardMap.known; `before` are tensions and rows of the equilibrium before."""
         system, touches = self._read(rows)
-        return KnownContact(system, Collocation.on(system).states(rows), touches)
+        states, history = Collocation.on(system).states(rows), None
+        if before is not None:
+            own = self._read(before[1])[0]
+            x = own.x(before[0], 1.0, Collocation.on(own).states(before[1]))
+            history = History(Linearised(own, x))
+        return KnownContact(system, states, touches, history)
 
     def settled(self, rows: Array) -> Collocation:
         """Return the map on the mesh that rows have, told of what touches there."""
@@ -159,6 +205,12 @@ def _codes(system: System) -> Array:
     lies = np.vstack([touches.lies, np.zeros_like(touches.lies[:1])])
     codes = np.stack([kind, np.nan_to_num(touches.curve), lies], axis=2)
     return np.hstack([system.mesh.s[:, None], codes.reshape(len(codes), -1)])
+
+
+def without_friction(scene: Scene) -> Scene:
+    """Return a scene whose contacts have no friction."""
+    free = [replace(e, friction=0.0) if isinstance(e, Contact) else e for e in scene.effects]
+    return Scene(*free)
 
 
 def _held(known: KnownContact, tensions: Array) -> Held:

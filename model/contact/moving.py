@@ -13,10 +13,11 @@ import numpy as np
 from model.arm import Arm
 from model.contact.along import along
 from model.contact.changes import changed, exchanged, moved, split
+from model.contact.history import History
 from model.contact.newton import Held, newton
 from model.contact.places import Place, Placed, placed
 from model.contact.root import Root
-from model.contact.touches import Touches, forces
+from model.contact.touches import Touches, forces, frictions
 from model.equilibrium.forward import Collocation, Known
 from model.loads import contacts
 from model.mesh import Mesh
@@ -55,6 +56,8 @@ class Question:
         Load factor.
     stages : int
     machine_code : bool
+    history : History or None
+        Where the arm was before, that friction looks back to.
     """
 
     arm: Arm
@@ -65,10 +68,15 @@ class Question:
     load: float
     stages: int
     machine_code: bool = False
+    history: History | None = None
 
     def system(self, mesh: Mesh, pressed: bool = False) -> System:
         """Return the equations on a mesh."""
-        return System(self.arm, self.scene, mesh, self.stages, True, self.machine_code, pressed)
+        form = self.stages, True, self.machine_code, pressed
+        found = System(self.arm, self.scene, mesh, *form)
+        if self.history is not None and found.of.form.rubbing:
+            self.history.told(found)
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,22 +156,27 @@ def _solved(of: Question, held: Held, places: tuple[Place, ...]) -> _Found | Non
     before = held.here
     system = of.system(at.mesh, at.touches.pressed)
     touches = replace(at.touches, curve=_curves(held, places, at))
-    if _near(before.system.mesh, at.mesh):
+    if _near(before.system, system):
         states = before.states.copy()
     else:
         known = Known(before.system, before.states)
         states = Collocation.on(system).carried(of.tensions, known)
         states[system.of.touches[:, :, 0]] = _carried(held, system, touches)
+        if system.of.form.rubbing:
+            states[system.of.rubs] = _rubbing(held, system)
     own = system.of.touches
+    if system.of.form.rubbing:
+        states[system.of.rubs] *= (touches.held | touches.inside)[:, :, None]
     states[own[:, :, 1]] *= touches.inside | touches.end
     states[own[:, :, 0]] *= touches.held
     found = newton(system, of.tensions, of.load, states, touches, cuts=4, fixed=True)
     return None if found is None else (found, at.nodes)
 
 
-def _near(old: Mesh, new: Mesh) -> bool:
+def _near(before: System, after: System) -> bool:
     """Return whether nodes of two meshes are where they were, but for a little."""
-    if old.s.size != new.s.size:
+    old, new = before.mesh, after.mesh
+    if before.of.stride != after.of.stride or old.s.size != new.s.size:
         return False
     h = np.minimum(np.diff(old.s), np.diff(new.s)).min()
     return bool(np.abs(old.s - new.s).max() < _KEPT * h)
@@ -182,6 +195,13 @@ def _carried(held: Held, system: System, touches: Touches) -> Array:
             near = there[np.argmin(np.abs(s[there] - held.here.system.mesh.s[k]))]
             found[near, j] += old[k, j]
     return found
+
+
+def _rubbing(held: Held, system: System) -> Array:
+    """Return the friction (N + 1, K, 3) to begin with on another mesh: at each node the nearest."""
+    old = held.here.system
+    near = np.abs(system.mesh.s[:, None] - old.mesh.s).argmin(axis=1)
+    return np.asarray(frictions(old, held.states)[near])
 
 
 def _curves(before: Held, places: tuple[Place, ...], at: Placed) -> Array:

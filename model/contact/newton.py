@@ -27,6 +27,10 @@ from model.time_limit import check_time
 from model.transcription.system import System
 
 _STEPS = 20
+# How much of it counts, as of strains: rounding in them is that of forces of the whole arm.
+_FELT = 1e-2
+# As many again where each may bring some places from sticking to slip or back.
+_RUBBED = 40
 _SETTLED = 1e-11
 # Gaps up to this many times what a step closes may close with it.
 _NEAR = 3.0
@@ -126,7 +130,8 @@ def newton(
     model.equilibrium.newton for `farthest` and `cuts`.
     """
     last, grown = 0.0, 0
-    for _ in range(_STEPS):
+    rubs = system.of.form.rubbing
+    for _ in range(_STEPS + _RUBBED * rubs):
         check_time()
         step = complementary_step(system, tensions, load, states, touches, None, fixed)
         if step is None:
@@ -140,15 +145,26 @@ def newton(
             states, cuts = states + farthest / turn * change, cuts - 1
             continue
         states, touches = states + change, after
-        size = step_size(system, change, states)
+        size = max(step_size(system, change, states), _rubbed(system, change, states))
         if same and (size < _SETTLED or size**2 < _SETTLED * last):
             told = touches.told(system)
             return Held(Linearised(told, told.x(tensions, load, states)), touches)
         grown += bool(last and size > last / 2 and size > 1e-6)
-        if grown > 4:
+        if grown > 4 and not rubs:
             return None
         last = size
     return None
+
+
+def _rubbed(system: System, change: Array, states: Array) -> float:
+    """Return how much friction changes in a step, over the largest force of contact.
+
+    Strains may be too stiff to tell.
+    """
+    if not system.of.form.rubbing:
+        return 0.0
+    most = np.abs(states[system.of.touches[:, :, 0]]).max()
+    return float(np.abs(change[system.of.rubs]).max() / max(most, _ROUNDING)) * _FELT
 
 
 def complementary_step(

@@ -3,7 +3,8 @@
 From the straight arm at rest the equilibrium is followed while tensions and loads grow in
 proportion. Where it ends, as where a tip slips off an edge, the arm moves on against a viscous
 resistance until it stands again: implicit Euler steps of a body that resists changes of its
-strains, whose energy falls with each, longer as it comes to rest.
+strains, whose energy falls with each, longer as it comes to rest. Friction looks back over each
+step, and over all of a jump at once.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from model.contact.history import History
 from model.contact.moving import Question, Settled, settled
 from model.contact.newton import Drag, Held, complementary_step, newton
 from model.contact.read_off import at_nodes, close, guesses
@@ -27,6 +29,8 @@ from model.transcription.system import System
 # First and least steps in the share of tensions and loads: with forces at nodes, with places that
 # move.
 _FIRST, _ROUGH, _LEAST = 0.25, 1 / 64, 1 / 256
+# The longest step with friction: as where a point rolls, which is not to count as slip.
+_RUBBED = 1 / 8
 # How often places may move in a step.
 _SHORT = 25
 # Steps against resistance: how many, how far one may turn a frame, resistance to begin with, the
@@ -48,10 +52,13 @@ class Followed:
     settled : Settled
     snaps : tuple of float
         The shares of tensions and loads at which the arm jumped to another equilibrium.
+    before : Linearised or None
+        With friction the equilibrium before the last step.
     """
 
     settled: Settled
     snaps: tuple[float, ...] = ()
+    before: Linearised | None = None
 
 
 def follow(
@@ -62,6 +69,8 @@ def follow(
     While tensions go to others in a straight line, and loads to the full.
     Raises UnsettledContactError where none is found, SnapError where it would jump unless it may.
     """
+    if of.history is not None:
+        return _exactly(of, before, load, start, jumps)
     held = _at_nodes_alone(of, before, load, start)
     found = None if held is None else _placed(of, held)
     if found is not None and held_stands(found.held.here):
@@ -97,16 +106,20 @@ def _at_nodes_alone(of: Question, before: Array, load: float, start: Settled) ->
 
 def _exactly(of: Question, before: Array, load: float, start: Settled, jumps: bool) -> Followed:
     """Return the end of the way with places that move; see follow."""
-    here, at, step, snaps = start, 0.0, _FIRST, list[float]()
-    stood = held_stands(start.held.here)
+    rubs = of.history is not None
+    longest = _RUBBED if rubs else 1.0
+    here, at, step, snaps = start, 0.0, min(_FIRST, longest), list[float]()
+    last, stood = here.held.here, held_stands(start.held.here)
     while at < 1:
         check_time()
         tell("percent of tensions and loads", round(100 * at), 100)
         share = min(1.0, at + step)
         on = _way(of, before, load, share)
+        on = replace(on, history=History(here.held.here) if rubs else None)
+        last = here.held.here
         found = settled(on, here.held, here.places, _SHORT) or _by_nodes(on, here.held)
         if found is not None and close(here.held, found.held):
-            here, at, step = found, share, 2 * step
+            here, at, step = found, share, min(2 * step, longest)
             if jumps and stood and not held_stands(here.held.here):
                 here = _jumped(on, share, _pushed(here.held))
                 snaps.append(share)
@@ -117,7 +130,7 @@ def _exactly(of: Question, before: Array, load: float, start: Settled, jumps: bo
         else:
             here, at, step, stood = _jumped(on, share, here.held), share, _FIRST / 4, True
             snaps.append(share)
-    return Followed(here, tuple(snaps))
+    return Followed(here, tuple(snaps), last if rubs else None)
 
 
 def _placed(of: Question, held: Held) -> Settled | None:

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.paths import Array
+from model.transcription.rub import BEFORE, RUB
+from model.transcription.rub import TOLD as RUBS
 from model.transcription.system import System
 from model.transcription.touch import PRESSURE, TOLD, TOUCH
 
@@ -91,6 +93,11 @@ class Touches:
             found.p[of.equations.numbers_of("pressure")].reshape(-1, PRESSURE)[:, -1] = (
                 self.lies.ravel()
             )
+        if of.form.rubbing:
+            rubs = found.p[of.equations.numbers_of("rub")].reshape(-1, RUB)
+            shares = [own[1:] for own in pressure_shares(system, self.lies)]
+            flags = [(self.held | self.inside)[1:], self.held[1:], moves[1:], *shares]
+            rubs[:, -BEFORE - RUBS : -BEFORE] = np.stack(flags, axis=2).reshape(-1, RUBS)
         return found
 
 
@@ -113,8 +120,25 @@ def resultants(system: System, states: Array, touches: Touches) -> Array:
     Of a pressure that is linear between nodes what falls to each by the lever rule.
     """
     p = second(system, states) * (touches.end | touches.inside)
-    found = forces(system, states) * touches.held
-    h = np.diff(system.mesh.s)[:, None] * touches.lies
-    found[:-1] += h * (2 * p[:-1] + p[1:]) / 6
-    found[1:] += h * (p[:-1] + 2 * p[1:]) / 6
+    before, here, beyond = pressure_shares(system, touches.lies)
+    found = forces(system, states) * touches.held + here * p
+    found[1:] += before[1:] * p[:-1]
+    found[:-1] += beyond[:-1] * p[1:]
     return found
+
+
+def pressure_shares(system: System, lies: Mask) -> tuple[Array, Array, Array]:
+    """Return how much of the pressures before, at and beyond each node falls to it (N + 1, K) [m].
+
+    By the lever rule, of elements that lie (N, K).
+    """
+    h, none = np.diff(system.mesh.s)[:, None] * lies, np.zeros((1, lies.shape[1]))
+    before, beyond = np.vstack([none, h]) / 6, np.vstack([h, none]) / 6
+    return before, 2 * (before + beyond), beyond
+
+
+def frictions(system: System, states: Array) -> Array:
+    """Return the friction at each node from each obstacle (N + 1, K, 3) [N], 0 without any."""
+    if not system.of.form.rubbing:
+        return np.zeros((system.of.elements + 1, system.of.form.contacts, 3))
+    return np.asarray(states[system.of.rubs])

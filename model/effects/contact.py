@@ -21,12 +21,22 @@ class Contact(Effect):
     different obstacles; it adds torsion, moment, force and contact force at the nodes. A
     neo-Hookean body swells where it is shortened; that it is squeezed where it leans is left out.
 
+    Friction is Coulomb's, in quasi-static steps: with N what presses at a place and d how far the
+    midline there has slipped along the obstacle in the step before, either d = 0 and the friction
+    is at most mu N, or it is mu N against d. So it takes a motion: `settle(..., near=before)` leads
+    tensions in a straight line, in eight steps or more, from those of a shape that is known, such
+    as one that touches nothing or one settled without friction. Points that roll are off by what
+    they roll in a step. Friction acts on the midline: its moment about it, of its size times the
+    arm's radius, and that the arm may roll sideways, are left out. It acts at nodes, and converges
+    with the square of their distance where the arm lies along an obstacle; there the scene has to
+    have Extension, without which forces along the arm between places that stick are undetermined.
+
     Attributes
     ----------
     obstacle : Convex
         Such as a Sphere, Capsule, Box or HalfSpace.
     friction : float
-        Coulomb's coefficient between arm and obstacle.
+        Coulomb's coefficient mu between arm and obstacle.
     """
 
     obstacle: Convex

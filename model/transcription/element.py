@@ -52,6 +52,8 @@ class Form:
         How many obstacles a node may touch.
     pressed : bool
         Whether the arm may lie on them, pressed between the nodes too.
+    rubbing : bool
+        Whether there is friction between arm and obstacles.
     """
 
     law: CrossSection
@@ -63,6 +65,7 @@ class Form:
     machine_code: bool = False
     contacts: int = 0
     pressed: bool = False
+    rubbing: bool = False
 
     @property
     def moving(self) -> bool:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from model.transcription.element import Form, body, clamp, element, lever, run, tendon, tip
 from model.transcription.friction import body_rates, idle_tendon, kink, motor, sliding_tendon
 from model.transcription.kernel import Places
+from model.transcription.rub import rub
 from model.transcription.terms import Equations, Term
 from model.transcription.touch import no_touch, pressure, touch
 
@@ -65,7 +66,7 @@ class Layout:
     @property
     def _touching(self) -> int:
         """Number of a node's unknowns that are about contact."""
-        return 2 * self.form.contacts
+        return (2 + 3 * self.form.rubbing) * self.form.contacts
 
     @cached_property
     def stage_size(self) -> int:
@@ -113,8 +114,15 @@ class Layout:
     @property
     def touches(self) -> Places:
         """Places of the two unknowns of each contact (N + 1, contacts, 2); see touch."""
-        found = self.nodes[:, self.node_size - self._touching :]
+        first = self.node_size - self._touching
+        found = self.nodes[:, first : first + 2 * self.form.contacts]
         return found.reshape(self.elements + 1, self.form.contacts, 2)
+
+    @property
+    def rubs(self) -> Places:
+        """Places of the friction of each contact (N + 1, contacts, 3); none without it."""
+        first = self.node_size - 3 * self.form.contacts * self.form.rubbing
+        return self.nodes[:, first:].reshape(self.elements + 1, -1, 3)
 
     @cached_property
     def crossings(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -182,6 +190,14 @@ class Layout:
             both = np.stack([own[:-1, :, 1], own[1:, :, 1]], axis=2).reshape(-1, 2)
             unknowns = at + np.hstack([before, inside, both]).T
             terms.append(Term(pressure(law, m), unknowns, np.hstack([wrench[:-K], inside]).T))
+        if form.rubbing:
+            # Beyond the tip there is no pressure, and the weight of it is 0.
+            near = np.stack([own[:-1, :, 1], own[[*range(2, self.elements + 1), -2], :, 1]], axis=2)
+            Q = self.rubs[1:].reshape(-1, 3)
+            unknowns = np.hstack([inside, after, here, near.reshape(-1, 2), Q]).T
+            terms.append(Term(rub(law, m), at + unknowns, np.hstack([wrench[K:], Q]).T))
+            none = self.rubs[0].reshape(1, -1)
+            terms.append(Term(no_touch(), at + none, none))
         return terms
 
     @cached_property

@@ -55,6 +55,7 @@ def form_of(
         machine_code,
         len(contacts(scene)) * loaded,
         pressed,
+        any(contact.friction for contact in contacts(scene)) and loaded,
     )
 
 
@@ -217,10 +218,11 @@ class System:
         """Return the moment and force that contact adds at each node (N + 1, 6)."""
         found = np.zeros((self.mesh.steps + 1, 6))
         for term in self.of.equations.terms:
-            if term.kernel.name == "touch":
-                c = self.p[self.of.equations.numbers_of("touch")].reshape(term.count, -1).T
+            name = term.kernel.name
+            if name in ("touch", "rub"):
+                c = self.p[self.of.equations.numbers_of(name)].reshape(term.count, -1).T
                 rows = np.array(term.kernel.value.map(term.count)(x[term.unknowns], c))[:6]
-                found[1:] = -rows.T.reshape(self.mesh.steps, -1, 6).sum(axis=1)
+                found[1:] -= rows.T.reshape(self.mesh.steps, -1, 6).sum(axis=1)
         return found
 
     def strains(self, states: Array) -> Array:

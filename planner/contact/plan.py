@@ -50,6 +50,10 @@ def check_contact(task: Task, avoids: bool) -> None:
         raise InputError("target", "a stiffness", "shapes alone, in a scene with contact")
     if task.statement.norm != "2":
         raise InputError("norm", task.statement.norm, '"2", in a scene with contact')
+    for contact in contacts(task.scene):
+        if contact.friction:
+            allowed = "0 in plans, which look for tensions without a motion before them"
+            raise InputError("Contact.friction", contact.friction, allowed)
     if avoids:
         allowed = "none in a scene with contact: there they are effects"
         raise InputError("obstacles", "given", allowed)

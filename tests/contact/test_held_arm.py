@@ -132,8 +132,6 @@ def test_what_is_no_contact_is_refused() -> None:
         Scene(Contact(ROD), Contact(ROD))
     with pytest.raises(InputError, match="PrintedStatics"):
         Scene(Extension(), PrintedStatics(), Contact(ROD))
-    with pytest.raises(InputError, match="history"):
-        settle(ARM, TENSIONS, Scene(Contact(ROD, friction=0.3)))
     with pytest.raises(InputError, match="lengths"):
         settle(ARM, lengths=np.full(12, 0.4), scene=Scene(Contact(ROD)))
 
