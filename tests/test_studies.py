@@ -38,6 +38,7 @@ SMALL: dict[str, tuple[str, str, tuple[str, ...]]] = {
     ),
     "fetch": ("--budgets 5 --bends 40", "least total pull", ("fetch.png",)),
     "grasp": ("--radii 40 --ends 0 --shares 0.05", "1 of 1 wraps", ("grasp.png",)),
+    "floors": ("--steps 2", "paper: certificate", ()),
     "hard_cases": ("--members 1 --family many_turns", "from base to tip", ("hard_cases.png",)),
     "lengths": (
         "--plans 1 --draws 1 --every 45 --steps 1 --mixed 2 --several 2",
