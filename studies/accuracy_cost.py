@@ -5,7 +5,8 @@ for settling, for the tip Jacobian and for a whole plan; does `settle` choose we
 the accuracy of a plan buy, and that of the statics?
 
 Assumptions: the arm of table 4, random tensions that it bears (studies.draws), the paper's scene,
-one with weight in water, and one with exact tendons, which are those of SoRoMoX. Errors are
+one with weight in water, and one with exact tendons, which are those of SoRoMoX; and silicone, in
+air without loads and in water, by the one statement of a loaded arm with 1 to 3 stages. Errors are
 verified: tips against a settle of 1e-11 by another scheme, over L; Jacobians relative to the exact
 one, tensions scaled by what each tendon is to pull; plans by the distance of the tip from its
 target, and by effort above the best that was found by any way. Points are medians over tensions and
@@ -35,11 +36,14 @@ from matplotlib.figure import Figure
 
 from model.forward import SCHEMES
 from planner.plots.work import Curve, legend_below, plot_work
+from studies import work_silicone
 from studies.panels import lettered
 from studies.timing import machine
 from studies.work import Measured, Size
 from studies.work_plan import plans, reachable, statics
 from studies.work_settle import EXACT, EXPLICIT, PAPER, WEIGHT, jacobians, settling
+from studies.work_silicone import SCENES, STAGES, orders, planning
+from studies.work_silicone import name as stages_name
 
 NAMES = SCHEMES
 TIP = "verified tip error [L]"
@@ -84,6 +88,19 @@ def draw_planning(gaps: list[Curve], efforts: list[Curve], by_statics: list[Curv
     return figure
 
 
+def draw_silicone(panels: dict[str, list[Measured]]) -> Figure:
+    """Return the figure of settling, above, and of planning in silicone over time."""
+    figure = Figure(figsize=(9.6, 8.0), layout="constrained")
+    axes = figure.subplots(2, 2).ravel()
+    own = [stages_name(m) for m in STAGES]
+    for ax, (title, curves) in zip(axes, panels.items(), strict=True):
+        error = "tip off its target [L]" if "plan" in title else TIP
+        plot_work([curve.by_time() for curve in curves], "time [ms]", error, ax, own)
+    lettered(zip(axes, panels, strict=True))
+    legend_below(figure, axes.tolist(), 4)
+    return figure
+
+
 def table(title: str, curves: Sequence[Curve], unit: str) -> None:
     """Print medians: for each way its settings as (cost, error)."""
     print(f"\n{title}: cost [{unit}] and error, medians")
@@ -121,7 +138,15 @@ def main(argv: Sequence[str] | None = None) -> None:
     gaps, efforts = plans(reachable(args.targets, rng), size, rng)
     table("plans, tip off its target", gaps, "s")
     table("plans, effort above the best found", efforts, "s")
+    silicone = {}
+    for which in SCENES:
+        for title, measure in (("settling", work_silicone.settling), ("plan of a tip", planning)):
+            curves = measure(which, size, rng)
+            silicone[f"{title}, {which}"] = curves
+            table(f"{title}, {which}", [curve.by_time() for curve in curves], "ms")
+            print("  " + "; ".join(orders(curves)))
     args.out.mkdir(parents=True, exist_ok=True)
+    draw_silicone(silicone).savefig(args.out / "accuracy_cost_silicone.png", dpi=110)
     figures = {
         "accuracy_cost": {
             "settling": (settled, TIP),

@@ -45,12 +45,16 @@ class ScipyLoadedArm:
         self.R0, self.R1 = arm.radius.evaluate(np.array([0, arm.length]), arm.length)[0].tolist()
         self.breaks = np.array(sorted({0.0, arm.length, *at.tolist()}))
 
+    def radius(self, s: Any) -> tuple[Array, float]:
+        """Return the radius at arc lengths s [m], and its slope."""
+        slope = (self.R1 - self.R0) / self.arm.length
+        return self.R0 + slope * np.asarray(s), slope
+
     def rate(self, s: Any, x: Array, T: Array, share: float) -> Array:
         """Return the derivative of states (15, N) at arc lengths s (N,), tensions T crossing."""
         self.rhs += np.size(s)
-        L, E, G = self.arm.length, self.arm.material.E, self.arm.material.G
-        c = (self.R1 - self.R0) / L
-        r = self.R0 + c * np.asarray(s)
+        E, G = self.arm.material.E, self.arm.material.G
+        r, c = self.radius(s)
         frame, M = x[:9].reshape(3, 3, -1), x[9:12]
         volume = (self.R1**3 - r**3) / (3 * c)
         F = share * (self.force[:, None] + self.spread[:, None] * volume)

@@ -16,7 +16,10 @@ SMALL: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "accuracy_cost": (
         "--cases 1 --repeats 1 --targets 1 --finest 1 --settings 1",
         "settle's choice",
-        ("accuracy_cost.png", "accuracy_cost_dearer.png", "accuracy_cost_plans.png"),
+        (
+            *("accuracy_cost.png", "accuracy_cost_dearer.png", "accuracy_cost_plans.png"),
+            "accuracy_cost_silicone.png",
+        ),
     ),
     "antagonistic_stiffness": (
         "--points 1 --statics paper's_tangent",

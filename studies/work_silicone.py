@@ -1,0 +1,132 @@
+"""Work-precision of the one statement in silicone, by stages and meshes; see accuracy_cost."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from model import Arm, Scene, settle
+from model.effects import Buoyancy, Weight
+from model.forward import by_collocation
+from model.mesh_refinement import REFINEMENTS
+from model.paths import Array
+from planner import plan
+from planner.program.limits import Limits
+from planner.program.problem import TRACES, build
+from planner.program.statement import Statement
+from planner.solve.sqp import solve_quadratic
+from planner.targets import TipPosition
+from studies import draws
+from studies.baseline_silicone import ScipySiliconeArm
+from studies.tip_targets import MAXIMUM
+from studies.work import Measured, Size
+from studies.work_settle import KNOB, RTOLS
+
+# Four would take a Magnus expansion of order eight, with some thirty brackets more.
+STAGES = (1, 2, 3)
+SCENES = {
+    "silicone": (Scene.silicone(), 0.0, 0.0),
+    "silicone in water": (Scene.silicone(Weight(), Buoyancy(1000.0)), -9.81, 1000.0),
+}
+# A plan begins where its tensions are so much of those that are wanted.
+_BEGINS, _FINE, _FEW = 0.8, 1e-10, 7
+Off = Callable[[int, Array], float]
+
+
+def name(stages: int) -> str:
+    """Return what a curve of so many stages is called."""
+    return f"collocation, m = {stages}"
+
+
+def settling(which: str, size: Size, rng: np.random.Generator) -> list[Measured]:
+    """Return every number of stages on every mesh, the knob's choices, and SciPy."""
+    (scene, gravity, fluid), arm = SCENES[which], Arm.from_paper("table-4")
+    T = draws.rows(arm, rng, size.cases)
+    true = [settle(arm, row, scene, 1e-11).tip for row in T]
+
+    def off(i: int, tip: Array) -> float:
+        return math.dist(tip, true[i]) / arm.length
+
+    curves = []
+    for m in STAGES:
+        curve = Measured(name(m))
+        for refinement in (r for r in REFINEMENTS if r <= size.finest):
+            forward = by_collocation(arm, scene, m, refinement, loaded=True)
+            curve.add(lambda i, f=forward: f.run(T[i])[0][-1, 4:7], off, size)
+            if curve.errors and curve.errors[-1][1] < _FINE:
+                break
+        curves.append(curve)
+    choice = Measured("settle's choice", "choice")
+    for accuracy in KNOB[: size.settings]:
+        choice.add(lambda i, a=accuracy: settle(arm, T[i], scene, a).tip, off, size)
+    scipy, few = ScipySiliconeArm(arm, np.zeros(3), np.array([0, 0, gravity]), fluid), []
+    for way, method in (("SciPy shooting", scipy.shoot), ("SciPy solve_bvp", scipy.collocate)):
+        curve = Measured(way, "other")
+        for rtol in RTOLS[: min(_FEW, size.settings)]:
+            curve.add(lambda i, w=method, r=rtol: w(T[i], r), off, Size(size.cases, 1, 0, 0))
+        few.append(curve)
+    return [*curves, choice, *few]
+
+
+def planning(which: str, size: Size, rng: np.random.Generator) -> list[Measured]:
+    """Return solves of a tip's plan from one start by stages and mesh, and what `plan` chooses."""
+    scene, arm = SCENES[which][0], Arm.from_paper("table-4")
+    T = draws.rows(arm, rng, size.cases)
+    points = [settle(arm, row, scene, 1e-9).tip for row in T]
+
+    def off(i: int, tensions: Array) -> float:
+        return math.dist(settle(arm, tensions, scene, 1e-11).tip, points[i]) / arm.length
+
+    curves = []
+    for m in STAGES:
+        curve = Measured(name(m))
+        for refinement in (r for r in REFINEMENTS if r <= min(size.finest, 32)):
+            curve.add(partial(_solved, arm, scene, m, refinement, T, points), off, size)
+            if curve.errors and curve.errors[-1][1] < _FINE:
+                break
+        curves.append(curve)
+    choice = Measured("plan's choice, certified", "choice")
+    for accuracy in KNOB[1 : size.settings]:
+        choice.add(lambda i, a=accuracy: _planned(arm, scene, points[i], a), off, size)
+    return [*curves, choice]
+
+
+def _solved(
+    arm: Arm, scene: Scene, stages: int, refinement: int, T: Array, points: list[Array], i: int
+) -> Array:
+    """Return the tensions of least effort on one mesh near those that the target was drawn with."""
+    form = Statement("multiple-shooting", scheme=f"gauss{2 * stages}", refinement=refinement)
+    targets, limits = (TipPosition(tuple(points[i])),), Limits.of(arm, MAXIMUM)
+    problem = build(arm, targets, scene, form)
+    p = problem.parameters(targets, limits, TRACES[-1])
+    x = problem.unknowns(_BEGINS * np.ravel(T[i]), limits, p)
+    found = solve_quadratic(problem, x, p, problem.free_bounds(limits))
+    if found is None or not found.met:
+        raise RuntimeError("no optimum near this start")
+    return problem.tensions(found.x, limits)
+
+
+def _planned(arm: Arm, scene: Scene, point: Array, accuracy: float) -> Array:
+    found = plan(arm, TipPosition(tuple(point)), scene, MAXIMUM, accuracy=accuracy)
+    if not found.reached:
+        raise RuntimeError(found.outcome)
+    return np.ravel(found.tensions)
+
+
+def orders(curves: list[Measured]) -> list[str]:
+    """Return the order of each number of stages, measured between meshes that tell, as text."""
+    told = []
+    for curve in (curve for curve in curves if curve.name.startswith("collocation")):
+        errors = np.array([row[1] for row in curve.errors])
+        pairs = zip(errors[:-1], errors[1:], REFINEMENTS, REFINEMENTS[1:], strict=False)
+        found = [
+            np.log(a / b) / np.log(fine / coarse)
+            for a, b, coarse, fine in pairs
+            if 1e-2 > a > b > 3 * _FINE
+        ]
+        if found:
+            told.append(f"{curve.name}: order {np.median(found):.1f}")
+    return told
