@@ -23,10 +23,12 @@ from model.paths import Array
 from model.time_limit import check_time
 from planner.trajectory.coupling import Coupling, Here, merit
 from planner.trajectory.quadratic import step
-from planner.trajectory.restoration import Stop, restored
+from planner.trajectory.restoration import EXACT, Stop, restored
 
+# What constraints are met to, over their scale, where that is to be made better.
+_ROUGH = 1e-8
 _SMALL, _TRUST, _LEAST_TRUST = 1e-7, 0.25, 1e-7
-# What a step has to gain, over what is made least, for another one.
+# What a step has to gain, over what is made least.
 _GAIN = 1e-4
 
 
@@ -47,21 +49,22 @@ def solved(
     a: Array,
     steps: int,
     lam: list[Array] | None = None,
+    rather: float = 1.0,
 ) -> Way:
     """Return the best way near scaled tensions a (N, n), after so many steps at most.
 
     Hessians are those of `rough` stops, the same on a mesh as coarse or coarser; `lam` are
-    multipliers to begin with.
+    multipliers to begin with. With `rather` above 1 gains and constraints are as much less exact.
     """
     known = lam or [np.zeros(stop.bounds[2].size) for stop in stops]
-    here, trust = _restored(stops, coupling, a), _TRUST
+    here, trust = _restored(stops, coupling, a, rather), _TRUST
     least = merit(stops, coupling, here)
     for _ in range(steps):
         check_time()
-        move, new = step(stops, rough, coupling, here, known, trust)
-        if move is None:
+        move, new, gain = step(stops, rough, coupling, here, known, trust)
+        if move is None or gain < rather * _GAIN * abs(least):
             break
-        there = _restored(stops, coupling, here.a + move)
+        there = _restored(stops, coupling, here.a + move, rather)
         found, size = merit(stops, coupling, there), float(np.abs(move).max())
         if not found <= least + 1e-12 * (1 + abs(least)):
             trust = size / 4
@@ -71,15 +74,16 @@ def solved(
         gain = least - found
         here, least, known = there, found, new
         trust = min(2 * trust, 1.0) if size > 0.9 * trust else trust
-        if size < _SMALL or gain < _GAIN * abs(least):
+        if size < _SMALL or gain < rather * _GAIN * abs(least):
             break
     durations = coupling.durations(here)[coupling.group] * coupling.shares
     lacks = (np.abs(s.lack(at.g)).max(initial=0.0) for s, at in zip(stops, here.first, strict=True))
     return Way(here.a, durations, known, float(max(lacks)))
 
 
-def _restored(stops: list[Stop], coupling: Coupling, a: Array) -> Here:
+def _restored(stops: list[Stop], coupling: Coupling, a: Array, rather: float) -> Here:
     """Return where a motion stands whose waypoints are moved back to their constraints."""
-    found = [restored(stop, own) for stop, own in zip(stops, a, strict=True)]
+    enough = EXACT if rather == 1.0 else _ROUGH
+    found = [restored(stop, own, enough=enough) for stop, own in zip(stops, a, strict=True)]
     first = [at for _, at in found]
     return Here.at(stops, coupling, np.array([own for own, _ in found]), first)

@@ -15,8 +15,6 @@ from planner.trajectory.coupling import Coupling, Here, weights
 from planner.trajectory.restoration import Stop
 
 _LEAST_CURVATURE, _DURATION = 1e-6, 1e-9
-# What inequalities are slack by, over L, that no step makes active.
-_FAR = 3.0
 Limits = tuple[Array, Array]
 Mask = NDArray[np.bool_]
 
@@ -28,8 +26,11 @@ def step(
     here: Here,
     lam: list[Array],
     trust: float,
-) -> tuple[Array | None, list[Array]]:
-    """Return the step (N, n), None where there is none, and multipliers of the waypoints' rows."""
+) -> tuple[Array | None, list[Array], float]:
+    """Return the step (N, n), None where there is none, multipliers of the waypoints' rows, gain.
+
+    The gain is what the objective falls by in the quadratic program.
+    """
     (N, n), M = here.a.shape, coupling.least.size
     effort, time = weights(coupling)
     H = block_diag(
@@ -41,7 +42,7 @@ def step(
     )
     efforts = [effort * own.gradient for own in here.first]
     gradient = np.concatenate([*efforts, np.full(M, time)])
-    near = [_near(stop, at) for stop, at in zip(stops, here.first, strict=True)]
+    near = [_near(stop, at, trust) for stop, at in zip(stops, here.first, strict=True)]
     rows = block_diag([at.jacobian[which] for at, which in zip(here.first, near, strict=True)])
     own = [
         ((stop.bounds[2] - at.g)[which], (stop.bounds[3] - at.g)[which])
@@ -56,20 +57,23 @@ def step(
     within = np.concatenate([lbx, coupling.least]), np.append(ubx, np.full(M, np.inf))
     found = _solve(csc_array(H), gradient, csc_array(A), (lower, upper), within)
     if found is None:
-        return None, lam
+        return None, lam, 0.0
     x, multipliers = found
     known, first = [], 0
     for which in near:
         known.append(np.zeros(which.size))
         known[-1][which] = multipliers[first : first + which.sum()]
         first += which.sum()
-    return x[: N * n].reshape(N, n), known
+    now = time * coupling.durations(here).sum()
+    gain = now - float(gradient @ x + x @ (H @ x) / 2)
+    return x[: N * n].reshape(N, n), known, gain
 
 
-def _near(stop: Stop, at: Reduced) -> Mask:
-    """Return which constraints (m,) may matter: those of empty slots are far from their bounds."""
+def _near(stop: Stop, at: Reduced, trust: float) -> Mask:
+    """Return which constraints (m,) a step within the trust region can make active."""
     low, high = stop.bounds[2:]
-    return np.asarray((at.g - low < _FAR) | (high - at.g < _FAR))
+    reach = trust * np.abs(at.jacobian).sum(axis=1)
+    return np.asarray((at.g - low <= reach) | (high - at.g <= reach))
 
 
 def _coupled(coupling: Coupling, here: Here) -> tuple[list[Any], Array]:

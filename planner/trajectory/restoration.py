@@ -43,7 +43,9 @@ class Stop:
         return np.where(g < low, low - g, np.where(g > high, high - g, 0.0))
 
 
-def restored(stop: Stop, a: Array, steps: int = STEPS) -> tuple[Array, Reduced]:
+def restored(
+    stop: Stop, a: Array, steps: int = STEPS, enough: float = EXACT
+) -> tuple[Array, Reduced]:
     """Return scaled tensions near a that meet the constraints, if a few steps lead there.
 
     Newton's method for the rows that are violated, by the shortest steps within the bounds; with
@@ -54,7 +56,7 @@ def restored(stop: Stop, a: Array, steps: int = STEPS) -> tuple[Array, Reduced]:
     at = stop.first(a)
     for _ in range(steps):
         lack = stop.lack(at.g)
-        if not np.all(np.isfinite(at.jacobian)) or np.abs(lack).max(initial=0.0) < EXACT:
+        if not np.all(np.isfinite(at.jacobian)) or np.abs(lack).max(initial=0.0) < enough:
             break
         rows = (np.abs(lack) > EXACT) | np.equal(lbg, ubg)
         a = np.clip(a + _shortest(at.jacobian[rows], lack[rows], lbx - a, ubx - a), lbx, ubx)

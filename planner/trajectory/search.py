@@ -25,7 +25,9 @@ from planner.trajectory.restoration import Stop
 
 _ROUNDS = 20
 # Steps of the program over the motion on the coarsest mesh, and on the one that plans want.
-_COARSE_STEPS, _FINE_STEPS = 40, 2
+_COARSE_STEPS, _FINE_STEPS = 40, 1
+# How much less exact the former are.
+_ROUGHLY = 50.0
 # Shares of the way where a further waypoint parts it.
 _INSIDE = 0.02
 
@@ -80,10 +82,13 @@ def _coupled(question: Question, ways: list[Waypoint]) -> tuple[list[Waypoint], 
     unit = units(question.arm, question.limits)
     a, lam = np.array([way.tensions for way in ways]) / unit, None
     rough = stops = _stops(question, ways, coarse(fine), a)
-    for statement, steps in ((coarse(fine), _COARSE_STEPS), (fine, _FINE_STEPS)):
+    phases = ((coarse(fine), _COARSE_STEPS, _ROUGHLY), (fine, _FINE_STEPS, 1.0))
+    for statement, steps, rather in phases:
         if statement is fine:
             stops = _stops(question, ways, fine, a)
-        found: Way = solved(stops, rough, _coupling(question, ways, stops[0]), a, steps, lam)
+        found: Way = solved(
+            stops, rough, _coupling(question, ways, stops[0]), a, steps, lam, rather
+        )
         a, lam = found.a, found.lam
     T = np.clip(a * unit, question.limits.lower, question.limits.upper)
     moved = [replace(way, tensions=own) for way, own in zip(ways, T, strict=True)]
