@@ -145,7 +145,7 @@ class UnsettledSectionError(ConvergenceError):
 
 
 class UnsettledContactError(ConvergenceError):
-    """No equilibrium of an arm that leans on things was found; there may be one.
+    """No equilibrium of an arm in contact was found; there may be one.
 
     Attributes
     ----------

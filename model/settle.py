@@ -109,7 +109,7 @@ def settle(
     ConvergenceError
         If the finest mesh is not as accurate as asked; UnsettledSectionError if a cross-section
         has no equilibrium that is found, not even by the robust iteration of its tendons;
-        UnsettledContactError if none is found in which the arm leans on things.
+        UnsettledContactError if none is found with contact.
     SnapError
         If the arm snaps, folds or buckles before the loads are in full.
     CompilerError

@@ -25,8 +25,8 @@ from model.time_limit import time_limit
 from planner.answer import Answer
 from planner.avoidance.asked import Surroundings, surroundings
 from planner.contact.grasp import Grip, grips_of
+from planner.contact.load_path import settled_along
 from planner.contact.plan import ContactSearch, check_contact, check_holds, optimality_of
-from planner.contact.way import settled_along
 from planner.contact.wrapping import beside, open_wrap, with_turns
 from planner.files import to_json, write_named
 from planner.following import searched
@@ -108,22 +108,22 @@ class Plan(Answer):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class HeldPlan(Plan):
-    """A plan for an arm that leans on things; see planner.contact.
+    """A plan for an arm in contact; see planner.contact.
 
     Attributes
     ----------
-    way : tuple of (n_tendons,)
+    load_path : tuple of (n_tendons,)
         Tensions by which the arm comes to the shape: from rest tensions and loads grow in
         proportion to the first, then they change in straight lines to the next and to the plan's.
         Empty where it comes there from rest. `shape.snaps` tells where the arm jumps at last.
     """
 
-    way: tuple[tuple[float, ...], ...] = ()
+    load_path: tuple[tuple[float, ...], ...] = ()
 
     @cached_property
     def shape(self) -> Shape:
-        """See Answer.shape: the one to which its way leads."""
-        asked = (self.arm, self.way, np.ravel(self.tensions), self.scene)
+        """See Answer.shape: the one to which its load path leads."""
+        asked = (self.arm, self.load_path, np.ravel(self.tensions), self.scene)
         return settled_along(*asked, max(self.accuracy / 10, 1e-12), self.machine_code)
 
     @cached_property
@@ -143,7 +143,7 @@ class HeldPlan(Plan):
 
     def _kkt(self, T: Array) -> float:
         asked = (self.arm, self.targets, self.scene, self.limits, self.statement, self.accuracy)
-        return optimality_of(Task(*asked, self.machine_code), T, self.way)
+        return optimality_of(Task(*asked, self.machine_code), T, self.load_path)
 
 
 def plan(
@@ -300,9 +300,9 @@ def _planned(task: Task, around: Surroundings, near: Plan | None, seconds: float
 
 
 def _held(task: Task, near: Plan | None, seconds: float | None) -> HeldPlan:
-    """Return the plan of an arm that leans on things."""
-    way = near.way if isinstance(near, HeldPlan) else ()
-    begin = None if near is None else (*way, tuple(np.ravel(near.tensions).tolist()))
+    """Return the plan of an arm in contact."""
+    load_path = near.load_path if isinstance(near, HeldPlan) else ()
+    begin = None if near is None else (*load_path, tuple(np.ravel(near.tensions).tolist()))
     found = ContactSearch(task, begin).run(seconds)
     return HeldPlan(
         task.arm,
@@ -317,7 +317,7 @@ def _held(task: Task, near: Plan | None, seconds: float | None) -> HeldPlan:
         found.starts,
         found.stopped,
         machine_code=task.machine_code,
-        way=found.way,
+        load_path=found.load_path,
     )
 
 

@@ -70,11 +70,16 @@ def load_plan(path: str | Path) -> Plan:
         avoidance = _kind(rows, Avoidance, name, "answer.avoidance")
     _check_statement(within, answer, limits)
     touches = bool(contacts(scene))
-    way = tuple(
-        tuple(within(f"answer.way[{i}]", partial(arm.flat, _floats(T, name, f"answer.way[{i}]"))))
-        for i, T in enumerate(answer.way)
+    load_path = tuple(
+        tuple(
+            within(
+                f"answer.load_path[{i}]",
+                partial(arm.flat, _floats(T, name, f"answer.load_path[{i}]")),
+            )
+        )
+        for i, T in enumerate(answer.load_path)
     )
-    own_kind: Any = partial(HeldPlan, way=way) if touches else Plan
+    own_kind: Any = partial(HeldPlan, load_path=load_path) if touches else Plan
     plan: Plan = own_kind(
         arm,
         scene,

@@ -1,1 +1,1 @@
-"""Equilibria of an arm that leans on rigid obstacles."""
+"""Equilibria of an arm in contact with rigid obstacles."""

@@ -1,4 +1,4 @@
-"""How an arm comes to lean on things: tensions and loads grow together from none, obstacles there.
+"""How an arm comes into contact: tensions and loads grow together from none, obstacles there.
 
 From the straight arm at rest the equilibrium is followed while tensions and loads grow in
 proportion. Where it ends, as where a tip slips off an edge, the arm moves on against a viscous

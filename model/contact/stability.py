@@ -1,4 +1,4 @@
-"""Whether an arm stands that leans on things: its energy's Hessian where what touches stays shut.
+"""Whether an arm in contact stands: its energy's Hessian where what touches stays shut.
 
 Of the directions in which the arm can move with its contacts: with these as equations the inverse
 of the Jacobian, in the strains, is that of the Hessian there, and 0 across. So the eigenvalues of

@@ -1,1 +1,1 @@
-"""Plans for arms that lean on things: small programs in the tensions over settled shapes."""
+"""Plans for arms in contact: small programs in the tensions over settled shapes."""

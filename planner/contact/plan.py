@@ -17,11 +17,11 @@ from model.scene import Scene
 from model.time_limit import OutOfTime, check_time, time_limit
 from planner.avoidance.around import Around
 from planner.avoidance.asked import Surroundings
+from planner.contact.load_path import LoadPath, followed
 from planner.contact.program import Optimum, Program, lacking
 from planner.contact.quadratic import optimum_at
 from planner.contact.settled_terms import SettledTerms, Settling
 from planner.contact.sqp import solve
-from planner.contact.way import Way, followed
 from planner.program.limits import natural_tensions
 from planner.program.statement import Mode
 from planner.program.terms import compliance_requests
@@ -72,27 +72,27 @@ def check_holds(targets: tuple[Target, ...], scene: Scene) -> None:
 
 @dataclass(frozen=True, eq=False)
 class ContactSearch:
-    """The search for the least tensions of an arm that leans on things.
+    """The search for the least tensions of an arm in contact.
 
     Attributes
     ----------
     task : Task
     begin : tuple of (n_tendons,) or None
-        The way to an equilibrium that is nearby, its tensions last; it is tried before others.
+        The load path to an equilibrium nearby, its tensions last; it is tried before others.
     """
 
     task: Task
-    begin: Way | None = None
+    begin: LoadPath | None = None
 
     def run(self, seconds: float | None) -> SearchResult:
         """Return the best optimum from the starts, or the best so far after so long."""
-        found = list[Led]()
+        found = list[LocalOptimum]()
         stopped, best = False, None
         try:
             with time_limit(seconds):
-                for way in self._ways():
-                    found += self._from(way)
-                    if (way == self.begin and self._met(found)) or self._agree(found):
+                for load_path in self._load_paths():
+                    found += self._from(load_path)
+                    if (load_path == self.begin and self._met(found)) or self._agree(found):
                         break
                 best = self._finished(found) if found else None
         except OutOfTime:
@@ -108,65 +108,67 @@ class ContactSearch:
         end = best.optimum
         T = self.task.arm.by_section(end.terms.tensions)
         lam = tuple(end.lam_bounds.tolist()), tuple(end.lam_equality.tolist())
-        return SearchResult(statement, T, *lam, trials, stopped, way=best.way)
+        return SearchResult(statement, T, *lam, trials, stopped, load_path=best.load_path)
 
     @property
     def _close(self) -> float:
         return self.task.accuracy
 
-    def _met(self, found: list[Led]) -> list[Led]:
+    def _met(self, found: list[LocalOptimum]) -> list[LocalOptimum]:
         return [own for own in found if own.optimum.lacks < self._close]
 
-    def _agree(self, found: list[Led]) -> bool:
-        """Return whether two starts led to one optimum, the best so far."""
+    def _agree(self, found: list[LocalOptimum]) -> bool:
+        """Return whether two starts own to one optimum, the best so far."""
         efforts = sorted(own.optimum.effort for own in self._met(found))
         return len(efforts) > 1 and efforts[1] <= efforts[0] * (1 + _SAME)
 
-    def _best(self, found: list[Led]) -> Led | None:
+    def _best(self, found: list[LocalOptimum]) -> LocalOptimum | None:
         """Return the optimum of least effort of those that meet the targets, else the nearest."""
         if met := self._met(found):
             return min(met, key=lambda own: own.optimum.effort)
         return min(found, key=lambda own: own.optimum.lacks, default=None)
 
-    def _ways(self) -> list[Way]:
-        """Return ways to begin with: to what is near, then straight ones from rest."""
+    def _load_paths(self) -> list[LoadPath]:
+        """Return load paths to begin with: to what is near, then straight ones from rest."""
         own = [] if self.begin is None else [self.begin]
         most = max(self.task.starts - len(own), 0) if self.task.starts else None
         return own + [(tuple(T.tolist()),) for T in self._starts()[:most]]
 
-    def _from(self, way: Way) -> list[Led]:
-        """Return the optimum that a way leads to; none where the arm comes to no rest."""
+    def _from(self, load_path: LoadPath) -> list[LocalOptimum]:
+        """Return the optimum that a load path leads to; none where the arm comes to no rest."""
         tell("initial guesses")
         check_time()
         program = _program(self.task, _ROUGH)
-        last = np.clip(way[-1], program.lower, program.upper)
+        last = np.clip(load_path[-1], program.lower, program.upper)
         try:
-            start = _along(program, (*way[:-1], tuple(last.tolist())))
+            start = _along(program, (*load_path[:-1], tuple(last.tolist())))
             end = solve(program, start, _CLOSER * self.task.accuracy)
         except OctoplanError:
             return []
-        return [Led(end, (*way[:-1], tuple(last.tolist())))]
+        return [LocalOptimum(end, (*load_path[:-1], tuple(last.tolist())))]
 
-    def _finished(self, found: list[Led]) -> Led | None:
-        """Return the best optimum on a fine mesh, as the arm comes to it from rest or on a way."""
+    def _finished(self, found: list[LocalOptimum]) -> LocalOptimum | None:
+        """Return the best optimum on a fine mesh, where a load path leads to it."""
         left, program = list(found), _program(self.task, _FINE)
         while left:
             best = self._best(left)
             assert best is not None
-            for way in best.ways():
-                start = self._there(program, way, best.optimum.terms)
+            for load_path in best.load_paths():
+                start = self._there(program, load_path, best.optimum.terms)
                 if start is not None:
                     end = solve(program, start, _CLOSER * self.task.accuracy)
-                    led = Led(end, way)
-                    if self._there(program, way, end.terms) is not None:
-                        return led
+                    own = LocalOptimum(end, load_path)
+                    if self._there(program, load_path, end.terms) is not None:
+                        return own
             left.remove(best)
         return self._best(found)
 
-    def _there(self, program: Program, way: Way, terms: SettledTerms) -> SettledTerms | None:
-        """Return the terms under the same tensions on a way; None if the arm comes elsewhere."""
+    def _there(
+        self, program: Program, load_path: LoadPath, terms: SettledTerms
+    ) -> SettledTerms | None:
+        """Return the terms under these tensions on a load path; None if it leads elsewhere."""
         try:
-            found = _along(program, (*way, tuple(terms.tensions.tolist())))
+            found = _along(program, (*load_path, tuple(terms.tensions.tolist())))
         except OctoplanError:
             return None
         off = np.abs(_tip(found) - _tip(terms)).max()
@@ -229,27 +231,27 @@ class ContactSearch:
 
 
 @dataclass(frozen=True, eq=False)
-class Led:
-    """An optimum, and the way to where its steps began."""
+class LocalOptimum:
+    """An optimum, and the load path to where its steps began."""
 
     optimum: Optimum
-    way: Way
+    load_path: LoadPath
 
-    def ways(self) -> list[Way]:
-        """Return ways to the optimum: from rest alone, then by more and more of the steps."""
+    def load_paths(self) -> list[LoadPath]:
+        """Return load paths to the optimum: from rest alone, then by more and more of the steps."""
         steps = [tuple(T.tolist()) for T in self.optimum.steps]
         parts = [steps[:: len(steps) // 2**n] for n in range(len(steps).bit_length())]
-        return [(), self.way, *((*self.way, *part[1:]) for part in parts)]
+        return [(), self.load_path, *((*self.load_path, *part[1:]) for part in parts)]
 
 
-def _along(program: Program, way: Way) -> SettledTerms:
-    """Return the terms at the end of a way; raises what settling does."""
-    here: SettledTerms | None = program.evaluate(np.array(way[0]), None, None)
-    for T in way[1:]:
+def _along(program: Program, load_path: LoadPath) -> SettledTerms:
+    """Return the terms at the end of a load path; raises what settling does."""
+    here: SettledTerms | None = program.evaluate(np.array(load_path[0]), None, None)
+    for T in load_path[1:]:
         assert here is not None
         here = followed(np.array(T), here, partial(_near, program))
         if here is None:
-            raise SnapError(1.0, "the arm jumps on its way")
+            raise SnapError(1.0, "the arm jumps on its load path")
     assert here is not None
     return here
 
@@ -275,13 +277,13 @@ def _tip(terms: SettledTerms) -> Array:
     return np.asarray(terms.here.states[system.of.nodes[-1, 4:7]])
 
 
-def optimality_of(task: Task, tensions: Array, way: Way = ()) -> float:
+def optimality_of(task: Task, tensions: Array, load_path: LoadPath = ()) -> float:
     """Return the residual of the first-order conditions at tensions (n_tendons,), scaled.
 
-    Where a way leads to.
+    Where a load path leads to.
     """
     program = _program(task, _FINE)
     try:
-        return optimum_at(program, _along(program, (*way, tuple(tensions.tolist())))).kkt
+        return optimum_at(program, _along(program, (*load_path, tuple(tensions.tolist())))).kkt
     except OctoplanError:
         return np.inf

@@ -103,7 +103,7 @@ class Program:
 
     def foreseen(self, terms: SettledTerms, step: Array, penalty: float) -> float:
         """Return the penalised objective that linear terms foresee after a step."""
-        moved = {kind: own + self.rows(terms, kind) @ step for kind, own in terms.values.items()}
+        moved = self._moved(terms, step)
         n = self.units.size
         T = (terms.tensions + self.units * step[:n]) / self.scale
         z = terms.tangential + step[n:]
@@ -112,6 +112,14 @@ class Program:
             / 2
         )
         return f + penalty * _lacking(moved)
+
+    def foreseen_lacking(self, terms: SettledTerms, step: Array) -> float:
+        """Return what linear terms foresee that equality and inequality lack after a step."""
+        return _lacking(self._moved(terms, step))
+
+    def _moved(self, terms: SettledTerms, step: Array) -> dict[str, Array]:
+        """Return the terms that their derivatives foresee after a step."""
+        return {kind: own + self.rows(terms, kind) @ step for kind, own in terms.values.items()}
 
     def merit(self, terms: SettledTerms, penalty: float) -> float:
         """Return the penalised objective."""

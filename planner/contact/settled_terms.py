@@ -40,7 +40,7 @@ class SettledTerms:
     here : Linearised
         The equilibrium.
     snaps : tuple of float
-        The shares of the way at which the arm jumped.
+        The shares of the load path at which the arm jumped.
     values, slopes : by kind
         Terms (n,), and their derivatives by the tensions (n, n_tendons). Behind the inequalities of
         targets are those of the piece, see planner.contact.pieces.

@@ -31,6 +31,9 @@ _PENALTY, _MOST = 10.0, 1e5
 # From this step on, and while targets lack less than this, each so many steps the Hessian is found
 # by differences; at once where the residual is as small as this.
 _ROUGH, _AGAIN, _CLOSE, _NEARLY = 4, 3, 1e-4, 1e-3
+# So many steps that make up for less than this share of what targets lack lead nowhere, as where
+# the arm has let go of what it is to hold.
+_STUCK, _LITTLE = 3, 1e-3
 # Residual of an optimum.
 _OPTIMAL = 3e-7
 # Ends of pieces beyond which is looked, how often, and how far; what that has to gain.
@@ -79,7 +82,7 @@ def _beyond(program: Program, at: Optimum) -> list[SettledTerms]:
 def _descended(program: Program, start: SettledTerms, accuracy: float) -> Optimum:
     """Return the optimum that steps from a start lead to, in the pieces that they meet."""
     here, region, penalty, steps = start, _FIRST, _PENALTY, [start.tensions]
-    B = program.effort_hessian(here)
+    B, stuck = program.effort_hessian(here), 0
     for count in range(_STEPS):
         check_time()
         tell("steps of the program with contact", count, _STEPS)
@@ -93,6 +96,10 @@ def _descended(program: Program, start: SettledTerms, accuracy: float) -> Optimu
         free = best.lacks > _CLOSE and region > _CAREFUL
         stated = of_targets(here) if free else here
         step, lam = quadratic_step(program, stated, B, penalty, region)
+        less = best.lacks - program.foreseen_lacking(stated, step)
+        stuck = stuck + 1 if best.lacks > _CLOSE and less < _LITTLE * best.lacks else 0
+        if stuck == _STUCK:
+            break
         most = max(float(np.abs(own).max(initial=0.0)) for own in lam[1:])
         # What it took far from the targets would keep steps along them short.
         least = _PENALTY if best.lacks < _CLOSE else penalty

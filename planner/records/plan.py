@@ -68,8 +68,8 @@ class AnswerRecord(msgspec.Struct, kw_only=True):
         Meta(ge=0, description="share of the effort by which a lost optimum was cheaper"),
     ] = 0.0
     avoidance: dict[str, Any] | None = None
-    way: Annotated[
-        list[list[Number]], Meta(description="tensions on the way of an arm in contact [N]")
+    load_path: Annotated[
+        list[list[Number]], Meta(description="tensions on the load path of an arm in contact [N]")
     ] = []
 
 
@@ -169,7 +169,7 @@ def plan_record(plan: Any) -> PlanRecord:
             jump=plan.jump,
             lost=plan.lost,
             avoidance=None if plan.avoidance is None else plain(plan.avoidance),
-            way=[_numbers(T) for T in getattr(plan, "way", ())],
+            load_path=[_numbers(T) for T in getattr(plan, "load_path", ())],
         ),
     )
 

@@ -24,8 +24,8 @@ class SearchResult:
 
     `stopped` says that the time limit ended it, `jump` by how much the tensions differ from those
     of the optimum that was to be followed, over their norm, where its branch was left, `lost` by
-    what share of the effort the coarse mesh had a cheaper optimum that no fine mesh has; `way` are
-    tensions on the way of an arm in contact.
+    what share of the effort the coarse mesh had a cheaper optimum that no fine mesh has;
+    `load_path` are tensions on that of an arm in contact.
     """
 
     statement: Statement
@@ -36,7 +36,7 @@ class SearchResult:
     stopped: bool = False
     jump: float = 0.0
     lost: float = 0.0
-    way: tuple[tuple[float, ...], ...] = ()
+    load_path: tuple[tuple[float, ...], ...] = ()
 
 
 def agreed(starts: Sequence[Trial]) -> int:

@@ -62,11 +62,18 @@ def test_what_the_arm_presses_is_what_its_own_contacts_say(held: HeldPlan) -> No
         assert np.allclose(grip.normal, -touch.force, atol=1e-9)
 
 
+def test_a_hold_reads_as_other_plans_do(held: HeldPlan) -> None:
+    """It was printed as the fields of its object."""
+    assert "tensions [N]" in str(held)
+    assert held.outcome.split(":")[0] in str(held)
+    assert "statement=" not in repr(held) + str(held)
+
+
 def test_a_hold_is_saved_and_loads_as_it_was(held: HeldPlan, tmp_path) -> None:  # type: ignore[no-untyped-def]
     again = load_plan(held.save(tmp_path / "held.json"))
     assert again == held
     assert isinstance(again, HeldPlan)
-    assert again.way == held.way
+    assert again.load_path == held.load_path
     assert again.reached
 
 

@@ -1,4 +1,4 @@
-"""Plans for arms that lean on things."""
+"""Plans for arms in contact."""
 
 import numpy as np
 import pytest

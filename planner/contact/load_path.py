@@ -1,4 +1,4 @@
-"""The way by which an arm came to lean on things: which of several equilibria it is in."""
+"""The load path by which an arm came into contact: which of several equilibria it is in."""
 
 from __future__ import annotations
 
@@ -14,28 +14,28 @@ from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
 
-# Tensions on the way to an equilibrium, in order.
-Way = tuple[tuple[float, ...], ...]
-# How accurately shapes on the way are settled; the least step, as a share of a straight line.
-_ON_THE_WAY, _LEAST = 1e-4, 1 / 64
+# Tensions on the path to an equilibrium, in order.
+LoadPath = tuple[tuple[float, ...], ...]
+# How accurately shapes on the path are settled; the least step, as a share of a straight line.
+_ON_THE_PATH, _LEAST = 1e-4, 1 / 64
 S = TypeVar("S")
 
 
 def settled_along(
     arm: Arm,
-    way: Way,
+    load_path: LoadPath,
     tensions: Array,
     scene: Scene,
     accuracy: float,
     machine_code: bool = False,
 ) -> Shape:
-    """Return the shape that an arm comes to by tensions (n_tendons,) on its way.
+    """Return the shape that an arm comes to by tensions (n_tendons,) on its load path.
 
     From rest to the first of them tensions and loads grow in proportion, then tensions change in
     straight lines from one to the next. Where the arm jumps `Shape.snaps` of the last tells so.
     Raises what settle does.
     """
-    if not way:
+    if not load_path:
         return settle(arm, tensions, scene, accuracy, compile=machine_code)
 
     def at(T: Array, near: Shape, fine: float) -> Shape | None:
@@ -45,10 +45,10 @@ def settled_along(
             return None
         return None if found.snaps else found
 
-    near = settle(arm, way[0], scene, _ON_THE_WAY, compile=machine_code)
-    for T in (*way[1:], tensions):
-        there = followed(np.asarray(T), near, lambda T, n: at(T, n, _ON_THE_WAY))
-        near = there or settle(arm, T, scene, _ON_THE_WAY, compile=machine_code, near=near)
+    near = settle(arm, load_path[0], scene, _ON_THE_PATH, compile=machine_code)
+    for T in (*load_path[1:], tensions):
+        there = followed(np.asarray(T), near, lambda T, n: at(T, n, _ON_THE_PATH))
+        near = there or settle(arm, T, scene, _ON_THE_PATH, compile=machine_code, near=near)
     last = at(tensions, near, accuracy)
     return last or settle(arm, tensions, scene, accuracy, compile=machine_code, near=near)
 
