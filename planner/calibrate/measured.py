@@ -177,7 +177,7 @@ def check_scale(arm: Arm, shapes: Sequence[Measured]) -> None:
     """Refuse shapes of which all markers are next to the base: they may be in kilometres."""
     ends = [point.s for shape in shapes for _, point in shape.seen]
     far = [float(d) for m in shapes for d in np.linalg.norm(m.places - arm.base_position, axis=1)]
-    if far and max(ends) > arm.length / 2 and max(far) < _TINY * arm.length:
+    if far and max(far) < _TINY * min(max(ends), arm.length):
         allowed = f"places in m; the arm is {arm.length:g} m long: are they 1000 times too small?"
         raise InputError("points", f"all within {max(far):.3g} m of the base", allowed)
 

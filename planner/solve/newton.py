@@ -228,12 +228,14 @@ def _active(value: Array, lam: Array, lower: Array, upper: Array) -> tuple[Mask,
 def _newton(H: Array, J: Array, slope: Array, residual: Array) -> tuple[Array, Array]:
     """Return the Newton step of the equality-constrained problem, least squares if singular."""
     n, m = H.shape[0], J.shape[0]
+    if not n + m:
+        return np.zeros(0), np.zeros(0)  # LAPACK would print that there is nothing to solve
     K, right = np.zeros((n + m, n + m)), -np.concatenate([slope, residual])
     K[:n, :n], K[n:, :n], K[:n, n:] = H, J, J.T
     if not np.all(np.isfinite(K)):
         return np.full(n, np.nan), np.full(m, np.nan)
     factors, pivots, _ = dgetrf(K)
-    if n + m and dgecon(factors, float(np.abs(K).sum(axis=0).max()))[0] > _SINGULAR:
+    if dgecon(factors, float(np.abs(K).sum(axis=0).max()))[0] > _SINGULAR:
         step = dgetrs(factors, pivots, right)[0]
     else:
         step = np.linalg.lstsq(K, right, rcond=_SINGULAR)[0]
