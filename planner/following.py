@@ -10,11 +10,13 @@ from model.time_limit import OutOfTime, time_limit
 from planner.answer import Answer
 from planner.avoidance.around import Around
 from planner.avoidance.asked import Surroundings
+from planner.avoidance.clear import keeping, line_of
 from planner.avoidance.rows import Avoidance
 from planner.solve.search import Search
 from planner.solve.search_result import SearchResult
 from planner.solve.task import Task
 from planner.solve.warm_start import Known, jump, warm_start
+from planner.targets.base import Target
 
 
 def searched(
@@ -26,7 +28,10 @@ def searched(
             return Around(task, around).run(seconds)
         return Search(task).run(seconds), None
     with time_limit(seconds):
-        followed = _followed(near, task)
+        kept = _kept_clear(near, task, around)
+        if kept is not None:
+            return kept, near.avoidance
+        followed = _followed(near, task, near.targets)
         avoidance, left = None, not followed
         if around and not (followed and followed.stopped):
             led = Around(task, around)
@@ -39,14 +44,28 @@ def searched(
     return replace(found, jump=jump(near.tensions, found.tensions)), avoidance
 
 
-def _followed(near: Answer, task: Task) -> SearchResult | None:
-    """Return what a plan leads to, None where it cannot be followed."""
+def _kept_clear(near: Answer, task: Task, around: Surroundings) -> SearchResult | None:
+    """Return what a plan among the same obstacles leads to by the inequalities of its program.
+
+    None where that does not keep clear, or leaves its branch.
+    """
+    if near.avoidance is None or near.surroundings != around:
+        return None
+    found = _followed(near, keeping(task, near.avoidance), near.stated)
+    if found is None or found.stopped or found.jump:
+        return None
+    line = line_of(task.problem(found.statement), np.ravel(found.tensions), task.accuracy)
+    return found if line is not None and around.keeps(line) else None
+
+
+def _followed(near: Answer, task: Task, stated: tuple[Target, ...]) -> SearchResult | None:
+    """Return what a plan for `stated` targets leads to, None where it cannot be followed."""
     limits, own = task.limits, near.limits
     same = near.statement.margin == task.statement.margin
     if not same or replace(own, lower=limits.lower) != limits:
         return None
     answer = (near.tensions, near.lam_x, near.lam_g, near.known_equilibrium)
-    known = Known(near.targets, own.lower, near.statement, *answer)
+    known = Known(stated, own.lower, near.statement, *answer)
     asked = (task.arm, task.scene, task.targets, limits, task.accuracy)
     try:
         return warm_start(known, *asked, task.machine_code)

@@ -130,7 +130,7 @@ class Page:
         try:
             session.target = target
             step = session.step()
-            draw_arm(self._server, session.seen(step.plan), session.most)
+            draw_arm(self._server, step.plan.shape, session.most)
         except OctoplanError as reason:
             self._tell(reason)
             return
@@ -145,7 +145,7 @@ class Page:
             p = session.settled()
             if p is None:
                 return
-            draw_arm(self._server, session.seen(p), session.most)
+            draw_arm(self._server, p.shape, session.most)
             self._bars.content = bars(p, session.most)
             self._said.content = f"{html.escape(p.outcome)} {_LEFT * self._left}"
             self._left = False

@@ -12,15 +12,13 @@ from model.effects import Effect
 from model.obstacles import check_obstacles
 from model.paths import Array
 from model.scene import Scene
-from model.settle import settle
-from model.shape import Shape
 from model.stiffness import stiffness
 from planner.plan import Plan, plan
 from planner.program.limits import natural_tensions
 from planner.targets.base import Target
 
-# First guesses while the target moves beyond reach; the accuracy of pictures and ellipsoids.
-_FEW, _DRAWN, _ROUGH = 3, 1e-4, 1e-2
+# First guesses while the target moves beyond reach; the accuracy of ellipsoids.
+_FEW, _ROUGH = 3, 1e-2
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,11 +94,6 @@ class Session:
             asked["clearance"] = 0.0  # there is nothing left to be clear of
         self.last = plan(self.arm, self.target, self.scene, **asked)
         return self.last
-
-    def seen(self, p: Plan) -> Shape:
-        """Return the shape of a plan, as accurate as a picture shows it."""
-        by = p.machine_code
-        return settle(self.arm, p.tensions, p.scene, max(p.accuracy, _DRAWN), compile=by)
 
     def ellipsoid(self, p: Plan) -> tuple[Array, Array]:
         """Return the half axes (3,) of a plan's compliance at the tip [m/N], and directions."""

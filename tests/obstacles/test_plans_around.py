@@ -75,6 +75,16 @@ def test_an_obstacle_out_of_the_way_changes_nothing(free: Plan) -> None:
     assert p.avoidance is None
 
 
+def test_a_plan_around_is_followed_by_its_own_inequalities(free: Plan, around: Plan) -> None:
+    target = TipPosition((0.3, 0.121, -0.119))
+    asked = {"obstacles": around.surroundings.obstacles, "clearance": 0.003}
+    p = plan(ARM, target, SCENE, 20.0, near=around, **asked)
+    _check(free, p)
+    assert p.avoidance == around.avoidance
+    again = plan(ARM, target, SCENE, 20.0, near=replace(around, avoidance=None), **asked)
+    assert p.effort == pytest.approx(again.effort, rel=1e-3)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("scene", [Scene.silicone(), Scene(Extension(), Weight(), Buoyancy())])
 def test_a_plan_in_other_scenes_leads_around(scene: Scene) -> None:
