@@ -12,15 +12,17 @@ release = _version("octoplan")
 extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.doctest",
-    "sphinx.ext.mathjax",
     "sphinx_copybutton",
     "myst_nb",
     "numpydoc",
     "file_reference",
+    "mathml",
 ]
+html_math_renderer = "mathml"
 html_theme = "furo"
 html_title = f"octoplan {release}"
 html_copy_source = False
+html_show_copyright = False
 html_theme_options = {"navigation_with_keys": True}
 exclude_patterns = ["images/*.py"]
 autodoc_typehints = "none"

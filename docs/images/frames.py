@@ -8,6 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from matplotlib import rcParams
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -137,17 +138,19 @@ def draw_plane(ax: Axes) -> None:
         if angle == 90:
             at = np.array([0.58, 1.16])
         ax.text(*at, text, fontsize=10, ha="center", va="center", color=INK)
-    ax.text(-1.12, -1.12, "bends this way", fontsize=10, ha="center", color=INK)
+    ax.text(-1.0, -1.16, "bends\nthis way", fontsize=10, ha="center", va="center", color=INK)
 
 
 def main() -> None:
     """Write frames.svg beside this file."""
-    figure = Figure(figsize=(9.6, 3.5), layout="constrained")
-    axes = figure.subplots(1, 3, width_ratios=(1.45, 1, 1))
+    # Letters as paths, so that every browser draws them as wide.
+    rcParams["svg.fonttype"], rcParams["svg.hashsalt"] = "path", "frames"
+    figure = Figure(figsize=(10.4, 3.6), layout="constrained")
+    axes = figure.subplots(1, 3, width_ratios=(1.45, 1.05, 1.05))
     titles = (
         "a  Arm in the plane of t and b",
         "b  Tendons, seen from the tip",
-        "c  Angle of a bending plane",
+        "c  Bending plane",
     )
     for ax, draw, title in zip(axes, (draw_side, draw_tendons, draw_plane), titles, strict=True):
         draw(ax)
