@@ -12,6 +12,7 @@ from model.arm import Arm
 from model.errors import InputError, OctoplanError
 from model.paths import Array
 from model.scene import Scene
+from model.settle import checked_scene
 from model.shape import Shape
 from model.shapes import Errors
 from planner.certificate import Certificate
@@ -91,6 +92,7 @@ def plan_many(
     """
     if errors not in ("raise", "nan"):
         raise InputError("errors", errors, '"raise" or "nan"')
+    scene = checked_scene(arm, scene, contact=True)
     limits = Limits.of(arm, tension_max, others.get("tension_min", 0.0), others.get("total_pull"))
     plans: list[Plan] = []
     near: Plan | None = None
@@ -103,7 +105,7 @@ def plan_many(
             if errors == "raise":
                 raise error from None
             asked: Any = target if isinstance(target, tuple | list) else (target,)
-            plans.append(_failed(arm, scene or Scene(), tuple(asked), limits, str(error), others))
+            plans.append(_failed(arm, scene, tuple(asked), limits, str(error), others))
     return plans
 
 

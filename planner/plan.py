@@ -13,12 +13,13 @@ import numpy as np
 from model.arm import Arm
 from model.checks import kind, not_negative, positive
 from model.errors import InputError
-from model.loads import check_loads, contacts
+from model.loads import contacts
 from model.machine.compiled import Compile, checked_compile
 from model.mesh_refinement import checked_accuracy
 from model.obstacles import check_obstacles
 from model.paths import Array
 from model.scene import Scene
+from model.settle import checked_scene
 from model.shape import Shape
 from model.text import in_notebook
 from model.time_limit import time_limit
@@ -233,8 +234,7 @@ def plan(
     CompilerError
         If `compile` is True, and there is no compiler or it fails.
     """
-    scene, targets = scene or Scene(), check_targets(arm, target)
-    check_loads(arm, scene, contact=True)
+    scene, targets = checked_scene(arm, scene, contact=True), check_targets(arm, target)
     form = checked_form(form)
     if starts is not None and (type(starts) is not int or starts < 1):
         raise InputError("starts", starts, "a whole number from 1")

@@ -11,11 +11,11 @@ from model.arm import Arm
 from model.checks import kind
 from model.clearance import clearances
 from model.errors import InputError
-from model.loads import check_loads
 from model.machine.compiled import Compile, checked_compile
 from model.mesh_refinement import checked_accuracy
 from model.paths import Array
 from model.scene import Scene
+from model.settle import checked_scene
 from planner.avoidance.asked import surroundings
 from planner.plan import Plan
 from planner.program.limits import Limits
@@ -86,8 +86,7 @@ def trajectory(
         Naming the field, for anything that is not allowed; for times that the rates do not allow,
         with what would do.
     """
-    scene = scene or Scene()
-    check_loads(arm, scene)
+    scene = checked_scene(arm, scene)
     path, own = waypoints_of(targets, waypoints)
     times = own if times is None else times
     limits = Limits.of(arm, tension_max, tension_min, total_pull)

@@ -46,6 +46,7 @@ def _gaps(shape, obstacle, swells: bool) -> np.ndarray:  # type: ignore[no-untyp
     return np.linalg.norm(x - near, axis=1) - obstacle.radius - radius
 
 
+@pytest.mark.quick("exact")
 @pytest.mark.parametrize("name", SCENES)
 def test_gap_and_force_are_complementary(name: str) -> None:
     shape = settle(ARM, TENSIONS, SCENES[name])

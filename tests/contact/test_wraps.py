@@ -43,10 +43,11 @@ def test_the_least_tensions_are_those_of_a_circle_that_is_just_near_enough() -> 
     assert p.certificate.gaps["obstacles"] >= 0
 
 
+@pytest.mark.quick("beside-1")
+@pytest.mark.parametrize("starts", [1, 2])
 @pytest.mark.parametrize("scene", SCENES)
-@pytest.mark.quick("beside")
-def test_turns_are_measured_round_the_axis(scene: str) -> None:
-    p = plan(ARM, Wrap(ROD, turns=0.5), SCENES[scene], 50.0, starts=2)
+def test_turns_are_measured_round_the_axis(scene: str, starts: int) -> None:
+    p = plan(ARM, Wrap(ROD, turns=0.5), SCENES[scene], 50.0, starts=starts)
     assert p.reached, p.outcome
     [wrap] = p.targets
     assert isinstance(wrap, Wrap)

@@ -150,12 +150,12 @@ def ending(seed: int) -> str:
 
 
 def test_a_few_random_questions_are_answered_rightly() -> None:
-    ends = Counter(ending(seed) for seed in range(2, 5))
+    ends = Counter(ending(seed) for seed in range(2, 4))
     assert not ends["wrong"], ends
 
 
 @pytest.mark.slow
 def test_many_random_questions_are_answered_rightly() -> None:
-    ends = Counter(ending(seed) for seed in range(100, 400))
+    ends = Counter(ending(seed) for seed in (4, *range(100, 400)))
     assert not ends["wrong"], ends
     assert ends["reached"] >= 0.97 * ends.total(), ends

@@ -26,6 +26,7 @@ def asked(scene: Scene, **limits: Any) -> Plan:
     return plan(ARM, TipPosition(tuple(settle(ARM, T, scene).tip)), scene, 20.0, **limits)
 
 
+@pytest.mark.quick("exact")
 @pytest.mark.parametrize("scene", [PAPER, EXACT], ids=["paper", "exact"])
 def test_strokes_stay_within_their_limits(scene: Scene) -> None:
     free = asked(scene)

@@ -91,6 +91,7 @@ def _check(scene: Scene, rng: np.random.Generator, count: int, instants: int) ->
         assert found.bound[k] >= min(1.0101 * nearest, 0.0) - 1.5e-3
 
 
+@pytest.mark.quick("paper")
 @pytest.mark.parametrize("scene", [PAPER, SILICONE], ids=["paper", "silicone"])
 def test_no_bound_on_the_way_is_above_what_fine_sampling_sees(scene: Scene) -> None:
     _check(scene, np.random.default_rng(0), 4, 25)

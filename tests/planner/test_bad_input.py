@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from model import Arm, InputError
-from planner import plan
+from model.effects import Extension
+from planner import plan, plan_many, trajectory
 from planner.targets import Backbone, BendingPlane, Fetch, TipPose, TipPosition
 from tests.planner.cases import PAPER
 
@@ -16,6 +17,15 @@ TIP = TipPosition((0.3, 0.1, 0.0))
 ONE_SECTION = Arm.from_paper("section-5.1")
 
 CASES: dict[str, tuple[Callable[[], Any], str]] = {
+    "no arm": (lambda: plan("table-4", TIP, PAPER, 1.0), "arm"),  # type: ignore[arg-type]
+    "no scene": (lambda: plan(ARM, TIP, "silicone", 1.0), "scene"),  # type: ignore[arg-type]
+    "an effect for a scene": (lambda: plan(ARM, TIP, Extension(), 1.0), "scene"),  # type: ignore[arg-type]
+    "no scene for many": (lambda: plan_many(ARM, [TIP], "silicone", 1.0), "scene"),  # type: ignore[arg-type]
+    "no arm for many": (lambda: plan_many("table-4", [TIP], PAPER, 1.0), "arm"),  # type: ignore[arg-type]
+    "no scene for a motion": (
+        lambda: trajectory(ARM, [TIP], "silicone", 1.0, rate_max=5.0),  # type: ignore[arg-type]
+        "scene",
+    ),
     "maximum below zero": (lambda: plan(ARM, TIP, PAPER, -1.0), "tension_max"),
     "one maximum below zero": (
         lambda: plan(ARM, TIP, PAPER, [[1] * 4, [1, 1, -1, 1], [1] * 4]),

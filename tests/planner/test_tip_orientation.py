@@ -97,7 +97,10 @@ def test_derivatives_are_exact() -> None:
     assert pytest.approx(np.array(by_steps).T, abs=1e-8) == J
 
 
-@pytest.mark.parametrize("scene", [PAPER, Scene(Extension(), Weight(), Buoyancy())])
+@pytest.mark.quick("in water")
+@pytest.mark.parametrize(
+    "scene", [PAPER, Scene(Extension(), Weight(), Buoyancy())], ids=["paper", "in water"]
+)
 def test_the_tip_points_where_it_is_asked_to_and_rolls_as_it_likes(scene: Scene) -> None:
     shape = settle(ARM, T, scene)
     target = TipPointing(tuple(shape.tip), tuple(shape.tip_frame[:, 0]))

@@ -29,7 +29,7 @@ def test_a_tension_limit_that_holds_is_named() -> None:
     assert held.certificate.bounds == 0
 
 
-@pytest.mark.quick("1", "3")
+@pytest.mark.quick("1")
 @pytest.mark.parametrize("seed", range(4))
 def test_the_nearest_point_is_no_farther_than_any_of_many_drawn(seed: int) -> None:
     rng = np.random.default_rng(seed)

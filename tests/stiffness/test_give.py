@@ -67,7 +67,7 @@ def test_derivatives_of_a_program_with_a_stiffness_are_differences_of_it(
     check_derivatives(whole(problem, p), x + off, 1e-4)
 
 
-@pytest.mark.quick("no load", "in water, locked", "friction", "silicone in water")
+@pytest.mark.quick("no load", "in water, locked", "silicone in water")
 @pytest.mark.parametrize(("arm", "effects", "target"), PROGRAMS.values(), ids=PROGRAMS)
 def test_so_are_those_by_tensions_alone(
     arm: Arm, effects: tuple[Effect, ...], target: Target

@@ -182,7 +182,7 @@ def test_co_contraction_keeps_the_tip_and_stiffens(scene: str) -> None:
 THREE = replace(ARM, sections=tuple(replace(s, angles=(0.0, 2.0, 4.0)) for s in ARM.sections))
 
 
-@pytest.mark.quick("three tendons")
+@pytest.mark.slow
 @pytest.mark.parametrize("arm", [THREE, ARM], ids=["three tendons", "four tendons"])
 def test_locked_lengths_are_planned_stiffer_too(arm: Arm) -> None:
     scene = STATICS["exact"]

@@ -96,7 +96,7 @@ LARGER: list[Case] = [
 ]
 
 
-@pytest.mark.quick("table-4-payload-tension")
+@pytest.mark.quick("six tendons-payload-length")
 @pytest.mark.parametrize(
     ("arm", "scene", "hold"),
     [*CASES, *(pytest.param(*case, marks=pytest.mark.slow) for case in LARGER)],
