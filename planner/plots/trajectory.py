@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from model.arm import Arm
 from model.paths import Array
 from model.shape import Shape
-from planner.plots.arm import draw_arm, look
+from planner.plots.arm import draw_arm, fit, look
 from planner.plots.plan import DPI
 from planner.plots.strains import INK, MM, SIZE
 
@@ -67,7 +67,9 @@ def plot_trajectory(motion: Moving) -> Figure:
     points = draw_arm(last, ax, asked.targets[-1], asked.surroundings.at(motion.duration).obstacles)
     tips = np.array([motion.shape(t).tip for t in np.linspace(0, motion.times[-1], _SHOWN)])
     ax.plot(*(MM * tips).T, "-", color=INK, lw=1.0, label="path of the tip", zorder=8)
-    look(ax, last, np.vstack([points, tips]))
+    seen = np.vstack([points, tips])
+    fit(ax, seen, fresh=False)
+    look(ax, last, seen)
     ax.legend(loc="upper left", frameon=False, fontsize=SIZE)
     over = figure.add_axes((0.60, 0.14, 0.37, 0.74))
     most = float(motion.flat.max())
