@@ -167,7 +167,7 @@ def _clear(question: Question, way: Timed) -> tuple[float, float]:
     """Return what is kept of the clearance, and when the least is."""
     if not question.surroundings:
         return np.inf, 0.0
-    found = between(question.lines(), way.tensions, way.starts, question.surroundings)
+    found = between(question.lines(), way.tensions, way.starts, question.surroundings, way.laws)
     k = int(np.argmin(found.bound))
     law = way.laws[k]
     when = way.starts[k] + np.interp(found.share[k], law.shares, law.times)

@@ -6,6 +6,7 @@ the shortest way and around what is near; where that does not lead there, it is 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -30,6 +31,7 @@ from planner.targets.base import Target
 from planner.trajectory.between import between
 from planner.trajectory.question import Question, Waypoint
 from planner.trajectory.restoration import EXACT, Stop, restored
+from planner.trajectory.time_law import TimeLaw
 
 # Newton steps to the next target, and how often inequalities are added on the way.
 _STEPS, _ROUNDS = 8, 4
@@ -52,12 +54,19 @@ def planned(question: Question, step: bool = True) -> list[Waypoint]:
     return _chain(question, found[: lost[0]], lines, True) if lost else found
 
 
-def unverified(lines: Lines, tensions: Array, times: Array, asked: Surroundings) -> list[int]:
+def unverified(
+    lines: Lines,
+    tensions: Array,
+    times: Array,
+    asked: Surroundings,
+    laws: Sequence[TimeLaw] | None = None,
+) -> list[int]:
     """Return the waypoints on the way to or from which an arm may not keep clear as planned.
 
-    Of tensions (N + 1, n_tendons) at times (N + 1,) [s], the first where the motion begins.
+    Of tensions (N + 1, n_tendons) at times (N + 1,) [s], the first where the motion begins; see
+    planner.trajectory.between for the pace of laws.
     """
-    kept = between(lines, tensions, times, asked).bound >= 0
+    kept = between(lines, tensions, times, asked, laws).bound >= 0
     kept = kept & np.append(kept[1:], True)
     return [int(i) for i in np.flatnonzero(~kept)]
 

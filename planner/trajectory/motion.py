@@ -71,7 +71,8 @@ def trajectory(
         The fastest that lengths of tendons change [m/s].
     stroke_acceleration_max : float
         The most that these rates change [m/s2]. Ways are straight in the tensions, so that the arm
-        then rests at each waypoint, and goes between them in the least time that limits allow.
+        then rests at each waypoint, and goes between them in the least time that limits allow; the
+        ways themselves are not chosen for it.
     times : (M,)
         When each target is to be reached [s]; then effort is made least, otherwise time.
     start : Plan, or tensions
@@ -106,9 +107,6 @@ def trajectory(
         raise InputError("times", None, told)
     every: tuple[Target, ...] = tuple(target for targets in asked for target in targets)
     around = surroundings(arm, every, obstacles, clearance, self_clearance, in_time=True)
-    if around.moving and np.isfinite(rates.acceleration):
-        allowed = "none where accelerations of strokes are limited"
-        raise InputError("obstacles", "an obstacle that moves", allowed)
     accuracy = checked_accuracy(accuracy)
     begin = _start(arm, start, limits)
     given = (around, found, begin, accuracy, checked_compile(compile))

@@ -22,6 +22,8 @@ from planner.trajectory.coupling import Coupling, lengths_of
 from planner.trajectory.initial import coarse, corrected, stop_of, unverified
 from planner.trajectory.question import Question, Waypoint
 from planner.trajectory.restoration import Stop
+from planner.trajectory.time_law import TimeLaw
+from planner.trajectory.timed import Timed
 
 _ROUNDS = 20
 # Steps of the program over the motion on the coarsest mesh, and on the one that plans want.
@@ -54,18 +56,20 @@ def _cleared(
 ) -> list[Waypoint] | None:
     """Return waypoints with inequalities where they, or the ways between, are too near."""
     tensions = np.vstack([question.start, *(way.tensions for way in ways)])
-    times = np.append(0.0, np.cumsum(durations))
-    near = unverified(lines, tensions, times, question.wider)
+    timed = _timed(question, ways, tensions, durations)
+    times, laws = timed.starts, timed.laws
+    near = unverified(lines, tensions, times, question.wider, laws)
     if not near:
         return None
-    found = between(lines, tensions, times, question.surroundings)
+    found = between(lines, tensions, times, question.surroundings, laws)
     new, changed = [], False
     for k, way in enumerate(ways):
         share = float(found.share[k])
         if found.bound[k] < 0 and _INSIDE < share < 1 - _INSIDE:
             T = tensions[k] + share * (tensions[k + 1] - tensions[k])
             line = lines(T)
-            asked = question.wider.at(times[k] + share * durations[k])
+            when = float(np.interp(share, laws[k].shares, laws[k].times))
+            asked = question.wider.at(times[k] + when)
             if line is not None:
                 rows = updated(None, watched_places(line, asked), line, asked)
                 new.append(Waypoint((), T, rows, share * way.share))
@@ -74,6 +78,14 @@ def _cleared(
         new.append(clear or way)
         changed = changed or clear is not None
     return new if changed else None
+
+
+def _timed(question: Question, ways: list[Waypoint], tensions: Array, durations: Array) -> Timed:
+    """Return the way with its pace; a steady one where nothing moves, as it is not asked for."""
+    if not question.surroundings.moving:
+        return Timed(tensions, tuple(TimeLaw.steady(max(own, 1e-9)) for own in durations))
+    stops = tuple(i + 1 for i, way in enumerate(ways) if way.targets)
+    return Timed.of(question, tensions, durations, stops)
 
 
 def _coupled(question: Question, ways: list[Waypoint]) -> tuple[list[Waypoint], Array, bool]:
