@@ -20,7 +20,9 @@ from model.paths import Array
 from model.scene import Scene
 from model.stations import Counts
 from model.unloaded.closed_form import ClosedForm
+from model.unloaded.laid_out import Geometry, laid_out
 from model.unloaded.printed import PrintedMap
+from model.unloaded.statics import closed_statics
 
 # By name: closed forms, stages of collocation, and integrators of the equations as printed. Of each
 # the first is used unless another is named.
@@ -163,7 +165,8 @@ def explicit_map(
 
     CasADi cannot differentiate its `function` where its kernels are compiled.
     """
-    mesh = graded(arm, refinement, at)
     if scheme in PRINTED:
-        return PrintedMap(arm, scene, mesh, PRINTED[scheme], machine_code)
-    return ClosedForm(arm, scene, mesh, CLOSED_FORMS[scheme], machine_code)
+        return PrintedMap(arm, scene, graded(arm, refinement, at), PRINTED[scheme], machine_code)
+    magnus = CLOSED_FORMS[scheme]
+    places = laid_out(Geometry(arm), closed_statics(scene, arm), magnus, refinement, at)
+    return ClosedForm(arm, scene, places, magnus, machine_code)

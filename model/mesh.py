@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
@@ -70,17 +69,18 @@ def graded(
         it does.
     """
     breaks = _breaks(arm, at)
+    fine = breaks[:-1, None] + np.diff(breaks)[:, None] * np.linspace(0, 1, _FINE + 1)
+    R = arm.radius.evaluate(fine.ravel(), arm.length)[0].reshape(fine.shape)
+    weight = np.abs(np.diff(np.log(R), axis=1)) + np.diff(fine, axis=1) / arm.length
+    if growth is not None:
+        rate = growth(fine.ravel()).reshape(fine.shape)
+        turns = (rate[:, 1:] + rate[:, :-1]) / 2 * np.diff(fine, axis=1)
+        weight += np.minimum(turns / _GROWTH, _MOST)
+    total = np.cumsum(np.pad(weight, ((0, 0), (1, 0))), axis=1)
     nodes = [breaks[:1]]
-    for left, right in pairwise(breaks):
-        fine = np.linspace(left, right, _FINE + 1)
-        R = arm.radius.evaluate(fine, arm.length)[0]
-        weight = np.abs(np.diff(np.log(R))) + np.diff(fine) / arm.length
-        if growth is not None:
-            rate = growth(fine)
-            weight += np.minimum((rate[1:] + rate[:-1]) / 2 * np.diff(fine) / _GROWTH, _MOST)
-        total = np.concatenate([[0.0], np.cumsum(weight)])
-        count = refinement * max(1, int(np.ceil(2 * total[-1])))
-        inner = np.interp(np.linspace(0, total[-1], count + 1), total, fine)[1:]
+    for own, places, right in zip(total, fine, breaks[1:], strict=True):
+        count = refinement * max(1, int(np.ceil(2 * own[-1])))
+        inner = np.interp(own[-1] * np.arange(1, count + 1) / count, own, places)
         inner[-1] = right
         nodes.append(inner)
     return with_nodes(arm, np.concatenate(nodes))

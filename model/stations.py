@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -131,7 +132,13 @@ def tendon_offset(arm: Arm, tendon: int, s: Array) -> Array:
 
 def base_pose(arm: Arm) -> Array:
     """Return the clamped pose (7,) of the arm's base."""
-    return np.concatenate([from_matrix(np.array(arm.base_frame)), arm.base_position])
+    return np.array([*_turned_by(arm.base_frame), *arm.base_position])
+
+
+@lru_cache(maxsize=64)
+def _turned_by(frame: tuple[tuple[float, ...], ...]) -> tuple[float, ...]:
+    """Return the quaternion of a frame."""
+    return tuple(from_matrix(np.array(frame)).tolist())
 
 
 def _quarter_exact(values: Array) -> Array:

@@ -21,7 +21,8 @@ from model.machine.buffered import Mapped
 from model.machine.compiled import kernel
 from model.paths import Array
 from model.scene import Scene
-from model.unloaded.closed_form import nodes_of, pull_and_data, strain_function
+from model.unloaded.closed_form import pull_and_data, strain_function
+from model.unloaded.laid_out import nodes_of
 from model.unloaded.statics import closed_statics
 from model.unloaded.tendon_lengths import tendon_lengths
 

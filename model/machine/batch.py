@@ -20,10 +20,10 @@ from model.paths import Array
 from model.stations import Counts, base_pose, stations
 from model.unloaded.closed_form import (
     ClosedForm,
-    nodes_of,
     step_function,
     strain_function,
 )
+from model.unloaded.laid_out import nodes_of
 from model.unloaded.pulls import TERMS, PullPolynomials
 from model.unloaded.statics import ClosedStatics, closed_statics
 from model.unloaded.step_twist import chain_function

@@ -17,11 +17,11 @@ from model.effects import ExactTendons, Extension, NeoHookean
 from model.integrators.magnus import Magnus
 from model.machine.buffered import Buffered, Mapped
 from model.machine.compiled import kernel
-from model.mesh import Mesh
 from model.paths import Array
 from model.rotations import compose
 from model.scene import Scene
 from model.stations import Counts, base_pose, stations
+from model.unloaded.laid_out import LaidOut, nodes_of
 from model.unloaded.pulls import PullPolynomials
 from model.unloaded.statics import ClosedStatics, closed_statics
 
@@ -74,11 +74,6 @@ def unloaded(scene: Scene) -> Scene:
     return Scene(*(effect for effect in scene.effects if isinstance(effect, kept)))
 
 
-def nodes_of(scheme: Magnus, left: Array, right: Array) -> Array:
-    """Return the arc lengths (m N,) of a scheme's nodes in N steps."""
-    return np.ravel(left[:, None] + (right - left)[:, None] * np.array(scheme.nodes))
-
-
 @lru_cache(maxsize=24)
 def step_function(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
     """Return (pull (n_pull, m), data (n_data, m), h) -> relative pose of a step (7,), 1 + q (m,).
@@ -128,20 +123,15 @@ class ClosedForm:
     """
 
     def __init__(
-        self, arm: Arm, scene: Scene, mesh: Mesh, scheme: Magnus, machine_code: bool = False
+        self, arm: Arm, scene: Scene, places: LaidOut, scheme: Magnus, machine_code: bool = False
     ) -> None:
-        self.arm, self.scene, self.mesh, self.scheme = arm, scene, mesh, scheme
-        self.order, self.machine_code, m = scheme.order, machine_code, len(scheme.nodes)
-        statics = closed_statics(scene, arm)
-        ends, at_ends = mesh.segment_ends()
-        inner, at_inner = nodes_of(scheme, mesh.s[:-1], mesh.s[1:]), np.repeat(mesh.active, m)
-        self.stretch_at = np.concatenate([inner, ends])
-        self.stretch_active = np.concatenate([at_inner, at_ends])
-
-        everywhere = stations(arm, self.stretch_at, self.stretch_active)
-        self.maps, self.data = statics.pulls(arm, everywhere), statics.data(everywhere).T
-        self._base, self._h = base_pose(arm), np.diff(mesh.s)
-        self._calls = _calls(statics, scheme, mesh.steps, ends.size, machine_code)
+        self.arm, self.scene, self.scheme, self.mesh = arm, scene, scheme, places.mesh
+        self.order, self.machine_code = scheme.order, machine_code
+        self.stretch_at, self.stretch_active = places.at, places.active
+        self.maps, self.data = places.maps, places.data(arm)
+        self._base, self._h, steps = places.base, places.h, places.mesh.steps
+        ends = places.at.size - steps * len(scheme.nodes)
+        self._calls = _calls(closed_statics(scene, arm), scheme, steps, ends, machine_code)
 
     @cached_property
     def function(self) -> ca.Function:

@@ -24,11 +24,11 @@ from model.scene import Scene
 from model.stations import base_pose
 from model.unloaded.closed_form import (
     ClosedForm,
-    nodes_of,
     pull_and_data,
     strain_function,
     twist,
 )
+from model.unloaded.laid_out import nodes_of
 from model.unloaded.pulls import TERMS, PullPolynomials
 from model.unloaded.statics import ClosedStatics, closed_statics
 from model.unloaded.step_twist import adjoint_function, step_slopes
