@@ -18,7 +18,7 @@ Answer: 0.557 s at 5 N/s, which is the bound: bringing it to the mouth alone tak
 other two are met on the way. The root mean square of effort is 3.35 N then, and 2.54 N in twice the
 time, where more time saves nothing more. No limit and no rate is exceeded at any of 10 000
 instants. It is not quasi-static: the slowest period of the arm is 3.6 s. On a busy machine a
-waypoint costs 21, 12 and 19 ms of 10, 50 and 200, the certificate 1 ms of each.
+waypoint costs 18, 10 and 11 ms of 10, 50 and 200, the certificate 1 ms of each.
 """
 
 from __future__ import annotations
