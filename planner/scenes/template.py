@@ -68,6 +68,7 @@ extension = true                # the arm shortens under its tendons
 # tip_load = { force = [0.0, 0.0, -0.005], moment = [0.0, 0.0, 0.0], follower = false }  # N, N m
 # point_loads = [{ s_mm = 225.0, force = [0.0, 0.0, -0.005] }]
 # contacts = [{ type = "half-space", point_mm = [0.0, 0.0, -40.0], normal = [0.0, 0.0, 1.0] }]
+# self_contact = true           # parts of the arm that meet press each other apart; in settle
 # point_masses = [{ s_mm = 225.0, mass_g = 2.0, offset_mm = [0.0, 12.0, 0.0] }]  # with weight
 # current = { velocity = [0.0, 0.1, 0.0], density = 1000.0, coefficient = 1.1 }          # m/s
 # friction = { mu = 0.1, direction = 1 }          # 1 pulling in, -1 paying out
@@ -130,6 +131,11 @@ tension_max = 20.0              # N, each tendon; or a row a section, as in tens
 # size_mm = [10.0, 20.0, 30.0]
 # type = "half-space"           # with its normal
 # point_mm = [0.0, 0.0, -300.0]
+# type = "mesh"                 # position_mm, tangent, normal: where the file's origin and axes are
+# file = "body.stl"             # from where this file is; or, in its place, vertices_mm and faces
+# unit = "mm"                   # of the file
+# vertices_mm = [[300.0, 0.0, 0.0], [320.0, 0.0, 0.0], [300.0, 20.0, 0.0], [300.0, 0.0, 20.0]]
+# faces = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
 
 # [[waypoints]]                 # targets in order, for octoplan trajectory
 # type = "tip-position"
