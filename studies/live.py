@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from model.effects import Extension
+from model.paths import Array
 from model.scene import Scene
 from planner.live.handles import Handle, handle_of
 from planner.live.page import Page
@@ -49,9 +50,9 @@ class Timed(Page):
         self.moved = time.perf_counter()
         super().move()
 
-    def _follow(self, target: Any) -> None:
+    def _follow(self, pose: Array) -> None:
         began = self.moved
-        super()._follow(target)
+        super()._follow(pose)
         now = time.perf_counter()
         self.drawn.append(now)
         self.delays.append(now - began)

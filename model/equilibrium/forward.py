@@ -131,6 +131,8 @@ class Collocation:
     def carried(self, tensions: Array, known: Known) -> Array:
         """Return the states of this mesh by the polynomials of another's strains."""
         mesh, form = known.system.mesh, known.system.of.form
+        if known.system.of is self.system.of and np.array_equal(mesh.s, self.mesh.s):
+            return known.states
         step = np.clip(np.searchsorted(mesh.s, self.system.s) - 1, 0, mesh.steps - 1)
         x = (self.system.s - mesh.s[step]) / np.diff(mesh.s)[step]
         stages = known.system.strains(known.states).reshape(-1, form.stages, form.strains)[step]

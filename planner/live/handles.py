@@ -39,6 +39,21 @@ class Handle:
     target: Callable[[Array], Target]
 
 
+def on_the_way(here: Array, wanted: Array, most: float) -> Array:
+    """Return the pose (7,) on the way from one to another that is at most so far [m]; or the last.
+
+    A turn of a radian counts as far as ten steps.
+    """
+    turn = wanted[:4] if here[:4] @ wanted[:4] >= 0 else -wanted[:4]
+    away = float(np.linalg.norm(wanted[4:] - here[4:])) / most
+    turned = 20 * float(np.linalg.norm(turn - here[:4]))
+    if max(away, turned) <= 1:
+        return wanted
+    found = here + (np.concatenate([turn, wanted[4:]]) - here) / max(away, turned)
+    found[:4] /= np.linalg.norm(found[:4])
+    return np.asarray(found)
+
+
 def handle_of(arm: Arm, targets: tuple[Target, ...]) -> Handle:
     """Return the handle of a scene's target; InputError where it has none."""
     wanted = targets[0] if len(targets) == 1 else None

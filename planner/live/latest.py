@@ -29,6 +29,12 @@ class Latest:
             self._job = job
             self._changed.notify()
 
+    def go_on(self, job: Job) -> None:
+        """Ask for a job unless one waits, which is newer."""
+        with self._changed:
+            self._job = self._job or job
+            self._changed.notify()
+
     def end(self) -> None:
         """Let the thread end once its job is done, and wait for that."""
         with self._changed:

@@ -20,15 +20,18 @@ from model.effects import Effect
 from model.errors import InputError, OctoplanError
 from model.extras import needed
 from model.obstacles import Obstacle
+from model.paths import Array
 from planner.files import to_json
 from planner.live.drawing import add_obstacle, bars, draw_arm, draw_ellipsoid, set_camera
-from planner.live.handles import Handle
+from planner.live.handles import Handle, on_the_way
 from planner.live.latest import Latest
 from planner.live.session import Session
 from planner.plan import Plan
 from planner.records.plan import plan_record
 
 _LEFT = "The branch of plans before could not be followed: this is another."
+# The farthest that a target moves from picture to picture, over the arm's length.
+_SHORT = 0.02
 # How often a page that nobody looks at is looked after [s].
 _GLANCE = 0.1
 
@@ -43,6 +46,7 @@ class Page:
         viser = needed("viser", "live")
         _check_port(host, port)
         self.session, self._handle, self._left = session, handle, False
+        self._pose = handle.start
         with redirect_stdout(io.StringIO()):
             self._server = viser.ViserServer(host=host, port=port, verbose=False)
         self._seen, self._work = threading.Event(), Latest(self._rest)
@@ -54,8 +58,8 @@ class Page:
 
     def move(self) -> None:
         """Ask for the target that the handle's pose means."""
-        target = self._handle.target(np.concatenate([self._control.wxyz, self._control.position]))
-        self._work.put(lambda: self._follow(target))
+        pose = np.concatenate([self._control.wxyz, self._control.position])
+        self._work.put(lambda: self._follow(pose))
 
     def wait(self, grace: float = 3.0) -> None:
         """Return once all browsers that looked at the page are gone for so many seconds."""
@@ -124,12 +128,20 @@ class Page:
             found = to_json(plan_record(p))
             client.send_file_download("plan.json", found, save_immediately=True)
 
-    def _follow(self, target: Any) -> None:
-        """Plan for a target that moves, and draw it; in the worker's thread."""
-        session = self.session
+    def _follow(self, pose: Array) -> None:
+        """Plan for a target that moves, and draw it; in the worker's thread.
+
+        A plan follows its branch by short steps, sooner than a far one is searched for: a pose far
+        away is come to by others on the way, each of them drawn.
+        """
+        session, most = self.session, _SHORT * self.session.arm.length
         try:
-            session.target = target
+            here = on_the_way(self._pose, pose, most) if session.follows else pose
+            session.target = self._handle.target(here)
             step = session.step()
+            self._pose = here
+            if here is not pose:
+                self._work.go_on(lambda: self._follow(pose))
             draw_arm(self._server, step.plan.shape, session.most)
         except OctoplanError as reason:
             self._tell(reason)

@@ -64,6 +64,12 @@ class Session:
         upper, T = np.array(self.last.limits.upper), np.ravel(self.last.tensions)
         return np.where(np.isfinite(upper) & (upper > 0), upper, max(float(T.max()), 1e-9))
 
+    @property
+    def follows(self) -> bool:
+        """Whether there is a plan whose optimum can be followed to a target nearby."""
+        last = self.last
+        return last is not None and last.mode == "exact" and last.scene == self.scene
+
     def step(self) -> Step:
         """Return the plan for the target as it is now, near the last one where that leads there.
 

@@ -17,7 +17,7 @@ from model.effects import Extension, TipLoad
 from model.obstacles import Sphere
 from planner.cli import main
 from planner.live.drawing import bars
-from planner.live.handles import handle_of
+from planner.live.handles import handle_of, on_the_way
 from planner.live.latest import Latest
 from planner.live.page import Page, _following
 from planner.live.session import Session
@@ -114,6 +114,16 @@ def test_a_handle_begins_where_its_target_is(target: Any) -> None:
     assert type(found) is type(target)
     assert found.parameters(ARM) == pytest.approx(target.parameters(ARM), abs=1e-12)
     assert found.structure(ARM) == target.structure(ARM)
+
+
+def test_a_pose_far_away_is_come_to_by_short_steps() -> None:
+    here, wanted = np.array([1.0, 0, 0, 0, 0, 0, 0]), np.array([1.0, 0, 0, 0, 0.03, 0.04, 0])
+    np.testing.assert_allclose(on_the_way(here, wanted, 0.01)[4:], [0.006, 0.008, 0.0])
+    assert on_the_way(here, wanted, 0.06) is wanted
+    turned = np.array([-np.cos(0.5), 0, 0, -np.sin(0.5), 0, 0, 0])
+    step = on_the_way(here, turned, 0.01)
+    assert np.linalg.norm(step[:4]) == pytest.approx(1.0)
+    assert 2 * np.arccos(step[0]) == pytest.approx(0.1, rel=0.05)
 
 
 def test_what_cannot_be_dragged_is_refused() -> None:
