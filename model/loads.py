@@ -51,7 +51,7 @@ def check_loads(arm: Arm, scene: Scene, contact: bool = False) -> None:
     And for contact, unless what is asked is stated with `contact`.
     """
     if contacts(scene) and not contact:
-        allowed = "a scene without contact; with it settle, stiffness and plan answer"
+        allowed = "a scene without contact; with it settle, stiffness, plan and trajectory answer"
         raise InputError("scene", "with contact", allowed)
     if scene.has(SelfContact):
         allowed = "a scene without SelfContact; with it settle by tensions answers"

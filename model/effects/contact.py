@@ -28,7 +28,7 @@ class Contact(Effect):
     as one that touches nothing or one settled without friction. Points that roll are off by what
     they roll in a step. Friction acts on the midline: its moment about it, of its size times the
     arm's radius, and that the arm may roll sideways, are left out. It acts at nodes, and converges
-    with the square of their distance where the arm lies along an obstacle; there the scene has to
+    slowly with their distance where the arm lies along an obstacle; there the scene has to
     have Extension, without which forces along the arm between places that stick are undetermined.
 
     Attributes

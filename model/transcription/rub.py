@@ -10,7 +10,7 @@ for any r > 0 (Alart and Curnier, Comput. Methods Appl. Mech. Eng. 92, 1991), of
 method takes the derivatives of the piece that it is in.
 
 N is the force at the node, and of the pressure of a part that lies on the obstacle what falls to
-the node by the lever rule: friction acts at nodes, and converges with the square of their distance.
+the node by the lever rule: friction acts at nodes, and converges as these come closer.
 """
 
 from __future__ import annotations

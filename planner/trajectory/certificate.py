@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from model.errors import OctoplanError
+from model.loads import contacts
 from model.mesh_refinement import FINEST_ACCURACY
 from model.paths import Array
 from model.settle import settle
 from model.shape import Shape
+from planner.certificate import Certificate
 from planner.measure import compliances_along, measure
 from planner.program.terms import stations_of
 from planner.targets.base import Target
@@ -18,6 +20,7 @@ from planner.trajectory.between import between
 from planner.trajectory.question import Question
 from planner.trajectory.strokes import Stretch
 from planner.trajectory.timed import Timed
+from planner.trajectory.touching import certified_touching
 
 # Rounding, over a limit.
 _ROUNDING = 1e-9
@@ -51,6 +54,11 @@ class MotionCertificate:
         When that is [s].
     tolerance : float
         What residuals are held to.
+    contact : tuple of str
+        What does not pass in the certificates of waypoints in contact, besides targets and limits:
+        complementarity, stability, balance.
+    jumps : tuple of int
+        Waypoints, from 0 where the motion begins, on the way to which the arm jumps.
     problem : str
         Why the check could not be made, if so.
     """
@@ -64,6 +72,8 @@ class MotionCertificate:
     clearance: float = np.inf
     nearest: float = 0.0
     tolerance: float = 1e-6
+    contact: tuple[str, ...] = ()
+    jumps: tuple[int, ...] = ()
     problem: str = ""
 
     @property
@@ -88,6 +98,10 @@ class MotionCertificate:
         if self.stroke_acceleration > 1 + _STROKES:
             told = f"{self.stroke_acceleration:.4g} times its limit"
             found.append(f"an acceleration of a stroke is {told}")
+        found += self.contact
+        if self.jumps:
+            places = ", ".join(map(str, self.jumps))
+            found.append(f"the arm jumps on its way to waypoint {places}")
         if self.clearance < 0:
             short = f"{-1e3 * self.clearance:.3g} mm less than asked at {self.nearest:.4g} s"
             found.append(f"the arm is clear by {short}, or that is not verified")
@@ -121,6 +135,8 @@ def certify_motion(question: Question, way: Timed, met: tuple[int, ...]) -> Moti
     steps = np.abs(np.diff(way.tensions, axis=0)) / question.rates.tension
     pace = np.array([law.speeds.max() for law in way.laws])
     rate = float((steps.max(axis=1) * pace).max())
+    if contacts(question.scene):
+        return _touching(question, way, met, MotionCertificate(bounds=excess, rate=rate))
     try:
         found = [
             _met(question, targets, way.tensions[stop])
@@ -134,6 +150,35 @@ def certify_motion(question: Question, way: Timed, met: tuple[int, ...]) -> Moti
     return MotionCertificate(
         residuals, inequalities, excess, rate, *strokes, gap, when, question.accuracy
     )
+
+
+def _touching(
+    question: Question, way: Timed, met: tuple[int, ...], limits: MotionCertificate
+) -> MotionCertificate:
+    """Return the certificate of a motion in contact, of which limits and rates are checked."""
+    try:
+        found, jumps = certified_touching(question, way.tensions, met)
+    except OctoplanError as reason:
+        return replace(limits, problem=str(reason))
+    sizes = [[*own.equality.values(), *own.soft_residual.values()] for own in found]
+    problem = next((own.problem for own in found if own.problem), "")
+    return replace(
+        limits,
+        residuals=tuple(max(own, default=0.0) for own in sizes),
+        inequalities=tuple(min(own.inequality.values(), default=0.0) for own in found),
+        tolerance=question.accuracy,
+        contact=tuple(
+            f"at target {i} {why}" for i, own in enumerate(found) for why in _of_contact(own)
+        ),
+        jumps=jumps,
+        problem=problem,
+    )
+
+
+def _of_contact(found: Certificate) -> tuple[str, ...]:
+    """Return what fails at a waypoint besides its targets and limits of tensions."""
+    kept = replace(found, equality={}, soft_residual={}, inequality={}, bounds=0.0)
+    return () if found.problem else kept.failures
 
 
 def _met(question: Question, targets: tuple[Target, ...], T: Array) -> tuple[float, float]:

@@ -11,6 +11,7 @@ from model.arm import Arm
 from model.checks import kind
 from model.clearance import clearances
 from model.errors import InputError
+from model.loads import contacts
 from model.machine.compiled import Compile, checked_compile
 from model.mesh_refinement import checked_accuracy
 from model.paths import Array
@@ -27,6 +28,7 @@ from planner.trajectory.question import Question, Waypoint
 from planner.trajectory.result import Trajectory
 from planner.trajectory.search import led
 from planner.trajectory.timed import Timed
+from planner.trajectory.touching import check_touching, planned_touching
 
 _LATE = 1e-6
 
@@ -56,6 +58,9 @@ def trajectory(
     """Return tensions over time that bring an arm through targets, in the least time or effort.
 
     Quasi-static: the arm is at rest at each instant; the outcome says how slow is slow enough.
+    An arm that leans on things goes to each target from the one before, planned one by one: which
+    of several equilibria it is in depends on its way. The certificate follows it, tells where it
+    jumps, and checks contact at each target.
 
     Parameters
     ----------
@@ -87,7 +92,7 @@ def trajectory(
         Naming the field, for anything that is not allowed; for times that the rates do not allow,
         with what would do.
     """
-    scene = checked_scene(arm, scene)
+    scene = checked_scene(arm, scene, contact=True)
     path, own = waypoints_of(targets, waypoints)
     times = own if times is None else times
     limits = Limits.of(arm, tension_max, tension_min, total_pull)
@@ -109,10 +114,35 @@ def trajectory(
     around = surroundings(arm, every, obstacles, clearance, self_clearance, in_time=True)
     accuracy = checked_accuracy(accuracy)
     begin = _start(arm, start, limits)
-    given = (around, found, begin, accuracy, checked_compile(compile))
+    own_plan = start if isinstance(start, Plan) else None
+    given = (around, found, begin, accuracy, checked_compile(compile), own_plan)
     question = Question(arm, scene, tuple(asked), limits, rates, *given)
+    if contacts(scene):
+        check_touching(question)
+        return _touching(question)
     _check_start(question)
     return _found(question)
+
+
+def _touching(question: Question) -> Trajectory:
+    """Return the motion of an arm that leans on things."""
+    ways = planned_touching(question)
+    missed = [i for i, way in enumerate(ways) if way.plan is not None and way.plan.mode != "exact"]
+    if missed:
+        number = sum(way.plan is not None for way in ways[: missed[0]])
+        own = ways[missed[0]].plan
+        assert own is not None
+        allowed = f"targets that can be met: {own.outcome}"
+        raise InputError(f"targets[{number}]", "out of reach", allowed)
+    tensions = np.vstack([question.start, *(way.tensions for way in ways)])
+    stops = tuple(i + 1 for i, way in enumerate(ways) if way.targets)
+    steps = (np.abs(np.diff(tensions, axis=0)) / question.rates.tension).max(axis=1)
+    group = np.cumsum([0, *(bool(way.targets) for way in ways[:-1])])
+    shares = np.array([way.share for way in ways])
+    durations = np.maximum(steps, question.least[group] * shares)
+    timed = Timed.of(question, tensions, durations, stops)
+    _check_durations(question, ways, np.diff(timed.starts))
+    return Trajectory(question, timed, stops)
 
 
 def _found(question: Question) -> Trajectory:

@@ -45,7 +45,10 @@ class Waypoint:
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """What is asked of a motion; `start` are the tensions (n_tendons,) that it begins with [N]."""
+    """What is asked of a motion.
+
+    `start` are the tensions (n_tendons,) that it begins with [N], `begin` the plan they are of.
+    """
 
     arm: Arm
     scene: Scene
@@ -57,6 +60,7 @@ class Question:
     start: Array
     accuracy: float
     machine_code: bool = field(default=False, compare=False)
+    begin: Plan | None = field(default=None, compare=False)
 
     @property
     def least(self) -> Array:

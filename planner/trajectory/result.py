@@ -12,6 +12,7 @@ import numpy as np
 from model.arm import Arm
 from model.checks import finite_array
 from model.errors import InputError
+from model.loads import contacts
 from model.paths import Array
 from model.settle import settle
 from model.shape import Shape
@@ -20,6 +21,7 @@ from planner.trajectory.certificate import MotionCertificate, certify_motion
 from planner.trajectory.question import Question
 from planner.trajectory.time_scale import inertia, slowest_period
 from planner.trajectory.timed import Timed
+from planner.trajectory.touching import shapes_along
 
 # The share of inertia in weight below which a motion counts as quasi-static.
 _SLOW = 0.05
@@ -80,6 +82,8 @@ class Trajectory:
     @cached_property
     def shapes(self) -> tuple[Shape, ...]:
         """The settled shapes at the times."""
+        if contacts(self.question.scene):
+            return shapes_along(self.question, self.flat)
         return tuple(self._shape(T) for T in self.flat)
 
     @cached_property
@@ -143,7 +147,13 @@ class Trajectory:
 
     def shape(self, t: float) -> Shape:
         """Return the settled shape at a time [s]."""
-        return self._shape(np.ravel(self.at(t)))
+        T, asked = np.ravel(self.at(t)), self.question
+        if contacts(asked.scene):
+            before = int(np.searchsorted(self.times, t, side="right")) - 1
+            fine = max(asked.accuracy / 10, 1e-12)
+            near = self.shapes[min(before, len(self.times) - 1)]
+            return settle(self.arm, T, asked.scene, fine, compile=asked.machine_code, near=near)
+        return self._shape(T)
 
     def save(self, path: str | Path) -> Path:
         """Write times [s], tensions [N] and lengths [m] of the tendons to a .csv file, for a robot.

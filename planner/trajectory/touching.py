@@ -1,0 +1,126 @@
+"""Motions of an arm that leans on things: each target planned from the one before, on its way.
+
+Which of several equilibria an arm is in depends on how it came there, so that waypoints are planned
+one after another, each for the least effort to which tensions lead from the one before, and shapes
+are settled along the motion, each near the last. A plan that is come to by further tensions has
+these as waypoints.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from model.errors import InputError
+from model.loads import contacts
+from model.paths import Array
+from model.progress import told
+from model.settle import settle
+from model.shape import Shape
+from planner.certificate import Certificate
+from planner.certify import certify
+from planner.contact.way import settled_along
+from planner.plan import HeldPlan, plan
+from planner.targets.base import Target
+from planner.trajectory.question import Question, Waypoint
+
+# A stretch on which nothing changes takes this share of the time between targets.
+_IDLE = 1e-9
+
+
+def check_touching(question: Question) -> None:
+    """Raise InputError for what is not stated of motions in contact."""
+    rates = question.rates
+    if question.surroundings:
+        raise InputError(
+            "obstacles", "given", "none in a scene with contact: there they are effects"
+        )
+    if np.isfinite(rates.stroke) or np.isfinite(rates.acceleration):
+        raise InputError("stroke_rate_max", "given", "rate_max or times in a scene with contact")
+    if any(contact.friction for contact in contacts(question.scene)):
+        allowed = "0 in motions that are planned; with it settle(..., near=) follows given tensions"
+        raise InputError("Contact.friction", "above 0", allowed)
+
+
+def planned_touching(question: Question) -> list[Waypoint]:
+    """Return the waypoints in order: the targets, and what plans are come to by."""
+    found, last, begin = list[Waypoint](), question.start, question.begin
+    near = begin if isinstance(begin, HeldPlan) and begin.scene == question.scene else None
+    for targets in told("waypoints", question.targets):
+        planned = _plan(question, targets, near)
+        before = () if near is None else (*near.load_path, tuple(np.ravel(near.tensions).tolist()))
+        there = planned.load_path[: len(before)] == before
+        stops = [np.array(T) for T in planned.load_path[len(before) * there :]]
+        stops = [*stops, np.ravel(planned.tensions)]
+        steps = np.array([np.abs(b - a).max() for a, b in zip([last, *stops], stops, strict=False)])
+        shares = np.maximum(steps, _IDLE * max(float(steps.sum()), 1.0))
+        shares /= shares.sum()
+        found += [
+            Waypoint((), T, None, share) for T, share in zip(stops[:-1], shares, strict=False)
+        ]
+        found.append(Waypoint(targets, stops[-1], None, float(shares[-1]), planned))
+        near, last = planned, stops[-1]
+    return found
+
+
+def _plan(question: Question, targets: tuple[Target, ...], near: HeldPlan | None) -> HeldPlan:
+    """Return the plan that is come to from the one before; from any start where that misses."""
+    limits = question.limits
+    for starts in (1, None) if near is not None else (None,):
+        found = plan(
+            question.arm,
+            targets,
+            question.scene,
+            np.array(limits.upper),
+            tension_min=np.array(limits.lower),
+            total_pull=limits.total,
+            accuracy=question.accuracy,
+            starts=starts,
+            near=near,
+            compile=question.machine_code,
+        )
+        if found.mode == "exact":
+            break
+    assert isinstance(found, HeldPlan)
+    return found
+
+
+def certified_touching(
+    question: Question, tensions: Array, met: tuple[int, ...]
+) -> tuple[tuple[Certificate, ...], tuple[int, ...]]:
+    """Return the certificate of each target's waypoint, and the waypoints to which the arm jumps.
+
+    Of shapes along the motion through tensions (N + 1, n_tendons); raises what settling does.
+    """
+    shapes = shapes_along(question, tensions)
+    found = tuple(
+        certify(
+            question.arm,
+            question.scene,
+            targets,
+            question.limits,
+            tensions[stop],
+            partial(shapes.__getitem__, stop),
+            0.0,
+            question.accuracy,
+        )
+        for targets, stop in zip(question.targets, met, strict=True)
+    )
+    return found, tuple(k for k, shape in enumerate(shapes) if k and shape.snaps)
+
+
+def shapes_along(question: Question, tensions: Array) -> tuple[Shape, ...]:
+    """Return the shapes at tensions (N + 1, n_tendons), each near the one before.
+
+    The first from rest, or on the way of the plan that the motion begins with. `Shape.snaps` of
+    each tells where the arm jumps on the way to it.
+    """
+    fine, begin = max(question.accuracy / 10, 1e-12), question.begin
+    way = begin.load_path if isinstance(begin, HeldPlan) else ()
+    first = question.arm, way, tensions[0], question.scene, fine, question.machine_code
+    found = [settled_along(*first)]
+    for T in told("shapes", list(tensions[1:])):
+        given = question.arm, T, question.scene, fine
+        found.append(settle(*given, compile=question.machine_code, near=found[-1]))
+    return tuple(found)

@@ -1,0 +1,51 @@
+"""Motions of an arm that leans on things: targets, rates, complementarity, and the way."""
+
+import numpy as np
+import pytest
+
+from model import InputError, Scene, settle
+from model.effects import Contact, ExactTendons, Extension, Weight
+from model.obstacles import HalfSpace, Sphere
+from planner import plan, trajectory
+from planner.targets import TipPosition
+from tests.contact.bodies import distance
+from tests.contact.cases import bar
+
+ARM = bar(0.3, 0.006, 2e7)
+FLOOR = HalfSpace((0, 0, -0.03), (0, 0, 1))
+SCENE = Scene(Extension(), ExactTendons(), Weight(), Contact(FLOOR))
+
+
+def test_a_motion_leads_through_contact_and_is_certified_on_its_way() -> None:
+    shapes = [settle(ARM, [T, 0.0, 0.0, 0.5], SCENE, 1e-9) for T in (1.0, 2.0)]
+    assert all(shape.contacts for shape in shapes)
+    first, tip = (shape.tip for shape in shapes)
+    begin = plan(ARM, TipPosition(tuple(first)), SCENE, 30.0, starts=1)
+    asked = {"rate_max": 2.0, "start": begin, "accuracy": 1e-5}
+    found = trajectory(ARM, [TipPosition(tuple(tip))], SCENE, 30.0, **asked)
+    assert found.certificate.passed, found.outcome
+    assert found.reached == (True,)
+    assert found.certificate.jumps == ()
+    rates = np.abs(np.diff(found.flat, axis=0)) / np.diff(found.times)[:, None]
+    assert rates.max() <= 2.0 * (1 + 1e-9)
+    s = np.linspace(0, ARM.length, 1001)
+    shape = found.shapes[-1]
+    assert np.linalg.norm(shape.tip - tip) < 1e-5 * ARM.length
+    gap = distance(FLOOR, shape.position(s)) - ARM.outer_radius(s)[0]
+    assert gap.min() > -1e-8 * ARM.length
+    assert shape.contacts
+    for touch in shape.contacts:
+        assert touch.force @ (shape.position(touch.s) - touch.point) >= 0
+        assert abs(touch.gap) < 1e-8 * ARM.length
+
+
+def test_what_motions_in_contact_do_not_state_is_refused_by_name() -> None:
+    targets = [TipPosition((0.3, 0.1, -0.1))]
+    with pytest.raises(InputError, match="obstacles"):
+        ball = Sphere((0.2, 0.2, 0.2), 0.01)
+        trajectory(ARM, targets, SCENE, 20.0, rate_max=2.0, obstacles=[ball])
+    with pytest.raises(InputError, match="stroke_rate_max"):
+        trajectory(ARM, targets, SCENE, 20.0, stroke_rate_max=0.01)
+    with pytest.raises(InputError, match=r"Contact\.friction"):
+        rough = Scene(Extension(), Contact(FLOOR, friction=0.2))
+        trajectory(ARM, targets, rough, 20.0, rate_max=2.0)
