@@ -20,7 +20,7 @@ from model.settle import settle
 from model.shape import Shape
 from planner.certificate import Certificate
 from planner.certify import certify
-from planner.contact.way import settled_along
+from planner.contact.load_path import settled_along
 from planner.plan import HeldPlan, plan
 from planner.targets.base import Target
 from planner.trajectory.question import Question, Waypoint
