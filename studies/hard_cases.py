@@ -66,7 +66,8 @@ class Family:
 
 def names() -> list[str]:
     """Return the families' names, in the order of their tests."""
-    listed = _pytest("--collect-only", "-q", _TEST).splitlines()
+    # The project's settings make this quiet once; twice, and names are left out.
+    listed = _pytest("--collect-only", _TEST).splitlines()
     return [line.split("[", 1)[1][:-1] for line in listed if line.startswith(_TEST + "[")]
 
 
