@@ -13,7 +13,7 @@ _BLOCKS = 8
 # Rounding, against the largest number of its kind.
 _TINY = 1e-14
 # What rounding leaves of lengths, over the arm's length.
-ROUNDING = 1e-13
+ROUNDING = 3e-14
 # A residual as small says that inequalities exclude each other.
 _APART = 1e-9
 

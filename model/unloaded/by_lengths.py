@@ -21,8 +21,6 @@ from model.unloaded.tendon_lengths import Lengths, tendon_lengths
 from model.unloaded.too_short import SHORT, refuse
 from model.winches import Winches, least_compliance
 
-# The last compliances of the tendons, as shares of the least.
-_FADING = (1e-2, 1e-4)
 # Where no combination of tensions changes lengths by less than this share of what others do, one
 # step does.
 _FIRM = 1e-8
@@ -106,11 +104,6 @@ class UnloadedLengths:
             taut, M, lacks = self._taut(found)
             T[taut] += np.linalg.solve(M, -lacks)
             return found if T.min(initial=0.0) < 0 else moved(found, T)
-        for share in _FADING:
-            nearer = self._tendons.nearer(found, share * self.least)
-            if nearer is None:
-                return found
-            found = nearer
         for _ in range(_TIGHTENED):
             tight, T = self._tight(found), found.tensions.copy()
             left = self.winches.lacks(found.lengths, T)[tight]

@@ -56,18 +56,18 @@ class CompliantTendons:
 
     def maximum(self, at: Lengths, compliance: float) -> Lengths | None:
         """Return the shape where tendons have this compliance [m/N]; None if none is found."""
-        none, last = np.zeros(self.winches.held.size), np.inf
+        last = np.inf
         for _ in range(_STEPS):
             check_time()
             off = self._off(at, compliance)
             if off <= _ROUNDING or (off <= _MET and off > last / 2):
                 return at
-            to = self._newton(at, compliance, none)
+            to = self._newton(at, compliance)
             if to is None:
                 return None
             if off <= _LAST and np.abs(to - at.tensions).max() <= _LAST_TENSION * to.max():
                 return moved(at, to)
-            searched = self._searched(at, to, compliance, none)
+            searched = self._searched(at, to, compliance)
             if searched is None:
                 return None
             at, last = searched, off
@@ -80,38 +80,33 @@ class CompliantTendons:
         off = np.abs(np.minimum(self.winches.lacks(at.lengths, T) + compliance * T, own * T))
         return float(off[self.winches.held].max(initial=0.0)) / self.arm.length
 
-    def _newton(self, at: Lengths, compliance: float, given: Array) -> Array | None:
-        """Return tensions after a Newton step; those beyond `given` stretch the tendons."""
+    def _newton(self, at: Lengths, compliance: float) -> Array | None:
+        """Return tensions after a Newton step."""
         held = self.held
         M, T, after = self._matrix(at, compliance), at.tensions[held], at.tensions.copy()
-        found = complementary(M, self._left(at, compliance, given)[held] - M @ T, T > 0)
+        found = complementary(M, self._left(at, compliance)[held] - M @ T, T > 0)
         if found is None:
             return None
         after[held] = found
         return after
 
-    def _searched(self, at: Lengths, to: Array, compliance: float, given: Array) -> Lengths | None:
+    def _searched(self, at: Lengths, to: Array, compliance: float) -> Lengths | None:
         """Return what a step to tensions, or a part of it, leads to."""
         change = to - at.tensions
-        slope = abs(float(change @ self._left(at, compliance, given)))
+        slope = abs(float(change @ self._left(at, compliance)))
         most = _SLOPE * slope + _MET * self.arm.length * np.abs(change).max()
         for halving in range(_HALVINGS):
             try:
                 after = self.lengths(at.tensions + 0.5**halving * change)
             except UnsettledSectionError:
                 continue
-            if change @ self._left(after, compliance, given) <= most:
+            if change @ self._left(after, compliance) <= most:
                 return after
         return None
 
-    def nearer(self, at: Lengths, compliance: float) -> Lengths | None:
-        """Return the next shape where only changes of the tensions stretch the tendons."""
-        to = self._newton(at, compliance, at.tensions)
-        return None if to is None else self._searched(at, to, compliance, at.tensions)
-
-    def _left(self, at: Lengths, compliance: float, given: Array) -> Array:
+    def _left(self, at: Lengths, compliance: float) -> Array:
         left = self.winches.lacks(at.lengths, at.tensions)
-        return np.asarray(left + compliance * (at.tensions - given))
+        return np.asarray(left + compliance * at.tensions)
 
     def _matrix(self, at: Lengths, compliance: float) -> Array:
         """Return how what is left of held tendons grows with their tensions (n, n) [m/N]."""
