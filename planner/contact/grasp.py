@@ -12,6 +12,7 @@ from model.arm import Arm
 from model.obstacles.base import Convex
 from model.paths import Array
 from model.shape import Shape
+from planner.contact.dense_qp import solve_dense
 from planner.targets.hold import LEVER, Hold
 
 # The least that friction forces cost, so that those that nothing determines are small.
@@ -80,8 +81,8 @@ class Grasp:
     def bases(self) -> Array:
         """Two directions across each normal (k, 3, 2)."""
         found = np.zeros((len(self.normal), 3, 2))
-        for i, n in enumerate(self.normals):
-            a = np.cross(n, np.eye(3)[np.argmin(np.abs(n))])
+        for i, (n, axis) in enumerate(zip(self.normals, axes_across(self.normals), strict=True)):
+            a = np.cross(n, axis)
             a /= np.linalg.norm(a)
             found[i] = np.column_stack([a, np.cross(n, a)])
         return found
@@ -100,10 +101,11 @@ class Grasp:
         found[3:] /= self.lever
         return np.asarray(found)
 
-    def best(self) -> Array:
+    def best(self, sides: Array | None = None) -> Array:
         """Return the tangential forces (k, 3) [N] in their cones that leave least of the wrench.
 
-        A convex program with second-order cones; by sequential least squares.
+        A convex program with second-order cones; by sequential least squares. In pyramids inside of
+        the cones where their sides' normals (m, 2) are given.
         """
         k = len(self.normal)
         most = self.friction * np.maximum(self.normal, 0.0)
@@ -124,6 +126,10 @@ class Grasp:
         def slope(z: Array) -> Array:
             return np.asarray(A.T @ (still + A @ z) + _COST * z)
 
+        if sides is not None:
+            z = self._in_pyramids(A, still, most / unit, sides).reshape(k, 2)
+            return np.asarray(unit * np.einsum("kij,kj->ki", self.bases, z))
+
         def cones(z: Array) -> Array:
             return np.asarray(room - (z.reshape(k, 2) ** 2).sum(axis=1))
 
@@ -141,6 +147,21 @@ class Grasp:
         sizes = np.linalg.norm(z, axis=1)
         z *= np.minimum(1.0, most / unit / np.maximum(sizes, 1e-300))[:, None]
         return np.asarray(unit * np.einsum("kij,kj->ki", self.bases, z))
+
+    @staticmethod
+    def _in_pyramids(A: Array, still: Array, most: Array, sides: Array) -> Array:
+        """Return tangential forces (2 k,) that leave least of A z + still, to rounding."""
+        n, rows = A.shape[1], np.kron(np.eye(most.size), sides)
+        inner = np.repeat(most * np.cos(np.pi / len(sides)), len(sides))
+        none, free = np.full(inner.size, -np.inf), np.full(n, np.inf)
+        given = {"h": A.T @ A + _COST * np.eye(n), "g": A.T @ still, "a": rows}
+        found = solve_dense(**given, lba=none, uba=inner, lbx=-free, ubx=free)
+        return np.array(found["x"]).ravel()
+
+
+def axes_across(normals: Array) -> Array:
+    """Return of the axes of the base frame those (k, 3) that are farthest from normals (k, 3)."""
+    return np.asarray(np.eye(3)[np.argmin(np.abs(normals), axis=1)])
 
 
 def grips_of(shape: Shape, hold: Hold) -> tuple[Grip, ...]:

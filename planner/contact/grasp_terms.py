@@ -24,11 +24,12 @@ from model.paths import Array
 from model.rotations import matrices
 from model.transcription.layout import POSE
 from model.transcription.system import System
-from planner.contact.grasp import Grasp
+from planner.contact.grasp import Grasp, axes_across
 from planner.targets.hold import LEVER, Hold
 
 # Sides of the pyramids inside of friction cones.
-_SIDES = 12
+_ANGLES = 2 * np.pi * np.arange(12) / 12
+_SIDES = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,15 +40,12 @@ class GraspTerms:
     ----------
     tangential : (n_z,)
         Over the size of the wrench.
-    bases : (k, 3, 2)
-        Directions they are along.
     equality, inequality : (m,), (k,)
     match_slopes, margin_slopes : (m, n_tendons + n_z), (k, n_tendons + n_z)
         By tensions [1/N] and tangential forces.
     """
 
     tangential: Array
-    bases: Array
     equality: Array
     inequality: Array
     equality_jacobian: Array
@@ -67,22 +65,22 @@ def grasp_terms(
     k, m, n = N.size, int(rough.sum()), here.tensions.size
     if before is None or tangential is None or tangential.size != 2 * m:
         grasp = _grasp(here, hold, points, N)
-        bases = grasp.bases[rough]
-        forces = np.einsum("kij,ki->kj", bases, grasp.best()[rough]).ravel() / size
+        best = grasp.best(_SIDES)[rough]
+        forces = np.einsum("kij,ki->kj", grasp.bases[rough], best).ravel() / size
     else:
-        bases, forces = before.bases, tangential
+        forces = tangential
     full, lever = len(hold.wrench) == 6, LEVER * system.arm.length
     wrench = np.zeros(6)
     wrench[: len(hold.wrench)] = hold.wrench
     given = (hold.obstacle.numbers, np.concatenate([wrench, [hold.friction, size, lever]]))
-    directions = np.hstack(list(bases)) if m else np.zeros((3, 0))
-    found = _rows(k, tuple(rough.tolist()), full)(points.T, N, forces, directions, *given)
+    axes = axes_across(hold.obstacle.gradient(points)[rough]) if m else np.zeros((0, 3))
+    found = _rows(k, tuple(rough.tolist()), full)(points.T, N, forces, axes.T, *given)
     equality, inequality, *slopes = (np.array(part) for part in found)
     both = []
     for by_u, by_n, by_z in (slopes[:3], slopes[3:]):
         moved = by_u @ by_points.reshape(3 * k, n) + by_n @ by_N
         both.append(np.hstack([moved, by_z]))
-    return GraspTerms(forces, bases, equality.ravel(), inequality.ravel(), *both)
+    return GraspTerms(forces, equality.ravel(), inequality.ravel(), *both)
 
 
 def _grasp(here: Linearised, hold: Hold, points: Array, N: Array) -> Grasp:
@@ -133,26 +131,25 @@ def nodal_forces(system: System, touches: Touches, columns: Array) -> Array:
 
 @lru_cache(maxsize=64)
 def _rows(k: int, rough: tuple[bool, ...], full: bool) -> ca.Function:
-    """Return (points (3, k), N, tangential, directions (3, 2 m), body, numbers) -> rows, slopes.
+    """Return (points (3, k), N, tangential, axes (3, m), body, numbers) -> rows, slopes.
 
     Slopes of the wrench that is left by points, N and tangential forces, then of the cones.
     """
     m = sum(rough)
     U, N, z = ca.MX.sym("U", 3, k), ca.MX.sym("N", k), ca.MX.sym("z", 2 * m)
-    B, body, c = ca.MX.sym("B", 3, 2 * m), ca.MX.sym("body", SIZE), ca.MX.sym("c", 9)
+    B, body, c = ca.MX.sym("B", 3, m), ca.MX.sym("body", SIZE), ca.MX.sym("c", 9)
     force, moment = c[:3], c[3:6]
     friction, size, lever = c[6], c[7], c[8]
-    angles = 2 * np.pi * np.arange(_SIDES) / _SIDES
-    sides = ca.DM(np.column_stack([np.cos(angles), np.sin(angles)]))
+    sides = ca.DM(_SIDES)
     cones, at = list[ca.MX](), 0
     for i in range(k):
         d, n = with_gradient()(U[:, i], body)
         total = -N[i] * n
         if rough[i]:
-            own, own_z = B[:, 2 * at : 2 * at + 2], z[2 * at : 2 * at + 2]
-            f = own @ own_z
-            total += size * (f - ca.dot(f, n) * n)
-            most = friction * np.cos(np.pi / _SIDES) * N[i] / size
+            across, own_z = ca.cross(n, B[:, at]), z[2 * at : 2 * at + 2]
+            across /= ca.norm_2(across)
+            total += size * (own_z[0] * across + own_z[1] * ca.cross(n, across))
+            most = friction * np.cos(np.pi / len(_SIDES)) * N[i] / size
             cones.append(most - sides @ own_z)
             at += 1
         force += total

@@ -40,8 +40,9 @@ _CLOSER = 0.1
 _FREE, _BENDS = 3, (0.3, 1.0, 2.0)
 # Bends that may press on what is held, harder and harder; how many are begun with.
 _HARDER, _PRESSED = tuple((0.25 * 1.5 ** np.arange(12)).tolist()), 4
-# Efforts of optima that are one: starts are enough where two lead there.
-_SAME = 1e-5
+# Efforts of optima that are one: starts are enough where two lead there. The residual of an optimum
+# on the rough mesh.
+_SAME, _ABOUT = 1e-3, 1e-5
 
 
 def check_contact(task: Task, avoids: bool) -> None:
@@ -142,7 +143,7 @@ class ContactSearch:
         last = np.clip(load_path[-1], program.lower, program.upper)
         try:
             start = _along(program, (*load_path[:-1], tuple(last.tolist())))
-            end = solve(program, start, _CLOSER * self.task.accuracy)
+            end = solve(program, start, _CLOSER * self.task.accuracy, _ABOUT)
         except OctoplanError:
             return []
         return [LocalOptimum(end, (*load_path[:-1], tuple(last.tolist())))]

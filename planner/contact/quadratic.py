@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-import logging
-from functools import lru_cache
-from typing import Any
-
-import casadi as ca
 import numpy as np
 import scipy
 
-from model.log_capture import logged
 from model.paths import Array
+from planner.contact.dense_qp import solve_dense
 from planner.contact.program import NEAREST, Optimum, Program
 from planner.contact.settled_terms import SettledTerms
 
-LOG = logging.getLogger(__name__)
 # Margins and limits that may hold: below this share of the arm's length, or of the unit.
 ACTIVE = 1e-7
 # Curvature of what cannot be met, beside its cost in proportion; steps stay so far inside of a
@@ -54,19 +48,10 @@ def quadratic_step(
     down, up = program.room(here)
     lbx = np.concatenate([np.maximum(down, -region), np.zeros(size - n)])
     ubx = np.concatenate([np.minimum(up, region), np.full(size - n, np.inf)])
-    with logged(LOG, stdout=True):
-        solver = _solver(size, m + k + 1)
-        found = solver(h=H, g=g, a=rows, lba=low, uba=high, lbx=lbx, ubx=ubx)
+    found = solve_dense(h=H, g=g, a=rows, lba=low, uba=high, lbx=lbx, ubx=ubx)
     x, lam_x, lam_a = (np.array(found[name]).ravel() for name in ("x", "lam_x", "lam_a"))
     free = (x[:n] > -region * (1 - 1e-9)) & (x[:n] < region * (1 - 1e-9))
     return x[:n], (np.where(free, lam_x[:n], 0.0), lam_a[:m], lam_a[m : m + k])
-
-
-@lru_cache(maxsize=32)
-def _solver(n: int, m: int) -> ca.Function:
-    shape = {"h": ca.Sparsity.dense(n, n), "a": ca.Sparsity.dense(m, n)}
-    quiet: Any = {"printLevel": "none", "sparse": False, "error_on_fail": False}
-    return ca.conic("quadratic", "qpoases", shape, quiet)
 
 
 def optimum_at(program: Program, here: SettledTerms) -> Optimum:

@@ -22,7 +22,7 @@ from planner.contact.program import Optimum, Program, lacking
 from planner.contact.quadratic import ACTIVE, optimum_at, quadratic_step
 from planner.contact.settled_terms import SettledTerms
 
-_STEPS, _FIRST, _MOST_FAR, _CAREFUL = 80, 0.5, 2.0, 1e-2
+_STEPS, _FIRST, _MOST_FAR, _CAREFUL = 80, 0.5, 8.0, 1e-2
 # The least region, and where targets are missed.
 _LEAST, _MISSED = 1e-9, 1e-5
 _ACCEPTED, _GOOD = 0.05, 0.7
@@ -34,17 +34,25 @@ _ROUGH, _AGAIN, _CLOSE, _NEARLY = 4, 3, 1e-4, 1e-3
 # So many steps that make up for less than this share of what targets lack lead nowhere, as where
 # the arm has let go of what it is to hold.
 _STUCK, _LITTLE = 3, 1e-3
+# A gain that may be rounding: of such steps the first-order residual tells, which has to fall so.
+_ROUNDING, _CLOSER = 1e-7, 0.8
 # Residual of an optimum.
-_OPTIMAL = 3e-7
+OPTIMAL = 3e-7
 # Ends of pieces beyond which is looked, how often, and how far; what that has to gain.
 _SIDES, _PROBES, _ACROSS, _GAINED = 2, 4, 1e-2, 1e-7
 
 
-def solve(program: Program, start: SettledTerms, accuracy: float) -> Optimum:
-    """Return the optimum that steps from a start lead to, beyond the pieces of contact as well."""
-    best = _descended(program, start, accuracy)
+def solve(
+    program: Program, start: SettledTerms, accuracy: float, residual: float = OPTIMAL
+) -> Optimum:
+    """Return the optimum that steps from a start lead to, beyond the pieces of contact as well.
+
+    With a residual of the first-order conditions below the one given.
+    """
+    best = _descended(program, start, accuracy, residual)
     for _ in range(_PROBES):
-        found = [_descended(program, there, accuracy) for there in _beyond(program, best)]
+        ahead = _beyond(program, best)
+        found = [_descended(program, there, accuracy, residual) for there in ahead]
         found = [replace(own, steps=best.steps + own.steps) for own in found]
         better = [own for own in found if _better(program, own, best, accuracy)]
         if not better:
@@ -58,7 +66,7 @@ def _better(program: Program, one: Optimum, other: Optimum, accuracy: float) -> 
     if max(one.lacks, other.lacks) > accuracy:
         return one.lacks < 0.99 * other.lacks
     a, b = (program.objective(own.terms) for own in (one, other))
-    closer = one.kkt < _OPTIMAL <= other.kkt
+    closer = one.kkt < OPTIMAL <= other.kkt
     return a < b * (1 - _GAINED) or (closer and a < b * (1 + _GAINED))
 
 
@@ -79,7 +87,7 @@ def _beyond(program: Program, at: Optimum) -> list[SettledTerms]:
     return found
 
 
-def _descended(program: Program, start: SettledTerms, accuracy: float) -> Optimum:
+def _descended(program: Program, start: SettledTerms, accuracy: float, residual: float) -> Optimum:
     """Return the optimum that steps from a start lead to, in the pieces that they meet."""
     here, region, penalty, steps = start, _FIRST, _PENALTY, [start.tensions]
     B, stuck = program.effort_hessian(here), 0
@@ -87,7 +95,7 @@ def _descended(program: Program, start: SettledTerms, accuracy: float) -> Optimu
         check_time()
         tell("steps of the program with contact", count, _STEPS)
         best = optimum_at(program, here)
-        if best.kkt < _OPTIMAL and lacking(here) < accuracy:
+        if best.kkt < residual and lacking(here) < accuracy:
             break
         if _wants_hessian(best, count):
             exact = exact_hessian(program, here, best)
@@ -107,7 +115,10 @@ def _descended(program: Program, start: SettledTerms, accuracy: float) -> Optimu
         gain = program.merit(here, penalty) - program.foreseen(stated, step, penalty)
         there = _stepped(program, here, step, B, penalty, region, gain)
         fell = _fall(program, here, there, penalty)
-        if there is None or fell < _ACCEPTED * gain or gain <= 0:
+        if there is not None and gain < _ROUNDING and _closer(program, there, best, accuracy):
+            B, here = updated(program, B, here, there, lam), there
+            steps.append(here.tensions)
+        elif there is None or fell < _ACCEPTED * gain or gain <= 0:
             region = 0.3 * min(region, float(np.abs(step).max()))
         else:
             if fell > _GOOD * gain:
@@ -117,6 +128,11 @@ def _descended(program: Program, start: SettledTerms, accuracy: float) -> Optimu
         if region < (_LEAST if lacking(here) < _CLOSE else _MISSED):
             break
     return replace(optimum_at(program, here), steps=tuple(steps))
+
+
+def _closer(program: Program, there: SettledTerms, best: Optimum, accuracy: float) -> bool:
+    """Return whether a step leaves less of the first-order conditions, and targets met."""
+    return lacking(there) < accuracy and optimum_at(program, there).kkt < _CLOSER * best.kkt
 
 
 def _wants_hessian(at: Optimum, count: int) -> bool:
