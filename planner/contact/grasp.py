@@ -16,7 +16,7 @@ from planner.contact.dense_qp import solve_dense
 from planner.targets.hold import LEVER, Hold
 
 # The least that friction forces cost, so that those that nothing determines are small.
-_COST = 1e-9
+_COST, _LEAST_COST = 1e-9, 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,11 +151,11 @@ class Grasp:
     @staticmethod
     def _in_pyramids(A: Array, still: Array, most: Array, sides: Array) -> Array:
         """Return tangential forces (2 k,) that leave least of A z + still, to rounding."""
-        n, rows = A.shape[1], np.kron(np.eye(most.size), sides)
+        n, rows = A.shape[1], np.asarray(np.kron(np.eye(most.size), sides), dtype=np.float64)
         inner = np.repeat(most * np.cos(np.pi / len(sides)), len(sides))
         none, free = np.full(inner.size, -np.inf), np.full(n, np.inf)
-        given = {"h": A.T @ A + _COST * np.eye(n), "g": A.T @ still, "a": rows}
-        found = solve_dense(**given, lba=none, uba=inner, lbx=-free, ubx=free)
+        H, g = np.asarray(A.T @ A + _LEAST_COST * np.eye(n)), np.asarray(A.T @ still)
+        found = solve_dense(h=H, g=g, a=rows, lba=none, uba=inner, lbx=-free, ubx=free)
         return np.array(found["x"]).ravel()
 
 
