@@ -115,7 +115,8 @@ class Around:
                 cleared.append(clear)
             if not ordered and len(cleared) >= _ENOUGH:
                 break
-        for clear in sorted(cleared, key=lambda clear: clear.solution.f):
+        # What the solver did not come to an end with may look better than it is.
+        for clear in sorted(cleared, key=lambda own: (not own.solution.met, own.solution.f)):
             done = self.fine(clear, mode)
             if done is not None:
                 return done
