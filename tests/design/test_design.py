@@ -251,7 +251,7 @@ def test_the_command_line_designs(tmp_path: Path, capsys: pytest.CaptureFixture[
     path.write_text(FILE)
     assert main(["design", str(path)]) == 0
     told = capsys.readouterr().out
-    assert "1 tasks, 1 unknowns: effort" in told
+    assert "1 task, 1 unknown: effort" in told
     assert "arm.radius_mm[1]" in told
     path.write_text(FILE.replace("radius_mm[1]", "radius_mm[3]"))
     assert main(["design", str(path)]) == 2

@@ -81,8 +81,10 @@ def test_a_plan_around_is_followed_by_its_own_inequalities(free: Plan, around: P
     p = plan(ARM, target, SCENE, 20.0, near=around, **asked)
     _check(free, p)
     assert p.avoidance == around.avoidance
-    again = plan(ARM, target, SCENE, 20.0, near=replace(around, avoidance=None), **asked)
-    assert p.effort == pytest.approx(again.effort, rel=1e-3)
+    # The target was in a plane of symmetry, beside which one of the two images costs less.
+    assert np.abs(p.tensions - around.tensions).max() < 0.05 * around.tensions.max()
+    searched = plan(ARM, target, SCENE, 20.0, **asked)
+    assert searched.effort * (1 - 1e-3) <= p.effort <= searched.effort * 1.05
 
 
 @pytest.mark.slow
