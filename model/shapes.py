@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from model.errors import InputError, OctoplanError
 from model.paths import Array
+from model.text import MOST_LINES, columns, counted, shortened_lines
 
 Errors = Literal["raise", "nan"]
 
@@ -42,6 +43,18 @@ class Shapes:
     tensions: Array
     slack: NDArray[np.bool_]
     problems: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        lost = [f"  {i}: {why}" for i, why in enumerate(self.problems) if why]
+        rows = [
+            [f"  {i}", *(f"{1e3 * x:.2f}" for x in tip), f"{error:.1e}"]
+            for i, (tip, error) in enumerate(zip(self.tip, self.error, strict=True))
+        ]
+        head = ["  tips", "x [mm]", "y [mm]", "z [mm]", "error [L]"]
+        said = f"{counted(len(rows), 'set')} of tensions, {len(lost)} not settled"
+        table = columns([head, *rows[:MOST_LINES]])
+        more = [f"  ... and {len(rows) - MOST_LINES} more"] if len(rows) > MOST_LINES else []
+        return "\n".join([said, *table, *more, *shortened_lines(lost)])
 
 
 class Problems:

@@ -28,14 +28,14 @@ class Guesses:
 
     Attributes
     ----------
-    sure : int
+    n_likely : int
         Among how many of the first the best optimum is; 0 where that is not known.
     carried : list of ((n_tendons,), Solution)
         Those that are optima of a simpler scene, best first, without their states.
     """
 
     starts: list[Array]
-    sure: int = 0
+    n_likely: int = 0
     carried: list[tuple[Array, Solution]] = field(default_factory=list)
 
 
@@ -94,7 +94,7 @@ def _carried(task: Task, simple: Task) -> Guesses:
     )
     free = replace(simple, targets=shape)
     guesses = _of_closed_form(free)
-    trials = Multistart(free, guesses.sure)
+    trials = Multistart(free, guesses.n_likely)
     mode: Mode = "exact" if free.can_be_exact else "closest"
     found: list[Solution] = []
     for T in guesses.starts[: trials.first]:
@@ -102,11 +102,11 @@ def _carried(task: Task, simple: Task) -> Guesses:
     met = sorted((s for s in found if s.finite), key=lambda s: (not s.met, s.f))
     optima = distinct([free.tensions(s) for s in met], task.most)
     likely = [s for s in met if s.met and s.f <= _DEARER * met[0].f]
-    sure = len(distinct([free.tensions(s) for s in likely], task.most)) if likely else 0
+    n_likely = len(distinct([free.tensions(s) for s in likely], task.most)) if likely else 0
     stronger = [more * T for T in optima[:1] for more in _STRONGER] if task.is_point else []
-    few = max(sure, _BEFORE_STRONGER)
+    few = max(n_likely, _BEFORE_STRONGER)
     starts = [*optima[:few], *stronger, *optima[few:], *guesses.starts]
     starts = distinct([np.minimum(T, task.allowed.upper) for T in starts], task.most)
     problem = free.problem(free.coarse(mode))
     known = [(free.tensions(s), s.free(problem)) for s in likely]
-    return Guesses(starts, sure, known if shape == task.targets else [])
+    return Guesses(starts, n_likely, known if shape == task.targets else [])

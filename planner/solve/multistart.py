@@ -52,7 +52,7 @@ class Multistart:
 
     Attributes
     ----------
-    sure : int
+    n_likely : int
         Among how many of the first starts the best optimum is, 0 where that is not known.
     carried : list of ((n_tendons,), Solution)
         Optima of a simpler scene to begin with, best first, without their states.
@@ -64,8 +64,8 @@ class Multistart:
         What meets the targets but is less stable than it has to be.
     """
 
-    def __init__(self, task: Task, sure: int = 0) -> None:
-        self.task, self.sure = task, sure
+    def __init__(self, task: Task, n_likely: int = 0) -> None:
+        self.task, self.n_likely = task, n_likely
         self.carried: list[tuple[Array, Solution]] = []
         self.seen: list[tuple[Statement, Solution]] = []
         self.toppled: list[tuple[Statement, Solution]] = []
@@ -73,9 +73,9 @@ class Multistart:
         self.simple = task.scene == task.simple.scene
         stiff = bool(compliance_requests(task.targets))
         self.patience = _PATIENCE_IF_STIFF if stiff else _PATIENCE
-        self.least = _FEW if task.is_point else _MORE
+        self.fewest = _FEW if task.is_point else _MORE
         if not self.simple:
-            self.least = _FEWEST if self.loaded else _CARRIED
+            self.fewest = _FEWEST if self.loaded else _CARRIED
 
     @cached_property
     def heavy(self) -> bool:
@@ -92,7 +92,7 @@ class Multistart:
         if self.task.starts is not None:
             return self.task.starts
         heavier = (_MORE_IF_HEAVY if self.heavy else _STRONGER) if self.loaded else 0
-        return max(self.least, self.sure) + heavier
+        return max(self.fewest, self.n_likely) + heavier
 
     def _enough(self, records: list[Trial], found: list[Solution]) -> bool:
         """Return whether the best optimum is among what was found, as far as can be told."""
@@ -100,12 +100,12 @@ class Multistart:
             return len(records) >= self.task.starts
         if not self.task.can_be_exact and any(s.f <= _NOTHING for s in found):
             return len(records) >= _FIXED and agreed(records) >= 2
-        if self.sure and not self.simple and not self.heavy:
-            return len(records) >= max(self.least, self.sure) and bool(found or self.toppled)
-        if self.sure:
-            return len(records) >= max(self.least, self.sure + _BESIDE)
-        least = self.least + _STRONGER * self.heavy
-        return len(records) >= least and agreed(records) >= 2
+        if self.n_likely and not self.simple and not self.heavy:
+            return len(records) >= max(self.fewest, self.n_likely) and bool(found or self.toppled)
+        if self.n_likely:
+            return len(records) >= max(self.fewest, self.n_likely + _BESIDE)
+        fewest = self.fewest + _STRONGER * self.heavy
+        return len(records) >= fewest and agreed(records) >= 2
 
     def from_starts(
         self,
@@ -151,8 +151,8 @@ class Multistart:
 
     def stands(self, statement: Statement, solution: Solution) -> bool:
         """Return whether a solution is as stable as it has to be."""
-        T, least = self.task.tensions(solution), self.task.statement.margin
-        return self.task.problem(statement).stability(solution.x, T) >= least - _SLACK
+        T, margin = self.task.tensions(solution), self.task.statement.margin
+        return self.task.problem(statement).stability(solution.x, T) >= margin - _SLACK
 
     def by_continuation(
         self, starts: list[Array], statement: Statement, records: list[Trial]

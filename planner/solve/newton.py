@@ -103,7 +103,7 @@ def newton(problem: Problem, start: Solution, p: Array, bounds: Bounds) -> Solut
 
     Of a solution without the states; see Solution.free.
     """
-    best, least = start, _ACCEPTED
+    best, accepted = start, _ACCEPTED
     lbx, ubx, lbg, ubg = bounds
     magnified = problem.magnified(TRACES[-1])
     held = _Held(
@@ -119,8 +119,8 @@ def newton(problem: Problem, start: Solution, p: Array, bounds: Bounds) -> Solut
         gradient, g, jacobian = at.gradient, at.g, at.jacobian
         lam_x = np.where(held.fixed, -(gradient + jacobian.T @ lam_g), 0.0)
         found = _residuals(gradient, g, jacobian, x, lam_x, lam_g, bounds).worst
-        if found <= least:
-            best, least = replace(start, x=x, lam_x=lam_x, lam_g=lam_g, g=g), found
+        if found <= accepted:
+            best, accepted = replace(start, x=x, lam_x=lam_x, lam_g=lam_g, g=g), found
         stuck = abs(found - previous) <= _STUCK * found
         astray += found > previous
         if found <= _ROUNDING or stuck or astray > _ASTRAY or not np.isfinite(found):

@@ -74,7 +74,7 @@ class Search:
         """Try the readings of the targets in turn; planner.program.problem has the three modes."""
         tell("initial guesses")
         guesses = first_guesses(self.task)
-        self.trials.sure, self.trials.carried = guesses.sure, guesses.carried
+        self.trials.n_likely, self.trials.carried = guesses.n_likely, guesses.carried
         starts, first = guesses.starts, self.trials.first
         if self.task.can_be_exact:
             exact = self._exact(starts[:first], starts[first:])
@@ -100,8 +100,8 @@ class Search:
             fines = self._finished([], mode)
             if fines:
                 return self._answer(best_of(fines), records)
-        statement, least = min(self.trials.toppled, key=lambda item: item[1].f)
-        return self._found(statement, self.task.tensions(least), least, records)
+        statement, cheapest = min(self.trials.toppled, key=lambda item: item[1].f)
+        return self._found(statement, self.task.tensions(cheapest), cheapest, records)
 
     def _exact_near(self, near: Solution, starts: list[Array]) -> SearchResult | None:
         """Return what meets the targets after all, where the nearest shape is as good as there."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from model import Arm, InputError, Scene, conical, settle
+from model import Arm, InputError, Scene, conical, settle, settle_many
 from model.effects import (
     Buoyancy,
     ExactTendons,
@@ -104,3 +104,14 @@ def test_columns_do_not_collide() -> None:
         "a long name   1  -123456.7",
         "x            22          3",
     ]
+
+
+def test_many_shapes_tell_their_tips_and_what_is_not_settled() -> None:
+    T = np.zeros((20, 12))
+    T[3, 0] = np.nan
+    lines = repr(settle_many(Arm.from_paper("table-4"), T, errors="nan")).splitlines()
+    assert lines[0] == "20 sets of tensions, 1 not settled"
+    assert "x [mm]" in lines[1]
+    assert lines[-2] == "  ... and 8 more"
+    assert lines[-1].startswith("  3: tensions[3][0]")
+    assert len(lines) <= 16
