@@ -70,9 +70,11 @@ def likely_degrees(radians: float) -> str:
 
 def warn_of_degrees(degrees: float) -> None:
     """Warn of a key in degrees that holds a fraction of pi, likely in radians."""
+    if not abs(degrees) < 7:
+        return
     twelfths = degrees / (math.pi / 12)
     is_fraction = abs(twelfths) > 0.5 and abs(twelfths - round(twelfths)) < _ROUNDED
-    if is_fraction and abs(degrees) < 7 and abs(2 * degrees - round(2 * degrees)) > 1e-9:
+    if is_fraction and abs(2 * degrees - round(2 * degrees)) > 1e-9:
         told = f"if radians were meant, give {15 * round(twelfths)} (degrees)"
         _warn(f"a key in degrees holds {degrees:g}, a fraction of pi; {told}")
 

@@ -133,3 +133,16 @@ def test_a_plan_goes_on_all_the_same() -> None:
     same = BendingPlane(135.0 % (2 * np.pi), 0.5)
     found = [plan(ARM, own, tension_max=20.0, accuracy=1e-4) for own in (wanted, same)]
     assert found[0].tensions == pytest.approx(found[1].tensions, abs=1e-6)
+
+
+@pytest.mark.parametrize("angle", ["inf", "-inf", "nan", "1e308"])
+def test_angles_beyond_all_numbers_are_refused_in_a_sentence(
+    angle: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Was an OverflowError."""
+    (tmp_path / "scene.toml").write_text(SCENE.format(angle=angle))
+    code = main(["plan", str(tmp_path / "scene.toml")])
+    told = capsys.readouterr().err
+    assert code == 2
+    assert "angle" in told
+    assert "Traceback" not in told
