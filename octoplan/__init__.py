@@ -43,7 +43,11 @@ def main() -> int:
         return 2
     from planner.cli import main as run
 
-    return run()
+    code = run()
+    # All is written and told: what is left is the interpreter's own end.
+    for number in _SAID:
+        signal.signal(number, signal.SIG_IGN)
+    return code
 
 
 def _end(number: int, _: object) -> None:
