@@ -20,7 +20,7 @@ from model.paths import Array
 from model.scene import Scene
 from model.stations import Counts
 from model.unloaded.closed_form import ClosedForm
-from model.unloaded.laid_out import Geometry, laid_out
+from model.unloaded.geometry import Geometry, geometry_on_mesh
 from model.unloaded.printed import PrintedMap
 from model.unloaded.statics import closed_statics
 
@@ -168,5 +168,5 @@ def explicit_map(
     if scheme in PRINTED:
         return PrintedMap(arm, scene, graded(arm, refinement, at), PRINTED[scheme], machine_code)
     magnus = CLOSED_FORMS[scheme]
-    places = laid_out(Geometry(arm), closed_statics(scene, arm), magnus, refinement, at)
+    places = geometry_on_mesh(Geometry(arm), closed_statics(scene, arm), magnus, refinement, at)
     return ClosedForm(arm, scene, places, magnus, machine_code)

@@ -13,7 +13,7 @@ from model.arm import Arm
 from model.by_lengths import GivenLengths, GivenTensions, Near
 from model.checks import kind
 from model.contact.forward import TouchingMap, without_friction
-from model.contact.itself import pressed_on_itself
+from model.contact.self_contact import pressed_on_itself
 from model.effects import Contact, PrintedStatics, SelfContact
 from model.errors import (
     ConvergenceError,

@@ -9,7 +9,7 @@ import numpy as np
 
 from model.text import columns
 from planner.avoidance.asked import told
-from planner.besides import Besides
+from planner.on_request import OnRequest
 
 KKT_TOLERANCE = 1e-6
 # Of the least eigenvalue, which another mesh has with other digits.
@@ -43,7 +43,7 @@ class Certificate:
     problem : why the check could not be made, if so
     gaps_asked : least distance of the arm's surface from each thing that was asked about [m]
     least_gaps : the distance asked for of these [m]
-    besides : what is no part of the verdict: other gaps, the load factor
+    on_request : what is no part of the verdict: other gaps, the load factor
     units : of these by name: "L" of lengths over the arm's, "rad"
     """
 
@@ -61,7 +61,7 @@ class Certificate:
     problem: str = ""
     gaps_asked: Mapping[str, float] = field(default_factory=dict)
     least_gaps: Mapping[str, float] = field(default_factory=dict)
-    besides: Besides = field(default_factory=Besides)
+    on_request: OnRequest = field(default_factory=OnRequest)
     units: Mapping[str, str] = field(default_factory=dict)
     strokes: float = 0.0
     complementarity: float | None = None
@@ -72,12 +72,12 @@ class Certificate:
 
         See model.clearance; found when it is asked for.
         """
-        return {name: own.gap for name, own in self.besides.clearances.items()}
+        return {name: own.gap for name, own in self.on_request.clearances.items()}
 
     @property
     def nearest(self) -> str:
         """The nearest of what the arm can meet, in words."""
-        return told(self.besides.clearances) if self.besides.clearances else ""
+        return told(self.on_request.clearances) if self.on_request.clearances else ""
 
     @property
     def load_factor(self) -> float | None:
@@ -85,7 +85,7 @@ class Certificate:
 
         Infinite if that is more than MOST_LOADS, None without loads.
         """
-        return self.besides.load_factor
+        return self.on_request.load_factor
 
     @property
     def clearance(self) -> float:

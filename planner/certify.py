@@ -30,10 +30,10 @@ from model.settle import settle
 from model.shape import Shape
 from model.time_limit import OutOfTime
 from planner.avoidance.asked import NOTHING, Surroundings
-from planner.besides import Besides
 from planner.certificate import MOST_LOADS, Certificate
 from planner.contact.grasp import left_of
 from planner.measure import compliances_along, measure, measured_units
+from planner.on_request import OnRequest
 from planner.program.limits import Limits
 from planner.program.terms import stations_of
 from planner.targets.base import Target
@@ -102,7 +102,7 @@ def certify(
         tolerance,
         gaps_asked={name: clear.gap for name, clear in asked.items()},
         least_gaps=surroundings.least,
-        besides=Besides(
+        on_request=OnRequest(
             lambda: asked | clearances(line, surroundings.obstacles, KINDS - asked.keys()),
             lambda: _load_factor(shape),
         ),

@@ -22,7 +22,7 @@ from model.machine.compiled import kernel
 from model.paths import Array
 from model.scene import Scene
 from model.unloaded.closed_form import pull_and_data, strain_function
-from model.unloaded.laid_out import nodes_of
+from model.unloaded.geometry import nodes_of
 from model.unloaded.statics import closed_statics
 from model.unloaded.tendon_lengths import tendon_lengths
 

@@ -59,7 +59,7 @@ def touches_of(system: System, states: Array, history: History | None = None) ->
     p = second(system, states) * (touches.end | touches.inside)
     size = resultants(system, states, touches)
     bodies, places = contacts(system.scene), system.poses(states)[:, 4:]
-    rubs = frictions(system, states)
+    tangential = frictions(system, states)
     moved = 0 * places if history is None else places - history.places(s)
     found = []
     for k, j in zip(*np.nonzero(own), strict=True):
@@ -67,7 +67,7 @@ def touches_of(system: System, states: Array, history: History | None = None) ->
         obstacle = bodies[j].obstacle
         point = places[k] - float(obstacle.distance(places[k])) * normal
         slip = (moved[k] - normal * float(normal @ moved[k])) * (bodies[j].friction > 0)
-        own_force = size[k, j] * normal + rubs[k, j]
+        own_force = size[k, j] * normal + tangential[k, j]
         where = (obstacle, float(s[k]), own_force, gap, point, float(p[k, j]))
-        found.append(Touch(*where, rubs[k, j], slip))
+        found.append(Touch(*where, tangential[k, j], slip))
     return tuple(found)

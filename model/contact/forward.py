@@ -104,22 +104,22 @@ class TouchingMap(Collocation):
         With friction it acts against the steps from what is known; an arm without that history has
         none as long as it touches nothing: else InputError.
         """
-        of, rubs = self._question(tensions), self.system.of.form.rubbing
+        of, frictional = self._question(tensions), self.system.of.form.contact_friction
         if not isinstance(known, KnownContact):
-            if rubs:
+            if frictional:
                 return self._untouched(tensions)
             return follow(of, 0 * tensions, 0.0, self._at_rest(of))
         there = _held(known, before)
         start, stays = Settled(there, exact_places(there)), np.array_equal(tensions, before)
-        if rubs:
+        if frictional:
             own = known.history if stays and known.history else History(there.here)
             of = replace(of, history=own)
-        if stays or not rubs:
+        if stays or not frictional:
             found = settled(of, there, start.places)
             if found is not None and close(there, found.held):
-                rubbed = found.held.here if of.history is None else of.history.here
-                at_rest = rubs and rubbed is there.here
-                return Followed(found, (), found.held.here if at_rest else rubbed)
+                last = found.held.here if of.history is None else of.history.here
+                at_rest = frictional and last is there.here
+                return Followed(found, (), found.held.here if at_rest else last)
         return follow(of, before, 1.0, start, jumps)
 
     def _untouched(self, tensions: Array) -> Followed:

@@ -9,7 +9,7 @@ import numpy as np
 from model.equilibrium.dense import poses_and_strains
 from model.equilibrium.linearised import Linearised
 from model.paths import Array
-from model.transcription.rub import BEFORE, RUB
+from model.transcription.contact_friction import BEFORE, FRICTION
 from model.transcription.system import System
 
 
@@ -31,5 +31,5 @@ class History:
     def told(self, system: System) -> None:
         """Tell the kernels of friction of a system where its nodes were."""
         N, K = system.of.elements, system.of.form.contacts
-        rows = system.p[system.of.equations.numbers_of("rub")].reshape(N, K, RUB)
+        rows = system.p[system.of.equations.numbers_of("contact_friction")].reshape(N, K, FRICTION)
         rows[:, :, -BEFORE:] = self.places(system.mesh.s[1:])[:, None]

@@ -74,7 +74,7 @@ class Question:
         """Return the equations on a mesh."""
         form = self.stages, True, self.machine_code, pressed
         found = System(self.arm, self.scene, mesh, *form)
-        if self.history is not None and found.of.form.rubbing:
+        if self.history is not None and found.of.form.contact_friction:
             self.history.told(found)
         return found
 
@@ -162,11 +162,11 @@ def _solved(of: Question, held: Held, places: tuple[Place, ...]) -> _Found | Non
         known = Known(before.system, before.states)
         states = Collocation.on(system).carried(of.tensions, known)
         states[system.of.touches[:, :, 0]] = _carried(held, system, touches)
-        if system.of.form.rubbing:
-            states[system.of.rubs] = _rubbing(held, system)
+        if system.of.form.contact_friction:
+            states[system.of.friction_forces] = _friction_forces(held, system)
     own = system.of.touches
-    if system.of.form.rubbing:
-        states[system.of.rubs] *= (touches.held | touches.inside)[:, :, None]
+    if system.of.form.contact_friction:
+        states[system.of.friction_forces] *= (touches.held | touches.inside)[:, :, None]
     states[own[:, :, 1]] *= touches.inside | touches.end
     states[own[:, :, 0]] *= touches.held
     found = newton(system, of.tensions, of.load, states, touches, cuts=4, fixed=True)
@@ -197,7 +197,7 @@ def _carried(held: Held, system: System, touches: Touches) -> Array:
     return found
 
 
-def _rubbing(held: Held, system: System) -> Array:
+def _friction_forces(held: Held, system: System) -> Array:
     """Return the friction (N + 1, K, 3) to begin with on another mesh: at each node the nearest."""
     old = held.here.system
     near = np.abs(system.mesh.s[:, None] - old.mesh.s).argmin(axis=1)

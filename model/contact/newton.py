@@ -30,7 +30,7 @@ _STEPS = 20
 # How much of it counts, as of strains: rounding in them is that of forces of the whole arm.
 _FELT = 1e-2
 # As many again where each may bring some places from sticking to slip or back.
-_RUBBED = 40
+_WITH_FRICTION = 40
 _SETTLED = 1e-11
 # Gaps up to this many times what a step closes may close with it.
 _NEAR = 3.0
@@ -130,8 +130,8 @@ def newton(
     model.equilibrium.newton for `farthest` and `cuts`.
     """
     last, grown = 0.0, 0
-    rubs = system.of.form.rubbing
-    for _ in range(_STEPS + _RUBBED * rubs):
+    frictional = system.of.form.contact_friction
+    for _ in range(_STEPS + _WITH_FRICTION * frictional):
         check_time()
         step = complementary_step(system, tensions, load, states, touches, None, fixed)
         if step is None:
@@ -150,7 +150,7 @@ def newton(
             told = touches.told(system)
             return Held(Linearised(told, told.x(tensions, load, states)), touches)
         grown += bool(last and size > last / 2 and size > 1e-6)
-        if grown > 4 and not rubs:
+        if grown > 4 and not frictional:
             return None
         last = size
     return None
@@ -161,10 +161,10 @@ def _rubbed(system: System, change: Array, states: Array) -> float:
 
     Strains may be too stiff to tell.
     """
-    if not system.of.form.rubbing:
+    if not system.of.form.contact_friction:
         return 0.0
     most = np.abs(states[system.of.touches[:, :, 0]]).max()
-    return float(np.abs(change[system.of.rubs]).max() / max(most, _ROUNDING)) * _FELT
+    return float(np.abs(change[system.of.friction_forces]).max() / max(most, _ROUNDING)) * _FELT
 
 
 def complementary_step(

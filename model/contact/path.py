@@ -30,7 +30,7 @@ from model.transcription.system import System
 # move.
 _FIRST, _ROUGH, _LEAST = 0.25, 1 / 64, 1 / 256
 # The longest step with friction: as where a point rolls, which is not to count as slip.
-_RUBBED = 1 / 8
+_WITH_FRICTION = 1 / 8
 # How often places may move in a step.
 _SHORT = 25
 # Steps against resistance: how many, how far one may turn a frame, resistance to begin with, the
@@ -106,8 +106,8 @@ def _at_nodes_alone(of: Question, before: Array, load: float, start: Settled) ->
 
 def _exactly(of: Question, before: Array, load: float, start: Settled, jumps: bool) -> Followed:
     """Return the end of the way with places that move; see follow."""
-    rubs = of.history is not None
-    longest = _RUBBED if rubs else 1.0
+    frictional = of.history is not None
+    longest = _WITH_FRICTION if frictional else 1.0
     here, at, step, snaps = start, 0.0, min(_FIRST, longest), list[float]()
     last, stood = here.held.here, held_stands(start.held.here)
     while at < 1:
@@ -115,7 +115,7 @@ def _exactly(of: Question, before: Array, load: float, start: Settled, jumps: bo
         tell("percent of tensions and loads", round(100 * at), 100)
         share = min(1.0, at + step)
         on = _way(of, before, load, share)
-        on = replace(on, history=History(here.held.here) if rubs else None)
+        on = replace(on, history=History(here.held.here) if frictional else None)
         last = here.held.here
         found = settled(on, here.held, here.places, _SHORT) or _by_nodes(on, here.held)
         if found is not None and close(here.held, found.held):
@@ -130,7 +130,7 @@ def _exactly(of: Question, before: Array, load: float, start: Settled, jumps: bo
         else:
             here, at, step, stood = _jumped(on, share, here.held), share, _FIRST / 4, True
             snaps.append(share)
-    return Followed(here, tuple(snaps), last if rubs else None)
+    return Followed(here, tuple(snaps), last if frictional else None)
 
 
 def _placed(of: Question, held: Held) -> Settled | None:

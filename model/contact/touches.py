@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.paths import Array
-from model.transcription.rub import BEFORE, RUB
-from model.transcription.rub import TOLD as RUBS
+from model.transcription.contact_friction import BEFORE, FRICTION
+from model.transcription.contact_friction import TOLD as FRICTION_TOLD
 from model.transcription.system import System
 from model.transcription.touch import PRESSURE, TOLD, TOUCH
 
@@ -93,11 +93,13 @@ class Touches:
             found.p[of.equations.numbers_of("pressure")].reshape(-1, PRESSURE)[:, -1] = (
                 self.lies.ravel()
             )
-        if of.form.rubbing:
-            rubs = found.p[of.equations.numbers_of("rub")].reshape(-1, RUB)
+        if of.form.contact_friction:
+            tangential = found.p[of.equations.numbers_of("contact_friction")].reshape(-1, FRICTION)
             shares = [own[1:] for own in pressure_shares(system, self.lies)]
             flags = [(self.held | self.inside)[1:], self.held[1:], moves[1:], *shares]
-            rubs[:, -BEFORE - RUBS : -BEFORE] = np.stack(flags, axis=2).reshape(-1, RUBS)
+            tangential[:, -BEFORE - FRICTION_TOLD : -BEFORE] = np.stack(flags, axis=2).reshape(
+                -1, FRICTION_TOLD
+            )
         return found
 
 
@@ -139,6 +141,6 @@ def pressure_shares(system: System, lies: Mask) -> tuple[Array, Array, Array]:
 
 def frictions(system: System, states: Array) -> Array:
     """Return the friction at each node from each obstacle (N + 1, K, 3) [N], 0 without any."""
-    if not system.of.form.rubbing:
+    if not system.of.form.contact_friction:
         return np.zeros((system.of.elements + 1, system.of.form.contacts, 3))
-    return np.asarray(states[system.of.rubs])
+    return np.asarray(states[system.of.friction_forces])

@@ -52,7 +52,7 @@ class Form:
         How many obstacles a node may touch.
     pressed : bool
         Whether the arm may lie on them, pressed between the nodes too.
-    rubbing : bool
+    contact_friction : bool
         Whether there is friction between arm and obstacles.
     """
 
@@ -65,7 +65,7 @@ class Form:
     machine_code: bool = False
     contacts: int = 0
     pressed: bool = False
-    rubbing: bool = False
+    contact_friction: bool = False
 
     @property
     def moving(self) -> bool:

@@ -18,10 +18,10 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from model.transcription.contact_friction import contact_friction
 from model.transcription.element import Form, body, clamp, element, lever, run, tendon, tip
 from model.transcription.friction import body_rates, idle_tendon, kink, motor, sliding_tendon
 from model.transcription.kernel import Places
-from model.transcription.rub import rub
 from model.transcription.terms import Equations, Term
 from model.transcription.touch import no_touch, pressure, touch
 
@@ -66,7 +66,7 @@ class Layout:
     @property
     def _touching(self) -> int:
         """Number of a node's unknowns that are about contact."""
-        return (2 + 3 * self.form.rubbing) * self.form.contacts
+        return (2 + 3 * self.form.contact_friction) * self.form.contacts
 
     @cached_property
     def stage_size(self) -> int:
@@ -119,9 +119,9 @@ class Layout:
         return found.reshape(self.elements + 1, self.form.contacts, 2)
 
     @property
-    def rubs(self) -> Places:
+    def friction_forces(self) -> Places:
         """Places of the friction of each contact (N + 1, contacts, 3); none without it."""
-        first = self.node_size - 3 * self.form.contacts * self.form.rubbing
+        first = self.node_size - 3 * self.form.contacts * self.form.contact_friction
         return self.nodes[:, first:].reshape(self.elements + 1, -1, 3)
 
     @cached_property
@@ -190,13 +190,15 @@ class Layout:
             both = np.stack([own[:-1, :, 1], own[1:, :, 1]], axis=2).reshape(-1, 2)
             unknowns = at + np.hstack([before, inside, both]).T
             terms.append(Term(pressure(law, m), unknowns, np.hstack([wrench[:-K], inside]).T))
-        if form.rubbing:
+        if form.contact_friction:
             # Beyond the tip there is no pressure, and the weight of it is 0.
             near = np.stack([own[:-1, :, 1], own[[*range(2, self.elements + 1), -2], :, 1]], axis=2)
-            Q = self.rubs[1:].reshape(-1, 3)
+            Q = self.friction_forces[1:].reshape(-1, 3)
             unknowns = np.hstack([inside, after, here, near.reshape(-1, 2), Q]).T
-            terms.append(Term(rub(law, m), at + unknowns, np.hstack([wrench[K:], Q]).T))
-            none = self.rubs[0].reshape(1, -1)
+            terms.append(
+                Term(contact_friction(law, m), at + unknowns, np.hstack([wrench[K:], Q]).T)
+            )
+            none = self.friction_forces[0].reshape(1, -1)
             terms.append(Term(no_touch(), at + none, none))
         return terms
 

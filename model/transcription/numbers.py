@@ -22,14 +22,14 @@ from model.stations import (
     tendon_paths,
 )
 from model.transcription.collocation import gauss
+from model.transcription.contact_friction import BEFORE
+from model.transcription.contact_friction import TOLD as FRICTION_TOLD
 from model.transcription.element import Form
 from model.transcription.kernel import Places
 from model.transcription.layout import Layout
-from model.transcription.rub import BEFORE
-from model.transcription.rub import TOLD as RUBS
 from model.transcription.touch import TOLD
 
-# What slip is weighted with in the rub kernel, over the stiffness E A / L of the base.
+# What slip is weighted with in contact friction, over the stiffness E A / L of the base.
 _RESISTS = 0.1
 
 
@@ -92,13 +92,15 @@ def contact_numbers(arm: Arm, scene: Scene, form: Form, mesh: Mesh) -> list[Arra
     found = [np.vstack([np.tile(bodies, h.size), nodes, told])]
     if form.pressed:
         found.append(np.vstack([np.tile(bodies, h.size), np.repeat(h, K), np.zeros(h.size * K)]))
-    if form.rubbing:
+    if form.contact_friction:
         mu = [contact.friction for contact in contacts(scene)]
         radius = float(arm.outer_radius(np.zeros(1))[0][0])
         r = _RESISTS * arm.material.E * np.pi * radius**2 / arm.length
         scales = np.vstack([np.tile(mu, h.size), np.full(h.size * K, r)])
         found.append(
-            np.vstack([np.tile(bodies, h.size), scales, np.zeros((RUBS + BEFORE, h.size * K))])
+            np.vstack(
+                [np.tile(bodies, h.size), scales, np.zeros((FRICTION_TOLD + BEFORE, h.size * K))]
+            )
         )
     return found
 

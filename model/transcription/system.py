@@ -219,7 +219,7 @@ class System:
         found = np.zeros((self.mesh.steps + 1, 6))
         for term in self.of.equations.terms:
             name = term.kernel.name
-            if name in ("touch", "rub"):
+            if name in ("touch", "contact_friction"):
                 c = self.p[self.of.equations.numbers_of(name)].reshape(term.count, -1).T
                 rows = np.array(term.kernel.value.map(term.count)(x[term.unknowns], c))[:6]
                 found[1:] -= rows.T.reshape(self.mesh.steps, -1, 6).sum(axis=1)

@@ -21,7 +21,7 @@ from model.paths import Array
 from model.rotations import compose
 from model.scene import Scene
 from model.stations import Counts, base_pose, stations
-from model.unloaded.laid_out import LaidOut, nodes_of
+from model.unloaded.geometry import GeometryOnMesh, nodes_of
 from model.unloaded.pulls import PullPolynomials
 from model.unloaded.statics import ClosedStatics, closed_statics
 
@@ -123,7 +123,12 @@ class ClosedForm:
     """
 
     def __init__(
-        self, arm: Arm, scene: Scene, places: LaidOut, scheme: Magnus, machine_code: bool = False
+        self,
+        arm: Arm,
+        scene: Scene,
+        places: GeometryOnMesh,
+        scheme: Magnus,
+        machine_code: bool = False,
     ) -> None:
         self.arm, self.scene, self.scheme, self.mesh = arm, scene, scheme, places.mesh
         self.order, self.machine_code = scheme.order, machine_code

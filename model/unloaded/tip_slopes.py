@@ -28,7 +28,7 @@ from model.unloaded.closed_form import (
     strain_function,
     twist,
 )
-from model.unloaded.laid_out import nodes_of
+from model.unloaded.geometry import nodes_of
 from model.unloaded.pulls import TERMS, PullPolynomials
 from model.unloaded.statics import ClosedStatics, closed_statics
 from model.unloaded.step_twist import adjoint_function, step_slopes

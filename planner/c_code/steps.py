@@ -16,8 +16,8 @@ from model.shape import Shape
 from model.stations import base_pose, stations
 from model.unloaded.closed_form import ClosedForm, march_function, strain_function
 from model.unloaded.energy_statics import EnergyStatics
+from model.unloaded.geometry import nodes_of
 from model.unloaded.hessian_step import own_step
-from model.unloaded.laid_out import nodes_of
 from model.unloaded.pulls import TERMS, PullPolynomials
 from model.unloaded.statics import ClosedStatics, closed_statics
 from model.unloaded.tip_slopes import shifts_and_turns, twist_step

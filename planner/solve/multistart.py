@@ -34,7 +34,7 @@ _HEAVY, _MORE_IF_HEAVY = 0.4, 4
 _BESIDE = 2
 # Starts that ipopt takes on before it is left: where it meets nothing from so many, least squares
 # tell sooner what can be had. Where a stiffness is wanted each costs as much as ten others.
-_PATIENCE, _PATIENCE_IF_STIFF = 6, 2
+_IPOPT_TRIES, _IPOPT_TRIES_IF_STIFF = 6, 2
 _INSIDE = 0.005
 LITTLE = 1e-5
 # What is told of how far trials are, by how the targets are read.
@@ -59,7 +59,7 @@ class Multistart:
         Among how many of the first starts the best optimum is, 0 where that is not known.
     carried : list of ((n_tendons,), Solution)
         Optima of a simpler scene to begin with, best first, without their states.
-    patience : int
+    ipopt_tries : int
         From how many starts ipopt may yet try in vain to meet the targets.
     seen : list of (Statement, Solution)
         Every solution with finite numbers, in order.
@@ -75,7 +75,7 @@ class Multistart:
         self.loaded = is_loaded(task.scene)
         self.simple = task.scene == task.simple.scene
         stiff = bool(compliance_requests(task.targets))
-        self.patience = _PATIENCE_IF_STIFF if stiff else _PATIENCE
+        self.ipopt_tries = _IPOPT_TRIES_IF_STIFF if stiff else _IPOPT_TRIES
         self.fewest = _FEW if task.is_point else _MORE
         if not self.simple:
             self.fewest = _FEWEST if self.loaded else _CARRIED
@@ -122,9 +122,9 @@ class Multistart:
         for T in told(_PHASES[statement.mode], starts):
             if self._enough(records, found):
                 break
-            patient = not found and (statement.mode != "exact" or self.patience > 0)
-            solution = self.solve(statement, T, patient)
-            self.patience -= patient and statement.mode == "exact" and not solution.met
+            by_ipopt = not found and (statement.mode != "exact" or self.ipopt_tries > 0)
+            solution = self.solve(statement, T, by_ipopt)
+            self.ipopt_tries -= by_ipopt and statement.mode == "exact" and not solution.met
             if promising and found and self._is_promising(statement, solution, found):
                 promising, solution = promising - 1, self.solve(statement, T)
             stands = not solution.met or self.stands(statement, solution)
@@ -186,10 +186,10 @@ class Multistart:
                 return [solution]
         return []
 
-    def solve(self, statement: Statement, T: Array, patient: bool = True) -> Solution:
+    def solve(self, statement: Statement, T: Array, by_ipopt: bool = True) -> Solution:
         """Return what tensions (n_tendons,) [N] lead to.
 
-        What sequential quadratic programming does not meet soon, ipopt takes on if `patient`.
+        What sequential quadratic programming does not meet soon, ipopt takes on if `by_ipopt`.
         """
         known = next((s for own, s in self.carried if np.array_equal(own, T)), None)
         lam = None if known is None or statement.mode != "exact" else known.lam_g
@@ -197,7 +197,7 @@ class Multistart:
         bounds, free = problem.bounds(self.task.allowed), problem.free_bounds(self.task.allowed)
         lam = lam if lam is not None and lam.shape == free[2].shape else None
         solution = solve_quadratic(problem, x, p, free, lam)
-        if solution is None or (patient and not solution.met):
+        if solution is None or (by_ipopt and not solution.met):
             solution = solve(problem, x, p, bounds)
         if solution.finite:
             self.seen.append((statement, solution))

@@ -113,12 +113,12 @@ def certified_touching(
 def shapes_along(question: Question, tensions: Array) -> tuple[Shape, ...]:
     """Return the shapes at tensions (N + 1, n_tendons), each near the one before.
 
-    The first from rest, or on the way of the plan that the motion begins with. `Shape.snaps` of
-    each tells where the arm jumps on the way to it.
+    The first from rest, or on the load path of the plan that the motion begins with. `Shape.snaps`
+    of each tells where the arm jumps before it.
     """
     fine, begin = max(question.accuracy / 10, 1e-12), question.begin
-    way = begin.load_path if isinstance(begin, HeldPlan) else ()
-    first = question.arm, way, tensions[0], question.scene, fine, question.machine_code
+    path = begin.load_path if isinstance(begin, HeldPlan) else ()
+    first = question.arm, path, tensions[0], question.scene, fine, question.machine_code
     found = [settled_along(*first)]
     for T in told("shapes", list(tensions[1:])):
         given = question.arm, T, question.scene, fine

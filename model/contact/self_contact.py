@@ -113,7 +113,7 @@ class _Following:
         return None
 
     def slips(self, here: _Here, share: float) -> bool:
-        """Return whether a pair gives way sideways, other forces held.
+        """Return whether a pair slips off sideways, other forces held.
 
         It does where the force, which turns with the line that joins the midlines, grows faster
         than the arm's resistance: P > K d, with d the distance of the midlines.

@@ -6,7 +6,7 @@ import pickle
 
 from model.clearance import Clearance
 from model.clearance.nearest import ITSELF
-from planner.besides import Besides
+from planner.on_request import OnRequest
 
 
 def test_each_is_found_when_it_is_asked_for_and_once() -> None:
@@ -20,15 +20,15 @@ def test_each_is_found_when_it_is_asked_for_and_once() -> None:
         asked.append("load factor")
         return 2.0
 
-    besides = Besides(clearances, load_factor)
+    on_request = OnRequest(clearances, load_factor)
     assert asked == []
-    assert [besides.load_factor, besides.load_factor] == [2.0, 2.0]
+    assert [on_request.load_factor, on_request.load_factor] == [2.0, 2.0]
     assert asked == ["load factor"]
-    assert besides.clearances[ITSELF].gap == 0.01
+    assert on_request.clearances[ITSELF].gap == 0.01
 
 
 def test_it_pickles_as_what_it_tells() -> None:
-    besides = Besides(lambda: {ITSELF: Clearance(0.01, ITSELF, (0.1, 0.2))}, lambda: 2.0)
-    again = pickle.loads(pickle.dumps(besides))
-    assert again == besides
-    assert again != Besides()
+    on_request = OnRequest(lambda: {ITSELF: Clearance(0.01, ITSELF, (0.1, 0.2))}, lambda: 2.0)
+    again = pickle.loads(pickle.dumps(on_request))
+    assert again == on_request
+    assert again != OnRequest()

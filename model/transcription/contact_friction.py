@@ -25,26 +25,28 @@ from model.rotations import unit_matrix
 from model.transcription.collocation import gauss
 from model.transcription.kernel import Kernel
 
-# Numbers of a rub: the obstacle's, mu, r; what its rows are told by touches: 1 or 0 for a node that
-# touches, is held by a force, moves along the arm, weights of pressure [m]; and u before (3,).
+# Numbers of the kernel: the obstacle's, mu, r; what its rows are told by touches: 1 or 0 for a node
+# that touches, is held by a force, moves along the arm, weights of pressure [m]; and u before (3,).
 SCALES, TOLD, BEFORE = 2, 6, 3
-RUB = SIZE + SCALES + TOLD + BEFORE
+FRICTION = SIZE + SCALES + TOLD + BEFORE
 # Under a root [N2].
 _TINY = 1e-60
 
 
 @lru_cache(maxsize=32)
-def rub(law: CrossSection, m: int) -> Kernel:
-    """Return the kernel of a node that may rub against an obstacle.
+def contact_friction(law: CrossSection, m: int) -> Kernel:
+    """Return the kernel of a node that may slip along an obstacle.
 
     Unknowns: the strains of the element before, q, u, P, p or x of the node (see touch), p at the
-    nodes before and beyond, Q. Numbers: see RUB. Rows: what it adds to M and F, and what vanishes
-    for Q.
+    nodes before and beyond, Q. Numbers: see FRICTION. Rows: what it adds to M and F, and what
+    vanishes for Q.
     """
     v, q, u = ca.SX.sym("v", size(law), m), ca.SX.sym("q", 4), ca.SX.sym("u", 3)
     own, near, Q = ca.SX.sym("own", 2), ca.SX.sym("near", 2), ca.SX.sym("Q", 3)
-    c = ca.SX.sym("c", RUB)
-    body, mu, r, told, before = ca.vertsplit(c, [0, SIZE, SIZE + 1, SIZE + 2, RUB - 3, RUB])
+    c = ca.SX.sym("c", FRICTION)
+    body, mu, r, told, before = ca.vertsplit(
+        c, [0, SIZE, SIZE + 1, SIZE + 2, FRICTION - 3, FRICTION]
+    )
     on, held, moves, *weights = ca.vertsplit(told)
     _, normal = with_gradient()(u, body)
     along = unit_matrix(q) @ law.twist(v @ ca.DM(gauss(m).powers.sum(axis=0)))[1]
@@ -56,4 +58,6 @@ def rub(law: CrossSection, m: int) -> Kernel:
     most, found = mu * ca.fmax(pressed, 0), ca.sqrt(ca.sumsqr(w) + _TINY)
     share = ca.if_else(found > most, most / found, 1)
     rows = [-shift * ca.cross(along, Q), -Q, Q - on * share * w]
-    return Kernel("rub", ca.vertcat(ca.vec(v), q, u, own, near, Q), c, ca.vertcat(*rows))
+    return Kernel(
+        "contact_friction", ca.vertcat(ca.vec(v), q, u, own, near, Q), c, ca.vertcat(*rows)
+    )

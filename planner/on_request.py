@@ -14,7 +14,7 @@ from model.clearance import Clearance
 Clearances = Mapping[str, Clearance]
 
 
-class Besides:
+class OnRequest:
     """Clearances by name, and the load factor at which an arm yields; each is found once.
 
     Two are equal if what they tell is. They pickle as what they tell.
@@ -38,16 +38,16 @@ class Besides:
         return self._find_load_factor()
 
     def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Besides):
+        if not isinstance(other, OnRequest):
             return NotImplemented
         mine, theirs = ((own.clearances, own.load_factor) for own in (self, other))
         return mine == theirs
 
     __hash__ = None  # type: ignore[assignment]
 
-    def __reduce__(self) -> tuple[Callable[..., Besides], tuple[Clearances, float | None]]:
+    def __reduce__(self) -> tuple[Callable[..., OnRequest], tuple[Clearances, float | None]]:
         return _found, (self.clearances, self.load_factor)
 
 
-def _found(clearances: Clearances, load_factor: float | None) -> Besides:
-    return Besides(lambda: clearances, lambda: load_factor)
+def _found(clearances: Clearances, load_factor: float | None) -> OnRequest:
+    return OnRequest(lambda: clearances, lambda: load_factor)

@@ -34,7 +34,7 @@ class Geometry:
 
 
 @dataclass(frozen=True, eq=False)
-class LaidOut:
+class GeometryOnMesh:
     """The places of a closed form on a mesh, and the numbers of its geometry there.
 
     Attributes
@@ -70,13 +70,13 @@ class LaidOut:
 
 
 @lru_cache(maxsize=64)
-def laid_out(
+def geometry_on_mesh(
     geometry: Geometry,
     statics: ClosedStatics,
     scheme: Magnus,
     refinement: int,
     at: tuple[float, ...],
-) -> LaidOut:
+) -> GeometryOnMesh:
     """Return the places on a mesh of a refinement that has the arc lengths `at` as nodes."""
     arm, m = geometry.arm, len(scheme.nodes)
     mesh = graded(arm, refinement, at)
@@ -85,7 +85,7 @@ def laid_out(
     active = np.concatenate([np.repeat(mesh.active, m), at_ends])
     there, radius = stations(arm, s, active), arm.radius.evaluate(s, arm.length)[0]
     maps, others = statics.pulls(arm, there), statics.data(there)[_BODY:].T
-    return LaidOut(mesh, s, active, maps, radius, others, base_pose(arm), np.diff(mesh.s))
+    return GeometryOnMesh(mesh, s, active, maps, radius, others, base_pose(arm), np.diff(mesh.s))
 
 
 def nodes_of(scheme: Magnus, left: Array, right: Array) -> Array:
