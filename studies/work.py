@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from model import OctoplanError
+from model.mesh_refinement import REFINEMENTS
 from model.paths import Array
 from planner.plots.work import Curve
 from studies.timing import calls_for, seconds
@@ -37,6 +38,10 @@ class Size:
     repeats: int
     finest: int
     settings: int
+
+
+# Errors below are those of what they are held against.
+_FINE = 1e-10
 
 
 @dataclass
@@ -70,6 +75,22 @@ class Measured:
             times.append(seconds(lambda i=k % size.cases: work(i), many))
         self.errors.append(np.percentile(errors, [25, 50, 75]))
         self.times.append(1e3 * np.percentile(times, [25, 50, 75]))
+
+    @classmethod
+    def over_meshes(
+        cls,
+        name: str,
+        work_on: Callable[[int], Callable[[int], Any]],
+        error: Callable[[int, Any], float],
+        size: Size,
+    ) -> Measured:
+        """Return the curve of the works (refinement -> work) on finer and finer meshes."""
+        curve = cls(name)
+        for refinement in (r for r in REFINEMENTS if r <= size.finest):
+            curve.add(work_on(refinement), error, size)
+            if curve.errors and curve.errors[-1][1] < _FINE:
+                break
+        return curve
 
     def by_time(self) -> Curve:
         """Return errors over milliseconds."""

@@ -13,7 +13,6 @@ from model import Arm, Scene, settle, tip_jacobian
 from model.effects import ExactTendons, Extension
 from model.forward import CLOSED_FORMS, ForwardMap, forward_map, schemes_of
 from model.loads import is_loaded
-from model.mesh_refinement import REFINEMENTS
 from model.paths import Array
 from model.unloaded.tip_slopes import tip_slopes
 from studies import draws
@@ -29,7 +28,6 @@ WEIGHT = LOADS["weight in water"]
 Error = Callable[[int, Any], float]
 KNOB = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10)
 RTOLS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11)
-_FINE = 1e-10
 # Others are built for minutes where slopes are wanted, or sections have to settle by themselves.
 EXPLICIT = tuple(CLOSED_FORMS)
 
@@ -53,18 +51,20 @@ def settling(
 
     curves = []
     for name in schemes or schemes_of(scene):
-        curve = Measured(name)
-        for refinement in (r for r in REFINEMENTS if r <= size.finest):
-            forward = forward_map(arm, scene, name, refinement)
-            work = partial(_tip, forward, T)
-            curve.add(work, off, size)
-            if curve.errors and curve.errors[-1][1] < _FINE:
-                break
-        curves.append(curve)
+
+        def work_on(refinement: int, name: str = name) -> Callable[[int], Array]:
+            return partial(tip_by, forward_map(arm, scene, name, refinement), T)
+
+        curves.append(Measured.over_meshes(name, work_on, off, size))
+    return [*curves, chosen(arm, scene, T, off, size), *_others(scene)(arm, T, off, size)]
+
+
+def chosen(arm: Arm, scene: Scene, T: Array, off: Error, size: Size) -> Measured:
+    """Return the knob's choices."""
     choice = Measured("settle's choice", "choice")
     for accuracy in KNOB[: size.settings]:
         choice.add(lambda i, a=accuracy: settle(arm, T[i], scene, a).tip, off, size)
-    return [*curves, choice, *_others(scene)(arm, T, off, size)]
+    return choice
 
 
 def _others(scene: Scene) -> Callable[[Arm, Array, Error, Size], list[Measured]]:
@@ -74,7 +74,8 @@ def _others(scene: Scene) -> Callable[[Arm, Array, Error, Size], list[Measured]]
     return _soromox if scene.has(ExactTendons) else _scipy
 
 
-def _tip(forward: ForwardMap, T: Array, i: int) -> Array:
+def tip_by(forward: ForwardMap, T: Array, i: int) -> Array:
+    """Return the tip (3,) under a set of many tensions."""
     return forward.run(T[i])[0][-1, 4:7]
 
 
@@ -123,14 +124,11 @@ def jacobians(size: Size, rng: np.random.Generator) -> list[Measured]:
 
     curves = []
     for name in EXPLICIT:
-        curve = Measured(name)
-        for refinement in (r for r in REFINEMENTS if r <= size.finest):
-            function = tip_slopes(arm, PAPER, name, refinement)
-            work = partial(_called, function, T)
-            curve.add(work, off, size)
-            if curve.errors[-1][1] < _FINE:
-                break
-        curves.append(curve)
+
+        def work_on(refinement: int, name: str = name) -> Callable[[int], Array]:
+            return partial(_called, tip_slopes(arm, PAPER, name, refinement), T)
+
+        curves.append(Measured.over_meshes(name, work_on, off, size))
     for machine_code in (False, True):
         choice = Measured("tip_jacobian's choice" + ", compiled" * machine_code, "choice")
         for accuracy in KNOB[: size.settings]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -23,7 +24,7 @@ from studies import draws
 from studies.baseline_silicone import ScipySiliconeArm
 from studies.tip_targets import MAXIMUM
 from studies.work import Measured, Size
-from studies.work_settle import KNOB, RTOLS
+from studies.work_settle import KNOB, RTOLS, chosen, tip_by
 
 # Four would take a Magnus expansion of order eight, with some thirty brackets more.
 STAGES = (1, 2, 3)
@@ -31,9 +32,8 @@ SCENES = {
     "silicone": (Scene.silicone(), 0.0, 0.0),
     "silicone in water": (Scene.silicone(Weight(), Buoyancy(1000.0)), -9.81, 1000.0),
 }
-# A plan begins where its tensions are so much of those that are wanted.
-_BEGINS, _FINE, _FEW = 0.8, 1e-10, 7
-Off = Callable[[int, Array], float]
+# A plan begins where its tensions are so much of those that are wanted; finer meshes cost minutes.
+_BEGINS, _FINEST, _FEW, _ROUNDING = 0.8, 32, 7, 3e-10
 
 
 def name(stages: int) -> str:
@@ -52,23 +52,18 @@ def settling(which: str, size: Size, rng: np.random.Generator) -> list[Measured]
 
     curves = []
     for m in STAGES:
-        curve = Measured(name(m))
-        for refinement in (r for r in REFINEMENTS if r <= size.finest):
-            forward = by_collocation(arm, scene, m, refinement, loaded=True)
-            curve.add(lambda i, f=forward: f.run(T[i])[0][-1, 4:7], off, size)
-            if curve.errors and curve.errors[-1][1] < _FINE:
-                break
-        curves.append(curve)
-    choice = Measured("settle's choice", "choice")
-    for accuracy in KNOB[: size.settings]:
-        choice.add(lambda i, a=accuracy: settle(arm, T[i], scene, a).tip, off, size)
+
+        def work_on(refinement: int, m: int = m) -> Callable[[int], Array]:
+            return partial(tip_by, by_collocation(arm, scene, m, refinement, loaded=True), T)
+
+        curves.append(Measured.over_meshes(name(m), work_on, off, size))
     scipy, few = ScipySiliconeArm(arm, np.zeros(3), np.array([0, 0, gravity]), fluid), []
     for way, method in (("SciPy shooting", scipy.shoot), ("SciPy solve_bvp", scipy.collocate)):
         curve = Measured(way, "other")
         for rtol in RTOLS[: min(_FEW, size.settings)]:
             curve.add(lambda i, w=method, r=rtol: w(T[i], r), off, Size(size.cases, 1, 0, 0))
         few.append(curve)
-    return [*curves, choice, *few]
+    return [*curves, chosen(arm, scene, T, off, size), *few]
 
 
 def planning(which: str, size: Size, rng: np.random.Generator) -> list[Measured]:
@@ -80,14 +75,13 @@ def planning(which: str, size: Size, rng: np.random.Generator) -> list[Measured]
     def off(i: int, tensions: Array) -> float:
         return math.dist(settle(arm, tensions, scene, 1e-11).tip, points[i]) / arm.length
 
-    curves = []
+    curves, coarser = [], replace(size, finest=min(size.finest, _FINEST))
     for m in STAGES:
-        curve = Measured(name(m))
-        for refinement in (r for r in REFINEMENTS if r <= min(size.finest, 32)):
-            curve.add(partial(_solved, arm, scene, m, refinement, T, points), off, size)
-            if curve.errors and curve.errors[-1][1] < _FINE:
-                break
-        curves.append(curve)
+
+        def work_on(refinement: int, m: int = m) -> Callable[[int], Array]:
+            return partial(_solved, arm, scene, m, refinement, T, points)
+
+        curves.append(Measured.over_meshes(name(m), work_on, off, coarser))
     choice = Measured("plan's choice, certified", "choice")
     for accuracy in KNOB[1 : size.settings]:
         choice.add(lambda i, a=accuracy: _planned(arm, scene, points[i], a), off, size)
@@ -125,7 +119,7 @@ def orders(curves: list[Measured]) -> list[str]:
         found = [
             np.log(a / b) / np.log(fine / coarse)
             for a, b, coarse, fine in pairs
-            if 1e-2 > a > b > 3 * _FINE
+            if 1e-2 > a > b > _ROUNDING
         ]
         if found:
             told.append(f"{curve.name}: order {np.median(found):.1f}")
