@@ -1,12 +1,13 @@
 """The mechanics of tendon-driven arms: arms, scenes, and the shapes that they settle to."""
 
 from model.anchorage import Anchorage
-from model.arm import Arm, Material, conical
+from model.arm import Arm, conical
 from model.effect_ablation import Switch, switch_effects
 from model.errors import CollapsedError, ConvergenceError, InputError, OctoplanError, SnapError
 from model.jacobian import tip_jacobian
 from model.length_response import LengthResponse, length_response
 from model.many import settle_many
+from model.material import Material
 from model.paths import Linear, Sampled
 from model.rest_curvature import RestCurvature
 from model.scene import Scene

@@ -12,48 +12,18 @@ import numpy as np
 
 from model.anchorage import Anchorage
 from model.arm_text import arm_text
-from model.checks import LARGEST, finite_array, kind, numbers, positive, within
+from model.checks import finite_array, kind, positive
 from model.errors import InputError
 from model.frozen import remembers_hash
+from model.material import Material
 from model.paths import Array, Linear, Path
 from model.presets import PAPER_ARMS
 from model.rest_curvature import RestCurvature
+from model.tendon_order import TendonOrder
 from model.text import in_notebook
-from model.units import warn_of_length, warn_of_modulus
+from model.units import warn_of_length
 
 PAPER_FRAME = ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0))
-
-
-@dataclass(frozen=True)
-class Material:
-    """An isotropic elastic material; the default is the silicone of tables 2 and 4.
-
-    Attributes
-    ----------
-    E : float
-        Young's modulus [Pa].
-    nu : float
-        Poisson's ratio, in (-1, 0.5].
-    density : float
-        [kg/m3].
-    """
-
-    E: float = 110e3
-    nu: float = 0.5
-    density: float = 1080.0
-
-    def __post_init__(self) -> None:
-        if within("Material.nu", self.nu, -1.0, 0.5) == -1.0:
-            raise InputError("Material.nu", self.nu, "a number above -1, up to 0.5")
-        object.__setattr__(self, "E", positive("Material.E", self.E))
-        warn_of_modulus("Material.E", self.E)
-        object.__setattr__(self, "nu", float(self.nu))
-        object.__setattr__(self, "density", positive("Material.density", self.density))
-
-    @property
-    def G(self) -> float:
-        """Shear modulus E / (2 (1 + nu)) [Pa]."""
-        return self.E / (2 * (1 + self.nu))
 
 
 @remembers_hash
@@ -240,70 +210,26 @@ class Arm:
 
     def tendon_name(self, index: int) -> str:
         """Return the paper's name of a tendon, T_ij: section i and place j in it, both from 1."""
-        section = self.tendons[index][0]
-        place = index - sum(len(sec.angles) for sec in self.sections[:section])
-        return f"T_{section + 1}{place + 1}" if place < 9 else f"T_{section + 1},{place + 1}"
+        return self._order.name(index)
 
     def tendons_of(self, section: int) -> tuple[int, ...]:
         """Return the indices of the tendons of a section, numbered from 1 at the tip."""
-        if section not in range(1, len(self.sections) + 1):
-            raise InputError("section", section, f"a whole number from 1 to {len(self.sections)}")
-        return tuple(j for j, (i, _) in enumerate(self.tendons) if i == section - 1)
+        return self._order.of(section)
 
     def flat(self, values: Any, name: str = "tensions") -> Array:
         """Return one number per tendon in tendon order, from a flat vector or a row per section.
 
         Raises InputError for a wrong shape and for NaN, infinite or negative numbers.
         """
-        if not hasattr(values, "__iter__") or isinstance(values, str | bytes):
-            raise InputError(name, values, self._shapes)
-        array = isinstance(values, np.ndarray) and values.dtype == float
-        if array and self._fits(values.shape) and values.min() >= 0 and values.max() <= LARGEST:
-            return np.asarray(values.flatten())
-        rows = [np.atleast_1d(numbers(name, row, self._shapes)) for row in values]
-        if any(row.ndim != 1 for row in rows):
-            raise InputError(name, f"{len(rows)} rows of shape {rows[0].shape}", self._shapes)
-        flat = np.concatenate(rows) if rows else np.zeros(0)
-        by_section = [row.shape for row in rows] == [(len(s.angles),) for s in self.sections]
-        flat_vector = all(np.ndim(v) == 0 for v in values) and flat.size == self.n_tendons
-        if not (by_section or flat_vector):
-            raise InputError(name, _sizes(values, rows), self._shapes)
-        for j, value in enumerate(flat):
-            if not 0 <= value <= LARGEST:
-                raise InputError(
-                    f"{name}[{j}] ({self.tendon_name(j)})",
-                    float(value),
-                    f"a finite number, 0 or above, up to {LARGEST:g}",
-                )
-        return flat
-
-    def _fits(self, shape: tuple[int, ...]) -> bool:
-        """Return whether an array of a shape has a number for each tendon."""
-        counts = self._counts
-        rows = (len(counts), counts[0])
-        return shape == (self.n_tendons,) or (len({*counts}) == 1 and shape == rows)
-
-    @cached_property
-    def _counts(self) -> tuple[int, ...]:
-        return tuple(len(section.angles) for section in self.sections)
-
-    @property
-    def _shapes(self) -> str:
-        rows = "+".join(str(len(sec.angles)) for sec in self.sections)
-        return f"{self.n_tendons} numbers, flat or a row per section, tip first ({rows})"
+        return self._order.flat(values, name)
 
     def by_section(self, flat: Sequence[float] | Array) -> Array:
         """Return one row per section if all have as many tendons, else the flat vector."""
-        counts = {len(sec.angles) for sec in self.sections}
-        array = finite_array("flat", flat, (self.n_tendons,))
-        return array.reshape(len(self.sections), -1) if len(counts) == 1 else array
+        return self._order.by_section(flat)
 
-
-def _sizes(values: Any, rows: Sequence[Array]) -> str:
-    """Return how many numbers were given, in words."""
-    if all(np.ndim(value) == 0 for value in values):
-        return f"{len(rows)} numbers"
-    return f"{len(rows)} rows of {', '.join(str(row.size) for row in rows[:4])} numbers"
+    @cached_property
+    def _order(self) -> TendonOrder:
+        return TendonOrder(tuple(len(section.angles) for section in self.sections))
 
 
 def conical(

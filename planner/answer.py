@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, fields
 from functools import cached_property
+from typing import Any, Self
 
 import numpy as np
 
@@ -29,8 +30,8 @@ from planner.program.program import STABILITY, STROKES
 from planner.program.statement import Mode, Statement
 from planner.settled import settled
 from planner.solve.newton import optimality
-from planner.solve.search_result import Trial, agreed
-from planner.solve.task import allowed
+from planner.solve.search_result import SearchResult, Trial, agreed
+from planner.solve.task import Task, allowed
 from planner.targets.base import Target
 from planner.tendon_lengths import strokes
 
@@ -87,6 +88,14 @@ class Answer:
     machine_code: bool = field(default=False, compare=False)
     surroundings: Surroundings = NOTHING
     avoidance: Avoidance | None = None
+
+    @classmethod
+    def of(cls, task: Task, found: SearchResult, **more: Any) -> Self:
+        """Return the answer to a task that a search found; `more` are further fields."""
+        asked = ("arm", "scene", "targets", "limits", "accuracy", "machine_code")
+        answer = ("statement", "tensions", "lam_x", "lam_g", "starts", "stopped", "jump", "lost")
+        own = {name: getattr(task, name) for name in asked}
+        return cls(**own, **{name: getattr(found, name) for name in answer}, **more)
 
     @cached_property
     def shape(self) -> Shape:

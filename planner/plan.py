@@ -31,16 +31,13 @@ from planner.contact.plan import ContactSearch, check_contact, check_holds, opti
 from planner.contact.wrapping import beside, open_wrap, with_turns
 from planner.files import to_json, write_named
 from planner.following import searched
-from planner.program.effort import check_norm
-from planner.program.limits import Limits
-from planner.program.statement import Form, Statement
+from planner.program.statement import Form
 from planner.question import (
     check_compliance_requests,
-    check_strokes,
     check_targets,
-    checked_form,
-    checked_margin,
-    with_form,
+    checked_limits,
+    checked_starts,
+    stated,
 )
 from planner.records.plan import plan_record
 from planner.report import plan_summary, plan_text
@@ -67,20 +64,14 @@ class Plan(Answer):
             self.arm,
             self.targets,
             self.scene,
-            self.limits.upper,
-            tension_min=least,
-            total_pull=self.limits.total,
             norm=self.statement.norm,
             form=self.statement.form,
             accuracy=self.accuracy,
             near=self,
             stability_margin=self.statement.margin,
             compile=self.machine_code,
-            obstacles=self.surroundings.obstacles,
-            clearance=self.surroundings.clearance,
-            self_clearance=self.surroundings.of_itself,
-            stroke_max=self.limits.strokes and self.limits.strokes[1],
-            stroke_min=self.limits.strokes and self.limits.strokes[0],
+            **self.limits.keywords | {"tension_min": least},
+            **self.surroundings.keywords,
         )
 
     def save(self, path: str | Path) -> Path:
@@ -235,21 +226,13 @@ def plan(
         If `compile` is True, and there is no compiler or it fails.
     """
     scene, targets = checked_scene(arm, scene, contact=True), check_targets(arm, target)
-    form = checked_form(form)
-    if starts is not None and (type(starts) is not int or starts < 1):
-        raise InputError("starts", starts, "a whole number from 1")
-    accuracy = checked_accuracy(accuracy)
     seconds = None if time_limit is None else positive("time_limit", time_limit)
-    limits = Limits.of(arm, tension_max, tension_min, total_pull)
-    limits = limits.with_strokes(arm, stroke_max, stroke_min)
+    strokes = (stroke_max, stroke_min)
+    limits = checked_limits(arm, scene, tension_max, tension_min, total_pull, strokes)
     check_compliance_requests(targets, scene, limits)
-    check_strokes(scene, limits)
-    margin = checked_margin(stability_margin)
-    limited, wound = total_pull is not None, limits.strokes is not None
-    asked = Statement(norm=check_norm(norm), limited=limited, margin=margin, wound=wound)
-    statement = with_form(asked, form, scene, targets)
-    by = checked_compile(compile)
-    task = Task(arm, targets, scene, limits, statement, accuracy, by, starts)
+    statement = stated(scene, targets, limits, norm, form, stability_margin)
+    more = checked_accuracy(accuracy), checked_compile(compile), checked_starts(starts)
+    task = Task(arm, targets, scene, limits, statement, *more)
     check_holds(targets, scene)
     obstacles = check_obstacles(obstacles) + beside(targets, scene)
     around = surroundings(arm, targets, obstacles, clearance, self_clearance)
@@ -279,24 +262,7 @@ def _planned(task: Task, around: Surroundings, near: Plan | None, seconds: float
     if contacts(task.scene):
         return _held(task, near, seconds)
     found, avoidance = searched(task, around, near, seconds)
-    return Plan(
-        task.arm,
-        task.scene,
-        task.targets,
-        task.limits,
-        found.statement,
-        found.tensions,
-        found.lam_x,
-        found.lam_g,
-        task.accuracy,
-        found.starts,
-        found.stopped,
-        found.jump,
-        found.lost,
-        task.machine_code,
-        around,
-        avoidance,
-    )
+    return Plan.of(task, found, surroundings=around, avoidance=avoidance)
 
 
 def _held(task: Task, near: Plan | None, seconds: float | None) -> HeldPlan:
@@ -304,21 +270,7 @@ def _held(task: Task, near: Plan | None, seconds: float | None) -> HeldPlan:
     load_path = near.load_path if isinstance(near, HeldPlan) else ()
     begin = None if near is None else (*load_path, tuple(np.ravel(near.tensions).tolist()))
     found = ContactSearch(task, begin).run(seconds)
-    return HeldPlan(
-        task.arm,
-        task.scene,
-        task.targets,
-        task.limits,
-        found.statement,
-        found.tensions,
-        found.lam_x,
-        found.lam_g,
-        task.accuracy,
-        found.starts,
-        found.stopped,
-        machine_code=task.machine_code,
-        load_path=found.load_path,
-    )
+    return HeldPlan.of(task, found, load_path=found.load_path)
 
 
 def _check_near(near: Plan, task: Task) -> None:

@@ -13,11 +13,26 @@ from model.effects import PrintedStatics
 from model.errors import InputError
 from model.paths import Array
 from model.scene import Scene
+from planner.program.effort import check_norm
 from planner.program.limits import Limits
 from planner.program.problem import is_explicit
 from planner.program.statement import FORMS, Form, Statement
 from planner.program.terms import compliance_requests
 from planner.targets.base import Target
+
+
+def checked_limits(
+    arm: Arm,
+    scene: Scene,
+    tension_max: Any,
+    tension_min: Any,
+    total_pull: float | None,
+    strokes: tuple[Any, Any],
+) -> Limits:
+    """Return the limits that are given, of strokes as (stroke_max, stroke_min); see plan."""
+    limits = Limits.of(arm, tension_max, tension_min, total_pull).with_strokes(arm, *strokes)
+    check_strokes(scene, limits)
+    return limits
 
 
 def check_compliance_requests(targets: tuple[Target, ...], scene: Scene, limits: Limits) -> None:
@@ -43,13 +58,30 @@ def checked_form(form: Form | None) -> Form | None:
     return form
 
 
-def with_form(
-    statement: Statement, form: Form | None, scene: Scene, targets: tuple[Target, ...]
+def stated(
+    scene: Scene,
+    targets: tuple[Target, ...],
+    limits: Limits,
+    norm: Any,
+    form: Form | None,
+    margin: Any,
 ) -> Statement:
-    """Return a statement of a form: unless given, of tensions alone where these give the poses."""
-    condensed = statement.but(form="condensed")
-    explicit = is_explicit(scene, condensed, compliance_requests(targets))
-    return statement.but(form=form or ("condensed" if explicit else "multiple-shooting"))
+    """Return the statement of a plan, checked; see plan.
+
+    Unless a form is given it is that of tensions alone where these give the poses.
+    """
+    limited, wound = limits.total is not None, limits.strokes is not None
+    own = Statement("condensed", check_norm(norm), limited=limited, wound=wound)
+    own = own.but(margin=checked_margin(margin))
+    explicit = is_explicit(scene, own, compliance_requests(targets))
+    return own.but(form=checked_form(form) or ("condensed" if explicit else "multiple-shooting"))
+
+
+def checked_starts(starts: int | None) -> int | None:
+    """Return how many initial guesses are asked for; InputError for what is no such number."""
+    if starts is not None and (type(starts) is not int or starts < 1):
+        raise InputError("starts", starts, "a whole number from 1")
+    return starts
 
 
 def checked_margin(margin: Any) -> float:

@@ -7,8 +7,7 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import replace
-from functools import cached_property, lru_cache, partial
-from typing import Any
+from functools import lru_cache, partial
 
 import casadi as ca
 import numpy as np
@@ -23,6 +22,7 @@ from model.mesh import Mesh, graded
 from model.paths import Array
 from model.rotations import matrices
 from model.scene import Scene
+from model.transcription.calls import calls_of, compressed
 from model.transcription.collocation import gauss
 from model.transcription.element import Form, element
 from model.transcription.friction import turning_function
@@ -89,7 +89,7 @@ class System:
         self.of = structure(arm, scene, mesh, form)
         found = numbers(arm, scene, mesh, self.of)
         self.p, self.s, self.length_numbers = found.p, found.s, found.lengths
-        self._calls = _calls(self.of)
+        self._calls = calls_of(self.of)
 
     @property
     def base(self) -> Array:
@@ -117,7 +117,7 @@ class System:
         """Return the derivatives of the tendons' lengths by `length_numbers` (n_tendons, n)."""
         function, places = self.of.lengths.by_numbers
         nonzeros = np.ravel(np.array(function(x, self.length_numbers)))
-        return csc_array((nonzeros, *_compressed(places)), places.shape)
+        return csc_array((nonzeros, *compressed(places)), places.shape)
 
     def hessian(self, x: Array, multipliers: Array) -> Array:
         """Return the nonzeros of the Hessian of multipliers . residuals, see Equations.hessian."""
@@ -251,53 +251,6 @@ class System:
             drops = -self.residual(self.x(tensions, load, states))[places]
             states[places] = np.cumsum(drops[::-1], axis=0)[::-1]
         return states
-
-
-class _Calls:
-    """The functions of a structure, to be called with numbers."""
-
-    def __init__(self, of: Layout) -> None:
-        self.of = of
-        self.value = Buffered(of.equations.value)
-
-    @cached_property
-    def jacobian(self) -> Buffered:
-        return Buffered(self.of.equations.jacobian[0])
-
-    @cached_property
-    def by_numbers(self) -> Buffered:
-        return Buffered(self.of.equations.by_numbers[0])
-
-    @cached_property
-    def number_places(self) -> tuple[Places, Places]:
-        return _compressed(self.of.equations.by_numbers[1])
-
-    @cached_property
-    def hessian(self) -> Buffered:
-        return Buffered(self.of.equations.hessian[0])
-
-    @cached_property
-    def lengths(self) -> Buffered:
-        return Buffered(self.of.lengths.value)
-
-    @cached_property
-    def length_slopes(self) -> Buffered:
-        return Buffered(self.of.lengths.jacobian[0])
-
-    @cached_property
-    def length_places(self) -> tuple[Any, Any]:
-        rows, columns = self.of.lengths.jacobian[1].get_triplet()
-        return np.array(rows), np.array(columns)
-
-
-@lru_cache(maxsize=32)
-def _calls(of: Layout) -> _Calls:
-    return _Calls(of)
-
-
-def _compressed(places: ca.Sparsity) -> tuple[Places, Places]:
-    """Return the rows of nonzeros and where columns begin, as SciPy has them."""
-    return np.array(places.row()), np.array(places.colind())
 
 
 def structure(arm: Arm, scene: Scene, mesh: Mesh, form: Form) -> Layout:

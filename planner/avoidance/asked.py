@@ -60,6 +60,13 @@ class Surroundings:
         return replace(self, obstacles=self.obstacles + placed, moving=())
 
     @property
+    def keywords(self) -> dict[str, Any]:
+        """What stands still of it, as keywords of `plan`."""
+        clearance = self.clearance if self.obstacles or self.of_itself else 0.0
+        rest = {"clearance": clearance, "self_clearance": self.of_itself}
+        return {"obstacles": self.obstacles} | rest
+
+    @property
     def least(self) -> Mapping[str, float]:
         """The least distance asked for, by what it is from [m]."""
         kinds = [OBSTACLES] * bool(self.obstacles) + [BASE, ITSELF] * self.of_itself

@@ -74,6 +74,13 @@ class Limits:
         paid_out = high if least is None else _each(arm, "stroke_min", _negated(least))
         return replace(self, strokes=(tuple((-paid_out).tolist()), tuple(high.tolist())))
 
+    @property
+    def keywords(self) -> dict[str, Any]:
+        """The limits as keywords of `plan`."""
+        least, most = self.strokes or (None, None)
+        ends = {"tension_min": np.array(self.lower), "tension_max": np.array(self.upper)}
+        return ends | {"total_pull": self.total, "stroke_min": least, "stroke_max": most}
+
     def restricted(self, tendons: frozenset[int]) -> Limits:
         """Return the limits with all other tendons held at their lower bounds."""
         upper = [u if j in tendons else self.lower[j] for j, u in enumerate(self.upper)]

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -23,7 +22,6 @@ from model.progress import told
 from planner.avoidance.asked import Surroundings
 from planner.avoidance.places import near_places, updated
 from planner.avoidance.rows import Avoidance, Place
-from planner.plan import Plan, plan
 from planner.program.problem import build, units
 from planner.program.statement import Form, Statement
 from planner.solve.task import allowed
@@ -89,7 +87,7 @@ def _chain(
                 found.append(way)
                 continue
         try:
-            p = _plan(question, targets, near)
+            p = question.planned(targets, near)
         except InputError as reason:
             name = f"targets[{i}]: {reason.field}"
             raise InputError(name, reason.given, reason.allowed) from None
@@ -146,27 +144,6 @@ def _still(avoidance: Avoidance | None, asked: Surroundings) -> Avoidance | None
         if not moved or isinstance(row.other, Place) or row.other in there
     ]
     return replace(avoidance, rows=tuple(rows))
-
-
-def _plan(question: Question, targets: tuple[Target, ...], near: Plan | None) -> Plan:
-    around, limits = replace(question.wider, moving=()), question.limits
-    ends: Any = limits.strokes or (None, None)
-    return plan(
-        question.arm,
-        targets,
-        question.scene,
-        np.array(limits.upper),
-        tension_min=np.array(limits.lower),
-        total_pull=limits.total,
-        accuracy=question.accuracy,
-        near=near,
-        obstacles=around.obstacles,
-        clearance=around.clearance if around else 0.0,
-        self_clearance=around.of_itself,
-        stroke_min=ends[0],
-        stroke_max=ends[1],
-        compile=question.machine_code,
-    )
 
 
 def _stepped(

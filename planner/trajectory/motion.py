@@ -20,7 +20,7 @@ from model.settle import checked_scene
 from planner.avoidance.asked import surroundings
 from planner.plan import Plan
 from planner.program.limits import Limits
-from planner.question import check_strokes, check_targets
+from planner.question import check_targets, checked_limits
 from planner.targets.base import Target
 from planner.trajectory.asked import Rates, checked_times, waypoints_of
 from planner.trajectory.initial import planned
@@ -95,16 +95,9 @@ def trajectory(
     scene = checked_scene(arm, scene, contact=True)
     path, own = waypoints_of(targets, waypoints)
     times = own if times is None else times
-    limits = Limits.of(arm, tension_max, tension_min, total_pull)
-    limits = limits.with_strokes(arm, stroke_max, stroke_min)
-    check_strokes(scene, limits)
-    asked = []
-    for i, target in enumerate(path):
-        try:
-            asked.append(check_targets(arm, target))
-        except InputError as reason:
-            name = f"targets[{i}]: {reason.field}"
-            raise InputError(name, reason.given, reason.allowed) from None
+    strokes = (stroke_max, stroke_min)
+    limits = checked_limits(arm, scene, tension_max, tension_min, total_pull, strokes)
+    asked = _checked(arm, path)
     rates = Rates.of(arm, rate_max, stroke_rate_max, stroke_acceleration_max)
     found = checked_times(times, len(asked))
     if found is None and not rates.limited:
@@ -116,12 +109,24 @@ def trajectory(
     begin = _start(arm, start, limits)
     own_plan = start if isinstance(start, Plan) else None
     given = (around, found, begin, accuracy, checked_compile(compile), own_plan)
-    question = Question(arm, scene, tuple(asked), limits, rates, *given)
+    question = Question(arm, scene, asked, limits, rates, *given)
     if contacts(scene):
         check_touching(question)
         return _touching(question)
     _check_start(question)
     return _found(question)
+
+
+def _checked(arm: Arm, path: Iterable[Any]) -> tuple[tuple[Target, ...], ...]:
+    """Return the targets of each waypoint; InputError names the one that is not allowed."""
+    found = []
+    for i, target in enumerate(path):
+        try:
+            found.append(check_targets(arm, target))
+        except InputError as reason:
+            name = f"targets[{i}]: {reason.field}"
+            raise InputError(name, reason.given, reason.allowed) from None
+    return tuple(found)
 
 
 def _touching(question: Question) -> Trajectory:

@@ -12,7 +12,7 @@ from model.paths import Array
 from model.scene import Scene
 from planner.avoidance.asked import Surroundings
 from planner.avoidance.rows import Avoidance
-from planner.plan import Plan
+from planner.plan import Plan, plan
 from planner.program.limits import Limits
 from planner.targets.base import Target
 from planner.trajectory.asked import Rates
@@ -76,6 +76,22 @@ class Question:
         if not asked:
             return asked
         return replace(asked, clearance=asked.clearance + _SPARE * self.arm.length)
+
+    def planned(
+        self, targets: tuple[Target, ...], near: Plan | None, starts: int | None = None
+    ) -> Plan:
+        """Return the plan for targets by themselves, as clear of what stands still as waypoints."""
+        return plan(
+            self.arm,
+            targets,
+            self.scene,
+            accuracy=self.accuracy,
+            starts=starts,
+            near=near,
+            compile=self.machine_code,
+            **self.limits.keywords,
+            **self.wider.keywords,
+        )
 
     def lines(self) -> Lines:
         """Return centrelines by tensions, under loads each near the one before."""

@@ -21,7 +21,7 @@ from model.shape import Shape
 from planner.certificate import Certificate
 from planner.certify import certify
 from planner.contact.load_path import settled_along
-from planner.plan import HeldPlan, plan
+from planner.plan import HeldPlan
 from planner.targets.base import Target
 from planner.trajectory.question import Question, Waypoint
 
@@ -48,7 +48,7 @@ def planned_touching(question: Question) -> list[Waypoint]:
     found, last, begin = list[Waypoint](), question.start, question.begin
     near = begin if isinstance(begin, HeldPlan) and begin.scene == question.scene else None
     for targets in told("waypoints", question.targets):
-        planned = _plan(question, targets, near)
+        planned = _planned(question, targets, near)
         before = () if near is None else (*near.load_path, tuple(np.ravel(near.tensions).tolist()))
         there = planned.load_path[: len(before)] == before
         stops = [np.array(T) for T in planned.load_path[len(before) * there :]]
@@ -64,22 +64,10 @@ def planned_touching(question: Question) -> list[Waypoint]:
     return found
 
 
-def _plan(question: Question, targets: tuple[Target, ...], near: HeldPlan | None) -> HeldPlan:
+def _planned(question: Question, targets: tuple[Target, ...], near: HeldPlan | None) -> HeldPlan:
     """Return the plan that is come to from the one before; from any start where that misses."""
-    limits = question.limits
     for starts in (1, None) if near is not None else (None,):
-        found = plan(
-            question.arm,
-            targets,
-            question.scene,
-            np.array(limits.upper),
-            tension_min=np.array(limits.lower),
-            total_pull=limits.total,
-            accuracy=question.accuracy,
-            starts=starts,
-            near=near,
-            compile=question.machine_code,
-        )
+        found = question.planned(targets, near, starts)
         if found.mode == "exact":
             break
     assert isinstance(found, HeldPlan)

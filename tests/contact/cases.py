@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from model import Arm
-from model.arm import Anchorage, Material
+from model import Anchorage, Arm, Material
 from model.paths import Linear
 
 

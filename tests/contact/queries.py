@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from model import Arm, Linear, Scene, settle
-from model.arm import Anchorage, Material
+from model import Anchorage, Arm, Linear, Material, Scene, settle
 from model.effects import Buoyancy, Contact, Effect, ExactTendons, Extension, NeoHookean, Weight
 from model.errors import OctoplanError
 from model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere

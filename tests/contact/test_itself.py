@@ -5,8 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import fsolve
 
-from model import Arm, Scene, settle
-from model.arm import Anchorage, Material
+from model import Anchorage, Arm, Material, Scene, settle
 from model.effects import Contact, Extension, Friction, SelfContact
 from model.errors import InputError, UnsettledContactError
 from model.obstacles import Sphere

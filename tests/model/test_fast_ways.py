@@ -10,8 +10,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from model import Anchorage, Arm, Linear, Scene, conical
-from model.arm import Material
+from model import Anchorage, Arm, Linear, Material, Scene, conical
 from model.effects import ExactTendons, Extension
 from model.forward import explicit_map
 from model.machine.batch import Batch
