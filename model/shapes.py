@@ -86,9 +86,9 @@ class Problems:
 
     def kept(self, found: Shapes) -> Shapes:
         """Return shapes with nan and the reason where something went wrong."""
-        told = tuple(self._told.get(i, "") for i in range(len(found.tip)))
         if not self._told:
-            return replace(found, problems=told)
+            return replace(found, problems=("",) * len(found.tip))
+        told = tuple(self._told.get(i, "") for i in range(len(found.tip)))
         lost = self.at(np.arange(len(told)))
         return Shapes(
             np.where(lost[:, None], np.nan, found.tip),

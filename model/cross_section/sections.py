@@ -26,7 +26,7 @@ from model.stations import (
 )
 
 # Newton's method squares the error: a step this small, relatively, leaves rounding.
-_STEPS, _SETTLED = 20, 1e-8
+STEPS, SETTLED = 20, 1e-8
 
 
 def body_numbers(arm: Arm, scene: Scene, at: Stations) -> Array:
@@ -85,9 +85,9 @@ class Sections:
         These are (N, n, n); `tensions` (P,) are those of the crossings.
         """
         N, n = v.shape
-        (found,) = self._mapped(_body, N)(v.ravel(), self.body.ravel("F"))
+        (found,) = self._mapped(body_kernel, N)(v.ravel(), self.body.ravel("F"))
         if self.place.size:
-            call = self._mapped(_tendon, self.place.size)
+            call = self._mapped(tendon_kernel, self.place.size)
             (rows,) = call(v[self.place].ravel(), self.paths.ravel("F"))
             first = np.flatnonzero(np.diff(self.place, prepend=-1))
             found[self.place[first]] += np.add.reduceat(rows * tensions[:, None], first)
@@ -102,15 +102,15 @@ class Sections:
 
     def solve(self, v: Array, wrench: Array, tensions: Array) -> Array:
         """Return the strains (N, n) near v that balance a wrench (N, n); NaN where none do."""
-        for _ in range(_STEPS):
+        for _ in range(STEPS):
             found, slopes = self.wrench(v, tensions)
             step = np.linalg.solve(slopes, (wrench - found)[:, :, None])[:, :, 0]
             v = v + step
             if not np.all(np.isfinite(step)):
                 break
-            if np.all(np.abs(step) <= _SETTLED * (1 + np.abs(v))):
+            if np.all(np.abs(step) <= SETTLED * (1 + np.abs(v))):
                 return v
-        return np.where(np.abs(step) <= _SETTLED * (1 + np.abs(v)), v, np.nan)
+        return np.where(np.abs(step) <= SETTLED * (1 + np.abs(v)), v, np.nan)
 
     def at_rest(self, v: Array, tensions: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Return the strains near v that need no wrench, and where they are at no minimum (N,)."""
@@ -149,7 +149,7 @@ class Sections:
         """Return the wrench per newton of each crossing's tendon (P, n) at strains v (N, n)."""
         if not self.place.size:
             return np.zeros((0, v.shape[1]))
-        call = self._mapped(_tendon, self.place.size)
+        call = self._mapped(tendon_kernel, self.place.size)
         (found,) = call(v[self.place].ravel(), self.paths.ravel("F"))
         return np.asarray(found[:, : v.shape[1]])
 
@@ -202,14 +202,14 @@ def _run(law: CrossSection) -> ca.Function:
 
 
 @lru_cache(maxsize=32)
-def _body(law: CrossSection) -> ca.Function:
+def body_kernel(law: CrossSection) -> ca.Function:
     """Return strains, body numbers -> wrench of the body, then its slopes column by column."""
     v, numbers = ca.SX.sym("v", size(law)), ca.SX.sym("body", body_size(law))
     return _with_slopes("body", v, numbers, law.body(v, numbers))
 
 
 @lru_cache(maxsize=32)
-def _tendon(law: CrossSection) -> ca.Function:
+def tendon_kernel(law: CrossSection) -> ca.Function:
     """Return strains, path -> wrench of a tendon per newton, then its slopes column by column."""
     v, path = ca.SX.sym("v", size(law)), ca.SX.sym("path", 4)
     return _with_slopes("tendon", v, path, law.tendon(v, path))

@@ -130,14 +130,11 @@ class Collocation:
 
     def carried(self, tensions: Array, known: Known) -> Array:
         """Return the states of this mesh by the polynomials of another's strains."""
-        mesh, form = known.system.mesh, known.system.of.form
-        if known.system.of is self.system.of and np.array_equal(mesh.s, self.mesh.s):
+        before = known.system
+        if before.of is self.system.of and np.array_equal(before.mesh.s, self.mesh.s):
             return known.states
-        step = np.clip(np.searchsorted(mesh.s, self.system.s) - 1, 0, mesh.steps - 1)
-        x = (self.system.s - mesh.s[step]) / np.diff(mesh.s)[step]
-        stages = known.system.strains(known.states).reshape(-1, form.stages, form.strains)[step]
-        basis = x[:, None] ** np.arange(form.stages) @ gauss(form.stages).powers
-        return self.system.start(tensions, np.einsum("nm,nmk->nk", basis, stages), 1.0)
+        strains = carried_strains(before, before.strains(known.states), self.system)
+        return self.system.start(tensions, strains, 1.0)
 
     def pulls(self, tensions: Array, rows: Array, s: Array, place: Places, tendon: Places) -> Array:
         """Return the tensions (P,) of tendons where they cross arc lengths s[place]."""
@@ -152,3 +149,16 @@ class Collocation:
         exact = (self.mesh.s[nodes] == s)[:, None]
         strains = reported(self.system.of.form.law, v)
         return np.where(exact, rows[nodes, :7], poses), strains
+
+
+def carried_strains(before: System, strains: Array, after: System) -> Array:
+    """Return the strains (N stages, ...) at the stages of a mesh by the polynomials of another's.
+
+    That are given at its stages (N stages, ...).
+    """
+    mesh, m = before.mesh, before.of.form.stages
+    step = np.clip(np.searchsorted(mesh.s, after.s) - 1, 0, mesh.steps - 1)
+    x = (after.s - mesh.s[step]) / np.diff(mesh.s)[step]
+    basis = x[:, None] ** np.arange(m) @ gauss(m).powers
+    by_element = strains.reshape(mesh.steps, m, *strains.shape[1:])
+    return np.asarray(np.einsum("nm,nm...->n...", basis, by_element[step]))

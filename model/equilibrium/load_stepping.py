@@ -16,11 +16,11 @@ from model.time_limit import check_time
 from model.transcription.system import System
 
 # The least step in the load factor over what is reached; before the first step, over a millionth.
-LEAST_STEP, _FIRST = 1 / 8192, 1e-6
+LEAST_STEP, FIRST = 1 / 8192, 1e-6
 # The farthest that a frame may turn in one step [rad].
-_FOLLOWED = 0.6
+FOLLOWED = 0.6
 # Steps from the unloaded arm that may be shortened before loads are applied in steps.
-_CUTS = 2
+CUTS = 2
 SNAPS, BUCKLES = "it snaps or folds", "it buckles"
 
 
@@ -47,7 +47,7 @@ def equilibrium(
     Where lengths are held, `tensions` are those of the unloaded arm.
     Raises SnapError where that branch ends or loses its stability before.
     """
-    here = newton(system, tensions, 1.0, unloaded, cuts=_CUTS, hold=hold)
+    here = newton(system, tensions, 1.0, unloaded, cuts=CUTS, hold=hold)
     if here is not None and hold.stands(here):
         return here
     if here is not None and not _stands_unloaded(system, tensions, unloaded, hold):
@@ -80,7 +80,7 @@ def follow(
 def follow_on(at: Followed, most: float, least: float, hold: Hold = TENSIONS) -> Followed:
     """Follow a branch on from an equilibrium, up to a load factor; see follow."""
     system, step, stood = at.here.system, min(1.0, most), hold.stands(at.here)
-    while at.load < most and step >= least * max(at.load, _FIRST):
+    while at.load < most and step >= least * max(at.load, FIRST):
         check_time()
         tell("percent of the loads", round(100 * at.load / most), 100)
         load = min(most, at.load + step)
@@ -118,4 +118,4 @@ def _stands_unloaded(system: System, tensions: Array, unloaded: Array, hold: Hol
 def is_near(system: System, before: Array, after: Array) -> bool:
     """Return whether no frame turns by more than is followed in one step."""
     places = system.of.nodes[:, :4]
-    return bool(np.abs((before[places] * after[places]).sum(axis=1)).min() > np.cos(_FOLLOWED / 2))
+    return bool(np.abs((before[places] * after[places]).sum(axis=1)).min() > np.cos(FOLLOWED / 2))

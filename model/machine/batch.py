@@ -14,8 +14,8 @@ import casadi as ca
 import numpy as np
 
 from model.integrators.magnus import Magnus
-from model.machine.machine_code import call_tips
 from model.machine.program import Program
+from model.machine.tips import call_tips
 from model.paths import Array
 from model.stations import Counts, base_pose, stations
 from model.unloaded.closed_form import (

@@ -8,6 +8,7 @@ ones is handed on in an array. Operations and their order stay, and so do the di
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping, Sequence
 
 # Longer pieces take the compiler longer, shorter ones hand on more: the code of 64 to 250 lines
 # takes as long to run, within a tenth.
@@ -28,26 +29,39 @@ def in_pieces(source: str) -> str:
     lines = [line for line in body.strip("\n").split("\n") if not line.startswith(_DECLARED)]
     if len(lines) <= 2 * _LINES:
         return source
+    arguments = {"arg": "const casadi_real**", "res": "casadi_real**"}
+    functions, calls = cut(lines, "piece", arguments, "casadi_real")
+    return "".join([head, functions, name, "\n", calls, _END, tail])
+
+
+def cut(
+    lines: Sequence[str], name: str, arguments: Mapping[str, str], number: str
+) -> tuple[str, str]:
+    """Return functions that do the assignments of lines in pieces, and what calls all of them.
+
+    They are named after `name`; `arguments` are those of the whole, with their types, and `number`
+    is the type of the variables.
+    """
     pieces = [lines[i : i + _LINES] for i in range(0, len(lines), _LINES)]
     written, later = [], set[str]()
+    given = ", ".join(f"{kind} {own}" for own, kind in arguments.items())
     for k, piece in reversed(list(enumerate(pieces))):
-        written.append(_piece(k, piece, later))
+        head = f"static void {name}{k}({given}, {number}* kept)"
+        written.append(_piece(head, piece, later, number))
         later = (later - _assigned(piece)) | _read(piece)
     size = 1 + max(int(v[1:]) for line in lines for v in _VARIABLE.findall(line))
-    calls = [f"\n  piece{k}(arg, res, kept);" for k in range(len(pieces))]
-    return "".join(
-        [head, *reversed(written), name, f"\n  casadi_real kept[{size}];", *calls, _END, tail]
-    )
+    handed = ", ".join([*arguments, "kept"])
+    calls = [f"\n  {name}{k}({handed});" for k in range(len(pieces))]
+    return "".join(reversed(written)), "".join([f"  {number} kept[{size}];", *calls])
 
 
-def _piece(k: int, lines: list[str], later: set[str]) -> str:
+def _piece(head: str, lines: Sequence[str], later: set[str], number: str) -> str:
     """Return a piece as a function that reads and leaves in `kept` what others share with it."""
     read, assigned = _read(lines), _assigned(lines)
-    head = f"static void piece{k}(const casadi_real** arg, casadi_real** res, casadi_real* kept)"
     return "\n".join(
         [
             f"__attribute__((noinline)) {head} {{",
-            f"  casadi_real {', '.join(sorted(read | assigned))};",
+            f"  {number} {', '.join(sorted(read | assigned))};",
             *(f"  {v}=kept[{int(v[1:])}];" for v in sorted(read)),
             *lines,
             *(f"  kept[{int(v[1:])}]={v};" for v in sorted(assigned & later)),
@@ -56,11 +70,11 @@ def _piece(k: int, lines: list[str], later: set[str]) -> str:
     )
 
 
-def _assigned(lines: list[str]) -> set[str]:
+def _assigned(lines: Sequence[str]) -> set[str]:
     return {match.group(1) for match in map(_ASSIGNED.match, lines) if match}
 
 
-def _read(lines: list[str]) -> set[str]:
+def _read(lines: Sequence[str]) -> set[str]:
     """Return the variables that are read before they are assigned."""
     read, assigned = set[str](), set[str]()
     for line in lines:

@@ -58,6 +58,13 @@ class SectionStrains:
         self._maps, self._data = statics.pulls(arm, at), statics.data(at).T
         self._call = Mapped(strain_function(statics))
 
+    def of_many(self, tensions: Array) -> Array:
+        """Return tau, xi, k, q (M, N, 4) under tensions (M, n_tendons); NaN where nothing does."""
+        pulls = np.einsum("nij,mj->mni", self._maps, tensions)
+        data = np.broadcast_to(self._data, (len(tensions), *self._data.shape))
+        rows = (part.reshape(-1, part.shape[-1]) for part in (pulls, data))
+        return self._call(*rows)[0].reshape(*pulls.shape[:2], -1)
+
     def __call__(self, tensions: Array) -> Array:
         """Return tau, xi, k, q (N, 4) under tensions (n_tendons,); NaN where nothing settles."""
         (found,) = self._call(self._maps @ tensions, self._data)

@@ -20,7 +20,13 @@ from model.unloaded.closed_form import SectionStrains
 
 
 class SettledSections:
-    """The cross-sections of an arm at s (N,) that `active` (N,) anchorages' tendons cross."""
+    """The cross-sections of an arm at s (N,) that `active` (N,) anchorages' tendons cross.
+
+    Attributes
+    ----------
+    by_the_paper : SectionStrains
+        Their strains by the paper's balance.
+    """
 
     def __init__(
         self,
@@ -34,7 +40,7 @@ class SettledSections:
         self.arm, self.scene, self.active = arm, scene, active
         self.sections = Sections(arm, scene, law, s, active, machine_code)
         paper = Scene(Extension()) if law.extension else Scene()
-        self._paper = SectionStrains(arm, paper, s, active)
+        self.by_the_paper = SectionStrains(arm, paper, s, active)
 
     def strains(self, tensions: Array) -> Array:
         """Return their strains (N, n) under tensions (n_tendons,).
@@ -44,7 +50,7 @@ class SettledSections:
         """
         sections = self.sections
         law, s = sections.law, sections.s
-        found = strains_of(law, self._paper(tensions))
+        found = strains_of(law, self.by_the_paper(tensions))
         if not self.scene.has(ExactTendons):
             return found
         found, lost = sections.at_rest(found, sections.pulls(tensions))

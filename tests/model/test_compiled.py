@@ -68,10 +68,8 @@ def test_compiled_settles_have_the_digits_of_interpreted_ones(effects: tuple[Eff
 
 
 @needs_compiler
-def test_many_loaded_settles_and_stiffness_have_the_digits_of_interpreted_ones() -> None:
+def test_stiffness_has_the_digits_of_interpreted_ones() -> None:
     scene = Scene(*FEW)
-    plain, fast = (settle_many(ARM, SETS[:3], scene, 1e-4, compile=how) for how in (False, True))
-    assert np.array_equal(plain.tip, fast.tip)
     both = [stiffness(ARM, T, scene, "length", accuracy=1e-3, compile=how) for how in (False, True)]
     assert np.array_equal(both[0].compliance, both[1].compliance)
     assert both[0].shape.stability == both[1].shape.stability

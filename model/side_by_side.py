@@ -1,0 +1,158 @@
+"""Many sets of tensions on their way to an accuracy, each on the mesh that it wants next."""
+
+from __future__ import annotations
+
+from functools import lru_cache, partial
+from typing import Any, Protocol
+
+import casadi as ca
+import numpy as np
+
+from model.arm import Arm
+from model.equilibrium.many_tips import ManyTips
+from model.errors import ConvergenceError, UnsettledSectionError
+from model.forward import COLLOCATIONS, check_scheme, explicit_map, order_of
+from model.loads import is_loaded
+from model.machine.batch import Batch
+from model.mesh_refinement import IMPLICIT, ROUNDING, estimate, first_pair, next_refinement
+from model.paths import Array
+from model.rotations import matrices
+from model.scene import Scene
+from model.settle import settle
+from model.shapes import Problems, Shapes
+from model.time_limit import check_time
+from model.unloaded.closed_form import ClosedForm
+from model.unloaded.pulls import PullPolynomials
+from model.unloaded.statics import closed_statics
+from model.unloaded.stretch import LEAST_STRETCH, check_stretch
+
+
+class Tips(Protocol):
+    """What settles sets of tensions on a mesh."""
+
+    def __call__(self, now: Any, refinement: int) -> tuple[Array, Array]:
+        """Return tip poses (7, k) and the least 1 + q (k,) of sets by number; NaN where none is."""
+        ...
+
+
+class SideBySide:
+    """Sets of tensions (M, n_tendons) [N] of an arm in a scene."""
+
+    def __init__(
+        self,
+        arm: Arm,
+        T: Array,
+        scene: Scene,
+        accuracy: float,
+        machine_code: bool,
+        problems: Problems,
+    ) -> None:
+        self.problems = problems
+        self.arm, self.T, self.scene, self.accuracy = arm, T, scene, accuracy
+        self.machine_code, self.scheme = machine_code, check_scheme(scene, None)
+        self.order, self.lever = order_of(self.scheme, scene), 0.0
+        self.rounding = IMPLICIT if self.scheme in COLLOCATIONS else ROUNDING
+        self._tips: Tips = self._in_closed_form
+        if is_loaded(scene):
+            self.lever = float(arm.radius.evaluate(np.zeros(1), arm.length)[0][0])
+            self._tips = ManyTips(arm, T, scene, COLLOCATIONS[self.scheme])
+        self.coarse, self.fine = first_pair(accuracy, self.order)
+        self.poses, self.errors = np.zeros((len(T), 7)), np.full(len(T), np.inf)
+        self.last, self.wanted = np.zeros(len(T), int), np.full(len(T), self.coarse)
+
+    def shapes(self) -> Shapes:
+        """Return the shapes; raises what its problems do not keep."""
+        left = self._left(np.arange(len(self.T)))
+        while left.size:
+            check_time()
+            refinement = int(self.wanted[left].min())
+            self._step(left[self.wanted[left] == refinement], refinement)
+            left = self._left(left)
+        lost = self.problems.rows
+        self.poses[lost, 0] = 1.0  # what has no frame is not made one of
+        found = Shapes(
+            self.poses[:, 4:], matrices(self.poses[:, :4]), self.errors, self.T, self.T == 0
+        )
+        return self.problems.kept(found)
+
+    def _left(self, among: Any) -> Any:
+        """Return those sets that are neither settled nor lost."""
+        return among[~(self.errors[among] <= self.accuracy) & ~self.problems.at(among)]
+
+    def _step(self, now: Any, refinement: int) -> None:
+        """Settle the sets `now` on a mesh, and say which they want next."""
+        found, least = self._tips(now, refinement)
+        if refinement == self.coarse:
+            self.wanted[now] = self.fine
+        else:
+            moved = found.T - self.poses[now]
+            gap = np.linalg.norm(moved[:, 4:], axis=1)
+            if self.lever:  # of points a lever off the tip too
+                gap = np.maximum(gap, 2 * self.lever * np.linalg.norm(moved[:, :4], axis=1))
+            coarse, gap = self.last[now], gap / self.arm.length
+            self.errors[now] = estimate(gap, coarse, refinement, self.order, self.rounding)
+        self.poses[now], self.last[now] = found.T, refinement
+        lost = np.isnan(found).any(axis=0)
+        settled = self.errors[now] <= self.accuracy
+        for i in now[settled & ~(least > LEAST_STRETCH)]:
+            with self.problems.of(int(i)):
+                self._refuse_collapsed(int(i), refinement)
+        if refinement != self.coarse:
+            self._choose(now[~settled & ~lost], refinement)
+        for i in now[lost]:
+            with self.problems.of(int(i)):
+                self._settle_alone(int(i))
+
+    def _in_closed_form(self, now: Any, refinement: int) -> tuple[Array, Array]:
+        tips = _tips(self.arm, self.scene, self.scheme, refinement, self.machine_code)
+        found: tuple[Array, Array] = tips(self.T[now].T)
+        return found
+
+    def _settle_alone(self, i: int) -> None:
+        """Settle a set that wants more than what is done side by side, or refuse it."""
+        try:
+            given = (self.arm, self.T[i], self.scene, self.accuracy)
+            shape = settle(*given, compile=self.machine_code)
+        except UnsettledSectionError as error:
+            raise UnsettledSectionError(error.s, f"tensions[{i}]") from None
+        self.poses[i], self.errors[i] = shape.states[-1, :7], shape.error
+
+    def _choose(self, now: Any, refinement: int) -> None:
+        self.wanted[now] = [
+            next_refinement(refinement, error, self.accuracy, self.order)
+            for error in self.errors[now].tolist()
+        ]
+        for i in now[self.wanted[now] == 0]:
+            with self.problems.of(int(i)):
+                self._refuse_collapsed(int(i), refinement)
+                remedy = f"ask for less accuracy, or look at set {i}"
+                raise ConvergenceError(self.accuracy, float(self.errors[i]), remedy)
+
+    def _refuse_collapsed(self, i: int, refinement: int) -> None:
+        if is_loaded(self.scene):
+            self._settle_alone(i)
+            return
+        forward = explicit_map(self.arm, self.scene, self.scheme, refinement)
+        check_stretch(forward, forward.run(self.T[i])[1], f"tensions[{i}]")
+
+
+@lru_cache(maxsize=64)
+def _tips(arm: Arm, scene: Scene, scheme: str, refinement: int, machine_code: bool) -> Any:
+    """Return tensions (n_tendons, M) -> tip poses (7, M), least 1 + q.
+
+    By tables of steps where strains are in closed form and offsets linear, else by CasADi.
+    """
+    forward = explicit_map(arm, scene, scheme, refinement, (), machine_code)
+    if isinstance(forward, ClosedForm):
+        polynomials = PullPolynomials.of(arm, closed_statics(scene, arm))
+        if polynomials is not None:
+            return partial(Batch(forward, polynomials).tips, machine_code=machine_code)
+    T = ca.MX.sym("T", arm.n_tendons)
+    poses, stretch = forward.function(T)[:2]
+    function = ca.Function("tips", [T], [poses[:, -1], ca.mmin(stretch)])
+
+    def tips(tensions: Array) -> tuple[Array, Array]:
+        found, least = function(tensions)
+        return np.array(found), np.array(least)[0]
+
+    return tips
