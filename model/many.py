@@ -37,8 +37,8 @@ def settle_many(
 ) -> Shapes:
     """Return the tips for many sets of tensions (m, n_sections, n) or (m, n_tendons) [N].
 
-    As settle; only those that a mesh does not settle to the accuracy go on to a finer one. Compiled,
-    sets under loads are settled side by side, to the same shapes but for rounding. With
+    As settle; only those that a mesh does not settle to the accuracy go on to a finer one.
+    Compiled, sets under loads are settled side by side, to the same shapes but for rounding. With
     `lengths`, of the same form [m], tendons are held by these: one set after the other.
 
     Parameters
