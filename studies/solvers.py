@@ -110,7 +110,8 @@ def by_casadi(built: dict[Explicit, Buffered], build: Build, case: Case) -> Poin
     return x, lam_x, lam_g
 
 
-def _sqpmethod(quadratic: str, convex: str, of: Explicit) -> Buffered:
+def _sqpmethod(quadratic: str, convex: str, program: Explicit) -> Buffered:
+    of = program.symbols
     x, p = of.x, of.p
     first = ["f", "grad:f:x", "g", "jac:g:x"]
     values = [of.f, of.gradient, of.g, of.jacobian]

@@ -28,26 +28,40 @@ import numpy as np
 from model.cross_section.law import size
 from model.integrators.magnus import Magnus
 from model.machine.compiled import kernels
+from model.paths import Array
 from model.rotations import compose
 from model.stations import base_pose
 from model.unloaded.closed_form import ClosedForm, twist
 from model.unloaded.statics import ClosedStatics, closed_statics
 
 # Numbers of a pose; of the strains at a node: xi, k, q.
-_POSE, _STRAINS = 7, 3
+POSE, STRAINS = 7, 3
 
 
 class CondensedSteps:
     """Poses at some nodes of a closed form and 1 + q at some of its places, with derivatives.
 
     All are functions of the tensions; `slim` are places among the closed form's `stretch_at`.
+
+    Attributes
+    ----------
+    n, steps : int
+        Tensions; steps along the arm, as far as it is seen.
+    seen : list of int
+        The nodes.
+    kernels : tuple of casadi.Function
+        Of a cross-section: strains that settle it, those reported of them, their derivatives and
+        Hessian; of a step: the pose after it, its derivatives and Hessian.
+    numbers, slim_numbers : (maps, data, h, base)
+        (K, n_pull, n), (K, n_data), (S,), (7,), of K cross-sections: the nodes of the S steps, and
+        the slim places as those of one step.
     """
 
     def __init__(
         self, forward: ClosedForm, nodes: list[int], slim: list[int], machine_code: bool
     ) -> None:
         arm, scheme = forward.arm, forward.scheme
-        self.n, self.steps, self._seen = arm.n_tendons, max([*nodes, 1]), nodes
+        self.n, self.steps, self.seen = arm.n_tendons, max([*nodes, 1]), nodes
         self._m = len(scheme.nodes)
         count = self.steps * self._m
         maps = forward.maps[:count]
@@ -56,26 +70,28 @@ class CondensedSteps:
             np.hstack(list(maps)),
         )
         self._data = ca.DM(forward.data[:count].T)
-        self._h = ca.DM(np.diff(forward.mesh.s)[None, : self.steps])
-        self._base = ca.DM(base_pose(arm))
+        h, base = np.diff(forward.mesh.s)[: self.steps], base_pose(arm)
+        self.numbers = _whole(maps, forward.data[:count], h, base)
+        self.slim_numbers = _whole(forward.maps[slim], forward.data[slim], np.ones(1), base)
+        self._h, self._base = ca.DM(h[None]), ca.DM(base)
         self._slim, self._slim_maps = len(slim), [ca.DM(forward.maps[i]) for i in slim]
         self._slim_data = ca.DM(forward.data[slim].T)
         statics = closed_statics(forward.scene, arm)
         functions = (*_strain_kernels(statics), *_step_kernels(scheme))
-        made = kernels(functions, machine_code)
-        self._solve, self._strain, self._strain_first, self._strain_second, *rest = made
+        self.kernels = tuple(kernels(functions, machine_code))
+        self._solve, self._strain, self._strain_first, self._strain_second, *rest = self.kernels
         self._march, self._first, self._second = rest
 
     def poses(self, T: ca.MX) -> ca.MX:
         """Return the poses (7, K) at the nodes under tensions (n_tendons,)."""
         v, _, _ = self._settled(T)
-        return self._poses(self._by_step(self._each(self._strain)(v)))[:, self._seen]
+        return self._poses(self._by_step(self._each(self._strain)(v)))[:, self.seen]
 
     def first(self, T: ca.MX) -> tuple[ca.MX, ca.MX]:
         """Return the poses (7, K), and their derivatives by the tensions (7 K, n_tendons)."""
         poses, slopes = self._slopes(self._settled(T))[:2]
         by_node = ca.horzsplit(slopes, self.n)
-        return poses[:, self._seen], ca.vertcat(*(by_node[node] for node in self._seen))
+        return poses[:, self.seen], ca.vertcat(*(by_node[node] for node in self.seen))
 
     def stretch(self, T: ca.MX) -> tuple[ca.MX, ca.MX]:
         """Return 1 + q (r,) at the places of `slim`, and its derivatives (r, n_tendons)."""
@@ -106,9 +122,9 @@ class CondensedSteps:
         lam = self._adjoints(by_pose, weights)
         H = self._second.map(self.steps)(poses[:, : self.steps], strains, self._h, lam)
         start, before = ca.MX.zeros(self.n, self.n), slopes[:, : self.steps * self.n]
-        folded = _folded(self.n, self._m * _STRAINS).fold(self.steps)(start, before, by_tensions, H)
-        works = _works(self._m * _STRAINS).map(self.steps)(by_strains, lam)
-        own = self._each(self._strain_second)(*settled, ca.reshape(works, _STRAINS, -1))
+        folded = _folded(self.n, self._m * STRAINS).fold(self.steps)(start, before, by_tensions, H)
+        works = _works(self._m * STRAINS).map(self.steps)(by_strains, lam)
+        own = self._each(self._strain_second)(*settled, ca.reshape(works, STRAINS, -1))
         rows = self._by_node.shape[0]
         return _own(self.n, rows).fold(self.steps * self._m)(folded, self._by_node, own)
 
@@ -130,29 +146,34 @@ class CondensedSteps:
 
     def _slopes(self, settled: tuple[ca.MX, ca.MX, ca.DM]) -> tuple[ca.MX, ...]:
         """Return the poses, P at all nodes, strains, E, A and B of all steps."""
-        size = self._m * _STRAINS
+        size = self._m * STRAINS
         strains, by_pull = self._each(self._strain_first)(*settled)
         chained = _chained(self.n, self._m, self._by_node.shape[0])
         by_tensions = chained.map(self.steps)(by_pull, self._by_node)
         strains = self._by_step(strains)
         poses = self._poses(strains)
         A, B = self._first.map(self.steps)(poses[:, : self.steps], strains, self._h)
-        none = ca.MX.zeros(_POSE, self.n)
+        none = ca.MX.zeros(POSE, self.n)
         after = _forward(self.n, size).mapaccum(self.steps)(none, A, B, by_tensions)
         return poses, ca.horzcat(none, after), strains, by_tensions, A, B
 
     def _adjoints(self, by_pose: ca.MX, weights: ca.MX) -> ca.MX:
         """Return lam after each step (7, steps)."""
-        own = [ca.MX.zeros(_POSE)] * (self.steps + 1)
-        for column, node in enumerate(self._seen):
+        own = [ca.MX.zeros(POSE)] * (self.steps + 1)
+        for column, node in enumerate(self.seen):
             own[node] = weights[:, column]
         reverse = range(self.steps - 1, 0, -1)
         if not reverse:
             return own[-1]
-        columns = [_POSE * k + i for k in reverse for i in range(_POSE)]
+        columns = [POSE * k + i for k in reverse for i in range(POSE)]
         given = by_pose[:, columns], ca.horzcat(*(own[k] for k in reverse))
         before = _backward().mapaccum(len(reverse))(own[-1], *given)
         return ca.horzcat(own[-1], before)[:, list(range(self.steps))[::-1]]
+
+
+def _whole(*parts: Array) -> tuple[Array, ...]:
+    """Return arrays whose numbers stand one after the other."""
+    return tuple(np.ascontiguousarray(part) for part in parts)
 
 
 @lru_cache(maxsize=24)
@@ -162,7 +183,7 @@ def _strain_kernels(statics: ClosedStatics) -> tuple[ca.Function, ...]:
     That is the first ones with the strains; and, with weights (3,) besides, the Hessian.
     """
     pull, data = ca.SX.sym("pull", statics.n_pull), ca.SX.sym("data", statics.n_data)
-    v, weights = ca.SX.sym("v", size(statics.law)), ca.SX.sym("weights", _STRAINS)
+    v, weights = ca.SX.sym("v", size(statics.law)), ca.SX.sym("weights", STRAINS)
     e, wrench = ca.densify(statics.law.reported(v)[1:]), statics.wrench(v, pull, data)
     inverse = ca.inv_minor(ca.densify(ca.jacobian(wrench, v)))
     by_pull = -inverse @ ca.jacobian(wrench, pull)
@@ -183,9 +204,9 @@ def _strain_kernels(statics: ClosedStatics) -> tuple[ca.Function, ...]:
 @lru_cache(maxsize=8)
 def _step_kernels(scheme: Magnus) -> tuple[ca.Function, ca.Function, ca.Function]:
     """Return (pose, strains at the nodes, h) -> pose after a step; A, B; and with lam, H."""
-    g, h = ca.SX.sym("g", _POSE), ca.SX.sym("h")
-    e, lam = ca.SX.sym("e", _STRAINS * len(scheme.nodes)), ca.SX.sym("lam", _POSE)
-    twists = [twist(ca.vertcat(0, own)) for own in ca.vertsplit(e, _STRAINS)]
+    g, h = ca.SX.sym("g", POSE), ca.SX.sym("h")
+    e, lam = ca.SX.sym("e", STRAINS * len(scheme.nodes)), ca.SX.sym("lam", POSE)
+    twists = [twist(ca.vertcat(0, own)) for own in ca.vertsplit(e, STRAINS)]
     after = compose(g, scheme.step(twists, h))
     A, B = ca.jacobian(after, g), ca.jacobian(after, e)
     H = ca.hessian(ca.dot(lam, after), ca.vertcat(g, e))[0]
@@ -200,7 +221,7 @@ def _step_kernels(scheme: Magnus) -> tuple[ca.Function, ca.Function, ca.Function
 @lru_cache(maxsize=16)
 def _chained(n: int, m: int, rows: int) -> ca.Function:
     """Return (derivatives by resultants, of these by the tensions, side by side) -> E."""
-    D, M = ca.MX.sym("D", _STRAINS, rows * m), ca.MX.sym("M", rows, n * m)
+    D, M = ca.MX.sym("D", STRAINS, rows * m), ca.MX.sym("M", rows, n * m)
     pairs = zip(ca.horzsplit(D, rows), ca.horzsplit(M, n), strict=True)
     return ca.Function("chained", [D, M], [ca.vertcat(*(d @ own for d, own in pairs))])
 
@@ -208,30 +229,30 @@ def _chained(n: int, m: int, rows: int) -> ca.Function:
 @lru_cache(maxsize=16)
 def _forward(n: int, size: int) -> ca.Function:
     """Return (P, A, B, E) -> A P + B E."""
-    P, A = ca.MX.sym("P", _POSE, n), ca.MX.sym("A", _POSE, _POSE)
-    B, E = ca.MX.sym("B", _POSE, size), ca.MX.sym("E", size, n)
+    P, A = ca.MX.sym("P", POSE, n), ca.MX.sym("A", POSE, POSE)
+    B, E = ca.MX.sym("B", POSE, size), ca.MX.sym("E", size, n)
     return ca.Function("forward", [P, A, B, E], [A @ P + B @ E])
 
 
 @lru_cache(maxsize=1)
 def _backward() -> ca.Function:
     """Return (lam, A, weights) -> A^T lam + weights."""
-    lam, A, own = ca.MX.sym("lam", _POSE), ca.MX.sym("A", _POSE, _POSE), ca.MX.sym("own", _POSE)
+    lam, A, own = ca.MX.sym("lam", POSE), ca.MX.sym("A", POSE, POSE), ca.MX.sym("own", POSE)
     return ca.Function("backward", [lam, A, own], [A.T @ lam + own])
 
 
 @lru_cache(maxsize=8)
 def _works(size: int) -> ca.Function:
     """Return (B, lam) -> B^T lam."""
-    B, lam = ca.MX.sym("B", _POSE, size), ca.MX.sym("lam", _POSE)
+    B, lam = ca.MX.sym("B", POSE, size), ca.MX.sym("lam", POSE)
     return ca.Function("works", [B, lam], [B.T @ lam])
 
 
 @lru_cache(maxsize=16)
 def _folded(n: int, size: int) -> ca.Function:
     """Return (sum, P, E, H) -> sum + (P, E)^T H (P, E)."""
-    total, P = ca.MX.sym("total", n, n), ca.MX.sym("P", _POSE, n)
-    E, H = ca.MX.sym("E", size, n), ca.MX.sym("H", _POSE + size, _POSE + size)
+    total, P = ca.MX.sym("total", n, n), ca.MX.sym("P", POSE, n)
+    E, H = ca.MX.sym("E", size, n), ca.MX.sym("H", POSE + size, POSE + size)
     both = ca.vertcat(P, E)
     return ca.Function("folded", [total, P, E, H], [total + both.T @ (H @ both)])
 

@@ -95,7 +95,7 @@ class Condensed:
             found = self._reduced(x, p, here)
         if found is None:
             n, m, nan = self.n, self.m, np.nan
-            nowhere = np.full(self.program.x.numel(), nan)
+            nowhere = np.full(self.program.size, nan)
             return Reduced(nowhere, nan, np.full(n, nan), np.full(m, nan), np.full((m, n), nan))
         self._last.settled = a.copy(), p.copy(), found
         return found
@@ -145,13 +145,13 @@ class Condensed:
         states = self.first(a, p).states
         rows = self.program.blocks.n_rows
         mu = np.zeros(rows) if states is None else states.multipliers(1.0, lam_g)
-        zeros = np.zeros(self.program.x.numel() - self.n)
+        zeros = np.zeros(self.program.size - self.n)
         return np.concatenate([lam_x, zeros]), np.concatenate([lam_g, mu])
 
     def whole(self, a: Array, states: Array, p: Array) -> Array:
         """Return all unknowns of the problem for states of the arm (n_states,)."""
         blocks, scale = self.program.blocks, self.states.scale
-        x = np.zeros(self.program.x.numel())
+        x = np.zeros(self.program.size)
         x[: self.n], x[self.n] = a, 1.0
         x[blocks.states] = states / scale[1 : 1 + states.size]
         if blocks.responses:

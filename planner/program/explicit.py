@@ -8,23 +8,23 @@ derived step by step, by kernels that may be compiled; those as printed as a who
 from __future__ import annotations
 
 import threading
-from functools import cached_property
+from functools import cached_property, partial
 
-import casadi as ca
 import numpy as np
 
 from model.arm import Arm
 from model.effects import Extension, PrintedStatics
 from model.equilibrium.forward import Known
 from model.forward import explicit_map
-from model.machine.buffered import Buffered
 from model.paths import Array
 from model.scene import Scene
 from model.stations import Counts
 from model.unloaded.closed_form import ClosedForm
 from model.unloaded.condensed_steps import CondensedSteps
+from model.unloaded.steps_in_c import StepsInC
 from planner.avoidance.rows import Avoidance
-from planner.program.expressions import by_casadi, by_steps
+from planner.program.explicit_numbers import ExplicitByCasadi, ExplicitInC
+from planner.program.expressions import Expressions, Outer, by_casadi, by_steps
 from planner.program.program import Objective, Rows
 from planner.program.reduced import Reduced
 from planner.program.statement import Statement
@@ -65,13 +65,23 @@ class Explicit:
             steps = CondensedSteps(forward, nodes, rows, machine_code)
             # What keeps clear changes its structure often: a compiler takes longer than it saves.
             compiled = machine_code and not any(isinstance(own, Avoidance) for own in targets)
-            found = by_steps(steps, self.objective, compiled)
+            own = Outer.of(self.objective, n, compiled)
+            self._state = partial(by_steps, steps, own)
+            if StepsInC.can(steps):
+                self._calls = ExplicitInC(StepsInC(steps), own, n)
         else:
-            found = by_casadi(forward, self.objective, nodes, rows)
-        self.x, self.p, self.f, self.g = found.x, found.p, found.f, found.g
-        self.gradient, self.jacobian = found.gradient, found.jacobian
-        self.sigma, self.lam, self.hessian = found.sigma, found.lam, found.hessian
+            self._state = partial(by_casadi, forward, self.objective, nodes, rows)
         self._last = _Memory()
+
+    @cached_property
+    def symbols(self) -> Expressions:
+        """The program in symbols, as CasADi's solvers take it."""
+        return self._state()
+
+    @property
+    def size(self) -> int:
+        """How many unknowns there are."""
+        return self.n_free
 
     @property
     def rows(self) -> tuple[Rows, ...]:
@@ -93,27 +103,12 @@ class Explicit:
         return np.zeros(0)
 
     @cached_property
-    def first_function(self) -> ca.Function:
-        """x, p -> f, gradient, g, Jacobian."""
-        found = [ca.densify(v) for v in (self.f, self.gradient, self.g, self.jacobian)]
-        return ca.Function("first", [self.x, self.p], found)
-
-    @cached_property
-    def second_function(self) -> ca.Function:
-        """x, p, sigma, lam -> Hessian."""
-        given = [self.x, self.p, self.sigma, self.lam]
-        return ca.Function("second", given, [ca.densify(self.hessian)])
-
-    @cached_property
-    def _calls(self) -> tuple[Buffered, Buffered, Buffered]:
-        """The value, the first derivatives and the Hessian, called without overhead."""
-        value = ca.Function("value", [self.x, self.p], [self.f, ca.densify(self.g)])
-        return Buffered(value), Buffered(self.first_function), Buffered(self.second_function)
+    def _calls(self) -> ExplicitInC | ExplicitByCasadi:
+        return ExplicitByCasadi(self.symbols)
 
     def value(self, a: Array, p: Array) -> tuple[float, Array]:
         """Return objective and constraints."""
-        f, g = self._calls[0](a, p)
-        return float(f[0, 0]), g.ravel()
+        return self._calls.value(a, p)
 
     def values(self, x: Array, p: Array) -> Array:
         """Return the constraints at unknowns x."""
@@ -147,8 +142,7 @@ class Explicit:
         known = self._last.found
         if known and np.array_equal(known[0], a) and np.array_equal(known[1], p):
             return known[2]
-        f, gradient, g, J = self._calls[1](a, p)
-        found = Reduced(a.copy(), float(f[0, 0]), gradient.ravel(), g.ravel(), J.T)
+        found = Reduced(a.copy(), *self._calls.first(a, p))
         self._last.found = found.x, p.copy(), found
         return found
 
@@ -166,7 +160,7 @@ class Explicit:
 
     def second(self, a: Array, p: Array, sigma: float, lam: Array) -> Array:
         """See Condensed.second."""
-        return self._calls[2](a, p, np.array([sigma]), lam)[0]
+        return self._calls.second(a, p, sigma, lam)
 
     def stability(self, x: Array, tensions: Array, near: Known | None = None) -> float:
         """See Collocated.stability: nothing topples without loads."""

@@ -35,32 +35,71 @@ class Expressions:
     hessian: Any
 
 
-def by_steps(steps: CondensedSteps, objective: Objective, machine_code: bool) -> Expressions:
+@dataclass(frozen=True, eq=False)
+class Outer:
+    """What an objective makes of poses (7, K) and stretch (r,), and of what is known of these.
+
+    With unknowns x and parameters p; `seen` (7 K + r, n) are the derivatives of poses, column by
+    column, and stretch by the tensions.
+
+    Attributes
+    ----------
+    value : x, p, poses, stretch -> f, g
+    first : x, p, poses, stretch, seen -> f, its gradient, g, its Jacobian
+    weights : x, p, poses, stretch, sigma, lam -> slopes of the Lagrangian in poses and in stretch
+    second : x, p, poses, stretch, seen, sigma, lam, bent -> its Hessian
+        `bent` (n, n) is the Hessian by the tensions of poses and stretch, so weighted.
+    """
+
+    value: ca.Function
+    first: ca.Function
+    weights: ca.Function
+    second: ca.Function
+
+    @classmethod
+    def of(cls, objective: Objective, n: int, machine_code: bool) -> Outer:
+        """Return the functions of an objective of n tensions."""
+        value, slopes, weights, curvature = kernels(_kernels(objective, n), machine_code)
+        n_free, n_numbers = value.numel_in(0), objective.n_numbers
+        x, p, poses, stretch = (ca.MX.sym(value.name_in(i), *value.size_in(i)) for i in range(4))
+        unit, rows = p[n_numbers:], poses.numel() + stretch.numel()
+        given, seen = [x, p, poses, stretch], ca.MX.sym("seen", rows, n)
+        moved = seen @ ca.diag(unit)
+        across = ca.vertcat(ca.MX.eye(n_free), ca.horzcat(moved, ca.MX(rows, n_free - n)))
+        f, g = value(*given)
+        by_all, rows_by_all = slopes(*given)
+        found = [f, across.T @ by_all, g, rows_by_all @ across]
+        first = ca.Function("first", [*given, seen], [ca.densify(v) for v in found])
+        sigma, lam = ca.MX.sym("sigma"), ca.MX.sym("lam", g.numel())
+        bent = ca.MX.sym("bent", n, n)
+        hessian = across.T @ curvature(*given, sigma, lam) @ across
+        own = ca.diag(unit) @ bent @ ca.diag(unit)
+        hessian += ca.diagcat(own, ca.MX(n_free - n, n_free - n))
+        given = [*given, seen, sigma, lam, bent]
+        second = ca.Function("second", given, [ca.densify(hessian)])
+        return cls(value, first, weights, second)
+
+
+def by_steps(steps: CondensedSteps, outer: Outer) -> Expressions:
     """Return the program of an objective that sees poses of a closed form, and its stretch."""
-    n, n_free = steps.n, steps.n + objective.n_peak + objective.n_lack
-    outer = _outer(objective, n)
-    value, first, second = kernels(outer, machine_code)
-    x, p = ca.MX.sym("x", n_free), ca.MX.sym("p", value.numel_in(1))
-    unit = p[objective.n_numbers :]
-    T = x[:n] * unit
+    first = outer.first
+    x, p = ca.MX.sym("x", first.numel_in(0)), ca.MX.sym("p", first.numel_in(1))
+    T = x[: steps.n] * p[-steps.n :]
     (poses, slopes), (stretch, thinner) = steps.first(T), steps.stretch(T)
-    f, g = value(x, p, steps.poses(T), stretch)
-    seen = ca.vertcat(slopes, thinner) @ ca.diag(unit)
-    across = ca.vertcat(ca.MX.eye(n_free), ca.horzcat(seen, ca.MX(seen.shape[0], n_free - n)))
-    by_all, rows_by_all = first(x, p, poses, stretch)
+    f, g = outer.value(x, p, steps.poses(T), stretch)
+    seen = ca.vertcat(slopes, thinner)
+    _, gradient, _, jacobian = first(x, p, poses, stretch, seen)
     sigma, lam = ca.MX.sym("sigma"), ca.MX.sym("lam", g.numel())
-    weights, thin, hessian = second(x, p, poses, stretch, sigma, lam)
+    weights, thin = outer.weights(x, p, poses, stretch, sigma, lam)
     bent = steps.second(T, weights) + steps.stretch_second(T, thin)
-    bent = ca.diag(unit) @ bent @ ca.diag(unit)
-    whole = across.T @ hessian @ across + ca.diagcat(bent, ca.MX(n_free - n, n_free - n))
-    gradient, jacobian = across.T @ by_all, rows_by_all @ across
-    return Expressions(x, p, f, g, gradient, jacobian, sigma, lam, ca.densify(whole))
+    hessian = outer.second(x, p, poses, stretch, seen, sigma, lam, bent)
+    return Expressions(x, p, f, g, gradient, jacobian, sigma, lam, hessian)
 
 
-def _outer(objective: Objective, n: int) -> tuple[ca.Function, ...]:
+def _kernels(objective: Objective, n: int) -> tuple[ca.Function, ...]:
     """Return (x, p, poses, stretch) -> f, g; gradient of f, Jacobian of g, both in all but p.
 
-    And, with sigma and lam, the Lagrangian's gradient in poses (7, K) and stretch, and its Hessian.
+    And, with sigma and lam, the Lagrangian's gradient in poses (7, K) and stretch; its Hessian.
     """
     n_peak, n_numbers, thin = objective.n_peak, objective.n_numbers, objective.function.numel_in(5)
     x = ca.SX.sym("x", n + n_peak + objective.n_lack)
@@ -77,12 +116,12 @@ def _outer(objective: Objective, n: int) -> tuple[ca.Function, ...]:
     weights = ca.reshape(weights, *poses.shape)
     first = [ca.densify(ca.gradient(f, y)), ca.densify(ca.jacobian(g, y))]
     at, cse = [x, p, poses, stretch], {"cse": True}
+    along = [*at, sigma, lam]
     return (
         ca.Function("outer_value", at, [f, ca.densify(g)], cse),
         ca.Function("outer_first", at, first, cse),
-        ca.Function(
-            "outer_second", [*at, sigma, lam], [weights, thinner, ca.densify(hessian)], cse
-        ),
+        ca.Function("outer_weights", along, [weights, thinner], cse),
+        ca.Function("outer_second", along, [ca.densify(hessian)], cse),
     )
 
 

@@ -117,7 +117,7 @@ class Problem:
         lower, upper = np.array(limits.lower), np.array(limits.upper)
         upper = np.where(_does_nothing(self.arm, upper), lower, upper)
         upper = np.where(upper < _NO_LIMIT * unit, upper, np.inf)
-        free = np.full(self.program.x.numel() - unit.size, np.inf)
+        free = np.full(self.program.size - unit.size, np.inf)
         lbx, ubx = np.concatenate([lower / unit, -free]), np.concatenate([upper / unit, free])
         lbx[self.n_free :][:1] = ubx[self.n_free :][:1] = 1.0
         floors = {STABILITY: max(self.statement.margin, _STABLE)}

@@ -250,6 +250,16 @@ class Program:
             k += request.width
         return ca.vertcat(*compliances)
 
+    @property
+    def symbols(self) -> Program:
+        """The program in symbols, as CasADi's solvers take it: itself."""
+        return self
+
+    @property
+    def size(self) -> int:
+        """How many unknowns there are."""
+        return int(self.x.numel())
+
     @cached_property
     def values(self) -> Buffered:
         """x, p -> f, constraints besides equilibrium."""

@@ -105,6 +105,7 @@ def solver(problem: Problem, warm: bool, talks: bool = False) -> Buffered:
     built = _solvers.setdefault(program, {})
     key = (warm, talks, problem.statement.mode)
     if key not in built:
+        stated = program.symbols
         own = {
             "print_level": 5 if talks else 0,
             "obj_scaling_factor": problem.magnified(TRACES[-1] if warm else TRACES[0]),
@@ -118,10 +119,10 @@ def solver(problem: Problem, warm: bool, talks: bool = False) -> Buffered:
             "no_nlp_grad": True,
             "error_on_fail": False,
             "iteration_callback": _WATCH,
-            **_derivatives(program),
+            **_derivatives(stated),
             "ipopt": _QUIET | (_WARM if warm else _COLD) | own,
         }
-        nlp: dict[str, Any] = {"x": program.x, "p": program.p, "f": program.f, "g": program.g}
+        nlp: dict[str, Any] = {"x": stated.x, "p": stated.p, "f": stated.f, "g": stated.g}
         built[key] = Buffered(ca.nlpsol("ipopt", "ipopt", nlp, options))
     return built[key]
 

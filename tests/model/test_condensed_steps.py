@@ -8,6 +8,7 @@ from model import Anchorage, Arm, Linear, Material, RestCurvature, Scene
 from model.effects import ExactTendons, Extension
 from model.forward import explicit_map
 from model.unloaded.condensed_steps import CondensedSteps
+from model.unloaded.steps_in_c import StepsInC
 
 BENT = Arm(
     0.3,
@@ -57,8 +58,24 @@ def test_poses_slopes_and_hessian_are_those_that_casadi_finds(
         found = [np.array(value) for value in ca.Function("found", [x], results)(tensions)]
         # In the Hessian of the stretch, which is small, terms cancel.
         rounding = [1e-12] * 5 + [1e-11, 1e-12]
-        for value, exact, share in zip(found, [*wanted, wanted[0]], rounding, strict=True):
-            assert np.abs(value - exact).max() <= share * np.abs(exact).max()
+        exact = [*wanted, wanted[0]]
+        if StepsInC.can(steps):
+            in_c, found = StepsInC(steps), [*found, *found[:6]]
+            exact, rounding = [*exact, *wanted], [*rounding, *rounding[:6]]
+            first, none = in_c.first(tensions), np.zeros(2)
+            split, thinner = 7 * len(nodes), weights[0, :2]
+            found[-6:] = [
+                *(first[0].T, first[2][:split], in_c.second(tensions, weights.T, none)),
+                *(
+                    first[1][:, None],
+                    first[2][split:],
+                    in_c.second(tensions, 0 * weights.T, thinner),
+                ),
+            ]
+            assert np.array_equal(in_c.values(tensions)[0], first[0])
+        assert StepsInC.can(steps) == machine_code
+        for value, own, share in zip(found, exact, rounding, strict=True):
+            assert np.abs(value - own).max() <= share * np.abs(own).max()
 
 
 @pytest.mark.parametrize("node", [0, 1])
