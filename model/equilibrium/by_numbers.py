@@ -6,6 +6,7 @@ dx = - (dg/dx)^-1 dg/dp dp/dtheta: one factorisation, a right-hand side for each
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -40,10 +41,14 @@ class ByNumbers:
     tensions: Array
 
     @cached_property
+    def right(self) -> Array:
+        """Of the residuals at states that stay (n_states, K)."""
+        return np.asarray(self.here.system.by_numbers(self.here.x) @ self.slopes.p)
+
+    @cached_property
     def states(self) -> Array:
         """Of the states (n_states, K)."""
-        right = self.here.system.by_numbers(self.here.x) @ self.slopes.p
-        found = -self.here.solve(np.asfortranarray(right))
+        found = -self.here.solve(np.asfortranarray(self.right))
         return found + self.here.by_tensions @ self.tensions if self.tensions.any() else found
 
     def poses(self, nodes: Index) -> Array:
@@ -65,6 +70,20 @@ class ByNumbers:
     def direct_lengths(self) -> Array:
         """Of the lengths of the tendons in a shape that stays (n_tendons, K) [m]."""
         return np.asarray(self.here.system.lengths_by_numbers(self.here.x) @ self.slopes.lengths)
+
+
+def by_numbers(
+    heres: Sequence[Linearised], slopes: NumberSlopes, tensions: Sequence[Array]
+) -> list[ByNumbers]:
+    """Return the derivatives of equilibria of one system, worked out side by side."""
+    if not heres:
+        return []
+    system = heres[0].system
+    right = system.moved_by_numbers(np.array([here.x for here in heres]), slopes.p)
+    found = [ByNumbers(here, slopes, T) for here, T in zip(heres, tensions, strict=True)]
+    for own, rows in zip(found, right, strict=True):
+        own.__dict__["right"] = rows  # where the cached property has it
+    return found
 
 
 def displaced(poses: Array, moved: Array) -> Array:

@@ -6,6 +6,7 @@ about the equilibrium. The states stand in the order of the arm, so the matrix i
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -197,3 +198,22 @@ class Linearised:
     def length_tension(self) -> Array:
         """How these change with the tensions (n_tendons, n_tendons) [m/N]."""
         return np.asarray(self.length_slopes @ self.by_tensions)
+
+
+def linearised(system: System, x: Array) -> list[Linearised]:
+    """Return the equations linearised at many points x (N, n_x), their Jacobians side by side."""
+    found = [Linearised(system, row) for row in x.copy()]
+    for here, nonzeros in zip(found, system.jacobians(x), strict=True):
+        here.__dict__["nonzeros"] = nonzeros  # where the cached property has it
+    return found
+
+
+def refreshed(heres: Sequence[Linearised]) -> list[Linearised]:
+    """Return points of one system with Jacobians of their own, worked out side by side."""
+    found = list(heres)
+    late = [i for i, own in enumerate(heres) if own.near or "nonzeros" not in own.__dict__]
+    if late:
+        fresh = linearised(heres[0].system, np.array([heres[i].x for i in late]))
+        for i, here in zip(late, fresh, strict=True):
+            found[i] = here
+    return found

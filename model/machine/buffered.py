@@ -74,3 +74,31 @@ class Mapped:
         if size > count:
             given = tuple(np.concatenate([v, v[-1:].repeat(size - count, axis=0)]) for v in given)
         return [found[:count] for found in self._sized(size)(*(v.ravel() for v in given))]
+
+
+class ManyArguments:
+    """A function of two dense vectors for many first ones at once, from any thread.
+
+    They are taken by powers of two, so that few maps are kept and nothing is computed in vain.
+    """
+
+    _most = 64
+
+    def __init__(self, function: ca.Function) -> None:
+        self._function = function
+        self._sized = lru_cache(maxsize=None)(self._of)
+
+    def __call__(self, given: Array, shared: Array) -> Array:
+        """Return the results (N, n_out) of arguments (N, n_in) with one that all share."""
+        found, start = np.empty((len(given), self._function.numel_out(0))), 0
+        while start < len(given):
+            size = min(1 << ((len(given) - start).bit_length() - 1), self._most)
+            own = slice(start, start + size)
+            found[own] = self._sized(size)(given[own].ravel(), shared)[0]
+            start += size
+        return found
+
+    def _of(self, size: int) -> Buffered:
+        if size == 1:
+            return Buffered(self._function)
+        return Buffered(self._function.map("many", "serial", size, [1], []))

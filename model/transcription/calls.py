@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from model.machine.buffered import Buffered
+from model.machine.buffered import Buffered, ManyArguments
 from model.transcription.kernel import Places
 from model.transcription.layout import Layout
 
@@ -24,6 +24,29 @@ class Calls:
     def jacobian(self) -> Buffered:
         """(x, p) -> nonzeros of the residuals' Jacobian."""
         return Buffered(self.of.equations.jacobian[0])
+
+    @cached_property
+    def values(self) -> ManyArguments:
+        """(many x, p) -> residuals of each."""
+        return ManyArguments(self.of.equations.value)
+
+    @cached_property
+    def jacobians(self) -> ManyArguments:
+        """(many x, p) -> `jacobian` of each."""
+        return ManyArguments(self.of.equations.jacobian[0])
+
+    @cached_property
+    def many_by_numbers(self) -> ManyArguments:
+        """(many x, p) -> `by_numbers` of each."""
+        return ManyArguments(self.of.equations.by_numbers[0])
+
+    @cached_property
+    def number_rows(self) -> tuple[Places, Places, Places, Places]:
+        """Order of the nonzeros of `by_numbers` by row, their columns, where rows begin, which."""
+        rows, columns = (np.array(v) for v in self.of.equations.by_numbers[1].get_triplet())
+        order = np.argsort(rows, kind="stable")
+        own, starts = np.unique(rows[order], return_index=True)
+        return order, columns[order], starts, own
 
     @cached_property
     def by_numbers(self) -> Buffered:

@@ -108,10 +108,29 @@ class System:
         """Return the nonzeros of the residuals' Jacobian, see Equations.jacobian."""
         return np.asarray(self._calls.jacobian(x, self.p)[0][0])
 
+    def residuals(self, x: Array) -> Array:
+        """Return `residual` of many x (N, n_x), by row."""
+        return self._calls.values(x, self.p)
+
+    def jacobians(self, x: Array) -> Array:
+        """Return `jacobian` of many x (N, n_x), by row."""
+        return self._calls.jacobians(x, self.p)
+
     def by_numbers(self, x: Array) -> csc_array:
         """Return the derivatives of the residuals by the numbers `p` (n_states, n_p)."""
         nonzeros = self._calls.by_numbers(x, self.p)[0][0]
         return csc_array((nonzeros, *self._calls.number_places), (self.of.n_states, self.p.size))
+
+    def moved_by_numbers(self, x: Array, slopes: Array) -> Array:
+        """Return how residuals move where the numbers move by `slopes` (n_p, K).
+
+        At many x (N, n_x), by row (N, n_states, K).
+        """
+        order, columns, starts, rows = self._calls.number_rows
+        products = self._calls.many_by_numbers(x, self.p)[:, order, None] * slopes[columns]
+        found = np.zeros((len(x), self.of.n_states, slopes.shape[1]))
+        found[:, rows] = np.add.reduceat(products, starts, axis=1)
+        return found
 
     def lengths_by_numbers(self, x: Array) -> csc_array:
         """Return the derivatives of the tendons' lengths by `length_numbers` (n_tendons, n)."""

@@ -11,11 +11,11 @@ import numpy as np
 
 from model import Arm, InputError, Scene
 from model.checks import kind
-from model.effects import PrintedStatics
-from model.equilibrium.forward import STAGES
+from model.effects import Friction, PrintedStatics
+from model.equilibrium.forward import STAGES, collocation_order
 from model.errors import OctoplanError
 from model.machine.compiled import Compile, checked_compile
-from model.mesh_refinement import checked_accuracy
+from model.mesh_refinement import checked_accuracy, estimate
 from model.paths import Array
 from model.progress import tell
 from model.settle import checked_scene
@@ -32,10 +32,13 @@ LOG = logging.getLogger(__name__)
 ACCURACY = 1e-5
 # How far apart shapes are that are on different branches, over the arm's length.
 _ASTRAY = 1e-3
-_FINER = 3
-# Stages of elements while starts are compared, and how near to the optima that is done, in standard
-# errors.
-_COARSE, _NEAR = 2, 0.1
+# Stages of elements while starts are compared, how near to the optima that is done, in standard
+# errors, and how often shapes that are not those from rest are followed from there.
+_COARSE, _NEAR, _AFRESH = 2, 0.1, 3
+# By how much more Newton's method may leave of equilibria then.
+_LOOSER = 1e4
+# Refinements and stages of the meshes that follow, until one is as accurate as asked.
+_FINER = ((2, _COARSE), (2, STAGES), (4, STAGES), (8, STAGES))
 
 
 def calibrate(
@@ -135,12 +138,12 @@ class _Search:
     weights: Weights
     accuracy: float
     machine_code: bool
-    refinement: int = 1
 
     def run(self, spread: list[Array]) -> Calibration:
         fits, told = self._fits(spread)
         best, astray = self._from_rest(min(fits, key=lambda own: own.misfit))
-        best, error, lost = self._verified(best)
+        best, error, lost = self._on_finer(best)
+        mesh = best.found.experiment
         return Calibration(
             self.arm,
             self.scene,
@@ -149,11 +152,12 @@ class _Search:
             tuple(best.found.values.tolist()),
             best.noise,
             self.weights,
-            self.refinement,
+            mesh.refinement,
             error,
             tuple(told),
             astray or lost,
             self.machine_code,
+            mesh.stages,
         )
 
     def _fits(self, spread: list[Array]) -> tuple[list[Fit], list[Start]]:
@@ -163,7 +167,7 @@ class _Search:
         for i, values in enumerate(spread):
             tell("fits", i, len(spread))
             try:
-                found = fit(self._on(1, _COARSE).at(values), self.weights, _NEAR)
+                found = fit(self._on(1, _COARSE, _LOOSER).at(values), self.weights, _NEAR)
             except (UnsettledShapeError, InputError) as reason:
                 problem = problem or reason
                 told.append(Start(tuple(values.tolist()), None, float("inf"), str(reason)))
@@ -179,13 +183,14 @@ class _Search:
             raise problem
         return fits, told
 
-    def _on(self, refinement: int, stages: int = STAGES) -> Experiment:
-        return Experiment(self.parameters, self.shapes, refinement, self.machine_code, stages)
+    def _on(self, refinement: int, stages: int, looser: float = 1.0) -> Experiment:
+        mesh = refinement, self.machine_code, stages, looser
+        return Experiment(self.parameters, self.shapes, *mesh)
 
     def _from_rest(self, best: Fit) -> tuple[Fit, tuple[str, ...]]:
         """Return a fit with all shapes as they are reached from rest, and those that were not."""
         astray: tuple[str, ...] = ()
-        for _ in range(_FINER):
+        for _ in range(_AFRESH):
             fresh = best.found.experiment.from_rest(best.found)
             lost, _ = self._apart(best.found, fresh)
             if not lost:
@@ -194,21 +199,21 @@ class _Search:
             best = fit(fresh, self.weights, _NEAR)
         return best, astray
 
-    def _verified(self, best: Fit) -> tuple[Fit, float, tuple[str, ...]]:
-        """Return the fit on a mesh that is fine enough, beginning with that on a coarse one.
+    def _on_finer(self, best: Fit) -> tuple[Fit, float, tuple[str, ...]]:
+        """Return the fit on a mesh that is accurate enough, beginning with that on a coarse one.
 
-        With the error that the mesh leaves, and the shapes that finer meshes have elsewhere.
+        With the error that its mesh leaves, by the difference to the one before, and the shapes
+        that finer meshes have elsewhere.
         """
         at, astray = best.found, tuple[str, ...]()
-        for _ in range(_FINER):
-            best = fit(self._on(self.refinement).at(at.values, at), self.weights)
-            fine = self._on(2 * self.refinement).at(best.found.values, best.found)
-            lost, error = self._apart(best.found, fine)
+        for refinement, stages in _FINER:
+            fine = self._on(refinement, stages).at(at.values, at)
+            lost, gap = self._apart(at, fine)
+            error = _error(gap, at, fine)
+            at, astray = fine, astray or lost
             if not lost and error <= self.accuracy:
                 break
-            astray, at = astray or lost, fine
-            self.refinement *= 2
-        return best, error, astray
+        return fit(at, self.weights), error, astray
 
     def _apart(self, one: Evaluation, other: Evaluation) -> tuple[tuple[str, ...], float]:
         """Return the shapes that two evaluations have on different branches.
@@ -225,3 +230,16 @@ def _gap(one: Any, other: Any) -> float:
     """Return how far apart the tips of two equilibria are, over the arm's length."""
     tips = [here.system.poses(here.states)[-1, 4:] for here in (one, other)]
     return float(np.linalg.norm(tips[0] - tips[1])) / float(one.system.arm.length)
+
+
+def _error(gap: float, coarse: Evaluation, fine: Evaluation) -> float:
+    """Return the error of the finer of two meshes whose tips are a gap apart, over the length.
+
+    Where it has more stages, that is the other's: its own is less.
+    """
+    one, other = coarse.experiment, fine.experiment
+    if other.stages > one.stages:
+        return gap
+    friction = fine.heres[0].system.scene.has(Friction)
+    order = collocation_order(other.stages, friction)
+    return float(estimate(gap, one.refinement, other.refinement, order))

@@ -13,17 +13,18 @@ from functools import cached_property
 import numpy as np
 
 from model import InputError, OctoplanError
-from model.equilibrium.by_numbers import ByNumbers
-from model.equilibrium.forward import STAGES, Collocation, Known
-from model.equilibrium.linearised import Linearised
-from model.equilibrium.newton_many import newton_many
+from model.equilibrium.by_numbers import ByNumbers, by_numbers
+from model.equilibrium.forward import STAGES
+from model.equilibrium.linearised import Linearised, refreshed
 from model.paths import Array
+from model.transcription.system import System
+from planner.calibrate.continued import carried, continued
 from planner.calibrate.measured import Measured
 from planner.calibrate.rows import Rows
 from planner.calibrate.session import Session, point_rows, shifted
 from planner.unknowns.meshes import Meshes
 from planner.unknowns.parameters import Parameters
-from planner.unknowns.pulled import FARTHEST, Pulled
+from planner.unknowns.pulled import Pulled
 
 
 class UnsettledShapeError(OctoplanError):
@@ -50,6 +51,8 @@ class Experiment:
         Whether the kernels are compiled.
     stages : int
         Of an element of the meshes.
+    looser : float
+        Of Newton's method; see newton_many.
     """
 
     def __init__(
@@ -59,9 +62,11 @@ class Experiment:
         refinement: int,
         machine_code: bool = False,
         stages: int = STAGES,
+        looser: float = 1.0,
     ) -> None:
         self.parameters, self.shapes = parameters, tuple(shapes)
         self.refinement, self.machine_code, self.stages = refinement, machine_code, stages
+        self.looser = looser
         self.meshes: dict[str, Meshes] = {}
 
     def session_of(self, shape: Measured) -> str:
@@ -110,7 +115,7 @@ class Experiment:
         for name, of in found.sessions.items():
             own = self._members(name)
             T, here = [of.tensions(self.shapes[i]) for i in own], [found.heres[i] for i in own]
-            sure = Pulled(of.system).confirmed(T, here)
+            sure = Pulled(of.system, self.looser).confirmed(T, here)
             known = [one if is_it else None for one, is_it in zip(here, sure, strict=True)]
             for i, settled in zip(own, self._settled(of, own, T, known), strict=True):
                 heres[i] = settled
@@ -132,7 +137,7 @@ class Experiment:
         known: Sequence[Linearised | None],
     ) -> list[Linearised]:
         """Return the equilibria of shapes of a session: those known, others as from rest."""
-        rest = Pulled(of.system)
+        rest = Pulled(of.system, self.looser)
         rest.known += [(T, here) for T, here in zip(tensions, known, strict=True) if here]
         lost = [k for k, here in enumerate(known) if here is None]
         found, fallen = list(known), rest.all([tensions[k] for k in lost])
@@ -178,12 +183,14 @@ class Evaluation:
     @cached_property
     def derivatives(self) -> list[ByNumbers]:
         """Derivatives of each shape by the unknowns."""
-        found = []
-        for here, shape in zip(self.heres, self.experiment.shapes, strict=True):
-            of = self.sessions[self.experiment.session_of(shape)]
-            tensions = np.array(shape.tensions)[:, None] * of.scaled
-            found.append(ByNumbers(here.refreshed, of.slopes, tensions))
-        return found
+        found = dict[int, ByNumbers]()
+        for name, own in self._members.items():
+            of, shapes = self.sessions[name], [self.experiment.shapes[i] for i in own]
+            tensions = [np.array(shape.tensions)[:, None] * of.scaled for shape in shapes]
+            heres = [self.heres[i] for i in own]
+            heres = heres if self.experiment.looser > 1 else refreshed(heres)
+            found.update(zip(own, by_numbers(heres, of.slopes, tensions), strict=True))
+        return [found[i] for i in range(len(self.heres))]
 
     @cached_property
     def jacobian(self) -> Array:
@@ -216,26 +223,16 @@ class Evaluation:
     def moved(
         self, own: Sequence[int], values: Array, of: Session, tensions: Sequence[Array]
     ) -> list[Linearised | None]:
-        """Return the equilibria of shapes at other values, near these; None where there are none.
-
-        They begin where the derivatives by the unknowns say that they are.
-        """
-        T, N = np.array(tensions), len(own)
-        heres = [self.heres[i] for i in own]
+        """Return the equilibria of shapes at other values near these; None where none is."""
+        T, looser = np.array(tensions), self.experiment.looser
+        heres, change = [self.heres[i] for i in own], values - self.values
         if of.system.of is not heres[0].system.of:
-            on = Collocation.on(of.system)
-            guesses = [
-                on.carried(pulls, Known(here.system, here.states))
-                for pulls, here in zip(T, heres, strict=True)
-            ]
-            return newton_many(of.system, T, np.array(guesses)).found
-        change, by = values - self.values, [self.derivatives[i] for i in own]
-        guesses = [own.here.states + own.states @ change for own in by]
-        kept = [own.here for own in by]
-        found = newton_many(of.system, T, np.array(guesses), FARTHEST, kept).found
-        lost = [k for k in range(N) if found[k] is None]
-        if lost:
-            again = newton_many(of.system, T[lost], np.array(guesses)[lost]).found
-            for k, here in zip(lost, again, strict=True):
-                found[k] = here
-        return [None if here is None else replace(here, system=of.system) for here in found]
+            return carried(heres, of.system, T, looser)
+
+        def halfway(which: list[int]) -> tuple[System, Array]:
+            half = self.experiment.session(self.values + change / 2, of.name)
+            shapes = [self.experiment.shapes[own[k]] for k in which]
+            return half.system, np.array([half.tensions(shape) for shape in shapes])
+
+        by = [self.derivatives[i] for i in own]
+        return continued(by, change, of.system, T, halfway, looser)

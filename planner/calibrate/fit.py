@@ -127,6 +127,9 @@ def noise_of(found: Fit, weights: Weights) -> float:
 
 def used(found: Fit) -> float:
     """Return how many degrees of freedom the data lose to the unknowns; less with priors."""
+    unknowns = found.found.experiment.parameters.unknowns
+    if not any(own.prior for own in unknowns):
+        return float(len(unknowns))
     J = found.found.jacobian * found.found.experiment.parameters.range / found.noise
     rows = prior_rows(found.found.experiment, found.found.values)[1]
     whole = np.vstack([J, rows])
@@ -192,6 +195,7 @@ class _Steps:
         self.offset = offset
         self.last = self.before = start
         self.evaluations = 0
+        self._known: tuple[Array, Array, Array] | None = None
 
     def scaled(self, values: Array) -> Array:
         of = self.experiment.parameters
@@ -215,14 +219,27 @@ class _Steps:
         return np.concatenate([here.residuals / self.noise, prior])
 
     def jacobian(self, z: Array) -> Array:
-        """Return the derivatives; raises _OptimumError where they say that there is no more."""
+        """Return the derivatives; raises _OptimumError where they say that there is no more.
+
+        Those before the last step do where residuals have changed as they said: by as much as these
+        are off, the derivatives have changed less than twice.
+        """
         self.before = here = self.at(z)
         known, slopes = prior_rows(self.experiment, here.values)
-        r, J = here.residuals / self.noise, here.jacobian * self.experiment.parameters.range
-        J = np.vstack([J / self.noise, slopes])
-        counted = np.concatenate([np.sqrt(self.weights.slopes(r)), np.ones(known.size)])
-        if _offset(counted[:, None] * J, counted * np.concatenate([r, known]), z) <= self.offset:
+        r = np.concatenate([here.residuals / self.noise, known])
+        counted = np.ones(r.size)
+        counted[: here.residuals.size] = np.sqrt(self.weights.slopes(r[: here.residuals.size]))
+        if self._known is not None:
+            at, before, J = self._known
+            told = J @ (z - at)
+            off = 2 * float(np.linalg.norm(r - before - told))
+            size = max(float(np.linalg.norm(told)), 1e-300)
+            if _offset(counted[:, None] * J, counted * r, z) + off / size <= self.offset:
+                raise _OptimumError
+        J = np.vstack([here.jacobian * self.experiment.parameters.range / self.noise, slopes])
+        if _offset(counted[:, None] * J, counted * r, z) <= self.offset:
             raise _OptimumError
+        self._known = z.copy(), r, J
         return J
 
     @property

@@ -11,6 +11,7 @@ import numpy as np
 import scipy
 
 from model import Arm, Scene
+from model.equilibrium.forward import STAGES
 from model.paths import Array
 from planner.calibrate.experiment import Evaluation, Experiment
 from planner.calibrate.fit import Weights, prior_rows
@@ -50,7 +51,7 @@ class Fitted:
     noise : float
         What the standard deviations of the measurements are multiplied by.
     weights : Weights
-    refinement : int
+    refinement, stages : int
         Of the meshes.
     error : float
         Estimated error of what is predicted, over the arm's length.
@@ -74,6 +75,7 @@ class Fitted:
     starts: tuple[Start, ...]
     astray: tuple[str, ...] = ()
     machine_code: bool = field(default=False, compare=False)
+    stages: int = STAGES
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the numbers; what was worked out of them does not travel."""
@@ -203,7 +205,7 @@ class Fitted:
 
     def experiment(self, shapes: Sequence[Measured]) -> Experiment:
         """Return shapes with the unknowns of this calibration."""
-        return Experiment(self.parameters, shapes, self.refinement, self.machine_code)
+        return Experiment(self.parameters, shapes, self.refinement, self.machine_code, self.stages)
 
     @cached_property
     def information(self) -> Information:

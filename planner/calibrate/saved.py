@@ -47,6 +47,7 @@ def load_calibration(path: str | Path) -> Calibration:
             fit.error,
             tuple(_start(own) for own in fit.starts),
             tuple(fit.astray),
+            stages=fit.stages,
         )
         if len(found.values) != len(unknowns) or not np.all(np.isfinite(found.values)):
             raise FileError(name, "fit.values", f"{len(unknowns)} finite numbers are needed")

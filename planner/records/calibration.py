@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta
 
+from model.equilibrium.forward import STAGES
 from planner.files import versions
 from planner.records.values import Number, number, plain
 
@@ -40,6 +41,7 @@ class FitRecord(msgspec.Struct, kw_only=True):
     error: float
     starts: list[dict[str, Any]]
     astray: list[str]
+    stages: int = STAGES
 
 
 class CalibrationRecord(msgspec.Struct, kw_only=True):
@@ -89,6 +91,7 @@ def calibration_record(of: Any) -> CalibrationRecord:
             loss=of.weights.loss,
             absolute_std=of.weights.absolute,
             refinement=of.refinement,
+            stages=of.stages,
             error=of.error,
             starts=[{**start._asdict(), "misfit": number(start.misfit)} for start in of.starts],
             astray=list(of.astray),

@@ -25,15 +25,21 @@ FARTHEST, _LEAST = 0.1, 1 / 128
 # What is corrected grows as the square of a step: the next one is to need such a share of the
 # farthest, and is so many times shorter or longer at most.
 _AIM, _SHORTER, _LONGER = 0.8, 1 / 8, 4.0
+# How much looser Newton's method is before the end.
+_ON_THE_WAY = 1e6
 # States as near as this are those of one equilibrium.
 _SAME = 1e-6
 
 
 class Pulled:
-    """The equilibria of one arm in one scene that are known, and those that follow from them."""
+    """The equilibria of one arm in one scene that are known, and those that follow from them.
 
-    def __init__(self, system: System) -> None:
+    `looser` is that of Newton's method; see newton_many.
+    """
+
+    def __init__(self, system: System, looser: float = 1.0) -> None:
         self.system, self.forward = system, Collocation.on(system)
+        self.looser = looser
         self.known: list[tuple[Array, Linearised]] = []
 
     def at(self, tensions: Array) -> Linearised:
@@ -76,7 +82,7 @@ class Pulled:
             here.states + here.by_tensions @ (own - start)
             for own, (start, here) in zip(tensions, starts, strict=True)
         ]
-        ends = newton_many(self.system, T, np.array(guesses), FARTHEST, found).found
+        ends = newton_many(self.system, T, np.array(guesses), FARTHEST, found, self.looser).found
         sure = [False] * len(found)
         for i in np.argsort(np.linalg.norm(T, axis=1), kind="stable").tolist():
             end = ends[i]
@@ -129,7 +135,8 @@ class Pulled:
                 for i, own in zip(alive, ahead, strict=True)
             ]
             T = start[alive] + to[:, None] * change[alive]
-            steps = newton_many(self.system, T, np.array(guesses), FARTHEST)
+            looser = np.where(to < 1, max(_ON_THE_WAY, self.looser), self.looser)
+            steps = newton_many(self.system, T, np.array(guesses), FARTHEST, looser=looser)
             factor = np.sqrt(_AIM * FARTHEST / np.maximum(steps.turned, 1e-300))
             for k, i in enumerate(alive):
                 end, length = steps.found[k], float(to[k] - share[i])
