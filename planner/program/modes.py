@@ -19,6 +19,7 @@ from model.paths import Array
 from model.transcription.kernel import Kernel, Places
 from model.transcription.layout import Layout
 from model.transcription.system import System
+from model.transcription.tangent import mode
 from model.transcription.terms import Term
 
 
@@ -34,7 +35,7 @@ def mode_terms(of: Layout, place: Places, shift: int, row: int) -> list[Term]:
             raise AssertionError("tensions and states in one row of a term")
         rows = tuple(np.flatnonzero(moved[:, 0]).tolist())
         change = shift + term.unknowns[list(rows)] - of.first
-        kernel = _along_states(term.kernel, rows)
+        kernel = mode(term.kernel, rows)
         terms.append(Term(kernel, np.vstack([place[term.unknowns], change]), row + term.rows))
     stages, last = np.ravel(of.stages), of.n_states
     eigenvalue = np.full(stages.size, shift + last)
@@ -56,16 +57,6 @@ def mode_size(at: System, scale: Array, y: Array) -> Array:
     weight, _ = rest_stiffness(at)
     strains = y[np.ravel(at.of.stages)] / scale[:, None]
     return np.asarray(y / np.sqrt((weight[:, None] * strains**2).sum(axis=0) / at.arm.length))
-
-
-@lru_cache(maxsize=32)
-def _along_states(kernel: Kernel, rows: tuple[int, ...]) -> Kernel:
-    """Return the derivative of a kernel along changes of some of its unknowns."""
-    change = ca.SX.sym("change", len(rows))
-    along = ca.SX.zeros(kernel.y.numel())
-    along[list(rows)] = change
-    r = ca.jtimes(kernel.r, kernel.y, along)
-    return Kernel(f"{kernel.name}_mode", ca.vertcat(kernel.y, change), kernel.c, r)
 
 
 @lru_cache(maxsize=1)

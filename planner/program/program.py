@@ -45,11 +45,14 @@ from planner.program.terms import (
     directions_function,
     equality_weights,
     inequality_weights,
+    share_rows,
     terms_function,
 )
 from planner.targets.base import Target
 
 LEAST_STRETCH = 1e-3
+# Shares of what is wanted that count as no less.
+_LEAST_SHARE = 1e-12
 STABILITY, STROKES = "stability", "strokes"
 S = TypeVar("S", ca.SX, ca.MX)
 
@@ -116,6 +119,8 @@ class Objective:
         T, lack, p, poses, thin, compliances = given
         target, (reference, total, trace) = p[:-3], ca.vertsplit(p[-3:])
         equality, soft_residual, inequality, least = self.terms(poses, target, compliances)
+        for row in share_rows(arm, targets):
+            inequality[row] = ca.log(ca.fmax(1 + inequality[row], _LEAST_SHARE))
         effort, peak, peaks = smooth_norm(T / reference, self.statement.norm)
         mode, none = self.statement.mode, ca.MX(0, 1)
         weights, lacking = (

@@ -18,6 +18,7 @@ from model.transcription.element import run
 from model.transcription.kernel import Kernel, Places
 from model.transcription.layout import Layout
 from model.transcription.system import System
+from model.transcription.tangent import tangent
 from model.transcription.terms import Term
 from planner.program.modes import mode_numbers, mode_size, mode_terms
 from planner.targets.base import ComplianceRequest
@@ -170,15 +171,6 @@ class Blocks:
         )
         terms.append(Term(kernel, unknowns, row + lengths.rows))
         return [*terms, Term(_scaled(), tensions, rows)]
-
-
-@lru_cache(maxsize=32)
-def tangent(kernel: Kernel) -> Kernel:
-    """Return the derivative of a kernel along changes of its unknowns and numbers."""
-    y, c = (ca.SX.sym(name, v.numel()) for name, v in (("dy", kernel.y), ("dc", kernel.c)))
-    along = ca.jtimes(kernel.r, kernel.y, y) + ca.jtimes(kernel.r, kernel.c, c)
-    name = f"{kernel.name}_tangent"
-    return Kernel(name, ca.vertcat(kernel.y, y), ca.vertcat(kernel.c, c), along)
 
 
 @lru_cache(maxsize=1)

@@ -89,6 +89,12 @@ def inequality_weights(arm: Arm, targets: tuple[Target, ...]) -> ca.DM:
     return ca.DM([weights.get(name, HIGH_PRIORITY) for name in term_names(arm, targets)[2]])
 
 
+def share_rows(arm: Arm, targets: tuple[Target, ...]) -> list[int]:
+    """Return which inequalities are a share of what is wanted, less 1; see Terms.shares."""
+    shares = {name for term in _symbolic_terms(arm, targets) for name in term.shares}
+    return [k for k, name in enumerate(term_names(arm, targets)[2]) if name in shares]
+
+
 def _symbolic_terms(arm: Arm, targets: tuple[Target, ...]) -> list[Terms]:
     poses = {s: ca.MX.sym("pose", 7) for s in stations_of(arm, targets)}
     parts = zip(targets, _numbers(arm, targets), _compliances(targets), strict=True)

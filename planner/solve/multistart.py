@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -33,8 +34,13 @@ _HEAVY, _MORE_IF_HEAVY = 0.4, 4
 # Tried besides the fits that meet what is wanted.
 _BESIDE = 2
 # Starts that ipopt takes on before it is left: where it meets nothing from so many, least squares
-# tell sooner what can be had. Where a stiffness is wanted each costs as much as ten others.
-_IPOPT_TRIES, _IPOPT_TRIES_IF_STIFF = 6, 2
+# tell sooner what can be had. Where a stiffness is wanted each costs as much as ten others, and
+# quadratic programs tell at once how much of it can be had.
+_IPOPT_TRIES, _IPOPT_TRIES_IF_STIFF = 6, 0
+# How much of the effort the search for the stiffest shape sees: less is hard to tell from none.
+_TRACE_IF_STIFF = 1e-3
+# From so many starts at most: the stiffest shapes are few.
+_MOST_IF_STIFF = 4
 _INSIDE = 0.005
 LITTLE = 1e-5
 # What is told of how far trials are, by how the targets are read.
@@ -74,8 +80,8 @@ class Multistart:
         self.toppled: list[tuple[Statement, Solution]] = []
         self.loaded = is_loaded(task.scene)
         self.simple = task.scene == task.simple.scene
-        stiff = bool(compliance_requests(task.targets))
-        self.ipopt_tries = _IPOPT_TRIES_IF_STIFF if stiff else _IPOPT_TRIES
+        self.stiff = bool(compliance_requests(task.targets))
+        self.ipopt_tries = _IPOPT_TRIES_IF_STIFF if self.stiff else _IPOPT_TRIES
         self.fewest = _FEW if task.is_point else _MORE
         if not self.simple:
             self.fewest = _FEWEST if self.loaded else _CARRIED
@@ -97,10 +103,12 @@ class Multistart:
         heavier = (_MORE_IF_HEAVY if self.heavy else _STRONGER) if self.loaded else 0
         return max(self.fewest, self.n_likely) + heavier
 
-    def _enough(self, records: list[Trial], found: list[Solution]) -> bool:
+    def _enough(self, mode: Mode, records: list[Trial], found: list[Solution]) -> bool:
         """Return whether the best optimum is among what was found, as far as can be told."""
         if self.task.starts is not None:
             return len(records) >= self.task.starts
+        if self.stiff and mode == "closest":
+            return bool(found) and (agreed(records) >= 2 or len(records) >= _MOST_IF_STIFF)
         if not self.task.can_be_exact and any(s.f <= _NOTHING for s in found):
             return len(records) >= _FIXED and agreed(records) >= 2
         if self.n_likely and not self.simple and not self.heavy:
@@ -120,7 +128,7 @@ class Multistart:
         """Return what is met before and from each start, until that is enough; append records."""
         found, promising = [*before], _PROMISING
         for T in told(_PHASES[statement.mode], starts):
-            if self._enough(records, found):
+            if self._enough(statement.mode, records, found):
                 break
             by_ipopt = not found and (statement.mode != "exact" or self.ipopt_tries > 0)
             solution = self.solve(statement, T, by_ipopt)
@@ -152,6 +160,8 @@ class Multistart:
         With the least stable mode as an unknown, from the shape that is not stable enough.
         """
         task, found = self.task.held, list[Solution]()
+        if not self.toppled:
+            return found
         statement = task.coarse(mode)
         problem = task.problem(statement)
         p = problem.parameters(task.targets, task.allowed, TRACES[0])
@@ -196,13 +206,23 @@ class Multistart:
         problem, x, p = self._stated(statement, T)
         bounds, free = problem.bounds(self.task.allowed), problem.free_bounds(self.task.allowed)
         lam = lam if lam is not None and lam.shape == free[2].shape else None
-        solution = solve_quadratic(problem, x, p, free, lam)
+        if self.stiff and statement.mode == "closest":
+            solution = self._stiffest(problem, x, p)
+        else:
+            solution = solve_quadratic(problem, x, p, free, lam)
         if solution is None or (by_ipopt and not solution.met):
             solution = solve(problem, x, p, bounds)
         if solution.finite:
             self.seen.append((statement, solution))
         check_time()
         return solution
+
+    def _stiffest(self, problem: Problem, x: Array, p: Array) -> Solution | None:
+        """Return what comes nearest to a stiffness, from unknowns x; see solve_quadratic."""
+        task = self.task
+        seen = problem.parameters(task.targets, task.allowed, _TRACE_IF_STIFF)
+        found = solve_quadratic(problem, x, seen, problem.free_bounds(task.allowed))
+        return found and replace(found, f=problem.condensed.value(found.x, p)[0])
 
     def _stated(self, statement: Statement, T: Array) -> tuple[Problem, Array, Array]:
         """Return the program, its unknowns for tensions a little inside the limits, parameters."""

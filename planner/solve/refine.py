@@ -37,6 +37,8 @@ _FARTHER = 4
 _FINE_IF_UNSETTLED = 16
 # The part of the accuracy that a plan's mesh may take; what is estimated of it is cautious.
 _SHARE = 4
+# Weights on effort between that of a search for the stiffest shape and the least.
+_LESS = (1e-5, 1e-7, 1e-9)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +101,8 @@ def refine(task: Task, coarse: Solution, mode: Mode) -> Fine:
     """
     guess, used = coarse.free(task.problem(task.coarse(mode))), 0
     if mode != "exact":
+        if compliance_requests(task.targets):
+            guess = _less_traced(task, mode, guess)
         guess = _finish(task, task.coarse(mode), guess, None).solution
     mesh, shape = _mesh(task, task.tensions(guess), None)
     for _ in range(_MESHES):
@@ -114,6 +118,16 @@ def refine(task: Task, coarse: Solution, mode: Mode) -> Fine:
         if mesh <= used:
             return replace(fine, shape=shape)
     return fine
+
+
+def _less_traced(task: Task, mode: Mode, guess: Solution) -> Solution:
+    """Return an optimum of the coarse mesh with a weight on effort that is less and less."""
+    problem, limits = task.problem(task.coarse(mode)), task.allowed
+    problem.condensed.forget()
+    for trace in _LESS:
+        p = problem.parameters(task.targets, limits, trace)
+        guess = newton(problem, guess, p, problem.free_bounds(limits))
+    return guess
 
 
 def _on_mesh(task: Task, mode: Mode, guess: Solution, mesh: int, near: Shape | None) -> Fine:

@@ -78,7 +78,7 @@ class Search:
         starts, first = guesses.starts, self.trials.first
         if self.task.can_be_exact:
             exact = self._exact(starts[:first], starts[first:])
-            if exact is None and not self.trials.toppled:
+            if exact is None and not self.trials.toppled and not self.trials.stiff:
                 more = further_guesses(self.task).starts
                 exact = self._exact(more, []) if more else None
             if exact is not None:
@@ -114,7 +114,7 @@ class Search:
         statement = self.task.coarse("exact")
         records: list[Trial] = []
         found = self.trials.from_starts(first, statement, records)
-        if not found and not self.trials.toppled:
+        if not found and not self.trials.toppled and not self.trials.stiff:
             found = self.trials.by_continuation(first[:_CONTINUED], statement, records)
         if not found and not self.trials.toppled:
             return None

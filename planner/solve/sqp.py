@@ -31,7 +31,7 @@ from planner.solve.ipopt import Solution
 
 LOG = logging.getLogger(__name__)
 Mask = NDArray[np.bool_]
-_STEPS, _MET = 25, 1e-7
+_STEPS, _STEPS_IF_CLOSEST, _MET = 25, 60, 1e-7
 _SOFT = 1e-6
 # How much of what constraints lack one step is to make up for, how far it goes in an unknown, and
 # from what length on it is taken only where it helps, halved so often at most.
@@ -48,12 +48,15 @@ def solve_quadratic(
 ) -> Solution | None:
     """Return where a few steps from unknowns x lead, an optimum if it is `met`.
 
-    None where that is nowhere, or the program is one of least squares, which take ipopt's care.
-    `bounds` are those without the states, `lam` the multipliers to begin with.
+    None where that is nowhere, or the program is one of least squares, which take ipopt's care; but
+    not where a stiffness comes as near as the limits allow. `bounds` are those without the states,
+    `lam` the multipliers to begin with.
     """
-    if problem.statement.mode != "exact":
+    mode = problem.statement.mode
+    if mode == "nearest" or (mode == "closest" and not problem.requests):
         return None
-    found = _Sqp(problem.condensed, p, bounds).run(x, lam)
+    steps = _STEPS if mode == "exact" else _STEPS_IF_CLOSEST
+    found = _Sqp(problem.condensed, p, bounds, steps).run(x, lam)
     if found is not None:
         told = "met" if found.met else "not met"
         LOG.debug("%s after %d steps, objective %.6g", told, found.iterations, found.f)
@@ -63,8 +66,10 @@ def solve_quadratic(
 class _Sqp:
     """One program with its numbers; constraints are equalities, or inequalities of one side."""
 
-    def __init__(self, program: Condensed | Explicit, p: Array, bounds: Bounds) -> None:
-        self.program, self.p, self.bounds = program, p, bounds
+    def __init__(
+        self, program: Condensed | Explicit, p: Array, bounds: Bounds, most: int = _STEPS
+    ) -> None:
+        self.program, self.p, self.bounds, self.most = program, p, bounds, most
         lbx, ubx, lbg, ubg = bounds
         self.equal, self.fixed = np.equal(lbg, ubg), np.equal(lbx, ubx)
         self.quadratic = _quadratic(lbx.size, int(np.sum(~self.equal)))
@@ -78,7 +83,7 @@ class _Sqp:
         last: Solution | None = None
         while here is not None and np.isfinite(here.f) and np.abs(lam).max(initial=0.0) <= _LOST:
             last = self._solution(here, lam, steps)
-            step = None if last.met or steps == _STEPS else self._step(here, lam)
+            step = None if last.met or steps == self.most else self._step(here, lam)
             if step is None:
                 break
             check_time()
@@ -128,9 +133,10 @@ class _Sqp:
         """
         if not np.all(np.isfinite(H)):
             return None
-        most, free, more = float(np.abs(np.diag(H)).max()) * _SOFT, ~held, np.zeros(held.size)
         if _is_convex(H):
             return H
+        largest, free, more = float(np.abs(H).max()), ~held, np.zeros(held.size)
+        most = float(np.abs(np.diag(H)).max()) * _SOFT
         inner, shift = H[np.ix_(free, free)], 0.0
         while not _is_convex(inner + shift * np.eye(len(inner))):
             shift = max(1e-2 * most, 4 * shift)
@@ -138,6 +144,8 @@ class _Sqp:
         more[held] = extra
         while not _is_convex(H + np.diag(more)):
             more[held] = extra = 4 * extra
+            if extra > largest:  # what is not held is convex by no more than rounding
+                more[free] = shift = max(1e-2 * most, 4 * shift)
         return np.asarray(H + np.diag(more))
 
     def _line(self, here: Reduced, change: Array, weight: float) -> tuple[Array, float]:

@@ -36,6 +36,8 @@ class Terms:
     high_priority : names of equalities that come first where not all can be had
     low_priority : names of inequalities that come last
     hard : names of inequalities that hold whatever else cannot be had
+    shares : names of inequalities that are a share of what is wanted, less 1; their programs see
+        the logarithm of the share, which is as easy to raise at a thousandth as near 1
     weights : by name, of the squares of equalities where not all can be had; 1 unless given
     units : by name, "L" of what is a length over the arm's, "rad" of angles; others have none
     """
@@ -47,6 +49,7 @@ class Terms:
     high_priority: frozenset[str] = frozenset()
     low_priority: frozenset[str] = frozenset()
     hard: frozenset[str] = frozenset()
+    shares: frozenset[str] = frozenset()
     weights: Mapping[str, float] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
 
