@@ -48,6 +48,8 @@ def kind(field: str, value: Any, wanted: type, allowed: str) -> None:
 
 def positive(field: str, value: Any) -> float:
     """Return value as a finite float above zero, and not next to it."""
+    if type(value) is float and SMALLEST <= value <= LARGEST:
+        return value
     number = float(finite_array(field, value, ()))
     if number <= 0:
         raise InputError(field, value, "a number above 0")

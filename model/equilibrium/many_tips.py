@@ -37,7 +37,7 @@ class ManyTips:
         kept = self._strains.setdefault(refinement, np.full((len(strains), len(self.T)), np.nan))
         kept[:, now], self._on[now] = strains, np.where(found.settled, refinement, 0)
         poses = found.states[at.of.nodes[-1, :POSE]]
-        return np.where(found.settled, poses, np.nan), _least_stretch(at, strains)
+        return np.where(found.settled, poses, np.nan), least_stretch(at, strains)
 
     def _found(self, at: System, now: Any) -> Found:
         """Return the equilibria near those of other meshes, else from the arm without loads."""
@@ -56,19 +56,19 @@ class ManyTips:
             states[:, known], settled[known] = found
         left = np.flatnonzero(~settled)
         if left.size:
-            found = from_rest(at, T[:, left], _by_the_paper(at, T[:, left]))
+            found = from_rest(at, T[:, left], by_the_paper(at, T[:, left]))
             states[:, left], settled[left] = found
         return Found(states, settled)
 
 
-def _by_the_paper(at: System, T: Array) -> Array:
+def by_the_paper(at: System, T: Array) -> Array:
     """Return the strains (N stages strains, M) at the stages without loads, by its balance."""
     rows = settled_sections(at).by_the_paper.of_many(T.T)
     strains = strains_of(at.of.form.law, rows.reshape(-1, rows.shape[-1]))
     return np.asarray(strains.reshape(T.shape[1], -1).T)
 
 
-def _least_stretch(at: System, strains: Array) -> Array:
+def least_stretch(at: System, strains: Array) -> Array:
     """Return the least 1 + q (M,) at stages and ends of elements, of strains (N strains, M)."""
     of, M = at.of, strains.shape[1]
     m = of.form.stages

@@ -110,12 +110,12 @@ def from_rest(system: System, tensions: Array, strains: Array) -> Found:
     return _solved(system, tensions, strains, how)
 
 
-def near(system: System, tensions: Array, strains: Array) -> Found:
+def near(system: System, tensions: Array, strains: Array, farthest: float = NEAR) -> Found:
     """Return the equilibria near strains at the stages, as those of another mesh are.
 
-    As from_rest; raises CompilerError.
+    A step may turn a frame by `farthest`. As from_rest; raises CompilerError.
     """
-    how = {"settles": 0, "start_load": 1.0, "farthest": NEAR, "cuts": 0, "follows": 0}
+    how = {"settles": 0, "start_load": 1.0, "farthest": farthest, "cuts": 0, "follows": 0}
     return _solved(system, tensions, strains, how)
 
 

@@ -10,16 +10,34 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from model.equilibrium import side_by_side
 from model.equilibrium.by_numbers import ByNumbers
 from model.equilibrium.forward import Collocation, Known
 from model.equilibrium.linearised import Linearised
-from model.equilibrium.newton import CLOSE
+from model.equilibrium.many_tips import by_the_paper, least_stretch
+from model.equilibrium.newton import CLOSE, TURN
 from model.equilibrium.newton_many import newton_many
+from model.equilibrium.side_by_side import Flags, is_for, near
 from model.paths import Array
 from model.transcription.system import System
+from model.unloaded.stretch import LEAST_STRETCH
 from planner.unknowns.pulled import FARTHEST
 
 Found = list[Linearised | None]
+
+
+def from_rest(system: System, tensions: Array) -> Found:
+    """Return the equilibria that machine code comes to from the arm without loads.
+
+    Its own tensions first, then the loads: it may be another than by drawing tensions, which tells.
+    """
+    found: Found = [None] * len(tensions)
+    if not (system.of.form.machine_code and is_for(system.of.form)):
+        return found
+    T = tensions.T
+    states, settled = side_by_side.from_rest(system, T, by_the_paper(system, T))
+    stretch = least_stretch(system, states[system.of.stages.ravel()])
+    return _linearised(system, tensions, states, settled & (stretch > LEAST_STRETCH))
 
 
 def carried(heres: Sequence[Linearised], system: System, tensions: Array, looser: float) -> Found:
@@ -27,7 +45,7 @@ def carried(heres: Sequence[Linearised], system: System, tensions: Array, looser
     on = Collocation.on(system)
     known = [Known(here.system, here.states) for here in heres]
     guesses = [on.carried(T, here) for T, here in zip(tensions, known, strict=True)]
-    return newton_many(system, tensions, np.array(guesses), looser=looser).found
+    return _near(system, tensions, np.array(guesses), TURN, None, looser)
 
 
 def continued(
@@ -75,10 +93,32 @@ def _led(
     guesses = np.array([own.here.states for own in by]) + ahead
     turns = np.abs(ahead[:, system.of.nodes[:, :4].ravel()]).max(axis=1)
     kept = [own.here if turn < CLOSE else None for own, turn in zip(by, turns, strict=True)]
-    found = newton_many(system, tensions, guesses, FARTHEST, kept, looser).found
+    return _near(system, tensions, guesses, FARTHEST, kept, looser)
+
+
+def _near(
+    system: System,
+    tensions: Array,
+    guesses: Array,
+    farthest: float,
+    kept: Sequence[Linearised | None] | None,
+    looser: float,
+) -> Found:
+    """Return the equilibria near guesses (N, n_states); by machine code where there is some."""
+    form = system.of.form
+    if form.machine_code and is_for(form):
+        strains = guesses[:, system.of.stages.ravel()].T
+        found = _linearised(system, tensions, *near(system, tensions.T, strains, farthest))
+    else:
+        found = newton_many(system, tensions, guesses, farthest, kept, looser).found
     lost = [k for k, here in enumerate(found) if here is None]
     if lost:
         again = newton_many(system, tensions[lost], guesses[lost], looser=looser).found
         for k, here in zip(lost, again, strict=True):
             found[k] = here
     return found
+
+
+def _linearised(system: System, tensions: Array, states: Array, settled: Flags) -> Found:
+    pairs = zip(tensions, states.T, settled, strict=True)
+    return [Linearised(system, system.x(T, 1.0, x)) if ok else None for T, x, ok in pairs]

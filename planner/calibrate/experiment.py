@@ -18,7 +18,7 @@ from model.equilibrium.forward import STAGES
 from model.equilibrium.linearised import Linearised, refreshed
 from model.paths import Array
 from model.transcription.system import System
-from planner.calibrate.continued import carried, continued
+from planner.calibrate.continued import carried, continued, from_rest
 from planner.calibrate.measured import Measured
 from planner.calibrate.rows import Rows
 from planner.calibrate.session import Session, point_rows, shifted
@@ -104,7 +104,10 @@ class Experiment:
         for name, of in sessions.items():
             own = self._members(name)
             T = [of.tensions(self.shapes[i]) for i in own]
-            known = [None for _ in own] if before is None else before.moved(own, values, of, T)
+            if before is None:
+                known = from_rest(of.system, np.array(T))
+            else:
+                known = before.moved(own, values, of, T)
             for i, here in zip(own, self._settled(of, own, T, known), strict=True):
                 heres[i] = here
         return Evaluation(self, values, sessions, tuple(here for here in heres if here))

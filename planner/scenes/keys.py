@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Annotated, Any
 
 import msgspec
@@ -108,6 +109,7 @@ def _each(value: Any, one: Callable[[Any], Path]) -> Path | tuple[Path, ...]:
     return tuple(map(one, value)) if several else one(value)
 
 
+@lru_cache(maxsize=64)
 def frame(tangent: Vector, normal: Vector) -> tuple[tuple[float, ...], ...]:
     """Return the frame (3, 3), columns t, n and t x n, row by row.
 

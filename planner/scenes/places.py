@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from functools import lru_cache
 from types import UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
@@ -63,7 +64,7 @@ def _places(kind: Any, key: str, path: str) -> Iterator[str]:
     for table in filter(_is_table, _alternatives(kind)):
         if key in table.__struct_fields__:
             yield path
-        hints = get_type_hints(table, include_extras=True)
+        hints = _hints(table)
         for name in table.__struct_fields__:
             yield from _places(hints[name], key, f"{path}.{name}" if path else name)
 
@@ -81,7 +82,7 @@ def _alternatives(kind: Any) -> list[Any]:
 def _inside(kind: Any, step: Step) -> Any:
     """Return the type of a table's key or a list's item."""
     if _is_table(kind) and isinstance(step, str):
-        return get_type_hints(kind, include_extras=True).get(step, type(None))
+        return _hints(kind).get(step, type(None))
     if get_origin(kind) in (list, tuple) and isinstance(step, int):
         items = get_args(kind)
         return items[min(step, len(items) - 1)] if items[-1] is not Ellipsis else items[0]
@@ -92,6 +93,11 @@ def _chosen(kinds: list[Any], table: Any) -> list[Any]:
     """Return the types, of tagged ones that alone whose tag the table has, if one has it."""
     tag = table.get("type") if isinstance(table, dict) else None
     return [k for k in kinds if _is_table(k) and tag and k.__struct_config__.tag == tag] or kinds
+
+
+@lru_cache(maxsize=256)
+def _hints(table: Any) -> dict[str, Any]:
+    return get_type_hints(table, include_extras=True)
 
 
 def _is_table(kind: Any) -> bool:

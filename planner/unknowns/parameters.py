@@ -206,9 +206,9 @@ def _built(table: dict[str, Any]) -> tuple[Arm, Scene]:
 
 def spread(parameters: Parameters, count: int, seed: int) -> list[Array]:
     """Return the given values (K,), and others spread evenly over the bounds: `count` in all."""
-    from scipy.stats import qmc  # takes as long to load as all else that a plan needs
-
     if count == 1:
         return [parameters.start]
+    from scipy.stats import qmc  # takes as long to load as all else that a plan needs
+
     draws = qmc.Halton(len(parameters.unknowns), seed=seed).random(count - 1)
     return [parameters.start, *(parameters.lower + parameters.range * draws)]
