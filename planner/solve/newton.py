@@ -8,6 +8,7 @@ the optimum of the fine mesh to rounding. The result is only taken if it is one.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from scipy.linalg.lapack import dgecon, dgetrf, dgetrs
 from model.paths import Array
 from model.time_limit import check_time
 from planner.program.problem import TRACES, Bounds, Problem
+from planner.program.reduced import Reduced
 from planner.solve.ipopt import Solution
 
 Mask = NDArray[np.bool_]
@@ -27,6 +29,8 @@ _ASTRAY = 1
 # So little changes where the limits that are held are not those of the optimum.
 _STUCK = 1e-3
 _ACCEPTED = 1e-10
+# The farthest from its bound that a multiplier counts with.
+_ROOM = 1e3
 _ROUNDING = 1e-12
 _NEAR = 1e-4
 # Matrices of a lower reciprocal condition are singular.
@@ -62,36 +66,37 @@ def optimality(
 
     Unknowns, multipliers and bounds are those without the states.
     """
-    at = problem.condensed.first(x, p)
-    return _residuals(at.gradient, at.g, at.jacobian, x, lam_x, lam_g, bounds)
+    multipliers = np.concatenate([lam_x, lam_g])
+    return _residuals(problem.condensed.first(x, p), x, multipliers, _Bounds.of(bounds))
 
 
-def _residuals(
-    gradient: Array,
-    g: Array,
-    jacobian: Array,
-    x: Array,
-    lam_x: Array,
-    lam_g: Array,
-    bounds: Bounds,
-) -> Optimality:
-    lbx, ubx, lbg, ubg = bounds
-    scale = 1e-2 + _most(gradient) + _most(lam_g)
-    slope = gradient + jacobian.T @ lam_g + lam_x
-    outside = [lbx - x, x - ubx, lbg - g, g - ubg]
-    slack = [
-        *(np.maximum(-lam_x, 0) * _room(x - lbx), np.maximum(lam_x, 0) * _room(ubx - x)),
-        *(np.maximum(-lam_g, 0) * _room(g - lbg), np.maximum(lam_g, 0) * _room(ubg - g)),
-    ]
+@dataclass(frozen=True, eq=False)
+class _Bounds:
+    """The bounds of unknowns, then of constraints; `even` are those that leave no room."""
+
+    low: Array
+    high: Array
+    even: Mask
+
+    @classmethod
+    def of(cls, bounds: Bounds) -> _Bounds:
+        lbx, ubx, lbg, ubg = bounds
+        low, high = np.concatenate([lbx, lbg]), np.concatenate([ubx, ubg])
+        return cls(low, high, np.equal(low, high))
+
+
+def _residuals(at: Reduced, x: Array, multipliers: Array, bounds: _Bounds) -> Optimality:
+    n, values = x.size, np.concatenate([x, at.g])
+    lam_g = multipliers[n:]
+    scale = 1e-2 + _most(at.gradient) + _most(lam_g)
+    slope = at.gradient + at.jacobian.T @ lam_g + multipliers[:n]
+    above, below = values - bounds.low, bounds.high - values
+    room = np.abs(np.where(multipliers < 0, above, below))
     return Optimality(
         _most(slope) / scale,
-        max(0.0, *(float(v.max(initial=0.0)) for v in outside)),
-        max(_most(v) for v in slack) / scale,
+        max(0.0, -float(np.minimum(above, below).min(initial=0.0))),
+        _most(multipliers * np.minimum(room, _ROOM)) / scale,
     )
-
-
-def _room(distance: Array) -> Array:
-    return np.minimum(np.abs(distance), 1e3)
 
 
 def _most(values: Array) -> float:
@@ -103,24 +108,20 @@ def newton(problem: Problem, start: Solution, p: Array, bounds: Bounds) -> Solut
 
     Of a solution without the states; see Solution.free.
     """
-    best, accepted = start, _ACCEPTED
-    lbx, ubx, lbg, ubg = bounds
-    magnified = problem.magnified(TRACES[-1])
-    held = _Held(
-        *_active(start.x, magnified * start.lam_x, lbx, ubx),
-        *_active(start.g, magnified * start.lam_g, lbg, ubg),
-    )
-    x = np.where(held.low, lbx, np.where(held.high, ubx, start.x))
-    lam_g = np.where(held.rows, start.lam_g, 0.0)
+    best, accepted, n = start, _ACCEPTED, start.x.size
+    within, magnified = _Bounds.of(bounds), problem.magnified(TRACES[-1])
+    values = np.concatenate([start.x, start.g])
+    held = _active(values, np.concatenate([magnified * start.lam_x, start.lam_g]), within)
+    values = np.where(held.low, within.low, np.where(held.high, within.high, values))
+    x, lam_g = values[:n], np.where(held.fixed[n:], start.lam_g, 0.0)
     hessian, previous, astray = np.zeros(0), np.inf, 0
     for _ in range(_STEPS):
         check_time()
         at = problem.condensed.first(x, p)
-        gradient, g, jacobian = at.gradient, at.g, at.jacobian
-        lam_x = np.where(held.fixed, -(gradient + jacobian.T @ lam_g), 0.0)
-        found = _residuals(gradient, g, jacobian, x, lam_x, lam_g, bounds).worst
+        lam_x = np.where(held.fixed[:n], -(at.gradient + at.jacobian.T @ lam_g), 0.0)
+        found = _residuals(at, x, np.concatenate([lam_x, lam_g]), within).worst
         if found <= accepted:
-            best, accepted = replace(start, x=x, lam_x=lam_x, lam_g=lam_g, g=g), found
+            best, accepted = replace(start, x=x, lam_x=lam_x, lam_g=lam_g, g=at.g), found
         stuck = abs(found - previous) <= _STUCK * found
         astray += found > previous
         if found <= _ROUNDING or stuck or astray > _ASTRAY or not np.isfinite(found):
@@ -128,38 +129,27 @@ def newton(problem: Problem, start: Solution, p: Array, bounds: Bounds) -> Solut
         if found > _SLOW * previous or not hessian.size:
             hessian = problem.condensed.second(x, p, 1.0, lam_g)
         previous = found
-        quadratic = _Quadratic(hessian, gradient, jacobian, g, x, bounds)
-        x, lam_g, held = quadratic.solve(held)
+        x, lam_g, held = _Quadratic(hessian, at, x, within).solve(held)
     return best
 
 
 @dataclass(frozen=True, eq=False)
 class _Held:
-    """Which unknowns are at their lower and upper bounds, and which constraints."""
+    """Which unknowns, and then constraints, are at their lower and upper bounds."""
 
     low: Mask
     high: Mask
-    row_low: Mask
-    row_high: Mask
 
-    @property
+    @cached_property
     def fixed(self) -> Mask:
-        """Unknowns at a bound."""
-        return np.logical_or(self.low, self.high)
+        """What is at a bound."""
+        return np.asarray(self.low | self.high)
 
-    @property
-    def rows(self) -> Mask:
-        """Constraints at a bound."""
-        return np.logical_or(self.row_low, self.row_high)
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, _Held):
-            return NotImplemented
-        ours, theirs = (np.concatenate(list(vars(h).values())) for h in (self, other))
-        return bool(np.array_equal(ours, theirs))
+    def same(self, other: _Held) -> bool:
+        """Return whether another is the same."""
+        return bool((self.low == other.low).all() and (self.high == other.high).all())
 
 
-@dataclass(frozen=True, eq=False)
 class _Quadratic:
     """The problem to second order at x, solved by the primal-dual active set method.
 
@@ -168,75 +158,65 @@ class _Quadratic:
     semismooth Newton method", SIAM J. Optim. 13 (2002).
     """
 
-    hessian: Array
-    gradient: Array
-    jacobian: Array
-    g: Array
-    x: Array
-    bounds: Bounds
+    def __init__(self, hessian: Array, at: Reduced, x: Array, bounds: _Bounds) -> None:
+        n = self.n = x.size
+        self.slope, self.values = np.concatenate([at.gradient, at.g]), np.concatenate([x, at.g])
+        size = self.values.size
+        # Stationarity of the unknowns and what constraints come to, of steps and multipliers.
+        self.matrix = np.zeros((size, size))
+        self.matrix[:n, :n], self.matrix[n:, :n] = hessian, at.jacobian
+        self.matrix[:n, n:], self.bounds = at.jacobian.T, bounds
 
     def solve(self, held: _Held) -> tuple[Array, Array, _Held]:
         """Return unknowns, multipliers of the constraints, and what is held there."""
+        n, bounds = self.n, self.bounds
         for _ in range(_SETS):
-            step, lam = self._step(held)
-            changed = self._changed(held, step, lam)
-            if changed == held:
+            step = self._step(held)
+            changed = self._changed(held, step)
+            if changed.same(held):
                 break
             held = changed
-        lbx, ubx, _, _ = self.bounds
-        return np.clip(self.x + step, lbx, ubx), lam, held
+        x = np.minimum(np.maximum(self.values[:n] + step[:n], bounds.low[:n]), bounds.high[:n])
+        return x, step[n:], held
 
-    def _step(self, held: _Held) -> tuple[Array, Array]:
-        lbx, ubx, lbg, ubg = self.bounds
-        fixed, rows, free = held.fixed, held.rows, ~held.fixed
-        step = np.where(held.low, lbx - self.x, np.where(held.high, ubx - self.x, 0.0))
-        step = np.where(fixed, step, 0.0)
-        level = np.where(held.row_low, lbg, ubg)[rows]
-        slope = (self.gradient + self.hessian @ step)[free]
-        missing = (self.g + self.jacobian @ step)[rows] - level
-        J = self.jacobian[np.ix_(rows, free)]
-        step[free], own = _newton(self.hessian[np.ix_(free, free)], J, slope, missing)
-        lam = np.zeros(self.g.size)
-        lam[rows] = own
-        return step, lam
+    def _step(self, held: _Held) -> Array:
+        """Return the step of the unknowns, and the multipliers of the constraints after it."""
+        n, bounds, values, fixed = self.n, self.bounds, self.values, held.fixed
+        missed = np.where(fixed, np.where(held.low, bounds.low, bounds.high) - values, 0.0)
+        step = missed.copy()
+        step[n:] = 0.0
+        right = self.matrix[:, :n] @ step[:n]
+        right[:n] += self.slope[:n]
+        right[n:] -= missed[n:]
+        solved = np.concatenate([~fixed[:n], fixed[n:]]).nonzero()[0]
+        step[solved] = _newton(self.matrix[solved[:, None], solved], -right[solved])
+        return step
 
-    def _changed(self, held: _Held, step: Array, lam: Array) -> _Held:
-        lbx, ubx, lbg, ubg = self.bounds
-        lam_x = -(self.gradient + self.hessian @ step + self.jacobian.T @ lam)
-        x, g = self.x + step, self.g + self.jacobian @ step
-        even, rows_even = np.equal(lbx, ubx), np.equal(lbg, ubg)
-        low = np.where(held.fixed, held.low & (lam_x <= 0), x < lbx - _ROUNDING)
-        high = np.where(held.fixed, held.high & (lam_x >= 0), x > ubx + _ROUNDING)
-        row_low = np.where(held.rows, held.row_low & (lam <= 0), g < lbg - _ROUNDING)
-        row_high = np.where(held.rows, held.row_high & (lam >= 0), g > ubg + _ROUNDING)
-        return _Held(
-            np.logical_or(even, low),
-            np.logical_and(~even, high),
-            np.logical_or(rows_even, row_low),
-            np.logical_and(~rows_even, row_high),
-        )
+    def _changed(self, held: _Held, step: Array) -> _Held:
+        """Return what is held after a step, by the signs of multipliers and what bounds say."""
+        n, bounds, fixed = self.n, self.bounds, held.fixed
+        after = self.matrix @ step + self.slope
+        values, multipliers = self.values + step, np.concatenate([-after[:n], step[n:]])
+        values[n:] = after[n:]
+        low = np.where(fixed, held.low & (multipliers <= 0), values < bounds.low - _ROUNDING)
+        high = np.where(fixed, held.high & (multipliers >= 0), values > bounds.high + _ROUNDING)
+        return _Held(low | bounds.even, high & ~bounds.even)
 
 
-def _active(value: Array, lam: Array, lower: Array, upper: Array) -> tuple[Mask, Mask]:
-    """Return which are held by their lower and by their upper bound."""
-    equal = np.equal(lower, upper)
-    low = np.logical_or(equal, (value - lower < _NEAR) & (-lam > value - lower))
-    high = (upper - value < _NEAR) & (lam > upper - value) & ~low
-    return low, high
+def _active(values: Array, multipliers: Array, bounds: _Bounds) -> _Held:
+    """Return what is held by its lower and by its upper bound."""
+    above, below = values - bounds.low, bounds.high - values
+    low = bounds.even | ((above < _NEAR) & (-multipliers > above))
+    return _Held(low, (below < _NEAR) & (multipliers > below) & ~low)
 
 
-def _newton(H: Array, J: Array, slope: Array, residual: Array) -> tuple[Array, Array]:
-    """Return the Newton step of the equality-constrained problem, least squares if singular."""
-    n, m = H.shape[0], J.shape[0]
-    if not n + m:
-        return np.zeros(0), np.zeros(0)  # LAPACK would print that there is nothing to solve
-    K, right = np.zeros((n + m, n + m)), -np.concatenate([slope, residual])
-    K[:n, :n], K[n:, :n], K[:n, n:] = H, J, J.T
-    if not np.all(np.isfinite(K)):
-        return np.full(n, np.nan), np.full(m, np.nan)
-    factors, pivots, _ = dgetrf(K)
-    if dgecon(factors, float(np.abs(K).sum(axis=0).max()))[0] > _SINGULAR:
-        step = dgetrs(factors, pivots, right)[0]
-    else:
-        step = np.linalg.lstsq(K, right, rcond=_SINGULAR)[0]
-    return step[:n], step[n:]
+def _newton(matrix: Array, right: Array) -> Array:
+    """Return the solution of the equality-constrained problem, least squares if singular."""
+    if not right.size:
+        return right  # LAPACK would print that there is nothing to solve
+    if not np.isfinite(matrix.sum() + right.sum()):
+        return np.full(right.size, np.nan)
+    factors, pivots, _ = dgetrf(matrix)
+    if dgecon(factors, float(np.abs(matrix).sum(axis=0).max()))[0] > _SINGULAR:
+        return np.asarray(dgetrs(factors, pivots, right)[0])
+    return np.asarray(np.linalg.lstsq(matrix, right, rcond=_SINGULAR)[0])
