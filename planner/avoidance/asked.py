@@ -119,6 +119,8 @@ def surroundings(
     if asked.clearance and not asked:
         allowed = "0, or obstacles to be clear of, or self_clearance=True"
         raise InputError("clearance", clearance, allowed)
+    if not asked.obstacles:
+        return asked
     base, allowed = np.array(arm.base_position), "an obstacle away from the base"
     _check_place(asked, "the arm's base", base, _radius(arm, 0.0), allowed)
     allowed = "an obstacle away from the target, or a target away from the obstacle"

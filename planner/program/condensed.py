@@ -27,6 +27,7 @@ class _Memory(threading.local):
     """What was found last; another thread asks at other points, and has a memory of its own."""
 
     here: Linearised | None = None
+    seen: Linearised | None = None
     settled: tuple[Array, Array, Reduced] | None = None
     near: Known | None = None
 
@@ -106,7 +107,12 @@ class Condensed:
 
     def at(self, x: Array, p: Array) -> Reduced | None:
         """Return values and first derivatives at all unknowns; None where they are singular."""
-        return self._reduced(x, p, self._linearised(x, p))
+        self._last.seen = self._linearised(x, p)
+        return self._reduced(x, p, self._last.seen)
+
+    def stay(self, here: Reduced, p: Array) -> None:
+        """Take the point that `at` returned last for the equilibrium that was found last."""
+        self._last.here, self._last.settled = self._last.seen, (here.x[: self.n].copy(), p, here)
 
     def curvature(self, here: Reduced, p: Array, sigma: float, lam: Array) -> tuple[Array, Array]:
         """Return the Hessian (n, n) of sigma f + lam . g, and the slope that states off add."""

@@ -128,6 +128,9 @@ class Explicit:
     def begin_at(self, x: Array, p: Array) -> None:
         """See Condensed.begin_at: nothing is kept."""
 
+    def stay(self, here: Reduced, p: Array) -> None:
+        """See Condensed.stay: nothing is kept."""
+
     @property
     def stands(self) -> bool:
         """See Condensed.stands: without loads nothing topples."""

@@ -14,8 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dgecon, dgetrf, dgetrs
 
+from model.errors import OctoplanError
 from model.paths import Array
 from model.time_limit import check_time
+from planner.program.condensed import Condensed
+from planner.program.explicit import Explicit
 from planner.program.problem import TRACES, Bounds, Problem
 from planner.program.reduced import Reduced
 from planner.solve.ipopt import Solution
@@ -103,10 +106,13 @@ def _most(values: Array) -> float:
     return float(np.abs(values).max(initial=0.0))
 
 
-def newton(problem: Problem, start: Solution, p: Array, bounds: Bounds) -> Solution:
+def newton(
+    problem: Problem, start: Solution, p: Array, bounds: Bounds, lifted: bool = False
+) -> Solution:
     """Return the optimum near a solution, or the solution as it was if there is none like it.
 
-    Of a solution without the states; see Solution.free.
+    Of a solution without the states; see Solution.free. The arm is settled at each step, unless the
+    states are `lifted`: then they follow, linearised and corrected, from those that are known.
     """
     best, accepted, n = start, _ACCEPTED, start.x.size
     within, magnified = _Bounds.of(bounds), problem.magnified(TRACES[-1])
@@ -114,23 +120,72 @@ def newton(problem: Problem, start: Solution, p: Array, bounds: Bounds) -> Solut
     held = _active(values, np.concatenate([magnified * start.lam_x, start.lam_g]), within)
     values = np.where(held.low, within.low, np.where(held.high, within.high, values))
     x, lam_g = values[:n], np.where(held.fixed[n:], start.lam_g, 0.0)
+    points = (_Lifted if lifted else _Settled)(problem.condensed, p)
+    enough = _ACCEPTED if lifted else _ROUNDING
+    at = points.first(x)
     hessian, previous, astray = np.zeros(0), np.inf, 0
     for _ in range(_STEPS):
         check_time()
-        at = problem.condensed.first(x, p)
+        if at is None:
+            break
         lam_x = np.where(held.fixed[:n], -(at.gradient + at.jacobian.T @ lam_g), 0.0)
-        found = _residuals(at, x, np.concatenate([lam_x, lam_g]), within).worst
+        found = max(_residuals(at, x, np.concatenate([lam_x, lam_g]), within).worst, at.off)
         if found <= accepted:
-            best, accepted = replace(start, x=x, lam_x=lam_x, lam_g=lam_g, g=at.g), found
+            best, accepted = replace(start, x=x, lam_x=lam_x, lam_g=lam_g, g=at.g, f=at.f), found
+            points.stay(at)
         stuck = abs(found - previous) <= _STUCK * found
         astray += found > previous
-        if found <= _ROUNDING or stuck or astray > _ASTRAY or not np.isfinite(found):
+        if found <= enough or stuck or astray > _ASTRAY or not np.isfinite(found):
             break
+        more = np.zeros(n)
         if found > _SLOW * previous or not hessian.size:
-            hessian = problem.condensed.second(x, p, 1.0, lam_g)
+            hessian, more = points.second(at, lam_g)
         previous = found
-        x, lam_g, held = _Quadratic(hessian, at, x, within).solve(held)
+        x, lam_g, held = _Quadratic(hessian, at, at.gradient + more, x, within).solve(held)
+        at = points.after(at, x)
     return best
+
+
+class _Settled:
+    """The points of Newton's method where the arm is settled at each."""
+
+    def __init__(self, condensed: Condensed | Explicit, p: Array) -> None:
+        self.condensed, self.p = condensed, p
+
+    def first(self, x: Array) -> Reduced | None:
+        """Return values and first derivatives at the unknowns to begin with."""
+        return self.condensed.first(x, self.p)
+
+    def after(self, at: Reduced, x: Array) -> Reduced | None:
+        """Return them at other unknowns."""
+        return self.condensed.first(x, self.p)
+
+    def second(self, at: Reduced, lam: Array) -> tuple[Array, Array]:
+        """Return the Hessian of the Lagrangian, and the slope that states off add."""
+        return self.condensed.curvature(at, self.p, 1.0, lam)
+
+    def stay(self, at: Reduced) -> None:
+        """Take a point for what was found last: it is."""
+
+
+class _Lifted(_Settled):
+    """The points where the states follow."""
+
+    def first(self, x: Array) -> Reduced | None:
+        """See _Settled."""
+        try:
+            return self.condensed.at(self.condensed.lifted(x, self.p), self.p)
+        except OctoplanError:
+            return None
+
+    def after(self, at: Reduced, x: Array) -> Reduced | None:
+        """See _Settled; None where the states do not follow."""
+        moved = self.condensed.follow(at, x - at.x[: x.size], self.p)
+        return None if moved is None else self.condensed.at(moved, self.p)
+
+    def stay(self, at: Reduced) -> None:
+        """Begin what is found next at these states."""
+        self.condensed.stay(at, self.p)
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,9 +213,11 @@ class _Quadratic:
     semismooth Newton method", SIAM J. Optim. 13 (2002).
     """
 
-    def __init__(self, hessian: Array, at: Reduced, x: Array, bounds: _Bounds) -> None:
+    def __init__(
+        self, hessian: Array, at: Reduced, gradient: Array, x: Array, bounds: _Bounds
+    ) -> None:
         n = self.n = x.size
-        self.slope, self.values = np.concatenate([at.gradient, at.g]), np.concatenate([x, at.g])
+        self.slope, self.values = np.concatenate([gradient, at.g]), np.concatenate([x, at.g])
         size = self.values.size
         # Stationarity of the unknowns and what constraints come to, of steps and multipliers.
         self.matrix = np.zeros((size, size))

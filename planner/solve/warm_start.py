@@ -173,6 +173,9 @@ def _near(
     problem: Problem, start: Solution, p: Array, bounds: Bounds, limits: Limits
 ) -> Solution | None:
     """Return the optimum near a start by Newton's method, or else by ipopt; None without one."""
+    found = newton(problem, start, p, bounds, lifted=True)
+    if found is not start:
+        return found
     begin = _stepped(problem, start, p, bounds)
     found = newton(problem, begin, p, bounds)
     if found is begin:
@@ -180,7 +183,7 @@ def _near(
         found = newton(problem, solved, p, bounds) if solved.met and solved.finite else begin
         if found is begin or found is solved:
             return None
-    return replace(found, f=problem.condensed.first(found.x, p).f)
+    return found
 
 
 def _stepped(problem: Problem, start: Solution, p: Array, bounds: Bounds) -> Solution:
