@@ -14,6 +14,7 @@ from model.effects import PrintedStatics
 from model.equilibrium.forward import STAGES, Collocation
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import newton, step_size
+from model.equilibrium.side_by_side import is_for, near
 from model.errors import OctoplanError
 from model.forward import explicit_map
 from model.loads import is_loaded
@@ -21,6 +22,7 @@ from model.machine.buffered import Mapped
 from model.machine.compiled import kernel
 from model.paths import Array
 from model.scene import Scene
+from model.transcription.system import System
 from model.unloaded.closed_form import pull_and_data, strain_function
 from model.unloaded.geometry import nodes_of
 from model.unloaded.statics import closed_statics
@@ -32,6 +34,8 @@ _SCHEME = "magnus6"
 _TOGETHER = 64
 # The equations are linearised anew where shapes have changed by so much; see step_size.
 _FAR = 0.05
+# Of shapes on a way one in so many is followed; those between are settled side by side, compiled.
+_APART = 4
 
 
 class Lines:
@@ -57,8 +61,7 @@ class Lines:
         arm, scene, refinement, at, machine_code = self._asked
         if is_loaded(scene) or scene.has(PrintedStatics):
             stages = (STAGES, refinement, at, is_loaded(scene), machine_code)
-            forward = Collocation(arm, scene, *stages)
-            return [self._implicit(forward, T) for T in tensions]
+            return self._implicit(Collocation(arm, scene, *stages), tensions)
         found: list[Centreline | None] = [None] * len(tensions)
         for own in dict.fromkeys((scene, scene.robust())):
             left = [i for i, line in enumerate(found) if line is None]
@@ -78,9 +81,28 @@ class Lines:
         here = self._followed(Collocation(arm, scene, *stages), tensions)
         return np.full(arm.n_tendons, np.nan) if here is None else here.lengths
 
-    def _implicit(self, forward: Collocation, tensions: Array) -> Centreline | None:
-        here = self._followed(forward, tensions)
-        return None if here is None else Centreline.at_states(forward.system, here.states)
+    def _implicit(self, forward: Collocation, tensions: Array) -> list[Centreline | None]:
+        """Return the centrelines one after the other; what is between them side by side."""
+        system, states = forward.system, dict[int, Array]()
+        apart = _APART if forward.machine_code and is_for(system.of.form) else 1
+        for i in range(0, len(tensions), apart):
+            here = self._followed(forward, tensions[i])
+            if here is not None:
+                states[i] = here.states
+        left = [i for i in range(len(tensions)) if i % apart]
+        between = [i for i in left if {i - i % apart, i - i % apart + apart} <= states.keys()]
+        if between:
+            found = near(system, tensions[between].T, _between(system, tensions, between, states))
+            own = zip(between, found.states.T, found.settled, strict=True)
+            states |= {i: values for i, values, settled in own if settled}
+        for i in left:
+            here = None if i in states else self._followed(forward, tensions[i])
+            if here is not None:
+                states[i] = here.states
+        return [
+            Centreline.at_states(system, states[i]) if i in states else None
+            for i in range(len(tensions))
+        ]
 
     def _followed(self, forward: Collocation, tensions: Array) -> Linearised | None:
         """Return the equilibrium under tensions near the last one; None if there is none."""
@@ -96,6 +118,24 @@ class Lines:
         if far:
             self._last = here
         return here
+
+
+def _between(
+    system: System, tensions: Array, numbers: list[int], states: dict[int, Array]
+) -> Array:
+    """Return strains (N stages strains, K) for some of tensions on their way, between known ones.
+
+    By the share of the way, in tensions, that is behind them.
+    """
+    way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(tensions, axis=0), axis=1)))
+    at = np.array(numbers)
+    first = at - at % _APART
+    share = (way[at] - way[first]) / np.maximum(way[first + _APART] - way[first], 1e-300)
+    places = np.ravel(system.of.stages)
+    before, after = (
+        np.array([states[i][places] for i in ends.tolist()]).T for ends in (first, first + _APART)
+    )
+    return np.asarray(before + share * (after - before))
 
 
 @lru_cache(maxsize=16)

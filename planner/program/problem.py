@@ -74,6 +74,7 @@ class Problem:
         explicit = is_explicit(scene, statement, self.requests)
         self.mechanics = (Explicit if explicit else Collocated)(*asked, machine_code)
         self.program = self.mechanics.program
+        self._bounds: tuple[Limits, Bounds] | None = None
 
     @property
     def rows(self) -> tuple[Rows, ...]:
@@ -112,7 +113,18 @@ class Problem:
         return 1.0 if self.statement.mode == "exact" else 1e-2 / trace
 
     def bounds(self, limits: Limits) -> Bounds:
-        """Return lower and upper bounds of unknowns and constraints."""
+        """Return lower and upper bounds of unknowns and constraints, not to be written to.
+
+        Those of the last limits are kept: many problems of a motion, and of a search, share them.
+        """
+        kept = self._bounds
+        if kept is None or kept[0] != limits:
+            kept = self._bounds = limits, self._bounded(limits)
+            for own in kept[1]:
+                own.setflags(write=False)
+        return kept[1]
+
+    def _bounded(self, limits: Limits) -> Bounds:
         unit = units(self.arm, limits)
         lower, upper = np.array(limits.lower), np.array(limits.upper)
         upper = np.where(_does_nothing(self.arm, upper), lower, upper)

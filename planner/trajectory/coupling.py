@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csc_array, eye_array, hstack, kron
 
 from model.equilibrium.forward import STAGES, Collocation
 from model.loads import is_loaded
@@ -54,6 +57,27 @@ class Coupling:
     timed: bool
     stroke: float
     start_lengths: Array
+
+    @cached_property
+    def differences(self) -> Any:
+        """The matrix (N, N) of what changes from waypoint to waypoint."""
+        return eye_array(self.group.size) - eye_array(self.group.size, k=-1)
+
+    @cached_property
+    def tension_rows(self) -> list[Any]:
+        """The rows that rates of tension give of tensions and durations, up and down; see step."""
+        finite = np.isfinite(self.rate)
+        if not finite.any():
+            return []
+        keep = csc_array(np.diag(1.0 / np.where(finite, self.rate, 1.0))[finite])
+        return self.both_ways(kron(self.differences, keep), int(finite.sum()))
+
+    def both_ways(self, moved: Any, each: int) -> list[Any]:
+        """Return rows of what moves, `each` a waypoint, less the durations, up and down."""
+        N, M = self.group.size, self.least.size
+        shares = csc_array((self.shares, (np.arange(N), self.group)), shape=(N, M))
+        durations = kron(shares, np.ones((each, 1)))
+        return [hstack([sign * moved, -durations]) for sign in (1.0, -1.0)]
 
     def durations(self, here: Here) -> Array:
         """Return the least durations (M,) that tensions allow [s]."""

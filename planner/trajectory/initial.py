@@ -110,8 +110,9 @@ def stop_of(question: Question, way: Waypoint, statement: Statement) -> Stop:
     problem = build(*given, question.machine_code)
     lbx, ubx, *rows = problem.free_bounds(limits)
     own = allowed(question.arm, stated, limits)
-    held = np.array(own.upper) <= limits.lower
-    ubx[: held.size][held] = lbx[: held.size][held]
+    held = np.flatnonzero(np.array(own.upper) <= limits.lower)
+    ubx = ubx.copy()
+    ubx[held] = lbx[held]
     bounds = (lbx, ubx, rows[0], rows[1])
     return Stop(problem, problem.parameters(stated, limits), bounds, problem.condensed)
 

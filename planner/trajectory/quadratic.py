@@ -33,13 +33,11 @@ def step(
     """
     (N, n), M = here.a.shape, coupling.least.size
     effort, time = weights(coupling)
-    H = block_diag(
-        [
-            _convex(stop.functions.second(own, stop.p, effort, multipliers))
-            for stop, own, multipliers in zip(rough, here.a, lam, strict=True)
-        ]
-        + [_DURATION * np.eye(M)]
-    )
+    curved = [
+        stop.functions.second(own, stop.p, effort, multipliers)
+        for stop, own, multipliers in zip(rough, here.a, lam, strict=True)
+    ]
+    H = block_diag([*_convex(np.array(curved)), _DURATION * np.eye(M)])
     efforts = [effort * own.gradient for own in here.first]
     gradient = np.concatenate([*efforts, np.full(M, time)])
     near = [_near(stop, at, trust) for stop, at in zip(stops, here.first, strict=True)]
@@ -78,31 +76,24 @@ def _near(stop: Stop, at: Reduced, trust: float) -> Mask:
 
 def _coupled(coupling: Coupling, here: Here) -> tuple[list[Any], Array]:
     """Return the rows of tensions and durations that the rates give, and what they are at most."""
-    (N, n), M = here.a.shape, coupling.least.size
-    differences = eye_array(N) - eye_array(N, k=-1)
-    shares = csc_array((coupling.shares, (np.arange(N), coupling.group)), shape=(N, M))
-    finite, parts = np.isfinite(coupling.rate), []
-    if finite.any():
-        keep = csc_array(np.diag(1.0 / np.where(finite, coupling.rate, 1.0))[finite])
-        moved = np.diff(np.vstack([coupling.start, here.a]), axis=0)
-        parts.append((kron(differences, keep), moved[:, finite] / coupling.rate[finite]))
+    rows, most, finite = list(coupling.tension_rows), [np.zeros(0)], np.isfinite(coupling.rate)
+    if rows:
+        moved = np.diff(np.vstack([coupling.start, here.a]), axis=0)[:, finite]
+        most += [sign * (moved / coupling.rate[finite]).ravel() for sign in (-1.0, 1.0)]
     if np.isfinite(coupling.stroke):
+        n = here.a.shape[1]
         slopes = block_diag(here.slopes) / coupling.stroke
         moved = np.diff(np.vstack([coupling.start_lengths, here.lengths]), axis=0)
-        parts.append((kron(differences, eye_array(n)) @ slopes, moved / coupling.stroke))
-    rows, most = [], [np.zeros(0)]
-    for matrix, moved in parts:
-        durations = kron(shares, np.ones((moved.shape[1], 1)))
-        for sign in (1.0, -1.0):
-            rows.append(hstack([sign * matrix, -durations]))
-            most.append(-sign * moved.ravel())
+        rows += coupling.both_ways(kron(coupling.differences, eye_array(n)) @ slopes, n)
+        most += [sign * (moved / coupling.stroke).ravel() for sign in (-1.0, 1.0)]
     return rows, np.concatenate(most)
 
 
 def _convex(H: Array) -> Array:
-    """Return the matrix with negative eigenvalues turned to positive ones."""
-    values, vectors = np.linalg.eigh((H + H.T) / 2)
-    return np.asarray(vectors * np.maximum(np.abs(values), _LEAST_CURVATURE) @ vectors.T)
+    """Return matrices (N, n, n) with negative eigenvalues turned to positive ones."""
+    values, vectors = np.linalg.eigh((H + H.transpose(0, 2, 1)) / 2)
+    scaled = vectors * np.maximum(np.abs(values), _LEAST_CURVATURE)[:, None]
+    return np.asarray(scaled @ vectors.transpose(0, 2, 1))
 
 
 def _solve(

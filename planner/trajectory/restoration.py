@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg.lapack import dgelss
 
 from model.paths import Array
 from planner.program.condensed import Condensed
@@ -66,11 +67,18 @@ def restored(
 
 def _shortest(J: Array, lack: Array, low: Array, high: Array) -> Array:
     """Return the shortest step with J step = lack, once more without what meets its bounds."""
-    step = np.linalg.lstsq(J, lack, rcond=1e-12)[0]
+    step = _least_squares(J, lack)
     free = (step > low) & (step < high)
     if free.all() or not free.any():
-        return np.asarray(step)
+        return step
     held = np.clip(step, low, high)
     left = lack - J[:, ~free] @ held[~free]
-    held[free] = np.linalg.lstsq(J[:, free], left, rcond=1e-12)[0]
-    return np.asarray(held)
+    held[free] = _least_squares(J[:, free], left)
+    return held
+
+
+def _least_squares(J: Array, right: Array) -> Array:
+    """Return the shortest solution (n,) of J x = right in the sense of least squares."""
+    m, n = J.shape
+    room = np.concatenate([right, np.zeros(max(n - m, 0))])
+    return np.asarray(dgelss(J, room, cond=1e-12)[1][:n])

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from model import Arm, Scene, settle, settle_many
+from model.clearance.lines import Lines
 from model.effects import (
     Buoyancy,
     Current,
@@ -85,3 +86,13 @@ def test_what_buckles_is_refused_as_it_is_alone() -> None:
     many = settle_many(arm, T, scene, compile=True, errors="nan")
     assert many.problems == ("", str(refused.value), "")
     assert np.isnan(many.tip).all(axis=1).tolist() == [False, True, False]
+
+
+def test_centrelines_on_a_way_are_those_followed_one_by_one() -> None:
+    arm, scene = Arm.from_paper("table-4"), SCENES["silicone, a mass off the axis"]
+    ends = sets(2, 7)
+    way = ends[0] + np.linspace(0, 1, 14)[:, None] * (ends[1] - ends[0])
+    compiled, plain = (Lines(arm, scene, 2, (), how).many(way) for how in (True, False))
+    for one, other in zip(compiled, plain, strict=True):
+        assert one is not None and other is not None
+        assert one.poses == pytest.approx(other.poses, abs=1e-10)
