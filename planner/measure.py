@@ -13,7 +13,7 @@ from model.machine.buffered import Buffered
 from model.paths import Array
 from model.shape import Shape
 from model.stiffness import stiffness
-from planner.program.program import Same
+from planner.program.same import Same
 from planner.program.terms import (
     compliance_requests,
     directions_function,

@@ -24,7 +24,7 @@ from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import pairwise
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import casadi as ca
 import numpy as np
@@ -36,6 +36,7 @@ from model.transcription.layout import POSE, Layout
 from model.transcription.terms import Equations
 from planner.program.effort import smooth_norm
 from planner.program.reduced import Sparse
+from planner.program.same import Same
 from planner.program.statement import Statement
 from planner.program.states import Blocks, Stations
 from planner.program.terms import (
@@ -299,19 +300,6 @@ def split(p: S, sizes: tuple[int, ...]) -> list[S]:
     """Return the parts of parameters of given sizes."""
     ends = np.cumsum([0, *sizes]).tolist()
     return [p[a:b] for a, b in pairwise(ends)]
-
-
-class Same:
-    """A value that a cache takes for equal to all others: its structure is compared instead."""
-
-    def __init__(self, value: Any) -> None:
-        self.value = value
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Same)
-
-    def __hash__(self) -> int:
-        return 0
 
 
 def program(

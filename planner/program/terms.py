@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import casadi as ca
 
 from model.arm import Arm
+from planner.program.same import Same
 from planner.targets.base import ComplianceRequest, Target, Terms, View
 
 HIGH_PRIORITY, LOW_PRIORITY = 1e2, 3e-4
@@ -96,6 +98,13 @@ def share_rows(arm: Arm, targets: tuple[Target, ...]) -> list[int]:
 
 
 def _symbolic_terms(arm: Arm, targets: tuple[Target, ...]) -> list[Terms]:
+    structure = tuple(target.structure(arm) for target in targets)
+    return _terms_of(arm, structure, Same(targets))
+
+
+@lru_cache(maxsize=4)
+def _terms_of(arm: Arm, structure: tuple[object, ...], given: Same) -> list[Terms]:
+    targets = given.value
     poses = {s: ca.MX.sym("pose", 7) for s in stations_of(arm, targets)}
     parts = zip(targets, _numbers(arm, targets), _compliances(targets), strict=True)
     return [target.terms(View(arm, poses, compliance), p) for target, p, compliance in parts]

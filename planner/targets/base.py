@@ -87,6 +87,7 @@ class View:
         self, arm: Arm, poses: Mapping[float, ca.MX], compliance: ca.MX | None = None
     ) -> None:
         self.arm, self._poses, self._compliance = arm, poses, compliance
+        self._frames: dict[float, ca.MX] = {}
         self.base_frame = ca.MX(ca.DM(np.array(arm.base_frame)))
         self.base_position = ca.MX(ca.DM(np.array(arm.base_position)))
 
@@ -96,7 +97,11 @@ class View:
 
     def frame(self, s: float) -> ca.MX:
         """Return the frame (3, 3), columns t, n, b, at station s."""
-        return _frame()(self._poses[s][:4]) if s > 0 else self.base_frame
+        if s <= 0:
+            return self.base_frame
+        if s not in self._frames:
+            self._frames[s] = _frame()(self._poses[s][:4])
+        return self._frames[s]
 
     def rotation_from(self, s: float, wanted: ca.MX) -> ca.MX:
         """Return 2 sin(a / 2) u (3,): rotation by a about u [rad] from a frame to that at s.
