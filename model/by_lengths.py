@@ -10,7 +10,7 @@ import numpy as np
 
 from model.arm import Arm
 from model.contact.forward import TouchingMap
-from model.equilibrium.complementarity import ROUNDING, least, unfelt
+from model.equilibrium.complementarity import ROUNDING, is_firm, least
 from model.equilibrium.forward import Collocation, Known
 from model.equilibrium.hold import HeldLengths
 from model.equilibrium.linearised import Linearised
@@ -153,7 +153,7 @@ def _tightened(here: Linearised, hold: HeldLengths) -> Linearised:
     """
     system, winches = here.system, hold.winches
     tight = _tight(here, winches)
-    weak = bool(unfelt(_by_tensions(here, winches, tight), _FIRM).size)
+    weak = not is_firm(_by_tensions(here, winches, tight), _FIRM)
     if weak:
         here = newton(system, here.tensions, 1.0, here.states, hold=hold) or here
     for _ in range(_WEAK if weak else _TIGHTENED):

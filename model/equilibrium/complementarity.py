@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dgesv
 from scipy.optimize import nnls
 
 from model.paths import Array
@@ -25,20 +26,18 @@ def complementary(M: Array, q: Array, taut: NDArray[np.bool_]) -> Array | None:
     comes to the one solution if all principal minors of M are positive. `taut` (n,) is a guess of
     which z are positive.
     """
-    n = q.size
+    n, least = q.size, -_TINY * float(np.abs(q).max(initial=0.0))
     fewest, blocks = n + 1, _BLOCKS
     for _ in range(100 + 10 * n):
         z, w = np.zeros(n), q
-        own = np.flatnonzero(taut)
+        (own,) = taut.nonzero()
         if own.size:
-            try:
-                z[own] = np.linalg.solve(M[own[:, None], own], -q[own])
-            except np.linalg.LinAlgError:
+            _, _, found, info = dgesv(M[own[:, None], own], -q[own])
+            if info:
                 return None
-            w = M @ z + q
-        least = -_TINY * np.abs(z).max(initial=0.0), -_TINY * np.abs(q).max(initial=0.0)
-        wrong = np.where(taut, z < least[0], w < least[1])
-        count = int(wrong.sum())
+            z[own], w = found, M[:, own] @ found + q
+        wrong = np.where(taut, z < -_TINY * float(np.abs(z).max(initial=0.0)), w < least)
+        count = int(np.count_nonzero(wrong))
         if count == 0:
             return np.maximum(z, 0.0)
         if count < fewest:
@@ -90,6 +89,14 @@ def _least(M: Array, w: Array, z: Array, rounding: float) -> Array:
         return np.asarray(found)
     raised = found - idle.T @ (r[:-1] / r[-1] * size)
     return np.asarray(np.where(np.abs(raised) <= _TINY * size, 0.0, raised))
+
+
+def is_firm(M: Array, share: float) -> bool:
+    """Return whether M (n, n) feels all combinations by more than a share of its largest."""
+    if not M.size:
+        return True
+    values = np.linalg.svd(M, compute_uv=False)
+    return bool(values[-1] > share * values[0])
 
 
 def unfelt(M: Array, share: float) -> Array:

@@ -7,23 +7,26 @@ allows.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from model.arm import Arm
-from model.equilibrium.complementarity import ROUNDING, least, unfelt
-from model.errors import ConvergenceError
+from model.equilibrium.complementarity import ROUNDING, is_firm, least
+from model.errors import ConvergenceError, UnsettledSectionError
 from model.paths import Array
 from model.scene import Scene
 from model.unloaded.compliant_tendons import CompliantTendons, moved
-from model.unloaded.tendon_lengths import Lengths, tendon_lengths
+from model.unloaded.tendon_lengths import FEW, Lengths, TendonLengths, tendon_lengths
 from model.unloaded.too_short import SHORT, refuse
 from model.winches import Winches, least_compliance
 
 # Where no combination of tensions changes lengths by less than this share of what others do, one
 # step does.
 _FIRM = 1e-8
+# The last step with few points of the quadrature; what it leaves is their error.
+_BEGUN = 1e-4, 1e-3
 # Else so many steps, of which one does that changes tensions by no more than this share.
 _TIGHTENED, _LAST = 12, 1e-7
 # Slack over the arm's length of tendons that their least compliance may have slackened.
@@ -57,6 +60,7 @@ class UnloadedLengths:
         self.winches, self.least, self._short = winches, least_compliance(arm), SHORT * arm.length
         self._nearly = NEARLY * arm.length
         self._lengths = tendon_lengths(arm, scene, machine_code)
+        self._few = tendon_lengths(arm, scene, machine_code, FEW)
         self._tendons = CompliantTendons(arm, winches, self._lengths)
 
     def found(self, near: Array | None = None) -> Found:
@@ -65,7 +69,7 @@ class UnloadedLengths:
         Tensions `near` are begun with. Raises InputError where no shape has the lengths, and
         UnsettledSectionError, ConvergenceError.
         """
-        found = self._tendons.maximum(self._first(near), self.least)
+        found = self._tendons.maximum(self._begun(near), self.least)
         if found is None:
             found = self._by_continuation()
         if self._tendons.lacks(found) > self._short:
@@ -75,10 +79,19 @@ class UnloadedLengths:
         left = np.where(self.winches.held, left, np.nan)
         return Found(found.tensions, left)
 
-    def _first(self, near: Array | None) -> Lengths:
+    def _begun(self, near: Array | None) -> Lengths:
+        """Return where to begin: where few points of the quadrature lead, if anywhere."""
+        tendons = CompliantTendons(self._tendons.arm, self.winches, self._few)
+        with suppress(UnsettledSectionError):
+            found = tendons.maximum(self._first(near, self._few), self.least, _BEGUN)
+            if found is not None:
+                return self._lengths(found.tensions)
+        return self._first(near, self._lengths)
+
+    def _first(self, near: Array | None, lengths: TendonLengths) -> Lengths:
         if near is None and not self.winches.tensions.any():
-            return self._lengths.at_rest
-        return self._lengths(self.winches.tensions if near is None else near)
+            return lengths.at_rest
+        return lengths(self.winches.tensions if near is None else near)
 
     def _by_continuation(self) -> Lengths:
         """Return the shape found by making the tendons less and less compliant."""
@@ -100,7 +113,7 @@ class UnloadedLengths:
     def _determined(self, found: Lengths) -> Lengths:
         """Return what inextensible tendons come to, near those of the least compliance."""
         T = found.tensions.copy()
-        if not unfelt(self._tendons.matrix_of(self._tight(found), found), _FIRM).size:
+        if is_firm(self._tendons.matrix_of(self._tight(found), found), _FIRM):
             taut, M, lacks = self._taut(found)
             T[taut] += np.linalg.solve(M, -lacks)
             return found if T.min(initial=0.0) < 0 else moved(found, T)

@@ -29,7 +29,7 @@ _STEPS, _HALVINGS = 60, 20
 _ROUNDING, _MET = 1e-16, 1e-12
 # The last step, whose square is rounding: what it changes of lengths over the arm's length, and of
 # tensions over the largest.
-_LAST, _LAST_TENSION = 1e-7, 1e-6
+LAST_STEP = 1e-7, 1e-5
 # Steps may leave at most this share of the slope along them, on either side of the maximum.
 _SLOPE = 0.9
 
@@ -54,64 +54,70 @@ class CompliantTendons:
         """Return the same arm with other winches."""
         return CompliantTendons(self.arm, winches, self.lengths)
 
-    def maximum(self, at: Lengths, compliance: float) -> Lengths | None:
-        """Return the shape where tendons have this compliance [m/N]; None if none is found."""
-        last = np.inf
+    def maximum(
+        self, at: Lengths, compliance: float, last_step: tuple[float, float] = LAST_STEP
+    ) -> Lengths | None:
+        """Return the shape where tendons have this compliance [m/N]; None if none is found.
+
+        The last step changes lengths by no more than the first of `last_step` over the arm's
+        length, and tensions by no more than the second of it over the largest.
+        """
+        last, L = np.inf, self.arm.length
+        soft = self.winches.stretch + compliance
         for _ in range(_STEPS):
             check_time()
-            off = self._off(at, compliance)
+            left = self._left(at, soft)
+            off = self._off(at, left, soft) / L
             if off <= _ROUNDING or (off <= _MET and off > last / 2):
                 return at
-            to = self._newton(at, compliance)
+            to = self._newton(at, left, soft)
             if to is None:
                 return None
-            if off <= _LAST and np.abs(to - at.tensions).max() <= _LAST_TENSION * to.max():
+            change = to - at.tensions
+            if off <= last_step[0] and np.abs(change).max() <= last_step[1] * to.max():
                 return moved(at, to)
-            searched = self._searched(at, to, compliance)
+            searched = self._searched(at, change, left, soft)
             if searched is None:
                 return None
             at, last = searched, off
         return None
 
-    def _off(self, at: Lengths, compliance: float) -> float:
-        """Return how far tensions and what is left are from complementary, over the length."""
-        T = at.tensions
-        own = self.winches.stretch + compliance - at.by_tensions.diagonal()
-        off = np.abs(np.minimum(self.winches.lacks(at.lengths, T) + compliance * T, own * T))
-        return float(off[self.winches.held].max(initial=0.0)) / self.arm.length
+    def _left(self, at: Lengths, soft: Array) -> Array:
+        """Return what is left of tendons (n_tendons,) that stretch by `soft` [m/N]."""
+        return np.asarray(self.winches.lengths + soft * at.tensions - at.lengths)
 
-    def _newton(self, at: Lengths, compliance: float) -> Array | None:
+    def _off(self, at: Lengths, left: Array, soft: Array) -> float:
+        """Return how far tensions and what is left are from complementary [m]."""
+        own = soft - at.by_tensions.diagonal()
+        off = np.abs(np.minimum(left, own * at.tensions))
+        return float(off[self.held].max(initial=0.0))
+
+    def _newton(self, at: Lengths, left: Array, soft: Array) -> Array | None:
         """Return tensions after a Newton step."""
-        held = self.held
-        M, T, after = self._matrix(at, compliance), at.tensions[held], at.tensions.copy()
-        found = complementary(M, self._left(at, compliance)[held] - M @ T, T > 0)
+        held, T = self.held, at.tensions
+        M = -at.by_tensions
+        M.ravel()[:: T.size + 1] += soft
+        if held.size == T.size:
+            return complementary(M, left - M @ T, T > 0)
+        M, own, after = M[held[:, None], held], T[held], T.copy()
+        found = complementary(M, left[held] - M @ own, own > 0)
         if found is None:
             return None
         after[held] = found
         return after
 
-    def _searched(self, at: Lengths, to: Array, compliance: float) -> Lengths | None:
-        """Return what a step to tensions, or a part of it, leads to."""
-        change = to - at.tensions
-        slope = abs(float(change @ self._left(at, compliance)))
-        most = _SLOPE * slope + _MET * self.arm.length * np.abs(change).max()
+    def _searched(self, at: Lengths, change: Array, left: Array, soft: Array) -> Lengths | None:
+        """Return what a step, or a part of it, leads to."""
+        slope = abs(float(change @ left))
+        most = _SLOPE * slope + _MET * self.arm.length * float(np.abs(change).max())
         for halving in range(_HALVINGS):
             try:
                 after = self.lengths(at.tensions + 0.5**halving * change)
             except UnsettledSectionError:
                 continue
-            if change @ self._left(after, compliance) <= most:
+            if float(change @ self._left(after, soft)) <= most:
                 return after
         return None
-
-    def _left(self, at: Lengths, compliance: float) -> Array:
-        left = self.winches.lacks(at.lengths, at.tensions)
-        return np.asarray(left + compliance * at.tensions)
-
-    def _matrix(self, at: Lengths, compliance: float) -> Array:
-        """Return how what is left of held tendons grows with their tensions (n, n) [m/N]."""
-        M = np.diag(self.winches.stretch + compliance) - at.by_tensions
-        return np.asarray(M[self.held[:, None], self.held])
 
     def lacks(self, at: Lengths) -> float:
         """Return what the tendon that lacks most lacks [m]."""

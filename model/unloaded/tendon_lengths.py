@@ -30,6 +30,8 @@ from model.unloaded.statics import ClosedStatics, closed_statics
 # Strains are analytic between nodes: so many Gauss points on the coarsest mesh leave rounding only,
 # whatever mesh poses have. Measured on the paper's arms and random ones at thrice their tensions.
 _POINTS = 8
+# So few leave 1e-7 of the arm's length at most, of tensions mostly less than 1e-5: to begin with.
+FEW = 3
 
 
 class Lengths(NamedTuple):
@@ -51,14 +53,16 @@ class Lengths(NamedTuple):
 
 
 class TendonLengths:
-    """Tensions to lengths of the tendons, by Gauss quadrature."""
+    """Tensions to lengths of the tendons, by Gauss quadrature with `points` in each step."""
 
-    def __init__(self, arm: Arm, scene: Scene, machine_code: bool = False) -> None:
-        mesh, method = graded(arm, 1), gauss(_POINTS)
+    def __init__(
+        self, arm: Arm, scene: Scene, machine_code: bool = False, points: int = _POINTS
+    ) -> None:
+        mesh, method = graded(arm, 1), gauss(points)
         scene, h = unloaded(scene), np.diff(mesh.s)
         statics = closed_statics(scene, arm)
         self.s = (mesh.s[:-1, None] + h[:, None] * method.c).ravel()
-        active, weights = np.repeat(mesh.active, _POINTS), np.outer(h, method.b).ravel()
+        active, weights = np.repeat(mesh.active, points), np.outer(h, method.b).ravel()
         at = stations(arm, self.s, active)
         place, tendon = np.nonzero(crossing(arm, at))
         self._maps, self._shape = statics.pulls(arm, at), (self.s.size, arm.n_tendons)
@@ -78,7 +82,7 @@ class TendonLengths:
         )
         self._robust: Callable[[], TendonLengths] | None = None
         if scene.robust() != scene:
-            self._robust = partial(tendon_lengths, arm, scene.robust(), machine_code)
+            self._robust = partial(tendon_lengths, arm, scene.robust(), machine_code, points)
 
     def __call__(self, tensions: Array) -> Lengths:
         """Return the lengths under tensions (n_tendons,); raises UnsettledSectionError."""
@@ -102,9 +106,11 @@ class TendonLengths:
 
 
 @lru_cache(maxsize=48)
-def tendon_lengths(arm: Arm, scene: Scene, machine_code: bool = False) -> TendonLengths:
+def tendon_lengths(
+    arm: Arm, scene: Scene, machine_code: bool = False, points: int = _POINTS
+) -> TendonLengths:
     """Return the lengths of tendons by tensions; see TendonLengths."""
-    return TendonLengths(arm, scene, machine_code)
+    return TendonLengths(arm, scene, machine_code, points)
 
 
 @lru_cache(maxsize=24)
