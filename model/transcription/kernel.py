@@ -121,4 +121,6 @@ class Kernel:
     def _named(self, what: str, given: list[ca.SX], A: ca.SX) -> tuple[ca.Function, Places, Places]:
         rows, columns = (np.array(v, dtype=np.int64) for v in A.sparsity().get_triplet())
         values = A.nz[:] if rows.size else ca.SX(0, 1)
-        return ca.Function(f"{self.name}_{what}", given, [values], {"cse": True}), rows, columns
+        # What is there twice, a tenth of the operations, stays: to look for it takes as long as all
+        # else that is built, and evaluations take no longer.
+        return ca.Function(f"{self.name}_{what}", given, [values]), rows, columns

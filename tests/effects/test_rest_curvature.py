@@ -239,7 +239,9 @@ def test_stiffness_of_a_curved_arm_is_that_of_differences() -> None:
 def test_plans_of_curved_arms_are_certified_and_load_back(
     effects: tuple[Effect, ...], tmp_path: object
 ) -> None:
-    found = plan(CURVED, TipPosition((0.25, 0.1, -0.1)), Scene(Extension(), *effects), 20.0)
+    found = plan(
+        CURVED, TipPosition((0.25, 0.1, -0.1)), Scene(Extension(), *effects), 20.0, starts=2
+    )
     assert found.certificate.passed
     again = load_plan(found.save(f"{tmp_path}/plan.json"))
     assert again.arm == CURVED

@@ -174,9 +174,8 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize(
-    "name", ["short tendons", *(pytest.param(n, marks=pytest.mark.slow) for n in list(CASES)[1:])]
-)
+@pytest.mark.quick("single precision", "bending alone")
+@pytest.mark.parametrize("name", CASES)
 def test_other_arms_and_numbers_agree_with_their_test_vectors(name: str, tmp_path: Path) -> None:
     arm, scene, T, precision, accuracy = CASES[name]
     given = [0.3, 0.2, 0.0, 0.0] if T is None else T

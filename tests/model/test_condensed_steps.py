@@ -28,6 +28,13 @@ ARMS = {
 }
 
 
+@pytest.mark.quick(
+    "table 4-bare-magnus2",
+    "table 4-extension-magnus6",
+    "one section-exact-magnus2",
+    "bent-extension-magnus2",
+    "bent-exact-magnus6",
+)
 @pytest.mark.parametrize("scheme", ["magnus2", "magnus6"])
 @pytest.mark.parametrize(
     "scene", [Scene(), Scene(Extension()), EXACT], ids=["bare", "extension", "exact"]

@@ -54,8 +54,8 @@ def differences(arm: Arm, T: Array, scene: Scene) -> Array:
 
 
 @pytest.mark.quick(
-    "table 4-extension",
     "sampled-bare",
+    "sampled-extension",
     "sampled-silicone",
     "sampled-weight",
     "uneven-as printed",

@@ -28,6 +28,12 @@ def dense(derivative, given, shape):
     return A
 
 
+@pytest.mark.quick(
+    *(f"1-{curved}-{name}" for name in LOADED for curved in (False, True)),
+    *(f"2-True-{name}" for name in LOADED),
+    "3-False-follower",
+    "3-True-silicone",
+)
 @pytest.mark.parametrize("scene", LOADED.values(), ids=LOADED)
 @pytest.mark.parametrize("curved", [False, True])
 @pytest.mark.parametrize("stages", [1, 2, 3])

@@ -120,7 +120,7 @@ def test_behind_the_base_is_told_and_avoided_on_request() -> None:
     T[2, 2], T[1, 2] = 14.0, 5.0
     target = TipPosition(settle(ARM, T, SCENE).tip)
     assert target.position[0] < 0
-    p, q = (plan(ARM, target, SCENE, 20.0, starts=2, self_clearance=own) for own in (False, True))
+    p, q = (plan(ARM, target, SCENE, 20.0, starts=1, self_clearance=own) for own in (False, True))
     assert p.certificate.passed
     assert "Beware: the arm passes through the far side of its base plane" in p.outcome
     assert not q.certificate.passed

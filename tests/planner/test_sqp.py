@@ -38,6 +38,7 @@ def stated(
     return problem, problem.parameters(target, limits, TRACES[0]), limits
 
 
+@pytest.mark.quick("tip-paper", "pose-silicone")
 @pytest.mark.parametrize("scene", [PAPER, Scene.silicone()], ids=["paper", "silicone"])
 @pytest.mark.parametrize("kind", ["tip", "pose"])
 def test_it_finds_optima_near_initial_guesses_in_few_steps(kind: str, scene: Scene) -> None:

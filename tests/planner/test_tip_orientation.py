@@ -126,7 +126,7 @@ def test_weights_choose_what_comes_nearer_where_both_cannot_be_had(kind: str) ->
             if kind == "pose"
             else TipPointing(far, (0.0, 0.0, -1.0), weights)
         )
-        found = plan(ARM, target, PAPER, 20.0, starts=2)
+        found = plan(ARM, target, PAPER, 20.0, starts=1)
         assert not found.reached
         places.append(found.certificate.equality["tip position"])
         angles.append(found.certificate.equality[name])

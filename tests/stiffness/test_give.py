@@ -86,7 +86,7 @@ SEEN = {
 }
 
 
-@pytest.mark.quick("bare-length", "paper-tension", "silicone, payload-tension")
+@pytest.mark.quick("bare-tension", "paper, in water-length", "silicone, payload-tension")
 @pytest.mark.parametrize("hold", ["tension", "length"])
 @pytest.mark.parametrize("name", SEEN)
 def test_what_a_program_sees_is_what_stiffness_says(name: str, hold: Any) -> None:
