@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 
 _end: ContextVar[float] = ContextVar("end", default=math.inf)
+_ended: ContextVar[Callable[[], bool] | None] = ContextVar("ended", default=None)
 
 
 class OutOfTime(Exception):  # noqa: N818  (a signal between loops, not an error that users see)
@@ -42,13 +43,23 @@ def until(end: float) -> Iterator[None]:
         _end.reset(token)
 
 
+@contextmanager
+def unless(ended: Callable[[], bool]) -> Iterator[None]:
+    """Let what is inside go on until that returns True, asked often, as if its time were over."""
+    token = _ended.set(ended)
+    try:
+        yield
+    finally:
+        _ended.reset(token)
+
+
 def is_out_of_time() -> bool:
-    """Return whether the time limit is reached."""
-    end = _end.get()
-    return end < math.inf and time.monotonic() > end
+    """Return whether the time limit is reached, or what goes on is to end."""
+    end, ended = _end.get(), _ended.get()
+    return (end < math.inf and time.monotonic() > end) or (ended is not None and ended())
 
 
 def check_time() -> None:
-    """Raise OutOfTime once the time limit is reached."""
+    """Raise OutOfTime once the time limit is reached, or what goes on is to end."""
     if is_out_of_time():
         raise OutOfTime

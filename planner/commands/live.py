@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> Answer:
     sys.stderr.write(f"octoplan: http://{args.host}:{args.port} (ends with the last browser)\n")
     page.wait()
     page.end()
-    return Answer(OK, lambda: "The last browser is gone.\n")
+    return Answer(OK, lambda: "The last browser is gone.")
 
 
 COMMAND = Command(

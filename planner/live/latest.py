@@ -6,6 +6,8 @@ import logging
 import threading
 from collections.abc import Callable
 
+from model.time_limit import OutOfTime, unless
+
 LOG = logging.getLogger(__name__)
 Job = Callable[[], None]
 
@@ -36,7 +38,7 @@ class Latest:
             self._changed.notify()
 
     def end(self) -> None:
-        """Let the thread end once its job is done, and wait for that."""
+        """Let the thread end, and wait for that: a job that goes on is cut short."""
         with self._changed:
             self._ended = True
             self._changed.notify()
@@ -51,7 +53,10 @@ class Latest:
                     return
                 job, self._job = self._job, None
             try:
-                (job or self._at_rest)()
+                with unless(lambda: self._ended):
+                    (job or self._at_rest)()
+            except OutOfTime:
+                LOG.debug("a job was cut short")
             except Exception:  # what goes wrong at one job ends none of the others
                 LOG.exception("a job failed")
             worked = job is not None

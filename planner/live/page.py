@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import html
 import io
+import logging
 import socket
 import threading
 from collections.abc import Callable
@@ -45,6 +46,8 @@ class Page:
     def __init__(self, session: Session, handle: Handle, host: str, port: int) -> None:
         viser = needed("viser", "live")
         _check_port(host, port)
+        # What goes away while it connects is no error that anyone has to see.
+        logging.getLogger("websockets").addHandler(logging.NullHandler())
         self.session, self._handle, self._left = session, handle, False
         self._pose = handle.start
         with redirect_stdout(io.StringIO()):

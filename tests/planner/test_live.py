@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import shutil
 import socket
+import subprocess
+import sys
 import threading
+import time
 from collections import Counter
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +19,7 @@ import pytest
 from model import Arm, InputError, Scene, settle
 from model.effects import Extension, TipLoad
 from model.obstacles import Sphere
+from model.time_limit import check_time
 from planner.cli import main
 from planner.live.drawing import bars
 from planner.live.handles import handle_of, on_the_way
@@ -177,6 +182,27 @@ def test_the_newest_job_is_done_and_those_overtaken_are_not() -> None:
     assert done == [4]
 
 
+@pytest.mark.parametrize("kind", ["loop", "plan"])
+def test_a_job_that_goes_on_is_cut_short_when_the_work_ends(kind: str) -> None:
+    began, cut = threading.Event(), threading.Event()
+
+    def lasts() -> None:
+        began.set()
+        try:
+            while True:
+                check_time()
+                if kind == "plan" and session(Scene.silicone(), starts=10_000).step().plan.stopped:
+                    break
+        finally:
+            cut.set()
+
+    work = Latest(lambda: None)
+    work.put(lasts)
+    began.wait()
+    work.end()
+    assert cut.is_set()
+
+
 def free_port() -> int:
     with socket.create_server(("localhost", 0)) as held:
         return int(held.getsockname()[1])
@@ -263,3 +289,50 @@ def test_in_a_browser_a_drag_moves_the_arm(tmp_path: Path) -> None:
     page.wait(grace=0.3)
     page.end()
     assert not said
+
+
+@pytest.mark.slow
+def test_the_server_ends_with_its_last_browser_though_a_plan_is_searched_for(
+    tmp_path: Path,
+) -> None:
+    pytest.importorskip("viser")
+    driver = pytest.importorskip("playwright.sync_api")
+    chromium = shutil.which("chromium") or pytest.skip("no Chromium")
+    scene, port = tmp_path / "scene.toml", free_port()
+    scene.write_text(
+        "accuracy = 1e-9\narm = { preset = 'table-4' }\n"
+        "effects = { silicone = true, weight = { g = [0, 0, -9.81] } }\n"
+        "[target]\ntype = 'tip-position'\nposition_mm = [250, 0, -90]\n[limits]\ntension_max = 9\n"
+    )
+    asked = [sys.executable, "-m", "octoplan", "live", str(scene), "--port", str(port)]
+    server = subprocess.Popen(asked, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        with driver.sync_playwright() as play:
+            options = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+            browser = play.chromium.launch(executable_path=chromium, args=options)
+            viewers = [browser.new_page() for _ in "12"]
+            for viewer in viewers:
+                viewer.goto(address(port))
+                viewer.get_by_text("Looking for a first plan").wait_for(timeout=300_000)
+            viewers[0].close()
+            viewers[1].wait_for_timeout(4000)
+            assert server.poll() is None, "a viewer is there still"
+            viewers[1].close()
+            browser.close()
+        out, said = server.communicate(timeout=60)
+    finally:
+        server.kill()
+    assert server.returncode == 0
+    assert out == "The last browser is gone.\n"
+    assert "Traceback" not in said
+    with socket.create_server(("localhost", port)):
+        pass  # the port is free again
+
+
+def address(port: int) -> str:
+    """Return where a page is, once it is served."""
+    for _ in range(600):
+        with suppress(OSError), socket.create_connection(("localhost", port), timeout=1.0):
+            return f"http://localhost:{port}"
+        time.sleep(0.1)
+    raise TimeoutError("no page is served")
