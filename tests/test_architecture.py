@@ -1,6 +1,7 @@
 """The shape of the project: who may import whom."""
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,7 @@ def _name(path: Path) -> str:
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
+@cache
 def _imports(path: Path, inside_functions: bool) -> set[str]:
     tree = ast.parse(path.read_text())
     nodes = ast.walk(tree) if inside_functions else tree.body

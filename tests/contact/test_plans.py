@@ -1,14 +1,15 @@
-"""Plans for arms in contact."""
+"""Plans and motions of an arm in contact: targets, rates, complementarity, and the way."""
 
 import numpy as np
 import pytest
 
-from model import Scene, settle
+from model import Scene, Shape, settle
 from model.effects import Contact, ExactTendons, Extension, Weight
 from model.errors import InputError
 from model.obstacles import HalfSpace, Sphere
-from planner import plan
+from planner import Plan, plan, trajectory
 from planner.targets import TipPosition
+from tests.contact.bodies import distance
 from tests.contact.cases import bar
 
 ARM = bar(0.3, 0.006, 2e7)
@@ -16,18 +17,47 @@ FLOOR = HalfSpace((0, 0, -0.03), (0, 0, 1))
 SCENE = Scene(Extension(), ExactTendons(), Weight(), Contact(FLOOR))
 
 
-def test_a_tip_is_brought_to_a_place_on_the_floor_that_carries_the_arm() -> None:
-    wanted = settle(ARM, [2.0, 0.0, 0.0, 0.5], SCENE, 1e-9)
-    assert wanted.contacts
-    p = plan(ARM, TipPosition(tuple(wanted.tip)), SCENE, 30.0, starts=1)
-    assert p.reached, str(p.certificate)
-    assert p.shape.contacts
-    assert p.certificate.complementarity < 1e-8
-    assert p.certificate.stability > 0
-    assert np.linalg.norm(p.tip - wanted.tip) < 1e-6 * ARM.length
-    assert p.effort < np.hypot(2.0, 0.5) + 1e-6
-    assert "Reached" in p.outcome
-    assert "complementarity" in str(p.certificate)
+def leaning(T: float) -> Shape:
+    shape = settle(ARM, [T, 0.0, 0.0, 0.5], SCENE, 1e-9)
+    assert shape.contacts
+    return shape
+
+
+@pytest.fixture(scope="module")
+def first() -> Plan:
+    """The plan for the tip of an arm that the floor carries."""
+    return plan(ARM, TipPosition(tuple(leaning(1.0).tip)), SCENE, 30.0, starts=1)
+
+
+def test_a_tip_is_brought_to_a_place_on_the_floor_that_carries_the_arm(first: Plan) -> None:
+    assert first.reached, str(first.certificate)
+    assert first.shape.contacts
+    assert first.certificate.complementarity < 1e-8
+    assert first.certificate.stability > 0
+    assert np.linalg.norm(first.tip - leaning(1.0).tip) < 1e-6 * ARM.length
+    assert first.effort < np.hypot(1.0, 0.5) + 1e-6
+    assert "Reached" in first.outcome
+    assert "complementarity" in str(first.certificate)
+
+
+def test_a_motion_leads_through_contact_and_is_certified_on_its_way(first: Plan) -> None:
+    tip = leaning(2.0).tip
+    asked = {"rate_max": 2.0, "start": first, "accuracy": 1e-5}
+    found = trajectory(ARM, [TipPosition(tuple(tip))], SCENE, 30.0, **asked)
+    assert found.certificate.passed, found.outcome
+    assert found.reached == (True,)
+    assert found.certificate.jumps == ()
+    rates = np.abs(np.diff(found.flat, axis=0)) / np.diff(found.times)[:, None]
+    assert rates.max() <= 2.0 * (1 + 1e-9)
+    s = np.linspace(0, ARM.length, 1001)
+    shape = found.shapes[-1]
+    assert np.linalg.norm(shape.tip - tip) < 1e-5 * ARM.length
+    gap = distance(FLOOR, shape.position(s)) - ARM.outer_radius(s)[0]
+    assert gap.min() > -1e-8 * ARM.length
+    assert shape.contacts
+    for touch in shape.contacts:
+        assert touch.force @ (shape.position(touch.s) - touch.point) >= 0
+        assert abs(touch.gap) < 1e-8 * ARM.length
 
 
 def test_what_is_not_stated_with_contact_is_refused() -> None:
@@ -36,3 +66,15 @@ def test_what_is_not_stated_with_contact_is_refused() -> None:
         plan(ARM, target, SCENE, 30.0, norm="inf")
     with pytest.raises(InputError, match="obstacles"):
         plan(ARM, target, SCENE, 30.0, obstacles=[Sphere((0.2, 0.1, 0.1), 0.02)])
+
+
+def test_what_motions_in_contact_do_not_state_is_refused_by_name() -> None:
+    targets = [TipPosition((0.3, 0.1, -0.1))]
+    with pytest.raises(InputError, match="obstacles"):
+        ball = Sphere((0.2, 0.2, 0.2), 0.01)
+        trajectory(ARM, targets, SCENE, 20.0, rate_max=2.0, obstacles=[ball])
+    with pytest.raises(InputError, match="stroke_rate_max"):
+        trajectory(ARM, targets, SCENE, 20.0, stroke_rate_max=0.01)
+    with pytest.raises(InputError, match=r"Contact\.friction"):
+        rough = Scene(Extension(), Contact(FLOOR, friction=0.2))
+        trajectory(ARM, targets, rough, 20.0, rate_max=2.0)
