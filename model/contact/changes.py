@@ -15,6 +15,7 @@ from model.contact.passing import deep, passing
 from model.contact.places import SAME, Place
 from model.contact.root import Root
 from model.contact.touches import forces, resultants, second
+from model.loads import contacts
 from model.mesh import Mesh
 
 # How far off points, and ends of parts that lie, may be, over the arm's length.
@@ -79,7 +80,10 @@ def _point(held: Held, place: Place, node: int, _: int) -> tuple[float, float, f
 
 
 def _end(held: Held, place: Place, node: int, side: int) -> tuple[float, float, float]:
-    """Return gap'' beyond the end of a part that lies, how far on it vanishes, and the farthest."""
+    """Return gap'' beyond the end of a part that lies, how far on it vanishes, and the farthest.
+
+    With friction gap'' inside of it.
+    """
     system, beyond = held.here.system, node + side
     s, at = system.mesh.s, float(system.mesh.s[node])
     if at >= held.length * (1 - SAME) or not 0 <= beyond < s.size:
@@ -89,6 +93,12 @@ def _end(held: Held, place: Place, node: int, side: int) -> tuple[float, float, 
     look = side * _ASIDE * h * (np.arange(5) + (side > 0))
     curve = along(system, held.here.x, at + look, np.full(5, place.obstacle))[:, 2]
     here, slope = np.polynomial.polynomial.polyfit(look / h, curve, 4)[:2] / [1.0, h]
+    if contacts(system.scene)[place.obstacle].friction:
+        # Friction changes the stretch there, and so what curvature lies on the obstacle; inside
+        # of the part it has to be that of the free arm. What the arm is beyond then passes by
+        # less than what the friction of the end's force does in the depth of a layer.
+        within = at + (side < 0) * SAME * held.length
+        here = along(system, held.here.x, np.array([within]), np.array([place.obstacle]))[0, 2]
     # A part is too long where the free arm leaves with gap'' > 0, as if it were pulled there.
     shift = -side * float(np.sign(here)) * abs(float(here / slope) if slope else h)
     most = min(0.8 * h, 0.35 * (place.end - place.start))

@@ -17,7 +17,7 @@ from model.contact.history import History
 from model.contact.newton import Held, newton
 from model.contact.places import Place, Placed, placed
 from model.contact.root import Root
-from model.contact.touches import Touches, forces, frictions
+from model.contact.touches import Touches, forces, second
 from model.equilibrium.forward import Collocation, Known
 from model.loads import contacts
 from model.mesh import Mesh
@@ -31,6 +31,8 @@ _ROUNDS = 40
 _HALVED = 4
 # gap'' [1/m] that counts as flat, and what points move by instead, over 1 / L: to lesser gaps.
 _FLAT, _BENT = 1e-3, 4.0
+# Of what presses, how near that is to be which friction is told, before friction follows it.
+_TOLD = 1e-3
 # Of an element: the farthest that its nodes may have moved for its states to be kept.
 _KEPT = 0.2
 
@@ -96,8 +98,10 @@ def settled(
     """
     roots, last, halved = dict[tuple[int, int], Root](), None, 0
     born = tuple[Place, ...]()
+    # Next to ends that are not found pressures are far off: friction begins with those before.
+    pressing = held if _rubs(of, places) else None
     for _ in range(rounds):
-        found = _solved(of, held, places)
+        found = _solved(of, held, places, pressing)
         if last is not None and halved < _HALVED and (found is None or _pulls(found, last)):
             places, halved = _between(last[2], places), halved + 1
             continue
@@ -112,8 +116,12 @@ def settled(
             after = moved(held, places, nodes, roots)
         if after == places:
             after = changed(held, places, nodes)
-            if after == places:
+            if after == places and pressing is None:
                 return Settled(held, places)
+            if after == places:
+                roots, last = {}, None
+                pressing = None if _is_near(held) else held
+                continue
         if _kinds(after) == _kinds(places):
             last = held, nodes, places
         else:
@@ -125,11 +133,11 @@ def settled(
 
 def _pulls(found: _Found, last: _Last) -> bool:
     """Return whether obstacles pull everywhere that pressed before: another branch."""
-    after, before = (_pressing(held, nodes) for held, nodes in (found, last[:2]))
+    after, before = (_first_forces(held, nodes) for held, nodes in (found, last[:2]))
     return max(after, default=0.0) < 0 < max(before)
 
 
-def _pressing(held: Held, nodes: _Nodes) -> list[float]:
+def _first_forces(held: Held, nodes: _Nodes) -> list[float]:
     """Return the force on the first node of each place."""
     force = forces(held.here.system, held.states)
     return [float(force[own[0]].sum()) for own in nodes]
@@ -147,8 +155,19 @@ def _kinds(places: tuple[Place, ...]) -> list[tuple[int, bool]]:
     return [(place.obstacle, place.lies) for place in places]
 
 
-def _solved(of: Question, held: Held, places: tuple[Place, ...]) -> _Found | None:
-    """Return the equilibrium with places held shut, and their nodes."""
+def _rubs(of: Question, places: tuple[Place, ...]) -> bool:
+    """Return whether there is friction at a part that lies."""
+    own = contacts(of.scene)
+    return any(place.lies and own[place.obstacle].friction for place in places)
+
+
+def _solved(
+    of: Question, held: Held, places: tuple[Place, ...], pressing: Held | None
+) -> _Found | None:
+    """Return the equilibrium with places held shut, and their nodes.
+
+    With friction as of the pressures of another equilibrium, if one is given.
+    """
     K = len(contacts(of.scene))
     at = placed(of.base, of.fixed, places, K)
     if at is None:
@@ -156,17 +175,23 @@ def _solved(of: Question, held: Held, places: tuple[Place, ...]) -> _Found | Non
     before = held.here
     system = of.system(at.mesh, at.touches.pressed)
     touches = replace(at.touches, curve=_curves(held, places, at))
+    if pressing is not None:
+        touches = replace(touches, pressing=_pressing(pressing, system, touches))
     if _near(before.system, system):
         states = before.states.copy()
     else:
         known = Known(before.system, before.states)
         states = Collocation.on(system).carried(of.tensions, known)
         states[system.of.touches[:, :, 0]] = _carried(held, system, touches)
-        if system.of.form.contact_friction:
-            states[system.of.friction_forces] = _friction_forces(held, system)
+        if before.system.of.form.contact_friction:
+            near = np.abs(system.mesh.s[:, None] - before.system.mesh.s).argmin(axis=1)
+            old = before.system.of
+            states[system.of.friction_forces] = before.states[old.friction_forces[near]]
+            states[system.of.tractions] = before.states[old.tractions[near]]
     own = system.of.touches
     if system.of.form.contact_friction:
-        states[system.of.friction_forces] *= (touches.held | touches.inside)[:, :, None]
+        states[system.of.friction_forces] *= touches.held[:, :, None]
+        states[system.of.tractions] *= (touches.inside | touches.end)[:, :, None]
     states[own[:, :, 1]] *= touches.inside | touches.end
     states[own[:, :, 0]] *= touches.held
     found = newton(system, of.tensions, of.load, states, touches, cuts=4, fixed=True)
@@ -197,11 +222,21 @@ def _carried(held: Held, system: System, touches: Touches) -> Array:
     return found
 
 
-def _friction_forces(held: Held, system: System) -> Array:
-    """Return the friction (N + 1, K, 3) to begin with on another mesh: at each node the nearest."""
-    old = held.here.system
-    near = np.abs(system.mesh.s[:, None] - old.mesh.s).argmin(axis=1)
-    return np.asarray(frictions(old, held.states)[near])
+def _pressing(before: Held, system: System, touches: Touches) -> Array:
+    """Return forces and pressures (N + 1, K, 2) of an equilibrium on another mesh."""
+    old = before.here.system
+    p = second(old, before.states) * (before.touches.inside | before.touches.end)
+    own = np.array([np.interp(system.mesh.s, old.mesh.s, column) for column in p.T]).T
+    return np.stack([_carried(before, system, touches), own], axis=2)
+
+
+def _is_near(held: Held) -> bool:
+    """Return whether what presses is nearly what friction was told."""
+    system, told = held.here.system, held.touches.pressing
+    assert told is not None
+    own = held.states[system.of.touches] * (held.touches.held | held.touches.inside)[:, :, None]
+    most = np.abs(own).max(axis=(0, 1))
+    return bool((np.abs(own - told).max(axis=(0, 1)) <= _TOLD * most).all())
 
 
 def _curves(before: Held, places: tuple[Place, ...], at: Placed) -> Array:

@@ -163,8 +163,10 @@ def _rubbed(system: System, change: Array, states: Array) -> float:
     """
     if not system.of.form.contact_friction:
         return 0.0
-    most = np.abs(states[system.of.touches[:, :, 0]]).max()
-    return float(np.abs(change[system.of.friction_forces]).max() / max(most, _ROUNDING)) * _FELT
+    of, h = system.of, float(np.diff(system.mesh.s).mean())
+    most = np.abs(states[of.touches[:, :, 0]]).max()
+    size = max(np.abs(change[of.friction_forces]).max(), h * np.abs(change[of.tractions]).max())
+    return float(size / max(most, _ROUNDING)) * _FELT
 
 
 def complementary_step(

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.paths import Array
+from model.rotations import matrices
 from model.transcription.contact_friction import BEFORE, FRICTION
 from model.transcription.contact_friction import TOLD as FRICTION_TOLD
 from model.transcription.system import System
@@ -33,6 +34,8 @@ class Touches:
         Elements that such parts consist of.
     curve : (N + 1, K) or None
         gap'' [1/m] where points may move along the arm, nan elsewhere; None where nodes stay.
+    pressing : (N + 1, K, 2) or None
+        Forces [N] and pressures [N/m] that friction is told instead of what presses.
     """
 
     point: Mask
@@ -40,6 +43,7 @@ class Touches:
     inside: Mask
     lies: Mask
     curve: Array | None = None
+    pressing: Array | None = None
 
     @classmethod
     def none(cls, elements: int, obstacles: int) -> Touches:
@@ -95,12 +99,20 @@ class Touches:
             )
         if of.form.contact_friction:
             tangential = found.p[of.equations.numbers_of("contact_friction")].reshape(-1, FRICTION)
-            shares = [own[1:] for own in pressure_shares(system, self.lies)]
-            flags = [(self.held | self.inside)[1:], self.held[1:], moves[1:], *shares]
-            tangential[:, -BEFORE - FRICTION_TOLD : -BEFORE] = np.stack(flags, axis=2).reshape(
+            first = self.end & np.vstack([self.lies, np.zeros_like(self.lies[:1])])
+            flags = [self.held, self.inside, self.end & ~first, first, moves, *self._pressing()]
+            tangential[:, -BEFORE - FRICTION_TOLD : -BEFORE] = np.stack(flags, axis=2)[1:].reshape(
                 -1, FRICTION_TOLD
             )
         return found
+
+    def _pressing(self) -> list[Array]:
+        """Return whether it is given (N + 1, K), P and p there, and p before and beyond."""
+        if self.pressing is None:
+            return [np.zeros(self.point.shape)] * 5
+        P, p = np.moveaxis(self.pressing, 2, 0)
+        none = np.zeros_like(p[:1])
+        return [np.ones_like(p), P, p, np.vstack([none, p[:-1]]), np.vstack([p[1:], none])]
 
 
 def forces(system: System, states: Array) -> Array:
@@ -139,8 +151,17 @@ def pressure_shares(system: System, lies: Mask) -> tuple[Array, Array, Array]:
     return before, 2 * (before + beyond), beyond
 
 
-def frictions(system: System, states: Array) -> Array:
-    """Return the friction at each node from each obstacle (N + 1, K, 3) [N], 0 without any."""
-    if not system.of.form.contact_friction:
-        return np.zeros((system.of.elements + 1, system.of.form.contacts, 3))
-    return np.asarray(states[system.of.friction_forces])
+def frictions(system: System, states: Array, touches: Touches) -> Array:
+    """Return the friction at each node from each obstacle (N + 1, K, 3) [N], 0 without any.
+
+    Of the traction between nodes as much falls to each as of the pressure.
+    """
+    of = system.of
+    if not of.form.contact_friction:
+        return np.zeros((of.elements + 1, of.form.contacts, 3))
+    p = second(system, states) * (touches.end | touches.inside)
+    spread = resultants(system, states, touches) - forces(system, states) * touches.held
+    length = np.divide(spread, p, out=np.zeros_like(p), where=p > 0)
+    frames = matrices(system.poses(states)[:, :4])
+    tau = np.einsum("nij,nkj->nki", frames, states[of.tractions])
+    return np.asarray(states[of.friction_forces] + length[:, :, None] * tau)

@@ -27,9 +27,10 @@ class Contact(Effect):
     tensions in a straight line, in eight steps or more, from those of a shape that is known, such
     as one that touches nothing or one settled without friction. Points that roll are off by what
     they roll in a step. Friction acts on the midline: its moment about it, of its size times the
-    arm's radius, and that the arm may roll sideways, are left out. It acts at nodes, and converges
-    slowly with their distance where the arm lies along an obstacle; there the scene has to
-    have Extension, without which forces along the arm between places that stick are undetermined.
+    arm's radius, and that the arm may roll sideways, are left out. Where the arm lies along an
+    obstacle the scene has to have Extension, without which forces along the arm between places that
+    stick are undetermined; friction there is spread as the pressure is, and where sticking and
+    slipping meet is known to a node.
 
     Attributes
     ----------

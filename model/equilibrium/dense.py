@@ -123,13 +123,16 @@ class _Parts:
         of, found = self.system.of, list[_Pressures]()
         own = self.system.p[of.equations.numbers_of("pressure")]
         own = own.reshape(of.elements, of.form.contacts, -1)[self.step]
-        p = self.states[of.touches[:, :, 1]]
+        p, rubbed = self.states[of.touches[:, :, 1]], self.states[of.tractions]
         for j in range(of.form.contacts):
             numbers = own[:, j].copy()
             numbers[:, -2] = self.h
             before, after = p[self.step, j], p[self.step + 1, j]
             ends = np.stack([before, before + self.share * (after - before)])
-            kernel = pressure(of.form.law, of.form.stages)
+            if of.form.contact_friction:
+                before, after = rubbed[self.step, j].T, rubbed[self.step + 1, j].T
+                ends = np.vstack([ends, before, before + self.share * (after - before)])
+            kernel = pressure(of.form.law, of.form.stages, of.form.contact_friction)
             found.append(_Pressures(kernel, node[:, :POSE].T, ends, numbers.T))
         return found
 

@@ -162,7 +162,7 @@ class _Part:
         if self.form.friction:
             parts += self._sliding(v, flat, pulls)
         if self.form.pressed:
-            parts.append(self._pressures())
+            parts += [self._pressures(), self._tractions()]
         rows = np.hstack(parts).reshape(*self.shape, -1)
         by_element = rows.transpose(0, 2, 1, 3).reshape(self.shape[0], self.N, -1)
         once = np.broadcast_to(self.once, (self.shape[0], *self.once.shape))
@@ -197,10 +197,21 @@ class _Part:
 
     def _pressures(self) -> Array:
         """Return the force per length of each contact at all places (places, contacts) [N/m]."""
-        p = self.states[self.of.touches[:, :, 1]]
-        x = self.at.x[:, :, None, None]
-        size = self._pressing()[:, :, -1] * ((1 - x) * p[:-1] + x * p[1:])
-        return np.asarray(size.reshape(-1, self.form.contacts))
+        return self._linear(self.states[self.of.touches[:, :, 1:]])
+
+    def _tractions(self) -> Array:
+        """Return the friction per length at all places (places, 3) [N/m], in the arm's frames."""
+        if not self.form.contact_friction:
+            return np.zeros((self.at.x.size * self.N, 3))
+        tau = self._linear(self.states[self.of.tractions])
+        return np.asarray(tau.reshape(-1, self.form.contacts, 3).sum(axis=1))
+
+    def _linear(self, at_nodes: Array) -> Array:
+        """Return what is linear between nodes (N + 1, contacts, n) where parts lie, 0 elsewhere."""
+        x = self.at.x[:, :, None, None, None]
+        lies = self._pressing()[:, :, -1:]
+        found = lies * ((1 - x) * at_nodes[:-1] + x * at_nodes[1:])
+        return np.asarray(found.reshape(self.at.x.size * self.N, -1))
 
 
 @lru_cache(maxsize=1)
@@ -236,7 +247,7 @@ class _Node:
 
     Strains about which the law is linearised, the wrench there, how strains follow the wrench, dead
     loads beyond, drag; with friction the tendons' wrenches per newton, tensions, turning and its
-    slopes; what presses.
+    slopes; what presses and rubs.
     """
 
     def __init__(self, n: int, current: bool, t: int, K: int) -> None:
@@ -246,6 +257,7 @@ class _Node:
         self.unit, self.pulls = ca.SX.sym("unit", n, t), ca.SX.sym("pulls", t)
         self.turning, self.slope = ca.SX.sym("turning", t), ca.SX.sym("slope", n, t)
         self.pressure = ca.SX.sym("pressure", K)
+        self.traction = ca.SX.sym("traction", 3 * (K > 0))
         self.all = ca.vertcat(*(ca.vec(part) for part in vars(self).values()))
 
 
@@ -283,17 +295,17 @@ def _rate(form: Form, numbers: _Symbols, node: _Node, y: ca.SX) -> tuple[ca.SX, 
     along = frame @ nu
     rates = [multiply(q, ca.vertcat(0, kappa)) / 2, along, -ca.cross(along, F)]
     if form.moving:
-        rates.append(-_pushed(form, numbers, node, u, frame[:, 0], nu))
+        rates.append(-_pushed(form, numbers, node, u, frame, nu))
     return ca.vertcat(*rates, node.turning + node.slope.T @ (v - node.v)), v
 
 
-def _pushed(form: Form, numbers: _Symbols, node: _Node, u: ca.SX, t: ca.SX, nu: ca.SX) -> ca.SX:
+def _pushed(form: Form, numbers: _Symbols, node: _Node, u: ca.SX, frame: ca.SX, nu: ca.SX) -> ca.SX:
     """Return the force per reference length that depends on the shape (3,) [N/m]."""
-    found = ca.SX.zeros(3)
+    found, t = ca.SX.zeros(3), frame[:, 0]
     if form.current:
         across = numbers.velocity - t * ca.dot(t, numbers.velocity)
         speed = ca.sqrt(ca.sumsqr(across) + _TINY)
         found += numbers.load * node.drag * nu[0] * speed * across
     for k in range(node.pressure.numel()):
         found += node.pressure[k] * with_gradient()(u, numbers.bodies[:, k])[1]
-    return found
+    return found + frame @ node.traction if node.pressure.numel() else found

@@ -65,9 +65,7 @@ def verified(here: Linearised, accuracy: float) -> Verified:
 def _before(here: Linearised) -> Array:
     """Return the unknowns of the nodes before the elements (N, n), wrenches beyond the nodes."""
     of = here.system.of
-    found = here.states[
-        of.nodes[:-1, : of.node_size - of.touches[0].size - of.friction_forces[0].size]
-    ].copy()
+    found = here.states[of.nodes[:-1, : of.node_size - of.touching]].copy()
     found[:, POSE : POSE + of.form.wrench] = here.system.wrenches_beyond(here.x)[:-1]
     return found
 

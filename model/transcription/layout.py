@@ -61,12 +61,12 @@ class Layout:
     @cached_property
     def node_size(self) -> int:
         """Number of unknowns of a node."""
-        return POSE + self.form.wrench + self.n_tendons * self.form.friction + self._touching
+        return POSE + self.form.wrench + self.n_tendons * self.form.friction + self.touching
 
     @property
-    def _touching(self) -> int:
+    def touching(self) -> int:
         """Number of a node's unknowns that are about contact."""
-        return (2 + 3 * self.form.contact_friction) * self.form.contacts
+        return (2 + 6 * self.form.contact_friction) * self.form.contacts
 
     @cached_property
     def stage_size(self) -> int:
@@ -109,20 +109,29 @@ class Layout:
     @property
     def turned(self) -> Places:
         """Places of the angles that tendons have turned (N + 1, n_tendons), with friction."""
-        return self.nodes[:, POSE + self.form.wrench : self.node_size - self._touching]
+        return self.nodes[:, POSE + self.form.wrench : self.node_size - self.touching]
 
     @property
     def touches(self) -> Places:
         """Places of the two unknowns of each contact (N + 1, contacts, 2); see touch."""
-        first = self.node_size - self._touching
+        first = self.node_size - self.touching
         found = self.nodes[:, first : first + 2 * self.form.contacts]
         return found.reshape(self.elements + 1, self.form.contacts, 2)
 
     @property
     def friction_forces(self) -> Places:
         """Places of the friction of each contact (N + 1, contacts, 3); none without it."""
-        first = self.node_size - 3 * self.form.contacts * self.form.contact_friction
-        return self.nodes[:, first:].reshape(self.elements + 1, -1, 3)
+        return self._frictions[:, :, :3]
+
+    @property
+    def tractions(self) -> Places:
+        """Places of the friction per length of each contact (N + 1, contacts, 3); see touch."""
+        return self._frictions[:, :, 3:]
+
+    @property
+    def _frictions(self) -> Places:
+        first = self.node_size - 6 * self.form.contacts * self.form.contact_friction
+        return self.nodes[:, first:].reshape(self.elements + 1, -1, 6)
 
     @cached_property
     def crossings(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -188,17 +197,22 @@ class Layout:
         ]
         if form.pressed:
             both = np.stack([own[:-1, :, 1], own[1:, :, 1]], axis=2).reshape(-1, 2)
+            rubbed = np.concatenate([self.tractions[:-1], self.tractions[1:]], axis=2)
+            both = np.hstack([both, rubbed.reshape(len(both), -1)])
             unknowns = at + np.hstack([before, inside, both]).T
-            terms.append(Term(pressure(law, m), unknowns, np.hstack([wrench[:-K], inside]).T))
+            kernel = pressure(law, m, form.contact_friction)
+            terms.append(Term(kernel, unknowns, np.hstack([wrench[:-K], inside]).T))
         if form.contact_friction:
-            # Beyond the tip there is no pressure, and the weight of it is 0.
-            near = np.stack([own[:-1, :, 1], own[[*range(2, self.elements + 1), -2], :, 1]], axis=2)
-            Q = self.friction_forces[1:].reshape(-1, 3)
-            unknowns = np.hstack([inside, after, here, near.reshape(-1, 2), Q]).T
+            # No part begins at the tip, so that what is beyond it does not matter.
+            beyond = [*range(2, self.elements + 1), -2]
+            rubbed = np.concatenate([own[:, :, 1:], self.tractions], axis=2)
+            near = np.concatenate([rubbed[:-1], rubbed[beyond]], axis=2)
+            Q = self._frictions[1:].reshape(-1, 6)
+            unknowns = np.hstack([inside, after, here, near.reshape(-1, 8), Q]).T
             terms.append(
                 Term(contact_friction(law, m), at + unknowns, np.hstack([wrench[K:], Q]).T)
             )
-            none = self.friction_forces[0].reshape(1, -1)
+            none = self._frictions[0].reshape(1, -1)
             terms.append(Term(no_touch(), at + none, none))
         return terms
 

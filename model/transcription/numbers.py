@@ -30,7 +30,7 @@ from model.transcription.layout import Layout
 from model.transcription.touch import TOLD
 
 # What slip is weighted with in contact friction, over the stiffness E A / L of the base.
-_RESISTS = 0.1
+_RESISTS = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +96,8 @@ def contact_numbers(arm: Arm, scene: Scene, form: Form, mesh: Mesh) -> list[Arra
         mu = [contact.friction for contact in contacts(scene)]
         radius = float(arm.outer_radius(np.zeros(1))[0][0])
         r = _RESISTS * arm.material.E * np.pi * radius**2 / arm.length
-        scales = np.vstack([np.tile(mu, h.size), np.full(h.size * K, r)])
+        by_length = np.repeat(r / h, K)
+        scales = np.vstack([np.tile(mu, h.size), np.full(h.size * K, r), by_length])
         found.append(
             np.vstack(
                 [np.tile(bodies, h.size), scales, np.zeros((FRICTION_TOLD + BEFORE, h.size * K))]

@@ -103,14 +103,16 @@ def no_touch() -> Kernel:
 
 
 @lru_cache(maxsize=32)
-def pressure(law: CrossSection, m: int) -> Kernel:
+def pressure(law: CrossSection, m: int, friction: bool = False) -> Kernel:
     """Return the kernel of an element that may lie on an obstacle.
 
-    Unknowns: q, u, strains; p at both nodes. Numbers: the obstacle's, h, 1 if it does. Rows: what
-    it adds to M and F at the first node, then to the local wrench at the stages.
+    Unknowns: q, u, strains; p at both nodes, and with friction the traction there, as components
+    in the arm's frames, that is linear between them too. Numbers: the obstacle's, h, 1 if it does.
+    Rows: what it adds to M and F at the first node, then to the local wrench at the stages.
     """
     q, u, v = ca.SX.sym("q", 4), ca.SX.sym("u", 3), ca.SX.sym("v", size(law), m)
     p, c, method = ca.SX.sym("p", 2), ca.SX.sym("c", PRESSURE), gauss(m)
+    tau = ca.SX.sym("tau", 3 * friction, 2)
     h, lies = c[SIZE], c[SIZE + 1]
     twists = [law.twist(own) for own in ca.horzsplit(v)]
     turns = rotation_vectors([kappa for kappa, _ in twists], h)[:-1]
@@ -119,6 +121,9 @@ def pressure(law: CrossSection, m: int) -> Kernel:
     places = [u + h * weighted_sum(row, along) for row in method.a]
     shares = [lies * ((1 - x) * p[0] + x * p[1]) for x in method.c.tolist()]
     f = [x * with_gradient()(at, c[:SIZE])[1] for x, at in zip(shares, places, strict=True)]
+    if friction:
+        between = [lies * ((1 - x) * tau[:, 0] + x * tau[:, 1]) for x in method.c.tolist()]
+        f = [own + frame @ t for own, frame, t in zip(f, R, between, strict=True)]
     F = [h * weighted_sum(method.b - row, f) for row in method.a]
     levers = [ca.cross(t, force) for t, force in zip(along, F, strict=True)]
     M = [h * weighted_sum(method.b - row, levers) for row in method.a]
@@ -127,4 +132,5 @@ def pressure(law: CrossSection, m: int) -> Kernel:
         for frame, moment, force in zip(R, M, F, strict=True)
     ]
     rows = [-h * weighted_sum(method.b, levers), -h * weighted_sum(method.b, f), *stages]
-    return Kernel("pressure", ca.vertcat(q, u, ca.vec(v), p), c, ca.vertcat(*rows))
+    unknowns = ca.vertcat(q, u, ca.vec(v), p, ca.vec(tau))
+    return Kernel("pressure", unknowns, c, ca.vertcat(*rows))
