@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -56,7 +57,8 @@ class Mirror:
         return np.hstack([quaternions, origin + (poses[:, 4:] - origin) @ base])
 
 
-def mirrors(arm: Arm, limits: Limits) -> list[Mirror]:
+@lru_cache(maxsize=32)
+def mirrors(arm: Arm, limits: Limits) -> tuple[Mirror, ...]:
     """Return the planes that map the tendons to others of the same path and limits."""
     found: list[Mirror] = []
     first, phi = arm.tendons[0]
@@ -65,7 +67,7 @@ def mirrors(arm: Arm, limits: Limits) -> list[Mirror]:
         images = [_image(arm, limits, j, double) for j in range(arm.n_tendons)]
         if None not in images:
             found.append(Mirror(double / 2, np.array(images)))
-    return found
+    return tuple(found)
 
 
 def _image(arm: Arm, limits: Limits, j: int, double: float) -> int | None:
@@ -111,7 +113,7 @@ def mirror_images(
         if not likely or np.abs(T - other).max() <= _SAME * T.max():
             continue
         try:
-            settled = settle(arm, other, scene, accuracy)
+            settled = settle(arm, other, scene, accuracy, compile=shape.machine_code)
         except OctoplanError:
             continue
         if _off(arm, targets, settled.poses(stations)) <= most:

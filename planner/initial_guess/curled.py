@@ -10,7 +10,6 @@ is wanted. All are read off a coarse mesh in one sweep.
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import product
 
 import numpy as np
 
@@ -70,18 +69,26 @@ def _patterns(arm: Arm, targets: tuple[Target, ...], limits: Limits) -> list[tup
             continue
         tip, base = (_signed(sides, [k]) for k in (0, len(sections) - 1))
         middle = _signed(sides, list(range(1, len(sections) - 1)))
-        inner = [a for a in _MIDDLE if len(sections) > 2] or [0.0]
+        inner = middle(_MIDDLE if len(sections) > 2 else (0.0,))[:, None]
         for curl in _CURLS:
-            pulls = [tip(curl) + middle(a) + base(b) for a, b in product(inner, _BASE)]
-            groups.append((curl, np.array(pulls)))
+            pulls = tip((curl,)) + inner + base(_BASE)
+            groups.append((curl, pulls.reshape(-1, arm.n_tendons)))
     return [(curl, _pulled(T, limits)) for curl, T in groups]
 
 
-def _signed(sides: list[list[Array]], sections: list[int]) -> Callable[[float], Array]:
-    """Return the pull of some sections together: towards for levels above 0, away below."""
+def _signed(sides: list[list[Array]], sections: list[int]) -> Callable[[tuple[float, ...]], Array]:
+    """Return levels (m,) -> the pull (m, n_tendons) of some sections together.
+
+    That is towards for levels above 0, away below.
+    """
     zero = np.zeros_like(sides[0][0])
     toward, away = (sum((side[k] for k in sections), zero) for side in sides)
-    return lambda level: level * toward if level >= 0 else -level * away
+
+    def pulls(levels: tuple[float, ...]) -> Array:
+        level = np.array(levels)[:, None]
+        return np.where(level >= 0, level * toward, -level * away)
+
+    return pulls
 
 
 def _pulled(T: Array, limits: Limits) -> Array:

@@ -199,10 +199,13 @@ class Problem:
         return self.mechanics.condensed
 
 
+@lru_cache(maxsize=32)
 def units(arm: Arm, limits: Limits) -> Array:
     """Return the tension that each unknown is counted in [N]: what bends the arm by some rad."""
     most, upper = 5 * natural_tensions(arm), np.array(limits.upper)
-    return np.where(_does_nothing(arm, upper), most, np.minimum(upper, most))
+    found = np.where(_does_nothing(arm, upper), most, np.minimum(upper, most))
+    found.setflags(write=False)
+    return found
 
 
 def _does_nothing(arm: Arm, upper: Array) -> Array:

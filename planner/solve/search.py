@@ -135,10 +135,10 @@ class Search:
 
     def _in_plane(self, fine: Fine) -> Fine:
         """Return the optimum in a plane of symmetry where one costs no more, else the one given."""
-        task, T = self.task, self.task.tensions(fine.solution)
+        task, T, by = self.task, self.task.tensions(fine.solution), self.task.machine_code
         asked = (task.arm, task.scene, task.targets, task.limits)
         try:
-            shape = fine.shape or settle(task.arm, T, task.scene, _ROUGH)
+            shape = fine.shape or settle(task.arm, T, task.scene, _ROUGH, compile=by)
             images = list(mirror_images(*asked, shape, _ROUGH))
         except OctoplanError:
             return fine

@@ -19,6 +19,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dpotrf
 
 from model.machine.buffered import Buffered
 from model.paths import Array
@@ -72,56 +73,53 @@ class _Sqp:
         self.program, self.p, self.bounds, self.most = program, p, bounds, most
         lbx, ubx, lbg, ubg = bounds
         self.equal, self.fixed = np.equal(lbg, ubg), np.equal(lbx, ubx)
-        self.quadratic = _quadratic(lbx.size, int(np.sum(~self.equal)))
+        self.uneven = ~self.equal
+        self.quadratic = _quadratic(lbx.size, int(np.sum(self.uneven)))
 
     def run(self, x: Array, lam: Array | None = None) -> Solution | None:
         """Return where the steps from unknowns x lead; None where that is nowhere."""
         n = self.fixed.size
         lam = np.zeros(self.equal.size) if lam is None else lam
         x = np.concatenate([np.clip(x[:n], *self.bounds[:2]), x[n:]])
-        here, steps = self.program.at(x, self.p), 0
-        last: Solution | None = None
-        while here is not None and np.isfinite(here.f) and np.abs(lam).max(initial=0.0) <= _LOST:
-            last = self._solution(here, lam, steps)
-            step = None if last.met or steps == self.most else self._step(here, lam)
+        here, steps, last = self.program.at(x, self.p), 0, None
+        while here is not None and np.isfinite(here.f) and _most(lam) <= _LOST:
+            last = point = _Point(here, lam, here.gradient + here.jacobian.T @ lam, steps)
+            point.held = self._held(point)
+            point.met = self._residual(point) <= _MET
+            step = None if point.met or steps == self.most else self._step(point)
             if step is None:
                 break
             check_time()
             change, after = step
-            x, share = self._line(here, change, 2 * float(np.abs(after).max(initial=0.0)) + 1e-3)
+            x, share = self._line(here, change, 2 * _most(after) + 1e-3)
             here, lam, steps = self.program.at(x, self.p), lam + share * (after - lam), steps + 1
-        return last
+        return None if last is None else last.solution()
 
-    def _solution(self, here: Reduced, lam: Array, steps: int) -> Solution:
-        met = self._residual(here, lam) <= _MET
-        slope = here.gradient + here.jacobian.T @ lam
-        lam_x = np.where(self._held(here, lam), -slope, 0.0)
-        return Solution(here.x, lam_x, lam, here.f, here.g, met, "" if met else _REASON, steps)
-
-    def _step(self, here: Reduced, lam: Array) -> tuple[Array, Array] | None:
+    def _step(self, at: _Point) -> tuple[Array, Array] | None:
         """Return the step of the quadratic program, and the multipliers after it."""
         lbx, ubx, lbg, ubg = self.bounds
-        equal, g, J, a = self.equal, here.g, here.jacobian, here.x[: self.fixed.size]
+        here, lam, equal, uneven = at.here, at.lam, self.equal, self.uneven
+        g, a = here.g, here.x[: self.fixed.size]
+        J, rest = here.jacobian[equal], here.jacobian[uneven]
         lack = (g - lbg)[equal]
-        lack *= min(1.0, _CLOSED / max(float(np.linalg.norm(lack)), 1e-300))
+        lack *= min(1.0, _CLOSED / max(float(np.sqrt(lack @ lack)), 1e-300))
         H, more = self.program.curvature(here, self.p, 1.0, lam)
-        convex = self._convex(H + J[equal].T @ J[equal] / _SOFT, self._held(here, lam))
+        convex = self._convex(H + J.T @ J / _SOFT, at.held)
         if convex is None:
             return None
-        slope = here.gradient + more + J[equal].T @ (lam[equal] + lack / _SOFT)
+        slope = here.gradient + more + J.T @ (lam[equal] + lack / _SOFT)
         low, high = np.maximum(lbx - a, -_LONGEST), np.minimum(ubx - a, _LONGEST)
-        rows = (lbg - g)[~equal], (ubg - g)[~equal]
-        solved = self.quadratic(convex.ravel(), slope, J[~equal].ravel("F"), *rows, low, high)
+        rows = (lbg - g)[uneven], (ubg - g)[uneven]
+        solved = self.quadratic(convex.ravel(), slope, rest.ravel("F"), *rows, low, high)
         change, _, own, _ = (value.ravel() for value in solved)
         after = np.zeros(g.size)
-        after[equal], after[~equal] = lam[equal] + (J[equal] @ change + lack) / _SOFT, own
-        found = bool(np.all(np.isfinite(change)) and np.all(np.isfinite(after)))
-        return (change, after) if found else None
+        after[equal], after[uneven] = lam[equal] + (J @ change + lack) / _SOFT, own
+        return (change, after) if np.isfinite(change.sum() + after.sum()) else None
 
-    def _held(self, here: Reduced, lam: Array) -> Mask:
+    def _held(self, at: _Point) -> Mask:
         """Return which unknowns are held by their bounds."""
         lbx, ubx, _, _ = self.bounds
-        slope, a = here.gradient + here.jacobian.T @ lam, here.x[: self.fixed.size]
+        slope, a = at.slope, at.here.x[: self.fixed.size]
         low, high = (a <= lbx + _AT) & (slope > 0), (a >= ubx - _AT) & (slope < 0)
         return np.asarray(low | high | self.fixed)
 
@@ -131,7 +129,7 @@ class _Sqp:
 
         None where it is not finite.
         """
-        if not np.all(np.isfinite(H)):
+        if not np.isfinite(H.sum()):
             return None
         if _is_convex(H):
             return H
@@ -154,7 +152,8 @@ class _Sqp:
         lbx, ubx, _, _ = self.bounds
         a, trial, share = here.x[: self.fixed.size], here.x, 1.0
         for _ in range(_HALVED):
-            there = self.program.follow(here, np.clip(a + share * change, lbx, ubx) - a, self.p)
+            inside = np.minimum(np.maximum(a + share * change, lbx), ubx)
+            there = self.program.follow(here, inside - a, self.p)
             if there is not None:
                 trial = there
                 after = self._merit(*self.program.value(trial, self.p), weight)
@@ -170,24 +169,38 @@ class _Sqp:
         _, _, lbg, ubg = self.bounds
         return np.maximum(0.0, np.maximum(lbg - g, g - ubg))
 
-    def _residual(self, here: Reduced, lam: Array) -> float:
+    def _residual(self, at: _Point) -> float:
         """Return the residual of the first-order conditions, scaled as planner.solve.newton's."""
         _, _, lbg, ubg = self.bounds
-        slope = here.gradient + here.jacobian.T @ lam
-        slope[self._held(here, lam)] = 0.0
+        here, lam, slope = at.here, at.lam, np.where(at.held, 0.0, at.slope)
         room = np.minimum(np.abs(np.where(lam > 0, ubg, lbg) - here.g), 1e3)
-        idle = np.abs(lam[~self.equal]) * room[~self.equal]
-        scale = 1e-2 + np.abs(here.gradient).max() + np.abs(lam).max(initial=0.0)
+        scale = 1e-2 + _most(here.gradient) + _most(lam)
         violated = max(float(self._violations(here.g).max(initial=0.0)), here.off)
-        return max(violated, float(max(np.abs(slope).max(), idle.max(initial=0.0)) / scale))
+        return max(violated, max(_most(slope), _most((lam * room)[self.uneven])) / scale)
+
+
+class _Point:
+    """Where the steps are: what is linearised there, multipliers, the Lagrangian's gradient."""
+
+    held: Mask
+    met: bool
+
+    def __init__(self, here: Reduced, lam: Array, slope: Array, steps: int) -> None:
+        self.here, self.lam, self.slope, self.steps = here, lam, slope, steps
+
+    def solution(self) -> Solution:
+        """Return the point as a solution."""
+        here, lam_x = self.here, np.where(self.held, -self.slope, 0.0)
+        told = here.f, here.g, self.met, "" if self.met else _REASON, self.steps
+        return Solution(here.x, lam_x, self.lam, *told)
+
+
+def _most(values: Array) -> float:
+    return float(np.abs(values).max(initial=0.0))
 
 
 def _is_convex(H: Array) -> bool:
-    try:
-        np.linalg.cholesky(H)
-    except np.linalg.LinAlgError:
-        return False
-    return True
+    return bool(dpotrf(H, lower=1)[1] == 0)
 
 
 @lru_cache(maxsize=64)

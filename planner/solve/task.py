@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -66,14 +67,22 @@ class Task:
         """The same with the least stable mode held to the margin."""
         return replace(self, statement=self.statement.but(modes=1))
 
-    @property
+    @cached_property
     def allowed(self) -> Limits:
         """The limits, with tendons that a target does not let pull held at their minima."""
         return allowed(self.arm, self.targets, self.limits)
 
     def problem(self, statement: Statement) -> Problem:
         """Return the program by a statement."""
-        return build(self.arm, self.targets, self.scene, statement, self.machine_code)
+        if statement not in self._problems:
+            stated = (self.arm, self.targets, self.scene, statement, self.machine_code)
+            self._problems[statement] = build(*stated)
+        return self._problems[statement]
+
+    @cached_property
+    def _problems(self) -> dict[Statement, Problem]:
+        """The programs that were asked for."""
+        return {}
 
     def coarse(self, mode: Mode) -> Statement:
         """Return the statement by a scheme and mesh that cost little: good to 1e-3 of L or so.
@@ -105,13 +114,13 @@ class Task:
         terms = self.problem(self.coarse("exact")).terms
         return bool(self._rows <= 3 and terms.numel_out(2) == 0)
 
-    @property
+    @cached_property
     def can_be_exact(self) -> bool:
         """Whether there are tendons enough to meet every equality and soft residual."""
         free = np.sum(np.array(self.allowed.upper) > self.allowed.lower)
         return bool(self._rows <= free)
 
-    @property
+    @cached_property
     def _rows(self) -> int:
         terms = self.problem(self.coarse("exact")).terms
         return int(terms.numel_out(0) + terms.numel_out(1))
