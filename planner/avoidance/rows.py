@@ -9,7 +9,7 @@ constraints that follow the nearest place of an arm do not change the program's 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -20,9 +20,12 @@ from model.arm import Arm
 from model.mesh import graded
 from model.obstacles.base import SIZE, signed_distance
 from model.paths import Array
+from model.rotations import matrix
+from model.transcription.kernel import Kernel
+from model.transcription.layout import POSE
+from model.transcription.terms import Equations, Term
 from planner.targets.base import Free, Terms, View
 
-NAME = "clearance"
 # Slots of an element come so many at a time, and every element has some: that makes one program of
 # nearly all that is to be kept clear of. Those that are empty keep clear of a ball far off.
 _SLOTS = 2
@@ -121,20 +124,26 @@ class Avoidance(Free):
         return np.concatenate(parts)
 
     def terms(self, view: View, p: ca.MX) -> Terms:
-        """See Target.terms: how much farther off than they have to be the places are, over L."""
-        arm, distance, size = view.arm, signed_distance(), 7 + SIZE + 1
-        slots, inequalities = self._slots(arm), []
-        for i, k in enumerate(slots):
-            own = p[size * i : size * (i + 1)]
-            inequalities.append(distance(_point(view, k, own[:7]), own[7:-1]) - own[-1])
-        first = size * len(slots)
-        for i, (k, other) in enumerate(self._elements(arm)):
-            own = p[first + 15 * i : first + 15 * (i + 1)]
-            gap = _point(view, k, own[:7]) - _point(view, other, own[7:14])
-            inequalities.append(ca.sqrt(ca.sumsqr(gap) + _TINY) - own[-1])
-        return Terms(
-            inequality={NAME: ca.vertcat(*inequalities) / arm.length}, hard=frozenset({NAME})
-        )
+        """See Target.terms: none; its inequalities are `gaps`."""
+        return Terms()
+
+    def gaps(self, arm: Arm, stations: Sequence[float], machine_code: bool = False) -> Equations:
+        """Return how much farther off than they have to be the places are [m], by the poses.
+
+        Unknowns are the poses of the base and at the stations, (7,) each; numbers are those of
+        `parameters`. Made of a few kernels, whatever there is to keep clear of: see Equations.
+        """
+        at = {0.0: 0} | {s: 1 + k for k, s in enumerate(stations)}
+        poses = POSE * np.array([at[s] for s in grid(arm).tolist()])[:, None] + np.arange(POSE)
+        both = np.hstack([poses[:-1], poses[1:]])
+        slots = np.array(self._slots(arm), dtype=np.int64)
+        pairs = np.array(self._elements(arm), dtype=np.int64).reshape(-1, 2)
+        rows = np.arange(slots.size + len(pairs))[None, :]
+        terms = [
+            Term(_from_body(), both[slots].T, rows[:, : slots.size]),
+            Term(_from_place(), np.hstack(list(both[pairs.T])).T, rows[:, slots.size :]),
+        ]
+        return Equations(POSE * (1 + len(stations)), rows.size, terms, machine_code)
 
     def guess_towards(self, arm: Arm) -> None:
         """See Target.guess_towards: nowhere."""
@@ -173,10 +182,23 @@ def _weights(arm: Arm, place: Place) -> Array:
     return np.concatenate([cubic(arm, place.s, place.length), place.shift])
 
 
-def _point(view: View, element: int, numbers: ca.MX) -> ca.MX:
-    """Return where a place with such numbers (7,) is (3,)."""
-    nodes = grid(view.arm)
-    near, far = (float(s) for s in nodes[element : element + 2])
-    w = ca.vertsplit(numbers[:4])
-    point = w[0] * view.position(near) + w[1] * view.frame(near)[:, 0]
-    return point + w[2] * view.position(far) + w[3] * view.frame(far)[:, 0] + numbers[4:]
+@lru_cache(maxsize=1)
+def _from_body() -> Kernel:
+    """Return the kernel of a place near a body: poses of both stations (14,); its numbers."""
+    y, c = ca.SX.sym("y", 2 * POSE), ca.SX.sym("c", 7 + SIZE + 1)
+    return Kernel("from_body", y, c, signed_distance()(_point(y, c[:7]), c[7:-1]) - c[-1])
+
+
+@lru_cache(maxsize=1)
+def _from_place() -> Kernel:
+    """Return the kernel of a place near another: poses of their stations (28,); their numbers."""
+    y, c = ca.SX.sym("y", 4 * POSE), ca.SX.sym("c", 15)
+    apart = _point(y[: 2 * POSE], c[:7]) - _point(y[2 * POSE :], c[7:14])
+    return Kernel("from_place", y, c, ca.sqrt(ca.sumsqr(apart) + _TINY) - c[-1])
+
+
+def _point(poses: ca.SX, numbers: ca.SX) -> ca.SX:
+    """Return where a place with such numbers (7,) is (3,), between the poses of two stations."""
+    w, ends = ca.vertsplit(numbers[:4]), ca.vertsplit(poses, POSE)
+    near, far = ((pose[4:], matrix(pose[:4])[:, 0]) for pose in ends)
+    return w[0] * near[0] + w[1] * near[1] + w[2] * far[0] + w[3] * far[1] + numbers[4:]

@@ -22,7 +22,6 @@ from model.stations import Counts
 from model.unloaded.closed_form import ClosedForm
 from model.unloaded.condensed_steps import CondensedSteps
 from model.unloaded.steps_in_c import StepsInC
-from planner.avoidance.rows import Avoidance
 from planner.program.explicit_numbers import ExplicitByCasadi, ExplicitInC
 from planner.program.expressions import Expressions, Outer, by_casadi, by_steps
 from planner.program.program import Objective, Rows
@@ -63,9 +62,7 @@ class Explicit:
         nodes = [forward.mesh.node(s) for s in stations]
         if isinstance(forward, ClosedForm):
             steps = CondensedSteps(forward, nodes, rows, machine_code)
-            # What keeps clear changes its structure often: a compiler takes longer than it saves.
-            compiled = machine_code and not any(isinstance(own, Avoidance) for own in targets)
-            own = Outer.of(self.objective, n, compiled)
+            own = Outer.of(self.objective, n, len(stations), machine_code)
             self._state = partial(by_steps, steps, own)
             if StepsInC.can(steps):
                 self._calls = ExplicitInC(StepsInC(steps), own, n)

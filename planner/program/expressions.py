@@ -57,27 +57,45 @@ class Outer:
     second: ca.Function
 
     @classmethod
-    def of(cls, objective: Objective, n: int, machine_code: bool) -> Outer:
-        """Return the functions of an objective of n tensions."""
+    def of(cls, objective: Objective, n: int, stations: int, machine_code: bool) -> Outer:
+        """Return the functions of an objective of n tensions that sees K stations."""
         value, slopes, weights, curvature = kernels(_kernels(objective, n), machine_code)
-        n_free, n_numbers = value.numel_in(0), objective.n_numbers
-        x, p, poses, stretch = (ca.MX.sym(value.name_in(i), *value.size_in(i)) for i in range(4))
-        unit, rows = p[n_numbers:], poses.numel() + stretch.numel()
-        given, seen = [x, p, poses, stretch], ca.MX.sym("seen", rows, n)
-        moved = seen @ ca.diag(unit)
-        across = ca.vertcat(ca.MX.eye(n_free), ca.horzcat(moved, ca.MX(rows, n_free - n)))
-        f, g = value(*given)
-        by_all, rows_by_all = slopes(*given)
-        found = [f, across.T @ by_all, g, rows_by_all @ across]
-        first = ca.Function("first", [*given, seen], [ca.densify(v) for v in found])
+        n_free, n_numbers, gaps = (
+            value.numel_in(0),
+            objective.n_numbers,
+            objective.gaps(machine_code),
+        )
+        x, p = ca.MX.sym("x", n_free), ca.MX.sym("p", n_numbers + n)
+        poses, stretch = ca.MX.sym("poses", 7, stations), ca.MX.sym("stretch", value.numel_in(3))
+        given, own = [x, p, poses, stretch], [x, p, poses[:, objective.seen], stretch]
+        near = poses, p[objective.n_own : n_numbers - 3]
+        seen = ca.MX.sym("seen", poses.numel() + stretch.numel(), n)
+        moved = ca.horzcat(seen @ ca.diag(p[n_numbers:]), ca.MX(seen.shape[0], n_free - n))
+        moved_poses = moved[: poses.numel(), :]
+        places = [7 * k + i for k in objective.seen for i in range(7)]
+        across = ca.vertcat(ca.MX.eye(n_free), moved_poses[places, :], moved[poses.numel() :, :])
+        f, g = value(*own)
+        g = objective.with_gaps(g, gaps.value(*near))
+        by_all, rows_by_all = slopes(*own)
+        steep = gaps.slopes(*near)
+        jacobian = objective.with_gaps(rows_by_all @ across, steep @ moved_poses)
+        first = [f, across.T @ by_all, g, jacobian]
         sigma, lam = ca.MX.sym("sigma"), ca.MX.sym("lam", g.numel())
-        bent = ca.MX.sym("bent", n, n)
-        hessian = across.T @ curvature(*given, sigma, lam) @ across
-        own = ca.diag(unit) @ bent @ ca.diag(unit)
-        hessian += ca.diagcat(own, ca.MX(n_free - n, n_free - n))
-        given = [*given, seen, sigma, lam, bent]
-        second = ca.Function("second", given, [ca.densify(hessian)])
-        return cls(value, first, weights, second)
+        lam_own, pressed = objective.without_gaps(lam, gaps.size)
+        slope, thin = weights(*own, sigma, lam_own)
+        slope_of_all = ca.reshape(steep.T @ pressed, *poses.shape)
+        slope_of_all[:, objective.seen] += slope
+        bent, unit = ca.MX.sym("bent", n, n), ca.diag(p[n_numbers:])
+        hessian = across.T @ curvature(*own, sigma, lam_own) @ across
+        hessian += moved_poses.T @ gaps.second(*near, pressed) @ moved_poses
+        hessian += ca.diagcat(unit @ bent @ unit, ca.MX(n_free - n, n_free - n))
+        along = [sigma, lam]
+        return cls(
+            ca.Function("value", given, [f, ca.densify(g)]),
+            ca.Function("first", [*given, seen], [ca.densify(v) for v in first]),
+            ca.Function("weights", [*given, *along], [ca.densify(slope_of_all), thin]),
+            ca.Function("second", [*given, seen, *along, bent], [ca.densify(hessian)]),
+        )
 
 
 def by_steps(steps: CondensedSteps, outer: Outer) -> Expressions:
@@ -136,8 +154,12 @@ def by_casadi(
     T, last = x[:n] * unit, n + objective.n_peak
     poses, stretch = forward.function.expand()(T)[:2]
     least = stretch[rows].T if rows else ca.SX(0, 1)
-    parts = (T, x[n:last], x[last:], given, poses[:, nodes], least, ca.SX(0, 1))
+    own = poses[:, [nodes[k] for k in objective.seen]]
+    parts = (T, x[n:last], x[last:], given, own, least, ca.SX(0, 1))
     f, g = objective.function.expand().call(parts, True)
+    near = ca.MX.sym("poses", 7, len(nodes)), ca.MX.sym("p", given.numel() - objective.n_own - 3)
+    gaps = ca.Function("gaps", [*near], [objective.gaps().value(*near)]).expand()
+    g = objective.with_gaps(g, gaps(poses[:, nodes], given[objective.n_own : -3]))
     sigma, lam = ca.SX.sym("sigma"), ca.SX.sym("lam", g.numel())
     hessian = ca.hessian(sigma * f + ca.dot(lam, g), x)[0]
     return Expressions(x, p, f, g, ca.gradient(f, x), ca.jacobian(g, x), sigma, lam, hessian)

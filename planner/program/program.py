@@ -34,7 +34,9 @@ from model.machine.buffered import Buffered
 from model.transcription.collocation import gauss
 from model.transcription.layout import POSE, Layout
 from model.transcription.terms import Equations
+from planner.avoidance.rows import Avoidance
 from planner.program.effort import smooth_norm
+from planner.program.gaps import Gaps
 from planner.program.reduced import Sparse
 from planner.program.same import Same
 from planner.program.statement import Statement
@@ -47,6 +49,7 @@ from planner.program.terms import (
     equality_weights,
     inequality_weights,
     share_rows,
+    stations_of,
     terms_function,
 )
 from planner.targets.base import Target
@@ -74,15 +77,20 @@ class Objective:
     Attributes
     ----------
     function : casadi.Function
-        Tensions [N], peak, lack, parameters, station poses (7, K), least stretches, compliances ->
-        f, g.
+        Tensions [N], peak, lack, parameters, poses (7, K) at the stations that count, least
+        stretches, compliances -> f, g without gaps.
+    seen : list of int
+        Which stations count.
     terms : casadi.Function
         Station poses (7, K), target numbers, compliances -> the targets' terms, one vector for each
         of planner.program.terms.KINDS.
     directions : casadi.Function
         Target numbers -> the directions (3, width) of each request.
+    n_numbers, n_own : int
+        Number of parameters: target numbers, those of gaps, reference tension, limit of the total,
+        trace; and of the first.
     rows : tuple of Rows
-        What the rows of g are, in order.
+        What the rows of g are, in order, with those of the gaps.
     lack_rows : list of int
         The rows of inequalities that may lack something.
     """
@@ -91,10 +99,15 @@ class Objective:
         self, arm: Arm, targets: tuple[Target, ...], statement: Statement, thin: int
     ) -> None:
         self.statement, self.requests = statement, compliance_requests(targets)
-        self.terms, self.directions = (
-            terms_function(arm, targets),
-            directions_function(arm, targets),
-        )
+        stations = stations_of(arm, targets)
+        self._clear = arm, targets, stations
+        # What keeps clear changes its structure often, and is a part of its own: see gaps.
+        targets = tuple(target for target in targets if not isinstance(target, Avoidance))
+        self.seen = [stations.index(s) for s in stations_of(arm, targets)]
+        self.terms = terms_function(arm, targets)
+        self.directions, gaps = directions_function(arm, targets), self.gaps()
+        self.n_own = self.terms.size1_in(1)
+        self.n_numbers = self.n_own + gaps.n_numbers + 3
         n, K = arm.n_tendons, self.terms.size2_in(0)
         T, poses, least = ca.MX.sym("T", n), ca.MX.sym("poses", 7, K), ca.MX.sym("least", thin)
         p = ca.MX.sym("p", self.n_numbers)
@@ -103,22 +116,35 @@ class Objective:
         lack = ca.MX.sym("lack", len(soft))
         f, blocks, peak = self._stated(arm, targets, soft, (T, lack, p, poses, least, compliances))
         self.rows = tuple(Rows(name, g.numel(), lo, hi) for name, g, lo, hi in blocks)
+        self.before_gaps = self.rows[0].size + self.rows[1].size
+        self.rows = (*self.rows[:2], Rows("clear", gaps.size, 0.0, np.inf), *self.rows[2:])
         self.n_peak, self.n_lack = peak.numel(), lack.numel()
         self.lack_rows = [self.rows[0].size + row for row in soft]
         g = ca.vertcat(*(g for _, g, _, _ in blocks))
         given = [T, peak, lack, p, poses, least, compliances]
         self.function = ca.Function("objective", given, [f, g])
 
-    @property
-    def n_numbers(self) -> int:
-        """Number of parameters: target numbers, reference tension, limit of the total, trace."""
-        return int(self.terms.size1_in(1)) + 3
+    def gaps(self, machine_code: bool = False) -> Gaps:
+        """Return the inequalities that keep clear, whose rows come after `before_gaps` others."""
+        arm, targets, stations = self._clear
+        kept = [target for target in targets if isinstance(target, Avoidance)]
+        return Gaps.of(arm, kept[0] if kept else None, stations, machine_code)
+
+    def with_gaps(self, rows: S, gaps: S) -> S:
+        """Return rows (m, ...) of `function` and those of the gaps in their places."""
+        k = self.before_gaps
+        return ca.vertcat(rows[:k, :], gaps, rows[k:, :])
+
+    def without_gaps(self, rows: ca.MX, count: int) -> tuple[ca.MX, ca.MX]:
+        """Return rows (m,) without so many gaps, and the gaps; undoes with_gaps."""
+        k = self.before_gaps
+        return ca.vertcat(rows[:k], rows[k + count :]), rows[k : k + count]
 
     def _stated(
         self, arm: Arm, targets: tuple[Target, ...], soft_rows: list[int], given: tuple[ca.MX, ...]
     ) -> tuple[ca.MX, list[tuple[str, ca.MX, float, float]], ca.MX]:
         T, lack, p, poses, thin, compliances = given
-        target, (reference, total, trace) = p[:-3], ca.vertsplit(p[-3:])
+        target, (reference, total, trace) = p[: self.n_own], ca.vertsplit(p[-3:])
         equality, soft_residual, inequality, least = self.terms(poses, target, compliances)
         for row in share_rows(arm, targets):
             inequality[row] = ca.log(ca.fmax(1 + inequality[row], _LEAST_SHARE))
@@ -232,9 +258,11 @@ class Program:
         places = first + of.nodes[list(seen.nodes), :POSE]
         poses = ca.reshape(X[places.ravel().tolist()], POSE, len(seen.nodes))
         thin = ca.vertcat(ca.MX(0, 1), *(self._stretch(X, k, end) for k, end in seen.slim))
-        parts = (X[:n], x[n : n + n_peak], x[n + n_peak : self.n_free], given, poses, thin)
+        own = poses[:, self.objective.seen]
+        parts = (X[:n], x[n : n + n_peak], x[n + n_peak : self.n_free], given, own, thin)
         f, g = self.objective.function.call([*parts, self._compliances(X, given, force)], True)
-        return f, g
+        gaps = self.objective.gaps().value(poses, given[self.objective.n_own : -3])
+        return f, self.objective.with_gaps(g, gaps)
 
     def _stretch(self, X: ca.MX, element: int, end: int) -> ca.MX:
         """Return 1 + q at an end of an element, by the polynomial through its stages."""
@@ -249,7 +277,9 @@ class Program:
         of, compliances, k = self.blocks.of, [ca.MX(0, 1)], 0
         tip = (of.first + of.nodes[-1, 4:POSE]).tolist()
         for request, D in zip(
-            self.objective.requests, self.objective.directions.call([given[:-3]]), strict=True
+            self.objective.requests,
+            self.objective.directions.call([given[: self.objective.n_own]]),
+            strict=True,
         ):
             moved = [X[self.blocks.response(k + i)][tip] for i in range(request.width)]
             compliances.append(ca.vec(D.T @ ca.horzcat(*moved) / force))
