@@ -11,7 +11,6 @@ from model.arm import Arm
 from model.effects import Extension, PrintedStatics
 from model.paths import Array
 from model.scene import Scene
-from planner.avoidance.rows import Avoidance
 from planner.program.limits import Limits
 from planner.program.problem import Problem, build
 from planner.program.statement import Form, Mode, Statement
@@ -93,10 +92,7 @@ class Task:
             scheme, refinement = "rk4", 2
         else:
             scheme, refinement = self.fine_scheme, 1 if self.scene.has(Extension) else 2
-        # What keeps clear changes its structure often: that is built soon with the states kept.
-        keeps_clear = any(isinstance(target, Avoidance) for target in self.targets)
-        kept = keeps_clear or self.statement.wound
-        form: Form = self.statement.form if kept else "condensed"
+        form: Form = self.statement.form if self.statement.wound else "condensed"
         return self.statement.but(mode=mode, form=form, scheme=scheme, refinement=refinement)
 
     def finer(self, mode: Mode) -> Statement:

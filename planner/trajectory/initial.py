@@ -23,7 +23,7 @@ from planner.avoidance.asked import Surroundings
 from planner.avoidance.places import near_places, updated
 from planner.avoidance.rows import Avoidance, Place
 from planner.program.problem import build, units
-from planner.program.statement import Form, Statement
+from planner.program.statement import Statement
 from planner.solve.task import allowed
 from planner.targets.base import Target
 from planner.trajectory.between import between
@@ -104,9 +104,7 @@ def coarse(statement: Statement) -> Statement:
 def stop_of(question: Question, way: Waypoint, statement: Statement) -> Stop:
     """Return a waypoint as a program; tendons that may not pull there keep to their minima."""
     stated, limits = way.stated, question.limits
-    # See planner.solve.task.Task.coarse.
-    form: Form = statement.form if way.stated != way.targets else "condensed"
-    given = (question.arm, stated, question.scene, statement.but(form=form))
+    given = (question.arm, stated, question.scene, statement.but(form="condensed"))
     problem = build(*given, question.machine_code)
     lbx, ubx, *rows = problem.free_bounds(limits)
     own = allowed(question.arm, stated, limits)
