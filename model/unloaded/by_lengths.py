@@ -28,7 +28,7 @@ _FIRM = 1e-8
 # The last step with few points of the quadrature; what it leaves is their error.
 _BEGUN = 1e-4, 1e-3
 # Else so many steps, of which one does that changes tensions by no more than this share.
-_TIGHTENED, _LAST = 12, 1e-7
+_TIGHTENED, _LAST = 12, 1e-6
 # Slack over the arm's length of tendons that their least compliance may have slackened.
 NEARLY = 1e-9
 # Compliances of a continuation, as multiples of the least, where the least is not arrived at
