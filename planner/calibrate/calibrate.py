@@ -191,8 +191,9 @@ class _Search:
         """Return a fit with all shapes as they are reached from rest, and those that were not."""
         astray: tuple[str, ...] = ()
         for _ in range(_AFRESH):
-            fresh = best.found.experiment.from_rest(best.found)
-            lost, _ = self._apart(best.found, fresh)
+            led = best.differentiated  # its factors serve to follow the tensions from rest
+            fresh = led.experiment.from_rest(led)
+            lost, _ = self._apart(led, fresh)
             if not lost:
                 break
             astray = astray or lost

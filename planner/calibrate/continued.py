@@ -12,7 +12,7 @@ import numpy as np
 
 from model.equilibrium import side_by_side
 from model.equilibrium.by_numbers import ByNumbers
-from model.equilibrium.forward import Collocation, Known
+from model.equilibrium.forward import Collocation, Known, carried_strains
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.many_tips import by_the_paper, least_stretch
 from model.equilibrium.newton import CLOSE, TURN
@@ -42,10 +42,16 @@ def from_rest(system: System, tensions: Array) -> Found:
 
 def carried(heres: Sequence[Linearised], system: System, tensions: Array, looser: float) -> Found:
     """Return the equilibria of a system whose mesh differs; None where there are none."""
-    on = Collocation.on(system)
-    known = [Known(here.system, here.states) for here in heres]
-    guesses = [on.carried(T, here) for T, here in zip(tensions, known, strict=True)]
-    return _near(system, tensions, np.array(guesses), TURN, None, looser)
+    found: Found = [None] * len(heres)
+    if system.of.form.machine_code and is_for(system.of.form):
+        before = heres[0].system
+        strains = np.stack([before.strains(here.states) for here in heres], axis=-1)
+        strains = carried_strains(before, strains, system).reshape(-1, len(heres))
+        found = _linearised(system, tensions, *near(system, tensions.T, strains, TURN))
+    on, lost = Collocation.on(system), [k for k, here in enumerate(found) if here is None]
+    known = [Known(heres[k].system, heres[k].states) for k in lost]
+    guesses = [on.carried(tensions[k], here) for k, here in zip(lost, known, strict=True)]
+    return _completed(found, lost, system, tensions, np.array(guesses), looser)
 
 
 def continued(
@@ -93,27 +99,22 @@ def _led(
     guesses = np.array([own.here.states for own in by]) + ahead
     turns = np.abs(ahead[:, system.of.nodes[:, :4].ravel()]).max(axis=1)
     kept = [own.here if turn < CLOSE else None for own, turn in zip(by, turns, strict=True)]
-    return _near(system, tensions, guesses, FARTHEST, kept, looser)
-
-
-def _near(
-    system: System,
-    tensions: Array,
-    guesses: Array,
-    farthest: float,
-    kept: Sequence[Linearised | None] | None,
-    looser: float,
-) -> Found:
-    """Return the equilibria near guesses (N, n_states); by machine code where there is some."""
     form = system.of.form
     if form.machine_code and is_for(form):
         strains = guesses[:, system.of.stages.ravel()].T
-        found = _linearised(system, tensions, *near(system, tensions.T, strains, farthest))
+        found = _linearised(system, tensions, *near(system, tensions.T, strains, FARTHEST))
     else:
-        found = newton_many(system, tensions, guesses, farthest, kept, looser).found
+        found = newton_many(system, tensions, guesses, FARTHEST, kept, looser).found
     lost = [k for k, here in enumerate(found) if here is None]
+    return _completed(found, lost, system, tensions, guesses[lost], looser)
+
+
+def _completed(
+    found: Found, lost: list[int], system: System, tensions: Array, guesses: Array, looser: float
+) -> Found:
+    """Return what was found with what is near guesses for those that were lost, by longer steps."""
     if lost:
-        again = newton_many(system, tensions[lost], guesses[lost], looser=looser).found
+        again = newton_many(system, tensions[lost], guesses, looser=looser).found
         for k, here in zip(lost, again, strict=True):
             found[k] = here
     return found

@@ -53,6 +53,8 @@ class Fit:
     ----------
     found : Evaluation
         All shapes at the values there.
+    differentiated : Evaluation
+        Where they were differentiated last, as near as the last step.
     noise : float
         What standard deviations are multiplied by, as the residuals say; 1 if they hold as given.
     cost : float
@@ -62,6 +64,7 @@ class Fit:
     """
 
     found: Evaluation
+    differentiated: Evaluation
     noise: float
     cost: float
     evaluations: int
@@ -180,7 +183,7 @@ def _descent(start: Evaluation, weights: Weights, noise: float, offset: float) -
     found = steps.before
     r = np.concatenate([found.residuals / noise, prior_rows(found.experiment, found.values)[0]])
     cost = float(rho(np.square(r))[0].sum()) / 2
-    return Fit(found, noise, cost, steps.evaluations)
+    return Fit(found, steps.differentiated, noise, cost, steps.evaluations)
 
 
 class _OptimumError(Exception):
@@ -193,7 +196,7 @@ class _Steps:
     def __init__(self, start: Evaluation, weights: Weights, noise: float, offset: float) -> None:
         self.experiment, self.weights, self.noise = start.experiment, weights, noise
         self.offset = offset
-        self.last = self.before = start
+        self.last = self.before = self.differentiated = start
         self.evaluations = 0
         self._known: tuple[Array, Array, Array] | None = None
 
@@ -236,6 +239,7 @@ class _Steps:
             size = max(float(np.linalg.norm(told)), 1e-300)
             if _offset(counted[:, None] * J, counted * r, z) + off / size <= self.offset:
                 raise _OptimumError
+        self.differentiated = here
         J = np.vstack([here.jacobian * self.experiment.parameters.range / self.noise, slopes])
         if _offset(counted[:, None] * J, counted * r, z) <= self.offset:
             raise _OptimumError

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from copy import copy
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -133,7 +134,10 @@ class Measured:
             if given is not None and max(map(abs, given)) > 3 * arm.length:
                 hint = _millimetres(max(map(abs, given)) / arm.length)
                 raise InputError(f"{name}: {what}", given, f"lengths of tendons in m{hint}")
-        return replace(self, tensions=tuple(flat.tolist()), name=name)
+        found = copy(self)  # all else was checked when it was made
+        object.__setattr__(found, "tensions", tuple(flat.tolist()))
+        object.__setattr__(found, "name", name)
+        return found
 
 
 def _point(i: int, given: Any) -> Point:
