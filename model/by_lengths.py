@@ -27,6 +27,9 @@ from model.winches import Winches
 # that changes tensions by no more than this share. All are felt that change lengths by such a share
 # of what others do; then rigid winches are not needed.
 _TIGHTENED, _WEAK, _LAST, _FIRM = 2, 12, 1e-7, 1e-5
+# After a step that changes tensions by more, the equations are linearised afresh; by less, and not
+# half as much as the one before, it was rounding.
+_FAR, _NOISE = 1e-4, 1e-2
 
 
 class OnMesh(NamedTuple):
@@ -156,8 +159,9 @@ def _tightened(here: Linearised, hold: HeldLengths) -> Linearised:
     weak = not is_firm(_by_tensions(here, winches, tight), _FIRM)
     if weak:
         here = newton(system, here.tensions, 1.0, here.states, hold=hold) or here
+    near, last = here.near or here, np.inf
     for _ in range(_WEAK if weak else _TIGHTENED):
-        at = Linearised(system, here.x)
+        at = near if near.x is here.x else Linearised(system, here.x, near)
         change, now = -at.solve(at.residual), at.tensions
         tight = _tight(at, winches)
         left = winches.lacks(at.lengths + at.length_slopes @ change, now)[tight]
@@ -166,9 +170,13 @@ def _tightened(here: Linearised, hold: HeldLengths) -> Linearised:
             _by_tensions(at, winches, tight), left, now[tight], ROUNDING * system.arm.length
         )
         change += at.by_tensions @ (after - now)
-        here = Linearised(system, system.x(after, 1.0, at.states + change), at)
-        if np.abs(after - now).max(initial=0.0) <= _LAST * after.max(initial=0.0):
+        here = Linearised(system, system.x(after, 1.0, at.states + change), near)
+        moved, most = np.abs(after - now).max(initial=0.0), after.max(initial=0.0)
+        if moved <= _LAST * most or last / 2 < moved <= _NOISE * most:
             break
+        last = moved
+        if moved > _FAR * most:
+            near = here = Linearised(system, here.x)
     return (newton(system, here.tensions, 1.0, here.states) if weak else None) or here
 
 
