@@ -42,6 +42,7 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
+from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 
 from model import Arm, OctoplanError, Scene, settle
 from model.effects import Contact
@@ -196,6 +197,11 @@ def figure(longest: Sequence[tuple[Row, Array]], rows: Sequence[Row]) -> Figure:
     arms.set(xlabel="x [mm]", ylabel="z [mm]", aspect="equal")
     effort.set(xlabel="radius of the cylinder [mm]", ylabel="effort [N]", yscale="log")
     bends.set(xlabel="arc length at rest [mm]", ylabel="curvature [1/m]", yscale="log")
+    bends.yaxis.set(
+        major_locator=LogLocator(subs=(1.0, 2.0, 5.0)),
+        major_formatter=ScalarFormatter(),
+        minor_formatter=NullFormatter(),
+    )
     holds.set(xlabel="effort [N]", ylabel="force held [mN]")
     for ax in (effort, bends, holds):
         if ax.get_legend_handles_labels()[0]:

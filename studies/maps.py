@@ -112,7 +112,7 @@ def draw(reach: Any, soft: Any, cost: Any) -> Figure:
     axes[0].set_ylabel("off the x axis [mm]")
     tips = 1e3 * soft.tip.values.reshape(-1, 3)
     seen = axes[1].scatter(tips[:, 0], tips[:, 1], c=softest(soft).ravel(), s=18, cmap="magma_r")
-    _bar(figure, seen, axes[1], "tip's way in its softest direction [mm/mN]")
+    _bar(figure, seen, axes[1], "tip displacement in its softest direction [mm/mN]")
     effort = np.where(cost.reached, cost.effort, np.nan)
     seen = axes[2].pcolormesh(cost.x, cost.y, effort.T, shading="nearest", cmap="cividis_r")
     _bar(figure, seen, axes[2], "least effort, root of squares [N]")

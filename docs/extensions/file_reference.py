@@ -96,7 +96,11 @@ def _told(kind: Any) -> str:
         return str(own) or _told(kind.type)
     if isinstance(kind, inspect.UnionType):
         return next((told for told in map(_told, kind.types) if told), "")
-    return ""
+    tables = _structs(kind)
+    if len(tables) == 1:
+        first = " ".join((tables[0][0].cls.__doc__ or "").split()).partition(". ")[0]
+        return (first[:1].lower() + first[1:]).removesuffix(".")
+    return "one of the types below" if tables else ""
 
 
 def _default(field: Any) -> str:
@@ -120,7 +124,8 @@ def _holds(kind: Any) -> str:
         return ", ".join(f"``{json!r}``".replace("'", '"') for json in kind.values)
     if isinstance(kind, inspect.ListType | inspect.VarTupleType):
         inner = _holds(kind.item_type)
-        return "tables" if inner == "table" else f"list of {inner}"
+        many = {"table": "tables", "number": "numbers", "numbers": "rows of numbers"}
+        return many.get(inner, f"list of {inner}")
     if isinstance(kind, inspect.TupleType):
         kinds = {_holds(one) for one in kind.item_types}
         return f"{len(kind.item_types)} of {', '.join(sorted(kinds))}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 import time
+from shutil import get_terminal_size
 from typing import Any
 
 from tqdm import tqdm  # type: ignore[import-untyped]
@@ -50,7 +51,15 @@ class Bar:
             return
         with self._lock:
             if self._bar is None:
-                form = "{desc}"
-                self._bar = tqdm(file=sys.stderr, disable=None, leave=False, bar_format=form)
+                # Of a terminal that does not tell its size tqdm would write nothing.
+                size = get_terminal_size()
+                self._bar = tqdm(
+                    file=sys.stderr,
+                    disable=None,
+                    leave=False,
+                    bar_format="{desc}",
+                    ncols=size.columns - 1,
+                    nrows=size.lines,
+                )
             minutes, seconds = divmod(int(passed), 60)
             self._bar.set_description_str(f"{self._told} [{minutes:02d}:{seconds:02d}]")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -225,6 +226,21 @@ def test_progress_is_shown_on_terminals_after_a_while(
     assert main(["effects", calm, "--accuracy", "1e-3"]) == 0
     assert ("effects switched: 1 of" in screen.written) == shown
     assert (screen.written == "") == (not shown)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals")
+def test_progress_is_shown_on_a_terminal_that_does_not_tell_its_size(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    reader, writer = os.openpty()  # of no rows and no columns
+    with os.fdopen(writer, "w") as screen:
+        monkeypatch.setattr("sys.stderr", screen)
+        monkeypatch.setattr("planner.commands.progress.PATIENCE", 0)
+        bar = Bar()
+        bar("sections settled", 1, 3)
+        bar.close()
+    assert b"sections settled: 1 of 3" in os.read(reader, 4096)
+    os.close(reader)
 
 
 def test_a_bar_that_heard_nothing_is_closed() -> None:
