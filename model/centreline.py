@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.arm import Arm
+from model.cross_section.law import CrossSection
 from model.cross_section.reported import kinematics
 from model.effects import NeoHookean
 from model.equilibrium.forward import STAGES
@@ -90,9 +91,16 @@ class Centreline:
     @classmethod
     def at_states(cls, system: System, states: Array) -> Centreline:
         """Return that of the states (n_states,) of a system with three stages to an element."""
-        found = kinematics(system.of.form.law, system.strains(states))
-        parts = (values.reshape(-1, STAGES, 3) for values in found)
-        return cls(system.arm, system.scene, system.mesh.s, system.poses(states), *parts)
+        at = (system.arm, system.scene, system.mesh.s, system.poses(states))
+        return cls.at_strains(*at, system.of.form.law, system.strains(states))
+
+    @classmethod
+    def at_strains(
+        cls, arm: Arm, scene: Scene, s: Array, poses: Array, law: CrossSection, v: Array
+    ) -> Centreline:
+        """Return that of a law's strains at the stages (N stages, n) and poses at the nodes."""
+        parts = (values.reshape(-1, STAGES, 3) for values in kinematics(law, v))
+        return cls(arm, scene, s, poses, *parts)
 
     @classmethod
     def joined(cls, lines: Sequence[Centreline]) -> Centreline:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
 from model.arm import Arm
 from model.centreline import Centreline
-from model.clearance import KINDS, clearances
+from model.clearance import KINDS, Clearance, clearances
 from model.contact.stability import held_stability
 from model.effects import PrintedStatics
 from model.equilibrium.forward import STAGES, Collocation
@@ -29,6 +30,7 @@ from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
 from model.time_limit import OutOfTime
+from model.unloaded.verification import integrated
 from planner.avoidance.asked import NOTHING, Surroundings
 from planner.certificate import MOST_LOADS, Certificate
 from planner.contact.grasp import left_of
@@ -80,7 +82,7 @@ def certify(
         stations, sharp = stations_of(arm, targets), max(_SHARPER * tolerance, FINEST_ACCURACY)
         check = _printed if printed else _integrated
         poses, tip, error, least, line = check(shape, stations, sharp)
-        asked = clearances(line, surroundings.obstacles, surroundings.least)
+        asked = _asked(line, surroundings)
     except (OctoplanError, OutOfTime) as reason:
         why = _LATE if isinstance(reason, OutOfTime) else str(reason)
         return Certificate(bounds=excess, scheme=scheme, tolerance=tolerance, problem=why)
@@ -103,12 +105,12 @@ def certify(
         gaps_asked={name: clear.gap for name, clear in asked.items()},
         least_gaps=surroundings.least,
         on_request=OnRequest(
-            lambda: asked | clearances(line, surroundings.obstacles, KINDS - asked.keys()),
+            lambda: asked | clearances(line(), surroundings.obstacles, KINDS - asked.keys()),
             lambda: _load_factor(shape),
         ),
         units=measured_units(arm, targets),
         strokes=_stroke_excess(shape, limits),
-        complementarity=_violation(shape, line) if contacts(scene) else None,
+        complementarity=_violation(shape, line()) if contacts(scene) else None,
     )
 
 
@@ -133,13 +135,23 @@ def _stroke_excess(shape: Shape, limits: Limits) -> float:
 
 
 # Poses at the stations (K, 7), the tip (3,), its estimated error, stability, midline.
-Checked = tuple[Array, Array, float, float, Centreline]
+Checked = tuple[Array, Array, float, float, Callable[[], Centreline]]
+
+
+def _asked(line: Callable[[], Centreline], around: Surroundings) -> dict[str, Clearance]:
+    """Return how clear the arm is of what it was to keep clear of."""
+    return dict(clearances(line(), around.obstacles, around.least)) if around.least else {}
 
 
 def _integrated(shape: Shape, stations: tuple[float, ...], accuracy: float) -> Checked:
     """Return what initial value integration makes of a shape."""
     if contacts(shape.scene):
         return _in_contact(shape, stations, accuracy)
+    if not is_loaded(shape.scene):
+        given = (shape.arm, shape.scene, shape.tensions, stations, accuracy)
+        own = integrated(*given, shape.machine_code)
+        places = [own.mesh.node(s) for s in stations]
+        return own.poses[places], own.poses[-1, 4:], own.error, own.stability, own.centreline
     scale = np.repeat([1.0, shape.arm.length], [4, 3])
     for mesh in sorted({min(shape.refinement, _MESH), shape.refinement}):
         form = (STAGES, mesh, stations, True, shape.machine_code)
@@ -151,9 +163,7 @@ def _integrated(shape: Shape, stations: tuple[float, ...], accuracy: float) -> C
         if gap.max() <= _CLOSE * accuracy:
             break
     places = [forward.mesh.node(s) for s in stations]
-    line = Centreline.at_states(forward.system, found.here.states)
-    if not is_loaded(shape.scene):
-        return poses[places], poses[-1, 4:], found.error, stability(found.here), line
+    line = partial(Centreline.at_states, forward.system, found.here.states)
     # Whether it stands does not take a fine mesh, how well it does takes one.
     rough = _rough(shape)
     least = least_eigenvalue(found.here) if stands(rough) else stability(rough)
@@ -172,7 +182,7 @@ def _in_contact(shape: Shape, stations: tuple[float, ...], accuracy: float) -> C
     here = by_collocation(shape.arm, shape.scene, *form).found(shape.tensions, shape.known)
     found = verified(here, accuracy)
     system, states = here.system, found.here.states
-    poses, line = system.poses(states), Centreline.at_states(system, states)
+    poses, line = system.poses(states), partial(Centreline.at_states, system, states)
     places = [system.mesh.node(s) for s in stations]
     return poses[places], poses[-1, 4:], found.error, held_stability(here), line
 
@@ -205,5 +215,5 @@ def _printed(shape: Shape, stations: tuple[float, ...], accuracy: float) -> Chec
     """Return what another integrator makes of a scene as printed."""
     asked = (shape.arm, shape.tensions, shape.scene, accuracy, _PRINTED)
     check = settle(*asked, compile=shape.machine_code)
-    poses, line = check.poses(np.array(stations)), Centreline.of(check)
+    poses, line = check.poses(np.array(stations)), partial(Centreline.of, check)
     return poses, check.tip, check.error, np.inf, line

@@ -18,7 +18,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
 from model.cross_section.law import CrossSection, moments
-from model.cross_section.sections import body_numbers
+from model.cross_section.sections import Sections, body_numbers
 from model.equilibrium.linearised import Index, Linearised, band
 from model.errors import SingularError
 from model.loads import is_loaded
@@ -31,6 +31,7 @@ from model.unloaded.settled_sections import settled_sections
 
 # What a Hessian may be unsymmetric by for it not to matter.
 _SYMMETRIC = 1e-3
+_ALL = slice(None)
 # Of Arnoldi's method, where a matrix of no more rows is the alternative.
 _RESTARTS, _SMALL = 5, 1000
 
@@ -158,8 +159,13 @@ def _by_sections(here: Linearised) -> float:
     """Return the stability without loads, where no wrench couples the cross-sections."""
     at, sections = here.system, settled_sections(here.system).sections
     _, slopes = sections.wrench(at.strains(here.states), sections.pulls(here.tensions))
-    root = np.sqrt(rest_stiffness(at)[1].reshape(len(slopes), -1))
-    H = slopes / root[:, :, None] / root[:, None, :]
+    return least_of_sections(sections, slopes)
+
+
+def least_of_sections(sections: Sections, slopes: Array, of: slice = _ALL) -> float:
+    """Return the least eigenvalue of the scaled slopes (N, n, n) of cross-sections' wrenches."""
+    root = np.sqrt(_at_rest(sections.law, sections.body[:, of]).T)
+    H = slopes[of] / root[:, :, None] / root[:, None, :]
     even = (H + H.transpose(0, 2, 1)) / 2
     if np.abs(H - even).max() <= _SYMMETRIC * np.abs(H).max():
         return float(np.linalg.eigvalsh(even).min())

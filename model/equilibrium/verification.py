@@ -21,7 +21,7 @@ from model.paths import Array
 from model.time_limit import check_time
 from model.transcription.layout import POSE
 
-_SUBSTEPS = (1, 2, 4, 8, 16)
+SUBSTEPS = (1, 2, 4, 8, 16)
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ def verified(here: Linearised, accuracy: float) -> Verified:
     system, before, error = here.system, None, np.inf
     scale = np.repeat([1.0, system.arm.length], [4, 3])
     elements = Integration(system, here.x, _before(here))
-    for substeps in _SUBSTEPS:
+    for substeps in SUBSTEPS:
         check_time()
         x = here.x.copy()
         x[system.of.first :] -= here.solve(_defects(here, elements.run(substeps)))
