@@ -233,11 +233,8 @@ def _settled(
                 mesh = scheme, refinement, found.states, machine_code
                 held = given.winches, found.left, snaps
                 return Shape(arm, scene, found.tensions, error, *mesh, *held, before=found.before)
-        before = refinement, tip
-        if refinement == coarse:
-            refinement = fine
-        else:
-            refinement = next_refinement(refinement, error, accuracy, least)
+        before, last = (refinement, tip), refinement
+        refinement = fine if last == coarse else next_refinement(last, error, accuracy, least)
     check_stretch(_on_its_mesh(forward, found.states), found.stretch)
     raise ConvergenceError(accuracy, error, "ask for less accuracy or a smoother arm")
 

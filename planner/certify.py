@@ -70,11 +70,7 @@ def certify(
 
     `settled` returns the shape, ten times as accurate as the tolerance.
     """
-    low, high = np.array(limits.lower), np.array(limits.upper)
-    excess = max(float((low - tensions).max()), float((tensions - high).max()), 0.0)
-    if limits.total is not None:
-        excess = max(excess, float(tensions.sum()) - limits.total * (1 + 1e-9))
-    printed = scene.has(PrintedStatics)
+    excess, printed = _excess(tensions, limits), scene.has(PrintedStatics)
     scheme = _PRINTED if printed else SCHEME.name
     tell("verifying by initial value integration")
     try:
@@ -123,6 +119,15 @@ def _held(targets: tuple[Target, ...], shape: Shape) -> dict[str, Array]:
         left[3:] /= LEVER * shape.arm.length
     rows = [left / size for left, size in zip(found, sizes, strict=True)]
     return {WRENCH: np.concatenate(rows)} if rows else {}
+
+
+def _excess(tensions: Array, limits: Limits) -> float:
+    """Return the largest violation of a limit of tensions [N]."""
+    low, high = np.array(limits.lower), np.array(limits.upper)
+    excess = max(float((low - tensions).max()), float((tensions - high).max()), 0.0)
+    if limits.total is not None:
+        excess = max(excess, float(tensions.sum()) - limits.total * (1 + 1e-9))
+    return excess
 
 
 def _stroke_excess(shape: Shape, limits: Limits) -> float:

@@ -25,7 +25,8 @@ from planner.question import check_strokes, check_targets, checked_form, checked
 from planner.records.plan import AnswerRecord, PlanRecord, QuestionRecord, StartRecord
 from planner.records.values import Number, value
 from planner.scenes.mistakes import mistake, shown
-from planner.solve.search_result import Trial
+from planner.solve.search_result import SearchResult, Trial
+from planner.solve.task import Task
 from planner.targets.base import Target
 
 R = TypeVar("R")
@@ -43,60 +44,20 @@ def load_plan(path: str | Path) -> Plan:
         With the file and the place, for what cannot be read or is not a plan.
     """
     name = str(path)
-    record = _record(Path(path), name)
-    question, answer = record.question, record.answer
-    arm = _kind(value(question.arm, name, "question.arm"), Arm, name, "question.arm")
-    scene = _kind(value(question.scene, name, "question.scene"), Scene, name, "question.scene")
-    found = value(question.targets, name, "question.targets")
-    own = question.limits
-    upper = _floats(own.upper, name, "question.limits.upper")
-    lower = _floats(own.lower, name, "question.limits.lower")
-    tensions = _floats(answer.tensions, name, "answer.tensions")
-    within = _Within(name)
-    within("question.scene", lambda: check_loads(arm, scene, contact=True))
-    ends: list[Any] = [None, None]
-    if own.strokes is not None:
-        ends = [_floats(end, name, "question.limits.strokes") for end in own.strokes]
-    limits = within(
-        "question.limits",
-        lambda: Limits.of(arm, upper, lower, own.total).with_strokes(arm, ends[1], ends[0]),
-    )
-    within("question.limits.strokes", lambda: check_strokes(scene, limits))
-    targets = within("question.targets", lambda: check_targets(arm, found))
-    around = _surroundings(within, question, arm, targets)
+    record, within = _record(Path(path), name), _Within(name)
+    task = _task(within, record)
+    found = _found(within, record.answer, task.arm)
+    _check_statement(within, record.answer, task.limits)
     avoidance = None
-    if answer.avoidance is not None:
-        rows = value(answer.avoidance, name, "answer.avoidance")
+    if record.answer.avoidance is not None:
+        rows = value(record.answer.avoidance, name, "answer.avoidance")
         avoidance = _kind(rows, Avoidance, name, "answer.avoidance")
-    _check_statement(within, answer, limits)
-    touches = bool(contacts(scene))
-    load_path = tuple(
-        tuple(
-            within(
-                f"answer.load_path[{i}]",
-                partial(arm.flat, _floats(T, name, f"answer.load_path[{i}]")),
-            )
-        )
-        for i, T in enumerate(answer.load_path)
-    )
-    own_kind: Any = partial(HeldPlan, load_path=load_path) if touches else Plan
-    plan: Plan = own_kind(
-        arm,
-        scene,
-        targets,
-        limits,
-        answer.statement,
-        within("answer.tensions", lambda: arm.by_section(arm.flat(tensions))),
-        tuple(_floats(answer.lam_x, name, "answer.lam_x")),
-        tuple(_floats(answer.lam_g, name, "answer.lam_g")),
-        within("question.accuracy", lambda: checked_accuracy(question.accuracy)),
-        tuple(_start(start, name, f"answer.starts[{i}]") for i, start in enumerate(answer.starts)),
-        answer.stopped,
-        answer.jump,
-        answer.lost,
-        surroundings=around,
-        avoidance=avoidance,
-    )
+    around = _surroundings(within, record.question, task.arm, task.targets)
+    more: dict[str, Any] = {"surroundings": around, "avoidance": avoidance}
+    if contacts(task.scene):
+        plan: Plan = HeldPlan.of(task, found, load_path=found.load_path, **more)
+    else:
+        plan = Plan.of(task, found, **more)
     _check_multipliers(plan, name)
     return plan
 
@@ -112,6 +73,50 @@ class _Within:
             return build()
         except InputError as reason:
             raise FileError.of(reason, self.name, where) from None
+
+
+def _task(within: _Within, record: PlanRecord) -> Task:
+    """Return what was asked."""
+    name, question, own = within.name, record.question, record.question.limits
+    arm = _kind(value(question.arm, name, "question.arm"), Arm, name, "question.arm")
+    scene = _kind(value(question.scene, name, "question.scene"), Scene, name, "question.scene")
+    found = value(question.targets, name, "question.targets")
+    within("question.scene", lambda: check_loads(arm, scene, contact=True))
+    upper = _floats(own.upper, name, "question.limits.upper")
+    lower = _floats(own.lower, name, "question.limits.lower")
+    least, most = (
+        _floats(end, name, "question.limits.strokes") if end is not None else None
+        for end in own.strokes or (None, None)
+    )
+    limits = within(
+        "question.limits",
+        lambda: Limits.of(arm, upper, lower, own.total).with_strokes(arm, most, least),
+    )
+    within("question.limits.strokes", lambda: check_strokes(scene, limits))
+    targets = within("question.targets", lambda: check_targets(arm, found))
+    accuracy = within("question.accuracy", lambda: checked_accuracy(question.accuracy))
+    return Task(arm, targets, scene, limits, record.answer.statement, accuracy)
+
+
+def _found(within: _Within, answer: AnswerRecord, arm: Arm) -> SearchResult:
+    """Return what was found."""
+    name = within.name
+    tensions = _floats(answer.tensions, name, "answer.tensions")
+    paths = [
+        (f"answer.load_path[{i}]", _floats(T, name, f"answer.load_path[{i}]"))
+        for i, T in enumerate(answer.load_path)
+    ]
+    return SearchResult(
+        answer.statement,
+        within("answer.tensions", lambda: arm.by_section(arm.flat(tensions))),
+        tuple(_floats(answer.lam_x, name, "answer.lam_x")),
+        tuple(_floats(answer.lam_g, name, "answer.lam_g")),
+        tuple(_start(start, name, f"answer.starts[{i}]") for i, start in enumerate(answer.starts)),
+        answer.stopped,
+        answer.jump,
+        answer.lost,
+        tuple(tuple(within(where, partial(arm.flat, T))) for where, T in paths),
+    )
 
 
 def _surroundings(
