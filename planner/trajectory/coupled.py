@@ -15,12 +15,14 @@ Source: Nocedal, Wright, "Numerical Optimization" (2006), 18.3, 18.5 (l1 merit f
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from model.paths import Array
 from model.time_limit import check_time
+from planner.program.reduced import Reduced
 from planner.trajectory.coupling import Coupling, Here, merit
 from planner.trajectory.quadratic import step
 from planner.trajectory.restoration import EXACT, Stop, restored
@@ -57,14 +59,14 @@ def solved(
     multipliers to begin with. With `rather` above 1 gains and constraints are as much less exact.
     """
     known = lam or [np.zeros(stop.bounds[2].size) for stop in stops]
-    here, trust = _restored(stops, coupling, a, rather), _TRUST
+    here, trust = _restored(stops, coupling, a, rather, [None] * len(stops)), _TRUST
     least = merit(stops, coupling, here)
     for _ in range(steps):
         check_time()
         move, new, gain = step(stops, rough, coupling, here, known, trust)
         if move is None or gain < rather * _GAIN * abs(least):
             break
-        there = _restored(stops, coupling, here.a + move, rather)
+        there = _restored(stops, coupling, here.a + move, rather, here.first)
         found, size = merit(stops, coupling, there), float(np.abs(move).max())
         if not found <= least + 1e-12 * (1 + abs(least)):
             trust = size / 4
@@ -81,9 +83,16 @@ def solved(
     return Way(here.a, durations, known, float(max(lacks)))
 
 
-def _restored(stops: list[Stop], coupling: Coupling, a: Array, rather: float) -> Here:
+def _restored(
+    stops: list[Stop],
+    coupling: Coupling,
+    a: Array,
+    rather: float,
+    near: Sequence[Reduced | None],
+) -> Here:
     """Return where a motion stands whose waypoints are moved back to their constraints."""
     enough = EXACT if rather == 1.0 else _ROUGH
-    found = [restored(stop, own, enough=enough) for stop, own in zip(stops, a, strict=True)]
+    each = zip(stops, a, near, strict=True)
+    found = [restored(stop, own, enough=enough, near=known) for stop, own, known in each]
     first = [at for _, at in found]
     return Here.at(stops, coupling, np.array([own for own, _ in found]), first)

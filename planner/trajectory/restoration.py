@@ -15,6 +15,9 @@ from planner.program.reduced import Reduced
 
 # Steps back to the constraints, and when they are met.
 STEPS, EXACT = 4, 1e-10
+# How far states may be from equilibrium: constraints, to first order where it is, are off by the
+# square.
+_OFF = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +41,18 @@ class Stop:
         """Return its values and first derivatives at scaled tensions a (n,)."""
         return self.functions.first(a, self.p)
 
+    def moved(self, before: Reduced | None, a: Array) -> Reduced:
+        """Return the same after a point nearby, whose states are followed if that leads there.
+
+        They are then near equilibrium, as `Reduced.off` tells.
+        """
+        if before is not None and before.states is not None:
+            x = self.functions.follow(before, a - before.x[: a.size], self.p)
+            found = None if x is None else self.functions.at(x, self.p)
+            if found is not None:
+                return found
+        return self.first(a)
+
     def lack(self, g: Array) -> Array:
         """Return by how much constraints with values g are violated, with the sign of the cure."""
         low, high = self.bounds[2:]
@@ -45,23 +60,32 @@ class Stop:
 
 
 def restored(
-    stop: Stop, a: Array, steps: int = STEPS, enough: float = EXACT
+    stop: Stop,
+    a: Array,
+    steps: int = STEPS,
+    enough: float = EXACT,
+    near: Reduced | None = None,
 ) -> tuple[Array, Reduced]:
     """Return scaled tensions near a that meet the constraints, if a few steps lead there.
 
-    Newton's method for the rows that are violated, by the shortest steps within the bounds; with
-    the values of the program there.
+    Newton's method for the rows that are violated, by the shortest steps within the bounds, and for
+    the states at once, from those of a point nearby if one is given; with the values of the
+    program there.
     """
     lbx, ubx, lbg, ubg = stop.bounds
     a = np.clip(a, lbx, ubx)
-    at = stop.first(a)
+    at = stop.moved(near, a)
     for _ in range(steps):
         lack = stop.lack(at.g)
-        if not np.all(np.isfinite(at.jacobian)) or np.abs(lack).max(initial=0.0) < enough:
+        met = np.abs(lack).max(initial=0.0) < enough and at.off < _OFF
+        if met or not np.all(np.isfinite(at.jacobian)):
             break
         rows = (np.abs(lack) > EXACT) | np.equal(lbg, ubg)
         a = np.clip(a + _shortest(at.jacobian[rows], lack[rows], lbx - a, ubx - a), lbx, ubx)
-        at = stop.first(a)
+        at = stop.moved(at, a)
+    if not at.off < _OFF:
+        return a, stop.first(a)
+    stop.functions.stay(at, stop.p)
     return a, at
 
 
