@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dgesv
-from scipy.optimize import nnls
 
 from model.paths import Array
 
@@ -84,7 +84,7 @@ def _least(M: Array, w: Array, z: Array, rounding: float) -> Array:
         return np.asarray(found)
     E = np.vstack([idle, -found / size])
     f = np.eye(len(E))[-1]
-    r = E @ nnls(E, f)[0] - f
+    r = E @ scipy.optimize.nnls(E, f)[0] - f
     if np.linalg.norm(r) <= _APART:
         return np.asarray(found)
     raised = found - idle.T @ (r[:-1] / r[-1] * size)

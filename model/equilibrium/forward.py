@@ -24,6 +24,9 @@ from model.unloaded.settled_sections import settled_sections
 # Of an element, unless a scheme asks for fewer.
 STAGES = 3
 
+# Steps in the loads that are soon done.
+_SOON = 100
+
 
 def collocation_order(stages: int, friction: bool) -> int:
     """Return the order that error estimates count on.
@@ -88,6 +91,12 @@ class Collocation:
         here = None if known is None else self.near(tensions, known)
         return here or self.from_rest(tensions)
 
+    def found_soon(self, tensions: Array) -> Linearised:
+        """Return the equilibrium from rest; raises SnapError where that takes many steps too."""
+        if not is_loaded(self.system.scene):
+            return self.found(tensions)
+        return self.from_rest(tensions, steps=_SOON)
+
     def near(self, tensions: Array, known: Known, hold: Hold = TENSIONS) -> Linearised | None:
         """Return the equilibrium near one that another mesh has; None if there is none.
 
@@ -95,9 +104,11 @@ class Collocation:
         """
         return near(self.system, tensions, self.carried(tensions, known), hold)
 
-    def from_rest(self, tensions: Array, hold: Hold = TENSIONS) -> Linearised:
+    def from_rest(
+        self, tensions: Array, hold: Hold = TENSIONS, steps: float = np.inf
+    ) -> Linearised:
         """Return the equilibrium that the unloaded arm comes to; see equilibrium."""
-        return equilibrium(self.system, tensions, self.without_loads(tensions), hold)
+        return equilibrium(self.system, tensions, self.without_loads(tensions), hold, steps)
 
     def rows(self, here: Linearised) -> tuple[Array, Array]:
         """Return the states (N + 1, stride) of an equilibrium, and 1 + q (K,) at `stretch_at`."""

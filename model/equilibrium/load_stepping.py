@@ -40,19 +40,23 @@ def near(
 
 
 def equilibrium(
-    system: System, tensions: Array, unloaded: Array, hold: Hold = TENSIONS
+    system: System,
+    tensions: Array,
+    unloaded: Array,
+    hold: Hold = TENSIONS,
+    steps: float = np.inf,
 ) -> Linearised:
     """Return the equilibrium under the full loads that is connected with the unloaded arm's states.
 
     Where lengths are held, `tensions` are those of the unloaded arm.
-    Raises SnapError where that branch ends or loses its stability before.
+    Raises SnapError where that branch ends or loses its stability before, or takes more `steps`.
     """
     here = newton(system, tensions, 1.0, unloaded, cuts=CUTS, hold=hold)
     if here is not None and hold.stands(here):
         return here
     if here is not None and not _stands_unloaded(system, tensions, unloaded, hold):
         return here
-    found = follow(system, tensions, unloaded, 1.0, LEAST_STEP, hold)
+    found = follow(system, tensions, unloaded, 1.0, LEAST_STEP, hold, steps)
     if found.load < 1:
         raise SnapError(found.load, found.why)
     return found.here
@@ -65,23 +69,27 @@ def follow(
     most: float,
     least: float,
     hold: Hold = TENSIONS,
+    steps: float = np.inf,
 ) -> Followed:
     """Follow the branch that begins at the unloaded arm's states, up to a load factor.
 
     A step is halved where nothing is found that it leads to; the end is where it is down to `least`
-    of the load factor that is reached.
+    of the load factor that is reached, or where so many steps were tried.
     """
     start = newton(system, tensions, 0.0, unloaded, hold=hold)
     if start is None:
         raise SnapError(0.0, SNAPS)
-    return follow_on(Followed(start, 0.0, ""), most, least, hold)
+    return follow_on(Followed(start, 0.0, ""), most, least, hold, steps)
 
 
-def follow_on(at: Followed, most: float, least: float, hold: Hold = TENSIONS) -> Followed:
+def follow_on(
+    at: Followed, most: float, least: float, hold: Hold = TENSIONS, steps: float = np.inf
+) -> Followed:
     """Follow a branch on from an equilibrium, up to a load factor; see follow."""
     system, step, stood = at.here.system, min(1.0, most), hold.stands(at.here)
-    while at.load < most and step >= least * max(at.load, FIRST):
+    while at.load < most and step >= least * max(at.load, FIRST) and steps > 0:
         check_time()
+        steps -= 1
         tell("percent of the loads", round(100 * at.load / most), 100)
         load = min(most, at.load + step)
         found, why = _next(system, at, load, stood, hold)

@@ -66,10 +66,11 @@ class Collocated:
     def unknowns(self, a: Array, tensions: Array, p: Array) -> Array:
         """Return all unknowns for tensions: states that settle them, what inequalities lack.
 
-        Where the arm does not bear its loads, the states are those without loads.
+        Where the arm does not bear its loads, or comes to them by many steps only, the states are
+        those without loads.
         """
         try:
-            states = self.forward.found(tensions).states
+            states = self.forward.found_soon(tensions).states
         except SnapError:
             states = self.forward.without_loads(tensions)
         return self.condensed.whole(a, states, p)
@@ -100,7 +101,8 @@ class Collocated:
         """Return how far the loads move the tip [m], infinite where they are too heavy."""
         tip = self.forward.system.of.nodes[-1, 4:7]
         try:
-            before, after = self.forward.without_loads(tensions), self.forward.found(tensions)
+            before = self.forward.without_loads(tensions)
+            after = self.forward.found_soon(tensions)
         except OctoplanError:
             return np.inf
         return float(np.linalg.norm(after.states[tip] - before[tip]))

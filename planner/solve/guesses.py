@@ -96,9 +96,12 @@ def _carried(task: Task, simple: Task) -> Guesses:
     guesses = _of_closed_form(free)
     trials = Multistart(free, guesses.n_likely)
     mode: Mode = "exact" if free.can_be_exact else "closest"
-    found: list[Solution] = []
-    for T in guesses.starts[: trials.first]:
-        found.append(trials.solve(free.coarse(mode), T, not any(s.met for s in found)))
+    first = guesses.starts[: trials.first]
+    found = [trials.solve(free.coarse(mode), T, False) for T in first]
+    for k, T in enumerate(first):
+        if any(s.met for s in found):
+            break
+        found[k] = trials.solve(free.coarse(mode), T)
     met = sorted((s for s in found if s.finite), key=lambda s: (not s.met, s.f))
     optima = distinct([free.tensions(s) for s in met], task.most)
     likely = [s for s in met if s.met and s.f <= _DEARER * met[0].f]

@@ -125,23 +125,45 @@ class Multistart:
         records: list[Trial],
         before: Sequence[Solution] = (),
     ) -> list[Solution]:
-        """Return what is met before and from each start, until that is enough; append records."""
-        found, promising = [*before], _PROMISING
+        """Return what is met before and from each start, until that is enough; append records.
+
+        By quadratic programs first: ipopt takes on what they leave where they meet nothing, and
+        what may be better than all that they meet.
+        """
+        found, left, exact = (
+            [*before],
+            list[tuple[int, Array, Solution]](),
+            statement.mode == "exact",
+        )
         for T in told(_PHASES[statement.mode], starts):
             if self._enough(statement.mode, records, found):
                 break
-            by_ipopt = not found and (statement.mode != "exact" or self.ipopt_tries > 0)
-            solution = self.solve(statement, T, by_ipopt)
-            self.ipopt_tries -= by_ipopt and statement.mode == "exact" and not solution.met
-            if promising and found and self._is_promising(statement, solution, found):
-                promising, solution = promising - 1, self.solve(statement, T)
-            stands = not solution.met or self.stands(statement, solution)
+            solution = self.solve(statement, T, not exact and not found)
             records.append(record(solution))
-            if solution.met and stands:
+            if self._stood(statement, solution):
                 found.append(solution)
-            elif solution.met:
-                self.toppled.append((statement, solution))
+            elif exact and not solution.met:
+                left.append((len(records) - 1, T, solution))
+        promising = _PROMISING
+        for place, T, solution in left:
+            if found and (not promising or not self._is_promising(statement, solution, found)):
+                continue
+            if not found and self.ipopt_tries <= 0:
+                break
+            promising -= bool(found)
+            better = self.solve(statement, T)
+            self.ipopt_tries -= not found and not better.met
+            records[place] = record(better)
+            if self._stood(statement, better):
+                found.append(better)
         return found
+
+    def _stood(self, statement: Statement, solution: Solution) -> bool:
+        """Return whether a solution is met and stands; what topples is kept apart."""
+        stands = solution.met and self.stands(statement, solution)
+        if solution.met and not stands:
+            self.toppled.append((statement, solution))
+        return stands
 
     def _is_promising(
         self, statement: Statement, solution: Solution, found: list[Solution]
