@@ -10,10 +10,18 @@ are the processor's, as shifted geometric means (shift 1 ms) over all solves, me
 
 Command: python -m studies.solvers [--targets 30] [--seed 0]
 
-Answer (12 targets, 58 solves, on a busy machine): `planner.solve.sqp` meets 59 % in 4.0 ms, ipopt
-81 % in 14.4 ms; the one and, where it meets nothing, the other, as the planner does, 81 % in
-9.6 ms. CasADi's sqpmethod meets 47 % in 2.1 ms with DAQP, 55 % in 4.2 ms with PIQP, 47 % in 4.7 ms
-with ProxQP. Fatrop takes no derivatives but CasADi's own (3.8): compiled kernels are no use to it.
+Answer (12 targets, 59 solves, on a busy machine; Fatrop takes no derivatives but CasADi's own, so
+that compiled kernels are no use to it):
+
+                                           met    best  time [ms]
+    planner.solve.sqp                    59.3%   59.3%        2.9
+    planner.solve.sqp, else ipopt        89.8%   89.8%        8.3
+    ipopt                                89.8%   86.4%       14.0
+    sqpmethod, daqp, eigen-clip          52.5%   52.5%        2.1
+    sqpmethod, daqp, eigen-reflect       54.2%   52.5%        2.8
+    sqpmethod, daqp, regularize          28.8%   28.8%       10.1
+    sqpmethod, piqp, eigen-clip          64.4%   62.7%        4.0
+    sqpmethod, proxqp, eigen-clip        50.8%   50.8%        5.1
 """
 
 from __future__ import annotations
