@@ -284,10 +284,18 @@ static lanes newton_step(const Arm *arm, lanes load, const lanes *T, const lanes
 /* Where a set is on its way: tried at once, followed in load, there, or lost. */
 enum { AT_ONCE, FOLLOWED, THERE, LOST };
 
+/* `reached` is the load factor of the last equilibrium, below 0 where there is none yet. */
 typedef struct {
   int way, cuts, steps;
   double last, load, reached, step;
 } Set;
+
+/* States of LANES sets (x), their change by a Newton step and by the load factor, those of the last
+   equilibrium with its changes by load, and the tensions. */
+typedef struct {
+  long size;
+  lanes *x, *change, *by_load, *begun, *along, *pull;
+} States;
 
 /* How far a step turns a frame at most, and its size relative to strains and quaternions. */
 static void sizes(const Arm *arm, const lanes *x, const lanes *change, lanes *turn, lanes *size) {
@@ -313,13 +321,72 @@ static int is_near(const Arm *arm, const lanes *before, const lanes *x, int l) {
   return 1;
 }
 
-/* Take lane l to where a step in load from what is reached leads to. */
-static void predict(Set *set, long size, const lanes *reached, const lanes *by_load, lanes *x,
-                    int l) {
-  set->load = fmin(1.0, set->reached + set->step);
+/* Read tensions and strains of sets, and begin where the arm is without loads, or near. */
+static void begin(const Arm *arm, long n, int tendons, const double *T, const double *strains,
+                  States *at, Set *sets) {
+  lanes even = all(1.0);
+  for (int i = 0; i < tendons; ++i)
+    for (int l = 0; l < LANES; ++l) at->pull[i][l] = T[i * n + l];
+  for (long k = 0; k < arm->elements; ++k) {
+    lanes *own = at->x + k * STRIDE + NODE;
+    for (int i = 0; i < INSIDE; ++i)
+      for (int l = 0; l < LANES; ++l) own[i][l] = strains[(k * INSIDE + i) * n + l];
+    for (int m = 0; arm->settles && m < STAGES; ++m)
+      settle_section(arm, k * STAGES + m, at->pull, own + m * STRAINS, &even);
+  }
+  start(arm, all(arm->start_load), at->x);
+  for (long k = 0; k < at->size; ++k) at->begun[k] = at->x[k], at->along[k] = all(0.0);
+  for (int l = 0; l < LANES; ++l)
+    sets[l] = (Set){even[l] == 0.0 ? LOST : AT_ONCE, arm->cuts, 0, 0.0, 1.0, -1.0, 1.0};
+}
+
+/* Take a Newton step of lane l, shortened if it is too far. Returns 1 if Newton's method is done, -1
+   if it has failed, 0 if it goes on. */
+static int newton(const Arm *arm, Set *set, States *at, double turn, double size, int l) {
+  const double before = set->last;
+  double factor = 1.0;
+  int failed = ++set->steps > arm->steps || size != size, done = 0;
+  if (!(turn <= arm->farthest)) {
+    failed |= turn != turn || before > 0.0 || set->way == FOLLOWED || set->cuts-- <= 0;
+    factor = arm->farthest / turn;
+  } else {
+    failed |= before > 0.0 && !(size <= fmax(arm->contraction * before, arm->small));
+    done = size < arm->settled || size * size < arm->settled * before;
+    set->last = size;
+  }
+  if (failed) return -1;
+  for (long k = 0; k < at->size; ++k) at->x[k][l] += factor * at->change[k][l];
+  return done;
+}
+
+/* What lane l does next after Newton's method has come to an end, well or not. */
+static void next(const Arm *arm, Set *set, States *at, int done, int l) {
+  if (done && set->load == 1.0) {
+    set->way = THERE;
+    return;
+  }
   set->last = 0.0, set->steps = 0;
-  for (long k = 0; k < size; ++k)
-    x[k][l] = reached[k][l] + (set->load - set->reached) * by_load[k][l];
+  if (!arm->follows || (!done && set->way == FOLLOWED && set->reached < 0.0)) {
+    set->way = LOST;
+  } else if (set->way == AT_ONCE) { /* begin without loads */
+    for (long k = 0; k < at->size; ++k) at->x[k][l] = at->begun[k][l];
+    set->way = FOLLOWED, set->load = 0.0;
+  } else {
+    if (done) {
+      for (long k = 0; k < at->size; ++k) {
+        at->begun[k][l] = at->x[k][l];
+        at->along[k][l] = at->by_load[k][l];
+      }
+      set->step = set->reached < 0.0 ? 1.0 : 2.0 * set->step;
+      set->reached = set->load;
+    } else {
+      set->step = (set->load - set->reached) / 2;
+    }
+    if (set->step < arm->least_step * fmax(set->reached, arm->first_load)) set->way = LOST;
+    set->load = fmin(1.0, set->reached + set->step);
+    for (long k = 0; k < at->size; ++k)
+      at->x[k][l] = at->begun[k][l] + (set->load - set->reached) * at->along[k][l];
+  }
 }
 
 /* From T (tendons, n) and strains (elements stages strains, n), columns a multiple of LANES: states
@@ -329,73 +396,27 @@ void equilibria(long n, int tendons, const Arm *arm, const double *T, const doub
                 void *space, double *states, double *found) {
   const long N = arm->elements, size = N * STRIDE + NODE;
   Eliminated *room = space;
-  lanes *x = (lanes *)(room + N + 1), *change = x + size, *by_load = change + size;
-  lanes *begun = by_load + size, *along = begun + size, *pull = along + size;
+  lanes *x = (lanes *)(room + N + 1);
+  States at = {size, x, x + size, x + 2 * size, x + 3 * size, x + 4 * size, x + 5 * size};
   for (long block = 0; block < n; block += LANES) {
-    lanes even = all(1.0), load, turn, step_size;
+    lanes load, turn, step_size;
     Set sets[LANES];
-    int left = LANES;
-    for (int i = 0; i < tendons; ++i)
-      for (int l = 0; l < LANES; ++l) pull[i][l] = T[i * n + block + l];
-    for (long k = 0; k < N; ++k)
-      for (int i = 0; i < INSIDE; ++i)
-        for (int l = 0; l < LANES; ++l)
-          x[k * STRIDE + NODE + i][l] = strains[(k * INSIDE + i) * n + block + l];
-    for (long k = 0; arm->settles && k < N; ++k)
-      for (int m = 0; m < STAGES; ++m)
-        settle_section(arm, k * STAGES + m, pull, x + k * STRIDE + NODE + m * STRAINS, &even);
-    start(arm, all(arm->start_load), x);
-    for (long k = 0; k < size; ++k) begun[k] = x[k], along[k] = all(0.0);
-    for (int l = 0; l < LANES; ++l) {
-      sets[l] = (Set){AT_ONCE, arm->cuts, 0, 0.0, 1.0, -1.0, 1.0};
-      if (even[l] == 0.0) sets[l].way = LOST, --left;
-    }
-    for (long step = 0; step < arm->most_steps && left; ++step) {
-      for (int l = 0; l < LANES; ++l) load[l] = sets[l].load;
-      const lanes low = newton_step(arm, load, pull, x, change, by_load, room);
-      sizes(arm, x, change, &turn, &step_size);
+    begin(arm, n, tendons, T + block, strains + block, &at, sets);
+    for (long step = 0; step < arm->most_steps; ++step) {
+      int left = 0;
+      for (int l = 0; l < LANES; ++l) left += sets[l].way < THERE, load[l] = sets[l].load;
+      if (!left) break;
+      const lanes low = newton_step(arm, load, at.pull, x, at.change, at.by_load, room);
+      sizes(arm, x, at.change, &turn, &step_size);
       for (int l = 0; l < LANES; ++l) {
-        Set *set = sets + l;
-        const double now = step_size[l], before = set->last;
-        double factor = 1.0;
-        int done = 0, failed = 0;
-        if (set->way >= THERE) continue;
-        if (!(turn[l] <= arm->farthest)) {
-          failed = !(turn[l] > 0.0) || before > 0.0 || set->cuts-- <= 0 || set->way == FOLLOWED;
-          factor = arm->farthest / turn[l];
-        } else {
-          failed = !(now <= fmax(arm->contraction * before, arm->small)) && !(before == 0.0);
-          done = !failed && (now < arm->settled || now * now < arm->settled * before);
-          set->last = now;
-        }
-        failed |= ++set->steps > arm->steps || now != now;
-        if (!failed)
-          for (long k = 0; k < size; ++k) x[k][l] += factor * change[k][l];
-        if (!done && !failed) continue;
-        if (done && arm->follows) done = low[l] > 0.0;
-        if (done && set->way == FOLLOWED && set->reached >= 0.0)
-          done = is_near(arm, begun, x, l);
-        if (done && set->load == 1.0) {
-          set->way = THERE, found[block + l] = 1.0, --left;
-        } else if (!arm->follows || (!done && set->reached < 0.0 && set->way == FOLLOWED)) {
-          set->way = LOST, --left;
-        } else if (set->way == AT_ONCE) { /* begin without loads */
-          for (long k = 0; k < size; ++k) x[k][l] = begun[k][l];
-          set->way = FOLLOWED, set->load = 0.0, set->last = 0.0, set->steps = 0;
-        } else {
-          if (done) {
-            for (long k = 0; k < size; ++k) begun[k][l] = x[k][l], along[k][l] = by_load[k][l];
-            set->step = set->reached < 0.0 ? 1.0 : 2.0 * set->step;
-            set->reached = set->load;
-          } else {
-            set->step = (set->load - set->reached) / 2;
-          }
-          if (set->step < arm->least_step * fmax(set->reached, arm->first_load))
-            set->way = LOST, --left;
-          else predict(set, size, begun, along, x, l);
-        }
+        if (sets[l].way >= THERE) continue;
+        int ended = newton(arm, sets + l, &at, turn[l], step_size[l], l);
+        if (ended > 0 && arm->follows && !(low[l] > 0.0)) ended = -1;
+        if (ended > 0 && sets[l].reached >= 0.0 && !is_near(arm, at.begun, x, l)) ended = -1;
+        if (ended) next(arm, sets + l, &at, ended > 0, l);
       }
     }
+    for (int l = 0; l < LANES; ++l) found[block + l] = sets[l].way == THERE;
     for (long i = 0; i < size; ++i)
       for (int l = 0; l < LANES; ++l) states[i * n + block + l] = x[i][l];
   }
