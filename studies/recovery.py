@@ -12,8 +12,9 @@ modulus, and density under weight, can make up for that.
 
 Command: python -m studies.recovery [--arms 100] [--seed 0]
 
-Answer: of 100 arms 96.9 % of the 455 intervals hold the truth, 95 % within the 1 % that so many
-tell; with the unit of tension unknown too, what it trades with is named for all 100.
+Answer: of 600 arms (seeds 0 to 5, each hundred 93.1 to 97.1 %) 95.7 % of the 2704 intervals hold
+the truth, 95 % within the half percent that so many tell; with the unit of tension unknown too,
+what it trades with is named for all 600.
 """
 
 from __future__ import annotations

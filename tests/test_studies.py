@@ -41,6 +41,7 @@ SMALL: dict[str, tuple[str, str, tuple[str, ...]]] = {
     ),
     "fetch": ("--budgets 5 --bends 40", "least total pull", ("fetch.png",)),
     "grasp": ("--radii 40 --ends 0 --shares 0.05", "1 of 1 wraps", ("grasp.png",)),
+    "fit_speed": ("--repeats 1 --shapes 4 --interpreted", "times as fast; modulus", ()),
     "floors": ("--steps 2", "paper: certificate", ()),
     "hard_cases": ("--members 1 --family many_turns", "from base to tip", ("hard_cases.png",)),
     "lengths": (

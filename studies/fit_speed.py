@@ -1,0 +1,101 @@
+"""How much sooner is a calibration than SciPy's least squares over settle?
+
+Question: modulus and density of the measured tentacle of studies.calibration from 22 shapes, 18
+measured ones and the first four again, as the source has so many: how long do `calibrate` and
+`scipy.optimize.least_squares` take, from the same start?
+
+Assumptions: processor time, in turn on one core; SciPy differentiates by differences and settles
+each shape by `settle` to its default accuracy, 1e-6 of the length, then asks it for the markers'
+places; `calibrate` to its own, 1e-5, with all that it checks: that shapes are those reached from
+rest, and how far off its mesh is. Libraries are compiled beforehand.
+
+Command: python -m studies.fit_speed [--repeats 9]
+
+Answer: both come to the same modulus to 1e-5. Interpreted, SciPy takes 7.5 s (396 settles) and
+`calibrate` 0.29 s: 26 times as fast. Compiled 4.1 to 4.6 s and 0.085 to 0.090 s: 49 to 52 times;
+against SciPy interpreted 84 times.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from model import Anchorage, Arm, settle
+from model.paths import Array
+from planner import Measured, calibrate
+from studies.calibration import BODY, LINEAR, shapes
+
+AGAIN = 4
+
+
+def question(count: int) -> tuple[Arm, list[Measured]]:
+    """Return the tentacle, whose tendons do not turn, and so many shapes, the first ones again."""
+    arm, measured = shapes()
+    section = arm.sections[0]
+    straight = Anchorage(section.at, section.offset, section.angles)
+    measured += [replace(own, name=f"{own.name} again") for own in measured[:AGAIN]]
+    return replace(arm, sections=(straight,)), measured[:count]
+
+
+def by_scipy(arm: Arm, measured: Sequence[Measured], compile: bool) -> Array:  # noqa: A002
+    """Return modulus [kPa] and density [kg/m3] by SciPy, counted in what the arm has."""
+    body = arm.material
+    at = np.array([point.s for point in measured[0].points])
+    offsets = np.array([point.offset for point in measured[0].points])
+
+    def off(z: Array) -> Array:
+        scaled = replace(body, E=body.E * z[0], density=body.density * z[1])
+        own, rows = replace(arm, material=scaled), []
+        for one in measured:
+            shape = settle(own, one.tensions, LINEAR, compile=compile)
+            places = shape.position(at) + np.einsum("nij,nj->ni", shape.frame(at), offsets)
+            rows.append(np.ravel(places - one.places))
+        return np.concatenate(rows)
+
+    found = least_squares(off, [1.0, 1.0], xtol=1e-6, ftol=1e-8).x
+    return np.array([body.E / 1e3, body.density]) * found
+
+
+def spent(work: Callable[[], Any]) -> tuple[float, Any]:
+    """Return the processor time of a call [s], and what it returned."""
+    begin = time.process_time()
+    found = work()
+    return time.process_time() - begin, found
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Print both times, interpreted and compiled."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--repeats", type=int, default=9)
+    parser.add_argument("--shapes", type=int, default=22)
+    parser.add_argument("--interpreted", action="store_true", help="nothing compiled")
+    args = parser.parse_args(argv)
+    warnings.simplefilter("ignore")
+    arm, measured = question(args.shapes)
+    for compiled in [False] if args.interpreted else [False, True]:
+
+        def own(compile: bool = compiled) -> Array:  # noqa: A002
+            return calibrate(arm, LINEAR, measured, BODY, compile=compile).array
+
+        own()
+        settle(arm, measured[0].tensions, LINEAR, compile=compiled)
+        theirs, other = spent(lambda on=compiled: by_scipy(arm, measured, on))  # type: ignore[misc]
+        ours = [spent(own) for _ in range(args.repeats)]
+        median, found = float(np.median([t for t, _ in ours])), ours[-1][1]
+        print(
+            f"{'compiled' if compiled else 'interpreted'}: SciPy {theirs:.2f} s, calibrate "
+            f"{median:.3f} s, {theirs / median:.1f} times as fast; modulus {found[0]:.3f} kPa, "
+            f"by SciPy {other[0]:.3f}"
+        )
+
+
+if __name__ == "__main__":
+    main()
