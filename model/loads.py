@@ -51,10 +51,10 @@ def check_loads(arm: Arm, scene: Scene, contact: bool = False) -> None:
     And for contact, unless what is asked is stated with `contact`.
     """
     if contacts(scene) and not contact:
-        allowed = "a scene without contact; with it settle, stiffness, plan and trajectory answer"
+        allowed = "a scene without contact, which settle, stiffness, plan and trajectory alone take"
         raise InputError("scene", "with contact", allowed)
     if scene.has(SelfContact):
-        allowed = "a scene without SelfContact; with it settle by tensions answers"
+        allowed = "a scene without SelfContact, which settle by tensions alone takes"
         raise InputError("scene", "with SelfContact", allowed)
     if scene.has(PrintedStatics) and arm.is_curved:
         told = "an arm that is straight at rest: eqs. (10) and (11) are written for that"

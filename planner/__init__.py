@@ -2,7 +2,7 @@
 
 from octoplan_packages import check_own
 
-check_own("model")  # before what would fail with a riddle
+check_own("model")  # before what would fail without naming the file
 
 import planner.notebook  # noqa: F401  (it tells notebooks how to draw)
 from model.stiffness import stiffness

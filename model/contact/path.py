@@ -152,10 +152,10 @@ def _jumped(of: Question, share: float, held: Held) -> Settled:
     """
     rest = relaxed(held.here.system, of.tensions, of.load, at_nodes(held))
     if rest is None:
-        raise UnsettledContactError(share, "it jumps, and comes to no rest")
+        raise UnsettledContactError(share, "it jumps, and does not come to rest")
     found = _placed(of, rest)
     if found is None:
-        raise UnsettledContactError(share, "it jumps to places that are not found")
+        raise UnsettledContactError(share, "it jumps, and where it touches then is not found")
     return found
 
 

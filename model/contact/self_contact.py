@@ -61,7 +61,7 @@ def pressed_on_itself(tensions: Array, scene: Scene, settle: Settle) -> Shape:
         there = own.moved(here, after)
         if there is not None and own.slips(there, after):
             told = "parts that press on each other slip past each other sideways; a little tension "
-            raise UnsettledContactError(after, told + "across tells to which side")
+            raise UnsettledContactError(after, told + "across decides to which side")
         if there is not None:
             here, share, step = there, after, min(2 * step, _FIRST)
         elif step > _LEAST:

@@ -101,8 +101,8 @@ class Program:
         own = (self.units / self.scale) ** 2
         return np.diag(np.append(own, np.full(terms.tangential.size, _COST)))
 
-    def foreseen(self, terms: SettledTerms, step: Array, penalty: float) -> float:
-        """Return the penalised objective that linear terms foresee after a step."""
+    def predicted(self, terms: SettledTerms, step: Array, penalty: float) -> float:
+        """Return the penalised objective that linear terms predict after a step."""
         moved = self._moved(terms, step)
         n = self.units.size
         T = (terms.tensions + self.units * step[:n]) / self.scale
@@ -113,12 +113,12 @@ class Program:
         )
         return f + penalty * _lacking(moved)
 
-    def foreseen_lacking(self, terms: SettledTerms, step: Array) -> float:
-        """Return what linear terms foresee that equality and inequality lack after a step."""
+    def predicted_violation(self, terms: SettledTerms, step: Array) -> float:
+        """Return what equality and inequality lack after a step, as linear terms predict."""
         return _lacking(self._moved(terms, step))
 
     def _moved(self, terms: SettledTerms, step: Array) -> dict[str, Array]:
-        """Return the terms that their derivatives foresee after a step."""
+        """Return the terms that their derivatives predict after a step."""
         return {kind: own + self.rows(terms, kind) @ step for kind, own in terms.values.items()}
 
     def merit(self, terms: SettledTerms, penalty: float) -> float:

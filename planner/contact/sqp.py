@@ -1,7 +1,7 @@
 """Sequential quadratic programming in the tensions, over shapes that settle by themselves.
 
 Each step solves a quadratic program in which what cannot be met costs in proportion; steps stay
-within a region that grows and shrinks as the penalised objective falls by what was foreseen, and
+within a region that grows and shrinks as the penalised objective falls by what was predicted, and
 are corrected by how much linear terms were off where it falls by less. The shape is smooth in
 pieces, see planner.contact.pieces: a step stays in its piece as far as linear terms tell, and from
 an optimum at the end of one that beyond is tried. Source: Nocedal and Wright, "Numerical
@@ -104,7 +104,7 @@ def _descended(program: Program, start: SettledTerms, accuracy: float, residual:
         free = best.lacks > _CLOSE and region > _CAREFUL
         stated = of_targets(here) if free else here
         step, lam = quadratic_step(program, stated, B, penalty, region)
-        less = best.lacks - program.foreseen_lacking(stated, step)
+        less = best.lacks - program.predicted_violation(stated, step)
         stuck = stuck + 1 if best.lacks > _CLOSE and less < _LITTLE * best.lacks else 0
         if stuck == _STUCK:
             break
@@ -112,7 +112,7 @@ def _descended(program: Program, start: SettledTerms, accuracy: float, residual:
         # What it took far from the targets would keep steps along them short.
         least = _PENALTY if best.lacks < _CLOSE else penalty
         penalty = max(least, min(2 * most, _MOST))
-        gain = program.merit(here, penalty) - program.foreseen(stated, step, penalty)
+        gain = program.merit(here, penalty) - program.predicted(stated, step, penalty)
         there = _stepped(program, here, step, B, penalty, region, gain)
         fell = _fall(program, here, there, penalty)
         if there is not None and gain < _ROUNDING and _closer(program, there, best, accuracy):

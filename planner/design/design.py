@@ -167,7 +167,7 @@ class _Search:
 def _check_made(making: Making, arm: Arm) -> None:
     lacking = -1e3 * float(making.room(arm).min()) * arm.length
     if lacking > _END:
-        allowed = f"what the given arm keeps to: it lacks {lacking:.3g} mm"
+        allowed = f"a limit that the given arm keeps: it misses it by {lacking:.3g} mm"
         raise InputError("making", making, allowed)
 
 

@@ -30,7 +30,7 @@ from planner.live.session import Session
 from planner.plan import Plan
 from planner.records.plan import plan_record
 
-_LEFT = "The branch of plans before could not be followed: this is another."
+_LEFT = "The branch of optima could not be followed: this plan is on another."
 # The farthest that a target moves from picture to picture, over the arm's length.
 _SHORT = 0.02
 # How often a page that nobody looks at is looked after [s].

@@ -70,18 +70,18 @@ def unverified(
 
 
 def _chain(
-    question: Question, found: list[Waypoint], lines: Lines | None, careful: bool
+    question: Question, found: list[Waypoint], lines: Lines | None, keeps_clear: bool
 ) -> list[Waypoint]:
     """Return what is found and the waypoints after it; they are stepped to where lines are given.
 
-    With `careful` each step keeps clear.
+    With `keeps_clear` each step does.
     """
     found, near = list(found), next((w.plan for w in reversed(found) if w.plan), None)
     left = question.targets[len(found) :]
     for i, targets in enumerate(told("waypoints", left), start=len(found)):
         if lines is not None and near is not None:
             way = _stepped(
-                question, targets, found[-1], coarse(near.statement), lines if careful else None
+                question, targets, found[-1], coarse(near.statement), lines if keeps_clear else None
             )
             if way is not None:
                 found.append(way)

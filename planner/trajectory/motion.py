@@ -215,7 +215,7 @@ def _check_durations(question: Question, ways: list[Waypoint], durations: Array)
     if late.size:
         i, faster = int(late[0]), (needed / question.least).max()
         allowed = (
-            f"{needed[i]:.4g} s after what is before, at these rates, which is given "
-            f"{question.least[i]:.4g} s; or some {faster:.3g} times the rates"
+            f"{needed[i]:.4g} s after the target before at these rates, not "
+            f"{question.least[i]:.4g} s; or rates {faster:.3g} times as high"
         )
         raise InputError(f"times[{i}]", float(question.times[i]), allowed)

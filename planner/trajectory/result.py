@@ -130,7 +130,9 @@ class Trajectory:
             told = [f"Not certified ({found}): {'; '.join(certificate.failures)}; {advice}."]
         if self.branches:
             names = ", ".join(str(i) for i in self.branches)
-            told.append(f"At target {names} the plan goes over to another way of reaching.")
+            told.append(
+                f"At target {names} the motion leaves the branch of optima of the one before."
+            )
         share = f"the tip accelerates by some {self.inertia:.2g} times gravity"
         slow = self.inertia < _SLOW
         words = f"{'Slow' if slow else 'Not slow'} enough to be quasi-static"

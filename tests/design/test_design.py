@@ -150,7 +150,7 @@ def test_sensitivity_is_that_of_plans_made_anew(key: str) -> None:
 
 def test_what_can_be_made_is_kept_to() -> None:
     wall = 0.0015
-    with pytest.raises(InputError, match="it lacks"):
+    with pytest.raises(InputError, match="it misses it by"):
         design(_arm(), _tips(), [RADIUS], PAPER, 5.0, making=Making(wall=0.01))
     found = design(
         _arm(), _tips(), [RADIUS, OFFSET], PAPER, 5.0, making=Making(wall), starts=2, begins=1

@@ -76,7 +76,7 @@ def test_accelerations_alone_limit_a_motion() -> None:
 
 
 def test_times_that_accelerations_do_not_allow_are_refused_with_what_would_do() -> None:
-    with pytest.raises(InputError, match=r"times\[0\].*s after what is before"):
+    with pytest.raises(InputError, match=r"times\[0\].*s after the target before"):
         trajectory(ARM, TARGETS[:1], SCENE, 20.0, stroke_acceleration_max=0.2, times=[0.1])
     for wrong in (0.0, -1.0, np.nan):
         with pytest.raises(InputError, match="stroke_acceleration_max"):

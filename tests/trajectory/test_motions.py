@@ -134,7 +134,7 @@ def test_functions_and_files_are_paths(tmp_path: Path) -> None:
 
 
 def test_times_that_rates_do_not_allow_are_refused_with_what_would_do() -> None:
-    with pytest.raises(InputError, match=r"times\[0\].*s after what is before, at these rates"):
+    with pytest.raises(InputError, match=r"times\[0\].*s after the target before at these rates"):
         trajectory(ARM, TARGETS[:2], SCENE, 20.0, rate_max=0.1, times=[0.5, 20.0])
 
 
