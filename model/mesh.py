@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -68,15 +69,13 @@ def graded(
         Arc lengths -> how fast the solution may grow or decay there [1/m]; steps are shorter where
         it does.
     """
-    breaks = _breaks(arm, at)
-    fine = breaks[:-1, None] + np.diff(breaks)[:, None] * np.linspace(0, 1, _FINE + 1)
-    R = arm.radius.evaluate(fine.ravel(), arm.length)[0].reshape(fine.shape)
-    weight = np.abs(np.diff(np.log(R), axis=1)) + np.diff(fine, axis=1) / arm.length
+    breaks, fine, weight = _weights(arm, tuple(at))
     if growth is not None:
         rate = growth(fine.ravel()).reshape(fine.shape)
         turns = (rate[:, 1:] + rate[:, :-1]) / 2 * np.diff(fine, axis=1)
-        weight += np.minimum(turns / _GROWTH, _MOST)
-    total = np.cumsum(np.pad(weight, ((0, 0), (1, 0))), axis=1)
+        weight = weight + np.minimum(turns / _GROWTH, _MOST)
+    total = np.zeros(fine.shape)
+    np.cumsum(weight, axis=1, out=total[:, 1:])
     nodes = [breaks[:1]]
     for own, places, right in zip(total, fine, breaks[1:], strict=True):
         count = refinement * max(1, int(np.ceil(2 * own[-1])))
@@ -84,6 +83,19 @@ def graded(
         inner[-1] = right
         nodes.append(inner)
     return with_nodes(arm, np.concatenate(nodes))
+
+
+@lru_cache(maxsize=16)
+def _weights(arm: Arm, at: tuple[float, ...]) -> tuple[Array, Array, Array]:
+    """Return the breaks, places between each two, and what the steps between these weigh.
+
+    They are shared by the meshes of all refinements.
+    """
+    breaks = _breaks(arm, at)
+    fine = breaks[:-1, None] + np.diff(breaks)[:, None] * np.linspace(0, 1, _FINE + 1)
+    R = arm.radius.evaluate(fine.ravel(), arm.length)[0].reshape(fine.shape)
+    weight = np.abs(np.diff(np.log(R), axis=1)) + np.diff(fine, axis=1) / arm.length
+    return breaks, fine, weight
 
 
 def with_nodes(arm: Arm, s: Array) -> Mesh:
