@@ -76,7 +76,8 @@ def calibrate(
     accuracy : float
         Error of what is predicted, over the arm's length, that meshes may have.
     compile : bool or "auto"
-        Whether to work by machine code; see settle.
+        Whether to work by machine code; see settle. All shapes are settled side by side then, and
+        values differ by less than a thousandth of their standard errors.
 
     Raises
     ------

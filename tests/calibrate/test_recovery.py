@@ -11,6 +11,7 @@ from model import Anchorage, Arm, Linear, Material, RestCurvature, Scene, settle
 from model.effects import PointMass
 from model.winches import rest_lengths
 from planner import Measured, Unknown, calibrate
+from planner.calibrate.fit import OFFSET
 from tests.calibrate.cases import HANGING, PULLS, small_arm, synthetic
 
 SCALE = tuple(f"tension_scale[{j}]" for j in range(3))
@@ -183,7 +184,10 @@ def test_strokes_tell_the_curvature_at_rest_that_they_count_from() -> None:
 
 
 @pytest.mark.slow
-def test_compiled_kernels_find_the_same_digits() -> None:
+def test_compiled_fits_come_to_the_same_optimum() -> None:
+    """All shapes are then settled side by side, by other steps: it is met as closely as told."""
     shapes = synthetic(small_arm(), HANGING, 1e-4, 3)
     found = [calibrate(small_arm(), HANGING, shapes, KNOWN, compile=by) for by in (False, "auto")]
-    assert found[0].values == pytest.approx(found[1].values, rel=1e-12)
+    assert np.all(np.abs(found[0].array - found[1].array) <= OFFSET * found[0].std)
+    assert found[0].mean_error == pytest.approx(found[1].mean_error, rel=1e-6)
+    assert found[0].error == pytest.approx(found[1].error, rel=1e-3)
