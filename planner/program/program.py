@@ -138,7 +138,8 @@ class Objective:
     def without_gaps(self, rows: ca.MX, count: int) -> tuple[ca.MX, ca.MX]:
         """Return rows (m,) without so many gaps, and the gaps; undoes with_gaps."""
         k = self.before_gaps
-        return ca.vertcat(rows[:k], rows[k + count :]), rows[k : k + count]
+        # Of a single row CasADi would read one index as that of a column.
+        return ca.vertcat(rows[:k, :], rows[k + count :, :]), rows[k : k + count, :]
 
     def _stated(
         self, arm: Arm, targets: tuple[Target, ...], soft_rows: list[int], given: tuple[ca.MX, ...]
