@@ -124,7 +124,12 @@ def _holds(kind: Any) -> str:
         return ", ".join(f"``{json!r}``".replace("'", '"') for json in kind.values)
     if isinstance(kind, inspect.ListType | inspect.VarTupleType):
         inner = _holds(kind.item_type)
-        many = {"table": "tables", "number": "numbers", "numbers": "rows of numbers"}
+        many = {
+            "table": "tables",
+            "number": "numbers",
+            "numbers": "rows of numbers",
+            "numbers, or number": "numbers, flat or in rows",
+        }
         return many.get(inner, f"list of {inner}")
     if isinstance(kind, inspect.TupleType):
         kinds = {_holds(one) for one in kind.item_types}
