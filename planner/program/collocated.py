@@ -58,7 +58,8 @@ class Collocated:
 
     def numbers(self, target: Array) -> Array:
         """Return the parameters of the mechanics for the targets' numbers."""
-        directions = [np.array(D) for D in self.program.objective.directions.call([target])]
+        of = self.program.objective
+        directions = [np.array(D) for D in of.directions.call([target[: of.n_own]])]
         states = self.states
         scales = (states.scale, states.row_scale)
         return np.concatenate([np.array([states.force]), states.numbers(directions), *scales])

@@ -15,7 +15,8 @@ from model.effects import Buoyancy, Extension, Weight
 from model.errors import FileError
 from model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
 from model.shape import Shape
-from planner import Plan, load_plan, plan
+from planner import Limits, Plan, Statement, build, load_plan, plan
+from planner.avoidance.rows import Apart, Avoidance, Place
 from planner.scenefile import read
 from planner.targets import BendingPlane, TipPosition
 
@@ -98,6 +99,16 @@ def test_a_plan_in_other_scenes_leads_around(scene: Scene) -> None:
 
 
 @pytest.mark.slow
+def test_under_loads_what_keeps_clear_is_not_taken_for_numbers_of_the_target() -> None:
+    """It was: re-plans around a ball in water ended in an error of CasADi's."""
+    scene, body = Scene(Extension(), Weight(), Buoyancy()), (0.1, 0.2, 0.1, *np.ones(14).tolist())
+    keeps_clear = Avoidance((Apart(Place(0.2, 0.05, (0.0, 0.0, 0.0)), body, 0.01),))
+    targets = TipPosition((0.25, 0.05, -0.1)), keeps_clear
+    problem = build(ARM, targets, scene, Statement(refinement=1))
+    p = problem.parameters(targets, Limits.of(ARM, 20.0))
+    assert p.size == sum(problem.program.sizes)
+
+
 def test_where_nothing_leads_around_the_nearest_shape_keeps_clear() -> None:
     plate = Box((0.2, 0.0, 0.0), (0.02, 3.0, 3.0))
     p = plan(ARM, TARGET, SCENE, 20.0, obstacles=[plate], starts=2)
