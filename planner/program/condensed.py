@@ -14,7 +14,8 @@ from model.equilibrium.newton import newton
 from model.equilibrium.stability import least_modes, stands
 from model.errors import OctoplanError, SingularError
 from model.paths import Array
-from planner.program.program import Program, Rows
+from planner.program.objective import Rows
+from planner.program.program import Program
 from planner.program.reduced import Eliminated, Reduced
 from planner.program.states import States
 

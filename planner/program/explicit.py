@@ -24,7 +24,7 @@ from model.unloaded.condensed_steps import CondensedSteps
 from model.unloaded.steps_in_c import StepsInC
 from planner.program.explicit_numbers import ExplicitByCasadi, ExplicitInC
 from planner.program.expressions import Expressions, Outer, by_casadi, by_steps
-from planner.program.program import Objective, Rows
+from planner.program.objective import Objective, Rows
 from planner.program.reduced import Reduced
 from planner.program.statement import Statement
 from planner.targets.base import Target

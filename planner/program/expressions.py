@@ -14,7 +14,7 @@ import casadi as ca
 from model.forward import ExplicitMap
 from model.machine.compiled import kernels
 from model.unloaded.condensed_steps import CondensedSteps
-from planner.program.program import Objective, split
+from planner.program.objective import Objective, split
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,8 @@ from planner.program.collocated import Collocated
 from planner.program.condensed import Condensed
 from planner.program.explicit import Explicit
 from planner.program.limits import Limits, natural_tensions
-from planner.program.program import STABILITY, STROKES, Rows
+from planner.program.objective import Rows
+from planner.program.program import STABILITY, STROKES
 from planner.program.same import Same
 from planner.program.statement import Statement
 from planner.program.terms import compliance_requests, stations_of
