@@ -117,9 +117,10 @@ class TouchingMap(Collocation):
         if stays or not frictional:
             found = settled(of, there, start.places)
             if found is not None and close(there, found.held):
-                last = found.held.here if of.history is None else of.history.here
-                at_rest = frictional and last is there.here
-                return Followed(found, (), found.held.here if at_rest else last)
+                if of.history is None:
+                    return Followed(found)
+                last = of.history.here
+                return Followed(found, (), found.held.here if last is there.here else last)
         return follow(of, before, 1.0, start, jumps)
 
     def _untouched(self, tensions: Array) -> Followed:

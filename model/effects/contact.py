@@ -25,7 +25,8 @@ class Contact(Effect):
     midline there has slipped along the obstacle in the step before, either d = 0 and the friction
     is at most mu N, or it is mu N against d. So it takes a motion: `settle(..., near=before)` leads
     tensions in a straight line, in eight steps or more, from those of a shape that is known, such
-    as one that touches nothing or one settled without friction. Points that roll are off by what
+    as one that touches nothing or one settled without friction; `plan(..., near=before)` finds such
+    tensions. Points that roll are off by what
     they roll in a step. Friction acts on the midline: its moment about it, of its size times the
     arm's radius, and that the arm may roll sideways, are left out. Where the arm lies along an
     obstacle the scene has to have Extension, without which forces along the arm between places that

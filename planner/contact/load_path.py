@@ -8,7 +8,9 @@ from typing import TypeVar
 import numpy as np
 
 from model.arm import Arm
+from model.contact.forward import without_friction
 from model.errors import OctoplanError
+from model.loads import contacts
 from model.paths import Array
 from model.scene import Scene
 from model.settle import settle
@@ -19,6 +21,11 @@ LoadPath = tuple[tuple[float, ...], ...]
 # How accurately shapes on the path are settled; the least step, as a share of a straight line.
 _ON_THE_PATH, _LEAST = 1e-4, 1 / 64
 S = TypeVar("S")
+
+
+def rubs(scene: Scene) -> bool:
+    """Return whether contacts of a scene have friction."""
+    return any(contact.friction for contact in contacts(scene))
 
 
 def settled_along(
@@ -33,9 +40,9 @@ def settled_along(
 
     From rest to the first of them tensions and loads grow in proportion, then tensions change in
     straight lines from one to the next. Where the arm jumps `Shape.snaps` of the last tells so.
-    Raises what settle does.
+    Friction of contacts acts beyond the first of them. Raises what settle does.
     """
-    if not load_path:
+    if not load_path and not rubs(scene):
         return settle(arm, tensions, scene, accuracy, compile=machine_code)
 
     def at(T: Array, near: Shape, fine: float) -> Shape | None:
@@ -45,10 +52,12 @@ def settled_along(
             return None
         return None if found.snaps else found
 
-    near = settle(arm, load_path[0], scene, _ON_THE_PATH, compile=machine_code)
-    for T in (*load_path[1:], tensions):
-        there = followed(np.asarray(T), near, lambda T, n: at(T, n, _ON_THE_PATH))
-        near = there or settle(arm, T, scene, _ON_THE_PATH, compile=machine_code, near=near)
+    first, *others = (*load_path, tensions)
+    rough = min(_ON_THE_PATH, accuracy) if rubs(scene) else _ON_THE_PATH
+    near = settle(arm, first, without_friction(scene), rough, compile=machine_code)
+    for T in others:
+        there = followed(np.asarray(T), near, lambda T, n: at(T, n, rough))
+        near = there or settle(arm, T, scene, rough, compile=machine_code, near=near)
     last = at(tensions, near, accuracy)
     return last or settle(arm, tensions, scene, accuracy, compile=machine_code, near=near)
 

@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from model.contact.forward import without_friction
 from model.effects import Contact
 from model.errors import InputError, OctoplanError, SnapError
 from model.loads import contacts
@@ -17,7 +18,7 @@ from model.scene import Scene
 from model.time_limit import OutOfTime, check_time, time_limit
 from planner.avoidance.around import Around
 from planner.avoidance.asked import Surroundings
-from planner.contact.load_path import LoadPath, followed
+from planner.contact.load_path import LoadPath, followed, rubs
 from planner.contact.program import Optimum, Program, lacking
 from planner.contact.quadratic import optimum_at
 from planner.contact.settled_terms import SettledTerms, Settling
@@ -40,21 +41,29 @@ _CLOSER = 0.1
 _FREE, _BENDS = 3, (0.3, 1.0, 2.0)
 # Bends that may press on what is held, harder and harder; how many are begun with.
 _HARDER, _PRESSED = tuple((0.25 * 1.5 ** np.arange(12)).tolist()), 4
+# With friction, how far beyond what would do without it, of the way there.
+_SLID = (1.0, 1.5, 2.5)
 # Efforts of optima that are one: starts are enough where two lead there. The residual of an optimum
 # on the rough mesh.
 _SAME, _ABOUT = 1e-3, 1e-5
 
 
-def check_contact(task: Task, avoids: bool) -> None:
+def check_contact(task: Task, avoids: bool, has_history: bool) -> None:
     """Raise InputError for what is not stated in scenes with contact."""
     if compliance_requests(task.targets):
         raise InputError("target", "a stiffness", "shapes alone, in a scene with contact")
     if task.statement.norm != "2":
         raise InputError("norm", task.statement.norm, '"2", in a scene with contact')
-    for contact in contacts(task.scene):
-        if contact.friction:
-            allowed = "0 in plans, which look for tensions without a motion before them"
-            raise InputError("Contact.friction", contact.friction, allowed)
+    if rubs(task.scene):
+        if not has_history:
+            allowed = (
+                "the plan that the arm moves from: friction of contacts acts against the motion "
+                "before, and an arm without history has none"
+            )
+            raise InputError("near", None, allowed)
+        if any(isinstance(target, Hold | Wrap) for target in task.targets):
+            allowed = "places and poses alone where contacts have friction; 0 for holds and wraps"
+            raise InputError("Contact.friction", "above 0", allowed)
     if avoids:
         allowed = "none in a scene with contact: there they are effects"
         raise InputError("obstacles", "given", allowed)
@@ -79,7 +88,8 @@ class ContactSearch:
     ----------
     task : Task
     begin : tuple of (n_tendons,) or None
-        The load path to an equilibrium nearby, its tensions last; it is tried before others.
+        The load path to an equilibrium nearby, its tensions last; it is tried before others, and
+        with friction, that acts against the motion from there, alone.
     """
 
     task: Task
@@ -132,6 +142,8 @@ class ContactSearch:
     def _load_paths(self) -> list[LoadPath]:
         """Return load paths to begin with: to what is near, then straight ones from rest."""
         own = [] if self.begin is None else [self.begin]
+        if self.begin is not None and rubs(self.task.scene):
+            return [(*self.begin, tuple(T.tolist())) for T in self._slid(self.begin)]
         most = max(self.task.starts - len(own), 0) if self.task.starts else None
         return own + [(tuple(T.tolist()),) for T in self._starts()[:most]]
 
@@ -139,22 +151,25 @@ class ContactSearch:
         """Return the optimum that a load path leads to; none where the arm comes to no rest."""
         tell("initial guesses")
         check_time()
-        program = _program(self.task, _ROUGH)
+        program = self._program(_ROUGH)
         last = np.clip(load_path[-1], program.lower, program.upper)
         try:
             start = _along(program, (*load_path[:-1], tuple(last.tolist())))
             end = solve(program, start, _CLOSER * self.task.accuracy, _ABOUT)
         except OctoplanError:
             return []
+        if self.begin is not None and program.has_history:
+            return [LocalOptimum(end, self.begin)]
         return [LocalOptimum(end, (*load_path[:-1], tuple(last.tolist())))]
 
     def _finished(self, found: list[LocalOptimum]) -> LocalOptimum | None:
         """Return the best optimum on a fine mesh, where a load path leads to it."""
-        left, program = list(found), _program(self.task, _FINE)
+        left, program = list(found), self._program(_FINE)
         while left:
             best = self._best(left)
             assert best is not None
-            for load_path in best.load_paths():
+            ways = [best.load_path] if rubs(self.task.scene) else best.load_paths()
+            for load_path in ways:
                 start = self._there(program, load_path, best.optimum.terms)
                 if start is not None:
                     end = solve(program, start, _CLOSER * self.task.accuracy)
@@ -163,6 +178,9 @@ class ContactSearch:
                         return own
             left.remove(best)
         return self._best(found)
+
+    def _program(self, refinement: int) -> Program:
+        return _program(self.task, refinement, self.begin)
 
     def _there(
         self, program: Program, load_path: LoadPath, terms: SettledTerms
@@ -187,6 +205,16 @@ class ContactSearch:
                 found.append(self._free())
         return found + [share * own for own in towards for share in _BENDS]
 
+    def _slid(self, begin: LoadPath) -> list[Array]:
+        """Return tensions as far as, and beyond, what the target takes without friction.
+
+        Where the arm still sticks no tensions tell how to move it.
+        """
+        smooth = replace(self.task, scene=without_friction(self.task.scene), starts=1)
+        before = np.array(begin[-1])
+        way = np.ravel(ContactSearch(smooth, begin).run(None).tensions) - before
+        return [np.maximum(before + share * way, 0.0) for share in _SLID]
+
     def _free(self) -> Array:
         """Return the tensions of the arm that meets the targets without contact."""
         task = self.task
@@ -203,7 +231,7 @@ class ContactSearch:
         Each direction is followed from rest, harder and harder, up to where the arm jumps: beyond
         it has slipped off.
         """
-        program, found = _program(self.task, _ROUGH), list[tuple[float, Array]]()
+        program, found = self._program(_ROUGH), list[tuple[float, Array]]()
         for own in directions:
             near: SettledTerms | None = None
             for share in _HARDER:
@@ -247,6 +275,8 @@ class LocalOptimum:
 
 def _along(program: Program, load_path: LoadPath) -> SettledTerms:
     """Return the terms at the end of a load path; raises what settling does."""
+    if program.has_history:
+        return program.evaluate(np.array(load_path[-1]), None, None)
     here: SettledTerms | None = program.evaluate(np.array(load_path[0]), None, None)
     for T in load_path[1:]:
         assert here is not None
@@ -264,13 +294,15 @@ def _near(program: Program, tensions: Array, here: SettledTerms) -> SettledTerms
         return None
 
 
-def _program(task: Task, refinement: int) -> Program:
-    """Return the program on meshes of a refinement."""
-    settling = Settling(task.arm, task.scene, task.targets, refinement, task.machine_code)
+def _program(task: Task, refinement: int, history: LoadPath | None = None) -> Program:
+    """Return the program on meshes of a refinement; with friction from the end of a load path."""
+    before = (history or ()) if rubs(task.scene) else ()
+    asked = task.arm, task.scene, task.targets, refinement, task.machine_code
+    settling = Settling(*asked, before)
     units = natural_tensions(task.arm)
     total = np.inf if task.limits.total is None else task.limits.total
     low, high = np.array(task.allowed.lower), np.array(task.allowed.upper)
-    return Program(settling.at, low, high, total, float(units.max()), units)
+    return Program(settling.at, low, high, total, float(units.max()), units, bool(before))
 
 
 def _tip(terms: SettledTerms) -> Array:
@@ -283,7 +315,7 @@ def optimality_of(task: Task, tensions: Array, load_path: LoadPath = ()) -> floa
 
     Where a load path leads to.
     """
-    program = _program(task, _FINE)
+    program = _program(task, _FINE, load_path)
     try:
         return optimum_at(program, _along(program, (*load_path, tuple(tensions.tolist())))).kkt
     except OctoplanError:

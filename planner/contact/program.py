@@ -38,6 +38,8 @@ class Program:
         Of effort [N].
     units : (n,)
         Of the tensions, such as bend the arm alike [N]: what steps are measured in.
+    has_history : bool
+        Whether equilibria are come to from one alone, against friction, whatever is near.
     """
 
     evaluate: Callable[[Array, SettledTerms | None, Array | None], SettledTerms]
@@ -46,6 +48,7 @@ class Program:
     total: float
     scale: float
     units: Array
+    has_history: bool = False
 
     def units_of(self, terms: SettledTerms) -> Array:
         """Return the units of all unknowns."""

@@ -13,10 +13,10 @@ import casadi as ca
 import numpy as np
 
 from model.arm import Arm
-from model.contact.forward import KnownContact, TouchingMap
+from model.contact.forward import KnownContact, TouchingMap, without_friction
 from model.contact.stability import held_stands
 from model.contact.touches import Touches
-from model.equilibrium.forward import STAGES
+from model.equilibrium.forward import STAGES, Known
 from model.equilibrium.linearised import Linearised
 from model.errors import SnapError
 from model.paths import Array
@@ -78,6 +78,8 @@ class Settling:
         What is asked.
     refinement : int
     machine_code : bool
+    history : tuple of (n_tendons,)
+        With friction the load path from whose end the arm moves, in a straight line of tensions.
     """
 
     arm: Arm
@@ -85,12 +87,30 @@ class Settling:
     targets: tuple[Target, ...]
     refinement: int
     machine_code: bool = False
+    history: tuple[tuple[float, ...], ...] = ()
 
     @cached_property
     def _forward(self) -> TouchingMap:
+        return self._map(self.scene)
+
+    def _map(self, scene: Scene) -> TouchingMap:
         stations = stations_of(self.arm, self.targets)
         mesh = (STAGES, self.refinement, stations)
-        return TouchingMap(self.arm, self.scene, *mesh, self.machine_code)
+        return TouchingMap(self.arm, scene, *mesh, self.machine_code)
+
+    @cached_property
+    def _before(self) -> tuple[Array, Known]:
+        """The tensions and the equilibrium that friction acts against the motion from.
+
+        The first of the load path is settled without friction, as nothing is known of how the arm
+        came there.
+        """
+        smooth, T = self._map(without_friction(self.scene)), np.array(self.history[0])
+        known = smooth.known(smooth.run(T)[0])
+        for after in map(np.array, self.history[1:]):
+            way = self._forward.led(after, T, known, False)
+            T, known = after, self._forward.known(self._forward.rows(way.settled.held.here)[0])
+        return T, known
 
     @cached_property
     def _force(self) -> float:
@@ -146,7 +166,14 @@ class Settling:
     def _settled(
         self, tensions: Array, near: SettledTerms | None
     ) -> tuple[Linearised, tuple[float, ...]]:
-        """Return the equilibrium, and where the arm jumped."""
+        """Return the equilibrium, and where the arm jumped.
+
+        With friction its derivatives are those where it was a step before stays: exact where it
+        sticks all along and where the direction of slip stays.
+        """
+        if self.history:
+            way = self._forward.led(tensions, *self._before, False)
+            return way.settled.held.here, way.snaps
         if near is None:
             return self._forward.come_to(tensions, tensions, None)
         if np.array_equal(tensions, near.tensions):

@@ -1,0 +1,44 @@
+"""Plans of an arm that rubs on what it leans on: from the plan that it moves from."""
+
+import numpy as np
+import pytest
+
+from model import Scene, settle
+from model.effects import Contact, ExactTendons, Extension, Weight
+from model.errors import InputError
+from model.obstacles import HalfSpace
+from planner import plan, trajectory
+from planner.targets import TipPosition
+from tests.contact.cases import bar
+
+ARM = bar(0.3, 0.006, 2e7)
+FLOOR = HalfSpace((0, 0, -0.03), (0, 0, 1))
+MU, BEFORE, AFTER = 0.3, [1.0, 0.0, 0.0, 0.5], [2.0, 0.0, 0.0, 0.5]
+PLACE = TipPosition((0.29, 0.0, -0.024))
+
+
+def on_floor(mu: float) -> Scene:
+    return Scene(Extension(), ExactTendons(), Weight(), Contact(FLOOR, friction=mu))
+
+
+def test_a_plan_with_friction_is_refused_without_the_plan_that_the_arm_moves_from() -> None:
+    with pytest.raises(InputError, match="history"):
+        plan(ARM, PLACE, on_floor(MU), 30.0)
+    with pytest.raises(InputError, match="motions that are planned"):
+        trajectory(ARM, [PLACE], on_floor(MU), 30.0, rate_max=2.0)
+
+
+@pytest.mark.slow
+def test_a_plan_from_another_slips_to_a_place_against_friction_with_least_effort() -> None:
+    before = plan(ARM, TipPosition(tuple(settle(ARM, BEFORE, on_floor(0.0)).tip)), on_floor(0.0))
+    known = settle(ARM, AFTER, on_floor(MU), 1e-8, near=before.shape)
+    goal = TipPosition(tuple(known.tip))
+    found = plan(ARM, goal, on_floor(MU), 30.0, near=before)
+    assert found.reached, str(found.certificate)
+    assert np.linalg.norm(found.tip - known.tip) < 1e-6 * ARM.length
+    assert found.effort < np.linalg.norm(AFTER) * (1 + 1e-5)
+    assert found.effort > 1.1 * plan(ARM, goal, on_floor(0.0), 30.0, near=before).effort
+    (touch,) = found.shape.contacts
+    N = touch.force - touch.friction
+    assert np.linalg.norm(touch.friction) == pytest.approx(MU * np.linalg.norm(N), rel=1e-8)
+    assert touch.friction @ touch.slip < 0
