@@ -98,7 +98,6 @@ def test_a_plan_in_other_scenes_leads_around(scene: Scene) -> None:
     assert _gap(p.shape, obstacle) >= 0
 
 
-@pytest.mark.slow
 def test_under_loads_what_keeps_clear_is_not_taken_for_numbers_of_the_target() -> None:
     """It was: re-plans around a ball in water ended in an error of CasADi's."""
     scene, body = Scene(Extension(), Weight(), Buoyancy()), (0.1, 0.2, 0.1, *np.ones(14).tolist())
@@ -109,6 +108,7 @@ def test_under_loads_what_keeps_clear_is_not_taken_for_numbers_of_the_target() -
     assert p.size == sum(problem.program.sizes)
 
 
+@pytest.mark.slow
 def test_where_nothing_leads_around_the_nearest_shape_keeps_clear() -> None:
     plate = Box((0.2, 0.0, 0.0), (0.02, 3.0, 3.0))
     p = plan(ARM, TARGET, SCENE, 20.0, obstacles=[plate], starts=2)
