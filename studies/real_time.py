@@ -16,11 +16,11 @@ Command: python -m studies.real_time [--steps 10000] [--scenes paper silicone-in
 
 Answer (10 000 steps in the paper's scene, on two cores that a load of eight shared): all are
 certified, to residuals of 2e-8 at most; where the way back is on the branch of the way ahead, 97 %
-of the steps, tensions come back to 4e-7 of their norm. A re-plan takes 6.7 ms, its certificate 6.6
-ms (medians; the fastest tenth 5.4 and 4.8). In silicone in water all of 198 are certified, in 40
-and 28 ms. Cold plans of the paper's scene take 75 ms, all of 60 are certified; SciPy takes 88 times
-as long and solves 7 of 8. Settles of 1000 take 26 us interpreted and 3.4 us compiled, DOP853 130
-and 1000 times as long; in silicone in water 17 and 7.8 ms.
+of the steps, tensions come back to 4e-7 of their norm. On two cores that a load of four shared, 298
+steps there take 2.2 ms for a re-plan and 1.3 for its certificate (medians; 99 % of both together in
+10.0), all certified; 48 in silicone in water take 18 and 12 ms. Cold certified plans take 34 ms, in
+silicone 60, in water 120; all of 15 each are certified; SciPy solves 7 of 8 of the paper's. Settles
+of 1000 took 26 us interpreted and 3.4 us compiled, DOP853 130 and 1000 times as long.
 """
 
 from __future__ import annotations
