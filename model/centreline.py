@@ -168,8 +168,7 @@ class Centreline:
             outer = np.maximum(outer, self.arm.hull.evaluate(s, self.arm.length)[0])
         if not self.scene.has(NeoHookean):
             return np.asarray(outer)
-        basis = share[:, None] ** np.arange(STAGES) @ gauss(STAGES).powers
-        stretch = np.einsum("km,km->k", basis, self.nu[element, :, 0])
+        stretch = np.einsum("km,km->k", gauss(STAGES).at(share), self.nu[element, :, 0])
         return np.asarray(outer / np.sqrt(np.maximum(stretch, 1e-3)))
 
 

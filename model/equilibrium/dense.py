@@ -163,5 +163,4 @@ class _Parts:
         """Return the stages' polynomials (N, k, n) at shares x (N, k) of their elements."""
         of = self.system.of
         stages = self.states[of.stages].reshape(-1, of.form.stages, of.form.strains)[self.step]
-        basis = x[:, :, None] ** np.arange(of.form.stages) @ gauss(of.form.stages).powers
-        return np.asarray(basis @ stages)
+        return np.asarray(gauss(of.form.stages).at(x) @ stages)

@@ -117,8 +117,7 @@ class Collocation:
         padded = np.concatenate([states, np.zeros((of.elements + 1) * of.stride - states.size)])
         stages = reported(of.form.law, self.system.strains(states))[:, 3] + 1
         inside = stages.reshape(of.elements, -1)
-        powers = gauss(of.form.stages).powers
-        ends = [inside @ (float(x) ** np.arange(of.form.stages) @ powers) for x in (0, 1)]
+        ends = [inside @ gauss(of.form.stages).at(x) for x in (0.0, 1.0)]
         return padded.reshape(-1, of.stride), np.concatenate([stages, *ends])
 
     def states(self, rows: Array) -> Array:
@@ -163,13 +162,9 @@ class Collocation:
 
 
 def carried_strains(before: System, strains: Array, after: System) -> Array:
-    """Return the strains (N stages, ...) at the stages of a mesh by the polynomials of another's.
-
-    That are given at its stages (N stages, ...).
-    """
+    """Return the strains (N stages, ...) at the stages of a mesh by those of another's stages."""
     mesh, m = before.mesh, before.of.form.stages
     step = np.clip(np.searchsorted(mesh.s, after.s) - 1, 0, mesh.steps - 1)
     x = (after.s - mesh.s[step]) / np.diff(mesh.s)[step]
-    basis = x[:, None] ** np.arange(m) @ gauss(m).powers
     by_element = strains.reshape(mesh.steps, m, *strains.shape[1:])
-    return np.asarray(np.einsum("nm,nm...->n...", basis, by_element[step]))
+    return np.asarray(np.einsum("nm,nm...->n...", gauss(m).at(x), by_element[step]))

@@ -74,6 +74,5 @@ def least_stretch(at: System, strains: Array) -> Array:
     m = of.form.stages
     rows = strains.T.reshape(-1, of.form.strains)
     stages = reported(of.form.law, rows)[:, 3].reshape(M, of.elements, m) + 1
-    powers = gauss(m).powers
-    ends = [stages @ (float(x) ** np.arange(m) @ powers) for x in (0, 1)]
-    return np.asarray(np.min([stages.min(axis=2), *ends], axis=(0, 2)))
+    ends = stages @ gauss(m).at(np.array([0.0, 1.0])).T
+    return np.asarray(np.minimum(stages.min(axis=(1, 2)), ends.min(axis=(1, 2))))

@@ -40,6 +40,10 @@ class Tableau:
     a: Array
     powers: Array
 
+    def at(self, x: Array | float) -> Array:
+        """Return the weights (..., m) of the stages' values at x (...) on [0, 1], by Lagrange."""
+        return np.asarray(np.asarray(x)[..., None] ** np.arange(self.c.size) @ self.powers)
+
 
 @lru_cache(maxsize=8)
 def gauss(m: int) -> Tableau:

@@ -61,7 +61,7 @@ def contact_friction(law: CrossSection, m: int) -> Kernel:
     )
     _, normal = with_gradient()(u, body)
     frame = unit_matrix(q)
-    along = frame @ law.twist(v @ ca.DM(gauss(m).powers.sum(axis=0)))[1]
+    along = frame @ law.twist(v @ ca.DM(gauss(m).at(1.0)))[1]
     shift = moves * own[1]
 
     def within(w: ca.SX, pressed: ca.SX) -> ca.SX:

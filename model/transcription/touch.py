@@ -85,7 +85,7 @@ def _gap(
 ) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
     """Return gap, gap', u' and normal at the end of an element."""
     radius, slope, h = ca.vertsplit(c[SIZE : SIZE + 3])
-    end, powers = v @ ca.DM(gauss(m).powers.sum(axis=0)), np.arange(m)
+    end, powers = v @ ca.DM(gauss(m).at(1.0)), np.arange(m)
     rate = v @ ca.DM(powers @ gauss(m).powers) / h
     distance, normal = with_gradient()(u, c[:SIZE])
     wide, widening = swelling(law, end)

@@ -118,7 +118,7 @@ class Program:
         of, m = self.blocks.of, self.blocks.of.form.stages
         stages = element * m + np.arange(m)
         places = self.blocks.states.start + of.stages[stages, 2 + of.form.law.torsion]
-        weights = ca.DM(float(end) ** np.arange(m) @ gauss(m).powers)
+        weights = ca.DM(gauss(m).at(float(end)))
         return ca.dot(weights, X[places.tolist()]) + 1 - of.form.law.along_at_rest
 
     def _compliances(self, X: ca.MX, given: ca.MX, force: ca.MX) -> ca.MX:
