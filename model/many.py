@@ -13,13 +13,13 @@ from model.equilibrium.side_by_side import is_for
 from model.errors import InputError
 from model.loads import is_loaded
 from model.machine.compiled import Compile, checked_compile
+from model.many_sets import ManySets
 from model.mesh_refinement import checked_accuracy
 from model.paths import Array
 from model.scene import Scene
 from model.settle import ACCURACY, checked_scene, settle
 from model.shape import Shape
 from model.shapes import Errors, Problems, Shapes
-from model.side_by_side import SideBySide
 from model.transcription.system import form_of
 
 
@@ -66,7 +66,7 @@ def settle_many(
     T = _stack(arm, tensions, problems)
     if is_loaded(scene) and not (machine_code and is_for(form_of(scene, arm.is_curved, STAGES))):
         return _one_by_one(arm, T, scene, accuracy, machine_code, problems)
-    return SideBySide(arm, T, scene, accuracy, machine_code, problems).shapes()
+    return ManySets(arm, T, scene, accuracy, machine_code, problems).shapes()
 
 
 def _one_by_one(

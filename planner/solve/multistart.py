@@ -130,11 +130,8 @@ class Multistart:
         By quadratic programs first: ipopt takes on what they leave where they meet nothing, and
         what may be better than all that they meet.
         """
-        found, left, exact = (
-            [*before],
-            list[tuple[int, Array, Solution]](),
-            statement.mode == "exact",
-        )
+        found, left = [*before], list[tuple[int, Array, Solution]]()
+        exact = statement.mode == "exact"
         for T in told(_PHASES[statement.mode], starts):
             if self._enough(statement.mode, records, found):
                 break

@@ -35,8 +35,8 @@ class Tips(Protocol):
         ...
 
 
-class SideBySide:
-    """Sets of tensions (M, n_tendons) [N] of an arm in a scene."""
+class ManySets:
+    """Sets of tensions (M, n_tendons) [N] of an arm in a scene, on their way to an accuracy."""
 
     def __init__(
         self,
