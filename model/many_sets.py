@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Any, Protocol
 
-import casadi as ca
 import numpy as np
 
 from model.arm import Arm
@@ -13,7 +12,7 @@ from model.equilibrium.many_tips import ManyTips
 from model.errors import ConvergenceError, UnsettledSectionError
 from model.forward import COLLOCATIONS, check_scheme, explicit_map, order_of
 from model.loads import is_loaded
-from model.machine.batch import Batch
+from model.many_poses import ManyPoses, many_poses
 from model.mesh_refinement import IMPLICIT, ROUNDING, estimate, first_pair, next_refinement
 from model.paths import Array
 from model.rotations import matrices
@@ -21,9 +20,6 @@ from model.scene import Scene
 from model.settle import settle
 from model.shapes import Problems, Shapes
 from model.time_limit import check_time
-from model.unloaded.closed_form import ClosedForm
-from model.unloaded.pulls import PullPolynomials
-from model.unloaded.statics import closed_statics
 from model.unloaded.stretch import LEAST_STRETCH, check_stretch
 
 
@@ -105,8 +101,8 @@ class ManySets:
 
     def _in_closed_form(self, now: Any, refinement: int) -> tuple[Array, Array]:
         tips = _tips(self.arm, self.scene, self.scheme, refinement, self.machine_code)
-        found: tuple[Array, Array] = tips(self.T[now].T)
-        return found
+        poses, least = tips(self.T[now].T)
+        return poses[0], least
 
     def _settle_alone(self, i: int) -> None:
         """Settle a set that wants more than what is done side by side, or refuse it."""
@@ -137,22 +133,7 @@ class ManySets:
 
 
 @lru_cache(maxsize=64)
-def _tips(arm: Arm, scene: Scene, scheme: str, refinement: int, machine_code: bool) -> Any:
-    """Return tensions (n_tendons, M) -> tip poses (7, M), least 1 + q.
-
-    By tables of steps where strains are in closed form and offsets linear, else by CasADi.
-    """
+def _tips(arm: Arm, scene: Scene, scheme: str, refinement: int, machine_code: bool) -> ManyPoses:
+    """Return what finds the poses (1, 7, M) of tips, see model.many_poses."""
     forward = explicit_map(arm, scene, scheme, refinement, (), machine_code)
-    if isinstance(forward, ClosedForm):
-        polynomials = PullPolynomials.of(arm, closed_statics(scene, arm))
-        if polynomials is not None:
-            return partial(Batch(forward, polynomials).tips, machine_code=machine_code)
-    T = ca.MX.sym("T", arm.n_tendons)
-    poses, stretch = forward.function(T)[:2]
-    function = ca.Function("tips", [T], [poses[:, -1], ca.mmin(stretch)])
-
-    def tips(tensions: Array) -> tuple[Array, Array]:
-        found, least = function(tensions)
-        return np.array(found), np.array(least)[0]
-
-    return tips
+    return many_poses(forward, [forward.mesh.steps])

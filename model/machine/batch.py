@@ -1,4 +1,4 @@
-"""The tips of many arms at once, for scenes whose strains are in closed form.
+"""The poses of many arms at once, for scenes whose strains are in closed form.
 
 Interpreted, NumPy takes the operations of a step for all steps and arms side by side, then those of
 the chain for all arms; in machine code the C of model/machine/tips.c takes a few arms at a time.
@@ -7,7 +7,7 @@ Digits are those of the forward map.
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import casadi as ca
@@ -15,7 +15,7 @@ import numpy as np
 
 from model.integrators.magnus import Magnus
 from model.machine.program import Program
-from model.machine.tips import call_tips
+from model.machine.tips import NodeNumbers, PosesInC
 from model.paths import Array
 from model.stations import Counts, base_pose, stations
 from model.unloaded.closed_form import (
@@ -61,23 +61,29 @@ class Batch:
         columns = data.T.reshape(active.size, -1)
         return _whole(active), np.ascontiguousarray(basis), np.ascontiguousarray(columns)
 
-    def tips(self, tensions: Array, machine_code: bool) -> tuple[Array, Array]:
-        """Return tip poses (7, M) and the least 1 + q (M,) for tensions (n_tendons, M).
+    def poses(self, tensions: Array, nodes: NodeNumbers) -> tuple[Array, Array]:
+        """Return poses (K, 7, M) and the least 1 + q (M,) for tensions (n_tendons, M).
 
-        1 + q is NaN where a section has no equilibrium. Raises CompilerError.
+        At nodes (K,) from the base on; 1 + q is NaN where a section has no equilibrium. By machine
+        code if the forward map is. Raises CompilerError.
         """
-        if machine_code:
-            step, stretch = step_function(self.statics, self.scheme), stretch_function(self.statics)
-            return call_tips(self, step, chain_function(), stretch, tensions)
+        if self.forward.machine_code:
+            return self._in_c(tensions, nodes)
         if tensions.shape[1] < _FEW:
             found = [self.forward.run(T) for T in tensions.T]
             least = np.array([stretch.min() for _, stretch in found])
-            return np.array([poses[-1] for poses, _ in found]).T, least
+            return np.stack([poses[nodes] for poses, _ in found], axis=2), least
         cuts = range(0, tensions.shape[1], _COLUMNS)
-        parts = [self._interpreted(tensions[:, i : i + _COLUMNS]) for i in cuts]
-        return np.hstack([pose for pose, _ in parts]), np.concatenate([low for _, low in parts])
+        parts = [self._interpreted(tensions[:, i : i + _COLUMNS], nodes) for i in cuts]
+        poses = np.concatenate([found for found, _ in parts], axis=2)
+        return poses, np.concatenate([low for _, low in parts])
 
-    def _interpreted(self, T: Array) -> tuple[Array, Array]:
+    @cached_property
+    def _in_c(self) -> PosesInC:
+        step, stretch = step_function(self.statics, self.scheme), stretch_function(self.statics)
+        return PosesInC(self, (step, chain_function(), stretch))
+
+    def _interpreted(self, T: Array, nodes: NodeNumbers) -> tuple[Array, Array]:
         step, chain, stretch = _programs(self.statics, self.scheme)
         M, m, S, ends = T.shape[1], len(self.scheme.nodes), self.h.size, self.end_active.size
         carried = self._carried(T)
@@ -90,15 +96,14 @@ class Batch:
             given = [pull, self.data[rows].T[:, :, None], self.h[None, rows, None]]
             results = [relative[:, rows], stretched[:, rows]]
             step.run(given, results, room[:, : results[0].shape[1]])
-        pose = np.repeat(self.base[:, None], M, axis=1)
+        poses = np.empty((S + 1, 7, M))
+        poses[0] = self.base[:, None]
         for k in range(S):
-            after = np.empty((7, M))
-            chain.run([pose, relative[:, k]], [after], room[:, 0])
-            pose = after
+            chain.run([poses[k], relative[:, k]], [poses[k + 1]], room[:, 0])
         at_ends = np.empty((1, ends, M))
         pull = _pull(carried[self.end_active], self.end_basis)
         stretch.run([pull, self.end_data.T[:, :, None]], [at_ends], room[:, :ends])
-        return pose, np.minimum(stretched.min(axis=(0, 1)), at_ends.min(axis=(0, 1)))
+        return poses[nodes], np.minimum(stretched.min(axis=(0, 1)), at_ends.min(axis=(0, 1)))
 
     def _carried(self, T: Array) -> Array:
         """Return coefficients (sections + 1, TERMS, n_pull, M) where 0, 1, .. sections cross."""

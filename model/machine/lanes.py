@@ -80,8 +80,10 @@ def aligned(size: int) -> Array:
 
 def padded(values: Array) -> Array:
     """Return columns (rows, M) with the last repeated up to a multiple of LANES."""
-    M = values.shape[1]
-    return np.ascontiguousarray(np.pad(values, ((0, 0), (0, -M % LANES)), mode="edge"))
+    rows, M = values.shape
+    found = np.empty((rows, M + -M % LANES))
+    found[:, :M], found[:, M:] = values, values[:, -1:]
+    return found
 
 
 def _literal(value: float) -> str:

@@ -1,4 +1,4 @@
-/* Tips of many arms, LANES at a time; what is in capitals is written in by model/machine/tips.py. */
+/* Poses of many arms, LANES at a time; what is in capitals is written in by model/machine/tips.py. */
 /* LANES */
 
 /* PROGRAMS */
@@ -30,12 +30,13 @@ static inline lanes lowest(lanes low, lanes a) {
   return each_fmin(low, a) + (a - a) + where(truth(low != low), low);
 }
 
-/* T (tendons, n), n a multiple of LANES; pose (7, n) of the tip, least (n,) 1 + q. The tables are
-   those of model/machine/batch.py; room is for the coefficients. */
-void tips(long n, int sections, int steps, int ends, const double *T, const int *tendons,
-          const double *own, const double *base, const int *active, const double *basis,
-          const double *data, const double *h, const int *end_active, const double *end_basis,
-          const double *end_data, lanes *room, double *pose, double *least) {
+/* T (tendons, n), n a multiple of LANES; poses (n_seen, 7, n) at nodes in their order, least (n,)
+   1 + q. The tables are those of model/machine/batch.py; room is for the coefficients. */
+void poses_at(long n, int sections, int steps, int ends, int n_seen, const double *T,
+              const int *tendons, const double *own, const double *base, const int *active,
+              const double *basis, const double *data, const double *h, const int *end_active,
+              const double *end_basis, const double *end_data, const int *seen, lanes *room,
+              double *poses, double *least) {
   const int size = TERMS * N_PULL;
   for (long block = 0; block < n; block += LANES) {
     const double *pulls = T + block, *share = own;
@@ -47,8 +48,13 @@ void tips(long n, int sections, int steps, int ends, const double *T, const int 
     }
     lanes g[7], relative[7], next[7], pull[NODES * N_PULL], stretched[NODES];
     lanes low = all(INFINITY);
+    int next_seen = 0;
     for (int r = 0; r < 7; ++r) g[r] = all(base[r]);
-    for (int k = 0; k < steps; ++k) {
+    for (int k = 0; k <= steps; ++k) {
+      for (; next_seen < n_seen && seen[next_seen] == k; ++next_seen)
+        for (int r = 0; r < 7; ++r)
+          for (int i = 0; i < LANES; ++i) poses[(next_seen * 7 + r) * n + block + i] = g[r][i];
+      if (k == steps) break;
       pull_at(room + active[k] * size, basis + k * TERMS * NODES, NODES, pull);
       step(pull, data + k * N_DATA * NODES, h + k, relative, stretched);
       chain(g, relative, next);
@@ -60,8 +66,6 @@ void tips(long n, int sections, int steps, int ends, const double *T, const int 
       stretch(pull, end_data + k * N_DATA, stretched);
       low = lowest(low, stretched[0]);
     }
-    for (int r = 0; r < 7; ++r)
-      for (int i = 0; i < LANES; ++i) pose[r * n + block + i] = g[r][i];
     for (int i = 0; i < LANES; ++i) least[block + i] = low[i];
   }
 }

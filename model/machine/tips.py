@@ -1,4 +1,4 @@
-"""The tips of many arms in closed form, by C that takes a few arms at a time."""
+"""The poses of many arms in closed form, by C that takes a few arms at a time."""
 
 from __future__ import annotations
 
@@ -8,12 +8,15 @@ from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
-from model.machine.lanes import LANES, aligned, loaded, padded, pointer, written
+from model.machine.lanes import LANES, aligned, loaded, padded, written
 from model.machine.program import Program
 from model.paths import Array
 from model.stations import Counts
 from model.unloaded.pulls import TERMS, PullPolynomials
+
+NodeNumbers = NDArray[np.int32]
 
 
 class Tables(Protocol):
@@ -30,28 +33,33 @@ class Tables(Protocol):
     end_data: Array
 
 
-def call_tips(
-    tables: Tables, step: ca.Function, chain: ca.Function, stretch: ca.Function, tensions: Array
-) -> tuple[Array, Array]:
-    """Return what Batch.tips does, by machine code; raises CompilerError."""
-    run, M = _library(step, chain, stretch), tensions.shape[1]
-    T = padded(tensions)
-    n = T.shape[1]
-    own = np.concatenate([part.ravel() for part in tables.polynomials.own])
-    tendons = np.array([part.shape[1] for part in tables.polynomials.own], np.int32)
-    room = aligned(TERMS * stretch.size1_in(0) * (tendons.size + 1) * LANES)
-    pose, least = np.empty((7, n)), np.empty(n)
-    arms = [T, tendons, own, tables.base]
-    steps = [tables.active, tables.basis, tables.data, tables.h]
-    ends = [tables.end_active, tables.end_basis, tables.end_data]
-    run(
-        ctypes.c_long(n),
-        tendons.size,
-        tables.h.size,
-        tables.end_active.size,
-        *(pointer(v) for v in (*arms, *steps, *ends, room, pose, least)),
-    )
-    return pose[:, :M], least[:M]
+class PosesInC:
+    """What Batch.poses does, by machine code of a step, the chain and 1 + q.
+
+    Calls from several threads do not meet. Raises CompilerError.
+    """
+
+    def __init__(
+        self, tables: Tables, programs: tuple[ca.Function, ca.Function, ca.Function]
+    ) -> None:
+        self._run = _library(*programs)
+        own = np.concatenate([part.ravel() for part in tables.polynomials.own])
+        tendons = np.array([part.shape[1] for part in tables.polynomials.own], np.int32)
+        steps = [tables.active, tables.basis, tables.data, tables.h]
+        ends = [tables.end_active, tables.end_basis, tables.end_data]
+        self._tables = [tendons, own, tables.base, *steps, *ends]
+        self._given = [values.ctypes.data for values in self._tables]
+        self._sizes = tendons.size, tables.h.size, tables.end_active.size
+        self._room = TERMS * programs[2].size1_in(0) * (tendons.size + 1) * LANES
+
+    def __call__(self, tensions: Array, nodes: NodeNumbers) -> tuple[Array, Array]:
+        """Return poses (K, 7, M) and the least 1 + q (M,); see Batch.poses."""
+        T, M = padded(tensions), tensions.shape[1]
+        n, room = T.shape[1], aligned(self._room)
+        poses, least = np.empty((nodes.size, 7, n)), np.empty(n)
+        found = (values.ctypes.data for values in (nodes, room, poses, least))
+        self._run(n, *self._sizes, nodes.size, T.ctypes.data, *self._given, *found)
+        return poses[:, :, :M], least[:M]
 
 
 @lru_cache(maxsize=32)
@@ -68,6 +76,7 @@ def _library(step: ca.Function, chain: ca.Function, stretch: ca.Function) -> Any
         written(Program(chain), "chain", numbers=()),
         written(Program(stretch), "stretch", numbers=(1,)),
     ]
-    tips = loaded("tips.c", sizes, programs, "-O2").tips
-    tips.restype = None
-    return tips
+    run = loaded("tips.c", sizes, programs, "-O2").poses_at
+    whole, at = ctypes.c_int, ctypes.c_void_p
+    run.argtypes, run.restype = [ctypes.c_long, *[whole] * 4, *[at] * 15], None
+    return run

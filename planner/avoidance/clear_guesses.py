@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from model.forward import explicit_map, schemes_of
+from model.many_poses import many_poses
 from model.obstacles.bodies import Bodies
 from model.paths import Array
 from model.rotations import matrices
@@ -54,8 +55,9 @@ def _points(problem: Problem, tensions: Array) -> tuple[Array, Array]:
     """
     arm, m = problem.arm, len(tensions)
     scheme = "magnus6" if "magnus6" in schemes_of(problem.scene) else "rk4"
-    forward = explicit_map(arm, problem.scene, scheme, 1)
-    poses = np.array(forward.function.map(m)(tensions.T)[0]).T.reshape(m, -1, 7)
+    forward = explicit_map(arm, problem.scene, scheme, 1, (), problem.machine_code)
+    found, _ = many_poses(forward, range(forward.mesh.steps + 1))(tensions.T)
+    poses = found.transpose(2, 0, 1)
     u, t = poses[:, :, 4:], matrices(poses[:, :, :4].reshape(-1, 4))[:, :, 0].reshape(m, -1, 3)
     h = np.diff(forward.mesh.s)
     parts, places = [], []

@@ -79,8 +79,7 @@ def fitted_guesses(
     order, T = fitting.different(points, residual), bends.tensions(points)
     cost = fitting.cost(T)
     met = [i for i in order if residual[i] < _MET]
-    rows = problem.terms.numel_out(0) + problem.terms.numel_out(1)
-    most = _DEARER * cost[met[0]] if met and bends.width <= rows else 0.0
+    most = _DEARER * cost[met[0]] if met and not fitting.redundant else 0.0
     likely = [i for i in met if cost[i] <= most]
     return FittedGuesses([T[i] for i in likely], [T[i] for i in order[len(likely) :]])
 
@@ -99,6 +98,12 @@ class Fitting:
     ) -> None:
         self.problem, self.bends, self.residuals = problem, bends, Residuals(problem, targets)
 
+    @property
+    def redundant(self) -> bool:
+        """Whether there are more bends than numbers to meet: what meets them is not one of few."""
+        terms = self.problem.terms
+        return self.bends.width > terms.numel_out(0) + terms.numel_out(1)
+
     def gaps(self, points: Array) -> Array:
         """Return residuals of targets, and of a body that is crushed, at bends (m, n)."""
         found, crushed = self.residuals(self.bends.tensions(points))
@@ -111,7 +116,8 @@ class Fitting:
         kept = drawn[nearest[: max(4, min(count[1], _SLOPES // self.bends.width))]]
         points = kept if first is None else np.vstack([first, kept])
         points, residual = least_squares(self.gaps, points)
-        if self.problem.scene.has(Extension):
+        enough = self.redundant and bool((residual < _MET).any())
+        if self.problem.scene.has(Extension) and not enough:
             points = self._squeezed(points, residual)
         return points, residual
 

@@ -7,9 +7,9 @@ from weakref import WeakKeyDictionary
 import casadi as ca
 import numpy as np
 
-from model.effects import ExactTendons
 from model.forward import explicit_map, schemes_of
 from model.machine.buffered import Mapped
+from model.many_poses import ManyPoses, many_poses
 from model.paths import Array
 from planner.program.problem import Problem
 from planner.targets.base import Target
@@ -26,9 +26,9 @@ class Residuals:
     """
 
     def __init__(self, problem: Problem, targets: tuple[Target, ...]) -> None:
-        if problem not in _sweeps:
-            _sweeps[problem] = _sweep(problem)
-        self.sweep = _sweeps[problem]
+        if problem not in _known:
+            _known[problem] = _coarse_poses(problem), _gaps(problem)
+        self._poses, self._gaps = _known[problem]
         self.numbers = np.concatenate([target.parameters(problem.arm) for target in targets])
 
     def __call__(self, T: Array) -> tuple[Array, Array]:
@@ -36,35 +36,35 @@ class Residuals:
 
         Of tensions (m, n_tendons) [N].
         """
-        gaps, least = self.sweep(T, np.tile(self.numbers, (len(T), 1)))
-        crushed = np.nan_to_num(_FEASIBLE - least[:, 0], nan=_FAR)
-        return np.clip(np.nan_to_num(gaps, nan=_FAR), -_FAR, _FAR), np.clip(crushed, 0, _FAR)
+        poses, least = self._poses(T.T)
+        seen = poses.transpose(2, 0, 1).reshape(len(T), -1)
+        (gaps,) = self._gaps(seen, np.tile(self.numbers, (len(T), 1)))
+        return _bounded(gaps, -_FAR), _bounded(_FEASIBLE - least, 0.0)
 
 
-_sweeps: WeakKeyDictionary[Problem, Mapped] = WeakKeyDictionary()
+def _bounded(values: Array, low: float) -> Array:
+    return np.asarray(np.where(np.isnan(values), _FAR, np.clip(values, low, _FAR)))
 
 
-def _sweep(problem: Problem) -> Mapped:
-    """Return tensions, target numbers -> residuals (k,), least 1 + q, on the coarsest mesh."""
-    arm, scene, stations = problem.arm, problem.scene, problem.stations
-    scheme = "magnus4" if "magnus4" in schemes_of(scene) else "rk4"
-    forward = explicit_map(arm, scene, scheme, 1, stations, problem.machine_code)
-    T, numbers = ca.MX.sym("T", arm.n_tendons), ca.MX.sym("p", problem.terms.size1_in(1))
-    poses, stretch = forward.function(T)[:2]
+_known: WeakKeyDictionary[Problem, tuple[ManyPoses, Mapped]] = WeakKeyDictionary()
+
+
+def _coarse_poses(problem: Problem) -> ManyPoses:
+    """Return what finds the poses that are looked at, on the coarsest mesh."""
+    scheme = "magnus4" if "magnus4" in schemes_of(problem.scene) else "rk4"
+    given = (problem.arm, problem.scene, scheme, 1, problem.stations, problem.machine_code)
+    forward = explicit_map(*given)
+    return many_poses(forward, [forward.mesh.node(s) for s in problem.stations])
+
+
+def _gaps(problem: Problem) -> Mapped:
+    """Return (poses (7 K,), target numbers) -> residuals (k,), as one list of instructions."""
+    poses, numbers = (ca.MX.sym("given", *problem.terms.size_in(i)) for i in range(2))
     compliances = ca.vertcat(
         ca.DM(0, 1), *(ca.vec(ca.DM.eye(request.width)) for request in problem.requests)
     )
-    seen = poses[:, [forward.mesh.node(s) for s in stations]]
-    equality, soft_residual, inequality, _ = problem.terms(seen, numbers, compliances)
-    gaps = ca.vertcat(equality, soft_residual, ca.fmin(inequality, 0))
-    found = [ca.densify(gaps), ca.densify(ca.mmin(stretch))]
-    sweep = ca.Function("sweep", [T, numbers], found)
-    # A section that takes a Newton's method to settle is a long list by itself.
-    flat = not problem.machine_code and not scene.has(ExactTendons)
-    return Mapped(_flat(sweep) if flat else sweep)
-
-
-def _flat(function: ca.Function) -> ca.Function:
-    """Return a function as one list of scalar instructions, each written once."""
+    equality, soft_residual, inequality, _ = problem.terms(poses, numbers, compliances)
+    gaps = ca.densify(ca.vertcat(equality, soft_residual, ca.fmin(inequality, 0)))
+    function = ca.Function("gaps", [poses, numbers], [gaps])
     given = function.sx_in()
-    return ca.Function(function.name(), given, function.call(given), {"cse": True})
+    return Mapped(ca.Function("gaps", given, function.call(given), {"cse": True}))

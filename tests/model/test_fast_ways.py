@@ -35,8 +35,10 @@ NEEDLE = conical(1.0, (1e-2, 1e-5), [(1.0, 9e-3, 9e-6), (0.999999, 9e-3, 9e-6), 
 SHORT = Arm(0.3, Linear(8e-3, 4e-3), (Anchorage(0.2, Linear(5e-3, 3e-3), (0.3, 2.0)),), Material())
 
 
-def batch(scene: Scene, arm: Arm = ARM, scheme: str = "magnus6") -> Batch:
-    forward = explicit_map(arm, scene, scheme, 2)
+def batch(
+    scene: Scene, arm: Arm = ARM, scheme: str = "magnus6", machine_code: bool = False
+) -> Batch:
+    forward = explicit_map(arm, scene, scheme, 2, (), machine_code)
     assert isinstance(forward, ClosedForm)
     polynomials = PullPolynomials.of(arm, closed_statics(scene, arm))
     assert polynomials is not None
@@ -53,10 +55,11 @@ def tensions(count: int) -> Array:
 @pytest.mark.parametrize("count", [1, 40, 130])
 def test_batches_are_one_by_one_to_rounding(scene: str, count: int) -> None:
     tables, T = batch(SCENES[scene]), tensions(count)
-    poses, least = tables.tips(T, machine_code=False)
+    nodes = np.array([0, 3, 3, tables.h.size], np.int32)
+    poses, least = tables.poses(T, nodes)
     for i in range(0, count, 13):
         states, stretch = tables.forward.run(T[:, i])
-        assert np.allclose(poses[:, i], states[-1], rtol=0, atol=1e-14)
+        assert np.allclose(poses[:, :, i], states[nodes], rtol=0, atol=1e-14)
         assert np.isclose(least[i], stretch.min(), rtol=0, atol=1e-14)
 
 
@@ -66,8 +69,9 @@ def test_batches_are_one_by_one_to_rounding(scene: str, count: int) -> None:
 def test_machine_code_has_the_digits_of_the_interpreter(scheme: str, arm: Arm) -> None:
     rng = np.random.default_rng(1)
     T = rng.uniform(0, 0.2, (arm.n_tendons, 67))
-    tables = batch(SCENES["extension"], arm, scheme)
-    plain, fast = (tables.tips(T, machine_code) for machine_code in (False, True))
+    given = SCENES["extension"], arm, scheme
+    nodes = np.array([0, 1, 1, batch(*given).h.size], np.int32)
+    plain, fast = (batch(*given, machine_code).poses(T, nodes) for machine_code in (False, True))
     assert np.array_equal(plain[0], fast[0])
     assert np.array_equal(plain[1], fast[1])
 
@@ -76,8 +80,8 @@ def test_machine_code_has_the_digits_of_the_interpreter(scheme: str, arm: Arm) -
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 def test_machine_code_says_where_sections_have_no_equilibrium() -> None:
     T = np.repeat(tensions(1), 3, axis=1) * np.array([1.0, 7.0, 0.0])
-    tables = batch(SCENES["exact"])
-    plain, fast = (tables.tips(T, machine_code)[1] for machine_code in (False, True))
+    tip, scene = np.array([batch(SCENES["exact"]).h.size], np.int32), SCENES["exact"]
+    plain, fast = (batch(scene, machine_code=by).poses(T, tip)[1] for by in (False, True))
     assert np.array_equal(np.isnan(plain), [False, True, False])
     assert np.array_equal(plain, fast, equal_nan=True)
 
