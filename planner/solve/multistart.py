@@ -31,6 +31,8 @@ _FIXED, _NOTHING = 3, 1e-6
 _FEWEST, _STRONGER, _CARRIED = 2, 2, 1
 # Loads that move the tip farther, over the arm's length, ask for as many starts as agree.
 _HEAVY, _MORE_IF_HEAVY = 0.4, 4
+# Other statics that change the least effort squared by more than this may rank optima otherwise.
+_MISLED = 0.15
 # Tried besides the fits that meet what is wanted.
 _BESIDE = 2
 # Starts that ipopt takes on before it is left: where it meets nothing from so many, least squares
@@ -82,7 +84,7 @@ class Multistart:
         self.simple = task.scene == task.simple.scene
         self.stiff = bool(compliance_requests(task.targets))
         self.ipopt_tries = _IPOPT_TRIES_IF_STIFF if self.stiff else _IPOPT_TRIES
-        self.fewest = _FEW if task.is_point else _MORE
+        self.fewest = self.by_itself = _FEW if task.is_point else _MORE
         if not self.simple:
             self.fewest = _FEWEST if self.loaded else _CARRIED
 
@@ -111,12 +113,21 @@ class Multistart:
             return bool(found) and (agreed(records) >= 2 or len(records) >= _MOST_IF_STIFF)
         if not self.task.can_be_exact and any(s.f <= _NOTHING for s in found):
             return len(records) >= _FIXED and agreed(records) >= 2
-        if self.n_likely and not self.simple and not self.heavy:
+        misled = self._misled(found)
+        if self.n_likely and not self.simple and not self.heavy and not misled:
             return len(records) >= max(self.fewest, self.n_likely) and bool(found or self.toppled)
         if self.n_likely:
-            return len(records) >= max(self.fewest, self.n_likely + _BESIDE)
+            fewest = self.by_itself if misled else self.fewest
+            return len(records) >= max(fewest, self.n_likely + _BESIDE)
         fewest = self.fewest + _STRONGER * self.heavy
         return len(records) >= fewest and agreed(records) >= 2
+
+    def _misled(self, found: list[Solution]) -> bool:
+        """Return whether an arm without loads takes another effort than the simpler optima did."""
+        if self.loaded or not self.carried or not found:
+            return False
+        before, now = self.carried[0][1].f, min(solution.f for solution in found)
+        return abs(now - before) > _MISLED * before
 
     def from_starts(
         self,

@@ -120,18 +120,15 @@ class Search:
             return None
         found = self.trials.from_starts(others, statement, records, found)
         fines = self._finished(found, "exact")
-        if found and not any(fine.optimal for fine in fines):
+        if found and (not any(fine.optimal for fine in fines) or _lost(found, fines)):
             records, starts = [], [*map(self.task.tensions, found), *first, *others]
             found = self.trials.from_starts(starts, self.task.finer("exact"), records)
-            fines = self._finished(found, "exact")
+            fines += self._finished(found, "exact")
         fine = best_of(fines) if fines else None
         if fine is None or not fine.optimal:
             return None
-        fine = self._in_plane(fine)
-        coarse = min((s.f for s in found), default=np.inf)
-        cheaper = 1 - float(np.sqrt(max(coarse, 0.0) / fine.solution.f)) if fine.solution.f else 0.0
-        lost = cheaper if cheaper > _BLURRED else 0.0
-        return replace(self._answer(fine, records), lost=lost)
+        lost = _lost(found, fines)
+        return replace(self._answer(self._in_plane(fine), records), lost=lost)
 
     def _in_plane(self, fine: Fine) -> Fine:
         """Return the optimum in a plane of symmetry where one costs no more, else the one given."""
@@ -198,3 +195,11 @@ class Search:
         tensions = self.task.arm.by_section(T)
         statement = statement.but(form=self.task.statement.form)
         return SearchResult(statement, tensions, lam_x, lam_g, tuple(records), stopped)
+
+
+def _lost(coarse: list[Solution], fines: list[Fine]) -> float:
+    """Return by what share of the effort a coarse optimum is cheaper than all fine ones, or 0."""
+    cheapest = min((s.f for s in coarse), default=np.inf)
+    best = best_of(fines).solution.f if fines else 0.0
+    cheaper = 1 - float(np.sqrt(max(cheapest, 0.0) / best)) if best else 0.0
+    return cheaper if cheaper > _BLURRED else 0.0
