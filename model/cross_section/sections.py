@@ -172,9 +172,16 @@ class Sections:
 
         Of |u_c'| with u_c of eq. (6), or the tangent of the energy with exact tendons; v (N, n).
         """
-        speed = np.array(_speed(self.law).map(self.place.size)(v[self.place].T, self.paths))[0]
-        lengths = np.bincount(self.tendon, speed * weights[self.place], self._n_tendons)
+        speeds = self.speeds(v)
+        lengths = np.bincount(self.tendon, speeds * weights[self.place], self._n_tendons)
         return np.asarray(lengths, dtype=float)
+
+    def speeds(self, v: Array) -> Array:
+        """Return the length of tendon per length of arm (P,) at each crossing, strains v (N, n)."""
+        if not self.place.size:
+            return np.zeros(0)
+        call = _speed(self.law).map(self.place.size)
+        return np.asarray(call(v[self.place].T, self.paths), dtype=float).ravel()
 
 
 @lru_cache(maxsize=32)

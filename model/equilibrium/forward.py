@@ -12,7 +12,8 @@ from model.effects import Friction
 from model.equilibrium.dense import poses_and_strains
 from model.equilibrium.hold import TENSIONS, Hold
 from model.equilibrium.linearised import Linearised
-from model.equilibrium.load_stepping import equilibrium, near
+from model.equilibrium.load_stepping import at_once, by_load_steps, near
+from model.errors import SnapError, UnsettledSectionError
 from model.loads import is_loaded
 from model.paths import Array
 from model.scene import Scene
@@ -26,6 +27,9 @@ STAGES = 3
 
 # Steps in the loads that are soon done.
 _SOON = 100
+# Where a tendon has no length left any load moves it by many times the width that keeps its root
+# smooth: steps in the loads shrink with that, and come to an end in a few or not at all.
+_SOON_IF_CRUSHED = 30
 
 
 def collocation_order(stages: int, friction: bool) -> int:
@@ -107,8 +111,23 @@ class Collocation:
     def from_rest(
         self, tensions: Array, hold: Hold = TENSIONS, steps: float = np.inf
     ) -> Linearised:
-        """Return the equilibrium that the unloaded arm comes to; see equilibrium."""
-        return equilibrium(self.system, tensions, self.without_loads(tensions), hold, steps)
+        """Return the equilibrium that the unloaded arm comes to.
+
+        Raises SnapError as by_load_steps does, and UnsettledSectionError where tensions that leave
+        a tendon no length keep loads from being applied in steps.
+        """
+        unloaded = self.without_loads(tensions)
+        asked = (self.system, tensions, unloaded, hold)
+        here = at_once(*asked)
+        if here is not None:
+            return here
+        crushed = settled_sections(self.system).crushed(self.system.strains(unloaded))
+        if not crushed.any():
+            return by_load_steps(*asked, steps)
+        try:
+            return by_load_steps(*asked, min(steps, _SOON_IF_CRUSHED))
+        except SnapError:
+            raise UnsettledSectionError(float(self.system.s[np.argmax(crushed)])) from None
 
     def rows(self, here: Linearised) -> tuple[Array, Array]:
         """Return the states (N + 1, stride) of an equilibrium, and 1 + q (K,) at `stretch_at`."""

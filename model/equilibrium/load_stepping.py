@@ -39,7 +39,21 @@ def near(
     return newton(system, tensions, 1.0, states, NEAR, hold=hold)
 
 
-def equilibrium(
+def at_once(
+    system: System, tensions: Array, unloaded: Array, hold: Hold = TENSIONS
+) -> Linearised | None:
+    """Return the equilibrium under the full loads by Newton steps from the unloaded arm's states.
+
+    Where lengths are held, `tensions` are those of the unloaded arm. None where they lead nowhere,
+    or to an equilibrium that does not stand though the unloaded arm does.
+    """
+    here = newton(system, tensions, 1.0, unloaded, cuts=CUTS, hold=hold)
+    if here is None or hold.stands(here):
+        return here
+    return None if _stands_unloaded(system, tensions, unloaded, hold) else here
+
+
+def by_load_steps(
     system: System,
     tensions: Array,
     unloaded: Array,
@@ -51,11 +65,6 @@ def equilibrium(
     Where lengths are held, `tensions` are those of the unloaded arm.
     Raises SnapError where that branch ends or loses its stability before, or takes more `steps`.
     """
-    here = newton(system, tensions, 1.0, unloaded, cuts=CUTS, hold=hold)
-    if here is not None and hold.stands(here):
-        return here
-    if here is not None and not _stands_unloaded(system, tensions, unloaded, hold):
-        return here
     found = follow(system, tensions, unloaded, 1.0, LEAST_STEP, hold, steps)
     if found.load < 1:
         raise SnapError(found.load, found.why)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from model.arm import Arm
 from model.cross_section.law import CrossSection
@@ -17,6 +18,7 @@ from model.scene import Scene
 from model.stations import Counts
 from model.transcription.system import System
 from model.unloaded.closed_form import SectionStrains
+from model.unloaded.stretch import LEAST_STRETCH
 
 
 class SettledSections:
@@ -59,6 +61,14 @@ class SettledSections:
             if np.isnan(left).any():
                 raise UnsettledSectionError(float(s[lost][np.isnan(left).any(axis=1)][0]))
             found[lost] = strains_of(law, left)
+        return found
+
+    def crushed(self, strains: Array) -> NDArray[np.bool_]:
+        """Return where strains (N, n) leave a tendon no length (N,)."""
+        sections = self.sections
+        found = np.full(len(strains), False)
+        if self.scene.has(ExactTendons):
+            found[sections.place[sections.speeds(strains) <= LEAST_STRETCH]] = True
         return found
 
 

@@ -10,7 +10,7 @@ from model.arm import Arm
 from model.equilibrium.forward import Collocation, Known
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.stability import least_eigenvalue, stability, stands
-from model.errors import OctoplanError, SnapError
+from model.errors import OctoplanError, SnapError, UnsettledSectionError
 from model.loads import is_loaded
 from model.paths import Array
 from model.scene import Scene
@@ -72,7 +72,7 @@ class Collocated:
         """
         try:
             states = self.forward.found_soon(tensions).states
-        except SnapError:
+        except (SnapError, UnsettledSectionError):
             states = self.forward.without_loads(tensions)
         return self.condensed.whole(a, states, p)
 

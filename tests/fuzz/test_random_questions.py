@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -11,12 +12,15 @@ import pytest
 from model import Anchorage, Arm, Linear, Material, OctoplanError, Scene, Shape, settle
 from model.effects import Buoyancy, Current, Effect, ExactTendons, Extension, TipLoad, Weight
 from planner import Plan, plan
-from planner.targets import Backbone, BendingPlane, Target, TipPose, TipPosition
+from planner.targets import Backbone, BendingPlane, Fetch, Target, TipPose, TipPosition
+from planner.targets.fetch import Bend, stretches
 from tests.effects.energy_rod import EnergyRod
 from tests.effects.spatial import LoadedRod, Loads
 from tests.oracles import Array, Rod, RodSection, linear
 
 DENSITY, WATER, G = 1080.0, 1000.0, 9.81
+# Of arms with so many anchorages or more this share are asked to fetch.
+_FETCHES, _SHARE_OF_FETCHES = 3, 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,8 +96,43 @@ def scene_of(arm: Arm, rng: np.random.Generator) -> tuple[Scene, Loads, str]:
     return Scene(*effects), Loads(), statics
 
 
+def plane_of(shape: Shape) -> BendingPlane | None:
+    """Return the plane in which the tip lies and the bend in it; None for a bend that is not one.
+
+    Planes are counted as in figure 10, towards cos(angle) b - sin(angle) n of the base.
+    """
+    t, n, b = shape.frame(np.zeros(1))[0].T
+    tip, tangent = shape.tip - shape.position(np.zeros(1))[0], shape.tip_frame[:, 0]
+    angle = float(np.arctan2(-tip @ n, tip @ b))
+    e = np.cos(angle) * b - np.sin(angle) * n
+    bend = float(np.arctan2(tangent @ e, tangent @ t))
+    return BendingPlane(angle, bend, 1) if bend > 0 else None
+
+
+def bent_by_the_outer_tendons(
+    arm: Arm, scene: Scene, rng: np.random.Generator
+) -> BendingPlane | None:
+    """Return a plane and a bend that the tendons that end at the tip reach."""
+    T = pulls(arm, rng)
+    T[len(arm.sections[0].angles) :] = 0.0
+    try:
+        return plane_of(settle(arm, T, scene))
+    except OctoplanError:
+        return None
+
+
+def fetch_of(shape: Shape) -> Fetch:
+    """Return the three bends of a shape, each seen in the frame in which its stretch begins."""
+    ends, bends = stretches(shape.arm), []
+    frames = shape.frame(np.array(ends))
+    for start, end in pairwise(frames):
+        along, n, b = start.T @ end[:, 0]
+        bends.append(Bend(float(np.arccos(np.clip(along, -1, 1))), float(np.arctan2(-n, b))))
+    return Fetch(*bends)
+
+
 def target_of(shape: Shape, rng: np.random.Generator) -> Target | tuple[Target, ...]:
-    """Return a target that a shape meets, but for planes, or two."""
+    """Return a target that a shape meets, or two."""
     kind = rng.choice(["tip", "tip", "pose", "backbone", "plane", "both"])
     if kind == "both":
         place = 0.6 * shape.arm.length
@@ -104,8 +143,9 @@ def target_of(shape: Shape, rng: np.random.Generator) -> Target | tuple[Target, 
     if kind == "backbone":
         s = np.array([0.4, 0.7, 1.0]) * shape.arm.length
         return Backbone(tuple(map(tuple, shape.position(s).tolist())), tuple(s.tolist()))
-    if kind == "plane":
-        return BendingPlane(float(rng.uniform(-3, 3)), float(rng.uniform(0.2, 1.0)), 1)
+    while kind == "plane":
+        if plane := bent_by_the_outer_tendons(shape.arm, shape.scene, rng):
+            return plane
     return TipPosition(tuple(shape.tip))
 
 
@@ -120,7 +160,9 @@ def question(seed: int) -> Question:
             shape = settle(arm, T, scene)
         except OctoplanError:
             continue
-        return Question(arm, scene, target_of(shape, rng), rod, loads, statics, T)
+        fetches = len(arm.sections) >= _FETCHES and rng.uniform() < _SHARE_OF_FETCHES
+        target = fetch_of(shape) if fetches else target_of(shape, rng)
+        return Question(arm, scene, target, rod, loads, statics, T)
 
 
 def gap(asked: Question, found: Plan) -> float:

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from model import Anchorage, Arm, CollapsedError, InputError, Linear, Scene, settle, settle_many
-from model.effects import ExactTendons, Extension, Friction
+from model.effects import Buoyancy, ExactTendons, Extension, Friction, Weight
+from model.equilibrium import load_stepping
 from model.errors import UnsettledSectionError
 from tests.hard_cases.families.stiff_friction import Member, planar
 
@@ -45,6 +46,19 @@ def test_a_section_without_equilibrium_says_where() -> None:
         settle_many(ARM, [0 * FETCH, 100 * FETCH], Scene.silicone())
     again = pickle.loads(pickle.dumps(caught.value))
     assert (str(again), again.s) == (str(caught.value), caught.value.s)
+
+
+@pytest.mark.parametrize("place", [(1, 1), (1, 2)])
+def test_loads_on_sections_without_a_tendons_length_are_not_followed_for_minutes(
+    place: tuple[int, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Used to take thousands of load steps, each as long as a tendon is that has no length left."""
+    steps, T = [], np.zeros((3, 4))
+    T[place], T[2, 2] = 16.0, 20.0
+    monkeypatch.setattr(load_stepping, "tell", lambda *said: steps.append(said))
+    with pytest.raises(UnsettledSectionError, match="lower the tensions that cross it"):
+        settle(ARM, T, Scene.silicone(Weight(), Buoyancy(1000.0)))
+    assert 0 < len(steps) < 100
 
 
 def test_exact_tendons_that_leave_no_length_crush_the_arm() -> None:
