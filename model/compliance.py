@@ -19,6 +19,7 @@ from model.paths import Array
 from model.shape import Shape
 from model.time_limit import check_time
 from model.unloaded.sensitivities import UnloadedSensitivities
+from model.unloaded.settled_sections import settled_sections
 
 Response = Sensitivities | UnloadedSensitivities
 _ORDER = 2 * STAGES
@@ -76,11 +77,11 @@ def sensitivities(shape: Shape, at: float, refinement: int) -> Response:
     """Return the sensitivities of a shape at arc length `at` on the mesh of a refinement."""
     mesh = (STAGES, refinement, (at,), True)
     forward = by_collocation(shape.arm, shape.scene, *mesh, shape.machine_code)
-    here = forward.found(shape.tensions, shape.known)
-    node = here.system.mesh.node(at)
+    node, T = forward.mesh.node(at), shape.tensions
     if is_loaded(shape.scene):
-        return Sensitivities(here, node)
-    return UnloadedSensitivities(here.system, here.tensions, here.states, node)
+        return Sensitivities(forward.found(T, shape.known), node)
+    strains = settled_sections(forward.system).strains(T)
+    return UnloadedSensitivities(forward.system, T, strains, node)
 
 
 def _first_pair(shape: Shape, accuracy: float) -> tuple[int, int]:

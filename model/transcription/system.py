@@ -248,16 +248,20 @@ class System:
         """Return the strains at the stages (N stages, strains)."""
         return states[self.of.stages]
 
+    def marched(self, strains: Array) -> Array:
+        """Return the poses at the nodes (N + 1, 7) of strains at the stages (N stages, strains)."""
+        call = _march(self.of.form, self.mesh.steps)
+        (found,) = call(self.base, strains.ravel(), np.diff(self.mesh.s))
+        return np.vstack([self.base, found])
+
     def start(self, tensions: Array, strains: Array, load: float = 0.0) -> Array:
         """Return the states of given strains at the stages (N stages, strains).
 
         Poses follow from the base on, forces and moments from the tip on.
         """
-        states, of = np.zeros(self.of.n_states), self.of
+        states, of, N = np.zeros(self.of.n_states), self.of, self.mesh.steps
         states[of.stages] = strains
-        g, N = self.base, self.mesh.steps
-        (found,) = _march(of.form, N)(g, strains.ravel(), np.diff(self.mesh.s))
-        states[of.nodes[:, :POSE]] = np.vstack([g, found])
+        states[of.nodes[:, :POSE]] = self.marched(strains)
         if of.form.friction:
             powers, m = gauss(of.form.stages).powers, of.form.stages
             slope = np.arange(1, m) * gauss(m).c[:, None] ** np.arange(m - 1) @ powers[1:]

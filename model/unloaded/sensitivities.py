@@ -26,6 +26,7 @@ from model.rotations import half_turn, matrices, multiply, unit_matrix
 from model.transcription.collocation import gauss, rotation_vectors, weighted_sum
 from model.transcription.layout import POSE
 from model.transcription.system import System
+from model.unloaded.settled_sections import settled_sections
 
 _ROUNDING = 4 * np.finfo(float).eps
 
@@ -39,15 +40,15 @@ class UnloadedSensitivities:
     system : System
     tensions : (n_tendons,)
         [N].
-    states : (n_states,)
-        Of the arm that they settle.
+    strains : (P, n)
+        Those at the stages under these tensions.
     node : int
         The node that is pushed and watched.
     """
 
     system: System
     tensions: Array
-    states: Array
+    strains: Array
     node: int
 
     @cached_property
@@ -88,20 +89,13 @@ class UnloadedSensitivities:
         return self.system.of.form.law
 
     @cached_property
-    def _v(self) -> Array:
-        """Strains (P, n) at the stages."""
-        return self.system.strains(self.states)
-
-    @cached_property
     def _weights(self) -> Array:
         """Those of the quadrature (P,) [m]."""
         return np.outer(np.diff(self.system.mesh.s), gauss(self.system.of.form.stages).b).ravel()
 
-    @cached_property
+    @property
     def _sections(self) -> Sections:
-        at, mesh = self.system, self.system.mesh
-        active = np.repeat(mesh.active, at.of.form.stages)
-        return Sections(at.arm, at.scene, self._law, at.s, active)
+        return settled_sections(self.system).sections
 
     @cached_property
     def _pulls(self) -> Array:
@@ -110,11 +104,11 @@ class UnloadedSensitivities:
     @cached_property
     def _stiffness(self) -> Array:
         """How the wrench of cross-sections changes with their strains (P, n, n)."""
-        return self._sections.wrench(self._v, self._pulls)[1]
+        return self._sections.wrench(self.strains, self._pulls)[1]
 
     @cached_property
     def _by_tensions(self) -> Array:
-        return self._sections.by_tensions(self._v, self._pulls)
+        return self._sections.by_tensions(self.strains, self._pulls)
 
     @cached_property
     def _by_wrench(self) -> Array:
@@ -125,17 +119,17 @@ class UnloadedSensitivities:
 
     @cached_property
     def _lengths(self) -> tuple[Array, Array]:
-        return self._sections.length_slopes(self._v, self._weights)
+        return self._sections.length_slopes(self.strains, self._weights)
 
     @cached_property
     def _wrenches(self) -> Array:
         """Local moment and force (P, 6, 6) of a force and moment at the node, 0 beyond it."""
         of, mesh = self.system.of, self.system.mesh
         n = of.form.stages
-        poses = self.system.poses(self.states)
+        poses = self.system.marched(self.strains)
         h = np.diff(mesh.s)
         call = _inside(self._law, n, mesh.steps)
-        (found,) = call(poses[:-1].ravel(), self._v.ravel(), h)
+        (found,) = call(poses[:-1].ravel(), self.strains.ravel(), h)
         inside = found.reshape(-1, POSE)
         R, r = matrices(inside[:, :4]), poses[self.node, 4:] - inside[:, 4:]
         lever = np.zeros((len(r), 3, 3))
@@ -148,8 +142,10 @@ class UnloadedSensitivities:
 
     def _pose(self, strains: Array) -> Array:
         """Return displacement and rotation (6, k) of the node that changes of strains are."""
-        twists = _twist_slopes(self._law, len(self._v))
-        slopes = twists(self._v.ravel())[0].reshape(len(self._v), -1, 6).transpose(0, 2, 1)
+        twists = _twist_slopes(self._law, len(self.strains))
+        slopes = (
+            twists(self.strains.ravel())[0].reshape(len(self.strains), -1, 6).transpose(0, 2, 1)
+        )
         moved = (slopes @ strains) * self._weights[:, None, None]
         return np.asarray(np.einsum("pij,pik->jk", self._wrenches, moved))
 
