@@ -114,7 +114,9 @@ class ConvergenceError(OctoplanError):
     def __init__(self, asked: float, reached: float, remedy: str) -> None:
         self.asked, self.reached, self.remedy = asked, reached, remedy
         how = f"settled to {reached:.2g} of its length, {asked:.2g} was asked"
-        super().__init__(f"the arm was {'not settled' if math.isinf(reached) else how}; {remedy}")
+        super().__init__(
+            f"the arm was {how if math.isfinite(reached) else 'not settled'}; {remedy}"
+        )
 
     def __reduce__(self) -> tuple[type, tuple[float, float, str]]:
         return type(self), (self.asked, self.reached, self.remedy)

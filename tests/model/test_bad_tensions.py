@@ -130,6 +130,12 @@ def test_errors_travel_between_processes(error: OctoplanError) -> None:
     assert vars(there) == vars(error)
 
 
+@pytest.mark.parametrize("reached", [np.inf, np.nan])
+def test_an_arm_of_which_no_error_is_known_is_not_settled(reached: float) -> None:
+    """Used to be settled to nan of its length."""
+    assert str(ConvergenceError(1e-8, reached, "x")) == "the arm was not settled; x"
+
+
 def test_an_error_that_was_raised_travels_too() -> None:
     with pytest.raises(CollapsedError) as caught:
         settle(ARM, CRUSHING, PAPER)
