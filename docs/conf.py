@@ -15,12 +15,14 @@ extensions = [
     "sphinx_copybutton",
     "myst_nb",
     "numpydoc",
+    "api_reference",
     "file_reference",
     "mathml",
 ]
 html_math_renderer = "mathml"
 html_theme = "furo"
 html_title = f"octoplan {release}"
+smartquotes_action = "qe"  # not dashes: options begin with two
 html_copy_source = False
 html_show_copyright = False
 html_static_path = ["static"]
@@ -29,6 +31,7 @@ html_theme_options = {"navigation_with_keys": True}
 exclude_patterns = ["images/*.py"]
 autodoc_typehints = "none"
 autodoc_member_order = "bysource"
+autodoc_preserve_defaults = True
 numpydoc_show_class_members = False
 copybutton_prompt_text = r">>> |\.\.\. |\$ "
 copybutton_prompt_is_regexp = True

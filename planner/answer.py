@@ -162,7 +162,7 @@ class Answer:
     def outcome(self) -> str:
         """What happened, what holds it, and what to try: a sentence."""
         found = (self.certificate, self.mode, self.effort, len(self.starts), self.agreed)
-        said = sentence(Facts(*found, tuple(self.holding()), self.arm.length))
+        said = sentence(Facts(*found, tuple(self.holding()), self.arm.length, self.stopped))
         if self.jump:
             more = f"left the branch of the plan before: tensions jump by {100 * self.jump:.0f} %"
             said = f"{said.removesuffix('.')}; {more}."

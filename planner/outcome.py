@@ -26,6 +26,8 @@ class Facts:
         The limits that hold the tensions back, hardest first.
     length : float
         Of the arm [m].
+    stopped : bool
+        Whether the time limit ended the search.
     """
 
     certificate: Certificate
@@ -35,6 +37,7 @@ class Facts:
     agreed: int
     holders: tuple[str, ...]
     length: float
+    stopped: bool = False
 
 
 def sentence(facts: Facts) -> str:
@@ -54,7 +57,8 @@ def _happened(facts: Facts) -> str:
         return f"{'; '.join(parts)}."
     if facts.mode != "exact" and not certificate.attained:
         gaps = _gaps(facts)
-        return f"Not reached: the nearest attainable shape is {gaps}; {_holders(facts)}; {tried}."
+        nearest = "shape found" if facts.stopped else "attainable shape"
+        return f"Not reached: the nearest {nearest} is {gaps}; {_holders(facts)}; {tried}."
     if certificate.too_near:
         advice = "move it or the target, raise the limits or ask for less clearance"
         return f"Not clear: {certificate.nearest}; no way around it was found: {advice} ({tried})."
@@ -112,6 +116,8 @@ def _length(facts: Facts, value: float) -> str:
 
 
 def _holders(facts: Facts) -> str:
+    if facts.stopped:
+        return "the search was not at its end, a longer time limit may bring it nearer"
     if not facts.holders:
         return "no limit is active: the target is out of reach of these tendons, move it"
     return f"held by {', '.join(facts.holders[:3])}; raise these limits or move the target"

@@ -9,10 +9,10 @@ one with weight in water, and one with exact tendons, which are those of SoRoMoX
 air without loads and in water, by the one statement of a loaded arm with 1 to 3 stages. Errors are
 verified: tips against a settle of 1e-11 by another scheme, over L; Jacobians relative to the exact
 one, tensions scaled by what each tendon is to pull; plans by the distance of the tip from its
-target, and by effort above the best that was found by any way. Points are medians over tensions and
-repeats, bars their quartiles, crosses failures; stars are what `settle`, `tip_jacobian` and `plan`
-choose by themselves, for accuracies of 1e-2 to 1e-10. A plan includes its certificate, SLSQP
-nothing of the kind; it starts once, from moderate tensions.
+target, and by effort above the best that was found by any way. Times are the processor's. Points
+are medians over tensions and repeats, bars their quartiles, crosses failures; stars are what
+`settle`, `tip_jacobian` and `plan` choose by themselves, for accuracies of 1e-2 to 1e-10. A plan
+includes its certificate, SLSQP nothing of the kind; it starts once, from moderate tensions.
 
 Command: python -m studies.accuracy_cost [--cases 5] [--repeats 20] [--targets 7] [--out out]
 
@@ -52,7 +52,7 @@ TIP = "verified tip error [L]"
 SHOWN = (
     *("magnus6", "magnus4", "gauss6", "gauss4", "settle's choice"),
     *("tip_jacobian's choice", "tip_jacobian's choice, compiled"),
-    *("SciPy DOP853", "SciPy LSODA", "SciPy shooting", "SciPy solve_bvp"),
+    *("SciPy DOP853", "SciPy shooting", "SciPy solve_bvp"),
     *("SciPy DOP853, forward", "SciPy DOP853, central", "SoRoMoX, order 0 to 8"),
 )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import platform
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -15,6 +15,7 @@ import numpy as np
 
 T = TypeVar("T")
 Work = Callable[[], Any]
+Clock = Callable[[], float]
 # A measurement shorter than this is repeated within, as a clock's reading is not free.
 _LEAST = 2e-3
 
@@ -36,19 +37,28 @@ class Spread:
         return f"{self.median:.3g} ({self.low:.3g} to {self.high:.3g})"
 
 
-def seconds(work: Work, calls: int = 1) -> float:
+def seconds(work: Work, calls: int = 1, clock: Clock = time.perf_counter) -> float:
     """Return the time of one call [s], the mean over `calls`."""
-    begin = time.perf_counter()
+    begin = clock()
     for _ in range(calls):
         work()
-    return (time.perf_counter() - begin) / calls
+    return (clock() - begin) / calls
 
 
-def timed(work: Callable[[], T]) -> tuple[float, T]:
+def timed(work: Callable[[], T], clock: Clock = time.perf_counter) -> tuple[float, T]:
     """Return the time of a call [s], and what it returned."""
-    begin = time.perf_counter()
+    begin = clock()
     found = work()
-    return time.perf_counter() - begin, found
+    return clock() - begin, found
+
+
+def while_budget(least: int, most: int, budget: float) -> Iterator[int]:
+    """Yield 0, 1, ...: `least` times in any case, up to `most` within the processor time [s]."""
+    begin = time.process_time()
+    for k in range(max(least, most)):
+        if k >= least and time.process_time() - begin > budget:
+            return
+        yield k
 
 
 def calls_for(work: Work) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -12,7 +13,7 @@ from model import OctoplanError
 from model.mesh_refinement import REFINEMENTS
 from model.paths import Array
 from planner.plots.work import Curve
-from studies.timing import calls_for, seconds
+from studies.timing import calls_for, seconds, while_budget
 
 Tip = Callable[[Array], Any]
 FAILURES = (OctoplanError, RuntimeError, ArithmeticError, np.linalg.LinAlgError)
@@ -27,17 +28,20 @@ class Size:
     cases : int
         Random sets of tensions, or targets.
     repeats : int
-        Measurements of each time, at least.
+        Measurements of each time, at most: fewer where they take longer than `budget`.
     finest : int
         The finest mesh.
     settings : int
         Of accuracies, tolerances and starts, how many at most.
+    budget : float
+        Processor time [s] after which a setting is measured no more, once each case was.
     """
 
     cases: int
     repeats: int
     finest: int
     settings: int
+    budget: float = 1.0
 
 
 # Errors below are those of what they are held against.
@@ -60,7 +64,7 @@ class Measured:
         error: Callable[[int, Any], float],
         size: Size,
     ) -> None:
-        """Do a work of all cases, `repeats` times at least; a failure is kept as such.
+        """Do a work of all cases, and time it; a failure is kept as such.
 
         `work` and `error` take the number of the case.
         """
@@ -71,8 +75,8 @@ class Measured:
             return
         errors = [error(i, value) for i, value in enumerate(found)]
         many, times = calls_for(lambda: work(0)), []
-        for k in range(max(size.repeats, size.cases)):
-            times.append(seconds(lambda i=k % size.cases: work(i), many))
+        for k in while_budget(size.cases, size.repeats, size.budget):
+            times.append(seconds(lambda i=k % size.cases: work(i), many, time.process_time))
         self.errors.append(np.percentile(errors, [25, 50, 75]))
         self.times.append(1e3 * np.percentile(times, [25, 50, 75]))
 
@@ -107,4 +111,5 @@ def failing_time(work: Callable[[int], Any], cases: int) -> float:
         except FAILURES:
             return
 
-    return float(np.mean([seconds(lambda i=i: attempt(i)) for i in range(cases)]))
+    times = [seconds(lambda i=i: attempt(i), 1, time.process_time) for i in range(cases)]
+    return float(np.mean(times))

@@ -61,7 +61,7 @@ def settling(which: str, size: Size, rng: np.random.Generator) -> list[Measured]
     for way, method in (("SciPy shooting", scipy.shoot), ("SciPy solve_bvp", scipy.collocate)):
         curve = Measured(way, "other")
         for rtol in RTOLS[: min(_FEW, size.settings)]:
-            curve.add(lambda i, w=method, r=rtol: w(T[i], r), off, Size(size.cases, 1, 0, 0))
+            curve.add(lambda i, w=method, r=rtol: w(T[i], r), off, replace(size, repeats=1))
         few.append(curve)
     return [*curves, chosen(arm, scene, T, off, size), *few]
 

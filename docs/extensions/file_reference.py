@@ -1,14 +1,21 @@
-"""The directive `file-reference`: keys of TOML files, made from the tables that read them."""
+"""The directive `file-reference`: keys of TOML files, made from the tables that read them.
+
+A table that several kinds of files have is written where it is met first.
+"""
 
 from __future__ import annotations
 
+import re
 from importlib import import_module
+from inspect import getdoc
 from typing import Any
 
 import msgspec
 from msgspec import inspect
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
+
+import octoplan
 
 _WORDS = {
     inspect.FloatType: "number",
@@ -29,9 +36,11 @@ class FileReference(SphinxDirective):
         """Return a heading and a list of keys for each table."""
         module, name = self.arguments[0].rsplit(".", 1)
         info = msgspec.inspect.type_info(getattr(import_module(module), name))
-        lines = []
+        lines, written = [], self.env.temp_data.setdefault("file-reference", set())
         for place, table in _tables(info):
-            lines += _written(place, table)
+            if table.cls not in written:
+                lines += _written(place, table)
+                written.add(table.cls)
         return self.parse_text_to_nodes("\n".join(lines), allow_section_headings=True)
 
 
@@ -59,7 +68,8 @@ def _structs(kind: Any, many: bool = False) -> list[tuple[Any, bool]]:
     if isinstance(kind, inspect.Metadata):
         return _structs(kind.type, many)
     if isinstance(kind, inspect.UnionType):
-        return [own for one in kind.types for own in _structs(one, many)]
+        found = [own for one in kind.types for own in _structs(one, many)]
+        return sorted(found, key=lambda own: own[1])
     if isinstance(kind, inspect.ListType | inspect.VarTupleType):
         return _structs(kind.item_type, True)
     return []
@@ -68,7 +78,7 @@ def _structs(kind: Any, many: bool = False) -> list[tuple[Any, bool]]:
 def _written(place: str, table: Any) -> list[str]:
     """Return a table as reStructuredText."""
     title = _heading(place, table)
-    lines = [title, "^" * len(title), "", " ".join((table.cls.__doc__ or "").split()), ""]
+    lines = [title, "^" * len(title), "", _linked(table.cls.__doc__ or ""), ""]
     rows = [("Key", "Holds", "Unless given", "What it is")]
     if table.tag is not None:
         rows.append(("``type``", f'``"{table.tag}"``', "required", "which kind of table it is"))
@@ -81,10 +91,26 @@ def _written(place: str, table: Any) -> list[str]:
     return [*lines, ""]
 
 
+def _linked(doc: str) -> str:
+    """Return a table's docstring; what it refers to is told by its first sentence, and linked."""
+    text = " ".join(doc.split())
+
+    def link(match: re.Match[str]) -> str:
+        name = match[2]
+        told = getdoc(getattr(octoplan, name, None)) if hasattr(octoplan, name) else None
+        if told is None:
+            return match[0]
+        alone = match.start() == 0 and text[match.end() :][:1] != ":"
+        first = " ".join(told.split("\n\n")[0].split())
+        return f"{first * alone} {match[1]} :class:`~octoplan.{name}`".lstrip()
+
+    return re.sub(r"\b(See|see) (?:\w+\.)*([A-Z]\w+)", link, text)
+
+
 def _heading(place: str, table: Any) -> str:
     if not place:
         return "The file"
-    name = place.removesuffix("[]")
+    name = place.removesuffix("[]").replace("[]", "")
     shown = f"[[{name}]]" if place.endswith("[]") else f"[{name}]"
     return shown if table.tag is None else f'{shown} of type "{table.tag}"'
 
@@ -124,19 +150,27 @@ def _holds(kind: Any) -> str:
         return ", ".join(f"``{json!r}``".replace("'", '"') for json in kind.values)
     if isinstance(kind, inspect.ListType | inspect.VarTupleType):
         inner = _holds(kind.item_type)
-        many = {
-            "table": "tables",
-            "number": "numbers",
-            "numbers": "rows of numbers",
-            "numbers, or number": "numbers, flat or in rows",
-        }
-        return many.get(inner, f"list of {inner}")
+        if inner == "numbers, or number":
+            return "numbers, flat or in rows"
+        parts = [_plural(part) for part in inner.split(", or ")]
+        return parts[0] if len(parts) == 1 else f"list of {' or '.join(parts)}"
     if isinstance(kind, inspect.TupleType):
-        kinds = {_holds(one) for one in kind.item_types}
-        return f"{len(kind.item_types)} of {', '.join(sorted(kinds))}"
+        kinds = [_holds(one) for one in kind.item_types]
+        if len(set(kinds)) > 1:
+            return f"[{'; '.join(kinds)}]"
+        return f"{len(kinds)} {_plural(kinds[0])}"
     if isinstance(kind, inspect.StructType):
         return "table"
     return _WORDS[type(kind)] + _range(kind)
+
+
+def _plural(kind: str) -> str:
+    """Return what several of a kind are called."""
+    if kind[0].isdigit() or kind.startswith("numbers"):
+        return f"rows of {kind}"
+    if kind.startswith("``"):
+        return f"list of {kind}"
+    return re.sub(r"^(table|whole number|number)\b", r"\1s", kind)
 
 
 def _range(kind: Any) -> str:

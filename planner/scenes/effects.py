@@ -97,7 +97,7 @@ class EffectsTable(Table, frozen=True):
     """The effects enabled; nothing but bending is simulated unless named here."""
 
     silicone: Annotated[
-        bool, Meta(description="the next three: what a real silicone arm calls for")
+        bool, Meta(description="what a real silicone arm calls for: all of the next three")
     ] = False
     extension: Annotated[bool, Meta(description="the arm shortens under its tendons")] = False
     exact_tendons: Annotated[bool, Meta(description="tendons with their exact tangent")] = False

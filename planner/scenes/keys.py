@@ -39,14 +39,14 @@ class SamplesTable(Table, frozen=True):
 
 
 class AngleSamplesTable(Table, frozen=True):
-    """An angle as a function of arc length by samples, at least four; see SamplesTable."""
+    """An angle as a function of arc length by samples, at least four; a cubic spline."""
 
     s_mm: Annotated[list[float], Meta(min_length=4, description="arc lengths from the base [mm]")]
     values_deg: Annotated[list[float], Meta(min_length=4, description="the angles there [deg]")]
 
 
 class CurvatureSamplesTable(Table, frozen=True):
-    """A curvature as a function of arc length by samples, at least four; see SamplesTable."""
+    """A curvature as a function of arc length by samples, at least four; a cubic spline."""
 
     s_mm: Annotated[list[float], Meta(min_length=4, description="arc lengths from the base [mm]")]
     values: Annotated[list[float], Meta(min_length=4, description="curvatures there [1/m]")]

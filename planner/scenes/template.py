@@ -57,7 +57,7 @@ density = 1080.0                # kg/m3
 
 [effects]                       # nothing but bending, unless named here
 extension = true                # the arm shortens under its tendons
-# silicone = true               # this and the next two: what a real silicone arm calls for
+# silicone = true               # what a real silicone arm calls for: this and the next two
 # exact_tendons = true
 # neo_hookean = true
 # anticlastic = true            # with neo_hookean
