@@ -97,7 +97,10 @@ def _carried(task: Task, simple: Task) -> Guesses:
     trials = Multistart(free, guesses.n_likely)
     mode: Mode = "exact" if free.can_be_exact else "closest"
     first = guesses.starts[: trials.first]
-    found = [trials.solve(free.coarse(mode), T, False) for T in first]
+    found = list[Solution]()
+    for T in first:
+        before = [s for s in found if s.met]
+        found.append(trials.solve(free.coarse(mode), T, False, before))
     for k, T in enumerate(first):
         if any(s.met for s in found):
             break

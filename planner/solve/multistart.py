@@ -146,7 +146,7 @@ class Multistart:
         for T in told(_PHASES[statement.mode], starts):
             if self._enough(statement.mode, records, found):
                 break
-            solution = self.solve(statement, T, not exact and not found)
+            solution = self.solve(statement, T, not exact and not found, found)
             records.append(record(solution))
             if self._stood(statement, solution):
                 found.append(solution)
@@ -226,10 +226,17 @@ class Multistart:
                 return [solution]
         return []
 
-    def solve(self, statement: Statement, T: Array, by_ipopt: bool = True) -> Solution:
+    def solve(
+        self,
+        statement: Statement,
+        T: Array,
+        by_ipopt: bool = True,
+        found: Sequence[Solution] = (),
+    ) -> Solution:
         """Return what tensions (n_tendons,) [N] lead to.
 
-        What sequential quadratic programming does not meet soon, ipopt takes on if `by_ipopt`.
+        What sequential quadratic programming does not meet soon, ipopt takes on if `by_ipopt`; what
+        comes near to an optimum of the same statement that was found is taken for it.
         """
         known = next((s for own, s in self.carried if np.array_equal(own, T)), None)
         lam = None if known is None or statement.mode != "exact" else known.lam_g
@@ -239,7 +246,7 @@ class Multistart:
         if self.stiff and statement.mode == "closest":
             solution = self._stiffest(problem, x, p)
         else:
-            solution = solve_quadratic(problem, x, p, free, lam)
+            solution = solve_quadratic(problem, x, p, free, lam, found)
         if solution is None or (by_ipopt and not solution.met):
             solution = solve(problem, x, p, bounds)
         if solution.finite:

@@ -14,6 +14,8 @@ planner.program.reduced.
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 
 import casadi as ca
@@ -42,22 +44,33 @@ _LOST = 1e4
 _REASON = "quadratic programs did not lead to an optimum in a few steps"
 # An unknown so near to its bound is at it.
 _AT = 1e-9
+# Steps that come so near to a known optimum, over its norm, with so little left of the first-order
+# conditions, lead there.
+_JOINED, _NEAR = 0.01, 0.01
+# Steps creep whose residuals stay within this factor for so many.
+_CREEPS, _ALIKE = 6, 1.3
 
 
 def solve_quadratic(
-    problem: Problem, x: Array, p: Array, bounds: Bounds, lam: Array | None = None
+    problem: Problem,
+    x: Array,
+    p: Array,
+    bounds: Bounds,
+    lam: Array | None = None,
+    known: Sequence[Solution] = (),
 ) -> Solution | None:
     """Return where a few steps from unknowns x lead, an optimum if it is `met`.
 
     None where that is nowhere, or the program is one of least squares, which take ipopt's care; but
     not where a stiffness comes as near as the limits allow. `bounds` are those without the states,
-    `lam` the multipliers to begin with.
+    `lam` the multipliers to begin with, `known` optima of the same program: what comes near to one
+    of them is taken for it.
     """
     mode = problem.statement.mode
     if mode == "nearest" or (mode == "closest" and not problem.requests):
         return None
     steps = _STEPS if mode == "exact" else _STEPS_IF_CLOSEST
-    found = _Sqp(problem.condensed, p, bounds, steps).run(x, lam)
+    found = _Sqp(problem.condensed, p, bounds, steps, known).run(x, lam)
     if found is not None:
         told = "met" if found.met else "not met"
         LOG.debug("%s after %d steps, objective %.6g", told, found.iterations, found.f)
@@ -68,9 +81,15 @@ class _Sqp:
     """One program with its numbers; constraints are equalities, or inequalities of one side."""
 
     def __init__(
-        self, program: Condensed | Explicit, p: Array, bounds: Bounds, most: int = _STEPS
+        self,
+        program: Condensed | Explicit,
+        p: Array,
+        bounds: Bounds,
+        most: int = _STEPS,
+        known: Sequence[Solution] = (),
     ) -> None:
         self.program, self.p, self.bounds, self.most = program, p, bounds, most
+        self.known, self.residuals = known, list[float]()
         lbx, ubx, lbg, ubg = bounds
         self.equal, self.fixed = np.equal(lbg, ubg), np.equal(lbx, ubx)
         self.uneven = ~self.equal
@@ -85,8 +104,13 @@ class _Sqp:
         while here is not None and np.isfinite(here.f) and _most(lam) <= _LOST:
             last = point = _Point(here, lam, here.gradient + here.jacobian.T @ lam, steps)
             point.held = self._held(point)
-            point.met = self._residual(point) <= _MET
-            step = None if point.met or steps == self.most else self._step(point)
+            self.residuals.append(self._residual(point))
+            point.met = self.residuals[-1] <= _MET
+            joined = self._joined(here.x[:n])
+            if joined is not None:
+                return replace(joined, iterations=steps)
+            done = point.met or steps == self.most or self._creeps
+            step = None if done else self._step(point)
             if step is None:
                 break
             check_time()
@@ -94,6 +118,21 @@ class _Sqp:
             x, share = self._line(here, change, 2 * _most(after) + 1e-3)
             here, lam, steps = self.program.at(x, self.p), lam + share * (after - lam), steps + 1
         return None if last is None else last.solution()
+
+    def _joined(self, a: Array) -> Solution | None:
+        """Return the known optimum that unknowns are about to come to, if there is one."""
+        if self.residuals[-1] > _NEAR:
+            return None
+        for one in self.known:
+            there = one.x[: a.size]
+            if np.linalg.norm(a - there) <= _JOINED * np.linalg.norm(there):
+                return one
+        return None
+
+    @property
+    def _creeps(self) -> bool:
+        last = self.residuals[-_CREEPS:]
+        return len(last) == _CREEPS and max(last) <= _ALIKE * min(last)
 
     def _step(self, at: _Point) -> tuple[Array, Array] | None:
         """Return the step of the quadratic program, and the multipliers after it."""
