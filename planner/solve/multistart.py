@@ -56,6 +56,8 @@ _PHASES: dict[Mode, str] = {
 _PROMISING, _CLOSE = 2, 0.05
 # Optima that do not stand from which one that does is looked for, and what a margin may lack.
 _STEADIED, _SLACK = 4, 1e-3
+# By so much of the most that tendons of a section pull all of them are tightened where none stands.
+_TIGHTENED = 0.5, 1.0, 2.0
 
 
 class Multistart:
@@ -183,6 +185,26 @@ class Multistart:
         own = slice(0, solution.g.size)
         off = np.maximum(np.maximum(low[own] - solution.g, solution.g - high[own]), 0)
         return solution.f < min(s.f for s in found) and float(off.max(initial=0.0)) <= _CLOSE
+
+    def tightened(self, statement: Statement, records: list[Trial]) -> list[Solution]:
+        """Return optima that stand, from what topples with the other tendons tightened, too.
+
+        Tendons that pull against each other stiffen an arm. Append records.
+        """
+        found = list[Solution]()
+        if not self.toppled:
+            return found
+        _, cheapest = min(self.toppled, key=lambda item: item[1].f)
+        T, arm, allowed = self.task.tensions(cheapest), self.task.arm, self.task.allowed
+        section = np.array([i for i, _ in arm.tendons])
+        most = np.array([T[section == i].max() for i in range(len(arm.sections))])[section]
+        free = np.array(allowed.upper) > allowed.lower
+        for part in told("trials with all tendons tightened", _TIGHTENED):
+            solution = self.solve(statement, T + part * most * free)
+            records.append(record(solution))
+            if self._stood(statement, solution):
+                found.append(solution)
+        return found
 
     def steadied(self, mode: Mode, best: float) -> list[Solution]:
         """Return optima that stand, next to cheaper ones that do not.

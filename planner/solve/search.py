@@ -119,6 +119,7 @@ class Search:
         if not found and not self.trials.toppled:
             return None
         found = self.trials.from_starts(others, statement, records, found)
+        found = found or self.trials.tightened(statement, records)
         fines = self._finished(found, "exact")
         if found and (not any(fine.optimal for fine in fines) or _lost(found, fines)):
             records, starts = [], [*map(self.task.tensions, found), *first, *others]
