@@ -9,6 +9,7 @@ import numpy as np
 
 from model.cross_section.law import CrossSection, size
 from model.equilibrium.dense import poses_and_strains
+from model.equilibrium.linearised import Index
 from model.obstacles.base import SIZE, with_gradient
 from model.paths import Array
 from model.rotations import unit_matrix
@@ -17,7 +18,7 @@ from model.transcription.system import System
 from model.transcription.touch import TOUCH, swelling
 
 
-def along(system: System, x: Array, s: Array, obstacles: Array) -> Array:
+def along(system: System, x: Array, s: Array, obstacles: Array | Index) -> Array:
     """Return gap [m], gap' [-] and gap'' [1/m] (N, 3) at arc lengths s (N,), on their base side.
 
     Each of one of the obstacles (N,), by its number.

@@ -17,6 +17,7 @@ from model.contact.root import Root
 from model.contact.touches import forces, resultants, second
 from model.loads import contacts
 from model.mesh import Mesh
+from model.paths import Array
 
 # How far off points, and ends of parts that lie, may be, over the arm's length.
 _FOUND, _FOUND_END = 1e-8, 1e-10
@@ -24,12 +25,13 @@ _FOUND, _FOUND_END = 1e-8, 1e-10
 _NEXT = 0.1
 # gap' at a corner that counts as 0.
 _LEVEL = 1e-9
-# Half the length of a part that was a point, over an element.
-_BORN = 0.5
-# Of the largest force, what pulls hard.
-_PULLED = 1e-2
-# How far from an end derivatives are taken, over an element.
-_ASIDE = 0.05
+# Half the length of a part that was a point, over an element; how often it may be halved.
+_BORN, _HALVES = 0.5, 10
+# Of the largest force, what pulls hard, and what is rounding.
+_PULLED, _ROUNDING = 1e-2, 1e-9
+# How far from an end derivatives are taken, over an element; among how many places, and how often,
+# the one is looked for where gap'' jumps, and by how much, over 1 / L.
+_ASIDE, _LOOKS, _NARROWED, _JUMP = 0.05, 33, 4, 1e-2
 
 
 def moved(
@@ -90,9 +92,12 @@ def _end(held: Held, place: Place, node: int, side: int) -> tuple[float, float, 
         return 0.0, 0.0, 0.0
     h = abs(s[beyond] - at)
     # What is known at a node is on its base side.
-    look = side * _ASIDE * h * (np.arange(5) + (side > 0))
+    look = side * _ASIDE * h * np.arange(5.0)
+    look[0] = (side > 0) * SAME * held.length
     curve = along(system, held.here.x, at + look, np.full(5, place.obstacle))[:, 2]
-    here, slope = np.polynomial.polynomial.polyfit(look / h, curve, 4)[:2] / [1.0, h]
+    slope = np.polynomial.polynomial.polyfit(look / h, curve, 4)[1] / h
+    jumps = _jumps(curve, held.length)
+    here = curve[0] if jumps else curve[0] - slope * look[0]
     if contacts(system.scene)[place.obstacle].friction:
         # Friction changes the stretch there, and so what curvature lies on the obstacle; inside
         # of the part it has to be that of the free arm. What the arm is beyond then passes by
@@ -101,8 +106,31 @@ def _end(held: Held, place: Place, node: int, side: int) -> tuple[float, float, 
         here = along(system, held.here.x, np.array([within]), np.array([place.obstacle]))[0, 2]
     # A part is too long where the free arm leaves with gap'' > 0, as if it were pulled there.
     shift = -side * float(np.sign(here)) * abs(float(here / slope) if slope else h)
+    if jumps and here < 0:
+        k = int(np.argmax(curve > 0))
+        edge = _edge(held, place.obstacle, at + look[k - 1], at + look[k])
+        shift = side * max(abs(edge - at), _FOUND * held.length / 2)
     most = min(0.8 * h, 0.35 * (place.end - place.start))
     return float(here), shift * (abs(shift) > _FOUND_END * held.length), most
+
+
+def _jumps(curve: Array, length: float) -> bool:
+    """Return whether gap'' (5,) goes through 0 in a jump: as at an edge, or a capsule's seam."""
+    size, bent = np.ptp(curve), np.abs(np.diff(curve, 2)).max()
+    return bool(curve.min() < 0 < curve.max() and size * length > _JUMP and bent > 0.3 * size)
+
+
+def _edge(held: Held, j: int, inner: float, outer: float) -> float:
+    """Return where gap'' jumps above 0 between two arc lengths [m].
+
+    It stays about where it is on the arm as a part grows up to it.
+    """
+    for _ in range(_NARROWED):
+        looks = np.linspace(inner, outer, _LOOKS)
+        out = along(held.here.system, held.here.x, looks, np.full(_LOOKS, j))[:, 2] > 0
+        k = max(int(np.argmax(out)), 1) if out.any() else _LOOKS - 1
+        inner, outer = float(looks[k - 1]), float(looks[k])
+    return inner
 
 
 def exchanged(
@@ -127,17 +155,45 @@ def split(places: tuple[Place, ...], parts: tuple[Place, ...]) -> tuple[Place, .
     return _sorted([*kept, *(Place(p.obstacle, s, s) for p in parts for s in p.ends)])
 
 
+def narrowed(held: Held, places: tuple[Place, ...], parts: tuple[Place, ...]) -> tuple[Place, ...]:
+    """Return the places with parts that points became only as long as the arm bends in about them.
+
+    As on a face up to its edge, over which the arm does not lie.
+    """
+    found = list[Place]()
+    for place in places:
+        middle, half = (place.start + place.end) / 2, (place.end - place.start) / 2
+        ends = (-half, half) if place in parts else ()
+        bent = [_bent_in(held, place.obstacle, middle, end) for end in ends]
+        found.append(Place(place.obstacle, *bent) if bent else place)
+    return tuple(found)
+
+
+def _bent_in(held: Held, j: int, middle: float, reach: float) -> float:
+    """Return how far gap'' is below 0 from a point on [m], up to a reach that is halved."""
+    looks = middle + reach * np.power(0.5, np.arange(_HALVES, dtype=np.float64))
+    curve = along(held.here.system, held.here.x, looks, np.full(_HALVES, j))[:, 2]
+    out = np.flatnonzero(curve >= 0)
+    return float(looks[min(out[-1] + 1 if out.size else 0, _HALVES - 1)])
+
+
 def _sorted(places: list[Place]) -> tuple[Place, ...]:
     return tuple(sorted(places, key=lambda own: (own.obstacle, own.start)))
 
 
 def changed(
-    held: Held, places: tuple[Place, ...], nodes: tuple[tuple[int, ...], ...]
+    held: Held,
+    places: tuple[Place, ...],
+    nodes: tuple[tuple[int, ...], ...],
+    left: set[Place],
 ) -> tuple[Place, ...]:
-    """Return the places after some of them came, went, parted or joined; the same if none did."""
+    """Return the places after some of them came, went, parted or joined; the same if none did.
+
+    `left` remembers the corners that points left.
+    """
     kept = list[Place]()
     for place, own in zip(places, nodes, strict=True):
-        kept += _lying(held, place, own) if place.lies else _touching(held, place, own)
+        kept += _lying(held, place, own) if place.lies else _touching(held, place, own, left)
     kept = _joined(kept, held.here.system.mesh)
     if tuple(kept) != places:
         return tuple(kept)
@@ -158,8 +214,11 @@ def _joined(places: list[Place], mesh: Mesh) -> list[Place]:
     return found
 
 
-def _touching(held: Held, place: Place, nodes: tuple[int, ...]) -> list[Place]:
-    """Return what becomes of a point."""
+def _touching(held: Held, place: Place, nodes: tuple[int, ...], left: set[Place]) -> list[Place]:
+    """Return what becomes of a point.
+
+    One that comes back to a corner it left stays, beside another one before it.
+    """
     system, j = held.here.system, place.obstacle
     if forces(system, held.states)[nodes[0], j] < 0:
         return []
@@ -169,7 +228,9 @@ def _touching(held: Held, place: Place, nodes: tuple[int, ...]) -> list[Place]:
         if slope <= _LEVEL:
             return [place]
         s = place.start - 0.3 * h
-        return [Place(j, s, s)]
+        before, again = Place(j, s, s), place in left
+        left.add(place)
+        return [before, place] if again else [before]
     if curve >= 0:
         return [place]
     half = _BORN * h
@@ -182,9 +243,10 @@ def _lying(held: Held, place: Place, nodes: tuple[int, ...]) -> list[Place]:
     first, last = nodes
     ends = forces(system, held.states)[[first, last], j]
     pressed = resultants(system, held.states, held.touches)[first : last + 1, j]
-    if ends.min() >= 0 and pressed.min() >= -1e-9 * pressed.max():
+    none = -_ROUNDING * pressed.max()
+    if ends.min() >= none and pressed.min() >= none:
         return [place]
     points = [Place(j, s, s) for s in place.ends]
-    if ends.min() >= 0 or ends.max() < 0:
+    if ends.min() >= none or ends.max() < 0:
         return points
     return [points[int(np.argmax(ends))]]

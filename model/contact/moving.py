@@ -12,7 +12,7 @@ import numpy as np
 
 from model.arm import Arm
 from model.contact.along import along
-from model.contact.changes import changed, exchanged, moved, split
+from model.contact.changes import changed, exchanged, moved, narrowed, split
 from model.contact.history import History
 from model.contact.newton import Held, newton
 from model.contact.places import Place, Placed, placed
@@ -97,7 +97,7 @@ def settled(
     `rounds` is how often places may move, come or go.
     """
     roots, last, halved = dict[tuple[int, int], Root](), None, 0
-    born = tuple[Place, ...]()
+    born, whole, left = tuple[Place, ...](), True, set[Place]()
     # Next to ends that are not found pressures are far off: friction begins with those before.
     pressing = held if _rubs(of, places) else None
     for _ in range(rounds):
@@ -106,7 +106,13 @@ def settled(
             places, halved = _between(last[2], places), halved + 1
             continue
         if found is None and any(place in born for place in places):
-            places, born = split(places, born), ()
+            fewer = narrowed(held, places, born) if whole else places
+            whole = False
+            if fewer == places:
+                places, born = split(places, born), ()
+            else:
+                born = tuple(own for own, was in zip(fewer, places, strict=True) if was in born)
+                places = fewer
             continue
         if found is None:
             return None
@@ -115,7 +121,7 @@ def settled(
         if after == places:
             after = moved(held, places, nodes, roots)
         if after == places:
-            after = changed(held, places, nodes)
+            after = changed(held, places, nodes, left)
             if after == places and pressing is None:
                 return Settled(held, places)
             if after == places:
@@ -127,6 +133,7 @@ def settled(
         else:
             roots, last = {}, None
             born = tuple(place for place in after if place.lies and place not in places)
+            whole = True
         places, halved = after, 0
     return None
 

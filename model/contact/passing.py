@@ -7,7 +7,8 @@ import numpy as np
 from model.centreline import Centreline
 from model.contact.along import along
 from model.contact.newton import Held
-from model.contact.places import Place
+from model.contact.places import SAME, Place
+from model.equilibrium.linearised import Index
 from model.loads import contacts
 from model.obstacles import distances, numbers_of
 from model.paths import Array
@@ -17,16 +18,39 @@ from model.transcription.system import System
 THROUGH, _DEEP = 1e-9, 1e-4
 # Gaps are looked at this often in each element.
 _LOOKS = 6
-# Steps to where a gap is least, and how near to the base that may be, over an element.
-_SOUGHT, _FIRST = 4, 1e-3
+# Steps to where a gap is least, how close to it over the arm's length, and how near to the base
+# it is looked for, over an element.
+_SOUGHT, _CLOSE, _FIRST = 20, 1e-8, 1e-3
 
 
 def passing(held: Held, places: tuple[Place, ...]) -> list[Place]:
     """Return points where the arm passes through an obstacle: where gaps are least, below 0."""
-    found = list[Place]()
-    for j, s in enumerate(_lowest(held, places, THROUGH)):
-        found += _least(held, j, s)
-    return found
+    j, s, reach = _candidates(held, places)
+    if not s.size:
+        return []
+    at, gap = _least(held, j, s, reach)
+    low = gap < -THROUGH * held.length
+    found = zip(j[low].tolist(), at[low].tolist(), strict=True)
+    return [Place(*own) for own in sorted({(i, where, where) for i, where in found})]
+
+
+def _candidates(held: Held, places: tuple[Place, ...]) -> tuple[Index, Array, Array]:
+    """Return obstacles (n,), arc lengths (n,) near which gaps are least, and how near (n,) [m].
+
+    Where they may be below 0 between the looks too, as by an edge: gaps fall at most twice as fast
+    as arc length grows, so that next to a look they are above its gap less its distance to the
+    next. But for parts that lie on the obstacle, and points that touch.
+    """
+    s, gaps = gaps_along(held.here.system, held.states)
+    apart, same = np.diff(s, prepend=0.0), SAME * held.length
+    reach = np.maximum(apart, np.append(apart[1:], 0.0))
+    near = gaps < reach[:, None]
+    near[1:] &= gaps[1:] <= gaps[:-1]
+    near[:-1] &= gaps[:-1] <= gaps[1:]
+    for place in places:
+        near[(s >= place.start - same) & (s <= place.end + same), place.obstacle] = False
+    k, j = np.nonzero(near)
+    return j, s[k], reach[k]
 
 
 def deep(held: Held, places: tuple[Place, ...]) -> list[Place]:
@@ -58,25 +82,27 @@ def _lowest(held: Held, places: tuple[Place, ...], through: float) -> list[Array
     return found
 
 
-def _least(held: Held, j: int, near: Array) -> list[Place]:
-    """Return points near arc lengths (n,) where the gap to an obstacle is least, and below 0.
+def _least(held: Held, j: Index, near: Array, reach: Array) -> tuple[Array, Array]:
+    """Return where gaps to obstacles (n,) are least (n,) no farther from arc lengths, and the gaps.
 
-    Between nodes as accurately as at them: what is known of an element by its polynomial alone may
-    be below 0 next to where the arm touches.
+    As accurately between nodes as at them: what is known of an element by its polynomial alone may
+    be below 0 next to where the arm touches. By Newton's method between slopes of either sign.
     """
-    system, L = held.here.system, held.here.system.arm.length
-    h, first, s = np.diff(system.mesh.s).max(), near, near.copy()
-    if not s.size:
-        return []
-    which, ends = np.full(s.size, j), np.array([_FIRST * h, *sorted(held.corners)])
-    k = np.searchsorted(ends, first).clip(1, ends.size - 1)
-    least, most = np.maximum(first - h / 2, ends[k - 1]), np.minimum(first + h / 2, ends[k])
+    system, s = held.here.system, near.copy()
+    ends = np.array([_FIRST * np.diff(system.mesh.s).max(), *sorted(held.corners)])
+    k = np.searchsorted(ends, near).clip(1, ends.size - 1)
+    low, high = np.maximum(near - reach, ends[k - 1]), np.minimum(near + reach, ends[k])
+    best, least = near.copy(), np.full(s.size, np.inf)
     for _ in range(_SOUGHT):
-        _, slope, curve = along(system, held.here.x, s, which).T
-        step = np.where(curve > 0, -slope / np.maximum(curve, 1e-300), -h * np.sign(slope))
-        s = np.clip(s + np.clip(step, -h / 4, h / 4), least, most)
-    low = along(system, held.here.x, s, which)[:, 0] < -THROUGH * L
-    return [Place(j, float(at), float(at)) for at in s[low]]
+        gap, slope, curve = along(system, held.here.x, s, j).T
+        best, least = np.where(gap < least, s, best), np.minimum(gap, least)
+        low, high = np.where(slope < 0, s, low), np.where(slope < 0, high, s)
+        on = s - slope / np.where(curve > 0, curve, np.inf)
+        inside = (curve > 0) & (on > low) & (on < high)
+        s = np.where(inside, on, (low + high) / 2)
+        if np.abs(s - best).max() < _CLOSE * held.length:
+            break
+    return best, least
 
 
 def gaps_along(system: System, states: Array) -> tuple[Array, Array]:

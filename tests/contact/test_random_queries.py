@@ -26,6 +26,7 @@ def ending(seed: int) -> str:
     "it slides over an edge",
     "two places next to an anchorage",
     "a mesh with more nodes than it began with",
+    "a gap that dips below 0 between two looks",
 )
 @pytest.mark.parametrize(
     "seed",
@@ -37,6 +38,9 @@ def ending(seed: int) -> str:
         pytest.param(37, id="two places next to an anchorage"),
         pytest.param(134, id="a mesh with more nodes than it began with"),
         pytest.param(75, id="heavy silicone, three obstacles"),
+        pytest.param(256, id="a part that ends at an edge"),
+        pytest.param(368, id="a gap that dips below 0 between two looks"),
+        pytest.param(498, id="the tip and a place just before it"),
     ],
 )
 def test_a_query_is_settled(seed: int) -> None:
