@@ -124,7 +124,8 @@ class GivenLengths:
         hold = HeldLengths(self.winches)
         here = None
         if near is not None and near.known is not None:
-            here = forward.near(near.tensions, near.known, hold)
+            T = np.where(self.winches.held, near.tensions, self.winches.tensions)
+            here = forward.near(T, near.known, hold)
         if here is None:
             here = forward.from_rest(self._unloaded.tensions, hold)
         return self._of(forward, here)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import scipy
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dgesv
+from scipy.linalg.lapack import dgesdd, dgesv
 
 from model.paths import Array
 
@@ -74,7 +74,7 @@ def _least(M: Array, w: Array, z: Array, rounding: float) -> Array:
 
     Least distance programming: Lawson and Hanson, Solving Least Squares Problems (1974), 23.4.
     """
-    left, values, right = np.linalg.svd(M)
+    left, values, right, _ = dgesdd(M)
     felt = values * np.abs(z).max() > rounding
     found = z + right[felt].T @ ((left[:, felt].T @ -w) / values[felt])
     idle = right[~felt]
@@ -87,7 +87,7 @@ def _least(M: Array, w: Array, z: Array, rounding: float) -> Array:
     r = E @ scipy.optimize.nnls(E, f)[0] - f
     if np.linalg.norm(r) <= _APART:
         return np.asarray(found)
-    raised = found - idle.T @ (r[:-1] / r[-1] * size)
+    raised = found + idle.T @ (r[:-1] / (r @ r) * size)  # the last of r is -r.r, but for rounding
     return np.asarray(np.where(np.abs(raised) <= _TINY * size, 0.0, raised))
 
 
@@ -95,8 +95,18 @@ def is_firm(M: Array, share: float) -> bool:
     """Return whether M (n, n) feels all combinations by more than a share of its largest."""
     if not M.size:
         return True
-    values = np.linalg.svd(M, compute_uv=False)
+    values = singular_values(M)
     return bool(values[-1] > share * values[0])
+
+
+def singular_values(M: Array) -> Array:
+    """Return the singular values of M (n, n), the largest first."""
+    return np.asarray(dgesdd(M, compute_uv=0)[1])
+
+
+def solved(M: Array, right: Array) -> Array:
+    """Return M^-1 right (n,), by LAPACK as it is: for small systems half of NumPy's time."""
+    return np.asarray(dgesv(M, right)[2])
 
 
 def unfelt(M: Array, share: float) -> Array:

@@ -29,7 +29,7 @@ _STEPS, _HALVINGS = 60, 20
 _ROUNDING, _MET = 1e-16, 1e-12
 # The last step, whose square is rounding: what it changes of lengths over the arm's length, and of
 # tensions over the largest.
-LAST_STEP = 1e-7, 1e-5
+_LAST_STEP = 1e-7, 1e-5
 # Steps may leave at most this share of the slope along them, on either side of the maximum.
 _SLOPE = 0.9
 
@@ -54,14 +54,8 @@ class CompliantTendons:
         """Return the same arm with other winches."""
         return CompliantTendons(self.arm, winches, self.lengths)
 
-    def maximum(
-        self, at: Lengths, compliance: float, last_step: tuple[float, float] = LAST_STEP
-    ) -> Lengths | None:
-        """Return the shape where tendons have this compliance [m/N]; None if none is found.
-
-        The last step changes lengths by no more than the first of `last_step` over the arm's
-        length, and tensions by no more than the second of it over the largest.
-        """
+    def maximum(self, at: Lengths, compliance: float) -> Lengths | None:
+        """Return the shape where tendons have this compliance [m/N]; None if none is found."""
         last, L = np.inf, self.arm.length
         soft = self.winches.stretch + compliance
         for _ in range(_STEPS):
@@ -74,7 +68,7 @@ class CompliantTendons:
             if to is None:
                 return None
             change = to - at.tensions
-            if off <= last_step[0] and np.abs(change).max() <= last_step[1] * to.max():
+            if off <= _LAST_STEP[0] and np.abs(change).max() <= _LAST_STEP[1] * to.max():
                 return moved(at, to)
             searched = self._searched(at, change, left, soft)
             if searched is None:
@@ -126,7 +120,8 @@ class CompliantTendons:
 
     def matrix_of(self, own: Any, at: Lengths) -> Array:
         """Return how what is left of tendons (n,) grows with their tensions (n, n) [m/N]."""
-        found = np.diag(self.winches.stretch[own]) - at.by_tensions[own[:, None], own]
+        found = -at.by_tensions[own[:, None], own]
+        found.ravel()[:: own.size + 1] += self.winches.stretch[own]
         return np.asarray(found)
 
 

@@ -10,7 +10,7 @@ is the closed form of the paper's tangent, whose curvature never passes 1/y eith
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -23,7 +23,9 @@ from model.paths import Array
 from model.stations import Stations, crossing
 
 # Ordinary tensions settle in 4 to 7 steps; a thousand times as much in 30.
-_STEPS, _ROBUST_STEPS = 10, 40
+STEPS, ROBUST_STEPS = 10, 40
+# For a guess so many do, of which the last is no longer than this.
+_ROUGH, _ROUGHLY = 5, 0.1
 # Of a neo-Hookean body at rest, the least stiffness that a step is taken with: the energy is not
 # convex everywhere. That of a linear body is, and at least as stiff as without tendons.
 _LEAST = 0.1
@@ -43,8 +45,8 @@ class EnergyStatics:
     law : EnergySection
     row, cos, sin
         Which of the offsets y_i each tendon has, and its direction (n, b).
-    robust : bool
-        Whether to take more steps, for tensions far beyond the usual.
+    steps : int
+        How many are taken: more for tensions far beyond the usual.
     settled : float
         A section is in equilibrium where the last step is below it, relative to its strains.
     """
@@ -53,7 +55,7 @@ class EnergyStatics:
     row: tuple[int, ...]
     cos: tuple[float, ...]
     sin: tuple[float, ...]
-    robust: bool = False
+    steps: int = STEPS
     settled: float = 1e-9
 
     @property
@@ -97,11 +99,16 @@ class EnergyStatics:
             found += pull[j] * self.law.tendon(v, path)
         return found
 
+    def rough(self) -> EnergyStatics:
+        """See ClosedStatics.rough."""
+        few = self.steps == STEPS
+        return replace(self, steps=_ROUGH, settled=_ROUGHLY) if few else self
+
     def solve(self, pull: ca.SX, data: ca.SX) -> ca.SX:
         """See ClosedStatics.solve: a fixed number of steps."""
         step = _newton(self)
         u, w = self._straight(pull, data), ca.SX.zeros(1 + self.is_rubber, self.n_pull)
-        for _ in range(_ROBUST_STEPS if self.robust else _STEPS):
+        for _ in range(self.steps):
             u, w, size = step(u, w, pull, data)
         return ca.if_else(size < self.settled, self._strains(u), np.nan)
 

@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 
 from model.arm import Arm
-from model.cross_section.law import CrossSection, size
+from model.cross_section.law import size
 from model.errors import UnsettledSectionError
 from model.machine.buffered import Buffered
 from model.machine.compiled import kernels
@@ -25,6 +25,7 @@ from model.scene import Scene
 from model.stations import crossing, stations, tendon_paths
 from model.transcription.collocation import gauss
 from model.unloaded.closed_form import pull_at, strain_function, unloaded
+from model.unloaded.length_steps import newton_steps
 from model.unloaded.statics import ClosedStatics, closed_statics
 
 # Strains are analytic between nodes: so many Gauss points on the coarsest mesh leave rounding only,
@@ -32,6 +33,8 @@ from model.unloaded.statics import ClosedStatics, closed_statics
 _POINTS = 8
 # So few leave 1e-7 of the arm's length at most, of tensions mostly less than 1e-5: to begin with.
 FEW = 3
+# Newton steps in one call.
+_STEPS = 2
 
 
 class Lengths(NamedTuple):
@@ -52,6 +55,24 @@ class Lengths(NamedTuple):
     by_tensions: Array
 
 
+class Stepped(NamedTuple):
+    """Where Newton steps lead to.
+
+    Attributes
+    ----------
+    at : Lengths
+        Before the last of them.
+    to : (n_tendons,)
+        Tensions after it [N].
+    solved : bool
+        Whether these are those of the linearised lengths.
+    """
+
+    at: Lengths
+    to: Array
+    solved: bool
+
+
 class TendonLengths:
     """Tensions to lengths of the tendons, by Gauss quadrature with `points` in each step."""
 
@@ -61,48 +82,58 @@ class TendonLengths:
         mesh, method = graded(arm, 1), gauss(points)
         scene, h = unloaded(scene), np.diff(mesh.s)
         statics = closed_statics(scene, arm)
+        if points <= FEW:
+            statics = statics.rough()
         self.s = (mesh.s[:-1, None] + h[:, None] * method.c).ravel()
         active, weights = np.repeat(mesh.active, points), np.outer(h, method.b).ravel()
         at = stations(arm, self.s, active)
         place, tendon = np.nonzero(crossing(arm, at))
-        self._maps, self._shape = statics.pulls(arm, at), (self.s.size, arm.n_tendons)
-        paths, weight = np.zeros((*self._shape, 4)), np.zeros(self._shape)
+        shape = self.s.size, arm.n_tendons
+        paths, weight = np.zeros((*shape, 4)), np.zeros(shape)
         paths[place, tendon] = tendon_paths(arm, at, place, tendon).T
         weight[place, tendon] = weights[place]
 
-        T = ca.MX.sym("T", arm.n_tendons)
+        T, maps = ca.MX.sym("T", arm.n_tendons), statics.pulls(arm, at)
         pull, data = pull_at(arm, statics, self.s, active, T)
-        functions = [strain_function(statics), _by_pull(statics), _runs(statics.law, T.numel())]
-        strain, by_pull, runs = kernels(functions, machine_code)
+        functions = strain_function(statics), _length_slopes(statics, arm.n_tendons)
+        strain, slopes = kernels(functions, machine_code)
         strains = strain.map(self.s.size)(pull, data)
-        v, slopes = by_pull.map(self.s.size)(strains, pull, data)
-        lengths = runs.map(self.s.size)(v, paths.reshape(self.s.size, -1).T, weight.T)
-        self._call = Buffered(
-            ca.Function("tendon_lengths", [T], [ca.sum2(lengths[0]), lengths[1], slopes])
-        )
+        given = (part.reshape(self.s.size, -1).T for part in (maps, paths, weight))
+        lengths, by_strains, moved = slopes.map(self.s.size)(strains, pull, data, *given)
+        by_tensions = by_strains @ moved.T
+        found = [ca.sum2(lengths), ca.densify(by_tensions)]
+        self.function = ca.Function("tendon_lengths", [T], found)
+        self._call, self._machine_code = Buffered(self.function), machine_code
+        self._strains = ca.Function("strains", [T], [strains])
         self._robust: Callable[[], TendonLengths] | None = None
         if scene.robust() != scene:
             self._robust = partial(tendon_lengths, arm, scene.robust(), machine_code, points)
 
     def __call__(self, tensions: Array) -> Lengths:
         """Return the lengths under tensions (n_tendons,); raises UnsettledSectionError."""
-        lengths, by_strains, slopes = self._call(tensions)
+        lengths, by_tensions = self._call(tensions)
         if np.isnan(lengths.sum()):
             if self._robust is not None:
                 return self._robust()(tensions)
-            lost = np.isnan(slopes).any(axis=1)
+            lost = np.isnan(self._strains(tensions).full()).any(axis=0)
             raise UnsettledSectionError(float(self.s[np.argmax(lost)]))
-        N, n_tendons = self._shape
-        moved = slopes.reshape(N, self._maps.shape[1], -1).transpose(0, 2, 1) @ self._maps
-        # (n_tendons, n) of each cross-section, column by column.
-        by_strains = by_strains.reshape(-1, n_tendons).T
-        by_tensions = by_strains @ moved.reshape(-1, n_tendons)
-        return Lengths(tensions, lengths[0], by_tensions)
+        return Lengths(tensions, lengths[0], by_tensions.T.copy())
+
+    def stepped(self, at: Lengths, left: Array, soft: Array, held: Array) -> Stepped:
+        """Return where Newton steps lead to tensions that winches ask for; see newton_steps."""
+        T, lengths, slopes, to, wrong = self._steps(
+            *at[:2], at.by_tensions.T.ravel(), left, soft, held
+        )
+        return Stepped(Lengths(T[0], lengths[0], slopes.T.copy()), to[0], wrong[0, 0] == 0)
+
+    @cached_property
+    def _steps(self) -> Buffered:
+        return Buffered(newton_steps(self.function, _STEPS, self._machine_code))
 
     @cached_property
     def at_rest(self) -> Lengths:
         """The lengths without tensions."""
-        return self(np.zeros(self._shape[1]))
+        return self(np.zeros(self.function.numel_in(0)))
 
 
 @lru_cache(maxsize=48)
@@ -114,29 +145,26 @@ def tendon_lengths(
 
 
 @lru_cache(maxsize=24)
-def _by_pull(statics: ClosedStatics) -> ca.Function:
-    """Return (tau, xi, k, q), pull, data -> the strains v (n,), and how they move with pull."""
+def _length_slopes(statics: ClosedStatics, n_tendons: int) -> ca.Function:
+    """Return strains, pull, data, maps, paths, weights -> |u_c'| of tendons, and their slopes.
+
+    Strains are (tau, xi, k, q), maps (n_pull n_tendons,) take tensions to pull, row by row, paths
+    (4 n_tendons,) stand one after the other. |u_c'| (n_tendons,) and its derivatives by the strains
+    v (n_tendons, n) count by the weights; derivatives of v by the tensions are (n_tendons, n).
+    """
     strain, law = ca.SX.sym("strain", 4), statics.law
     pull, data = ca.SX.sym("pull", statics.n_pull), ca.SX.sym("data", statics.n_data)
+    maps = ca.SX.sym("maps", n_tendons, statics.n_pull)
+    paths, weight = ca.SX.sym("paths", 4, n_tendons), ca.SX.sym("weight", n_tendons)
     stretch, v = 1 + strain[3], ca.SX.sym("v", size(law))
     now = law.strains(stretch * strain[:3], ca.vertcat(stretch, 0, 0))
     wrench = statics.wrench(v, pull, data)
     moved = -ca.inv_minor(ca.jacobian(wrench, v)) @ ca.jacobian(wrench, pull)
-    found = ca.substitute([ca.vec(ca.densify(moved))], [v], [now])[0]
-    given = [strain, pull, data]
-    return ca.Function("by_pull", given, [ca.densify(now), found], {"cse": True})
-
-
-@lru_cache(maxsize=24)
-def _runs(law: CrossSection, n_tendons: int) -> ca.Function:
-    """Return strains, paths, weights -> weighted |u_c'| of the tendons, and how they move with v.
-
-    Paths (4 n_tendons,) stand one after the other, derivatives (n_tendons, n) column by column.
-    """
-    v, path = ca.SX.sym("v", size(law)), ca.SX.sym("path", 4)
-    one = ca.Function("run", [v, path], [ca.norm_2(law.run(v, path))])
-    paths, weight = ca.SX.sym("paths", 4, n_tendons), ca.SX.sym("weight", n_tendons)
-    runs = [weight[j] * one(v, paths[:, j]) for j in range(n_tendons)]
-    rows = [ca.densify(ca.gradient(run, v)).T for run in runs]
-    found = [ca.vertcat(*runs), ca.vec(ca.vertcat(*rows))]
-    return ca.Function("runs", [v, ca.vec(paths), weight], found, {"cse": True})
+    alone = statics.n_pull == n_tendons  # each pulls by itself, where it crosses
+    moved = moved @ ca.diag(ca.diag(maps)) if alone else moved @ maps.T
+    runs = [weight[j] * ca.norm_2(law.run(v, paths[:, j])) for j in range(n_tendons)]
+    slopes = ca.vertcat(*(ca.densify(ca.gradient(run, v)).T for run in runs))
+    found = [ca.vertcat(*runs), ca.densify(slopes), ca.densify(moved.T)]
+    found = ca.substitute(found, [v], [now])
+    given = [strain, pull, data, ca.vec(maps), ca.vec(paths), weight]
+    return ca.Function("slopes", given, found, {"cse": True})

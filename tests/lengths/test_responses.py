@@ -62,6 +62,18 @@ def test_shapes_are_followed_along_a_path_of_lengths() -> None:
         check_complementary(shape)
 
 
+@pytest.mark.parametrize("scene", [EXACT, WATER])
+def test_a_shape_nearby_does_not_keep_the_tensions_that_forces_held_there(scene: Scene) -> None:
+    """They stayed as they were, silently."""
+    lengths, given = lengths_of(scene), np.full(12, np.nan)
+    lengths[:4], given[:4] = np.nan, T.ravel()[:4]
+    shape = settle(ARM, given, scene, lengths=lengths)
+    given[:4] += 0.02
+    found = settle(ARM, given, scene, lengths=lengths, near=shape)
+    assert np.array_equal(found.tensions[:4], given[:4])
+    assert found.tip == pytest.approx(settle(ARM, given, scene, lengths=lengths).tip, abs=1e-6)
+
+
 def test_many_sets_of_lengths_settle_as_each_does() -> None:
     lengths = lengths_of(EXACT)
     sets = [lengths, lengths - 2e-3]
