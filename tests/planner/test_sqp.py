@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -77,6 +79,23 @@ def test_states_follow_to_optima(name: str) -> None:
         steps.append(found.iterations)
     assert len(steps) >= 3
     assert np.median(steps) <= 12
+
+
+def test_what_comes_near_a_known_optimum_is_taken_for_it() -> None:
+    T = np.array([0, 0, 0.2, 0, 0, 0.4, 0, 0, 0, 0, 1.0, 0])
+    problem, p, limits = stated(T, "tip")
+    x, bounds = problem.free(T, limits), problem.free_bounds(limits)
+    alone = solve_quadratic(problem, x, p, bounds)
+    assert alone is not None
+    assert alone.met
+    joined = solve_quadratic(problem, x, p, bounds, known=[alone])
+    assert joined is not None
+    assert np.array_equal(joined.x, alone.x)
+    assert joined.iterations < alone.iterations
+    elsewhere = replace(alone, x=alone.x + 0.05 * np.abs(alone.x).max())
+    apart = solve_quadratic(problem, x, p, bounds, known=[elsewhere])
+    assert apart is not None
+    assert apart.iterations == alone.iterations
 
 
 def test_what_cannot_be_met_has_no_optimum() -> None:
