@@ -14,7 +14,7 @@ are medians over tensions and repeats, bars their quartiles, crosses failures; s
 `settle`, `tip_jacobian` and `plan` choose by themselves, for accuracies of 1e-2 to 1e-10. A plan
 includes its certificate, SLSQP nothing of the kind; it starts once, from moderate tensions.
 
-Command: python -m studies.accuracy_cost [--cases 5] [--repeats 20] [--targets 7] [--out out]
+Command: python -m studies.accuracy_cost [--cases 3] [--repeats 20] [--targets 5] [--out out]
 
 Answer: of the paper's statics the sixth-order Magnus way is the cheapest for every error below
 1e-6, the fourth-order one as cheap above, and both 50 to 100 times cheaper than SciPy's
@@ -112,45 +112,20 @@ def table(title: str, curves: Sequence[Curve], unit: str) -> None:
         print(f"  {curve.name:<34}{text}{lost}", flush=True)
 
 
-def main(argv: Sequence[str] | None = None) -> None:
-    """Print the tables and save the figures."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--cases", type=int, default=5, help="random sets of tensions")
-    parser.add_argument("--repeats", type=int, default=20)
-    parser.add_argument("--targets", type=int, default=7)
-    parser.add_argument("--finest", type=int, default=256, help="the finest mesh")
-    parser.add_argument("--settings", type=int, default=20, help="accuracies, at most")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=Path, default=Path("out"))
-    args = parser.parse_args(argv)
-    print(machine("soromox"))
-    size = Size(args.cases, args.repeats, args.finest, args.settings)
-    rng = np.random.default_rng(args.seed)
-    settled = settling(PAPER, size, rng)
-    table("settling", [curve.by_time() for curve in settled], "ms")
-    loaded = settling(WEIGHT[0], size, rng)
-    table("settling with weight in water", [curve.by_time() for curve in loaded], "ms")
-    exact = settling(EXACT, size, rng, EXPLICIT)
-    table("settling with exact tendons", [curve.by_time() for curve in exact], "ms")
-    jacobian = jacobians(size, rng)
-    table("tip Jacobian", [curve.by_time() for curve in jacobian], "ms")
-    by_statics = statics(size, rng)
-    table("statics, tip off the neo-Hookean one", by_statics, "ms")
-    gaps, efforts = plans(reachable(args.targets, rng), size, rng)
-    table("plans, tip off its target", gaps, "s")
-    table("plans, effort above the best found", efforts, "s")
-    silicone = {}
-    for which in SCENES:
-        for title, measure in (("settling", work_silicone.settling), ("plan of a tip", planning)):
-            curves = measure(which, size, rng)
-            silicone[f"{title}, {which}"] = curves
-            table(f"{title}, {which}", [curve.by_time() for curve in curves], "ms")
-            print("  " + "; ".join(orders(curves)))
-    args.out.mkdir(parents=True, exist_ok=True)
-    draw_silicone(silicone).savefig(args.out / "accuracy_cost_silicone.png", dpi=110)
+def settled(size: Size, rng: np.random.Generator, out: Path) -> None:
+    """Print and draw settling, and the tip Jacobian."""
+    panels = {
+        "settling": settling(PAPER, size, rng),
+        "settling with weight in water": settling(WEIGHT[0], size, rng),
+        "settling with exact tendons": settling(EXACT, size, rng, EXPLICIT),
+        "tip Jacobian": jacobians(size, rng),
+    }
+    for title, curves in panels.items():
+        table(title, [curve.by_time() for curve in curves], "ms")
+    paper, loaded, exact, jacobian = panels.values()
     figures = {
         "accuracy_cost": {
-            "settling": (settled, TIP),
+            "settling": (paper, TIP),
             "tip Jacobian by 12 tensions": (jacobian, "verified error of the Jacobian"),
         },
         "accuracy_cost_dearer": {
@@ -158,10 +133,50 @@ def main(argv: Sequence[str] | None = None) -> None:
             "exact tendons": (exact, TIP),
         },
     }
-    for name, panels in figures.items():
-        draw_times(panels).savefig(args.out / f"{name}.png", dpi=110)
+    for name, shared in figures.items():
+        draw_times(shared).savefig(out / f"{name}.png", dpi=110)
+
+
+def planned(size: Size, rng: np.random.Generator, out: Path, targets: int) -> None:
+    """Print and draw plans, and what the statics leave out."""
+    by_statics = statics(size, rng)
+    table("statics, tip off the neo-Hookean one", by_statics, "ms")
+    gaps, efforts = plans(reachable(targets, rng), size, rng)
+    table("plans, tip off its target", gaps, "s")
+    table("plans, effort above the best found", efforts, "s")
     figure = draw_planning(gaps, efforts, by_statics)
-    figure.savefig(args.out / "accuracy_cost_plans.png", dpi=110)
+    figure.savefig(out / "accuracy_cost_plans.png", dpi=110)
+
+
+def in_silicone(size: Size, rng: np.random.Generator, out: Path) -> None:
+    """Print and draw settling and planning in silicone."""
+    panels = {}
+    for which in SCENES:
+        for title, measure in (("settling", work_silicone.settling), ("plan of a tip", planning)):
+            curves = measure(which, size, rng)
+            panels[f"{title}, {which}"] = curves
+            table(f"{title}, {which}", [curve.by_time() for curve in curves], "ms")
+            print("  " + "; ".join(orders(curves)))
+    draw_silicone(panels).savefig(out / "accuracy_cost_silicone.png", dpi=110)
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Print the tables and save the figures."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--cases", type=int, default=3, help="random sets of tensions")
+    parser.add_argument("--repeats", type=int, default=20)
+    parser.add_argument("--targets", type=int, default=5)
+    parser.add_argument("--finest", type=int, default=256, help="the finest mesh")
+    parser.add_argument("--settings", type=int, default=20, help="accuracies, at most")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", type=Path, default=Path("out"))
+    args = parser.parse_args(argv)
+    print(machine("soromox"))
+    size = Size(args.cases, args.repeats, args.finest, args.settings)
+    args.out.mkdir(parents=True, exist_ok=True)
+    settled(size, np.random.default_rng(args.seed), args.out)
+    planned(size, np.random.default_rng(args.seed), args.out, args.targets)
+    in_silicone(size, np.random.default_rng(args.seed), args.out)
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ from studies import draws
 from studies.baseline_silicone import ScipySiliconeArm
 from studies.tip_targets import MAXIMUM
 from studies.work import Measured, Size
-from studies.work_settle import KNOB, RTOLS, chosen, tip_by
+from studies.work_settle import KNOB, chosen, tip_by
 
 # Four would take a Magnus expansion of order eight, with some thirty brackets more.
 STAGES = (1, 2, 3)
@@ -32,8 +32,10 @@ SCENES = {
     "silicone": (Scene.silicone(), 0.0, 0.0),
     "silicone in water": (Scene.silicone(Weight(), Buoyancy(1000.0)), -9.81, 1000.0),
 }
+# Of SciPy, each of whose settles takes seconds.
+_TOLERANCES = (1e-2, 1e-4, 1e-6, 1e-8)
 # A plan begins where its tensions are so much of those that are wanted; finer meshes cost minutes.
-_BEGINS, _FINEST, _FEW, _ROUNDING = 0.8, 32, 7, 3e-10
+_BEGINS, _FINEST, _ROUNDING = 0.8, 32, 3e-10
 
 
 def name(stages: int) -> str:
@@ -60,8 +62,8 @@ def settling(which: str, size: Size, rng: np.random.Generator) -> list[Measured]
     scipy, few = ScipySiliconeArm(arm, np.zeros(3), np.array([0, 0, gravity]), fluid), []
     for way, method in (("SciPy shooting", scipy.shoot), ("SciPy solve_bvp", scipy.collocate)):
         curve = Measured(way, "other")
-        for rtol in RTOLS[: min(_FEW, size.settings)]:
-            curve.add(lambda i, w=method, r=rtol: w(T[i], r), off, replace(size, repeats=1))
+        for rtol in _TOLERANCES[: size.settings]:
+            curve.add(lambda i, w=method, r=rtol: w(T[i], r), off, size)
         few.append(curve)
     return [*curves, chosen(arm, scene, T, off, size), *few]
 

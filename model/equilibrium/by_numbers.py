@@ -34,15 +34,20 @@ class ByNumbers:
         Of the numbers of its equations.
     tensions : (n_tendons, K)
         Of its tensions [N].
+    moved : (n_states, K)
+        `right`, where it was worked out beforehand, with those of other equilibria.
     """
 
     here: Linearised
     slopes: NumberSlopes
     tensions: Array
+    moved: Array | None = None
 
     @cached_property
     def right(self) -> Array:
         """Of the residuals at states that stay (n_states, K)."""
+        if self.moved is not None:
+            return self.moved
         return np.asarray(self.here.system.by_numbers(self.here.x) @ self.slopes.p)
 
     @cached_property
@@ -80,10 +85,8 @@ def by_numbers(
         return []
     system = heres[0].system
     right = system.moved_by_numbers(np.array([here.x for here in heres]), slopes.p)
-    found = [ByNumbers(here, slopes, T) for here, T in zip(heres, tensions, strict=True)]
-    for own, rows in zip(found, right, strict=True):
-        own.__dict__["right"] = rows  # where the cached property has it
-    return found
+    rows = zip(heres, tensions, right, strict=True)
+    return [ByNumbers(here, slopes, T, moved) for here, T, moved in rows]
 
 
 def displaced(poses: Array, moved: Array) -> Array:

@@ -83,11 +83,14 @@ class Linearised:
         Tensions, load factor and states.
     near : Linearised
         The equations linearised so near that their Jacobian and its factors are as good.
+    jacobian : (nnz,)
+        The nonzeros, where they were worked out beforehand, with those of other points.
     """
 
     system: System
     x: Array
     near: Linearised | None = None
+    jacobian: Array | None = None
 
     @cached_property
     def refreshed(self) -> Linearised:
@@ -102,7 +105,14 @@ class Linearised:
     @cached_property
     def nonzeros(self) -> Array:
         """The nonzeros of the Jacobian (nnz,), in the places of `band`."""
-        return self.near.nonzeros if self.near else self.system.jacobian(self.x)
+        if self.near:
+            return self.near.nonzeros
+        return self.system.jacobian(self.x) if self.jacobian is None else self.jacobian
+
+    @property
+    def has_own_jacobian(self) -> bool:
+        """Whether the nonzeros at this very point are worked out already."""
+        return self.near is None and (self.jacobian is not None or "nonzeros" in vars(self))
 
     @property
     def tensions(self) -> Array:
@@ -202,16 +212,14 @@ class Linearised:
 
 def linearised(system: System, x: Array) -> list[Linearised]:
     """Return the equations linearised at many points x (N, n_x), their Jacobians side by side."""
-    found = [Linearised(system, row) for row in x.copy()]
-    for here, nonzeros in zip(found, system.jacobians(x), strict=True):
-        here.__dict__["nonzeros"] = nonzeros  # where the cached property has it
-    return found
+    pairs = zip(x.copy(), system.jacobians(x), strict=True)
+    return [Linearised(system, row, jacobian=nonzeros) for row, nonzeros in pairs]
 
 
 def refreshed(heres: Sequence[Linearised]) -> list[Linearised]:
     """Return points of one system with Jacobians of their own, worked out side by side."""
     found = list(heres)
-    late = [i for i, own in enumerate(heres) if own.near or "nonzeros" not in own.__dict__]
+    late = [i for i, own in enumerate(heres) if not own.has_own_jacobian]
     if late:
         fresh = linearised(heres[0].system, np.array([heres[i].x for i in late]))
         for i, here in zip(late, fresh, strict=True):
