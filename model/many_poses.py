@@ -34,7 +34,7 @@ def many_poses(forward: ExplicitMap, nodes: Sequence[int]) -> ManyPoses:
             return lambda T: tables.poses(T, own)
     T = ca.MX.sym("T", forward.function.size1_in(0))
     poses, stretch = forward.function(T)[:2]
-    found = [ca.densify(poses[:, own.tolist()]), ca.densify(ca.mmin(stretch))]
+    found = [ca.vec(ca.densify(poses[:, own.tolist()])), ca.densify(ca.mmin(stretch))]
     mapped = Mapped(ca.Function("poses", [T], found))
 
     def by_casadi(T: Array) -> tuple[Array, Array]:

@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 
 from model import Anchorage, Arm, Linear, Material, Scene, conical
-from model.effects import ExactTendons, Extension
+from model.effects import ExactTendons, Extension, PrintedStatics
 from model.forward import explicit_map
 from model.machine.batch import Batch
 from model.machine.buffered import Buffered
 from model.machine.program import OPERATIONS, Program
+from model.many_poses import many_poses
 from model.mesh_refinement import REFINEMENTS, first_pair, next_refinement
 from model.unloaded.closed_form import ClosedForm, pull_at
 from model.unloaded.pulls import PullPolynomials
@@ -61,6 +62,19 @@ def test_batches_are_one_by_one_to_rounding(scene: str, count: int) -> None:
         states, stretch = tables.forward.run(T[:, i])
         assert np.allclose(poses[:, :, i], states[nodes], rtol=0, atol=1e-14)
         assert np.isclose(least[i], stretch.min(), rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("scene", "scheme"), [(Scene(Extension()), "magnus4"), (Scene(PrintedStatics()), "rk4")]
+)
+def test_poses_of_many_arms_are_those_of_each(scene: Scene, scheme: str) -> None:
+    forward, T = explicit_map(ARM, scene, scheme, 2, (0.1, 0.3)), 0.2 * tensions(37)
+    nodes = [forward.mesh.node(s) for s in (0.1, 0.3, 0.45)]
+    poses, least = many_poses(forward, nodes)(T)
+    for i in range(0, 37, 6):
+        states, stretch = forward.run(T[:, i])
+        assert np.allclose(poses[:, :, i], states[nodes, :7], rtol=0, atol=1e-13)
+        assert np.isclose(least[i], stretch.min(), rtol=0, atol=1e-13)
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
