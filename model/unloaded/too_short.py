@@ -26,14 +26,21 @@ def refuse(tendons: CompliantTendons, found: Lengths) -> None:
     j = int(np.argmax(lacks >= lacks.max() * (1 - _TIED)))
     if lacks[j] <= SHORT * tendons.arm.length:
         return
+    if found.tensions[j] == 0:  # the search ended before it pulled: its least is unknown
+        told = "more, beside the other lengths: no shape of the arm is found that has these"
+        raise InputError(_name(tendons, j), float(tendons.winches.lengths[j]), told)
     least = _least(tendons, j, found)
     nearest = f"the nearest that a shape has is {found.lengths[j]:.9g} m"
     told = f"from {least:.7g} m on" if least else f"lengths that go together, {nearest}"
     raise InputError(
-        f"lengths[{j}] ({tendons.arm.tendon_name(j)})",
+        _name(tendons, j),
         float(tendons.winches.lengths[j]),
         f"{told}, beside the other lengths: no shape of the arm has these",
     )
+
+
+def _name(tendons: CompliantTendons, j: int) -> str:
+    return f"lengths[{j}] ({tendons.arm.tendon_name(j)})"
 
 
 def _least(tendons: CompliantTendons, j: int, found: Lengths) -> float:
