@@ -109,11 +109,11 @@ class Shape:
         loaded = is_loaded(self.scene)
         mesh = STAGES, self.refinement, (), loaded, self.machine_code
         here = by_collocation(self.arm, self.scene, *mesh).found(self.tensions, self.known)
-        firm = np.flatnonzero(self.winches.held & ~self.slack.ravel())
-        found = here.length_tension[np.ix_(firm, firm)]
-        idle = unfelt(np.diag(self.winches.stretch[firm]) - found, _FELT)
+        taut = np.flatnonzero(self.winches.held & ~self.slack.ravel())
+        found = here.length_tension[np.ix_(taut, taut)]
+        idle = unfelt(np.diag(self.winches.stretch[taut]) - found, _FELT)
         return tuple(
-            self.arm.tendon_name(int(j)) for j in firm[np.abs(idle).max(axis=0, initial=0) > _PART]
+            self.arm.tendon_name(int(j)) for j in taut[np.abs(idle).max(axis=0, initial=0) > _PART]
         )
 
     @property

@@ -40,8 +40,8 @@ from planner.plots.work import Curve, legend_below, plot_work
 from studies import work_silicone
 from studies.panels import lettered
 from studies.timing import machine
-from studies.work import Measured, Size
 from studies.work_plan import plans, reachable, statics
+from studies.work_precision import Measured, Size
 from studies.work_settle import EXACT, EXPLICIT, PAPER, WEIGHT, jacobians, settling
 from studies.work_silicone import SCENES, STAGES, orders, planning
 from studies.work_silicone import name as stages_name
@@ -128,7 +128,7 @@ def settled(size: Size, rng: np.random.Generator, out: Path) -> None:
             "settling": (paper, TIP),
             "tip Jacobian by 12 tensions": (jacobian, "verified error of the Jacobian"),
         },
-        "accuracy_cost_dearer": {
+        "accuracy_cost_scenes": {
             "weight in water": (loaded, TIP),
             "exact tendons": (exact, TIP),
         },

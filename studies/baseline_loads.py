@@ -25,7 +25,7 @@ class ScipyLoadedArm:
     """A conical arm with linear offsets under tensions, a tip force [N] and gravity [m/s2].
 
     A state is frame (9, by rows), moment of the loads beyond (3) and position (3), base frame. The
-    loads are brought on in `steps`. `rhs` counts the right-hand sides that were evaluated.
+    loads are applied in `steps`. `rhs` counts the right-hand sides that were evaluated.
     """
 
     def __init__(

@@ -36,7 +36,7 @@ from model.effects import Extension
 from model.obstacles import Capsule, Obstacle, Sphere
 from planner import Plan, plan
 from planner.targets import TipPosition
-from studies.keeping import keeping
+from studies.interrupts import keep_finished
 
 Array = NDArray[np.float64]
 MAXIMUM, SCENE = 20.0, Scene(Extension())
@@ -96,8 +96,8 @@ def timed(arm: Arm, tip: Array, **others: object) -> tuple[Plan, float]:
 
 def among_obstacles(arm: Arm, found: list[Shape], count: int, rng: np.random.Generator) -> None:
     """Print how many tips are solved among so many obstacles, and at what cost."""
-    solved, wrong, touched, ratios, dearer = [], 0, 0, [], []
-    with keeping():
+    solved, wrong, touched, ratios, efforts = [], 0, 0, [], []
+    with keep_finished():
         for shape in found:
             free, before = timed(arm, shape.tip)
             obstacles = clutter(arm, shape, free.shape, count, rng)
@@ -107,20 +107,20 @@ def among_obstacles(arm: Arm, found: list[Shape], count: int, rng: np.random.Gen
             wrong += p.certificate.passed and gap(p.shape, obstacles) < -1e-6
             if gap(free.shape, obstacles, 2000) < 0:
                 touched += 1
-                dearer.append(p.effort / free.effort)
+                efforts.append(p.effort / free.effort)
     print(f"{count} obstacles, {len(solved)} tips, touched by the free plan {touched}")
     print(f"  solved {np.mean(solved):.1%}, wrongly {wrong}")
     told = f"{np.median(ratios):.2f} median, {np.quantile(ratios, 0.9):.1f} of 90 %"
     print(f"  time over that without obstacles {told}, {np.max(ratios):.0f} most")
-    if dearer:
-        print(f"  effort of touched ones over that without {np.median(dearer):.2f} median")
+    if efforts:
+        print(f"  effort of touched ones over that without {np.median(efforts):.2f} median")
 
 
 def around_itself(arm: Arm, found: list[Shape]) -> None:
     """Print how many plans pass through the arm or its base plane, and what others cost."""
     told = {"the far side of its base plane": 0, "itself": 0}
-    otherwise, dearer, ratios, unsaid, total = 0, [], [], 0, 0
-    with keeping():
+    otherwise, efforts, ratios, unsaid, total = 0, [], [], 0, 0
+    with keep_finished():
         for shape in found:
             free, before = timed(arm, shape.tip)
             total += 1
@@ -134,11 +134,11 @@ def around_itself(arm: Arm, found: list[Shape]) -> None:
                 ratios.append(after / before)
                 if p.certificate.passed:
                     otherwise += 1
-                    dearer.append(p.effort / free.effort)
+                    efforts.append(p.effort / free.effort)
     print(f"{total} tips: through itself {told['itself']}, behind the base {max(told.values())}")
     print(f"  of these without a word {unsaid}, reached otherwise {otherwise} of {len(ratios)}")
-    if dearer:
-        print(f"  at an effort of {np.median(dearer):.2f} times (median), {max(dearer):.1f} most")
+    if efforts:
+        print(f"  at an effort of {np.median(efforts):.2f} times (median), {max(efforts):.1f} most")
     if ratios:
         print(f"  in {np.median(ratios):.1f} times the time (median), {max(ratios):.0f} most")
 

@@ -1,7 +1,7 @@
 """What does each effect do to the paper's shapes, and what does it cost?
 
 Question: by how much does each effect, alone and all together, move the tip of the bending of
-figure 11(b) and of the fetch of figure 15, and by what factor is a settle dearer?
+figure 11(b) and of the fetch of figure 15, and by what factor does a settle take longer?
 
 Assumptions: the tensions of tables 3 and 5; each effect is added to the paper's scene (extension
 alone) with the values listed in EFFECTS, which are those of a laboratory tank; accuracy 1e-6;

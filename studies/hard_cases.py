@@ -35,7 +35,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from studies.keeping import keeping
+from studies.interrupts import keep_finished
 from studies.panels import lettered
 from studies.sweeps import Sweeps, sweeps
 
@@ -153,7 +153,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     print(f"{'family':<24}{'members':>8}{'worst error':>13}{'tolerance':>11}", end="")
     print(f"{'refused':>9}{'wrong':>7}{'time [s]':>9}", flush=True)
     table: list[Family] = []
-    with keeping():
+    with keep_finished():
         for name in args.family or names():
             table.append(family(name, args.members))
             print(told(table[-1]), flush=True)

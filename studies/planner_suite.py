@@ -44,7 +44,7 @@ from planner import Limits, Plan, Statement, plan
 from planner.solve.multistart import Multistart
 from planner.solve.task import Task
 from planner.targets import Target
-from studies.keeping import keeping
+from studies.interrupts import keep_finished
 from studies.reachable import ARM, MAXIMUM, READ, SCENES, draw, off
 
 _NEAR, _WRONG, _SHIFT = 1e-6, 3e-6, 0.1
@@ -174,7 +174,7 @@ def report(cases: Sequence[Case]) -> None:
 
 
 def keep(cases: Sequence[Case], out: Path) -> None:
-    """Write a script for each case that failed, or was dearer than 1 % above the best known."""
+    """Write a script for each case that failed, or took 1 % above the best effort known."""
     for case in cases:
         if case.wrong or not case.reached or case.cost > 1.01:
             why = "wrong" if case.wrong else "dear" if case.reached else "none"
@@ -198,7 +198,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     jobs = [(i, args.seed, args.best_of) for i in range(args.targets)]
     cases: list[Case] = []
     pool = ProcessPoolExecutor(args.jobs)
-    with keeping():
+    with keep_finished():
         for case in tqdm(pool.map(run, jobs), total=len(jobs), disable=None):
             cases.append(case)
     pool.shutdown(cancel_futures=True)

@@ -34,7 +34,7 @@ from planner.program.problem import TRACES, build
 from planner.solve.ipopt import solve
 from planner.targets import TipPosition
 from studies.baselines import ScipyArm
-from studies.keeping import keeping
+from studies.interrupts import keep_finished
 
 Array = NDArray[np.float64]
 MAXIMUM = 20.0
@@ -92,7 +92,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     points = [draw(arm, scene, rng, i % 3) for i in range(args.targets)]
     plan(arm, TipPosition(tuple(points[0])), scene, MAXIMUM)
     efforts, seconds, starts, reached = [], [], [], []
-    with keeping():
+    with keep_finished():
         for point in points:
             begin = time.process_time()
             found = plan(arm, TipPosition(tuple(point)), scene, MAXIMUM)

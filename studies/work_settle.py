@@ -20,7 +20,7 @@ from studies.baseline_gvs import settler
 from studies.baseline_loads import ScipyLoadedArm
 from studies.baselines import ScipyArm
 from studies.speed_settle import LOADS
-from studies.work import Measured, Size
+from studies.work_precision import Measured, Size
 
 PAPER = Scene(Extension())
 EXACT = Scene(Extension(), ExactTendons())

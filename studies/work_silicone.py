@@ -23,7 +23,7 @@ from planner.targets import TipPosition
 from studies import draws
 from studies.baseline_silicone import ScipySiliconeArm
 from studies.tip_targets import MAXIMUM
-from studies.work import Measured, Size
+from studies.work_precision import Measured, Size
 from studies.work_settle import KNOB, chosen, tip_by
 
 # Four would take a Magnus expansion of order eight, with some thirty brackets more.

@@ -17,7 +17,7 @@ SMALL: dict[str, tuple[str, str, tuple[str, ...]]] = {
         "--cases 1 --repeats 1 --targets 1 --finest 1 --settings 1",
         "settle's choice",
         (
-            *("accuracy_cost.png", "accuracy_cost_dearer.png", "accuracy_cost_plans.png"),
+            *("accuracy_cost.png", "accuracy_cost_scenes.png", "accuracy_cost_plans.png"),
             "accuracy_cost_silicone.png",
         ),
     ),

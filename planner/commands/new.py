@@ -31,7 +31,7 @@ def run(args: argparse.Namespace) -> Answer:
     except (OSError, ValueError) as reason:
         told = f"a file that can be written: {why(reason)}"
         raise InputError("FILE", str(path), told) from None
-    return Answer(OK, lambda: f"{path} is there; now: octoplan plan {path} --out out")
+    return Answer(OK, lambda: f"{path} is written; next: octoplan plan {path} --out out")
 
 
 COMMAND = Command("new", "write a commented scene file to start from", add, run)

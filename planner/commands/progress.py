@@ -10,7 +10,7 @@ from typing import Any
 
 from tqdm import tqdm  # type: ignore[import-untyped]
 
-PATIENCE = 2.0
+DELAY = 2.0
 # How often the time that has passed is written anew [s].
 _EVERY = 0.5
 
@@ -47,7 +47,7 @@ class Bar:
 
     def _show(self) -> None:
         passed = time.monotonic() - self._begin
-        if passed < PATIENCE:
+        if passed < DELAY:
             return
         with self._lock:
             if self._bar is None:

@@ -38,7 +38,7 @@ _SLOPES = 1000
 # What is nearer is met but for the errors of the mesh; what is not may be a place to get stuck.
 _MET = 3e-3
 _SAME = 0.05
-# A fit so much dearer than the cheapest one leads to a dearer optimum.
+# A fit so much more expensive than the cheapest one leads to a more expensive optimum.
 _DEARER = 1.3
 
 

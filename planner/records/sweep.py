@@ -9,7 +9,7 @@ import msgspec
 from msgspec import Meta
 
 from planner.files import versions
-from planner.sweeps.asked import Sweep
+from planner.sweeps.definition import Sweep
 from planner.sweeps.sweep import Written
 
 
@@ -38,8 +38,8 @@ def sweep_record(asked: Sweep, found: Written, file: Path) -> SweepRecord:
         file=str(file),
         compute=asked.job.compute,
         dims=asked.dims,
-        points=found.tally.points,
-        met=found.tally.met,
-        failures=found.tally.failures,
+        points=found.summary.points,
+        met=found.summary.met,
+        failures=found.summary.failures,
         earlier=found.earlier,
     )

@@ -9,9 +9,9 @@ from typing import Any
 from model.errors import InputError, OctoplanError
 from model.extras import needed
 from planner.files import versions
-from planner.sweeps.asked import Sweep
-from planner.sweeps.points import Job, Point
+from planner.sweeps.definition import Sweep
 from planner.sweeps.variables import Rows
+from planner.sweeps.worker import Job, Point
 from planner.sweeps.workers import Found, WorkersLostError, one
 
 # Chunks under way for each thread of the cluster, and seconds until it has to have a worker.

@@ -9,8 +9,8 @@ import numpy as np
 
 from model.extras import needed
 from planner.files import versions
-from planner.sweeps.asked import Sweep
 from planner.sweeps.axes import Axis
+from planner.sweeps.definition import Sweep
 from planner.sweeps.values import Listed
 from planner.sweeps.variables import VARIABLES, Rows
 

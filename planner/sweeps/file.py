@@ -11,12 +11,12 @@ from model import InputError
 from model.errors import FileError
 from model.loads import is_loaded
 from planner.scenefile import Question, converted, decoded, question_of, table_of, text_of
-from planner.sweeps.asked import Sweep
 from planner.sweeps.axes import Axis, values_of
+from planner.sweeps.definition import Sweep
 from planner.sweeps.keys import changed, checked_key, unit_of, whole
-from planner.sweeps.points import Job
 from planner.sweeps.tables import MOST_POINTS, AxisTable, SweepFile, SweepTable
 from planner.sweeps.variables import RESERVED
+from planner.sweeps.worker import Job
 
 _SUCH = """
 

@@ -18,11 +18,11 @@ from model.errors import InputError
 from model.extras import needed
 from model.progress import tell
 from planner.staging import staged
-from planner.sweeps.asked import Sweep
-from planner.sweeps.boxes import boxes
 from planner.sweeps.dataset import coordinate, dataset
+from planner.sweeps.definition import Sweep
+from planner.sweeps.grid_slices import grid_slices
 from planner.sweeps.journal import Journal
-from planner.sweeps.tally import Tally
+from planner.sweeps.summary import Summary
 from planner.sweeps.variables import Rows, blank
 
 # Points that are written at a time, and that lie together in the file.
@@ -46,7 +46,7 @@ def check_store(path: Path) -> None:
         needed(package, extra)
 
 
-def save(sweep: Sweep, journal: Journal, path: Path) -> Tally:
+def save(sweep: Sweep, journal: Journal, path: Path) -> Summary:
     """Write what a journal holds to a path, whole or not at all, and return what became of it.
 
     Raises InputError where it cannot be written.
@@ -55,12 +55,12 @@ def save(sweep: Sweep, journal: Journal, path: Path) -> Tally:
         with staged(path.parent) as folder:
             new, old = folder / f"new{path.suffix.lower()}", folder / "old"
             with _grown(sweep, dataset(sweep, journal.read(0).part(0, 1), first=True), new) as put:
-                tally = _fill(sweep, journal, put)
+                summary = _fill(sweep, journal, put)
             if path.is_dir():
                 # A folder cannot take the place of another at once.
                 path.replace(old)
             new.replace(path)
-        return tally
+        return summary
     except OSError as reason:
         told = f"a place that can be written to: {(reason.strerror or str(reason)).lower()}"
         raise InputError("out", str(path), told) from None
@@ -83,16 +83,16 @@ def identity_in(path: Path) -> str:
         return ""
 
 
-def tally_in(path: Path, sweep: Sweep) -> Tally:
+def summary_in(path: Path, sweep: Sweep) -> Summary:
     """Return what became of a sweep's points that are written to a path, read part by part."""
-    tally, good = Tally(), "reached" if sweep.job.compute == "plan" else "settled"
+    summary, good = Summary(), "reached" if sweep.job.compute == "plan" else "settled"
     shape = tuple(sweep.dims.values())
     with opened(path) as found:
         for begin in range(0, sweep.size, _PART):
-            for box, _, _ in boxes(begin, min(begin + _PART, sweep.size), shape):
+            for box, _, _ in grid_slices(begin, min(begin + _PART, sweep.size), shape):
                 values = {good: np.ravel(found[good][box].values)}
-                tally.add(Rows(values, [str(x) for x in np.ravel(found["outcome"][box].values)]))
-    return tally
+                summary.add(Rows(values, [str(x) for x in np.ravel(found["outcome"][box].values)]))
+    return summary
 
 
 @contextmanager
@@ -131,8 +131,8 @@ def _parts(dims: tuple[str, ...], shape: tuple[int, ...], sweep: Sweep) -> tuple
     return tuple(parts)
 
 
-def _fill(sweep: Sweep, journal: Journal, arrays: Any) -> Tally:
-    tally = Tally()
+def _fill(sweep: Sweep, journal: Journal, arrays: Any) -> Summary:
+    summary = Summary()
     for axis in sweep.axes:
         for begin in range(0, len(axis.values), _PART):
             end = min(begin + _PART, len(axis.values))
@@ -141,8 +141,8 @@ def _fill(sweep: Sweep, journal: Journal, arrays: Any) -> Tally:
     for chunk in range(0, sweep.chunks, together):
         begin = chunk * sweep.chunk
         rows = _read(sweep, journal, chunk, min(chunk + together, sweep.chunks))
-        tally.add(rows)
-        for box, a, b in boxes(begin, begin + len(rows.outcomes), tuple(sweep.dims.values())):
+        summary.add(rows)
+        for box, a, b in grid_slices(begin, begin + len(rows.outcomes), tuple(sweep.dims.values())):
             shape = tuple(own.stop - own.start for own in box)
             part = rows.part(a - begin, b - begin)
             for name, own in part.values.items():
@@ -150,7 +150,7 @@ def _fill(sweep: Sweep, journal: Journal, arrays: Any) -> Tally:
             outcomes = np.array(part.outcomes, dtype=object)
             _put(arrays["outcome"], box, outcomes.reshape(shape))
         tell("points written", begin + len(rows.outcomes), sweep.size)
-    return tally
+    return summary
 
 
 def _read(sweep: Sweep, journal: Journal, first: int, last: int) -> Rows:

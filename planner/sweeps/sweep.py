@@ -13,14 +13,14 @@ from model.errors import InputError
 from model.extras import needed
 from model.progress import tell
 from model.time_limit import check_time
-from planner.sweeps.asked import Sweep
 from planner.sweeps.cluster import on_cluster
 from planner.sweeps.dataset import dataset
+from planner.sweeps.definition import Sweep
 from planner.sweeps.file import load_sweep, sweep_of
 from planner.sweeps.journal import Journal
 from planner.sweeps.objects import sweep_table
-from planner.sweeps.store import check_store, identity_in, opened, save, tally_in
-from planner.sweeps.tally import Tally
+from planner.sweeps.store import check_store, identity_in, opened, save, summary_in
+from planner.sweeps.summary import Summary
 from planner.sweeps.variables import blank
 from planner.sweeps.workers import Found, here, on_machine
 
@@ -100,7 +100,7 @@ def sweep(
 class Written:
     """What became of a sweep's points, and whether an earlier run had found and written them."""
 
-    tally: Tally
+    summary: Summary
     earlier: bool
 
 
@@ -112,14 +112,14 @@ def written(
     _check(jobs)
     check_store(path)
     if not journal_of(path).exists() and identity_in(path) == asked.identity:
-        return Written(tally_in(path, asked), True)
+        return Written(summary_in(path, asked), True)
     like = blank(asked.job.compute, asked.job.tendons, 0)
     with Journal(journal_of(path), asked.identity, asked.chunks, like) as journal:
         for chunk, rows in _found(asked, journal.left, jobs, scheduler):
             journal.add(chunk, rows)
-        tally = save(asked, journal, path)
+        summary = save(asked, journal, path)
         journal.remove()
-    return Written(tally, False)
+    return Written(summary, False)
 
 
 def _check(jobs: int) -> None:

@@ -16,9 +16,9 @@ from model.errors import OctoplanError
 from model.extras import needed
 from model.time_limit import end as end_of_limit
 from model.time_limit import until
-from planner.sweeps.asked import Sweep
-from planner.sweeps.points import Job, Point, run
+from planner.sweeps.definition import Sweep
 from planner.sweeps.variables import Rows
+from planner.sweeps.worker import Job, Point, run
 
 Found = Iterator[tuple[int, Rows]]
 TRIES = 3

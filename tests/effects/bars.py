@@ -74,7 +74,7 @@ def elastica(
     """Return s -> (x, y, angle) (3, N) of a bar clamped along x, by shooting from the tip.
 
     `force(s)` is the dead force (2,) beyond s, which jumps at `breaks`, `moment` that at the tip,
-    `spread(s, t)` what else pulls per unit deformed length. Loads are brought on in equal shares.
+    `spread(s, t)` what else pulls per unit deformed length. Loads are applied in equal steps.
     """
     stops = [bar.length, *sorted(breaks, reverse=True), 0.0]
 

@@ -35,7 +35,7 @@ def own_bend(s: Array, piece: int) -> tuple[Array, Array]:
 
 @cache
 def collocated(way: str) -> dict[float, Array]:
-    """The tip (x, y) under each payload: pieces side by side, loads brought on in small steps."""
+    """The tip (x, y) under each payload: pieces side by side, loads applied in small steps."""
     direction = np.array(WAYS[way])
 
     def solve(size: float, x: Array, guess: Array) -> Any:

@@ -166,7 +166,7 @@ class _Terminal:
 def test_time_goes_on_while_a_phase_says_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     screen: Any = _Terminal()
     monkeypatch.setattr("sys.stderr", screen)
-    monkeypatch.setattr("planner.commands.progress.PATIENCE", 0.05)
+    monkeypatch.setattr("planner.commands.progress.DELAY", 0.05)
     monkeypatch.setattr("planner.commands.progress._EVERY", 0.02)
     bar = Bar()
     bar("verifying", 0, 0)

@@ -213,15 +213,13 @@ class _Terminal:
         pass
 
 
-@pytest.mark.parametrize(
-    ("tty", "patience", "shown"), [(1, 0, True), (0, 0, False), (1, 99, False)]
-)
+@pytest.mark.parametrize(("tty", "delay", "shown"), [(1, 0, True), (0, 0, False), (1, 99, False)])
 def test_progress_is_shown_on_terminals_after_a_while(
-    tty: int, patience: float, shown: bool, calm: str, monkeypatch: pytest.MonkeyPatch
+    tty: int, delay: float, shown: bool, calm: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     screen = _Terminal(bool(tty))
     monkeypatch.setattr("sys.stderr", screen)
-    monkeypatch.setattr("planner.commands.progress.PATIENCE", patience)
+    monkeypatch.setattr("planner.commands.progress.DELAY", delay)
     monkeypatch.setenv("COLUMNS", "80")
     assert main(["effects", calm, "--accuracy", "1e-3"]) == 0
     assert ("effects switched: 1 of" in screen.written) == shown
@@ -235,7 +233,7 @@ def test_progress_is_shown_on_a_terminal_that_does_not_tell_its_size(
     reader, writer = os.openpty()  # of no rows and no columns
     with os.fdopen(writer, "w") as screen:
         monkeypatch.setattr("sys.stderr", screen)
-        monkeypatch.setattr("planner.commands.progress.PATIENCE", 0)
+        monkeypatch.setattr("planner.commands.progress.DELAY", 0)
         bar = Bar()
         bar("sections settled", 1, 3)
         bar.close()

@@ -13,7 +13,7 @@ import xarray
 
 import planner
 from model import InputError
-from planner.sweeps.asked import Sweep
+from planner.sweeps.definition import Sweep
 from planner.sweeps.sweep import journal_of
 from planner.sweeps.workers import WorkersLostError
 from tests.sweeps.cases import DRAWN, GRID, STIFFNESS, written

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import planner
-from planner.sweeps.boxes import boxes
+from planner.sweeps.grid_slices import grid_slices
 from planner.sweeps.sweep import journal_of
 from tests.sweeps.cases import DRAWN, GRID, STIFFNESS, written
 
@@ -26,7 +26,7 @@ def test_boxes_hold_the_points_from_begin_to_end_in_order(shape: list[int], data
     begin = data.draw(st.integers(0, size - 1))
     end = data.draw(st.integers(begin + 1, size))
     points = np.arange(size).reshape(shape)
-    found = [(points[box].ravel().tolist(), a, b) for box, a, b in boxes(begin, end, shape)]
+    found = [(points[box].ravel().tolist(), a, b) for box, a, b in grid_slices(begin, end, shape)]
     assert [point for inside, *_ in found for point in inside] == list(range(begin, end))
     assert all(inside == list(range(a, b)) for inside, a, b in found)
 

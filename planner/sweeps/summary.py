@@ -11,7 +11,7 @@ _NUMBER = re.compile(r"-?\d[\d.]*(e[+-]?\d+)?")
 
 
 @dataclass
-class Tally:
+class Summary:
     """How many points there are, and what happened to them.
 
     Attributes

@@ -11,8 +11,8 @@ import numpy as np
 
 from planner.files import versions
 from planner.sweeps.axes import Axis
-from planner.sweeps.points import Job, Point
 from planner.sweeps.variables import VARIABLES
+from planner.sweeps.worker import Job, Point
 
 # A chunk is what an interruption loses; it is the same however many workers there are.
 _PARTS, _MANY, _SOME = 64, 1000, 16

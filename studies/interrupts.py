@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 
 @contextmanager
-def keeping() -> Iterator[None]:
+def keep_finished() -> Iterator[None]:
     """Leave the block at Ctrl-C and go on after it, with what was finished, and say so."""
     try:
         yield

@@ -1,15 +1,15 @@
-"""Points that follow each other, as boxes of the grid that they fill, last dimension fastest."""
+"""Points that follow each other, as slices of the grid that they fill, last dimension fastest."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
 
-Box = tuple[slice, ...]
+Slices = tuple[slice, ...]
 
 
-def boxes(begin: int, end: int, shape: Sequence[int]) -> Iterator[tuple[Box, int, int]]:
-    """Yield boxes of a grid that hold the points from begin to end, in order.
+def grid_slices(begin: int, end: int, shape: Sequence[int]) -> Iterator[tuple[Slices, int, int]]:
+    """Yield slices of a grid that hold the points from begin to end, in order.
 
     Parameters
     ----------
@@ -21,7 +21,7 @@ def boxes(begin: int, end: int, shape: Sequence[int]) -> Iterator[tuple[Box, int
     Yields
     ------
     tuple
-        A slice for each dimension, and the numbers of the box's first point and of the one after
+        A slice for each dimension, and the numbers of the first point in them and of the one after
         its last.
     """
     if not shape:
@@ -31,10 +31,10 @@ def boxes(begin: int, end: int, shape: Sequence[int]) -> Iterator[tuple[Box, int
     while begin < end:
         i, inside = divmod(begin, row)
         if inside or end - begin < row:
-            # Part of a row: boxes of what is left of its dimensions.
+            # Part of a row: slices of what is left of its dimensions.
             stop = min(end, (i + 1) * row)
-            for box, a, b in boxes(inside, stop - i * row, shape[1:]):
-                yield (slice(i, i + 1), *box), a + i * row, b + i * row
+            for part, a, b in grid_slices(inside, stop - i * row, shape[1:]):
+                yield (slice(i, i + 1), *part), a + i * row, b + i * row
         else:
             stop = end - end % row
             yield (slice(i, stop // row), *(slice(0, n) for n in shape[1:])), begin, stop
