@@ -36,6 +36,9 @@ LOG = logging.getLogger(__name__)
 Mask = NDArray[np.bool_]
 _STEPS, _STEPS_IF_CLOSEST, _MET = 25, 60, 1e-7
 _SOFT = 1e-6
+# What it is from some steps on: where constraints are nearly dependent their multipliers are large,
+# and grow by little at a time as long as much is soft.
+_LATE, _SOFT_LATE = 8, 1e-8
 # How much of what constraints lack one step is to make up for, how far it goes in an unknown, and
 # from what length on it is taken only where it helps, halved so often at most.
 _CLOSED, _LONGEST, _LOCAL, _HALVED = 0.15, 1.0, 0.02, 9
@@ -142,17 +145,18 @@ class _Sqp:
         J, rest = here.jacobian[equal], here.jacobian[uneven]
         lack = (g - lbg)[equal]
         lack *= min(1.0, _CLOSED / max(float(np.sqrt(lack @ lack)), 1e-300))
+        soft = _SOFT if at.steps < _LATE else _SOFT_LATE
         H, more = self.program.curvature(here, self.p, 1.0, lam)
-        convex = self._convex(H + J.T @ J / _SOFT, at.held)
+        convex = self._convex(H + J.T @ J / soft, at.held)
         if convex is None:
             return None
-        slope = here.gradient + more + J.T @ (lam[equal] + lack / _SOFT)
+        slope = here.gradient + more + J.T @ (lam[equal] + lack / soft)
         low, high = np.maximum(lbx - a, -_LONGEST), np.minimum(ubx - a, _LONGEST)
         rows = (lbg - g)[uneven], (ubg - g)[uneven]
         solved = self.quadratic(convex.ravel(), slope, rest.ravel("F"), *rows, low, high)
         change, _, own, _ = (value.ravel() for value in solved)
         after = np.zeros(g.size)
-        after[equal], after[uneven] = lam[equal] + (J @ change + lack) / _SOFT, own
+        after[equal], after[uneven] = lam[equal] + (J @ change + lack) / soft, own
         return (change, after) if np.isfinite(change.sum() + after.sum()) else None
 
     def _held(self, at: _Point) -> Mask:
