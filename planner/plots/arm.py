@@ -143,13 +143,12 @@ def _skin(ax: Any, rings: Array) -> None:
 
 def _tendons(shape: Shape, ax: Any, s: Array) -> None:
     """Draw the tendons along u + y d, d = cos(phi) n + sin(phi) b: eqs. (5), (6)."""
-    paths = []
+    at = np.unique([*s, *(section.at for section in shape.arm.sections)])
+    position, frame, paths = shape.position(at), shape.frame(at), []
     for j, (i, _) in enumerate(shape.arm.tendons):
-        end = shape.arm.sections[i].at
-        inside = np.append(s[s < end], end)
-        off = tendon_offset(shape.arm, j, inside)
-        across = np.einsum("nij,nj->ni", shape.frame(inside)[:, :, 1:], off)
-        paths.append(MM * (shape.position(inside) + across))
+        own = at <= shape.arm.sections[i].at
+        off = tendon_offset(shape.arm, j, at[own])
+        paths.append(MM * (position[own] + np.einsum("nij,nj->ni", frame[own, :, 1:], off)))
     pulled = pulling(shape.tensions)
     slack = [path for path, on in zip(paths, pulled, strict=True) if not on]
     if slack:
