@@ -7,7 +7,16 @@ import re
 from typing import Any
 
 from model.errors import FileError, as_given, shortened
-from planner.scenes.places import choices_of, keys_of, kinds_at, places, steps, tags_of, value_at
+from planner.scenes.places import (
+    choices_of,
+    description_at,
+    keys_of,
+    kinds_at,
+    places,
+    steps,
+    tags_of,
+    value_at,
+)
 
 _WORDS = {
     "int": "a whole number",
@@ -52,6 +61,9 @@ def mistake(reason: str, name: str, table: Any, root: Any) -> FileError:
     allowed = _plain(what)
     if allowed == "a table":
         allowed = f"a table {{ ... }} of the keys {', '.join(keys_of(kinds))}"
+    if _WORDS["array"] in allowed:
+        told = description_at(root, table, steps(path))
+        allowed = f"{allowed}: {told}" if told else allowed
     return FileError(name, path or "the file", f"got {shown(given)}, allowed is {allowed}")
 
 

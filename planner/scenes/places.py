@@ -38,6 +38,25 @@ def kinds_at(root: Any, table: Any, path: list[Step]) -> list[Any]:
     return _chosen(kinds, seen)
 
 
+def description_at(root: Any, table: Any, path: list[Step]) -> str:
+    """Return what the key at a path is said to hold; empty where nothing is said."""
+    if not path or not isinstance(path[-1], str):
+        return ""
+    tables = filter(_is_table, kinds_at(root, table, path[:-1]))
+    told = (_description(_hints(kind).get(path[-1])) for kind in tables)
+    return next(filter(None, told), "")
+
+
+def _description(kind: Any) -> str:
+    if get_origin(kind) in (Union, UnionType):
+        return next(filter(None, map(_description, get_args(kind))), "")
+    if get_origin(kind) is not Annotated:
+        return ""
+    inner, *more = get_args(kind)
+    own = (meta.description for meta in more if isinstance(meta, msgspec.Meta))
+    return next(filter(None, own), None) or _description(inner)
+
+
 def keys_of(kinds: list[Any]) -> list[str]:
     """Return the keys of those types that are tables."""
     tables = [kind for kind in kinds if _is_table(kind)]

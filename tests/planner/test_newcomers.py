@@ -64,6 +64,10 @@ FILES: dict[str, tuple[str, str]] = {
         OWN + "sections = [{ at_mm = 300, offset_mm = [] }]",
         "allowed is [base, end] or { s_mm = [...], values_mm = [...] }",
     ),
+    "one offset": (
+        OWN + "sections = [{ at_mm = 300, offset_mm = 5 }]",
+        "arm.sections[0].offset_mm: got 5, allowed is a table or a list [...]: distance of the tendons",
+    ),
     "a modulus past all numbers": (
         OWN + "sections = [{ at_mm = 300, offset_mm = [5, 4] }]\nE_kPa = 1e307",
         "E_kPa: got 1e+307, allowed is finite numbers",
