@@ -64,6 +64,11 @@ class EnergyStatics:
         return len(self.row)
 
     @property
+    def each_alone(self) -> bool:
+        """Whether pull are the tensions of the tendons that cross: they are."""
+        return True
+
+    @property
     def n_data(self) -> int:
         """The size of data."""
         return self._first + 2 * (max(self.row) + 1)

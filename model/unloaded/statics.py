@@ -45,6 +45,10 @@ class ClosedStatics(Protocol):
         """The size of pull."""
 
     @property
+    def each_alone(self) -> bool:
+        """Whether pull are the tensions of the tendons that cross."""
+
+    @property
     def n_data(self) -> int:
         """The size of data."""
 
@@ -86,6 +90,7 @@ class PaperStatics:
 
     law: PaperSection
     n_pull: int = field(default=6, init=False)
+    each_alone: bool = field(default=False, init=False)
 
     @property
     def n_data(self) -> int:

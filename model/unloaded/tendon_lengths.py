@@ -160,8 +160,7 @@ def _length_slopes(statics: ClosedStatics, n_tendons: int) -> ca.Function:
     now = law.strains(stretch * strain[:3], ca.vertcat(stretch, 0, 0))
     wrench = statics.wrench(v, pull, data)
     moved = -ca.inv_minor(ca.jacobian(wrench, v)) @ ca.jacobian(wrench, pull)
-    alone = statics.n_pull == n_tendons  # each pulls by itself, where it crosses
-    moved = moved @ ca.diag(ca.diag(maps)) if alone else moved @ maps.T
+    moved = moved @ (ca.diag(ca.diag(maps)) if statics.each_alone else maps.T)
     runs = [weight[j] * ca.norm_2(law.run(v, paths[:, j])) for j in range(n_tendons)]
     slopes = ca.vertcat(*(ca.densify(ca.gradient(run, v)).T for run in runs))
     found = [ca.vertcat(*runs), ca.densify(slopes), ca.densify(moved.T)]
