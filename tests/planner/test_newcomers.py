@@ -66,7 +66,7 @@ FILES: dict[str, tuple[str, str]] = {
     ),
     "one offset": (
         OWN + "sections = [{ at_mm = 300, offset_mm = 5 }]",
-        "arm.sections[0].offset_mm: got 5, allowed is a table or a list [...]: distance of the tendons",
+        "offset_mm: got 5, allowed is a table or a list [...]: distance of the tendons from the",
     ),
     "a modulus past all numbers": (
         OWN + "sections = [{ at_mm = 300, offset_mm = [5, 4] }]\nE_kPa = 1e307",
