@@ -23,8 +23,8 @@ from model.unloaded.closed_form import ClosedForm
 from model.unloaded.condensed_steps import CondensedSteps
 from model.unloaded.steps_in_c import StepsInC
 from planner.program.explicit_numbers import ExplicitByCasadi, ExplicitInC
-from planner.program.expressions import Expressions, Outer, by_casadi, by_steps
-from planner.program.objective import Objective, Rows
+from planner.program.expressions import Expressions, by_casadi, by_steps, outer_of
+from planner.program.objective import Rows, objective_of
 from planner.program.reduced import Reduced
 from planner.program.statement import Statement
 from planner.targets.base import Target
@@ -56,13 +56,13 @@ class Explicit:
         mesh = (schemes[statement.stages], statement.refinement, stations)
         forward = explicit_map(arm, scene, *mesh)
         rows = _slimmest(arm, forward.stretch_at, forward.stretch_active) * scene.has(Extension)
-        self.objective, n = Objective(arm, targets, statement, len(rows)), arm.n_tendons
+        self.objective, n = objective_of(arm, targets, statement, len(rows)), arm.n_tendons
         self.n_free = n + self.objective.n_peak + self.objective.n_lack
         self.sizes = (self.objective.n_numbers, n)
         nodes = [forward.mesh.node(s) for s in stations]
         if isinstance(forward, ClosedForm):
             steps = CondensedSteps(forward, nodes, rows, machine_code)
-            own = Outer.of(self.objective, n, len(stations), machine_code)
+            own = outer_of(self.objective, n, len(stations), machine_code)
             self._state = partial(by_steps, steps, own)
             if StepsInC.can(steps):
                 self._calls = ExplicitInC(StepsInC(steps), own, n)

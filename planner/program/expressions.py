@@ -7,6 +7,7 @@ as a whole.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import casadi as ca
@@ -56,46 +57,47 @@ class Outer:
     weights: ca.Function
     second: ca.Function
 
-    @classmethod
-    def of(cls, objective: Objective, n: int, stations: int, machine_code: bool) -> Outer:
-        """Return the functions of an objective of n tensions that sees K stations."""
-        value, slopes, weights, curvature = kernels(_kernels(objective, n), machine_code)
-        n_free, n_numbers, gaps = (
-            value.numel_in(0),
-            objective.n_numbers,
-            objective.gaps(machine_code),
-        )
-        x, p = ca.MX.sym("x", n_free), ca.MX.sym("p", n_numbers + n)
-        poses, stretch = ca.MX.sym("poses", 7, stations), ca.MX.sym("stretch", value.numel_in(3))
-        given, own = [x, p, poses, stretch], [x, p, poses[:, objective.seen], stretch]
-        near = poses, p[objective.n_own : n_numbers - 3]
-        seen = ca.MX.sym("seen", poses.numel() + stretch.numel(), n)
-        moved = ca.horzcat(seen @ ca.diag(p[n_numbers:]), ca.MX(seen.shape[0], n_free - n))
-        moved_poses = moved[: poses.numel(), :]
-        places = [7 * k + i for k in objective.seen for i in range(7)]
-        across = ca.vertcat(ca.MX.eye(n_free), moved_poses[places, :], moved[poses.numel() :, :])
-        f, g = value(*own)
-        g = objective.with_gaps(g, gaps.value(*near))
-        by_all, rows_by_all = slopes(*own)
-        steep = gaps.slopes(*near)
-        jacobian = objective.with_gaps(rows_by_all @ across, steep @ moved_poses)
-        first = [f, across.T @ by_all, g, jacobian]
-        sigma, lam = ca.MX.sym("sigma"), ca.MX.sym("lam", g.numel())
-        lam_own, pressed = objective.without_gaps(lam, gaps.size)
-        slope, thin = weights(*own, sigma, lam_own)
-        slope_of_all = ca.reshape(steep.T @ pressed, *poses.shape)
-        slope_of_all[:, objective.seen] += slope
-        bent, unit = ca.MX.sym("bent", n, n), ca.diag(p[n_numbers:])
-        hessian = across.T @ curvature(*own, sigma, lam_own) @ across
-        hessian += moved_poses.T @ gaps.second(*near, pressed) @ moved_poses
-        hessian += ca.diagcat(unit @ bent @ unit, ca.MX(n_free - n, n_free - n))
-        along = [sigma, lam]
-        return cls(
-            ca.Function("value", given, [f, ca.densify(g)]),
-            ca.Function("first", [*given, seen], [ca.densify(v) for v in first]),
-            ca.Function("weights", [*given, *along], [ca.densify(slope_of_all), thin]),
-            ca.Function("second", [*given, seen, *along, bent], [ca.densify(hessian)]),
-        )
+
+@lru_cache(maxsize=24)
+def outer_of(objective: Objective, n: int, stations: int, machine_code: bool) -> Outer:
+    """Return the functions of an objective of n tensions that sees K stations, built once."""
+    value, slopes, weights, curvature = kernels(_kernels(objective, n), machine_code)
+    n_free, n_numbers, gaps = (
+        value.numel_in(0),
+        objective.n_numbers,
+        objective.gaps(machine_code),
+    )
+    x, p = ca.MX.sym("x", n_free), ca.MX.sym("p", n_numbers + n)
+    poses, stretch = ca.MX.sym("poses", 7, stations), ca.MX.sym("stretch", value.numel_in(3))
+    given, own = [x, p, poses, stretch], [x, p, poses[:, objective.seen], stretch]
+    near = poses, p[objective.n_own : n_numbers - 3]
+    seen = ca.MX.sym("seen", poses.numel() + stretch.numel(), n)
+    moved = ca.horzcat(seen @ ca.diag(p[n_numbers:]), ca.MX(seen.shape[0], n_free - n))
+    moved_poses = moved[: poses.numel(), :]
+    places = [7 * k + i for k in objective.seen for i in range(7)]
+    across = ca.vertcat(ca.MX.eye(n_free), moved_poses[places, :], moved[poses.numel() :, :])
+    f, g = value(*own)
+    g = objective.with_gaps(g, gaps.value(*near))
+    by_all, rows_by_all = slopes(*own)
+    steep = gaps.slopes(*near)
+    jacobian = objective.with_gaps(rows_by_all @ across, steep @ moved_poses)
+    first = [f, across.T @ by_all, g, jacobian]
+    sigma, lam = ca.MX.sym("sigma"), ca.MX.sym("lam", g.numel())
+    lam_own, pressed = objective.without_gaps(lam, gaps.size)
+    slope, thin = weights(*own, sigma, lam_own)
+    slope_of_all = ca.reshape(steep.T @ pressed, *poses.shape)
+    slope_of_all[:, objective.seen] += slope
+    bent, unit = ca.MX.sym("bent", n, n), ca.diag(p[n_numbers:])
+    hessian = across.T @ curvature(*own, sigma, lam_own) @ across
+    hessian += moved_poses.T @ gaps.second(*near, pressed) @ moved_poses
+    hessian += ca.diagcat(unit @ bent @ unit, ca.MX(n_free - n, n_free - n))
+    along = [sigma, lam]
+    return Outer(
+        ca.Function("value", given, [f, ca.densify(g)]),
+        ca.Function("first", [*given, seen], [ca.densify(v) for v in first]),
+        ca.Function("weights", [*given, *along], [ca.densify(slope_of_all), thin]),
+        ca.Function("second", [*given, seen, *along, bent], [ca.densify(hessian)]),
+    )
 
 
 def by_steps(steps: CondensedSteps, outer: Outer) -> Expressions:

@@ -17,6 +17,7 @@ are three readings of them, tried in this order:
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 from typing import TypeVar
 
@@ -27,6 +28,7 @@ from model.arm import Arm
 from planner.avoidance.rows import Avoidance
 from planner.program.effort import smooth_norm
 from planner.program.gaps import Gaps
+from planner.program.same import Same
 from planner.program.statement import Statement
 from planner.program.terms import (
     HIGH_PRIORITY,
@@ -55,6 +57,25 @@ class Rows:
     size: int
     lower: float
     upper: float
+
+
+def objective_of(
+    arm: Arm, targets: tuple[Target, ...], statement: Statement, thin: int
+) -> Objective:
+    """Return what targets and a statement make of a shape with so many slim places.
+
+    Built once for all targets of one structure, and for all meshes.
+    """
+    structure = tuple(target.structure(arm) for target in targets)
+    told = Statement(norm=statement.norm, mode=statement.mode, limited=statement.limited)
+    return _built(arm, structure, Same(targets), told, thin)
+
+
+@lru_cache(maxsize=24)
+def _built(
+    arm: Arm, structure: tuple[object, ...], targets: Same, statement: Statement, thin: int
+) -> Objective:
+    return Objective(arm, targets.value, statement, thin)
 
 
 class Objective:

@@ -21,7 +21,7 @@ from model.machine.buffered import Buffered
 from model.transcription.collocation import gauss
 from model.transcription.layout import POSE, Layout
 from model.transcription.terms import Equations
-from planner.program.objective import Objective, Rows, split
+from planner.program.objective import Rows, objective_of, split
 from planner.program.reduced import Sparse
 from planner.program.same import Same
 from planner.program.statement import Statement
@@ -59,7 +59,7 @@ class Program:
         blocks: Callable[[int], Blocks],
         seen: Stations,
     ) -> None:
-        self.objective = Objective(arm, targets, statement, len(seen.slim))
+        self.objective = objective_of(arm, targets, statement, len(seen.slim))
         n = arm.n_tendons
         self.n_free = n + self.objective.n_peak + self.objective.n_lack
         self.blocks = blocks(self.n_free)
