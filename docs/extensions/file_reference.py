@@ -124,7 +124,7 @@ def _told(kind: Any) -> str:
         return next((told for told in map(_told, kind.types) if told), "")
     tables = _structs(kind)
     if len(tables) == 1:
-        first = " ".join((tables[0][0].cls.__doc__ or "").split()).partition(". ")[0]
+        first = _linked(tables[0][0].cls.__doc__ or "").partition(". ")[0]
         return (first[:1].lower() + first[1:]).removesuffix(".")
     return "one of the types below" if tables else ""
 
