@@ -50,7 +50,7 @@ _AT = 1e-9
 # Steps that come so near to a known optimum, over its norm, with so little left of the first-order
 # conditions, lead there.
 _JOINED, _NEAR = 0.01, 0.01
-# Steps creep whose residuals stay within this factor for so many.
+# Late steps creep whose residuals stay within this factor for so many.
 _CREEPS, _ALIKE = 6, 1.3
 
 
@@ -134,7 +134,7 @@ class _Sqp:
 
     @property
     def _creeps(self) -> bool:
-        last = self.residuals[-_CREEPS:]
+        last = self.residuals[_LATE:][-_CREEPS:]
         return len(last) == _CREEPS and max(last) <= _ALIKE * min(last)
 
     def _step(self, at: _Point) -> tuple[Array, Array] | None:
