@@ -107,7 +107,7 @@ def laid_along(radius: float, end: float, share: float) -> Row:
     x, z = start - BEFORE, -radius - APART - float(ARM.outer_radius(np.array([start]))[0][0])
     rod = Capsule((x, -HALF_WIDTH, z), (x, HALF_WIDTH, z), radius)
     wrap = Wrap(rod, length=share * L, start=start)
-    return Row(rod, wrap, plan(ARM, wrap, STATICS, MOST, starts=2))
+    return Row(rod, wrap, plan(ARM, wrap, STATICS, MOST, starts=2, compile="auto"))
 
 
 def up_to_longest(radius: float, end: float, shares: Sequence[float]) -> list[Row]:
@@ -142,7 +142,7 @@ def gripped(row: Row) -> Array:
     scene, found, near = STATICS + Contact(row.rod), list[tuple[float, float, float]](), None
     for factor in HARDER:
         try:
-            near = settle(ARM, factor * row.plan.tensions, scene, 1e-5, near=near)
+            near = settle(ARM, factor * row.plan.tensions, scene, 1e-5, compile="auto", near=near)
         except OctoplanError:
             break
         if near.snaps:

@@ -29,6 +29,8 @@ from planner.targets.hold import LEVER, Hold
 
 # Sides of the pyramids inside of friction cones.
 _ANGLES = 2 * np.pi * np.arange(12) / 12
+# Normals that lean so much along the axis which directions are across take another one.
+_ALONG = 0.95
 _SIDES = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
 
 
@@ -40,12 +42,16 @@ class GraspTerms:
     ----------
     tangential : (n_z,)
         Over the size of the wrench.
+    axes : (n_z / 2, 3)
+        That directions of tangential forces are across: kept from terms to terms, as with others
+        the same numbers would be other forces.
     equality, inequality : (m,), (k,)
     match_slopes, margin_slopes : (m, n_tendons + n_z), (k, n_tendons + n_z)
         By tensions [1/N] and tangential forces.
     """
 
     tangential: Array
+    axes: Array
     equality: Array
     inequality: Array
     equality_jacobian: Array
@@ -63,24 +69,34 @@ def grasp_terms(
     system, size = here.system, hold.size(here.system.arm)
     points, by_points, N, by_N, rough = _places(here, hold)
     k, m, n = N.size, int(rough.sum()), here.tensions.size
+    normals = hold.obstacle.gradient(points)[rough] if m else np.zeros((0, 3))
+    axes = axes_across(normals)
     if before is None or tangential is None or tangential.size != 2 * m:
-        grasp = _grasp(here, hold, points, N)
-        best = grasp.best(_SIDES)[rough]
-        forces = np.einsum("kij,ki->kj", grasp.bases[rough], best).ravel() / size
+        best = _grasp(here, hold, points, N).best(_SIDES)[rough]
+        forces = np.einsum("kij,ki->kj", _bases(normals, axes), best).ravel() / size
+    elif (np.abs((normals * before.axes).sum(axis=1)) > _ALONG).any():
+        own = np.einsum("kij,kj->ki", _bases(normals, before.axes), tangential.reshape(m, 2))
+        forces = np.einsum("kij,ki->kj", _bases(normals, axes), own).ravel()
     else:
-        forces = tangential
+        forces, axes = tangential, before.axes
     full, lever = len(hold.wrench) == 6, LEVER * system.arm.length
     wrench = np.zeros(6)
     wrench[: len(hold.wrench)] = hold.wrench
     given = (hold.obstacle.numbers, np.concatenate([wrench, [hold.friction, size, lever]]))
-    axes = axes_across(hold.obstacle.gradient(points)[rough]) if m else np.zeros((0, 3))
     found = _rows(k, tuple(rough.tolist()), full)(points.T, N, forces, axes.T, *given)
     equality, inequality, *slopes = (np.array(part) for part in found)
     both = []
     for by_u, by_n, by_z in (slopes[:3], slopes[3:]):
         moved = by_u @ by_points.reshape(3 * k, n) + by_n @ by_N
         both.append(np.hstack([moved, by_z]))
-    return GraspTerms(forces, equality.ravel(), inequality.ravel(), *both)
+    return GraspTerms(forces, axes, equality.ravel(), inequality.ravel(), *both)
+
+
+def _bases(normals: Array, axes: Array) -> Array:
+    """Return the directions (k, 3, 2) of tangential forces, as the rows have them."""
+    first = np.cross(normals, axes)
+    first /= np.linalg.norm(first, axis=1)[:, None]
+    return np.stack([first, np.cross(normals, first)], axis=2)
 
 
 def _grasp(here: Linearised, hold: Hold, points: Array, N: Array) -> Grasp:

@@ -1,5 +1,7 @@
 """Contact forces that balance a wrench on an object."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from model.effects import Contact, ExactTendons, Extension
 from model.errors import InputError
 from model.obstacles import Capsule, Sphere
 from planner import plan
+from planner.contact.settled_terms import Settling
 from planner.plan import HeldPlan
 from planner.plan_files import load_plan
 from planner.targets import Hold
@@ -104,3 +107,18 @@ def test_what_is_held_has_to_be_a_contact_of_the_scene() -> None:
         plan(ARM, Hold(Sphere((0.2, 0, -0.1), 0.02), (0, 0, 0.1)), SCENE, 50.0)
     with pytest.raises(InputError, match="Contact"):
         plan(ARM, Hold(ROD, (0, 0, 0.1)), Scene(), 50.0)
+
+
+def test_tangential_forces_stay_the_same_whatever_axis_their_directions_are_across() -> None:
+    """They jumped where the axis was taken anew, as the normal came nearer to it than to others."""
+    hold, T = Hold(ROD, wrench(ASIDE), FRICTION), np.array([0.0, 0.6, 0.0, 0.0])
+    settling, normal = Settling(ARM, SCENE, (hold,), 2), pressed()[1]
+    here = settling.at(T)
+    force, [grasp], found = np.cross(normal, [0.1, 0.3, -0.2]), here.grasps, list[np.ndarray]()
+    for axis in (np.eye(3)[1], np.eye(3)[0], normal + 0.1 * np.eye(3)[1]):
+        first = np.cross(normal, axis) / np.linalg.norm(np.cross(normal, axis))
+        numbers = np.array([first @ force, np.cross(normal, first) @ force])
+        near = replace(here, grasps=(replace(grasp, axes=axis[None]),))
+        found.append(settling.at(T, near, numbers).values["equality"])
+    assert found[1] == pytest.approx(found[0], abs=1e-7)
+    assert found[2] == pytest.approx(found[0], abs=1e-7)
