@@ -101,6 +101,10 @@ class UnloadedLengths:
 
     def _soon(self, near: Array | None) -> Lengths | None:
         """Return the shape that few steps lead to; None if they do not."""
+        if not self.winches.tensions.any():
+            at = self._lengths.at_rest
+            if self._tendons.lacks(at) <= ROUNDING * self._L:
+                return at
         with suppress(UnsettledSectionError):
             T = self._begun(near)
             found = None if T is None else self._determined(self._lengths, self._lengths(T))

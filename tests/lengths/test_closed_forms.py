@@ -7,6 +7,7 @@ import pytest
 
 from model import Anchorage, Arm, Linear, Material, Scene, settle
 from model.effects import ExactTendons, Friction, TipLoad
+from model.winches import rest_lengths
 from tests.lengths.cases import EXACT, check_complementary, cylinder
 
 R, Y, L, E = 8e-3, 4e-3, 0.2, 2e5
@@ -130,3 +131,9 @@ def test_some_by_length_and_some_by_tension() -> None:
     a, b = 1 / EA + Y**2 / EJ, 1 / EA - Y**2 / EJ
     assert shape.tensions[0] == pytest.approx((2e-3 / L - b * T2) / a, rel=1e-9)
     assert shape.slack.tolist() == [[False, True, False, True]]
+
+
+def test_lengths_at_rest_take_no_tension_at_all() -> None:
+    arm = Arm.from_paper("table-2")
+    shape = settle(arm, scene=Scene(ExactTendons()), lengths=rest_lengths(arm))
+    assert not shape.tensions.any()
