@@ -16,38 +16,43 @@ def _name(path: Path) -> str:
 
 
 @cache
-def _imports(path: Path, inside_functions: bool) -> set[str]:
-    tree = ast.parse(path.read_text())
-    nodes = ast.walk(tree) if inside_functions else tree.body
+def _read(path: Path) -> tuple[set[str], list[int]]:
+    """What a file imports, inside of its functions too, and the lines that print."""
     found: set[str] = set()
-    for node in nodes:
+    prints = []
+    for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.ImportFrom) and node.module:
             found |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
         elif isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
-    return found
+        elif isinstance(node, ast.Call) and getattr(node.func, "id", "") == "print":
+            prints.append(node.lineno)
+    return found, prints
 
 
-@pytest.mark.parametrize("path", FILES, ids=_name)
-def test_the_model_knows_neither_planner_nor_plots(path: Path) -> None:
-    roots = {name.split(".")[0] for name in _imports(path, inside_functions=True)}
-    assert not roots & {"studies", "tests"}
-    if _name(path).startswith("model"):
-        assert "planner" not in roots
-    if not _name(path).startswith("planner.plots"):
-        assert "matplotlib" not in roots
+def _roots(path: Path) -> set[str]:
+    return {name.split(".")[0] for name in _read(path)[0]}
+
+
+def test_the_model_knows_neither_planner_nor_plots() -> None:
+    for path in FILES:
+        roots = _roots(path)
+        assert not roots & {"studies", "tests"}, path
+        if _name(path).startswith("model"):
+            assert "planner" not in roots, path
+        if not _name(path).startswith("planner.plots"):
+            assert "matplotlib" not in roots, path
 
 
 @pytest.mark.parametrize(("folder", "others"), [("tests", "studies"), ("studies", "tests")])
 def test_tests_and_studies_do_not_import_each_other(folder: str, others: str) -> None:
     for path in ROOT.glob(f"{folder}/**/*.py"):
-        roots = {name.split(".")[0] for name in _imports(path, inside_functions=True)}
-        assert others not in roots, path
+        assert others not in _roots(path), path
 
 
 def test_no_imports_run_in_circles() -> None:
     names = {_name(path) for path in FILES}
-    graph = {_name(path): _imports(path, inside_functions=True) & names for path in FILES}
+    graph = {_name(path): _read(path)[0] & names for path in FILES}
     done: set[str] = set()
 
     def visit(name: str, trail: tuple[str, ...]) -> None:
@@ -62,9 +67,7 @@ def test_no_imports_run_in_circles() -> None:
         visit(name, ())
 
 
-@pytest.mark.parametrize("path", FILES, ids=_name)
-def test_libraries_do_not_print(path: Path) -> None:
-    if _name(path) == "planner.cli":
-        return
-    calls = [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)]
-    assert not [call for call in calls if getattr(call.func, "id", "") == "print"]
+def test_libraries_do_not_print() -> None:
+    for path in FILES:
+        prints = _read(path)[1]
+        assert not prints or _name(path) == "planner.cli", (path, prints)
