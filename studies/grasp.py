@@ -14,20 +14,20 @@ to one that has no plan. Then the cylinder becomes a contact and all tensions ar
 the arm snaps or is not settled. What is held along the cylinder's axis is the friction coefficient,
 0.5, times the sum of normal forces.
 
-Command: python -m studies.grasp [--radii 60 40 20 10 5] [--shares 0.05 0.1 0.15 0.2] [--out out]
+Command: python -m studies.grasp [--radii 60 40 20 10 5] [--shares 0.05 0.1 0.15] [--out out]
 
 Answer: 0.15 L, up to the middle anchorage, lie on 40 and 60 mm (1.42 and 0.96 N), 0.05 L on 20 mm
 (1.2 N); of the slender tip 0.1 L on 60 mm, 0.05 L on 40 and 20 mm, for 0.06 to 0.3 N; neither lies
-on 10 mm or less. A part is as long as the arm's curvature stays between about half and twice that
-of the object: tendons of one anchorage bend a tapered arm ever more towards the tip, by a factor of
-three along these parts, while a cylinder asks for one curvature. Tendons of all anchorages are
-needed, the tip's above, the base's below, to keep it even. Where the object is more curved, the arm
-is too slack at the part's beginning before it is bent enough; where it is less curved, the tip
-rolls up in an arch. The difference does act as a displacement does in impedance control: a wrap of
-least effort only touches, and from there on the force grows in proportion as the arm is asked for
-more curvature than the object has, by some 40 to 70 mN for each N more of the middle part, which
-holds up to 48 mN along the axis; beyond twice the effort it grows less, and a tip may roll off (20
-mm). Tips hold 1 mN at most.
+on 10 mm or less, nor does 0.2 L on any (--shares 0.2, half as long again). A part is as long as the
+arm's curvature stays between about half and twice that of the object: tendons of one anchorage bend
+a tapered arm ever more towards the tip, by a factor of three along these parts, while a cylinder
+asks for one curvature. Tendons of all anchorages are needed, the tip's above, the base's below, to
+keep it even. Where the object is more curved, the arm is too slack at the part's beginning before
+it is bent enough; where it is less curved, the tip rolls up in an arch. The difference does act as
+a displacement does in impedance control: a wrap of least effort only touches, and from there on the
+force grows in proportion as the arm is asked for more curvature than the object has, by some 40 to
+70 mN for each N more of the middle part, which holds up to 48 mN along the axis; beyond twice the
+effort it grows less, and a tip may roll off (20 mm). Tips hold 1 mN at most.
 """
 
 from __future__ import annotations
@@ -228,7 +228,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--radii", type=float, nargs="+", default=[60, 40, 20, 10, 5], help="[mm]")
     parser.add_argument("--ends", type=int, nargs="+", default=[0, 1], help="anchorages, 0 the tip")
-    parser.add_argument("--shares", type=float, nargs="+", default=[0.05, 0.1, 0.15, 0.2])
+    parser.add_argument("--shares", type=float, nargs="+", default=[0.05, 0.1, 0.15])
     parser.add_argument("--out", type=Path, default=Path("out"))
     args = parser.parse_args(argv)
     args.out.mkdir(parents=True, exist_ok=True)
