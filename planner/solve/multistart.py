@@ -32,7 +32,7 @@ _FEWEST, _STRONGER, _CARRIED = 2, 2, 1
 # Loads that move the tip farther, over the arm's length, ask for as many starts as agree.
 _HEAVY, _MORE_IF_HEAVY = 0.4, 4
 # Other statics that change the least effort squared by more than this may rank optima otherwise.
-_MISLED = 0.15
+_MISLED = 0.3
 # Tried besides the fits that meet what is wanted.
 _BESIDE = 2
 # Starts that ipopt takes on before it is left: where it meets nothing from so many, least squares
