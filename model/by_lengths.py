@@ -165,7 +165,7 @@ def _tightened(here: Linearised, hold: HeldLengths) -> Linearised:
         at = near if near.x is here.x else Linearised(system, here.x, near)
         change, now = -at.solve(at.residual), at.tensions
         tight = _tight(at, winches)
-        left = winches.lacks(at.lengths + at.length_slopes @ change, now)[tight]
+        left = winches.lacks(at.lengths + at.length_jacobian @ change, now)[tight]
         after = now.copy()
         after[tight] = least(
             _by_tensions(at, winches, tight), left, now[tight], ROUNDING * system.arm.length

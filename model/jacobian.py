@@ -14,7 +14,7 @@ from model.paths import Array
 from model.scene import Scene
 from model.settle import ACCURACY, checked_scene, settle
 from model.stiffness import stiffness
-from model.unloaded.tip_slopes import tip_slopes
+from model.unloaded.tip_jacobian import tip_jacobian_function
 
 
 def tip_jacobian(
@@ -26,7 +26,7 @@ def tip_jacobian(
 ) -> Array:
     """Return displacement [m/N] and turn [rad/N] of the tip per tension (6, n_tendons), base frame.
 
-    The exact slopes of the shape on the mesh that settles it to the accuracy. Under loads they come
+    Exact for the shape on the mesh that settles it to the accuracy. Under loads derivatives come
     from the stiffness, whose mesh is refined until it is as accurate. `compile` is that of settle.
 
     Raises as settle does, and CompilerError.
@@ -42,4 +42,4 @@ def tip_jacobian(
 
 @lru_cache(maxsize=64)
 def _call(arm: Arm, scene: Scene, scheme: str, refinement: int, machine_code: bool) -> Buffered:
-    return Buffered(tip_slopes(arm, scene, scheme, refinement, machine_code))
+    return Buffered(tip_jacobian_function(arm, scene, scheme, refinement, machine_code))

@@ -82,17 +82,17 @@ def _robot(arm: Arm, order: int) -> Any:
 
 
 def _routing(arm: Arm) -> dict[str, Any]:
-    intercepts, slopes, last = [], [], []
+    intercepts, jacobian, last = [], [], []
     for i, angle in arm.tendons:
         section = arm.sections[i]
         y = section.offset.evaluate(np.array([0.0, section.at]), section.at)[0]
         side = np.array([0.0, np.cos(angle), np.sin(angle)])
         intercepts.append(y[0] * side)
-        slopes.append((y[1] - y[0]) / section.at * side)
+        jacobian.append((y[1] - y[0]) / section.at * side)
         last.append(len(arm.sections) - 1 - i)
     return {
         "intercept": np.array(intercepts),
-        "slope": np.array(slopes),
+        "slope": np.array(jacobian),
         "start_segment_index": (0,) * len(last),
         "end_segment_index": tuple(last),
     }

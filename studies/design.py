@@ -132,8 +132,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     targets = [FETCH, *tips(args.tips)]
     found = design(arm, targets, unknowns, SCENE, MOST, making=MAKING, begins=args.begins, starts=4)
     print(found.outcome)
-    slopes = found.sensitivity if found.feasible else np.full(len(unknowns), np.nan)
-    rows = zip(unknowns, found.values, found.parameters.start, slopes, strict=True)
+    jacobian = found.sensitivity if found.feasible else np.full(len(unknowns), np.nan)
+    rows = zip(unknowns, found.values, found.parameters.start, jacobian, strict=True)
     for own, value, before, slope in rows:
         unit = found.parameters.unit(own)
         told = f"{before:>9.3g} -> {value:.4g} {unit}, effort {slope:+.2g} N per {unit} more"

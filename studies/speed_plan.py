@@ -127,7 +127,7 @@ def floor_rows(repeats: int, rng: np.random.Generator) -> list[Row]:
     lam = np.zeros(problem.program.g.numel())
     evaluations = {
         "the forward map": lambda: forward.run(T),
-        "constraints and their slopes": lambda: problem.program.first(x, p),
+        "constraints and their derivatives": lambda: problem.program.first(x, p),
         "second derivatives": lambda: problem.program.second(x, p, np.ones(1), lam),
     }
     rows = [

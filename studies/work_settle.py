@@ -14,7 +14,7 @@ from model.effects import ExactTendons, Extension
 from model.forward import CLOSED_FORMS, ForwardMap, forward_map, schemes_of
 from model.loads import is_loaded
 from model.paths import Array
-from model.unloaded.tip_slopes import tip_slopes
+from model.unloaded.tip_jacobian import tip_jacobian_function
 from studies import draws
 from studies.baseline_gvs import settler
 from studies.baseline_loads import ScipyLoadedArm
@@ -28,7 +28,7 @@ WEIGHT = LOADS["weight in water"]
 Error = Callable[[int, Any], float]
 KNOB = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10)
 RTOLS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11)
-# Others are built for minutes where slopes are wanted, or sections have to settle by themselves.
+# Others are built for minutes where Jacobians are wanted, or sections have to settle by themselves.
 EXPLICIT = tuple(CLOSED_FORMS)
 
 
@@ -126,7 +126,7 @@ def jacobians(size: Size, rng: np.random.Generator) -> list[Measured]:
     for name in EXPLICIT:
 
         def work_on(refinement: int, name: str = name) -> Callable[[int], Array]:
-            return partial(_called, tip_slopes(arm, PAPER, name, refinement), T)
+            return partial(_called, tip_jacobian_function(arm, PAPER, name, refinement), T)
 
         curves.append(Measured.over_meshes(name, work_on, off, size))
     for machine_code in (False, True):

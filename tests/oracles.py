@@ -178,20 +178,20 @@ def twist_matrix(w: Array, v: Array) -> Array:
 
 
 def paper_sums(rod: Rod, T: Array, s: float, active: int) -> tuple[Array, Array]:
-    """Return S[y^p T_j], p = 0 to 2, and their slopes, (3, 4), for tendons on the paper's axes."""
-    sums, slopes = np.zeros((3, 4)), np.zeros((3, 4))
+    """Return S[y^p T_j], p = 0 to 2, and derivatives, (3, 4), of tendons on the paper's axes."""
+    sums, jacobian = np.zeros((3, 4)), np.zeros((3, 4))
     for section, row in zip(rod.sections[:active], T.reshape(-1, 4), strict=False):
         y, slope = float(section.offset(s)), float(section.slope(s))
         sums += np.outer([1, y, y**2], row)
-        slopes += np.outer([0, slope, 2 * y * slope], row)
-    return sums, slopes
+        jacobian += np.outer([0, slope, 2 * y * slope], row)
+    return sums, jacobian
 
 
 def printed_rate(rod: Rod, T: Array, s: float, omega: Array, active: int) -> Array:
     """Return (tau', xi', k') of eq. (10) as printed."""
     tau, xi, k = omega
-    (_, (y1, y2, y3, y4), (z1, z2, z3, z4)), slopes = paper_sums(rod, T, s, active)
-    (_, (v1, v2, v3, v4), (w1, w2, w3, w4)) = slopes
+    (_, (y1, y2, y3, y4), (z1, z2, z3, z4)), jacobian = paper_sums(rod, T, s, active)
+    (_, (v1, v2, v3, v4), (w1, w2, w3, w4)) = jacobian
     GI, EJ, _ = body_stiffness(rod, s)
     relative = 4 * float(rod.radius.derivative()(s)) / float(rod.radius(s))
     twist = -tau * (GI * relative + w1 + w2 + w3 + w4) - k * xi * (z1 - z2 + z3 - z4)

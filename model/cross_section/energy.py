@@ -67,11 +67,11 @@ class EnergySection:
         at, w = ca.SX.sym("v", size(self)), ca.SX.sym("w")
         kappa, nu = self.twist(at)
         width, c = self.width(nu[0]), self.drawn(w * kappa, nu, w, path)
-        slopes = ca.jacobian(c, at) + ca.jacobian(c, w) @ ca.jacobian(width, at)
+        jacobian = ca.jacobian(c, at) + ca.jacobian(c, w) @ ca.jacobian(width, at)
         here = [v, name(ca.substitute(width, at, v))]
-        tangent, slopes = (ca.substitute([f], [at, w], here)[0] for f in (c, slopes))
+        tangent, jacobian = (ca.substitute([f], [at, w], here)[0] for f in (c, jacobian))
         tangent = name(tangent)
-        return slopes.T @ (tangent / ca.sqrt(ca.sumsqr(tangent) + TINY))
+        return jacobian.T @ (tangent / ca.sqrt(ca.sumsqr(tangent) + TINY))
 
     def run(self, v: ca.SX, path: ca.SX) -> ca.SX:
         """See CrossSection.run: the tangent."""

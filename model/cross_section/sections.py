@@ -103,8 +103,8 @@ class Sections:
     def solve(self, v: Array, wrench: Array, tensions: Array) -> Array:
         """Return the strains (N, n) near v that balance a wrench (N, n); NaN where none do."""
         for _ in range(STEPS):
-            found, slopes = self.wrench(v, tensions)
-            step = np.linalg.solve(slopes, (wrench - found)[:, :, None])[:, :, 0]
+            found, jacobian = self.wrench(v, tensions)
+            step = np.linalg.solve(jacobian, (wrench - found)[:, :, None])[:, :, 0]
             v = v + step
             if not np.all(np.isfinite(step)):
                 break
@@ -122,14 +122,14 @@ class Sections:
         lost = np.isnan(found.sum(axis=1))
         found = np.where(np.isnan(found), v, found)
         with np.errstate(all="ignore"):
-            _, slopes = self.wrench(found, tensions)
-        lost |= ~np.isfinite(slopes.sum(axis=(1, 2)))
-        slopes[lost] = np.eye(slopes.shape[1])
-        least = np.linalg.eigvalsh((slopes + slopes.transpose(0, 2, 1)) / 2).min(axis=1)
+            _, jacobian = self.wrench(found, tensions)
+        lost |= ~np.isfinite(jacobian.sum(axis=(1, 2)))
+        jacobian[lost] = np.eye(jacobian.shape[1])
+        least = np.linalg.eigvalsh((jacobian + jacobian.transpose(0, 2, 1)) / 2).min(axis=1)
         return found, np.logical_or(lost, np.less_equal(least, 0))
 
     def turning(self, v: Array, rate: Array) -> tuple[Array, Array]:
-        """Return how fast each tendon turns (P,) [rad/m], and its slopes by the strains (P, n).
+        """Return how fast each tendon turns (P,) [rad/m], and its Jacobian by the strains (P, n).
 
         At strains v and their rates (N, n).
         """
@@ -141,9 +141,9 @@ class Sections:
 
     def by_tensions(self, v: Array, tensions: Array) -> Array:
         """Return how settled strains v (N, n) move with each tension (N, n, n_tendons)."""
-        rows, slopes = np.zeros((*v.shape, self._n_tendons)), self.wrench(v, tensions)[1]
+        rows, jacobian = np.zeros((*v.shape, self._n_tendons)), self.wrench(v, tensions)[1]
         rows[self.place, :, self.tendon] = self.unit_wrenches(v)
-        return np.asarray(-np.linalg.solve(slopes, rows))
+        return np.asarray(-np.linalg.solve(jacobian, rows))
 
     def unit_wrenches(self, v: Array) -> Array:
         """Return the wrench per newton of each crossing's tendon (P, n) at strains v (N, n)."""
@@ -153,19 +153,19 @@ class Sections:
         (found,) = call(v[self.place].ravel(), self.paths.ravel("F"))
         return np.asarray(found[:, : v.shape[1]])
 
-    def length_slopes(self, v: Array, weights: Array) -> tuple[Array, Array]:
-        """Return the lengths (n_tendons,) [m], and their slopes in the strains (n_tendons, N, n).
+    def length_jacobian(self, v: Array, weights: Array) -> tuple[Array, Array]:
+        """Return the lengths (n_tendons,) [m], and their Jacobian in the strains (n_tendons, N, n).
 
         See lengths.
         """
-        slopes = np.zeros((self._n_tendons, *v.shape))
+        jacobian = np.zeros((self._n_tendons, *v.shape))
         if not self.place.size:
-            return np.zeros(self._n_tendons), slopes
+            return np.zeros(self._n_tendons), jacobian
         call, weight = self._mapped(_run, self.place.size), weights[self.place]
         (found,) = call(v[self.place].ravel(), self.paths.ravel("F"))
-        slopes[self.tendon, self.place] = found[:, 1:] * weight[:, None]
+        jacobian[self.tendon, self.place] = found[:, 1:] * weight[:, None]
         lengths = np.bincount(self.tendon, found[:, 0] * weight, self._n_tendons)
-        return np.asarray(lengths, dtype=float), slopes
+        return np.asarray(lengths, dtype=float), jacobian
 
     def lengths(self, v: Array, weights: Array) -> Array:
         """Return the lengths of the tendons (n_tendons,) by quadrature with weights (N,) [m].
@@ -186,7 +186,7 @@ class Sections:
 
 @lru_cache(maxsize=32)
 def _turning(law: CrossSection) -> ca.Function:
-    """Return strains, rates, path, its rate -> |d(c/|c|)/ds| of a tendon, then its slopes."""
+    """Return strains, rates, path, its rate -> |d(c/|c|)/ds| of a tendon, then its derivatives."""
     v, rate = ca.SX.sym("v", size(law)), ca.SX.sym("rate", size(law))
     path, change = ca.SX.sym("path", 4), ca.SX.sym("change", 4)
     turns = turning_rate(law, v, rate, path, change)
@@ -203,23 +203,23 @@ def _speed(law: CrossSection) -> ca.Function:
 
 @lru_cache(maxsize=32)
 def _run(law: CrossSection) -> ca.Function:
-    """Return strains, path -> |u_c'| of a tendon, then its slopes."""
+    """Return strains, path -> |u_c'| of a tendon, then its derivatives."""
     v, path = ca.SX.sym("v", size(law)), ca.SX.sym("path", 4)
-    return _with_slopes("run", v, path, ca.norm_2(law.run(v, path)))
+    return _with_jacobian("run", v, path, ca.norm_2(law.run(v, path)))
 
 
 @lru_cache(maxsize=32)
 def body_kernel(law: CrossSection) -> ca.Function:
-    """Return strains, body numbers -> wrench of the body, then its slopes column by column."""
+    """Return strains, body numbers -> wrench of the body, then its derivatives column by column."""
     v, numbers = ca.SX.sym("v", size(law)), ca.SX.sym("body", body_size(law))
-    return _with_slopes("body", v, numbers, law.body(v, numbers))
+    return _with_jacobian("body", v, numbers, law.body(v, numbers))
 
 
 @lru_cache(maxsize=32)
 def tendon_kernel(law: CrossSection) -> ca.Function:
-    """Return strains, path -> wrench of a tendon per newton, then its slopes column by column."""
+    """Return strains, path -> wrench of a tendon per newton, then its Jacobian column by column."""
     v, path = ca.SX.sym("v", size(law)), ca.SX.sym("path", 4)
-    return _with_slopes("tendon", v, path, law.tendon(v, path))
+    return _with_jacobian("tendon", v, path, law.tendon(v, path))
 
 
 @lru_cache(maxsize=64)
@@ -230,6 +230,6 @@ def _mapped(
     return Buffered(kernel(kernel_of(law), machine_code).map(N))
 
 
-def _with_slopes(name: str, v: ca.SX, numbers: ca.SX, wrench: ca.SX) -> ca.Function:
+def _with_jacobian(name: str, v: ca.SX, numbers: ca.SX, wrench: ca.SX) -> ca.Function:
     both = ca.densify(ca.vertcat(wrench, ca.vec(ca.densify(ca.jacobian(wrench, v)))))
     return ca.Function(name, [v, numbers], [both], {"cse": True})

@@ -19,7 +19,7 @@ from model.equilibrium.stability import turns
 from model.paths import Array
 from model.rotations import matrices
 from model.transcription.layout import POSE
-from model.transcription.neighbours import NumberSlopes
+from model.transcription.neighbours import NumberDerivatives
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +30,7 @@ class ByNumbers:
     ----------
     here : Linearised
         The equilibrium.
-    slopes : NumberSlopes
+    jacobian : NumberDerivatives
         Of the numbers of its equations.
     tensions : (n_tendons, K)
         Of its tensions [N].
@@ -39,7 +39,7 @@ class ByNumbers:
     """
 
     here: Linearised
-    slopes: NumberSlopes
+    jacobian: NumberDerivatives
     tensions: Array
     moved: Array | None = None
 
@@ -48,7 +48,7 @@ class ByNumbers:
         """Of the residuals at states that stay (n_states, K)."""
         if self.moved is not None:
             return self.moved
-        return np.asarray(self.here.system.by_numbers(self.here.x) @ self.slopes.p)
+        return np.asarray(self.here.system.by_numbers(self.here.x) @ self.jacobian.p)
 
     @cached_property
     def states(self) -> Array:
@@ -60,7 +60,7 @@ class ByNumbers:
         """Displacement [m] and rotation [rad] at the arc lengths of nodes (n, 6, K), base frame."""
         places = self.here.system.of.nodes[nodes, :POSE]
         found = displaced(self.here.states[places], self.states[places])
-        shifts = self.slopes.s[nodes]
+        shifts = self.jacobian.s[nodes]
         if shifts.any():
             found -= along(self.here, nodes)[:, :, None] * shifts[:, None, :]
         return np.asarray(found)
@@ -68,25 +68,25 @@ class ByNumbers:
     @cached_property
     def lengths(self) -> Array:
         """Of the lengths of the tendons (n_tendons, K) [m]."""
-        slopes = self.here.system.length_slopes(self.here.x)
-        return np.asarray(slopes @ self.states + self.direct_lengths)
+        jacobian = self.here.system.length_jacobian(self.here.x)
+        return np.asarray(jacobian @ self.states + self.direct_lengths)
 
     @cached_property
     def direct_lengths(self) -> Array:
         """Of the lengths of the tendons in a shape that stays (n_tendons, K) [m]."""
-        return np.asarray(self.here.system.lengths_by_numbers(self.here.x) @ self.slopes.lengths)
+        return np.asarray(self.here.system.lengths_by_numbers(self.here.x) @ self.jacobian.lengths)
 
 
 def by_numbers(
-    heres: Sequence[Linearised], slopes: NumberSlopes, tensions: Sequence[Array]
+    heres: Sequence[Linearised], jacobian: NumberDerivatives, tensions: Sequence[Array]
 ) -> list[ByNumbers]:
     """Return the derivatives of equilibria of one system, worked out side by side."""
     if not heres:
         return []
     system = heres[0].system
-    right = system.moved_by_numbers(np.array([here.x for here in heres]), slopes.p)
+    right = system.moved_by_numbers(np.array([here.x for here in heres]), jacobian.p)
     rows = zip(heres, tensions, right, strict=True)
-    return [ByNumbers(here, slopes, T, moved) for here, T, moved in rows]
+    return [ByNumbers(here, jacobian, T, moved) for here, T, moved in rows]
 
 
 def displaced(poses: Array, moved: Array) -> Array:

@@ -62,9 +62,9 @@ class _Pressures:
         value = np.array(self.kernel.value.map(N)(y, self.numbers)).T
         r[:, : value.shape[1]] += value
         function, i, j = self.kernel.jacobian
-        slopes = np.array(function.map(N)(y, self.numbers)).T
+        nonzeros = np.array(function.map(N)(y, self.numbers)).T
         own = (j >= POSE) & (j < POSE + n)
-        J[:, i[own], first + j[own] - POSE] += slopes[:, own]
+        J[:, i[own], first + j[own] - POSE] += nonzeros[:, own]
 
 
 class _Parts:
@@ -107,11 +107,11 @@ class _Parts:
             J[:, i, j] = jacobian(y, c)[0]
             for press in pressed:
                 press.add(r, J, v.reshape(N, -1), first)
-            found, slopes = sections.wrench(v, pulls)
+            found, by_strains = sections.wrench(v, pulls)
             r[:, w : w + m * n] += found.reshape(N, -1)
             for k in range(m):
                 rows = w + k * n + np.arange(n)
-                J[:, rows[:, None], free[0] + rows - w] += slopes.reshape(N, m, n, n)[:, k]
+                J[:, rows[:, None], free[0] + rows - w] += by_strains.reshape(N, m, n, n)[:, k]
             step = -np.linalg.solve(J[:, :, free], r[:, :, None])[:, :, 0]
             v, next_node = v + step[:, : m * n].reshape(N * m, n), next_node + step[:, m * n :]
             if np.abs(step).max() <= _SETTLED * (1 + np.abs(v).max()):

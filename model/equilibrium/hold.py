@@ -88,7 +88,7 @@ class HeldLengths:
     def tensions(self, here: Linearised, change: Array, now: Array) -> Array | None:
         """See Hold.tensions."""
         arm, held, T = here.system.arm, self.winches.held, now[self.winches.held]
-        M, lengths = self._matrix(here), here.lengths + here.length_slopes @ change
+        M, lengths = self._matrix(here), here.lengths + here.length_jacobian @ change
         lacks = self.winches.lacks(lengths, now)[held]
         off = float(np.abs(np.minimum(lacks, np.diag(M) * T)).max(initial=0.0))
         soft = arm_compliance(arm)
@@ -108,7 +108,7 @@ class HeldLengths:
         """See Hold.by_load: taut tendons stay as long as they are."""
         held, moved = self.winches.held, np.zeros(here.system.of.n_tendons)
         taut = here.tensions[held] > 0
-        longer = (here.length_slopes @ here.by_load)[held][taut]
+        longer = (here.length_jacobian @ here.by_load)[held][taut]
         places = np.flatnonzero(held)[taut]
         moved[places] = np.linalg.solve(self._matrix(here)[np.ix_(taut, taut)], longer)
         return moved

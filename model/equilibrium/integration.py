@@ -151,11 +151,11 @@ class _Part:
         pulls = sections.pulls(self.x)
         if self.form.friction:
             pulls = self.system.pulls(self.x, sections.s, sections.place, sections.tendon)
-        wrench, slopes = sections.wrench(flat, pulls)
+        wrench, jacobian = sections.wrench(flat, pulls)
         parts = [
             flat,
             wrench,
-            _inverse(slopes).transpose(0, 2, 1).reshape(len(flat), -1),
+            _inverse(jacobian).transpose(0, 2, 1).reshape(len(flat), -1),
             self.at.dead,
             self.at.drag,
         ]
@@ -174,19 +174,19 @@ class _Part:
         return after, strains.reshape(self.N, self.shape[1], -1).transpose(1, 0, 2)
 
     def _sliding(self, v: Array, flat: Array, pulls: Array) -> list[Array]:
-        """Return each tendon's wrench per newton, tension, turning and its slopes at all places."""
+        """Return wrench per newton, tension, turning and its Jacobian of tendons at all places."""
         sections, n = self.at.sections, self.of.n_tendons
         unit, slope = np.zeros((2, len(flat), n, flat.shape[1]))
         tensions, turning = np.zeros((2, len(flat), n))
         at = sections.place, sections.tendon
         unit[at], tensions[at] = sections.unit_wrenches(flat), pulls
         weights = [hermite(self.form.stages, x, 1) for x in self.at.x.ravel().tolist()]
-        values, slopes = (np.array(part) for part in zip(*weights, strict=True))
+        values, jacobian = (np.array(part) for part in zip(*weights, strict=True))
         m, h = self.form.stages, np.diff(self.system.mesh.s)
         stages = self.states[self.of.stages].reshape(self.N, m, -1)
         rates = self.states[self.of.rates].reshape(self.N, m, -1)
         rate = np.einsum("pm,nmk->pnk", values, stages) / h[:, None]
-        rate += np.einsum("pm,nmk->pnk", slopes, rates)
+        rate += np.einsum("pm,nmk->pnk", jacobian, rates)
         turning[at], slope[at] = sections.turning(flat, rate.reshape(len(flat), -1))
         return [unit.reshape(len(flat), -1), tensions, turning, slope.reshape(len(flat), -1)]
 
@@ -247,7 +247,7 @@ class _Node:
 
     Strains about which the law is linearised, the wrench there, how strains follow the wrench, dead
     loads beyond, drag; with friction the tendons' wrenches per newton, tensions, turning and its
-    slopes; what presses and rubs.
+    derivatives; what presses and rubs.
     """
 
     def __init__(self, n: int, current: bool, t: int, K: int) -> None:

@@ -200,14 +200,14 @@ class Linearised:
         return self.system.lengths(self.x)
 
     @cached_property
-    def length_slopes(self) -> Array:
+    def length_jacobian(self) -> Array:
         """How these change with the states (n_tendons, n_states)."""
-        return self.near.length_slopes if self.near else self.system.length_slopes(self.x)
+        return self.near.length_jacobian if self.near else self.system.length_jacobian(self.x)
 
     @cached_property
     def length_tension(self) -> Array:
         """How these change with the tensions (n_tendons, n_tendons) [m/N]."""
-        return np.asarray(self.length_slopes @ self.by_tensions)
+        return np.asarray(self.length_jacobian @ self.by_tensions)
 
 
 def linearised(system: System, x: Array) -> list[Linearised]:

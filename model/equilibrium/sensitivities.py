@@ -53,7 +53,7 @@ class Sensitivities:
     @cached_property
     def length_wrench(self) -> Array:
         """Lengths of the tendons per force and moment (n_tendons, 6)."""
-        return np.asarray(self.here.length_slopes @ self._by_wrench)
+        return np.asarray(self.here.length_jacobian @ self._by_wrench)
 
     @property
     def length_tension(self) -> Array:

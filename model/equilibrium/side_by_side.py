@@ -193,23 +193,23 @@ def _library(form: Form) -> Any:
         written(Program(body_kernel(law)), "body", (1,)),
         written(Program(tendon_kernel(law)), "tendon", (1,)),
         written(Program(own.value), "element", (1,), pieces=True),
-        *_with_slopes(own, "element_slopes", ""),
-        *_with_slopes(tip(form), "tip", "TIP_"),
-        *_with_slopes(lever(), "lever", "LEVER_"),
+        *_with_jacobian(own, "element_jacobian", ""),
+        *_with_jacobian(tip(form), "tip", "TIP_"),
+        *_with_jacobian(lever(), "lever", "LEVER_"),
     ]
     run = loaded("equilibria.c", sizes, programs, "-O2").equilibria
     run.restype = None
     return run
 
 
-def _with_slopes(kernel: Kernel, name: str, prefix: str) -> list[str]:
+def _with_jacobian(kernel: Kernel, name: str, prefix: str) -> list[str]:
     """Return a kernel with the nonzeros of its Jacobian in C, and their places."""
-    slopes, rows, columns = kernel.jacobian
+    jacobian, rows, columns = kernel.jacobian
     y, c = ca.SX.sym("y", kernel.y.numel()), ca.SX.sym("c", kernel.c.numel())
-    both = ca.Function(name, [y, c], [kernel.value(y, c), slopes(y, c)], {"cse": True})
+    both = ca.Function(name, [y, c], [kernel.value(y, c), jacobian(y, c)], {"cse": True})
     program = written(Program(both), name, (1,), pieces=both.n_instructions() > 1000)
     places = [
         f"static const int {prefix}{which}[] = {{{', '.join(map(str, own.tolist()))}}};"
         for which, own in (("ROW", rows), ("COLUMN", columns))
     ]
-    return [f"#define N_{prefix}SLOPES {rows.size}", *places, program]
+    return [f"#define N_{prefix}NONZEROS {rows.size}", *places, program]

@@ -158,14 +158,14 @@ def stability(here: Linearised) -> float:
 def _by_sections(here: Linearised) -> float:
     """Return the stability without loads, where no wrench couples the cross-sections."""
     at, sections = here.system, settled_sections(here.system).sections
-    _, slopes = sections.wrench(at.strains(here.states), sections.pulls(here.tensions))
-    return least_of_sections(sections, slopes)
+    _, jacobian = sections.wrench(at.strains(here.states), sections.pulls(here.tensions))
+    return least_of_sections(sections, jacobian)
 
 
-def least_of_sections(sections: Sections, slopes: Array, of: slice = _ALL) -> float:
-    """Return the least eigenvalue of the scaled slopes (N, n, n) of cross-sections' wrenches."""
+def least_of_sections(sections: Sections, jacobian: Array, of: slice = _ALL) -> float:
+    """Return the least eigenvalue of the scaled Jacobians (N, n, n) of cross-sections' wrenches."""
     root = np.sqrt(_at_rest(sections.law, sections.body[:, of]).T)
-    H = slopes[of] / root[:, :, None] / root[:, None, :]
+    H = jacobian[of] / root[:, :, None] / root[:, None, :]
     even = (H + H.transpose(0, 2, 1)) / 2
     if np.abs(H - even).max() <= _SYMMETRIC * np.abs(H).max():
         return float(np.linalg.eigvalsh(even).min())

@@ -14,6 +14,7 @@ import casadi as ca
 import numpy as np
 
 from model.integrators.magnus import Magnus
+from model.machine.buffered import Buffered, Mapped
 from model.machine.program import Program
 from model.machine.tips import NodeNumbers, PosesInC
 from model.paths import Array
@@ -30,7 +31,7 @@ from model.unloaded.step_twist import chain_function
 
 # Columns at a time, so that the registers stay in the processor's cache.
 _COLUMNS = 3072
-# Below so many arms the forward map itself is sooner done.
+# Below so many arms CasADi's interpreter is sooner done with the same operations.
 _FEW = 32
 
 
@@ -70,9 +71,7 @@ class Batch:
         if self.forward.machine_code:
             return self._in_c(tensions, nodes)
         if tensions.shape[1] < _FEW:
-            found = [self.forward.run(T) for T in tensions.T]
-            least = np.array([stretch.min() for _, stretch in found])
-            return np.stack([poses[nodes] for poses, _ in found], axis=2), least
+            return self._few(tensions, nodes)
         cuts = range(0, tensions.shape[1], _COLUMNS)
         parts = [self._interpreted(tensions[:, i : i + _COLUMNS], nodes) for i in cuts]
         poses = np.concatenate([found for found, _ in parts], axis=2)
@@ -82,6 +81,24 @@ class Batch:
     def _in_c(self) -> PosesInC:
         step, stretch = step_function(self.statics, self.scheme), stretch_function(self.statics)
         return PosesInC(self, (step, chain_function(), stretch))
+
+    def _few(self, T: Array, nodes: NodeNumbers) -> tuple[Array, Array]:
+        step, stretch, chain = _by_casadi(self.statics, self.scheme, self.h.size)
+        carried, M = self._carried(T), T.shape[1]
+
+        def columns(active: Counts, basis: Array, data: Array) -> tuple[Array, Array]:
+            pull = _pull(carried[active], basis).transpose(2, 1, 0).reshape(M * active.size, -1)
+            return pull, np.tile(data, (M, 1))
+
+        inner = columns(self.active, self.basis, self.data)
+        relative, stretched = step(*inner, np.tile(self.h, M))
+        (at_ends,) = stretch(*columns(self.end_active, self.end_basis, self.end_data))
+        poses = np.empty((M, self.h.size + 1, 7))
+        poses[:, 0] = self.base
+        for own, along in zip(poses, relative.reshape(M, -1), strict=True):
+            own[1:] = chain(self.base, along)[0]
+        low = np.minimum(stretched.reshape(M, -1).min(axis=1), at_ends.reshape(M, -1).min(axis=1))
+        return poses[:, nodes].transpose(1, 2, 0), low
 
     def _interpreted(self, T: Array, nodes: NodeNumbers) -> tuple[Array, Array]:
         step, chain, stretch = _programs(self.statics, self.scheme)
@@ -139,6 +156,15 @@ def stretch_function(statics: ClosedStatics) -> ca.Function:
     pull, data = ca.SX.sym("pull", statics.n_pull), ca.SX.sym("data", statics.n_data)
     stretch = 1 + strain_function(statics)(pull, data)[3]
     return ca.Function("stretch", [pull, data], [stretch], {"cse": True})
+
+
+@lru_cache(maxsize=64)
+def _by_casadi(
+    statics: ClosedStatics, scheme: Magnus, steps: int
+) -> tuple[Mapped, Mapped, Buffered]:
+    """Return a step and 1 + q for many places, and the chain along so many steps."""
+    mapped = Mapped(step_function(statics, scheme)), Mapped(stretch_function(statics))
+    return *mapped, Buffered(chain_function().mapaccum(steps))
 
 
 @lru_cache(maxsize=64)

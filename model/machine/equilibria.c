@@ -41,7 +41,7 @@ static inline lanes either(mask c, lanes a, lanes b) {
 static inline lanes most(lanes a, lanes b) { return either(a > b | a != a, a, b); }
 static inline lanes least(lanes a, lanes b) { return either(a < b | a != a, a, b); }
 
-/* What body and tendons balance at a stage, and its slopes column by column. */
+/* What body and tendons balance at a stage, and its Jacobian column by column. */
 static void section(const Arm *arm, long stage, const lanes *T, const lanes *v, lanes *found) {
   const int n = STRAINS + STRAINS * STRAINS;
   lanes one[STRAINS + STRAINS * STRAINS];
@@ -129,13 +129,13 @@ static void start(const Arm *arm, lanes load, lanes *x) {
     for (int i = 0; i < 7; ++i) own[STRIDE + i] = -r[WRENCH + INSIDE + i];
   }
   for (long k = N; k >= 0; --k) {
-    lanes *own = x + k * STRIDE, slopes[N_TIP_SLOPES + N_LEVER_SLOPES + 1];
+    lanes *own = x + k * STRIDE, jacobian[N_TIP_NONZEROS + N_LEVER_NONZEROS + 1];
     for (int i = 7; i < NODE; ++i) own[i] = all(0.0);
     y[0] = load;
     for (int i = 0; i < NODE; ++i) y[1 + i] = own[i];
     if (k == N) {
       for (int i = 0; i < WRENCH; ++i) y[5 + i] = own[7 + i];
-      tip(y, arm->tip, r, slopes);
+      tip(y, arm->tip, r, jacobian);
     } else {
       for (int i = NODE; i < COLUMNS; ++i) y[1 + i] = own[i];
       element(y, arm->element + k * N_ELEMENT, r);
@@ -143,7 +143,7 @@ static void start(const Arm *arm, lanes load, lanes *x) {
     for (int i = 0; i < WRENCH; ++i) own[7 + i] = -r[i];
     for (long l = 0; l < arm->levers; ++l)
       if (arm->lever_at[l] == k) {
-        lever(y, arm->lever + 6 * l, r, slopes);
+        lever(y, arm->lever + 6 * l, r, jacobian);
         for (int i = 0; i < 3; ++i) own[7 + i] -= r[i];
       }
   }
@@ -152,30 +152,30 @@ static void start(const Arm *arm, lanes load, lanes *x) {
 /* The side of a column of tip and levers: load factor, q, then what is no side. */
 static inline int side(int column) { return column ? column - 1 : LOAD; }
 
-/* Residual and slopes of w at a node by levers there: into rows of dw = A dq + a. */
+/* Residual and Jacobian of w at a node by levers there: into rows of dw = A dq + a. */
 static void add_levers(const Arm *arm, lanes load, long k, const lanes *node, lanes A[][SIDES]) {
   for (long l = 0; l < arm->levers; ++l) {
-    lanes y[5] = {load, node[0], node[1], node[2], node[3]}, r[3], slopes[N_LEVER_SLOPES + 1];
+    lanes y[5] = {load, node[0], node[1], node[2], node[3]}, r[3], jacobian[N_LEVER_NONZEROS + 1];
     if (arm->lever_at[l] != k) continue;
-    lever(y, arm->lever + 6 * l, r, slopes);
+    lever(y, arm->lever + 6 * l, r, jacobian);
     for (int i = 0; i < 3; ++i) A[i][RESIDUAL] -= r[i];
-    for (int i = 0; i < N_LEVER_SLOPES; ++i)
-      A[LEVER_ROW[i]][side(LEVER_COLUMN[i])] -= slopes[i];
+    for (int i = 0; i < N_LEVER_NONZEROS; ++i)
+      A[LEVER_ROW[i]][side(LEVER_COLUMN[i])] -= jacobian[i];
   }
 }
 
 static void at_tip(const Arm *arm, lanes load, const lanes *node, lanes A[][SIDES]) {
-  lanes y[5 + WRENCH], r[WRENCH + 1], slopes[N_TIP_SLOPES + 1];
+  lanes y[5 + WRENCH], r[WRENCH + 1], jacobian[N_TIP_NONZEROS + 1];
   y[0] = load;
   for (int i = 0; i < 4; ++i) y[1 + i] = node[i];
   for (int i = 0; i < WRENCH; ++i) y[5 + i] = node[7 + i];
-  tip(y, arm->tip, r, slopes);
+  tip(y, arm->tip, r, jacobian);
   for (int i = 0; i < WRENCH; ++i) {
     for (int j = 0; j < SIDES; ++j) A[i][j] = all(0.0);
     A[i][RESIDUAL] = -r[i];
   }
-  for (int i = 0; i < N_TIP_SLOPES; ++i)
-    if (TIP_COLUMN[i] < 5) A[TIP_ROW[i]][side(TIP_COLUMN[i])] -= slopes[i];
+  for (int i = 0; i < N_TIP_NONZEROS; ++i)
+    if (TIP_COLUMN[i] < 5) A[TIP_ROW[i]][side(TIP_COLUMN[i])] -= jacobian[i];
   add_levers(arm, load, arm->elements, node, A);
 }
 
@@ -183,15 +183,15 @@ static void at_tip(const Arm *arm, lanes load, const lanes *node, lanes A[][SIDE
    pivot of its energy. */
 static lanes eliminate(const Arm *arm, lanes load, long k, const lanes *T, const lanes *x,
                        lanes next[][SIDES], Eliminated *own) {
-  lanes y[1 + COLUMNS], r[ROWS], slopes[N_SLOPES], J[ROWS][COLUMNS] = {0};
-  lanes K[INSIDE * INSIDE], right[INSIDE * SIDES], D[WRENCH + 1][SIDES + INSIDE], load_slopes[ROWS] = {0};
+  lanes y[1 + COLUMNS], r[ROWS], jacobian[N_NONZEROS], J[ROWS][COLUMNS] = {0};
+  lanes K[INSIDE * INSIDE], right[INSIDE * SIDES], D[WRENCH + 1][SIDES + INSIDE], load_jacobian[ROWS] = {0};
   double weight[INSIDE];
   y[0] = load;
   for (int i = 0; i < COLUMNS; ++i) y[1 + i] = x[k * STRIDE + i];
-  element_slopes(y, arm->element + k * N_ELEMENT, r, slopes);
-  for (int i = 0; i < N_SLOPES; ++i)
-    if (COLUMN[i]) J[ROW[i]][COLUMN[i] - 1] = slopes[i];
-    else load_slopes[ROW[i]] = slopes[i];
+  element_jacobian(y, arm->element + k * N_ELEMENT, r, jacobian);
+  for (int i = 0; i < N_NONZEROS; ++i)
+    if (COLUMN[i]) J[ROW[i]][COLUMN[i] - 1] = jacobian[i];
+    else load_jacobian[ROW[i]] = jacobian[i];
   for (int m = 0; m < STAGES; ++m) {
     lanes found[STRAINS + STRAINS * STRAINS];
     const int row = WRENCH + m * STRAINS, column = NODE + m * STRAINS;
@@ -218,7 +218,7 @@ static lanes eliminate(const Arm *arm, lanes load, long k, const lanes *T, const
     }
   for (int i = 0; i < INSIDE; ++i) {
     const lanes *row = J[WRENCH + i], *beyond = row + STRIDE + 7;
-    const lanes own_side[2] = {r[WRENCH + i], load_slopes[WRENCH + i]};
+    const lanes own_side[2] = {r[WRENCH + i], load_jacobian[WRENCH + i]};
     for (int j = 0; j < SIDES + INSIDE; ++j) {
       lanes sum = j < 4 ? row[j] : j < SIDES ? own_side[j - 4] : row[NODE + j - SIDES];
       for (int l = 0; l < WRENCH; ++l) sum += beyond[l] * D[l][j];
@@ -232,7 +232,7 @@ static lanes eliminate(const Arm *arm, lanes load, long k, const lanes *T, const
     for (int j = 0; j < SIDES; ++j) own->strain[i][j] = right[i * SIDES + j];
   for (int i = 0; i < WRENCH; ++i)
     for (int j = 0; j < SIDES; ++j) {
-      lanes sum = j < 4 ? J[i][j] : j == RESIDUAL ? r[i] : load_slopes[i];
+      lanes sum = j < 4 ? J[i][j] : j == RESIDUAL ? r[i] : load_jacobian[i];
       for (int l = 0; l < INSIDE; ++l) sum += J[i][NODE + l] * right[l * SIDES + j];
       for (int l = 0; l < WRENCH; ++l) {
         lanes beyond = D[l][j];

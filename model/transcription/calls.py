@@ -69,13 +69,13 @@ class Calls:
         return Buffered(self.of.lengths.value)
 
     @cached_property
-    def length_slopes(self) -> Buffered:
+    def length_jacobian(self) -> Buffered:
         """(x, length numbers) -> nonzeros of the derivatives of the lengths by x."""
         return Buffered(self.of.lengths.jacobian[0])
 
     @cached_property
     def length_places(self) -> tuple[Any, Any]:
-        """Rows and columns of the nonzeros of `length_slopes`."""
+        """Rows and columns of the nonzeros of `length_jacobian`."""
         rows, columns = self.of.lengths.jacobian[1].get_triplet()
         return np.array(rows), np.array(columns)
 

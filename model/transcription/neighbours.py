@@ -38,7 +38,7 @@ class Neighbour:
 
 
 @dataclass(frozen=True, eq=False)
-class NumberSlopes:
+class NumberDerivatives:
     """Derivatives by K numbers of arm and scene.
 
     Attributes
@@ -56,9 +56,9 @@ class NumberSlopes:
     s: Array
 
 
-def number_slopes(
+def number_derivatives(
     system: System, stencils: Sequence[Sequence[Neighbour]], at: tuple[float, ...] = ()
-) -> NumberSlopes:
+) -> NumberDerivatives:
     """Return the derivatives of a system's numbers, each by a sum of weights times neighbours'.
 
     `at` are the arc lengths of the system's nodes of which neighbours have theirs.
@@ -74,7 +74,7 @@ def number_slopes(
             keep_sign(own.p[system.of.equations.numbers_of("clamp")], system.base)
             for whole, part in zip(found, (own.p, own.lengths, mesh.s), strict=True):
                 whole[:, k] += near.weight * part
-    return NumberSlopes(*found)
+    return NumberDerivatives(*found)
 
 
 def moved_mesh(mesh: Mesh, old: Array, new: Array) -> Mesh:

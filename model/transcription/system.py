@@ -121,14 +121,14 @@ class System:
         nonzeros = self._calls.by_numbers(x, self.p)[0][0]
         return csc_array((nonzeros, *self._calls.number_places), (self.of.n_states, self.p.size))
 
-    def moved_by_numbers(self, x: Array, slopes: Array) -> Array:
-        """Return how residuals move where the numbers move by `slopes` (n_p, K).
+    def moved_by_numbers(self, x: Array, jacobian: Array) -> Array:
+        """Return how residuals move where the numbers move by `jacobian` (n_p, K).
 
         At many x (N, n_x), by row (N, n_states, K).
         """
         order, columns, starts, rows = self._calls.number_rows
-        products = self._calls.many_by_numbers(x, self.p)[:, order, None] * slopes[columns]
-        found = np.zeros((len(x), self.of.n_states, slopes.shape[1]))
+        products = self._calls.many_by_numbers(x, self.p)[:, order, None] * jacobian[columns]
+        found = np.zeros((len(x), self.of.n_states, jacobian.shape[1]))
         found[:, rows] = np.add.reduceat(products, starts, axis=1)
         return found
 
@@ -146,11 +146,11 @@ class System:
         """Return the length of each tendon (n_tendons,) [m]."""
         return np.asarray(self._calls.lengths(x, self.length_numbers)[0][0])
 
-    def length_slopes(self, x: Array) -> Array:
+    def length_jacobian(self, x: Array) -> Array:
         """Return the derivatives of the lengths against the states (n_tendons, n_states)."""
         rows, columns = self._calls.length_places
         found = np.zeros((self.of.n_tendons, self.of.n_x))
-        found[rows, columns] = self._calls.length_slopes(x, self.length_numbers)[0][0]
+        found[rows, columns] = self._calls.length_jacobian(x, self.length_numbers)[0][0]
         return found[:, self.of.first :]
 
     def by_wrench(self, x: Array, node: int) -> Array:

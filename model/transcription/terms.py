@@ -86,7 +86,7 @@ class Equations:
     @cached_property
     def jacobian(self) -> tuple[ca.Function, ca.Sparsity]:
         """(x, p -> nonzeros of dg/dx), and their places."""
-        return self._slopes("jacobian", [term.unknowns for term in self.terms], self.n_x)
+        return self._jacobian("jacobian", [term.unknowns for term in self.terms], self.n_x)
 
     @cached_property
     def by_numbers(self) -> tuple[ca.Function, ca.Sparsity]:
@@ -96,9 +96,9 @@ class Equations:
             np.arange(at.start, at.stop, dtype=np.int64).reshape((-1, term.count), order="F")
             for term, at in own
         ]
-        return self._slopes("by_numbers", columns, self.n_p)
+        return self._jacobian("by_numbers", columns, self.n_p)
 
-    def _slopes(
+    def _jacobian(
         self, what: str, places: list[Places], size: int
     ) -> tuple[ca.Function, ca.Sparsity]:
         """Return the nonzeros of a derivative of all kernels, by what stands at places."""

@@ -39,8 +39,8 @@ def swelling(law: CrossSection, v: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Return the radius over that at rest, and its derivatives by the strains v (1, n)."""
     at = ca.SX.sym("v", size(law))
     wide = law.width(law.twist(at)[1][0]) if isinstance(law, EnergySection) else ca.SX(1)
-    width, slopes = ca.substitute([wide, ca.jacobian(wide, at)], [at], [v])
-    return width, slopes
+    width, jacobian = ca.substitute([wide, ca.jacobian(wide, at)], [at], [v])
+    return width, jacobian
 
 
 @lru_cache(maxsize=32)

@@ -21,7 +21,7 @@ typedef struct {
    (steps, m STRAINS, N) and the poses P (steps + 1, POSE, N); A (steps, POSE, POSE) and B (steps, m
    STRAINS, POSE) of each step; lam (steps + 1, POSE); and room for what is not kept. */
 typedef struct {
-  double *pull, *law, *strains, *poses, *by_tensions, *slopes, *A, *B, *lam, *room;
+  double *pull, *law, *strains, *poses, *by_tensions, *jacobian, *A, *B, *lam, *room;
 } found_t;
 
 static void settle(const arm_t *a, const found_t *f, const double *T, long node) {
@@ -78,11 +78,11 @@ void strains_of(const arm_t *a, const found_t *f, const double *T, long begin, l
 }
 
 /* The poses at all nodes, and their derivatives. */
-void slopes_of(const arm_t *a, const found_t *f, const double *T) {
+void jacobian_of(const arm_t *a, const found_t *f, const double *T) {
   const long e = a->m * STRAINS;
   memcpy(f->poses, a->base, POSE * sizeof(double));
-  memset(f->slopes, 0, POSE * N * sizeof(double));
-  memset(f->slopes + POSE * N, 0, a->steps * POSE * N * sizeof(double));
+  memset(f->jacobian, 0, POSE * N * sizeof(double));
+  memset(f->jacobian + POSE * N, 0, a->steps * POSE * N * sizeof(double));
   for (long k = 0; k < a->steps; ++k) {
     double *strains = f->strains + k * e, *E = f->by_tensions + k * e * N;
     strains_of(a, f, T, k * a->m, a->m);
@@ -91,8 +91,8 @@ void slopes_of(const arm_t *a, const found_t *f, const double *T) {
     double *after[1] = {f->poses + (k + 1) * POSE}, *first[2] = {A, B};
     a->march(given, after, 0, 0, 0);
     a->march_first(given, first, 0, 0, 0);
-    const double *P = f->slopes + k * POSE * N;
-    double *next = f->slopes + (k + 1) * POSE * N;
+    const double *P = f->jacobian + k * POSE * N;
+    double *next = f->jacobian + (k + 1) * POSE * N;
     for (long r = 0; r < POSE; ++r) {
       add_row(A + r, POSE, POSE, P, next + r * N);
       add_row(B + r, POSE, e, E, next + r * N);
@@ -142,7 +142,7 @@ void bent_of(const arm_t *a, const found_t *f, const double *weights, double *he
     add_bent(a, f, node, weights + node * STRAINS, f->room, hessian);
 }
 
-/* The Hessian (N, N) of weights (steps + 1, POSE) . poses, where slopes_of was last. */
+/* The Hessian (N, N) of weights (steps + 1, POSE) . poses, where jacobian_of was last. */
 void hessian_of(const arm_t *a, const found_t *f, const double *weights, double *hessian) {
   const long e = a->m * STRAINS, all = POSE + e;
   double *H = f->room, *more = H + all * all;
@@ -165,7 +165,7 @@ void hessian_of(const arm_t *a, const found_t *f, const double *weights, double 
     const double *given[4] = {f->poses + k * POSE, f->strains + k * e, a->h + k, lam};
     double *bent[1] = {H};
     a->march_second(given, bent, 0, 0, 0);
-    for (long r = 0; r < BENT; ++r) G[r] = f->slopes + (k * POSE + r) * N;
+    for (long r = 0; r < BENT; ++r) G[r] = f->jacobian + (k * POSE + r) * N;
     for (long r = 0; r < e; ++r) G[BENT + r] = f->by_tensions + (k * e + r) * N;
     add_square(H, all, at, BENT + e, G, more, hessian);
   }

@@ -89,16 +89,16 @@ class CondensedSteps:
 
     def first(self, T: ca.MX) -> tuple[ca.MX, ca.MX]:
         """Return the poses (7, K), and their derivatives by the tensions (7 K, n_tendons)."""
-        poses, slopes = self._slopes(self._settled(T))[:2]
-        by_node = ca.horzsplit(slopes, self.n)
+        poses, jacobian = self._jacobian(self._settled(T))[:2]
+        by_node = ca.horzsplit(jacobian, self.n)
         return poses[:, self.seen], ca.vertcat(*(by_node[node] for node in self.seen))
 
     def stretch(self, T: ca.MX) -> tuple[ca.MX, ca.MX]:
         """Return 1 + q (r,) at the places of `slim`, and its derivatives (r, n_tendons)."""
         if not self._slim:
             return ca.MX(0, 1), ca.MX(0, self.n)
-        strains, slopes = self._strain_first.map(self._slim)(*self._slim_settled(T))
-        own = zip(ca.horzsplit(slopes, self._by_node.shape[0]), self._slim_maps, strict=True)
+        strains, jacobian = self._strain_first.map(self._slim)(*self._slim_settled(T))
+        own = zip(ca.horzsplit(jacobian, self._by_node.shape[0]), self._slim_maps, strict=True)
         return 1 + strains[2, :].T, ca.vertcat(*(by_pull[2, :] @ maps for by_pull, maps in own))
 
     def stretch_second(self, T: ca.MX, weights: ca.MX) -> ca.MX:
@@ -118,10 +118,10 @@ class CondensedSteps:
     def second(self, T: ca.MX, weights: ca.MX) -> ca.MX:
         """Return the Hessian (n_tendons, n_tendons) of a weighted sum (7, K) of the poses."""
         settled = self._settled(T)
-        poses, slopes, strains, by_tensions, by_pose, by_strains = self._slopes(settled)
+        poses, jacobian, strains, by_tensions, by_pose, by_strains = self._jacobian(settled)
         lam = self._adjoints(by_pose, weights)
         H = self._second.map(self.steps)(poses[:, : self.steps], strains, self._h, lam)
-        start, before = ca.MX.zeros(self.n, self.n), slopes[:, : self.steps * self.n]
+        start, before = ca.MX.zeros(self.n, self.n), jacobian[:, : self.steps * self.n]
         folded = _folded(self.n, self._m * STRAINS).fold(self.steps)(start, before, by_tensions, H)
         works = _works(self._m * STRAINS).map(self.steps)(by_strains, lam)
         own = self._each(self._strain_second)(*settled, ca.reshape(works, STRAINS, -1))
@@ -144,7 +144,7 @@ class CondensedSteps:
         after = self._march.mapaccum(self.steps)(self._base, strains, self._h)
         return ca.horzcat(self._base, after)
 
-    def _slopes(self, settled: tuple[ca.MX, ca.MX, ca.DM]) -> tuple[ca.MX, ...]:
+    def _jacobian(self, settled: tuple[ca.MX, ca.MX, ca.DM]) -> tuple[ca.MX, ...]:
         """Return the poses, P at all nodes, strains, E, A and B of all steps."""
         size = self._m * STRAINS
         strains, by_pull = self._each(self._strain_first)(*settled)
@@ -191,12 +191,12 @@ def _strain_kernels(statics: ClosedStatics) -> tuple[ca.Function, ...]:
     L = ca.dot(weights, e) - ca.dot(held, wrench)
     bent = ca.substitute(ca.hessian(L, ca.vertcat(v, pull))[0], held, work)
     along, at = ca.vertcat(by_pull, ca.SX.eye(pull.numel())), [v, pull, data]
-    slopes, curvature = ca.jacobian(e, v) @ by_pull, along.T @ (bent @ along)
+    jacobian, curvature = ca.jacobian(e, v) @ by_pull, along.T @ (bent @ along)
     settled, cse = statics.solve(pull, data), {"cse": True}
     return (
         ca.Function("strain_solve", [pull, data], [ca.densify(settled)], cse),
         ca.Function("strain_value", [v], [e], cse),
-        ca.Function("strain_first", at, [e, ca.densify(slopes)], cse),
+        ca.Function("strain_first", at, [e, ca.densify(jacobian)], cse),
         ca.Function("strain_second", [*at, weights], [ca.densify(curvature)], cse),
     )
 

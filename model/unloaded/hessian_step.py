@@ -6,7 +6,7 @@ exp(z_1) exp(z_2) .. g, and by the formula of Baker, Campbell and Hausdorff its 
     zeta = sum_k z_k + 1/2 sum_(i<k) [z_i, z_k] + ...
 
 so that a second derivative of zeta is the sum of the steps' own and of brackets with the sums so
-far (model.unloaded.tip_slopes). What is asked of it is its product with a wrench, or with several
+far (model.unloaded.tip_jacobian). What is asked of it is its product with a wrench, or with several
 of them at places along the arm, which then add up from the tip to each step.
 """
 
@@ -23,7 +23,7 @@ from model.unloaded.closed_form import strain_function, twist
 from model.unloaded.pulls import TERMS
 from model.unloaded.statics import ClosedStatics
 from model.unloaded.step_twist import adjoint_function
-from model.unloaded.tip_slopes import strain_slopes
+from model.unloaded.tip_jacobian import strain_jacobian
 
 
 @lru_cache(maxsize=64)
@@ -44,15 +44,15 @@ def own_step(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
     by_strains, nodes = gradient.T @ along, range(m)
     strains = [strain_function(statics)(pull[:, i], data[:, i])[1:] for i in nodes]
     given = [(strains[i], pull[:, i], data[:, i]) for i in nodes]
-    slopes = [strain_slopes(statics)(*of) for of in given]
+    jacobian = [strain_jacobian(statics)(*of) for of in given]
     parts = [slice(3 * i, 3 * i + 3) for i in nodes]
     blocks = [[ca.SX()] * m for _ in nodes]
     for i in nodes:
         for j in range(i + 1):
-            blocks[i][j] = slopes[i].T @ bent[parts[i], parts[j]] @ slopes[j]
+            blocks[i][j] = jacobian[i].T @ bent[parts[i], parts[j]] @ jacobian[j]
             blocks[j][i] = blocks[i][j].T
         blocks[i][i] = blocks[i][i] + _strain_hessian(statics)(*given[i], by_strains[parts[i]].T)
-    at_nodes = [along[:, part] @ slope for part, slope in zip(parts, slopes, strict=True)]
+    at_nodes = [along[:, part] @ slope for part, slope in zip(parts, jacobian, strict=True)]
     turned = ca.horzcat(*(sum((basis[t, i] * at_nodes[i] for i in nodes), 0) for t in range(TERMS)))
     found = [ca.densify(value) for value in (moved, turned, ca.blockcat(blocks))]
     found = ca.substitute(found, [e], [ca.vertcat(*strains)])

@@ -119,7 +119,7 @@ class UnloadedSensitivities:
 
     @cached_property
     def _lengths(self) -> tuple[Array, Array]:
-        return self._sections.length_slopes(self.strains, self._weights)
+        return self._sections.length_jacobian(self.strains, self._weights)
 
     @cached_property
     def _wrenches(self) -> Array:
@@ -142,11 +142,11 @@ class UnloadedSensitivities:
 
     def _pose(self, strains: Array) -> Array:
         """Return displacement and rotation (6, k) of the node that changes of strains are."""
-        twists = _twist_slopes(self._law, len(self.strains))
-        slopes = (
+        twists = _twist_jacobian(self._law, len(self.strains))
+        jacobian = (
             twists(self.strains.ravel())[0].reshape(len(self.strains), -1, 6).transpose(0, 2, 1)
         )
-        moved = (slopes @ strains) * self._weights[:, None, None]
+        moved = (jacobian @ strains) * self._weights[:, None, None]
         return np.asarray(np.einsum("pij,pik->jk", self._wrenches, moved))
 
 
@@ -165,8 +165,8 @@ def _inside(law: CrossSection, stages: int, elements: int) -> Buffered:
 
 
 @lru_cache(maxsize=32)
-def _twist_slopes(law: CrossSection, count: int) -> Buffered:
+def _twist_jacobian(law: CrossSection, count: int) -> Buffered:
     """Return strains -> the derivatives of (kappa, nu) (6 n, count), column by column."""
     v = ca.SX.sym("v", size(law))
-    slopes = ca.jacobian(ca.vertcat(*law.twist(v)), v)
-    return Buffered(ca.Function("slopes", [v], [ca.vec(ca.densify(slopes))]).map(count))
+    jacobian = ca.jacobian(ca.vertcat(*law.twist(v)), v)
+    return Buffered(ca.Function("jacobian", [v], [ca.vec(ca.densify(jacobian))]).map(count))

@@ -14,26 +14,26 @@ from model.integrators.magnus import Magnus
 from model.rotations import compose, conjugate, exponential, matrix, multiply
 
 
-def step_slopes(scheme: Magnus, twists: list[ca.SX], h: ca.SX, e: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Return the pose (7,) of a step, and the slopes (6, n) of its z against e (n,).
+def step_jacobian(scheme: Magnus, twists: list[ca.SX], h: ca.SX, e: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Return the pose (7,) of a step, and the derivatives (6, n) of its z against e (n,).
 
     `twists` (6,) at the scheme's nodes are expressions of e.
     """
     omega = scheme.expansion(twists, h)
-    pose, slopes = _exponential_slopes()(omega)
-    return pose, ca.densify(slopes @ ca.jacobian(omega, e))
+    pose, jacobian = _exponential_jacobian()(omega)
+    return pose, ca.densify(jacobian @ ca.jacobian(omega, e))
 
 
 @lru_cache(maxsize=1)
-def _exponential_slopes() -> ca.Function:
-    """Return Omega (6,) -> exp(Omega) (7,), slopes of z against Omega (6, 6)."""
+def _exponential_jacobian() -> ca.Function:
+    """Return Omega (6,) -> exp(Omega) (7,), derivatives of z against Omega (6, 6)."""
     omega = ca.SX.sym("omega", 6)
     pose = exponential(omega[:3], omega[3:])
     columns = []
     for change in ca.horzsplit(ca.jacobian(pose, omega)):
         rotation = 2 * multiply(change[:4], conjugate(pose[:4]))[1:]
         columns.append(ca.vertcat(rotation, change[4:] - ca.cross(rotation, pose[4:])))
-    return ca.Function("slopes", [omega], [pose, ca.horzcat(*columns)], {"cse": True})
+    return ca.Function("jacobian", [omega], [pose, ca.horzcat(*columns)], {"cse": True})
 
 
 @lru_cache(maxsize=8)

@@ -23,7 +23,7 @@ from model.unloaded.condensed_steps import POSE, STRAINS, CondensedSteps
 _SIZES = ("steps", "m", "rows", "n_data", "n_law")
 _KERNELS = ("solve", "value", "first", "second", "march", "march_first", "march_second")
 _NUMBERS = ("maps", "data", "h", "base")
-_FOUND = ("pull", "law", "strains", "poses", "by_tensions", "slopes", "A", "B", "lam", "room")
+_FOUND = ("pull", "law", "strains", "poses", "by_tensions", "jacobian", "A", "B", "lam", "room")
 
 
 class _Arm(ctypes.Structure):
@@ -64,8 +64,8 @@ class StepsInC:
     def first(self, T: Array) -> tuple[Array, Array, Array]:
         """Return the same, and the derivatives (7 K + r, n_tendons) of both."""
         along, slim = self._at(T)
-        poses, slopes = along.poses[self._steps.seen], along.slopes[self._steps.seen]
-        both = np.concatenate([slopes.reshape(-1, self._steps.n), slim.by_tensions[:, 2]])
+        poses, jacobian = along.poses[self._steps.seen], along.jacobian[self._steps.seen]
+        both = np.concatenate([jacobian.reshape(-1, self._steps.n), slim.by_tensions[:, 2]])
         return poses, 1 + slim.strains[:, 2], both
 
     def second(self, T: Array, weights: Array, thin: Array) -> Array:
@@ -82,7 +82,7 @@ class StepsInC:
         along, slim = self._rooms()
         if self._local.at is None or not np.array_equal(self._local.at, T):
             along.T[:] = slim.T[:] = T
-            self._run.slopes_of(*along.given)
+            self._run.jacobian_of(*along.given)
             self._run.strains_of(*slim.given, 0, len(slim.strains))
             self._local.at = T.copy()
         return along, slim
@@ -116,7 +116,7 @@ class _Room:
         self.T, self.hessian = np.empty(n), np.empty((n, n))
         self.pull, self.law, self.strains = (np.empty((K, k)) for k in (rows, law, STRAINS))
         self.poses, self.lam = np.empty((S + 1, POSE)), np.empty((S + 1, POSE))
-        self.slopes = np.empty((S + 1, POSE, n))
+        self.jacobian = np.empty((S + 1, POSE, n))
         self.by_tensions = np.empty((K, STRAINS, n))
         self.A, self.B = np.empty((S, POSE, POSE)), np.empty((S, e, POSE))
         step = (POSE + e) * (POSE + e + n)
@@ -138,6 +138,12 @@ def _library(n: int) -> Any:
     found = ctypes.CDLL(str(library(f"#define N {n}\n{source}", "-O3")))
     at = ctypes.c_void_p
     found.strains_of.argtypes = [at, at, at, ctypes.c_long, ctypes.c_long]
-    for run in (found.poses_of, found.slopes_of, found.strains_of, found.hessian_of, found.bent_of):
+    for run in (
+        found.poses_of,
+        found.jacobian_of,
+        found.strains_of,
+        found.hessian_of,
+        found.bent_of,
+    ):
         run.restype = None
     return found

@@ -95,11 +95,11 @@ class TendonLengths:
 
         T, maps = ca.MX.sym("T", arm.n_tendons), statics.pulls(arm, at)
         pull, data = pull_at(arm, statics, self.s, active, T)
-        functions = strain_function(statics), _length_slopes(statics, arm.n_tendons)
-        strain, slopes = kernels(functions, machine_code)
+        functions = strain_function(statics), _length_jacobian(statics, arm.n_tendons)
+        strain, jacobian = kernels(functions, machine_code)
         strains = strain.map(self.s.size)(pull, data)
         given = (part.reshape(self.s.size, -1).T for part in (maps, paths, weight))
-        lengths, by_strains, moved = slopes.map(self.s.size)(strains, pull, data, *given)
+        lengths, by_strains, moved = jacobian.map(self.s.size)(strains, pull, data, *given)
         by_tensions = by_strains @ moved.T
         total = ca.sum2(lengths)
         if points <= FEW:  # no guess is crushed: the paper's balance goes on beyond
@@ -124,10 +124,10 @@ class TendonLengths:
 
     def stepped(self, at: Lengths, left: Array, soft: Array, held: Array) -> Stepped:
         """Return where Newton steps lead to tensions that winches ask for; see newton_steps."""
-        T, lengths, slopes, to, wrong = self._steps(
+        T, lengths, jacobian, to, wrong = self._steps(
             *at[:2], at.by_tensions.T.ravel(), left, soft, held
         )
-        return Stepped(Lengths(T[0], lengths[0], slopes.T.copy()), to[0], wrong[0, 0] == 0)
+        return Stepped(Lengths(T[0], lengths[0], jacobian.T.copy()), to[0], wrong[0, 0] == 0)
 
     @cached_property
     def _steps(self) -> Buffered:
@@ -148,8 +148,8 @@ def tendon_lengths(
 
 
 @lru_cache(maxsize=24)
-def _length_slopes(statics: ClosedStatics, n_tendons: int) -> ca.Function:
-    """Return strains, pull, data, maps, paths, weights -> |u_c'| of tendons, and their slopes.
+def _length_jacobian(statics: ClosedStatics, n_tendons: int) -> ca.Function:
+    """Return strains, pull, data, maps, paths, weights -> |u_c'| of tendons, and their derivatives.
 
     Strains are (tau, xi, k, q), maps (n_pull n_tendons,) take tensions to pull, row by row, paths
     (4 n_tendons,) stand one after the other. |u_c'| (n_tendons,) and its derivatives by the strains
@@ -165,8 +165,8 @@ def _length_slopes(statics: ClosedStatics, n_tendons: int) -> ca.Function:
     moved = -ca.inv_minor(ca.jacobian(wrench, v)) @ ca.jacobian(wrench, pull)
     moved = moved @ (ca.diag(ca.diag(maps)) if statics.each_alone else maps.T)
     runs = [weight[j] * ca.norm_2(law.run(v, paths[:, j])) for j in range(n_tendons)]
-    slopes = ca.vertcat(*(ca.densify(ca.gradient(run, v)).T for run in runs))
-    found = [ca.vertcat(*runs), ca.densify(slopes), ca.densify(moved.T)]
+    jacobian = ca.vertcat(*(ca.densify(ca.gradient(run, v)).T for run in runs))
+    found = [ca.vertcat(*runs), ca.densify(jacobian), ca.densify(moved.T)]
     found = ca.substitute(found, [v], [now])
     given = [strain, pull, data, ca.vec(maps), ca.vec(paths), weight]
-    return ca.Function("slopes", given, found, {"cse": True})
+    return ca.Function("jacobian", given, found, {"cse": True})

@@ -134,14 +134,14 @@ class _Steps:
         sections = self.settled.sections
         v, pulls = self.settled.strains(tensions), sections.pulls(tensions)
         for _ in range(_PASSES):
-            wrench, slopes = sections.wrench(v, pulls)
+            wrench, jacobian = sections.wrench(v, pulls)
             try:
-                step = np.linalg.solve(slopes, wrench[:, :, None])[:, :, 0]
+                step = np.linalg.solve(jacobian, wrench[:, :, None])[:, :, 0]
             except np.linalg.LinAlgError:
                 break
             v = v - step
             if not float((np.abs(step) / (1 + np.abs(v))).max()) > _LINEAR:
-                return v, least_of_sections(sections, slopes, np.s_[::2])
+                return v, least_of_sections(sections, jacobian, np.s_[::2])
         return np.full_like(v, np.nan), np.nan
 
 

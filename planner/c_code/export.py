@@ -83,7 +83,7 @@ def export(
         Tip error over arm length that is accepted, from 1e-12 (in single precision 1e-6) to 0.1.
     precision : "double" or "float"
         Of all numbers in C. The functions agree with `settle` and `tip_jacobian` to 1e-12 in double
-        and to 1e-5 in single precision: positions over the arm's length, slopes over the largest.
+        and to 1e-5 in single precision: positions over the length, Jacobians over the largest.
     name : str
         Of the files, and what the names in them begin with.
 

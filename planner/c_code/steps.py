@@ -20,7 +20,7 @@ from model.unloaded.geometry import nodes_of
 from model.unloaded.hessian_step import own_step
 from model.unloaded.pulls import TERMS, PullPolynomials
 from model.unloaded.statics import ClosedStatics, closed_statics
-from model.unloaded.tip_slopes import shifts_and_turns, twist_step
+from model.unloaded.tip_jacobian import shifts_and_turns, twist_step
 from planner.c_code.source import CSource, Precision, frame_function, numbers, whole_numbers
 
 # Steps of Newton's method end in rounding at about 1e-6; they shrink by squares before.
@@ -118,12 +118,12 @@ def _own_step(forward: ClosedForm, statics: ClosedStatics) -> ca.Function:
 
 
 def _rows(polynomials: PullPolynomials) -> ca.Function:
-    """Return (pose, sums up to each section's end) -> slopes of the tip, row by row."""
+    """Return (pose, sums up to each section's end) -> derivatives of the tip, row by row."""
     n = 6 * polynomials.own[0].shape[0]
     pose, sums = ca.SX.sym("pose", 7), ca.SX.sym("sums", n, len(polynomials.own))
     columns = [ca.reshape(sums[:, i], 6, -1) @ ca.DM(own) for i, own in enumerate(polynomials.own)]
-    slopes = shifts_and_turns(pose, ca.horzcat(*columns))
-    return ca.Function("tip_rows", [pose, sums], [ca.densify(slopes).T], {"cse": True})
+    jacobian = shifts_and_turns(pose, ca.horzcat(*columns))
+    return ca.Function("tip_rows", [pose, sums], [ca.densify(jacobian).T], {"cse": True})
 
 
 def _tables(

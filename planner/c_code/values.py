@@ -6,13 +6,13 @@ import numpy as np
 
 from model.rotations import matrices
 from model.shape import Shape
-from model.unloaded.tip_slopes import tip_slopes
+from model.unloaded.tip_jacobian import tip_jacobian_function
 from planner.c_code.source import CSource, Precision, numbers
 from planner.c_code.steps import steps_source
 from planner.c_code.whole import whole_source
 from planner.files import versions
 
-# How well C agrees with Python: positions over the length, frames, slopes over the largest.
+# How well C agrees with Python: positions over the length, frames, derivatives over the largest.
 TOLERANCE: dict[Precision, float] = {"double": 1e-12, "float": 1e-5}
 BYTES: dict[Precision, int] = {"double": 8, "float": 4}
 
@@ -48,15 +48,17 @@ def c_values(shape: Shape, source: CSource, precision: Precision, name: str) -> 
 
 def _test_vector(shape: Shape, precision: Precision) -> dict[str, str]:
     """Return what Python finds at the shape's tensions."""
-    slopes = np.array(
-        tip_slopes(shape.arm, shape.scene, shape.scheme, shape.refinement)(shape.tensions)
+    jacobian = np.array(
+        tip_jacobian_function(shape.arm, shape.scene, shape.scheme, shape.refinement)(
+            shape.tensions
+        )
     )
     values = {
         "TEST_TENSION": shape.tensions,
         "TEST_POSITION": shape.states[:, 4:7],
         "TEST_FRAME": matrices(shape.states[:, :4]),
-        "TEST_SHIFT": slopes[:3],
-        "TEST_TURN": slopes[3:],
+        "TEST_SHIFT": jacobian[:3],
+        "TEST_TURN": jacobian[3:],
         "TEST_TOLERANCE": TOLERANCE[precision],
         "TEST_LENGTH": shape.arm.length,
     }

@@ -8,7 +8,7 @@ from model.effects import ExactTendons
 from model.errors import InputError
 from model.forward import explicit_map
 from model.shape import Shape
-from model.unloaded.tip_slopes import tip_slopes
+from model.unloaded.tip_jacobian import tip_jacobian_function
 from planner.c_code.source import CSource, Precision, frame_function, work_of
 
 
@@ -29,7 +29,7 @@ def whole_source(shape: Shape, precision: Precision) -> CSource:
     functions = (
         ca.Function("tip_pose", [T], [tip[4:], frame(tip[:4]), stretch]),
         ca.Function("node_poses", [T], [poses[4:, :], frames, stretch]),
-        ca.Function("tip_rows", [T], [tip_slopes(arm, scene, *mesh)(T).T]),
+        ca.Function("tip_rows", [T], [tip_jacobian_function(arm, scene, *mesh)(T).T]),
     )
     stretches = stretch.numel()
     used = stretches + work_of(functions).w

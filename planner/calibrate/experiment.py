@@ -192,7 +192,7 @@ class Evaluation:
             tensions = [np.array(shape.tensions)[:, None] * of.scaled for shape in shapes]
             heres = [self.heres[i] for i in own]
             heres = heres if self.experiment.looser > 1 else refreshed(heres)
-            found.update(zip(own, by_numbers(heres, of.slopes, tensions), strict=True))
+            found.update(zip(own, by_numbers(heres, of.jacobian, tensions), strict=True))
         return [found[i] for i in range(len(self.heres))]
 
     @cached_property
@@ -202,7 +202,7 @@ class Evaluation:
         for name, own in self._members.items():
             of, by = self.sessions[name], [self.derivatives[i] for i in own]
             strokes = any(shapes[i].strokes is not None for i in own)
-            rest = of.rest_slopes if strokes else np.zeros((0, 0))
+            rest = of.rest_jacobian if strokes else np.zeros((0, 0))
             found.update(zip(own, self._rows[name].jacobians(by, of.keys, rest), strict=True))
         return np.vstack([found[i] / shape.stds[:, None] for i, shape in enumerate(shapes)])
 

@@ -90,7 +90,7 @@ class Weights:
     loss: Loss = "linear"
     absolute: bool = False
 
-    def slopes(self, r: Array) -> Array:
+    def jacobian(self, r: Array) -> Array:
         """Return how much residuals over the noise count against those of a square: rho'."""
         return np.asarray(_RHO[self.loss](np.square(r))[1])
 
@@ -228,10 +228,10 @@ class _Steps:
         are off, the derivatives have changed less than twice.
         """
         self.before = here = self.at(z)
-        known, slopes = prior_rows(self.experiment, here.values)
+        known, jacobian = prior_rows(self.experiment, here.values)
         r = np.concatenate([here.residuals / self.noise, known])
         counted = np.ones(r.size)
-        counted[: here.residuals.size] = np.sqrt(self.weights.slopes(r[: here.residuals.size]))
+        counted[: here.residuals.size] = np.sqrt(self.weights.jacobian(r[: here.residuals.size]))
         if self._known is not None:
             at, before, J = self._known
             told = J @ (z - at)
@@ -240,7 +240,7 @@ class _Steps:
             if _offset(counted[:, None] * J, counted * r, z) + off / size <= self.offset:
                 raise _OptimumError
         self.differentiated = here
-        J = np.vstack([here.jacobian * self.experiment.parameters.range / self.noise, slopes])
+        J = np.vstack([here.jacobian * self.experiment.parameters.range / self.noise, jacobian])
         if _offset(counted[:, None] * J, counted * r, z) <= self.offset:
             raise _OptimumError
         self._known = z.copy(), r, J

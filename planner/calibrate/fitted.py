@@ -216,6 +216,6 @@ class Fitted:
     def scaled_jacobian(self) -> Array:
         """Derivatives of residuals over noise, then of the priors, by unknowns from 0 to 1."""
         J = self.evaluation.jacobian * self.parameters.range / self.noise
-        counted = np.sqrt(self.weights.slopes(self.evaluation.residuals / self.noise))
+        counted = np.sqrt(self.weights.jacobian(self.evaluation.residuals / self.noise))
         prior = prior_rows(self.evaluation.experiment, self.array)[1]
         return np.vstack([J * counted[:, None], prior])

@@ -102,10 +102,10 @@ class Rows:
             found.append(np.concatenate([*rows, *_runs(here, shape)]))
         return found
 
-    def jacobians(self, by: Sequence[ByNumbers], keys: Keys, rest_slopes: Array) -> list[Array]:
+    def jacobians(self, by: Sequence[ByNumbers], keys: Keys, rest_jacobian: Array) -> list[Array]:
         """Return the derivatives (size, K) of what is predicted by unknowns of these keys (K,).
 
-        `rest_slopes` (n_tendons, K) are those of the tendons' lengths at rest, which strokes ask
+        `rest_jacobian` (n_tendons, K) are those of the tendons' lengths at rest, which strokes ask
         for.
         """
         moved, found = self._displacements(by, keys), []
@@ -118,7 +118,7 @@ class Rows:
             if shape.lengths is not None:
                 rows.append(one.lengths)
             if shape.strokes is not None:
-                rows.append(rest_slopes - one.lengths)
+                rows.append(rest_jacobian - one.lengths)
             found.append(np.vstack(rows))
         return found
 
@@ -126,7 +126,7 @@ class Rows:
         """Return how the markers move with the unknowns (P, 3, K) [m per unit]."""
         rows = [one.states[self._places[own]] for one, own in zip(by, self._own, strict=True)]
         moved = displaced(self._poses, np.vstack([np.zeros((0, POSE, len(keys))), *rows]))
-        shifts = by[0].slopes.s[self._nodes]
+        shifts = by[0].jacobian.s[self._nodes]
         slid = [(k, i) for k, own in enumerate(keys) for i in _numbered(own, "s_mm")]
         if slid or shifts.any():
             rates = self._along()

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from model.paths import Array
-from model.transcription.neighbours import NumberSlopes, number_slopes
+from model.transcription.neighbours import NumberDerivatives, number_derivatives
 from model.transcription.system import System
 from model.winches import rest_lengths
 from planner.calibrate.measured import Measured
@@ -48,12 +48,12 @@ class Session:
         return shifted(shape, self.shifts)
 
     @cached_property
-    def slopes(self) -> NumberSlopes:
+    def jacobian(self) -> NumberDerivatives:
         """Derivatives of the equations' numbers by the unknowns."""
-        return number_slopes(self.system, self.parameters.stencils(self.values, self.name))
+        return number_derivatives(self.system, self.parameters.stencils(self.values, self.name))
 
     @cached_property
-    def rest_slopes(self) -> Array:
+    def rest_jacobian(self) -> Array:
         """Derivatives of the tendons' lengths at rest by the unknowns (n_tendons, K)."""
         found = np.zeros((self.system.arm.n_tendons, len(self.values)))
         for k, stencil in enumerate(self.parameters.stencils(self.values, self.name)):

@@ -133,12 +133,12 @@ class Grasp:
         def cones(z: Array) -> Array:
             return np.asarray(room - (z.reshape(k, 2) ** 2).sum(axis=1))
 
-        def cone_slopes(z: Array) -> Array:
+        def cone_jacobian(z: Array) -> Array:
             found = np.zeros((k, k, 2))
             found[np.arange(k), np.arange(k)] = -2 * z.reshape(k, 2)
             return found.reshape(k, 2 * k)
 
-        within = {"type": "ineq", "fun": cones, "jac": cone_slopes}
+        within = {"type": "ineq", "fun": cones, "jac": cone_jacobian}
         given = {"jac": slope, "constraints": within, "method": "SLSQP"}
         found = scipy.optimize.minimize(
             cost, np.zeros(2 * k), **given, options={"ftol": 1e-18, "maxiter": 300}

@@ -46,7 +46,7 @@ class GraspTerms:
         That directions of tangential forces are across: kept from terms to terms, as with others
         the same numbers would be other forces.
     equality, inequality : (m,), (k,)
-    match_slopes, margin_slopes : (m, n_tendons + n_z), (k, n_tendons + n_z)
+    match_jacobian, margin_jacobian : (m, n_tendons + n_z), (k, n_tendons + n_z)
         By tensions [1/N] and tangential forces.
     """
 
@@ -84,9 +84,9 @@ def grasp_terms(
     wrench[: len(hold.wrench)] = hold.wrench
     given = (hold.obstacle.numbers, np.concatenate([wrench, [hold.friction, size, lever]]))
     found = _rows(k, tuple(rough.tolist()), full)(points.T, N, forces, axes.T, *given)
-    equality, inequality, *slopes = (np.array(part) for part in found)
+    equality, inequality, *jacobian = (np.array(part) for part in found)
     both = []
-    for by_u, by_n, by_z in (slopes[:3], slopes[3:]):
+    for by_u, by_n, by_z in (jacobian[:3], jacobian[3:]):
         moved = by_u @ by_points.reshape(3 * k, n) + by_n @ by_N
         both.append(np.hstack([moved, by_z]))
     return GraspTerms(forces, axes, equality.ravel(), inequality.ravel(), *both)
@@ -147,9 +147,9 @@ def nodal_forces(system: System, touches: Touches, columns: Array) -> Array:
 
 @lru_cache(maxsize=64)
 def _rows(k: int, rough: tuple[bool, ...], full: bool) -> ca.Function:
-    """Return (points (3, k), N, tangential, axes (3, m), body, numbers) -> rows, slopes.
+    """Return (points (3, k), N, tangential, axes (3, m), body, numbers) -> rows, derivatives.
 
-    Slopes of the wrench that is left by points, N and tangential forces, then of the cones.
+    Derivatives of the wrench that is left by points, N and tangential forces, then of the cones.
     """
     m = sum(rough)
     U, N, z = ca.MX.sym("U", 3, k), ca.MX.sym("N", k), ca.MX.sym("z", 2 * m)
@@ -172,5 +172,5 @@ def _rows(k: int, rough: tuple[bool, ...], full: bool) -> ca.Function:
         moment += ca.cross(U[:, i] - d * n - body[:3], total)
     left = ca.vertcat(force, moment / lever) if full else force
     rows = [left / size, ca.vertcat(ca.MX(0, 1), *cones)]
-    slopes = [ca.densify(ca.jacobian(row, by)) for row in rows for by in (U, N, z)]
-    return ca.Function("grasp", [U, N, z, B, body, c], [*rows, *slopes])
+    jacobian = [ca.densify(ca.jacobian(row, by)) for row in rows for by in (U, N, z)]
+    return ca.Function("grasp", [U, N, z, B, body, c], [*rows, *jacobian])

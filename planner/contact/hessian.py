@@ -36,12 +36,12 @@ def exact_hessian(program: Program, here: SettledTerms, at: Optimum) -> Array | 
         return None
     along = block_diag(_across(ends), np.eye(here.tangential.size))
     lam = (at.lam_equality, at.lam_inequality)
-    slope, found = lagrangian_slope(program, still, lam), np.zeros((along.shape[1],) * 2)
+    slope, found = lagrangian_gradient(program, still, lam), np.zeros((along.shape[1],) * 2)
     for j, direction in enumerate(along.T):
         there = program.moved(still, _STEP * direction, clip=False)
         if there is None or there.values["inequality"].size != size:
             return None
-        found[:, j] = along.T @ (lagrangian_slope(program, there, lam) - slope) / _STEP
+        found[:, j] = along.T @ (lagrangian_gradient(program, there, lam) - slope) / _STEP
     held = _held_rows(program, here, at)
     free = _across(held @ along)
     values, vectors = np.linalg.eigh(free.T @ (found + found.T) @ free / 2)
@@ -67,10 +67,10 @@ def _held_rows(program: Program, here: SettledTerms, at: Optimum) -> Array:
     return np.asarray(rows[sizes > 0] / sizes[sizes > 0, None])
 
 
-def lagrangian_slope(program: Program, terms: SettledTerms, lam: tuple[Array, Array]) -> Array:
+def lagrangian_gradient(program: Program, terms: SettledTerms, lam: tuple[Array, Array]) -> Array:
     """Return the gradient by the scaled unknowns of effort and of what multipliers weigh (n,)."""
     own = program.rows(terms, "equality").T @ lam[0] + program.rows(terms, "inequality").T @ lam[1]
-    return np.asarray(program.effort_slope(terms) + own)
+    return np.asarray(program.effort_gradient(terms) + own)
 
 
 def updated(
@@ -92,7 +92,7 @@ def updated(
     step = np.append(
         (there.tensions - here.tensions) / program.units, there.tangential - here.tangential
     )
-    y = lagrangian_slope(program, there, lam[1:]) - lagrangian_slope(program, here, lam[1:])
+    y = lagrangian_gradient(program, there, lam[1:]) - lagrangian_gradient(program, here, lam[1:])
     Bs = B @ step
     curve = float(step @ Bs)
     if curve <= 1e-300:
@@ -106,5 +106,5 @@ def updated(
 def of_targets(terms: SettledTerms) -> SettledTerms:
     """Return terms without the inequalities of their piece."""
     values = {"inequality": terms.values["inequality"][: terms.inequalities]}
-    slopes = {"inequality": terms.slopes["inequality"][: terms.inequalities]}
-    return replace(terms, values=terms.values | values, slopes=terms.slopes | slopes)
+    jacobian = {"inequality": terms.jacobian["inequality"][: terms.inequalities]}
+    return replace(terms, values=terms.values | values, jacobian=terms.jacobian | jacobian)

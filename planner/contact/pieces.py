@@ -32,10 +32,10 @@ def piece_margins(here: Linearised, force: float) -> tuple[Array, Array]:
     P, p = own[:, :, 0][touches.held], own[:, :, 1][touches.end | touches.inside]
     moved = here.by_tensions
     s, j = _openings(here, touches)
-    gap, gap_slopes = _gaps(here, s, j)
+    gap, gap_jacobian = _gaps(here, s, j)
     values = [here.states[P] / force, here.states[p] * L / force, gap / L]
-    slopes = [moved[P] / force, moved[p] * L / force, gap_slopes / L]
-    return np.concatenate(values), np.vstack(slopes)
+    jacobian = [moved[P] / force, moved[p] * L / force, gap_jacobian / L]
+    return np.concatenate(values), np.vstack(jacobian)
 
 
 def _openings(here: Linearised, touches: Touches) -> tuple[Array, Array]:
@@ -69,11 +69,11 @@ def _gaps(here: Linearised, s: Array, j: Array) -> tuple[Array, Array]:
     if not s.size:
         return np.zeros(0), np.zeros((0, n))
     system, first = here.system, here.x.size - here.states.size
-    moved, slopes = here.by_tensions, np.zeros((s.size, n))
+    moved, jacobian = here.by_tensions, np.zeros((s.size, n))
     for i in range(n):
         step = _STEP / max(float(np.abs(moved[system.of.nodes[:, :4], i]).max()), 1e-300)
         change = np.zeros_like(here.x)
         change[first:] = step * moved[:, i]
         ends = [along(system, here.x + sign * change, s, j)[:, 0] for sign in (1, -1)]
-        slopes[:, i] = (ends[0] - ends[1]) / (2 * step)
-    return along(system, here.x, s, j)[:, 0], slopes
+        jacobian[:, i] = (ends[0] - ends[1]) / (2 * step)
+    return along(system, here.x, s, j)[:, 0], jacobian

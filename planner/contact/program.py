@@ -67,7 +67,7 @@ class Program:
 
     def rows(self, terms: SettledTerms, kind: str) -> Array:
         """Return the derivatives of terms by the scaled unknowns."""
-        return np.asarray(terms.slopes[kind] * self.units_of(terms))
+        return np.asarray(terms.jacobian[kind] * self.units_of(terms))
 
     def moved(self, terms: SettledTerms, step: Array, clip: bool = True) -> SettledTerms | None:
         """Return the terms after a step of the scaled unknowns; None where the arm jumps."""
@@ -87,7 +87,7 @@ class Program:
             / 2
         )
 
-    def effort_slope(self, terms: SettledTerms) -> Array:
+    def effort_gradient(self, terms: SettledTerms) -> Array:
         """Return the gradient of effort by the scaled unknowns (n,)."""
         own = self.units * terms.tensions / self.scale**2
         return np.append(own, _COST * terms.tangential)
@@ -95,7 +95,7 @@ class Program:
     def gradient(self, terms: SettledTerms) -> Array:
         """Return the gradient of the objective by the scaled unknowns (n,)."""
         return np.asarray(
-            self.effort_slope(terms)
+            self.effort_gradient(terms)
             + NEAREST * self.rows(terms, "soft_residual").T @ terms.values["soft_residual"]
         )
 

@@ -41,7 +41,7 @@ class SettledTerms:
         The equilibrium.
     snaps : tuple of float
         The shares of the load path at which the arm jumped.
-    values, slopes : by kind
+    values, jacobian : by kind
         Terms (n,), and their derivatives by the tensions (n, n_tendons). Behind the inequalities of
         targets are those of the piece, see planner.contact.pieces.
     inequalities : int
@@ -53,7 +53,7 @@ class SettledTerms:
     here: Linearised
     snaps: tuple[float, ...]
     values: dict[str, Array]
-    slopes: dict[str, Array]
+    jacobian: dict[str, Array]
     inequalities: int
     grasps: tuple[GraspTerms, ...] = ()
 
@@ -128,9 +128,9 @@ class Settling:
         inequalities = term_names(self.arm, self.targets)[KINDS.index("inequality")]
         kept = [i for i, name in enumerate(inequalities) if name != CLEAR]
         found[KINDS.index("inequality")] = found[KINDS.index("inequality")][kept]
-        slopes = [ca.densify(ca.jacobian(value, poses)) for value in found]
+        jacobian = [ca.densify(ca.jacobian(value, poses)) for value in found]
         given, values = [poses, numbers], found
-        return ca.Function("terms", given, values), ca.Function("slopes", given, slopes)
+        return ca.Function("terms", given, values), ca.Function("jacobian", given, jacobian)
 
     def at(
         self, tensions: Array, near: SettledTerms | None = None, tangential: Array | None = None
@@ -141,27 +141,29 @@ class Settling:
         it comes to none, and near another where it would jump.
         """
         here, snaps = self._settled(tensions, near)
-        values, slopes = self._of_poses(here)
+        values, jacobian = self._of_poses(here)
         grasps = self._grasps(here, near, tangential)
         z = np.cumsum([0, *(own.tangential.size for own in grasps)])
         for kind in values:
-            slopes[kind] = np.hstack([slopes[kind], np.zeros((values[kind].size, z[-1]))])
+            jacobian[kind] = np.hstack([jacobian[kind], np.zeros((values[kind].size, z[-1]))])
         for own, first, last in zip(grasps, z[:-1], z[1:], strict=True):
             for kind, value, slope in (
                 ("equality", own.equality, own.equality_jacobian),
                 ("inequality", own.inequality, own.inequality_jacobian),
             ):
-                wide = np.zeros((value.size, slopes[kind].shape[1]))
+                wide = np.zeros((value.size, jacobian[kind].shape[1]))
                 wide[:, : tensions.size] = slope[:, : tensions.size]
                 wide[:, tensions.size + first : tensions.size + last] = slope[:, tensions.size :]
                 values[kind] = np.append(values[kind], value)
-                slopes[kind] = np.vstack([slopes[kind], wide])
+                jacobian[kind] = np.vstack([jacobian[kind], wide])
         inequalities = values["inequality"].size
-        own_values, own_slopes = piece_margins(here, self._force)
+        own_values, own_jacobian = piece_margins(here, self._force)
         values["inequality"] = np.append(values["inequality"], own_values)
         none = np.zeros((own_values.size, z[-1]))
-        slopes["inequality"] = np.vstack([slopes["inequality"], np.hstack([own_slopes, none])])
-        return SettledTerms(here, snaps, values, slopes, inequalities, grasps)
+        jacobian["inequality"] = np.vstack(
+            [jacobian["inequality"], np.hstack([own_jacobian, none])]
+        )
+        return SettledTerms(here, snaps, values, jacobian, inequalities, grasps)
 
     def _settled(
         self, tensions: Array, near: SettledTerms | None
@@ -193,11 +195,11 @@ class Settling:
         poses = here.states[places]
         numbers = np.concatenate([target.parameters(self.arm) for target in self.targets])
         moved = here.by_tensions[places.ravel()]
-        values, slopes = (function(poses.T, numbers) for function in self._terms)
+        values, jacobian = (function(poses.T, numbers) for function in self._terms)
         found = {kind: np.array(v).ravel() for kind, v in zip(KINDS, values, strict=True)}
         rates = {
             kind: np.array(J).reshape(-1, places.size) @ moved
-            for kind, J in zip(KINDS, slopes, strict=True)
+            for kind, J in zip(KINDS, jacobian, strict=True)
         }
         return found, rates
 

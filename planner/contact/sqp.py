@@ -79,8 +79,8 @@ def _beyond(program: Program, at: Optimum) -> list[SettledTerms]:
             continue
         keep = np.delete(np.arange(at.lam_inequality.size), here.inequalities + k)
         values = here.values | {"inequality": here.values["inequality"][keep]}
-        slopes = here.slopes | {"inequality": here.slopes["inequality"][keep]}
-        free, B = replace(here, values=values, slopes=slopes), program.effort_hessian(here)
+        jacobian = here.jacobian | {"inequality": here.jacobian["inequality"][keep]}
+        free, B = replace(here, values=values, jacobian=jacobian), program.effort_hessian(here)
         there = program.moved(here, quadratic_step(program, free, B, _PENALTY, _ACROSS)[0])
         if there is not None:
             found.append(there)

@@ -15,7 +15,7 @@ from model.text import counted
 from planner.design.making import Making
 from planner.design.objective import Objective, Reach
 from planner.design.program import REFINEMENT
-from planner.design.sensitivity import effort_slopes
+from planner.design.sensitivity import effort_jacobian
 from planner.design.tasks import Tasks
 from planner.plan import Plan
 from planner.targets import Softest, Stiffest
@@ -124,7 +124,7 @@ class Design:
             raise InputError("design", "tasks that are not met", "a design that meets all tasks")
         tasks = Tasks(self.parameters, [own.targets for own in self.plans], REFINEMENT)
         T = np.array([np.ravel(own.tensions) for own in self.plans])
-        return effort_slopes(self.plans, tasks.missed(self.array, T))
+        return effort_jacobian(self.plans, tasks.missed(self.array, T))
 
     @cached_property
     def outcome(self) -> str:

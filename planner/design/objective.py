@@ -79,7 +79,7 @@ def tip_compliance(by: ByNumbers, direction: Array) -> Slopes:
         pushed = newton(system.pushed(force), here.tensions, 1.0, here.states, kept=here)
         if pushed is None:
             raise SingularError("the tip yields to a small force")
-        ends.append(tip_along(ByNumbers(pushed.refreshed, by.slopes, by.tensions), direction))
+        ends.append(tip_along(ByNumbers(pushed.refreshed, by.jacobian, by.tensions), direction))
     one, other = ends
     rows = [(a - b) / (2 * size) for a, b in zip(one[1:], other[1:], strict=True)]
     return Slopes(c, *rows)

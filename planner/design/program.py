@@ -98,13 +98,13 @@ class Program:
         constraints = [
             {"type": "eq", "fun": self.equality, "jac": self.equality_jacobian},
             {"type": "ineq", "fun": self.inequality, "jac": self.inequality_jacobian},
-            {"type": "ineq", "fun": self.room, "jac": self.room_slopes},
+            {"type": "ineq", "fun": self.room, "jac": self.room_jacobian},
         ]
         seen = [self._optimum(self.start, 0)]
         found = scipy.optimize.minimize(
             self.objective,
             self.start,
-            jac=self.objective_slopes,
+            jac=self.objective_jacobian,
             method="SLSQP",
             bounds=bounds,
             constraints=constraints,
@@ -130,7 +130,7 @@ class Program:
             return float(z[self.K :] @ z[self.K :]) / 2
         return sum(weight * self._told(own) for _, weight, own in self._wanted(z))
 
-    def objective_slopes(self, z: Array) -> Array:
+    def objective_jacobian(self, z: Array) -> Array:
         """Its gradient."""
         found = np.concatenate([np.zeros(self.K), z[self.K :] * (self.asked == "effort")])
         if self.asked == "effort":
@@ -175,17 +175,17 @@ class Program:
 
     def equality_jacobian(self, z: Array) -> Array:
         """Derivatives of the equalities."""
-        return self._slopes(z, [slice(0, own.equality.size) for own in self._seen(z)])
+        return self._jacobian(z, [slice(0, own.equality.size) for own in self._seen(z)])
 
     def inequality_jacobian(self, z: Array) -> Array:
         """Derivatives of the inequalities."""
-        return self._slopes(z, [slice(own.equality.size, None) for own in self._seen(z)])
+        return self._jacobian(z, [slice(own.equality.size, None) for own in self._seen(z)])
 
     def room(self, z: Array) -> Array:
         """What is left to the limits of making."""
         return self._room_of(self.split(z)[0])
 
-    def room_slopes(self, z: Array) -> Array:
+    def room_jacobian(self, z: Array) -> Array:
         """Derivatives of room."""
         values = self.split(z)[0]
         found = np.zeros((self._room_of(values).size, z.size))
@@ -198,7 +198,7 @@ class Program:
     def _room_of(self, values: Array) -> Array:
         return self.making.room(self.parameters.built(values, "")[0])
 
-    def _slopes(self, z: Array, rows: Sequence[slice]) -> Array:
+    def _jacobian(self, z: Array, rows: Sequence[slice]) -> Array:
         n, blocks = self.shape[1], []
         for i, (own, part) in enumerate(zip(self._seen(z), rows, strict=True)):
             by_numbers = own.by_numbers[part] * self.parameters.range / _SPAN

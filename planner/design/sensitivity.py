@@ -20,7 +20,7 @@ from planner.plan import Plan
 _HELD = 1e-6
 
 
-def effort_slopes(plans: Sequence[Plan], missed: Sequence[Missed]) -> Array:
+def effort_jacobian(plans: Sequence[Plan], missed: Sequence[Missed]) -> Array:
     """Return the derivatives (K,) of the root of the sum of squared efforts by the unknowns.
 
     Of plans of the tasks, and what these miss of them.

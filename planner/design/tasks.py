@@ -20,7 +20,7 @@ from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import newton
 from model.paths import Array
 from model.transcription.layout import POSE
-from model.transcription.neighbours import number_slopes
+from model.transcription.neighbours import number_derivatives
 from model.transcription.system import System
 from planner.program.terms import stations_of, terms_function
 from planner.targets.base import Target
@@ -81,12 +81,12 @@ class Tasks:
             [replace(near, at=self._stations(near.arm)) for near in stencil]
             for stencil in self.parameters.stencils(values, "")
         ]
-        slopes = number_slopes(system, stencils, at)
+        jacobian = number_derivatives(system, stencils, at)
         rest, found = Pulled(system), []
         for i, (targets, T) in enumerate(zip(self.tasks, tensions, strict=True)):
             here = self._near(i, system, values, T) or rest.at(T)
             here = Linearised(system, here.x)
-            by = ByNumbers(here, slopes, np.zeros((arm.n_tendons, values.size)))
+            by = ByNumbers(here, jacobian, np.zeros((arm.n_tendons, values.size)))
             self._known[i] = _Known(values, T, by)
             found.append(_missed(arm, targets, by))
         return found
@@ -112,19 +112,19 @@ class Tasks:
 def _missed(arm: Arm, targets: Targets, by: ByNumbers) -> Missed:
     here = by.here
     if not targets:
-        nothing = np.zeros((0, arm.n_tendons)), np.zeros((0, by.slopes.p.shape[1]))
+        nothing = np.zeros((0, arm.n_tendons)), np.zeros((0, by.jacobian.p.shape[1]))
         return Missed(np.zeros(0), np.zeros(0), *nothing)
     mesh = here.system.mesh
     nodes = [mesh.node(s) for s in stations_of(arm, targets)]
     places = here.system.of.nodes[nodes, :POSE].ravel()
     numbers = np.concatenate([target.parameters(arm) for target in targets])
     poses = here.states[places].reshape(-1, POSE).T
-    equality, inequality, slopes = (np.array(v) for v in _terms(arm, targets)(poses, numbers))
+    equality, inequality, jacobian = (np.array(v) for v in _terms(arm, targets)(poses, numbers))
     return Missed(
         equality.ravel(),
         inequality.ravel(),
-        slopes @ here.by_tensions[places],
-        slopes @ by.states[places],
+        jacobian @ here.by_tensions[places],
+        jacobian @ by.states[places],
     )
 
 
@@ -134,5 +134,5 @@ def _terms(arm: Arm, targets: Targets) -> ca.Function:
     terms = terms_function(arm, targets)
     poses, numbers = ca.MX.sym("poses", *terms.size_in(0)), ca.MX.sym("p", terms.size1_in(1))
     equality, _, inequality, _ = terms(poses, numbers, ca.DM(0, 1))
-    slopes = ca.jacobian(ca.vertcat(equality, inequality), ca.vec(poses))
-    return ca.Function("missed", [poses, numbers], [equality, inequality, ca.densify(slopes)])
+    jacobian = ca.jacobian(ca.vertcat(equality, inequality), ca.vec(poses))
+    return ca.Function("missed", [poses, numbers], [equality, inequality, ca.densify(jacobian)])

@@ -33,8 +33,8 @@ COUNT, COUNT_OF_POINT = (4000, 160), (300, 12)
 _SLOW, _AGAIN = 0.25, 16
 # Where sections shorten, some of those that bends do not bring there are squeezed as well.
 _SQUEEZED = 30
-# The work of a step grows with the square of the number of bends; so many slopes are affordable.
-_SLOPES = 1000
+# The work of a step grows with the square of the number of bends; so many are affordable.
+_DIFFERENCES = 1000
 # What is nearer is met but for the errors of the mesh; what is not may be a place to get stuck.
 _MET = 3e-3
 _SAME = 0.05
@@ -113,7 +113,7 @@ class Fitting:
         """Return bends (m, n) fitted from those given and from drawn ones; residuals (m,)."""
         drawn = self.bends.draw(count[0])
         nearest = np.argsort(np.linalg.norm(self.gaps(drawn), axis=1), kind="stable")
-        kept = drawn[nearest[: max(4, min(count[1], _SLOPES // self.bends.width))]]
+        kept = drawn[nearest[: max(4, min(count[1], _DIFFERENCES // self.bends.width))]]
         points = kept if first is None else np.vstack([first, kept])
         points, residual = least_squares(self.gaps, points)
         enough = self.redundant and bool((residual < _MET).any())

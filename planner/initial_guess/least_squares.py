@@ -16,7 +16,7 @@ _LEFT, _FEWEST = 0.2, 16
 # What came nearer by less than this part in so many steps is stuck, and is left where it is.
 _NEARER, _STUCK = 0.3, 4
 _DIFFERENCE = 1e-4
-# Of the slopes squared; what is less does not keep a system from being singular.
+# Of the derivatives squared; what is less does not keep a system from being singular.
 _ROUNDING = 1e-12
 
 
@@ -52,9 +52,9 @@ def _step(gaps: Callable[[Array], Array], U: Array, r: Array, damping: Array) ->
     scale = 1 + np.abs(U)
     h = _DIFFERENCE * scale
     shifted = gaps((U[:, None, :] + h[:, :, None] * np.eye(n)).reshape(-1, n)).reshape(m, n, -1)
-    slopes = (shifted - r[:, None, :]) / _DIFFERENCE
-    normal = slopes @ slopes.transpose(0, 2, 1)
+    jacobian = (shifted - r[:, None, :]) / _DIFFERENCE
+    normal = jacobian @ jacobian.transpose(0, 2, 1)
     damping = damping + _ROUNDING * np.trace(normal, axis1=1, axis2=2)
     normal += damping[:, None, None] * np.eye(n)
-    step = -np.linalg.solve(normal, slopes @ r[:, :, None])[:, :, 0]
+    step = -np.linalg.solve(normal, jacobian @ r[:, :, None])[:, :, 0]
     return np.asarray(np.clip(step, -1, 1) * scale)

@@ -47,7 +47,7 @@ class Outer:
     ----------
     value : x, p, poses, stretch -> f, g
     first : x, p, poses, stretch, seen -> f, its gradient, g, its Jacobian
-    weights : x, p, poses, stretch, sigma, lam -> slopes of the Lagrangian in poses and in stretch
+    weights : x, p, poses, stretch, sigma, lam -> gradient of the Lagrangian in poses and in stretch
     second : x, p, poses, stretch, seen, sigma, lam, bent -> its Hessian
         `bent` (n, n) is the Hessian by the tensions of poses and stretch, so weighted.
     """
@@ -61,7 +61,7 @@ class Outer:
 @lru_cache(maxsize=24)
 def outer_of(objective: Objective, n: int, stations: int, machine_code: bool) -> Outer:
     """Return the functions of an objective of n tensions that sees K stations, built once."""
-    value, slopes, weights, curvature = kernels(_kernels(objective, n), machine_code)
+    value, first_of_all, weights, second_of_all = kernels(_kernels(objective, n), machine_code)
     n_free, n_numbers, gaps = (
         value.numel_in(0),
         objective.n_numbers,
@@ -78,8 +78,8 @@ def outer_of(objective: Objective, n: int, stations: int, machine_code: bool) ->
     across = ca.vertcat(ca.MX.eye(n_free), moved_poses[places, :], moved[poses.numel() :, :])
     f, g = value(*own)
     g = objective.with_gaps(g, gaps.value(*near))
-    by_all, rows_by_all = slopes(*own)
-    steep = gaps.slopes(*near)
+    by_all, rows_by_all = first_of_all(*own)
+    steep = gaps.jacobian(*near)
     jacobian = objective.with_gaps(rows_by_all @ across, steep @ moved_poses)
     first = [f, across.T @ by_all, g, jacobian]
     sigma, lam = ca.MX.sym("sigma"), ca.MX.sym("lam", g.numel())
@@ -88,7 +88,7 @@ def outer_of(objective: Objective, n: int, stations: int, machine_code: bool) ->
     slope_of_all = ca.reshape(steep.T @ pressed, *poses.shape)
     slope_of_all[:, objective.seen] += slope
     bent, unit = ca.MX.sym("bent", n, n), ca.diag(p[n_numbers:])
-    hessian = across.T @ curvature(*own, sigma, lam_own) @ across
+    hessian = across.T @ second_of_all(*own, sigma, lam_own) @ across
     hessian += moved_poses.T @ gaps.second(*near, pressed) @ moved_poses
     hessian += ca.diagcat(unit @ bent @ unit, ca.MX(n_free - n, n_free - n))
     along = [sigma, lam]
@@ -105,9 +105,9 @@ def by_steps(steps: CondensedSteps, outer: Outer) -> Expressions:
     first = outer.first
     x, p = ca.MX.sym("x", first.numel_in(0)), ca.MX.sym("p", first.numel_in(1))
     T = x[: steps.n] * p[-steps.n :]
-    (poses, slopes), (stretch, thinner) = steps.first(T), steps.stretch(T)
+    (poses, by_tensions), (stretch, thinner) = steps.first(T), steps.stretch(T)
     f, g = outer.value(x, p, steps.poses(T), stretch)
-    seen = ca.vertcat(slopes, thinner)
+    seen = ca.vertcat(by_tensions, thinner)
     _, gradient, _, jacobian = first(x, p, poses, stretch, seen)
     sigma, lam = ca.MX.sym("sigma"), ca.MX.sym("lam", g.numel())
     weights, thin = outer.weights(x, p, poses, stretch, sigma, lam)

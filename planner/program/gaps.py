@@ -57,7 +57,7 @@ class Gaps:
             return ca.MX(0, 1)
         return self.equations.value(self._all(poses), p) / self.length
 
-    def slopes(self, poses: ca.MX, p: ca.MX) -> ca.MX:
+    def jacobian(self, poses: ca.MX, p: ca.MX) -> ca.MX:
         """Return their derivatives by the poses, column by column (m, 7 K)."""
         if self.equations is None:
             return ca.MX(0, poses.numel())

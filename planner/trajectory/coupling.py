@@ -98,7 +98,7 @@ class Here:
     a: Array
     first: Sequence[Reduced]
     lengths: Array
-    slopes: list[Array]
+    jacobian: list[Array]
 
     @classmethod
     def at(cls, stops: list[Stop], coupling: Coupling, a: Array, first: Sequence[Reduced]) -> Here:

@@ -82,9 +82,9 @@ def _coupled(coupling: Coupling, here: Here) -> tuple[list[Any], Array]:
         most += [sign * (moved / coupling.rate[finite]).ravel() for sign in (-1.0, 1.0)]
     if np.isfinite(coupling.stroke):
         n = here.a.shape[1]
-        slopes = block_diag(here.slopes) / coupling.stroke
+        jacobian = block_diag(here.jacobian) / coupling.stroke
         moved = np.diff(np.vstack([coupling.start_lengths, here.lengths]), axis=0)
-        rows += coupling.both_ways(kron(coupling.differences, eye_array(n)) @ slopes, n)
+        rows += coupling.both_ways(kron(coupling.differences, eye_array(n)) @ jacobian, n)
         most += [sign * (moved / coupling.stroke).ravel() for sign in (-1.0, 1.0)]
     return rows, np.concatenate(most)
 

@@ -52,7 +52,7 @@ class Stretch:
                 return cls(found)
         raise ConvergenceError(_ROUNDING, np.inf, _REMEDY)
 
-    def slopes(self, share: Array, order: int = 1) -> Array:
+    def derivatives(self, share: Array, order: int = 1) -> Array:
         """Return derivatives (K, n_tendons) of the lengths by the share [m], at shares (K,)."""
         found = chebyshev.chebder(self.coefficients, order, scl=2.0)
         return np.asarray(chebyshev.chebval(2 * share - 1, found).T)

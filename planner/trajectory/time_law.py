@@ -70,10 +70,10 @@ class TimeLaw:
         k, passed = inside.astype(int), inside % 1
         t = self.times[k] + passed * np.diff(self.times)[k]
         share, speed, rise = self.at(np.concatenate([t, self.times[1:-1]]))
-        first, second = stretch.slopes(share), stretch.slopes(share, 2)
+        first, second = stretch.derivatives(share), stretch.derivatives(share, 2)
         bent = second * speed[:, None] ** 2
         most = np.abs(first * rise[:, None] + bent).max()
-        ends = stretch.slopes(np.array([0.0, 1.0])) * self.at(self.times[[0, -1]])[1][:, None]
+        ends = stretch.derivatives(np.array([0.0, 1.0])) * self.at(self.times[[0, -1]])[1][:, None]
         rate = max(float(np.abs(first * speed[:, None]).max()), float(np.abs(ends).max()))
         return rate, float(most)
 
@@ -90,10 +90,10 @@ class TimeLaw:
 def fastest(stretch: Stretch, way: Array, rates: Rates) -> TimeLaw:
     """Return the law of the least time from rest to rest along a way (n_tendons,) [N]."""
     u = np.linspace(0.0, 1.0, _KNOTS + 1)
-    l1 = stretch.slopes(u)
+    l1 = stretch.derivatives(u)
     size = np.maximum(np.abs(l1).max(axis=1), 1e-12)
     unit = rates.acceleration / size.max()
-    A = _accelerations(l1 / size.max(), stretch.slopes(u, 2) / size.max())
+    A = _accelerations(l1 / size.max(), stretch.derivatives(u, 2) / size.max())
     rate = (np.abs(way) / rates.tension).max()
     most = np.minimum((rates.stroke / size) ** 2, 1 / rate**2 if rate > 0 else np.inf) / unit
     most[[0, -1]] = 0.0

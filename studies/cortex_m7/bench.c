@@ -11,7 +11,7 @@ static arm_real position[ARM_NODES][3], frame[ARM_NODES][9], jacobian[6][ARM_TEN
 
 static void tip(void) { arm_tip(test_tension, position[0], frame[0]); }
 static void nodes(void) { arm_nodes(test_tension, position, frame); }
-static void slopes(void) { arm_jacobian(test_tension, jacobian); }
+static void jacobian_once(void) { arm_jacobian(test_tension, jacobian); }
 
 static void tell(const char *name, work_t work)
 {
@@ -23,6 +23,6 @@ int main(void)
   start_timer();
   tell("tip", tip);
   tell("nodes", nodes);
-  tell("jacobian", slopes);
+  tell("jacobian", jacobian_once);
   return 0;
 }

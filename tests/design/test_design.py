@@ -46,11 +46,11 @@ def test_derivatives_of_the_program_are_those_of_differences(scene: Scene) -> No
     given = Limits.of(_arm(), 5.0), Making(wall=1e-4), parameters.start
     program = Program(parameters, tasks, *given, T)
     z = program.start.copy()
-    for function, slopes in (
+    for function, jacobian in (
         (program.equality, program.equality_jacobian),
-        (program.room, program.room_slopes),
+        (program.room, program.room_jacobian),
     ):
-        J = slopes(z)
+        J = jacobian(z)
         for k in (0, 1, 2, 5, 14):
             along = np.eye(z.size)[k]
             wanted = fourth_order(lambda x, f=function, v=along: f(z + x * v), 1e-3)
@@ -68,11 +68,11 @@ def test_gradients_of_objectives_are_those_of_differences(
     tasks: list[Targets] = [*((tip,) for tip in _tips()), *[()] * reach]
     given = Limits.of(_arm(), 5.0), Making(), parameters.start, T, objective
     program = Program(parameters, tasks, *given)
-    z, slopes = program.start.copy(), program.objective_slopes(program.start)
+    z, jacobian = program.start.copy(), program.objective_jacobian(program.start)
     for k in (0, 1, 2, 5, z.size - 3):
         along = np.eye(z.size)[k]
         wanted = fourth_order(lambda x, v=along: np.array([program.objective(z + x * v)]), 1e-3)[0]
-        assert slopes[k] == pytest.approx(wanted, rel=1e-6, abs=1e-9)
+        assert jacobian[k] == pytest.approx(wanted, rel=1e-6, abs=1e-9)
 
 
 @pytest.mark.slow

@@ -132,12 +132,12 @@ def give_way(name: str, stream: str, extension: bool) -> None:
 
 def test_a_fast_stream_lays_the_arm_along_itself() -> None:
     bar = SOFT["conical"]
-    slopes = []
+    jacobian = []
     for v in (0.3, 1.0, 3.0):
         t = settle(bar.arm, NO_PULL, Scene(Current((0, v, 0))), 1e-7).tip_frame[:, 0]
-        slopes.append(np.arccos(t[1]))
-    assert np.all(np.diff(slopes) < 0)
-    assert slopes[-1] < 0.1
+        jacobian.append(np.arccos(t[1]))
+    assert np.all(np.diff(jacobian) < 0)
+    assert jacobian[-1] < 0.1
 
 
 @pytest.mark.parametrize(

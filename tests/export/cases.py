@@ -110,10 +110,10 @@ class Library:
         return self._call("nodes", T, position, frame), position, frame
 
     def jacobian(self, T: Any) -> Any:
-        """Return the slopes (6, n_tendons)."""
-        slopes = np.zeros((6, self._tendons), self._kind)
-        self._call("jacobian", T, slopes)
-        return slopes
+        """Return the derivatives (6, n_tendons)."""
+        jacobian = np.zeros((6, self._tendons), self._kind)
+        self._call("jacobian", T, jacobian)
+        return jacobian
 
     def without_results(self, T: Any) -> int:
         """Return the code of a call that wants no more than it."""

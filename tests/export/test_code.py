@@ -13,7 +13,7 @@ import pytest
 
 from model import settle, tip_jacobian
 from model.forward import explicit_map
-from model.jacobian import tip_slopes
+from model.unloaded.tip_jacobian import tip_jacobian_function
 from planner import export
 from tests.export.cases import BENT, NO_DOUBLE, SCENES, SETTLING, TABLE_4, Library, compiled
 
@@ -117,12 +117,15 @@ def test_it_agrees_with_settle_and_tip_jacobian_at_other_tensions(
         assert status == 0
         assert np.abs(positions - poses[:, 4:7]).max() <= allowed * arm.length
         assert np.abs(frames @ np.swapaxes(frames, 1, 2) - np.eye(3)).max() <= allowed
-        slopes, wanted = code.jacobian(other), np.array(tip_slopes(arm, scene, *mesh)(other))
+        jacobian, wanted = (
+            code.jacobian(other),
+            np.array(tip_jacobian_function(arm, scene, *mesh)(other)),
+        )
         true = tip_jacobian(arm, other, scene, 1e-8)
         for rows in (slice(3), slice(3, 6)):
             scale = np.abs(wanted[rows]).max()
-            assert np.abs(slopes[rows] - wanted[rows]).max() <= allowed * scale
-            assert np.abs(slopes[rows] - true[rows]).max() <= 1e-4 * scale
+            assert np.abs(jacobian[rows] - wanted[rows]).max() <= allowed * scale
+            assert np.abs(jacobian[rows] - true[rows]).max() <= 1e-4 * scale
 
 
 def test_crushed_arms_and_nan_are_told_and_results_may_be_left_out(tmp_path: Path) -> None:

@@ -63,10 +63,10 @@ class Cone:
         def left(x: Array) -> Array:
             return (lengths - np.real(self._lengths(x[None] * scale + 0j))[0]) / self.ends[-1]
 
-        def left_slopes(x: Array) -> Array:
+        def left_jacobian(x: Array) -> Array:
             return -_derived(lambda z: self._lengths(z * scale), x)[1] / self.ends[-1]
 
-        held = {"type": "ineq", "fun": left, "jac": left_slopes}
+        held = {"type": "ineq", "fun": left, "jac": left_jacobian}
         found = minimize(
             energy,
             zero,

@@ -26,7 +26,7 @@ from model.equilibrium.by_numbers import ByNumbers
 from model.equilibrium.forward import STAGES, Collocation
 from model.equilibrium.linearised import Linearised
 from model.rotations import matrices
-from model.transcription.neighbours import Neighbour, number_slopes
+from model.transcription.neighbours import Neighbour, number_derivatives
 from tests.differences import fourth_order
 
 Array = NDArray[np.float64]
@@ -152,8 +152,8 @@ def test_shapes_move_with_a_number_as_shapes_settled_afresh_do(
     forward = Collocation(arm, scene, STAGES, 6 if scene.has(Friction) else 4, (S,))
     here = Linearised(forward.system, forward.found(T).x)
     ends = [Neighbour(sign / 2e-5, *change(arm, scene, sign * 1e-5)) for sign in (1, -1)]
-    slopes = number_slopes(forward.system, [ends])
-    by = ByNumbers(here, slopes, np.zeros((T.size, 1)))
+    jacobian = number_derivatives(forward.system, [ends])
+    by = ByNumbers(here, jacobian, np.zeros((T.size, 1)))
     moved = by.poses(np.array([forward.mesh.node(S)]))[0, :, 0]
     frame = forward.system.poses(here.states)[forward.mesh.node(S)]
     columns = np.cross(moved[3:], matrices(frame[:4]).T).ravel()
@@ -170,4 +170,4 @@ def test_places_that_coincide_do_not_part() -> None:
 
     forward = Collocation(arm, LOADED, STAGES, 2)
     with pytest.raises(InputError, match="tie their keys"):
-        number_slopes(forward.system, [[Neighbour(1.0, longer(1e-5), LOADED)]])
+        number_derivatives(forward.system, [[Neighbour(1.0, longer(1e-5), LOADED)]])

@@ -63,8 +63,8 @@ def test_compiled_settles_have_the_digits_of_interpreted_ones(effects: tuple[Eff
     plain, fast = (settle(ARM, T, scene, 1e-5, compile=how) for how in (False, True))
     assert np.array_equal(plain.states, fast.states)
     assert np.array_equal(plain.position(0.1), fast.position(0.1))
-    slopes = [tip_jacobian(ARM, T, scene, 1e-5, compile=how) for how in (False, True)]
-    assert np.array_equal(*slopes)
+    jacobian = [tip_jacobian(ARM, T, scene, 1e-5, compile=how) for how in (False, True)]
+    assert np.array_equal(*jacobian)
 
 
 @needs_compiler

@@ -40,7 +40,7 @@ ARMS = {
     "scene", [Scene(), Scene(Extension()), EXACT], ids=["bare", "extension", "exact"]
 )
 @pytest.mark.parametrize("name", ARMS)
-def test_poses_slopes_and_hessian_are_those_that_casadi_finds(
+def test_poses_jacobian_and_hessian_are_those_that_casadi_finds(
     name: str, scene: Scene, scheme: str
 ) -> None:
     arm = ARMS[name]
@@ -53,8 +53,10 @@ def test_poses_slopes_and_hessian_are_those_that_casadi_finds(
     seen, thin = poses[:, nodes], stretch[slim].T
     weighted = ca.dot(seen, weights), ca.dot(thin, weights[0, :2])
     hessians = [ca.densify(ca.hessian(own, T)[0]) for own in weighted]
-    slopes = [ca.densify(ca.jacobian(ca.vec(own), T)) for own in (seen, thin)]
-    whole = ca.Function("whole", [T], [seen, slopes[0], hessians[0], thin, slopes[1], hessians[1]])
+    jacobian = [ca.densify(ca.jacobian(ca.vec(own), T)) for own in (seen, thin)]
+    whole = ca.Function(
+        "whole", [T], [seen, jacobian[0], hessians[0], thin, jacobian[1], hessians[1]]
+    )
     wanted = [np.array(value) for value in whole(tensions)]
     assert np.abs(wanted[2]).max() > 0
     for machine_code in (False, True):
@@ -92,10 +94,10 @@ def test_a_base_and_a_first_node_alone_have_derivatives_too(node: int) -> None:
     x = ca.MX.sym("x", arm.n_tendons)
     steps = CondensedSteps(forward, [node], [], False)
     results = [*steps.first(x), steps.second(x, ca.DM.ones(7, 1))]
-    pose, slopes, hessian = (
+    pose, jacobian, hessian = (
         np.array(value) for value in ca.Function("found", [x], results)([0.1, 0.0, 0.2, 0.0])
     )
     assert np.allclose(
         pose.ravel(), forward.run(np.array([0.1, 0.0, 0.2, 0.0]))[0][node], atol=1e-14
     )
-    assert bool(slopes.any()) == bool(hessian.any()) == bool(node)
+    assert bool(jacobian.any()) == bool(hessian.any()) == bool(node)

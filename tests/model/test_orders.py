@@ -36,7 +36,7 @@ EACH = [
 STRAINED = [case for case in EACH if str(case.values[2]).startswith("rk")]
 
 
-def slopes(errors: list[float]) -> Array:
+def jacobian(errors: list[float]) -> Array:
     """Return the orders that errors on meshes of halved steps show."""
     return np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
 
@@ -60,7 +60,7 @@ def test_tip_error_falls_at_the_order_of_the_scheme(name: str, scene: Scene, sch
         float(np.linalg.norm(node_states(name, scene, scheme, n)[-1, 4:7] - wanted))
         for n in meshes(name, scheme)
     ]
-    assert np.all(np.abs(slopes(errors) - ORDERS[scheme]) <= 0.3)
+    assert np.all(np.abs(jacobian(errors) - ORDERS[scheme]) <= 0.3)
 
 
 @pytest.mark.parametrize(("name", "scene", "scheme"), STRAINED)
@@ -72,7 +72,7 @@ def test_strain_error_falls_at_the_order_of_the_scheme(
         float(np.linalg.norm(node_states(name, scene, scheme, n)[0, 7:] - wanted))
         for n in meshes(name, scheme)
     ]
-    assert np.all(np.abs(slopes(errors) - ORDERS[scheme]) <= 0.3)
+    assert np.all(np.abs(jacobian(errors) - ORDERS[scheme]) <= 0.3)
 
 
 def test_every_scheme_of_a_scene_is_measured() -> None:

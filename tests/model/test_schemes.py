@@ -21,7 +21,7 @@ ALL = schemes_of(PAPER)
 FINE = [scheme for scheme in ALL if not scheme.endswith("2")]
 Case = dict[str, Any]
 BENT = [case for case in fem_cases() if name_of(case) in ("a 0.05", "b 2")]
-SLOPES = [
+CASES = [
     pytest.param(scene, scheme, id=f"{key}-{scheme}")
     for key, scene in {"paper": PAPER, "as_printed": Scene.as_printed(), "nh": RODS["nh"]}.items()
     for scheme in schemes_of(scene)
@@ -77,7 +77,7 @@ def test_rubber_settles_to_an_independent_rod_code(case: Case, rod: str, scheme:
     assert np.linalg.norm(tip[:2] - case["rods"][rod]["tip"]) < 1e-6
 
 
-def slopes(function: ca.Function, T: Array) -> Array:
+def jacobian(function: ca.Function, T: Array) -> Array:
     """Return the Jacobian by central differences of order 6."""
     h, weights = 1e-3, np.array([-1, 9, -45, 45, -9, 1]) / 60
     columns = []
@@ -88,14 +88,14 @@ def slopes(function: ca.Function, T: Array) -> Array:
 
 
 @pytest.mark.quick("paper-magnus6", "as_printed-rk8", "nh-magnus4", "nh-magnus2")
-@pytest.mark.parametrize(("scene", "scheme"), SLOPES)
-def test_slopes_of_the_tip_are_those_of_finite_differences(scene: Scene, scheme: str) -> None:
+@pytest.mark.parametrize(("scene", "scheme"), CASES)
+def test_the_jacobian_of_the_tip_is_that_of_finite_differences(scene: Scene, scheme: str) -> None:
     forward = explicit_map(Arm.from_paper("table-2"), scene, scheme, 8)
     T = ca.MX.sym("T", 12)
     tip = forward.function(T)[0][:, -1]
     found = ca.Function("found", [T], [ca.jacobian(tip, T)])
     at = 0.2 + 0.3 * paper_tensions(np.random.default_rng(1), "table-2")
-    exact, wanted = np.array(found(at)), slopes(ca.Function("tip", [T], [tip]), at)
+    exact, wanted = np.array(found(at)), jacobian(ca.Function("tip", [T], [tip]), at)
     assert np.all(np.isfinite(exact))
     assert np.abs(exact - wanted).max() <= 1e-10 * np.abs(wanted).max()
 

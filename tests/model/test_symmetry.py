@@ -103,8 +103,8 @@ def test_a_slack_arm_is_straight_and_as_long_as_it_is(scene: Scene) -> None:
     s: Array = np.linspace(0, 0.45, 10)
     assert np.abs(shape.position(s) - s[:, None] * [1, 0, 0]).max() <= 1e-15
     assert np.all(shape.strain(s) == 0)
-    slopes = [(b - a) / at for at, a, b in ((0.45, 7.5e-3, 1e-3), (0.315, 0, 0), (0.135, 0, 0))]
-    lengths = np.repeat([0.45, 0.315, 0.135] * np.sqrt(1 + np.square(slopes)), 4)
+    jacobian = [(b - a) / at for at, a, b in ((0.45, 7.5e-3, 1e-3), (0.315, 0, 0), (0.135, 0, 0))]
+    lengths = np.repeat([0.45, 0.315, 0.135] * np.sqrt(1 + np.square(jacobian)), 4)
     assert np.allclose(shape.tendon_lengths, lengths, rtol=1e-14, atol=0)
 
 

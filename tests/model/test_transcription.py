@@ -55,9 +55,9 @@ def test_the_error_of_the_tip_falls_with_twice_the_number_of_stages(name: str, s
     for part in (gaps[:, :4], gaps[:, 4:] / ARM.length):
         errors = np.linalg.norm(part, axis=1)
         assert errors[-1] > 1e-12
-        slopes = np.log2(errors[:-1] / errors[1:])
-        assert slopes.min() > 2 * stages - 0.4
-        assert slopes.max() < 2 * stages + 0.4
+        jacobian = np.log2(errors[:-1] / errors[1:])
+        assert jacobian.min() > 2 * stages - 0.4
+        assert jacobian.max() < 2 * stages + 0.4
 
 
 def somewhere(here: System, seed: int) -> Array:

@@ -24,7 +24,7 @@ class First(NamedTuple):
 
 
 class Twice(NamedTuple):
-    """A program as numbers: point -> values and slopes; point, sigma, lam -> Hessian."""
+    """A program as numbers: point -> values and first derivatives; point, sigma, lam -> Hessian."""
 
     first: Callable[[Array], First | Reduced]
     second: Callable[[Array, float, Array], Array]
@@ -70,11 +70,11 @@ def check_derivatives(of: Twice, x: Array, step: float) -> None:
         there = of.first(x + share * way)
         return np.append(there.f, there.g)
 
-    def slopes(share: float) -> Array:
+    def gradient(share: float) -> Array:
         there = of.first(x + share * way)
         return np.asarray(sigma * there.gradient + there.jacobian.T @ lam)
 
     H = of.second(x, sigma, lam)
     check_rows(np.vstack([here.gradient, here.jacobian]), way, fourth_order(values, step))
-    check_rows(H, way, fourth_order(slopes, step))
+    check_rows(H, way, fourth_order(gradient, step))
     assert np.abs(H - H.T).max() < 1e-12 * np.abs(H).max()

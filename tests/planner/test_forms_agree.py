@@ -112,11 +112,11 @@ def test_both_forms_say_the_same_of_a_settled_shape(name: str, mode: Any) -> Non
     # The arm is settled twice, each time to 1e-10.
     assert inner.f == pytest.approx(outer.f, rel=1e-10)
     assert np.abs(inner.g - outer.g[: inner.g.size]).max() < 1e-11
-    # With multipliers of equilibrium no state matters: what is left are the slopes by tensions.
+    # With multipliers of equilibrium no state matters: the Jacobian by tensions is left.
     lam = rng.normal(size=inner.g.size)
     _, lam_g = problem.condensed.multipliers(a, p, np.zeros(a.size), lam)
-    slopes = outer.gradient + outer.jacobian.T @ lam_g
+    jacobian = outer.gradient + outer.jacobian.T @ lam_g
     wanted = inner.gradient + inner.jacobian.T @ lam
     scale = np.abs(outer.jacobian.T) @ np.abs(lam_g)
-    assert np.abs(slopes[: a.size] - wanted).max() < 1e-9 * scale.max()
-    assert np.all(np.abs(slopes[a.size + 1 :]) < 1e-10 * scale.max())
+    assert np.abs(jacobian[: a.size] - wanted).max() < 1e-9 * scale.max()
+    assert np.all(np.abs(jacobian[a.size + 1 :]) < 1e-10 * scale.max())

@@ -1,4 +1,4 @@
-"""Slopes by the implicit function theorem against differences of settled shapes."""
+"""Derivatives by the implicit function theorem against differences of settled shapes."""
 
 from __future__ import annotations
 
@@ -164,7 +164,7 @@ LATER = [(statics, True) for statics in STATICS if statics != "paper"]
     [*SOON, *(pytest.param(*case, marks=pytest.mark.slow) for case in LATER)],
     ids=[f"{statics}{' in water' if heavy else ''}" for statics, heavy in SOON + LATER],
 )
-def test_poses_and_lengths_per_tension_are_slopes_of_settled_shapes(
+def test_poses_and_lengths_per_tension_are_jacobian_of_settled_shapes(
     statics: str, heavy: bool
 ) -> None:
     arm, T = Arm.from_paper("table-4"), pulling("table-4", 5)

@@ -55,10 +55,10 @@ def least_eigenvalue(arm: Arm, T: Any, scene: Scene) -> float:
     active = (np.array([section.at for section in arm.sections])[:, None] >= s).sum(axis=0)
     sections = Sections(arm, scene, law, s, active)
     v = strains_of(law, shape.strains(s))
-    _, slopes = sections.wrench(v, sections.pulls(shape.tensions))
+    _, jacobian = sections.wrench(v, sections.pulls(shape.tensions))
     EA, EJ = sections.body[:2]
     size = np.sqrt(np.stack([*[EJ] * 3, *[EA] * law.extension], axis=1))
-    scaled = (slopes + slopes.transpose(0, 2, 1)) / 2 / size[:, :, None] / size[:, None, :]
+    scaled = (jacobian + jacobian.transpose(0, 2, 1)) / 2 / size[:, :, None] / size[:, None, :]
     return float(np.linalg.eigvalsh(scaled).min())
 
 

@@ -36,7 +36,7 @@ static @NAME@_real largest(const @NAME@_real *values, int n)
 
 int main(void)
 {
-  const int slopes = 3 * @NAME_UPPER@_TENDONS, tip = @NAME_UPPER@_NODES - 1;
+  const int entries = 3 * @NAME_UPPER@_TENDONS, tip = @NAME_UPPER@_NODES - 1;
   int good = @NAME@_tip(test_tension, position[0], frame[0]) == @NAME_UPPER@_OK;
   good &= agree("position of the tip", position[0], test_position + 3 * tip, 3, test_length);
   good &= agree("frame of the tip", frame[0], test_frame + 9 * tip, 9, 1);
@@ -44,8 +44,8 @@ int main(void)
   good &= agree("positions at the nodes", position[0], test_position, 3 * (tip + 1), test_length);
   good &= agree("frames at the nodes", frame[0], test_frame, 9 * (tip + 1), 1);
   @NAME@_jacobian(test_tension, jacobian);
-  good &= agree("displacements per newton", jacobian[0], test_shift, slopes,
-      largest(test_shift, slopes));
-  good &= agree("turns per newton", jacobian[3], test_turn, slopes, largest(test_turn, slopes));
+  good &= agree("displacements per newton", jacobian[0], test_shift, entries,
+      largest(test_shift, entries));
+  good &= agree("turns per newton", jacobian[3], test_turn, entries, largest(test_turn, entries));
   return good ? 0 : 1;
 }

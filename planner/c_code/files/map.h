@@ -44,7 +44,7 @@ int @NAME@_nodes(const @NAME@_real tension[@NAME_UPPER@_TENDONS],
 
    jacobian  rows: displacement along x, y, z [m/N], then turn about x, y, z [rad/N]
 
-   The slopes mean something only at tensions for which @NAME@_tip returns @NAME_UPPER@_OK. */
+   The Jacobian means something only at tensions for which @NAME@_tip returns @NAME_UPPER@_OK. */
 void @NAME@_jacobian(const @NAME@_real tension[@NAME_UPPER@_TENDONS],
     @NAME@_real jacobian[6][@NAME_UPPER@_TENDONS]);
 @HESSIAN_DECLARED@

@@ -241,7 +241,7 @@ static int measured(const real *at, const real *target, real *where, real *off)
 }
 
 /* Find the Jacobian of c, and what it leaves of the slope of the effort. */
-static real slopes(int first, int nearest)
+static real first_order(int first, int nearest)
 {
   real tension[N], A[3][3], right[3], worst = 0, most = 0;
   int j, k, i;
@@ -344,20 +344,20 @@ int @NAME@_plan(const real target[3], real tension[N], @NAME@_report *report)
   best = size(gap);
   if (k != @NAME_UPPER@_OK || !(best >= 0)) return @NAME_UPPER@_CRUSHED;
   for (k = 0; k < MOST_STEPS; ++k) {
-    slope = slopes(k == 0, nearest);
+    slope = first_order(k == 0, nearest);
     if (slope <= LEVEL && (size(gap) <= MET || (nearest && (again || size(gap) > NEARLY)))) break;
     if (nearest && slow >= STUCK) break;
     if (slope <= LEVEL && nearest) { /* it can be met after all */
       nearest = slow = 0;
       again = 1;
       for (j = 0; j < 3; ++j) multiplier[j] = gap[j] / SOFT;
-      slope = slopes(0, 0);
+      slope = first_order(0, 0);
     }
     if (!nearest && slow >= PATIENCE && size(gap) > MET) {
       nearest = 1;
       slow = 0;
       best = size(gap);
-      slope = slopes(0, nearest);
+      slope = first_order(0, nearest);
     }
     seconds(nearest);
     if (nearest) memcpy(whole, gap, sizeof whole);

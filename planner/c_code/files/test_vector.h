@@ -2,7 +2,7 @@
 
 #include "@NAME@.h"
 
-/* Of positions over the length, of frames, and of slopes over the largest of them. */
+/* Of positions over the length, of frames, and of derivatives over the largest of them. */
 static const @NAME@_real test_tolerance = @TEST_TOLERANCE@;
 static const @NAME@_real test_length = @TEST_LENGTH@;
 

@@ -31,14 +31,14 @@ from model.unloaded.closed_form import (
 from model.unloaded.geometry import nodes_of
 from model.unloaded.pulls import TERMS, PullPolynomials
 from model.unloaded.statics import ClosedStatics, closed_statics
-from model.unloaded.step_twist import adjoint_function, step_slopes
+from model.unloaded.step_twist import adjoint_function, step_jacobian
 
 S = TypeVar("S", ca.SX, ca.MX)
 
 
 @lru_cache(maxsize=64)
-def strain_slopes(statics: ClosedStatics) -> ca.Function:
-    """Return (xi, k, q; pull, data) -> slopes (3, n_pull) of these strains against pull.
+def strain_jacobian(statics: ClosedStatics) -> ca.Function:
+    """Return (xi, k, q; pull, data) -> derivatives (3, n_pull) of these strains against pull.
 
     By the implicit function theorem from the wrench that vanishes.
     """
@@ -47,10 +47,10 @@ def strain_slopes(statics: ClosedStatics) -> ca.Function:
     v = ca.SX.sym("v", size(law))
     wrench, strain = statics.wrench(v, pull, data), law.reported(v)[1:]
     changes = -ca.inv_minor(ca.jacobian(wrench, v)) @ ca.jacobian(wrench, pull)
-    slopes = ca.densify(ca.jacobian(strain, v) @ changes)
+    jacobian = ca.densify(ca.jacobian(strain, v) @ changes)
     kappa = ca.vertcat(0, (1 + e[2]) * e[:2])
-    found = ca.substitute([slopes], [v], [law.strains(kappa, ca.vertcat(1 + e[2], 0, 0))])
-    return ca.Function("slopes", [e, pull, data], found, {"cse": True})
+    found = ca.substitute([jacobian], [v], [law.strains(kappa, ca.vertcat(1 + e[2], 0, 0))])
+    return ca.Function("jacobian", [e, pull, data], found, {"cse": True})
 
 
 @lru_cache(maxsize=64)
@@ -65,12 +65,12 @@ def twist_step(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
     pull, data = ca.SX.sym("pull", n, m), ca.SX.sym("data", statics.n_data, m)
     basis, e = ca.SX.sym("basis", TERMS, m), ca.SX.sym("e", 3 * m)
     strains = [strain_function(statics)(pull[:, i], data[:, i])[1:] for i in range(m)]
-    pose, local = step_slopes(scheme, [twist(ca.vertcat(0, v)) for v in ca.vertsplit(e, 3)], h, e)
+    pose, local = step_jacobian(scheme, [twist(ca.vertcat(0, v)) for v in ca.vertsplit(e, 3)], h, e)
     seen = adjoint_function()(x[:7]) @ local
     parts = []
     for i in range(m):
-        slopes = strain_slopes(statics)(strains[i], pull[:, i], data[:, i])
-        parts.append(seen[:, 3 * i : 3 * i + 3] @ slopes)
+        jacobian = strain_jacobian(statics)(strains[i], pull[:, i], data[:, i])
+        parts.append(seen[:, 3 * i : 3 * i + 3] @ jacobian)
     grown = [sum((basis[t, i] * parts[i] for i in range(m)), ca.SX(6, n)) for t in range(TERMS)]
     after = ca.vertcat(compose(x[:7], pose), x[7:] + ca.vec(ca.horzcat(*grown)))
     after = ca.substitute([after], [e], [ca.vertcat(*strains)])[0]
@@ -78,7 +78,7 @@ def twist_step(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
 
 
 @lru_cache(maxsize=64)
-def tip_slopes(
+def tip_jacobian_function(
     arm: Arm, scene: Scene, scheme: str, refinement: int, machine_code: bool = False
 ) -> ca.Function:
     """Return tensions (n,) -> displacement [m/N] and turn [rad/N] of the tip (6, n).
@@ -93,11 +93,11 @@ def tip_slopes(
         if polynomials is not None:
             found = shifts_and_turns(*_twists(forward, polynomials, T, machine_code))
     if found is not None:
-        return ca.Function("tip_slopes", [T], [ca.densify(found)])
+        return ca.Function("tip_jacobian", [T], [ca.densify(found)])
     pose = forward.function(T)[0][:, -1]
-    slopes = ca.jacobian(pose, T)
-    found = ca.vertcat(slopes[4:, :], small_turns()(pose[:4]) @ slopes[:4, :])
-    return ca.Function("tip_slopes", [T], [ca.densify(found)])
+    jacobian = ca.jacobian(pose, T)
+    found = ca.vertcat(jacobian[4:, :], small_turns()(pose[:4]) @ jacobian[:4, :])
+    return ca.Function("tip_jacobian", [T], [ca.densify(found)])
 
 
 def shifts_and_turns(pose: S, twists: S) -> S:

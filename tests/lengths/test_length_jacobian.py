@@ -26,7 +26,9 @@ def tapered(counts: tuple[int, ...]) -> Arm:
 # Six tendons are as many as there are resultants, which were once taken for tensions.
 @pytest.mark.parametrize("counts", [(4,), (3, 3), (4, 4)])
 @pytest.mark.parametrize("scene", _SCENES.values(), ids=_SCENES)
-def test_slopes_of_lengths_are_those_of_differences(scene: Scene, counts: tuple[int, ...]) -> None:
+def test_jacobian_of_lengths_are_those_of_differences(
+    scene: Scene, counts: tuple[int, ...]
+) -> None:
     arm, step = tapered(counts), 1e-5
     lengths = tendon_lengths(arm, scene)
     T = np.random.default_rng(1).uniform(0, 0.4, arm.n_tendons)
