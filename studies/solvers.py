@@ -68,10 +68,10 @@ def cases(targets: int, seed: int) -> list[Case]:
     """Return the solves of the cold plans for so many targets."""
     found: list[Case] = []
 
-    def kept(problem: Problem, x: Array, p: Array, bounds: Bounds, lam: Array | None) -> Any:
+    def kept(problem: Problem, x: Array, p: Array, bounds: Bounds, *more: Any) -> Any:
         if isinstance(problem.program, Explicit) and problem.statement.mode == "exact":
             found.append(Case(problem, x.copy(), p, bounds))
-        return solve_quadratic(problem, x, p, bounds, lam)
+        return solve_quadratic(problem, x, p, bounds, *more)
 
     with patch.object(multistart, "solve_quadratic", kept):
         for number in range(targets):
