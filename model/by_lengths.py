@@ -167,9 +167,8 @@ def _tightened(here: Linearised, hold: HeldLengths) -> Linearised:
         tight = _tight(at, winches)
         left = winches.lacks(at.lengths + at.length_jacobian @ change, now)[tight]
         after = now.copy()
-        after[tight] = least(
-            _by_tensions(at, winches, tight), left, now[tight], ROUNDING * system.arm.length
-        )
+        M, rounding = _by_tensions(at, winches, tight), ROUNDING * system.arm.length
+        after[tight] = least(M, left, now[tight], rounding)[0]
         change += at.by_tensions @ (after - now)
         here = Linearised(system, system.x(after, 1.0, at.states + change), near)
         moved, most = np.abs(after - now).max(initial=0.0), after.max(initial=0.0)

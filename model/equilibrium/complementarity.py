@@ -15,6 +15,8 @@ _BLOCKS = 8
 _TINY = 1e-14
 # What rounding leaves of lengths, over the arm's length.
 ROUNDING = 3e-14
+# Combinations that are felt by less than this share of what others are, are not felt well.
+_WELL = 1e-8
 # A residual as small says that inequalities exclude each other.
 _APART = 1e-9
 
@@ -50,63 +52,63 @@ def complementary(M: Array, q: Array, taut: NDArray[np.bool_]) -> Array | None:
     return None
 
 
-def least(M: Array, w: Array, z: Array, rounding: float) -> Array:
+def least(M: Array, w: Array, z: Array, rounding: float) -> tuple[Array, bool]:
     """Return z >= 0 (n,) after a Newton step to w = 0, w (n,) changing with z as M (n, n) says.
 
     Of the z that w does not tell apart, but for its `rounding`, those of least norm. A step that
-    would lead below 0 ends there; what is at 0 and would go below stays.
+    would lead below 0 ends there; what is at 0 and would go below stays. And whether all that w
+    tells apart it tells well.
     """
+    if not z.size:
+        return z, True
+    found, well = _least(M, w, z, rounding)
     own = np.ones(z.size, dtype=bool)
-    while own.any():
-        found = np.where(own, 0.0, z)
-        found[own] = _least(M[np.ix_(own, own)], w[own], z[own], rounding)
+    while found.min() < 0:
         blocked = own & (found < 0) & (z <= 0)
         if not blocked.any():
             below = found < 0
             share = np.min(z[below] / (z[below] - found[below]), initial=1.0)
-            return np.asarray(np.maximum(z + share * (found - z), 0.0))
+            return np.asarray(np.maximum(z + share * (found - z), 0.0)), well
         own &= ~blocked
-    return z
+        if not own.any():
+            return z, well
+        found = np.where(own, 0.0, z)
+        found[own], well = _least(M[np.ix_(own, own)], w[own], z[own], rounding)
+    return found, well
 
 
-def _least(M: Array, w: Array, z: Array, rounding: float) -> Array:
-    """Return z of least norm after the step; below 0 where no such z avoids it.
+def _least(M: Array, w: Array, z: Array, rounding: float) -> tuple[Array, bool]:
+    """Return z of least norm after the step; below 0 where no such z avoids it; see least.
 
     Least distance programming: Lawson and Hanson, Solving Least Squares Problems (1974), 23.4.
     """
     left, values, right, _ = dgesdd(M)
     felt = values * np.abs(z).max() > rounding
-    found = z + right[felt].T @ ((left[:, felt].T @ -w) / values[felt])
-    idle = right[~felt]
+    count = int(np.count_nonzero(felt))  # the largest are the first
+    well = count == 0 or bool(values[count - 1] > _WELL * values[0])
+    found = z + right[:count].T @ ((w @ -left[:, :count]) / values[:count])
+    idle = right[count:]
+    if not len(idle):
+        return found, well
     found = found - idle.T @ (idle @ found)
-    size = float(np.abs(found).max(initial=0.0))
-    if not len(idle) or found.min() >= 0:
-        return np.asarray(found)
+    if found.min() >= 0:
+        return found, well
+    size = float(np.abs(found).max())
     E = np.vstack([idle, -found / size])
     f = np.eye(len(E))[-1]
     r = E @ scipy.optimize.nnls(E, f)[0] - f
     if np.linalg.norm(r) <= _APART:
-        return np.asarray(found)
+        return found, well
     raised = found + idle.T @ (r[:-1] / (r @ r) * size)  # the last of r is -r.r, but for rounding
-    return np.asarray(np.where(np.abs(raised) <= _TINY * size, 0.0, raised))
+    return np.where(np.abs(raised) <= _TINY * size, 0.0, raised), well
 
 
 def is_firm(M: Array, share: float) -> bool:
     """Return whether M (n, n) feels all combinations by more than a share of its largest."""
     if not M.size:
         return True
-    values = singular_values(M)
+    values = dgesdd(M, compute_uv=0)[1]
     return bool(values[-1] > share * values[0])
-
-
-def singular_values(M: Array) -> Array:
-    """Return the singular values of M (n, n), the largest first."""
-    return np.asarray(dgesdd(M, compute_uv=0)[1])
-
-
-def solved(M: Array, right: Array) -> Array:
-    """Return M^-1 right (n,), by LAPACK as it is: for small systems half of NumPy's time."""
-    return np.asarray(dgesv(M, right)[2])
 
 
 def unfelt(M: Array, share: float) -> Array:

@@ -9,30 +9,27 @@ their compliance is taken away, as far as rounding of the lengths allows.
 from __future__ import annotations
 
 from contextlib import suppress
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from model.arm import Arm
-from model.equilibrium.complementarity import ROUNDING, is_firm, least, singular_values, solved
+from model.equilibrium.complementarity import ROUNDING, least
 from model.errors import ConvergenceError, UnsettledSectionError
 from model.paths import Array
 from model.scene import Scene
 from model.time_limit import check_time
 from model.unloaded.compliant_tendons import CompliantTendons, moved
-from model.unloaded.tendon_lengths import FEW, Lengths, TendonLengths, tendon_lengths
+from model.unloaded.tendon_lengths import FEW, SETTLED, Lengths, TendonLengths, tendon_lengths
 from model.unloaded.too_short import SHORT, refuse
 from model.winches import Winches, least_compliance
 
-# Where no combination of tensions changes lengths by less than this share of what others do, one
-# step does.
-_FIRM = 1e-8
 # Calls of Newton steps with few points of the quadrature, which are done where the last one changes
 # tensions by no more than this share of the largest.
 _CALLS, _ROUGHLY = 3, 1e-2
-# Steps with all points, of which one does that changes tensions by no more than this share. Where
-# lengths are met to rounding a larger change is that of tensions which these hardly feel.
-_TIGHTENED, _LAST, _FELT = 12, 1e-5, 1e-3
+# Steps with all points, of which one does that changes tensions by no more than this share, or that
+# will be off by no more than this share of rounding.
+_TIGHTENED, _LAST, _SQUARE = 12, 1e-5, 0.1
 # Slack over the arm's length of tendons that their least compliance may have slackened.
 NEARLY = 1e-9
 # Compliances of a continuation, as multiples of the least, where the least is not arrived at
@@ -75,13 +72,13 @@ class UnloadedLengths:
         found = self._soon(near)
         if found is None:
             at = self._searched(near)
-            found = self._determined(self._lengths, at) or at
+            found = self._determined(at) or at
         left = self.winches.lacks(found.lengths, found.tensions)
         left = np.where(self.winches.held, left, np.nan)
         return Found(found.tensions, left)
 
-    def _begun(self, near: Array | None) -> Array | None:
-        """Return tensions that few points of the quadrature lead to, if they lead anywhere."""
+    def _begun(self, near: Array | None) -> Lengths | None:
+        """Return the shape that few points of the quadrature lead to, if they lead anywhere."""
         winches = self.winches
         soft, held = winches.stretch + self.least, winches.held.astype(float)
         at = self._first(near, self._few)
@@ -92,11 +89,7 @@ class UnloadedLengths:
             if not np.isfinite(change):
                 return None
             if solved and change <= _ROUGHLY * to.max():
-                taut = np.flatnonzero(winches.held & (to > 0))
-                if is_firm(self._tendons.matrix_of(taut, at), _FIRM):
-                    return to
-                found = self._determined(self._few, moved(at, to), roughly=True)
-                return None if found is None else found.tensions
+                return self._lengths.beside(self._few, at, to)
         return None
 
     def _soon(self, near: Array | None) -> Lengths | None:
@@ -106,8 +99,8 @@ class UnloadedLengths:
             if self._tendons.lacks(at) <= ROUNDING * self._L:
                 return at
         with suppress(UnsettledSectionError):
-            T = self._begun(near)
-            found = None if T is None else self._determined(self._lengths, self._lengths(T))
+            begun = self._begun(near)
+            found = None if begun is None else self._determined(begun)
             if found is not None and self._tendons.lacks(found) <= SHORT * self._L:
                 return found
         return None
@@ -144,50 +137,30 @@ class UnloadedLengths:
             raise ConvergenceError(0.0, np.inf, "ask for lengths nearer to those at rest")
         return at
 
-    def _determined(
-        self, lengths: TendonLengths, at: Lengths, roughly: bool = False
-    ) -> Lengths | None:
+    def _determined(self, at: Lengths) -> Lengths | None:
         """Return what inextensible tendons come to, nearby; None if it takes too many steps.
 
-        The last step is small and, where lengths hardly feel some tensions, they are met before it;
-        `roughly` asks for less. A tendon that has slackened is tight again only where nothing is
-        left of it, but for what others lack so far.
+        The last step is small; or, since the steps are Newton's, what lengths will be off after it
+        is rounding: that goes by the square of steps. A tendon that has slackened is tight again
+        only where nothing is left of it, but for what others lack so far.
         """
-        winches, rounding = self.winches, ROUNDING * self._L
-        nearly, met = np.full(at.tensions.size, NEARLY * self._L), False
+        winches, held, rounding = self.winches, self.winches.held, ROUNDING * self._L
+        nearly, last = np.full(at.tensions.size, NEARLY * self._L), 0.0
         for _ in range(_TIGHTENED):
-            left, before = winches.lacks(at.lengths, at.tensions), met
-            taut = at.tensions > 0
-            level = 2 * np.abs(left[winches.held & taut]).max(initial=0.0)
-            tight = np.flatnonzero(winches.held & (taut | (left <= np.maximum(nearly, level))))
+            left, taut = winches.lacks(at.lengths, at.tensions), at.tensions > 0
+            level = 2 * np.abs(left[held & taut]).max(initial=0.0)
+            (tight,) = (held & (taut | (left <= np.maximum(nearly, level)))).nonzero()
+            M, own = self._tendons.matrix_of(tight, at), left[tight]
             T = at.tensions.copy()
-            T[tight], well = self._stepped(tight, at, left[tight], rounding)
-            change, after = np.abs(T - at.tensions).max(), moved(at, T)
-            met = np.abs(left[tight]).max(initial=0.0) <= rounding
-            share = _ROUGHLY if roughly else _LAST if well else _FELT * met
-            if before or change <= share * T.max(initial=0.0):
-                beyond = np.delete(
-                    winches.held & (winches.lacks(after.lengths, T) <= nearly), tight
-                )
+            T[tight], well = least(M, own, T[tight], rounding)
+            change, off = np.abs(T - at.tensions).max(), np.abs(own).max(initial=0.0)
+            small = well and change <= _LAST * T.max()
+            if at.off <= SETTLED and (small or off * change**2 <= _SQUARE * rounding * last**2):
+                after = moved(at, T)
+                beyond = held & (winches.lacks(after.lengths, T) <= nearly)
+                beyond[tight] = False
                 if not beyond.any():
                     return after
-            nearly[taut & (T == 0)] = rounding
-            at = lengths(T)
+            nearly[taut & (T == 0)], last = rounding, change
+            at = self._lengths.near(at, T)
         return None
-
-    def _stepped(self, tight: Any, at: Lengths, left: Array, rounding: float) -> tuple[Array, bool]:
-        """Return the tensions of tight tendons (n,) after a Newton step, of several the least.
-
-        And whether all combinations of them that lengths feel at all are felt well.
-        """
-        M, T = self._tendons.matrix_of(tight, at), at.tensions[tight]
-        if not T.size:
-            return T, True
-        values = singular_values(M)
-        weak = values <= _FIRM * values[0]
-        if not weak.any():
-            after = T - solved(M, left)
-            if after.min() >= 0:
-                return after, True
-        well = not (weak & (values * np.abs(T).max() > rounding)).any()
-        return least(M, left, T, rounding), well

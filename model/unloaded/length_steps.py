@@ -15,14 +15,17 @@ from model.machine.compiled import kernel
 
 # From rest which tendons are taut is found by so many exchanges, after that by so many.
 _FIRST, _LATER = 5, 2
+# Steps far from the lengths are damped in the combinations of tensions that hardly change these.
+_DAMPED, _LEAST = 1e-3, 1e-300
 # Rounding, against the largest number of its kind.
 _TINY = 1e-14
 
 
 def newton_steps(lengths: ca.Function, steps: int, machine_code: bool = False) -> ca.Function:
-    """Return T, l, J, left, soft, held -> T, l and J after steps, the next T, and wrong.
+    """Return T, l, J, left, soft, held -> T after steps, the next T, wrong, l and J, and more.
 
-    `lengths` takes tensions T (n,) [N] to lengths l (n,) [m] and their derivatives J (n, n) [m/N].
+    `lengths` takes tensions T (n,) [N] to lengths l (n,) [m] and their derivatives J (n, n) [m/N],
+    and may tell more, which is handed on.
     Winches leave `left` (n,) [m] of tendons that stretch by `soft` (n,) [m/N] where `held` (n,) is
     1; elsewhere tensions stay. `wrong` is how many tendons are on the wrong side, taut or slack,
     for want of exchanges in the last step.
@@ -34,9 +37,9 @@ def newton_steps(lengths: ca.Function, steps: int, machine_code: bool = False) -
     (T, at, J), exchanges = start, _FIRST
     for _ in range(steps):
         T, _ = _solved(exchange, exchanges, (T, at, J), given)
-        (at, J), exchanges = lengths(T), _LATER
+        (at, J, *more), exchanges = lengths(T), _LATER
     to, wrong = _solved(exchange, exchanges, (T, at, J), given)
-    return ca.Function("newton_steps", [*start, *given], [T, at, J, to, wrong])
+    return ca.Function("newton_steps", [*start, *given], [T, to, wrong, at, J, *more])
 
 
 def _solved(
@@ -44,9 +47,11 @@ def _solved(
 ) -> tuple[ca.MX, ca.MX]:
     """Return the tensions of a Newton step, and how many tendons are on the wrong side there."""
     (T, lengths, J), (left, soft, held) = at, given
-    M = ca.diag(soft) - J
+    M, lacks = ca.diag(soft) - J, left + soft * T - lengths
+    off, own = ca.norm_inf(held * ca.fmin(lacks, ca.diag(M) * T)), ca.sum1(ca.fabs(ca.diag(M)))
+    M += _DAMPED * off / ca.fmax(ca.norm_inf(T) + off / own, _LEAST) * ca.MX.eye(T.numel())
     still = T * (1 - held)
-    q = left + soft * T - lengths - M @ (T - still)
+    q = lacks - M @ (T - still)
     taut, wrong = held * (T > 0), ca.MX(0)
     for _ in range(times):
         z, taut, wrong = exchange(M, q, taut, held)

@@ -2,7 +2,8 @@
 
 Data flow: tensions -> strains of the cross-sections (closed form) -> lengths of the tendons by
 quadrature, and their derivatives: of the lengths by the strains, of these by the tensions through
-the implicit function theorem on the balance of each cross-section.
+the implicit function theorem on the balance of each cross-section. Near strains that are known a
+Newton step of each cross-section takes the place of the closed form.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import casadi as ca
 import numpy as np
 
 from model.arm import Arm
-from model.cross_section.law import size
+from model.cross_section.law import CrossSection, size
 from model.errors import UnsettledSectionError
 from model.machine.buffered import Buffered
 from model.machine.compiled import kernels
@@ -35,6 +36,10 @@ _POINTS = 8
 FEW = 3
 # Newton steps in one call.
 _STEPS = 2
+# Newton steps of cross-sections from strains of fewer points, and from those of tensions nearby.
+_FROM_FEW, _FROM_NEAR = 2, 1
+# Steps of strains, relative to these, whose square is rounding; longer ones are no guess.
+SETTLED, _FAR = 1e-7, 1e-2
 
 
 class Lengths(NamedTuple):
@@ -48,11 +53,21 @@ class Lengths(NamedTuple):
         [m].
     by_tensions : (n_tendons, n_tendons)
         How the lengths change with the tensions [m/N].
+    strains : (N n_law,)
+        Those of the law of the cross-section, at N points.
+    strains_moved : (N n_law, n_tendons)
+        How they change with the tensions.
+    off : float
+        How far the strains were from these before their last Newton step, relative to them; 0 of
+        those in closed form.
     """
 
     tensions: Array
     lengths: Array
     by_tensions: Array
+    strains: Array
+    strains_moved: Array
+    off: float = 0.0
 
 
 class Stepped(NamedTuple):
@@ -79,7 +94,7 @@ class TendonLengths:
     def __init__(
         self, arm: Arm, scene: Scene, machine_code: bool = False, points: int = _POINTS
     ) -> None:
-        mesh, method = graded(arm, 1), gauss(points)
+        mesh, method, self.points = graded(arm, 1), gauss(points), points
         scene, h = unloaded(scene), np.diff(mesh.s)
         statics = closed_statics(scene, arm)
         if points <= FEW:
@@ -95,39 +110,70 @@ class TendonLengths:
 
         T, maps = ca.MX.sym("T", arm.n_tendons), statics.pulls(arm, at)
         pull, data = pull_at(arm, statics, self.s, active, T)
-        functions = strain_function(statics), _length_jacobian(statics, arm.n_tendons)
-        strain, jacobian = kernels(functions, machine_code)
-        strains = strain.map(self.s.size)(pull, data)
-        given = (part.reshape(self.s.size, -1).T for part in (maps, paths, weight))
-        lengths, by_strains, moved = jacobian.map(self.s.size)(strains, pull, data, *given)
-        by_tensions = by_strains @ moved.T
-        total = ca.sum2(lengths)
+        functions = strain_function(statics), _strain_step(statics), _runs(statics, arm.n_tendons)
+        solve, step, runs = kernels(functions, machine_code)
+        given = [part.reshape(self.s.size, -1).T for part in (maps, paths, weight)]
+        N, run = self.s.size, runs.map(self.s.size)
+
+        def along(v: ca.MX) -> list[ca.MX]:
+            lengths, by_strains, moved = run(v, pull, data, *given)
+            return [ca.sum2(lengths), by_strains, v, moved]
+
+        strains = solve.map(N)(pull, data)
+        found = along(_of_law(statics.law).map(N)(strains))
         if points <= FEW:  # no guess is crushed: the paper's balance goes on beyond
-            total = ca.if_else(ca.mmin(strains[3, :]) > -1, total, np.nan)
-        found = [total, ca.densify(by_tensions)]
-        self.function = ca.Function("tendon_lengths", [T], found)
-        self._call, self._machine_code = Buffered(self.function), machine_code
-        self._strains = ca.Function("strains", [T], [strains])
+            found[0] = ca.if_else(ca.mmin(strains[3, :]) > -1, found[0], np.nan)
+        total, by_strains, v, moved = found
+        jacobian = by_strains @ moved.T
+        self.function = ca.Function("tendon_lengths", [T], [total, jacobian, v, moved])
+        self._call = Buffered(ca.Function("tendon_lengths", [T], found))
+        self._stepped: list[Buffered] = []
+        near, mapped = ca.MX.sym("v", v.shape), step.map(N)
+        for steps in (_FROM_NEAR, _FROM_FEW):
+            v = near
+            for _ in range(steps):
+                v, off = mapped(v, pull, data)
+            made = ca.Function("tendon_lengths", [near, T], [*along(v), ca.mmax(off)])
+            self._stepped.append(Buffered(made))
+        self._machine_code = machine_code
         self._robust: Callable[[], TendonLengths] | None = None
         if scene.robust() != scene:
             self._robust = partial(tendon_lengths, arm, scene.robust(), machine_code, points)
 
     def __call__(self, tensions: Array) -> Lengths:
         """Return the lengths under tensions (n_tendons,); raises UnsettledSectionError."""
-        lengths, by_tensions = self._call(tensions)
-        if np.isnan(lengths.sum()):
+        found = self._call(tensions)
+        if np.isnan(found[0].sum()):
             if self._robust is not None:
                 return self._robust()(tensions)
-            lost = np.isnan(self._strains(tensions).full()).any(axis=0)
+            lost = np.isnan(found[2]).any(axis=1)
             raise UnsettledSectionError(float(self.s[np.argmax(lost)]))
-        return Lengths(tensions, lengths[0], by_tensions.T.copy())
+        return _lengths(tensions, *found)
+
+    def near(self, at: Lengths, tensions: Array) -> Lengths:
+        """Return the lengths under tensions near others; raises UnsettledSectionError."""
+        moved = at.strains_moved @ (tensions - at.tensions)
+        return self._by_steps(0, at.strains + moved, tensions)
+
+    def beside(self, few: TendonLengths, at: Lengths, tensions: Array) -> Lengths:
+        """Return the lengths under tensions near others, of which few points tell; see near."""
+        v = (at.strains + at.strains_moved @ (tensions - at.tensions)).reshape(
+            -1, few.points, at.strains.size // few.s.size
+        )
+        return self._by_steps(1, (_between(few.points, self.points) @ v).ravel(), tensions)
+
+    def _by_steps(self, way: int, strains: Array, tensions: Array) -> Lengths:
+        *found, off = self._stepped[way](strains, tensions)
+        far = float(off[0, 0])
+        return _lengths(tensions, *found, far) if far <= _FAR else self(tensions)
 
     def stepped(self, at: Lengths, left: Array, soft: Array, held: Array) -> Stepped:
         """Return where Newton steps lead to tensions that winches ask for; see newton_steps."""
-        T, lengths, jacobian, to, wrong = self._steps(
+        T, to, wrong, lengths, jacobian, v, moved = self._steps(
             *at[:2], at.by_tensions.T.ravel(), left, soft, held
         )
-        return Stepped(Lengths(T[0], lengths[0], jacobian.T.copy()), to[0], wrong[0, 0] == 0)
+        reached = Lengths(T[0], lengths[0], jacobian.T.copy(), v.ravel(), moved)
+        return Stepped(reached, to[0], wrong[0, 0] == 0)
 
     @cached_property
     def _steps(self) -> Buffered:
@@ -147,26 +193,60 @@ def tendon_lengths(
     return TendonLengths(arm, scene, machine_code, points)
 
 
-@lru_cache(maxsize=24)
-def _length_jacobian(statics: ClosedStatics, n_tendons: int) -> ca.Function:
-    """Return strains, pull, data, maps, paths, weights -> |u_c'| of tendons, and their derivatives.
+def _lengths(
+    tensions: Array, lengths: Array, by_strains: Array, v: Array, moved: Array, off: float = 0.0
+) -> Lengths:
+    return Lengths(tensions, lengths[0], by_strains.T @ moved, v.ravel(), moved, off)
 
-    Strains are (tau, xi, k, q), maps (n_pull n_tendons,) take tensions to pull, row by row, paths
-    (4 n_tendons,) stand one after the other. |u_c'| (n_tendons,) and its derivatives by the strains
-    v (n_tendons, n) count by the weights; derivatives of v by the tensions are (n_tendons, n).
+
+@lru_cache(maxsize=4)
+def _between(few: int, points: int) -> Array:
+    """Return the matrix (points, few) from values at few Gauss points of a step to those at all."""
+    return np.asarray(gauss(few).at(gauss(points).c))
+
+
+@lru_cache(maxsize=24)
+def _of_law(law: CrossSection) -> ca.Function:
+    """Return (tau, xi, k, q) -> strains v of the law."""
+    strain = ca.SX.sym("strain", 4)
+    stretch = 1 + strain[3]
+    v = law.strains(stretch * strain[:3], ca.vertcat(stretch, 0, 0))
+    return ca.Function("of_law", [strain], [ca.densify(v)])
+
+
+@lru_cache(maxsize=24)
+def _strain_step(statics: ClosedStatics) -> ca.Function:
+    """Return v, pull, data -> strains v after a step of Newton's method, and its size.
+
+    The size counts curvatures by the radius, relative to these, as EnergyStatics does.
     """
-    strain, law = ca.SX.sym("strain", 4), statics.law
+    v = ca.SX.sym("v", size(statics.law))
+    pull, data = ca.SX.sym("pull", statics.n_pull), ca.SX.sym("data", statics.n_data)
+    wrench = statics.wrench(v, pull, data)
+    step = -ca.inv_minor(ca.jacobian(wrench, v)) @ wrench
+    radius = 2 * ca.sqrt(data[1] / data[0])
+    far = radius * ca.norm_inf(step[:2]) / (1 + radius * ca.norm_inf(v[:2]))
+    far = ca.norm_inf(ca.vertcat(far, step[2:]))
+    return ca.Function("strain_step", [v, pull, data], [v + step, far], {"cse": True})
+
+
+@lru_cache(maxsize=24)
+def _runs(statics: ClosedStatics, n_tendons: int) -> ca.Function:
+    """Return v, pull, data, maps, paths, weights -> |u_c'| of tendons, and their derivatives.
+
+    v are the strains of the law, maps (n_pull n_tendons,) take tensions to pull, row by row, paths
+    (4 n_tendons,) stand one after the other. |u_c'| (n_tendons,) and its derivatives by v count by
+    the weights; derivatives of v by the tensions are (n_tendons, n).
+    """
+    law, v = statics.law, ca.SX.sym("v", size(statics.law))
     pull, data = ca.SX.sym("pull", statics.n_pull), ca.SX.sym("data", statics.n_data)
     maps = ca.SX.sym("maps", n_tendons, statics.n_pull)
     paths, weight = ca.SX.sym("paths", 4, n_tendons), ca.SX.sym("weight", n_tendons)
-    stretch, v = 1 + strain[3], ca.SX.sym("v", size(law))
-    now = law.strains(stretch * strain[:3], ca.vertcat(stretch, 0, 0))
     wrench = statics.wrench(v, pull, data)
     moved = -ca.inv_minor(ca.jacobian(wrench, v)) @ ca.jacobian(wrench, pull)
     moved = moved @ (ca.diag(ca.diag(maps)) if statics.each_alone else maps.T)
     runs = [weight[j] * ca.norm_2(law.run(v, paths[:, j])) for j in range(n_tendons)]
     jacobian = ca.vertcat(*(ca.densify(ca.gradient(run, v)).T for run in runs))
     found = [ca.vertcat(*runs), ca.densify(jacobian), ca.densify(moved.T)]
-    found = ca.substitute(found, [v], [now])
-    given = [strain, pull, data, ca.vec(maps), ca.vec(paths), weight]
-    return ca.Function("jacobian", given, found, {"cse": True})
+    given = [v, pull, data, ca.vec(maps), ca.vec(paths), weight]
+    return ca.Function("runs", given, found, {"cse": True})
