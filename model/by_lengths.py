@@ -20,7 +20,7 @@ from model.loads import is_loaded
 from model.paths import Array
 from model.scene import Scene
 from model.transcription.kernel import Places
-from model.unloaded.by_lengths import NEARLY, Found, UnloadedLengths
+from model.unloaded.by_lengths import NEARLY, SQUARE, Found, UnloadedLengths
 from model.winches import Winches
 
 # Newton steps to rounding, more where lengths hardly feel some combinations of tensions; one does
@@ -156,28 +156,29 @@ def _tightened(here: Linearised, hold: HeldLengths) -> Linearised:
     found.
     """
     system, winches = here.system, hold.winches
-    tight = _tight(here, winches)
-    weak = not is_firm(_by_tensions(here, winches, tight), _FIRM)
+    rounding = ROUNDING * system.arm.length
+    weak = not is_firm(_by_tensions(here, winches, _tight(here, winches)), _FIRM)
     if weak:
-        here = newton(system, here.tensions, 1.0, here.states, hold=hold) or here
-    near, last = here.near or here, np.inf
+        kept = here.near or here
+        here = newton(system, here.tensions, 1.0, here.states, kept=kept, hold=hold) or here
+    near, last = here.near or here, 0.0
     for _ in range(_WEAK if weak else _TIGHTENED):
         at = near if near.x is here.x else Linearised(system, here.x, near)
         change, now = -at.solve(at.residual), at.tensions
         tight = _tight(at, winches)
         left = winches.lacks(at.lengths + at.length_jacobian @ change, now)[tight]
         after = now.copy()
-        M, rounding = _by_tensions(at, winches, tight), ROUNDING * system.arm.length
-        after[tight] = least(M, left, now[tight], rounding)[0]
+        after[tight] = least(_by_tensions(at, winches, tight), left, now[tight], rounding)[0]
         change += at.by_tensions @ (after - now)
         here = Linearised(system, system.x(after, 1.0, at.states + change), near)
         moved, most = np.abs(after - now).max(initial=0.0), after.max(initial=0.0)
-        if moved <= _LAST * most or last / 2 < moved <= _NOISE * most:
+        off, noise = np.abs(left).max(initial=0.0), last / 2 < moved <= _NOISE * most
+        if moved <= _LAST * most or noise or off * moved**2 <= SQUARE * rounding * last**2:
             break
         last = moved
         if moved > _FAR * most:
             near = here = Linearised(system, here.x)
-    return (newton(system, here.tensions, 1.0, here.states) if weak else None) or here
+    return (newton(system, here.tensions, 1.0, here.states, kept=near) if weak else None) or here
 
 
 def _tight(here: Linearised, winches: Winches) -> Places:

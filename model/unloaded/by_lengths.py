@@ -29,7 +29,7 @@ from model.winches import Winches, least_compliance
 _CALLS, _ROUGHLY = 3, 1e-2
 # Steps with all points, of which one does that changes tensions by no more than this share, or that
 # will be off by no more than this share of rounding.
-_TIGHTENED, _LAST, _SQUARE = 12, 1e-5, 0.1
+_TIGHTENED, _LAST, SQUARE = 12, 1e-5, 0.1
 # Slack over the arm's length of tendons that their least compliance may have slackened.
 NEARLY = 1e-9
 # Compliances of a continuation, as multiples of the least, where the least is not arrived at
@@ -155,7 +155,7 @@ class UnloadedLengths:
             T[tight], well = least(M, own, T[tight], rounding)
             change, off = np.abs(T - at.tensions).max(), np.abs(own).max(initial=0.0)
             small = well and change <= _LAST * T.max()
-            if at.off <= SETTLED and (small or off * change**2 <= _SQUARE * rounding * last**2):
+            if at.off <= SETTLED and (small or off * change**2 <= SQUARE * rounding * last**2):
                 after = moved(at, T)
                 beyond = held & (winches.lacks(after.lengths, T) <= nearly)
                 beyond[tight] = False

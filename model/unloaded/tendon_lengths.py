@@ -148,7 +148,7 @@ class TendonLengths:
                 return self._robust()(tensions)
             lost = np.isnan(found[2]).any(axis=1)
             raise UnsettledSectionError(float(self.s[np.argmax(lost)]))
-        return _lengths(tensions, *found)
+        return _lengths(tensions, found)
 
     def near(self, at: Lengths, tensions: Array) -> Lengths:
         """Return the lengths under tensions near others; raises UnsettledSectionError."""
@@ -165,7 +165,7 @@ class TendonLengths:
     def _by_steps(self, way: int, strains: Array, tensions: Array) -> Lengths:
         *found, off = self._stepped[way](strains, tensions)
         far = float(off[0, 0])
-        return _lengths(tensions, *found, far) if far <= _FAR else self(tensions)
+        return _lengths(tensions, found, far) if far <= _FAR else self(tensions)
 
     def stepped(self, at: Lengths, left: Array, soft: Array, held: Array) -> Stepped:
         """Return where Newton steps lead to tensions that winches ask for; see newton_steps."""
@@ -193,9 +193,8 @@ def tendon_lengths(
     return TendonLengths(arm, scene, machine_code, points)
 
 
-def _lengths(
-    tensions: Array, lengths: Array, by_strains: Array, v: Array, moved: Array, off: float = 0.0
-) -> Lengths:
+def _lengths(tensions: Array, found: list[Array], off: float = 0.0) -> Lengths:
+    lengths, by_strains, v, moved = found
     return Lengths(tensions, lengths[0], by_strains.T @ moved, v.ravel(), moved, off)
 
 
