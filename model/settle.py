@@ -16,8 +16,10 @@ from model.contact.forward import TouchingMap, without_friction
 from model.contact.self_contact import pressed_on_itself
 from model.effects import Contact, PrintedStatics, SelfContact
 from model.errors import (
+    CollapsedError,
     ConvergenceError,
     InputError,
+    OctoplanError,
     SnapError,
     UnsettledContactError,
     UnsettledSectionError,
@@ -36,15 +38,19 @@ from model.mesh_refinement import (
 from model.paths import Array
 from model.scene import Scene
 from model.shape import Shape
+from model.shortest import too_short
 from model.time_limit import check_time
 from model.units import warn_of_lengths
 from model.unloaded.stretch import check_sections, check_stretch
+from model.unloaded.too_short import UnknownLeastError
 from model.winches import Winches
 
 LOG = logging.getLogger(__name__)
 ACCURACY = 1e-6
 # A mesh up to this one may be too coarse to say that the arm snaps.
 _COARSE = 16
+# How accurate shapes are that tell whether lengths are too short.
+_ROUGHLY = 1e-3
 # How accurate shapes are that press on themselves.
 _CLOSE = 1e-9
 
@@ -102,10 +108,10 @@ def settle(
     ------
     InputError
         For tensions, lengths, accuracies and schemes that are not allowed; for lengths that no
-        shape of the arm has, naming the tendon that is farthest from it; for friction of an arm
-        that touches something, and comes from nowhere.
+        shape of the arm has, or that crush it, naming the tendon that is farthest from it and what
+        is the least; for friction of an arm that touches something, and comes from nowhere.
     CollapsedError
-        Where 1 + q reaches 0.
+        Where 1 + q reaches 0 under tensions.
     ConvergenceError
         If the finest mesh is not as accurate as asked; UnsettledSectionError if a cross-section
         has no equilibrium that is found, not even by the robust iteration of its tendons;
@@ -128,6 +134,40 @@ def settle(
     if isinstance(given, GivenLengths):
         given = replace(given, machine_code=machine_code, near=begin and begin.tensions)
     scheme = check_scheme(scene, scheme)
+    try:
+        return _robustly(arm, given, scene, accuracy, scheme, machine_code, begin)
+    except (CollapsedError, UnsettledSectionError, UnknownLeastError) as problem:
+        if not isinstance(given, GivenLengths):
+            raise
+        told = _told(arm, given, scene, problem)
+        raise told from None
+
+
+def _told(arm: Arm, given: GivenLengths, scene: Scene, problem: OctoplanError) -> OctoplanError:
+    """Return what to tell of lengths that the arm does not settle by."""
+    scheme = check_scheme(scene, None)
+
+    def settles(winches: Winches) -> bool:
+        other = replace(given, winches=winches, near=None)
+        try:
+            _robustly(arm, other, scene, _ROUGHLY, scheme, given.machine_code, None)
+        except OctoplanError:
+            return False
+        return True
+
+    return too_short(arm, given.winches, problem, settles)
+
+
+def _robustly(
+    arm: Arm,
+    given: GivenTensions | GivenLengths,
+    scene: Scene,
+    accuracy: float,
+    scheme: str,
+    machine_code: bool,
+    begin: Near | None,
+) -> Shape:
+    """Return the shape, by the robust iteration of cross-sections where the usual one fails."""
     try:
         return _settled(arm, given, scene, accuracy, scheme, machine_code, begin)
     except UnsettledSectionError:

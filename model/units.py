@@ -15,6 +15,8 @@ _SHORT, _LONG = 2e-3, 30.0
 _SOFT, _HARD = 1e3, 2e12
 # Distance of a target from the base, over the arm's length.
 _NEAR, _FAR = 3e-3, 50.0
+# Strokes of winches, over the arm's length: less moves no tip that anybody sees.
+_STROKE = 3e-4
 # Of fractions of pi that people round to 3.14, over pi / 12.
 _ROUNDED = 7e-3
 
@@ -90,11 +92,26 @@ def warn_of_distance(field: str, share: float) -> None:
 
 
 def warn_of_lengths(field: str, shares: Iterable[float]) -> None:
-    """Warn of lengths of tendons, over the arm's length, that are all likely in millimetres."""
-    least = min(shares, default=0.0)
+    """Warn of lengths of tendons, over the arm's length, that are all out of proportion."""
+    shares = list(shares)
+    least, most = min(shares, default=0.0), max(shares, default=0.0)
     if least > _FAR:
         told = "if millimetres were meant for metres, they are 1000 times too long"
         _warn(f"{field} are all {least:.3g} arm lengths or more; {told}")
+    elif 0 < most < _NEAR:
+        told = "if metres were meant in a key in mm, they are 1000 times too short"
+        _warn(f"{field} are all {most:.2g} arm lengths or less; {told}")
+
+
+def warn_of_strokes(field: str, shares: Iterable[float]) -> None:
+    """Warn of strokes, or limits of these, over the arm's length, that are out of proportion."""
+    most = max((abs(share) for share in shares if math.isfinite(share)), default=0.0)
+    if 0 < most < _STROKE:
+        told = "if metres were meant in a key in mm, it is 1000 times too little"
+        _warn(f"{field} is {most:.2g} arm lengths or less; {told}")
+    elif most > _FAR:
+        told = "if millimetres were meant for metres, it is 1000 times too much"
+        _warn(f"{field} is up to {most:.3g} arm lengths; {told}")
 
 
 def _warn(told: str) -> None:

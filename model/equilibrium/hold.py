@@ -89,6 +89,8 @@ class HeldLengths:
         """See Hold.tensions."""
         arm, held, T = here.system.arm, self.winches.held, now[self.winches.held]
         M, lengths = self._matrix(here), here.lengths + here.length_jacobian @ change
+        if not np.isfinite(M).all():
+            return None
         lacks = self.winches.lacks(lengths, now)[held]
         off = float(np.abs(np.minimum(lacks, np.diag(M) * T)).max(initial=0.0))
         soft = arm_compliance(arm)

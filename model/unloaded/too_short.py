@@ -18,8 +18,12 @@ SHORT, _UNKNOWN = 1e-7, 1e-5
 _TIED = 1e-6
 
 
+class UnknownLeastError(InputError):
+    """No shape is found that has the lengths, nor how short they could be."""
+
+
 def refuse(tendons: CompliantTendons, found: Lengths) -> None:
-    """Raise InputError that names the tendon which lacks most."""
+    """Raise InputError that names the tendon which lacks most; UnknownLeastError."""
     lacks = np.where(
         tendons.winches.held, -tendons.winches.lacks(found.lengths, found.tensions), -np.inf
     )
@@ -28,7 +32,7 @@ def refuse(tendons: CompliantTendons, found: Lengths) -> None:
         return
     if found.tensions[j] == 0:  # the search ended before it pulled: its least is unknown
         told = "more, beside the other lengths: no shape of the arm is found that has these"
-        raise InputError(_name(tendons, j), float(tendons.winches.lengths[j]), told)
+        raise UnknownLeastError(_name(tendons, j), float(tendons.winches.lengths[j]), told)
     least = _least(tendons, j, found)
     nearest = f"the nearest that a shape has is {found.lengths[j]:.9g} m"
     told = f"from {least:.7g} m on" if least else f"lengths that go together, {nearest}"

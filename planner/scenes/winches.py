@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from model import Arm, InputError
+from model.paths import Array
+from model.units import warn_of_strokes
 from model.winches import Winches, rest_lengths
 from planner.scenes.keys import MM
 from planner.scenes.tables import SceneTable
@@ -27,7 +31,7 @@ def winches_of(arm: Arm, table: SceneTable) -> dict[str, Any]:
         raise InputError("stiffness.tendon_EA", own, "tendon_EA at the top, beside lengths")
     lengths: Any = table.lengths_mm
     if table.strokes_mm is not None:
-        lengths = _less(arm, table.strokes_mm)
+        lengths = _left(arm, table.strokes_mm)
     metres = [[v * MM for v in row] if isinstance(row, list) else row * MM for row in lengths]
     found = {
         "lengths": metres,
@@ -38,12 +42,23 @@ def winches_of(arm: Arm, table: SceneTable) -> dict[str, Any]:
     return found
 
 
-def _less(arm: Arm, strokes: list[Any]) -> list[Any]:
-    """Return lengths at rest less strokes [mm], in the strokes' own form."""
-    rest = (rest_lengths(arm) / MM).tolist()
-    if not any(isinstance(row, list) for row in strokes):
-        return [a - b for a, b in zip(rest, strokes, strict=False)]
-    rows = [[rest[j] for j in arm.tendons_of(i + 1)] for i in range(len(arm.sections))]
-    if [len(row) for row in rows] != [len(own) for own in strokes if isinstance(own, list)]:
-        return strokes
-    return [[a - b for a, b in zip(*pair, strict=True)] for pair in zip(rows, strokes, strict=True)]
+def _left(arm: Arm, strokes: list[Any]) -> list[float]:
+    """Return what is left of tendons by strokes (n_tendons,) [mm], nan where these are nan.
+
+    Raises InputError for strokes of another form, and for more than there is of a tendon.
+    """
+    taken, rest = _flat(arm, strokes) * MM, rest_lengths(arm)
+    for j in np.flatnonzero(np.isinf(taken) | (taken >= rest)):
+        field, given = f"strokes[{j}] ({arm.tendon_name(int(j))})", f"{taken[j] / MM:g} mm"
+        allowed = f"below {rest[j] / MM:.6g} mm, its length at rest, and negative where paid out"
+        raise InputError(field, given, allowed)
+    warn_of_strokes("strokes_mm", (taken / arm.length).tolist())
+    return [*((rest - taken) / MM).tolist()]
+
+
+def _flat(arm: Arm, strokes: list[Any]) -> Array:
+    """Return strokes (n_tendons,) of their rows; the arm judges the form alone."""
+    form = [[0.0 for _ in row] if isinstance(row, list) else 0.0 for row in strokes]
+    arm.flat(form, "strokes")
+    rows = [row if isinstance(row, list) else [row] for row in strokes]
+    return np.array([value for row in rows for value in row], dtype=float)

@@ -14,6 +14,7 @@ from model.arm import Arm
 from model.checks import finite_array, positive
 from model.errors import FileError, InputError
 from model.paths import Array
+from model.units import warn_of_strokes
 from planner.targets import TipPosition
 from planner.targets.base import Target
 
@@ -51,7 +52,8 @@ class Rates:
             if not tension.min() > 0:
                 raise InputError("rate_max", tension.tolist(), "numbers above 0 N/s")
         given = {"stroke_rate_max": stroke, "stroke_acceleration_max": acceleration}
-        most = (np.inf if own is None else positive(key, own) for key, own in given.items())
+        most = [np.inf if own is None else positive(key, own) for key, own in given.items()]
+        warn_of_strokes("stroke_rate_max", [most[0] / arm.length])
         return cls(tuple(np.asarray(tension).tolist()), *most)
 
     @property

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
 import pytest
 
-from model import Arm, CollapsedError, InputError, Scene, UnitWarning, settle, settle_many
-from model.effects import ExactTendons
+from model import Arm, InputError, Scene, UnitWarning, settle, settle_many
+from model.effects import Buoyancy, Effect, ExactTendons, Extension, Weight
 from model.stiffness import stiffness
 from model.winches import rest_lengths
 from tests.lengths.cases import EXACT, cylinder
@@ -59,8 +60,33 @@ def test_lengths_that_no_shape_has_name_the_tendon_and_what_there_is() -> None:
 
 def test_nearly_all_length_taken_in_crushes_a_linear_body() -> None:
     arm = cylinder((0.2,))
-    with pytest.raises((CollapsedError, InputError), match=r"crushed|no shape"):
+    with pytest.raises(InputError, match=r"T_11\).*go together, such as .* crush the arm"):
         settle(arm, scene=EXACT, lengths=[1e-9] * 4)
+
+
+@pytest.mark.parametrize("loads", [(), (Weight(), Buoyancy(1000.0))], ids=["unloaded", "in water"])
+def test_lengths_that_crush_the_arm_name_the_tendon_and_the_least(
+    loads: tuple[Effect, ...],
+) -> None:
+    """It was a crushed arm, without the tendon; what is told as the least settles."""
+    scene, lengths = Scene(Extension(), *loads), REST.copy()
+    lengths[0] *= 0.3
+    with pytest.raises(InputError, match=r"lengths\[0\] \(T_11\).*shorter ones crush") as caught:
+        settle(ARM, scene=scene, lengths=lengths)
+    told = re.search(r"from about (\S+) m on, beside the other lengths", caught.value.allowed)
+    assert told is not None
+    lengths[0] = float(told[1]) + 1e-5
+    assert settle(ARM, scene=scene, lengths=lengths).tensions[0] > 0
+    lengths[0] = float(told[1]) - 0.01 * REST[0]
+    with pytest.raises(InputError, match="T_11"):
+        settle(ARM, scene=scene, lengths=lengths)
+
+
+def test_a_length_that_no_section_settles_by_tells_the_tendon_and_not_tensions() -> None:
+    lengths = REST.copy()
+    lengths[5] = 0.0
+    with pytest.raises(InputError, match=r"T_22\).*from about .* m on, beside the other lengths"):
+        settle(ARM, scene=Scene(Extension(), ExactTendons(), Weight()), lengths=lengths)
 
 
 def test_lengths_in_millimetres_are_told() -> None:

@@ -8,16 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from model import Arm, Scene, settle
+from model import Arm, InputError, Scene, UnitWarning, settle
 from model.effects import ExactTendons, Extension
 from model.errors import FileError
 from model.winches import rest_lengths
 from planner import plan
 from planner.cli import main
+from planner.program.limits import Limits
 from planner.report import plan_text
 from planner.scenefile import load
 from planner.targets import TipPosition
 from planner.tendon_lengths import length_error
+from planner.trajectory.asked import Rates
 
 ARM = Arm.from_paper("table-2")
 SCENE = Scene(Extension(), ExactTendons())
@@ -89,6 +91,15 @@ def test_scene_files_may_hold_some_tendons_by_tension(tmp_path: Path) -> None:
     [
         ("strokes_mm = [[0, 5, 0], [0, 0, 3, -3.0], [0, -1, 0, 2.0]]", "3 rows of 3, 4, 4"),
         ("strokes_mm = [1, 2, 3]", "3 numbers"),
+        (f"strokes_mm = {[1] * 13}", "strokes: got '13 numbers'"),  # the last was left out
+        (
+            f"strokes_mm = {[*[1] * 11, 400]}",
+            r"T_34.*'400 mm', allowed is below \S+ mm, its length",
+        ),
+        (
+            f"strokes_mm = {[*[1] * 11, 'inf']}".replace("'", ""),
+            r"T_34.*'inf mm', allowed is below",
+        ),
         ("lengths_mm = [-1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12]", "0 or above"),
         (f"strokes_mm = {STROKES}\nlengths_mm = {STROKES}", "one of the two"),
         (f"strokes_mm = {STROKES}\ntensions = {STROKES.replace('-', '')}", "None or nan"),
@@ -98,3 +109,20 @@ def test_scene_files_may_hold_some_tendons_by_tension(tmp_path: Path) -> None:
 def test_what_is_wrong_in_a_scene_file_is_told(tmp_path: Path, text: str, told: str) -> None:
     with pytest.raises(FileError, match=told):
         load(scene_file(tmp_path, text))
+
+
+def test_units_of_strokes_and_lengths_that_are_likely_others_are_told(tmp_path: Path) -> None:
+    with pytest.warns(UnitWarning, match="strokes_mm .* if metres were meant"):
+        load(scene_file(tmp_path, f"strokes_mm = {[0.005] * 12}"))
+    asked = load(scene_file(tmp_path, f"lengths_mm = {rest_lengths(ARM).tolist()}"))
+    with (
+        pytest.warns(UnitWarning, match="lengths are all .* if metres were meant"),
+        pytest.raises(InputError, match="T_11"),
+    ):
+        settle(asked.arm, asked.tensions, asked.scene, **asked.winches)
+    with pytest.warns(UnitWarning, match="stroke_max .* if metres were meant"):
+        Limits.of(ARM, 20.0).with_strokes(ARM, 2e-5)
+    with pytest.warns(UnitWarning, match="stroke_min .* 1000 times too much"):
+        Limits.of(ARM, 20.0).with_strokes(ARM, 0.1, -100.0)
+    with pytest.warns(UnitWarning, match="stroke_rate_max .* if metres were meant"):
+        Rates.of(ARM, None, 2e-5)
