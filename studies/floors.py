@@ -32,8 +32,9 @@ import numpy as np
 from model import Arm
 from model.equilibrium.linearised import Linearised
 from model.machine.buffered import Buffered
-from model.unloaded.steps_in_c import StepsInC
+from planner.program.explicit_in_c import ExplicitInC
 from planner.solve import ipopt, newton, sqp
+from planner.solve.quadratic import Quadratic
 from studies.real_time import path, timed_plan
 from studies.tip_targets import SCENES
 
@@ -88,9 +89,9 @@ def timed(clock: Clock) -> Iterator[None]:
     with ExitStack() as stack:
         stack.enter_context(counted(Buffered, "__call__", "evaluation"))
         for name in ("values", "first", "second"):
-            stack.enter_context(counted(StepsInC, name, "evaluation"))
-        stack.enter_context(counted(sqp, "_quadratic", "solver"))
-        stack.enter_context(counted(sqp._Quadratic, "__call__", "solver"))
+            stack.enter_context(counted(ExplicitInC, name, "evaluation"))
+        stack.enter_context(counted(sqp, "run", "solver"))
+        stack.enter_context(counted(Quadratic, "__call__", "solver"))
         stack.enter_context(counted(ipopt, "solve", "solver"))
         stack.enter_context(counted(Linearised, "solve", "linear algebra"))
         stack.enter_context(counted(Linearised.factor, "func", "linear algebra"))

@@ -24,7 +24,7 @@ class Buffered:
         local = self._local.__dict__
         if not local:
             names = ("given", "results", "run", "buffer")
-            local.update(zip(names, self._prepared(), strict=True))
+            local.update(zip(names, self.prepared(), strict=True))
         for held, value in zip(local["given"], given, strict=True):
             held[:] = value
         local["run"]()
@@ -34,7 +34,8 @@ class Buffered:
         """Return what the function tells of the last call of this thread."""
         return dict(self._local.buffer.stats())
 
-    def _prepared(self) -> tuple[list[Array], list[Array], Any, Any]:
+    def prepared(self) -> tuple[list[Array], list[Array], Any, Any]:
+        """Return arguments, results, what runs the function on these, and its buffer."""
         f = self.function
         given = [np.zeros(f.nnz_in(i)) for i in range(f.n_in())]
         results = [np.zeros((f.size2_out(i), f.size1_out(i))) for i in range(f.n_out())]

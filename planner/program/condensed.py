@@ -34,7 +34,15 @@ class _Memory(threading.local):
 
 
 class Condensed:
-    """Unknowns a are those of a program before the states."""
+    """Unknowns a are those of a program before the states.
+
+    Attributes
+    ----------
+    in_c : None
+        There is no C of all of it; see Explicit.
+    """
+
+    in_c = None
 
     def __init__(self, program: Program, forward: Collocation, states: States) -> None:
         self.program, self.forward, self.states = program, forward, states

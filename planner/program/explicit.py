@@ -22,7 +22,8 @@ from model.stations import Counts
 from model.unloaded.closed_form import ClosedForm
 from model.unloaded.condensed_steps import CondensedSteps
 from model.unloaded.steps_in_c import StepsInC
-from planner.program.explicit_numbers import ExplicitByCasadi, ExplicitInC
+from planner.program.explicit_in_c import ExplicitInC
+from planner.program.explicit_numbers import ExplicitByCasadi
 from planner.program.expressions import Expressions, by_casadi, by_steps, outer_of
 from planner.program.objective import Rows, objective_of
 from planner.program.reduced import Reduced
@@ -65,7 +66,7 @@ class Explicit:
             own = outer_of(self.objective, n, len(stations), machine_code)
             self._state = partial(by_steps, steps, own)
             if StepsInC.can(steps):
-                self._calls = ExplicitInC(StepsInC(steps), own, n)
+                self._calls = ExplicitInC(StepsInC(steps), own)
         else:
             self._state = partial(by_casadi, forward, self.objective, nodes, rows)
         self._last = _Memory()
@@ -102,6 +103,11 @@ class Explicit:
     @cached_property
     def _calls(self) -> ExplicitInC | ExplicitByCasadi:
         return ExplicitByCasadi(self.symbols)
+
+    @property
+    def in_c(self) -> ExplicitInC | None:
+        """The program as other C calls it, where it is compiled."""
+        return self._calls if isinstance(self._calls, ExplicitInC) else None
 
     def value(self, a: Array, p: Array) -> tuple[float, Array]:
         """Return objective and constraints."""

@@ -16,21 +16,21 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf
 
-from model.machine.buffered import Buffered
 from model.paths import Array
 from model.time_limit import check_time
 from planner.program.condensed import Condensed
 from planner.program.explicit import Explicit
+from planner.program.explicit_in_c import ExplicitInC
 from planner.program.problem import Bounds, Problem
 from planner.program.reduced import Reduced
 from planner.solve.ipopt import Solution
+from planner.solve.quadratic import quadratic
+from planner.solve.sqp_in_c import run
 
 LOG = logging.getLogger(__name__)
 Mask = NDArray[np.bool_]
@@ -52,6 +52,23 @@ _AT = 1e-9
 _JOINED, _NEAR = 0.01, 0.01
 # Late steps creep whose residuals stay within this factor for so many.
 _CREEPS, _ALIKE = 6, 1.3
+# The same by name, for the steps in C.
+_RULES = {
+    "met": _MET,
+    "soft": _SOFT,
+    "soft_late": _SOFT_LATE,
+    "closed": _CLOSED,
+    "longest": _LONGEST,
+    "local": _LOCAL,
+    "lost": _LOST,
+    "at": _AT,
+    "joined": _JOINED,
+    "near": _NEAR,
+    "alike": _ALIKE,
+    "late": _LATE,
+    "creeps": _CREEPS,
+    "halved": _HALVED,
+}
 
 
 def solve_quadratic(
@@ -73,11 +90,36 @@ def solve_quadratic(
     if mode == "nearest" or (mode == "closest" and not problem.requests):
         return None
     steps = _STEPS if mode == "exact" else _STEPS_IF_CLOSEST
-    found = _Sqp(problem.condensed, p, bounds, steps, known).run(x, lam)
+    program = problem.condensed
+    lam = np.zeros(bounds[2].size) if lam is None else lam
+    if program.in_c is None:
+        found = _Sqp(program, p, bounds, steps, known).run(x, lam)
+    else:
+        found = _by_c(program.in_c, p, bounds, known, steps, x, lam)
     if found is not None:
         told = "met" if found.met else "not met"
         LOG.debug("%s after %d steps, objective %.6g", told, found.iterations, found.f)
     return found
+
+
+def _by_c(
+    program: ExplicitInC,
+    p: Array,
+    bounds: Bounds,
+    known: Sequence[Solution],
+    most: int,
+    x: Array,
+    lam: Array,
+) -> Solution | None:
+    check_time()
+    x = np.clip(x, *bounds[:2])
+    done = run(program, p, bounds, known, {**_RULES, "most": most}, x, lam)
+    if done is None:
+        return None
+    found, which = done
+    if which >= 0:
+        return replace(known[which], iterations=found.iterations)
+    return found if found.met else replace(found, reason=_REASON)
 
 
 class _Sqp:
@@ -96,12 +138,11 @@ class _Sqp:
         lbx, ubx, lbg, ubg = bounds
         self.equal, self.fixed = np.equal(lbg, ubg), np.equal(lbx, ubx)
         self.uneven = ~self.equal
-        self.quadratic = _quadratic(lbx.size, int(np.sum(self.uneven)))
+        self.quadratic = quadratic(lbx.size, int(np.sum(self.uneven)))
 
-    def run(self, x: Array, lam: Array | None = None) -> Solution | None:
+    def run(self, x: Array, lam: Array) -> Solution | None:
         """Return where the steps from unknowns x lead; None where that is nowhere."""
         n = self.fixed.size
-        lam = np.zeros(self.equal.size) if lam is None else lam
         x = np.concatenate([np.clip(x[:n], *self.bounds[:2]), x[n:]])
         here, steps, last = self.program.at(x, self.p), 0, None
         while here is not None and np.isfinite(here.f) and _most(lam) <= _LOST:
@@ -244,23 +285,3 @@ def _most(values: Array) -> float:
 
 def _is_convex(H: Array) -> bool:
     return bool(dpotrf(H, lower=1)[1] == 0)
-
-
-@lru_cache(maxsize=64)
-def _quadratic(n: int, m: int) -> _Quadratic:
-    return _Quadratic(n, m)
-
-
-class _Quadratic:
-    """DAQP for n unknowns with bounds and m constraints with bounds."""
-
-    def __init__(self, n: int, m: int) -> None:
-        shapes = {"h": ca.Sparsity.dense(n, n), "a": ca.Sparsity.dense(m, n)}
-        self._call = Buffered(ca.conic("quadratic", "daqp", shapes, {"error_on_fail": False}))
-        self._rest = [np.zeros(k) for k in (n, n, m, 0, 0)]
-
-    def __call__(
-        self, H: Array, slope: Array, A: Array, lba: Array, uba: Array, lbx: Array, ubx: Array
-    ) -> list[Array]:
-        """Return the solution, its objective, multipliers of constraints and of bounds."""
-        return self._call(H, slope, A, lba, uba, lbx, ubx, *self._rest)

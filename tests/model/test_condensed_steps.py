@@ -1,5 +1,7 @@
 """Poses of closed forms and their derivatives, condensed step by step, are those of the whole."""
 
+import ctypes
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from model.effects import ExactTendons, Extension
 from model.forward import explicit_map
 from model.unloaded.condensed_steps import CondensedSteps
 from model.unloaded.steps_in_c import StepsInC
+from tests.oracles import Array
 
 BENT = Arm(
     0.3,
@@ -26,6 +29,34 @@ ARMS = {
     "one section": Arm.from_paper("section-5.2"),
     "bent": BENT,
 }
+
+
+def by_c(
+    steps: CondensedSteps, tensions: Array, weights: Array, thinner: Array
+) -> tuple[Array, ...]:
+    """Return poses that are seen, their Jacobian and a weighted Hessian; the same of stretch."""
+    of = StepsInC(steps)
+    along, slim = of.rooms()
+    poses_of, jacobian_of, strains_of, hessian_of, bent_of = (
+        ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 4, ctypes.c_long)(code.value)
+        for code in of.functions
+    )
+    rooms = along, slim
+    for room in rooms:
+        room.T[:] = tensions
+    poses_of(along.arm, along.found, along.T.ctypes.data, None, 0)
+    before = along.poses.copy()
+    jacobian_of(along.arm, along.found, along.T.ctypes.data, None, 0)
+    strains_of(slim.arm, slim.found, slim.T.ctypes.data, 0, len(slim.strains))
+    assert np.array_equal(along.poses, before)
+    along.weights[of.seen], slim.weights[:, 2] = weights, thinner
+    for run, room in zip((hessian_of, bent_of), rooms, strict=True):
+        numbers = (values.ctypes.data for values in (room.weights, room.hessian))
+        run(room.arm, room.found, *numbers, 0)
+    jacobian = along.jacobian[of.seen].reshape(-1, of.n)
+    stretch = 1 + slim.strains[:, 2, None]
+    seen = along.poses[of.seen].T, jacobian, along.hessian
+    return *seen, stretch, slim.by_tensions[:, 2], slim.hessian
 
 
 @pytest.mark.quick(
@@ -69,19 +100,8 @@ def test_poses_jacobian_and_hessian_are_those_that_casadi_finds(
         rounding = [1e-12] * 5 + [1e-11, 1e-12]
         exact = [*wanted, wanted[0]]
         if StepsInC.can(steps):
-            in_c, found = StepsInC(steps), [*found, *found[:6]]
             exact, rounding = [*exact, *wanted], [*rounding, *rounding[:6]]
-            first, none = in_c.first(tensions), np.zeros(2)
-            split, thinner = 7 * len(nodes), weights[0, :2]
-            found[-6:] = [
-                *(first[0].T, first[2][:split], in_c.second(tensions, weights.T, none)),
-                *(
-                    first[1][:, None],
-                    first[2][split:],
-                    in_c.second(tensions, 0 * weights.T, thinner),
-                ),
-            ]
-            assert np.array_equal(in_c.values(tensions)[0], first[0])
+            found += by_c(steps, tensions, weights.T, weights[0, :2])
         assert StepsInC.can(steps) == machine_code
         for value, own, share in zip(found, exact, rounding, strict=True):
             assert np.abs(value - own).max() <= share * np.abs(own).max()

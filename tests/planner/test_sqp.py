@@ -29,14 +29,14 @@ SCENES = {
 
 
 def stated(
-    T: Array, kind: str, upper: float = 20.0, scene: Scene = PAPER
+    T: Array, kind: str, upper: float = 20.0, scene: Scene = PAPER, machine_code: bool = False
 ) -> tuple[Problem, Array, Limits]:
     """Return the program of a target that tensions meet, its parameters and limits."""
     shape = settle(ARM, T, scene)
     tip, frame = tuple(shape.tip), tuple(map(tuple, shape.tip_frame))
     target = (TipPosition(tip) if kind == "tip" else TipPose(tip, frame),)
     limits = Limits.of(ARM, upper)
-    problem = build(ARM, target, scene, COARSE)
+    problem = build(ARM, target, scene, COARSE, machine_code)
     return problem, problem.parameters(target, limits, TRACES[0]), limits
 
 
@@ -96,6 +96,33 @@ def test_what_comes_near_a_known_optimum_is_taken_for_it() -> None:
     apart = solve_quadratic(problem, x, p, bounds, known=[elsewhere])
     assert apart is not None
     assert apart.iterations == alone.iterations
+
+
+@pytest.mark.parametrize("upper", [20.0, 0.3], ids=["met", "not met"])
+@pytest.mark.parametrize("kind", ["tip", "pose"])
+@pytest.mark.parametrize("scene", [PAPER, Scene.silicone()], ids=["paper", "silicone"])
+def test_steps_in_c_are_those_in_python(scene: Scene, kind: str, upper: float) -> None:
+    rng, met = np.random.default_rng(5), list[bool]()
+    for _ in range(6):
+        T = rng.uniform(size=12) * np.repeat([0.1, 0.7, 3.0], 4)
+        problem, p, limits = stated(T, kind, upper, scene)
+        compiled, _, _ = stated(T, kind, upper, scene, machine_code=True)
+        x, bounds = problem.free(np.minimum(0.7 * T, upper), limits), problem.free_bounds(limits)
+        wanted = solve_quadratic(problem, x, p, bounds)
+        found = solve_quadratic(compiled, x, p, bounds)
+        assert wanted is not None
+        assert found is not None
+        assert found.met == wanted.met
+        met.append(found.met)
+        if not wanted.met:
+            continue
+        assert found.iterations == wanted.iterations
+        for name in ("x", "g", "lam_x", "lam_g"):
+            assert np.abs(getattr(found, name) - getattr(wanted, name)).max() <= 1e-6
+        joined = solve_quadratic(compiled, x, p, bounds, known=[wanted])
+        assert joined is not None
+        assert np.array_equal(joined.x, wanted.x)
+    assert any(met) if upper == 20.0 else not all(met)
 
 
 def test_what_cannot_be_met_has_no_optimum() -> None:
