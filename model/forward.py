@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from itertools import zip_longest
 from typing import Any, Protocol
 
 import casadi as ca
@@ -27,7 +28,7 @@ from model.unloaded.statics import closed_statics
 # By name: closed forms, stages of collocation, and integrators of the equations as printed. Of each
 # the first is used unless another is named.
 CLOSED_FORMS = {scheme.name: scheme for scheme in (MAGNUS6, MAGNUS4, MAGNUS2)}
-COLLOCATIONS = {"gauss6": 3, "gauss4": 2, "gauss2": 1}
+COLLOCATIONS = {"gauss6": 3, "gauss4": 2, "gauss2": 1, "gauss8": 4}
 PRINTED = {scheme.name: scheme for scheme in (RK6, RK8, RK4)}
 SCHEMES = (*CLOSED_FORMS, *COLLOCATIONS, *PRINTED)
 
@@ -83,7 +84,8 @@ def schemes_of(scene: Scene) -> tuple[str, ...]:
         return tuple(PRINTED)
     if is_loaded(scene):
         return tuple(COLLOCATIONS)
-    return tuple(name for pair in zip(CLOSED_FORMS, COLLOCATIONS, strict=True) for name in pair)
+    pairs = zip_longest(CLOSED_FORMS, COLLOCATIONS)
+    return tuple(name for pair in pairs for name in pair if name)
 
 
 def order_of(scheme: str, scene: Scene) -> int:

@@ -26,8 +26,7 @@ from studies.tip_targets import MAXIMUM
 from studies.work_precision import Measured, Size
 from studies.work_settle import KNOB, chosen, tip_by
 
-# Four would take a Magnus expansion of order eight, with some thirty brackets more.
-STAGES = (1, 2, 3)
+STAGES = (1, 2, 3, 4)
 SCENES = {
     "silicone": (Scene.silicone(), 0.0, 0.0),
     "silicone in water": (Scene.silicone(Weight(), Buoyancy(1000.0)), -9.81, 1000.0),

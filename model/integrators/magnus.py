@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import casadi as ca
 import numpy as np
@@ -55,6 +56,35 @@ def expansion(values: list[ca.SX], h: ca.SX, bracket: Bracket) -> ca.SX:
     return _EXPANSIONS[len(values)](values, h, bracket)
 
 
+def series(coefficients: list[ca.SX], h: ca.SX, bracket: Bracket, order: int) -> list[ca.SX]:
+    """Return the coefficients of x, x^2, .. x^order in the expansion from 0 to x of a polynomial.
+
+    `coefficients` are those of 1, x, .. in the polynomial, with x in [0, 1] over a step h. By the
+    equation of the expansion, Omega' = sum_j B_j / j! ad_Omega^j A with Bernoulli's numbers B_j,
+    degree by degree: what is left out is of order h^(order + 1).
+    """
+    rate = [h * own for own in coefficients]
+    powers, omega = [[_sum(rate[d : d + 1]) for d in range(order)]], [ca.SX()]
+    powers += [[] for _ in _BERNOULLI[1:]]
+    for d in range(order):
+        for lower, own in pairwise(powers):
+            # The first coefficient of Omega is that of A, and commutes with it.
+            inner = range(1, d + 1) if lower is not powers[0] or d > 1 else range(0)
+            terms = [bracket(omega[i], lower[d - i]) for i in inner if lower[d - i].numel()]
+            own.append(_sum(terms))
+        parts = zip(_BERNOULLI, powers, strict=True)
+        omega.append(_sum([b * own[d] for b, own in parts if b and own[d].numel()]) / (d + 1))
+    return omega[1:]
+
+
+def _sum(terms: list[ca.SX]) -> ca.SX:
+    """Return the sum of terms, empty if there are none."""
+    total = ca.SX()
+    for term in terms:
+        total = total + term if total.numel() else term
+    return total
+
+
 def _second(values: list[ca.SX], h: ca.SX, bracket: Bracket) -> ca.SX:
     omega: ca.SX = h * values[0]
     return omega
@@ -85,6 +115,8 @@ def _bracket(a: ca.SX, b: ca.SX) -> ca.SX:
 
 
 _EXPANSIONS = {1: _second, 2: _fourth, 3: _sixth}
+# Bernoulli's numbers over factorials, of what orders up to eight take.
+_BERNOULLI = (1.0, -1 / 2, 1 / 12, 0.0, -1 / 720, 0.0, 1 / 30240)
 
 
 def _scheme(order: int) -> Magnus:

@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from model.cross_section.law import Name
-from model.integrators.magnus import Bracket, expansion
+from model.integrators.magnus import Bracket, expansion, series
 from model.paths import Array
 
 
@@ -67,7 +67,8 @@ def rotation_vectors(kappa: list[ca.SX], h: ca.SX, name: Name = ca.densify) -> l
         c_i^5 (h^3 [k_0, [k_0, k_2]] / 360 - h^3 [k_1, [k_0, k_1]] / 240
                + h^4 [k_0, [k_0, [k_0, k_1]]] / 720);
 
-    to the last node the expansion of order 2 m, six at most. What it takes on the way is named.
+    to the last node the expansion of order 2 m. Four stages take the expansion's power series, of
+    order 8, to all. What it takes on the way is named.
     """
     m = len(kappa)
     method = gauss(m)
@@ -76,6 +77,10 @@ def rotation_vectors(kappa: list[ca.SX], h: ca.SX, name: Name = ca.densify) -> l
         return name(_bracket(a, b))
 
     k = [name(weighted_sum(method.powers[p], kappa)) for p in range(m)]
+    if m > 3:
+        omega = [name(own) for own in series(k, h, bracket, 2 * m)]
+        at = [*method.c.tolist(), 1.0]
+        return [weighted_sum(x ** np.arange(1, 2 * m + 1), omega) for x in at]
     pairs = [(p, q) for p in range(m) for q in range(p + 1, m)]
     brackets = {(p, q): bracket(k[p], k[q]) for p, q in pairs}
     found, fifth = [], name(_fifth(k, brackets, h, bracket)) if m > 2 else ca.SX.zeros(3)

@@ -112,6 +112,8 @@ int second(explicit_t *p, const double *x, double sigma, const double *lam) {
   p->bent_of(p->slim.arm, p->slim.found, p->slim.weights, p->slim.hessian);
   give(p, &p->second, x);
   give_derivatives(p, last[4]);
-  for (long i = 0; i < n * n; ++i) last[7][i] = p->along.hessian[i] + p->slim.hessian[i];
+  for (long i = 0; i < n; ++i)
+    for (long j = 0; j < n; ++j)
+      last[7][j * n + i] = p->along.hessian[i * n + j] + p->slim.hessian[i * n + j];
   return ran(p, &p->second);
 }

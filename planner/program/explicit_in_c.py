@@ -69,7 +69,7 @@ class ExplicitInC:
         here, x = self.lent(p), _whole(x)
         self._run.first(here.program, pointer(x))
         here.seen = x.copy()
-        return float(here.f[0]), here.gradient.copy(), here.g.copy(), here.jacobian.copy()
+        return float(here.f[0]), here.gradient.copy(), here.g.copy(), here.jacobian.copy("K")
 
     def second(self, x: Array, p: Array, sigma: float, lam: Array) -> Array:
         """Return the Hessian of sigma f + lam . g."""

@@ -49,7 +49,8 @@ class Statement:
     @property
     def stages(self) -> int:
         """How many stages the elements have; other schemes of the same order have as many."""
-        return max(1, min(int(self.scheme[-1]) // 2, 3))
+        most = 4 if self.scheme.startswith("gauss") else 3
+        return max(1, min(int(self.scheme[-1]) // 2, most))
 
     def but(self, **changes: Any) -> Statement:
         """Return the statement with some choices changed."""

@@ -1,5 +1,6 @@
 /* The steps of planner/solve/sqp.py, where a program is evaluated by C; what is done, and why, is told
-   there under the same names. Matrices are stored by columns. */
+   there under the same names. Sums are in the same order, so that digits are the same. Matrices are
+   stored by columns. */
 #include <math.h>
 #include <string.h>
 
@@ -100,9 +101,9 @@ static void look(const program_t *p, const asked_t *a, const rules_t *r, point_t
   memcpy(at->g, p->g, p->m * sizeof(double));
   at->f = *p->f;
   for (long j = 0; j < p->n; ++j) {
-    double sum = p->gradient[j];
+    double sum = 0.0;
     for (long i = 0; i < p->m; ++i) sum += p->J[j * p->m + i] * at->lam[i];
-    at->slope[j] = sum;
+    sum = at->slope[j] = p->gradient[j] + sum;
     at->held[j] = a->lbx[j] == a->ubx[j] || (at->x[j] <= a->lbx[j] + r->at && sum > 0) ||
                   (at->x[j] >= a->ubx[j] - r->at && sum < 0);
   }
@@ -181,13 +182,15 @@ static int step(const program_t *p, quadratic_t *q, const asked_t *a, const rule
   memcpy(q->H, p->H, n * n * sizeof(double));
   for (long j = 0; j < n; ++j) {
     const double *column = p->J + j * m;
-    double sum = p->gradient[j];
+    double sum = 0.0, square[n];
+    for (long l = 0; l < n; ++l) square[l] = 0.0;
     for (long k = 0; k < a->n_equal; ++k) {
       const long i = a->equal[k];
       sum += column[i] * (at->lam[i] + lack[k] / soft);
-      for (long l = 0; l < n; ++l) q->H[j * n + l] += column[i] * p->J[l * m + i] / soft;
+      for (long l = 0; l < n; ++l) square[l] += column[i] * p->J[l * m + i];
     }
-    q->slope[j] = sum;
+    q->slope[j] = p->gradient[j] + sum;
+    for (long l = 0; l < n; ++l) q->H[j * n + l] += square[l] / soft;
     q->lbx[j] = fmax(a->lbx[j] - at->x[j], -r->longest);
     q->ubx[j] = fmin(a->ubx[j] - at->x[j], r->longest);
     for (long k = 0; k < a->n_uneven; ++k) q->A[j * a->n_uneven + k] = column[a->uneven[k]];
@@ -202,9 +205,9 @@ static int step(const program_t *p, quadratic_t *q, const asked_t *a, const rule
   q->drop(done);
   memcpy(change, q->change, n * sizeof(double));
   for (long k = 0; k < a->n_equal; ++k) {
-    double moved = lack[k];
+    double moved = 0.0;
     for (long j = 0; j < n; ++j) moved += p->J[j * m + a->equal[k]] * change[j];
-    after[a->equal[k]] = at->lam[a->equal[k]] + moved / soft;
+    after[a->equal[k]] = at->lam[a->equal[k]] + (moved + lack[k]) / soft;
   }
   for (long k = 0; k < a->n_uneven; ++k) after[a->uneven[k]] = q->own[k];
   return is_finite(change, n) && is_finite(after, m);
@@ -216,8 +219,10 @@ static double line(const program_t *p, const asked_t *a, const rules_t *r, const
   const double before = merit(p, a, weight), most = most_of(change, p->n);
   double share = 1.0;
   for (long k = 0; k < r->halved; ++k) {
-    for (long j = 0; j < p->n; ++j)
-      trial[j] = fmin(fmax(at->x[j] + share * change[j], a->lbx[j]), a->ubx[j]);
+    for (long j = 0; j < p->n; ++j) {
+      const double inside = fmin(fmax(at->x[j] + share * change[j], a->lbx[j]), a->ubx[j]);
+      trial[j] = at->x[j] + (inside - at->x[j]);
+    }
     if (!p->value(p->self, trial)) return -1.0;
     const double now = merit(p, a, weight);
     if (isfinite(now) && (now < before || share * most < r->local)) break;

@@ -146,7 +146,8 @@ class _Sqp:
         x = np.concatenate([np.clip(x[:n], *self.bounds[:2]), x[n:]])
         here, steps, last = self.program.at(x, self.p), 0, None
         while here is not None and np.isfinite(here.f) and _most(lam) <= _LOST:
-            last = point = _Point(here, lam, here.gradient + here.jacobian.T @ lam, steps)
+            slope = here.gradient + _sum(here.jacobian * lam[:, None])
+            last = point = _Point(here, lam, slope, steps)
             point.held = self._held(point)
             self.residuals.append(self._residual(point))
             point.met = self.residuals[-1] <= _MET
@@ -185,19 +186,20 @@ class _Sqp:
         g, a = here.g, here.x[: self.fixed.size]
         J, rest = here.jacobian[equal], here.jacobian[uneven]
         lack = (g - lbg)[equal]
-        lack *= min(1.0, _CLOSED / max(float(np.sqrt(lack @ lack)), 1e-300))
+        lack *= min(1.0, _CLOSED / max(float(np.sqrt(_sum(lack * lack))), 1e-300))
         soft = _SOFT if at.steps < _LATE else _SOFT_LATE
         H, more = self.program.curvature(here, self.p, 1.0, lam)
-        convex = self._convex(H + J.T @ J / soft, at.held)
+        convex = self._convex(H + _sum(J[:, :, None] * J[:, None, :]) / soft, at.held)
         if convex is None:
             return None
-        slope = here.gradient + more + J.T @ (lam[equal] + lack / soft)
+        slope = here.gradient + more + _sum(J * (lam[equal] + lack / soft)[:, None])
         low, high = np.maximum(lbx - a, -_LONGEST), np.minimum(ubx - a, _LONGEST)
         rows = (lbg - g)[uneven], (ubg - g)[uneven]
         solved = self.quadratic(convex.ravel(), slope, rest.ravel("F"), *rows, low, high)
         change, _, own, _ = (value.ravel() for value in solved)
+        moved = lam[equal] + (_sum((J * change).T) + lack) / soft
         after = np.zeros(g.size)
-        after[equal], after[uneven] = lam[equal] + (J @ change + lack) / soft, own
+        after[equal], after[uneven] = moved, own
         return (change, after) if np.isfinite(change.sum() + after.sum()) else None
 
     def _held(self, at: _Point) -> Mask:
@@ -247,7 +249,7 @@ class _Sqp:
         return trial, share
 
     def _merit(self, f: float, g: Array, weight: float) -> float:
-        return f + weight * float(self._violations(g).sum())
+        return f + weight * float(_sum(self._violations(g)))
 
     def _violations(self, g: Array) -> Array:
         _, _, lbg, ubg = self.bounds
@@ -277,6 +279,11 @@ class _Point:
         here, lam_x = self.here, np.where(self.held, -self.slope, 0.0)
         told = here.f, here.g, self.met, "" if self.met else _REASON, self.steps
         return Solution(here.x, lam_x, self.lam, *told)
+
+
+def _sum(terms: Array) -> Array:
+    """Return the sum over the first axis, one after the other, as C adds: to the same digits."""
+    return np.add.accumulate(terms)[-1] if len(terms) else np.zeros(terms.shape[1:])
 
 
 def _most(values: Array) -> float:

@@ -1,6 +1,6 @@
 """Sequential quadratic programming by C, where the program is C: no Python between the steps.
 
-The steps are those of planner.solve.sqp, to rounding.
+The steps are those of planner.solve.sqp, to the same digits.
 """
 
 from __future__ import annotations

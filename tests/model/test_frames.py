@@ -25,7 +25,7 @@ EACH = [
     for scheme in schemes_of(scene)
 ]
 # Exponentials are rotations.
-UNIT = ("magnus2", "magnus4", "magnus6", "gauss2", "gauss4", "gauss6")
+UNIT = ("magnus2", "magnus4", "magnus6", "gauss2", "gauss4", "gauss6", "gauss8")
 EXPLICIT = {"rk4": (4, 8, 16), "rk6": (4, 8, 16), "rk8": (4, 8)}
 
 

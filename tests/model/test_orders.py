@@ -17,6 +17,7 @@ ORDERS = {
     "gauss2": 2,
     "gauss4": 4,
     "gauss6": 6,
+    "gauss8": 8,
     "rk4": 4,
     "rk6": 6,
     "rk8": 8,
@@ -43,7 +44,7 @@ def jacobian(errors: list[float]) -> Array:
 
 def meshes(name: str, scheme: str) -> tuple[int, ...]:
     """Return refinements where the error is asymptotic and well above rounding."""
-    if scheme == "rk8":
+    if scheme in ("rk8", "gauss8"):
         return (2, 4) if name == "table-2" else (8, 16)
     coarsest = (2 if name == "table-2" else 4) * (2 if scheme.startswith("rk") else 1)
     return coarsest, 2 * coarsest, 4 * coarsest

@@ -34,17 +34,17 @@ def test_a_scheme_that_does_not_exist_is_refused_with_the_names_of_those_that_do
         settle(Arm.from_paper("table-2"), np.zeros(12), PAPER, scheme="euler")
     assert caught.value.field == "scheme"
     assert all(name in caught.value.allowed for name in ALL)
-    assert ALL == ("magnus6", "gauss6", "magnus4", "gauss4", "magnus2", "gauss2")
+    assert ALL == ("magnus6", "gauss6", "magnus4", "gauss4", "magnus2", "gauss2", "gauss8")
 
 
 @pytest.mark.parametrize("scheme", ["rk6", "magnus6"])
 def test_with_loads_only_collocation_is_allowed(scheme: str) -> None:
     scene = Scene(Extension(), Weight())
-    assert set(schemes_of(scene)) == {"gauss6", "gauss4", "gauss2"}
+    assert set(schemes_of(scene)) == {"gauss6", "gauss4", "gauss2", "gauss8"}
     assert check_scheme(scene, None) == "gauss6"
     with pytest.raises(InputError) as caught:
         check_scheme(scene, scheme)
-    assert caught.value.allowed.startswith("gauss6, gauss4, gauss2 ")
+    assert caught.value.allowed.startswith("gauss6, gauss4, gauss2, gauss8 ")
 
 
 def test_as_printed_strains_are_integrated() -> None:
