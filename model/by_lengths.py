@@ -168,12 +168,14 @@ def _tightened(here: Linearised, hold: HeldLengths) -> Linearised:
         tight = _tight(at, winches)
         left = winches.lacks(at.lengths + at.length_jacobian @ change, now)[tight]
         after = now.copy()
-        after[tight] = least(_by_tensions(at, winches, tight), left, now[tight], rounding)[0]
+        step = least(_by_tensions(at, winches, tight), left, now[tight], rounding)
+        after[tight] = step.z
         change += at.by_tensions @ (after - now)
         here = Linearised(system, system.x(after, 1.0, at.states + change), near)
         moved, most = np.abs(after - now).max(initial=0.0), after.max(initial=0.0)
         off, noise = np.abs(left).max(initial=0.0), last / 2 < moved <= _NOISE * most
-        if moved <= _LAST * most or noise or off * moved**2 <= SQUARE * rounding * last**2:
+        done = moved <= _LAST * most or noise or off * moved**2 <= SQUARE * rounding * last**2
+        if step.whole and done:
             break
         last = moved
         if moved > _FAR * most:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import scipy
 from numpy.typing import NDArray
@@ -52,29 +54,49 @@ def complementary(M: Array, q: Array, taut: NDArray[np.bool_]) -> Array | None:
     return None
 
 
-def least(M: Array, w: Array, z: Array, rounding: float) -> tuple[Array, bool]:
+class Step(NamedTuple):
+    """What least returns.
+
+    Attributes
+    ----------
+    z : (n,)
+        z after the step.
+    well : bool
+        Whether all that w tells apart it tells well.
+    whole : bool
+        Whether the step was taken to its end; otherwise w is not 0 there.
+    """
+
+    z: Array
+    well: bool
+    whole: bool
+
+
+def least(M: Array, w: Array, z: Array, rounding: float) -> Step:
     """Return z >= 0 (n,) after a Newton step to w = 0, w (n,) changing with z as M (n, n) says.
 
     Of the z that w does not tell apart, but for its `rounding`, those of least norm. A step that
-    would lead below 0 ends there; what is at 0 and would go below stays. And whether all that w
-    tells apart it tells well.
+    would lead below 0 ends there; what is at 0 and would go below stays.
     """
     if not z.size:
-        return z, True
+        return Step(z, True, True)
     found, well = _least(M, w, z, rounding)
     own = np.ones(z.size, dtype=bool)
+    nothing = _TINY * float(z.max())
     while found.min() < 0:
-        blocked = own & (found < 0) & (z <= 0)
+        below = found < 0
+        blocked = own & below & (z <= nothing)
         if not blocked.any():
-            below = found < 0
-            share = np.min(z[below] / (z[below] - found[below]), initial=1.0)
-            return np.asarray(np.maximum(z + share * (found - z), 0.0)), well
+            shares = np.ones(z.size)
+            shares[below] = z[below] / (z[below] - found[below])
+            share = float(shares.min())
+            return Step(np.where(shares <= share, 0.0, z + share * (found - z)), well, False)
         own &= ~blocked
         if not own.any():
-            return z, well
-        found = np.where(own, 0.0, z)
+            return Step(np.zeros(z.size), well, True)
+        found = np.zeros(z.size)
         found[own], well = _least(M[np.ix_(own, own)], w[own], z[own], rounding)
-    return found, well
+    return Step(found, well, True)
 
 
 def _least(M: Array, w: Array, z: Array, rounding: float) -> tuple[Array, bool]:

@@ -30,6 +30,8 @@ _CALLS, _ROUGHLY = 3, 1e-2
 # Steps with all points, of which one does that changes tensions by no more than this share, or that
 # will be off by no more than this share of rounding.
 _TIGHTENED, _LAST, SQUARE = 12, 1e-5, 0.1
+# What is left of taut tendons after a step, over rounding, where others keep them from it.
+_APART = 10.0
 # Slack over the arm's length of tendons that their least compliance may have slackened.
 NEARLY = 1e-9
 # Compliances of a continuation, as multiples of the least, where the least is not arrived at
@@ -142,25 +144,33 @@ class UnloadedLengths:
 
         The last step is small; or, since the steps are Newton's, what lengths will be off after it
         is rounding: that goes by the square of steps. A tendon that has slackened is tight again
-        only where nothing is left of it, but for what others lack so far.
+        only where nothing is left of it, but for what others lack so far; one that keeps taut ones
+        from their lengths is not.
         """
         winches, held, rounding = self.winches, self.winches.held, ROUNDING * self._L
         nearly, last = np.full(at.tensions.size, NEARLY * self._L), 0.0
         for _ in range(_TIGHTENED):
             left, taut = winches.lacks(at.lengths, at.tensions), at.tensions > 0
             level = 2 * np.abs(left[held & taut]).max(initial=0.0)
-            (tight,) = (held & (taut | (left <= np.maximum(nearly, level)))).nonzero()
+            limit = np.where(nearly > 0, np.maximum(nearly, level), -rounding)
+            (tight,) = (held & (taut | (left <= limit))).nonzero()
             M, own = self._tendons.matrix_of(tight, at), left[tight]
             T = at.tensions.copy()
-            T[tight], well = least(M, own, T[tight], rounding)
+            T[tight], well, whole = least(M, own, T[tight], rounding)
+            beside = own + M @ (T - at.tensions)[tight]  # what will be left of them
+            slack = (T[tight] == 0) & (beside > rounding)
+            apart = np.abs(beside[T[tight] > 0]).max(initial=0.0) > _APART * rounding
             change, off = np.abs(T - at.tensions).max(), np.abs(own).max(initial=0.0)
             small = well and change <= _LAST * T.max()
-            if at.off <= SETTLED and (small or off * change**2 <= SQUARE * rounding * last**2):
+            small |= off * change**2 <= SQUARE * rounding * last**2
+            if at.off <= SETTLED and whole and small and not (apart and slack.any()):
                 after = moved(at, T)
                 beyond = held & (winches.lacks(after.lengths, T) <= nearly)
                 beyond[tight] = False
                 if not beyond.any():
                     return after
             nearly[taut & (T == 0)], last = rounding, change
+            if apart and whole:
+                nearly[tight[slack]] = -rounding
             at = self._lengths.near(at, T)
         return None
