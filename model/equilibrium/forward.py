@@ -82,6 +82,7 @@ class Collocation:
         self.stretch_at = np.concatenate([stated.s, self.mesh.s[:-1], self.mesh.s[1:]])
         self.order = collocation_order(stated.of.form.stages, stated.scene.has(Friction))
         self.machine_code = stated.of.form.machine_code
+        self._soon: tuple[Array, Linearised] | None = None
 
     def run(self, tensions: Array, near: Known | None = None) -> tuple[Array, Array]:
         """See ForwardMap.run; raises SnapError and UnsettledSectionError."""
@@ -96,10 +97,16 @@ class Collocation:
         return here or self.from_rest(tensions)
 
     def found_soon(self, tensions: Array) -> Linearised:
-        """Return the equilibrium from rest; raises SnapError where that takes many steps too."""
+        """Return the equilibrium from rest; raises SnapError where that takes many steps too.
+
+        The last one is remembered: several things are asked of the same tensions.
+        """
         if not is_loaded(self.system.scene):
             return self.found(tensions)
-        return self.from_rest(tensions, steps=_SOON)
+        last = self._soon
+        if last is None or not np.array_equal(last[0], tensions):
+            last = self._soon = tensions.copy(), self.from_rest(tensions, steps=_SOON)
+        return last[1]
 
     def near(self, tensions: Array, known: Known, hold: Hold = TENSIONS) -> Linearised | None:
         """Return the equilibrium near one that another mesh has; None if there is none.
