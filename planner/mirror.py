@@ -16,7 +16,6 @@ import numpy as np
 from model.arm import Arm
 from model.errors import OctoplanError
 from model.paths import Array
-from model.rotations import from_matrix, matrices
 from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
@@ -47,14 +46,23 @@ class Mirror:
     tendons: Array
 
     def poses(self, arm: Arm, poses: Array) -> Array:
-        """Return the mirror images of poses (K, 7), their frames right-handed like those."""
-        frame, origin = np.array(arm.base_frame), np.array(arm.base_position)
-        normal = np.array([0.0, -np.sin(self.angle), np.cos(self.angle)])
-        local = np.eye(3) - 2 * np.outer(normal, normal)
-        base = frame @ local @ frame.T
-        frames = base @ matrices(poses[:, :4]) @ local
-        quaternions = np.array([from_matrix(own) for own in frames])
-        return np.hstack([quaternions, origin + (poses[:, 4:] - origin) @ base])
+        """Return the mirror images of poses (K, 7), their frames right-handed like those.
+
+        Frames are mirrored in the base's plane and in their own: reflections are half turns about
+        the normals, but for their signs, which cancel.
+        """
+        origin, local = np.array(arm.base_position), [0.0, -np.sin(self.angle), np.cos(self.angle)]
+        normal = np.array(arm.base_frame) @ local
+        turned = _by_half_turn(normal, 1) @ _by_half_turn(np.array(local), -1)
+        places = poses[:, 4:] - 2 * np.outer((poses[:, 4:] - origin) @ normal, normal)
+        return np.hstack([poses[:, :4] @ turned.T, places])
+
+
+def _by_half_turn(axis: Array, side: int) -> Array:
+    """Return what multiplies quaternions by half a turn, from the left (1) or the right (-1)."""
+    x, y, z = axis.tolist()
+    crossed = side * np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.block([[np.zeros((1, 1)), -axis[None]], [axis[:, None], crossed]])
 
 
 @lru_cache(maxsize=32)

@@ -84,7 +84,12 @@ class Task:
         return {}
 
     def coarse(self, mode: Mode) -> Statement:
-        """Return the statement by a scheme and mesh that cost little: good to 1e-3 of L or so.
+        """Return the statement by a scheme and mesh that cost little: good to 1e-3 of L or so."""
+        return self._coarse.but(mode=mode) if mode != "exact" else self._coarse
+
+    @cached_property
+    def _coarse(self) -> Statement:
+        """The same for targets that are met.
 
         Without extension a slender tip winds up further, and takes a finer mesh.
         """
@@ -93,7 +98,7 @@ class Task:
         else:
             scheme, refinement = self.fine_scheme, 1 if self.scene.has(Extension) else 2
         form: Form = self.statement.form if self.statement.wound else "condensed"
-        return self.statement.but(mode=mode, form=form, scheme=scheme, refinement=refinement)
+        return self.statement.but(mode="exact", form=form, scheme=scheme, refinement=refinement)
 
     def finer(self, mode: Mode) -> Statement:
         """Return the statement for a search where the coarse mesh misled."""
