@@ -217,7 +217,8 @@ def _heaviest(arm: Arm, scene: Scene, s: Array) -> Array:
     if current:
         R = arm.radius.evaluate(s, arm.length)[0].max()
         drag = min(current.density * current.coefficient * R, _STEEPEST)
-        force += drag * _size(current.velocity) ** 2 * (arm.length - s)
+        # The last place may be beyond the tip by rounding.
+        force += drag * _size(current.velocity) ** 2 * np.maximum(arm.length - s, 0.0)
     return np.asarray(force)
 
 

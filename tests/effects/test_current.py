@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from model import Arm, InputError, Scene, settle
+from model import Anchorage, Arm, InputError, Linear, Material, Scene, settle
 from model.effects import Current, ExactTendons, Extension, Shear
+from model.loads import growth
 from tests.effects.bars import NO_PULL, Bar, elastica
 from tests.effects.cases import Array
 
@@ -178,3 +179,11 @@ def test_a_stream_is_checked(values: dict[str, object], field: str) -> None:
     with pytest.raises(InputError) as error:
         Current(**values)  # type: ignore[arg-type]
     assert error.value.field.startswith(field)
+
+
+def test_places_beyond_the_tip_by_rounding_are_no_less_loaded() -> None:
+    length, inner = 0.17681184005663822, 0.051505704770953606
+    own = tuple(Anchorage(at, Linear(0.003, 0.002), (0.0, 2.0)) for at in (length, inner))
+    arm = Arm(length, Linear(0.005, 0.004), own, Material(1e5, 0.5))
+    last = np.array([np.nextafter(length, 1.0)])
+    assert growth(arm, Scene(Current((0.01, 0.02, 0.0), 1000.0)), last)[0] == 0.0
