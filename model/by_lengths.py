@@ -173,7 +173,7 @@ def _tightened(here: Linearised, hold: HeldLengths) -> Linearised:
         change += at.by_tensions @ (after - now)
         here = Linearised(system, system.x(after, 1.0, at.states + change), near)
         moved, most = np.abs(after - now).max(initial=0.0), after.max(initial=0.0)
-        off, noise = np.abs(left).max(initial=0.0), last / 2 < moved <= _NOISE * most
+        off, noise = np.abs(left).max(initial=0.0), 0 < last / 2 < moved <= _NOISE * most
         done = moved <= _LAST * most or noise or off * moved**2 <= SQUARE * rounding * last**2
         if step.whole and done:
             break

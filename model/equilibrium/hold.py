@@ -17,7 +17,7 @@ from model.winches import Winches, arm_compliance, least_compliance
 _DAMPED = 0.01
 # Combinations of tensions that change lengths by less than this share of what others do are left:
 # rounding would drive them.
-_WEAK = 1e-8
+_WEAK = 1e-6
 
 
 class Hold(Protocol):
@@ -93,11 +93,10 @@ class HeldLengths:
             return None
         lacks = self.winches.lacks(lengths, now)[held]
         off = float(np.abs(np.minimum(lacks, np.diag(M) * T)).max(initial=0.0))
-        soft = arm_compliance(arm)
+        soft, taut = arm_compliance(arm), np.flatnonzero(T > 0)
+        idle = unfelt(M[np.ix_(taut, taut)], _WEAK)
         if off:
             M = M + _DAMPED * off / (T.max(initial=0.0) + off / soft) * np.eye(T.size)
-        taut = np.flatnonzero(T > 0)
-        idle = unfelt(M[np.ix_(taut, taut)], _WEAK)
         M[np.ix_(taut, taut)] += soft * idle.T @ idle
         found = complementary(M, lacks - M @ T, T > 0)
         if found is None:
