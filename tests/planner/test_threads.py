@@ -20,8 +20,9 @@ ARM, T = Arm.from_paper("table-4"), np.linspace(0, 1, 12)
 PAPER, WATER = Scene(Extension()), Scene(Extension(), Weight(), Buoyancy(1000.0))
 SECONDS, N = {seconds}, {each}
 
-def tip(k, scene):
-    return plan(ARM, TipPosition((0.2 + 0.02 * k, 0.1, -0.1)), scene, 20.0).tensions
+def tip(k, scene, how=False):
+    target = TipPosition((0.2 + 0.02 * k, 0.1, -0.1))
+    return plan(ARM, target, scene, 20.0, compile=how).tensions
 
 def stopped(k):
     target = TipPosition((0.2, 0.1, 0.1 + 0.01 * k))
@@ -35,11 +36,13 @@ def backbone(k):
 
 JOBS = [
     lambda k: tip(k, PAPER),
+    lambda k: tip(k, PAPER, "auto"),
     stopped,
     lambda k: settle(ARM, T * k, WATER).tip,
     lambda k: settle(ARM, T * k, PAPER, scheme=("magnus6", "gauss6", "magnus4", "gauss4")[k]).tip,
     lambda k: settle(ARM, T * k, Scene.as_printed()).tip,
     lambda k: tip(k, WATER),
+    lambda k: tip(k, WATER, "auto"),
     lambda k: tip(k, Scene.as_printed()),
     lambda k: tip(k, Scene.silicone()),
     backbone,
@@ -81,9 +84,9 @@ def together(seconds: float, jobs: int, each: int, warm: bool) -> str:
 
 def test_four_threads_plan_and_settle_what_each_does_alone() -> None:
     """Used to end the process: one memory of the solver served all threads."""
-    assert "0 otherwise" in together(0.0, 5, 2, warm=False)
+    assert "0 otherwise" in together(0.0, 6, 2, warm=False)
 
 
 @pytest.mark.slow
 def test_four_threads_plan_settle_and_are_stopped_for_a_minute() -> None:
-    assert "0 otherwise" in together(60.0, 9, 4, warm=True)
+    assert "0 otherwise" in together(60.0, 11, 4, warm=True)
