@@ -12,7 +12,7 @@ from model.obstacles.bodies import Bodies
 from model.paths import Array
 from model.rotations import matrices
 from planner.avoidance.asked import Surroundings
-from planner.initial_guess.bend_coordinates import BendCoordinates
+from planner.initial_guess.bend_coordinates import bend_coordinates
 from planner.initial_guess.residuals import Residuals
 from planner.program.limits import Limits
 from planner.program.problem import Problem
@@ -32,7 +32,7 @@ def likely_clear(
     Looked at on the coarsest mesh, for a scene without loads, so that some may touch after all.
     """
     tendons = frozenset.intersection(*(target.tendons(problem.arm) for target in targets))
-    bends = BendCoordinates(problem.arm, tendons, limits)
+    bends = bend_coordinates(problem.arm, tendons, limits)
     tensions = bends.tensions(bends.draw(_DRAWN))
     gaps, crushed = Residuals(problem, targets)(tensions)
     order = np.argsort(np.linalg.norm(gaps, axis=1) + 10 * crushed, kind="stable")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -68,8 +68,21 @@ class BendCoordinates:
 
     def draw(self, count: int) -> Array:
         """Return bends (count, 2 n) in all directions, as many small as large; always the same."""
-        rng, n = np.random.default_rng(0), len(self.sections)
-        low, high = (np.geomspace(*ends, n) for ends in (_LEAST, _MOST))
-        size = low * (high / low) ** rng.uniform(size=(count, n))
-        angle = rng.uniform(0, 2 * np.pi, size=(count, n))
-        return np.stack([size * np.cos(angle), size * np.sin(angle)], axis=2).reshape(count, -1)
+        return _drawn(count, len(self.sections))
+
+
+@lru_cache(maxsize=8)
+def bend_coordinates(arm: Arm, tendons: frozenset[int], limits: Limits) -> BendCoordinates:
+    """Return the bends of an arm whose `tendons` may pull, kept for the next target."""
+    return BendCoordinates(arm, tendons, limits)
+
+
+@lru_cache(maxsize=8)
+def _drawn(count: int, n: int) -> Array:
+    rng = np.random.default_rng(0)
+    low, high = (np.geomspace(*ends, n) for ends in (_LEAST, _MOST))
+    size = low * (high / low) ** rng.uniform(size=(count, n))
+    angle = rng.uniform(0, 2 * np.pi, size=(count, n))
+    drawn = np.stack([size * np.cos(angle), size * np.sin(angle)], axis=2).reshape(count, -1)
+    drawn.setflags(write=False)
+    return drawn

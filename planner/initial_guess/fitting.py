@@ -17,7 +17,7 @@ import numpy as np
 from model.effects import ExactTendons, Extension, NeoHookean
 from model.paths import Array
 from model.scene import Scene
-from planner.initial_guess.bend_coordinates import BendCoordinates
+from planner.initial_guess.bend_coordinates import BendCoordinates, bend_coordinates
 from planner.initial_guess.least_squares import least_squares
 from planner.initial_guess.residuals import Residuals
 from planner.program.effort import effort
@@ -65,7 +65,7 @@ def fitted_guesses(
 ) -> FittedGuesses:
     """Return tensions fitted to targets, from so many that are drawn, so many of them fitted."""
     tendons = frozenset.intersection(*(target.tendons(problem.arm) for target in targets))
-    bends = BendCoordinates(problem.arm, tendons, limits)
+    bends = bend_coordinates(problem.arm, tendons, limits)
     fitting, simple = Fitting(problem, targets, bends), _closed_form(problem.scene)
     if simple == problem.scene:
         points, residual = fitting.fit(count)

@@ -8,7 +8,7 @@ import pytest
 from model import Arm, Scene, settle
 from model.effects import ExactTendons, Extension
 from planner import Limits, Statement, plan
-from planner.initial_guess.bend_coordinates import BendCoordinates
+from planner.initial_guess.bend_coordinates import bend_coordinates
 from planner.initial_guess.fitting import COUNT, FittedGuesses, fitted_guesses
 from planner.initial_guess.least_squares import least_squares
 from planner.solve.task import Task
@@ -64,7 +64,7 @@ def test_nothing_fits_a_point_out_of_reach() -> None:
 
 
 def test_a_squeeze_pulls_all_tendons_of_a_section_alike_and_bends_nothing() -> None:
-    bends = BendCoordinates(ARM, frozenset(range(12)), Limits.of(ARM, MOST))
+    bends = bend_coordinates(ARM, frozenset(range(12)), Limits.of(ARM, MOST))
     T = bends.tensions(np.array([[0.0] * 6 + [0.0, 2.0, -1.0]])).reshape(3, 4)
     assert np.all(T[[0, 2]] == 0.0)
     assert np.all(T[1] == T[1, 0]) and T[1, 0] > 0
