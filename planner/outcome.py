@@ -55,6 +55,9 @@ def _happened(facts: Facts) -> str:
     if certificate.passed:
         parts = [_success(facts), f"effort {facts.effort:.4g} N", *_bears(certificate), tried]
         return f"{'; '.join(parts)}."
+    if certificate.strokes > certificate.tolerance:
+        found = f"the nearest one found passes them by {_length(facts, certificate.strokes)}"
+        return f"Not reached: no shape within the limits of strokes is found; {found}; {tried}."
     if facts.mode != "exact" and not certificate.attained:
         gaps = _gaps(facts)
         nearest = "shape found" if facts.stopped else "attainable shape"

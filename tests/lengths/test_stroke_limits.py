@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 from model import Arm, Scene, settle
 from model.effects import ExactTendons, Extension
 from planner import Plan, load_plan, plan
+from planner.outcome import Facts, sentence
 from planner.scenefile import read
 from planner.targets import BendingPlane, TipPosition
 from tests.lengths.cases import EXACT, cylinder
@@ -101,3 +103,14 @@ def test_what_is_no_limit_is_refused(field: str, allowed: str, limits: dict[str,
     given: dict[str, Any] = {"scene": PAPER, **limits}
     target = TipPosition((0.3, 0.05, 0.0))
     check_refusal(lambda: plan(ARM, target, tension_max=20.0, **given), field, allowed)
+
+
+def test_a_shape_beyond_the_limits_of_strokes_is_not_called_the_nearest_attainable() -> None:
+    """Where nothing within the limits is found, as in water with nearly no stroke at all."""
+    arm, target = cylinder((0.2,)), BendingPlane(angle=0.0, bend=0.5, section=1)
+    tight = plan(arm, target, Scene(ExactTendons()), 20.0, stroke_max=1.9e-3)
+    certificate = replace(tight.certificate, strokes=0.05)
+    told = sentence(Facts(certificate, "soft", tight.effort, 3, 0, tuple(tight.holding()), 0.2))
+    assert "no shape within the limits of strokes is found" in told
+    assert "passes them by 10 mm" in told
+    assert "attainable" not in told
