@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from model.machine.buffered import Buffered
+from model.machine.buffered import Buffered, runners
 from model.machine.lanes import pointer
 from model.machine.libraries import library
 from model.paths import Array
@@ -118,8 +118,7 @@ class Lent:
         sizes = steps.n, n_free, m, steps.seen.size, len(slim.strains), along.weights.size
         numbers = (values.ctypes.data for values in (steps.seen, self._unit, self.f, self.g))
         places = (_Place(room.arm, room.found, *_addresses(room)) for room in rooms)
-        by_python = ctypes.pythonapi.PyObject_CallNoArgs, ctypes.pythonapi.Py_DecRef
-        codes = *steps.functions, *(ctypes.cast(f, ctypes.c_void_p) for f in by_python)
+        codes = *steps.functions, *runners()
         arrays = [(_pointers(given), _pointers(found)) for given, found, _, _ in functions]
         of_targets = (
             _Function(id(own[2]), *map(ctypes.addressof, both))

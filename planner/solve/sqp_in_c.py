@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from model.machine.buffered import runners
 from model.machine.libraries import library
 from model.paths import Array
 from planner.program.explicit_in_c import ExplicitInC
@@ -113,10 +114,8 @@ class _Solvers(threading.local):
 
 def _prepared(n: int, m: int) -> tuple[_Quadratic, Any]:
     given, results, call, buffer = quadratic(n, m).function.prepared()
-    by_python = ctypes.pythonapi.PyObject_CallNoArgs, ctypes.pythonapi.Py_DecRef
-    codes = (ctypes.cast(f, _AT) for f in by_python)
     numbers = map(_address, (*given[:7], results[0], results[2]))
-    return _Quadratic(id(call), *codes, *numbers), (given, results, call, buffer)
+    return _Quadratic(id(call), *runners(), *numbers), (given, results, call, buffer)
 
 
 _solvers = _Solvers()
