@@ -42,7 +42,7 @@ static int ran(const explicit_t *p, const function_t *f) {
   return done != 0;
 }
 
-static void pull(const explicit_t *p, const double *x) {
+static void take_tensions(const explicit_t *p, const double *x) {
   for (long j = 0; j < p->n; ++j) p->along.T[j] = p->slim.T[j] = x[j] * p->unit[j];
 }
 
@@ -72,8 +72,8 @@ static void keep(const explicit_t *p, double **found, long f, long g) {
   memcpy(p->g, found[g], p->m * sizeof(double));
 }
 
-int value(explicit_t *p, const double *x) {
-  pull(p, x);
+int explicit_value(explicit_t *p, const double *x) {
+  take_tensions(p, x);
   p->poses_of(p->along.arm, p->along.found, p->along.T);
   p->strains_of(p->slim.arm, p->slim.found, p->slim.T, 0, p->r);
   give(p, &p->value, x);
@@ -82,8 +82,8 @@ int value(explicit_t *p, const double *x) {
   return 1;
 }
 
-int first(explicit_t *p, const double *x) {
-  pull(p, x);
+int explicit_first(explicit_t *p, const double *x) {
+  take_tensions(p, x);
   p->jacobian_of(p->along.arm, p->along.found, p->along.T);
   p->strains_of(p->slim.arm, p->slim.found, p->slim.T, 0, p->r);
   give(p, &p->first, x);
@@ -93,8 +93,8 @@ int first(explicit_t *p, const double *x) {
   return 1;
 }
 
-/* The Hessian of sigma f + lam . g where `first` was last. */
-int second(explicit_t *p, const double *x, double sigma, const double *lam) {
+/* The Hessian of sigma f + lam . g where explicit_first was last. */
+int explicit_second(explicit_t *p, const double *x, double sigma, const double *lam) {
   const long n = p->n;
   double **last = p->second.given;
   give(p, &p->weights, x);

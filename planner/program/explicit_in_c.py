@@ -61,13 +61,13 @@ class ExplicitInC:
         """Return objective and constraints."""
         here = self.lent(p)
         here.seen, x = None, _whole(x)
-        self._run.value(here.program, pointer(x))
+        self._run.explicit_value(here.program, pointer(x))
         return float(here.f[0]), here.g.copy()
 
     def first(self, x: Array, p: Array) -> tuple[float, Array, Array, Array]:
         """Return f, its gradient, g and its Jacobian."""
         here, x = self.lent(p), _whole(x)
-        self._run.first(here.program, pointer(x))
+        self._run.explicit_first(here.program, pointer(x))
         here.seen = x.copy()
         return float(here.f[0]), here.gradient.copy(), here.g.copy(), here.jacobian.copy("K")
 
@@ -76,13 +76,16 @@ class ExplicitInC:
         here, x, lam = self.lent(p), _whole(x), _whole(lam)
         if here.seen is None or not np.array_equal(here.seen, x):
             self.first(x, p)
-        self._run.second(here.program, pointer(x), sigma, pointer(lam))
+        self._run.explicit_second(here.program, pointer(x), sigma, pointer(lam))
         return here.hessian.copy()
 
     def functions(self) -> tuple[ctypes.c_void_p, ...]:
         """Return value, first and second as other C calls them, with what is `lent`."""
         run = self._run
-        return tuple(ctypes.cast(f, ctypes.c_void_p) for f in (run.value, run.first, run.second))
+        return tuple(
+            ctypes.cast(f, ctypes.c_void_p)
+            for f in (run.explicit_value, run.explicit_first, run.explicit_second)
+        )
 
     def lent(self, p: Array) -> Lent:
         """Return the numbers that the C works on in this thread, with parameters p."""
@@ -155,5 +158,5 @@ def _library() -> Any:
     source = files("planner.program").joinpath("explicit.c").read_text(encoding="utf-8")
     found = ctypes.PyDLL(str(library(source, "-O2")))
     at = ctypes.c_void_p
-    found.second.argtypes = [at, at, ctypes.c_double, at]
+    found.explicit_second.argtypes = [at, at, ctypes.c_double, at]
     return found
