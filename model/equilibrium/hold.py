@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from model.equilibrium.complementarity import complementary, unfelt
+from model.equilibrium.complementarity import complementary
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.stability import stands, unstable_modes
 from model.paths import Array
@@ -16,8 +16,9 @@ from model.winches import Winches, arm_compliance, least_compliance
 # Steps far from the lengths are damped in the combinations of tensions that hardly change these.
 _DAMPED = 0.01
 # Combinations of tensions that change lengths by less than this share of what others do are left:
-# rounding would drive them.
-_WEAK = 1e-6
+# rounding would drive them. Those that no length feels may have to slacken a tendon: they are left
+# where so little is off that the damping is no more than such a share either.
+_WEAK, _UNFELT, _DRIVEN = 1e-6, 3e-9, 1e-8
 
 
 class Hold(Protocol):
@@ -94,9 +95,9 @@ class HeldLengths:
         lacks = self.winches.lacks(lengths, now)[held]
         off = float(np.abs(np.minimum(lacks, np.diag(M) * T)).max(initial=0.0))
         soft, taut = arm_compliance(arm), np.flatnonzero(T > 0)
-        idle = unfelt(M[np.ix_(taut, taut)], _WEAK)
-        if off:
-            M = M + _DAMPED * off / (T.max(initial=0.0) + off / soft) * np.eye(T.size)
+        damping = _DAMPED * off / (T.max(initial=0.0) + off / soft) if off else 0.0
+        idle = _left_alone(M[np.ix_(taut, taut)], damping)
+        M = M + damping * np.eye(T.size)
         M[np.ix_(taut, taut)] += soft * idle.T @ idle
         found = complementary(M, lacks - M @ T, T > 0)
         if found is None:
@@ -137,3 +138,11 @@ class HeldLengths:
         held = self.winches.held
         compliance = self.winches.stretch[held] + least_compliance(here.system.arm)
         return np.asarray(np.diag(compliance) - here.length_tension[np.ix_(held, held)])
+
+
+def _left_alone(M: Array, damping: float) -> Array:
+    """Return the combinations (k, n) of taut tendons that a step leaves as they are; see _WEAK."""
+    _, values, right = np.linalg.svd(M)
+    most = values.max(initial=0.0)
+    still = (values > _UNFELT * most) | (values + damping <= _DRIVEN * most)
+    return np.asarray(right[(values <= _WEAK * most) & still])

@@ -101,3 +101,14 @@ def test_weakly_felt_tensions_do_not_drift_under_loads(monkeypatch: pytest.Monke
     back = settle(arm, scene=scene, lengths=given.tendon_lengths + 1e-3 * (np.array(T) == 0))
     assert np.linalg.norm(back.tip - given.tip) <= 1e-6 * arm.length
     check_complementary(back)
+
+
+# Tensions that no length feels were left alone though one of the tendons had to slacken by them.
+def test_a_tendon_slackens_by_tensions_that_no_length_feels() -> None:
+    rng = np.random.default_rng((7, 190))
+    arm, T = pulled(rng, "random")
+    trip = round_trip(rng, arm, T, SCENES["in water"])
+    assert trip is not None
+    check_complementary(trip[1])
+    assert np.array_equal(np.ravel(trip[1].slack), T == 0)
+    assert trip[1].tip == pytest.approx(trip[0].tip, abs=1e-9 * arm.length)
