@@ -14,7 +14,7 @@ from model.clearance import KINDS, Clearance, clearances
 from model.contact.stability import held_stability
 from model.effects import PrintedStatics
 from model.equilibrium.forward import STAGES, Collocation
-from model.equilibrium.integration import SCHEME
+from model.equilibrium.integration_step import SCHEME
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.load_stepping import Followed, follow_on
 from model.equilibrium.stability import least_eigenvalue, stability, stands

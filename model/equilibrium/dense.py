@@ -14,6 +14,7 @@ import numpy as np
 
 from model.cross_section.law import forces, moments
 from model.cross_section.sections import Sections
+from model.equilibrium.sliding import pulls
 from model.loads import beyond
 from model.machine.buffered import Mapped
 from model.machine.compiled import kernels
@@ -152,7 +153,7 @@ class _Parts:
         return sections.solve(first, wrench, self._pulls(sections))
 
     def _pulls(self, sections: Sections) -> Array:
-        return self.system.pulls(self.x, sections.s, sections.place, sections.tendon)
+        return pulls(self.system, self.x, sections.s, sections.place, sections.tendon)
 
     def _sections(self, s: Array, active: Counts) -> Sections:
         system = self.system

@@ -13,6 +13,7 @@ from model.equilibrium.dense import poses_and_strains
 from model.equilibrium.hold import TENSIONS, Hold
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.load_stepping import at_once, by_load_steps, near
+from model.equilibrium.sliding import pulls
 from model.errors import SnapError, UnsettledSectionError
 from model.loads import is_loaded
 from model.paths import Array
@@ -175,7 +176,7 @@ class Collocation:
     def pulls(self, tensions: Array, rows: Array, s: Array, place: Places, tendon: Places) -> Array:
         """Return the tensions (P,) of tendons where they cross arc lengths s[place]."""
         x = self.system.x(tensions, 1.0, self.states(rows))
-        return self.system.pulls(x, s, place, tendon)
+        return pulls(self.system, x, s, place, tendon)
 
     def dense(self, tensions: Array, rows: Array, s: Array) -> tuple[Array, Array]:
         """See ForwardMap.dense."""

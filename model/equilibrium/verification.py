@@ -13,8 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from model.equilibrium.integration import SCHEME, Integration
+from model.equilibrium.integration import Integration
+from model.equilibrium.integration_step import SCHEME
 from model.equilibrium.linearised import Linearised
+from model.equilibrium.sliding import kink_angles
 from model.errors import ConvergenceError
 from model.mesh_refinement import estimate
 from model.paths import Array
@@ -93,5 +95,5 @@ def _kinks(here: Linearised) -> Array:
     found = np.zeros((of.elements, of.n_tendons * of.form.friction))
     k, j = of.kinks
     if of.form.friction and k.size:
-        found[k, j] = -here.system.kink_angles(here.x)
+        found[k, j] = -kink_angles(here.system, here.x)
     return found

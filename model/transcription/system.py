@@ -16,7 +16,7 @@ from scipy.sparse import csc_array
 from model.arm import Arm
 from model.cross_section import cross_section_of
 from model.effects import Current, Friction, TipLoad
-from model.loads import contacts, directions, growth, is_loaded, levers, places
+from model.loads import contacts, growth, is_loaded, levers, places
 from model.machine.buffered import Buffered
 from model.mesh import Mesh, graded
 from model.paths import Array
@@ -25,8 +25,6 @@ from model.scene import Scene
 from model.transcription.calls import calls_of, compressed
 from model.transcription.collocation import gauss
 from model.transcription.element import Form, element
-from model.transcription.friction import turning_function
-from model.transcription.kernel import Places
 from model.transcription.layout import POSE, Layout, layout
 from model.transcription.numbers import numbers
 
@@ -195,43 +193,6 @@ class System:
             moments = x[of.n_tendons] * np.cross(arms, given[:, 3:])
             np.subtract.at(found[:, :3], nodes, moments)
         return np.asarray(found - self.touched(x) if of.form.contacts else found)
-
-    def pulls(self, x: Array, s: Array, place: Places, tendon: Places) -> Array:
-        """Return the tensions (P,) of tendons where they cross arc lengths s[place]."""
-        T = x[tendon]
-        if not self.of.form.friction:
-            return np.asarray(T)
-        m, (k, j) = self.of.form.stages, self.of.passages
-        h, at = np.diff(self.mesh.s), self.of.first + self.of.turned
-        inside = self.of.inside[:, k] + self.of.first
-        y = np.vstack(
-            [np.full(k.size, x[self.of.n_tendons]), x[j], x[at[k, j]], x[at[k + 1, j]], x[inside]]
-        )
-        numbers = self.p[self.of.equations.numbers_of("sliding_tendon")].reshape(k.size, -1).T
-        rates = np.zeros((self.mesh.steps, self.of.n_tendons, m))
-        rates[k, j] = np.array(turning_function(self.of.form.law, m).map(k.size)(y, numbers)).T
-        element = np.clip(np.searchsorted(self.mesh.s, s[place]) - 1, 0, self.mesh.steps - 1)
-        share = (s[place] - self.mesh.s[element]) / h[element]
-        powers = np.arange(1, m + 1)
-        weights = share[:, None] ** powers / powers @ gauss(m).powers
-        turned = x[at[element, tendon]] + h[element] * (weights * rates[element, tendon]).sum(
-            axis=1
-        )
-        return np.asarray(T * np.exp(-x[self.of.n_tendons] * self.mu[tendon] * turned))
-
-    @property
-    def mu(self) -> Array:
-        """Direction times coefficient of friction of each tendon (n_tendons,)."""
-        friction = self.scene.find(Friction)
-        assert friction is not None
-        return np.asarray(friction.mu * np.array(directions(self.arm, friction)))
-
-    def kink_angles(self, x: Array) -> Array:
-        """Return the angle by which each tendon turns at each kink, with a minus (P,) [rad]."""
-        of = self.of
-        (term,) = (term for term in of.equations.terms if term.kernel.name == "kink")
-        c = self.p[of.equations.numbers_of("kink")].reshape(term.count, -1).T
-        return np.asarray(np.array(term.kernel.value.map(term.count)(x[term.unknowns], c))[0])
 
     def touched(self, x: Array) -> Array:
         """Return the moment and force that contact adds at each node (N + 1, 6)."""

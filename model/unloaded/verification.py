@@ -18,7 +18,7 @@ from model.arm import Arm
 from model.centreline import Centreline
 from model.cross_section.law import CrossSection, size
 from model.equilibrium.forward import STAGES
-from model.equilibrium.integration import SCHEME
+from model.equilibrium.integration_step import SCHEME
 from model.equilibrium.stability import least_of_sections
 from model.equilibrium.verification import SUBSTEPS
 from model.errors import ConvergenceError
