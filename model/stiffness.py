@@ -163,6 +163,7 @@ def stiffness(
     compile: Compile = False,  # noqa: A002  (the name that scripts use)
     lengths: Any = None,
     tendon_outside: float = 0.0,
+    near: Shape | None = None,
 ) -> Stiffness:
     """Return how the shape that an arm takes under tensions answers to a small force and moment.
 
@@ -184,6 +185,8 @@ def stiffness(
         Whether to work by machine code, see settle.
     lengths, tendon_outside
         As settle takes them, with `tendon_EA`: then the tendons that are held by length are locked.
+    near : Shape
+        As settle takes it: where the arm came from, that friction of contacts acts against.
 
     Raises
     ------
@@ -194,7 +197,7 @@ def stiffness(
     """
     hold = hold or ("tension" if lengths is None else "length")
     scene, place = _checked(arm, scene, hold, at, tendon_EA)
-    held = {"lengths": lengths, "tendon_outside": tendon_outside, "compile": compile}
+    held = {"lengths": lengths, "tendon_outside": tendon_outside, "compile": compile, "near": near}
     if lengths is not None:
         held["tendon_EA"] = tendon_EA
     shape = settle(arm, tensions, scene, accuracy, **held)

@@ -12,7 +12,6 @@ import numpy as np
 
 from model.arm import Arm
 from model.checks import kind, not_negative, positive
-from model.contact.forward import without_friction
 from model.errors import InputError
 from model.loads import contacts
 from model.machine.compiled import Compile, checked_compile
@@ -27,7 +26,7 @@ from model.time_limit import time_limit
 from planner.answer import Answer
 from planner.avoidance.asked import Surroundings, surroundings
 from planner.contact.grasp import Grip, grips_of
-from planner.contact.load_path import rubs, settled_along
+from planner.contact.load_path import from_rest, is_same, rubs, settled_along
 from planner.contact.plan import ContactSearch, check_contact, check_holds, optimality_of
 from planner.contact.wrapping import beside, open_wrap, with_turns
 from planner.files import to_json, write_named
@@ -192,7 +191,8 @@ def plan(
         tried. Where the tensions do not go over into each other, as where a target passes the arm's
         axis, `outcome` says that the plan left the branch. Where contacts have friction it is the
         plan that the arm moves from in a straight line of tensions, against friction, which may
-        have been 0 there; such plans are for places and poses.
+        have been 0 there; unless given, from the least tensions, where the arm has to touch
+        nothing. Such plans are for places and poses.
     time_limit : float
         [s]. What is best then is returned, and `outcome` says so; what the first plan for an arm
         and a scene needs to be set up is not cut short.
@@ -240,7 +240,7 @@ def plan(
     obstacles = check_obstacles(obstacles) + beside(targets, scene)
     around = surroundings(arm, targets, obstacles, clearance, self_clearance)
     if contacts(scene):
-        check_contact(task, bool(around), near is not None)
+        check_contact(task, bool(around))
     if near is not None:
         _check_near(near, task)
     wrap = open_wrap(targets)
@@ -272,17 +272,14 @@ def _held(task: Task, near: Plan | None, seconds: float | None) -> HeldPlan:
     """Return the plan of an arm in contact."""
     load_path = near.load_path if isinstance(near, HeldPlan) else ()
     begin = None if near is None else (*load_path, tuple(np.ravel(near.tensions).tolist()))
+    if begin is None and rubs(task.scene):
+        begin = from_rest(task.arm, np.array(task.allowed.lower), task.scene)
     found = ContactSearch(task, begin).run(seconds)
     return HeldPlan.of(task, found, load_path=found.load_path)
-
-
-def _is_same(near: Scene, scene: Scene) -> bool:
-    """Return whether scenes are one; where contacts have friction, but for what they had before."""
-    return near == scene or (rubs(scene) and without_friction(near) == without_friction(scene))
 
 
 def _check_near(near: Plan, task: Task) -> None:
     """Raise InputError for what is no plan for the same arm and scene."""
     kind("near", near, Plan, "a Plan for the same arm and scene, or None")
-    if near.arm != task.arm or not _is_same(near.scene, task.scene):
+    if near.arm != task.arm or not is_same(near.scene, task.scene):
         raise InputError("near", "a plan for another arm or scene", "one for the same")

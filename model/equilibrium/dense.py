@@ -29,7 +29,8 @@ from model.transcription.numbers import element_numbers
 from model.transcription.system import System
 from model.transcription.touch import pressure
 
-_STEPS, _SETTLED = 8, 1e-12
+# Steps, how small the last one is, and by how much steps shrink while a Jacobian is kept.
+_STEPS, _SETTLED, _SHRUNK = 16, 1e-12, 0.1
 
 
 def poses_and_strains(system: System, x: Array, s: Array) -> tuple[Array, Array]:
@@ -47,6 +48,12 @@ def _element(form: Form) -> tuple[Mapped, Mapped]:
     return Mapped(value), Mapped(jacobian)
 
 
+@lru_cache(maxsize=32)
+def _pressure(kernel: Kernel) -> tuple[Mapped, Mapped]:
+    """Return what presses and the nonzeros of its Jacobian, on many elements at once."""
+    return Mapped(kernel.value), Mapped(kernel.jacobian[0])
+
+
 @dataclass(frozen=True, eq=False)
 class _Pressures:
     """The pressure of an obstacle on N parts of elements: its kernel, and what that takes."""
@@ -56,14 +63,16 @@ class _Pressures:
     ends: Array
     numbers: Array
 
-    def add(self, r: Array, J: Array, v: Array, first: int) -> None:
-        """Add it to residuals (N, n_r) and to their Jacobian, strains v (N, n) from `first` on."""
-        N, n = v.shape
-        y = np.vstack([self.pose, v.T, self.ends])
-        value = np.array(self.kernel.value.map(N)(y, self.numbers)).T
+    def add(self, r: Array, J: Array | None, v: Array, first: int) -> None:
+        """Add it to residuals (N, n_r) and to any Jacobian, strains v (N, n) from `first` on."""
+        n, y = v.shape[1], np.hstack([self.pose, v, self.ends])
+        of_value, of_jacobian = _pressure(self.kernel)
+        (value,) = of_value(y, self.numbers)
         r[:, : value.shape[1]] += value
-        function, i, j = self.kernel.jacobian
-        nonzeros = np.array(function.map(N)(y, self.numbers)).T
+        if J is None:
+            return
+        (nonzeros,) = of_jacobian(y, self.numbers)
+        _, i, j = self.kernel.jacobian
         own = (j >= POSE) & (j < POSE + n)
         J[:, i[own], first + j[own] - POSE] += nonzeros[:, own]
 
@@ -101,22 +110,29 @@ class _Parts:
         next_node = node.copy()
         value, jacobian = _element(form)
         _, i, j = element(form).jacobian
+        inverse: Array = np.empty(0)
+        last = 0.0
         for _ in range(_STEPS):
             y = np.hstack([known, v.reshape(N, -1), next_node])
             (r,) = value(y, c)
-            J = np.zeros((N, r.shape[1], y.shape[1]))
-            J[:, i, j] = jacobian(y, c)[0]
+            J = np.zeros((N, r.shape[1], y.shape[1])) if last == 0 else None
             for press in pressed:
                 press.add(r, J, v.reshape(N, -1), first)
             found, by_strains = sections.wrench(v, pulls)
             r[:, w : w + m * n] += found.reshape(N, -1)
-            for k in range(m):
-                rows = w + k * n + np.arange(n)
-                J[:, rows[:, None], free[0] + rows - w] += by_strains.reshape(N, m, n, n)[:, k]
-            step = -np.linalg.solve(J[:, :, free], r[:, :, None])[:, :, 0]
+            if J is not None:
+                J[:, i, j] += jacobian(y, c)[0]
+                for k in range(m):
+                    rows = w + k * n + np.arange(n)
+                    J[:, rows[:, None], free[0] + rows - w] += by_strains.reshape(N, m, n, n)[:, k]
+                inverse = np.asarray(np.linalg.inv(J[:, :, free]))
+            step = -(inverse @ r[:, :, None])[:, :, 0]
             v, next_node = v + step[:, : m * n].reshape(N * m, n), next_node + step[:, m * n :]
-            if np.abs(step).max() <= _SETTLED * (1 + np.abs(v).max()):
+            size = float(np.abs(step).max())
+            if size <= _SETTLED * (1 + np.abs(v).max()):
                 break
+            # A Jacobian is kept as long as steps shrink by it.
+            last = size if last == 0 or size < _SHRUNK * last else 0.0
         return next_node[:, :POSE], next_node[:, POSE:]
 
     def _pressures(self, node: Array) -> list[_Pressures]:
@@ -129,12 +145,13 @@ class _Parts:
             numbers = own[:, j].copy()
             numbers[:, -2] = self.h
             before, after = p[self.step, j], p[self.step + 1, j]
-            ends = np.stack([before, before + self.share * (after - before)])
+            ends = np.column_stack([before, before + self.share * (after - before)])
             if of.form.contact_friction:
-                before, after = rubbed[self.step, j].T, rubbed[self.step + 1, j].T
-                ends = np.vstack([ends, before, before + self.share * (after - before)])
+                before, after = rubbed[self.step, j], rubbed[self.step + 1, j]
+                there = before + self.share[:, None] * (after - before)
+                ends = np.hstack([ends, before, there])
             kernel = pressure(of.form.law, of.form.stages, of.form.contact_friction)
-            found.append(_Pressures(kernel, node[:, :POSE].T, ends, numbers.T))
+            found.append(_Pressures(kernel, node[:, :POSE], ends, numbers))
         return found
 
     def strains(self, g: Array, w: Array) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 
 from model.arm import Arm
 from model.contact.forward import without_friction
-from model.errors import OctoplanError
+from model.errors import InputError, OctoplanError
 from model.loads import contacts
 from model.paths import Array
 from model.scene import Scene
@@ -26,6 +26,26 @@ S = TypeVar("S")
 def rubs(scene: Scene) -> bool:
     """Return whether contacts of a scene have friction."""
     return any(contact.friction for contact in contacts(scene))
+
+
+def is_same(near: Scene, scene: Scene) -> bool:
+    """Return whether scenes are one; where contacts have friction, but for what they had before."""
+    return near == scene or (rubs(scene) and without_friction(near) == without_friction(scene))
+
+
+def from_rest(arm: Arm, tensions: Array, scene: Scene, name: str = "near") -> LoadPath:
+    """Return the load path of an arm that touches nothing under tensions (n_tendons,).
+
+    That is all that friction has to know of the motion before. Raises InputError, that names the
+    field, where the arm touches something.
+    """
+    if settle(arm, tensions, without_friction(scene), _ON_THE_PATH).contacts:
+        allowed = (
+            "the plan that the arm moves from: friction of contacts acts against the motion "
+            "before, and an arm that touches something has no history by itself"
+        )
+        raise InputError(name, None, allowed)
+    return (tuple(tensions.tolist()),)
 
 
 def settled_along(

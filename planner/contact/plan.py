@@ -8,8 +8,9 @@ from functools import partial
 
 import numpy as np
 
-from model.contact.forward import without_friction
+from model.contact.forward import TouchingMap, without_friction
 from model.effects import Contact
+from model.equilibrium.forward import STAGES
 from model.errors import InputError, OctoplanError, SnapError
 from model.loads import contacts
 from model.paths import Array
@@ -48,27 +49,22 @@ _SLID = (1.0, 1.5, 2.5)
 _SAME, _ABOUT = 1e-3, 1e-5
 
 
-def check_contact(task: Task, avoids: bool, has_history: bool) -> None:
+def check_contact(task: Task, avoids: bool) -> None:
     """Raise InputError for what is not stated in scenes with contact."""
     if compliance_requests(task.targets):
         raise InputError("target", "a stiffness", "shapes alone, in a scene with contact")
     if task.statement.norm != "2":
         raise InputError("norm", task.statement.norm, '"2", in a scene with contact')
-    if rubs(task.scene):
-        if not has_history:
-            allowed = (
-                "the plan that the arm moves from: friction of contacts acts against the motion "
-                "before, and an arm without history has none"
-            )
-            raise InputError("near", None, allowed)
-        if any(isinstance(target, Hold | Wrap) for target in task.targets):
-            allowed = "places and poses alone where contacts have friction; 0 for holds and wraps"
-            raise InputError("Contact.friction", "above 0", allowed)
+    if rubs(task.scene) and any(isinstance(target, Hold | Wrap) for target in task.targets):
+        allowed = "places and poses alone where contacts have friction; 0 for holds and wraps"
+        raise InputError("Contact.friction", "above 0", allowed)
     if avoids:
         allowed = "none in a scene with contact: there they are effects"
         raise InputError("obstacles", "given", allowed)
     if task.limits.strokes is not None:
         raise InputError("stroke_max", "given", "none in a scene with contact")
+    # Refuses an arm that is inside of an obstacle at rest, which every start would meet.
+    TouchingMap(task.arm, task.scene, STAGES, _ROUGH)
 
 
 def check_holds(targets: tuple[Target, ...], scene: Scene) -> None:
@@ -143,7 +139,8 @@ class ContactSearch:
         """Return load paths to begin with: to what is near, then straight ones from rest."""
         own = [] if self.begin is None else [self.begin]
         if self.begin is not None and rubs(self.task.scene):
-            return [(*self.begin, tuple(T.tolist())) for T in self._slid(self.begin)]
+            slid = self._slid(self.begin)[: self.task.starts]
+            return [(*self.begin, tuple(T.tolist())) for T in slid]
         most = max(self.task.starts - len(own), 0) if self.task.starts else None
         return own + [(tuple(T.tolist()),) for T in self._starts()[:most]]
 
@@ -210,9 +207,12 @@ class ContactSearch:
 
         Where the arm still sticks no tensions tell how to move it.
         """
-        smooth = replace(self.task, scene=without_friction(self.task.scene), starts=1)
+        smooth = replace(self.task, scene=without_friction(self.task.scene))
         before = np.array(begin[-1])
-        way = np.ravel(ContactSearch(smooth, begin).run(None).tensions) - before
+        found = ContactSearch(replace(smooth, starts=1), begin).run(None)
+        if found.statement.mode != "exact":
+            found = ContactSearch(smooth).run(None)
+        way = np.ravel(found.tensions) - before
         return [np.maximum(before + share * way, 0.0) for share in _SLID]
 
     def _free(self) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from model.effects import Buoyancy
+from model.loads import contacts
 from model.paths import Array
 from model.shape import Shape
 from model.stiffness import stiffness
@@ -24,7 +25,8 @@ def slowest_period(shape: Shape) -> float:
     fluid = shape.scene.find(Buoyancy)
     density = arm.material.density + (fluid.density if fluid else 0.0)
     mass = density * np.trapezoid(area * (s / arm.length) ** 4, s)
-    k = stiffness(arm, shape.tensions, shape.scene, accuracy=1e-3)
+    near = shape if contacts(shape.scene) else None
+    k = stiffness(arm, shape.tensions, shape.scene, accuracy=1e-3, near=near)
     compliance = float(np.linalg.eigvalsh(k.compliance[:3, :3]).max())
     return float(2 * np.pi * np.sqrt(compliance * mass))
 

@@ -3,7 +3,8 @@
 Which of several equilibria an arm is in depends on how it came there, so that waypoints are planned
 one after another, each for the least effort to which tensions lead from the one before, and shapes
 are settled along the motion, each near the last. A plan that is come to by further tensions has
-these as waypoints.
+these as waypoints. Friction acts against the way from the waypoint before, which is straight in the
+tensions.
 """
 
 from __future__ import annotations
@@ -13,14 +14,13 @@ from functools import partial
 import numpy as np
 
 from model.errors import InputError
-from model.loads import contacts
 from model.paths import Array
 from model.progress import told
 from model.settle import settle
 from model.shape import Shape
 from planner.certificate import Certificate
 from planner.certify import certify
-from planner.contact.load_path import settled_along
+from planner.contact.load_path import from_rest, is_same, rubs, settled_along
 from planner.plan import HeldPlan
 from planner.targets.base import Target
 from planner.trajectory.question import Question, Waypoint
@@ -38,15 +38,16 @@ def check_touching(question: Question) -> None:
         )
     if np.isfinite(rates.stroke) or np.isfinite(rates.acceleration):
         raise InputError("stroke_rate_max", "given", "rate_max or times in a scene with contact")
-    if any(contact.friction for contact in contacts(question.scene)):
-        allowed = "0 in motions that are planned; with it settle(..., near=) follows given tensions"
-        raise InputError("Contact.friction", "above 0", allowed)
+    if rubs(question.scene) and _begin(question) is None:
+        if not np.array_equal(question.start, question.limits.lower):
+            allowed = "with friction of contacts the plan that the arm moves from, or none"
+            raise InputError("start", question.start.tolist(), allowed)
+        from_rest(question.arm, question.start, question.scene, "start")
 
 
 def planned_touching(question: Question) -> list[Waypoint]:
     """Return the waypoints in order: the targets, and what plans are come to by."""
-    found, last, begin = list[Waypoint](), question.start, question.begin
-    near = begin if isinstance(begin, HeldPlan) and begin.scene == question.scene else None
+    found, last, near = list[Waypoint](), question.start, _begin(question)
     for targets in told("waypoints", question.targets):
         planned = _planned(question, targets, near)
         before = () if near is None else (*near.load_path, tuple(np.ravel(near.tensions).tolist()))
@@ -62,6 +63,14 @@ def planned_touching(question: Question) -> list[Waypoint]:
         found.append(Waypoint(targets, stops[-1], None, float(shares[-1]), planned))
         near, last = planned, stops[-1]
     return found
+
+
+def _begin(question: Question) -> HeldPlan | None:
+    """Return the plan in this scene that the motion begins with, if any is given."""
+    begin = question.begin
+    if isinstance(begin, HeldPlan) and is_same(begin.scene, question.scene):
+        return begin
+    return None
 
 
 def _planned(question: Question, targets: tuple[Target, ...], near: HeldPlan | None) -> HeldPlan:

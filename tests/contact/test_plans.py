@@ -64,6 +64,8 @@ def test_what_is_not_stated_with_contact_is_refused() -> None:
     target = TipPosition((0.25, 0.05, 0.0))
     with pytest.raises(InputError, match="norm"):
         plan(ARM, target, SCENE, 30.0, norm="inf")
+    with pytest.raises(InputError, match="inside at s"):
+        plan(ARM, target, Scene(Contact(Sphere((0.15, 0.0, 0.0), 0.02))), 30.0)
     with pytest.raises(InputError, match="obstacles"):
         plan(ARM, target, SCENE, 30.0, obstacles=[Sphere((0.2, 0.1, 0.1), 0.02)])
 
@@ -75,6 +77,3 @@ def test_what_motions_in_contact_do_not_state_is_refused_by_name() -> None:
         trajectory(ARM, targets, SCENE, 20.0, rate_max=2.0, obstacles=[ball])
     with pytest.raises(InputError, match="stroke_rate_max"):
         trajectory(ARM, targets, SCENE, 20.0, stroke_rate_max=0.01)
-    with pytest.raises(InputError, match=r"Contact\.friction"):
-        rough = Scene(Extension(), Contact(FLOOR, friction=0.2))
-        trajectory(ARM, targets, rough, 20.0, rate_max=2.0)

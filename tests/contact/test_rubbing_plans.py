@@ -24,8 +24,10 @@ def on_floor(mu: float) -> Scene:
 def test_a_plan_with_friction_is_refused_without_the_plan_that_the_arm_moves_from() -> None:
     with pytest.raises(InputError, match="history"):
         plan(ARM, PLACE, on_floor(MU), 30.0)
-    with pytest.raises(InputError, match="motions that are planned"):
+    with pytest.raises(InputError, match="history"):
         trajectory(ARM, [PLACE], on_floor(MU), 30.0, rate_max=2.0)
+    with pytest.raises(InputError, match="start"):
+        trajectory(ARM, [PLACE], on_floor(MU), 30.0, rate_max=2.0, start=BEFORE)
 
 
 @pytest.mark.slow
