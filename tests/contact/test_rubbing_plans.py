@@ -44,3 +44,19 @@ def test_a_plan_from_another_slips_to_a_place_against_friction_with_least_effort
     N = touch.force - touch.friction
     assert np.linalg.norm(touch.friction) == pytest.approx(MU * np.linalg.norm(N), rel=1e-8)
     assert touch.friction @ touch.slip < 0
+
+
+@pytest.mark.slow
+def test_a_motion_slips_to_a_place_against_friction_and_is_certified_on_its_way() -> None:
+    before = plan(ARM, TipPosition(tuple(settle(ARM, BEFORE, on_floor(0.0)).tip)), on_floor(0.0))
+    known = settle(ARM, AFTER, on_floor(MU), 1e-8, near=before.shape)
+    goal = TipPosition(tuple(known.tip))
+    found = trajectory(ARM, [goal], on_floor(MU), 30.0, rate_max=2.0, start=before)
+    assert found.certificate.passed, str(found.certificate)
+    assert found.certificate.jumps == ()
+    assert "period" in found.outcome
+    assert found.flat[0] == pytest.approx(np.ravel(before.tensions), abs=1e-12)
+    assert np.linalg.norm(found.flat[-1]) < np.linalg.norm(AFTER) * (1 + 1e-5)
+    assert np.linalg.norm(found.shapes[-1].tip - known.tip) < 1e-6 * ARM.length
+    (touch,) = found.shapes[-1].contacts
+    assert touch.friction @ touch.slip < 0
