@@ -17,6 +17,7 @@ from model.effects import (
 )
 from model.errors import InputError
 from model.frozen import remembers_hash
+from model.text import in_notebook
 
 E = TypeVar("E", bound=Effect)
 # Of a line, in characters.
@@ -83,6 +84,9 @@ class Scene:
         line = f"Scene({', '.join(told)})"
         lines = ["Scene(", *(f"    {effect}," for effect in told), ")"]
         return line if len(line) <= _WIDTH else "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        return in_notebook(self)
 
     def robust(self) -> Scene:
         """Return the scene with sections that are settled robustly; see ExactTendons."""

@@ -30,6 +30,7 @@ from model.rotations import matrices
 from model.scene import Scene
 from model.text import in_notebook
 from model.transcription.collocation import gauss
+from model.unloaded.folded import folded
 from model.unloaded.tendon_lengths import tendon_lengths
 from model.winches import Winches
 
@@ -116,6 +117,16 @@ class Shape:
             self.arm.tendon_name(int(j)) for j in taut[np.abs(idle).max(axis=0, initial=0) > _PART]
         )
 
+    @cached_property
+    def folded(self) -> float | None:
+        """Where from the base a tendon has no length left [m], None where all have some.
+
+        An arm does not bend so far: its body would be folded into itself. Exact tendons settle
+        there without loads; with loads such tensions are refused.
+        """
+        asked = (self.arm, self.scene, self.tensions, self.refinement, self.machine_code)
+        return folded(*asked)
+
     @property
     def tip(self) -> Array:
         """Position of the tip (3,) in the base frame [m]."""
@@ -157,7 +168,7 @@ class Shape:
             tendon_table("tensions [N]", own, self.tensions),
             tendon_table("tendon lengths [mm]", own, lengths),
         ]
-        return shape_text(tables, self.tip, self.tip_frame, self.error)
+        return shape_text(tables, self.tip, self.tip_frame, self.error, self.folded)
 
     def _repr_html_(self) -> str:
         return in_notebook(self)

@@ -75,7 +75,7 @@ def settled_text(shape: Shape) -> str:
         return repr(shape)
     table = tendon_table("tensions [N]", shape.arm.tendons_by_section, shape.tensions)
     tables = [table, length_table(shape), stroke_table(shape)]
-    return shape_text(tables, shape.tip, shape.tip_frame, shape.error)
+    return shape_text(tables, shape.tip, shape.tip_frame, shape.error, shape.folded)
 
 
 def switch_table(switches: tuple[Switch, ...], accuracy: float) -> str:

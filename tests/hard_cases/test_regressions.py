@@ -27,6 +27,18 @@ def test_exact_tendons_settle_at_any_tension(times: float, extension: bool) -> N
     assert shape.error <= 1e-5
 
 
+def test_a_shape_says_where_a_tendon_has_no_length_left() -> None:
+    # 15, 120, 390 N settle, 5, 40, 130 N are refused: neither is an arm, and only one said so.
+    T = np.zeros((3, 4))
+    T[0, 2], T[1, 0], T[2, 1] = 15, 120, 390
+    shape = settle(ARM, T, Scene.silicone(), 1e-4)
+    assert shape.folded is not None
+    assert "no arm bends so far: at s = " in repr(shape)
+    ordinary = settle(ARM, FETCH, Scene.silicone(), 1e-4)
+    assert ordinary.folded is None
+    assert "no length left" not in repr(ordinary)
+
+
 def test_a_thousand_times_the_tension_of_silicone_is_settled_carefully() -> None:
     radius, anchorage = Linear(0.015, 0.008), Anchorage(0.3, Linear(0.01, 0.006), (0.3,))
     arm = Arm(0.3, radius, (anchorage,))

@@ -51,6 +51,11 @@ def test_a_scene_shows_what_makes_it(scene: Scene) -> None:
     assert max(map(len, repr(scene).splitlines())) <= 100
 
 
+def test_a_scene_is_shown_in_notebooks() -> None:
+    shown = Scene.silicone(Weight())._repr_html_()
+    assert shown.startswith("<pre>Scene(") and "Weight(g=" in shown
+
+
 def test_silicone_takes_further_effects() -> None:
     wanted = Scene(Extension(), ExactTendons(), NeoHookean(), Weight(), Buoyancy())
     assert Scene.silicone(Weight(), Buoyancy()) == wanted
