@@ -123,7 +123,10 @@ class Arm:
 
     @classmethod
     def from_paper(cls, name: str) -> Arm:
-        """Return an arm of the paper: "table-2", "table-4", "section-5.1" or "section-5.2"."""
+        """Return an arm of the paper: "table-2", "table-4", "section-5.1" or "section-5.2".
+
+        Raises InputError for another name.
+        """
         if not isinstance(name, str) or name not in PAPER_ARMS:
             raise InputError("arm", name, ", ".join(PAPER_ARMS))
         return conical(*PAPER_ARMS[name])

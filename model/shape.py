@@ -214,7 +214,8 @@ class Shape:
     def stability(self) -> float:
         """The least eigenvalue of the scaled Hessian of its energy; below 0 it does not stand.
 
-        1 at rest without loads; see model.equilibrium.stability.
+        1 at rest without loads; see model.equilibrium.stability. Raises InputError as printed,
+        where there is no energy.
         """
         if self.scene.has(PrintedStatics):
             raise InputError("scene", "as printed", "a scene whose equations hold under loads")

@@ -140,7 +140,10 @@ class Trajectory:
         return " ".join(told)
 
     def at(self, t: Any) -> Array:
-        """Return the tensions at a time, by section, or at times (M,), flat (M, n_tendons) [N]."""
+        """Return the tensions at a time [s], by section, or at times (M,), flat (M, n_tendons) [N].
+
+        Raises InputError for times beyond the motion's.
+        """
         wanted = finite_array("t", np.atleast_1d(t), (None,))
         if wanted.size and (wanted.min() < 0 or wanted.max() > self.duration * (1 + 1e-12)):
             raise InputError("t", t, f"times from 0 to {self.duration:g} s")
