@@ -81,7 +81,7 @@ def twist_step(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
 def tip_jacobian_function(
     arm: Arm, scene: Scene, scheme: str, refinement: int, machine_code: bool = False
 ) -> ca.Function:
-    """Return tensions (n,) -> displacement [m/N] and turn [rad/N] of the tip (6, n).
+    """Return tensions (n,) -> displacement [m/N] and rotation [rad/N] of the tip (6, n).
 
     With `machine_code` by compiled kernels, where these are known not by CasADi's derivatives.
     """
