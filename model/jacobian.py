@@ -24,7 +24,7 @@ def tip_jacobian(
     accuracy: float = ACCURACY,
     compile: Compile = False,  # noqa: A002  (the name that scripts use)
 ) -> Array:
-    """Return displacement [m/N], rotation [rad/N] of the tip per tension (6, n_tendons), base frame.
+    """Return how the tip moves [m/N] and rotates [rad/N] per tension (6, n_tendons), base frame.
 
     Exact for the shape on the mesh that settles it to the accuracy. Under loads derivatives come
     from the stiffness, whose mesh is refined until it is as accurate. `compile` is that of settle.
