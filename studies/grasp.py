@@ -25,9 +25,10 @@ asks for one curvature. Tendons of all anchorages are needed, the tip's above, t
 keep it even. Where the object is more curved, the arm is too slack at the part's beginning before
 it is bent enough; where it is less curved, the tip rolls up in an arch. The difference does act as
 a displacement does in impedance control: a wrap of least effort only touches, and from there on the
-force grows in proportion as the arm is asked for more curvature than the object has, by some 40 to
-70 mN for each N more of the middle part, which holds up to 48 mN along the axis; beyond twice the
-effort it grows less, and a tip may roll off (20 mm). Tips hold 1 mN at most.
+force grows in proportion as the arm is asked for more curvature than the object has: by some 35 mN
+(60 mm) and 60 mN (40 mm) for each N more of the middle part, which holds up to 48 mN along the
+axis, by 15 mN where 0.05 L lie on 20 mm; beyond twice the effort it grows less, and a tip may roll
+off (20 mm). Tips hold about 1 mN at most.
 """
 
 from __future__ import annotations
