@@ -214,10 +214,10 @@ class Multistart:
         task, found = self.task.held, list[Solution]()
         if not self.toppled:
             return found
-        statement = task.coarse(mode)
-        problem = task.problem(statement)
-        p = problem.parameters(task.targets, task.allowed, TRACES[0])
         for before, toppled in sorted(self.toppled, key=lambda item: item[1].f)[:_STEADIED]:
+            statement = task.coarse(mode).but(refinement=before.refinement)
+            problem = task.problem(statement)
+            p = problem.parameters(task.targets, task.allowed, TRACES[0])
             x = problem.with_modes(self.task.problem(before), toppled.x, task.allowed, p)
             if toppled.f >= best or x is None:
                 continue

@@ -13,6 +13,8 @@ from model.effects import Extension, TipLoad, Weight
 from model.equilibrium.forward import Collocation
 from model.equilibrium.stability import least_eigenvalue, least_modes, rest_stiffness, stability
 from planner import Limits, Plan, Statement, build, load_plan, plan
+from planner.solve.multistart import Multistart
+from planner.solve.task import Task
 from planner.targets import TipPosition
 from tests.planner.differences import check_derivatives, condensed
 
@@ -99,3 +101,15 @@ def test_what_a_column_bears_is_its_buckling_load() -> None:
 def test_margins_that_mean_nothing_are_refused(margin: object) -> None:
     with pytest.raises(InputError, match="stability_margin"):
         plan(ARM, TARGET, AIR, 20.0, stability_margin=margin)  # type: ignore[arg-type]
+
+
+def test_what_topples_on_a_finer_mesh_is_steadied_on_it() -> None:
+    """Used to end in a traceback, where a search had gone on to a finer mesh."""
+    task = Task(ARM, (TARGET,), AIR, Limits.of(ARM, 20.0), Statement(), 1e-6)
+    trials, statement = Multistart(task), task.finer("exact")
+    met = trials.solve(statement, T)
+    assert met.met
+    trials.toppled.append((statement, met))
+    (found,) = trials.steadied("exact", np.inf)
+    assert trials.stands(statement, found)
+    assert found.f == pytest.approx(met.f, rel=1e-2)
