@@ -17,6 +17,8 @@ from pathlib import Path
 _MARK = ".octoplan.part"
 _DAY = 86400.0
 _staging: set[Path] = set()
+# Files that were begun, and are of no use as long as nothing is kept.
+_begun: set[Path] = set()
 # What a command has finished writing, in words, for whoever interrupts it; None outside of one.
 _kept: list[str] | None = None
 
@@ -67,10 +69,20 @@ def told_kept() -> str:
     return "; ".join(_kept) if _kept else "nothing was written"
 
 
+def begun(path: Path) -> None:
+    """Say that a file was begun that is of no use until something is kept."""
+    _begun.add(path)
+
+
 def abandon() -> None:
-    """Remove what this process has staged, before it ends at once."""
+    """Remove what this process has staged, before it ends at once.
+
+    And what was only begun, unless something is kept.
+    """
     for folder in tuple(_staging):
         shutil.rmtree(folder, ignore_errors=True)
+    for path in () if _kept else tuple(_begun):
+        path.unlink(missing_ok=True)
 
 
 def _remove_orphans(folder: Path) -> None:

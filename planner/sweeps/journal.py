@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 
 from model.errors import InputError
-from planner.staging import keep
+from planner.staging import begun, keep
 from planner.sweeps.variables import Rows
 
 _NAME = "octoplan sweep journal 1"
@@ -71,6 +71,8 @@ class Journal:
     def __init__(self, path: Path, identity: str, chunks: int, like: Rows) -> None:
         self.path, self._like, self._is_told = path, like, False
         self.places = np.full(chunks, -1)
+        if not path.exists():
+            begun(path)
         try:
             self._stream = path.open("a+b", buffering=0)
         except OSError as reason:

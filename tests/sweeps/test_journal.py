@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from model import InputError
+from planner.staging import abandon, remembered, told_kept
 from planner.sweeps.journal import Journal
 from planner.sweeps.variables import Rows, blank
 
@@ -83,3 +84,19 @@ def test_a_journal_in_which_nothing_is_finished_goes_when_it_is_closed(tmp_path:
     with _journal(tmp_path / "journal"):
         pass
     assert not (tmp_path / "journal").exists()
+
+
+@pytest.mark.parametrize("chunks", [0, 1])
+def test_what_ends_a_command_at_once_leaves_no_journal_of_nothing(
+    tmp_path: Path, chunks: int
+) -> None:
+    """It used to say that nothing was written, beside a journal without a finished chunk."""
+    with remembered():
+        journal = _journal(tmp_path / "journal")
+        for chunk in range(chunks):
+            journal.add(chunk, _rows(chunk))
+        told = told_kept()
+        abandon()
+        assert ("nothing" in told) == (chunks == 0)
+        assert (tmp_path / "journal").exists() == (chunks > 0)
+        journal.__exit__(None, None, None)
