@@ -15,7 +15,8 @@ Command: python -m studies.tip_targets [--scene paper] [--targets 200] [--best-o
 
 Answer: all of 200 are met and certified, 99 % within 1 % of the best of 50 random starts, from 5
 starts and in 0.16 s each (median, certificate included); SciPy takes 4.6 s from one start, 26 times
-as long, solves 55 % of its 20, and may end at a worse optimum. In silicone 0.2 s (12).
+as long, solves 55 % of its 20, and may end at a worse optimum. In silicone 0.2 s, in it under
+water 0.3 s (12 targets each).
 """
 
 from __future__ import annotations
