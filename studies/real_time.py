@@ -14,13 +14,13 @@ the fastest tenth is told too.
 Command: python -m studies.real_time [--steps 10000] [--scenes paper silicone-in-water] [--cold 100]
 [--scipy 100] [--many 1000] [--seed 0]
 
-Answer (10 000 steps in the paper's scene, on two cores that a load of eight shared): all are
+Answer (processor time, two cores, one other process): of 10 000 steps in the paper's scene all are
 certified, to residuals of 2e-8 at most; where the way back is on the branch of the way ahead, 97 %
-of the steps, tensions come back to 4e-7 of their norm. On two cores that a load of four shared, 298
-steps there take 2.2 ms for a re-plan and 1.3 for its certificate (medians; 99 % of both together in
-10.0), all certified; 48 in silicone in water take 18 and 12 ms. Cold certified plans take 34 ms, in
-silicone 60, in water 120; all of 15 each are certified; SciPy solves 7 of 8 of the paper's. Settles
-of 1000 took 26 us interpreted and 3.4 us compiled, DOP853 130 and 1000 times as long.
+of the steps, tensions come back to 4e-7 of their norm. A re-plan takes 2.1 ms and its certificate
+1.4 (medians of 1000; 99 % of both together in 6.1), in silicone in water 18 and 11. Cold certified
+plans take 11 ms, in silicone 25, in water 72; all of 100 each are certified; SciPy takes 280 times
+as long as the paper's and solves 7 of 8. Settles of 1000 take 23 us interpreted and 3.2 us
+compiled, DOP853 130 and 900 times as long.
 """
 
 from __future__ import annotations
