@@ -21,10 +21,10 @@ Answer: of the paper's statics the sixth-order Magnus way is the cheapest for ev
 `settle` pays two to three single maps of it, as it verifies and wraps. Each digit costs 1.3 times
 the time. Collocation with m stages is of order 2 m, and three stages are the cheapest below 1e-5,
 without loads four below 1e-6: settles of silicone in water take 11 ms to 2e-8, SciPy's shooting or
-collocation about a second to 1e-6. A plan takes as long for 1e-2 as for 1e-9, as its search is on a coarse mesh and most of its
-time, and in silicone at most two and a half times as long; SLSQP from one start pays four times
-that for 1e-4 and thirteen times for 1e-9, at two percent more effort in the median. What the
-statics leave out matters more than any mesh: a tenth of L here.
+collocation about a second to 1e-6. A plan takes as long for 1e-2 as for 1e-9, as its search is on a
+coarse mesh and most of its time, and in silicone at most two and a half times as long; SLSQP from
+one start pays four times that for 1e-4 and thirteen times for 1e-9, at two percent more effort in
+the median. What the statics leave out matters more than any mesh: a tenth of L here.
 """
 
 from __future__ import annotations
