@@ -88,7 +88,7 @@ def timed(clock: Clock) -> Iterator[None]:
 
     with ExitStack() as stack:
         stack.enter_context(counted(Buffered, "__call__", "evaluation"))
-        for name in ("values", "first", "second"):
+        for name in ("value", "first", "second"):
             stack.enter_context(counted(ExplicitInC, name, "evaluation"))
         stack.enter_context(counted(sqp, "run", "solver"))
         stack.enter_context(counted(Quadratic, "__call__", "solver"))
