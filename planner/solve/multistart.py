@@ -214,7 +214,8 @@ class Multistart:
         task, found = self.task.held, list[Solution]()
         if not self.toppled:
             return found
-        for before, toppled in sorted(self.toppled, key=lambda item: item[1].f)[:_STEADIED]:
+        different = {float(f"{item[1].f:.4g}"): item for item in self.toppled}
+        for before, toppled in [own for _, own in sorted(different.items())][:_STEADIED]:
             statement = task.coarse(mode).but(refinement=before.refinement)
             problem = task.problem(statement)
             p = problem.parameters(task.targets, task.allowed, TRACES[0])

@@ -168,8 +168,14 @@ def _finish(task: Task, statement: Statement, coarse: Solution, near: Shape | No
 def _closer(
     problem: Problem, guess: Solution, p: Array, bounds: Bounds, limits: Limits
 ) -> Solution:
-    """Return what quadratic programs make of a guess without states, or else ipopt does."""
-    x = problem.unknowns(problem.tensions(guess.x, limits), limits, p)
+    """Return what quadratic programs make of a guess without states, or else ipopt does.
+
+    The guess itself where the arm does not settle on this mesh.
+    """
+    try:
+        x = problem.unknowns(problem.tensions(guess.x, limits), limits, p)
+    except OctoplanError:
+        return guess
     solved = solve_quadratic(problem, x, p, bounds, guess.lam_g)
     if solved is None or not solved.met:
         return solve_again(problem, guess, p, limits)

@@ -121,9 +121,12 @@ class Search:
         found = self.trials.from_starts(others, statement, records, found)
         found = found or self.trials.tightened(statement, records)
         fines = self._finished(found, "exact")
-        if found and (not any(fine.optimal for fine in fines) or _lost(found, fines)):
+        if not any(fine.optimal for fine in fines) or _lost(found, fines):
             records, starts = [], [*map(self.task.tensions, found), *first, *others]
-            found = self.trials.from_starts(starts, self.task.finer("exact"), records)
+            self.trials.toppled.clear()
+            statement = self.task.finer("exact")
+            found = self.trials.from_starts(starts, statement, records)
+            found = found or self.trials.tightened(statement, records)
             fines += self._finished(found, "exact")
         fine = best_of(fines) if fines else None
         if fine is None or not fine.optimal:

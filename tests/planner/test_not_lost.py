@@ -11,7 +11,9 @@ import pytest
 from model import Arm, Scene, settle
 from model.effects import Buoyancy, ExactTendons, Extension, TipLoad, Weight
 from model.equilibrium.forward import Collocation
+from model.errors import UnsettledSectionError
 from planner import Limits, Plan, Statement, load_plan, plan
+from planner.program.problem import Problem
 from planner.program.statement import Mode
 from planner.solve import refine
 from planner.solve.ipopt import Solution
@@ -215,3 +217,31 @@ def test_what_is_lost_on_a_mesh_no_finer_than_the_coarse_one_is_told(
     found = Multistart(task).solve(task.coarse("exact"), T)
     monkeypatch.setattr(refine, "_finish", lambda _, s, solution, near: refine.Fine(s, solution, 1))
     assert not refine.refine(task, found, "exact").optimal
+
+
+def test_what_does_not_settle_on_a_finer_mesh_is_no_optimum(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It ended in an error about a cross-section."""
+
+    def lost(*_: object) -> Array:
+        raise UnsettledSectionError(0.1)
+
+    T = np.array([0, 0, 0.2, 0, 0, 0.4, 0, 0, 0, 0, 1.0, 0])
+    target = (TipPosition(tuple(settle(ARM, T, Scene()).tip)),)
+    task = Task(ARM, target, Scene(), Limits.of(ARM, 20.0), Statement(), 1e-6)
+    found = Multistart(task).solve(task.coarse("exact"), T)
+    monkeypatch.setattr(refine, "newton", lambda _, guess, *__: guess)
+    monkeypatch.setattr(Problem, "unknowns", lost)
+    assert not refine.refine(task, found, "exact").optimal
+
+
+@pytest.mark.slow
+def test_where_all_coarse_optima_topple_the_search_goes_on_on_a_finer_mesh() -> None:
+    """The plan was not certified, though these tensions hold the arm."""
+    T = [[0, 0.36646651, 0.28857915, 0.11693461], [0, 0.05693408, 7.22609678, 0]]
+    T.append([0, 0, 6.91155253, 0.23774178])
+    scene = Scene.silicone(Weight())
+    found = plan(ARM, TipPosition(tuple(settle(ARM, T, scene).tip)), scene, 20.0)
+    assert found.reached
+    assert found.effort < 3.1
