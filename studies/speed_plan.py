@@ -128,7 +128,7 @@ def floor_rows(repeats: int, rng: np.random.Generator) -> list[Row]:
     evaluations = {
         "the forward map": lambda: forward.run(T),
         "constraints and their derivatives": lambda: problem.program.first(x, p),
-        "second derivatives": lambda: problem.program.second(x, p, np.ones(1), lam),
+        "second derivatives": lambda: problem.program.second(x, p, 1.0, lam),
     }
     rows = [
         Row(f"floor: {name} [us]", "", "", f"{_micro(repeated(work, repeats))}")

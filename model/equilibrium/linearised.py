@@ -66,7 +66,9 @@ class Band:
 @lru_cache(maxsize=16)
 def band(of: Layout) -> Band:
     """Return the band of a layout's Jacobian."""
-    rows, columns = (np.array(v, dtype=np.int64) for v in of.equations.jacobian[1].get_triplet())
+    rows, columns = (
+        np.array(v, dtype=np.int64) for v in of.equations.places("jacobian").get_triplet()
+    )
     off = rows - (columns - of.first)
     inside = columns >= of.first
     return Band(rows, columns, of.first, int(off[inside].max()), int(-off[inside].min()))

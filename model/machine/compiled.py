@@ -63,7 +63,7 @@ def kernels(functions: Iterable[ca.Function], machine_code: bool = True) -> list
     functions = list(functions)
     if not machine_code:
         return functions
-    left = [f for f in dict.fromkeys(functions) if f not in _built and _worth(f)]
+    left = [f for f in dict.fromkeys(functions) if f not in _built and is_short(f)]
     sources = [_source(f) for f in left]
     with ThreadPoolExecutor(max(len(left), 1)) as pool:
         paths = list(pool.map(lambda source: library(source, _LEVEL, in_pieces), sources))
@@ -73,7 +73,8 @@ def kernels(functions: Iterable[ca.Function], machine_code: bool = True) -> list
     return [_built.get(f, f) for f in functions]
 
 
-def _worth(f: ca.Function) -> bool:
+def is_short(f: ca.Function) -> bool:
+    """Return whether a function is one of scalar operations that a compiler is soon done with."""
     return f.is_a("SXFunction") and f.n_instructions() <= _LONGEST
 
 

@@ -18,6 +18,8 @@ typedef long long mask __attribute__((vector_size(8 * LANES)));
 EACH(sqrt, sqrt)
 EACH(sin, sin)
 EACH(cos, cos)
+EACH(exp, exp)
+EACH(asin, asin)
 EACH(fabs, fabs)
 EACH_PAIR(fmin, fmin)
 EACH_PAIR(fmax, fmax)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import math
+from collections.abc import Mapping
 from importlib.resources import files
 from typing import Any
 
@@ -22,7 +23,9 @@ from model.paths import Array
 LANES = 8
 
 
-def loaded(frame: str, sizes: dict[str, int], programs: list[str], flag: str) -> ctypes.CDLL:
+def loaded(
+    frame: str, sizes: Mapping[str, int | str], programs: list[str], flag: str
+) -> ctypes.CDLL:
     """Return the library of a C file beside this one, with sizes and programs written in.
 
     Raises CompilerError.

@@ -49,6 +49,8 @@ OPERATIONS = {
     ca.OP_SQRT: Operation(np.sqrt, "each_sqrt({0})"),
     ca.OP_SIN: Operation(np.sin, "each_sin({0})"),
     ca.OP_COS: Operation(np.cos, "each_cos({0})"),
+    ca.OP_EXP: Operation(np.exp, "each_exp({0})"),
+    ca.OP_ASIN: Operation(np.arcsin, "each_asin({0})"),
     ca.OP_FABS: Operation(np.fabs, "each_fabs({0})"),
     ca.OP_FMIN: Operation(np.fmin, "each_fmin({0}, {1})"),
     ca.OP_FMAX: Operation(np.fmax, "each_fmax({0}, {1})"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -9,8 +10,13 @@ import casadi as ca
 import numpy as np
 
 from model.machine.buffered import Buffered, ManyArguments
+from model.machine.repeated import InC
+from model.paths import Array
 from model.transcription.kernel import Places
 from model.transcription.layout import Layout
+
+Call = Buffered | InC
+Many = Callable[[Array, Array], Array]
 
 
 class Calls:
@@ -18,66 +24,71 @@ class Calls:
 
     def __init__(self, of: Layout) -> None:
         self.of = of
-        self.value = Buffered(of.equations.value)
+        self.value = of.equations.call("value")
 
     @cached_property
-    def jacobian(self) -> Buffered:
+    def jacobian(self) -> Call:
         """(x, p) -> nonzeros of the residuals' Jacobian."""
-        return Buffered(self.of.equations.jacobian[0])
+        return self.of.equations.call("jacobian")
 
     @cached_property
-    def values(self) -> ManyArguments:
+    def values(self) -> Many:
         """(many x, p) -> residuals of each."""
-        return ManyArguments(self.of.equations.value)
+        return _many(self.value)
 
     @cached_property
-    def jacobians(self) -> ManyArguments:
+    def jacobians(self) -> Many:
         """(many x, p) -> `jacobian` of each."""
-        return ManyArguments(self.of.equations.jacobian[0])
+        return _many(self.jacobian)
 
     @cached_property
-    def many_by_numbers(self) -> ManyArguments:
+    def many_by_numbers(self) -> Many:
         """(many x, p) -> `by_numbers` of each."""
-        return ManyArguments(self.of.equations.by_numbers[0])
+        return _many(self.by_numbers)
 
     @cached_property
     def number_rows(self) -> tuple[Places, Places, Places, Places]:
         """Order of the nonzeros of `by_numbers` by row, their columns, where rows begin, which."""
-        rows, columns = (np.array(v) for v in self.of.equations.by_numbers[1].get_triplet())
+        rows, columns = (np.array(v) for v in self.of.equations.places("by_numbers").get_triplet())
         order = np.argsort(rows, kind="stable")
         own, starts = np.unique(rows[order], return_index=True)
         return order, columns[order], starts, own
 
     @cached_property
-    def by_numbers(self) -> Buffered:
+    def by_numbers(self) -> Call:
         """(x, p) -> nonzeros of the derivatives of the residuals by the numbers."""
-        return Buffered(self.of.equations.by_numbers[0])
+        return self.of.equations.call("by_numbers")
 
     @cached_property
     def number_places(self) -> tuple[Places, Places]:
         """Rows of the nonzeros of `by_numbers`, and where its columns begin."""
-        return compressed(self.of.equations.by_numbers[1])
+        return compressed(self.of.equations.places("by_numbers"))
 
     @cached_property
-    def hessian(self) -> Buffered:
+    def hessian(self) -> Call:
         """(x, p, multipliers) -> nonzeros of the Hessian of multipliers . residuals."""
-        return Buffered(self.of.equations.hessian[0])
+        return self.of.equations.call("hessian")
 
     @cached_property
-    def lengths(self) -> Buffered:
+    def lengths(self) -> Call:
         """(x, length numbers) -> lengths of the tendons."""
-        return Buffered(self.of.lengths.value)
+        return self.of.lengths.call("value")
 
     @cached_property
-    def length_jacobian(self) -> Buffered:
+    def length_jacobian(self) -> Call:
         """(x, length numbers) -> nonzeros of the derivatives of the lengths by x."""
-        return Buffered(self.of.lengths.jacobian[0])
+        return self.of.lengths.call("jacobian")
 
     @cached_property
     def length_places(self) -> tuple[Any, Any]:
         """Rows and columns of the nonzeros of `length_jacobian`."""
-        rows, columns = self.of.lengths.jacobian[1].get_triplet()
+        rows, columns = self.of.lengths.places("jacobian").get_triplet()
         return np.array(rows), np.array(columns)
+
+
+def _many(call: Call) -> Many:
+    """Return what makes a call for many first arguments with one second that all share."""
+    return call.many if isinstance(call, InC) else ManyArguments(call.function)
 
 
 @lru_cache(maxsize=32)

@@ -2,21 +2,27 @@
 
 A kernel (model.transcription.kernel) is a function of a few unknowns and numbers; a term is a
 kernel with the places of its unknowns and rows in the whole. The derivatives of all repetitions are
-evaluated by `map`, and put into the sparse Jacobian and Hessian by a constant matrix.
+added up in the sparse Jacobian and Hessian: in CasADi's symbols by `map` and a constant matrix, or
+by C, a few repetitions side by side.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from typing import Literal
 
 import casadi as ca
 import numpy as np
 
+from model.machine.buffered import Buffered
 from model.machine.compiled import kernels
+from model.machine.repeated import InC, Repeated, can_be_in_c
 from model.transcription.kernel import Kernel, Places
+
+What = Literal["value", "jacobian", "by_numbers", "hessian"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,16 +53,19 @@ class Term:
         return int(self.kernel.c.numel() * self.count)
 
 
+@dataclass(frozen=True, eq=False)
+class _Sum:
+    """What repeated kernels add up to: the nonzeros of a matrix at `places`."""
+
+    parts: Sequence[Repeated]
+    places: ca.Sparsity
+
+
 class Equations:
     """The sum of terms: residuals g (n_g,) of unknowns x (n_x,) and numbers p (n_p,).
 
     The numbers are those of the terms, one after the other, each column by column. With
     `machine_code` the kernels are compiled; then nothing can be differentiated by CasADi.
-
-    Attributes
-    ----------
-    value : casadi.Function
-        x, p -> g.
     """
 
     def __init__(self, n_x: int, n_g: int, terms: list[Term], machine_code: bool = False) -> None:
@@ -65,6 +74,7 @@ class Equations:
         ends = np.cumsum([0, *(term.n_numbers for term in self.terms)])
         self.slices = [slice(a, b) for a, b in pairwise(ends.tolist())]
         self.n_p = int(ends[-1])
+        self._sums: dict[What, _Sum] = {}
 
     def numbers_of(self, name: str) -> slice:
         """Return where the numbers of a kernel, by its name, are among all."""
@@ -74,92 +84,109 @@ class Equations:
     @cached_property
     def value(self) -> ca.Function:
         """Unknowns, numbers -> residuals."""
-        x, p, _ = self._symbols()
-        rows = np.concatenate([term.rows.ravel("F") for term in self.terms])
-        values = kernels((term.kernel.value for term in self.terms), self.machine_code)
-        found = [
-            ca.vec(value.map(term.count)(*given))
-            for value, (term, given) in zip(values, self._given(x, p), strict=True)
-        ]
-        return ca.Function("value", [x, p], [_gathered(found, rows, self.n_g)])
+        return self._function("value")
 
     @cached_property
     def jacobian(self) -> tuple[ca.Function, ca.Sparsity]:
         """(x, p -> nonzeros of dg/dx), and their places."""
-        return self._jacobian("jacobian", [term.unknowns for term in self.terms], self.n_x)
+        return self._function("jacobian"), self.places("jacobian")
 
     @cached_property
     def by_numbers(self) -> tuple[ca.Function, ca.Sparsity]:
         """(x, p -> nonzeros of dg/dp), and their places."""
-        own = zip(self.terms, self.slices, strict=True)
-        columns = [
-            np.arange(at.start, at.stop, dtype=np.int64).reshape((-1, term.count), order="F")
-            for term, at in own
-        ]
-        return self._jacobian("by_numbers", columns, self.n_p)
-
-    def _jacobian(
-        self, what: str, places: list[Places], size: int
-    ) -> tuple[ca.Function, ca.Sparsity]:
-        """Return the nonzeros of a derivative of all kernels, by what stands at places."""
-        x, p, _ = self._symbols()
-        found, rows, columns = [], [], []
-        derived = [getattr(term.kernel, what) for term in self.terms]
-        kept = [k for k, (_, i, _) in enumerate(derived) if i.size]
-        functions = kernels((derived[k][0] for k in kept), self.machine_code)
-        given_all = self._given(x, p)
-        for k, function in zip(kept, functions, strict=True):
-            (_, i, j), (term, given), own = derived[k], given_all[k], places[k]
-            found.append(ca.vec(function.map(term.count)(*given)))
-            rows.append(term.rows[i].ravel("F"))
-            columns.append(own[j].ravel("F"))
-        nonzeros, at = _sparse(found, rows, columns, (self.n_g, size))
-        return ca.Function(what, [x, p], [nonzeros]), at
+        return self._function("by_numbers"), self.places("by_numbers")
 
     @cached_property
     def hessian(self) -> tuple[ca.Function, ca.Sparsity]:
         """(x, p, lam -> nonzeros of the Hessian of lam . g), and their places: all, symmetric."""
-        x, p, lam = self._symbols()
+        return self._function("hessian"), self.places("hessian")
+
+    def places(self, what: What) -> ca.Sparsity:
+        """Return where the nonzeros of one of the above are."""
+        return self._sum(what).places
+
+    def call(self, what: What) -> Buffered | InC:
+        """Return one of the above to be called with numbers, for a row of values.
+
+        Compiled kernels are called from C, if they are short. Raises CompilerError.
+        """
+        of = self._sum(what)
+        if self.machine_code and can_be_in_c(of.parts):
+            return InC(of.parts, of.places.nnz())
+        return Buffered(self._function(what))
+
+    def _sum(self, what: What) -> _Sum:
+        if what not in self._sums:
+            self._sums[what] = self._value() if what == "value" else self._derived(what)
+        return self._sums[what]
+
+    def _value(self) -> _Sum:
+        pairs = zip(self.terms, self.slices, strict=True)
+        parts = [Repeated(t.kernel.value, t.unknowns, t.rows, t.rows, p.start) for t, p in pairs]
+        return _Sum(parts, ca.Sparsity.dense(self.n_g))
+
+    def _derived(self, what: What) -> _Sum:
+        """Return the sum of what derivatives of the kernels add to the nonzeros of the whole."""
         found, rows, columns = [], [], []
-        curved = [part for part in self._given(x, p) if part[0].kernel.hessian[1].size]
-        hessians = [term.kernel.hessian for term, _ in curved]
-        functions = kernels((own[0] for own in hessians), self.machine_code)
-        parts = zip(functions, hessians, curved, strict=True)
-        for function, (_, i, j), (term, given) in parts:
-            own = ca.reshape(lam[term.rows.ravel("F").tolist()], -1, term.count)
-            found.append(ca.vec(function.map(term.count)(*given, own)))
-            rows.append(term.unknowns[i].ravel("F"))
-            columns.append(term.unknowns[j].ravel("F"))
-        nonzeros, places = _sparse(found, rows, columns, (self.n_x, self.n_x))
-        return ca.Function("hessian", [x, p, lam], [nonzeros]), places
-
-    def _symbols(self) -> tuple[ca.MX, ca.MX, ca.MX]:
-        sizes = (("x", self.n_x), ("p", self.n_p), ("lam", self.n_g))
-        x, p, lam = (ca.MX.sym(name, size) for name, size in sizes)
-        return x, p, lam
-
-    def _given(self, x: ca.MX, p: ca.MX) -> list[tuple[Term, tuple[ca.MX, ca.MX]]]:
-        """Return each term with the unknowns and numbers of all its repetitions as columns."""
-        found = []
         for term, numbers in zip(self.terms, self.slices, strict=True):
-            y = ca.reshape(x[term.unknowns.ravel("F").tolist()], -1, term.count)
-            found.append((term, (y, ca.reshape(p[numbers], -1, term.count))))
-        return found
+            function, i, j = getattr(term.kernel, what)
+            own = np.arange(numbers.start, numbers.stop).reshape((-1, term.count), order="F")
+            rows.append((term.unknowns if what == "hessian" else term.rows)[i])
+            columns.append((own if what == "by_numbers" else term.unknowns)[j])
+            found.append((function, term, numbers.start))
+        shape = {
+            "jacobian": (self.n_g, self.n_x),
+            "by_numbers": (self.n_g, self.n_p),
+            "hessian": (self.n_x, self.n_x),
+        }[what]
+        places, index = _sparse(rows, columns, shape)
+        parts = [
+            Repeated(function, term.unknowns, term.rows, at, start)
+            for (function, term, start), at in zip(found, index, strict=True)
+            if at.size
+        ]
+        return _Sum(parts, places)
+
+    def _function(self, what: What) -> ca.Function:
+        """Return in symbols what is added up."""
+        of = self._sum(what)
+        sizes = [("x", self.n_x), ("p", self.n_p), ("lam", self.n_g)]
+        given = [ca.MX.sym(name, size) for name, size in sizes[: 3 if what == "hessian" else 2]]
+        functions = kernels((part.kernel for part in of.parts), self.machine_code)
+        found = [
+            ca.vec(function.map(part.count)(*_own(function, part, given)))
+            for function, part in zip(functions, of.parts, strict=True)
+        ]
+        at = [part.places.ravel("F") for part in of.parts]
+        add = _added(np.concatenate([np.zeros(0, np.int64), *at]), of.places.nnz())
+        return ca.Function(what, given, [add @ ca.vertcat(ca.MX(0, 1), *found)])
 
 
-def _gathered(values: list[ca.MX], places: Places, size: int) -> ca.MX:
-    """Return the vector (size,) in which values are added up at their places."""
-    stacked = ca.vertcat(*values)
-    add = ca.Sparsity(size, places.size, list(range(places.size + 1)), places.tolist())
-    return ca.DM(add, 1.0) @ stacked
+def _own(kernel: ca.Function, part: Repeated, given: list[ca.MX]) -> list[ca.MX]:
+    """Return what a kernel takes of unknowns, numbers and multipliers, repetitions as columns."""
+    x, p, *lam = given
+    numbers = p[part.numbers : part.numbers + part.count * kernel.numel_in(1)]
+    gathered = [x[part.unknowns.ravel("F").tolist()], numbers]
+    gathered += [weights[part.rows.ravel("F").tolist()] for weights in lam]
+    return [ca.reshape(values, -1, part.count) for values in gathered]
+
+
+def _added(places: Places, size: int) -> ca.DM:
+    """Return the matrix that adds values up at their places."""
+    at = ca.Sparsity(size, places.size, list(range(places.size + 1)), places.tolist())
+    return ca.DM(at, 1.0)
 
 
 def _sparse(
-    values: list[ca.MX], rows: list[Any], columns: list[Any], shape: tuple[int, int]
-) -> tuple[ca.MX, ca.Sparsity]:
-    """Return the nonzeros of a sparse matrix whose entries are sums of values, and its sparsity."""
-    i, j = np.concatenate(rows).astype(np.int64), np.concatenate(columns).astype(np.int64)
-    order, index = np.unique(j * shape[0] + i, return_inverse=True)
+    rows: list[Places], columns: list[Places], shape: tuple[int, int]
+) -> tuple[ca.Sparsity, list[Places]]:
+    """Return the sparsity of a matrix with entries at rows and columns, and where each one is."""
+    keys = [(j * shape[0] + i).astype(np.int64) for i, j in zip(rows, columns, strict=True)]
+    order, index = np.unique(np.concatenate([key.ravel("F") for key in keys]), return_inverse=True)
     ends = np.searchsorted(order, np.arange(shape[1] + 1) * shape[0])
     places = ca.Sparsity(*shape, ends.tolist(), (order % shape[0]).tolist())
-    return _gathered(values, index, places.nnz()), places
+    cuts = np.cumsum([key.size for key in keys])[:-1]
+    parts = np.split(index, cuts)
+    return places, [
+        part.reshape(key.shape, order="F") for part, key in zip(parts, keys, strict=True)
+    ]

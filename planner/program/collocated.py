@@ -78,9 +78,7 @@ class Collocated:
 
     def values(self, x: Array, p: Array) -> Array:
         """Return the constraints at unknowns x."""
-        return np.concatenate(
-            [self.program.values(x, p)[1][0], self.program.equilibrium(x, p)[0][0]]
-        )
+        return np.concatenate([self.program.values(x, p)[1][0], self.program.equilibrium(x, p)])
 
     def stability(self, x: Array, tensions: Array, near: Known | None = None) -> float:
         """Return the stability of the shape at unknowns x, infinite without loads.

@@ -128,7 +128,7 @@ class Condensed:
         if here.states is None:
             return np.full((self.n, self.n), np.nan), np.full(self.n, np.nan)
         multipliers = np.concatenate([lam, here.states.multipliers(sigma, lam)])
-        return here.states.hessian(self.program.second(here.x, p, np.array([sigma]), multipliers))
+        return here.states.hessian(self.program.second(here.x, p, sigma, multipliers))
 
     def follow(self, here: Reduced, change: Array, p: Array) -> Array | None:
         """Return all unknowns after a change of those before the states, near equilibrium.
@@ -140,7 +140,7 @@ class Condensed:
         x[: self.n] += change
         x[self.n :] += here.states.shift + here.states.Z @ change
         for _ in range(_FOLLOWED):
-            step = here.states.solve(self.program.equilibrium(x, p)[0][0], False)
+            step = here.states.solve(self.program.equilibrium(x, p), False)
             size = float(np.abs(step).max())
             if not size <= _SHRINKS * last:
                 return None
@@ -173,7 +173,7 @@ class Condensed:
             start, stop = blocks.response(0).start, blocks.response(len(blocks.responses)).start
             rows = slice(states.size, states.size + stop - start)
             responds = self.program.inner(x, p).tocsr()[rows].tocsc()[:, start:stop]
-            x[start:stop] = -splu(responds).solve(self.program.equilibrium(x, p)[0][0, rows])
+            x[start:stop] = -splu(responds).solve(self.program.equilibrium(x, p)[rows])
         if blocks.modes:
             self._add_modes(x, states, p)
         if blocks.wound:
@@ -206,8 +206,7 @@ class Condensed:
 
     def _unit(self, p: Array) -> Array:
         """Return what one unit of each tension is worth [N]."""
-        start = self.program.sizes[0]
-        return p[start : start + self.program.sizes[1]]
+        return p[self.program.parts.unit]
 
     def _settled(self, T: Array) -> Linearised | None:
         """Return the equilibrium under tensions, near the last one if that leads there."""
@@ -249,7 +248,7 @@ class Condensed:
             inner = self.program.inner(x, p)
             factor = splu(inner[:, n + 1 :])
             Z[1:] = -factor.solve(inner[:, :n].toarray())
-            shift[1:] = -factor.solve(self.program.equilibrium(x, p)[0][0])
+            shift[1:] = -factor.solve(self.program.equilibrium(x, p))
             return shift, Z, lambda right, transposed: factor.solve(right, "NT"[transposed])
         column, row = self.states.scale[1:], self.states.row_scale
         Z[1:, : unit.size] = here.by_tensions * unit / column[:, None]

@@ -16,14 +16,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import csc_array
 
-from model.machine.buffered import Buffered
 from model.paths import Array
+
+Index = NDArray[np.int32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,8 +83,8 @@ class Eliminated:
         """Return the multipliers mu of equilibrium; the load factor, which stays, has none."""
         return -self.solve((sigma * self.f_S + self.g_S.T @ lam)[1:], True)
 
-    def hessian(self, H: Any) -> tuple[Array, Array]:
-        """Return (1, Z)^T H (1, Z), (n, n), and (1, Z)^T H (0, z), (n,), of a sparse H."""
+    def hessian(self, H: Curvature) -> tuple[Array, Array]:
+        """Return (1, Z)^T H (1, Z), (n, n), and (1, Z)^T H (0, z), (n,), of H."""
         n = self.Z.shape[1]
         moved = np.zeros((n + self.shift.size, n + 1))
         moved[:n, :n], moved[n:, :n], moved[n:, n] = np.eye(n), self.Z, self.shift
@@ -91,17 +92,49 @@ class Eliminated:
         return found[:, :n], found[:, n]
 
 
-class Sparse:
-    """A function of dense vectors with one sparse result, called without CasADi's wrapping."""
+@dataclass(frozen=True, eq=False)
+class Nonzeros:
+    """Where the nonzeros of a matrix are, column by column."""
 
-    def __init__(self, name: str, given: list[ca.MX], result: ca.MX) -> None:
-        places = result.sparsity()
-        self._call = Buffered(ca.Function(name, given, [result.nz[:]]))
-        self._rows = np.array(places.row(), dtype=np.int32)
-        self._ends = np.array(places.colind(), dtype=np.int32)
-        self._shape = result.shape
+    rows: Index
+    columns: Index
+    ends: Index
+    shape: tuple[int, int]
 
-    def __call__(self, *given: Array) -> csc_array:
+    @classmethod
+    def of(cls, places: ca.Sparsity) -> Nonzeros:
+        """Return those of CasADi's."""
+        rows, columns, ends = (
+            np.array(own, dtype=np.int32)
+            for own in (places.row(), places.get_col(), places.colind())
+        )
+        return cls(rows, columns, ends, places.shape)
+
+    def matrix(self, nonzeros: Array) -> csc_array:
         """Return the matrix."""
-        nonzeros = self._call(*given)[0].ravel()
-        return csc_array((nonzeros, self._rows, self._ends), shape=self._shape)
+        return csc_array((nonzeros, self.rows, self.ends), shape=self.shape)
+
+
+@dataclass(frozen=True, eq=False)
+class Curvature:
+    """The Hessian of a Lagrangian in scaled unknowns: outer + D inner D, D = diag(scale).
+
+    Attributes
+    ----------
+    outer, inner : (size, size)
+        Of objective and constraints, and of the equations of equilibrium in their own unknowns.
+    scale : (size,)
+    """
+
+    outer: csc_array
+    inner: csc_array
+    scale: Array
+
+    def __matmul__(self, columns: Array) -> Array:
+        """Return the product with columns (size, k)."""
+        scale = self.scale[:, None]
+        return np.asarray(self.outer @ columns + scale * (self.inner @ (scale * columns)))
+
+    def toarray(self) -> Array:
+        """Return the whole matrix."""
+        return np.asarray(self @ np.eye(self.scale.size))

@@ -127,7 +127,7 @@ def merit(stops: list[Stop], coupling: Coupling, here: Here) -> float:
 
 def lengths_of(problem: Problem, a: Array, p: Array) -> tuple[Array, Array]:
     """Return the tendons' lengths (n,) [m] at scaled tensions, and their derivatives (n, n)."""
-    start, arm, scene = problem.program.sizes[0], problem.arm, problem.scene
+    start, arm, scene = problem.program.objective.n_numbers, problem.arm, problem.scene
     unit = p[start : start + a.size]
     T = np.maximum(a, 0.0) * unit
     if not is_loaded(scene):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 
 import casadi as ca
@@ -25,10 +26,12 @@ from model.equilibrium.forward import Collocation
 from model.equilibrium.verification import verified
 from model.rotations import exponential, half_turn
 from model.transcription.system import System, system
+from model.transcription.terms import What
 from tests.differences import Array, check_rows, fourth_order
 from tests.planner.cases import moderate
 
 ARM, PULLS = Arm.from_paper("table-4"), np.ravel(moderate())
+needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 WATER: tuple[Effect, ...] = (Weight(), Buoyancy())
 STREAM = (Current((0.0, 0.05, 0.02)), TipLoad((0.0, 1e-3, 0.0), follower=True))
 SCENES = {
@@ -99,6 +102,22 @@ def test_derivatives_of_the_equations_are_those_of_differences(name: str, scene:
     wanted = fourth_order(lambda share: jacobian(x + share * way).T @ lam, 1e-4)
     check_rows(size[:, None] * H * size, way / size, size * wanted)
     assert np.array_equal(H, H.T)
+
+
+@needs_compiler
+@pytest.mark.quick("paper in water", "rough")
+@pytest.mark.parametrize("name", SCENES)
+def test_the_equations_by_c_have_the_digits_of_interpreted_ones(name: str) -> None:
+    plain, fast = (system(ARM, SCENES[name], 2, 1, machine_code=how) for how in (False, True))
+    x, lam = somewhere(plain, 3), np.random.default_rng(4).normal(size=plain.of.n_states)
+    far = 1e300 * x  # what overflows does so in both
+    calls: tuple[What, ...] = ("value", "jacobian", "by_numbers")
+    for what in calls if name == "rough" else (*calls, "hessian"):
+        own = plain.of.equations.call(what), fast.of.equations.call(what)
+        weights = (lam,) * (what == "hessian")
+        for at in (x, far):
+            first, second = (call(at, plain.p, *weights)[0] for call in own)
+            assert np.array_equal(first, second, equal_nan=True)
 
 
 def test_another_body_in_other_loads_builds_nothing() -> None:

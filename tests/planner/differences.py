@@ -37,7 +37,7 @@ def whole(problem: Problem, p: Array) -> Twice:
     assert isinstance(of, Program)
 
     def second(x: Array, sigma: float, lam: Array) -> Array:
-        return of.second(x, p, np.array([sigma]), lam).toarray()
+        return of.second(x, p, sigma, lam).toarray()
 
     return Twice(lambda x: all_of(of, x, p), second)
 
@@ -45,7 +45,7 @@ def whole(problem: Problem, p: Array) -> Twice:
 def all_of(of: Program, x: Array, p: Array) -> First:
     """Values and first derivatives of a program, the equations of equilibrium last."""
     f, gradient, g, J = of.first(x, p)
-    g = np.concatenate([g[0], of.equilibrium(x, p)[0][0]])
+    g = np.concatenate([g[0], of.equilibrium(x, p)])
     return First(float(f[0, 0]), gradient[0], g, np.vstack([J.T, of.inner(x, p).toarray()]))
 
 

@@ -79,10 +79,13 @@ def check_derivatives(arm: Arm, scene: Scene, mode: Any, modes: int = 0) -> None
     statement = Statement(mode=mode, scheme="gauss6", refinement=1, modes=modes)
     problem = build(arm, targets, scene, statement)
     of, sigma, rng = problem.program, 0.7, np.random.default_rng(5)
-    f, g, x, p = of.f, of.g, of.x, of.p
+    stated = of.symbols
+    f, g, x, p = stated.f, stated.g, stated.x, stated.p
     theirs = ca.Function("first", [x, p], [f, ca.gradient(f, x), g, ca.jacobian(g, x)])
-    lagrangian = of.sigma * f + ca.dot(of.lam, g)
-    curvature = ca.Function("second", [x, p, of.sigma, of.lam], [ca.hessian(lagrangian, x)[0]])
+    lagrangian = stated.sigma * f + ca.dot(stated.lam, g)
+    curvature = ca.Function(
+        "second", [x, p, stated.sigma, stated.lam], [ca.hessian(lagrangian, x)[0]]
+    )
     at = problem.parameters(targets, limits)
     here = problem.unknowns(rng.uniform(0, 0.3, arm.n_tendons), limits, at)
     here = here + 1e-2 * rng.normal(size=here.size)
@@ -90,7 +93,7 @@ def check_derivatives(arm: Arm, scene: Scene, mode: Any, modes: int = 0) -> None
         other = dense(other)
         check_close(np.reshape(one, other.shape), other)
     lam = rng.normal(size=g.numel())
-    H = of.second(here, at, np.array([sigma]), lam).toarray()
+    H = of.second(here, at, sigma, lam).toarray()
     check_close(H, dense(curvature(here, at, sigma, lam)))
     assert np.abs(H - H.T).max() < 1e-12 * np.abs(H).max()
 
