@@ -25,9 +25,11 @@ from model.text import in_notebook
 from model.time_limit import time_limit
 from planner.answer import Answer
 from planner.avoidance.asked import Surroundings, surroundings
+from planner.contact.checks import check_contact, check_holds
 from planner.contact.grasp import Grip, grips_of
 from planner.contact.load_path import from_rest, is_same, rubs, settled_along
-from planner.contact.plan import ContactSearch, check_contact, check_holds, optimality_of
+from planner.contact.search import ContactSearch
+from planner.contact.stated import optimality_of
 from planner.contact.wrapping import beside, open_wrap, with_turns
 from planner.files import to_json, write_named
 from planner.following import searched

@@ -29,6 +29,8 @@ from model.transcription.system import System
 # First and least steps in the share of tensions and loads: with forces at nodes, with places that
 # move.
 _FIRST, _ROUGH, _LEAST = 0.25, 1 / 64, 1 / 256
+# The least where it may not jump: who asks for that comes nearer by itself.
+_LEAST_NEARBY = 1 / 16
 # The longest step with friction: as where a point rolls, which is not to count as slip.
 _WITH_FRICTION = 1 / 8
 # How often places may move in a step.
@@ -108,6 +110,7 @@ def _exactly(of: Question, before: Array, load: float, start: Settled, jumps: bo
     """Return the end of the way with places that move; see follow."""
     frictional = of.history is not None
     longest = _WITH_FRICTION if frictional else 1.0
+    least = _LEAST if jumps or frictional else _LEAST_NEARBY
     here, at, step, snaps = start, 0.0, min(_FIRST, longest), list[float]()
     last, stood = here.held.here, held_stands(start.held.here)
     while at < 1:
@@ -123,7 +126,7 @@ def _exactly(of: Question, before: Array, load: float, start: Settled, jumps: bo
             if jumps and stood and not held_stands(here.held.here):
                 here = _jumped(on, share, _pushed(here.held))
                 snaps.append(share)
-        elif step > _LEAST:
+        elif step > least:
             step /= 4
         elif not jumps:
             raise SnapError(at, "it jumps")

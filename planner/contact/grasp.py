@@ -181,7 +181,7 @@ def left_of(arm: Arm, shape: Shape, hold: Hold) -> Array:
 def needed_friction(shape: Shape, hold: Hold, accuracy: float) -> float:
     """Return the least coefficient of friction with which the wrench is balanced, at most 10.
 
-    To three digits; infinite where none is enough.
+    To three digits, and no more than what is given where that is enough; infinite where none is.
     """
     grasp, low, high = Grasp.of(shape, hold), 0.0, 10.0
 
@@ -192,6 +192,8 @@ def needed_friction(shape: Shape, hold: Hold, accuracy: float) -> float:
 
     if not balanced(high):
         return np.inf
+    if balanced(hold.friction):
+        high = min(high, hold.friction)
     while high - low > 1e-3 * high:
         middle = (low + high) / 2
         low, high = (low, middle) if balanced(middle) else (middle, high)

@@ -16,7 +16,7 @@ import numpy as np
 
 from model.paths import Array
 from model.progress import tell
-from model.time_limit import check_time
+from model.time_limit import OutOfTime, is_out_of_time
 from planner.contact.hessian import exact_hessian, of_targets, updated
 from planner.contact.program import Optimum, Program, lacking
 from planner.contact.quadratic import ACTIVE, optimum_at, quadratic_step
@@ -28,18 +28,22 @@ _LEAST, _MISSED = 1e-9, 1e-5
 _ACCEPTED, _GOOD = 0.05, 0.7
 # Of the penalty. Where targets are always missed it would grow without end.
 _PENALTY, _MOST = 10.0, 1e5
+# What counts as all of it.
+_ALL = 0.99
 # From this step on, and while targets lack less than this, each so many steps the Hessian is found
 # by differences; at once where the residual is as small as this.
 _ROUGH, _AGAIN, _CLOSE, _NEARLY = 4, 3, 1e-4, 1e-3
 # So many steps that make up for less than this share of what targets lack lead nowhere, as where
 # the arm has let go of what it is to hold.
 _STUCK, _LITTLE = 3, 1e-3
+# So many steps after which the arm would jump: it is at the edge of where it can be.
+_JUMPS = 8
 # A gain that may be rounding: of such steps the first-order residual tells, which has to fall so.
 _ROUNDING, _CLOSER = 1e-7, 0.8
 # Residual of an optimum.
 OPTIMAL = 3e-7
 # Ends of pieces beyond which is looked, how often, and how far; what that has to gain.
-_SIDES, _PROBES, _ACROSS, _GAINED = 2, 4, 1e-2, 1e-7
+_SIDES, _PROBES, _ACROSS, _GAINED, _PROBED = 2, 4, 1e-2, 1e-7, 20
 
 
 def solve(
@@ -47,12 +51,16 @@ def solve(
 ) -> Optimum:
     """Return the optimum that steps from a start lead to, beyond the pieces of contact as well.
 
-    With a residual of the first-order conditions below the one given.
+    With a residual of the first-order conditions below the one given; where they had got to once
+    the time limit is reached.
     """
     best = _descended(program, start, accuracy, residual)
     for _ in range(_PROBES):
-        ahead = _beyond(program, best)
-        found = [_descended(program, there, accuracy, residual) for there in ahead]
+        try:
+            ahead = _beyond(program, best)
+        except OutOfTime:
+            break
+        found = [_descended(program, there, accuracy, residual, _PROBED) for there in ahead]
         found = [replace(own, steps=best.steps + own.steps) for own in found]
         better = [own for own in found if _better(program, own, best, accuracy)]
         if not better:
@@ -82,18 +90,22 @@ def _beyond(program: Program, at: Optimum) -> list[SettledTerms]:
         jacobian = here.jacobian | {"inequality": here.jacobian["inequality"][keep]}
         free, B = replace(here, values=values, jacobian=jacobian), program.effort_hessian(here)
         there = program.moved(here, quadratic_step(program, free, B, _PENALTY, _ACROSS)[0])
-        if there is not None:
+        # Where much is lacking all of a sudden the arm has jumped, to no piece next to this one.
+        if there is not None and lacking(there) < _ACROSS + at.lacks:
             found.append(there)
     return found
 
 
-def _descended(program: Program, start: SettledTerms, accuracy: float, residual: float) -> Optimum:
-    """Return the optimum that steps from a start lead to, in the pieces that they meet."""
+def _descended(
+    program: Program, start: SettledTerms, accuracy: float, residual: float, most: int = _STEPS
+) -> Optimum:
+    """Return the optimum that at most so many steps lead to, in the pieces that they meet."""
     here, region, penalty, steps = start, _FIRST, _PENALTY, [start.tensions]
-    B, stuck = program.effort_hessian(here), 0
-    for count in range(_STEPS):
-        check_time()
-        tell("steps of the program with contact", count, _STEPS)
+    B, stuck, jumps = program.effort_hessian(here), 0, 0
+    for count in range(most):
+        if is_out_of_time():
+            break
+        tell("steps of the program with contact", count, most)
         best = optimum_at(program, here)
         if best.kkt < residual and lacking(here) < accuracy:
             break
@@ -108,14 +120,24 @@ def _descended(program: Program, start: SettledTerms, accuracy: float, residual:
         stuck = stuck + 1 if best.lacks > _CLOSE and less < _LITTLE * best.lacks else 0
         if stuck == _STUCK:
             break
-        most = max(float(np.abs(own).max(initial=0.0)) for own in lam[1:])
-        # What it took far from the targets would keep steps along them short.
-        least = _PENALTY if best.lacks < _CLOSE else penalty
-        penalty = max(least, min(2 * most, _MOST))
+        largest = max(float(np.abs(own).max(initial=0.0)) for own in lam[1:])
+        if largest > _ALL * penalty and less > _ALL * best.lacks and best.lacks < _CLOSE:
+            # Nothing will lack: the rows depend on each other, and share a multiplier at will.
+            lam = best.lam_bounds, best.lam_equality, best.lam_inequality
+            largest = max(float(np.abs(own).max(initial=0.0)) for own in lam[1:])
+        # What it took far from the targets would keep steps along them short, as would what is
+        # much more than the effort that they cost.
+        size = min(1.0, 2 * program.objective(here))
+        least = _PENALTY * size if best.lacks < _CLOSE else penalty
+        penalty = max(least, min(2 * largest, _MOST))
         gain = program.merit(here, penalty) - program.predicted(stated, step, penalty)
         there = _stepped(program, here, step, B, penalty, region, gain)
         fell = _fall(program, here, there, penalty)
-        if there is not None and gain < _ROUNDING and _closer(program, there, best, accuracy):
+        if (
+            there is not None
+            and gain < _ROUNDING * size
+            and _closer(program, there, best, accuracy)
+        ):
             B, here = updated(program, B, here, there, lam), there
             steps.append(here.tensions)
         elif there is None or fell < _ACCEPTED * gain or gain <= 0:
@@ -125,7 +147,7 @@ def _descended(program: Program, start: SettledTerms, accuracy: float, residual:
                 region = min(2 * region, _MOST_FAR)
             B, here = updated(program, B, here, there, lam), there
             steps.append(here.tensions)
-        if region < (_LEAST if lacking(here) < _CLOSE else _MISSED):
+        if jumps == _JUMPS or region < (_LEAST if lacking(here) < _CLOSE else _MISSED):
             break
     return replace(optimum_at(program, here), steps=tuple(steps))
 

@@ -1,0 +1,190 @@
+"""The search for plans in contact: load paths, optima on a rough mesh, the best on a fine one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from model.contact.forward import without_friction
+from model.errors import OctoplanError
+from model.paths import Array
+from model.progress import tell
+from model.time_limit import OutOfTime, check_time, time_limit
+from planner.contact.load_path import LoadPath, rubs
+from planner.contact.program import Optimum, Program
+from planner.contact.settled_terms import SettledTerms
+from planner.contact.sqp import OPTIMAL, solve
+from planner.contact.starts import starts
+from planner.contact.stated import FINE, ROUGH, along, program_of, tip_of
+from planner.program.statement import Mode
+from planner.solve.search_result import SearchResult, Trial
+from planner.solve.task import Task
+
+# How close optimum and targets are asked to be, over the accuracy.
+_CLOSER = 0.1
+# With friction, how far beyond what would do without it, of the way there.
+_SLID = (1.0, 1.5, 2.5)
+# Efforts of optima that are one: starts are enough where two lead there. The residual of an optimum
+# on the rough mesh, and of what steps left at an edge that is none.
+_SAME, _ABOUT, _EDGE = 1e-3, 1e-5, 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class ContactSearch:
+    """The search for the least tensions of an arm in contact.
+
+    Attributes
+    ----------
+    task : Task
+    begin : tuple of (n_tendons,) or None
+        The load path to an equilibrium nearby, its tensions last; it is tried before others, and
+        with friction, that acts against the motion from there, alone.
+    """
+
+    task: Task
+    begin: LoadPath | None = None
+
+    def run(self, seconds: float | None) -> SearchResult:
+        """Return the best optimum from the starts, or the best so far after so long."""
+        found = list[LocalOptimum]()
+        stopped, best = False, None
+        try:
+            with time_limit(seconds):
+                for load_path in self._load_paths():
+                    found += self._from(load_path)
+                    if (load_path == self.begin and self._met(found)) or self._agree(found):
+                        break
+                best = self._finished(found) if found else None
+                check_time()
+        except OutOfTime:
+            stopped, best = True, best or self._best(found)
+        return self._result(found, best, stopped)
+
+    def _result(
+        self, found: list[LocalOptimum], best: LocalOptimum | None, stopped: bool
+    ) -> SearchResult:
+        """Return what is told of the best; of where the search began where there is none."""
+        ends = [own.optimum for own in found]
+        trials = tuple(Trial(own.effort, own.lacks < self._close, 0) for own in ends)
+        exact = best is not None and best.optimum.lacks < self._close
+        mode: Mode = "exact" if exact else "nearest"
+        statement = self.task.statement.but(mode=mode, scheme="gauss6", refinement=FINE)
+        if best is None:
+            *way, last = self.begin or (self.task.allowed.lower,)
+            T = self.task.arm.by_section(np.array(last))
+            return SearchResult(statement, T, (), (), trials, stopped, load_path=tuple(way))
+        end = best.optimum
+        T = self.task.arm.by_section(end.terms.tensions)
+        lam = tuple(end.lam_bounds.tolist()), tuple(end.lam_equality.tolist())
+        return SearchResult(statement, T, *lam, trials, stopped, load_path=best.load_path)
+
+    @property
+    def _close(self) -> float:
+        return self.task.accuracy
+
+    def _met(self, found: list[LocalOptimum]) -> list[LocalOptimum]:
+        return [own for own in found if own.optimum.lacks < self._close]
+
+    def _agree(self, found: list[LocalOptimum]) -> bool:
+        """Return whether two starts led to one optimum, the best so far."""
+        met = [own for own in self._met(found) if own.optimum.kkt < _EDGE]
+        efforts = sorted(own.optimum.effort for own in met)
+        return len(efforts) > 1 and efforts[1] <= efforts[0] * (1 + _SAME)
+
+    def _best(self, found: list[LocalOptimum]) -> LocalOptimum | None:
+        """Return the optimum of least effort of those that meet the targets, else the nearest.
+
+        Before those where steps ended at an edge beyond which the arm jumps.
+        """
+        if met := self._met(found):
+            return min(met, key=lambda own: (own.optimum.kkt > _EDGE, own.optimum.effort))
+        return min(found, key=lambda own: own.optimum.lacks, default=None)
+
+    def _load_paths(self) -> list[LoadPath]:
+        """Return load paths to begin with: to what is near, then straight ones from rest."""
+        own = [] if self.begin is None else [self.begin]
+        if self.begin is not None and rubs(self.task.scene):
+            slid = self._slid(self.begin)[: self.task.starts]
+            return [(*self.begin, tuple(T.tolist())) for T in slid]
+        most = max(self.task.starts - len(own), 0) if self.task.starts else None
+        return own + [(tuple(T.tolist()),) for T in starts(self.task, self._rough)[:most]]
+
+    def _from(self, load_path: LoadPath) -> list[LocalOptimum]:
+        """Return the optimum that a load path leads to; none where the arm comes to no rest."""
+        tell("initial guesses")
+        check_time()
+        program = self._rough
+        last = np.clip(load_path[-1], program.lower, program.upper)
+        try:
+            start = along(program, (*load_path[:-1], tuple(last.tolist())))
+            end = solve(program, start, _CLOSER * self.task.accuracy, _ABOUT)
+        except OctoplanError:
+            return []
+        if self.begin is not None and program.has_history:
+            return [LocalOptimum(end, self.begin)]
+        return [LocalOptimum(end, (*load_path[:-1], tuple(last.tolist())))]
+
+    def _finished(self, found: list[LocalOptimum]) -> LocalOptimum | None:
+        """Return the best optimum on a fine mesh, where a load path leads to it."""
+        left, program, edge = list(found), program_of(self.task, FINE, self.begin), None
+        while left:
+            best = self._best(left)
+            assert best is not None
+            ways = [best.load_path] if rubs(self.task.scene) else best.load_paths()
+            for load_path in ways:
+                start = self._there(program, load_path, best.optimum.terms)
+                if start is not None:
+                    end = solve(program, start, _CLOSER * self.task.accuracy)
+                    own = LocalOptimum(end, load_path)
+                    if self._there(program, load_path, end.terms) is None:
+                        continue
+                    if end.kkt < 3 * OPTIMAL or not self._met([own]):
+                        return edge or own
+                    edge = edge or own
+                    break
+            left.remove(best)
+        return edge or self._best(found)
+
+    @cached_property
+    def _rough(self) -> Program:
+        return program_of(self.task, ROUGH, self.begin)
+
+    def _there(
+        self, program: Program, load_path: LoadPath, terms: SettledTerms
+    ) -> SettledTerms | None:
+        """Return the terms under these tensions on a load path; None if it leads elsewhere."""
+        try:
+            found = along(program, (*load_path, tuple(terms.tensions.tolist())))
+        except OctoplanError:
+            return None
+        off = np.abs(tip_of(found) - tip_of(terms)).max()
+        return found if off < 0.01 * self.task.arm.length else None
+
+    def _slid(self, begin: LoadPath) -> list[Array]:
+        """Return tensions as far as, and beyond, what the target takes without friction.
+
+        Where the arm still sticks no tensions tell how to move it.
+        """
+        smooth = replace(self.task, scene=without_friction(self.task.scene))
+        before = np.array(begin[-1])
+        found = ContactSearch(replace(smooth, starts=1), begin).run(None)
+        if found.statement.mode != "exact":
+            found = ContactSearch(smooth).run(None)
+        way = np.ravel(found.tensions) - before
+        return [np.maximum(before + share * way, 0.0) for share in _SLID]
+
+
+@dataclass(frozen=True, eq=False)
+class LocalOptimum:
+    """An optimum, and the load path to where its steps began."""
+
+    optimum: Optimum
+    load_path: LoadPath
+
+    def load_paths(self) -> list[LoadPath]:
+        """Return load paths to the optimum: from rest alone, then by more and more of the steps."""
+        steps = [tuple(T.tolist()) for T in self.optimum.steps]
+        parts = [steps[:: len(steps) // 2**n] for n in range(len(steps).bit_length())]
+        return [(), self.load_path, *((*self.load_path, *part[1:]) for part in parts)]
