@@ -69,10 +69,15 @@ class InC:
     """x, p[, lam] -> the sum (size,) of what repeated kernels add, to the digits of CasADi's.
 
     Calls from several threads do not meet. Raises CompilerError.
+
+    Attributes
+    ----------
+    terms, count
+        Address and number of the term_t that other C evaluates.
     """
 
     def __init__(self, parts: Sequence[Repeated], size: int) -> None:
-        self._size, self._kept = size, [_tables(part) for part in parts]
+        self.size, self._kept = size, [_tables(part) for part in parts]
         runs = _compiled([part.kernel for part in parts])
         self._terms = (_Term * len(parts))(
             *(
@@ -80,20 +85,21 @@ class InC:
                 for run, own, part in zip(runs, self._kept, parts, strict=True)
             )
         )
-        self._run, self._at = _evaluate(), ctypes.addressof(self._terms)
+        self._run = evaluator()
+        self.terms, self.count = ctypes.addressof(self._terms), len(parts)
 
     def __call__(self, x: Array, p: Array, lam: Array | None = None) -> list[Array]:
         """Return the sum as a row (1, size)."""
         x, p = (np.ascontiguousarray(part, dtype=float) for part in (x, p))
         lam = x if lam is None else np.ascontiguousarray(lam, dtype=float)
-        found = np.zeros((1, self._size))
+        found = np.zeros((1, self.size))
         given = (part.ctypes.data for part in (x, p, lam, found))
-        self._run(self._at, len(self._terms), *given)
+        self._run(self.terms, self.count, *given)
         return [found]
 
     def many(self, x: Array, p: Array) -> Array:
         """Return the sums (N, size) of many x (N, n_x) with numbers that all share."""
-        return np.array([self(row, p)[0][0] for row in x]).reshape(len(x), self._size)
+        return np.array([self(row, p)[0][0] for row in x]).reshape(len(x), self.size)
 
 
 def can_be_in_c(parts: Sequence[Repeated]) -> bool:
@@ -137,7 +143,8 @@ def _library(kernel: ca.Function) -> Any:
 
 
 @lru_cache(maxsize=1)
-def _evaluate() -> Any:
+def evaluator() -> Any:
+    """Return the function of terms.c."""
     source = files("model.machine").joinpath("terms.c").read_text(encoding="utf-8")
     run = ctypes.CDLL(str(library(source, "-O2"))).evaluate
     at = ctypes.c_void_p

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse.linalg import splu
 
 from model.equilibrium.forward import Collocation, Known
-from model.equilibrium.linearised import Linearised
+from model.equilibrium.linearised import Linearised, band
 from model.equilibrium.newton import newton
 from model.equilibrium.stability import least_modes, stands
 from model.errors import OctoplanError, SingularError
 from model.paths import Array
+from planner.program.condensed_in_c import CondensedInC
 from planner.program.objective import Rows
 from planner.program.program import Program
 from planner.program.reduced import Eliminated, Reduced
@@ -21,7 +23,7 @@ from planner.program.states import States
 
 # Newton's steps of the states after a change of what comes before them, with the factorisation from
 # before it: how many at most, the size that does, and that from which on they have to shrink.
-_FOLLOWED, _NEAR, _SHRINKS = 5, 0.1, 0.9
+_RULES = _FOLLOWED, _NEAR, _SHRINKS = 5, 0.1, 0.9
 
 
 class _Memory(threading.local):
@@ -34,21 +36,18 @@ class _Memory(threading.local):
 
 
 class Condensed:
-    """Unknowns a are those of a program before the states.
-
-    Attributes
-    ----------
-    in_c : None
-        There is no C of all of it; see Explicit.
-    """
-
-    in_c = None
+    """Unknowns a are those of a program before the states."""
 
     def __init__(self, program: Program, forward: Collocation, states: States) -> None:
         self.program, self.forward, self.states = program, forward, states
         self.rows: tuple[Rows, ...] = program.outer_rows
         self.n, self.m = program.n_free, sum(row.size for row in self.rows)
         self._last = _Memory()
+
+    @cached_property
+    def in_c(self) -> CondensedInC | None:
+        """The program as other C calls it, where all of it is compiled."""
+        return CondensedInC.of(self.program, band(self.forward.system.of), _RULES)
 
     def forget(self, near: Known | None = None) -> None:
         """Begin afresh: what is found next does not depend on what was found before.
@@ -138,7 +137,7 @@ class Condensed:
         assert here.states is not None
         x, last = here.x.copy(), np.inf
         x[: self.n] += change
-        x[self.n :] += here.states.shift + here.states.Z @ change
+        x[self.n :] += here.states.following(change)
         for _ in range(_FOLLOWED):
             step = here.states.solve(self.program.equilibrium(x, p), False)
             size = float(np.abs(step).max())
@@ -228,35 +227,37 @@ class Condensed:
         f, gradient, g, J = self.program.first(x, p)
         gradient, g, J = gradient[0], g[0], J.T
         try:
-            shift, Z, solve = self._eliminated(x, p, here)
+            moves, solve = self._eliminated(x, p, here)
         except (SingularError, RuntimeError):  # "exactly singular", in SciPy's words
             return None
-        states = Eliminated(shift, Z, gradient[n:], J[:, n:], solve)
-        moved = g + states.g_S @ shift, J[:, :n] + states.g_S @ Z
-        return Reduced(x, float(f[0, 0]), gradient[:n] + Z.T @ states.f_S, *moved, states)
+        slopes = np.asfortranarray(np.vstack([J[:, n:], gradient[n:]]))
+        states = Eliminated(moves, slopes, solve)
+        moved = states.moved()
+        own = gradient[:n] + moved[-1, :n], g + moved[:-1, n], J[:, :n] + moved[:-1, :n]
+        return Reduced(x, float(f[0, 0]), *own, states)
 
     def _eliminated(
         self, x: Array, p: Array, here: Linearised
-    ) -> tuple[Array, Array, Callable[[Array, bool], Array]]:
-        """Return z, Z, and the solution of linear systems with c_S or its transpose.
+    ) -> tuple[Array, Callable[[Array, bool], Array]]:
+        """Return (Z, z), and the solution of linear systems with c_S or its transpose.
 
         The load factor, which stays, has a row of zeros.
         """
         n, unit = self.n, self._unit(p)
-        Z, shift = np.zeros((x.size - n, n)), np.zeros(x.size - n)
+        moves = np.zeros((x.size - n, n + 1), order="F")
         if self.program.blocks.n_answers:
             inner = self.program.inner(x, p)
             factor = splu(inner[:, n + 1 :])
-            Z[1:] = -factor.solve(inner[:, :n].toarray())
-            shift[1:] = -factor.solve(self.program.equilibrium(x, p))
-            return shift, Z, lambda right, transposed: factor.solve(right, "NT"[transposed])
+            moves[1:, :n] = -factor.solve(inner[:, :n].toarray())
+            moves[1:, n] = -factor.solve(self.program.equilibrium(x, p))
+            return moves, lambda right, transposed: factor.solve(right, "NT"[transposed])
         column, row = self.states.scale[1:], self.states.row_scale
-        Z[1:, : unit.size] = here.by_tensions * unit / column[:, None]
-        shift[1:] = -here.solve(here.residual) / column
+        moves[1:, : unit.size] = here.by_tensions * unit / column[:, None]
+        moves[1:, n] = -here.solve(here.residual) / column
 
         def solve(right: Array, transposed: bool) -> Array:
             if transposed:
                 return np.asarray(row * here.solve(right / column, True))
             return np.asarray(here.solve(right * row) / column)
 
-        return shift, Z, solve
+        return moves, solve

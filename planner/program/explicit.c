@@ -72,12 +72,14 @@ static void keep(const explicit_t *p, double **found, long f, long g) {
   memcpy(p->g, found[g], p->m * sizeof(double));
 }
 
-int explicit_value(explicit_t *p, const double *x) {
+/* Below 0 where that fails. */
+int explicit_value(explicit_t *p, const double *x, const double *change) {
+  (void)change;
   take_tensions(p, x);
   p->poses_of(p->along.arm, p->along.found, p->along.T);
   p->strains_of(p->slim.arm, p->slim.found, p->slim.T, 0, p->r);
   give(p, &p->value, x);
-  if (!ran(p, &p->value)) return 0;
+  if (!ran(p, &p->value)) return -1;
   keep(p, p->value.found, 0, 1);
   return 1;
 }

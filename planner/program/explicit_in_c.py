@@ -21,6 +21,7 @@ from model.machine.libraries import library
 from model.paths import Array
 from model.unloaded.steps_in_c import FUNCTIONS, Room, StepsInC
 from planner.program.expressions import Outer
+from planner.program.in_c import Function, pointers
 
 _SIZES = ("n", "n_free", "m", "K", "r", "n_weights")
 _PLACE = ("arm", "found", "T", "weights", "hessian", "poses", "jacobian", "strains", "by_tensions")
@@ -33,12 +34,6 @@ class _Place(ctypes.Structure):
     _fields_ = tuple((name, ctypes.c_void_p) for name in _PLACE)
 
 
-class _Function(ctypes.Structure):
-    """See function_t."""
-
-    _fields_ = tuple((name, ctypes.c_void_p) for name in ("run", "given", "found"))
-
-
 class _Program(ctypes.Structure):
     """See explicit_t."""
 
@@ -47,7 +42,7 @@ class _Program(ctypes.Structure):
         *((name, ctypes.c_void_p) for name in ("seen", "unit", "f", "g")),
         *((name, _Place) for name in ("along", "slim")),
         *((name, ctypes.c_void_p) for name in (*FUNCTIONS, "call", "drop")),
-        *((name, _Function) for name in _OF_TARGETS),
+        *((name, Function) for name in _OF_TARGETS),
     )
 
 
@@ -61,7 +56,7 @@ class ExplicitInC:
         """Return objective and constraints."""
         here = self.lent(p)
         here.seen, x = None, _whole(x)
-        self._run.explicit_value(here.program, pointer(x))
+        self._run.explicit_value(here.program, pointer(x), pointer(x))
         return float(here.f[0]), here.g.copy()
 
     def first(self, x: Array, p: Array) -> tuple[float, Array, Array, Array]:
@@ -104,6 +99,8 @@ class Lent:
     program : pointer to an explicit_t
     f (1,), g (m,), gradient (n_free,), jacobian (m, n_free), hessian (n_free, n_free) : Array
         What is found, in place.
+    more (n_free,), off (1,) : Array
+        What states would add, see Lent of planner.program.condensed_in_c: nothing.
     seen : (n_free,) or None
         Where first derivatives were found last; whoever calls the C keeps that true.
     """
@@ -118,14 +115,14 @@ class Lent:
         self.gradient, self.jacobian, self.hessian = first[1][0], first[3].T, second[0]
         m, n_free = self.jacobian.shape
         self.f, self.g, self._unit = np.empty(1), np.empty(m), np.empty(steps.n)
+        self.more, self.off = np.zeros(n_free), np.zeros(1)
         sizes = steps.n, n_free, m, steps.seen.size, len(slim.strains), along.weights.size
         numbers = (values.ctypes.data for values in (steps.seen, self._unit, self.f, self.g))
         places = (_Place(room.arm, room.found, *_addresses(room)) for room in rooms)
         codes = *steps.functions, *runners()
-        arrays = [(_pointers(given), _pointers(found)) for given, found, _, _ in functions]
+        arrays = [(pointers(given), pointers(found)) for given, found, _, _ in functions]
         of_targets = (
-            _Function(id(own[2]), *map(ctypes.addressof, both))
-            for own, both in zip(functions, arrays, strict=True)
+            Function.of(own[2], *both) for own, both in zip(functions, arrays, strict=True)
         )
         self._program = _Program(*sizes, *numbers, *places, *codes, *of_targets)
         self.program = ctypes.c_void_p(ctypes.addressof(self._program))
@@ -139,6 +136,14 @@ class Lent:
             self._unit[:] = p[-self._unit.size :]
             self.seen = None
 
+    def begin(self, x: Array) -> None:
+        """Begin at unknowns x, of which no derivatives are known."""
+        self.seen = None
+
+    def whole(self, x: Array) -> Array:
+        """Return all unknowns: there are no states."""
+        return x
+
 
 def _whole(values: Array) -> Array:
     """Return numbers one after the other, as C reads them."""
@@ -147,10 +152,6 @@ def _whole(values: Array) -> Array:
 
 def _addresses(room: Room) -> list[int]:
     return [getattr(room, name).ctypes.data for name in _PLACE[2:]]
-
-
-def _pointers(values: list[Array]) -> Any:
-    return (ctypes.c_void_p * len(values))(*(own.ctypes.data for own in values))
 
 
 @lru_cache(maxsize=1)

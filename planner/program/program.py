@@ -94,50 +94,68 @@ class Program:
     @_QUIET
     def equilibrium(self, x: Array, p: Array) -> Array:
         """Return the equations of equilibrium (n_rows,)."""
-        found = self._value(x * self._whole(p), p[self.parts.numbers])[0][0]
+        found = self.value_call(x * self.whole(p), p[self.parts.numbers])[0][0]
         return np.asarray(found / p[self.parts.row_scale])
 
     @_QUIET
     def inner(self, x: Array, p: Array) -> csc_array:
         """Return the Jacobian of the equations of equilibrium (n_rows, size)."""
-        whole, (call, places) = self._whole(p), self._jacobian
-        nonzeros = call(x * whole, p[self.parts.numbers])[0][0]
+        whole, places = self.whole(p), self.jacobian_places
+        nonzeros = self.jacobian_call(x * whole, p[self.parts.numbers])[0][0]
         scaled = nonzeros * whole[places.columns] / p[self.parts.row_scale][places.rows]
         return places.matrix(scaled)
 
     @_QUIET
     def second(self, x: Array, p: Array, sigma: float, lam: Array) -> Curvature:
         """Return the Hessian of sigma f + lam . g (size, size), all of it."""
-        whole, (call, places), m = self._whole(p), self._hessian, lam.size - self.blocks.n_rows
-        own, own_places = self._outer_hessian
+        whole, m = self.whole(p), lam.size - self.blocks.n_rows
         multipliers = lam[m:] / p[self.parts.row_scale]
-        nonzeros = call(x * whole, p[self.parts.numbers], multipliers)[0][0]
-        outer = own(x, p, np.array([sigma]), lam)[0].ravel()
-        return Curvature(own_places.matrix(outer), places.matrix(nonzeros), whole)
+        nonzeros = self.hessian_call(x * whole, p[self.parts.numbers], multipliers)[0][0]
+        outer = self.outer_hessian(x, p, np.array([sigma]), lam[:m])[0].ravel()
+        own = self.outer_hessian_places.matrix(outer)
+        return Curvature(own, self.hessian_places.matrix(nonzeros), whole)
 
-    def _whole(self, p: Array) -> Array:
+    def whole(self, p: Array) -> Array:
         """Return what one unit of each unknown is worth (size,)."""
         unit, scale = p[self.parts.unit], p[self.parts.scale]
         return np.concatenate([unit, np.ones(self.n_free - unit.size), scale])
 
     @cached_property
-    def _value(self) -> Buffered | InC:
+    def value_call(self) -> Buffered | InC:
+        """The equations in their own unknowns and numbers."""
         return self.equations.call("value")
 
     @cached_property
-    def _jacobian(self) -> tuple[Buffered | InC, Nonzeros]:
-        return self.equations.call("jacobian"), Nonzeros.of(self.equations.places("jacobian"))
+    def jacobian_call(self) -> Buffered | InC:
+        """The nonzeros of their Jacobian."""
+        return self.equations.call("jacobian")
 
     @cached_property
-    def _hessian(self) -> tuple[Buffered | InC, Nonzeros]:
-        return self.equations.call("hessian"), Nonzeros.of(self.equations.places("hessian"))
+    def jacobian_places(self) -> Nonzeros:
+        """Where these are."""
+        return Nonzeros.of(self.equations.places("jacobian"))
 
     @cached_property
-    def _outer_hessian(self) -> tuple[Buffered, Nonzeros]:
+    def hessian_call(self) -> Buffered | InC:
+        """The nonzeros of the Hessian of multipliers . equations."""
+        return self.equations.call("hessian")
+
+    @cached_property
+    def hessian_places(self) -> Nonzeros:
+        """Where these are."""
+        return Nonzeros.of(self.equations.places("hessian"))
+
+    @cached_property
+    def outer_hessian(self) -> Buffered:
+        """x, p, sigma, lam -> nonzeros of the Hessian of sigma f + lam . g without equilibrium."""
         of = self.symbols
-        given, found = [of.x, of.p, of.sigma, of.lam], of.outer_hessian
-        function = ca.Function("outer_hessian", given, [found.nz[:]])
-        return Buffered(function), Nonzeros.of(found.sparsity())
+        given = [of.x, of.p, of.sigma, of.outer_lam]
+        return Buffered(ca.Function("outer_hessian", given, [of.outer_hessian.nz[:]]))
+
+    @cached_property
+    def outer_hessian_places(self) -> Nonzeros:
+        """Where these are."""
+        return Nonzeros.of(self.symbols.outer_hessian.sparsity())
 
 
 def program(

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.blas import dgemm, dgemv
 from scipy.sparse import csc_array
 
 from model.paths import Array
@@ -63,32 +64,40 @@ class Eliminated:
 
     Attributes
     ----------
-    shift : (size - n,)
-        z, what they lack to equilibrium.
-    Z : (size - n, n)
-        How they move with the unknowns before them.
-    f_S : (size - n,)
-    g_S : (m, size - n)
-        Derivatives of objective and constraints by the states.
+    moves : (size - n, n + 1)
+        Z, how they move with the unknowns before them, and z, what they lack to equilibrium.
+    slopes : (m + 1, size - n)
+        Derivatives of constraints and, last, of the objective by the states.
     solve : right-hand side, transposed -> solution of systems with c_S
     """
 
-    shift: Array
-    Z: Array
-    f_S: Array
-    g_S: Array
+    moves: Array
+    slopes: Array
     solve: Callable[[Array, bool], Array]
+
+    @property
+    def shift(self) -> Array:
+        """What the states lack to equilibrium, z (size - n,)."""
+        return self.moves[:, -1]
+
+    def moved(self) -> Array:
+        """Return what the states add (m + 1, n + 1) to derivatives and, last, values."""
+        return np.asarray(dgemm(1.0, self.slopes, self.moves))
+
+    def following(self, change: Array) -> Array:
+        """Return how the states move, to first order, to equilibrium after a change (n,)."""
+        return np.asarray(dgemv(1.0, self.moves[:, :-1], change, beta=1.0, y=self.shift))
 
     def multipliers(self, sigma: float, lam: Array) -> Array:
         """Return the multipliers mu of equilibrium; the load factor, which stays, has none."""
-        return -self.solve((sigma * self.f_S + self.g_S.T @ lam)[1:], True)
+        weighted = dgemv(1.0, self.slopes, np.append(lam, sigma), trans=1)
+        return -self.solve(weighted[1:], True)
 
     def hessian(self, H: Curvature) -> tuple[Array, Array]:
         """Return (1, Z)^T H (1, Z), (n, n), and (1, Z)^T H (0, z), (n,), of H."""
-        n = self.Z.shape[1]
-        moved = np.zeros((n + self.shift.size, n + 1))
-        moved[:n, :n], moved[n:, :n], moved[n:, n] = np.eye(n), self.Z, self.shift
-        found = moved[:, :n].T @ (H @ moved)
+        n = self.moves.shape[1] - 1
+        moved = np.vstack([np.eye(n, n + 1), self.moves])
+        found = dgemm(1.0, (H @ moved).T, moved.T[:n], trans_b=True).T
         return found[:, :n], found[:, n]
 
 

@@ -23,8 +23,8 @@ class Symbols:
     ----------
     x, p, f, outer : casadi.MX
         Unknowns, parameters, objective, constraints besides the equations of equilibrium.
-    sigma, lam : casadi.MX
-        Weights of objective and constraints.
+    sigma, outer_lam, lam : casadi.MX
+        Weights of the objective, of the constraints besides equilibrium, and of all.
     """
 
     def __init__(
@@ -35,17 +35,14 @@ class Symbols:
         equations: Equations,
         parts: Parts,
     ) -> None:
-        self.objective, self.blocks, self.equations, self.parts = (
-            objective,
-            blocks,
-            equations,
-            parts,
-        )
+        self.objective, self.blocks = objective, blocks
+        self.equations, self.parts = equations, parts
         self.x, self.p = ca.MX.sym("x", equations.n_x), ca.MX.sym("p", parts.size)
         self.sigma = ca.MX.sym("sigma")
         f, outer = self._outer(seen)
         eigenvalues = (self.x[place] for place in blocks.eigenvalues)
         self.f, self.outer = f, ca.vertcat(outer, *eigenvalues, self.x[blocks.lengths])
+        self.outer_lam = ca.MX.sym("lam", self.outer.numel())
         self.lam = ca.MX.sym("lam", self.outer.numel() + blocks.n_rows)
 
     @cached_property
@@ -60,8 +57,8 @@ class Symbols:
 
     @cached_property
     def outer_hessian(self) -> ca.MX:
-        """The Hessian of sigma f + lam . g without equilibrium."""
-        weighted = self.sigma * self.f + ca.dot(self.lam[: self.outer.numel()], self.outer)
+        """The Hessian of sigma f + outer_lam . outer."""
+        weighted = self.sigma * self.f + ca.dot(self.outer_lam, self.outer)
         return ca.hessian(weighted, self.x)[0]
 
     @cached_property
@@ -85,10 +82,13 @@ class Symbols:
         """The Hessian of sigma f + lam . g."""
         function, places = self.equations.hessian
         whole, row_scale = self._whole, self.p[self.parts.row_scale]
-        lam = self.lam[self.outer.numel() :] / row_scale
-        nonzeros = function(self.x * whole, self.p[self.parts.numbers], lam)
+        m = self.outer.numel()
+        nonzeros = function(self.x * whole, self.p[self.parts.numbers], self.lam[m:] / row_scale)
         row, column = places.row(), places.get_col()
-        return self.outer_hessian + ca.MX(places, nonzeros * whole[column] * whole[row])
+        given = [self.x, self.p, self.sigma]
+        outer = ca.Function("outer", [*given, self.outer_lam], [self.outer_hessian])
+        own = outer(*given, self.lam[:m])
+        return own + ca.MX(places, nonzeros * whole[column] * whole[row])
 
     @property
     def _whole(self) -> ca.MX:

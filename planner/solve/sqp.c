@@ -4,16 +4,18 @@
 #include <math.h>
 #include <string.h>
 
-/* A program of n unknowns and m constraints. Its functions return 0 where they fail: `value` finds f
-   and g, `first` also their derivatives, `second` the Hessian H of sigma f + lam . g where `first` was last;
-   what is found is at the pointers. */
+/* A program of n unknowns and m constraints, which may have states that follow. `value` finds f and g at x,
+   a change from where `first` was last, and returns 0 where the states do not follow, less where it fails.
+   `first` finds f, g and their derivatives where `value` was last, `second` the Hessian H of
+   sigma f + lam . g where `first` was; they return 0 where they fail. What is found is at the pointers,
+   with the slope that states off equilibrium add (`more`), and how far they are off. */
 typedef struct {
   long n, m;
   void *self;
-  int (*value)(void *self, const double *x);
+  int (*value)(void *self, const double *x, const double *change);
   int (*first)(void *self, const double *x);
   int (*second)(void *self, const double *x, double sigma, const double *lam);
-  const double *f, *gradient, *g, *J, *H;
+  const double *f, *g, *gradient, *J, *H, *more, *off;
 } program_t;
 
 /* A solver of quadratic programs that CasADi runs (`call` runs it, `drop` what that returns): what it
@@ -84,7 +86,7 @@ static double merit(const program_t *p, const asked_t *a, double weight) {
 }
 
 static double residual(const program_t *p, const asked_t *a, const point_t *at) {
-  double violated = 0.0, worst = 0.0;
+  double violated = *p->off, worst = 0.0;
   for (long i = 0; i < p->m; ++i) violated = fmax(violated, violation(a, at->g, i));
   for (long j = 0; j < p->n; ++j)
     if (!at->held[j]) worst = fmax(worst, fabs(at->slope[j]));
@@ -189,7 +191,7 @@ static int step(const program_t *p, quadratic_t *q, const asked_t *a, const rule
       sum += column[i] * (at->lam[i] + lack[k] / soft);
       for (long l = 0; l < n; ++l) square[l] += column[i] * p->J[l * m + i];
     }
-    q->slope[j] = p->gradient[j] + sum;
+    q->slope[j] = p->gradient[j] + p->more[j] + sum;
     for (long l = 0; l < n; ++l) q->H[j * n + l] += square[l] / soft;
     q->lbx[j] = fmax(a->lbx[j] - at->x[j], -r->longest);
     q->ubx[j] = fmin(a->ubx[j] - at->x[j], r->longest);
@@ -213,19 +215,25 @@ static int step(const program_t *p, quadratic_t *q, const asked_t *a, const rule
   return is_finite(change, n) && is_finite(after, m);
 }
 
-/* Go along a step as far as it helps: unknowns there, and its share; below 0 where that fails. */
+/* Go along a step as far as it helps: unknowns there, and its share; below 0 where that fails. Room: 2 n. */
 static double line(const program_t *p, const asked_t *a, const rules_t *r, const point_t *at,
-                   const double *change, double weight, double *trial) {
+                   const double *change, double weight, double *trial, double *room) {
   const double before = merit(p, a, weight), most = most_of(change, p->n);
-  double share = 1.0;
+  double share = 1.0, *there = room, *way = room + p->n;
+  memcpy(trial, at->x, p->n * sizeof(double));
   for (long k = 0; k < r->halved; ++k) {
     for (long j = 0; j < p->n; ++j) {
       const double inside = fmin(fmax(at->x[j] + share * change[j], a->lbx[j]), a->ubx[j]);
-      trial[j] = at->x[j] + (inside - at->x[j]);
+      way[j] = inside - at->x[j];
+      there[j] = at->x[j] + way[j];
     }
-    if (!p->value(p->self, trial)) return -1.0;
-    const double now = merit(p, a, weight);
-    if (isfinite(now) && (now < before || share * most < r->local)) break;
+    const int followed = p->value(p->self, there, way);
+    if (followed < 0) return -1.0;
+    if (followed) {
+      memcpy(trial, there, p->n * sizeof(double));
+      const double now = merit(p, a, weight);
+      if (isfinite(now) && (now < before || share * most < r->local)) break;
+    }
     share /= 2;
   }
   return share;
@@ -242,7 +250,7 @@ int run(const program_t *p, quadratic_t *q, const asked_t *a, const rules_t *r, 
     if (at->joined >= 0 || at->met || at->steps == r->most || creeps(r, at)) return 1;
     if (!step(p, q, a, r, at, change, after)) return 1;
     const double weight = 2 * most_of(after, p->m) + 1e-3;
-    const double share = line(p, a, r, at, change, weight, trial);
+    const double share = line(p, a, r, at, change, weight, trial, at->room);
     if (share < 0 || !p->first(p->self, trial) || !isfinite(*p->f)) return 1;
     double most = 0.0;
     for (long i = 0; i < p->m; ++i) {

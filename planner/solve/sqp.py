@@ -24,6 +24,7 @@ from scipy.linalg.lapack import dpotrf
 from model.paths import Array
 from model.time_limit import check_time
 from planner.program.condensed import Condensed
+from planner.program.condensed_in_c import CondensedInC
 from planner.program.explicit import Explicit
 from planner.program.explicit_in_c import ExplicitInC
 from planner.program.problem import Bounds, Problem
@@ -103,7 +104,7 @@ def solve_quadratic(
 
 
 def _by_c(
-    program: ExplicitInC,
+    program: ExplicitInC | CondensedInC,
     p: Array,
     bounds: Bounds,
     known: Sequence[Solution],
@@ -112,7 +113,8 @@ def _by_c(
     lam: Array,
 ) -> Solution | None:
     check_time()
-    x = np.clip(x, *bounds[:2])
+    n = bounds[0].size
+    x = np.concatenate([np.clip(x[:n], *bounds[:2]), x[n:]])
     done = run(program, p, bounds, known, {**_RULES, "most": most}, x, lam)
     if done is None:
         return None

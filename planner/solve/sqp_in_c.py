@@ -17,11 +17,13 @@ import numpy as np
 from model.machine.buffered import runners
 from model.machine.libraries import library
 from model.paths import Array
+from planner.program.condensed_in_c import CondensedInC
 from planner.program.explicit_in_c import ExplicitInC
+from planner.program.in_c import FOUND
 from planner.solve.ipopt import Solution
 from planner.solve.quadratic import quadratic
 
-_PROGRAM = ("self", "value", "first", "second", "f", "gradient", "g", "J", "H")
+_PROGRAM = ("self", "value", "first", "second", *FOUND)
 _QUADRATIC = ("run", "call", "drop", "H", "slope", "A", "lba", "uba", "lbx", "ubx", "change", "own")
 _ASKED = ("lbx", "ubx", "lbg", "ubg", "known", "equal", "uneven")
 _COUNTS = ("n_equal", "n_uneven", "n_known")
@@ -69,7 +71,7 @@ class _Point(ctypes.Structure):
 
 
 def run(
-    program: ExplicitInC,
+    program: ExplicitInC | CondensedInC,
     p: Array,
     bounds: tuple[Array, ...],
     known: Sequence[Solution],
@@ -77,32 +79,32 @@ def run(
     x: Array,
     lam: Array,
 ) -> tuple[Solution, int] | None:
-    """Return where steps from unknowns x and multipliers lead, and which known optimum that is.
+    """Return where steps from all unknowns x and multipliers lead, and which known optimum that is.
 
     The place is below 0 where it is none; there is no solution where not even x is a point. Rules
     are those of planner.solve.sqp.
     """
-    n, m = x.size, lam.size
+    n, m = bounds[0].size, lam.size
     lent, values = program.lent(p), [np.ascontiguousarray(b, dtype=float) for b in bounds]
-    lent.seen = None
+    lent.begin(x)
     equal = np.equal(values[2], values[3])
     uneven = np.flatnonzero(~equal).astype(_WHOLE)
     which = np.flatnonzero(equal).astype(_WHOLE), uneven
     optima = np.array([one.x[:n] for one in known], dtype=float)
     given = [*values, optima, *which]
     asked = _Asked(*map(_address, given), *(own.size for own in which), len(known))
-    found = [x.astype(float), lam.astype(float), np.empty(m), np.empty(n)]
+    found = [x[:n].astype(float), lam.astype(float), np.empty(m), np.empty(n)]
     own = [np.empty(int(rules["most"]) + 1), np.empty(2 * n * n + 2 * n + m), np.zeros(n, _WHOLE)]
     at = _Point(*map(_address, (*found, *own)), np.nan)
-    numbers = lent.f, lent.gradient, lent.g, lent.jacobian, lent.hessian
-    of = _Program(n, m, lent.program, *program.functions(), *map(_address, numbers))
+    numbers = (_address(getattr(lent, name)) for name in FOUND)
+    of = _Program(n, m, lent.program, *program.functions(), *numbers)
     told = _Rules(**rules)
     parts = (of, _solver(n, uneven.size), asked, told, at)
     if not _library().run(*map(ctypes.byref, parts)):
         return None
     x, lam, g, slope = found
     lam_x = np.where(own[2], -slope, 0.0)
-    return Solution(x, lam_x, lam, at.f, g, bool(at.met), "", at.steps), at.joined
+    return Solution(lent.whole(x), lam_x, lam, at.f, g, bool(at.met), "", at.steps), at.joined
 
 
 class _Solvers(threading.local):

@@ -105,7 +105,7 @@ def test_under_loads_what_keeps_clear_is_not_taken_for_numbers_of_the_target() -
     targets = TipPosition((0.25, 0.05, -0.1)), keeps_clear
     problem = build(ARM, targets, scene, Statement(refinement=1))
     p = problem.parameters(targets, Limits.of(ARM, 20.0))
-    assert p.size == sum(problem.program.sizes)
+    assert p.size == problem.program.parts.size
 
 
 @pytest.mark.slow
