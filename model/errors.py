@@ -46,6 +46,23 @@ class InputError(OctoplanError, ValueError):
         return type(self), (self.field, self.given, self.allowed)
 
 
+class TimeLimitError(OctoplanError):
+    """What was asked for is not found within the time limit.
+
+    Attributes
+    ----------
+    seconds : float
+        The limit.
+    """
+
+    def __init__(self, seconds: float) -> None:
+        self.seconds = seconds
+        super().__init__(f"nothing was found within the time limit of {seconds:g} s")
+
+    def __reduce__(self) -> tuple[type, tuple[float]]:
+        return type(self), (self.seconds,)
+
+
 class FileError(InputError):
     """A file that was given does not say what it should.
 

@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 
+from model.errors import TimeLimitError
+
 _end: ContextVar[float] = ContextVar("end", default=math.inf)
 _ended: ContextVar[Callable[[], bool] | None] = ContextVar("ended", default=None)
 
@@ -21,6 +23,18 @@ def time_limit(seconds: float | None) -> Iterator[None]:
     """Let what is inside go on for so long, no longer than limits further out; None is no limit."""
     with until(math.inf if seconds is None else time.monotonic() + seconds):
         yield
+
+
+@contextmanager
+def limited(seconds: float | None) -> Iterator[None]:
+    """As time_limit, for what has nothing to show before its end: raises TimeLimitError."""
+    with time_limit(seconds):
+        try:
+            yield
+        except OutOfTime:
+            if seconds is None:
+                raise
+            raise TimeLimitError(seconds) from None
 
 
 def shorten(seconds: float) -> None:

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 from model import InputError, OctoplanError, UnitWarning
-from model.errors import CompilerError, shortened
+from model.errors import CompilerError, TimeLimitError, shortened
 from model.extras import MissingExtraError
 from model.progress import listening
 from model.time_limit import OutOfTime, time_limit
@@ -52,8 +52,7 @@ def _run(argv: Sequence[str]) -> int:
                 answer = args.run(args)
             deliver(answer, args)
     except OutOfTime:
-        told = f"nothing was found within the time limit of {args.time_limit:g} s"
-        raise OctoplanError(told) from None
+        raise TimeLimitError(args.time_limit) from None
     return int(answer.code)
 
 

@@ -56,11 +56,14 @@ class Followed:
         The shares of tensions and loads at which the arm jumped to another equilibrium.
     before : Linearised or None
         With friction the equilibrium before the last step.
+    way : tuple
+        With friction the equilibria on the way, and at which shares of it.
     """
 
     settled: Settled
     snaps: tuple[float, ...] = ()
     before: Linearised | None = None
+    way: tuple[tuple[Linearised, float], ...] = ()
 
 
 def follow(
@@ -113,6 +116,7 @@ def _exactly(of: Question, before: Array, load: float, start: Settled, jumps: bo
     least = _LEAST if jumps or frictional else _LEAST_NEARBY
     here, at, step, snaps = start, 0.0, min(_FIRST, longest), list[float]()
     last, stood = here.held.here, held_stands(start.held.here)
+    way = list[tuple[Linearised, float]]()
     while at < 1:
         check_time()
         tell("percent of tensions and loads", round(100 * at), 100)
@@ -123,6 +127,7 @@ def _exactly(of: Question, before: Array, load: float, start: Settled, jumps: bo
         found = settled(on, here.held, here.places, _SHORT) or _by_nodes(on, here.held)
         if found is not None and close(here.held, found.held):
             here, at, step = found, share, min(2 * step, longest)
+            way += [(found.held.here, share)] * frictional
             if jumps and stood and not held_stands(here.held.here):
                 here = _jumped(on, share, _pushed(here.held))
                 snaps.append(share)
@@ -133,7 +138,7 @@ def _exactly(of: Question, before: Array, load: float, start: Settled, jumps: bo
         else:
             here, at, step, stood = _jumped(on, share, here.held), share, _FIRST / 4, True
             snaps.append(share)
-    return Followed(here, tuple(snaps), last if frictional else None)
+    return Followed(here, tuple(snaps), last if frictional else None, tuple(way))
 
 
 def _placed(of: Question, held: Held) -> Settled | None:

@@ -12,6 +12,8 @@ from __future__ import annotations
 import numpy as np
 
 from model.contact.along import along
+from model.contact.between import between_nodes
+from model.contact.gaps import Gaps
 from model.contact.passing import gaps_along
 from model.contact.touches import Touches
 from model.equilibrium.linearised import Linearised
@@ -20,6 +22,8 @@ from model.paths import Array
 # Gaps up to this share of the arm's length count, with this step in the tensions' derivatives.
 _NEAR, _STEP = 0.01, 1e-5
 _NEWTON = 3
+# Gaps below this share may close with an optimum.
+_CLOSING = 1e-4
 
 
 def piece_margins(here: Linearised, force: float) -> tuple[Array, Array]:
@@ -64,16 +68,34 @@ def _openings(here: Linearised, touches: Touches) -> tuple[Array, Array]:
 
 
 def _gaps(here: Linearised, s: Array, j: Array) -> tuple[Array, Array]:
-    """Return gaps (k,) [m] at arc lengths s (k,), and their derivatives (k, n) by tensions."""
+    """Return gaps (k,) [m] at arc lengths s (k,), and their derivatives (k, n) by tensions.
+
+    Of gaps that are about to close they are found at the place, by differences; of others, which
+    hold no optimum, they are those of the nodes around it, on a cubic.
+    """
     n = here.tensions.size
     if not s.size:
         return np.zeros(0), np.zeros((0, n))
+    system = here.system
+    gap = along(system, here.x, s, j)[:, 0]
+    jacobian, near = np.zeros((s.size, n)), gap < _CLOSING * system.arm.length
+    if near.any():
+        jacobian[near] = _by_differences(here, s[near], j[near])
+    if not near.all():
+        moved = Gaps.of(system, here.states).moved(here.by_tensions)
+        there = between_nodes(system.mesh.s[1:], moved, s[~near])
+        jacobian[~near] = there[np.arange(len(there)), j[~near]]
+    return gap, jacobian
+
+
+def _by_differences(here: Linearised, s: Array, j: Array) -> Array:
+    """Return the derivatives (k, n) by tensions of gaps at arc lengths s (k,)."""
     system, first = here.system, here.x.size - here.states.size
-    moved, jacobian = here.by_tensions, np.zeros((s.size, n))
-    for i in range(n):
+    moved, jacobian = here.by_tensions, np.zeros((s.size, here.tensions.size))
+    for i in range(here.tensions.size):
         step = _STEP / max(float(np.abs(moved[system.of.nodes[:, :4], i]).max()), 1e-300)
         change = np.zeros_like(here.x)
         change[first:] = step * moved[:, i]
         ends = [along(system, here.x + sign * change, s, j)[:, 0] for sign in (1, -1)]
         jacobian[:, i] = (ends[0] - ends[1]) / (2 * step)
-    return along(system, here.x, s, j)[:, 0], jacobian
+    return jacobian

@@ -22,8 +22,8 @@ from planner.program.statement import Mode
 from planner.solve.search_result import SearchResult, Trial
 from planner.solve.task import Task
 
-# How close optimum and targets are asked to be, over the accuracy.
-_CLOSER = 0.1
+# How close optimum and targets are asked to be, over the accuracy: while searching, at last.
+_CLOSER, _CLOSEST = 0.1, 0.01
 # With friction, how far beyond what would do without it, of the way there.
 _SLID = (1.0, 1.5, 2.5)
 # Efforts of optima that are one: starts are enough where two lead there. The residual of an optimum
@@ -136,7 +136,7 @@ class ContactSearch:
             for load_path in ways:
                 start = self._there(program, load_path, best.optimum.terms)
                 if start is not None:
-                    end = solve(program, start, _CLOSER * self.task.accuracy)
+                    end = solve(program, start, _CLOSEST * self.task.accuracy)
                     own = LocalOptimum(end, load_path)
                     if self._there(program, load_path, end.terms) is None:
                         continue

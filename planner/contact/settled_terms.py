@@ -14,6 +14,7 @@ import numpy as np
 
 from model.arm import Arm
 from model.contact.forward import KnownContact, TouchingMap, without_friction
+from model.contact.rubbed import led
 from model.contact.stability import held_stands
 from model.contact.touches import Touches
 from model.equilibrium.forward import STAGES, Known
@@ -170,12 +171,11 @@ class Settling:
     ) -> tuple[Linearised, tuple[float, ...]]:
         """Return the equilibrium, and where the arm jumped.
 
-        With friction its derivatives are those where it was a step before stays: exact where it
-        sticks all along and where the direction of slip stays.
+        With friction it moves with the tensions as all of its way does.
         """
         if self.history:
             way = self._forward.led(tensions, *self._before, False)
-            return way.settled.held.here, way.snaps
+            return (led(way.way) if way.way else way.settled.held.here), way.snaps
         if near is None:
             return self._forward.come_to(tensions, tensions, None)
         if np.array_equal(tensions, near.tensions):

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from model.arm import Arm
-from model.checks import kind
+from model.checks import kind, positive
 from model.clearance import clearances
 from model.errors import InputError
 from model.loads import contacts
@@ -17,6 +17,7 @@ from model.mesh_refinement import checked_accuracy
 from model.paths import Array
 from model.scene import Scene
 from model.settle import checked_scene
+from model.time_limit import OutOfTime, limited
 from planner.avoidance.asked import surroundings
 from planner.plan import Plan
 from planner.program.limits import Limits
@@ -54,6 +55,7 @@ def trajectory(
     compile: Compile = False,  # noqa: A002  (the name that scripts use)
     stroke_max: Any = None,
     stroke_min: Any = None,
+    time_limit: float | None = None,
 ) -> Trajectory:
     """Return tensions over time that bring an arm through targets, in the least time or effort.
 
@@ -85,13 +87,18 @@ def trajectory(
     obstacles, clearance, self_clearance
         What the arm keeps clear of, all the time; see plan. Obstacles may be Moving. In the least
         time it goes around them; that it waits for them is not tried.
+    time_limit : float
+        [s].
 
     Raises
     ------
     InputError
         Naming the field, for anything that is not allowed; for times that the rates do not allow,
         with what would do.
+    TimeLimitError
+        Where the time limit is reached before there is a motion.
     """
+    seconds = None if time_limit is None else positive("time_limit", time_limit)
     scene = checked_scene(arm, scene, contact=True)
     path, own = waypoints_of(targets, waypoints)
     times = own if times is None else times
@@ -110,11 +117,12 @@ def trajectory(
     own_plan = start if isinstance(start, Plan) else None
     given = (around, found, begin, accuracy, checked_compile(compile), own_plan)
     question = Question(arm, scene, asked, limits, rates, *given)
-    if contacts(scene):
-        check_touching(question)
-        return _touching(question)
-    _check_start(question)
-    return _found(question)
+    with limited(seconds):
+        if contacts(scene):
+            check_touching(question)
+            return _touching(question)
+        _check_start(question)
+        return _found(question)
 
 
 def _checked(arm: Arm, path: Iterable[Any]) -> tuple[tuple[Target, ...], ...]:
@@ -137,6 +145,8 @@ def _touching(question: Question) -> Trajectory:
         number = sum(way.plan is not None for way in ways[: missed[0]])
         own = ways[missed[0]].plan
         assert own is not None
+        if own.stopped:
+            raise OutOfTime
         allowed = f"targets that can be met: {own.outcome}"
         raise InputError(f"targets[{number}]", "out of reach", allowed)
     tensions = np.vstack([question.start, *(way.tensions for way in ways)])
@@ -201,6 +211,8 @@ def _out_of_reach(ways: list[Waypoint], met: list[int]) -> None:
         last += 1
     place = f"targets[{missed[0]}]" if last == missed[0] else f"targets[{missed[0]}] to [{last}]"
     own = ways[missed[0]].plan
+    if own is not None and own.stopped:
+        raise OutOfTime
     why = "" if own is None else own.outcome
     raise InputError(place, "out of reach", f"targets that can be met: {why}")
 

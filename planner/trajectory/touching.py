@@ -15,7 +15,7 @@ import numpy as np
 
 from model.errors import InputError
 from model.paths import Array
-from model.progress import told
+from model.progress import tell, told
 from model.settle import settle
 from model.shape import Shape
 from planner.certificate import Certificate
@@ -48,7 +48,8 @@ def check_touching(question: Question) -> None:
 def planned_touching(question: Question) -> list[Waypoint]:
     """Return the waypoints in order: the targets, and what plans are come to by."""
     found, last, near = list[Waypoint](), question.start, _begin(question)
-    for targets in told("waypoints", question.targets):
+    for k, targets in enumerate(question.targets):
+        tell("waypoints", k, len(question.targets))
         planned = _planned(question, targets, near)
         before = () if near is None else (*near.load_path, tuple(np.ravel(near.tensions).tolist()))
         there = planned.load_path[: len(before)] == before

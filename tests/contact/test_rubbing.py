@@ -9,9 +9,13 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
 from model import Arm, Scene, Shape, settle
-from model.contact.forward import TouchingMap
+from model.contact.forward import TouchingMap, without_friction
+from model.contact.path import Followed
+from model.contact.rubbed import led
 from model.contact.touches import Touches, forces, frictions, resultants
 from model.effects import Contact, Effect, ExactTendons, Extension, TipLoad
+from model.equilibrium.forward import STAGES
+from model.equilibrium.linearised import Linearised
 from model.errors import InputError
 from model.obstacles import Capsule, HalfSpace
 from tests.contact.cases import bar, stiffness
@@ -253,3 +257,25 @@ def test_ends_and_forces_of_a_capstan_converge_to_1e_6_with_order_four_then_two(
     assert (middle < coarse / 16).all()
     assert (fine < middle / 4).all()
     assert fine.max() < 1e-6
+
+
+def test_a_place_that_slips_moves_with_tensions_as_all_of_its_way_does() -> None:
+    """By differences; its last step alone was off by 60 %."""
+    rod = Capsule((0.2, -0.1, -0.04), (0.2, 0.1, -0.04), 0.02)
+    scene = Scene(Extension(), ExactTendons(), Contact(rod, friction=MU))
+    arm, T = bar(0.3, 0.006, 2e5), np.array([0.1, 0.8, 0.0, 0.0])
+    rough, smooth = (TouchingMap(arm, own, STAGES, 1) for own in (scene, without_friction(scene)))
+    rest = smooth.known(smooth.run(NONE)[0])
+
+    def way(tensions: np.ndarray) -> Followed:
+        return rough.led(tensions, NONE, rest, False)
+
+    def tip(here: Linearised) -> np.ndarray:
+        return here.states[here.system.of.nodes[-1, 4:7]]
+
+    found, h = led(way(T).way), 1e-5
+    for k in range(2):
+        ends = [tip(way(T + sign * h * np.eye(4)[k]).settled.held.here) for sign in (1, -1)]
+        slope = (ends[0] - ends[1]) / (2 * h)
+        off = found.by_tensions[found.system.of.nodes[-1, 4:7], k] - slope
+        assert np.abs(off).max() < 0.02 * np.abs(slope).max()
