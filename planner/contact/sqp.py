@@ -109,7 +109,7 @@ def _descended(
         best = optimum_at(program, here)
         if best.kkt < residual and lacking(here) < accuracy:
             break
-        if _wants_hessian(best, count):
+        if best.kkt >= residual and _wants_hessian(best, count):
             exact = exact_hessian(program, here, best)
             B = B if exact is None else exact
         # Far from the targets steps go wherever contact lets the arm go.
