@@ -32,6 +32,8 @@ from model.unloaded.settled_sections import settled_sections
 # What a Hessian may be unsymmetric by for it not to matter.
 _SYMMETRIC = 1e-3
 _ALL = slice(None)
+# Below what eigenvalues are, and how many vectors Arnoldi's method takes for each that is wanted.
+_BELOW, _MODES = -4.0, 40
 # Of Arnoldi's method, where a matrix of no more rows is the alternative.
 _RESTARTS, _SMALL = 5, 1000
 
@@ -202,22 +204,35 @@ def least_modes(here: Linearised, count: int) -> tuple[Array, Array]:
     """Return the least eigenvalues (count,), and how the states move in their modes.
 
     Modes are (n_states, count): the changes y of the states with J y = lambda B y, where J is the
-    equations' Jacobian and B the stiffness of the body at rest, at the stages. Of eigenvalues that
-    are complex the real parts count, and of their vectors. Raises SingularError.
+    equations' Jacobian and B the stiffness of the body at rest, at the stages: those that are
+    nearest to a number below them, by Arnoldi's method. Of what is complex the real parts count.
+    Raises SingularError.
     """
-    H = energy_hessian(here)
-    even = (H + H.T) / 2
-    if np.abs(H - even).max() <= _SYMMETRIC * np.abs(H).max():
-        values, vectors = np.linalg.eigh(even)
-    else:
-        values, vectors = np.linalg.eig(H)
-        order = np.argsort(values.real)
-        values, vectors = values.real[order], vectors.real[:, order]
-    weight, stiff = rest_stiffness(here.system)
-    bends = vectors[:, :count] / np.sqrt(weight * stiff)[:, None]
-    right = np.zeros((here.system.of.n_states, count), order="F")
-    right[np.ravel(here.system.of.stages)] = values[:count] * stiff[:, None] * bends
-    return values[:count], here.solve(right)
+    places, n = np.ravel(here.system.of.stages), here.system.of.stages.size
+    _, stiff = rest_stiffness(here.system)
+    shifted = _shifted(here, stiff)
+
+    def near(bends: Array) -> Array:
+        right = np.zeros((here.system.of.n_states, *bends.shape[1:]))
+        right[places] = (stiff * bends.T).T
+        return shifted.solve(right)
+
+    operator = LinearOperator((n, n), matvec=lambda bends: near(bends)[places], dtype=float)
+    found, vectors = eigs(operator, count, v0=np.ones(n), ncv=min(_MODES * count, n))
+    order = np.argsort(-np.abs(found))
+    values, bends = (1 / found[order]).real, vectors[:, order].real
+    return values + _BELOW, near(bends) * values
+
+
+def _shifted(here: Linearised, stiff: Array) -> Linearised:
+    """Return the equations with so much less stiffness that all eigenvalues are above 0."""
+    at, of = here.band, here.system.of
+    own = np.full(of.n_states, 0.0)
+    own[np.ravel(of.stages)] = _BELOW * stiff
+    diagonal = np.flatnonzero(at.rows == at.columns - of.first)
+    nonzeros = here.nonzeros.copy()
+    nonzeros[diagonal] -= own[at.rows[diagonal]]
+    return Linearised(here.system, here.x, jacobian=nonzeros)
 
 
 def energy_hessian(here: Linearised) -> Array:

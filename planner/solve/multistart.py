@@ -30,7 +30,7 @@ _FIXED, _NOTHING = 3, 1e-6
 # two more before it is said that none of the starts meets the targets.
 _FEWEST, _STRONGER, _CARRIED = 2, 2, 1
 # Loads that move the tip farther, over the arm's length, ask for as many starts as agree.
-_HEAVY, _MORE_IF_HEAVY = 0.4, 4
+_HEAVY, _MORE_IF_HEAVY = 0.2, 4
 # Other statics that change the least effort squared by more than this may rank optima otherwise.
 _MISLED = 0.3
 # Tried besides the fits that meet what is wanted.
@@ -115,14 +115,15 @@ class Multistart:
             return bool(found) and (agreed(records) >= 2 or len(records) >= _MOST_IF_STIFF)
         if not self.task.can_be_exact and any(s.f <= _NOTHING for s in found):
             return len(records) >= _FIXED and agreed(records) >= 2
+        if self.heavy:
+            return len(records) >= self.first and agreed(records) >= 2
         misled = self._misled(found)
-        if self.n_likely and not self.simple and not self.heavy and not misled:
+        if self.n_likely and not self.simple and not misled:
             return len(records) >= max(self.fewest, self.n_likely) and bool(found or self.toppled)
         if self.n_likely:
             fewest = self.by_itself if misled else self.fewest
             return len(records) >= max(fewest, self.n_likely + _BESIDE)
-        fewest = self.fewest + _STRONGER * self.heavy
-        return len(records) >= fewest and agreed(records) >= 2
+        return len(records) >= self.fewest and agreed(records) >= 2
 
     def _misled(self, found: list[Solution]) -> bool:
         """Return whether an arm without loads takes another effort than the simpler optima did."""

@@ -113,3 +113,13 @@ def test_what_topples_on_a_finer_mesh_is_steadied_on_it() -> None:
     (found,) = trials.steadied("exact", np.inf)
     assert trials.stands(statement, found)
     assert found.f == pytest.approx(met.f, rel=1e-2)
+
+
+@pytest.mark.slow
+def test_where_loads_move_an_arm_far_starts_are_tried_until_two_agree() -> None:
+    """Used to end with the first optima without loads, whose best cost 2.5 times as much."""
+    target = TipPosition((0.0094, 0.0063, -0.2014))
+    found = plan(ARM, target, Scene.silicone(Weight()), 20.0)
+    assert found.certificate.passed
+    assert found.effort < 2.11
+    assert found.shape.stability > 0.1
