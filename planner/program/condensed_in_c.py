@@ -69,9 +69,11 @@ class CondensedInC:
     @classmethod
     def of(cls, program: Program, band: Band, rules: Rules) -> CondensedInC | None:
         """Return it; None where not all of a program is compiled, or there are more unknowns."""
+        if program.blocks.n_answers or not program.equations.machine_code:
+            return None
         calls = program.value_call, program.jacobian_call, program.hessian_call
         sums = [call for call in calls if isinstance(call, InC)]
-        if program.blocks.n_answers or len(sums) < len(calls):
+        if len(sums) < len(calls):
             return None
         return cls(program, sums, band, rules)
 

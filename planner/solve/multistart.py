@@ -30,7 +30,7 @@ _FIXED, _NOTHING = 3, 1e-6
 # two more before it is said that none of the starts meets the targets.
 _FEWEST, _STRONGER, _CARRIED = 2, 2, 1
 # Loads that move the tip farther, over the arm's length, ask for as many starts as agree.
-_HEAVY, _MORE_IF_HEAVY = 0.2, 4
+_HEAVY, _MORE_IF_HEAVY = 0.3, 4
 # Other statics that change the least effort squared by more than this may rank optima otherwise.
 _MISLED = 0.3
 # Tried besides the fits that meet what is wanted.
