@@ -30,7 +30,7 @@ from planner.contact.grasp import Grip, grips_of
 from planner.contact.load_path import from_rest, is_same, rubs, settled_along
 from planner.contact.search import ContactSearch
 from planner.contact.stated import optimality_of
-from planner.contact.wrapping import beside, open_wrap, with_turns
+from planner.contact.wrapping import beside, beside_contacts, open_wrap, with_turns
 from planner.files import to_json, write_named
 from planner.following import searched
 from planner.program.statement import Form
@@ -254,13 +254,22 @@ def plan(
 def _with_turns(
     task: Task, wrap: Wrap, around: Surroundings, near: Plan | None, seconds: float | None
 ) -> Plan:
-    """Return the plan for a wrap whose part has to be found."""
+    """Return the plan for a wrap whose part has to be found.
+
+    How long it is, is found beside what the arm may lean on, where that can be had.
+    """
+    free, bodies = beside_contacts(task, around)
 
     def planned(found: tuple[Target, ...], before: Plan | None) -> Plan:
         return _planned(replace(task, targets=found), around, before or near, None)
 
+    def measured(found: tuple[Target, ...], before: Plan | None) -> Plan:
+        own = None if isinstance(before, HeldPlan) else before
+        there = _planned(replace(free, targets=found), bodies, own, None)
+        return there if there.mode == "exact" or free is task else planned(found, before)
+
     with time_limit(seconds):
-        return with_turns(task.arm, task.targets, wrap, planned)
+        return with_turns(task.arm, task.targets, wrap, planned, measured)
 
 
 def _planned(task: Task, around: Surroundings, near: Plan | None, seconds: float | None) -> Plan:

@@ -11,17 +11,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from model.effects import Contact
 from model.errors import OctoplanError
-from model.loads import contacts
 from model.paths import Array
-from model.scene import Scene
 from model.time_limit import check_time
 from planner.avoidance.around import Around
 from planner.avoidance.asked import Surroundings
 from planner.contact.pressing import likely_pressing
 from planner.contact.program import Program, lacking
 from planner.contact.settled_terms import SettledTerms
+from planner.contact.wrapping import beside_contacts
 from planner.program.limits import natural_tensions
 from planner.solve.search import Search
 from planner.solve.task import Task
@@ -47,11 +45,9 @@ def starts(task: Task, program: Program) -> list[Array]:
 
 def _free(task: Task) -> Array:
     """Return the tensions of the arm that meets the targets without contact."""
-    effects = (e for e in task.scene.effects if not isinstance(e, Contact))
-    free = replace(task, scene=Scene(*effects), starts=_FREE)
-    bodies = tuple(own.obstacle for own in contacts(task.scene))
+    free, bodies = beside_contacts(replace(task, starts=_FREE), Surroundings())
     if any(isinstance(target, Wrap) for target in task.targets):
-        return np.ravel(Around(free, Surroundings(bodies)).run(None)[0].tensions)
+        return np.ravel(Around(free, bodies).run(None)[0].tensions)
     return np.ravel(Search(free).run().tensions)
 
 

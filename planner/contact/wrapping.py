@@ -9,6 +9,7 @@ from typing import TypeVar
 import numpy as np
 
 from model.arm import Arm
+from model.effects import Contact
 from model.errors import InputError
 from model.loads import contacts
 from model.obstacles import Obstacle
@@ -16,6 +17,8 @@ from model.scene import Scene
 from model.shape import Shape
 from model.time_limit import OutOfTime
 from planner.answer import Answer
+from planner.avoidance.asked import Surroundings
+from planner.solve.task import Task
 from planner.targets.base import Target
 from planner.targets.wrap import Wrap
 
@@ -38,6 +41,18 @@ def beside(targets: Iterable[Target], scene: Scene) -> tuple[Obstacle, ...]:
     return free
 
 
+def beside_contacts(task: Task, around: Surroundings) -> tuple[Task, Surroundings]:
+    """Return the task of an arm that keeps clear of what it may lean on, and of what else it is to.
+
+    The same ones where there is nothing to lean on.
+    """
+    bodies = tuple(own.obstacle for own in contacts(task.scene))
+    if not bodies:
+        return task, around
+    effects = (e for e in task.scene.effects if not isinstance(e, Contact))
+    return replace(task, scene=Scene(*effects)), replace(around, obstacles=bodies)
+
+
 def open_wrap(targets: Iterable[Target]) -> Wrap | None:
     """Return the wrap whose part a plan has to find; InputError for several."""
     found = [own for own in targets if isinstance(own, Wrap) and own.is_open]
@@ -51,11 +66,12 @@ def with_turns(
     targets: tuple[Target, ...],
     wrap: Wrap,
     planned: Callable[[tuple[Target, ...], P | None], P],
+    measured: Callable[[tuple[Target, ...], P | None], P],
 ) -> P:
     """Return the plan for a wrap of so many turns: its part is as long as they take.
 
-    By plans for parts of given length, whose turns are measured, until they are about those asked;
-    then by a plan for a part a little longer, with the turns as an inequality.
+    By plans for parts of given length, `measured`, until their turns are about those asked; then by
+    a plan for a part a little longer, with the turns as an inequality.
     """
 
     def stated(own: Wrap) -> tuple[Target, ...]:
@@ -64,7 +80,7 @@ def with_turns(
     assert wrap.turns is not None
     length, found = arm.length - wrap.part(arm)[0], None
     for _ in range(_ROUNDS):
-        found = planned(stated(replace(wrap, turns=None, length=length)), found)
+        found = measured(stated(replace(wrap, turns=None, length=length)), found)
         if found.mode != "exact" or found.stopped:
             break
         try:
