@@ -54,7 +54,11 @@ def check_loads(arm: Arm, scene: Scene, contact: bool = False) -> None:
         allowed = "a scene without contact, which settle, stiffness, plan and trajectory alone take"
         raise InputError("scene", "with contact", allowed)
     if scene.has(SelfContact):
-        allowed = "a scene without SelfContact, which settle by tensions alone takes"
+        allowed = (
+            "a scene without SelfContact: where parts press on each other is found step by step "
+            "from rest, under tensions that are known, by settle alone; a plan or motion with "
+            "self_clearance=True keeps the arm clear of itself"
+        )
         raise InputError("scene", "with SelfContact", allowed)
     if scene.has(PrintedStatics) and arm.is_curved:
         told = "an arm that is straight at rest: eqs. (10) and (11) are written for that"

@@ -14,7 +14,9 @@ from model.contact.newton import Held
 from model.contact.passing import deep, passing
 from model.contact.places import SAME, Place
 from model.contact.root import Root
+from model.contact.sheared import sheared, tangent_end
 from model.contact.touches import forces, resultants, second
+from model.effects import Shear
 from model.loads import contacts
 from model.mesh import Mesh
 from model.paths import Array
@@ -91,6 +93,8 @@ def _end(held: Held, place: Place, node: int, side: int) -> tuple[float, float, 
     if at >= held.length * (1 - SAME) or not 0 <= beyond < s.size:
         return 0.0, 0.0, 0.0
     h = abs(s[beyond] - at)
+    if system.scene.has(Shear):
+        return tangent_end(held, place, node, side, h)
     # What is known at a node is on its base side.
     look = side * _ASIDE * h * np.arange(5.0)
     look[0] = (side > 0) * SAME * held.length
@@ -231,6 +235,8 @@ def _touching(held: Held, place: Place, nodes: tuple[int, ...], left: set[Place]
         before, again = Place(j, s, s), place in left
         left.add(place)
         return [before, place] if again else [before]
+    if system.scene.has(Shear):
+        return [sheared(held, place) or place]
     if curve >= 0:
         return [place]
     half = _BORN * h

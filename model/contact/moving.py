@@ -18,6 +18,7 @@ from model.contact.newton import Held, newton
 from model.contact.places import Place, Placed, placed
 from model.contact.root import Root
 from model.contact.touches import Touches, forces, second
+from model.effects import Shear
 from model.equilibrium.forward import Collocation, Known
 from model.loads import contacts
 from model.mesh import Mesh
@@ -176,7 +177,7 @@ def _solved(
     With friction as of the pressures of another equilibrium, if one is given.
     """
     K = len(contacts(of.scene))
-    at = placed(of.base, of.fixed, places, K)
+    at = placed(of.base, of.fixed, places, K, of.scene.has(Shear))
     if at is None:
         return None
     before = held.here

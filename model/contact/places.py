@@ -63,8 +63,12 @@ class Placed:
     touches: Touches
 
 
-def placed(base: Mesh, fixed: Array, places: tuple[Place, ...], obstacles: int) -> Placed | None:
+def placed(
+    base: Mesh, fixed: Array, places: tuple[Place, ...], obstacles: int, sheared: bool = False
+) -> Placed | None:
     """Return a mesh whose nodes are moved to places; None where two of them are one.
+
+    Parts of an arm that is `sheared` have no forces at their ends, see model.contact.sheared.
 
     The nodes at `fixed` arc lengths stay. Where there are too few between two of these, elements
     are halved.
@@ -86,7 +90,9 @@ def placed(base: Mesh, fixed: Array, places: tuple[Place, ...], obstacles: int) 
     if np.diff(s).min() <= same:
         return None
     nodes = tuple(tuple(found[i, k] for k in range(len(p.ends))) for i, p in enumerate(places))
-    return Placed(Mesh(s, base.active), nodes, _touches(nodes, places, base.steps, obstacles))
+    return Placed(
+        Mesh(s, base.active), nodes, _touches(nodes, places, base.steps, obstacles, sheared)
+    )
 
 
 def _roomy(base: Mesh, fixed: Array, ends: Array) -> Mesh:
@@ -118,7 +124,11 @@ def _chosen(base: Mesh, ends: list[tuple[float, int, int]], low: int, high: int)
 
 
 def _touches(
-    own: tuple[tuple[int, ...], ...], places: tuple[Place, ...], elements: int, obstacles: int
+    own: tuple[tuple[int, ...], ...],
+    places: tuple[Place, ...],
+    elements: int,
+    obstacles: int,
+    sheared: bool,
 ) -> Touches:
     point, end, inside, lies = (
         np.zeros((elements + n, obstacles), dtype=bool) for n in (1, 1, 1, 0)
@@ -127,7 +137,7 @@ def _touches(
         j = place.obstacle
         if place.lies:
             first, final = nodes
-            end[[first, final], j] = True
+            (inside if sheared else end)[[first, final], j] = True
             inside[first + 1 : final, j] = lies[first:final, j] = True
             lies[first, j] = True
         else:
