@@ -30,6 +30,7 @@ from planner.solve.multistart import Multistart, record
 from planner.solve.refine import refine
 from planner.solve.search import Search
 from planner.solve.search_result import SearchResult, Trial
+from planner.solve.steadying import steadied
 from planner.solve.task import Task
 
 # Optima that are led around, and those of other arms that are enough.
@@ -190,8 +191,8 @@ class Around:
         if not solution.met or trials.stands(statement, solution):
             return solution, False
         trials.toppled.append((statement, solution))
-        steadied = trials.steadied(mode, np.inf)
-        return (steadied[0], True) if steadied else (replace(solution, met=False), False)
+        held = steadied(trials, mode, np.inf)
+        return (held[0], True) if held else (replace(solution, met=False), False)
 
     @property
     def _enough(self) -> float:

@@ -54,10 +54,8 @@ _PHASES: dict[Mode, str] = {
 # So many starts ipopt takes on though others are met: those that quadratic programs left with less
 # effort, and so near to what is wanted.
 _PROMISING, _CLOSE = 2, 0.05
-# Optima that do not stand from which one that does is looked for, and what a margin may lack.
-_STEADIED, _SLACK = 4, 1e-3
-# By so much of the most that tendons of a section pull all of them are tightened where none stands.
-_TIGHTENED = 0.5, 1.0, 2.0
+# What a margin may lack.
+_SLACK = 1e-3
 
 
 class Multistart:
@@ -151,7 +149,7 @@ class Multistart:
                 break
             solution = self.solve(statement, T, not exact and not found, found)
             records.append(record(solution))
-            if self._stood(statement, solution):
+            if self.stood(statement, solution):
                 found.append(solution)
             elif exact and not solution.met:
                 left.append((len(records) - 1, T, solution))
@@ -165,11 +163,11 @@ class Multistart:
             better = self.solve(statement, T)
             self.ipopt_tries -= not found and not better.met
             records[place] = record(better)
-            if self._stood(statement, better):
+            if self.stood(statement, better):
                 found.append(better)
         return found
 
-    def _stood(self, statement: Statement, solution: Solution) -> bool:
+    def stood(self, statement: Statement, solution: Solution) -> bool:
         """Return whether a solution is met and stands; what topples is kept apart."""
         stands = solution.met and self.stands(statement, solution)
         if solution.met and not stands:
@@ -187,48 +185,6 @@ class Multistart:
         off = np.maximum(np.maximum(low[own] - solution.g, solution.g - high[own]), 0)
         return solution.f < min(s.f for s in found) and float(off.max(initial=0.0)) <= _CLOSE
 
-    def tightened(self, statement: Statement, records: list[Trial]) -> list[Solution]:
-        """Return optima that stand, from what topples with the other tendons tightened, too.
-
-        Tendons that pull against each other stiffen an arm. Append records.
-        """
-        found = list[Solution]()
-        if not self.toppled:
-            return found
-        _, cheapest = min(self.toppled, key=lambda item: item[1].f)
-        T, arm, allowed = self.task.tensions(cheapest), self.task.arm, self.task.allowed
-        section = np.array([i for i, _ in arm.tendons])
-        most = np.array([T[section == i].max() for i in range(len(arm.sections))])[section]
-        free = np.array(allowed.upper) > allowed.lower
-        for part in told("trials with all tendons tightened", _TIGHTENED):
-            solution = self.solve(statement, T + part * most * free)
-            records.append(record(solution))
-            if self._stood(statement, solution):
-                found.append(solution)
-        return found
-
-    def steadied(self, mode: Mode, best: float) -> list[Solution]:
-        """Return optima that stand, next to cheaper ones that do not.
-
-        With the least stable mode as an unknown, from the shape that is not stable enough.
-        """
-        task, found = self.task.held, list[Solution]()
-        if not self.toppled:
-            return found
-        different = {float(f"{item[1].f:.4g}"): item for item in self.toppled}
-        for before, toppled in [own for _, own in sorted(different.items())][:_STEADIED]:
-            statement = task.coarse(mode).but(refinement=before.refinement)
-            problem = task.problem(statement)
-            p = problem.parameters(task.targets, task.allowed, TRACES[0])
-            x = problem.with_modes(self.task.problem(before), toppled.x, task.allowed, p)
-            if toppled.f >= best or x is None:
-                continue
-            solution = solve(problem, x, p, problem.bounds(task.allowed))
-            check_time()
-            if solution.met and solution.f < best and self.stands(statement, solution):
-                found.append(solution)
-        return found
-
     def stands(self, statement: Statement, solution: Solution) -> bool:
         """Return whether a solution is as stable as it has to be."""
         T, margin = self.task.tensions(solution), self.task.statement.margin
@@ -242,7 +198,7 @@ class Multistart:
         Records are made of it alone.
         """
         for T in told("continuation in the target", starts):
-            problem, x, p = self._stated(statement, T)
+            problem, x, p = self.stated(statement, T)
             solution = continued_targets(problem, x, p, problem.bounds(self.task.allowed))
             if solution is not None:
                 self.seen.append((statement, solution))
@@ -264,7 +220,7 @@ class Multistart:
         """
         known = next((s for own, s in self.carried if np.array_equal(own, T)), None)
         lam = None if known is None or statement.mode != "exact" else known.lam_g
-        problem, x, p = self._stated(statement, T)
+        problem, x, p = self.stated(statement, T)
         bounds, free = problem.bounds(self.task.allowed), problem.free_bounds(self.task.allowed)
         lam = lam if lam is not None and lam.shape == free[2].shape else None
         if self.stiff and statement.mode == "closest":
@@ -285,7 +241,7 @@ class Multistart:
         found = solve_quadratic(problem, x, seen, problem.free_bounds(task.allowed))
         return found and replace(found, f=problem.condensed.value(found.x, p)[0])
 
-    def _stated(self, statement: Statement, T: Array) -> tuple[Problem, Array, Array]:
+    def stated(self, statement: Statement, T: Array) -> tuple[Problem, Array, Array]:
         """Return the program, its unknowns for tensions a little inside the limits, parameters."""
         task = self.task
         problem, limits = task.problem(statement), task.allowed

@@ -19,6 +19,7 @@ from planner.solve.ipopt import Solution
 from planner.solve.multistart import LITTLE, Multistart, record
 from planner.solve.refine import Fine, best_of, refine, refine_best
 from planner.solve.search_result import SearchResult, Trial
+from planner.solve.steadying import steadied, tightened
 from planner.solve.task import Task
 
 # First guesses from which continuation is tried where none leads to the targets by itself.
@@ -119,14 +120,14 @@ class Search:
         if not found and not self.trials.toppled:
             return None
         found = self.trials.from_starts(others, statement, records, found)
-        found = found or self.trials.tightened(statement, records)
+        found = found or tightened(self.trials, statement, records)
         fines = self._finished(found, "exact")
         if not any(fine.optimal for fine in fines) or _lost(found, fines):
             records, starts = [], [*map(self.task.tensions, found), *first, *others]
             self.trials.toppled.clear()
             statement = self.task.finer("exact")
             found = self.trials.from_starts(starts, statement, records)
-            found = found or self.trials.tightened(statement, records)
+            found = found or tightened(self.trials, statement, records)
             fines += self._finished(found, "exact")
         fine = best_of(fines) if fines else None
         if fine is None or not fine.optimal:
@@ -174,9 +175,9 @@ class Search:
     def _finished(self, found: list[Solution], mode: Mode) -> list[Fine]:
         """Return the last digits of the best of what was found, and of what had to be steadied."""
         best = min((s.f for s in found), default=np.inf)
-        steadied = self.trials.steadied(mode, best)
+        held = steadied(self.trials, mode, best)
         tell("refining the mesh to the accuracy")
-        tasks = ((self.task, found), (self.task.held, steadied))
+        tasks = ((self.task, found), (self.task.held, held))
         return [refine_best(task, own, mode) for task, own in tasks if own]
 
     def _answer(self, fine: Fine, records: list[Trial]) -> SearchResult:

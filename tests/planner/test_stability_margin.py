@@ -14,6 +14,7 @@ from model.equilibrium.forward import Collocation
 from model.equilibrium.stability import least_eigenvalue, least_modes, rest_stiffness, stability
 from planner import Limits, Plan, Statement, build, load_plan, plan
 from planner.solve.multistart import Multistart
+from planner.solve.steadying import steadied
 from planner.solve.task import Task
 from planner.targets import TipPosition
 from tests.planner.differences import check_derivatives, condensed
@@ -110,7 +111,7 @@ def test_what_topples_on_a_finer_mesh_is_steadied_on_it() -> None:
     met = trials.solve(statement, T)
     assert met.met
     trials.toppled.append((statement, met))
-    (found,) = trials.steadied("exact", np.inf)
+    (found,) = steadied(trials, "exact", np.inf)
     assert trials.stands(statement, found)
     assert found.f == pytest.approx(met.f, rel=1e-2)
 
@@ -123,3 +124,13 @@ def test_where_loads_move_an_arm_far_starts_are_tried_until_two_agree() -> None:
     assert found.certificate.passed
     assert found.effort < 2.11
     assert found.shape.stability > 0.1
+
+
+@pytest.mark.slow
+def test_more_of_a_margin_costs_more_and_is_had() -> None:
+    """Used to be out of reach at 0.7, though the plan held to 0.9 has that margin, too."""
+    target, scene = TipPosition((0.0729102, -0.04766121, -0.33169873)), Scene.silicone(Weight())
+    plans = [plan(ARM, target, scene, 20.0, stability_margin=m) for m in (0.0, 0.65, 0.7, 0.9)]
+    assert all(p.certificate.passed for p in plans)
+    efforts = [p.effort for p in plans]
+    assert np.all(np.diff(efforts) > 0)
