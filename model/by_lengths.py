@@ -21,6 +21,7 @@ from model.paths import Array
 from model.scene import Scene
 from model.transcription.kernel import Places
 from model.unloaded.by_lengths import NEARLY, SQUARE, Found, UnloadedLengths
+from model.unloaded.too_short import SHORT, unknown_least
 from model.winches import Winches
 
 # Newton steps to rounding, more where lengths hardly feel some combinations of tensions; one does
@@ -131,10 +132,18 @@ class GivenLengths:
         return self._of(forward, here)
 
     def finished(self, forward: ForwardMap, found: OnMesh) -> OnMesh:
-        """Return an equilibrium that is accepted, its tensions found to rounding."""
+        """Return an equilibrium that is accepted, its tensions found to rounding.
+
+        Raises UnknownLeastError where a tendon turns out to be longer than it may be.
+        """
         if found.here is None or not isinstance(forward, Collocation):
             return found
-        return self._of(forward, _tightened(found.here, HeldLengths(self.winches)))
+        tight = _tightened(found.here, HeldLengths(self.winches))
+        left = self.winches.lacks(tight.lengths, tight.tensions)
+        over = np.where(self.winches.held, -left, 0.0)
+        if over.max() > SHORT * self.arm.length:
+            raise unknown_least(self.arm, self.winches, int(np.argmax(over)))
+        return self._of(forward, tight)
 
     def _of(self, forward: Collocation, here: Linearised) -> OnMesh:
         left = self.winches.lacks(here.lengths, here.tensions)

@@ -32,8 +32,8 @@ from model.unloaded.settled_sections import settled_sections
 # What a Hessian may be unsymmetric by for it not to matter.
 _SYMMETRIC = 1e-3
 _ALL = slice(None)
-# Below what eigenvalues are, and how many vectors Arnoldi's method takes for each that is wanted.
-_BELOW, _MODES = -4.0, 40
+# What eigenvalues may all be above, and how many vectors Arnoldi's method takes for each wanted.
+_BELOW, _VECTORS = (-1.0, -4.0, -16.0, -64.0), 40
 # Of Arnoldi's method, where a matrix of no more rows is the alternative.
 _RESTARTS, _SMALL = 5, 1000
 
@@ -205,12 +205,12 @@ def least_modes(here: Linearised, count: int) -> tuple[Array, Array]:
 
     Modes are (n_states, count): the changes y of the states with J y = lambda B y, where J is the
     equations' Jacobian and B the stiffness of the body at rest, at the stages: those that are
-    nearest to a number below them, by Arnoldi's method. Of what is complex the real parts count.
-    Raises SingularError.
+    nearest to a number below them, by Arnoldi's method, or else of the whole matrix. Of what is
+    complex the real parts count. Raises SingularError.
     """
-    places, n = np.ravel(here.system.of.stages), here.system.of.stages.size
     _, stiff = rest_stiffness(here.system)
-    shifted = _shifted(here, stiff)
+    below, shifted = _shifted(here, stiff)
+    places, n = np.ravel(here.system.of.stages), stiff.size
 
     def near(bends: Array) -> Array:
         right = np.zeros((here.system.of.n_states, *bends.shape[1:]))
@@ -218,21 +218,29 @@ def least_modes(here: Linearised, count: int) -> tuple[Array, Array]:
         return shifted.solve(right)
 
     operator = LinearOperator((n, n), matvec=lambda bends: near(bends)[places], dtype=float)
-    found, vectors = eigs(operator, count, v0=np.ones(n), ncv=min(_MODES * count, n))
-    order = np.argsort(-np.abs(found))
-    values, bends = (1 / found[order]).real, vectors[:, order].real
-    return values + _BELOW, near(bends) * values
+    asked = {"v0": np.ones(n), "ncv": min(_VECTORS * count, n), "maxiter": _RESTARTS}
+    try:
+        found, vectors = eigs(operator, count, **asked)
+    except ArpackNoConvergence:  # as where many eigenvalues are one
+        found, vectors = np.linalg.eig(near(np.eye(n))[places])
+    order = np.argsort(-found.real)[:count]
+    values, bends = 1 / found[order].real, vectors[:, order].real
+    return values + below, near(bends) * values
 
 
-def _shifted(here: Linearised, stiff: Array) -> Linearised:
-    """Return the equations with so much less stiffness that all eigenvalues are above 0."""
+def _shifted(here: Linearised, stiff: Array) -> tuple[float, Linearised]:
+    """Return a number below all eigenvalues, and the equations with so much less stiffness."""
     at, of = here.band, here.system.of
-    own = np.full(of.n_states, 0.0)
-    own[np.ravel(of.stages)] = _BELOW * stiff
+    own = np.zeros(of.n_states)
+    own[np.ravel(of.stages)] = stiff
     diagonal = np.flatnonzero(at.rows == at.columns - of.first)
-    nonzeros = here.nonzeros.copy()
-    nonzeros[diagonal] -= own[at.rows[diagonal]]
-    return Linearised(here.system, here.x, jacobian=nonzeros)
+    for below in _BELOW:
+        nonzeros = here.nonzeros.copy()
+        nonzeros[diagonal] -= below * own[at.rows[diagonal]]
+        shifted = Linearised(here.system, here.x, jacobian=nonzeros)
+        if stands(shifted):
+            break
+    return below, shifted
 
 
 def energy_hessian(here: Linearised) -> Array:

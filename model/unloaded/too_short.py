@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from model.arm import Arm
 from model.errors import InputError
 from model.unloaded.compliant_tendons import CompliantTendons
 from model.unloaded.tendon_lengths import Lengths
-from model.winches import least_compliance
+from model.winches import Winches, least_compliance
 
 # What tendons may lack over the arm's length, and what says that no shape has the lengths, with one
 # tendon longer as well.
@@ -31,20 +32,25 @@ def refuse(tendons: CompliantTendons, found: Lengths) -> None:
     if lacks[j] <= SHORT * tendons.arm.length:
         return
     if found.tensions[j] == 0:  # the search ended before it pulled: its least is unknown
-        told = "more, beside the other lengths: no shape of the arm is found that has these"
-        raise UnknownLeastError(_name(tendons, j), float(tendons.winches.lengths[j]), told)
+        raise unknown_least(tendons.arm, tendons.winches, j)
     least = _least(tendons, j, found)
     nearest = f"the nearest that a shape has is {found.lengths[j]:.9g} m"
     told = f"from {least:.7g} m on" if least else f"lengths that go together, {nearest}"
     raise InputError(
-        _name(tendons, j),
+        _name(tendons.arm, j),
         float(tendons.winches.lengths[j]),
         f"{told}, beside the other lengths: no shape of the arm has these",
     )
 
 
-def _name(tendons: CompliantTendons, j: int) -> str:
-    return f"lengths[{j}] ({tendons.arm.tendon_name(j)})"
+def unknown_least(arm: Arm, winches: Winches, j: int) -> UnknownLeastError:
+    """Return what to raise where a tendon is longer than asked in all that is found."""
+    told = "more, beside the other lengths: no shape of the arm is found that has these"
+    return UnknownLeastError(_name(arm, j), float(winches.lengths[j]), told)
+
+
+def _name(arm: Arm, j: int) -> str:
+    return f"lengths[{j}] ({arm.tendon_name(j)})"
 
 
 def _least(tendons: CompliantTendons, j: int, found: Lengths) -> float:
