@@ -100,8 +100,7 @@ class Answer:
     @cached_property
     def shape(self) -> Shape:
         """The shape under the tensions, a digit more accurate than asked."""
-        asked = (self.arm, self.tensions, self.scene, max(self.accuracy / 10, 1e-12))
-        return settled(*asked, self.machine_code)
+        return settled(self.arm, self.tensions, self.scene, self.accuracy, self.machine_code)
 
     @property
     def known_equilibrium(self) -> Known | None:

@@ -44,9 +44,10 @@ from planner.tendon_lengths import strokes
 
 # How accurate the check is: two digits more than what it has to judge.
 _SHARPER, _PRINTED = 1e-2, "rk8"
-# The mesh whose wrenches it begins from: what these lack is corrected to first order. Where that
-# leaves the tip's pose farther off than so many times what is asked of it, that of the shape.
-_MESH, _CLOSE = 3, 10
+# It begins from a mesh this much coarser than the shape's, and from no coarser one than the least:
+# what wrenches lack there is corrected to first order. Where that leaves the tip's pose farther off
+# than so many times what is asked of it, from that of the shape.
+_COARSER, _LEAST, _CLOSE = 2, 2, 10
 # Relative error of the factor of the loads at which an arm yields.
 _YIELDS = 0.01
 # Where along the arm gaps are looked at.
@@ -152,13 +153,14 @@ def _integrated(shape: Shape, stations: tuple[float, ...], accuracy: float) -> C
     """Return what initial value integration makes of a shape."""
     if contacts(shape.scene):
         return _in_contact(shape, stations, accuracy)
+    coarser = max(_LEAST, shape.refinement // _COARSER)
     if not is_loaded(shape.scene):
         given = (shape.arm, shape.scene, shape.tensions, stations, accuracy)
-        own = integrated(*given, shape.machine_code)
+        own = integrated(*given, coarser, shape.machine_code)
         places = [own.mesh.node(s) for s in stations]
         return own.poses[places], own.poses[-1, 4:], own.error, own.stability, own.centreline
     scale = np.repeat([1.0, shape.arm.length], [4, 3])
-    for mesh in sorted({min(shape.refinement, _MESH), shape.refinement}):
+    for mesh in sorted({min(shape.refinement, coarser), shape.refinement}):
         form = (STAGES, mesh, stations, True, shape.machine_code)
         forward = Collocation(shape.arm, shape.scene, *form)
         here = forward.found(shape.tensions, shape.known)

@@ -7,6 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from model.arm import Arm
+from model.mesh_refinement import FINEST_ACCURACY
 from model.paths import Array
 from model.scene import Scene
 from model.settle import settle
@@ -14,9 +15,9 @@ from model.shape import Shape
 
 
 def settled(arm: Arm, tensions: Array, scene: Scene, accuracy: float, machine_code: bool) -> Shape:
-    """Return what `settle` does; raises what it does."""
-    flat = np.ravel(tensions)
-    return _settled(arm, tuple(flat.tolist()), scene, accuracy, machine_code)
+    """Return the shape of a plan of an accuracy, a digit more accurate; raises what settle does."""
+    flat, sharper = np.ravel(tensions), max(accuracy / 10, FINEST_ACCURACY)
+    return _settled(arm, tuple(flat.tolist()), scene, sharper, machine_code)
 
 
 @lru_cache(maxsize=8)

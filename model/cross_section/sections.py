@@ -102,6 +102,10 @@ class Sections:
 
     def solve(self, v: Array, wrench: Array, tensions: Array) -> Array:
         """Return the strains (N, n) near v that balance a wrench (N, n); NaN where none do."""
+        return self._newton(v, wrench, tensions)[0]
+
+    def _newton(self, v: Array, wrench: Array, tensions: Array) -> tuple[Array, Array]:
+        """Return what `solve` does, and the derivatives of the wrench (N, n, n) a step before."""
         for _ in range(STEPS):
             found, jacobian = self.wrench(v, tensions)
             step = np.linalg.solve(jacobian, (wrench - found)[:, :, None])[:, :, 0]
@@ -109,24 +113,25 @@ class Sections:
             if not np.all(np.isfinite(step)):
                 break
             if np.all(np.abs(step) <= SETTLED * (1 + np.abs(v))):
-                return v
-        return np.where(np.abs(step) <= SETTLED * (1 + np.abs(v)), v, np.nan)
+                return v, jacobian
+        return np.where(np.abs(step) <= SETTLED * (1 + np.abs(v)), v, np.nan), jacobian
 
     def at_rest(self, v: Array, tensions: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Return the strains near v that need no wrench, and where they are at no minimum (N,)."""
         with np.errstate(all="ignore"):
             try:
-                found = self.solve(v, np.zeros_like(v), tensions)
+                found, jacobian = self._newton(v, np.zeros_like(v), tensions)
             except np.linalg.LinAlgError:
                 return v, np.full(len(v), True)
-        lost = np.isnan(found.sum(axis=1))
-        found = np.where(np.isnan(found), v, found)
-        with np.errstate(all="ignore"):
-            _, jacobian = self.wrench(found, tensions)
-        lost |= ~np.isfinite(jacobian.sum(axis=(1, 2)))
+        lost = np.isnan(found.sum(axis=1)) | ~np.isfinite(jacobian.sum(axis=(1, 2)))
+        found, jacobian = np.where(lost[:, None], v, found), jacobian.copy()
         jacobian[lost] = np.eye(jacobian.shape[1])
-        least = np.linalg.eigvalsh((jacobian + jacobian.transpose(0, 2, 1)) / 2).min(axis=1)
-        return found, np.logical_or(lost, np.less_equal(least, 0))
+        even = jacobian + jacobian.transpose(0, 2, 1)
+        try:
+            np.linalg.cholesky(even)
+        except np.linalg.LinAlgError:
+            lost |= np.linalg.eigvalsh(even).min(axis=1) <= 0
+        return found, lost
 
     def turning(self, v: Array, rate: Array) -> tuple[Array, Array]:
         """Return how fast each tendon turns (P,) [rad/m], and its Jacobian by the strains (P, n).

@@ -84,6 +84,7 @@ class Collocation:
         self.order = collocation_order(stated.of.form.stages, stated.scene.has(Friction))
         self.machine_code = stated.of.form.machine_code
         self._soon: tuple[Array, Linearised] | None = None
+        self._unloaded: tuple[Array, Array] | None = None
 
     def run(self, tensions: Array, near: Known | None = None) -> tuple[Array, Array]:
         """See ForwardMap.run; raises SnapError and UnsettledSectionError."""
@@ -161,9 +162,15 @@ class Collocation:
         return Known(self.system, self.states(rows))
 
     def without_loads(self, tensions: Array) -> Array:
-        """Return the states under tensions without loads; raises UnsettledSectionError."""
-        at = self.system
-        return at.start(tensions, settled_sections(at).strains(tensions))
+        """Return the states under tensions without loads; raises UnsettledSectionError.
+
+        The last ones are remembered.
+        """
+        at, last = self.system, self._unloaded
+        if last is None or not np.array_equal(last[0], tensions):
+            states = at.start(tensions, settled_sections(at).strains(tensions))
+            last = self._unloaded = tensions.copy(), states
+        return last[1].copy()
 
     def carried(self, tensions: Array, known: Known) -> Array:
         """Return the states of this mesh by the polynomials of another's strains."""

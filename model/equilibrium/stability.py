@@ -32,10 +32,11 @@ from model.unloaded.settled_sections import settled_sections
 # What a Hessian may be unsymmetric by for it not to matter.
 _SYMMETRIC = 1e-3
 _ALL = slice(None)
-# What eigenvalues may all be above, and how many vectors Arnoldi's method takes for each wanted.
-_BELOW, _VECTORS = (-1.0, -4.0, -16.0, -64.0), 40
+# What eigenvalues may all be above, and how many vectors Arnoldi's method takes for each mode, and
+# for the least eigenvalue alone.
+_BELOW, _VECTORS, _FEW_VECTORS = (-1.0, -4.0, -16.0, -64.0), 40, 20
 # Of Arnoldi's method, where a matrix of no more rows is the alternative.
-_RESTARTS, _SMALL = 5, 1000
+_RESTARTS, _SMALL = 10, 1000
 
 
 def stands(here: Linearised) -> bool:
@@ -60,38 +61,36 @@ def unstable_modes(here: Linearised, most: int | None = None) -> int:
     small = turns(nodes)
     v, nxt = slice(POSE + w, POSE + w + n), POSE + w + n
     after = slice(nxt + POSE, nxt + POSE + w)
-    moment, stage, quaternion = J[:, :w], J[:, w : w + n], J[:, w + n : w + n + 4]
+    moment, quaternion = J[:, :w], J[:, w + n : w + n + 4]
     back, turned = 4 * small[1:].transpose(0, 2, 1), small[:-1]
-    # By the turn at the first node and the strains: the turn at the last, the balance of the
-    # stages and that of the node, these two without what lies beyond.
+    # By the turn at the first node and the strains: the turn at the last, then the balances of the
+    # node and of the stages, these two without what lies beyond. Stages count by their weights.
     on = np.dstack([-back @ (quaternion[:, :, :4] @ turned), -back @ quaternion[:, :, v]])
-    inner = np.dstack([stage[:, :, :4] @ turned, stage[:, :, v]])
-    own = np.dstack([moment[:, :, :4] @ turned, moment[:, :, v]])
-    beyond, passed = stage[:, :, after], moment[:, :, after]
+    weight = np.repeat(gauss(of.form.stages).b, of.form.strains)
+    counted = J[:, : w + n] * np.concatenate([np.ones(w), weight])[:, None]
+    own = np.dstack([counted[:, :, :4] @ turned, counted[:, :, v]])
+    beyond = counted[:, :, after]
     held = -np.linalg.inv(moment[:, :, POSE : POSE + w])
-    weight = np.repeat(gauss(of.form.stages).b, of.form.strains)[:, None]
     P, count = _tip(here) @ small[-1], 0
     for k in range(of.elements)[::-1]:
-        wrench = P @ on[k]
-        K = inner[k] + beyond[k] @ wrench
-        S = K[:, 3:]
-        count += _negative(weight * S)
+        both = own[k] + beyond[k] @ (P @ on[k])
+        S = both[w:, 3:]
+        _, indefinite = dpotrf(S + S.T, overwrite_a=True)
+        if indefinite:
+            count += _negative(S)
         if most is not None and count > most:
             return count
-        *_, bent, singular = dgesv(S, K[:, :3])
+        *_, bent, singular = dgesv(S, both[w:, :3])
         if singular:
             raise np.linalg.LinAlgError("a pivot is singular")
-        both = own[k] + passed[k] @ wrench
-        P = held[k] @ (both[:, :3] - both[:, 3:] @ bent)
-    return count
+        P = held[k] @ (both[:w, :3] - both[:w, 3:] @ bent)
+    # What is no number once stays so.
+    return count if np.isfinite(P).all() else of.elements * n
 
 
 def _negative(S: Array) -> int:
     """Return how many eigenvalues of a pivot are not positive; all of one that is no number."""
-    if not np.isfinite(S.sum()):
-        return len(S)
-    _, lost = dpotrf(S + S.T, overwrite_a=True)
-    return int((np.linalg.eigvals(S).real <= 0).sum()) if lost else 0
+    return int((np.linalg.eigvals(S).real <= 0).sum()) if np.isfinite(S).all() else len(S)
 
 
 def turns(q: Array) -> Array:
@@ -192,7 +191,7 @@ def least_eigenvalue(here: Linearised) -> float:
 
     operator = LinearOperator((n, n), matvec=inverse, dtype=float)
     restarts, tol = (_RESTARTS, 1e-8) if n <= _SMALL else (None, 1e-5)
-    asked = {"v0": np.ones(n), "ncv": 40, "tol": tol, "maxiter": restarts}
+    asked = {"v0": np.ones(n), "ncv": _FEW_VECTORS, "tol": tol, "maxiter": restarts}
     try:
         value = eigs(operator, 1, return_eigenvectors=False, **asked)[0]
     except ArpackNoConvergence:  # as where many eigenvalues are one

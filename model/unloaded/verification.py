@@ -35,8 +35,6 @@ from model.transcription.collocation import gauss
 from model.transcription.system import form_of
 from model.unloaded.settled_sections import SettledSections
 
-# Elements of the mesh whose steps are halved.
-_MESH = 3
 # Strains that change by less in a Newton step, relative to their size and 1, balance: what is left
 # is its square.
 _LINEAR, _PASSES = 1e-5, 8
@@ -80,9 +78,12 @@ def integrated(
     tensions: Array,
     stations: tuple[float, ...],
     accuracy: float,
+    refinement: int,
     machine_code: bool,
 ) -> Integrated:
     """Return the arm under tensions (n_tendons,), with `stations` among the nodes.
+
+    `refinement` is that of the mesh whose steps are halved.
 
     Raises ConvergenceError where halved steps do not come to the accuracy, and
     UnsettledSectionError where a section does not settle.
@@ -90,7 +91,7 @@ def integrated(
     scale, error = np.repeat([1.0, arm.length], [4, 3]), np.inf
     for pair in pairwise(SUBSTEPS):
         check_time()
-        steps = _steps(arm, scene, stations, pair, machine_code)
+        steps = _steps(arm, scene, stations, refinement, pair, machine_code)
         (rough, fine), stability = steps.poses(tensions)
         error = estimate(float(np.abs((fine - rough) / scale).max()), 1, 2, SCHEME.order)
         if error <= accuracy:
@@ -107,10 +108,11 @@ class _Steps:
         arm: Arm,
         scene: Scene,
         stations: tuple[float, ...],
+        refinement: int,
         pair: tuple[int, int],
         machine_code: bool,
     ) -> None:
-        self.mesh, self.pair, self.base = graded(arm, _MESH, stations), pair, base_pose(arm)
+        self.mesh, self.pair, self.base = graded(arm, refinement, stations), pair, base_pose(arm)
         s, h = self.mesh.s, np.diff(self.mesh.s)
         shares = [(np.arange(k)[:, None] + np.array(SCHEME.samples)) / k for k in pair]
         inside = np.hstack([s[:-1, None] + h[:, None] * share.ravel() for share in shares])
@@ -159,10 +161,11 @@ def _steps(
     arm: Arm,
     scene: Scene,
     stations: tuple[float, ...],
+    refinement: int,
     pair: tuple[int, int],
     machine_code: bool,
 ) -> _Steps:
-    return _Steps(arm, scene, stations, pair, machine_code)
+    return _Steps(arm, scene, stations, refinement, pair, machine_code)
 
 
 @lru_cache(maxsize=32)

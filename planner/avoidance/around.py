@@ -63,9 +63,8 @@ class Around:
                 return led
         search, self.searched = Search(self.task), True
         found = search.run(seconds)
-        line = line_of(
-            self.task.problem(found.statement), np.ravel(found.tensions), self.task.accuracy
-        )
+        T, stated = np.ravel(found.tensions), self.task.problem(found.statement)
+        line = line_of(stated, T, self.task.accuracy, finished=True)
         if found.stopped or (line is not None and self.asked.keeps(line)):
             return found, None
         self.task = search.task
@@ -78,7 +77,8 @@ class Around:
     def _near(self, near: SearchResult) -> tuple[SearchResult, Avoidance | None] | None:
         """Return a plan that keeps clear near one without surroundings."""
         T = np.ravel(near.tensions)
-        line = line_of(self.task.problem(near.statement), T, self.task.accuracy)
+        stated = self.task.problem(near.statement)
+        line = line_of(stated, T, self.task.accuracy, finished=True)
         if line is not None and self.asked.keeps(line):
             return near, None
         clear = self.coarse(T, "exact")
@@ -163,7 +163,8 @@ class Around:
             if mode == "exact" and not fine.optimal:
                 return None
             T = task.problem(fine.statement).tensions(fine.solution.x, task.allowed)
-            line = line_of(task.problem(fine.statement), T, self.task.accuracy)
+            stated = task.problem(fine.statement)
+            line = line_of(stated, T, self.task.accuracy, finished=True)
             if line is None:
                 return None
             if self.asked.keeps(line):

@@ -12,6 +12,7 @@ from model.paths import Array
 from model.settle import settle
 from planner.avoidance.rows import Avoidance
 from planner.program.problem import Problem
+from planner.settled import settled
 from planner.solve.ipopt import Solution
 from planner.solve.task import Task
 
@@ -39,15 +40,22 @@ def keeping(task: Task, avoidance: Avoidance | None) -> Task:
     return replace(task, targets=(*task.targets, avoidance))
 
 
-def line_of(problem: Problem, T: Array, accuracy: float) -> Centreline | None:
-    """Return the centreline of a program's arm under tensions; None if it does not settle."""
+def line_of(
+    problem: Problem, T: Array, accuracy: float, finished: bool = False
+) -> Centreline | None:
+    """Return the centreline of a program's arm under tensions; None if it does not settle.
+
+    Near the shape of the plan where that is `finished`: then it is asked for in any case.
+    """
+    asked = (problem.arm, T, problem.scene, accuracy)
     try:
         if problem.scene.has(PrintedStatics):
-            return Centreline.of(settle(problem.arm, T, problem.scene, accuracy))
+            return Centreline.of(settle(*asked))
         mesh = problem.statement.refinement
         places = tuple(Avoidance(()).stations(problem.arm))
         form = STAGES, mesh, places, True, problem.machine_code
         forward = Collocation(problem.arm, problem.scene, *form)
-        return Centreline.at_states(forward.system, forward.found(T).states)
+        near = settled(*asked, problem.machine_code).known if finished else None
+        return Centreline.at_states(forward.system, forward.found(T, near).states)
     except OctoplanError:
         return None

@@ -16,7 +16,6 @@ import numpy as np
 from model.arm import Arm
 from model.equilibrium.forward import Known as States
 from model.errors import OctoplanError
-from model.mesh_refinement import FINEST_ACCURACY
 from model.paths import Array
 from model.scene import Scene
 from planner.program.explicit import Explicit
@@ -213,8 +212,7 @@ def _fine_enough(
     """
     statement, T = problem.statement, problem.tensions(found.x, limits)
     try:
-        asked = (problem.arm, T, problem.scene, max(accuracy / 10, FINEST_ACCURACY))
-        shape = settled(*asked, problem.machine_code)
+        shape = settled(problem.arm, T, problem.scene, accuracy, problem.machine_code)
     except OctoplanError:
         return statement, None
     return statement.but(refinement=max(shape.refinement, statement.refinement)), shape.known

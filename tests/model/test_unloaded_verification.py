@@ -22,7 +22,7 @@ SCENES = {
 @pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
 def test_poses_midline_and_stability_are_those_of_the_settled_shape(scene: Scene) -> None:
     stations = (0.1, ARM.length)
-    found, shape = integrated(ARM, scene, T, stations, 1e-9, False), settle(ARM, T, scene, 1e-11)
+    found, shape = integrated(ARM, scene, T, stations, 1e-9, 3, False), settle(ARM, T, scene, 1e-11)
     assert found.error <= 1e-9
     places = [found.mesh.node(s) for s in stations]
     assert found.poses[places, 4:] == pytest.approx(shape.position(np.array(stations)), abs=1e-9)
@@ -37,4 +37,4 @@ def test_poses_midline_and_stability_are_those_of_the_settled_shape(scene: Scene
 
 def test_steps_that_do_not_come_to_an_accuracy_are_refused() -> None:
     with pytest.raises(ConvergenceError, match="rk8"):
-        integrated(ARM, Scene(Extension()), T, (ARM.length,), 1e-17, False)
+        integrated(ARM, Scene(Extension()), T, (ARM.length,), 1e-17, 3, False)
