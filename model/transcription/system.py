@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import cached_property, lru_cache, partial
 
 import casadi as ca
 import numpy as np
@@ -18,6 +18,7 @@ from model.cross_section import cross_section_of
 from model.effects import Current, Friction, TipLoad
 from model.loads import contacts, growth, is_loaded, levers, places
 from model.machine.buffered import Buffered
+from model.machine.compiled import kernel
 from model.mesh import Mesh, graded
 from model.paths import Array
 from model.rotations import matrices
@@ -89,7 +90,7 @@ class System:
         self.p, self.s, self.length_numbers = found.p, found.s, found.lengths
         self._calls = calls_of(self.of)
 
-    @property
+    @cached_property
     def base(self) -> Array:
         """The pose (7,) that the base is clamped at, as part of the numbers."""
         return self.p[self.of.equations.numbers_of("clamp")]
@@ -267,10 +268,11 @@ def system(
 @lru_cache(maxsize=64)
 def _march(form: Form, N: int) -> Buffered:
     """Return (pose, strains of each of N elements, h (1, N)) -> pose at the end of each."""
-    kernel = element(replace(form, friction=False))
+    own = element(replace(form, friction=False))
     g, v, h = ca.SX.sym("g", POSE), ca.SX.sym("v", form.stages * form.strains), ca.SX.sym("h")
     none = ca.SX.zeros(form.wrench)
     y = ca.vertcat(ca.SX.zeros(int(form.loaded)), g, none, v, ca.SX.zeros(POSE), none)
-    numbers_of = ca.vertcat(h, ca.SX.zeros(kernel.c.numel() - 1))
-    after = -kernel.value(y, numbers_of)[-POSE:]
-    return Buffered(ca.Function("march", [g, v, h], [after], {"cse": True}).mapaccum(N))
+    numbers_of = ca.vertcat(h, ca.SX.zeros(own.c.numel() - 1))
+    after = -own.value(y, numbers_of)[-POSE:]
+    step = ca.Function("march", [g, v, h], [after], {"cse": True})
+    return Buffered(kernel(step, form.machine_code).mapaccum(N))
