@@ -202,7 +202,7 @@ class Answer:
         if np.ravel(self._rows("stretch")).min(initial=0.0) < -1e-9:
             found.append((np.inf, "the body, which would be crushed (1 + q at its least)"))
         if np.ravel(self._rows(STABILITY)).min(initial=0.0) < -1e-9:
-            least = self.statement.margin
+            least = self.statement.least
             found.append((np.inf, f"stability, at its margin of {least:g}"))
         if np.ravel(self._rows("inequality")).min(initial=0.0) < -1e-9 and self.surroundings:
             found.append((0.0, "what the arm is to keep clear of"))

@@ -54,8 +54,8 @@ def _kept_clear(near: Answer, task: Task, around: Surroundings) -> SearchResult 
     found = _followed(near, keeping(task, near.avoidance), near.stated)
     if found is None or found.stopped or found.jump:
         return None
-    T, stated = np.ravel(found.tensions), task.problem(found.statement)
-    line = line_of(stated, T, task.accuracy, finished=True)
+    T, problem = np.ravel(found.tensions), task.problem(found.statement)
+    line = line_of(problem, T, task.accuracy, finished=True)
     return found if line is not None and around.keeps(line) else None
 
 

@@ -24,7 +24,7 @@ from planner.avoidance.other_starts import clear_arms, other_arms
 from planner.avoidance.places import lasting, near_places, updated, watched_places
 from planner.avoidance.rows import Avoidance
 from planner.initial_guess.curled import distinct
-from planner.program.statement import Mode
+from planner.program.statement import Mode, Statement
 from planner.solve.ipopt import Solution
 from planner.solve.multistart import Multistart, record
 from planner.solve.refine import refine
@@ -63,8 +63,8 @@ class Around:
                 return led
         search, self.searched = Search(self.task), True
         found = search.run(seconds)
-        T, stated = np.ravel(found.tensions), self.task.problem(found.statement)
-        line = line_of(stated, T, self.task.accuracy, finished=True)
+        T, problem = np.ravel(found.tensions), self.task.problem(found.statement)
+        line = line_of(problem, T, self.task.accuracy, finished=True)
         if found.stopped or (line is not None and self.asked.keeps(line)):
             return found, None
         self.task = search.task
@@ -77,8 +77,8 @@ class Around:
     def _near(self, near: SearchResult) -> tuple[SearchResult, Avoidance | None] | None:
         """Return a plan that keeps clear near one without surroundings."""
         T = np.ravel(near.tensions)
-        stated = self.task.problem(near.statement)
-        line = line_of(stated, T, self.task.accuracy, finished=True)
+        problem = self.task.problem(near.statement)
+        line = line_of(problem, T, self.task.accuracy, finished=True)
         if line is not None and self.asked.keeps(line):
             return near, None
         clear = self.coarse(T, "exact")
@@ -133,11 +133,10 @@ class Around:
         """Return the optimum that keeps clear, on the coarse mesh, where tensions lead to one."""
         avoidance: Avoidance | None = None
         solution: Solution | None = None
-        held = False
+        stated = self.task.statement
         for _ in range(_ADDED):
             task = keeping(self.task, avoidance)
-            statement = task.coarse(mode)
-            line = line_of(task.problem(statement), T, self.task.accuracy)
+            line = line_of(task.problem(task.coarse(mode)), T, self.task.accuracy)
             if line is None:
                 return None
             look = watched_places if solution is None else near_places
@@ -145,10 +144,10 @@ class Around:
             enough = lasting(avoidance, self.task.arm, self.asked)
             if solution is not None and enough and all(place.gap >= self._enough for place in near):
                 self.records.append(record(solution))
-                return Clear(self.task, avoidance, solution, held)
+                return Clear(self.task, avoidance, solution, stated)
             avoidance = updated(avoidance, near, line, self.asked)
             task = keeping(self.task, avoidance)
-            solution, held = self._solved(task, T, mode)
+            solution, stated = self._solved(task, T, mode)
             if not solution.finite or (mode == "exact" and not solution.met):
                 self.records.append(record(solution))
                 return None
@@ -162,9 +161,9 @@ class Around:
             fine = refine(task, clear.solution, mode)
             if mode == "exact" and not fine.optimal:
                 return None
-            T = task.problem(fine.statement).tensions(fine.solution.x, task.allowed)
-            stated = task.problem(fine.statement)
-            line = line_of(stated, T, self.task.accuracy, finished=True)
+            problem = task.problem(fine.statement)
+            T = problem.tensions(fine.solution.x, task.allowed)
+            line = line_of(problem, T, self.task.accuracy, finished=True)
             if line is None:
                 return None
             if self.asked.keeps(line):
@@ -177,23 +176,24 @@ class Around:
             avoidance = updated(clear.avoidance, near, line, self.asked)
             before, solution = clear.avoidance, fine.solution
             if before is None or avoidance.structure(task.arm) != before.structure(task.arm):
-                solution, held = self._solved(keeping(self.task, avoidance), T, mode)
-                clear = replace(clear, held=held)
+                solution, stated = self._solved(keeping(self.task, avoidance), T, mode)
+                clear = replace(clear, statement=stated)
                 if not solution.finite or (mode == "exact" and not solution.met):
                     return None
             clear = replace(clear, avoidance=avoidance, solution=solution)
         return None
 
     @staticmethod
-    def _solved(task: Task, T: Array, mode: Mode) -> tuple[Solution, bool]:
-        """Return what tensions lead to, and whether its least stable mode has to be held."""
-        trials, statement = Multistart(task), task.coarse(mode)
-        solution = trials.solve(statement, T)
-        if not solution.met or trials.stands(statement, solution):
-            return solution, False
-        trials.toppled.append((statement, solution))
-        held = steadied(trials, mode, np.inf)
-        return (held[0], True) if held else (replace(solution, met=False), False)
+    def _solved(task: Task, T: Array, mode: Mode) -> tuple[Solution, Statement]:
+        """Return what tensions lead to, and the task's statement, held where it has to be."""
+        trials, coarse = Multistart(task), task.coarse(mode)
+        solution = trials.solve(coarse, T)
+        if not solution.met or trials.stands(coarse, solution):
+            return solution, task.statement
+        trials.toppled.append((coarse, solution))
+        for held, steady in steadied(trials, mode, np.inf):
+            return steady, held.statement
+        return replace(solution, met=False), task.statement
 
     @property
     def _enough(self) -> float:

@@ -12,6 +12,7 @@ from model.paths import Array
 from model.settle import settle
 from planner.avoidance.rows import Avoidance
 from planner.program.problem import Problem
+from planner.program.statement import Statement
 from planner.settled import settled
 from planner.solve.ipopt import Solution
 from planner.solve.task import Task
@@ -19,18 +20,20 @@ from planner.solve.task import Task
 
 @dataclass(frozen=True, eq=False)
 class Clear:
-    """An optimum that keeps clear, and the inequalities of its program."""
+    """An optimum that keeps clear, and the inequalities of its program.
+
+    `statement` is the task's, with the least stable mode held where it has to be.
+    """
 
     task: Task
     avoidance: Avoidance | None
     solution: Solution
-    held: bool
+    statement: Statement
 
     @property
     def stated(self) -> Task:
-        """The task with its inequalities, and the least stable mode where it has to be held."""
-        task = keeping(self.task, self.avoidance)
-        return task.held if self.held else task
+        """The task with its inequalities and statement."""
+        return replace(keeping(self.task, self.avoidance), statement=self.statement)
 
 
 def keeping(task: Task, avoidance: Avoidance | None) -> Task:

@@ -24,6 +24,8 @@ from planner.targets.base import Target
 
 # Strains of an arm from which on the least eigenvalue is sooner found by iteration.
 _DENSE = 120
+# Tips of one shape are no farther apart, over the arm's length.
+_SAME = 1e-3
 
 
 class Collocated:
@@ -95,6 +97,16 @@ class Collocated:
             return least_eigenvalue(here) if fine else stability(here)
         except OctoplanError:
             return -np.inf
+
+    def is_from_rest(self, x: Array, tensions: Array) -> bool:
+        """Return whether the shape in unknowns x is that which the unloaded arm comes to."""
+        tip = self.forward.system.of.nodes[-1, 4:7]
+        try:
+            settled = self.forward.from_rest(tensions).states
+        except OctoplanError:
+            return False
+        apart = np.linalg.norm((settled - self.states_of(x, tensions))[tip])
+        return bool(apart <= _SAME * self.forward.system.arm.length)
 
     def moved_by_loads(self, tensions: Array) -> float:
         """Return how far the loads move the tip [m], infinite where they are too heavy."""

@@ -172,6 +172,10 @@ class Explicit:
         """See Collocated.stability: nothing topples without loads."""
         return np.inf
 
+    def is_from_rest(self, x: Array, tensions: Array) -> bool:
+        """See Collocated.is_from_rest: there is one shape without loads."""
+        return True
+
     def moved_by_loads(self, tensions: Array) -> float:
         """See Collocated.moved_by_loads: there are none."""
         return 0.0

@@ -28,8 +28,6 @@ from planner.targets.base import ComplianceRequest, Target
 
 Bounds = tuple[Array, Array, Array, Array]
 TRACES = (1e-6, 1e-11)
-# The least stability that a plan is held to: an arm that is about to yield does not settle.
-_STABLE = 1e-3
 # Over what bends the arm by some rad: maxima below this share do nothing, those above are none.
 _NOTHING, _NO_LIMIT = 1e-7, 1e12
 
@@ -134,7 +132,7 @@ class Problem:
         free = np.full(self.program.size - unit.size, np.inf)
         lbx, ubx = np.concatenate([lower / unit, -free]), np.concatenate([upper / unit, free])
         lbx[self.n_free :][:1] = ubx[self.n_free :][:1] = 1.0
-        floors = {STABILITY: max(self.statement.margin, _STABLE)}
+        floors = {STABILITY: self.statement.least}
         lbg = np.concatenate([np.full(r.size, floors.get(r.name, r.lower)) for r in self.rows])
         ubg = np.concatenate([np.full(r.size, r.upper) for r in self.rows])
         if limits.strokes is not None:
@@ -175,6 +173,10 @@ class Problem:
         Of unknowns without states, of the shape near one that is known, or else from rest.
         """
         return self.mechanics.stability(x, tensions, near)
+
+    def is_from_rest(self, x: Array, tensions: Array) -> bool:
+        """Return whether the shape at unknowns x is that which the unloaded arm comes to."""
+        return self.mechanics.is_from_rest(x, tensions)
 
     def moved_by_loads(self, tensions: Array) -> float:
         """Return how far the loads move the tip [m], infinite where they are too heavy."""

@@ -32,6 +32,8 @@ class Statement:
         The least stability that is accepted, see planner.certificate.
     modes : int
         How many of the least stable modes are held to it; none where stability is only checked.
+    floor : float
+        What these are held to at least: an arm that is about to yield does not settle.
     wound : bool
         Whether strokes have limits: then the lengths of the tendons are unknowns.
     """
@@ -44,6 +46,7 @@ class Statement:
     refinement: int = 4
     margin: float = 0.0
     modes: int = 0
+    floor: float = 1e-2
     wound: bool = False
 
     @property
@@ -51,6 +54,11 @@ class Statement:
         """How many stages the elements have; other schemes of the same order have as many."""
         most = 4 if self.scheme.startswith("gauss") else 3
         return max(1, min(int(self.scheme[-1]) // 2, most))
+
+    @property
+    def least(self) -> float:
+        """The stability that modes are held to."""
+        return max(self.margin, self.floor)
 
     def but(self, **changes: Any) -> Statement:
         """Return the statement with some choices changed."""

@@ -54,6 +54,8 @@ _PHASES: dict[Mode, str] = {
 # So many starts ipopt takes on though others are met: those that quadratic programs left with less
 # effort, and so near to what is wanted.
 _PROMISING, _CLOSE = 2, 0.05
+# More stable than this an arm under light loads has one shape.
+_FIRM = 0.5
 # What a margin may lack.
 _SLACK = 1e-3
 
@@ -186,9 +188,17 @@ class Multistart:
         return solution.f < min(s.f for s in found) and float(off.max(initial=0.0)) <= _CLOSE
 
     def stands(self, statement: Statement, solution: Solution) -> bool:
-        """Return whether a solution is as stable as it has to be."""
+        """Return whether a solution is as stable as it has to be, and where the arm comes to.
+
+        Under loads that move it far an arm may have several shapes that stand.
+        """
         T, margin = self.task.tensions(solution), self.task.statement.margin
-        return self.task.problem(statement).stability(solution.x, T) >= margin - _SLACK
+        problem = self.task.problem(statement)
+        least = problem.stability(solution.x, T)
+        if least < margin - _SLACK:
+            return False
+        alone = least > _FIRM and not self.heavy
+        return alone or problem.is_from_rest(solution.x, T)
 
     def by_continuation(
         self, starts: list[Array], statement: Statement, records: list[Trial]

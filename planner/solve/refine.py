@@ -64,15 +64,15 @@ class Fine:
         return self.worst <= _OPTIMAL
 
 
-def refine_best(task: Task, coarse: Sequence[Solution], mode: Mode) -> Fine:
+def refine_best(coarse: Sequence[tuple[Task, Solution]], mode: Mode) -> Fine:
     """Return the best of coarse optima on the fine mesh; `optimal` is False if none is one there.
 
-    Which is best is decided there among all that are nearly so, and an optimum that only the coarse
-    mesh has is left for the next.
+    Each comes with its task. Which is best is decided there among all that are nearly so, and an
+    optimum that only the coarse mesh has is left for the next.
     """
     finished: list[Fine] = []
     limit, last = np.inf, -np.inf
-    for solution in sorted(coarse, key=lambda s: s.f):
+    for task, solution in sorted(coarse, key=lambda own: own[1].f):
         if solution.f > limit or len(finished) == _MOST:
             break
         if solution.f <= last + _SAME * abs(last):

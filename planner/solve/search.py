@@ -177,8 +177,8 @@ class Search:
         best = min((s.f for s in found), default=np.inf)
         held = steadied(self.trials, mode, best)
         tell("refining the mesh to the accuracy")
-        tasks = ((self.task, found), (self.task.held, held))
-        return [refine_best(task, own, mode) for task, own in tasks if own]
+        own = [*((self.task, solution) for solution in found), *held]
+        return [refine_best(own, mode)] if own else []
 
     def _answer(self, fine: Fine, records: list[Trial]) -> SearchResult:
         T = self.task.problem(fine.statement).tensions(fine.solution.x, self.task.allowed)

@@ -61,10 +61,9 @@ class Task:
         effects = (effect for effect in self.scene.effects if isinstance(effect, kept))
         return replace(self, scene=Scene(*effects))
 
-    @property
-    def held(self) -> Task:
-        """The same with the least stable mode held to the margin."""
-        return replace(self, statement=self.statement.but(modes=1))
+    def held(self, floor: float) -> Task:
+        """Return the same with the least stable mode held to the margin, and to a floor."""
+        return replace(self, statement=self.statement.but(modes=1, floor=floor))
 
     @cached_property
     def allowed(self) -> Limits:

@@ -111,7 +111,7 @@ def test_what_topples_on_a_finer_mesh_is_steadied_on_it() -> None:
     met = trials.solve(statement, T)
     assert met.met
     trials.toppled.append((statement, met))
-    (found,) = steadied(trials, "exact", np.inf)
+    ((_, found),) = steadied(trials, "exact", np.inf)
     assert trials.stands(statement, found)
     assert found.f == pytest.approx(met.f, rel=1e-2)
 
