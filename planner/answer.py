@@ -172,8 +172,8 @@ class Answer:
             planes = ", ".join(f"{math.degrees(angle):.3g} deg" for angle, _ in self.mirror_images)
             said = f"{said} Its mirror image across the plane at {planes} from n costs the same."
         if not self.certificate.problem:
-            told = (self.targets, self.shape, self.limits, self.reached, self.accuracy)
-            said += remarks(*told)
+            missed = not self.certificate.attained and not self.stopped
+            said += remarks(self.targets, self.shape, self.limits, missed, self.accuracy)
         return f"Stopped at the time limit, the best so far. {said}" if self.stopped else said
 
     @cached_property

@@ -39,6 +39,14 @@ class Facts:
     length: float
     stopped: bool = False
 
+    @property
+    def is_nearest(self) -> bool:
+        """Whether what misses the targets is an optimum of how near it comes.
+
+        That is not looked for in contact, nor found where the search was stopped.
+        """
+        return not self.stopped and self.certificate.complementarity is None
+
 
 def sentence(facts: Facts) -> str:
     """Return what happened to a plan in words, with what was not asked about and yet cannot be."""
@@ -60,7 +68,7 @@ def _happened(facts: Facts) -> str:
         return f"Not reached: no shape within the limits of strokes is found; {found}; {tried}."
     if facts.mode != "exact" and not certificate.attained:
         gaps = _gaps(facts)
-        nearest = "shape found" if facts.stopped else "attainable shape"
+        nearest = "attainable shape" if facts.is_nearest else "shape found"
         return f"Not reached: the nearest {nearest} is {gaps}; {_holders(facts)}; {tried}."
     if certificate.too_near:
         advice = "move it or the target, raise the limits or ask for less clearance"
@@ -121,6 +129,8 @@ def _length(facts: Facts, value: float) -> str:
 def _holders(facts: Facts) -> str:
     if facts.stopped:
         return "the search was not at its end, a longer time limit may bring it nearer"
+    if not facts.holders and not facts.is_nearest:
+        return "no limit is active, more starts may find a nearer one"
     if not facts.holders:
         return "no limit is active: the target is out of reach of these tendons, move it"
     return f"held by {', '.join(facts.holders[:3])}; raise these limits or move the target"

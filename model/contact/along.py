@@ -11,6 +11,7 @@ from model.cross_section.law import CrossSection, size
 from model.equilibrium.dense import poses_and_strains
 from model.equilibrium.linearised import Index
 from model.machine.buffered import Mapped
+from model.machine.compiled import kernels
 from model.obstacles.base import SIZE, with_gradient
 from model.paths import Array
 from model.rotations import unit_matrix
@@ -35,11 +36,13 @@ def along(system: System, x: Array, s: Array, obstacles: Array | Index) -> Array
     rate = np.einsum("km,kmn->kn", slopes, stages)
     bodies = system.p[of.equations.numbers_of("touch")].reshape(-1, of.form.contacts, TOUCH)
     radii = np.array(system.arm.outer_radius(s))
-    return _along(of.form.law)(poses, v, rate, bodies[0, obstacles, :SIZE], radii.T)[0]
+    return _along(of.form.law, of.form.machine_code)(
+        poses, v, rate, bodies[0, obstacles, :SIZE], radii.T
+    )[0]
 
 
 @lru_cache(maxsize=32)
-def _along(law: CrossSection) -> Mapped:
+def _along(law: CrossSection, machine_code: bool) -> Mapped:
     """Return pose, strains, their rates, an obstacle, radius and two derivatives -> gap, ..."""
     g, v, rate = ca.SX.sym("g", 7), ca.SX.sym("v", size(law)), ca.SX.sym("rate", size(law))
     body, radius = ca.SX.sym("body", SIZE), ca.SX.sym("radius", 3)
@@ -61,4 +64,5 @@ def _along(law: CrossSection) -> Mapped:
         - 2 * radius[1] * wide1
         - radius[0] * wide2,
     )
-    return Mapped(ca.Function("along", [g, v, rate, body, radius], [gap], {"cse": True}))
+    found = ca.Function("along", [g, v, rate, body, radius], [gap], {"cse": True})
+    return Mapped(*kernels([found], machine_code))

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
+from model.machine.buffered import Mapped
+from model.machine.compiled import kernels
 from model.paths import Array
+from model.transcription.element import Form
 from model.transcription.layout import POSE
 from model.transcription.system import System
 from model.transcription.touch import TOUCH, gap_function
@@ -35,11 +39,11 @@ class Gaps:
         """Return those of states (n_states,)."""
         of, form = system.of, system.of.form
         N, K = of.elements, form.contacts
-        numbers = system.p[of.equations.numbers_of("touch")].reshape(N * K, TOUCH).T
-        inside = np.repeat(states[of.stages].reshape(N, -1), K, axis=0).T
-        poses = np.repeat(states[of.nodes[1:, :POSE]], K, axis=0).T
-        found = gap_function(form.law, form.stages).map(N * K)(inside, poses, numbers)
-        gap, slope, normal, by_strains = (np.array(part).T.reshape(N, K, -1) for part in found)
+        numbers = system.p[of.equations.numbers_of("touch")].reshape(N * K, TOUCH)
+        inside = np.repeat(states[of.stages].reshape(N, -1), K, axis=0)
+        poses = np.repeat(states[of.nodes[1:, :POSE]], K, axis=0)
+        found = _gaps(form)(inside, poses, numbers)
+        gap, slope, normal, by_strains = (part.reshape(N, K, -1) for part in found)
         return cls(system, gap[:, :, 0], slope[:, :, 0], normal, by_strains)
 
     def moved(self, change: Array) -> Array:
@@ -48,3 +52,9 @@ class Gaps:
         by_place = np.einsum("nki,ni...->nk...", self.normal, change[of.nodes[1:, 4:POSE]])
         bent = change[of.stages].reshape(of.elements, -1, *change.shape[1:])
         return np.asarray(by_place + np.einsum("nki,ni...->nk...", self.by_strains, bent))
+
+
+@lru_cache(maxsize=32)
+def _gaps(form: Form) -> Mapped:
+    """Return gap_function of many nodes at once."""
+    return Mapped(*kernels([gap_function(form.law, form.stages)], form.machine_code))

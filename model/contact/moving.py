@@ -7,6 +7,7 @@ go as model.contact.changes has it, and nodes move with them.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,12 +15,12 @@ from model.arm import Arm
 from model.contact.along import along
 from model.contact.changes import changed, exchanged, moved, narrowed, split
 from model.contact.history import History
-from model.contact.newton import Held, newton
+from model.contact.newton import Drag, Held, newton
 from model.contact.places import Place, Placed, placed
 from model.contact.root import Root
 from model.contact.touches import Touches, forces, second
 from model.effects import Shear
-from model.equilibrium.forward import Collocation, Known
+from model.equilibrium.forward import Collocation, Known, carried_strains
 from model.loads import contacts
 from model.mesh import Mesh
 from model.paths import Array
@@ -43,6 +44,13 @@ _Found = tuple[Held, _Nodes]
 _Last = tuple[Held, _Nodes, tuple[Place, ...]]
 
 
+class Resisted(NamedTuple):
+    """Viscous resistance to what the strains change from where the arm was; see Drag."""
+
+    share: float
+    before: Held
+
+
 @dataclass(frozen=True, eq=False)
 class Question:
     """What is asked for on a mesh that may move.
@@ -61,6 +69,8 @@ class Question:
     machine_code : bool
     history : History or None
         Where the arm was before, that friction looks back to.
+    resisted : Resisted or None
+        What the arm moves against.
     """
 
     arm: Arm
@@ -72,6 +82,7 @@ class Question:
     stages: int
     machine_code: bool = False
     history: History | None = None
+    resisted: Resisted | None = None
 
     def system(self, mesh: Mesh, pressed: bool = False) -> System:
         """Return the equations on a mesh."""
@@ -202,8 +213,16 @@ def _solved(
         states[system.of.tractions] *= (touches.inside | touches.end)[:, :, None]
     states[own[:, :, 1]] *= touches.inside | touches.end
     states[own[:, :, 0]] *= touches.held
-    found = newton(system, of.tensions, of.load, states, touches, cuts=4, fixed=True)
+    drag = None if of.resisted is None else _drag(of.resisted, system)
+    found = newton(system, of.tensions, of.load, states, touches, cuts=4, fixed=True, drag=drag)
     return None if found is None else (found, at.nodes)
+
+
+def _drag(of: Resisted, system: System) -> Drag:
+    """Return resistance on another mesh than that which the arm was on."""
+    before, states = of.before.here.system, np.zeros(system.of.n_states)
+    states[system.of.stages] = carried_strains(before, before.strains(of.before.states), system)
+    return Drag(of.share, states)
 
 
 def _near(before: System, after: System) -> bool:

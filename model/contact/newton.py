@@ -123,17 +123,18 @@ def newton(
     farthest: float = TURN,
     cuts: int = 0,
     fixed: bool = False,
+    drag: Drag | None = None,
 ) -> Held | None:
     """Return the equilibrium near given states, None where steps are not small or do not shrink.
 
     `touches` are those to begin with, and with `fixed` those to the end. See
-    model.equilibrium.newton for `farthest` and `cuts`.
+    model.equilibrium.newton for `farthest` and `cuts`. With `drag` it is where that holds the arm.
     """
     last, grown = 0.0, 0
     frictional = system.of.form.contact_friction
     for _ in range(_STEPS + _WITH_FRICTION * frictional):
         check_time()
-        step = complementary_step(system, tensions, load, states, touches, None, fixed)
+        step = complementary_step(system, tensions, load, states, touches, drag, fixed)
         if step is None:
             return None
         change, after = step

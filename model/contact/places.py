@@ -66,7 +66,7 @@ class Placed:
 def placed(
     base: Mesh, fixed: Array, places: tuple[Place, ...], obstacles: int, sheared: bool = False
 ) -> Placed | None:
-    """Return a mesh whose nodes are moved to places; None where two of them are one.
+    """Return a mesh whose nodes are moved to places; None where two are one, or one is no number.
 
     Parts of an arm that is `sheared` have no forces at their ends, see model.contact.sheared.
 
@@ -75,6 +75,8 @@ def placed(
     """
     ends = sorted((s, i, k) for i, place in enumerate(places) for k, s in enumerate(place.ends))
     at, same = np.array([end[0] for end in ends]), SAME * base.s[-1]
+    if not np.isfinite(at).all():
+        return None
     if ends and (np.abs(at[:, None] - fixed).min(axis=1) > same).any():
         base = _roomy(base, fixed, at)
     anchors, found = {base.node(s): float(s) for s in fixed}, dict[tuple[int, int], int]()

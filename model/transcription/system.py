@@ -17,7 +17,7 @@ from model.arm import Arm
 from model.cross_section import cross_section_of
 from model.effects import Current, Friction, TipLoad
 from model.loads import contacts, growth, is_loaded, levers, places
-from model.machine.buffered import Buffered
+from model.machine.buffered import Buffered, Mapped
 from model.machine.compiled import kernel
 from model.mesh import Mesh, graded
 from model.paths import Array
@@ -26,6 +26,7 @@ from model.scene import Scene
 from model.transcription.calls import calls_of, compressed
 from model.transcription.collocation import gauss
 from model.transcription.element import Form, element
+from model.transcription.kernel import Kernel
 from model.transcription.layout import POSE, Layout, layout
 from model.transcription.numbers import numbers
 
@@ -201,9 +202,9 @@ class System:
         for term in self.of.equations.terms:
             name = term.kernel.name
             if name in ("touch", "contact_friction"):
-                c = self.p[self.of.equations.numbers_of(name)].reshape(term.count, -1).T
-                rows = np.array(term.kernel.value.map(term.count)(x[term.unknowns], c))[:6]
-                found[1:] -= rows.T.reshape(self.mesh.steps, -1, 6).sum(axis=1)
+                c = self.p[self.of.equations.numbers_of(name)].reshape(term.count, -1)
+                (rows,) = _repeated(term.kernel, self.of.form.machine_code)(x[term.unknowns].T, c)
+                found[1:] -= rows[:, :6].reshape(self.mesh.steps, -1, 6).sum(axis=1)
         return found
 
     def strains(self, states: Array) -> Array:
@@ -276,3 +277,9 @@ def _march(form: Form, N: int) -> Buffered:
     after = -own.value(y, numbers_of)[-POSE:]
     step = ca.Function("march", [g, v, h], [after], {"cse": True})
     return Buffered(kernel(step, form.machine_code).mapaccum(N))
+
+
+@lru_cache(maxsize=32)
+def _repeated(own: Kernel, machine_code: bool) -> Mapped:
+    """Return a kernel's residuals of many repetitions at once."""
+    return Mapped(kernel(own.value, machine_code))

@@ -26,15 +26,16 @@ _CLOSE = 1e-6
 
 
 def remarks(
-    targets: Iterable[Target], shape: Shape, limits: Limits, reached: bool, accuracy: float
+    targets: Iterable[Target], shape: Shape, limits: Limits, missed: bool, accuracy: float
 ) -> str:
     """Return sentences about the wraps that are missed, and about holds; empty if there are none.
 
-    Each begins with a space.
+    Each begins with a space. `missed` says whether a search that came to its end missed targets:
+    of what is merely not certified, or not found in time, curvatures tell nothing.
     """
     told = list[str]()
     for target in targets:
-        if isinstance(target, Wrap) and not reached:
+        if isinstance(target, Wrap) and missed:
             told.append(_curvatures(target, shape, limits))
         if isinstance(target, Hold):
             told.append(_grip(target, shape, accuracy))
@@ -42,7 +43,10 @@ def remarks(
 
 
 def _curvatures(wrap: Wrap, shape: Shape, limits: Limits) -> str:
-    """Return whether the obstacle is too tight or too slack for the arm, and where."""
+    """Return whether the obstacle is too tight or too slack for the arm, and where.
+
+    Of the arm at all where no tensions bend it as the obstacle asks, else of the shape found.
+    """
     arm, (start, end) = shape.arm, wrap.part(shape.arm)
     s = np.linspace(max(start, 1e-3 * arm.length), end, _LOOKS)
     points = shape.position(s)
@@ -62,8 +66,9 @@ def _curvatures(wrap: Wrap, shape: Shape, limits: Limits) -> str:
     bent = _bend_towards(wrap, shape, float(s[k]))
     if bent > asked[k]:
         more = f"the arm bends by {bent:.3g} /m, more than the {asked[k]:.3g} /m of the obstacle"
-        return f"The obstacle is too slack for the arm {where}: {more}."
-    return f"The obstacle is too tight for the arm {where}: it bends by {bent:.3g} /m; {numbers}."
+        return f"In the shape found the obstacle is too slack for the arm {where}: {more}."
+    less = f"it bends by {bent:.3g} /m; {numbers}"
+    return f"In the shape found the obstacle is too tight for the arm {where}: {less}."
 
 
 def curvature_along(wrap: Wrap, shape: Shape, s: Array) -> Array:

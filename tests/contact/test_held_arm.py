@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from model import Arm, Scene, settle
-from model.contact import path
+from model.contact import jumps, path
 from model.contact.forward import TouchingMap
 from model.effects import (
     Contact,
@@ -116,8 +116,9 @@ def test_obstacles_between_which_nothing_fits_are_refused() -> None:
 
 def test_what_is_not_found_says_how_far_it_came(monkeypatch: pytest.MonkeyPatch) -> None:
     forward = TouchingMap(ARM, SCENES["exact"], 3, 1)
-    monkeypatch.setattr(path, "settled", lambda *_: None)
-    told = r"at \d.* % of tensions and loads it jumps, and where it touches then is not found"
+    for module in (path, jumps):
+        monkeypatch.setattr(module, "settled", lambda *_: None)
+    told = r"at \d.* % of tensions and loads it jumps, and does not come to rest"
     with pytest.raises(UnsettledContactError, match=told) as caught:
         forward.found(TENSIONS.ravel())
     again = pickle.loads(pickle.dumps(caught.value))

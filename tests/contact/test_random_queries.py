@@ -27,6 +27,7 @@ def ending(seed: int) -> str:
     "two places next to an anchorage",
     "a mesh with more nodes than it began with",
     "a gap that dips below 0 between two looks",
+    "what catches at a node slides on",
 )
 @pytest.mark.parametrize(
     "seed",
@@ -41,6 +42,7 @@ def ending(seed: int) -> str:
         pytest.param(256, id="a part that ends at an edge"),
         pytest.param(368, id="a gap that dips below 0 between two looks"),
         pytest.param(498, id="the tip and a place just before it"),
+        pytest.param(30021, id="what catches at a node slides on"),
     ],
 )
 def test_a_query_is_settled(seed: int) -> None:
