@@ -7,7 +7,7 @@ element itself, and its end is where the equations of model.transcription.elemen
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any, Protocol
 
@@ -21,6 +21,7 @@ from model.cross_section.reported import kinematics
 from model.effects import NeoHookean
 from model.equilibrium.forward import STAGES
 from model.machine.buffered import Mapped
+from model.machine.compiled import kernels
 from model.paths import Array
 from model.rotations import half_turn, multiply, unit_matrix
 from model.scene import Scene
@@ -67,6 +68,8 @@ class Centreline:
     kappa, nu : (N, 3, 3)
         Curvature [1/m] and tangent [-] per unit reference length in (t, n, b), by element and
         stage.
+    machine_code : bool
+        Whether its kernel is compiled.
     """
 
     arm: Arm
@@ -75,6 +78,7 @@ class Centreline:
     poses: Array
     kappa: Array
     nu: Array
+    machine_code: bool = False
 
     @classmethod
     def of(cls, shape: Settled) -> Centreline:
@@ -85,22 +89,24 @@ class Centreline:
         rows = shape.strains(at)
         kappa = rows[:, :3] * (1 + rows[:, 3:4])
         nu = np.hstack([1 + rows[:, 3:4], rows[:, 4:], np.zeros((len(at), 6 - rows.shape[1]))])
-        parts = (values.reshape(-1, STAGES, 3) for values in (kappa, nu))
-        return cls(shape.arm, shape.scene, s, shape.states[:, :7], *parts)
+        kappa, nu = (values.reshape(-1, STAGES, 3) for values in (kappa, nu))
+        return cls(shape.arm, shape.scene, s, shape.states[:, :7], kappa, nu)
 
     @classmethod
     def at_states(cls, system: System, states: Array) -> Centreline:
         """Return that of the states (n_states,) of a system with three stages to an element."""
         at = (system.arm, system.scene, system.mesh.s, system.poses(states))
-        return cls.at_strains(*at, system.of.form.law, system.strains(states))
+        form = system.of.form
+        found = cls.at_strains(*at, form.law, system.strains(states))
+        return replace(found, machine_code=form.machine_code)
 
     @classmethod
     def at_strains(
         cls, arm: Arm, scene: Scene, s: Array, poses: Array, law: CrossSection, v: Array
     ) -> Centreline:
         """Return that of a law's strains at the stages (N stages, n) and poses at the nodes."""
-        parts = (values.reshape(-1, STAGES, 3) for values in kinematics(law, v))
-        return cls(arm, scene, s, poses, *parts)
+        kappa, nu = (values.reshape(-1, STAGES, 3) for values in kinematics(law, v))
+        return cls(arm, scene, s, poses, kappa, nu)
 
     @classmethod
     def joined(cls, lines: Sequence[Centreline]) -> Centreline:
@@ -115,7 +121,7 @@ class Centreline:
 
         kappa, nu = together([own.kappa for own in lines]), together([own.nu for own in lines])
         s, poses = np.tile(first.s, len(lines)), np.concatenate([own.poses for own in lines])
-        return cls(first.arm, first.scene, s, poses, kappa, nu)
+        return cls(first.arm, first.scene, s, poses, kappa, nu, first.machine_code)
 
     @cached_property
     def sizes(self) -> tuple[Array, Array]:
@@ -154,7 +160,7 @@ class Centreline:
             return np.zeros((0, 3)), np.zeros(0), np.zeros(0)
         h = np.diff(self.s)[element]
         given = (self.poses[element], self.kappa[element], self.nu[element], h, start, end)
-        position, length, turn = _part()(*given)
+        position, length, turn = _part(self.machine_code)(*given)
         return position, length[:, 0], turn[:, 0]
 
     def radius(self, element: Counts, share: Array) -> Array:
@@ -172,8 +178,8 @@ class Centreline:
         return np.asarray(outer / np.sqrt(np.maximum(stretch, 1e-3)))
 
 
-@lru_cache(maxsize=1)
-def _part() -> Mapped:
+@lru_cache(maxsize=2)
+def _part(machine_code: bool) -> Mapped:
     """Return pose, kappa, nu by stage, h, shares a, b -> position at b; length, turn from a."""
     g, h = ca.SX.sym("g", 7), ca.SX.sym("h")
     kappa, nu = ca.SX.sym("kappa", 3, STAGES), ca.SX.sym("nu", 3, STAGES)
@@ -197,4 +203,5 @@ def _part() -> Mapped:
         length += h * (b - a) * weight * ca.norm_2(v)
         turned += h * (b - a) * weight * ca.sqrt(k[1] ** 2 + k[2] ** 2)
     given = [g, ca.vec(kappa), ca.vec(nu), h, a, b]
-    return Mapped(ca.Function("part", given, [position, length, turned], {"cse": True}))
+    found = ca.Function("part", given, [position, length, turned], {"cse": True})
+    return Mapped(*kernels([found], machine_code))

@@ -11,12 +11,16 @@ from __future__ import annotations
 
 import numpy as np
 
+from model.centreline import Centreline
 from model.contact.along import along
 from model.contact.between import between_nodes
 from model.contact.gaps import Gaps
 from model.contact.passing import gaps_along
 from model.contact.touches import Touches
 from model.equilibrium.linearised import Linearised
+from model.loads import contacts
+from model.obstacles import numbers_of
+from model.obstacles.base import pair_distances
 from model.paths import Array
 
 # Gaps up to this share of the arm's length count, with this step in the tensions' derivatives.
@@ -90,12 +94,17 @@ def _gaps(here: Linearised, s: Array, j: Array) -> tuple[Array, Array]:
 
 def _by_differences(here: Linearised, s: Array, j: Array) -> Array:
     """Return the derivatives (k, n) by tensions of gaps at arc lengths s (k,)."""
-    system, first = here.system, here.x.size - here.states.size
-    moved, jacobian = here.by_tensions, np.zeros((s.size, here.tensions.size))
-    for i in range(here.tensions.size):
-        step = _STEP / max(float(np.abs(moved[system.of.nodes[:, :4], i]).max()), 1e-300)
-        change = np.zeros_like(here.x)
-        change[first:] = step * moved[:, i]
-        ends = [along(system, here.x + sign * change, s, j)[:, 0] for sign in (1, -1)]
-        jacobian[:, i] = (ends[0] - ends[1]) / (2 * step)
-    return jacobian
+    system, moved, k = here.system, here.by_tensions, s.size
+    turns = np.abs(moved[system.of.nodes[:, :4]]).max(axis=(0, 1))
+    steps = _STEP / np.maximum(turns, 1e-300)
+    there = here.states[:, None] + np.hstack([moved * steps, -moved * steps])
+    lines = Centreline.joined([Centreline.at_states(system, own) for own in there.T])
+    nodes = system.mesh.s
+    element = np.clip(np.searchsorted(nodes, s) - 1, 0, nodes.size - 2)
+    share = np.tile((s - nodes[element]) / np.diff(nodes)[element], 2 * steps.size)
+    element = (nodes.size * np.arange(2 * steps.size)[:, None] + element).ravel()
+    bodies = numbers_of([contact.obstacle for contact in contacts(system.scene)])[j]
+    points = lines.moved(element, np.zeros(element.size), share)[0]
+    distance = pair_distances(np.tile(bodies, (2 * steps.size, 1)), points)[0]
+    gaps = (distance - lines.radius(element, share)).reshape(2, steps.size, k)
+    return np.asarray((gaps[0] - gaps[1]).T / (2 * steps))

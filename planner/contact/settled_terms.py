@@ -31,6 +31,9 @@ from planner.targets.base import Target
 from planner.targets.hold import Hold
 from planner.targets.wrap import CLEAR
 
+# An arm that turns nowhere by more than this stands if it stood before.
+_STILL = 1e-3
+
 
 @dataclass(frozen=True, eq=False)
 class SettledTerms:
@@ -183,7 +186,9 @@ class Settling:
         system = near.here.system
         known = KnownContact(system, near.here.states, Touches.of(system))
         here, snaps = self._forward.come_to(tensions, near.tensions, known, False)
-        if not held_stands(here):
+        moved = near.here.by_tensions @ (tensions - near.tensions)
+        is_still = np.abs(moved[system.of.nodes[:, :4]]).max() < _STILL
+        if not is_still and not held_stands(here):
             raise SnapError(1.0, "it does not stand")
         return here, snaps
 
