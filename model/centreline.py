@@ -21,7 +21,7 @@ from model.cross_section.reported import kinematics
 from model.effects import NeoHookean
 from model.equilibrium.forward import STAGES
 from model.machine.buffered import Mapped
-from model.machine.compiled import kernels
+from model.machine.compiled import kernel
 from model.paths import Array
 from model.rotations import half_turn, multiply, unit_matrix
 from model.scene import Scene
@@ -204,4 +204,4 @@ def _part(machine_code: bool) -> Mapped:
         turned += h * (b - a) * weight * ca.sqrt(k[1] ** 2 + k[2] ** 2)
     given = [g, ca.vec(kappa), ca.vec(nu), h, a, b]
     found = ca.Function("part", given, [position, length, turned], {"cse": True})
-    return Mapped(*kernels([found], machine_code))
+    return Mapped(kernel(found, machine_code))

@@ -11,7 +11,7 @@ from model.cross_section.law import CrossSection, size
 from model.equilibrium.dense import poses_and_strains
 from model.equilibrium.linearised import Index
 from model.machine.buffered import Mapped
-from model.machine.compiled import kernels
+from model.machine.compiled import kernel
 from model.obstacles.base import SIZE, with_gradient
 from model.paths import Array
 from model.rotations import unit_matrix
@@ -65,4 +65,4 @@ def _along(law: CrossSection, machine_code: bool) -> Mapped:
         - radius[0] * wide2,
     )
     found = ca.Function("along", [g, v, rate, body, radius], [gap], {"cse": True})
-    return Mapped(*kernels([found], machine_code))
+    return Mapped(kernel(found, machine_code))

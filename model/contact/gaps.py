@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from model.machine.buffered import Mapped
-from model.machine.compiled import kernels
+from model.machine.compiled import kernel
 from model.paths import Array
 from model.transcription.element import Form
 from model.transcription.layout import POSE
@@ -57,4 +57,4 @@ class Gaps:
 @lru_cache(maxsize=32)
 def _gaps(form: Form) -> Mapped:
     """Return gap_function of many nodes at once."""
-    return Mapped(*kernels([gap_function(form.law, form.stages)], form.machine_code))
+    return Mapped(kernel(gap_function(form.law, form.stages), form.machine_code))
