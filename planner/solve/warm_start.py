@@ -158,11 +158,12 @@ def _moved(
     most = _LITTLE * max(np.linalg.norm(s.x[: unit.size] * unit) for s in (start, found))
 
     def little(near: Solution, share: float) -> Solution | None:
-        there = newton(problem, near, *asked(share))
+        there = newton(problem, near, *asked(share), lifted=True)
         apart = np.linalg.norm((there.x - near.x)[: unit.size] * unit)
         return None if there is near or apart > most else there
 
-    kept = continuation(start, little)
+    problem.condensed.forget(known.states)
+    kept = continuation(start, little, 0.5)
     if kept is None:
         return found, apart
     return replace(kept, f=problem.condensed.first(kept.x, last).f), 0.0
