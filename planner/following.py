@@ -66,7 +66,10 @@ def _followed(near: Answer, task: Task, stated: tuple[Target, ...]) -> SearchRes
     if not same or replace(own, lower=limits.lower) != limits:
         return None
     answer = (near.tensions, near.lam_x, near.lam_g, near.known_equilibrium)
-    known = Known(stated, own.lower, near.statement, *answer)
+    statement = near.statement
+    if task.accuracy > near.accuracy:
+        statement = statement.but(refinement=task.coarse(statement.mode).refinement)
+    known = Known(stated, own.lower, statement, *answer)
     asked = (task.arm, task.scene, task.targets, limits, task.accuracy)
     try:
         return warm_start(known, *asked, task.machine_code)

@@ -12,13 +12,15 @@ from model.effects import Effect
 from model.obstacles import check_obstacles
 from model.paths import Array
 from model.scene import Scene
+from model.settle import ACCURACY
 from model.stiffness import stiffness
 from planner.plan import Plan, plan
 from planner.program.limits import natural_tensions
 from planner.targets.base import Target
 
-# First guesses while the target moves beyond reach; the accuracy of ellipsoids.
-_FEW, _ROUGH = 3, 1e-2
+# First guesses while the target moves beyond reach; the accuracy of ellipsoids, and of what is
+# drawn while the target moves: a pixel or so.
+_FEW, _ROUGH, _SEEN = 3, 1e-2, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +47,7 @@ class Session:
 
     def __init__(self, arm: Arm, scene: Scene, target: Target, options: dict[str, Any]) -> None:
         self.arm, self.effects, self.target, self._options = arm, scene.effects, target, options
+        self._accuracy = options.get("accuracy", ACCURACY)
         self.enabled: dict[Effect, bool] = dict.fromkeys(scene.effects, True)
         self.obstacles = check_obstacles(options.get("obstacles", ()))
         self.present = [True] * len(self.obstacles)
@@ -73,24 +76,28 @@ class Session:
     def step(self) -> Step:
         """Return the plan for the target as it is now, near the last one where that leads there.
 
-        What cannot be followed is searched for by few initial guesses.
+        It is as accurate as a picture shows. What cannot be followed is searched for by few initial
+        guesses.
         """
         last, scene = self.last, self.scene
         near = last if last is not None and last.scene == scene else None
-        found = self._plan(near=near, starts=_FEW)
+        found = self._plan(near=near, starts=_FEW, accuracy=max(_SEEN, self._accuracy))
         known = near is not None and near.mode == "exact"
         # A plan that is followed has the one start that it was followed from.
         self._rough = not known or len(found.starts) != 1
         return Step(found, known and (found.jump > 0 or found.mode != "exact"))
 
     def settled(self) -> Plan | None:
-        """Return the plan for a target that rests; None where there is none yet.
+        """Return the plan for a target that rests, as accurate as asked; None without one yet.
 
         What few initial guesses found is searched for by as many as were asked for.
         """
+        last = self.last
         if self._rough:
             self._plan()
-            self._rough = False
+        elif last is not None and last.accuracy > self._accuracy:
+            self._plan(near=last)
+        self._rough = False
         return self.last
 
     def _plan(self, **options: Any) -> Plan:

@@ -50,9 +50,13 @@ def test_a_target_that_moves_a_little_is_followed_on_its_branch() -> None:
     step = hand.step()
     assert not step.left
     assert len(step.plan.starts) == 1
-    assert hand.settled() is step.plan
-    assert step.plan.certificate.passed
     assert 0 < np.abs(step.plan.tensions - first.tensions).max() < 0.1
+    rest = hand.settled()
+    assert rest is not None
+    assert rest.certificate.passed
+    assert (step.plan.accuracy, rest.accuracy) == (1e-3, 1e-6)
+    assert rest.tensions == pytest.approx(step.plan.tensions, abs=1e-3)
+    assert hand.settled() is rest
 
 
 @pytest.mark.slow
