@@ -134,3 +134,19 @@ def test_more_of_a_margin_costs_more_and_is_had() -> None:
     assert all(p.certificate.passed for p in plans)
     efforts = [p.effort for p in plans]
     assert np.all(np.diff(efforts) > 0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "tip",
+    [(-0.0549671, 0.0380832, -0.2934617), (0.0146722, 0.0555980, -0.1063259)],
+)
+def test_optima_that_stand_where_the_arm_does_not_come_to_from_rest_are_left(
+    tip: tuple[float, float, float],
+) -> None:
+    scene = Scene.silicone(Weight())
+    found = plan(ARM, TipPosition(tip), scene, 20.0, compile="auto")
+    assert found.reached
+    shape = settle(ARM, found.tensions, scene)
+    assert shape.tip == pytest.approx(tip, abs=1e-6)
+    assert shape.stability > 0
