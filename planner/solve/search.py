@@ -24,6 +24,8 @@ from planner.solve.task import Task
 
 # First guesses from which continuation is tried where none leads to the targets by itself.
 _CONTINUED = 2
+# First guesses where loads move the arm far: optima without loads do not rank those with them.
+_IF_HEAVY = 16
 # How well a mirror image is looked for, and what counts as costing no more.
 _ROUGH, _NO_DEARER = 1e-4, 1e-6
 # By so much of the effort the coarse mesh may be off.
@@ -76,6 +78,8 @@ class Search:
         tell("initial guesses")
         guesses = first_guesses(self.task)
         self.trials.n_likely, self.trials.carried = guesses.n_likely, guesses.carried
+        if self.trials.heavy and self.task.starts is None:
+            guesses = first_guesses(replace(self.task, starts=_IF_HEAVY))
         starts, first = guesses.starts, self.trials.first
         if self.task.can_be_exact:
             exact = self._exact(starts[:first], starts[first:])
