@@ -12,11 +12,11 @@ from model.arm import Arm
 from model.obstacles.base import Convex
 from model.paths import Array
 from model.shape import Shape
-from planner.contact.dense_qp import solve_dense
+from planner.solve.quadratic import quadratic
 from planner.targets.hold import LEVER, Hold
 
 # The least that friction forces cost, so that those that nothing determines are small.
-_COST, _LEAST_COST = 1e-9, 1e-12
+_COST, _LEAST_COST = 1e-9, 1e-10
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,8 +155,8 @@ class Grasp:
         inner = np.repeat(most * np.cos(np.pi / len(sides)), len(sides))
         none, free = np.full(inner.size, -np.inf), np.full(n, np.inf)
         H, g = np.asarray(A.T @ A + _LEAST_COST * np.eye(n)), np.asarray(A.T @ still)
-        found = solve_dense(h=H, g=g, a=rows, lba=none, uba=inner, lbx=-free, ubx=free)
-        return np.array(found["x"]).ravel()
+        solve = quadratic(n, inner.size)
+        return solve(H.ravel(), g, rows.ravel("F"), none, inner, -free, free)[0].ravel()
 
 
 def axes_across(normals: Array) -> Array:

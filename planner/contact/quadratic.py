@@ -6,15 +6,18 @@ import numpy as np
 import scipy
 
 from model.paths import Array
-from planner.contact.dense_qp import solve_dense
 from planner.contact.program import NEAREST, Optimum, Program
 from planner.contact.settled_terms import SettledTerms
+from planner.solve.quadratic import quadratic
 
 # Margins and limits that may hold: below this share of the arm's length, or of the unit.
 ACTIVE = 1e-7
 # Curvature of what cannot be met, beside its cost in proportion; steps stay so far inside of a
 # piece.
 _CURVED, _ASIDE = 1e-3, 1e-9
+
+# The least curvature of a step, over the largest, so that rounding does not tell where it ends.
+_LEAST = 1e-7
 
 # Of tensions, equality and inequality, scaled.
 Multipliers = tuple[Array, Array, Array]
@@ -35,6 +38,7 @@ def quadratic_step(
     size = n + 2 * m + k
     H = _CURVED * np.eye(size)
     H[:n, :n] = B + NEAREST * near.T @ near
+    H[:n, :n] += _LEAST * np.diag(B).max() * np.eye(n)
     g = np.concatenate([program.gradient(here), np.full(size - n, penalty)])
     rows = np.zeros((m + k + 1, size))
     rows[:m, :n], rows[:m, n : n + m], rows[:m, n + m : n + 2 * m] = A, np.eye(m), -np.eye(m)
@@ -48,8 +52,8 @@ def quadratic_step(
     down, up = program.room(here)
     lbx = np.concatenate([np.maximum(down, -region), np.zeros(size - n)])
     ubx = np.concatenate([np.minimum(up, region), np.full(size - n, np.inf)])
-    found = solve_dense(h=H, g=g, a=rows, lba=low, uba=high, lbx=lbx, ubx=ubx)
-    x, lam_x, lam_a = (np.array(found[name]).ravel() for name in ("x", "lam_x", "lam_a"))
+    solved = quadratic(size, len(rows))(H.ravel(), g, rows.ravel("F"), low, high, lbx, ubx)
+    x, _, lam_a, lam_x = (own.ravel() for own in solved)
     free = (x[:n] > -region * (1 - 1e-9)) & (x[:n] < region * (1 - 1e-9))
     return x[:n], (np.where(free, lam_x[:n], 0.0), lam_a[:m], lam_a[m : m + k])
 

@@ -53,7 +53,7 @@ class ContactSearch:
         try:
             with time_limit(seconds):
                 for load_path in self._load_paths():
-                    found += self._from(load_path)
+                    found += self._from(load_path, found)
                     if (load_path == self.begin and self._met(found)) or self._agree(found):
                         break
                 best = self._finished(found) if found else None
@@ -111,15 +111,21 @@ class ContactSearch:
         most = max(self.task.starts - len(own), 0) if self.task.starts else None
         return own + [(tuple(T.tolist()),) for T in starts(self.task, self._rough)[:most]]
 
-    def _from(self, load_path: LoadPath) -> list[LocalOptimum]:
-        """Return the optimum that a load path leads to; none where the arm comes to no rest."""
+    def _from(self, load_path: LoadPath, before: list[LocalOptimum]) -> list[LocalOptimum]:
+        """Return the optimum that a load path leads to; none where the arm comes to no rest.
+
+        Or as far as it looks like coming to less than those `before`.
+        """
         tell("initial guesses")
         check_time()
         program = self._rough
         last = np.clip(load_path[-1], program.lower, program.upper)
         try:
             start = along(program, (*load_path[:-1], tuple(last.tolist())))
-            end = solve(program, start, _CLOSER * self.task.accuracy, _ABOUT)
+            known = min(
+                (program.objective(own.optimum.terms) for own in self._met(before)), default=np.inf
+            )
+            end = solve(program, start, _CLOSER * self.task.accuracy, _ABOUT, known)
         except OctoplanError:
             return []
         if self.begin is not None and program.has_history:

@@ -36,8 +36,9 @@ _ROUGH, _AGAIN, _CLOSE, _NEARLY = 4, 3, 1e-4, 1e-3
 # So many steps that make up for less than this share of what targets lack lead nowhere, as where
 # the arm has let go of what it is to hold.
 _STUCK, _LITTLE = 3, 1e-3
-# So many steps after which the arm would jump: it is at the edge of where it can be.
-_JUMPS = 8
+# So many steps inside of their region after which so many times their gain would still leave it
+# dearer than what is known.
+_DEAR, _HOPED, _INSIDE = 2, 3.0, 0.99
 # A gain that may be rounding: of such steps the first-order residual tells, which has to fall so.
 _ROUNDING, _CLOSER = 1e-7, 0.8
 # Residual of an optimum.
@@ -47,20 +48,24 @@ _SIDES, _PROBES, _ACROSS, _GAINED, _PROBED = 2, 4, 1e-2, 1e-7, 20
 
 
 def solve(
-    program: Program, start: SettledTerms, accuracy: float, residual: float = OPTIMAL
+    program: Program,
+    start: SettledTerms,
+    accuracy: float,
+    residual: float = OPTIMAL,
+    known: float = np.inf,
 ) -> Optimum:
     """Return the optimum that steps from a start lead to, beyond the pieces of contact as well.
 
     With a residual of the first-order conditions below the one given; where they had got to once
-    the time limit is reached.
+    the time limit is reached, or will not come below an objective that is `known`.
     """
-    best = _descended(program, start, accuracy, residual)
-    for _ in range(_PROBES):
+    best = _descended(program, start, accuracy, residual, known)
+    for _ in range(_PROBES if program.objective(best.terms) <= known * (1 + _GAINED) else 0):
         try:
             ahead = _beyond(program, best)
         except OutOfTime:
             break
-        found = [_descended(program, there, accuracy, residual, _PROBED) for there in ahead]
+        found = [_descended(program, there, accuracy, residual, known, _PROBED) for there in ahead]
         found = [replace(own, steps=best.steps + own.steps) for own in found]
         better = [own for own in found if _better(program, own, best, accuracy)]
         if not better:
@@ -97,11 +102,16 @@ def _beyond(program: Program, at: Optimum) -> list[SettledTerms]:
 
 
 def _descended(
-    program: Program, start: SettledTerms, accuracy: float, residual: float, most: int = _STEPS
+    program: Program,
+    start: SettledTerms,
+    accuracy: float,
+    residual: float,
+    known: float,
+    most: int = _STEPS,
 ) -> Optimum:
     """Return the optimum that at most so many steps lead to, in the pieces that they meet."""
     here, region, penalty, steps = start, _FIRST, _PENALTY, [start.tensions]
-    B, stuck, jumps = program.effort_hessian(here), 0, 0
+    B, stuck, dear = program.effort_hessian(here), 0, 0
     for count in range(most):
         if is_out_of_time():
             break
@@ -131,6 +141,10 @@ def _descended(
         least = _PENALTY * size if best.lacks < _CLOSE else penalty
         penalty = max(least, min(2 * largest, _MOST))
         gain = program.merit(here, penalty) - program.predicted(stated, step, penalty)
+        inside = best.lacks < _CLOSE and np.abs(step).max() < _INSIDE * region
+        dear = dear + 1 if inside and program.objective(here) - _HOPED * gain > known else 0
+        if dear == _DEAR:
+            break
         there = _stepped(program, here, step, B, penalty, region, gain)
         fell = _fall(program, here, there, penalty)
         if (
@@ -147,7 +161,7 @@ def _descended(
                 region = min(2 * region, _MOST_FAR)
             B, here = updated(program, B, here, there, lam), there
             steps.append(here.tensions)
-        if jumps == _JUMPS or region < (_LEAST if lacking(here) < _CLOSE else _MISSED):
+        if region < (_LEAST if lacking(here) < _CLOSE else _MISSED):
             break
     return replace(optimum_at(program, here), steps=tuple(steps))
 
