@@ -78,7 +78,7 @@ def _point(held: Held, place: Place, node: int, _: int) -> tuple[float, float, f
     curve = held.touches.curve
     if place.start in held.corners or curve is None:
         return 0.0, 0.0, 0.0
-    shift = float(second(system, held.states)[node, j])
+    shift = float(system.mesh.s[node] + second(system, held.states)[node, j]) - place.start
     most = 0.5 * float(np.diff(system.mesh.s)[max(node - 1, 0)])
     return -float(curve[node, j]) * shift, shift * (abs(shift) > _FOUND * held.length), most
 

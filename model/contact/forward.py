@@ -69,12 +69,17 @@ class TouchingMap(Collocation):
     def _check_outside(self) -> None:
         """Raise InputError where the arm at rest is inside of an obstacle."""
         s, gap = gaps_along(self.system, self._rest)
-        for j, contact in enumerate(contacts(self.system.scene)):
-            at = int(np.argmin(gap[:, j]))
-            if gap[at, j] < -SAME * self.system.arm.length:
-                told = f"it is {-1e3 * gap[at, j]:.3g} mm inside at s = {s[at]:.4g} m"
-                allowed = f"one that the arm at rest is clear of; {told}"
-                raise InputError("Contact.obstacle", contact.obstacle, allowed)
+        inside = np.flatnonzero(gap.min(axis=0) < -SAME * self.system.arm.length)
+        if inside.size:
+            own = [contact.obstacle for contact in contacts(self.system.scene)]
+            deepest = zip(inside, gap[:, inside].argmin(axis=0), strict=True)
+            told = [
+                f"{-1e3 * gap[k, j]:.3g} mm inside{f' of {own[j]}' if j > inside[0] else ''}"
+                f" at s = {s[k]:.4g} m"
+                for j, k in deepest
+            ]
+            allowed = f"one that the arm at rest is clear of; it is {', and '.join(told)}"
+            raise InputError("Contact.obstacle", own[inside[0]], allowed)
 
     def run(self, tensions: Array, near: Known | None = None) -> tuple[Array, Array]:
         """See ForwardMap.run; raises UnsettledContactError."""

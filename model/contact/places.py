@@ -16,8 +16,8 @@ from model.contact.touches import Touches
 from model.mesh import Mesh
 from model.paths import Array
 
-# Arc lengths over the arm's that are the same.
-SAME = 1e-9
+# Arc lengths over the arm's that are the same, and those of points that share a node.
+SAME, _BESIDE = 1e-9, 1e-6
 
 
 @dataclass(frozen=True)
@@ -83,9 +83,11 @@ def placed(
     stay = np.array(sorted(anchors))
     for low, high in pairwise(stay.tolist()):
         own = [end for end in ends if base.s[low] + same < end[0] < base.s[high] - same]
-        chosen = _chosen(base, own, low, high)
-        anchors.update((n, end[0]) for n, end in zip(chosen, own, strict=True))
-        found.update((end[1:], n) for n, end in zip(chosen, own, strict=True))
+        shared = _shared(own, places, _BESIDE * base.s[-1])
+        first = [group[0] for group in shared]
+        for n, group in zip(_chosen(base, first, low, high), shared, strict=True):
+            anchors[n] = sum(end[0] for end in group) / len(group)
+            found.update((end[1:], n) for end in group)
     found.update((end[1:], base.node(end[0])) for end in ends if end[1:] not in found)
     order = np.array(sorted(anchors))
     s = np.interp(base.s, base.s[order], np.array([anchors[n] for n in order]))
@@ -95,6 +97,29 @@ def placed(
     return Placed(
         Mesh(s, base.active), nodes, _touches(nodes, places, base.steps, obstacles, sheared)
     )
+
+
+def _shared(
+    ends: list[tuple[float, int, int]], places: tuple[Place, ...], near: float
+) -> list[list[tuple[float, int, int]]]:
+    """Return ends in order, points of different obstacles that are as near together.
+
+    As where an arm lies in the groove between two of them: what they are off their node is told
+    with how far points touch from there.
+    """
+    found = list[list[tuple[float, int, int]]]()
+    for end in ends:
+        own, others = places[end[1]], [places[other[1]] for other in found[-1]] if found else []
+        alike = bool(others) and not any(p.lies for p in (own, *others))
+        if (
+            alike
+            and end[0] - found[-1][0][0] < near
+            and own.obstacle not in {p.obstacle for p in others}
+        ):
+            found[-1].append(end)
+        else:
+            found.append([end])
+    return found
 
 
 def _roomy(base: Mesh, fixed: Array, ends: Array) -> Mesh:

@@ -63,9 +63,11 @@ class Around:
                 return led
         search, self.searched = Search(self.task), True
         found = search.run(seconds)
+        if found.stopped:
+            return found, None
         T, problem = np.ravel(found.tensions), self.task.problem(found.statement)
         line = line_of(problem, T, self.task.accuracy, finished=True)
-        if found.stopped or (line is not None and self.asked.keeps(line)):
+        if line is not None and self.asked.keeps(line):
             return found, None
         self.task = search.task
         try:

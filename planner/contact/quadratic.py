@@ -14,10 +14,12 @@ from planner.solve.quadratic import quadratic
 ACTIVE = 1e-7
 # Curvature of what cannot be met, beside its cost in proportion; steps stay so far inside of a
 # piece.
-_CURVED, _ASIDE = 1e-3, 1e-9
+_CURVED, _ASIDE = 1.0, 1e-9
 
 # The least curvature of a step, over the largest, so that rounding does not tell where it ends.
 _LEAST = 1e-7
+# What constraints may be missed by: it costs the penalty in proportion.
+_MISSED = 1e-11
 
 # Of tensions, equality and inequality, scaled.
 Multipliers = tuple[Array, Array, Array]
@@ -52,7 +54,8 @@ def quadratic_step(
     down, up = program.room(here)
     lbx = np.concatenate([np.maximum(down, -region), np.zeros(size - n)])
     ubx = np.concatenate([np.minimum(up, region), np.full(size - n, np.inf)])
-    solved = quadratic(size, len(rows))(H.ravel(), g, rows.ravel("F"), low, high, lbx, ubx)
+    solve = quadratic(size, len(rows), _MISSED)
+    solved = solve(H.ravel(), g, rows.ravel("F"), low, high, lbx, ubx)
     x, _, lam_a, lam_x = (own.ravel() for own in solved)
     free = (x[:n] > -region * (1 - 1e-9)) & (x[:n] < region * (1 - 1e-9))
     return x[:n], (np.where(free, lam_x[:n], 0.0), lam_a[:m], lam_a[m : m + k])

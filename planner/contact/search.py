@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import isfinite
+from time import monotonic
 
 import numpy as np
 
@@ -11,7 +13,7 @@ from model.contact.forward import without_friction
 from model.errors import OctoplanError
 from model.paths import Array
 from model.progress import tell
-from model.time_limit import OutOfTime, check_time, time_limit
+from model.time_limit import OutOfTime, check_time, end, time_limit
 from planner.contact.load_path import LoadPath, rubs
 from planner.contact.program import Optimum, Program
 from planner.contact.settled_terms import SettledTerms
@@ -24,6 +26,8 @@ from planner.solve.task import Task
 
 # How close optimum and targets are asked to be, over the accuracy: while searching, at last.
 _CLOSER, _CLOSEST = 0.1, 0.01
+# The share of a time limit that the search may take; the rest is for the mesh that is asked for.
+_SEARCHED = 0.6
 # With friction, how far beyond what would do without it, of the way there.
 _SLID = (1.0, 1.5, 2.5)
 # Efforts of optima that are one: starts are enough where two lead there. The residual of an optimum
@@ -50,16 +54,22 @@ class ContactSearch:
         """Return the best optimum from the starts, or the best so far after so long."""
         found = list[LocalOptimum]()
         stopped, best = False, None
-        try:
-            with time_limit(seconds):
-                for load_path in self._load_paths():
-                    found += self._from(load_path, found)
-                    if (load_path == self.begin and self._met(found)) or self._agree(found):
-                        break
+        with time_limit(seconds):
+            left = end() - monotonic()
+            try:
+                with time_limit(_SEARCHED * left if isfinite(left) else None):
+                    for load_path in self._load_paths():
+                        found += self._from(load_path, found)
+                        if (load_path == self.begin and self._met(found)) or self._agree(found):
+                            break
+                    check_time()
+            except OutOfTime:
+                stopped = True
+            try:
                 best = self._finished(found) if found else None
                 check_time()
-        except OutOfTime:
-            stopped, best = True, best or self._best(found)
+            except OutOfTime:
+                stopped, best = True, best or self._best(found)
         return self._result(found, best, stopped)
 
     def _result(
@@ -146,7 +156,9 @@ class ContactSearch:
                     own = LocalOptimum(end, load_path)
                     if self._there(program, load_path, end.terms) is None:
                         continue
-                    if end.kkt < 3 * OPTIMAL or not self._met([own]):
+                    if end.kkt < 3 * OPTIMAL and self._met([own]):
+                        return own
+                    if not self._met([own]):
                         return edge or own
                     edge = edge or own
                     break

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -10,11 +11,17 @@ import numpy as np
 from model.machine.buffered import Buffered
 from model.paths import Array
 
+# What constraints may be missed by that do not hold: DAQP's own.
+_MISSED = 1e-6
+
 
 @lru_cache(maxsize=64)
-def quadratic(n: int, m: int) -> Quadratic:
-    """Return the solver of programs of n unknowns and m constraints."""
-    return Quadratic(n, m)
+def quadratic(n: int, m: int, missed: float = _MISSED) -> Quadratic:
+    """Return the solver of programs of n unknowns and m constraints.
+
+    Constraints that are not taken for active may be `missed` by so much.
+    """
+    return Quadratic(n, m, missed)
 
 
 class Quadratic:
@@ -26,9 +33,10 @@ class Quadratic:
         CasADi's conic: see its documentation for what it is given.
     """
 
-    def __init__(self, n: int, m: int) -> None:
+    def __init__(self, n: int, m: int, missed: float) -> None:
         shapes = {"h": ca.Sparsity.dense(n, n), "a": ca.Sparsity.dense(m, n)}
-        self.function = Buffered(ca.conic("quadratic", "daqp", shapes, {"error_on_fail": False}))
+        options: dict[str, Any] = {"error_on_fail": False, "daqp": {"primal_tol": missed}}
+        self.function = Buffered(ca.conic("quadratic", "daqp", shapes, options))
         self._rest = [np.zeros(k) for k in (n, n, m, 0, 0)]
 
     def __call__(

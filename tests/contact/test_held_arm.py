@@ -110,8 +110,20 @@ def test_an_arm_that_begins_inside_is_refused() -> None:
 
 def test_obstacles_between_which_nothing_fits_are_refused() -> None:
     above, below = HalfSpace((0, 0, 0.01), (0, 0, -1)), HalfSpace((0, 0, -0.01), (0, 0, 1))
-    with pytest.raises(InputError, match=r"Contact\.obstacle: got HalfSpace.* inside at s = 0\.0"):
+    told = r"Contact\.obstacle: got HalfSpace.* inside at s = 0\.0.* mm inside of HalfSpace"
+    with pytest.raises(InputError, match=told):
         settle(ARM, TENSIONS, Scene(Contact(above), Contact(below)))
+
+
+def test_an_arm_lies_in_the_groove_between_two_obstacles() -> None:
+    """Places at one arc length were no places: none was found, after 40 s."""
+    arm, pull = Arm.from_paper("table-2"), np.eye(12)[1]
+    balls = [Sphere((0.2, sign * 0.02, -0.06), 0.04) for sign in (1, -1)]
+    scene = Scene(Extension(), ExactTendons(), *map(Contact, balls))
+    first, second = settle(arm, pull, scene, 1e-6).contacts
+    assert first.s == pytest.approx(second.s, abs=1e-9)
+    assert first.force * [1, -1, 1] == pytest.approx(second.force, abs=1e-7)
+    assert abs(first.force[1]) > 1e-3
 
 
 def test_what_is_not_found_says_how_far_it_came(monkeypatch: pytest.MonkeyPatch) -> None:
