@@ -8,8 +8,9 @@ from functools import cached_property, partial
 import numpy as np
 
 from model.arm import Arm
+from model.contact.held_shut import Question
 from model.contact.history import History
-from model.contact.moving import Question, Settled, settled
+from model.contact.moving import Settled, settled
 from model.contact.newton import Held, newton
 from model.contact.passing import gaps_along
 from model.contact.path import Followed, follow

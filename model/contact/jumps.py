@@ -13,7 +13,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from model.contact.moving import Question, Resisted, Settled, settled
+from model.contact.held_shut import Question, Resisted
+from model.contact.moving import Settled, settled
 from model.contact.newton import Drag, Held, complementary_step, newton
 from model.contact.read_off import at_nodes, close, guesses
 from model.contact.stability import held_stability, held_stands, least_mode

@@ -6,91 +6,27 @@ go as model.contact.changes has it, and nodes move with them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 
-from model.arm import Arm
-from model.contact.along import along
 from model.contact.changes import changed, exchanged, moved, narrowed, split
-from model.contact.history import History
-from model.contact.newton import Drag, Held, newton
-from model.contact.places import Place, Placed, placed
+from model.contact.held_shut import Nodes, Question, held_shut
+from model.contact.newton import Held
+from model.contact.places import Place
 from model.contact.root import Root
-from model.contact.touches import Touches, forces, second
-from model.effects import Shear
-from model.equilibrium.forward import Collocation, Known, carried_strains
+from model.contact.touches import forces
 from model.loads import contacts
-from model.mesh import Mesh
-from model.paths import Array
-from model.scene import Scene
-from model.transcription.system import System
 
 # How often places move, come or go.
 _ROUNDS = 40
 # How often a move of places is halved that leads nowhere, or to where an obstacle pulls.
 _HALVED = 4
-# gap'' [1/m] that counts as flat, and what points move by instead, over 1 / L: to lesser gaps.
-_FLAT, _BENT = 1e-3, 4.0
 # Of what presses, how near that is to be which friction is told, before friction follows it.
 _TOLD = 1e-3
-# Of an element: the farthest that its nodes may have moved for its states to be kept.
-_KEPT = 0.2
 
-
-_Nodes = tuple[tuple[int, ...], ...]
-_Found = tuple[Held, _Nodes]
-_Last = tuple[Held, _Nodes, tuple[Place, ...]]
-
-
-class Resisted(NamedTuple):
-    """Viscous resistance to what the strains change from where the arm was; see Drag."""
-
-    share: float
-    before: Held
-
-
-@dataclass(frozen=True, eq=False)
-class Question:
-    """What is asked for on a mesh that may move.
-
-    Attributes
-    ----------
-    arm, scene
-    base : Mesh
-        That nodes are moved from.
-    fixed : (n,)
-        Arc lengths of nodes that stay [m].
-    tensions : (n_tendons,)
-    load : float
-        Load factor.
-    stages : int
-    machine_code : bool
-    history : History or None
-        Where the arm was before, that friction looks back to.
-    resisted : Resisted or None
-        What the arm moves against.
-    """
-
-    arm: Arm
-    scene: Scene
-    base: Mesh
-    fixed: Array
-    tensions: Array
-    load: float
-    stages: int
-    machine_code: bool = False
-    history: History | None = None
-    resisted: Resisted | None = None
-
-    def system(self, mesh: Mesh, pressed: bool = False) -> System:
-        """Return the equations on a mesh."""
-        form = self.stages, True, self.machine_code, pressed
-        found = System(self.arm, self.scene, mesh, *form)
-        if self.history is not None and found.of.form.contact_friction:
-            self.history.told(found)
-        return found
+_Found = tuple[Held, Nodes]
+_Last = tuple[Held, Nodes, tuple[Place, ...]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +49,7 @@ def settled(
     # Next to ends that are not found pressures are far off: friction begins with those before.
     pressing = held if _rubs(of, places) else None
     for _ in range(rounds):
-        found = _solved(of, held, places, pressing)
+        found = held_shut(of, held, places, pressing)
         if last is not None and halved < _HALVED and (found is None or _pulls(found, last)):
             places, halved = _between(last[2], places), halved + 1
             continue
@@ -156,7 +92,7 @@ def _pulls(found: _Found, last: _Last) -> bool:
     return max(after, default=0.0) < 0 < max(before)
 
 
-def _first_forces(held: Held, nodes: _Nodes) -> list[float]:
+def _first_forces(held: Held, nodes: Nodes) -> list[float]:
     """Return the force on the first node of each place."""
     force = forces(held.here.system, held.states)
     return [float(force[own[0]].sum()) for own in nodes]
@@ -180,83 +116,6 @@ def _rubs(of: Question, places: tuple[Place, ...]) -> bool:
     return any(place.lies and own[place.obstacle].friction for place in places)
 
 
-def _solved(
-    of: Question, held: Held, places: tuple[Place, ...], pressing: Held | None
-) -> _Found | None:
-    """Return the equilibrium with places held shut, and their nodes.
-
-    With friction as of the pressures of another equilibrium, if one is given.
-    """
-    K = len(contacts(of.scene))
-    at = placed(of.base, of.fixed, places, K, of.scene.has(Shear))
-    if at is None:
-        return None
-    before = held.here
-    system = of.system(at.mesh, at.touches.pressed)
-    touches = replace(at.touches, curve=_curves(held, places, at))
-    if pressing is not None:
-        touches = replace(touches, pressing=_pressing(pressing, system, touches))
-    if _near(before.system, system):
-        states = before.states.copy()
-    else:
-        known = Known(before.system, before.states)
-        states = Collocation.on(system).carried(of.tensions, known)
-        states[system.of.touches[:, :, 0]] = _carried(held, system, touches)
-        if before.system.of.form.contact_friction:
-            near = np.abs(system.mesh.s[:, None] - before.system.mesh.s).argmin(axis=1)
-            old = before.system.of
-            states[system.of.friction_forces] = before.states[old.friction_forces[near]]
-            states[system.of.tractions] = before.states[old.tractions[near]]
-    own = system.of.touches
-    if system.of.form.contact_friction:
-        states[system.of.friction_forces] *= touches.held[:, :, None]
-        states[system.of.tractions] *= (touches.inside | touches.end)[:, :, None]
-    states[own[:, :, 1]] *= touches.inside | touches.end
-    states[own[:, :, 0]] *= touches.held
-    drag = None if of.resisted is None else _drag(of.resisted, system)
-    found = newton(system, of.tensions, of.load, states, touches, cuts=4, fixed=True, drag=drag)
-    return None if found is None else (found, at.nodes)
-
-
-def _drag(of: Resisted, system: System) -> Drag:
-    """Return resistance on another mesh than that which the arm was on."""
-    before, states = of.before.here.system, np.zeros(system.of.n_states)
-    states[system.of.stages] = carried_strains(before, before.strains(of.before.states), system)
-    return Drag(of.share, states)
-
-
-def _near(before: System, after: System) -> bool:
-    """Return whether nodes of two meshes are where they were, but for a little."""
-    old, new = before.mesh, after.mesh
-    if before.of.stride != after.of.stride or old.s.size != new.s.size:
-        return False
-    h = np.minimum(np.diff(old.s), np.diff(new.s)).min()
-    return bool(np.abs(old.s - new.s).max() < _KEPT * h)
-
-
-def _carried(held: Held, system: System, touches: Touches) -> Array:
-    """Return forces (N + 1, K) to begin with on another mesh: of each obstacle those nearest."""
-    old, s, found = (
-        forces(held.here.system, held.states),
-        system.mesh.s,
-        np.zeros(touches.held.shape),
-    )
-    for k, j in zip(*np.nonzero(old), strict=True):
-        there = np.flatnonzero(touches.held[:, j])
-        if there.size:
-            near = there[np.argmin(np.abs(s[there] - held.here.system.mesh.s[k]))]
-            found[near, j] += old[k, j]
-    return found
-
-
-def _pressing(before: Held, system: System, touches: Touches) -> Array:
-    """Return forces and pressures (N + 1, K, 2) of an equilibrium on another mesh."""
-    old = before.here.system
-    p = second(old, before.states) * (before.touches.inside | before.touches.end)
-    own = np.array([np.interp(system.mesh.s, old.mesh.s, column) for column in p.T]).T
-    return np.stack([_carried(before, system, touches), own], axis=2)
-
-
 def _is_near(held: Held) -> bool:
     """Return whether what presses is nearly what friction was told."""
     system, told = held.here.system, held.touches.pressing
@@ -264,17 +123,3 @@ def _is_near(held: Held) -> bool:
     own = held.states[system.of.touches] * (held.touches.held | held.touches.inside)[:, :, None]
     most = np.abs(own).max(axis=(0, 1))
     return bool((np.abs(own - told).max(axis=(0, 1)) <= _TOLD * most).all())
-
-
-def _curves(before: Held, places: tuple[Place, ...], at: Placed) -> Array:
-    """Return gap'' where points may move (N + 1, K), nan elsewhere."""
-    system, found = before.here.system, np.full(at.touches.point.shape, np.nan)
-    free = [i for i, p in enumerate(places) if not p.lies and p.start not in before.corners]
-    if free:
-        s = np.array([places[i].start for i in free])
-        j = np.array([places[i].obstacle for i in free])
-        curve = along(system, before.here.x, s, j)[:, 2]
-        found[[at.nodes[i][0] for i in free], j] = np.where(
-            curve > _FLAT, curve, _BENT / system.arm.length
-        )
-    return found

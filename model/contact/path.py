@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from model.contact.held_shut import Question
 from model.contact.history import History
 from model.contact.jumps import jumped, placed_near, pushed
-from model.contact.moving import Question, Settled, settled
+from model.contact.moving import Settled, settled
 from model.contact.newton import Held, newton
 from model.contact.read_off import at_nodes, close, guesses
 from model.contact.stability import held_stands

@@ -18,6 +18,8 @@ from planner.contact.settled_terms import SettledTerms
 
 # What is near costs before effort, in units of the arm's length and of the scale of tensions.
 NEAREST = 1e6
+# The penalty of what targets lack, to begin with.
+PENALTY = 10.0
 # The least that tangential forces cost, so that those that nothing determines stay.
 _COST = 1e-9
 

@@ -1,0 +1,170 @@
+"""The equilibrium of an arm with places held shut, on a mesh that has them as nodes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from model.arm import Arm
+from model.contact.along import along
+from model.contact.history import History
+from model.contact.newton import Drag, Held, newton
+from model.contact.places import Place, Placed, placed
+from model.contact.touches import Touches, forces, second
+from model.effects import Shear
+from model.equilibrium.forward import Collocation, Known, carried_strains
+from model.loads import contacts
+from model.mesh import Mesh
+from model.paths import Array
+from model.scene import Scene
+from model.transcription.system import System
+
+# gap'' [1/m] that counts as flat, and what points move by instead, over 1 / L: to lesser gaps.
+_FLAT, _BENT = 1e-3, 4.0
+# Of an element: the farthest that its nodes may have moved for its states to be kept.
+_KEPT = 0.2
+
+# Of each place the nodes of its ends.
+Nodes = tuple[tuple[int, ...], ...]
+
+
+class Resisted(NamedTuple):
+    """Viscous resistance to what the strains change from where the arm was; see Drag."""
+
+    share: float
+    before: Held
+
+
+@dataclass(frozen=True, eq=False)
+class Question:
+    """What is asked for on a mesh that may move.
+
+    Attributes
+    ----------
+    arm, scene
+    base : Mesh
+        That nodes are moved from.
+    fixed : (n,)
+        Arc lengths of nodes that stay [m].
+    tensions : (n_tendons,)
+    load : float
+        Load factor.
+    stages : int
+    machine_code : bool
+    history : History or None
+        Where the arm was before, that friction looks back to.
+    resisted : Resisted or None
+        What the arm moves against.
+    """
+
+    arm: Arm
+    scene: Scene
+    base: Mesh
+    fixed: Array
+    tensions: Array
+    load: float
+    stages: int
+    machine_code: bool = False
+    history: History | None = None
+    resisted: Resisted | None = None
+
+    def system(self, mesh: Mesh, pressed: bool = False) -> System:
+        """Return the equations on a mesh."""
+        form = self.stages, True, self.machine_code, pressed
+        found = System(self.arm, self.scene, mesh, *form)
+        if self.history is not None and found.of.form.contact_friction:
+            self.history.told(found)
+        return found
+
+
+def held_shut(
+    of: Question, held: Held, places: tuple[Place, ...], pressing: Held | None
+) -> tuple[Held, Nodes] | None:
+    """Return the equilibrium with places held shut, and their nodes.
+
+    With friction as of the pressures of another equilibrium, if one is given.
+    """
+    K = len(contacts(of.scene))
+    at = placed(of.base, of.fixed, places, K, of.scene.has(Shear))
+    if at is None:
+        return None
+    before = held.here
+    system = of.system(at.mesh, at.touches.pressed)
+    touches = replace(at.touches, curve=_curves(held, places, at))
+    if pressing is not None:
+        touches = replace(touches, pressing=_pressing(pressing, system, touches))
+    if _near(before.system, system):
+        states = before.states.copy()
+    else:
+        known = Known(before.system, before.states)
+        states = Collocation.on(system).carried(of.tensions, known)
+        states[system.of.touches[:, :, 0]] = _carried(held, system, touches)
+        if before.system.of.form.contact_friction:
+            near = np.abs(system.mesh.s[:, None] - before.system.mesh.s).argmin(axis=1)
+            old = before.system.of
+            states[system.of.friction_forces] = before.states[old.friction_forces[near]]
+            states[system.of.tractions] = before.states[old.tractions[near]]
+    own = system.of.touches
+    if system.of.form.contact_friction:
+        states[system.of.friction_forces] *= touches.held[:, :, None]
+        states[system.of.tractions] *= (touches.inside | touches.end)[:, :, None]
+    states[own[:, :, 1]] *= touches.inside | touches.end
+    states[own[:, :, 0]] *= touches.held
+    drag = None if of.resisted is None else _drag(of.resisted, system)
+    found = newton(system, of.tensions, of.load, states, touches, cuts=4, fixed=True, drag=drag)
+    return None if found is None else (found, at.nodes)
+
+
+def _drag(of: Resisted, system: System) -> Drag:
+    """Return resistance on another mesh than that which the arm was on."""
+    before, states = of.before.here.system, np.zeros(system.of.n_states)
+    states[system.of.stages] = carried_strains(before, before.strains(of.before.states), system)
+    return Drag(of.share, states)
+
+
+def _near(before: System, after: System) -> bool:
+    """Return whether nodes of two meshes are where they were, but for a little."""
+    old, new = before.mesh, after.mesh
+    if before.of.stride != after.of.stride or old.s.size != new.s.size:
+        return False
+    h = np.minimum(np.diff(old.s), np.diff(new.s)).min()
+    return bool(np.abs(old.s - new.s).max() < _KEPT * h)
+
+
+def _carried(held: Held, system: System, touches: Touches) -> Array:
+    """Return forces (N + 1, K) to begin with on another mesh: of each obstacle those nearest."""
+    old, s, found = (
+        forces(held.here.system, held.states),
+        system.mesh.s,
+        np.zeros(touches.held.shape),
+    )
+    for k, j in zip(*np.nonzero(old), strict=True):
+        there = np.flatnonzero(touches.held[:, j])
+        if there.size:
+            near = there[np.argmin(np.abs(s[there] - held.here.system.mesh.s[k]))]
+            found[near, j] += old[k, j]
+    return found
+
+
+def _pressing(before: Held, system: System, touches: Touches) -> Array:
+    """Return forces and pressures (N + 1, K, 2) of an equilibrium on another mesh."""
+    old = before.here.system
+    p = second(old, before.states) * (before.touches.inside | before.touches.end)
+    own = np.array([np.interp(system.mesh.s, old.mesh.s, column) for column in p.T]).T
+    return np.stack([_carried(before, system, touches), own], axis=2)
+
+
+def _curves(before: Held, places: tuple[Place, ...], at: Placed) -> Array:
+    """Return gap'' where points may move (N + 1, K), nan elsewhere."""
+    system, found = before.here.system, np.full(at.touches.point.shape, np.nan)
+    free = [i for i, p in enumerate(places) if not p.lies and p.start not in before.corners]
+    if free:
+        s = np.array([places[i].start for i in free])
+        j = np.array([places[i].obstacle for i in free])
+        curve = along(system, before.here.x, s, j)[:, 2]
+        found[[at.nodes[i][0] for i in free], j] = np.where(
+            curve > _FLAT, curve, _BENT / system.arm.length
+        )
+    return found
