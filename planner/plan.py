@@ -185,7 +185,7 @@ def plan(
     accuracy : float
         What residuals and tip errors are held to, over the arm's length (angles: rad).
     starts : int
-        How many initial guesses are tried, as far as so many differ. Unless given, 14 at most, 16
+        How many initial guesses are tried, as far as so many differ. Unless given, 14 at most, 30
         where loads move the arm far, and fewer once enough of them led to the same optimum; that
         many are no proof.
     near : Plan
