@@ -29,8 +29,9 @@ _FIXED, _NOTHING = 3, 1e-6
 # Other scenes than the paper's start from its optima, among which the search was; loaded arms from
 # two more before it is said that none of the starts meets the targets.
 _FEWEST, _STRONGER, _CARRIED = 2, 2, 1
-# Loads that move the tip farther, over the arm's length, ask for as many starts as agree.
-_HEAVY, _MORE_IF_HEAVY = 0.3, 4
+# Loads that move the tip farther, over the arm's length, as it is planned or at rest, ask for as
+# many starts as agree: those that bend an arm at rest by most of its length may reach for it.
+_HEAVY, _HEAVY_AT_REST, _MORE_IF_HEAVY = 0.3, 0.75, 4
 # Other statics that change the least effort squared by more than this may rank optima otherwise.
 _MISLED = 0.3
 # Tried besides the fits that meet what is wanted.
@@ -75,6 +76,8 @@ class Multistart:
         Every solution with finite numbers, in order.
     toppled : list of (Statement, Solution)
         What meets the targets but is less stable than it has to be.
+    standing : list of (Statement, Solution)
+        What meets the targets and is as stable; starts that led to one of them are that solution.
     """
 
     def __init__(self, task: Task, n_likely: int = 0) -> None:
@@ -82,6 +85,7 @@ class Multistart:
         self.carried: list[tuple[Array, Solution]] = []
         self.seen: list[tuple[Statement, Solution]] = []
         self.toppled: list[tuple[Statement, Solution]] = []
+        self.standing: list[tuple[Statement, Solution]] = []
         self.loaded = is_loaded(task.scene)
         self.simple = task.scene == task.simple.scene
         self.stiff = bool(compliance_requests(task.targets))
@@ -92,12 +96,16 @@ class Multistart:
 
     @cached_property
     def heavy(self) -> bool:
-        """Whether loads move the initial guess's tip so far that the simpler optima mislead."""
+        """Whether loads move the initial guess's tip, or the rest's, so far that they mislead."""
         if not self.loaded or not self.carried:
             return self.loaded
         best, _ = self.carried[0]
-        moved = self.task.problem(self.task.coarse("exact")).moved_by_loads(best)
-        return moved > _HEAVY * self.task.arm.length
+        problem, length = self.task.problem(self.task.coarse("exact")), self.task.arm.length
+        at_rest = np.array(self.task.allowed.lower)
+        return (
+            problem.moved_by_loads(best) > _HEAVY * length
+            or problem.moved_by_loads(at_rest) > _HEAVY_AT_REST * length
+        )
 
     @property
     def first(self) -> int:
@@ -171,9 +179,13 @@ class Multistart:
 
     def stood(self, statement: Statement, solution: Solution) -> bool:
         """Return whether a solution is met and stands; what topples is kept apart."""
-        stands = solution.met and self.stands(statement, solution)
-        if solution.met and not stands:
-            self.toppled.append((statement, solution))
+        if not solution.met:
+            return False
+        for other, known in self.standing:
+            if other == statement and known.x is solution.x:
+                return True
+        stands = self.stands(statement, solution)
+        (self.standing if stands else self.toppled).append((statement, solution))
         return stands
 
     def _is_promising(

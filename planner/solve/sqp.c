@@ -36,7 +36,7 @@ typedef struct {
 
 /* See the constants of sqp.py. */
 typedef struct {
-  double met, soft, soft_late, closed, longest, local, lost, at, joined, near, alike;
+  double met, soft, soft_late, shifted, rounding, closed, longest, local, lost, at, joined, near, alike;
   long most, late, creeps, halved;
 } rules_t;
 
@@ -138,16 +138,18 @@ static int creeps(const rules_t *r, const point_t *at) {
   return high <= r->alike * low;
 }
 
-/* Make a Hessian convex: among what is not held by as little as that takes; room 2 (n, n). */
-static int convex(double *H, const long *held, long n, double soft, double *room) {
+/* Make a Hessian convex: among what is not held by as little as that takes, from the shift `least` on;
+   room 2 (n, n). */
+static int convex(double *H, const long *held, long n, double least, const rules_t *r, double *room) {
   double *inner = room + n * n, largest = most_of(H, n * n), most = 0.0, shift = 0.0, extra;
   long free = 0, which[n], tries = 0;
   if (is_convex(H, n, room)) return 1;
   for (long j = 0; j < n; ++j) {
-    most = fmax(most, soft * fabs(H[j * n + j]));
+    most = fmax(most, r->soft * fabs(H[j * n + j]));
     if (!held[j]) which[free++] = j;
   }
-  for (;; shift = fmax(1e-2 * most, 4 * shift)) {
+  least = fmax(least, r->rounding * largest);
+  for (;; shift = fmax(least, 4 * shift)) {
     for (long k = 0; k < free; ++k)
       for (long i = 0; i < free; ++i)
         inner[k * free + i] = H[which[k] * n + which[i]] + (i == k ? shift : 0.0);
@@ -163,7 +165,7 @@ static int convex(double *H, const long *held, long n, double soft, double *room
       return 1;
     }
     extra *= 4;
-    if (extra > largest) shift = fmax(1e-2 * most, 4 * shift);
+    if (extra > largest) shift = fmax(least, 4 * shift);
   }
   return 0;
 }
@@ -173,7 +175,7 @@ static int step(const program_t *p, quadratic_t *q, const asked_t *a, const rule
                 const point_t *at, double *change, double *after) {
   const long n = p->n, m = p->m;
   const double soft = at->steps < r->late ? r->soft : r->soft_late;
-  double lack[m + 1], size = 0.0;
+  double lack[m + 1], size = 0.0, most = 0.0;
   if (!p->second(p->self, at->x, 1.0, at->lam)) return 0;
   for (long k = 0; k < a->n_equal; ++k) {
     lack[k] = p->g[a->equal[k]] - a->lbg[a->equal[k]];
@@ -185,6 +187,7 @@ static int step(const program_t *p, quadratic_t *q, const asked_t *a, const rule
   for (long j = 0; j < n; ++j) {
     const double *column = p->J + j * m;
     double sum = 0.0, square[n];
+    most = fmax(most, fabs(p->H[j * n + j]));
     for (long l = 0; l < n; ++l) square[l] = 0.0;
     for (long k = 0; k < a->n_equal; ++k) {
       const long i = a->equal[k];
@@ -201,7 +204,7 @@ static int step(const program_t *p, quadratic_t *q, const asked_t *a, const rule
     q->lba[k] = a->lbg[a->uneven[k]] - at->g[a->uneven[k]];
     q->uba[k] = a->ubg[a->uneven[k]] - at->g[a->uneven[k]];
   }
-  if (!is_finite(q->H, n * n) || !convex(q->H, at->held, n, r->soft, at->room)) return 0;
+  if (!is_finite(q->H, n * n) || !convex(q->H, at->held, n, r->shifted * most, r, at->room)) return 0;
   void *done = q->call(q->run);
   if (!done) return 0;
   q->drop(done);
@@ -215,11 +218,13 @@ static int step(const program_t *p, quadratic_t *q, const asked_t *a, const rule
   return is_finite(change, n) && is_finite(after, m);
 }
 
-/* Go along a step as far as it helps: unknowns there, and its share; below 0 where that fails. Room: 2 n. */
+/* Go along a step as far as it helps: unknowns there, and its share; below 0 where that fails, or the states
+   follow no part of it. Room: 2 n. */
 static double line(const program_t *p, const asked_t *a, const rules_t *r, const point_t *at,
                    const double *change, double weight, double *trial, double *room) {
   const double before = merit(p, a, weight), most = most_of(change, p->n);
   double share = 1.0, *there = room, *way = room + p->n;
+  int any = 0;
   memcpy(trial, at->x, p->n * sizeof(double));
   for (long k = 0; k < r->halved; ++k) {
     for (long j = 0; j < p->n; ++j) {
@@ -230,13 +235,14 @@ static double line(const program_t *p, const asked_t *a, const rules_t *r, const
     const int followed = p->value(p->self, there, way);
     if (followed < 0) return -1.0;
     if (followed) {
+      any = 1;
       memcpy(trial, there, p->n * sizeof(double));
       const double now = merit(p, a, weight);
       if (isfinite(now) && (now < before || share * most < r->local)) break;
     }
     share /= 2;
   }
-  return share;
+  return any ? share : -1.0;
 }
 
 /* Steps from at->x and at->lam; 0 where not even the first point is one. Room: 2 n n + 2 n + m. */

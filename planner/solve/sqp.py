@@ -35,8 +35,12 @@ from planner.solve.sqp_in_c import run
 
 LOG = logging.getLogger(__name__)
 Mask = NDArray[np.bool_]
-_STEPS, _STEPS_IF_CLOSEST, _MET = 25, 60, 1e-7
+_STEPS, _STEPS_IF_CLOSEST, _MET = 40, 60, 1e-7
 _SOFT = 1e-6
+# Hessians of Lagrangians that are not convex are shifted by so much of themselves at least: what
+# softened constraints add is so large that a shift by a part of it leaves hardly a step. No shift is
+# less than rounding.
+_SHIFTED, _ROUNDING = 1e-3, 1e-16
 # What it is from some steps on: where constraints are nearly dependent their multipliers are large,
 # and grow by little at a time as long as much is soft.
 _LATE, _SOFT_LATE = 8, 1e-8
@@ -58,6 +62,8 @@ _RULES = {
     "met": _MET,
     "soft": _SOFT,
     "soft_late": _SOFT_LATE,
+    "shifted": _SHIFTED,
+    "rounding": _ROUNDING,
     "closed": _CLOSED,
     "longest": _LONGEST,
     "local": _LOCAL,
@@ -163,6 +169,8 @@ class _Sqp:
             check_time()
             change, after = step
             x, share = self._line(here, change, 2 * _most(after) + 1e-3)
+            if x is here.x:
+                break
             here, lam, steps = self.program.at(x, self.p), lam + share * (after - lam), steps + 1
         return None if last is None else last.solution()
 
@@ -191,7 +199,8 @@ class _Sqp:
         lack *= min(1.0, _CLOSED / max(float(np.sqrt(_sum(lack * lack))), 1e-300))
         soft = _SOFT if at.steps < _LATE else _SOFT_LATE
         H, more = self.program.curvature(here, self.p, 1.0, lam)
-        convex = self._convex(H + _sum(J[:, :, None] * J[:, None, :]) / soft, at.held)
+        least = _SHIFTED * float(np.abs(np.diag(H)).max())
+        convex = self._convex(H + _sum(J[:, :, None] * J[:, None, :]) / soft, at.held, least)
         if convex is None:
             return None
         slope = here.gradient + more + _sum(J * (lam[equal] + lack / soft)[:, None])
@@ -212,10 +221,10 @@ class _Sqp:
         return np.asarray(low | high | self.fixed)
 
     @staticmethod
-    def _convex(H: Array, held: Mask) -> Array | None:
+    def _convex(H: Array, held: Mask, least: float) -> Array | None:
         """Return a Hessian made convex: among what is not held by as little as that takes.
 
-        None where it is not finite.
+        From the shift `least` on. None where it is not finite.
         """
         if not np.isfinite(H.sum()):
             return None
@@ -223,19 +232,23 @@ class _Sqp:
             return H
         largest, free, more = float(np.abs(H).max()), ~held, np.zeros(held.size)
         most = float(np.abs(np.diag(H)).max()) * _SOFT
+        least = max(least, _ROUNDING * largest)
         inner, shift = H[np.ix_(free, free)], 0.0
         while not _is_convex(inner + shift * np.eye(len(inner))):
-            shift = max(1e-2 * most, 4 * shift)
+            shift = max(least, 4 * shift)
         more[free], extra = shift, max(shift, most)
         more[held] = extra
         while not _is_convex(H + np.diag(more)):
             more[held] = extra = 4 * extra
             if extra > largest:  # what is not held is convex by no more than rounding
-                more[free] = shift = max(1e-2 * most, 4 * shift)
+                more[free] = shift = max(least, 4 * shift)
         return np.asarray(H + np.diag(more))
 
     def _line(self, here: Reduced, change: Array, weight: float) -> tuple[Array, float]:
-        """Return unknowns along a step, and how much of it was gone: as much as helps."""
+        """Return unknowns along a step, and how much of it was gone: as much as helps.
+
+        Those given where the states follow no part of it.
+        """
         before, most = self._merit(here.f, here.g, weight), float(np.abs(change).max())
         lbx, ubx, _, _ = self.bounds
         a, trial, share = here.x[: self.fixed.size], here.x, 1.0

@@ -27,7 +27,8 @@ _PROGRAM = ("self", "value", "first", "second", *FOUND)
 _QUADRATIC = ("run", "call", "drop", "H", "slope", "A", "lba", "uba", "lbx", "ubx", "change", "own")
 _ASKED = ("lbx", "ubx", "lbg", "ubg", "known", "equal", "uneven")
 _COUNTS = ("n_equal", "n_uneven", "n_known")
-_RULES = ("met", "soft", "soft_late", "closed", "longest", "local", "lost", "at", "joined", "near")
+_RULES = ("met", "soft", "soft_late", "shifted", "rounding", "closed", "longest", "local", "lost")
+_RULES_OF_POINTS = ("at", "joined", "near", "alike")
 _LIMITS = ("most", "late", "creeps", "halved")
 _POINT = ("x", "lam", "g", "slope", "residuals", "room", "held")
 _WHOLE, _AT = np.dtype(ctypes.c_long), ctypes.c_void_p
@@ -55,7 +56,7 @@ class _Rules(ctypes.Structure):
     """See rules_t."""
 
     _fields_ = (
-        *((name, ctypes.c_double) for name in (*_RULES, "alike")),
+        *((name, ctypes.c_double) for name in (*_RULES, *_RULES_OF_POINTS)),
         *((name, ctypes.c_long) for name in _LIMITS),
     )
 

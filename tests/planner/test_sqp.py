@@ -81,6 +81,19 @@ def test_states_follow_to_optima(name: str) -> None:
     assert np.median(steps) <= 12
 
 
+@pytest.mark.parametrize("machine_code", [False, True], ids=["interpreted", "compiled"])
+def test_steps_do_not_creep_where_the_hessian_is_not_convex(machine_code: bool) -> None:
+    # In air: they came to shapes that meet the target, and crept towards less effort from there.
+    target = (TipPosition((0.0771475, 0.0540127, -0.2411071)),)
+    problem = build(ARM, target, Scene.silicone(Weight()), COARSE, machine_code)
+    limits = Limits.of(ARM, 20.0)
+    p, bounds = problem.parameters(target, limits, TRACES[0]), problem.free_bounds(limits)
+    for T in ([0, 0.3, 0.6, 0, 0, 0, 1, 0.5, 0, 0, 0, 0], [0.1] * 4 + [0.5] * 4 + [1.0] * 4):
+        found = solve_quadratic(problem, problem.unknowns(np.array(T), limits, p), p, bounds)
+        assert found is not None
+        assert found.met
+
+
 def test_what_comes_near_a_known_optimum_is_taken_for_it() -> None:
     T = np.array([0, 0, 0.2, 0, 0, 0.4, 0, 0, 0, 0, 1.0, 0])
     problem, p, limits = stated(T, "tip")
