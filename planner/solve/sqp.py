@@ -37,9 +37,9 @@ LOG = logging.getLogger(__name__)
 Mask = NDArray[np.bool_]
 _STEPS, _STEPS_IF_CLOSEST, _MET = 40, 60, 1e-7
 _SOFT = 1e-6
-# Hessians of Lagrangians that are not convex are shifted by so much of themselves at least: what
-# softened constraints add is so large that a shift by a part of it leaves hardly a step. No shift is
-# less than rounding.
+# Hessians of Lagrangians that are not convex are shifted by so much of themselves at least: of
+# what softened constraints add a part is so large that it leaves hardly a step. No shift is less
+# than rounding.
 _SHIFTED, _ROUNDING = 1e-3, 1e-16
 # What it is from some steps on: where constraints are nearly dependent their multipliers are large,
 # and grow by little at a time as long as much is soft.
