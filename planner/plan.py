@@ -185,9 +185,8 @@ def plan(
     accuracy : float
         What residuals and tip errors are held to, over the arm's length (angles: rad).
     starts : int
-        How many initial guesses are tried, as far as so many differ. Unless given, 14 at most, 30
-        where loads move the arm far, and fewer once enough of them led to the same optimum; that
-        many are no proof.
+        How many initial guesses are tried, as far as so many differ. Unless given, 14 at most, and
+        fewer once enough of them led to the same optimum; that many are no proof.
     near : Plan
         A plan for a target nearby, of the same kind, for the same arm and scene: its optimum is
         followed to this target, which is some ten times sooner. Where that fails all starts are

@@ -11,21 +11,19 @@ from model.paths import Array
 from model.progress import tell
 from model.settle import settle
 from model.time_limit import OutOfTime, time_limit
-from planner.initial_guess.curled import curled_arms, distinct
+from planner.initial_guess.curled import curled_arms
 from planner.mirror import mirror_images
 from planner.program.statement import Mode, Statement
 from planner.solve.guesses import first_guesses, further_guesses
 from planner.solve.ipopt import Solution
 from planner.solve.multistart import LITTLE, Multistart, record
 from planner.solve.refine import Fine, best_of, refine, refine_best
-from planner.solve.search_result import SearchResult, Trial, agreed
+from planner.solve.search_result import SearchResult, Trial
 from planner.solve.steadying import steadied, tightened
 from planner.solve.task import Task
 
 # First guesses from which continuation is tried where none leads to the targets by itself.
 _CONTINUED = 2
-# First guesses more where loads move the arm far and none agree.
-_IF_HEAVY = 16
 # How well a mirror image is looked for, and what counts as costing no more.
 _ROUGH, _NO_DEARER = 1e-4, 1e-6
 # By so much of the effort the coarse mesh may be off.
@@ -122,8 +120,6 @@ class Search:
         if not found and not self.trials.toppled:
             return None
         found = self.trials.from_starts(others, statement, records, found)
-        more = self._more([*first, *others], records)
-        found = self.trials.from_starts(more, statement, records, found)
         found = found or tightened(self.trials, statement, records)
         fines = self._finished(found, "exact")
         if not any(fine.optimal for fine in fines) or _lost(found, fines):
@@ -138,17 +134,6 @@ class Search:
             return None
         lost = _lost(found, fines)
         return replace(self._answer(self._in_plane(fine), records), lost=lost)
-
-    def _more(self, tried: list[Array], records: list[Trial]) -> list[Array]:
-        """Return further guesses where loads move the arm far and no two of those tried agree.
-
-        Optima without loads do not rank those with them: those of more guesses are carried over.
-        """
-        if not self.trials.heavy or self.task.starts is not None or agreed(records) > 1:
-            return []
-        guesses = first_guesses(replace(self.task, starts=_IF_HEAVY))
-        self.trials.carried += guesses.carried
-        return distinct([*tried, *guesses.starts], len(tried) + _IF_HEAVY)[len(tried) :]
 
     def _in_plane(self, fine: Fine) -> Fine:
         """Return the optimum in a plane of symmetry where one costs no more, else the one given."""
