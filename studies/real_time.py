@@ -17,10 +17,10 @@ Command: python -m studies.real_time [--steps 10000] [--scenes paper silicone-in
 Answer (processor time, two cores, one other process): of 10 000 steps in the paper's scene all are
 certified, to residuals of 2e-8 at most; where the way back is on the branch of the way ahead, 97 %
 of the steps, tensions come back to 4e-7 of their norm. A re-plan takes 2.1 ms and its certificate
-1.4 (medians of 1000; 99 % of both together in 6.1). On a machine half as fast, where these take 3.7 and
-2.5, they take 18 and 11 in silicone in water; cold certified plans there 19 to 25 ms, in silicone
-50, in water 86; all of 60 each are certified; SciPy takes 400 times as long as the paper's and
-solves 5 of 5, DOP853 250 times as long as each of 1000 settles, and 1000 times compiled ones.
+1.4 (medians of 1000; 99 % of both together in 6.1). On a machine half as fast, where these take 4
+and 2.5, they take 18 and 11 in silicone in water; cold certified plans take 25 ms there, in
+silicone 50, in water 86; all of 60 each are certified. SciPy takes 400 times as long as the paper's
+and solves 5 of 5; DOP853 takes 250 times as long as each of 1000 settles, 1000 times compiled ones.
 """
 
 from __future__ import annotations
