@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
 from model.arm import Arm
-from model.equilibrium.forward import Collocation, Known
+from model.equilibrium.forward import STAGES, Collocation, Known
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.stability import least_eigenvalue, stability, stands
 from model.errors import OctoplanError, SnapError, UnsettledSectionError
@@ -110,13 +110,7 @@ class Collocated:
 
     def moved_by_loads(self, tensions: Array) -> float:
         """Return how far the loads move the tip [m], infinite where they are too heavy."""
-        tip = self.forward.system.of.nodes[-1, 4:7]
-        try:
-            before = self.forward.without_loads(tensions)
-            after = self.forward.found_soon(tensions)
-        except OctoplanError:
-            return np.inf
-        return float(np.linalg.norm(after.states[tip] - before[tip]))
+        return _moved(self.forward, tensions)
 
     def states_of(self, x: Array, tensions: Array, near: Known | None = None) -> Array:
         """Return the states (n_states,) in unknowns x, those settled where x has none."""
@@ -129,3 +123,20 @@ class Collocated:
     def condensed(self) -> Condensed:
         """The same problem with the states eliminated."""
         return Condensed(self.program, self.forward, self.states)
+
+
+@lru_cache(maxsize=32)
+def moved_at_rest(arm: Arm, scene: Scene, tensions: tuple[float, ...], machine_code: bool) -> float:
+    """Return how far loads move the tip of an arm on a coarse mesh [m]; remembered."""
+    forward = Collocation(arm, scene, STAGES, 1, (), True, machine_code)
+    return _moved(forward, np.array(tensions))
+
+
+def _moved(forward: Collocation, tensions: Array) -> float:
+    tip = forward.system.of.nodes[-1, 4:7]
+    try:
+        before = forward.without_loads(tensions)
+        after = forward.found_soon(tensions)
+    except OctoplanError:
+        return np.inf
+    return float(np.linalg.norm(after.states[tip] - before[tip]))

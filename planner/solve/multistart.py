@@ -12,6 +12,7 @@ from model.loads import is_loaded
 from model.paths import Array
 from model.progress import told
 from model.time_limit import check_time
+from planner.program.collocated import moved_at_rest
 from planner.program.problem import TRACES, Problem
 from planner.program.statement import Mode, Statement
 from planner.program.terms import compliance_requests
@@ -100,11 +101,11 @@ class Multistart:
         if not self.loaded or not self.carried:
             return self.loaded
         best, _ = self.carried[0]
-        problem, length = self.task.problem(self.task.coarse("exact")), self.task.arm.length
-        at_rest = np.array(self.task.allowed.lower)
+        task, length = self.task, self.task.arm.length
+        at_rest = (task.arm, task.scene, task.allowed.lower, task.machine_code)
         return (
-            problem.moved_by_loads(best) > _HEAVY * length
-            or problem.moved_by_loads(at_rest) > _HEAVY_AT_REST * length
+            moved_at_rest(*at_rest) > _HEAVY_AT_REST * length
+            or task.problem(task.coarse("exact")).moved_by_loads(best) > _HEAVY * length
         )
 
     @property
