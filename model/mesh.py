@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -9,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 
 from model.arm import Arm
-from model.paths import Array
+from model.paths import Array, Linear, Path
 from model.stations import Counts
 
 _FINE = 64
@@ -54,6 +55,7 @@ def graded(
     refinement: int,
     at: Iterable[float] = (),
     growth: Callable[[Array], Array] | None = None,
+    taper: Path | None = None,
 ) -> Mesh:
     """Return a mesh whose steps are equal in log R(s) + s/L, refined by a whole number.
 
@@ -68,8 +70,10 @@ def graded(
     growth : callable
         Arc lengths -> how fast the solution may grow or decay there [1/m]; steps are shorter where
         it does.
+    taper : Path
+        What to grade for; the arm's radius unless given. Its size does not matter.
     """
-    breaks, fine, weight = _weights(arm, tuple(at))
+    breaks, fine, weight = _weights(arm, tuple(at), taper or arm.radius)
     if growth is not None:
         rate = growth(fine.ravel()).reshape(fine.shape)
         turns = (rate[:, 1:] + rate[:, :-1]) / 2 * np.diff(fine, axis=1)
@@ -86,16 +90,28 @@ def graded(
 
 
 @lru_cache(maxsize=16)
-def _weights(arm: Arm, at: tuple[float, ...]) -> tuple[Array, Array, Array]:
+def _weights(arm: Arm, at: tuple[float, ...], taper: Path) -> tuple[Array, Array, Array]:
     """Return the breaks, places between each two, and what the steps between these weigh.
 
     They are shared by the meshes of all refinements.
     """
     breaks = _breaks(arm, at)
     fine = breaks[:-1, None] + np.diff(breaks)[:, None] * np.linspace(0, 1, _FINE + 1)
-    R = arm.radius.evaluate(fine.ravel(), arm.length)[0].reshape(fine.shape)
+    R = taper.evaluate(fine.ravel(), arm.length)[0].reshape(fine.shape)
     weight = np.abs(np.diff(np.log(R), axis=1)) + np.diff(fine, axis=1) / arm.length
     return breaks, fine, weight
+
+
+@lru_cache(maxsize=64)
+def roughly(radius: Path) -> Path:
+    """Return the taper of a radius to a tenth of what it grows by, as an exponent.
+
+    Arms of about the same taper share what is graded for it.
+    """
+    if not isinstance(radius, Linear):
+        return radius
+    growth = round(10 * math.log(radius.end / radius.base)) / 10
+    return Linear(1.0, math.exp(growth))
 
 
 def with_nodes(arm: Arm, s: Array) -> Mesh:

@@ -20,6 +20,9 @@ Array = NDArray[np.float64]
 class Path(Protocol):
     """A smooth function of arc length on [0, span]."""
 
+    def __hash__(self) -> int:
+        """Return the hash of the value."""
+
     def evaluate(self, s: Array, span: float) -> tuple[Array, Array, Array]:
         """Value [m], first [-] and second [1/m] derivative at s [m], each of the shape of s."""
 

@@ -1,4 +1,7 @@
-"""What a closed form needs of an arm's geometry on a mesh: another material shares all of it."""
+"""What a closed form needs of an arm's geometry on a mesh, that other arms share.
+
+Those of another material, or of another radius of about the same taper.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ import numpy as np
 
 from model.arm import Arm
 from model.integrators.magnus import Magnus
-from model.mesh import Mesh, graded
+from model.mesh import Mesh, graded, roughly
 from model.paths import Array
 from model.stations import Counts, base_pose, stations
 from model.unloaded.statics import ClosedStatics
@@ -19,11 +22,18 @@ _BODY = 3
 
 
 class Geometry:
-    """An arm whatever it is made of: equal to another of the same shape and tendons."""
+    """An arm whatever it is made of: equal to another of the same tendons and taper.
+
+    Attributes
+    ----------
+    arm : Arm
+    taper : Path
+        What its meshes are graded for.
+    """
 
     def __init__(self, arm: Arm) -> None:
-        self.arm = arm
-        body = (arm.length, arm.radius, arm.sections, arm.hull, arm.rest_curvature)
+        self.arm, self.taper = arm, roughly(arm.radius)
+        body = (arm.length, self.taper, arm.sections, arm.rest_curvature)
         self._key = (*body, arm.base_frame, arm.base_position)
 
     def __hash__(self) -> int:
@@ -45,8 +55,6 @@ class GeometryOnMesh:
         How many sections' tendons cross there.
     maps : (K, n_pull, n_tendons)
         From tensions to pull.
-    radius : (K,)
-        [m].
     others : (K, n_data - 3)
         What of the data is no stiffness of the body.
     base, h : (7,), (S,)
@@ -57,16 +65,16 @@ class GeometryOnMesh:
     at: Array
     active: Counts
     maps: Array
-    radius: Array
     others: Array
     base: Array
     h: Array
 
     def data(self, arm: Arm) -> Array:
         """Return the data (K, n_data) of an arm of this geometry."""
-        E, G = arm.material.E, arm.material.G
-        area, J = np.pi * self.radius**2, np.pi * self.radius**4 / 4
-        return np.column_stack([E * area, E * J, 2 * G * J, self.others])
+        E, G, R = arm.material.E, arm.material.G, arm.radius.evaluate(self.at, arm.length)[0]
+        area = np.pi * R**2
+        J = area * R**2 / 4
+        return np.hstack([np.array([E * area, E * J, 2 * G * J]).T, self.others])
 
 
 @lru_cache(maxsize=64)
@@ -79,13 +87,13 @@ def geometry_on_mesh(
 ) -> GeometryOnMesh:
     """Return the places on a mesh of a refinement that has the arc lengths `at` as nodes."""
     arm, m = geometry.arm, len(scheme.nodes)
-    mesh = graded(arm, refinement, at)
+    mesh = graded(arm, refinement, at, taper=geometry.taper)
     ends, at_ends = mesh.segment_ends()
     s = np.concatenate([nodes_of(scheme, mesh.s[:-1], mesh.s[1:]), ends])
     active = np.concatenate([np.repeat(mesh.active, m), at_ends])
-    there, radius = stations(arm, s, active), arm.radius.evaluate(s, arm.length)[0]
+    there = stations(arm, s, active)
     maps, others = statics.pulls(arm, there), statics.data(there)[_BODY:].T
-    return GeometryOnMesh(mesh, s, active, maps, radius, others, base_pose(arm), np.diff(mesh.s))
+    return GeometryOnMesh(mesh, s, active, maps, others, base_pose(arm), np.diff(mesh.s))
 
 
 def nodes_of(scheme: Magnus, left: Array, right: Array) -> Array:

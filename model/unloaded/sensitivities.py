@@ -21,8 +21,9 @@ import numpy as np
 from model.cross_section.law import CrossSection, forces, moments, size
 from model.cross_section.sections import Sections
 from model.machine.buffered import Buffered
+from model.machine.compiled import kernel
 from model.paths import Array
-from model.rotations import half_turn, matrices, multiply, unit_matrix
+from model.rotations import half_turn, multiply, unit_matrix
 from model.transcription.collocation import gauss, rotation_vectors, weighted_sum
 from model.transcription.layout import POSE
 from model.transcription.system import System
@@ -113,60 +114,53 @@ class UnloadedSensitivities:
     @cached_property
     def _by_wrench(self) -> Array:
         """How strains change with a force and moment at the node (P, n, 6)."""
-        law = self._law
-        works = [*moments(law), *(3 + k for k in forces(law))]
-        return np.asarray(np.linalg.solve(self._stiffness, self._wrenches[:, works]))
+        return np.asarray(np.linalg.solve(self._stiffness, self._reach[0]))
 
     @cached_property
     def _lengths(self) -> tuple[Array, Array]:
         return self._sections.length_jacobian(self.strains, self._weights)
 
     @cached_property
-    def _wrenches(self) -> Array:
-        """Local moment and force (P, 6, 6) of a force and moment at the node, 0 beyond it."""
-        of, mesh = self.system.of, self.system.mesh
-        n = of.form.stages
+    def _reach(self) -> tuple[Array, Array]:
+        """What a force and moment at the node work on at the stages, and how strains move it.
+
+        (P, n, 6) both, 0 beyond the node: the second is A^T twist' above, transposed, times the
+        weights of the quadrature.
+        """
+        of, mesh, P = self.system.of, self.system.mesh, len(self.strains)
         poses = self.system.marched(self.strains)
-        h = np.diff(mesh.s)
-        call = _inside(self._law, n, mesh.steps)
-        (found,) = call(poses[:-1].ravel(), self.strains.ravel(), h)
-        inside = found.reshape(-1, POSE)
-        R, r = matrices(inside[:, :4]), poses[self.node, 4:] - inside[:, 4:]
-        lever = np.zeros((len(r), 3, 3))
-        for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-            lever[:, i, j], lever[:, j, i] = -r[:, k], r[:, k]
-        A, local = np.zeros((len(r), 6, 6)), R.transpose(0, 2, 1)
-        A[:, :3, :3], A[:, :3, 3:], A[:, 3:, :3] = local @ lever, local, local
-        A[self.node * n :] = 0.0
-        return A
+        call = _reach(self._law, of.form.stages, mesh.steps, of.form.machine_code)
+        point = poses[self.node, 4:]
+        found = call(poses[:-1].ravel(), self.strains.ravel(), np.diff(mesh.s), point)
+        works, moves = (part.reshape(P, 6, -1).transpose(0, 2, 1) for part in found)
+        beyond = self.node * of.form.stages
+        works[beyond:] = moves[beyond:] = 0.0
+        return works, moves * self._weights[:, None, None]
 
     def _pose(self, strains: Array) -> Array:
         """Return displacement and rotation (6, k) of the node that changes of strains are."""
-        twists = _twist_jacobian(self._law, len(self.strains))
-        jacobian = (
-            twists(self.strains.ravel())[0].reshape(len(self.strains), -1, 6).transpose(0, 2, 1)
-        )
-        moved = (jacobian @ strains) * self._weights[:, None, None]
-        return np.asarray(np.einsum("pij,pik->jk", self._wrenches, moved))
+        moves = self._reach[1].reshape(-1, 6)
+        return np.asarray(moves.T @ strains.reshape(len(moves), -1))
 
 
 @lru_cache(maxsize=32)
-def _inside(law: CrossSection, stages: int, elements: int) -> Buffered:
-    """Return (pose at the first node, strains, h) -> poses at the stages, for all elements."""
-    g, h = ca.SX.sym("g", POSE), ca.SX.sym("h")
+def _reach(law: CrossSection, stages: int, elements: int, machine_code: bool) -> Buffered:
+    """Return (pose at the first node, strains, h, point) -> what `_reach` is told of, by columns.
+
+    For all elements, whose stages follow each other; the point is the same for all.
+    """
+    g, h, point = ca.SX.sym("g", POSE), ca.SX.sym("h"), ca.SX.sym("point", 3)
     v = ca.SX.sym("v", size(law), stages)
     twists = [law.twist(one) for one in ca.horzsplit(v)]
     *turns, _ = rotation_vectors([kappa for kappa, _ in twists], h)
-    q = [multiply(g[:4], half_turn(turn)) for turn in turns]
-    along = [unit_matrix(one) @ nu for one, (_, nu) in zip(q, twists, strict=True)]
-    u = [g[4:] + h * weighted_sum(row, along) for row in gauss(stages).a]
-    poses = ca.vertcat(*(part for pair in zip(q, u, strict=True) for part in pair))
-    return Buffered(ca.Function("inside", [g, ca.vec(v), h], [poses], {"cse": True}).map(elements))
-
-
-@lru_cache(maxsize=32)
-def _twist_jacobian(law: CrossSection, count: int) -> Buffered:
-    """Return strains -> the derivatives of (kappa, nu) (6 n, count), column by column."""
-    v = ca.SX.sym("v", size(law))
-    jacobian = ca.jacobian(ca.vertcat(*law.twist(v)), v)
-    return Buffered(ca.Function("jacobian", [v], [ca.vec(ca.densify(jacobian))]).map(count))
+    frames = [unit_matrix(multiply(g[:4], half_turn(turn))) for turn in turns]
+    along = [R @ nu for R, (_, nu) in zip(frames, twists, strict=True)]
+    places = [g[4:] + h * weighted_sum(row, along) for row in gauss(stages).a]
+    own, works, moves = [*moments(law), *(3 + k for k in forces(law))], [], []
+    for R, u, one, twist in zip(frames, places, ca.horzsplit(v), twists, strict=True):
+        A = ca.blockcat([[R.T @ ca.skew(point - u), R.T], [R.T, ca.SX(3, 3)]])
+        works.append(A[own, :])
+        moves.append(ca.jacobian(ca.vertcat(*twist), one).T @ A)
+    found = [ca.densify(ca.horzcat(*map(ca.vec, part))) for part in (works, moves)]
+    reach = ca.Function("reach", [g, ca.vec(v), h, point], found, {"cse": True})
+    return Buffered(kernel(reach, machine_code).map("reach", "serial", elements, [3], []))

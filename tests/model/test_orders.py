@@ -56,7 +56,7 @@ def node_states(name: str, scene: Scene, scheme: str, refinement: int) -> Array:
 
 @pytest.mark.parametrize(("name", "scene", "scheme"), EACH)
 def test_tip_error_falls_at_the_order_of_the_scheme(name: str, scene: Scene, scheme: str) -> None:
-    wanted = node_states(name, scene, schemes_of(scene)[0], 256)[-1, 4:7]
+    wanted = node_states(name, scene, schemes_of(scene)[0], 128)[-1, 4:7]
     errors = [
         float(np.linalg.norm(node_states(name, scene, scheme, n)[-1, 4:7] - wanted))
         for n in meshes(name, scheme)
