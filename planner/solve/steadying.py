@@ -76,10 +76,15 @@ def _held(
 ) -> list[tuple[Task, Solution]]:
     """Return the optimum held to its margin from unknowns x of a statement without, if any.
 
-    To more of it where the arm does not come to that shape from rest.
+    To more of it where the arm does not come to that shape from rest; to no less than it has
+    already.
     """
+    T = trials.task.problem(before).tensions(x, trials.task.allowed)
+    least = trials.task.problem(before).stability(x, T)
     for floor in _FLOORS:
         task = trials.task.held(floor)
+        if task.statement.least <= least:
+            continue
         statement = task.coarse(mode).but(refinement=before.refinement)
         problem, allowed = task.problem(statement), trials.task.allowed
         p = problem.parameters(task.targets, allowed, TRACES[0])

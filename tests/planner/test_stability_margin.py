@@ -106,14 +106,15 @@ def test_margins_that_mean_nothing_are_refused(margin: object) -> None:
 
 def test_what_topples_on_a_finer_mesh_is_steadied_on_it() -> None:
     """Used to end in a traceback, where a search had gone on to a finer mesh."""
-    task = Task(ARM, (TARGET,), AIR, Limits.of(ARM, 20.0), Statement(), 1e-6)
+    task = Task(ARM, (TARGET,), AIR, Limits.of(ARM, 20.0), Statement(margin=0.606), 1e-6)
     trials, statement = Multistart(task), task.finer("exact")
     met = trials.solve(statement, T)
     assert met.met
+    assert not trials.stands(statement, met)
     trials.toppled.append((statement, met))
     ((_, found),) = steadied(trials, "exact", np.inf)
     assert trials.stands(statement, found)
-    assert found.f == pytest.approx(met.f, rel=1e-2)
+    assert met.f < found.f < 1.1 * met.f
 
 
 @pytest.mark.slow
