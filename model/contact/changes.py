@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from model.contact.along import along
-from model.contact.ends import where_it_ends
+from model.contact.ends import longest_about, where_it_ends
 from model.contact.newton import Held
 from model.contact.passing import deep, passing
 from model.contact.places import Place
@@ -75,7 +75,7 @@ def _point(held: Held, place: Place, node: int, _: int) -> tuple[float, float, f
     if place.start in held.corners or curve is None:
         return 0.0, 0.0, 0.0
     shift = float(system.mesh.s[node] + second(system, held.states)[node, j]) - place.start
-    most = 0.5 * float(np.diff(system.mesh.s)[max(node - 1, 0)])
+    most = 0.5 * longest_about(system.mesh, node)
     return -float(curve[node, j]) * shift, shift * (abs(shift) > _FOUND * held.length), most
 
 

@@ -10,6 +10,7 @@ from model.contact.places import SAME, Place
 from model.contact.sheared import tangent_end
 from model.effects import Shear
 from model.loads import contacts
+from model.mesh import Mesh
 from model.paths import Array
 
 # How far off ends may be, over the arm's length, and places where gap'' jumps.
@@ -28,9 +29,10 @@ def where_it_ends(held: Held, place: Place, node: int, side: int) -> tuple[float
     s, at = system.mesh.s, float(system.mesh.s[node])
     if at >= held.length * (1 - SAME) or not 0 <= beyond < s.size:
         return 0.0, 0.0, 0.0
-    h = abs(s[beyond] - at)
     if system.scene.has(Shear):
-        return tangent_end(held, place, node, side, h)
+        return tangent_end(held, place, node, side, abs(s[beyond] - at))
+    breaks = [abs(own - at) for own in system.arm.anchorages if (own - at) * side > 0]
+    h = max(abs(s[beyond] - at), min(longest_about(system.mesh, node), *breaks))
     # What is known at a node is on its base side.
     look = side * _ASIDE * h * np.arange(5.0)
     look[0] = (side > 0) * SAME * held.length
@@ -52,6 +54,14 @@ def where_it_ends(held: Held, place: Place, node: int, side: int) -> tuple[float
         shift = side * max(abs(edge - at), _NEAR * held.length / 2)
     most = min(0.8 * h, 0.35 * (place.end - place.start))
     return float(here), shift * (abs(shift) > _FOUND * held.length), most
+
+
+def longest_about(mesh: Mesh, node: int) -> float:
+    """Return the longest of the elements about a node, two on either side [m].
+
+    The next one may be as short as that between a node that moves and one that stays.
+    """
+    return float(np.diff(mesh.s)[max(node - 2, 0) : node + 2].max())
 
 
 def _jumps(curve: Array, length: float) -> bool:

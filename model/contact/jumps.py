@@ -15,7 +15,7 @@ import numpy as np
 
 from model.contact.held_shut import Question, Resisted
 from model.contact.moving import Settled, settled
-from model.contact.newton import Drag, Held, complementary_step, newton
+from model.contact.newton import Drag, Held, complementary_step, linearised, newton
 from model.contact.read_off import at_nodes, close, guesses
 from model.contact.stability import held_stability, held_stands, least_mode
 from model.contact.touches import Touches
@@ -83,7 +83,7 @@ class _AtNodes:
         """Return it after a step against so much resistance; None if that is no step."""
         of, system = self.of, self.held.here.system
         told = self.states, self.touches, Drag(share, self.states)
-        step = complementary_step(system, of.tensions, of.load, *told)
+        step = complementary_step(linearised(system, of.tensions, of.load, *told), self.touches)
         if step is None or np.abs(step[0][system.of.nodes[:, :4]]).max() > _TURN:
             return None
         return replace(self, states=self.states + step[0], touches=step[1])

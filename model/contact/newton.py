@@ -20,7 +20,7 @@ from model.contact.touches import Touches
 from model.effects import NeoHookean
 from model.equilibrium.complementarity import complementary
 from model.equilibrium.linearised import Linearised
-from model.equilibrium.newton import TURN, step_size
+from model.equilibrium.newton import CLOSE, KEPT, TURN, step_size
 from model.equilibrium.stability import rest_stiffness
 from model.paths import Array
 from model.time_limit import check_time
@@ -130,11 +130,12 @@ def newton(
     `touches` are those to begin with, and with `fixed` those to the end. See
     model.equilibrium.newton for `farthest` and `cuts`. With `drag` it is where that holds the arm.
     """
-    last, grown = 0.0, 0
+    last, grown, kept = 0.0, 0, None
     frictional = system.of.form.contact_friction
     for _ in range(_STEPS + _WITH_FRICTION * frictional):
         check_time()
-        step = complementary_step(system, tensions, load, states, touches, drag, fixed)
+        here = linearised(system, tensions, load, states, touches, drag, kept)
+        step = complementary_step(here, touches, fixed)
         if step is None:
             return None
         change, after = step
@@ -143,7 +144,7 @@ def newton(
         if turn > farthest:
             if cuts == 0:
                 return None
-            states, cuts = states + farthest / turn * change, cuts - 1
+            states, cuts, kept = states + farthest / turn * change, cuts - 1, None
             continue
         states, touches = states + change, after
         size = max(step_size(system, change, states), _rubbed(system, change, states))
@@ -153,6 +154,9 @@ def newton(
         grown += bool(last and size > last / 2 and size > 1e-6)
         if grown > 4 and not frictional:
             return None
+        # Factors are kept while steps contract as fast by them as this: see equilibrium.newton.
+        shrinks = size < (KEPT * last if last else CLOSE)
+        kept = (here.near or here) if same and shrinks and not frictional else None
         last = size
     return None
 
@@ -170,35 +174,42 @@ def _rubbed(system: System, change: Array, states: Array) -> float:
     return float(size / max(most, _ROUNDING)) * _FELT
 
 
-def complementary_step(
+def linearised(
     system: System,
     tensions: Array,
     load: float,
     states: Array,
     touches: Touches,
     drag: Drag | None = None,
-    fixed: bool = False,
+    kept: Linearised | None = None,
+) -> Linearised:
+    """Return the equations with what touches, linearised, or by the factors of those `kept`."""
+    told = touches.told(system)
+    x = told.x(tensions, load, states)
+    return Linearised(told, x, kept) if drag is None else Dragged(told, x, kept, drag=drag)
+
+
+def complementary_step(
+    here: Linearised, touches: Touches, fixed: bool = False
 ) -> tuple[Array, Touches] | None:
     """Return a step of Newton's method and what touches after it; None where there is none.
 
     Of touches only points change, unless all are `fixed`.
     """
-    told = touches.told(system)
-    x = told.x(tensions, load, states)
-    here = Linearised(told, x) if drag is None else Dragged(told, x, drag=drag)
     change = here.newton_step()
     if change is None:
         return None
     if fixed:
         return change, touches
-    return _exchanged(here, states, change, touches)
+    return _exchanged(here, change, touches)
 
 
 def _exchanged(
-    here: Linearised, states: Array, change: Array, touches: Touches
+    here: Linearised, change: Array, touches: Touches
 ) -> tuple[Array, Touches] | None:
     """Return a step whose forces and gaps are complementary, and what touches after it."""
-    of, gaps = here.system.of, Gaps.of(here.system, states)
+    of, states = here.system.of, here.states
+    gaps = Gaps.of(here.system, states)
     places = of.touches[1:, :, 0]
     force, closing = (states + change)[places], gaps.moved(change)
     gap = gaps.gap + closing
