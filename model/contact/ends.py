@@ -32,7 +32,7 @@ def where_it_ends(held: Held, place: Place, node: int, side: int) -> tuple[float
     if system.scene.has(Shear):
         return tangent_end(held, place, node, side, abs(s[beyond] - at))
     breaks = [abs(own - at) for own in system.arm.anchorages if (own - at) * side > 0]
-    h = max(abs(s[beyond] - at), min(longest_about(system.mesh, node), *breaks))
+    h = max(abs(s[beyond] - at), min([longest_about(system.mesh, node), *breaks]))
     # What is known at a node is on its base side.
     look = side * _ASIDE * h * np.arange(5.0)
     look[0] = (side > 0) * SAME * held.length

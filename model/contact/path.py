@@ -27,7 +27,7 @@ from model.time_limit import check_time
 # move.
 _FIRST, _ROUGH, _LEAST = 0.25, 1 / 64, 1 / 256
 # The least where it may not jump: who asks for that comes nearer by itself.
-_LEAST_NEARBY = 1 / 16
+_LEAST_NEARBY = 1 / 4
 # The longest step with friction: as where a point rolls, which is not to count as slip.
 _WITH_FRICTION = 1 / 8
 # How often places may move in a step.
