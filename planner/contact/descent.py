@@ -21,7 +21,7 @@ from planner.contact.program import PENALTY, Optimum, Program, lacking
 from planner.contact.quadratic import Multipliers, optimum_at, quadratic_step
 from planner.contact.settled_terms import SettledTerms
 
-_STEPS, _FIRST, _MOST_FAR, _CAREFUL = 80, 0.5, 8.0, 1e-2
+STEPS, _FIRST, _MOST_FAR, _CAREFUL = 80, 0.5, 8.0, 1e-2
 # The least region, and where targets are missed.
 _LEAST, _MISSED = 1e-9, 1e-5
 _ACCEPTED, _GOOD = 0.05, 0.7
@@ -48,7 +48,7 @@ def descended(
     accuracy: float,
     residual: float,
     known: float,
-    most: int = _STEPS,
+    most: int = STEPS,
 ) -> Optimum:
     """Return the optimum that at most so many steps lead to, in the pieces that they meet."""
     here, region, penalty, steps = start, _FIRST, PENALTY, [start.tensions]

@@ -14,6 +14,7 @@ from model.errors import OctoplanError
 from model.paths import Array
 from model.progress import tell
 from model.time_limit import OutOfTime, check_time, end, time_limit
+from planner.contact.descent import STEPS
 from planner.contact.load_path import LoadPath, rubs
 from planner.contact.program import Optimum, Program
 from planner.contact.settled_terms import SettledTerms
@@ -33,6 +34,9 @@ _SLID = (1.0, 1.5, 2.5)
 # Efforts of optima that are one: starts are enough where two lead there. The residual of an optimum
 # on the rough mesh, and of what steps left at an edge that is none.
 _SAME, _ABOUT, _EDGE = 1e-3, 1e-5, 1e-4
+# Steps of a start beyond those that led to the best so far, and how many times its effort starts
+# may take.
+_FEW, _DEARER = 20, 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,14 +132,16 @@ class ContactSearch:
         """
         tell("initial guesses")
         check_time()
-        program = self._rough
+        program, known, most = self._rough, np.inf, STEPS
         last = np.clip(load_path[-1], program.lower, program.upper)
+        if best := self._best(self._met(before)):
+            known = program.objective(best.optimum.terms)
+            most = _FEW + len(best.optimum.steps)
+            if np.linalg.norm(last) > _DEARER * best.optimum.effort:
+                return []
         try:
             start = along(program, (*load_path[:-1], tuple(last.tolist())))
-            known = min(
-                (program.objective(own.optimum.terms) for own in self._met(before)), default=np.inf
-            )
-            end = solve(program, start, _CLOSER * self.task.accuracy, _ABOUT, known)
+            end = solve(program, start, _CLOSER * self.task.accuracy, _ABOUT, known, most)
         except OctoplanError:
             return []
         if self.begin is not None and program.has_history:

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from model.time_limit import OutOfTime
-from planner.contact.descent import descended
+from planner.contact.descent import STEPS, descended
 from planner.contact.program import PENALTY, Optimum, Program, lacking
 from planner.contact.quadratic import ACTIVE, quadratic_step
 from planner.contact.settled_terms import SettledTerms
@@ -20,6 +20,8 @@ from planner.contact.settled_terms import SettledTerms
 OPTIMAL = 3e-7
 # Ends of pieces beyond which is looked, how often, and how far; what that has to gain.
 _SIDES, _PROBES, _ACROSS, _GAINED, _PROBED = 2, 4, 1e-2, 1e-7, 20
+# Objectives that differ by less are taken for those of one optimum.
+_KNOWN = 2e-3
 
 
 def solve(
@@ -28,14 +30,16 @@ def solve(
     accuracy: float,
     residual: float = OPTIMAL,
     known: float = np.inf,
+    most: int = STEPS,
 ) -> Optimum:
-    """Return the optimum that steps from a start lead to, beyond the pieces of contact as well.
+    """Return the optimum that at most so many steps lead to, beyond the pieces of contact as well.
 
     With a residual of the first-order conditions below the one given; where they had got to once
-    the time limit is reached, or will not come below an objective that is `known`.
+    the time limit is reached, or will not come below an objective that is `known`. Beyond the
+    pieces is looked only from what is better than that.
     """
-    best = descended(program, start, accuracy, residual, known)
-    for _ in range(_PROBES if program.objective(best.terms) <= known * (1 + _GAINED) else 0):
+    best = descended(program, start, accuracy, residual, known, most)
+    for _ in range(_PROBES if program.objective(best.terms) < known * (1 - _KNOWN) else 0):
         try:
             ahead = _beyond(program, best)
         except OutOfTime:
@@ -45,7 +49,9 @@ def solve(
         better = [own for own in found if _better(program, own, best, accuracy)]
         if not better:
             break
-        best = min(better, key=lambda own: program.merit(own.terms, PENALTY))
+        last, best = best, min(better, key=lambda own: program.merit(own.terms, PENALTY))
+        if max(last.lacks, best.lacks) < accuracy and not _is_less(program, best, last):
+            break
     return best
 
 
@@ -53,9 +59,13 @@ def _better(program: Program, one: Optimum, other: Optimum, accuracy: float) -> 
     """Return whether an optimum is better than another, by more than its accuracy."""
     if max(one.lacks, other.lacks) > accuracy:
         return one.lacks < 0.99 * other.lacks
-    a, b = (program.objective(own.terms) for own in (one, other))
     closer = one.kkt < OPTIMAL <= other.kkt
-    return a < b * (1 - _GAINED) or (closer and a < b * (1 + _GAINED))
+    return _is_less(program, one, other) or (closer and not _is_less(program, other, one))
+
+
+def _is_less(program: Program, one: Optimum, other: Optimum) -> bool:
+    a, b = (program.objective(own.terms) for own in (one, other))
+    return a < b * (1 - _GAINED)
 
 
 def _beyond(program: Program, at: Optimum) -> list[SettledTerms]:
