@@ -30,7 +30,13 @@ from planner.contact.grasp import Grip, grips_of
 from planner.contact.load_path import from_rest, is_same, rubs, settled_along
 from planner.contact.search import ContactSearch
 from planner.contact.stated import optimality_of
-from planner.contact.wrapping import beside, beside_contacts, open_wrap, with_turns
+from planner.contact.wrapping import (
+    beside,
+    beside_contacts,
+    open_wrap,
+    share_left,
+    with_turns,
+)
 from planner.files import to_json, write_named
 from planner.following import searched
 from planner.program.statement import Form
@@ -261,11 +267,13 @@ def _with_turns(
     free, bodies = beside_contacts(task, around)
 
     def planned(found: tuple[Target, ...], before: Plan | None) -> Plan:
-        return _planned(replace(task, targets=found), around, before or near, None)
+        leads = isinstance(before, HeldPlan) or (before is not None and before.mode == "exact")
+        return _planned(replace(task, targets=found), around, before if leads else near, None)
 
     def measured(found: tuple[Target, ...], before: Plan | None) -> Plan:
         own = None if isinstance(before, HeldPlan) else before
-        there = _planned(replace(free, targets=found), bodies, own, None)
+        most = None if free is task else share_left()
+        there = _planned(replace(free, targets=found), bodies, own, most)
         return there if there.mode == "exact" or free is task else planned(found, before)
 
     with time_limit(seconds):

@@ -204,9 +204,7 @@ def complementary_step(
     return _exchanged(here, change, touches)
 
 
-def _exchanged(
-    here: Linearised, change: Array, touches: Touches
-) -> tuple[Array, Touches] | None:
+def _exchanged(here: Linearised, change: Array, touches: Touches) -> tuple[Array, Touches] | None:
     """Return a step whose forces and gaps are complementary, and what touches after it."""
     of, states = here.system.of, here.states
     gaps = Gaps.of(here.system, states)

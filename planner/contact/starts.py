@@ -19,7 +19,7 @@ from planner.avoidance.asked import Surroundings
 from planner.contact.pressing import likely_pressing
 from planner.contact.program import Program, lacking
 from planner.contact.settled_terms import SettledTerms
-from planner.contact.wrapping import beside_contacts
+from planner.contact.wrapping import beside_contacts, share_left
 from planner.program.limits import natural_tensions
 from planner.solve.search import Search
 from planner.solve.task import Task
@@ -47,8 +47,8 @@ def _free(task: Task) -> Array:
     """Return the tensions of the arm that meets the targets without contact."""
     free, bodies = beside_contacts(replace(task, starts=_FREE), Surroundings())
     if any(isinstance(target, Wrap) for target in task.targets):
-        return np.ravel(Around(free, bodies).run(None)[0].tensions)
-    return np.ravel(Search(free).run().tensions)
+        return np.ravel(Around(free, bodies).run(share_left())[0].tensions)
+    return np.ravel(Search(free).run(share_left()).tensions)
 
 
 def _pressing(task: Task, program: Program, directions: list[Array]) -> list[Array]:

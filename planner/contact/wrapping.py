@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from math import isfinite
+from time import monotonic
 from typing import TypeVar
 
 import numpy as np
@@ -15,7 +17,7 @@ from model.loads import contacts
 from model.obstacles import Obstacle
 from model.scene import Scene
 from model.shape import Shape
-from model.time_limit import OutOfTime
+from model.time_limit import OutOfTime, end
 from planner.answer import Answer
 from planner.avoidance.asked import Surroundings
 from planner.solve.task import Task
@@ -24,6 +26,8 @@ from planner.targets.wrap import Wrap
 
 # Plans with which a part's length is found, how close the turns come then, what is to spare.
 _ROUNDS, _FOUND, _SPARE = 4, 0.02, 5e-3
+# The share of a time limit for plans beside what the arm may lean on.
+_SHARE = 0.25
 P = TypeVar("P", bound=Answer)
 
 
@@ -51,6 +55,12 @@ def beside_contacts(task: Task, around: Surroundings) -> tuple[Task, Surrounding
         return task, around
     effects = (e for e in task.scene.effects if not isinstance(e, Contact))
     return replace(task, scene=Scene(*effects)), replace(around, obstacles=bodies)
+
+
+def share_left() -> float | None:
+    """Return how long plans beside what the arm may lean on may take [s]; None without a limit."""
+    left = end() - monotonic()
+    return _SHARE * left if isfinite(left) else None
 
 
 def open_wrap(targets: Iterable[Target]) -> Wrap | None:
@@ -97,8 +107,7 @@ def with_turns(
         if off < _FOUND:
             break
     start = arm.length - min(length * (1 + _SPARE), arm.length)
-    near = found if found is not None and found.mode == "exact" else None
-    return planned(stated(replace(wrap, start=start)), near)
+    return planned(stated(replace(wrap, start=start)), found)
 
 
 def turns_along(shape: Shape, obstacle: Obstacle, start: float) -> float:
