@@ -47,7 +47,7 @@ def descended(
     start: SettledTerms,
     accuracy: float,
     residual: float,
-    known: float,
+    known: float = np.inf,
     most: int = STEPS,
 ) -> Optimum:
     """Return the optimum that at most so many steps lead to, in the pieces that they meet."""

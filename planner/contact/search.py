@@ -14,7 +14,7 @@ from model.errors import OctoplanError
 from model.paths import Array
 from model.progress import tell
 from model.time_limit import OutOfTime, check_time, end, time_limit
-from planner.contact.descent import STEPS
+from planner.contact.descent import STEPS, descended
 from planner.contact.load_path import LoadPath, rubs
 from planner.contact.program import Optimum, Program
 from planner.contact.settled_terms import SettledTerms
@@ -158,7 +158,10 @@ class ContactSearch:
             for load_path in ways:
                 start = self._there(program, load_path, best.optimum.terms)
                 if start is not None:
-                    end = solve(program, start, _CLOSEST * self.task.accuracy)
+                    close = _CLOSEST * self.task.accuracy
+                    end = descended(program, start, close, OPTIMAL)
+                    if end.kkt >= OPTIMAL:
+                        end = solve(program, end.terms, close)
                     own = LocalOptimum(end, load_path)
                     if self._there(program, load_path, end.terms) is None:
                         continue

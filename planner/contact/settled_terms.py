@@ -7,7 +7,7 @@ contact comes or goes the derivatives jump; the values do not.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
@@ -94,7 +94,8 @@ class Settling:
     history: tuple[tuple[float, ...], ...] = ()
 
     @cached_property
-    def _forward(self) -> TouchingMap:
+    def forward(self) -> TouchingMap:
+        """The map from tensions to equilibria."""
         return self._map(self.scene)
 
     def _map(self, scene: Scene) -> TouchingMap:
@@ -112,8 +113,8 @@ class Settling:
         smooth, T = self._map(without_friction(self.scene)), np.array(self.history[0])
         known = smooth.known(smooth.run(T)[0])
         for after in map(np.array, self.history[1:]):
-            way = self._forward.led(after, T, known, False)
-            T, known = after, self._forward.known(self._forward.rows(way.settled.held.here)[0])
+            way = self.forward.led(after, T, known, False)
+            T, known = after, self.forward.known(self.forward.rows(way.settled.held.here)[0])
         return T, known
 
     @cached_property
@@ -177,15 +178,15 @@ class Settling:
         With friction it moves with the tensions as all of its way does.
         """
         if self.history:
-            way = self._forward.led(tensions, *self._before, False)
+            way = self.forward.led(tensions, *self._before, False)
             return (led(way.way) if way.way else way.settled.held.here), way.snaps
         if near is None:
-            return self._forward.come_to(tensions, tensions, None)
+            return _from_rest(self, tuple(tensions.tolist()))
         if np.array_equal(tensions, near.tensions):
             return near.here, near.snaps
         system = near.here.system
         known = KnownContact(system, near.here.states, Touches.of(system))
-        here, snaps = self._forward.come_to(tensions, near.tensions, known, False)
+        here, snaps = self.forward.come_to(tensions, near.tensions, known, False)
         moved = near.here.by_tensions @ (tensions - near.tensions)
         is_still = np.abs(moved[system.of.nodes[:, :4]]).max() < _STILL
         if not is_still and not held_stands(here):
@@ -222,3 +223,12 @@ class Settling:
                 first += before.tangential.size
             found.append(grasp_terms(here, hold, before, own))
         return tuple(found)
+
+
+@lru_cache(maxsize=8)
+def _from_rest(
+    settling: Settling, tensions: tuple[float, ...]
+) -> tuple[Linearised, tuple[float, ...]]:
+    """Return what an arm comes to from rest: asked for by the search, and again by certificates."""
+    T = np.array(tensions)
+    return settling.forward.come_to(T, T, None)
