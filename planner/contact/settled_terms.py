@@ -225,10 +225,17 @@ class Settling:
         return tuple(found)
 
 
+# Searches ask for both of their meshes, and certificates for these again.
+settling = lru_cache(maxsize=4)(Settling)
+
+
 @lru_cache(maxsize=8)
-def _from_rest(
-    settling: Settling, tensions: tuple[float, ...]
-) -> tuple[Linearised, tuple[float, ...]]:
-    """Return what an arm comes to from rest: asked for by the search, and again by certificates."""
-    T = np.array(tensions)
-    return settling.forward.come_to(T, T, None)
+def _from_rest(own: Settling, tensions: tuple[float, ...]) -> tuple[Linearised, tuple[float, ...]]:
+    """Return what an arm comes to from rest, on the coarsest mesh, and there on its own."""
+    T, before, known = np.array(tensions), tuple[float, ...](), None
+    if own.refinement > 1:
+        asked = own.arm, own.scene, own.targets, own.refinement // 2, own.machine_code
+        here, before = _from_rest(settling(*asked), tensions)
+        known = KnownContact(here.system, here.states, Touches.of(here.system))
+    here, snaps = own.forward.come_to(T, T, known)
+    return here, before or snaps

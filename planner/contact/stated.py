@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from functools import lru_cache, partial
+from functools import partial
 
 import numpy as np
 
-from model.arm import Arm
 from model.errors import OctoplanError, SnapError
 from model.paths import Array
-from model.scene import Scene
 from planner.contact.load_path import LoadPath, followed, rubs
 from planner.contact.program import Program
 from planner.contact.quadratic import optimum_at
-from planner.contact.settled_terms import SettledTerms, Settling
+from planner.contact.settled_terms import SettledTerms, settling
 from planner.program.limits import natural_tensions
 from planner.solve.task import Task
-from planner.targets.base import Target
 
 # Meshes on which a plan is searched for and finished.
 ROUGH, FINE = 1, 2
@@ -47,23 +44,11 @@ def program_of(task: Task, refinement: int, history: LoadPath | None = None) -> 
     """Return the program on meshes of a refinement; with friction from the end of a load path."""
     before = (history or ()) if rubs(task.scene) else ()
     asked = task.arm, task.scene, task.targets, refinement, task.machine_code
-    settling = _settling(*asked, before)
+    own = settling(*asked, before)
     units = natural_tensions(task.arm)
     total = np.inf if task.limits.total is None else task.limits.total
     low, high = np.array(task.allowed.lower), np.array(task.allowed.upper)
-    return Program(settling.at, low, high, total, float(units.max()), units, bool(before))
-
-
-@lru_cache(maxsize=4)
-def _settling(
-    arm: Arm,
-    scene: Scene,
-    targets: tuple[Target, ...],
-    refinement: int,
-    machine_code: bool,
-    history: LoadPath,
-) -> Settling:
-    return Settling(arm, scene, targets, refinement, machine_code, history)
+    return Program(own.at, low, high, total, float(units.max()), units, bool(before))
 
 
 def tip_of(terms: SettledTerms) -> Array:
