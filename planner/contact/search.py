@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import isfinite
@@ -116,14 +117,19 @@ class ContactSearch:
             return min(met, key=lambda own: (own.optimum.kkt > _EDGE, own.optimum.effort))
         return min(found, key=lambda own: own.optimum.lacks, default=None)
 
-    def _load_paths(self) -> list[LoadPath]:
-        """Return load paths to begin with: to what is near, then straight ones from rest."""
-        own = [] if self.begin is None else [self.begin]
+    def _load_paths(self) -> Iterator[LoadPath]:
+        """Yield load paths to begin with: to what is near, then straight ones from rest."""
+        most = self.task.starts
         if self.begin is not None and rubs(self.task.scene):
-            slid = self._slid(self.begin)[: self.task.starts]
-            return [(*self.begin, tuple(T.tolist())) for T in slid]
-        most = max(self.task.starts - len(own), 0) if self.task.starts else None
-        return own + [(tuple(T.tolist()),) for T in starts(self.task, self._rough)[:most]]
+            for T in self._slid(self.begin)[:most]:
+                yield (*self.begin, tuple(T.tolist()))
+            return
+        if self.begin is not None:
+            yield self.begin
+            most = most and most - 1
+        if most != 0:
+            for T in starts(self.task, self._rough)[:most]:
+                yield (tuple(T.tolist()),)
 
     def _from(self, load_path: LoadPath, before: list[LocalOptimum]) -> list[LocalOptimum]:
         """Return the optimum that a load path leads to; none where the arm comes to no rest.
