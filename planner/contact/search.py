@@ -17,7 +17,8 @@ from model.progress import tell
 from model.time_limit import OutOfTime, check_time, end, time_limit
 from planner.contact.descent import STEPS, descended
 from planner.contact.load_path import LoadPath, rubs
-from planner.contact.program import Optimum, Program
+from planner.contact.optima import LocalOptimum, agree, best_of, met
+from planner.contact.program import Program
 from planner.contact.settled_terms import SettledTerms
 from planner.contact.sqp import OPTIMAL, solve
 from planner.contact.starts import starts
@@ -32,9 +33,8 @@ _CLOSER, _CLOSEST = 0.1, 0.01
 _SEARCHED = 0.6
 # With friction, how far beyond what would do without it, of the way there.
 _SLID = (1.0, 1.5, 2.5)
-# Efforts of optima that are one: starts are enough where two lead there. The residual of an optimum
-# on the rough mesh, and of what steps left at an edge that is none.
-_SAME, _ABOUT, _EDGE = 1e-3, 1e-5, 1e-4
+# The residual of an optimum on the rough mesh.
+_ABOUT = 1e-5
 # Steps of a start beyond those that led to the best so far, and how many times its effort starts
 # may take.
 _FEW, _DEARER = 20, 5.0
@@ -65,7 +65,8 @@ class ContactSearch:
                 with time_limit(_SEARCHED * left if isfinite(left) else None):
                     for load_path in self._load_paths():
                         found += self._from(load_path, found)
-                        if (load_path == self.begin and self._met(found)) or self._agree(found):
+                        goes_on = load_path == self.begin and met(found, self._close)
+                        if goes_on or agree(found, self._close):
                             break
                     check_time()
             except OutOfTime:
@@ -74,7 +75,7 @@ class ContactSearch:
                 best = self._finished(found) if found else None
                 check_time()
             except OutOfTime:
-                stopped, best = True, best or self._best(found)
+                stopped, best = True, best or best_of(found, self._close)
         return self._result(found, best, stopped)
 
     def _result(
@@ -99,24 +100,6 @@ class ContactSearch:
     def _close(self) -> float:
         return self.task.accuracy
 
-    def _met(self, found: list[LocalOptimum]) -> list[LocalOptimum]:
-        return [own for own in found if own.optimum.lacks < self._close]
-
-    def _agree(self, found: list[LocalOptimum]) -> bool:
-        """Return whether two starts led to one optimum, the best so far."""
-        met = [own for own in self._met(found) if own.optimum.kkt < _EDGE]
-        efforts = sorted(own.optimum.effort for own in met)
-        return len(efforts) > 1 and efforts[1] <= efforts[0] * (1 + _SAME)
-
-    def _best(self, found: list[LocalOptimum]) -> LocalOptimum | None:
-        """Return the optimum of least effort of those that meet the targets, else the nearest.
-
-        Before those where steps ended at an edge beyond which the arm jumps.
-        """
-        if met := self._met(found):
-            return min(met, key=lambda own: (own.optimum.kkt > _EDGE, own.optimum.effort))
-        return min(found, key=lambda own: own.optimum.lacks, default=None)
-
     def _load_paths(self) -> Iterator[LoadPath]:
         """Yield load paths to begin with: to what is near, then straight ones from rest."""
         most = self.task.starts
@@ -140,7 +123,7 @@ class ContactSearch:
         check_time()
         program, known, most = self._rough, np.inf, STEPS
         last = np.clip(load_path[-1], program.lower, program.upper)
-        if best := self._best(self._met(before)):
+        if best := best_of(met(before, self._close), self._close):
             known = program.objective(best.optimum.terms)
             most = _FEW + len(best.optimum.steps)
             if np.linalg.norm(last) > _DEARER * best.optimum.effort:
@@ -158,7 +141,7 @@ class ContactSearch:
         """Return the best optimum on a fine mesh, where a load path leads to it."""
         left, program, edge = list(found), program_of(self.task, FINE, self.begin), None
         while left:
-            best = self._best(left)
+            best = best_of(left, self._close)
             assert best is not None
             ways = [best.load_path] if rubs(self.task.scene) else best.load_paths()
             for load_path in ways:
@@ -171,14 +154,14 @@ class ContactSearch:
                     own = LocalOptimum(end, load_path)
                     if self._there(program, load_path, end.terms) is None:
                         continue
-                    if end.kkt < 3 * OPTIMAL and self._met([own]):
+                    if end.kkt < 3 * OPTIMAL and met([own], self._close):
                         return own
-                    if not self._met([own]):
+                    if not met([own], self._close):
                         return edge or own
                     edge = edge or own
                     break
             left.remove(best)
-        return edge or self._best(found)
+        return edge or best_of(found, self._close)
 
     @cached_property
     def _rough(self) -> Program:
@@ -207,17 +190,3 @@ class ContactSearch:
             found = ContactSearch(smooth).run(None)
         way = np.ravel(found.tensions) - before
         return [np.maximum(before + share * way, 0.0) for share in _SLID]
-
-
-@dataclass(frozen=True, eq=False)
-class LocalOptimum:
-    """An optimum, and the load path to where its steps began."""
-
-    optimum: Optimum
-    load_path: LoadPath
-
-    def load_paths(self) -> list[LoadPath]:
-        """Return load paths to the optimum: from rest alone, then by more and more of the steps."""
-        steps = [tuple(T.tolist()) for T in self.optimum.steps]
-        parts = [steps[:: len(steps) // 2**n] for n in range(len(steps).bit_length())]
-        return [(), self.load_path, *((*self.load_path, *part[1:]) for part in parts)]

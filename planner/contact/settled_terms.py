@@ -7,22 +7,17 @@ contact comes or goes the derivatives jump; the values do not.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
 from model.arm import Arm
-from model.contact.forward import KnownContact, TouchingMap, without_friction
-from model.contact.rubbed import led
-from model.contact.stability import held_stands
-from model.contact.touches import Touches
-from model.equilibrium.forward import STAGES, Known
 from model.equilibrium.linearised import Linearised
-from model.errors import SnapError
 from model.paths import Array
 from model.scene import Scene
 from model.transcription.layout import POSE
+from planner.contact.equilibria import Equilibria, equilibria
 from planner.contact.grasp_terms import GraspTerms, grasp_terms
 from planner.contact.pieces import piece_margins
 from planner.program.limits import natural_tensions
@@ -30,9 +25,6 @@ from planner.program.terms import KINDS, stations_of, term_names, terms_function
 from planner.targets.base import Target
 from planner.targets.hold import Hold
 from planner.targets.wrap import CLEAR
-
-# An arm that turns nowhere by more than this stands if it stood before.
-_STILL = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,28 +86,9 @@ class Settling:
     history: tuple[tuple[float, ...], ...] = ()
 
     @cached_property
-    def forward(self) -> TouchingMap:
-        """The map from tensions to equilibria."""
-        return self._map(self.scene)
-
-    def _map(self, scene: Scene) -> TouchingMap:
-        stations = stations_of(self.arm, self.targets)
-        mesh = (STAGES, self.refinement, stations)
-        return TouchingMap(self.arm, scene, *mesh, self.machine_code)
-
-    @cached_property
-    def _before(self) -> tuple[Array, Known]:
-        """The tensions and the equilibrium that friction acts against the motion from.
-
-        The first of the load path is settled without friction, as nothing is known of how the arm
-        came there.
-        """
-        smooth, T = self._map(without_friction(self.scene)), np.array(self.history[0])
-        known = smooth.known(smooth.run(T)[0])
-        for after in map(np.array, self.history[1:]):
-            way = self.forward.led(after, T, known, False)
-            T, known = after, self.forward.known(self.forward.rows(way.settled.held.here)[0])
-        return T, known
+    def _equilibria(self) -> Equilibria:
+        mesh = stations_of(self.arm, self.targets), self.refinement
+        return equilibria(self.arm, self.scene, *mesh, self.machine_code, self.history)
 
     @cached_property
     def _force(self) -> float:
@@ -145,7 +118,8 @@ class Settling:
         With tangential forces (n_z,) of holds; the best ones unless given. Raises SnapError where
         it comes to none, and near another where it would jump.
         """
-        here, snaps = self._settled(tensions, near)
+        before = None if near is None else (near.here, near.snaps)
+        here, snaps = self._equilibria.at(tensions, before)
         values, jacobian = self._of_poses(here)
         grasps = self._grasps(here, near, tangential)
         z = np.cumsum([0, *(own.tangential.size for own in grasps)])
@@ -169,29 +143,6 @@ class Settling:
             [jacobian["inequality"], np.hstack([own_jacobian, none])]
         )
         return SettledTerms(here, snaps, values, jacobian, inequalities, grasps)
-
-    def _settled(
-        self, tensions: Array, near: SettledTerms | None
-    ) -> tuple[Linearised, tuple[float, ...]]:
-        """Return the equilibrium, and where the arm jumped.
-
-        With friction it moves with the tensions as all of its way does.
-        """
-        if self.history:
-            way = self.forward.led(tensions, *self._before, False)
-            return (led(way.way) if way.way else way.settled.held.here), way.snaps
-        if near is None:
-            return _from_rest(self, tuple(tensions.tolist()))
-        if np.array_equal(tensions, near.tensions):
-            return near.here, near.snaps
-        system = near.here.system
-        known = KnownContact(system, near.here.states, Touches.of(system))
-        here, snaps = self.forward.come_to(tensions, near.tensions, known, False)
-        moved = near.here.by_tensions @ (tensions - near.tensions)
-        is_still = np.abs(moved[system.of.nodes[:, :4]]).max() < _STILL
-        if not is_still and not held_stands(here):
-            raise SnapError(1.0, "it does not stand")
-        return here, snaps
 
     def _of_poses(self, here: Linearised) -> tuple[dict[str, Array], dict[str, Array]]:
         """Return the terms of poses, and their derivatives by the tensions."""
@@ -223,19 +174,3 @@ class Settling:
                 first += before.tangential.size
             found.append(grasp_terms(here, hold, before, own))
         return tuple(found)
-
-
-# Searches ask for both of their meshes, and certificates for these again.
-settling = lru_cache(maxsize=4)(Settling)
-
-
-@lru_cache(maxsize=8)
-def _from_rest(own: Settling, tensions: tuple[float, ...]) -> tuple[Linearised, tuple[float, ...]]:
-    """Return what an arm comes to from rest, on the coarsest mesh, and there on its own."""
-    T, before, known = np.array(tensions), tuple[float, ...](), None
-    if own.refinement > 1:
-        asked = own.arm, own.scene, own.targets, own.refinement // 2, own.machine_code
-        here, before = _from_rest(settling(*asked), tensions)
-        known = KnownContact(here.system, here.states, Touches.of(here.system))
-    here, snaps = own.forward.come_to(T, T, known)
-    return here, before or snaps

@@ -11,7 +11,7 @@ from model.paths import Array
 from planner.contact.load_path import LoadPath, followed, rubs
 from planner.contact.program import Program
 from planner.contact.quadratic import optimum_at
-from planner.contact.settled_terms import SettledTerms, settling
+from planner.contact.settled_terms import SettledTerms, Settling
 from planner.program.limits import natural_tensions
 from planner.solve.task import Task
 
@@ -44,11 +44,11 @@ def program_of(task: Task, refinement: int, history: LoadPath | None = None) -> 
     """Return the program on meshes of a refinement; with friction from the end of a load path."""
     before = (history or ()) if rubs(task.scene) else ()
     asked = task.arm, task.scene, task.targets, refinement, task.machine_code
-    own = settling(*asked, before)
+    settling = Settling(*asked, before)
     units = natural_tensions(task.arm)
     total = np.inf if task.limits.total is None else task.limits.total
     low, high = np.array(task.allowed.lower), np.array(task.allowed.upper)
-    return Program(own.at, low, high, total, float(units.max()), units, bool(before))
+    return Program(settling.at, low, high, total, float(units.max()), units, bool(before))
 
 
 def tip_of(terms: SettledTerms) -> Array:
