@@ -19,6 +19,7 @@ from model.contact.sheared import sheared
 from model.contact.touches import forces, resultants, second
 from model.effects import Shear
 from model.mesh import Mesh
+from model.paths import Array
 
 # How far off points may be, over the arm's length.
 _FOUND = 1e-8
@@ -137,9 +138,12 @@ def changed(
 
     `left` remembers the corners that points left.
     """
-    kept = list[Place]()
-    for place, own in zip(places, nodes, strict=True):
-        kept += _lying(held, place, own) if place.lies else _touching(held, place, own, left)
+    kept, looks = list[Place](), _at_points(held, places, nodes)
+    for place, own, (slope, curve) in zip(places, nodes, looks, strict=True):
+        if place.lies:
+            kept += _lying(held, place, own)
+        else:
+            kept += _touching(held, place, own[0], slope, curve, left)
     kept = _joined(kept, held.here.system.mesh)
     if tuple(kept) != places:
         return tuple(kept)
@@ -160,16 +164,28 @@ def _joined(places: list[Place], mesh: Mesh) -> list[Place]:
     return found
 
 
-def _touching(held: Held, place: Place, nodes: tuple[int, ...], left: set[Place]) -> list[Place]:
-    """Return what becomes of a point.
+def _at_points(held: Held, places: tuple[Place, ...], nodes: tuple[tuple[int, ...], ...]) -> Array:
+    """Return gap' and gap'' (n, 2) at the points among places, nan at others."""
+    system, found = held.here.system, np.full((len(places), 2), np.nan)
+    points = [i for i, place in enumerate(places) if not place.lies]
+    if points:
+        s = system.mesh.s[[nodes[i][0] for i in points]]
+        j = np.array([places[i].obstacle for i in points])
+        found[points] = along(system, held.here.x, s, j)[:, 1:]
+    return found
+
+
+def _touching(
+    held: Held, place: Place, node: int, slope: float, curve: float, left: set[Place]
+) -> list[Place]:
+    """Return what becomes of a point with gap' and gap'' there.
 
     One that comes back to a corner it left stays, beside another one before it.
     """
     system, j = held.here.system, place.obstacle
-    if forces(system, held.states)[nodes[0], j] < 0:
+    if forces(system, held.states)[node, j] < 0:
         return []
-    _, slope, curve = along(system, held.here.x, np.array([place.start]), np.array([j]))[0]
-    h = float(np.diff(system.mesh.s)[nodes[0] - 1])
+    h = float(np.diff(system.mesh.s)[node - 1])
     if place.start in held.corners:
         if slope <= _LEVEL:
             return [place]

@@ -10,7 +10,7 @@ import numpy as np
 from model.arm import Arm
 from model.contact.held_shut import Question
 from model.contact.history import History
-from model.contact.moving import Settled, settled
+from model.contact.moving import Settled, ahead, settled
 from model.contact.newton import Held, newton
 from model.contact.passing import gaps_along
 from model.contact.path import Followed, follow
@@ -121,7 +121,8 @@ class TouchingMap(Collocation):
             own = known.history if stays and known.history else History(there.here)
             of = replace(of, history=own)
         if stays or not frictional:
-            found = settled(of, there, start.places)
+            near = (there, start.places) if frictional else ahead(of, there, start.places)
+            found = settled(of, *near)
             if found is not None and close(there, found.held):
                 if of.history is None:
                     return Followed(found)

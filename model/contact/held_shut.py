@@ -23,8 +23,10 @@ from model.transcription.system import System
 
 # gap'' [1/m] that counts as flat, and what points move by instead, over 1 / L: to lesser gaps.
 _FLAT, _BENT = 1e-3, 4.0
-# Of an element: the farthest that its nodes may have moved for its states to be kept.
-_KEPT = 0.2
+# Of an element: the farthest that its nodes may have moved for its states to be kept, and factors.
+_KEPT, _FACTORED = 0.2, 0.02
+# How far from a node points may have moved, over an element, for gap'' to be that at the node.
+_BESIDE = 0.01
 
 # Of each place the nodes of its ends.
 Nodes = tuple[tuple[int, ...], ...]
@@ -95,8 +97,11 @@ def held_shut(
     touches = replace(at.touches, curve=_curves(held, places, at))
     if pressing is not None:
         touches = replace(touches, pressing=_pressing(pressing, system, touches))
-    if _near(before.system, system):
+    kept = None
+    if _near(before.system, system, _KEPT):
         states = before.states.copy()
+        if _near(before.system, system, _FACTORED) and touches.like(held.touches):
+            kept = held.factored
     else:
         known = Known(before.system, before.states)
         states = Collocation.on(system).carried(of.tensions, known)
@@ -113,7 +118,8 @@ def held_shut(
     states[own[:, :, 1]] *= touches.inside | touches.end
     states[own[:, :, 0]] *= touches.held
     drag = None if of.resisted is None else _drag(of.resisted, system)
-    found = newton(system, of.tensions, of.load, states, touches, cuts=4, fixed=True, drag=drag)
+    given = of.tensions, of.load, states, touches
+    found = newton(system, *given, cuts=4, fixed=True, drag=drag, kept=kept)
     return None if found is None else (found, at.nodes)
 
 
@@ -124,13 +130,13 @@ def _drag(of: Resisted, system: System) -> Drag:
     return Drag(of.share, states)
 
 
-def _near(before: System, after: System) -> bool:
-    """Return whether nodes of two meshes are where they were, but for a little."""
+def _near(before: System, after: System, most: float) -> bool:
+    """Return whether nodes of two meshes are where they were, but for a share of an element."""
     old, new = before.mesh, after.mesh
     if before.of.stride != after.of.stride or old.s.size != new.s.size:
         return False
     h = np.minimum(np.diff(old.s), np.diff(new.s)).min()
-    return bool(np.abs(old.s - new.s).max() < _KEPT * h)
+    return bool(np.abs(old.s - new.s).max() < most * h)
 
 
 def _carried(held: Held, system: System, touches: Touches) -> Array:
@@ -161,10 +167,17 @@ def _curves(before: Held, places: tuple[Place, ...], at: Placed) -> Array:
     system, found = before.here.system, np.full(at.touches.point.shape, np.nan)
     free = [i for i, p in enumerate(places) if not p.lies and p.start not in before.corners]
     if free:
-        s = np.array([places[i].start for i in free])
+        s = _at_nodes(system.mesh, np.array([places[i].start for i in free]))
         j = np.array([places[i].obstacle for i in free])
         curve = along(system, before.here.x, s, j)[:, 2]
         found[[at.nodes[i][0] for i in free], j] = np.where(
             curve > _FLAT, curve, _BENT / system.arm.length
         )
     return found
+
+
+def _at_nodes(mesh: Mesh, s: Array) -> Array:
+    """Return arc lengths (n,), those next to nodes at them, where gaps cost less."""
+    k = np.abs(mesh.s - s[:, None]).argmin(axis=1)
+    near = np.abs(mesh.s[k] - s) < _BESIDE * np.diff(mesh.s).min()
+    return np.asarray(np.where(near, mesh.s[k], s))

@@ -6,7 +6,8 @@ go as model.contact.changes has it, and nodes move with them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections import Counter
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,14 +17,20 @@ from model.contact.newton import Held
 from model.contact.places import Place
 from model.contact.root import Root
 from model.contact.touches import forces
+from model.equilibrium.linearised import Linearised
 from model.loads import contacts
 
 # How often places move, come or go.
 _ROUNDS = 40
+# How often the same places may come by others' coming and going: beyond it goes round in a circle.
+_AGAIN, _DIGITS = 2, 8
 # How often a move of places is halved that leads nowhere, or to where an obstacle pulls.
 _HALVED = 4
 # Of what presses, how near that is to be which friction is told, before friction follows it.
 _TOLD = 1e-3
+
+# How far derivatives are followed, as a change of the frames' quaternions.
+_AHEAD = 0.1
 
 _Found = tuple[Held, Nodes]
 _Last = tuple[Held, Nodes, tuple[Place, ...]]
@@ -45,6 +52,7 @@ def settled(
     `rounds` is how often places may move, come or go.
     """
     roots, last, halved = dict[tuple[int, int], Root](), None, 0
+    seen = Counter[tuple[Place, ...]]()
     born, whole, left = tuple[Place, ...](), True, set[Place]()
     # Next to ends that are not found pressures are far off: friction begins with those before.
     pressing = held if _rubs(of, places) else None
@@ -79,11 +87,30 @@ def settled(
         if _kinds(after) == _kinds(places):
             last = held, nodes, places
         else:
+            seen[_rounded(after, held.length)] += 1
+            if max(seen.values()) > _AGAIN:
+                return None
             roots, last = {}, None
             born = tuple(place for place in after if place.lies and place not in places)
             whole = True
         places, halved = after, 0
     return None
+
+
+def ahead(of: Question, there: Held, places: tuple[Place, ...]) -> tuple[Held, tuple[Place, ...]]:
+    """Return about where an equilibrium that is known, and its places, move with the tensions.
+
+    By its derivatives, unless that is far.
+    """
+    here = there.here
+    system = here.system
+    change = here.by_tensions @ (of.tensions - here.tensions)
+    if np.abs(change[system.of.nodes[:, :4]]).max() > _AHEAD:
+        return replace(there, factored=here), places
+    x = system.x(of.tensions, of.load, here.states + change)
+    held = Held(Linearised(system, x), there.touches, here)
+    nodes = tuple(tuple(system.mesh.node(s) for s in place.ends) for place in places)
+    return held, moved(held, places, nodes, {})
 
 
 def _pulls(found: _Found, last: _Last) -> bool:
@@ -108,6 +135,14 @@ def _between(one: tuple[Place, ...], other: tuple[Place, ...]) -> tuple[Place, .
 
 def _kinds(places: tuple[Place, ...]) -> list[tuple[int, bool]]:
     return [(place.obstacle, place.lies) for place in places]
+
+
+def _rounded(places: tuple[Place, ...], length: float) -> tuple[Place, ...]:
+    """Return the places over the arm's length, alike where they are nearly the same."""
+    return tuple(
+        Place(p.obstacle, round(p.start / length, _DIGITS), round(p.end / length, _DIGITS))
+        for p in places
+    )
 
 
 def _rubs(of: Question, places: tuple[Place, ...]) -> bool:

@@ -47,10 +47,13 @@ class Held:
     here : Linearised
         Its `system` is told of the touches.
     touches : Touches
+    factored : Linearised or None
+        The equations linearised where they were factorised last on the way there.
     """
 
     here: Linearised
     touches: Touches
+    factored: Linearised | None = None
 
     @property
     def states(self) -> Array:
@@ -124,13 +127,15 @@ def newton(
     cuts: int = 0,
     fixed: bool = False,
     drag: Drag | None = None,
+    kept: Linearised | None = None,
 ) -> Held | None:
     """Return the equilibrium near given states, None where steps are not small or do not shrink.
 
     `touches` are those to begin with, and with `fixed` those to the end. See
-    model.equilibrium.newton for `farthest` and `cuts`. With `drag` it is where that holds the arm.
+    model.equilibrium.newton for `farthest`, `cuts` and `kept`. With `drag` it is where that holds
+    the arm.
     """
-    last, grown, kept = 0.0, 0, None
+    last, grown = 0.0, 0
     frictional = system.of.form.contact_friction
     for _ in range(_STEPS + _WITH_FRICTION * frictional):
         check_time()
@@ -150,7 +155,8 @@ def newton(
         size = max(step_size(system, change, states), _rubbed(system, change, states))
         if same and (size < _SETTLED or size**2 < _SETTLED * last):
             told = touches.told(system)
-            return Held(Linearised(told, told.x(tensions, load, states)), touches)
+            found = Linearised(told, told.x(tensions, load, states))
+            return Held(found, touches, here.near or here)
         grown += bool(last and size > last / 2 and size > 1e-6)
         if grown > 4 and not frictional:
             return None

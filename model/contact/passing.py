@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from model.centreline import Centreline
@@ -41,7 +43,7 @@ def _candidates(held: Held, places: tuple[Place, ...]) -> tuple[Index, Array, Ar
     as arc length grows, so that next to a look they are above its gap less its distance to the
     next. But for parts that lie on the obstacle, and points that touch.
     """
-    s, gaps = gaps_along(held.here.system, held.states)
+    s, gaps = _looks(held)
     apart, same = np.diff(s, prepend=0.0), SAME * held.length
     reach = np.maximum(apart, np.append(apart[1:], 0.0))
     near = gaps < reach[:, None]
@@ -70,7 +72,7 @@ def _lowest(held: Held, places: tuple[Place, ...], through: float) -> list[Array
 
     But for parts that lie on it.
     """
-    s, gap = gaps_along(held.here.system, held.states)
+    s, gap = _looks(held)
     found = list[Array]()
     for j, own in enumerate(gap.T.copy()):
         for place in places:
@@ -105,15 +107,50 @@ def _least(held: Held, j: Index, near: Array, reach: Array) -> tuple[Array, Arra
     return best, least
 
 
+@lru_cache(maxsize=4)
+def _looks(held: Held) -> tuple[Array, Array]:
+    """Return gaps_along of an equilibrium, infinite in elements that are farther than their length.
+
+    Gaps fall at most twice as fast as arc length grows.
+    """
+    system, line = held.here.system, Centreline.at_states(held.here.system, held.states)
+    s, h = system.mesh.s, np.diff(system.mesh.s)
+    last = np.arange(h.size)
+    radius = np.append(line.radius(last[:1], np.zeros(1)), line.radius(last, np.ones(h.size)))
+    at_nodes = (_distances(system, line.poses[:, 4:]) - radius[:, None]).min(axis=1)
+    near = np.flatnonzero(np.minimum(at_nodes[:-1], at_nodes[1:]) < 2 * h)
+    places, found = (
+        _places(s, last),
+        np.full((h.size * _LOOKS, len(contacts(system.scene))), np.inf),
+    )
+    own = (near[:, None] * _LOOKS + np.arange(_LOOKS)).ravel()
+    found[own] = _gaps(system, line, near)
+    return places, found
+
+
 def gaps_along(system: System, states: Array) -> tuple[Array, Array]:
     """Return arc lengths (n,) beyond the base, and the gaps there (n, K) [m]."""
-    line = Centreline.at_states(system, states)
-    h = np.diff(system.mesh.s)
-    share = np.tile(np.arange(1, _LOOKS + 1) / _LOOKS, h.size)
-    element = np.repeat(np.arange(h.size), _LOOKS)
-    s = system.mesh.s[element] + share * h[element]
-    s[_LOOKS - 1 :: _LOOKS] = system.mesh.s[1:]
-    points = line.moved(element, np.zeros(s.size), share)[0]
+    elements = np.arange(system.mesh.steps)
+    found = _gaps(system, Centreline.at_states(system, states), elements)
+    return _places(system.mesh.s, elements), found
+
+
+def _places(s: Array, elements: Index) -> Array:
+    """Return the arc lengths (n,) in elements between nodes s that gaps are looked at."""
+    shares = np.arange(1, _LOOKS) / _LOOKS
+    inside = s[elements, None] + shares * np.diff(s)[elements, None]
+    return np.hstack([inside, s[elements + 1, None]]).ravel()
+
+
+def _gaps(system: System, line: Centreline, elements: Index) -> Array:
+    """Return the gaps (n, K) [m] in elements, where they are looked at."""
+    share = np.tile(np.arange(1, _LOOKS + 1) / _LOOKS, elements.size)
+    element = np.repeat(elements, _LOOKS)
+    points = line.moved(element, np.zeros(element.size), share)[0]
+    return _distances(system, points) - line.radius(element, share)[:, None]
+
+
+def _distances(system: System, points: Array) -> Array:
+    """Return the signed distances (n, K) [m] of points (n, 3) to the obstacles."""
     bodies = numbers_of([contact.obstacle for contact in contacts(system.scene)])
-    radius = line.radius(element, share)
-    return s, distances(bodies, points)[0] - radius[:, None]
+    return distances(bodies, points)[0]

@@ -84,6 +84,16 @@ class Touches:
         """Whether the arm lies on anything."""
         return bool(self.lies.any())
 
+    def like(self, other: Touches) -> bool:
+        """Return whether the same nodes touch in the same way, be it elsewhere."""
+        pairs = zip(self._masks, other._masks, strict=True)
+        return all(np.array_equal(one, two) for one, two in pairs)
+
+    @property
+    def _masks(self) -> tuple[Mask, ...]:
+        moves = self.point if self.curve is None else ~np.isnan(self.curve)
+        return self.point, self.end, self.inside, self.lies, moves
+
     def told(self, system: System) -> System:
         """Return a system whose kernels of contact are told of these touches."""
         found, of = copy.copy(system), system.of

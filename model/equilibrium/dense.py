@@ -92,7 +92,15 @@ class _Parts:
         self.at = (self.left[:, None] + self.h[:, None] * gauss(m).c).ravel()
 
     def ends(self) -> tuple[Array, Array]:
-        """Return poses (N, 7) and wrenches (N, n_w) at s."""
+        """Return poses (N, 7) and wrenches (N, n_w) at s, on the base side."""
+        between = np.flatnonzero(self.share < 1)
+        found = self.states[self.system.of.nodes[self.step + 1, : POSE + self.form.wrench]]
+        if between.size:
+            found[between] = _Parts(self.system, self.x, self.s[between])._solved()
+        return found[:, :POSE], found[:, POSE:]
+
+    def _solved(self) -> Array:
+        """Return poses and wrenches (N, 7 + n_w) where the parts end."""
         form, N = self.form, self.s.size
         m, n, w = form.stages, form.strains, form.wrench
         poses = self.states[self.system.of.nodes[self.step, :POSE]]
@@ -133,7 +141,7 @@ class _Parts:
                 break
             # A Jacobian is kept as long as steps shrink by it.
             last = size if last == 0 or size < _SHRUNK * last else 0.0
-        return next_node[:, :POSE], next_node[:, POSE:]
+        return next_node
 
     def _pressures(self, node: Array) -> list[_Pressures]:
         """Return the pressure on the parts from each obstacle, from nodes (N, ...) on."""
