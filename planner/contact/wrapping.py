@@ -15,6 +15,7 @@ from model.effects import Contact
 from model.errors import InputError
 from model.loads import contacts
 from model.obstacles import Obstacle
+from model.paths import Array
 from model.scene import Scene
 from model.shape import Shape
 from model.time_limit import OutOfTime, end
@@ -24,8 +25,9 @@ from planner.solve.task import Task
 from planner.targets.base import Target
 from planner.targets.wrap import Wrap
 
-# Plans with which a part's length is found, how close the turns come then, what is to spare.
-_ROUNDS, _FOUND, _SPARE = 4, 0.02, 5e-3
+# Plans with which a part's length is found, how much longer than is thought they make it, and what
+# is to spare.
+_ROUNDS, _LONGER, _SPARE = 4, 0.03, 5e-3
 # The share of a time limit for plans beside what the arm may lean on.
 _SHARE = 0.25
 P = TypeVar("P", bound=Answer)
@@ -80,38 +82,41 @@ def with_turns(
 ) -> P:
     """Return the plan for a wrap of so many turns: its part is as long as they take.
 
-    By plans for parts of given length, `measured`, until their turns are about those asked; then by
-    a plan for a part a little longer, with the turns as an inequality.
+    By plans for parts of given length, `measured`, until one goes round as often; then by a plan
+    for what of that part takes the turns, which are an inequality.
     """
 
     def stated(own: Wrap) -> tuple[Target, ...]:
         return tuple(own if target is wrap else target for target in targets)
 
     assert wrap.turns is not None
-    length, found = arm.length - wrap.part(arm)[0], None
+    start, found = wrap.part(arm)[0], None
     for _ in range(_ROUNDS):
+        length = min((arm.length - start) * (1 + _LONGER), arm.length)
         found = measured(stated(replace(wrap, turns=None, length=length)), found)
         if found.mode != "exact" or found.stopped:
             break
         try:
-            had = turns_along(found.shape, wrap.obstacle, arm.length - length)
+            s, turns = turns_beyond(found.shape, wrap.obstacle, arm.length - length)
         except OutOfTime:
             break
-        if had <= 0:
+        if turns[0] >= wrap.turns:
+            start = float(np.interp(-wrap.turns, -turns, s))
             break
-        longer = length * wrap.turns / had
-        if longer > arm.length:
-            length = arm.length
+        if turns[0] <= 0:
             break
-        length, off = longer, abs(had / wrap.turns - 1)
-        if off < _FOUND:
-            break
-    start = arm.length - min(length * (1 + _SPARE), arm.length)
-    return planned(stated(replace(wrap, start=start)), found)
+        start = max(arm.length - length * wrap.turns / float(turns[0]), 0.0)
+    length = min((arm.length - start) * (1 + _SPARE), arm.length)
+    return planned(stated(replace(wrap, start=arm.length - length)), found)
 
 
-def turns_along(shape: Shape, obstacle: Obstacle, start: float) -> float:
-    """Return by how much the obstacle's normal rotates along an arm from a start, over 2 pi."""
-    normals = obstacle.gradient(shape.position(np.linspace(start, shape.arm.length, 201)))
+def turns_beyond(shape: Shape, obstacle: Obstacle, start: float) -> tuple[Array, Array]:
+    """Return arc lengths (n,) from a start to the tip [m], and the turns from each on (n,).
+
+    By how much the obstacle's normal rotates along the arm up to the tip, over 2 pi.
+    """
+    s = np.linspace(start, shape.arm.length, 201)
+    normals = obstacle.gradient(shape.position(s))
     half = np.linalg.norm(np.diff(normals, axis=0), axis=1) / 2
-    return float(2 * np.arcsin(np.minimum(half, 1.0)).sum() / (2 * np.pi))
+    turns = 2 * np.arcsin(np.minimum(half, 1.0)) / (2 * np.pi)
+    return s, np.append(np.cumsum(turns[::-1])[::-1], 0.0)
