@@ -26,8 +26,6 @@ from model.time_limit import check_time
 # First and least steps in the share of tensions and loads: with forces at nodes, with places that
 # move.
 _FIRST, _ROUGH, _LEAST = 0.25, 1 / 64, 1 / 256
-# The least where it may not jump: who asks for that comes nearer by itself.
-_LEAST_NEARBY = 1 / 4
 # The longest step with friction: as where a point rolls, which is not to count as slip.
 _WITH_FRICTION = 1 / 8
 # How often places may move in a step.
@@ -60,8 +58,9 @@ def follow(
 ) -> Followed:
     """Return where an equilibrium under tensions `before` and a load factor comes to.
 
-    While tensions go to others in a straight line, and loads to the full.
-    Raises UnsettledContactError where none is found, SnapError where it would jump unless it may.
+    While tensions go to others in a straight line, and loads to the full. Raises
+    UnsettledContactError where none is found; unless it may jump, SnapError where it would, or
+    where forces at nodes do not lead there, as who asks for that comes nearer by itself.
     """
     if of.history is not None:
         return _exactly(of, before, load, start, jumps)
@@ -69,6 +68,8 @@ def follow(
     found = None if held is None else placed_near(of, held)
     if found is not None and held_stands(found.held.here):
         return Followed(found)
+    if not jumps:
+        raise SnapError(0.0, "it jumps")
     return _exactly(of, before, load, start, jumps)
 
 
@@ -102,7 +103,6 @@ def _exactly(of: Question, before: Array, load: float, start: Settled, jumps: bo
     """Return the end of the way with places that move; see follow."""
     frictional = of.history is not None
     longest = _WITH_FRICTION if frictional else 1.0
-    least = _LEAST if jumps or frictional else _LEAST_NEARBY
     here, at, step, snaps = start, 0.0, min(_FIRST, longest), list[float]()
     last, stood = here.held.here, held_stands(start.held.here)
     way = list[tuple[Linearised, float]]()
@@ -120,7 +120,7 @@ def _exactly(of: Question, before: Array, load: float, start: Settled, jumps: bo
             if jumps and stood and not held_stands(here.held.here):
                 here = jumped(on, share, Settled(pushed(here.held), here.places))
                 snaps.append(share)
-        elif step > least:
+        elif step > _LEAST:
             step /= 4
         elif not jumps:
             raise SnapError(at, "it jumps")
