@@ -13,7 +13,7 @@ import numpy as np
 
 from model.errors import OctoplanError
 from model.paths import Array
-from model.time_limit import check_time
+from model.time_limit import OutOfTime, check_time, time_limit
 from planner.avoidance.around import Around
 from planner.avoidance.asked import Surroundings
 from planner.contact.pressing import likely_pressing
@@ -55,7 +55,8 @@ def _pressing(task: Task, program: Program, directions: list[Array]) -> list[Arr
     """Return the tensions that press on what is held so that least is lacking.
 
     Each direction is followed from rest, harder and harder, up to where the arm jumps: beyond it
-    has slipped off. Others are those of free arms that would reach into what is held.
+    has slipped off. Others are those of free arms that would reach into what is held. As many as
+    a share of the time limit is enough for.
     """
     found = list[tuple[float, Array]]()
 
@@ -68,16 +69,18 @@ def _pressing(task: Task, program: Program, directions: list[Array]) -> list[Arr
         found.append((lacking(there), T))
         return there
 
-    for own in directions:
-        near: SettledTerms | None = None
-        for share in _HARDER:
-            near = tried(np.clip(share * own, program.lower, program.upper), near)
-            if near is None:
-                break
-    for target in task.targets:
-        if isinstance(target, Hold):
-            for T in likely_pressing(task, target):
-                tried(T, None)
+    with suppress(OutOfTime), time_limit(share_left()):
+        for own in directions:
+            near: SettledTerms | None = None
+            for share in _HARDER:
+                near = tried(np.clip(share * own, program.lower, program.upper), near)
+                if near is None:
+                    break
+        for target in task.targets:
+            if isinstance(target, Hold):
+                for T in likely_pressing(task, target):
+                    tried(T, None)
+    check_time()
     return [T for _, T in sorted(found, key=lambda one: one[0])[:_PRESSED]]
 
 
