@@ -133,17 +133,19 @@ def changed(
     places: tuple[Place, ...],
     nodes: tuple[tuple[int, ...], ...],
     left: set[Place],
+    roots: dict[tuple[int, int], Root],
 ) -> tuple[Place, ...]:
     """Return the places after some of them came, went, parted or joined; the same if none did.
 
-    `left` remembers the corners that points left.
+    `left` remembers the corners that points left, `roots` what the gap does there.
     """
     kept, looks = list[Place](), _at_points(held, places, nodes)
-    for place, own, (slope, curve) in zip(places, nodes, looks, strict=True):
+    for i, (place, own, rates) in enumerate(zip(places, nodes, looks, strict=True)):
         if place.lies:
             kept += _lying(held, place, own)
         else:
-            kept += _touching(held, place, own[0], slope, curve, left)
+            root = roots.setdefault((i, 0), Root())
+            kept += _touching(held, place, own[0], rates.tolist(), left, root)
     kept = _joined(kept, held.here.system.mesh)
     if tuple(kept) != places:
         return tuple(kept)
@@ -176,13 +178,18 @@ def _at_points(held: Held, places: tuple[Place, ...], nodes: tuple[tuple[int, ..
 
 
 def _touching(
-    held: Held, place: Place, node: int, slope: float, curve: float, left: set[Place]
+    held: Held,
+    place: Place,
+    node: int,
+    rates: list[float],
+    left: set[Place],
+    root: Root,
 ) -> list[Place]:
     """Return what becomes of a point with gap' and gap'' there.
 
     One that comes back to a corner it left stays, beside another one before it.
     """
-    system, j = held.here.system, place.obstacle
+    system, j, (slope, curve) = held.here.system, place.obstacle, rates
     if forces(system, held.states)[node, j] < 0:
         return []
     h = float(np.diff(system.mesh.s)[node - 1])
@@ -192,6 +199,7 @@ def _touching(
         s = place.start - 0.3 * h
         before, again = Place(j, s, s), place in left
         left.add(place)
+        root.values.append((place.start, slope))
         return [before, place] if again else [before]
     if system.scene.has(Shear):
         return [sheared(held, place) or place]

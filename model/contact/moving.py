@@ -77,7 +77,7 @@ def settled(
         if after == places:
             after = moved(held, places, nodes, roots)
         if after == places:
-            after = changed(held, places, nodes, left)
+            after = changed(held, places, nodes, left, roots)
             if after == places and pressing is None:
                 return Settled(held, places)
             if after == places:

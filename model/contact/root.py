@@ -39,18 +39,19 @@ class Root:
             secant = s - f * (s - before) / (f - last)
             if (secant - s) * (guess - s) > 0 or f * last < 0:
                 guess = s + min(max(secant - s, -most), most)
-        return self._inside(s, f, guess)
+        return self._inside(s, f, guess, slow and f * last > 0)
 
     def is_jump(self, s: float, f: float, near: float) -> bool:
         """Return whether the function jumps across 0 as near to s, as where an obstacle ends."""
         return any(value * f < 0 and abs(at - s) < near for at, value in self.values)
 
-    def _inside(self, s: float, f: float, guess: float) -> float:
+    def _inside(self, s: float, f: float, guess: float, creeps: bool) -> float:
         """Return a guess, or one between s and the nearest place where f has the other sign."""
         side = guess - s
-        other = [at for at, value in self.values if value * f < 0 and (at - s) * side > 0]
+        other = [own for own in self.values if own[1] * f < 0 and (own[0] - s) * side > 0]
         if not other:
             return guess
-        wall = min(other, key=lambda at: abs(at - s))
-        room = (1 - _INSIDE) * (wall - s)
-        return guess if abs(side) < abs(room) else (s + wall) / 2
+        wall, value = min(other, key=lambda own: abs(own[0] - s))
+        if abs(side) < (1 - _INSIDE) * abs(wall - s):
+            return guess
+        return (s + wall) / 2 if creeps else s + f / (f - value) * (wall - s)
