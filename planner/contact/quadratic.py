@@ -74,11 +74,11 @@ def optimum_at(program: Program, here: SettledTerms) -> Optimum:
     )
     rows = np.vstack([A, -C, -unit[low], unit[high], program.sums(here)[:full]])
     least = np.concatenate([np.full(len(A), -np.inf), np.zeros(len(rows) - len(A))])
-    lam = (
-        scipy.optimize.lsq_linear(rows.T, -g, (least, np.inf)).x
-        if rows.size
-        else np.zeros(len(rows))
-    )
+    lam = np.zeros(len(rows))
+    if rows.size:
+        # Without bounds ahead its steps are 0 times infinity, which it does not take.
+        with np.errstate(invalid="ignore"):
+            lam = scipy.optimize.lsq_linear(rows.T, -g, (least, np.inf)).x
     left = float(np.abs(g + rows.T @ lam).max()) / (1 + float(np.abs(lam).max(initial=0.0)))
     equality, inequality, bounds = (
         lam[: len(A)],
