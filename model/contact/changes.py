@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from model.contact.along import along
-from model.contact.ends import longest_about, where_it_ends
+from model.contact.ends import longest, where_it_ends
 from model.contact.newton import Held
 from model.contact.passing import deep, passing
 from model.contact.places import Place
@@ -76,7 +76,7 @@ def _point(held: Held, place: Place, node: int, _: int) -> tuple[float, float, f
     if place.start in held.corners or curve is None:
         return 0.0, 0.0, 0.0
     shift = float(system.mesh.s[node] + second(system, held.states)[node, j]) - place.start
-    most = 0.5 * longest_about(system.mesh, node)
+    most = 0.5 * longest(system.mesh)
     return -float(curve[node, j]) * shift, shift * (abs(shift) > _FOUND * held.length), most
 
 

@@ -32,7 +32,7 @@ def where_it_ends(held: Held, place: Place, node: int, side: int) -> tuple[float
     if system.scene.has(Shear):
         return tangent_end(held, place, node, side, abs(s[beyond] - at))
     breaks = [abs(own - at) for own in system.arm.anchorages if (own - at) * side > 0]
-    h = max(abs(s[beyond] - at), min([longest_about(system.mesh, node), *breaks]))
+    h = max(abs(s[beyond] - at), min([longest(system.mesh), *breaks]))
     # What is known at a node is on its base side.
     look = side * _ASIDE * h * np.arange(5.0)
     look[0] = (side > 0) * SAME * held.length
@@ -56,12 +56,12 @@ def where_it_ends(held: Held, place: Place, node: int, side: int) -> tuple[float
     return float(here), shift * (abs(shift) > _FOUND * held.length), most
 
 
-def longest_about(mesh: Mesh, node: int) -> float:
-    """Return the longest of the elements about a node, two on either side [m].
+def longest(mesh: Mesh) -> float:
+    """Return the longest element [m]: what places may move by in a step is a share of it.
 
     The next one may be as short as that between a node that moves and one that stays.
     """
-    return float(np.diff(mesh.s)[max(node - 2, 0) : node + 2].max())
+    return float(np.diff(mesh.s).max())
 
 
 def _jumps(curve: Array, length: float) -> bool:
