@@ -154,7 +154,9 @@ def beyond(arm: Arm, scene: Scene, s: Array, end: Array) -> Array:
     lie in.
     """
     tip = scene.find(TipLoad)
-    force = np.outer(heaviness(arm, scene), volume(arm, s))
+    heavy, force = heaviness(arm, scene), np.zeros((3, s.size))
+    if heavy.any():
+        force += np.outer(heavy, volume(arm, s))
     if tip and not tip.follower:
         force += np.array(tip.force)[:, None]
     for load in acting(scene):

@@ -70,6 +70,7 @@ def stations(arm: Arm, s: Array, active: Counts) -> Stations:
     )
 
 
+@lru_cache(maxsize=64)
 def sides(arm: Arm) -> tuple[Array, Array]:
     """Return cosine and sine of the angle of each tendon."""
     phi = np.array([angle for _, angle in arm.tendons])

@@ -40,10 +40,14 @@ _POINT, _END, _INSIDE = 1.0, 2.0, 3.0
 
 @dataclass(frozen=True, eq=False)
 class KnownContact(Known):
-    """States of an equilibrium with contact on some mesh, how its nodes touch, and where it was."""
+    """States of an equilibrium with contact on some mesh, how its nodes touch, and where it was.
+
+    `here` is the equilibrium with derivatives that are worked out already, if there is one.
+    """
 
     touches: Touches
     history: History | None = None
+    here: Linearised | None = None
 
 
 class TouchingMap(Collocation):
@@ -224,7 +228,8 @@ def without_friction(scene: Scene) -> Scene:
 def _held(known: KnownContact, tensions: Array) -> Held:
     """Return an equilibrium that is known."""
     system = known.system
-    return Held(Linearised(system, system.x(tensions, 1.0, known.states)), known.touches)
+    here = known.here or Linearised(system, system.x(tensions, 1.0, known.states))
+    return Held(here, known.touches)
 
 
 def _density(arm: Arm, scene: Scene, s: Array) -> Array:

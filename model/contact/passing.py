@@ -20,9 +20,9 @@ from model.transcription.system import System
 THROUGH, _DEEP = 1e-9, 1e-4
 # Gaps are looked at this often in each element.
 _LOOKS = 6
-# Steps to where a gap is least, how close to it over the arm's length, and how near to the base
-# it is looked for, over an element.
-_SOUGHT, _CLOSE, _FIRST = 20, 1e-8, 1e-3
+# Steps to where a gap is least, how close to it or how much above over the arm's length, and how
+# near to the base it is looked for, over an element.
+_SOUGHT, _CLOSE, _LEFT, _FIRST = 20, 1e-8, THROUGH / 10, 1e-3
 
 
 def passing(held: Held, places: tuple[Place, ...]) -> list[Place]:
@@ -101,8 +101,11 @@ def _least(held: Held, j: Index, near: Array, reach: Array) -> tuple[Array, Arra
         low, high = np.where(slope < 0, s, low), np.where(slope < 0, high, s)
         on = s - slope / np.where(curve > 0, curve, np.inf)
         inside = (curve > 0) & (on > low) & (on < high)
+        # By the parabola there the least is half as much below.
+        falls = np.where(inside, slope * (s - on), np.inf)
         s = np.where(inside, on, (low + high) / 2)
-        if np.abs(s - best).max() < _CLOSE * held.length:
+        is_found = (np.abs(s - best) < _CLOSE * held.length) | (falls < _LEFT * held.length)
+        if is_found.all():
             break
     return best, least
 

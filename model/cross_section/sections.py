@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
@@ -56,8 +56,6 @@ class Sections:
         What the law takes of the body.
     paths : (4, P)
         Offset, its derivative, cosine and sine of the angle at each crossing.
-    path_rates : (4, P)
-        Their derivatives along s.
     machine_code : bool
         Whether the law's kernels are compiled.
     """
@@ -77,7 +75,12 @@ class Sections:
         self.place, self.tendon = np.nonzero(crossing(arm, at))
         self.body = body_numbers(arm, scene, at)
         self.paths = tendon_paths(arm, at, self.place, self.tendon)
-        self.path_rates = tendon_path_rates(arm, at, self.place, self.tendon)
+        self._arm, self._at = arm, at
+
+    @cached_property
+    def path_rates(self) -> Array:
+        """The derivatives of `paths` along s (4, P)."""
+        return tendon_path_rates(self._arm, self._at, self.place, self.tendon)
 
     def wrench(self, v: Array, tensions: Array) -> tuple[Array, Array]:
         """Return what body and tendons balance (N, n) at strains v (N, n), and its derivatives.
