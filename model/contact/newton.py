@@ -146,13 +146,18 @@ def newton(
         change, after = step
         turn = float(np.abs(change[system.of.nodes[:, :4]]).max())
         same = after.point is touches.point
+        moved = states + change
+        size = max(step_size(system, change, moved), _rubbed(system, change, moved))
+        if kept is not None and not last and size > CLOSE:
+            # What was linearised elsewhere is no guide so far.
+            kept = None
+            continue
         if turn > farthest:
             if cuts == 0:
                 return None
             states, cuts, kept = states + farthest / turn * change, cuts - 1, None
             continue
-        states, touches = states + change, after
-        size = max(step_size(system, change, states), _rubbed(system, change, states))
+        states, touches = moved, after
         if same and (size < _SETTLED or size**2 < _SETTLED * last):
             told = touches.told(system)
             found = Linearised(told, told.x(tensions, load, states))

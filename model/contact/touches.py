@@ -91,15 +91,19 @@ class Touches:
 
     @property
     def _masks(self) -> tuple[Mask, ...]:
-        moves = self.point if self.curve is None else ~np.isnan(self.curve)
-        return self.point, self.end, self.inside, self.lies, moves
+        return self.point, self.end, self.inside, self.lies, self.moves
+
+    @property
+    def moves(self) -> Mask:
+        """Nodes that touch at points which may move along the arm (N + 1, K)."""
+        return np.zeros_like(self.point) if self.curve is None else ~np.isnan(self.curve)
 
     def told(self, system: System) -> System:
         """Return a system whose kernels of contact are told of these touches."""
         found, of = copy.copy(system), system.of
         found.p = system.p.copy()
         rows = found.p[of.equations.numbers_of("touch")].reshape(-1, TOUCH)
-        moves = np.zeros_like(self.point) if self.curve is None else ~np.isnan(self.curve)
+        moves = self.moves
         curve = np.zeros_like(moves) if self.curve is None else np.nan_to_num(self.curve)
         flags = [self.held, self.inside, self.end, moves, curve]
         rows[:, -TOLD:] = np.stack(flags, axis=2)[1:].reshape(-1, TOLD)
