@@ -3,39 +3,30 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 
 from model.arm import Arm
+from model.contact.codes import codes, read_codes
 from model.contact.held_shut import Question
 from model.contact.history import History
+from model.contact.meshes import mesh_with_contact
 from model.contact.moving import Settled, ahead, settled
 from model.contact.newton import Held, newton
-from model.contact.passing import gaps_along
+from model.contact.outside import check_outside
 from model.contact.path import Followed, follow
-from model.contact.places import SAME
 from model.contact.read_off import close, exact_places
 from model.contact.touches import Touches
 from model.effects import Contact
 from model.equilibrium.forward import Collocation, Known
 from model.equilibrium.linearised import Linearised
 from model.errors import InputError, UnsettledContactError
-from model.loads import contacts, growth, places
-from model.mesh import graded, with_nodes
-from model.obstacles import numbers_of
+from model.mesh import with_nodes
 from model.paths import Array
 from model.scene import Scene
 from model.transcription.neighbours import landmarks
 from model.transcription.system import System
-
-# Elements of a mesh over those of one without contact, and how long the longest may be: a share of
-# the arm's length, or of obstacle and arm together, but no shorter than a share of the length.
-_FINER, _LONGEST, _SHORTEST = 2, 1 / 16, 1 / 100
-# Columns behind the states of a row: arc length, then of each obstacle how the node touches it,
-# gap'' there, and whether the element beyond lies on it.
-_CODES = 3
-_POINT, _END, _INSIDE = 1.0, 2.0, 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,29 +53,13 @@ class TouchingMap(Collocation):
         at: tuple[float, ...] = (),
         machine_code: bool = False,
     ) -> None:
-        own = (*at, *places(arm, scene))
-        base = graded(arm, _FINER * refinement, own, partial(_density, arm, scene))
+        base = mesh_with_contact(arm, scene, refinement, at)
         self._form = stages, refinement, at, machine_code
         self._state(System(arm, scene, base, stages, True, machine_code))
         self._fixed, self._machine_code = np.unique(landmarks(arm, scene, at)), machine_code
         self._last: tuple[Array, Collocation] | None = None
         self._rest = self.without_loads(np.zeros(arm.n_tendons))
-        self._check_outside()
-
-    def _check_outside(self) -> None:
-        """Raise InputError where the arm at rest is inside of an obstacle."""
-        s, gap = gaps_along(self.system, self._rest)
-        inside = np.flatnonzero(gap.min(axis=0) < -SAME * self.system.arm.length)
-        if inside.size:
-            own = [contact.obstacle for contact in contacts(self.system.scene)]
-            deepest = zip(inside, gap[:, inside].argmin(axis=0), strict=True)
-            told = [
-                f"{-1e3 * gap[k, j]:.3g} mm inside{f' of {own[j]}' if j > inside[0] else ''}"
-                f" at s = {s[k]:.4g} m"
-                for j, k in deepest
-            ]
-            allowed = f"one that the arm at rest is clear of; it is {', and '.join(told)}"
-            raise InputError("Contact.obstacle", own[inside[0]], allowed)
+        check_outside(self.system, self._rest)
 
     def run(self, tensions: Array, near: Known | None = None) -> tuple[Array, Array]:
         """See ForwardMap.run; raises UnsettledContactError."""
@@ -175,7 +150,7 @@ class TouchingMap(Collocation):
     def rows(self, here: Linearised) -> tuple[Array, Array]:
         """See Collocation.rows."""
         rows, stretch = Collocation.on(here.system).rows(here)
-        return np.hstack([rows, _codes(here.system)]), stretch
+        return np.hstack([rows, codes(here.system)]), stretch
 
     def known(self, rows: Array, before: tuple[Array, Array] | None = None) -> Known:
         """See ForwardMap.known; `before` are tensions and rows of the equilibrium before."""
@@ -196,27 +171,9 @@ class TouchingMap(Collocation):
     def _read(self, rows: Array) -> tuple[System, Touches]:
         """Return the equations of rows, told of their touches."""
         own = self.system
-        stride = own.of.stride
-        codes = rows[:, stride + 1 :].reshape(len(rows), -1, _CODES)
-        kind = codes[:, :, 0]
-        curve = np.where(kind == _POINT, codes[:, :, 1], np.nan)
-        curve[curve == 0] = np.nan
-        lies = codes[:-1, :, 2] > 0
-        touches = Touches(kind == _POINT, kind == _END, kind == _INSIDE, lies, curve)
-        mesh = with_nodes(own.arm, rows[:, stride])
-        stages = own.of.form.stages
-        stated = System(own.arm, own.scene, mesh, stages, True, self._machine_code, touches.pressed)
-        return touches.told(stated), touches
-
-
-def _codes(system: System) -> Array:
-    """Return arc length and codes of each node (N + 1, 1 + 3 K)."""
-    touches = Touches.of(system)
-    kind = _POINT * touches.point + _END * touches.end + _INSIDE * touches.inside
-    assert touches.curve is not None
-    lies = np.vstack([touches.lies, np.zeros_like(touches.lies[:1])])
-    codes = np.stack([kind, np.nan_to_num(touches.curve), lies], axis=2)
-    return np.hstack([system.mesh.s[:, None], codes.reshape(len(codes), -1)])
+        s, touches = read_codes(rows[:, own.of.stride :])
+        form = own.of.form.stages, True, self._machine_code, touches.pressed
+        return touches.told(System(own.arm, own.scene, with_nodes(own.arm, s), *form)), touches
 
 
 def without_friction(scene: Scene) -> Scene:
@@ -230,11 +187,3 @@ def _held(known: KnownContact, tensions: Array) -> Held:
     system = known.system
     here = known.here or Linearised(system, system.x(tensions, 1.0, known.states))
     return Held(here, known.touches)
-
-
-def _density(arm: Arm, scene: Scene, s: Array) -> Array:
-    """Return how fast solutions may grow, or contact may change, at s (N,) [1/m]."""
-    bodies = numbers_of([contact.obstacle for contact in contacts(scene)])
-    small = float((bodies[:, 15] + bodies[:, 12:15].min(axis=1)).min())
-    wide = np.maximum(small + arm.outer_radius(s)[0], _SHORTEST * arm.length)
-    return np.maximum(growth(arm, scene, s), 0.75 / np.minimum(wide, _LONGEST * arm.length))

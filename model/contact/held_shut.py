@@ -9,8 +9,9 @@ import numpy as np
 
 from model.arm import Arm
 from model.contact.along import along
+from model.contact.drag import Drag
 from model.contact.history import History
-from model.contact.newton import Drag, Held, newton
+from model.contact.newton import Held, newton
 from model.contact.places import Place, Placed, placed
 from model.contact.touches import Touches, forces, second
 from model.effects import Shear

@@ -13,9 +13,11 @@ from typing import TypeVar
 
 import numpy as np
 
+from model.contact.complementary_step import complementary_step
+from model.contact.drag import Drag
 from model.contact.held_shut import Question, Resisted
 from model.contact.moving import Settled, settled
-from model.contact.newton import Drag, Held, complementary_step, linearised, newton
+from model.contact.newton import Held, linearised, newton
 from model.contact.read_off import at_nodes, close, guesses
 from model.contact.stability import held_stability, held_stands, least_mode
 from model.contact.touches import Touches

@@ -1,27 +1,18 @@
-"""Newton's method on the equations of equilibrium with contact: each step is complementary.
-
-The equations are linearised, with gaps as the equations of the nodes that touch and forces that
-vanish as those of others. Where a force would pull, or a gap close beyond 0, what touches is found
-from the linear complementarity problem of these: Newton's method for the nonlinear one (Josephy,
-Univ. of Wisconsin MRC report 1965, 1979). The obstacles are convex, so that a node that stays
-outside of the tangent plane stays outside of the obstacle: no step passes through.
-"""
+"""Newton's method on the equations of equilibrium with contact, by complementary steps."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
-from model.contact.gaps import Gaps
+from model.contact.complementary_step import complementary_step
+from model.contact.drag import Drag, Dragged
 from model.contact.touches import Touches
 from model.effects import NeoHookean
-from model.equilibrium.complementarity import complementary
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import CLOSE, KEPT, TURN, step_size
-from model.equilibrium.stability import rest_stiffness
 from model.paths import Array
 from model.time_limit import check_time
 from model.transcription.system import System
@@ -32,9 +23,7 @@ _FELT = 1e-2
 # As many again where each may bring some places from sticking to slip or back.
 _WITH_FRICTION = 40
 _SETTLED = 1e-11
-# Gaps up to this many times what a step closes may close with it.
-_NEAR = 3.0
-# Forces [N] and gaps [m] below this share of the largest are rounding.
+# Forces [N] below this are rounding.
 _ROUNDING = 1e-13
 
 
@@ -73,48 +62,6 @@ class Held:
     def length(self) -> float:
         """The arm's length [m]."""
         return self.here.system.arm.length
-
-
-class Drag(NamedTuple):
-    """Viscous resistance to a change of the strains: what a step is damped by.
-
-    Attributes
-    ----------
-    share : float
-        Of the stiffness of the body at rest.
-    states : (n_states,)
-        Those that resistance is against.
-    """
-
-    share: float
-    states: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Dragged(Linearised):
-    """Equations linearised with viscous resistance to what the strains change."""
-
-    drag: Drag = field(kw_only=True)
-
-    @cached_property
-    def _stiff(self) -> Array:
-        """The resistance of each state (n_states,); 0 but for the strains."""
-        found = np.zeros(self.system.of.n_states)
-        found[np.ravel(self.system.of.stages)] = self.drag.share * rest_stiffness(self.system)[1]
-        return found
-
-    @cached_property
-    def residual(self) -> Array:
-        """See Linearised.residual."""
-        return self.system.residual(self.x) + self._stiff * (self.states - self.drag.states)
-
-    @cached_property
-    def nonzeros(self) -> Array:
-        """See Linearised.nonzeros."""
-        row, column = self.band.rows, self.band.columns - self.band.first
-        found, own = self.system.jacobian(self.x).copy(), np.flatnonzero(row == column)
-        found[own] += self._stiff[row[own]]
-        return found
 
 
 def newton(
@@ -198,45 +145,3 @@ def linearised(
     told = touches.told(system)
     x = told.x(tensions, load, states)
     return Linearised(told, x, kept) if drag is None else Dragged(told, x, kept, drag=drag)
-
-
-def complementary_step(
-    here: Linearised, touches: Touches, fixed: bool = False
-) -> tuple[Array, Touches] | None:
-    """Return a step of Newton's method and what touches after it; None where there is none.
-
-    Of touches only points change, unless all are `fixed`.
-    """
-    change = here.newton_step()
-    if change is None:
-        return None
-    if fixed:
-        return change, touches
-    return _exchanged(here, change, touches)
-
-
-def _exchanged(here: Linearised, change: Array, touches: Touches) -> tuple[Array, Touches] | None:
-    """Return a step whose forces and gaps are complementary, and what touches after it."""
-    of, states = here.system.of, here.states
-    gaps = Gaps.of(here.system, states)
-    places = of.touches[1:, :, 0]
-    force, closing = (states + change)[places], gaps.moved(change)
-    gap = gaps.gap + closing
-    held, free = touches.point[1:], ~(touches.point | touches.end | touches.inside)[1:]
-    least = _ROUNDING * np.abs(force).max(initial=0.0), _ROUNDING * here.system.arm.length
-    if not ((held & (force < -least[0])) | (free & (gap < -least[1]))).any():
-        return change, touches
-    near = free & (gap < _NEAR * np.abs(closing).max())
-    which = np.nonzero(held | near)
-    n, was = which[0].size, held[which]
-    unit = np.zeros((of.n_states, n), order="F")
-    unit[places[which], np.arange(n)] = 1.0
-    moved = here.solve(unit)
-    M = np.where(was[:, None], moved[places[which]], gaps.moved(moved)[which])
-    q = np.where(was, force[which], gap[which])
-    z = complementary(M, q, np.zeros(n, dtype=bool))
-    if z is None:
-        return None
-    point = touches.point.copy()
-    point[1:][which] ^= z > 0
-    return change + moved @ z, replace(touches, point=point)
