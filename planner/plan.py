@@ -207,7 +207,7 @@ def plan(
     stability_margin : float
         The least stability of the shape under its loads that is accepted, 0 to 1: the least
         eigenvalue of the scaled Hessian of the energy, which is 1 for an arm at rest and 0 where it
-        is about to yield. With 0 the arm has to stand.
+        is about to yield. With 0 the arm has to stand; in scenes with contact it is 0.
     compile : bool or "auto"
         Whether to work by machine code, see settle; the plan's shape and certificate are found by
         it too. In a scene as printed, and of curved tendons without loads, only these are.
