@@ -30,7 +30,7 @@ _HALVED = 4
 _TOLD = 1e-3
 
 # How far derivatives are followed, as a change of the frames' quaternions.
-_AHEAD = 0.1
+_AHEAD = 0.02
 
 _Found = tuple[Held, Nodes]
 _Last = tuple[Held, Nodes, tuple[Place, ...]]
