@@ -116,4 +116,4 @@ def _from_rest(own: Equilibria, tensions: tuple[float, ...]) -> Found:
 
 
 def _known(here: Linearised) -> KnownContact:
-    return KnownContact(here.system, here.states, Touches.of(here.system))
+    return KnownContact(here.system, here.states, Touches.of(here.system), here=here)
