@@ -1,8 +1,7 @@
-"""How places move along the arm, come and go, part and join, as an equilibrium with them says.
+"""How places come and go, part and join, as an equilibrium with them says.
 
-Points move to where the gap is least, ends of parts that lie to where the gap's second derivative
-vanishes. Places where the obstacle would have to pull are given up, and those where the arm would
-pass through it between the places become new ones.
+Places where the obstacle would have to pull are given up, and those where the arm would pass
+through it between the places become new ones.
 """
 
 from __future__ import annotations
@@ -10,19 +9,16 @@ from __future__ import annotations
 import numpy as np
 
 from model.contact.along import along
-from model.contact.ends import longest, where_it_ends
 from model.contact.newton import Held
 from model.contact.passing import deep, passing
 from model.contact.places import Place
 from model.contact.root import Root
 from model.contact.sheared import sheared
-from model.contact.touches import forces, resultants, second
+from model.contact.touches import forces, resultants
 from model.effects import Shear
 from model.mesh import Mesh
 from model.paths import Array
 
-# How far off points may be, over the arm's length.
-_FOUND = 1e-8
 # How near a point belongs to a part that lies, over an element.
 _NEXT = 0.1
 # gap' at a corner that counts as 0.
@@ -31,53 +27,6 @@ _LEVEL = 1e-9
 _BORN, _HALVES = 0.5, 10
 # Of the largest force, what pulls hard, and what is rounding.
 _PULLED, _ROUNDING = 1e-2, 1e-9
-
-
-def moved(
-    held: Held,
-    places: tuple[Place, ...],
-    nodes: tuple[tuple[int, ...], ...],
-    roots: dict[tuple[int, int], Root],
-) -> tuple[Place, ...]:
-    """Return the places where the equilibrium says that they are; the same where they are found.
-
-    `roots` remember where they were before, by place and end.
-    """
-    found = list[Place]()
-    for i, (place, own) in enumerate(zip(places, nodes, strict=True)):
-        ends = list(place.ends)
-        for k, node in enumerate(own):
-            f, shift, most = (where_it_ends if place.lies else _point)(held, place, node, 2 * k - 1)
-            root = roots.setdefault((i, k), Root())
-            if shift and not root.is_jump(ends[k], f, _FOUND * held.length):
-                after = root.next(ends[k], f, ends[k] + shift, most)
-                ends[k] = after if place.lies else _up_to_corner(held, ends[k], after)
-                ends[k] = min(ends[k], held.length)
-        if place.lies and ends[0] >= ends[1]:
-            ends = [sum(ends) / 2] * 2
-        found.append(
-            place if ends == list(place.ends) else Place(place.obstacle, ends[0], ends[-1])
-        )
-    return tuple(_joined(found, held.here.system.mesh))
-
-
-def _up_to_corner(held: Held, s: float, after: float) -> float:
-    """Return where a point goes that passes no corner."""
-    for corner in held.corners:
-        if min(s, after) < corner < max(s, after):
-            return corner
-    return after
-
-
-def _point(held: Held, place: Place, node: int, _: int) -> tuple[float, float, float]:
-    """Return gap' at a point, how far on it touches, 0 if it is found, and how far it may move."""
-    system, j = held.here.system, place.obstacle
-    curve = held.touches.curve
-    if place.start in held.corners or curve is None:
-        return 0.0, 0.0, 0.0
-    shift = float(system.mesh.s[node] + second(system, held.states)[node, j]) - place.start
-    most = 0.5 * longest(system.mesh)
-    return -float(curve[node, j]) * shift, shift * (abs(shift) > _FOUND * held.length), most
 
 
 def exchanged(
@@ -146,13 +95,13 @@ def changed(
         else:
             root = roots.setdefault((i, 0), Root())
             kept += _touching(held, place, own[0], rates.tolist(), left, root)
-    kept = _joined(kept, held.here.system.mesh)
+    kept = joined(kept, held.here.system.mesh)
     if tuple(kept) != places:
         return tuple(kept)
     return _sorted([*places, *passing(held, places)])
 
 
-def _joined(places: list[Place], mesh: Mesh) -> list[Place]:
+def joined(places: list[Place], mesh: Mesh) -> list[Place]:
     """Return places where points next to a part that lies on the same obstacle belong to it."""
     found = list[Place]()
     for place in _sorted(places):

@@ -1,7 +1,7 @@
 """Equilibria with contact at places that move along the arm until they are where it touches.
 
 With all places held shut the equations are solved by Newton's method; then places move, come and
-go as model.contact.changes has it, and nodes move with them.
+go as model.contact.shifts and model.contact.changes have it, and nodes move with them.
 """
 
 from __future__ import annotations
@@ -11,11 +11,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from model.contact.changes import changed, exchanged, moved, narrowed, split
+from model.contact.changes import changed, exchanged, narrowed, split
 from model.contact.held_shut import Nodes, Question, held_shut
 from model.contact.newton import Held
 from model.contact.places import Place
 from model.contact.root import Root
+from model.contact.shifts import moved
 from model.contact.touches import forces
 from model.equilibrium.linearised import Linearised
 from model.loads import contacts
