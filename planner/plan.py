@@ -39,6 +39,7 @@ from planner.contact.wrapping import (
 )
 from planner.files import to_json, write_named
 from planner.following import searched
+from planner.program.program import STABILITY
 from planner.program.statement import Form
 from planner.question import (
     check_compliance_requests,
@@ -138,8 +139,8 @@ class HeldPlan(Plan):
         return ()
 
     def _rows(self, name: str) -> Array:
-        """See Answer._rows: none, limits of tensions hold alone."""
-        return np.zeros(0)
+        """See Answer._rows: beside limits of tensions stability alone holds."""
+        return np.array(self.lam_g[-1:] if name == STABILITY and self.statement.modes else ())
 
     def _kkt(self, T: Array) -> float:
         asked = (self.arm, self.targets, self.scene, self.limits, self.statement, self.accuracy)
@@ -207,7 +208,7 @@ def plan(
     stability_margin : float
         The least stability of the shape under its loads that is accepted, 0 to 1: the least
         eigenvalue of the scaled Hessian of the energy, which is 1 for an arm at rest and 0 where it
-        is about to yield. With 0 the arm has to stand; in scenes with contact it is 0.
+        is about to yield. With 0 the arm has to stand.
     compile : bool or "auto"
         Whether to work by machine code, see settle; the plan's shape and certificate are found by
         it too. In a scene as printed, and of curved tendons without loads, only these are.

@@ -22,9 +22,6 @@ def check_contact(task: Task, avoids: bool) -> None:
         raise InputError("target", "a stiffness", "shapes alone, in a scene with contact")
     if task.statement.norm != "2":
         raise InputError("norm", task.statement.norm, '"2", in a scene with contact')
-    if task.statement.margin:
-        allowed = "0 in a scene with contact: its plans are held to no more than to stand"
-        raise InputError("stability_margin", task.statement.margin, allowed)
     if rubs(task.scene) and any(isinstance(target, Hold | Wrap) for target in task.targets):
         allowed = "places and poses alone where contacts have friction; 0 for holds and wraps"
         raise InputError("Contact.friction", "above 0", allowed)

@@ -22,7 +22,7 @@ from model.errors import SnapError
 from model.paths import Array
 from model.scene import Scene
 
-# An arm that turns nowhere by more than this stands if it stood before.
+# An arm that turns nowhere by more than this stands if it stood before and touches the same.
 _STILL = 1e-3
 
 # An equilibrium, and the shares of its load path at which the arm jumped.
@@ -90,7 +90,8 @@ class Equilibria:
         here, snaps = self._forward.come_to(tensions, before.tensions, _known(before), False)
         moved = before.by_tensions @ (tensions - before.tensions)
         is_still = np.abs(moved[before.system.of.nodes[:, :4]]).max() < _STILL
-        if not is_still and not held_stands(here):
+        same = is_still and Touches.of(here.system).like(Touches.of(before.system))
+        if not same and not held_stands(here):
             raise SnapError(1.0, "it does not stand")
         return here, snaps
 

@@ -17,6 +17,8 @@ from planner.targets.hold import LEVER, Hold
 
 # The least that friction forces cost, so that those that nothing determines are small.
 _COST, _LEAST_COST = 1e-9, 1e-10
+# What pyramids may be missed by, over the largest force: more of it would pass those of small ones.
+_MISSED = 1e-11
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +157,7 @@ class Grasp:
         inner = np.repeat(most * np.cos(np.pi / len(sides)), len(sides))
         none, free = np.full(inner.size, -np.inf), np.full(n, np.inf)
         H, g = np.asarray(A.T @ A + _LEAST_COST * np.eye(n)), np.asarray(A.T @ still)
-        solve = quadratic(n, inner.size)
+        solve = quadratic(n, inner.size, _MISSED)
         return solve(H.ravel(), g, rows.ravel("F"), none, inner, -free, free)[0].ravel()
 
 

@@ -46,7 +46,7 @@ class GraspTerms:
         That directions of tangential forces are across: kept from terms to terms, as with others
         the same numbers would be other forces.
     equality, inequality : (m,), (k,)
-    match_jacobian, margin_jacobian : (m, n_tendons + n_z), (k, n_tendons + n_z)
+    equality_jacobian, inequality_jacobian : (m, n_tendons + n_z), (k, n_tendons + n_z)
         By tensions [1/N] and tangential forces.
     """
 

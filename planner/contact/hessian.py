@@ -22,8 +22,11 @@ def exact_hessian(program: Program, here: SettledTerms, at: Optimum) -> Array | 
     """Return the Hessian of the Lagrangian, made definite, along what is not held.
 
     Differences are taken in directions along which the ends of the piece stay as they are, a little
-    inside of it, so that all are of one piece. None where the arm does not come there.
+    inside of it, so that all are of one piece. None where the arm does not come there, or stability
+    holds it, whose slope is by differences already.
     """
+    if program.least and abs(at.lam_inequality[here.inequalities - 1]) > ACTIVE:
+        return None
     n, size = here.tensions.size, here.values["inequality"].size
     edges = here.inequalities + np.flatnonzero(
         here.values["inequality"][here.inequalities :] < _INSIDE

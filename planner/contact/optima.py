@@ -14,10 +14,20 @@ _SAME, _EDGE = 1e-3, 1e-4
 
 @dataclass(frozen=True, eq=False)
 class LocalOptimum:
-    """An optimum, and the load path to where its steps began."""
+    """An optimum.
+
+    Attributes
+    ----------
+    optimum : Optimum
+    load_path : LoadPath
+        To where its steps began.
+    floor : float or None
+        The least stability it was held to beside the margin, if it was.
+    """
 
     optimum: Optimum
     load_path: LoadPath
+    floor: float | None = None
 
     def load_paths(self) -> list[LoadPath]:
         """Return load paths to the optimum: from rest alone, then by more and more of the steps."""

@@ -30,10 +30,11 @@ _NEWTON = 3
 _CLOSING = 1e-4
 
 
-def piece_margins(here: Linearised, force: float) -> tuple[Array, Array]:
+def piece_margins(here: Linearised, force: float, pressed: float = 0.0) -> tuple[Array, Array]:
     """Return what is 0 or above in the piece (k,), and its derivatives by tensions (k, n).
 
-    Forces over a unit of force [N], pressures over that and the arm's length, gaps over the length.
+    Forces over a unit of force [N] and beyond what has to be `pressed`, pressures over that and the
+    arm's length, gaps over the length.
     """
     system, L = here.system, here.system.arm.length
     touches, own = Touches.of(system), system.of.touches
@@ -41,7 +42,7 @@ def piece_margins(here: Linearised, force: float) -> tuple[Array, Array]:
     moved = here.by_tensions
     s, j = _openings(here, touches)
     gap, gap_jacobian = _gaps(here, s, j)
-    values = [here.states[P] / force, here.states[p] * L / force, gap / L]
+    values = [here.states[P] / force - pressed, here.states[p] * L / force, gap / L]
     jacobian = [moved[P] / force, moved[p] * L / force, gap_jacobian / L]
     return np.concatenate(values), np.vstack(jacobian)
 

@@ -51,6 +51,7 @@ class Program:
     scale: float
     units: Array
     has_history: bool = False
+    least: float = 0.0
 
     def units_of(self, terms: SettledTerms) -> Array:
         """Return the units of all unknowns."""
@@ -138,7 +139,7 @@ class Optimum:
     Attributes
     ----------
     terms : SettledTerms
-    lam_bounds, lam_match, lam_margin : multipliers of tensions, equality and inequality
+    lam_bounds, lam_equality, lam_inequality : multipliers of tensions, equality and inequality
         Scaled.
     kkt : float
         Residual of the first-order conditions, scaled.

@@ -15,26 +15,22 @@ from model.errors import OctoplanError
 from model.paths import Array
 from model.progress import tell
 from model.time_limit import OutOfTime, check_time, end, time_limit
-from planner.contact.descent import STEPS, descended
+from planner.contact.descent import STEPS
+from planner.contact.finishing import ABOUT, CLOSER, Finishing, lacks_stability
 from planner.contact.load_path import LoadPath, rubs
 from planner.contact.optima import LocalOptimum, agree, best_of, met
 from planner.contact.program import Program
-from planner.contact.settled_terms import SettledTerms
-from planner.contact.sqp import OPTIMAL, solve
+from planner.contact.sqp import solve
 from planner.contact.starts import starts
-from planner.contact.stated import FINE, ROUGH, along, program_of, tip_of
+from planner.contact.stated import FINE, ROUGH, along, program_of
 from planner.program.statement import Mode
 from planner.solve.search_result import SearchResult, Trial
 from planner.solve.task import Task
 
-# How close optimum and targets are asked to be, over the accuracy: while searching, at last.
-_CLOSER, _CLOSEST = 0.1, 0.01
 # The share of a time limit that the search may take; the rest is for the mesh that is asked for.
 _SEARCHED = 0.6
 # With friction, how far beyond what would do without it, of the way there.
 _SLID = (1.0, 1.5, 2.5)
-# The residual of an optimum on the rough mesh.
-_ABOUT = 1e-5
 # Steps of a start beyond those that led to the best so far, and how many times its effort starts
 # may take.
 _FEW, _DEARER = 20, 5.0
@@ -56,27 +52,40 @@ class ContactSearch:
     begin: LoadPath | None = None
 
     def run(self, seconds: float | None) -> SearchResult:
-        """Return the best optimum from the starts, or the best so far after so long."""
+        """Return the best optimum from the starts, or the best so far after so long.
+
+        Where none stands as well as is asked, from the starts once more, held to that from there.
+        """
+        with time_limit(seconds):
+            found, best, stopped = self._searched()
+            if best is not None and not stopped and lacks_stability(self.task, best):
+                held = replace(self, task=self.task.held(0.0))
+                again = held._searched()
+                if again[1] is not None and met([again[1]], self._close):
+                    return held._result(*again)
+        return self._result(found, best, stopped)
+
+    def _searched(self) -> tuple[list[LocalOptimum], LocalOptimum | None, bool]:
+        """Return optima on the rough mesh, the best on a fine one, whether time ended it."""
         found = list[LocalOptimum]()
         stopped, best = False, None
-        with time_limit(seconds):
-            left = end() - monotonic()
-            try:
-                with time_limit(_SEARCHED * left if isfinite(left) else None):
-                    for load_path in self._load_paths():
-                        found += self._from(load_path, found)
-                        goes_on = load_path == self.begin and met(found, self._close)
-                        if goes_on or agree(found, self._close):
-                            break
-                    check_time()
-            except OutOfTime:
-                stopped = True
-            try:
-                best = self._finished(found) if found else None
+        left = end() - monotonic()
+        try:
+            with time_limit(_SEARCHED * left if isfinite(left) else None):
+                for load_path in self._load_paths():
+                    found += self._from(load_path, found)
+                    goes_on = load_path == self.begin and met(found, self._close)
+                    if goes_on or agree(found, self._close):
+                        break
                 check_time()
-            except OutOfTime:
-                stopped, best = True, best or best_of(found, self._close)
-        return self._result(found, best, stopped)
+        except OutOfTime:
+            stopped = True
+        try:
+            best = Finishing(self.task, self.begin).best(found) if found else None
+            check_time()
+        except OutOfTime:
+            stopped, best = True, best or best_of(found, self._close)
+        return found, best, stopped
 
     def _result(
         self, found: list[LocalOptimum], best: LocalOptimum | None, stopped: bool
@@ -93,7 +102,12 @@ class ContactSearch:
             return SearchResult(statement, T, (), (), trials, stopped, load_path=tuple(way))
         end = best.optimum
         T = self.task.arm.by_section(end.terms.tensions)
-        lam = tuple(end.lam_bounds.tolist()), tuple(end.lam_equality.tolist())
+        if best.floor is not None:
+            statement = statement.but(modes=1, floor=best.floor)
+        held = end.lam_equality
+        if statement.modes:
+            held = np.append(held, end.lam_inequality[end.terms.inequalities - 1])
+        lam = tuple(end.lam_bounds.tolist()), tuple(held.tolist())
         return SearchResult(statement, T, *lam, trials, stopped, load_path=best.load_path)
 
     @property
@@ -130,53 +144,16 @@ class ContactSearch:
                 return []
         try:
             start = along(program, (*load_path[:-1], tuple(last.tolist())))
-            end = solve(program, start, _CLOSER * self.task.accuracy, _ABOUT, known, most)
+            end = solve(program, start, CLOSER * self.task.accuracy, ABOUT, known, most)
         except OctoplanError:
             return []
         if self.begin is not None and program.has_history:
             return [LocalOptimum(end, self.begin)]
         return [LocalOptimum(end, (*load_path[:-1], tuple(last.tolist())))]
 
-    def _finished(self, found: list[LocalOptimum]) -> LocalOptimum | None:
-        """Return the best optimum on a fine mesh, where a load path leads to it."""
-        left, program, edge = list(found), program_of(self.task, FINE, self.begin), None
-        while left:
-            best = best_of(left, self._close)
-            assert best is not None
-            ways = [best.load_path] if rubs(self.task.scene) else best.load_paths()
-            for load_path in ways:
-                start = self._there(program, load_path, best.optimum.terms)
-                if start is not None:
-                    close = _CLOSEST * self.task.accuracy
-                    end = descended(program, start, close, OPTIMAL)
-                    if end.kkt >= OPTIMAL:
-                        end = solve(program, end.terms, close)
-                    own = LocalOptimum(end, load_path)
-                    if self._there(program, load_path, end.terms) is None:
-                        continue
-                    if end.kkt < 3 * OPTIMAL and met([own], self._close):
-                        return own
-                    if not met([own], self._close):
-                        return edge or own
-                    edge = edge or own
-                    break
-            left.remove(best)
-        return edge or best_of(found, self._close)
-
     @cached_property
     def _rough(self) -> Program:
         return program_of(self.task, ROUGH, self.begin)
-
-    def _there(
-        self, program: Program, load_path: LoadPath, terms: SettledTerms
-    ) -> SettledTerms | None:
-        """Return the terms under these tensions on a load path; None if it leads elsewhere."""
-        try:
-            found = along(program, (*load_path, tuple(terms.tensions.tolist())))
-        except OctoplanError:
-            return None
-        off = np.abs(tip_of(found) - tip_of(terms)).max()
-        return found if off < 0.01 * self.task.arm.length else None
 
     def _slid(self, begin: LoadPath) -> list[Array]:
         """Return tensions as far as, and beyond, what the target takes without friction.

@@ -15,11 +15,11 @@ import numpy as np
 from model.arm import Arm
 from model.equilibrium.linearised import Linearised
 from model.paths import Array
-from model.scene import Scene
 from model.transcription.layout import POSE
-from planner.contact.equilibria import Equilibria, equilibria
+from planner.contact.equilibria import Equilibria
 from planner.contact.grasp_terms import GraspTerms, grasp_terms
 from planner.contact.pieces import piece_margins
+from planner.contact.standing import standing
 from planner.program.limits import natural_tensions
 from planner.program.terms import KINDS, stations_of, term_names, terms_function
 from planner.targets.base import Target
@@ -66,44 +66,42 @@ class SettledTerms:
 
 @dataclass(frozen=True, eq=False)
 class Settling:
-    """Settles an arm on meshes of a refinement, and evaluates targets.
+    """Settles an arm, and evaluates targets.
 
     Attributes
     ----------
-    arm, scene, targets
+    equilibria : Equilibria
+        Of the arm, on meshes with the targets' stations.
+    targets
         What is asked.
-    refinement : int
-    machine_code : bool
-    history : tuple of (n_tendons,)
-        With friction the load path from whose end the arm moves, in a straight line of tensions.
+    least : float
+        The stability that is asked for, the last inequality of the targets; 0 where the arm only
+        has to stand.
     """
 
-    arm: Arm
-    scene: Scene
+    equilibria: Equilibria
     targets: tuple[Target, ...]
-    refinement: int
-    machine_code: bool = False
-    history: tuple[tuple[float, ...], ...] = ()
+    least: float = 0.0
+    pressed: float = 0.0
 
-    @cached_property
-    def _equilibria(self) -> Equilibria:
-        mesh = stations_of(self.arm, self.targets), self.refinement
-        return equilibria(self.arm, self.scene, *mesh, self.machine_code, self.history)
+    @property
+    def _arm(self) -> Arm:
+        return self.equilibria.arm
 
     @cached_property
     def _force(self) -> float:
         """A unit of contact forces [N]."""
-        return float(natural_tensions(self.arm).min())
+        return float(natural_tensions(self._arm).min())
 
     @cached_property
     def _terms(self) -> tuple[ca.Function, ca.Function]:
         """(poses, numbers -> terms by kind), and their derivatives by the poses."""
-        terms = terms_function(self.arm, self.targets)
+        terms = terms_function(self._arm, self.targets)
         poses = ca.MX.sym("poses", *terms.size_in(0))
         numbers = ca.MX.sym("numbers", *terms.size_in(1))
         found = list(terms(poses, numbers, ca.MX(0, 1)))
         # Contact keeps gaps open by itself; where it does they do not move with the tensions.
-        inequalities = term_names(self.arm, self.targets)[KINDS.index("inequality")]
+        inequalities = term_names(self._arm, self.targets)[KINDS.index("inequality")]
         kept = [i for i, name in enumerate(inequalities) if name != CLEAR]
         found[KINDS.index("inequality")] = found[KINDS.index("inequality")][kept]
         jacobian = [ca.densify(ca.jacobian(value, poses)) for value in found]
@@ -119,38 +117,27 @@ class Settling:
         it comes to none, and near another where it would jump.
         """
         before = None if near is None else (near.here, near.snaps)
-        here, snaps = self._equilibria.at(tensions, before)
-        values, jacobian = self._of_poses(here)
+        here, snaps = self.equilibria.at(tensions, before)
         grasps = self._grasps(here, near, tangential)
-        z = np.cumsum([0, *(own.tangential.size for own in grasps)])
-        for kind in values:
-            jacobian[kind] = np.hstack([jacobian[kind], np.zeros((values[kind].size, z[-1]))])
-        for own, first, last in zip(grasps, z[:-1], z[1:], strict=True):
-            for kind, value, slope in (
-                ("equality", own.equality, own.equality_jacobian),
-                ("inequality", own.inequality, own.inequality_jacobian),
-            ):
-                wide = np.zeros((value.size, jacobian[kind].shape[1]))
-                wide[:, : tensions.size] = slope[:, : tensions.size]
-                wide[:, tensions.size + first : tensions.size + last] = slope[:, tensions.size :]
-                values[kind] = np.append(values[kind], value)
-                jacobian[kind] = np.vstack([jacobian[kind], wide])
-        inequalities = values["inequality"].size
-        own_values, own_jacobian = piece_margins(here, self._force)
-        values["inequality"] = np.append(values["inequality"], own_values)
-        none = np.zeros((own_values.size, z[-1]))
-        jacobian["inequality"] = np.vstack(
-            [jacobian["inequality"], np.hstack([own_jacobian, none])]
-        )
-        return SettledTerms(here, snaps, values, jacobian, inequalities, grasps)
+        z = np.cumsum([0, *(own.tangential.size for own in grasps)]).tolist()
+        rows = _Rows(*self._of_poses(here), z[-1])
+        for own, first in zip(grasps, z[:-1], strict=True):
+            rows.add("equality", own.equality, own.equality_jacobian, first)
+            rows.add("inequality", own.inequality, own.inequality_jacobian, first)
+        if self.least:
+            units = natural_tensions(self._arm)
+            rows.add("inequality", *standing(self.equilibria, (here, snaps), self.least, units))
+        inequalities = rows.values["inequality"].size
+        rows.add("inequality", *piece_margins(here, self._force, self.pressed))
+        return SettledTerms(here, snaps, rows.values, rows.jacobian, inequalities, grasps)
 
     def _of_poses(self, here: Linearised) -> tuple[dict[str, Array], dict[str, Array]]:
         """Return the terms of poses, and their derivatives by the tensions."""
         mesh, of = here.system.mesh, here.system.of
-        nodes = [mesh.node(s) for s in stations_of(self.arm, self.targets)]
+        nodes = [mesh.node(s) for s in stations_of(self._arm, self.targets)]
         places = of.nodes[nodes, :POSE]
         poses = here.states[places]
-        numbers = np.concatenate([target.parameters(self.arm) for target in self.targets])
+        numbers = np.concatenate([target.parameters(self._arm) for target in self.targets])
         moved = here.by_tensions[places.ravel()]
         values, jacobian = (function(poses.T, numbers) for function in self._terms)
         found = {kind: np.array(v).ravel() for kind, v in zip(KINDS, values, strict=True)}
@@ -174,3 +161,22 @@ class Settling:
                 first += before.tangential.size
             found.append(grasp_terms(here, hold, before, own))
         return tuple(found)
+
+
+class _Rows:
+    """Terms (n,) and their derivatives (n, n_tendons + n_z), by kind."""
+
+    def __init__(self, values: dict[str, Array], by_tensions: dict[str, Array], n_z: int) -> None:
+        self.values, self.jacobian = values, dict[str, Array]()
+        for kind, rows in by_tensions.items():
+            self.n = rows.shape[1]
+            self.jacobian[kind] = np.hstack([rows, np.zeros((len(rows), n_z))])
+
+    def add(self, kind: str, values: Array, jacobian: Array, first: int = 0) -> None:
+        """Append terms (k,), and derivatives by tensions and by numbers z from the first on."""
+        wide = np.zeros((values.size, self.jacobian[kind].shape[1]))
+        wide[:, : self.n] = jacobian[:, : self.n]
+        beyond = jacobian[:, self.n :]
+        wide[:, self.n + first : self.n + first + beyond.shape[1]] = beyond
+        self.values[kind] = np.append(self.values[kind], values)
+        self.jacobian[kind] = np.vstack([self.jacobian[kind], wide])

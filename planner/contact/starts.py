@@ -45,7 +45,8 @@ def starts(task: Task, program: Program) -> list[Array]:
 
 def _free(task: Task) -> Array:
     """Return the tensions of the arm that meets the targets without contact."""
-    free, bodies = beside_contacts(replace(task, starts=_FREE), Surroundings())
+    statement = task.statement.but(margin=0.0, modes=0)
+    free, bodies = beside_contacts(replace(task, statement=statement, starts=_FREE), Surroundings())
     if any(isinstance(target, Wrap) for target in task.targets):
         return np.ravel(Around(free, bodies).run(share_left())[0].tensions)
     return np.ravel(Search(free).run(share_left()).tensions)

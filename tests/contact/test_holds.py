@@ -10,6 +10,7 @@ from model.effects import Contact, ExactTendons, Extension
 from model.errors import InputError
 from model.obstacles import Capsule, Sphere
 from planner import plan
+from planner.contact.equilibria import Equilibria
 from planner.contact.settled_terms import Settling
 from planner.plan import HeldPlan
 from planner.plan_files import load_plan
@@ -112,7 +113,7 @@ def test_what_is_held_has_to_be_a_contact_of_the_scene() -> None:
 def test_tangential_forces_stay_the_same_whatever_axis_their_directions_are_across() -> None:
     """They jumped where the axis was taken anew, as the normal came nearer to it than to others."""
     hold, T = Hold(ROD, wrench(ASIDE), FRICTION), np.array([0.0, 0.6, 0.0, 0.0])
-    settling, normal = Settling(ARM, SCENE, (hold,), 2), pressed()[1]
+    settling, normal = Settling(Equilibria(ARM, SCENE, (), 2), (hold,)), pressed()[1]
     here = settling.at(T)
     force, [grasp], found = np.cross(normal, [0.1, 0.3, -0.2]), here.grasps, list[np.ndarray]()
     for axis in (np.eye(3)[1], np.eye(3)[0], normal + 0.1 * np.eye(3)[1]):

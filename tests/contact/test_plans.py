@@ -64,8 +64,6 @@ def test_what_is_not_stated_with_contact_is_refused() -> None:
     target = TipPosition((0.25, 0.05, 0.0))
     with pytest.raises(InputError, match="norm"):
         plan(ARM, target, SCENE, 30.0, norm="inf")
-    with pytest.raises(InputError, match="stability_margin"):
-        plan(ARM, target, SCENE, 30.0, stability_margin=0.5)
     with pytest.raises(InputError, match="inside at s"):
         plan(ARM, target, Scene(Contact(Sphere((0.15, 0.0, 0.0), 0.02))), 30.0)
     with pytest.raises(InputError, match="obstacles"):
