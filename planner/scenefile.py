@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from model import Arm, InputError, Scene
+from model.effects import SelfContact
 from model.errors import FileError
 from model.loads import check_loads
 from model.machine.compiled import Compile
@@ -115,7 +116,9 @@ def question_of(raw: dict[str, Any], name: str = "scene") -> Question:
     within = partial(_within, raw, name)
     arm = within("arm", arm_of, table.arm)
     scene = within("effects", scene_of, table.effects)
-    within("effects", lambda _: check_loads(arm, scene, contact=True), None)
+    # Contact of the arm with itself is refused by what does not state it: settle does.
+    apart = Scene(*(effect for effect in scene.effects if not isinstance(effect, SelfContact)))
+    within("effects", lambda _: check_loads(arm, apart, contact=True), None)
     winches = within(_winches_key(table), lambda own: winches_of(arm, own), table)
     if table.tensions is not None and not winches:
         within("tensions", lambda given: arm.flat(given), table.tensions)

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 from model import InputError
 from model.errors import FileError
-from model.loads import is_loaded
+from model.loads import check_loads, is_loaded
 from planner.scenefile import Question, converted, decoded, question_of, table_of, text_of
 from planner.sweeps.axes import Axis, values_of
 from planner.sweeps.definition import Sweep
@@ -88,6 +88,8 @@ def _checked_scene(raw: dict[str, Any], name: str, prefix: str) -> dict[str, Any
 
 
 def _check_compute(asked: Question, table: SweepTable) -> None:
+    if table.compute != "settle":
+        check_loads(asked.arm, asked.scene, contact=True)
     if table.compute == "plan":
         if not asked.targets or "tension_max" not in asked.options:
             raise InputError("compute", "plan", "plan for a scene with [target] and [limits]")

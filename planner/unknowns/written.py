@@ -10,6 +10,7 @@ import numpy as np
 from model import Anchorage, Arm, InputError, Linear, Sampled, Scene
 from model.effects import (
     Buoyancy,
+    Contact,
     Current,
     Effect,
     ExactTendons,
@@ -19,12 +20,14 @@ from model.effects import (
     PointLoad,
     PointMass,
     PrintedStatics,
+    SelfContact,
     Shear,
     TipLoad,
     Weight,
 )
 from model.paths import Path
 from planner.scenes.keys import MM, G
+from planner.scenes.obstacles import obstacle_table
 
 _TABLES: dict[str, tuple[type[Effect], tuple[str, ...]]] = {
     "shear": (Shear, ("k_s",)),
@@ -103,6 +106,8 @@ def _effects(scene: Scene) -> dict[str, Any]:
         "neo_hookean": rubber is not None,
         "anticlastic": rubber is not None and rubber.anticlastic,
         "as_printed": scene.has(PrintedStatics),
+        "self_contact": scene.has(SelfContact),
+        "contacts": [_contact(own) for own in scene.effects if isinstance(own, Contact)],
     }
     for key, (kind, fields) in _TABLES.items():
         effect = scene.find(kind)
@@ -117,6 +122,14 @@ def _effects(scene: Scene) -> dict[str, Any]:
         for m in masses
     ]
     return table
+
+
+def _contact(contact: Contact) -> dict[str, Any]:
+    """Return the table of what the arm may lean on; InputError for friction, which has no key."""
+    if contact.friction:
+        allowed = "0 where arms and scenes are written: friction of contacts has no key yet"
+        raise InputError("Contact.friction", contact.friction, allowed)
+    return obstacle_table(contact.obstacle)
 
 
 def _listed(value: Any) -> Any:

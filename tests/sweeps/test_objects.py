@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from model import Arm, InputError, Scene, settle
-from model.effects import Buoyancy, Extension, TipLoad, Weight
+from model.effects import Buoyancy, Contact, Extension, SelfContact, TipLoad, Weight
+from model.obstacles import Sphere
 from planner import sweep
 from planner.cli import main
 from planner.scenefile import question_of
@@ -78,6 +79,21 @@ def test_an_arm_and_a_scene_are_swept_as_their_files_are() -> None:
 
     arm = replace(ARM, material=replace(ARM.material, E=120e3))
     assert stiffer.tip.values == pytest.approx(settle(arm, tensions(), scene, 1e-5).tip, abs=1e-9)
+
+
+def test_contacts_are_swept_along() -> None:
+    T = np.zeros((3, 4))
+    T[2, 2], T[1, 2] = 2.0, 0.5
+    scene = Scene.silicone() + Contact(Sphere((0.2349, 0.1847, 0.0), 0.03))
+    found = sweep(ARM, scene=scene, tensions=T, axes={"arm.E_kPa": [110.0]})
+    with_contact = settle(ARM, T, scene).tip
+    assert np.linalg.norm(with_contact - settle(ARM, T, Scene.silicone()).tip) > 1e-3
+    assert found.tip.values[0] == pytest.approx(with_contact, abs=1e-6)
+
+
+def test_contact_with_itself_is_written_and_read() -> None:
+    scene = Scene.silicone(SelfContact())
+    assert question_of(scene_table(ARM, scene)).scene == scene
 
 
 def test_plans_and_draws_too(tmp_path: Path) -> None:
