@@ -1,22 +1,68 @@
-"""How far a long computation is, for whoever listens; nobody does unless asked to."""
+"""How far a long computation is: a line on a terminal or in a notebook, and in the log.
+
+Loops that take long report (`tell`, `told`). Whoever listens hears it: a public function that is
+called by a user shows a line once it takes more than `DELAY` seconds (`with_progress`); what such
+functions call inside of each other reports to that one line. All reports go to the log too, logger
+`model.progress`, level INFO.
+"""
 
 from __future__ import annotations
 
+import logging
+import sys
+import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
-from typing import TypeVar
+from functools import wraps
+from shutil import get_terminal_size
+from typing import Any, ParamSpec, TypeVar
+
+from model.errors import InputError
 
 Listener = Callable[[str, float, float], None]
+P = ParamSpec("P")
 T = TypeVar("T")
 
+_log = logging.getLogger(__name__)
 _listener: ContextVar[Listener | None] = ContextVar("listener", default=None)
+# After how many seconds a line is shown, and how often the time that has passed is written anew.
+DELAY, _EVERY = 2.0, 0.5
+
+
+def with_progress(function: Callable[P, T]) -> Callable[P, T]:
+    """Let a function show how far it is, as its keyword argument `progress` says.
+
+    None: on terminals and in notebooks, once it takes more than two seconds; True: anywhere, from
+    the beginning; False: never. Inside of a call that shows a line already, that one goes on.
+    """
+
+    @wraps(function)
+    def call(*args: P.args, **kwargs: P.kwargs) -> T:
+        progress = kwargs.get("progress")
+        if progress is None and _listener.get() is not None:
+            return function(*args, **kwargs)
+        with progress_line(progress):
+            return function(*args, **kwargs)
+
+    return call
+
+
+def progress_line(progress: Any = None) -> AbstractContextManager[None]:
+    """Show how far things are inside a `with` block; see with_progress. Raises InputError."""
+    if progress is None or progress is True:
+        return _Line(always=bool(progress))
+    if progress is False:
+        return listening(None)
+    allowed = "None (after 2 s, on terminals and in notebooks), True or False"
+    raise InputError("progress", progress, allowed)
 
 
 @contextmanager
 def listening(listener: Listener | None) -> Iterator[None]:
-    """Let a listener hear what is told inside the block; None hears nothing."""
-    token = _listener.set(listener)
+    """Let a listener hear what is told inside the block; None: nobody does."""
+    token = _listener.set(listener or _nobody)
     try:
         yield
     finally:
@@ -25,6 +71,7 @@ def listening(listener: Listener | None) -> Iterator[None]:
 
 def tell(what: str, done: float = 0, of: float = 0) -> None:
     """Say that `done` parts `of` all are done, of something that takes long; of 0: not known."""
+    _log.info("%s%s", what, f": {done:g} of {of:g}" if of else "")
     listener = _listener.get()
     if listener is not None:
         listener(what, done, of)
@@ -35,6 +82,69 @@ def told(what: str, items: Sequence[T]) -> Iterator[T]:
     listener = _listener.get()
     with listening(None):
         for i, item in enumerate(items):
+            _log.info("%s: %d of %d", what, i, len(items))
             if listener is not None:
                 listener(what, i, len(items))
             yield item
+
+
+def _nobody(what: str, done: float, of: float) -> None:
+    """Hear nothing."""
+
+
+class _Line:
+    """A line of tqdm's on stderr: the phase and the time that has passed.
+
+    A thread, which the first report starts, writes it, also while a phase reports nothing more.
+    Calls of a fraction of a millisecond report nothing, and pay a microsecond.
+    """
+
+    __slots__ = ("_always", "_begin", "_clock", "_closed", "_text", "_token")
+    _clock: threading.Thread | None
+    _closed: threading.Event
+    _text: str
+
+    def __init__(self, always: bool) -> None:
+        self._always, self._clock = always, None
+
+    def __enter__(self) -> None:
+        self._begin = time.monotonic()
+        self._token = _listener.set(self)
+
+    def __exit__(self, *_: object) -> None:
+        """Take the line away."""
+        _listener.reset(self._token)
+        if self._clock is not None:
+            self._closed.set()
+            self._clock.join()
+
+    def __call__(self, what: str, done: float, of: float) -> None:
+        self._text = f"{what}: {done:g} of {of:g}" if of else what
+        if self._clock is None and (self._always or _is_watched()):
+            self._closed = threading.Event()
+            self._clock = threading.Thread(target=self._write, daemon=True)
+            self._clock.start()
+
+    def _write(self) -> None:
+        delay = 0.0 if self._always else self._begin + DELAY - time.monotonic()
+        if self._closed.wait(max(delay, 0.0)):
+            return
+        from tqdm import tqdm  # type: ignore[import-untyped]
+
+        # Of a terminal that does not tell its size tqdm would write nothing.
+        size = get_terminal_size()
+        room = {"ncols": size.columns - 1, "nrows": size.lines}
+        with tqdm(file=sys.stderr, leave=False, bar_format="{desc}", **room) as line:
+            while True:
+                minutes, seconds = divmod(int(time.monotonic() - self._begin), 60)
+                line.set_description_str(f"{self._text} [{minutes:02d}:{seconds:02d}]")
+                if self._closed.wait(_EVERY):
+                    return
+
+
+def _is_watched() -> bool:
+    """Return whether someone may look at stderr: a terminal, or a notebook."""
+    if sys.stderr is not None and sys.stderr.isatty():
+        return True
+    shell: Any = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
+    return shell is not None and "IPKernelApp" in shell.config

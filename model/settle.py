@@ -36,6 +36,7 @@ from model.mesh_refinement import (
     next_refinement,
 )
 from model.paths import Array
+from model.progress import with_progress
 from model.scene import Scene
 from model.shape import Shape
 from model.shortest import too_short
@@ -55,6 +56,7 @@ _ROUGHLY = 1e-3
 _CLOSE = 1e-9
 
 
+@with_progress
 def settle(
     arm: Arm,
     tensions: Any = None,
@@ -67,6 +69,7 @@ def settle(
     tendon_EA: float | None = None,
     tendon_outside: float = 0.0,
     near: Shape | None = None,
+    progress: bool | None = None,
 ) -> Shape:
     """Return the shape that an arm takes under tensions, or by lengths that winches leave.
 
@@ -103,6 +106,9 @@ def settle(
         A shape of the same arm and scene nearby, whose tensions and branch are begun with. With
         friction of contacts the arm moves from it, in a straight line of tensions; its scene may
         have other friction there, or none.
+    progress : bool
+        Whether a line tells how far it is: unless given, after two seconds, on terminals and in
+        notebooks.
 
     Raises
     ------

@@ -11,13 +11,12 @@ from contextlib import contextmanager
 from model import InputError, OctoplanError, UnitWarning
 from model.errors import CompilerError, TimeLimitError, shortened
 from model.extras import MissingExtraError
-from model.progress import listening
+from model.progress import progress_line, tell
 from model.time_limit import OutOfTime, time_limit
 from planner.commands.command import BAD_INPUT, BROKEN_PIPE, GRACE, NO_OUTPUT, NOT_REACHED
 from planner.commands.deliver import deliver
 from planner.commands.ending import ended_from_outside
 from planner.commands.output import OutputError, discard
-from planner.commands.progress import Bar
 from planner.commands.register import COMMANDS
 from planner.commands.usage import UsageError, parse
 
@@ -48,7 +47,9 @@ def _run(argv: Sequence[str]) -> int:
     seconds = getattr(args, "time_limit", None)
     try:
         with time_limit(None if seconds is None else seconds + GRACE):
-            with _warned(), _logged() if verbose else _shown():
+            with _warned(), _logged() if verbose else progress_line():
+                if not verbose:
+                    tell("working")
                 answer = args.run(args)
             deliver(answer, args)
     except OutOfTime:
@@ -71,17 +72,6 @@ def _warned() -> Iterator[None]:
         finally:
             for told in dict.fromkeys(str(own.message) for own in caught):
                 sys.stderr.write(f"octoplan: beware: {shortened(told, _LONG)}\n")
-
-
-@contextmanager
-def _shown() -> Iterator[None]:
-    """Show how far things are inside the block."""
-    bar = Bar()
-    try:
-        with listening(bar):
-            yield
-    finally:
-        bar.close()
 
 
 @contextmanager

@@ -18,6 +18,7 @@ from model.machine.compiled import Compile, checked_compile
 from model.mesh_refinement import checked_accuracy
 from model.obstacles import check_obstacles
 from model.paths import Array
+from model.progress import with_progress
 from model.scene import Scene
 from model.settle import checked_scene
 from model.shape import Shape
@@ -147,6 +148,7 @@ class HeldPlan(Plan):
         return optimality_of(Task(*asked, self.machine_code), T, self.load_path)
 
 
+@with_progress
 def plan(
     arm: Arm,
     target: Target | Iterable[Target],
@@ -168,6 +170,7 @@ def plan(
     self_clearance: bool = False,
     stroke_max: Any = None,
     stroke_min: Any = None,
+    progress: bool | None = None,
 ) -> Plan:
     """Return the tensions of least effort that give an arm the shape that a target wants.
 
@@ -223,6 +226,9 @@ def plan(
         too (`Plan.strokes`); no limit unless given.
     stroke_min : float, or one for each tendon
         The least: 0 or below, how far they can pay out; as far as they take in unless given.
+    progress : bool
+        Whether a line tells how far it is: unless given, after two seconds, on terminals and in
+        notebooks.
 
     Returns
     -------

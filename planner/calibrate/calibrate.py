@@ -17,7 +17,7 @@ from model.errors import OctoplanError
 from model.machine.compiled import Compile, checked_compile
 from model.mesh_refinement import checked_accuracy, estimate
 from model.paths import Array
-from model.progress import tell
+from model.progress import tell, with_progress
 from model.settle import checked_scene
 from planner.calibrate.calibration import Calibration
 from planner.calibrate.experiment import Evaluation, Experiment, UnsettledShapeError
@@ -41,6 +41,7 @@ _LOOSER = 1e4
 _FINER = ((2, _COARSE), (2, STAGES), (4, STAGES), (8, STAGES))
 
 
+@with_progress
 def calibrate(
     arm: Arm,
     scene: Scene | None,
@@ -53,6 +54,7 @@ def calibrate(
     seed: int = 0,
     accuracy: float = ACCURACY,
     compile: Compile = False,  # noqa: A002  (the name that scripts use)
+    progress: bool | None = None,
 ) -> Calibration:
     """Return the arm, and the scene, that explain measured shapes best.
 
@@ -78,6 +80,9 @@ def calibrate(
     compile : bool or "auto"
         Whether to work by machine code; see settle. All shapes are settled side by side then, and
         values differ by less than a thousandth of their standard errors.
+    progress : bool
+        Whether a line tells how far it is: unless given, after two seconds, on terminals and in
+        notebooks.
 
     Raises
     ------

@@ -12,7 +12,7 @@ from model import Arm, InputError, Scene
 from model.effects import PrintedStatics
 from model.errors import OctoplanError
 from model.paths import Array
-from model.progress import tell
+from model.progress import tell, with_progress
 from model.settle import checked_scene
 from planner.design.designed import Design
 from planner.design.making import Making
@@ -31,6 +31,7 @@ from planner.unknowns.unknown import Unknown
 _END = 1e-6
 
 
+@with_progress
 def design(
     arm: Arm,
     targets: Iterable[Any],
@@ -43,6 +44,7 @@ def design(
     begins: int = 3,
     starts: int | None = None,
     seed: int = 0,
+    progress: bool | None = None,
 ) -> Design:
     """Return the arm for which several tasks take the least effort together, or another objective.
 
@@ -69,6 +71,9 @@ def design(
         Initial guesses of each plan; see plan.
     seed : int
         Of the other arms.
+    progress : bool
+        Whether a line tells how far it is: unless given, after two seconds, on terminals and in
+        notebooks.
 
     Raises
     ------

@@ -11,7 +11,7 @@ from typing import Any
 from model.arm import Arm
 from model.errors import InputError
 from model.extras import needed
-from model.progress import tell
+from model.progress import tell, with_progress
 from model.time_limit import check_time
 from planner.sweeps.cluster import on_cluster
 from planner.sweeps.dataset import dataset
@@ -27,6 +27,7 @@ from planner.sweeps.workers import Found, here, on_machine
 _log = logging.getLogger("planner.sweeps")
 
 
+@with_progress
 def sweep(
     asked: str | Path | Arm,
     out: str | Path | None = None,
@@ -34,6 +35,7 @@ def sweep(
     jobs: int = 1,
     scheduler: str | None = None,
     axes: Mapping[str, Any] | None = None,
+    progress: bool | None = None,
     **others: Any,
 ) -> Any:
     """Return what is asked for at many values of a scene, as an xarray Dataset.
@@ -59,6 +61,9 @@ def sweep(
     axes : mapping
         With an Arm: by the key that the value has in a scene file, in its unit, the values; or what
         a [[sweep.axes]] table holds, such as {"distribution": "uniform", "low": 80, "high": 120}.
+    progress : bool
+        Whether a line tells how far it is: unless given, after two seconds, on terminals and in
+        notebooks.
     **others
         With an Arm: `scene`, `target` (one or several), `tensions` [N], `tension_max` [N];
         `compute`, "plan" with a target and else "settle", or "stiffness"; `draws`, `seed`; and

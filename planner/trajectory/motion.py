@@ -15,6 +15,7 @@ from model.loads import contacts
 from model.machine.compiled import Compile, checked_compile
 from model.mesh_refinement import checked_accuracy
 from model.paths import Array
+from model.progress import with_progress
 from model.scene import Scene
 from model.settle import checked_scene
 from model.time_limit import OutOfTime, limited
@@ -34,6 +35,7 @@ from planner.trajectory.touching import check_touching, planned_touching
 _LATE = 1e-6
 
 
+@with_progress
 def trajectory(
     arm: Arm,
     targets: Any,
@@ -56,6 +58,7 @@ def trajectory(
     stroke_max: Any = None,
     stroke_min: Any = None,
     time_limit: float | None = None,
+    progress: bool | None = None,
 ) -> Trajectory:
     """Return tensions over time that bring an arm through targets, in the least time or effort.
 
@@ -89,6 +92,9 @@ def trajectory(
         time it goes around them; that it waits for them is not tried.
     time_limit : float
         [s].
+    progress : bool
+        Whether a line tells how far it is: unless given, after two seconds, on terminals and in
+        notebooks.
 
     Raises
     ------

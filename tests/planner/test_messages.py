@@ -9,12 +9,10 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from planner.cli import main
-from planner.commands.progress import Bar
 from planner.scenefile import load
 
 ROOT = Path(__file__).parents[2]
@@ -146,36 +144,6 @@ def test_silicone_is_a_key(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     text = SCENE.replace("extension = true", "silicone = true\nanticlastic = true")
     swollen = Scene.silicone(NeoHookean(anticlastic=True))
     assert load(written(tmp_path, text)).scene == swollen
-
-
-class _Terminal:
-    def __init__(self) -> None:
-        self.written = ""
-
-    def isatty(self) -> bool:
-        return True
-
-    def write(self, text: str) -> int:
-        self.written += text
-        return len(text)
-
-    def flush(self) -> None:
-        pass
-
-
-def test_time_goes_on_while_a_phase_says_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    screen: Any = _Terminal()
-    monkeypatch.setattr("sys.stderr", screen)
-    monkeypatch.setattr("planner.commands.progress.DELAY", 0.05)
-    monkeypatch.setattr("planner.commands.progress._EVERY", 0.02)
-    bar = Bar()
-    bar("verifying", 0, 0)
-    while "verifying [00:" not in screen.written:
-        time.sleep(0.01)
-    bar.close()
-    after = screen.written
-    time.sleep(0.1)
-    assert screen.written == after
 
 
 def test_an_interrupted_sweep_says_what_is_kept(tmp_path: Path) -> None:
