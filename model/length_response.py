@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from model.compliance import sensitivities
 from model.paths import Array
 from model.shape import Shape
-from model.winches import least_compliance
+from model.winches import least_compliance, pulls
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,14 +43,15 @@ def length_response(shape: Shape) -> LengthResponse:
     Slack tendons stay slack and taut ones taut: it holds for changes that are small enough.
     """
     found, T = sensitivities(shape, shape.arm.length, shape.refinement), shape.tensions
+    pulling = pulls(shape.arm, T)
     winches = shape.winches
     held = np.ones(T.size, dtype=bool) if winches is None else winches.held
     stretch = np.zeros(T.size) if winches is None else winches.stretch
     longer = 1 + T / (np.inf if winches is None else winches.tendon_EA)
-    taut = np.flatnonzero(held & (T > 0))
+    taut = np.flatnonzero(held & pulling)
     own = stretch[taut] + least_compliance(shape.arm)
     M = np.diag(own) - found.length_tension[np.ix_(taut, taut)]
     tension = np.zeros((T.size, T.size))
     tension[np.ix_(taut, taut)] = -np.linalg.solve(M, np.diag(longer[taut]))
     pose = found.pose_tension @ tension
-    return LengthResponse(held & (T > 0), tension, pose[:3], pose[3:])
+    return LengthResponse(held & pulling, tension, pose[:3], pose[3:])

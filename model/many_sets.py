@@ -21,6 +21,7 @@ from model.settle import settle
 from model.shapes import Problems, Shapes
 from model.time_limit import check_time
 from model.unloaded.stretch import LEAST_STRETCH, check_stretch
+from model.winches import pulls
 
 
 class Tips(Protocol):
@@ -66,9 +67,8 @@ class ManySets:
             left = self._left(left)
         lost = self.problems.rows
         self.poses[lost, 0] = 1.0  # what has no frame is not made one of
-        found = Shapes(
-            self.poses[:, 4:], matrices(self.poses[:, :4]), self.errors, self.T, self.T == 0
-        )
+        slack = ~pulls(self.arm, self.T)
+        found = Shapes(self.poses[:, 4:], matrices(self.poses[:, :4]), self.errors, self.T, slack)
         return self.problems.kept(found)
 
     def _left(self, among: Any) -> Any:

@@ -28,11 +28,11 @@ from model.paths import Array
 from model.report import shape_text, tendon_table
 from model.rotations import matrices
 from model.scene import Scene
-from model.text import in_notebook
+from model.text import in_notebook, plotted
 from model.transcription.collocation import gauss
 from model.unloaded.folded import folded
 from model.unloaded.tendon_lengths import tendon_lengths
-from model.winches import Winches
+from model.winches import Winches, pulls
 
 # What is left of a tendon, over the arm's length, from which on it is slack.
 _LEFT = 1e-10
@@ -91,9 +91,9 @@ class Shape:
         """Whether each tendon is slack (n_sections, n), or (n_tendons,) where sections differ.
 
         One held by length that does not pull and has some of it left; one held by tension that does
-        not pull.
+        not pull. What pulls is decided by model.winches.pulls.
         """
-        none = self.tensions == 0
+        none = ~pulls(self.arm, self.tensions)
         if self.left is not None:
             none &= ~(self.left <= _LEFT * self.arm.length)
         return self.arm.by_section(none.astype(float)) > 0
@@ -126,6 +126,11 @@ class Shape:
         """
         asked = (self.arm, self.scene, self.tensions, self.refinement, self.machine_code)
         return folded(*asked)
+
+    @property
+    def lengths(self) -> Array:
+        """Tendon lengths [m], a row a section as `Plan.lengths`, flat where sections differ."""
+        return self.arm.by_section(self.tendon_lengths)
 
     @property
     def tip(self) -> Array:
@@ -172,6 +177,10 @@ class Shape:
 
     def _repr_html_(self) -> str:
         return in_notebook(self)
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw the arm in 3-D; returns a new Figure, or the 3-D axes if given. See plot_shape."""
+        return plotted(self, ax)
 
     def strains(self, s: Any) -> Array:
         """Return tau, xi, k, q, and nu_n, nu_b with shear, (N, 4 or 6), at arc length s [m]."""

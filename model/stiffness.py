@@ -21,7 +21,7 @@ from model.scene import Scene
 from model.settle import ACCURACY, settle
 from model.shape import Shape
 from model.text import in_notebook
-from model.winches import checked_EA, least_compliance
+from model.winches import checked_EA, least_compliance, pulls
 
 Hold = Literal["tension", "length"]
 HOLDS: tuple[Hold, ...] = ("tension", "length")
@@ -202,14 +202,14 @@ def stiffness(
         held["tendon_EA"] = tendon_EA
     shape = settle(arm, tensions, scene, accuracy, **held)
     found, T = compliance_of(shape, place, accuracy), shape.tensions
-    here = found.sensitivities
-    slack = tuple(arm.tendon_name(int(j)) for j in np.flatnonzero(T == 0))
+    here, pulling = found.sensitivities, pulls(arm, T)
+    slack = tuple(arm.tendon_name(int(j)) for j in np.flatnonzero(~pulling))
     C, response, locked = here.pose_wrench, np.zeros((T.size, 6)), np.zeros(0, int)
     if hold == "length":
-        locked = np.flatnonzero(T > 0) if release else np.arange(T.size)
+        locked = np.flatnonzero(pulling) if release else np.arange(T.size)
         stretch = here.lengths[locked] / tendon_EA if tendon_EA else np.zeros(locked.size)
         if shape.winches is not None:
-            locked = np.flatnonzero(shape.winches.held & (T > 0))
+            locked = np.flatnonzero(shape.winches.held & pulling)
             stretch = shape.winches.stretch[locked]
         own = here.length_tension[np.ix_(locked, locked)] - np.diag(stretch)
         own -= least_compliance(arm) * np.eye(locked.size)

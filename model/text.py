@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import base64
 import html
+import io
 from collections.abc import Callable, Sequence
 from typing import Any
+
+from model.errors import OctoplanError
 
 # Tendons in a line of a table; lines of a table in a repr.
 _ACROSS, MOST_LINES = 6, 12
 
-# How the figure of a kind of result is drawn, as PNG; whoever can draw says so.
-_figures: dict[type, Callable[[Any], bytes]] = {}
+# How the figure of a kind of value is drawn, and its table written; whoever can says so.
+_shown: dict[type, tuple[Callable[..., Any] | None, Callable[[Any], str] | None]] = {}
 
 
 def columns(rows: Sequence[Sequence[str]], left: int = 1) -> list[str]:
@@ -67,16 +70,63 @@ def tendon_lines(
     return lines
 
 
-def drawn_by(kind: type, draw: Callable[[Any], bytes]) -> None:
-    """Let notebooks show values of a kind with a figure, as PNG."""
-    _figures[kind] = draw
+def shown_by(
+    kind: type, plot: Callable[..., Any] | None = None, table: Callable[[Any], str] | None = None
+) -> None:
+    """Let notebooks show values of a kind by a figure, `plot(value, ax)`, and a table as HTML."""
+    _shown[kind] = plot, table
+
+
+def plotted(value: Any, ax: Any = None) -> Any:
+    """Return the figure of a value, or draw it in axes and return these.
+
+    Raises OctoplanError where nothing is loaded that draws.
+    """
+    plot, _ = _shown_as(value)
+    if plot is None:
+        raise OctoplanError("figures are drawn by octoplan: import octoplan, or planner")
+    return plot(value, ax)
+
+
+def preformatted(text: str) -> str:
+    """Return a text as it stands, in HTML; long lines are broken."""
+    return f"<pre style='white-space:pre-wrap'>{html.escape(text)}</pre>"
+
+
+def html_table(rows: Sequence[Sequence[str]], title: str = "") -> str:
+    """Return rows as a table in HTML, the first as its head; numbers are flush right."""
+    lines = [f"<caption style='text-align:left'>{html.escape(title)}</caption>"] if title else []
+    for i, row in enumerate(rows):
+        tag = "td" if i else "th"
+        sides = ["right" if _is_number(cell) else "left" for cell in row]
+        cells = [
+            f"<{tag} style='text-align:{side}'>{html.escape(cell)}</{tag}>"
+            for side, cell in zip(sides, row, strict=True)
+        ]
+        lines.append(f"<tr>{''.join(cells)}</tr>")
+    return f"<table>{''.join(lines)}</table>"
 
 
 def in_notebook(value: Any) -> str:
-    """Return HTML: the figure of a value, where one can be drawn, and its text."""
-    text = f"<pre>{html.escape(str(value))}</pre>"
-    draw = _figures.get(type(value))
-    if draw is None:
+    """Return HTML: the figure of a value, where one can be drawn, and its table, or its text."""
+    plot, table = _shown_as(value)
+    text = preformatted(str(value)) if table is None else table(value)
+    if plot is None:
         return text
-    png = base64.b64encode(draw(value)).decode()
+    file = io.BytesIO()
+    plot(value).savefig(file, format="png")
+    png = base64.b64encode(file.getvalue()).decode()
     return f'<img src="data:image/png;base64,{png}" style="max-width: 100%"/>{text}'
+
+
+def _shown_as(value: Any) -> tuple[Callable[..., Any] | None, Callable[[Any], str] | None]:
+    kinds = type(value).__mro__
+    return next((_shown[kind] for kind in kinds if kind in _shown), (None, None))
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True

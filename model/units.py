@@ -7,8 +7,9 @@ told once at the line that gave them. `warnings.simplefilter("ignore", UnitWarni
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Iterable
+
+from model.warn import warn
 
 # Lengths of arms [m], moduli [Pa]: nothing that is driven by tendons is outside of these.
 _SHORT, _LONG = 2e-3, 30.0
@@ -115,4 +116,4 @@ def warn_of_strokes(field: str, shares: Iterable[float]) -> None:
 
 
 def _warn(told: str) -> None:
-    warnings.warn(told, UnitWarning, stacklevel=5)
+    warn(told, UnitWarning)

@@ -22,6 +22,9 @@ from model.transcription.collocation import gauss
 _LEAST_COMPLIANCE = 1e-10
 # Of the mesh on which lengths at rest are summed up.
 _REST = 16
+# A tendon pulls where its tension shortens it, in the straight arm, by more than this share of the
+# arm's length; below is rounding of solvers.
+_PULLS = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,6 +137,15 @@ def rest_lengths(arm: Arm) -> Array:
     count from there: what a winch has taken in.
     """
     return np.array(_rest_lengths(arm))
+
+
+def pulls(arm: Arm, tensions: Array) -> NDArray[np.bool_]:
+    """Return which tendons pull, of tensions (..., n_tendons) [N]; the others are slack.
+
+    A tendon is slack below 1e-8 L / C, with C the compliance of all tendons, see arm_compliance:
+    less than that moves the arm by rounding alone.
+    """
+    return np.asarray(tensions > _PULLS * arm.length / arm_compliance(arm))
 
 
 @lru_cache(maxsize=64)

@@ -1,12 +1,13 @@
 """Tension allocation for tendon-driven arms: all public names in one place, and the command line.
 
 `octoplan.plan`, `octoplan.Arm`, `octoplan.Weight` and the others are those of `model`, `planner`,
-`model.effects`, `model.obstacles` and `planner.targets`, which remain importable themselves. They
-are loaded at first use, so that `import octoplan` costs nothing.
+`model.effects`, `model.obstacles`, `planner.targets` and `planner.plots`, which remain importable
+themselves. They are loaded at first use, so that `import octoplan` costs nothing.
 """
 
 from __future__ import annotations
 
+import difflib
 import os
 import signal
 import sys
@@ -20,11 +21,19 @@ if TYPE_CHECKING:
     from model.effects import *
     from model.obstacles import *
     from planner import *
+    from planner.plots import *
     from planner.targets import *
 
     __version__: str
 
-_MODULES = ("model", "model.effects", "model.obstacles", "planner", "planner.targets")
+_MODULES = (
+    "planner",
+    "model",
+    "model.effects",
+    "model.obstacles",
+    "planner.targets",
+    "planner.plots",
+)
 _SAID = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 
 
@@ -66,7 +75,9 @@ def __getattr__(name: str) -> Any:
         for module in map(import_module, _MODULES):
             if name in module.__all__:
                 return getattr(module, name)
-    raise AttributeError(f"module 'octoplan' has no attribute {name!r}")
+    near = difflib.get_close_matches(name, [] if name.startswith("_") else _names(), n=1)
+    advice = f"; did you mean {near[0]!r}?" if near else ""
+    raise AttributeError(f"module 'octoplan' has no attribute {name!r}{advice}")
 
 
 def __dir__() -> list[str]:

@@ -123,11 +123,11 @@ class Answer:
 
     @property
     def strokes(self) -> Array:
-        """What is taken in of each tendon from the straight arm at rest [m], likewise.
+        """What is taken in of each tendon from where winches are zeroed [m], likewise; see plan.
 
         Of a slack tendon the most that may be without its pulling.
         """
-        return self.arm.by_section(strokes(self.shape))
+        return self.arm.by_section(strokes(self.shape, self.limits.stroke_zero))
 
     @cached_property
     def certificate(self) -> Certificate:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from model.text import columns
+from model.text import columns, in_notebook
 from planner.avoidance.asked import told
 from planner.on_request import OnRequest
 
@@ -174,13 +174,17 @@ class Certificate:
         """Whether target, limits and first-order optimality are verified to the tolerances."""
         return not self.failures
 
+    def _repr_html_(self) -> str:
+        return in_notebook(self)
+
     def __str__(self) -> str:
         head = f"certificate: {'PASSED' if self.passed else 'FAILED'} (checked by {self.scheme})"
-        lines = columns([["  " + name, told, note] for name, told, note in self._rows()], left=3)
+        lines = columns([["  " + name, told, note] for name, told, note in self.rows], left=3)
         lines += [f"  beware: {warning}" for warning in self.warnings]
         return "\n".join([head, *lines, *(f"  failed: {failure}" for failure in self.failures)])
 
-    def _rows(self) -> list[tuple[str, str, str]]:
+    @property
+    def rows(self) -> list[tuple[str, str, str]]:
         """Return what was checked: name with unit, value, what is allowed."""
         most = f"at most {self.tolerance:.0e}"
         found = [(name, value, most) for name, value in self.equality.items()]

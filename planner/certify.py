@@ -135,7 +135,7 @@ def _stroke_excess(shape: Shape, limits: Limits) -> float:
     """Return the largest violation of a limit of strokes, over the arm's length."""
     if limits.strokes is None:
         return 0.0
-    (least, most), found = limits.strokes, strokes(shape)
+    (least, most), found = limits.strokes, strokes(shape, limits.stroke_zero)
     over = max(float((least - found).max()), float((found - most).max()), 0.0)
     return over / shape.arm.length
 

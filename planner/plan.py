@@ -55,6 +55,7 @@ from planner.solve.task import Task
 from planner.targets.base import Target
 from planner.targets.hold import Hold
 from planner.targets.wrap import Wrap
+from planner.tendon_lengths import zeroed_at
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,6 +172,7 @@ def plan(
     stroke_max: Any = None,
     stroke_min: Any = None,
     progress: bool | None = None,
+    stroke_zero: Any = "straight",
 ) -> Plan:
     """Return the tensions of least effort that give an arm the shape that a target wants.
 
@@ -222,13 +224,16 @@ def plan(
     self_clearance : bool
         Whether it stays as far from itself and from the far side of its base plane.
     stroke_max : float, or one for each tendon
-        The most that winches take in of tendons from the straight arm at rest [m], of slack ones
-        too (`Plan.strokes`); no limit unless given.
+        The most that winches take in of tendons from where they are zeroed [m], of slack ones too
+        (`Plan.strokes`); no limit unless given.
     stroke_min : float, or one for each tendon
         The least: 0 or below, how far they can pay out; as far as they take in unless given.
     progress : bool
         Whether a line tells how far it is: unless given, after two seconds, on terminals and in
         notebooks.
+    stroke_zero : "straight", "at rest", Shape, or lengths (n_tendons,)
+        Where winches are zeroed, and strokes count from: at the straight arm without loads, at the
+        arm as it stands in the scene without tensions, at a shape, at lengths of tendons [m].
 
     Returns
     -------
@@ -247,6 +252,7 @@ def plan(
     seconds = None if time_limit is None else positive("time_limit", time_limit)
     strokes = (stroke_max, stroke_min)
     limits = checked_limits(arm, scene, tension_max, tension_min, total_pull, strokes)
+    limits = replace(limits, stroke_zero=zeroed_at(arm, scene, stroke_zero))
     check_compliance_requests(targets, scene, limits)
     statement = stated(scene, targets, limits, norm, form, stability_margin)
     more = checked_accuracy(accuracy), checked_compile(compile), checked_starts(starts)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -28,6 +29,7 @@ from planner.scenes.mistakes import mistake, shown
 from planner.solve.search_result import SearchResult, Trial
 from planner.solve.task import Task
 from planner.targets.base import Target
+from planner.tendon_lengths import zeroed_at
 
 R = TypeVar("R")
 
@@ -93,6 +95,10 @@ def _task(within: _Within, record: PlanRecord) -> Task:
         lambda: Limits.of(arm, upper, lower, own.total).with_strokes(arm, most, least),
     )
     within("question.limits.strokes", lambda: check_strokes(scene, limits))
+    if own.stroke_zero is not None:
+        zero = _floats(own.stroke_zero, name, "question.limits.stroke_zero")
+        lengths = within("question.limits", lambda: zeroed_at(arm, scene, zero))
+        limits = replace(limits, stroke_zero=lengths)
     targets = within("question.targets", lambda: check_targets(arm, found))
     accuracy = within("question.accuracy", lambda: checked_accuracy(question.accuracy))
     return Task(arm, targets, scene, limits, record.answer.statement, accuracy)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from model import Arm, OctoplanError, Shape, Switch
@@ -31,12 +33,17 @@ def length_table(shape: Shape) -> str:
     return tendon_table("tendon lengths [mm]", own, 1e3 * shape.tendon_lengths)
 
 
-def stroke_table(shape: Shape) -> str:
-    """Return a table of what winches take in [mm], a line a section, and what their errors do."""
+def stroke_table(shape: Shape, zero: Any = None) -> str:
+    """Return a table of what winches take in [mm], a line a section, and what their errors do.
+
+    `zero` (n_tendons,) are the tendons' lengths where winches are zeroed [m], see strokes.
+    """
     arm = shape.arm
-    lines = [tendon_table("strokes [mm]", arm.tendons_by_section, 1e3 * strokes(shape))]
+    title = f"strokes [mm] from the {'straight arm at rest' if zero is None else 'zero given'}"
+    lines = [tendon_table(title, arm.tendons_by_section, 1e3 * strokes(shape, zero))]
     slack = [arm.tendon_name(int(j)) for j in np.flatnonzero(shape.slack)]
-    lines.append(f"  slack: {', '.join(slack) or 'none'}")
+    told = f"{', '.join(slack)}; their strokes are at most those above" if slack else "none"
+    lines.append(f"  slack: {told}")
     if shape.undetermined:
         lines.append(f"  tensions not determined by lengths: {', '.join(shape.undetermined)}")
     found = length_error(shape)
@@ -63,7 +70,7 @@ def _of_shape(plan: Answer) -> list[str]:
         shape = plan.shape
         tables = [length_table(shape)]
         if not plan.scene.has(PrintedStatics):
-            tables.append(stroke_table(shape))
+            tables.append(stroke_table(shape, plan.limits.stroke_zero))
     except (OctoplanError, OutOfTime):
         return []
     return [*tables, "tip [mm]  " + "  ".join(f"{1e3 * x:.3f}" for x in shape.tip)]

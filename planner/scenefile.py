@@ -34,6 +34,8 @@ from planner.scenes.targets import TargetTable, target_of
 from planner.scenes.winches import winches_of
 from planner.targets import Target
 
+_LIMITS = ("tension_max", "tension_min", "total_pull", "stroke_zero")
+
 R = TypeVar("R")
 
 
@@ -253,7 +255,7 @@ def _check_limits(arm: Arm, table: LimitsTable) -> None:
 
 def _limits(table: LimitsTable) -> dict[str, Any]:
     """Return the limits as plan takes them, those of strokes [m] if there are any."""
-    found = {key: getattr(table, key) for key in ("tension_max", "tension_min", "total_pull")}
+    found = {key: getattr(table, key) for key in _LIMITS}
     ends = {"stroke_max": table.stroke_max_mm, "stroke_min": table.stroke_min_mm}
     return found | {key: _metres(own) for key, own in ends.items() if own is not None}
 

@@ -89,3 +89,17 @@ def test_the_command_says_which_file_is_in_its_way(tmp_path: Path) -> None:
     found = ran(tmp_path, "-m", "octoplan", "--help")
     assert (found.returncode, found.stdout) == (2, "")
     assert found.stderr.startswith(f"octoplan: {tmp_path / 'model.py'} hides")
+
+
+def test_a_name_that_is_nearly_one_is_suggested() -> None:
+    with pytest.raises(AttributeError, match="'TipPostion'; did you mean 'TipPosition'"):
+        octoplan.TipPostion  # noqa: B018
+    with pytest.raises(AttributeError, match=r"no attribute 'nothing_like_it'$"):
+        octoplan.nothing_like_it  # noqa: B018
+
+
+def test_warnings_point_at_the_line_of_the_caller() -> None:
+    arm = octoplan.Arm.from_paper("table-4")
+    with pytest.warns(octoplan.UnitWarning) as told:
+        octoplan.settle(arm, lengths=[1e3] * 12)
+    assert {own.filename for own in told} == {__file__}

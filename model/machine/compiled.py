@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import os
-import warnings
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
@@ -17,6 +16,7 @@ import casadi as ca
 from model.errors import CompilerError, InputError
 from model.machine.libraries import library
 from model.machine.pieces import in_pieces
+from model.warn import warn
 
 Compile = bool | Literal["auto"]
 # More takes the compiler several times as long, for code that is a tenth faster.
@@ -42,7 +42,7 @@ def checked_compile(compile: Any) -> bool:  # noqa: A002  (the name that scripts
     except CompilerError as reason:
         if compile is True:
             raise
-        warnings.warn(f"not compiled: {reason}", RuntimeWarning, stacklevel=3)
+        warn(f"not compiled: {reason}", RuntimeWarning)
         return False
     return True
 

@@ -13,7 +13,6 @@ import inspect
 import shutil
 import sys
 import tempfile
-import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from functools import lru_cache
@@ -22,6 +21,7 @@ from pathlib import Path
 from platformdirs import user_cache_path
 
 from model.machine.compiler import FLAGS, compiler
+from model.warn import warn
 
 
 def library(source: str, flag: str, prepare: Callable[[str], str] | None = None) -> Path:
@@ -72,7 +72,7 @@ def _writable(folder: Path) -> Path:
             return folder
     except OSError as reason:
         told = f"compiled code is not kept, and compiled again by each process: {reason}"
-        warnings.warn(told, RuntimeWarning, stacklevel=2)
+        warn(told, RuntimeWarning)
         return _scratch()
 
 

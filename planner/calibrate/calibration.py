@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from model.text import in_notebook
 from planner.calibrate.fitted import Fitted
 from planner.calibrate.leave_out import LeftOut, leave_out
 from planner.calibrate.measured import Measured
@@ -61,6 +62,9 @@ class Calibration(Fitted):
     def save(self, path: str | Path) -> Path:
         """Write the calibration to a .json file, which `load_calibration` reads."""
         return write_named(path, ".json", to_json(calibration_record(self)))
+
+    def _repr_html_(self) -> str:
+        return in_notebook(self)
 
     def plot(self, ax: Any = None) -> Any:
         """Draw the residuals by marker and shape; returns the axes. Needs matplotlib."""

@@ -20,7 +20,14 @@ from planner.trajectory.result import Trajectory
 
 _WAYPOINTS = """[[waypoints]] tables, such as type = "tip-position", position_mm = [250, 0, -150]"""
 _MOTION = "a [motion] table, such as [motion] rate_max = 5.0 (N/s), or times_s"
-_LIMITS = ("tension_max", "tension_min", "total_pull", "stroke_max", "stroke_min")
+_LIMITS = (
+    "tension_max",
+    "tension_min",
+    "total_pull",
+    "stroke_max",
+    "stroke_min",
+    "stroke_zero",
+)
 _TAKEN = (*_LIMITS, "obstacles", "clearance", "self_clearance")
 
 

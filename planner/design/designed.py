@@ -11,7 +11,7 @@ import numpy as np
 from model import Arm, InputError, Scene, settle
 from model.paths import Array
 from model.stiffness import stiffness
-from model.text import counted
+from model.text import counted, in_notebook
 from planner.design.making import Making
 from planner.design.objective import Objective, Reach
 from planner.design.program import REFINEMENT
@@ -65,6 +65,9 @@ class Design:
     def parameters(self) -> Parameters:
         """The unknowns with what they are numbers of."""
         return Parameters.of(self.given_arm, self.scene, self.unknowns)
+
+    def _repr_html_(self) -> str:
+        return in_notebook(self)
 
     @property
     def array(self) -> Array:

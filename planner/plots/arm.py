@@ -14,6 +14,7 @@ from mpl_toolkits.mplot3d.art3d import (  # type: ignore[import-untyped]
 )
 from mpl_toolkits.mplot3d.proj3d import proj_transform  # type: ignore[import-untyped]
 
+from model.clearance import Clearance
 from model.obstacles import Obstacle
 from model.paths import Array
 from model.shape import Shape
@@ -35,10 +36,12 @@ def draw_arm(
     ax: Any,
     targets: tuple[Any, ...] = (),
     obstacles: tuple[Obstacle, ...] = (),
+    nearest: Clearance | None = None,
 ) -> Array:
     """Draw the arm, targets and obstacles in 3-D axes, in mm; return points (N, 3) [m] of them.
 
-    Where the arm is near to what it can meet, or passes through, it is marked.
+    Where the arm is near to what it can meet, or passes through, it is marked; `nearest` is what a
+    certificate says of that.
 
     The last collection added holds the pulled tendons, with their tensions [N] as colours.
     """
@@ -48,7 +51,7 @@ def draw_arm(
     things = draw_obstacles(obstacles, ax)
     skin = _body(shape, ax, s)
     goals = [draw_target(target, ax, shape) for target in targets]
-    mark_nearest(shape, obstacles, ax)
+    mark_nearest(shape, obstacles, ax, nearest)
     _tendons(shape, ax, s)
     fit(ax, np.vstack([skin, things, *goals]), fresh)
     return np.vstack([shape.position(s), *goals])
@@ -186,7 +189,8 @@ def fit(ax: Any, points: Array, fresh: bool) -> None:
     for name, c, width in zip("xyz", middle, size, strict=True):
         getattr(ax, f"set_{name}lim")(c - width / 2, c + width / 2)
         axis = getattr(ax, f"{name}axis")
-        axis.set_major_locator(MultipleLocator(step))
+        # A short side has three ticks at least.
+        axis.set_major_locator(MultipleLocator(min(step, _round_step(float(width) / 5))))
         axis.set_pane_color((0.97, 0.975, 0.98, 1.0))
         # Matplotlib offsets labels in proportion to the other two sides of the box.
         others = (size.sum() - width) / 2 / np.linalg.norm(size)

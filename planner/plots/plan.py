@@ -11,12 +11,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from model.arm import Arm
+from model.clearance import Clearance
 from model.errors import InputError
 from model.loads import contacts
 from model.obstacles import Obstacle
 from model.paths import Array
 from model.shape import Shape
 from planner.avoidance.asked import Surroundings
+from planner.certificate import Certificate
 from planner.plots.arm import draw_arm, look
 from planner.plots.strains import SIZE, plot_strains, plot_tensions
 from planner.program.limits import Limits
@@ -60,6 +62,10 @@ class Planned(Protocol):
         """Return what happened, in words."""
 
     @property
+    def certificate(self) -> Certificate:
+        """Return what the check of the tensions found."""
+
+    @property
     def effort(self) -> float:
         """Return the norm of the tensions [N]."""
 
@@ -71,11 +77,12 @@ def plot_plan(plan: Planned, ax: Any = None) -> Figure | Axes:
     of tensions, and `figure.colorbar(ax.collections[-1])` tells them. Otherwise returns a Figure.
     """
     if ax is not None:
-        draw_arm(plan.shape, _three_d(ax), plan.targets, _things(plan))
+        draw_arm(plan.shape, _three_d(ax), plan.targets, _things(plan), _nearest(plan))
         return ax  # type: ignore[no-any-return]
     figure = Figure(figsize=(10, 5.8), dpi=DPI)
-    asked = (plan.targets, _things(plan))
-    _arm_panel(figure, plan.shape, *asked, (0.0, 0.14, 0.56, 0.80))
+    ax = _panel(figure, (0.0, 0.14, 0.56, 0.80))
+    points = draw_arm(plan.shape, ax, plan.targets, _things(plan), _nearest(plan))
+    _finish_panel(figure, ax, plan.shape, points)
     plot_strains(plan.shape, figure.add_axes((0.618, 0.515, 0.30, 0.36)))
     bars = figure.add_axes((0.618, 0.09, 0.30, 0.27))
     plot_tensions(plan.arm, np.ravel(plan.tensions), np.array(plan.limits.upper), bars)
@@ -87,10 +94,11 @@ def plot_plan(plan: Planned, ax: Any = None) -> Figure | Axes:
 def plot_shape(shape: Shape, ax: Any = None) -> Figure | Axes:
     """Draw the arm in 3-D; returns a new Figure, or the 3-D axes if given."""
     if ax is not None:
-        draw_arm(shape, _three_d(ax))
+        draw_arm(shape, _three_d(ax), (), _touched(shape))
         return ax  # type: ignore[no-any-return]
     figure = Figure(figsize=(7, 6.2), dpi=DPI)
-    _arm_panel(figure, shape, (), (), (0.02, 0.15, 0.94, 0.83))
+    ax = _panel(figure, (0.02, 0.15, 0.94, 0.83))
+    _finish_panel(figure, ax, shape, draw_arm(shape, ax, (), _touched(shape)))
     return figure
 
 
@@ -115,8 +123,12 @@ def drawn(figure: Figure, kind: str) -> bytes:
 
 def _things(plan: Planned) -> tuple[Obstacle, ...]:
     """Return what the arm keeps clear of, and what it may lean on."""
-    touched = tuple(contact.obstacle for contact in contacts(plan.shape.scene))
-    return plan.surroundings.obstacles + touched
+    return plan.surroundings.obstacles + _touched(plan.shape)
+
+
+def _touched(shape: Shape) -> tuple[Obstacle, ...]:
+    """Return what an arm may lean on."""
+    return tuple(contact.obstacle for contact in contacts(shape.scene))
 
 
 def _three_d(ax: Any) -> Any:
@@ -125,17 +137,21 @@ def _three_d(ax: Any) -> Any:
     return ax
 
 
-def _arm_panel(
-    figure: Figure,
-    shape: Shape,
-    targets: tuple[Any, ...],
-    obstacles: tuple[Obstacle, ...],
-    place: tuple[float, float, float, float],
-) -> None:
-    ax: Any = figure.add_axes(place, projection="3d")
-    look(ax, shape, draw_arm(shape, ax, targets, obstacles))
+def _nearest(plan: Planned) -> Clearance | None:
+    """Return what the certificate says of the nearest thing that the arm can meet."""
+    found = plan.certificate.on_request.clearances.values()
+    return min(found, key=lambda clear: clear.gap, default=None)
+
+
+def _panel(figure: Figure, place: tuple[float, float, float, float]) -> Any:
+    return figure.add_axes(place, projection="3d")
+
+
+def _finish_panel(figure: Figure, ax: Any, shape: Shape, points: Array) -> None:
+    """Turn the panel to where points (N, 3) [m] are seen best; add the scale of tensions."""
+    look(ax, shape, points)
     if shape.tensions.any():
-        x, _, width, _ = place
+        x, _, width, _ = ax.get_position(original=True).bounds
         bar_place = (x + 0.3 * width, 0.105, 0.4 * width, 0.018)
         bar = figure.colorbar(
             ax.collections[-1], cax=figure.add_axes(bar_place), orientation="horizontal"

@@ -30,13 +30,16 @@ class Limits:
     total : float or None
         The most that all tendons together may pull [N].
     strokes : ((n_tendons,), (n_tendons,)) or None
-        The least and the most that is taken in of each tendon from the straight arm at rest [m].
+        The least and the most that is taken in of each tendon from where winches are zeroed [m].
+    stroke_zero : (n_tendons,) or None
+        Lengths of the tendons there [m]; None where that is the straight arm at rest.
     """
 
     upper: tuple[float, ...]
     lower: tuple[float, ...]
     total: float | None = None
     strokes: tuple[tuple[float, ...], tuple[float, ...]] | None = None
+    stroke_zero: tuple[float, ...] | None = None
 
     @classmethod
     def of(cls, arm: Arm, upper: Any, lower: Any = 0.0, total: float | None = None) -> Limits:
@@ -83,7 +86,9 @@ class Limits:
         """The limits as keywords of `plan`."""
         least, most = self.strokes or (None, None)
         ends = {"tension_min": np.array(self.lower), "tension_max": np.array(self.upper)}
-        return ends | {"total_pull": self.total, "stroke_min": least, "stroke_max": most}
+        zero = "straight" if self.stroke_zero is None else self.stroke_zero
+        found = {"total_pull": self.total, "stroke_min": least, "stroke_max": most}
+        return ends | found | {"stroke_zero": zero}
 
     def restricted(self, tendons: frozenset[int]) -> Limits:
         """Return the limits with all other tendons held at their lower bounds."""

@@ -138,7 +138,7 @@ class Problem:
         if limits.strokes is not None:
             at = [r.name == STROKES for r in self.rows for _ in range(r.size)]
             least, most = (np.array(own) for own in limits.strokes)
-            rest = rest_lengths(self.arm)
+            rest = np.array(limits.stroke_zero or rest_lengths(self.arm))
             lbg[at], ubg[at] = (rest - most) / self.arm.length, (rest - least) / self.arm.length
         return lbx, ubx, lbg, ubg
 

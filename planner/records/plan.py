@@ -28,6 +28,10 @@ class LimitsRecord(msgspec.Struct, kw_only=True):
         tuple[list[Number], list[Number]] | None,
         Meta(description="least and most that winches take in [m]"),
     ] = None
+    stroke_zero: Annotated[
+        list[Number] | None,
+        Meta(description="lengths of the tendons where winches are zeroed [m]; else at rest"),
+    ] = None
 
 
 class QuestionRecord(msgspec.Struct, kw_only=True):
@@ -116,7 +120,7 @@ class PlanRecord(msgspec.Struct, kw_only=True):
     tensions_N: Annotated[Any, Meta(description="a row a section, tip first, or flat")]
     tendons: Annotated[list[str], Meta(description="their names, in tendon order")]
     lengths_m: Annotated[Any, Meta(description="of the tendons, like tensions_N")] = None
-    strokes_m: Annotated[Any, Meta(description="taken in from the straight arm at rest")] = None
+    strokes_m: Annotated[Any, Meta(description="taken in from where winches are zeroed")] = None
     tip_error_per_length: Annotated[
         dict[str, float] | None, Meta(description="of taut tendons: m of the tip per m of a winch")
     ] = None
@@ -209,7 +213,10 @@ def _limits(limits: Any) -> LimitsRecord:
     lower, ends = _numbers(limits.lower), limits.strokes
     strokes = None if ends is None else (_numbers(ends[0]), _numbers(ends[1]))
     upper = _numbers(limits.upper)
-    return LimitsRecord(upper=upper, lower=lower, total=limits.total, strokes=strokes)
+    zero = None if limits.stroke_zero is None else _numbers(limits.stroke_zero)
+    return LimitsRecord(
+        upper=upper, lower=lower, total=limits.total, strokes=strokes, stroke_zero=zero
+    )
 
 
 def _start(start: Any) -> StartRecord:

@@ -29,6 +29,10 @@ class LimitsTable(Table, frozen=True):
         Annotated[float, Meta(le=0)] | Tensions | None,
         Meta(description="the least, 0 or below: paid out; as much as taken in unless given [mm]"),
     ] = None
+    stroke_zero: Annotated[
+        Literal["straight", "at rest"],
+        Meta(description="where winches are zeroed: the arm straight, or at rest in the scene"),
+    ] = "straight"
 
 
 class MotionTable(Table, frozen=True):

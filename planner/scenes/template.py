@@ -116,7 +116,8 @@ position_mm = [200.0, 150.0, -200.0]
 tension_max = 20.0              # N, each tendon; or a row a section, as in tensions
 # tension_min = 0.0
 # total_pull = 40.0
-# stroke_max_mm = 20.0          # what winches take in from the straight arm at rest
+# stroke_max_mm = 20.0          # what winches take in from where they are zeroed
+# stroke_zero = "straight"      # or "at rest": as the arm stands in the scene without tensions
 # stroke_min_mm = -15.0         # how far they pay out; as much unless given
 
 # [[obstacles]]                 # what plans and motions keep clear of, a table each

@@ -12,6 +12,7 @@ from model.mesh_refinement import FINEST_ACCURACY
 from model.paths import Array
 from model.settle import settle
 from model.shape import Shape
+from model.text import in_notebook
 from planner.certificate import Certificate
 from planner.measure import compliances_along, measure
 from planner.program.terms import stations_of
@@ -112,15 +113,25 @@ class MotionCertificate:
         """Whether targets, limits, rates and clearance are verified."""
         return not self.failures
 
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """What was checked, name with unit and value."""
+        numbers = {
+            "limits violated by [N]": self.bounds,
+            "rate of tension over limit [-]": self.rate,
+            "rate of stroke over limit [-]": self.stroke_rate,
+            "stroke acceleration over limit": self.stroke_acceleration,
+            "clearance less asked [mm]": 1e3 * self.clearance,
+        }
+        told = [(name, f"{value:.2e}") for name, value in numbers.items()]
+        return [("targets met", f"{sum(self.reached)} of {len(self.reached)}"), *told]
+
+    def _repr_html_(self) -> str:
+        return in_notebook(self)
+
     def __str__(self) -> str:
-        lines = [f"certificate: {'PASSED' if self.passed else 'FAILED'}"]
-        lines.append(f"  {'targets met':<30} {sum(self.reached)} of {len(self.reached)}")
-        lines.append(f"  {'limits violated by [N]':<30} {self.bounds:9.2e}")
-        lines.append(f"  {'rate of tension over limit [-]':<30} {self.rate:9.2e}")
-        lines.append(f"  {'rate of stroke over limit [-]':<30} {self.stroke_rate:9.2e}")
-        acceleration = self.stroke_acceleration
-        lines.append(f"  {'stroke acceleration over limit':<30} {acceleration:9.2e}")
-        lines.append(f"  {'clearance less asked [mm]':<30} {1e3 * self.clearance:9.2e}")
+        head = f"certificate: {'PASSED' if self.passed else 'FAILED'}"
+        lines = [head, *(f"  {name:<30} {value:>9}" for name, value in self.rows)]
         return "\n".join(lines + [f"  failed: {failure}" for failure in self.failures])
 
 

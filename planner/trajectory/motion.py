@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from planner.plan import Plan
 from planner.program.limits import Limits
 from planner.question import check_targets, checked_limits
 from planner.targets.base import Target
+from planner.tendon_lengths import zeroed_at
 from planner.trajectory.asked import Rates, checked_times, waypoints_of
 from planner.trajectory.initial import planned
 from planner.trajectory.question import Question, Waypoint
@@ -57,6 +59,7 @@ def trajectory(
     compile: Compile = False,  # noqa: A002  (the name that scripts use)
     stroke_max: Any = None,
     stroke_min: Any = None,
+    stroke_zero: Any = "straight",
     time_limit: float | None = None,
     progress: bool | None = None,
 ) -> Trajectory:
@@ -73,7 +76,8 @@ def trajectory(
         In order; a function of a share from 0 to 1 that returns a target or a place of the tip (3,)
         [m], asked so often as `waypoints` says; or the name of a .csv file with columns x_m, y_m,
         z_m, and t_s if times are given.
-    tension_max, tension_min, total_pull, stroke_max, stroke_min, scene, accuracy, compile
+    tension_max, tension_min, total_pull, stroke_max, stroke_min, stroke_zero, scene, accuracy,
+    compile
         As plan takes them.
     rate_max : float, or one for each tendon
         The fastest that tensions change [N/s].
@@ -110,6 +114,7 @@ def trajectory(
     times = own if times is None else times
     strokes = (stroke_max, stroke_min)
     limits = checked_limits(arm, scene, tension_max, tension_min, total_pull, strokes)
+    limits = replace(limits, stroke_zero=zeroed_at(arm, scene, stroke_zero))
     asked = _checked(arm, path)
     rates = Rates.of(arm, rate_max, stroke_rate_max, stroke_acceleration_max)
     found = checked_times(times, len(asked))

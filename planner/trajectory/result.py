@@ -16,6 +16,7 @@ from model.loads import contacts
 from model.paths import Array
 from model.settle import settle
 from model.shape import Shape
+from model.text import in_notebook
 from planner.files import write_named
 from planner.trajectory.certificate import MotionCertificate, certify_motion
 from planner.trajectory.question import Question
@@ -178,6 +179,9 @@ class Trajectory:
         from planner.plots.trajectory import plot_trajectory
 
         return plot_trajectory(self)
+
+    def _repr_html_(self) -> str:
+        return in_notebook(self)
 
     @property
     def csv(self) -> bytes:

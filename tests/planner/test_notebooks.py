@@ -6,10 +6,11 @@ import base64
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from model import Arm, Scene, settle
 from model.effects import Extension
-from planner import plan, stiffness
+from planner import Measured, Unknown, calibrate, plan, stiffness, trajectory
 from planner.targets import BendingPlane, TipPosition
 
 ARM = Arm.from_paper("table-4")
@@ -27,7 +28,8 @@ def test_a_plan_fits_a_screen_and_prints_its_certificate() -> None:
     lines = repr(found).splitlines()
     assert lines[0] == found.outcome
     assert len(lines) <= 28
-    assert {"tensions [N]", "tendon lengths [mm]", "strokes [mm]"} <= {*lines}
+    assert {"tensions [N]", "tendon lengths [mm]"} <= {*lines}
+    assert "strokes [mm] from the straight arm at rest" in lines
     assert str(found) == f"{found!r}\n\n{found.certificate}"
     html = found._repr_html_()
     assert figure_in(html).startswith(b"\x89PNG")
@@ -67,3 +69,30 @@ def test_a_plan_that_does_not_settle_is_still_shown() -> None:
     found = plan(ARM, BendingPlane(2.0, 1.0), SCENE, 20.0)
     crushed = replace(found, tensions=np.full((3, 4), 1e4))
     assert "Not certified" in repr(crushed)
+
+
+def test_scenes_certificates_and_fits_are_tables() -> None:
+    found = plan(ARM, TipPosition((0.3, 0.1, -0.1)), SCENE, 20.0)
+    shown = found.certificate._repr_html_()
+    assert "<b>PASSED</b>" in shown and ">tip position [L]</td>" in shown
+    assert ">Extension</td>" in SCENE._repr_html_()
+    measured = [Measured(tensions=T, tip=settle(ARM, T, SCENE).tip)]
+    fit = calibrate(ARM, SCENE, measured, [Unknown("arm.E_kPa", 50, 500)])
+    assert ">arm.E_kPa</td>" in fit._repr_html_()
+
+
+def test_a_motion_is_a_figure_and_a_table() -> None:
+    start = TipPosition((0.3, 0.1, -0.1))
+    motion = trajectory(ARM, [start], SCENE, 20.0, rate_max=5.0, waypoints=2)
+    shown = motion._repr_html_()
+    assert figure_in(shown).startswith(b"\x89PNG")
+    assert shown.count("<tr>") >= len(motion.times)
+    assert "rate of tension over limit" in shown
+
+
+def test_shapes_draw_themselves_in_axes_too() -> None:
+    shape = settle(ARM, T, SCENE)
+    ax = Figure().add_subplot(projection="3d")
+    assert shape.plot(ax) is ax
+    ticks = [len(own.get_major_locator()()) for own in (ax.xaxis, ax.yaxis, ax.zaxis)]
+    assert min(ticks) >= 3

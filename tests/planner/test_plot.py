@@ -12,7 +12,10 @@ from matplotlib import pyplot
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
-from model import Arm, InputError, Shape, settle
+from model import Arm, InputError, Scene, Shape, settle
+from model.clearance import clearance
+from model.effects import Contact, ExactTendons, Extension
+from model.obstacles import Capsule
 from planner import Plan, plan
 from planner.plots.arm import draw_arm
 from planner.plots.plan import plot_plan, plot_shape, plot_strains, save
@@ -304,3 +307,16 @@ def test_two_plans_in_one_axes_have_one_scale_of_colours(shape: Shape) -> None:
     most = float(shape.tensions.max())
     assert [own.norm.vmax for own in pulled] == [most, most]
     assert pulled[0].norm(4.0) == pulled[1].norm(4.0)
+
+
+@pytest.mark.parametrize("scene", [Scene(Extension(), ExactTendons()), Scene.silicone()])
+def test_an_arm_that_leans_is_not_drawn_as_passing_through(scene: Scene) -> None:
+    """The lower bound of its clearance is below 0 by what that bound leaves open."""
+    rod = Capsule((0.1, -0.05, -0.06), (0.1, 0.05, -0.06), 0.02)
+    tensions = [[0] * 4, [0, 1.0, 0, 0], [0, 3.0, 0, 0]]
+    leaning = settle(Arm.from_paper("table-4"), tensions, scene + Contact(rod))
+    assert min(touch.gap for touch in leaning.contacts) >= 0
+    assert clearance(leaning, [rod]).gap < 0
+    ax = three_d()
+    draw_arm(leaning, ax, (), (rod,))
+    assert legend(ax) == {"leans on it"}

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from model import Arm, InputError, Scene, UnitWarning, settle
-from model.effects import ExactTendons, Extension
+from model import Arm, InputError, Scene, UnitWarning, settle, settle_many
+from model.effects import Buoyancy, ExactTendons, Extension, Weight
 from model.errors import FileError
 from model.winches import rest_lengths
-from planner import plan
+from planner import load_plan, plan, stiffness
 from planner.cli import main
 from planner.program.limits import Limits
 from planner.report import plan_text
@@ -22,6 +22,7 @@ from planner.tendon_lengths import length_error
 from planner.trajectory.asked import Rates
 
 ARM = Arm.from_paper("table-2")
+T4 = np.zeros(12)
 SCENE = Scene(Extension(), ExactTendons())
 HEAD = '[arm]\npreset = "table-2"\n[effects]\nextension = true\nexact_tendons = true\n'
 STROKES = "[[0, 5, 0, -6.0], [0, 0, 3, -3.0], [0, -1, 0, 2.0]]"
@@ -71,7 +72,7 @@ def test_scene_files_have_strokes_or_lengths(
     by_lengths = json.loads(capsys.readouterr().out)
     assert by_lengths["tip_m"] == pytest.approx(by_strokes["tip_m"], abs=1e-12)
     assert 1e3 * np.array(by_lengths["strokes_m"]) == pytest.approx(np.ravel(json.loads(STROKES)))
-    assert by_lengths["slack"] == (np.ravel(by_lengths["tensions_N"]) == 0).tolist()
+    assert by_lengths["slack"] == (np.ravel(by_lengths["tensions_N"]) < 1e-8).tolist()
     assert main(["settle", str(path)]) == 0
     assert "slack: T_11, T_13" in capsys.readouterr().out
     assert main(["stiffness", str(path)]) == 0
@@ -126,3 +127,46 @@ def test_units_of_strokes_and_lengths_that_are_likely_others_are_told(tmp_path: 
         Limits.of(ARM, 20.0).with_strokes(ARM, 0.1, -100.0)
     with pytest.warns(UnitWarning, match="stroke_rate_max .* if metres were meant"):
         Rates.of(ARM, None, 2e-5)
+
+
+def test_strokes_count_from_where_winches_are_zeroed() -> None:
+    water, target = Scene.silicone(Weight(), Buoyancy()), TipPosition((0.28, 0.06, -0.08))
+    hanging = settle(ARM, np.zeros(12), water)
+    asked = {"tension_max": 20.0, "accuracy": 1e-5}
+    for zero in ("at rest", hanging, hanging.lengths):
+        found = plan(ARM, target, water, stroke_zero=zero, **asked)
+        assert found.strokes == pytest.approx(hanging.lengths - found.lengths, abs=1e-9)
+    most = 0.8 * float(found.strokes.max())
+    held = plan(ARM, target, water, stroke_zero="at rest", stroke_max=most, **asked)
+    assert held.strokes.max() <= most * (1 + 1e-6)
+    assert held.certificate.strokes <= 1e-9
+
+
+def test_where_winches_are_zeroed_is_kept_in_files(tmp_path: Path) -> None:
+    bent = settle(ARM, [0.5, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0], SCENE)
+    found = plan(ARM, TipPosition((0.28, 0.06, -0.08)), SCENE, 20.0, stroke_zero=bent)
+    again = load_plan(found.save(tmp_path / "plan.json"))
+    assert again == found
+    np.testing.assert_array_equal(again.strokes, found.strokes)
+    limits = '[limits]\ntension_max = 9\nstroke_zero = "at rest"\n'
+    path = tmp_path / "scene.toml"
+    path.write_text(HEAD + limits)
+    assert load(path).options["stroke_zero"] == "at rest"
+
+
+@pytest.mark.parametrize(
+    "zero", ["curled", 3.0, [0.1] * 5, [-0.1] * 12, None, settle(Arm.from_paper("table-4"), T4)]
+)
+def test_where_winches_cannot_be_zeroed_is_told(zero: object) -> None:
+    with pytest.raises(InputError, match="stroke_zero"):
+        plan(ARM, TipPosition((0.28, 0.06, -0.08)), SCENE, 20.0, stroke_zero=zero)
+
+
+@pytest.mark.parametrize("tension", [2e-17, 3e-17, 1e-10])
+def test_tendons_that_pull_by_rounding_alone_are_slack(tension: float) -> None:
+    tensions = [0.5, tension, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0]
+    shape = settle(ARM, tensions, SCENE)
+    assert shape.slack.ravel().tolist() == [own < 0.1 for own in tensions]
+    assert length_error(shape).names == ("T_11", "T_22")
+    assert "T_12" in stiffness(ARM, tensions, SCENE, hold="length").slack
+    assert settle_many(ARM, [tensions], SCENE).slack.sum() == 10
