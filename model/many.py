@@ -8,10 +8,7 @@ import numpy as np
 
 from model.arm import Arm
 from model.checks import finite_array
-from model.equilibrium.forward import STAGES
-from model.equilibrium.side_by_side import is_for
 from model.errors import InputError
-from model.loads import is_loaded
 from model.machine.compiled import Compile, checked_compile
 from model.many_sets import ManySets
 from model.mesh_refinement import checked_accuracy
@@ -20,7 +17,6 @@ from model.scene import Scene
 from model.settle import ACCURACY, checked_scene, settle
 from model.shape import Shape
 from model.shapes import Errors, Problems, Shapes
-from model.transcription.system import form_of
 
 
 def settle_many(
@@ -37,8 +33,8 @@ def settle_many(
 ) -> Shapes:
     """Return the tips for many sets of tensions (m, n_sections, n) or (m, n_tendons) [N].
 
-    As settle; only those that a mesh does not settle to the accuracy go on to a finer one.
-    Compiled, sets under loads are settled side by side, to the same shapes but for rounding. With
+    As settle, but for rounding: side by side, and only those that a mesh does not settle to the
+    accuracy go on to a finer one. With
     `lengths`, of the same form [m], tendons are held by these: one set after the other.
 
     Parameters
@@ -64,20 +60,7 @@ def settle_many(
         options = {**winches, "compile": machine_code}
         return _by_lengths(arm, held, scene, accuracy, options, problems)
     T = _stack(arm, tensions, problems)
-    if is_loaded(scene) and not (machine_code and is_for(form_of(scene, arm.is_curved, STAGES))):
-        return _one_by_one(arm, T, scene, accuracy, machine_code, problems)
     return ManySets(arm, T, scene, accuracy, machine_code, problems).shapes()
-
-
-def _one_by_one(
-    arm: Arm, T: Array, scene: Scene, accuracy: float, machine_code: bool, problems: Problems
-) -> Shapes:
-    shapes: list[Shape | None] = [None] * len(T)
-    for i, row in enumerate(T):
-        if not problems.at(i):
-            with problems.of(i):
-                shapes[i] = settle(arm, row, scene, accuracy, compile=machine_code)
-    return _of(arm, shapes, problems)
 
 
 def _by_lengths(

@@ -8,9 +8,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from model.arm import Arm
-from model.equilibrium.many_tips import ManyTips
-from model.errors import ConvergenceError, UnsettledSectionError
-from model.forward import COLLOCATIONS, check_scheme, explicit_map, order_of
+from model.equilibrium.forward import Known
+from model.errors import ConvergenceError, OctoplanError, UnsettledSectionError
+from model.forward import COLLOCATIONS, check_scheme, collocation_map, explicit_map, order_of
 from model.loads import is_loaded
 from model.many_poses import ManyPoses, many_poses
 from model.mesh_refinement import IMPLICIT, ROUNDING, estimate, first_pair, next_refinement
@@ -20,8 +20,12 @@ from model.scene import Scene
 from model.settle import settle
 from model.shapes import Problems, Shapes
 from model.time_limit import check_time
+from model.transcription.layout import POSE
 from model.unloaded.stretch import LEAST_STRETCH, check_stretch
 from model.winches import pulls
+
+# Sets of a loaded arm that are settled side by side: factors of more would fill the memory.
+_AT_ONCE = 256
 
 
 class Tips(Protocol):
@@ -52,7 +56,8 @@ class ManySets:
         self._tips: Tips = self._in_closed_form
         if is_loaded(scene):
             self.lever = float(arm.radius.evaluate(np.zeros(1), arm.length)[0][0])
-            self._tips = ManyTips(arm, T, scene, COLLOCATIONS[self.scheme])
+            self._tips = self._under_loads
+        self._known: list[Known | None] = [None] * len(T)
         self.coarse, self.fine = first_pair(accuracy, self.order)
         self.poses, self.errors = np.zeros((len(T), 7)), np.full(len(T), np.inf)
         self.last, self.wanted = np.zeros(len(T), int), np.full(len(T), self.coarse)
@@ -103,6 +108,25 @@ class ManySets:
         tips = _tips(self.arm, self.scene, self.scheme, refinement, self.machine_code)
         poses, least = tips(self.T[now].T)
         return poses[0], least
+
+    def _under_loads(self, now: Any, refinement: int) -> tuple[Array, Array]:
+        """Return tips of sets whose equations couple the sections; some at a time."""
+        mesh = (self.scheme, refinement, (), self.machine_code)
+        forward = collocation_map(self.arm, self.scene, *mesh)
+        system = forward.system
+        poses, least = np.full((7, len(now)), np.nan), np.full(len(now), np.nan)
+        for first in range(0, len(now), _AT_ONCE):
+            check_time()
+            some = now[first : first + _AT_ONCE]
+            heres = forward.many(self.T[some], [self._known[i] for i in some.tolist()])
+            for k, (i, here) in enumerate(zip(some.tolist(), heres, strict=True), first):
+                if isinstance(here, OctoplanError):
+                    self._known[i] = None
+                    continue
+                self._known[i] = Known(system, here.states.copy())
+                poses[:, k] = here.states[system.of.nodes[-1, :POSE]]
+                least[k] = forward.stretch(here.states).min()
+        return poses, least
 
     def _settle_alone(self, i: int) -> None:
         """Settle a set that wants more than what is done side by side, or refuse it."""

@@ -13,10 +13,10 @@ from model.centreline import Centreline
 from model.clearance import KINDS, Clearance, clearances
 from model.contact.stability import held_stability
 from model.effects import PrintedStatics
+from model.equilibrium.continuation import Followed, follow_on
 from model.equilibrium.forward import STAGES, Collocation
 from model.equilibrium.integration_step import SCHEME
 from model.equilibrium.linearised import Linearised
-from model.equilibrium.load_stepping import Followed, follow_on
 from model.equilibrium.stability import least_eigenvalue, stability, stands
 from model.equilibrium.verification import verified
 from model.errors import OctoplanError

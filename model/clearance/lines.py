@@ -13,8 +13,7 @@ from model.centreline import Centreline
 from model.effects import PrintedStatics
 from model.equilibrium.forward import STAGES, Collocation
 from model.equilibrium.linearised import Linearised
-from model.equilibrium.newton import newton, step_size
-from model.equilibrium.side_by_side import is_for, near
+from model.equilibrium.newton import NEAR, newton, newton_many, step_size
 from model.errors import OctoplanError
 from model.forward import explicit_map
 from model.loads import is_loaded
@@ -22,7 +21,6 @@ from model.machine.buffered import Mapped
 from model.machine.compiled import kernel
 from model.paths import Array
 from model.scene import Scene
-from model.transcription.system import System
 from model.unloaded.closed_form import pull_and_data, strain_function
 from model.unloaded.geometry import nodes_of
 from model.unloaded.statics import closed_statics
@@ -34,7 +32,7 @@ _SCHEME = "magnus6"
 _TOGETHER = 64
 # The equations are linearised anew where shapes have changed by so much; see step_size.
 _FAR = 0.05
-# Of shapes on a way one in so many is followed; those between are settled side by side, compiled.
+# Of shapes on a way one in so many is followed; those between are settled side by side.
 _APART = 4
 
 
@@ -84,17 +82,17 @@ class Lines:
     def _implicit(self, forward: Collocation, tensions: Array) -> list[Centreline | None]:
         """Return the centrelines one after the other; what is between them side by side."""
         system, states = forward.system, dict[int, Array]()
-        apart = _APART if forward.machine_code and is_for(system.of.form) else 1
-        for i in range(0, len(tensions), apart):
+        for i in range(0, len(tensions), _APART):
             here = self._followed(forward, tensions[i])
             if here is not None:
                 states[i] = here.states
-        left = [i for i in range(len(tensions)) if i % apart]
-        between = [i for i in left if {i - i % apart, i - i % apart + apart} <= states.keys()]
+        left = [i for i in range(len(tensions)) if i % _APART]
+        between = [i for i in left if {i - i % _APART, i - i % _APART + _APART} <= states.keys()]
         if between:
-            found = near(system, tensions[between].T, _between(system, tensions, between, states))
-            own = zip(between, found.states.T, found.settled, strict=True)
-            states |= {i: values for i, values, settled in own if settled}
+            guesses = _between(tensions, between, states)
+            heres = newton_many(system, tensions[between], 1.0, guesses, NEAR).solutions
+            own = zip(between, heres, strict=True)
+            states |= {i: here.states for i, here in own if here is not None}
         for i in left:
             here = None if i in states else self._followed(forward, tensions[i])
             if here is not None:
@@ -120,10 +118,8 @@ class Lines:
         return here
 
 
-def _between(
-    system: System, tensions: Array, numbers: list[int], states: dict[int, Array]
-) -> Array:
-    """Return strains (N stages strains, K) for some of tensions on their way, between known ones.
+def _between(tensions: Array, numbers: list[int], states: dict[int, Array]) -> Array:
+    """Return states (K, n_states) for some of tensions on their way, between known ones.
 
     By the share of the way, in tensions, that is behind them.
     """
@@ -131,11 +127,8 @@ def _between(
     at = np.array(numbers)
     first = at - at % _APART
     share = (way[at] - way[first]) / np.maximum(way[first + _APART] - way[first], 1e-300)
-    places = np.ravel(system.of.stages)
-    before, after = (
-        np.array([states[i][places] for i in ends.tolist()]).T for ends in (first, first + _APART)
-    )
-    return np.asarray(before + share * (after - before))
+    before, after = (np.array([states[i] for i in e.tolist()]) for e in (first, first + _APART))
+    return np.asarray(before + share[:, None] * (after - before))
 
 
 @lru_cache(maxsize=16)

@@ -16,8 +16,8 @@ from model.contact.moving import Settled, settled
 from model.contact.newton import Held, newton
 from model.contact.read_off import at_nodes, close, guesses
 from model.contact.stability import held_stands
+from model.equilibrium.continuation import is_near
 from model.equilibrium.linearised import Linearised
-from model.equilibrium.load_stepping import is_near
 from model.errors import SnapError
 from model.paths import Array
 from model.progress import tell

@@ -188,8 +188,10 @@ class Sections:
         """Return the length of tendon per length of arm (P,) at each crossing, strains v (N, n)."""
         if not self.place.size:
             return np.zeros(0)
-        call = _speed(self.law).map(self.place.size)
-        return np.asarray(call(v[self.place].T, self.paths), dtype=float).ravel()
+        (found,) = self._mapped(_speed, self.place.size)(
+            v[self.place].ravel(), self.paths.ravel("F")
+        )
+        return found[:, 0]
 
 
 @lru_cache(maxsize=32)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,12 +10,13 @@ import numpy as np
 from model.arm import Arm
 from model.cross_section.reported import reported
 from model.effects import Friction
+from model.equilibrium.continuation import by_load_steps, near
 from model.equilibrium.dense import poses_and_strains
 from model.equilibrium.hold import TENSIONS, Hold
 from model.equilibrium.linearised import Linearised
-from model.equilibrium.load_stepping import at_once, by_load_steps, near
+from model.equilibrium.newton import NEAR, newton_many
 from model.equilibrium.sliding import pulls
-from model.errors import SnapError, UnsettledSectionError
+from model.errors import OctoplanError, SnapError, UnsettledSectionError
 from model.loads import is_loaded
 from model.paths import Array
 from model.scene import Scene
@@ -110,6 +112,26 @@ class Collocation:
             last = self._soon = tensions.copy(), self.from_rest(tensions, steps=_SOON)
         return last[1]
 
+    def many(
+        self, tensions: Array, known: Sequence[Known | None]
+    ) -> list[Linearised | OctoplanError]:
+        """Return the equilibria under tensions (N, n_tendons), each near what is known of it.
+
+        Or why there is none, as from_rest_many.
+        """
+        found: list[Linearised | OctoplanError | None] = [None] * len(tensions)
+        for before in dict.fromkeys(own.system for own in known if own is not None):
+            some = [i for i, own in enumerate(known) if own is not None and own.system is before]
+            states = np.array([own.states for own in known if own and own.system is before])
+            guesses = self._carried(tensions[some], before, states)
+            given = self.system, tensions[some], 1.0, guesses, NEAR
+            for i, here in zip(some, newton_many(*given).solutions, strict=True):
+                found[i] = here
+        left = [i for i, here in enumerate(found) if here is None]
+        for i, end in zip(left, self.from_rest_many(tensions[left]), strict=True):
+            found[i] = end
+        return [own for own in found if own is not None]
+
     def near(self, tensions: Array, known: Known, hold: Hold = TENSIONS) -> Linearised | None:
         """Return the equilibrium near one that another mesh has; None if there is none.
 
@@ -120,33 +142,77 @@ class Collocation:
     def from_rest(
         self, tensions: Array, hold: Hold = TENSIONS, steps: float = np.inf
     ) -> Linearised:
-        """Return the equilibrium that the unloaded arm comes to.
+        """Return the equilibrium that the unloaded arm comes to; see from_rest_many.
 
-        Raises SnapError as by_load_steps does, and UnsettledSectionError where tensions that leave
-        a tendon no length keep loads from being applied in steps.
+        Raises what that returns in place of one.
         """
-        unloaded = self.without_loads(tensions)
-        asked = (self.system, tensions, unloaded, hold)
-        here = at_once(*asked)
-        if here is not None:
-            return here
-        crushed = settled_sections(self.system).crushed(self.system.strains(unloaded))
-        if not crushed.any():
-            return by_load_steps(*asked, steps)
-        try:
-            return by_load_steps(*asked, min(steps, _SOON_IF_CRUSHED))
-        except SnapError:
-            raise UnsettledSectionError(float(self.system.s[np.argmax(crushed)])) from None
+        (found,) = self.from_rest_many(tensions[None], hold, steps)
+        if isinstance(found, OctoplanError):
+            raise found
+        return found
+
+    def from_rest_many(
+        self, tensions: Array, hold: Hold = TENSIONS, steps: float = np.inf
+    ) -> list[Linearised | OctoplanError]:
+        """Return the equilibria that the unloaded arm comes to under tensions (N, n_tendons).
+
+        In place of one a SnapError as of by_load_steps, and an UnsettledSectionError where tensions
+        that leave a tendon no length keep loads from being applied in steps.
+        """
+        starts = self._starts(tensions)
+        found: list[Linearised | OctoplanError | None]
+        found = [own if isinstance(own, OctoplanError) else None for own in starts]
+        left = [i for i, own in enumerate(found) if own is None]
+        states = np.full((len(tensions), self.system.of.n_states), np.nan)
+        for i in left:
+            states[i] = starts[i]
+        crushed = {i: self._crushed(states[i]) for i in left}
+        for some, most in (
+            ([i for i in left if crushed[i] is None], steps),
+            ([i for i in left if crushed[i] is not None], min(steps, _SOON_IF_CRUSHED)),
+        ):
+            ends = by_load_steps(self.system, tensions[some], states[some], hold, most)
+            for i, end in zip(some, ends, strict=True):
+                place, refused = crushed[i], isinstance(end, SnapError)
+                found[i] = UnsettledSectionError(place) if refused and place is not None else end
+        return [own for own in found if own is not None]
+
+    def _crushed(self, states: Array) -> float | None:
+        """Return where unloaded states leave a tendon no length [m]; None if nowhere."""
+        crushed = settled_sections(self.system).crushed(self.system.strains(states))
+        return float(self.system.s[np.argmax(crushed)]) if crushed.any() else None
+
+    def _starts(self, tensions: Array) -> list[Array | OctoplanError]:
+        """Return the states without loads under each of tensions, or why there are none."""
+        found: list[Array | OctoplanError] = []
+        rows: Array | None = None
+        if len(tensions) > 1:
+            strains = settled_sections(self.system).of_many(tensions)
+            rows = self.system.starts(tensions, strains)
+        for i, row in enumerate(tensions):
+            if rows is not None and np.isfinite(rows[i].sum()):
+                found.append(rows[i])
+                continue
+            try:
+                found.append(self.without_loads(row))
+            except UnsettledSectionError as reason:
+                found.append(reason)
+        return found
 
     def rows(self, here: Linearised) -> tuple[Array, Array]:
         """Return the states (N + 1, stride) of an equilibrium, and 1 + q (K,) at `stretch_at`."""
         of = self.system.of
         states = here.x[of.first :]
         padded = np.concatenate([states, np.zeros((of.elements + 1) * of.stride - states.size)])
+        return padded.reshape(-1, of.stride), self.stretch(states)
+
+    def stretch(self, states: Array) -> Array:
+        """Return 1 + q (K,) at `stretch_at`."""
+        of = self.system.of
         stages = reported(of.form.law, self.system.strains(states))[:, 3] + 1
         inside = stages.reshape(of.elements, -1)
         ends = [inside @ gauss(of.form.stages).at(x) for x in (0.0, 1.0)]
-        return padded.reshape(-1, of.stride), np.concatenate([stages, *ends])
+        return np.asarray(np.concatenate([stages, *ends]))
 
     def states(self, rows: Array) -> Array:
         """Return the states (n_states,) of their rows; undoes rows."""
@@ -174,11 +240,14 @@ class Collocation:
 
     def carried(self, tensions: Array, known: Known) -> Array:
         """Return the states of this mesh by the polynomials of another's strains."""
-        before = known.system
+        return np.asarray(self._carried(tensions[None], known.system, known.states[None])[0])
+
+    def _carried(self, tensions: Array, before: System, states: Array) -> Array:
         if before.of is self.system.of and np.array_equal(before.mesh.s, self.mesh.s):
-            return known.states
-        strains = carried_strains(before, before.strains(known.states), self.system)
-        return self.system.start(tensions, strains, 1.0)
+            return states
+        strains = np.moveaxis(states[:, before.of.stages], 0, -1)
+        strains = np.moveaxis(carried_strains(before, strains, self.system), -1, 0)
+        return self.system.starts(tensions, strains, 1.0)
 
     def pulls(self, tensions: Array, rows: Array, s: Array, place: Places, tendon: Places) -> Array:
         """Return the tensions (P,) of tendons where they cross arc lengths s[place]."""

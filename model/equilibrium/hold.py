@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from model.equilibrium.complementarity import complementary
 from model.equilibrium.linearised import Linearised
-from model.equilibrium.stability import stands, unstable_modes
+from model.equilibrium.stability import stand, unstable_modes
 from model.paths import Array
 from model.winches import Winches, arm_compliance, least_compliance
 
@@ -43,8 +44,8 @@ class Hold(Protocol):
     def by_load(self, here: Linearised) -> Array:
         """Return how tensions move with the load factor (n_tendons,)."""
 
-    def stands(self, here: Linearised) -> bool:
-        """Return whether an equilibrium is stable while this is held."""
+    def stand(self, heres: Sequence[Linearised]) -> list[bool]:
+        """Return whether equilibria of one layout are stable while this is held."""
 
 
 @dataclass(frozen=True)
@@ -61,9 +62,9 @@ class HeldTensions:
         """See Hold.by_load."""
         return np.zeros(here.system.of.n_tendons)
 
-    def stands(self, here: Linearised) -> bool:
-        """See Hold.stands."""
-        return stands(here)
+    def stand(self, heres: Sequence[Linearised]) -> list[bool]:
+        """See Hold.stand."""
+        return stand(heres)
 
 
 TENSIONS = HeldTensions()
@@ -115,8 +116,12 @@ class HeldLengths:
         moved[places] = np.linalg.solve(self._matrix(here)[np.ix_(taut, taut)], longer)
         return moved
 
-    def stands(self, here: Linearised) -> bool:
-        """See Hold.stands: the taut tendons keep the arm from moving where it would not stand.
+    def stand(self, heres: Sequence[Linearised]) -> list[bool]:
+        """See Hold.stand."""
+        return [self._stands(here) for here in heres]
+
+    def _stands(self, here: Linearised) -> bool:
+        """Return whether the taut tendons keep it from moving where it would not stand.
 
         Held lengths have to bar every direction in which it is unstable with tensions held: with H
         the Hessian of the energy and L the Jacobian of the lengths, [H, L^T; L, -stretch] has as

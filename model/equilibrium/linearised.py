@@ -191,10 +191,18 @@ class Linearised:
         """How the states move with the tensions (n_states, n_tendons)."""
         return self.by_parameters[:, :-1]
 
-    @property
+    @cached_property
     def by_load(self) -> Array:
-        """How the states move with the load factor (n_states,)."""
-        return self.by_parameters[:, -1]
+        """How the states move with the load factor (n_states,); nan where that is not known."""
+        if self.near:
+            return self.near.by_load
+        at, right = self.band, np.zeros(self.system.of.n_states)
+        own = at.columns == at.first - 1
+        right[at.rows[own]] = self.nonzeros[own]
+        try:
+            return -self.solve(right)
+        except SingularError:
+            return np.full_like(right, np.nan)
 
     @cached_property
     def lengths(self) -> Array:

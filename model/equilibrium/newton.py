@@ -1,15 +1,25 @@
-"""Newton's method on the equations of equilibrium, by bounded steps that have to contract."""
+"""Newton's method on the equations of equilibrium, by bounded steps that have to contract.
+
+For one set of tensions or thousands: what a step costs beside kernels and factorisations is paid
+once for all of them.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from contextlib import suppress
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
 from model.equilibrium.hold import TENSIONS, Hold
-from model.equilibrium.linearised import Linearised
+from model.equilibrium.linearised import Linearised, linearised
+from model.errors import SingularError
 from model.paths import Array
 from model.time_limit import check_time
+from model.transcription.kernel import Places
 from model.transcription.layout import Layout
 from model.transcription.system import System
 
@@ -19,14 +29,35 @@ STEPS = 14
 SETTLED, LEFT = 1e-10, 1e-13
 # A step counts as safe if it is so much smaller than the last; below SMALL rounding may be felt.
 CONTRACTION, SMALL = 0.25, 1e-3
-# The farthest that one step turns a frame, as a change of its quaternion, and how many steps may be
-# cut to that.
+# The farthest that one step turns a frame, as a change of its quaternion; from guesses by another
+# mesh.
 TURN, NEAR = 0.3, 0.02
 # The factorisation is kept after a step so small, and as long as steps contract so fast: a residual
 # costs a tenth of a factorised Jacobian.
 CLOSE, KEPT = 0.02, 0.1
 # Where an equilibrium is so near to where it was linearised, that does for its derivatives.
 AS_GOOD = 1e-5
+
+Solution = Linearised | None
+
+
+class Solutions(NamedTuple):
+    """What Newton's method comes to from N guesses.
+
+    Attributes
+    ----------
+    solutions : list of Linearised
+        The equilibria; None where steps are not small or do not shrink.
+    last : list of Linearised
+        The equations as they were linearised last, on the way there.
+    turned : (N,)
+        How far the first step would turn a frame, as a change of its quaternion; inf if there is
+        none.
+    """
+
+    solutions: list[Solution]
+    last: list[Solution]
+    turned: Array
 
 
 def newton(
@@ -35,83 +66,177 @@ def newton(
     load: float,
     states: Array,
     farthest: float = TURN,
-    cuts: int = 0,
     kept: Linearised | None = None,
     hold: Hold = TENSIONS,
-) -> Linearised | None:
-    """Return the equilibrium near given states, None where steps are not small or do not shrink.
+) -> Solution:
+    """Return the equilibrium near given states (n_states,) under tensions (n_tendons,).
 
-    That keeps to the branch that the states are on.
+    As `newton_many` does, of which it is the case of one set.
+    """
+    given = tensions[None], load, states[None], farthest, [kept], 1.0, hold
+    return newton_many(system, *given).solutions[0]
+
+
+def newton_many(
+    system: System,
+    tensions: Array,
+    load: float | Array,
+    guesses: Array,
+    farthest: float = TURN,
+    kept: Sequence[Solution] | None = None,
+    looser: float | Array = 1.0,
+    hold: Hold = TENSIONS,
+) -> Solutions:
+    """Return the equilibria near guesses (N, n_states) under tensions (N, n_tendons).
+
+    None where steps are not small or do not shrink: that keeps to the branch that a guess is on.
 
     Parameters
     ----------
+    load : float or (N,)
+        The load factor.
     farthest : float
-        How far a step may turn a frame.
-    cuts : int
-        How many steps may be shortened to that; others that are farther lead nowhere.
-    kept : Linearised
-        The equations linearised nearby, for the first steps.
+        How far a step may turn a frame; one that is farther leads nowhere.
+    kept : sequence of Linearised
+        The equations linearised nearby, for the first steps of each; None where there are none.
+    looser : float or (N,)
+        How many times larger the steps are that are done with; the root of that for how far from
+        where they were linearised the equations count as such.
     hold : Hold
         What is held; where lengths are, the tensions are those to begin with.
     """
-    last, of, here, moved = 0.0, system.of, kept, np.inf
+    N, of = len(guesses), system.of
+    at, x = _measures(of, system.arm.length), np.empty((N, of.n_x))
+    x[:, : of.n_tendons], x[:, of.n_tendons], x[:, of.first :] = tensions, load, guesses
+    slack = np.broadcast_to(looser, N).tolist()
+    sets = [_Set(own, own_slack) for own, own_slack in zip(kept or [None] * N, slack, strict=True)]
+    alive = list(range(N))
     for _ in range(STEPS):
+        if not alive:
+            break
         check_time()
-        x = system.x(tensions, load, states)
-        step = _step(system, x, here, hold)
-        if step is None:
-            return None
-        settled, moved = (LEFT, moved) if here else (SETTLED, 0.0)
-        here, change, after = step
-        here = here.near or here
-        turn = float(np.abs(change[of.nodes[:, :4]]).max())
-        if turn > farthest:
-            if last or cuts == 0:
-                return None
-            part = farthest / turn
-            states, tensions = states + part * change, tensions + part * (after - tensions)
-            cuts, here = cuts - 1, None
-            continue
-        states, tensions = states + change, after
-        size = step_size(system, change, states)
+        fresh = [i for i in alive if sets[i].here is None]
+        for i, new in zip(fresh, linearised(system, x[fresh]) if fresh else (), strict=True):
+            sets[i].linearised(new)
+        change = _steps(system, x[alive], [sets[i].here for i in alive], hold)
+        states = change[:, of.first :]
+        turns = np.abs(states[:, at.frames]).max(axis=1).tolist()
+        x[alive] += change
+        now = x[alive, of.first :][:, at.stages]
+        sizes = (np.abs(states[:, at.stages]) / (at.scale + np.abs(now))).max(axis=1).tolist()
+        going = []
+        for i, turn, size in zip(alive, turns, sizes, strict=True):
+            if sets[i].is_done(turn, size, farthest, hold.creep):
+                sets[i].solution = Linearised(system, x[i].copy(), sets[i].nearby)
+            elif sets[i].goes_on:
+                going.append(i)
+        alive = going
+    turned = np.array([own.turned for own in sets])
+    return Solutions([own.solution for own in sets], [own.last_used for own in sets], turned)
+
+
+class _Set:
+    """One set of tensions on its way.
+
+    Attributes
+    ----------
+    here : Linearised or None
+        The equations whose factors the next step takes; None for those where the set is.
+    last, moved : float
+        Size of the last step; of all steps since the equations were linearised.
+    goes_on : bool
+        Whether steps are small and shrink.
+    """
+
+    def __init__(self, kept: Solution, slack: float) -> None:
+        self.here = self.last_used = kept and (kept.near or kept)
+        self.begun, self.chord = kept is not None, True
+        self.slack = slack
+        self.last, self.moved, self.turned = 0.0, np.inf, np.inf
+        self.goes_on = True
+        self.solution: Solution = None
+
+    def linearised(self, here: Linearised) -> None:
+        """Begin with the equations linearised where the set is."""
+        self.here = self.last_used = here
+        self.chord, self.moved = False, 0.0
+
+    def is_done(self, turn: float, strain: float, farthest: float, creep: float) -> bool:
+        """Return whether the last step was the last to take; else prepare for the next.
+
+        It turned a frame and changed strains by so much; where a turn is too far, or no number, the
+        set does not go on.
+        """
+        if not self.last and math.isfinite(turn):
+            self.turned = turn
+        if not turn <= farthest:
+            self.goes_on = False
+            return False
+        size = max(turn, strain)
+        last, chord = self.last, self.chord
+        self.last, self.chord, self.moved = size, True, self.moved + size
         if last and size > max(CONTRACTION * last, SMALL):
-            return None
-        moved += size
-        creeps = CONTRACTION * last < size < hold.creep and last > 0
+            self.goes_on = False
+            return False
+        settled = (LEFT if chord else SETTLED) * self.slack
+        creeps = CONTRACTION * last < size < creep and last > 0
         if size < settled or size**2 < settled * last or creeps:
-            x = system.x(tensions, load, states)
-            return Linearised(system, x, here if moved < AS_GOOD else None)
-        if size > (KEPT * last if last else CLOSE) and (last or kept is None):
-            here = None
-        last = size
+            return True
+        if size > (KEPT * last if last else CLOSE) and (last or not self.begun):
+            self.here = None
+        return False
+
+    @property
+    def nearby(self) -> Solution:
+        """The equations linearised so near that they do for derivatives; None if they are not."""
+        return self.here if self.moved < AS_GOOD * math.sqrt(self.slack) else None
+
+
+def _steps(system: System, x: Array, here: Sequence[Solution], hold: Hold) -> Array:
+    """Return Newton steps of the unknowns (N, n_x); nan where there are none.
+
+    At unknowns x (N, n_x), by equations linearised there or nearby.
+    """
+    n, first, found = system.of.n_tendons, system.of.first, np.zeros_like(x)
+    for row, now, residual, own in zip(found, x, system.residuals(x), here, strict=True):
+        change = None if own is None else _change(own, residual)
+        row[first:] = np.nan if change is None else change
+        if change is None or own is None or hold is TENSIONS:
+            continue
+        after = hold.tensions(Linearised(system, now, own), change, now[:n])
+        row[:n] = np.nan if after is None else after - now[:n]
+        row[first:] += own.by_tensions @ row[:n]
+    return found
+
+
+def _change(here: Linearised, residual: Array) -> Array | None:
+    """Return the change of the states (n_states,) for a residual; None where there is none."""
+    if not math.isfinite(residual.sum()):
+        return None
+    with suppress(SingularError):
+        return -here.solve(residual)
     return None
 
 
-def _step(
-    system: System, x: Array, kept: Linearised | None, hold: Hold
-) -> tuple[Linearised, Array, Array] | None:
-    """Return the equations linearised, a Newton step, and the tensions after it.
+class _Measures(NamedTuple):
+    """Places of strains (n,) and quaternions (m,) among the states; what strains are counted in."""
 
-    None where there is none.
-    """
-    here = Linearised(system, x, kept)
-    change = here.newton_step()
-    if change is None:
-        return None
-    now = x[: system.of.n_tendons]
-    after = hold.tensions(here, change, now)
-    if after is None:
-        return None
-    return here, change if after is now else change + here.by_tensions @ (after - now), after
+    stages: Places
+    frames: Places
+    scale: Array
+
+
+@lru_cache(maxsize=64)
+def _measures(of: Layout, length: float) -> _Measures:
+    scale = np.tile(strain_scale(of, length), of.elements * of.form.stages)
+    return _Measures(of.stages.ravel(), of.nodes[:, :4].ravel(), scale)
 
 
 def step_size(system: System, change: Array, states: Array) -> float:
     """Return the size of a step, relative to strains and quaternions or to 1 / L and 1."""
-    of = system.of
-    scale = strain_scale(of, system.arm.length)
-    moved, now = change[of.stages] / scale, states[of.stages] / scale
-    turned = change[of.nodes[:, :4]]
-    return max(float((np.abs(moved) / (1 + np.abs(now))).max()), float(np.abs(turned).max()))
+    at = _measures(system.of, system.arm.length)
+    moved = np.abs(change[at.stages]) / (at.scale + np.abs(states[at.stages]))
+    return max(float(moved.max()), float(np.abs(change[at.frames]).max()))
 
 
 @lru_cache(maxsize=64)

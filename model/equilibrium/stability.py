@@ -10,10 +10,10 @@ spread along the tendons are held as they are.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
-from scipy.linalg.lapack import dgesv, dpotrf
 from scipy.sparse import csr_array
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
@@ -23,7 +23,7 @@ from model.equilibrium.linearised import Index, Linearised, band
 from model.errors import SingularError
 from model.loads import is_loaded
 from model.paths import Array
-from model.stations import stations
+from model.stations import Counts, stations
 from model.transcription.collocation import gauss
 from model.transcription.layout import POSE, Layout
 from model.transcription.system import System
@@ -40,7 +40,20 @@ _RESTARTS, _SMALL = 10, 1000
 
 
 def stands(here: Linearised) -> bool:
-    """Return whether an equilibrium is stable: whether all pivots of its energy are positive.
+    """Return whether an equilibrium is stable; see stand."""
+    return stand([here])[0]
+
+
+def stand(heres: Sequence[Linearised]) -> list[bool]:
+    """Return whether equilibria of one layout are stable: all pivots of their energies positive.
+
+    See unstable_modes; what is known to have a negative pivot is eliminated no further.
+    """
+    return (_negative_pivots(heres, 0) == 0).tolist() if heres else []
+
+
+def unstable_modes(here: Linearised) -> int:
+    """Return how many negative pivots the energy has, tensions held.
 
     Elements are eliminated from tip to base. With w_k = P_k theta_k what the part beyond a node
     needs to be turned there by theta_k, P = 0 at the tip under dead loads, the strains of the next
@@ -48,49 +61,53 @@ def stands(here: Linearised) -> bool:
     then, all of the energy's Hessian is. Source: inertia is additive (Haynsworth, Linear Algebra
     and its Applications 1, 1968).
     """
-    return unstable_modes(here, 0) == 0
+    return int(_negative_pivots([here])[0])
 
 
-def unstable_modes(here: Linearised, most: int | None = None) -> int:
-    """Return how many negative pivots the energy has, tensions held; see stands.
+def _negative_pivots(heres: Sequence[Linearised], most: int | None = None) -> Counts:
+    """Return how many pivots of N energies are not positive (N,); see unstable_modes.
 
-    Counting ends with the first element that brings them above `most`.
+    Counting ends with the first element that brings all of them above `most`.
     """
-    of, J = here.system.of, _blocks(here)
-    w, n, nodes = of.form.wrench, of.form.stages * of.form.strains, here.states[of.nodes[:, :4]]
-    small = turns(nodes)
+    of = heres[0].system.of
+    J = np.stack([_blocks(here) for here in heres])
+    states = np.stack([here.states for here in heres])
+    w, n, nodes = of.form.wrench, of.form.stages * of.form.strains, states[:, of.nodes[:, :4]]
+    small = turns(nodes.reshape(-1, 4)).reshape(len(heres), -1, 4, 3)
     v, nxt = slice(POSE + w, POSE + w + n), POSE + w + n
     after = slice(nxt + POSE, nxt + POSE + w)
-    moment, quaternion = J[:, :w], J[:, w + n : w + n + 4]
-    back, turned = 4 * small[1:].transpose(0, 2, 1), small[:-1]
+    moment, quaternion = J[:, :, :w], J[:, :, w + n : w + n + 4]
+    back, turned = 4 * np.swapaxes(small[:, 1:], 2, 3), small[:, :-1]
     # By the turn at the first node and the strains: the turn at the last, then the balances of the
     # node and of the stages, these two without what lies beyond. Stages count by their weights.
-    on = np.dstack([-back @ (quaternion[:, :, :4] @ turned), -back @ quaternion[:, :, v]])
+    by_turn = -back @ (quaternion[..., :4] @ turned)
+    on = np.concatenate([by_turn, -back @ quaternion[..., v]], axis=3)
     weight = np.repeat(gauss(of.form.stages).b, of.form.strains)
-    counted = J[:, : w + n] * np.concatenate([np.ones(w), weight])[:, None]
-    own = np.dstack([counted[:, :, :4] @ turned, counted[:, :, v]])
-    beyond = counted[:, :, after]
-    held = -np.linalg.inv(moment[:, :, POSE : POSE + w])
-    P, count = _tip(here) @ small[-1], 0
+    counted = J[:, :, : w + n] * np.concatenate([np.ones(w), weight])[:, None]
+    own = np.concatenate([counted[..., :4] @ turned, counted[..., v]], axis=3)
+    beyond = counted[..., after]
+    held = -np.linalg.inv(moment[..., POSE : POSE + w])
+    P, count = np.stack([_tip(here) for here in heres]) @ small[:, -1], np.zeros(len(heres), int)
     for k in range(of.elements)[::-1]:
-        both = own[k] + beyond[k] @ (P @ on[k])
-        S = both[w:, 3:]
-        _, indefinite = dpotrf(S + S.T, overwrite_a=True)
-        if indefinite:
-            count += _negative(S)
-        if most is not None and count > most:
+        both = own[:, k] + beyond[:, k] @ (P @ on[:, k])
+        S = both[:, w:, 3:]
+        count += _negative(S)
+        if most is not None and count.min() > most:
             return count
-        *_, bent, singular = dgesv(S, both[w:, :3])
-        if singular:
-            raise np.linalg.LinAlgError("a pivot is singular")
-        P = held[k] @ (both[:w, :3] - both[:w, 3:] @ bent)
+        P = held[:, k] @ (both[:, :w, :3] - both[:, :w, 3:] @ np.linalg.solve(S, both[:, w:, :3]))
     # What is no number once stays so.
-    return count if np.isfinite(P).all() else of.elements * n
+    return np.where(np.isfinite(P).all(axis=(1, 2)), count, of.elements * n)
 
 
-def _negative(S: Array) -> int:
-    """Return how many eigenvalues of a pivot are not positive; all of one that is no number."""
-    return int((np.linalg.eigvals(S).real <= 0).sum()) if np.isfinite(S).all() else len(S)
+def _negative(S: Array) -> Counts:
+    """Return how many eigenvalues of pivots (N, n, n) are not positive; all if no numbers."""
+    try:
+        np.linalg.cholesky(S + S.swapaxes(1, 2))
+    except np.linalg.LinAlgError:
+        numbers = np.asarray(np.isfinite(S).all(axis=(1, 2)))
+        values = np.linalg.eigvals(np.where(numbers[:, None, None], S, -np.eye(S.shape[1])))
+        return np.asarray((values.real <= 0).sum(axis=1))
+    return np.zeros(len(S), int)
 
 
 def turns(q: Array) -> Array:

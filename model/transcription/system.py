@@ -218,25 +218,34 @@ class System:
         return np.vstack([self.base, found])
 
     def start(self, tensions: Array, strains: Array, load: float = 0.0) -> Array:
-        """Return the states of given strains at the stages (N stages, strains).
+        """Return the states of given strains at the stages (N stages, strains); see starts."""
+        return np.asarray(self.starts(tensions[None], strains[None], load)[0])
+
+    def starts(self, tensions: Array, strains: Array, load: float = 0.0) -> Array:
+        """Return the states (M, n_states) of strains at the stages (M, N stages, strains).
 
         Poses follow from the base on, forces and moments from the tip on.
         """
-        states, of, N = np.zeros(self.of.n_states), self.of, self.mesh.steps
-        states[of.stages] = strains
-        states[of.nodes[:, :POSE]] = self.marched(strains)
+        M, of, N = len(tensions), self.of, self.mesh.steps
+        x = np.zeros((M, of.n_x))
+        x[:, : of.n_tendons], x[:, of.n_tendons] = tensions, load
+        states = x[:, of.first :]
+        states[:, of.stages] = strains
+        for row, own in zip(states, strains, strict=True):
+            row[of.nodes[:, :POSE]] = self.marched(own)
         if of.form.friction:
             powers, m = gauss(of.form.stages).powers, of.form.stages
             slope = np.arange(1, m) * gauss(m).c[:, None] ** np.arange(m - 1) @ powers[1:]
-            by_stage = strains.reshape(N, m, -1) / np.diff(self.mesh.s)[:, None, None]
-            states[of.rates] = np.einsum("ij,njk->nik", slope, by_stage).reshape(N * m, -1)
-            grows = -self.residual(self.x(tensions, load, states))[of.turned]
-            states[of.turned] = np.cumsum(grows, axis=0)
+            by_stage = strains.reshape(M, N, m, -1) / np.diff(self.mesh.s)[:, None, None]
+            rates = np.einsum("ij,anjk->anik", slope, by_stage)
+            states[:, of.rates] = rates.reshape(M, N * m, -1)
+            grows = -self.residuals(x)[:, of.turned]
+            states[:, of.turned] = np.cumsum(grows, axis=1)
         for first in range(POSE, POSE + of.form.wrench, 3)[::-1]:
             places = of.nodes[:, first : first + 3]
-            drops = -self.residual(self.x(tensions, load, states))[places]
-            states[places] = np.cumsum(drops[::-1], axis=0)[::-1]
-        return states
+            drops = -self.residuals(x)[:, places]
+            states[:, places] = np.cumsum(drops[:, ::-1], axis=1)[:, ::-1]
+        return np.asarray(states)
 
 
 def structure(arm: Arm, scene: Scene, mesh: Mesh, form: Form) -> Layout:

@@ -52,11 +52,13 @@ def pull_at(
 class SectionStrains:
     """The strains of cross-sections at s (N,) where loads are left out, by tensions."""
 
-    def __init__(self, arm: Arm, scene: Scene, s: Array, active: Counts) -> None:
+    def __init__(
+        self, arm: Arm, scene: Scene, s: Array, active: Counts, machine_code: bool = False
+    ) -> None:
         self.arm, self.scene, self.s, self.active = arm, unloaded(scene), s, active
         statics, at = closed_statics(self.scene, arm), stations(arm, s, active)
         self._maps, self._data = statics.pulls(arm, at), statics.data(at).T
-        self._call = Mapped(strain_function(statics))
+        self._call = Mapped(kernel(strain_function(statics), machine_code))
 
     def of_many(self, tensions: Array) -> Array:
         """Return tau, xi, k, q (M, N, 4) under tensions (M, n_tendons); NaN where nothing does."""

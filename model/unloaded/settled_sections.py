@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,6 +62,17 @@ class SettledSections:
                 raise UnsettledSectionError(float(s[lost][np.isnan(left).any(axis=1)][0]))
             found[lost] = strains_of(law, left)
         return found
+
+    def of_many(self, tensions: Array) -> Array:
+        """Return their strains (M, N, n) under tensions (M, n_tendons); NaN where none are."""
+        rows = self._many.of_many(tensions)
+        found = strains_of(self.sections.law, rows.reshape(-1, rows.shape[-1]))
+        return found.reshape(*rows.shape[:2], -1)
+
+    @cached_property
+    def _many(self) -> SectionStrains:
+        form = self.sections
+        return SectionStrains(self.arm, self.scene, form.s, self.active, form.machine_code)
 
     def crushed(self, strains: Array) -> NDArray[np.bool_]:
         """Return where strains (N, n) leave a tendon no length (N,)."""

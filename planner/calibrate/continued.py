@@ -10,14 +10,11 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from model.equilibrium import side_by_side
 from model.equilibrium.by_numbers import ByNumbers
-from model.equilibrium.forward import Collocation, Known, carried_strains
+from model.equilibrium.forward import Collocation, Known
 from model.equilibrium.linearised import Linearised
-from model.equilibrium.many_tips import by_the_paper, least_stretch
-from model.equilibrium.newton import CLOSE, TURN
-from model.equilibrium.newton_many import newton_many
-from model.equilibrium.side_by_side import Flags, is_for, near
+from model.equilibrium.newton import CLOSE, TURN, newton_many
+from model.errors import OctoplanError
 from model.paths import Array
 from model.transcription.system import System
 from model.unloaded.stretch import LEAST_STRETCH
@@ -27,31 +24,24 @@ Found = list[Linearised | None]
 
 
 def from_rest(system: System, tensions: Array) -> Found:
-    """Return the equilibria that machine code comes to from the arm without loads.
+    """Return the equilibria that the arm without loads comes to, tensions first, then the loads.
 
-    Its own tensions first, then the loads: it may be another than by drawing tensions, which tells.
+    They may be others than by drawing tensions, which tells; None where there are none.
     """
-    found: Found = [None] * len(tensions)
-    if not (system.of.form.machine_code and is_for(system.of.form)):
-        return found
-    T = tensions.T
-    states, settled = side_by_side.from_rest(system, T, by_the_paper(system, T))
-    stretch = least_stretch(system, states[system.of.stages.ravel()])
-    return _linearised(system, tensions, states, settled & (stretch > LEAST_STRETCH))
+    forward = Collocation.on(system)
+    found = [None if isinstance(h, OctoplanError) else h for h in forward.from_rest_many(tensions)]
+    return [
+        here if here and forward.stretch(here.states).min() > LEAST_STRETCH else None
+        for here in found
+    ]
 
 
 def carried(heres: Sequence[Linearised], system: System, tensions: Array, looser: float) -> Found:
     """Return the equilibria of a system whose mesh differs; None where there are none."""
-    found: Found = [None] * len(heres)
-    if system.of.form.machine_code and is_for(system.of.form):
-        before = heres[0].system
-        strains = np.stack([before.strains(here.states) for here in heres], axis=-1)
-        strains = carried_strains(before, strains, system).reshape(-1, len(heres))
-        found = _linearised(system, tensions, *near(system, tensions.T, strains, TURN))
-    on, lost = Collocation.on(system), [k for k, here in enumerate(found) if here is None]
-    known = [Known(heres[k].system, heres[k].states) for k in lost]
-    guesses = [on.carried(tensions[k], here) for k, here in zip(lost, known, strict=True)]
-    return _completed(found, lost, system, tensions, np.array(guesses), looser)
+    on = Collocation.on(system)
+    known = [Known(here.system, here.states) for here in heres]
+    guesses = np.array([on.carried(T, here) for T, here in zip(tensions, known, strict=True)])
+    return newton_many(system, tensions, 1.0, guesses, TURN, looser=looser).solutions
 
 
 def continued(
@@ -99,12 +89,8 @@ def _led(
     guesses = np.array([own.here.states for own in by]) + ahead
     turns = np.abs(ahead[:, system.of.nodes[:, :4].ravel()]).max(axis=1)
     kept = [own.here if turn < CLOSE else None for own, turn in zip(by, turns, strict=True)]
-    form = system.of.form
-    if form.machine_code and is_for(form):
-        strains = guesses[:, system.of.stages.ravel()].T
-        found = _linearised(system, tensions, *near(system, tensions.T, strains, FARTHEST))
-    else:
-        found = newton_many(system, tensions, guesses, FARTHEST, kept, looser).found
+    given = system, tensions, 1.0, guesses, FARTHEST
+    found = newton_many(*given, kept=kept, looser=looser).solutions
     lost = [k for k, here in enumerate(found) if here is None]
     return _completed(found, lost, system, tensions, guesses[lost], looser)
 
@@ -114,12 +100,7 @@ def _completed(
 ) -> Found:
     """Return what was found with what is near guesses for those that were lost, by longer steps."""
     if lost:
-        again = newton_many(system, tensions[lost], guesses, looser=looser).found
+        again = newton_many(system, tensions[lost], 1.0, guesses, looser=looser).solutions
         for k, here in zip(lost, again, strict=True):
             found[k] = here
     return found
-
-
-def _linearised(system: System, tensions: Array, states: Array, settled: Flags) -> Found:
-    pairs = zip(tensions, states.T, settled, strict=True)
-    return [Linearised(system, system.x(T, 1.0, x)) if ok else None for T, x, ok in pairs]

@@ -13,7 +13,7 @@ import numpy as np
 from model import OctoplanError
 from model.equilibrium.forward import Collocation
 from model.equilibrium.linearised import Linearised
-from model.equilibrium.newton_many import newton_many
+from model.equilibrium.newton import newton_many
 from model.loads import is_loaded
 from model.paths import Array
 from model.transcription.system import System
@@ -82,7 +82,9 @@ class Pulled:
             here.states + here.by_tensions @ (own - start)
             for own, (start, here) in zip(tensions, starts, strict=True)
         ]
-        ends = newton_many(self.system, T, np.array(guesses), FARTHEST, found, self.looser).found
+        ends = newton_many(
+            self.system, T, 1.0, np.array(guesses), FARTHEST, kept=found, looser=self.looser
+        ).solutions
         sure = [False] * len(found)
         for i in np.argsort(np.linalg.norm(T, axis=1), kind="stable").tolist():
             end = ends[i]
@@ -136,15 +138,15 @@ class Pulled:
             ]
             T = start[alive] + to[:, None] * change[alive]
             looser = np.where(to < 1, max(_ON_THE_WAY, self.looser), self.looser)
-            steps = newton_many(self.system, T, np.array(guesses), FARTHEST, looser=looser)
+            steps = newton_many(self.system, T, 1.0, np.array(guesses), FARTHEST, looser=looser)
             factor = np.sqrt(_AIM * FARTHEST / np.maximum(steps.turned, 1e-300))
             for k, i in enumerate(alive):
-                end, length = steps.found[k], float(to[k] - share[i])
+                end, length = steps.solutions[k], float(to[k] - share[i])
                 if end is None:
                     step[i] = length * min(max(factor[k], _SHORTER), 0.5)
                     continue
                 here[i], share[i] = end, to[k]
-                tangents[i] = steps.kept[k] or end
+                tangents[i] = steps.last[k] or end
                 step[i] = length * min(max(factor[k], 0.5), _LONGER)
                 if to[k] >= 1:
                     found[i] = end

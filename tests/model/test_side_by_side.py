@@ -1,4 +1,4 @@
-"""Many sets of tensions under loads, side by side in machine code, settle as each does alone."""
+"""Many sets of tensions under loads settle side by side as each does alone."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from model.equilibrium import load_stepping
+from model.equilibrium import continuation
 from model.errors import SnapError
 from model.paths import Array
 
@@ -61,20 +61,20 @@ def test_sets_side_by_side_are_those_settled_alone(name: str) -> None:
 def test_sets_whose_loads_come_in_steps_end_on_the_same_branch(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    arm, scene, steps = Arm.from_paper("table-4"), SCENES["silicone, a mass off the axis"], []
-    follow = load_stepping.follow
+    arm, scene, shares = Arm.from_paper("table-4"), SCENES["silicone, a mass off the axis"], []
+    newton_many = continuation.newton_many
 
-    def counted(*given: object) -> object:
-        steps.append(1)
-        return follow(*given)  # type: ignore[arg-type]
+    def seen(system: object, tensions: Array, load: Array, *given: object, **how: object) -> object:
+        shares.extend(np.asarray(load).tolist())
+        return newton_many(system, tensions, load, *given, **how)  # type: ignore[arg-type]
 
     T = sets(40, 5)
     with monkeypatch.context() as changed:
-        changed.setattr(load_stepping, "follow", counted)
-        alone = settle_many(arm, T, scene)
-    assert 3 < len(steps) < 80
-    many = settle_many(arm, T, scene, compile=True)
-    assert np.abs(many.tip - alone.tip).max() < 1e-11
+        changed.setattr(continuation, "newton_many", seen)
+        many = settle_many(arm, T, scene)
+    assert 3 < sum(share < 1 for share in shares) < 80
+    alone = np.array([settle(arm, row, scene).tip for row in T])
+    assert np.abs(many.tip - alone).max() < 1e-11
 
 
 def test_what_buckles_is_refused_as_it_is_alone() -> None:

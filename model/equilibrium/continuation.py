@@ -1,0 +1,141 @@
+"""The equilibrium under the full loads: from the arm without them, in one step if that is safe.
+
+For one set of tensions or thousands, whose branches are followed side by side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from model.equilibrium.hold import TENSIONS, Hold
+from model.equilibrium.linearised import Linearised
+from model.equilibrium.newton import NEAR, Solution, newton, newton_many
+from model.errors import SnapError
+from model.paths import Array
+from model.progress import tell
+from model.time_limit import check_time
+from model.transcription.system import System
+
+# The least step in the load factor over what is reached; before the first step, over a millionth.
+LEAST_STEP, FIRST = 1 / 8192, 1e-6
+# The farthest that a frame may turn in one step [rad].
+FOLLOWED = 1.2
+SNAPS, BUCKLES = "it snaps or folds", "it buckles"
+
+
+class Followed(NamedTuple):
+    """The last equilibrium on a branch, the load factor there, and what happens beyond."""
+
+    here: Linearised
+    load: float
+    why: str
+
+
+def near(system: System, tensions: Array, states: Array, hold: Hold = TENSIONS) -> Solution:
+    """Return the equilibrium under the full loads near states that may be of another mesh."""
+    return newton(system, tensions, 1.0, states, NEAR, hold=hold)
+
+
+def by_load_steps(
+    system: System,
+    tensions: Array,
+    unloaded: Array,
+    hold: Hold = TENSIONS,
+    steps: float = np.inf,
+) -> list[Linearised | SnapError]:
+    """Return the equilibria under the full loads that are connected with the unloaded arm's states.
+
+    Of tensions (N, n_tendons) and states (N, n_states); where lengths are held, `tensions` are
+    those of the unloaded arm. A SnapError says where a branch ends or loses its stability before,
+    or takes more `steps`.
+    """
+    pairs = zip(tensions, unloaded, strict=True)
+    starts = [Linearised(system, system.x(T, 0.0, states)) for T, states in pairs]
+    branches = [Followed(here, 0.0, "") for here in starts]
+    ends = follow_on_many(branches, 1.0, LEAST_STEP, hold, steps)
+    return [end.here if end.load >= 1 else SnapError(end.load, end.why or SNAPS) for end in ends]
+
+
+def follow(system: System, tensions: Array, unloaded: Array, most: float, least: float) -> Followed:
+    """Follow the branch that begins at the unloaded arm's states, up to a load factor.
+
+    See follow_on.
+    """
+    start = Linearised(system, system.x(tensions, 0.0, unloaded))
+    return follow_on(Followed(start, 0.0, ""), most, least)
+
+
+def follow_on(at: Followed, most: float, least: float) -> Followed:
+    """Follow a branch on from an equilibrium; see follow_on_many."""
+    return follow_on_many([at], most, least)[0]
+
+
+def follow_on_many(
+    branches: Sequence[Followed],
+    most: float,
+    least: float,
+    hold: Hold = TENSIONS,
+    steps: float = np.inf,
+) -> list[Followed]:
+    """Follow branches of one arm on from equilibria, up to a load factor.
+
+    A step is halved where nothing is found that it leads to; the end is where it is down to `least`
+    of the load factor that is reached, or where so many steps were tried.
+    """
+    at, step, tried = list(branches), np.full(len(branches), min(1.0, most)), 0
+    stood: list[bool | None] = [None] * len(at)
+    while tried < steps:
+        going = [
+            i
+            for i, branch in enumerate(at)
+            if branch.load < most and step[i] >= least * max(branch.load, FIRST)
+        ]
+        if not going:
+            break
+        check_time()
+        tried += 1
+        reached = min(at[i].load for i in going)
+        tell("percent of the loads", round(100 * reached / most), 100)
+        loads = np.array([min(most, at[i].load + step[i]) for i in going])
+        heres = _next([at[i] for i in going], loads, hold)
+        stands = _stand(heres, hold)
+        for i, load, here, firm in zip(going, loads.tolist(), heres, stands, strict=True):
+            if here is not None and not firm and stood[i] is None:
+                # What is unstable without loads, or where it begins, is not their doing.
+                (stood[i],) = _stand([branches[i].here], hold)
+            if here is None or (not firm and stood[i]):
+                why = SNAPS if here is None else BUCKLES
+                at[i], step[i] = at[i]._replace(why=why), (load - at[i].load) / 2
+            else:
+                at[i], step[i] = Followed(here, load, ""), 2 * step[i]
+    return at
+
+
+def _next(at: Sequence[Followed], loads: Array, hold: Hold) -> list[Solution]:
+    """Return the equilibria that steps in the load lead to; None where there is none near."""
+    system, tensions, guesses = at[0].here.system, [], []
+    for branch, load in zip(at, loads.tolist(), strict=True):
+        before, pulls = branch.here, hold.by_load(branch.here)
+        by_load = before.by_load + before.by_tensions @ pulls if pulls.any() else before.by_load
+        tensions.append(np.maximum(before.tensions + (load - branch.load) * pulls, 0.0))
+        guesses.append(before.states + (load - branch.load) * by_load)
+    heres = newton_many(system, np.array(tensions), loads, np.array(guesses), hold=hold).solutions
+    return [
+        here if here is not None and is_near(system, branch.here.states, here.states) else None
+        for branch, here in zip(at, heres, strict=True)
+    ]
+
+
+def _stand(heres: Sequence[Solution], hold: Hold) -> list[bool]:
+    """Return whether equilibria are stable while something is held; of none it is not asked."""
+    found = iter(hold.stand([here for here in heres if here is not None]))
+    return [here is not None and next(found) for here in heres]
+
+
+def is_near(system: System, before: Array, after: Array) -> bool:
+    """Return whether no frame turns by more than is followed in one step."""
+    places = system.of.nodes[:, :4]
+    return bool(np.abs((before[places] * after[places]).sum(axis=1)).min() > np.cos(FOLLOWED / 2))
