@@ -17,8 +17,8 @@ from pathlib import Path
 _MARK = ".octoplan.part"
 _DAY = 86400.0
 _staging: set[Path] = set()
-# Files that were begun, and are of no use as long as nothing is kept.
-_begun: set[Path] = set()
+# Folders that take finished parts of long work, as files that are there whole or not at all.
+_folders: set[Path] = set()
 # What a command has finished writing, in words, for whoever interrupts it; None outside of one.
 _kept: list[str] | None = None
 
@@ -56,6 +56,7 @@ def remembered() -> Iterator[None]:
         yield
     finally:
         _kept = None
+        _folders.clear()
 
 
 def keep(what: str) -> None:
@@ -66,23 +67,29 @@ def keep(what: str) -> None:
 
 def told_kept() -> str:
     """Return what is kept of a command's work, in words."""
-    return "; ".join(_kept) if _kept else "nothing was written"
+    told = [
+        f"what is finished is kept in {folder}: the same command goes on from there"
+        for folder in _folders
+        if any(folder.glob("*.npz"))
+    ]
+    return "; ".join([*told, *(_kept or ())]) or "nothing was written"
 
 
-def begun(path: Path) -> None:
-    """Say that a file was begun that is of no use until something is kept."""
-    _begun.add(path)
+def keep_folder(folder: Path) -> None:
+    """Say that a folder takes finished parts, should the work be interrupted from now on."""
+    if _kept is not None:
+        _folders.add(folder)
 
 
 def abandon() -> None:
-    """Remove what this process has staged, before it ends at once.
-
-    And what was only begun, unless something is kept.
-    """
+    """Remove what this process has staged, and parts that are not whole, before it ends at once."""
     for folder in tuple(_staging):
         shutil.rmtree(folder, ignore_errors=True)
-    for path in () if _kept else tuple(_begun):
-        path.unlink(missing_ok=True)
+    for folder in tuple(_folders):
+        for part in folder.glob("*.part"):
+            part.unlink(missing_ok=True)
+        with suppress(OSError):
+            folder.rmdir()
 
 
 def _remove_orphans(folder: Path) -> None:

@@ -32,7 +32,7 @@ from pathlib import Path
 import psutil
 import xarray
 
-from planner.sweeps.sweep import journal_of
+from planner.sweeps.chunk_files import folder_of
 from studies.maps import SCENE, axis, workspace
 
 ROOT = Path(__file__).parents[1]
@@ -78,12 +78,12 @@ def timed(file: Path, out: Path, jobs: int) -> tuple[float, float]:
 
 def killed(file: Path, out: Path, kills: int, wall: float) -> int:
     """Run a sweep of two workers, kill it again and again; return how often it was hit."""
-    rng, done, journal = random.Random(1), 0, journal_of(out)
+    rng, done = random.Random(1), 0
     while True:
         process = _start(file, out, 2)
         if done < kills:
-            size = journal.stat().st_size if journal.exists() else 0
-            while process.poll() is None and not _grown(journal, size):
+            finished = _finished(out)
+            while process.poll() is None and _finished(out) <= finished:
                 time.sleep(0.05)
             time.sleep(rng.uniform(0, wall / (kills + 1)))
         if done == kills or process.poll() is not None:
@@ -91,7 +91,7 @@ def killed(file: Path, out: Path, kills: int, wall: float) -> int:
             return done
         workers = psutil.Process(process.pid).children()
         if workers and rng.random() < 0.3:
-            # The sweep goes on with another worker, until it is hit itself.
+            # The sweep ends with a sentence; what is finished is kept.
             rng.choice(workers).kill()
             time.sleep(1.0)
         process.kill()
@@ -99,8 +99,9 @@ def killed(file: Path, out: Path, kills: int, wall: float) -> int:
         done += 1
 
 
-def _grown(journal: Path, size: int) -> bool:
-    return journal.exists() and journal.stat().st_size > size
+def _finished(out: Path) -> int:
+    """Return how many chunks of a sweep are finished."""
+    return len(list(folder_of(out).glob("*.npz")))
 
 
 def peak(file: Path, out: Path) -> float:

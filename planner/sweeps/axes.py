@@ -6,10 +6,15 @@ import hashlib
 from dataclasses import dataclass
 from typing import Any
 
-from model.errors import InputError
-from planner.sweeps.tables import AxisTable
-from planner.sweeps.values import Draws, Even, Listed
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr, ndtri
 
+from model.errors import InputError
+from model.paths import Array
+from planner.sweeps.tables import AxisTable
+
+# By the kind of an axis, the keys that it must have and those that it may have.
 _KINDS = {
     "values": ({"values"}, set[str]()),
     "start, stop and count": ({"start", "stop", "count"}, set[str]()),
@@ -19,7 +24,7 @@ _KINDS = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Axis:
     """A value of the scene that varies.
 
@@ -29,30 +34,35 @@ class Axis:
         Key path of the value in the scene.
     name : str
         In the Dataset.
-    values : Listed, Even or Draws
-        In the key's own unit.
+    values : (n,)
+        Numbers in the key's own unit, texts, or true and false.
     unit : str
         Of the values; empty where the key has none.
+    drawn : bool
+        Whether the values were drawn at random: such axes vary together.
     """
 
     key: str
     name: str
-    values: Listed | Even | Draws
+    values: NDArray[Any]
     unit: str
+    drawn: bool
 
     @property
-    def drawn(self) -> bool:
-        """Whether the values were drawn at random: such axes vary together."""
-        return isinstance(self.values, Draws)
+    def extremes(self) -> list[Any]:
+        """The least and largest number; all values where they are no numbers."""
+        if self.values.dtype.kind in "if":
+            return list(dict.fromkeys((self.values.min().item(), self.values.max().item())))
+        return list(dict.fromkeys(self.values.tolist()))
 
 
-def values_of(table: AxisTable, draws: int | None, seed: int) -> Listed | Even | Draws:
+def values_of(table: AxisTable, draws: int | None, seed: int) -> NDArray[Any]:
     """Return the values of an axis; InputError that names the key for what does not go together."""
     kind = _kind(table)
     if table.values is not None:
-        return Listed(_of_a_kind(table.values))
+        return _of_a_kind(table.values)
     if table.start is not None and table.stop is not None and table.count is not None:
-        return Even(table.start, table.stop, table.count)
+        return np.linspace(table.start, table.stop, table.count)
     if draws is None:
         raise InputError("distribution", kind, "draws = N in [sweep] with it: how many to draw")
     low, high = table.low, table.high
@@ -62,18 +72,38 @@ def values_of(table: AxisTable, draws: int | None, seed: int) -> Listed | Even |
         raise InputError("low", low, "above 0 for a log-uniform distribution")
     # Another axis more or less does not change these draws.
     own = int.from_bytes(hashlib.sha256(table.key.encode()).digest()[:8], "little")
-    found = Draws(kind, low, high, table.mean, table.sd, draws, (seed, own))
+    shares = np.random.default_rng((seed, own)).random(draws)
     if kind == "normal":
-        found.cut()
-    return found
+        return _normal(table, shares)
+    assert low is not None and high is not None
+    if kind == "uniform":
+        return np.asarray(low + (high - low) * shares)
+    return np.asarray(low * np.exp(np.log(high / low) * shares))
 
 
-def _of_a_kind(values: list[Any]) -> tuple[Any, ...]:
+def _normal(table: AxisTable, shares: Array) -> Array:
+    """Return draws of a normal distribution, which `low` and `high` may cut off."""
+    mean, sd = table.mean, table.sd
+    assert mean is not None and sd is not None
+    ends = (
+        -np.inf if table.low is None else table.low,
+        np.inf if table.high is None else table.high,
+    )
+    least, most = (ndtr((end - mean) / sd) for end in ends)
+    if not least < most:
+        raise InputError("low, high", [table.low, table.high], "limits that the draws can meet")
+    inside = np.clip(least + (most - least) * shares, 1e-300, 1 - 1e-16)
+    return np.asarray(np.clip(mean + sd * ndtri(inside), *ends))
+
+
+def _of_a_kind(values: list[Any]) -> NDArray[Any]:
     """Return values that are all numbers, all texts or all true and false; else InputError."""
     kinds = {"number" if type(v) in (int, float) else type(v).__name__ for v in values}
     if len(kinds) > 1:
         raise InputError("values", values, "numbers, or texts, or true and false; not a mix")
-    return tuple(values)
+    array = np.array(values)
+    # Whole numbers that do not fit 64 bits.
+    return array.astype(float) if array.dtype.kind in "uO" else array
 
 
 def _kind(table: AxisTable) -> str:
@@ -88,7 +118,7 @@ def _kind(table: AxisTable) -> str:
     if table.distribution:
         must, may = _KINDS[table.distribution]
         more = f" (and, to cut it off, {', '.join(sorted(may))})" if may else ""
-        told = f"{', '.join(sorted(must - {'distribution'}))}{more} with {table.distribution}"
+        allowed = f"{', '.join(sorted(must - {'distribution'}))}{more} with {table.distribution}"
     else:
-        told = "values; or start, stop and count; or distribution with low and high"
-    raise InputError("axis", sorted(given), told)
+        allowed = "values; or start, stop and count; or distribution with low and high"
+    raise InputError("axis", sorted(given), allowed)

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
 from model import InputError
+from model.effects import PrintedStatics
 from model.errors import FileError
-from model.loads import check_loads, is_loaded
+from model.loads import is_loaded
 from planner.scenefile import Question, converted, decoded, question_of, table_of, text_of
 from planner.sweeps.axes import Axis, values_of
 from planner.sweeps.definition import Sweep
 from planner.sweeps.keys import changed, checked_key, unit_of, whole
-from planner.sweeps.tables import MOST_POINTS, AxisTable, SweepFile, SweepTable
+from planner.sweeps.tables import MOST_POINTS, AxisTable, Compute, SweepFile, SweepTable
 from planner.sweeps.variables import RESERVED
-from planner.sweeps.worker import Job
 
 _SUCH = """
 
@@ -31,8 +33,8 @@ _NAME, _LONGEST = re.compile(r"\w([^/\\\x00-\x1f\x7f]*\S)?"), 200
 R = TypeVar("R")
 
 
-def load_sweep(path: str | Path) -> Sweep:
-    """Return what a sweep file asks.
+def load_sweep(path: str | Path, time_limit: float | None = None) -> Sweep:
+    """Return what a sweep file asks; a time limit of each point [s] goes before the scene's.
 
     Raises
     ------
@@ -41,101 +43,126 @@ def load_sweep(path: str | Path) -> Sweep:
     """
     path = Path(path)
     name, text = str(path), text_of(path)
-    raw = decoded(text, name)
-    file = converted(raw, SweepFile, "sweep", name, f"a sweep file is such as {_SUCH}")
+    file = converted(
+        decoded(text, name), SweepFile, "sweep", name, f"a sweep file is such as {_SUCH}"
+    )
     texts = {"sweep": text.decode()}
     if not isinstance(file.scene, str):
-        return _asked(file, _checked_scene(file.scene, name, "scene."), name, texts)
-    scene_path = path.parent / file.scene
-    scene_text = text_of(scene_path)
+        scene = _checked_scene(file.scene, name, "scene.", time_limit)
+        return _Reader(name, file.sweep, scene, name).sweep(texts)
+    beside = path.parent / file.scene
+    scene_text = text_of(beside)
     texts["scene"] = scene_text.decode(errors="replace")
-    scene = _checked_scene(decoded(scene_text, str(scene_path)), str(scene_path), "")
-    return _asked(file, scene, name, texts)
+    scene = _checked_scene(decoded(scene_text, str(beside)), str(beside), "", time_limit)
+    return _Reader(name, file.sweep, scene, str(beside)).sweep(texts)
 
 
-def sweep_of(table: dict[str, Any], name: str = "sweep") -> Sweep:
+def sweep_of(table: dict[str, Any], time_limit: float | None = None) -> Sweep:
     """Return what a sweep file would ask that held a table, its scene in it; see load_sweep."""
-    file = converted(table, SweepFile, "sweep", name, "a sweep is wanted")
+    file = converted(table, SweepFile, "sweep", "sweep", "a sweep is wanted")
     assert isinstance(file.scene, dict)
-    return _asked(file, _checked_scene(file.scene, name, "scene."), name, {})
+    scene = _checked_scene(file.scene, "sweep", "scene.", time_limit)
+    return _Reader("sweep", file.sweep, scene, "sweep").sweep({})
 
 
-def _asked(file: SweepFile, scene: dict[str, Any], name: str, texts: dict[str, str]) -> Sweep:
-    """Return what a file asks with its scene, whose defaults are filled in."""
-    asked = question_of(scene, name)
-    _within(name, "sweep.compute", lambda: _check_compute(asked, file.sweep))
-    axes = _axes(name, scene, file.sweep)
-    arm, keys = asked.arm, tuple(axis.key for axis in axes)
-    fast = file.sweep.compute == "settle" and not is_loaded(asked.scene)
-    together = fast and not asked.winches and all(key.startswith("tensions") for key in keys)
-    job = Job(file.sweep.compute, scene, keys, arm.n_tendons, together)
-    draws = file.sweep.draws or 0
-    tendons = tuple(arm.tendon_name(j) for j in range(arm.n_tendons))
-    found = Sweep(job, axes, draws, tendons, texts)
-    if found.size > MOST_POINTS:
-        told = f"{found.size} points; allowed is up to {MOST_POINTS}"
-        raise FileError(name, "sweep.axes", told)
-    return found
-
-
-def _checked_scene(raw: dict[str, Any], name: str, prefix: str) -> dict[str, Any]:
+def _checked_scene(
+    raw: dict[str, Any], name: str, prefix: str, time_limit: float | None
+) -> dict[str, Any]:
     """Return a scene with all its defaults; an error tells where in the file it is."""
+    limit = {} if time_limit is None else {"time_limit_s": time_limit}
     try:
         question_of(raw, name)
-        return whole(table_of(raw, name))
+        return whole(table_of(raw, name)) | limit
     except FileError as reason:
         raise FileError(reason.path, f"{prefix}{reason.where}", reason.problem) from None
 
 
-def _check_compute(asked: Question, table: SweepTable) -> None:
-    if table.compute != "settle":
-        check_loads(asked.arm, asked.scene, contact=True)
-    if table.compute == "plan":
+@dataclass(frozen=True)
+class _Reader:
+    """Reads the [sweep] table of a file.
+
+    Attributes
+    ----------
+    name : str
+        Of the file, for errors.
+    table : SweepTable
+    scene : dict
+        With its defaults.
+    scene_name : str
+        Of the file that the scene is from.
+    """
+
+    name: str
+    table: SweepTable
+    scene: dict[str, Any]
+    scene_name: str
+
+    def sweep(self, texts: dict[str, str]) -> Sweep:
+        """Return what the table asks; FileError."""
+        compute = self.table.compute
+        asked = question_of(self.scene, self.scene_name)
+        _within(self.name, "sweep.compute", lambda: _check_compute(asked, compute))
+        axes = self._axes()
+        closed = compute == "settle" and not is_loaded(asked.scene) and not asked.winches
+        together = closed and all(axis.key.startswith("tensions") for axis in axes)
+        tendons = tuple(asked.arm.tendon_name(j) for j in range(asked.arm.n_tendons))
+        given = (axes, self.table.draws or 0, tendons, together, texts)
+        sweep = Sweep(compute, self.scene, self.scene_name, *given)
+        if sweep.size > MOST_POINTS:
+            allowed = f"{sweep.size} points; allowed is up to {MOST_POINTS}"
+            raise FileError(self.name, "sweep.axes", allowed)
+        return sweep
+
+    def _axes(self) -> tuple[Axis, ...]:
+        axes: list[Axis] = []
+        for i, own in enumerate(self.table.axes):
+            where = f"sweep.axes[{i}]"
+            axis = _within(self.name, where, partial(self._axis, own))
+            for other in axes:
+                if other.key == axis.key or other.name == axis.name:
+                    told = f"got {axis.name!r}, which another axis is; allowed is each key once"
+                    raise FileError(self.name, where, told)
+            for value in axis.extremes:
+                self._check_value(where, axis.key, value)
+            axes.append(axis)
+        drawn = [axis for axis in axes if axis.drawn]
+        if self.table.draws is not None and not drawn:
+            told = "got draws, and no axis with a distribution"
+            raise FileError(self.name, "sweep.draws", told)
+        return (*(axis for axis in axes if not axis.drawn), *drawn)
+
+    def _axis(self, own: AxisTable) -> Axis:
+        key = checked_key(self.scene, own.key)
+        name = key if own.name is None else own.name
+        if name in RESERVED or not _NAME.fullmatch(name) or len(name.encode()) > _LONGEST:
+            allowed = (
+                "a name without / and \\ that begins with a letter, a digit or _, of up to "
+                f"{_LONGEST} bytes, and none of {', '.join(sorted(RESERVED))}"
+            )
+            raise InputError("name", name, allowed)
+        values = values_of(own, self.table.draws, self.table.seed)
+        return Axis(key, name, values, unit_of(self.scene, key), own.distribution is not None)
+
+    def _check_value(self, where: str, key: str, value: Any) -> None:
+        """Refuse a value of an axis that the scene does not allow."""
+        try:
+            asked = question_of(changed(self.scene, [key], [value]), self.scene_name)
+        except FileError as reason:
+            told = f"{key} = {value!r}: {reason.where}: {reason.problem}"
+            raise FileError(self.name, where, told) from None
+        _within(self.name, where, lambda: _check_compute(asked, self.table.compute))
+
+
+def _check_compute(asked: Question, compute: Compute) -> None:
+    """Refuse what cannot be computed of a scene; InputError."""
+    if asked.scene.has(PrintedStatics):
+        raise InputError("compute", f"{compute} as printed", "a scene without as_printed")
+    if compute == "plan":
         if not asked.targets or "tension_max" not in asked.options:
             raise InputError("compute", "plan", "plan for a scene with [target] and [limits]")
     elif asked.tensions is None and not asked.winches:
-        told = f"{table.compute} for a scene with tensions, lengths_mm or strokes_mm"
-        raise InputError("compute", table.compute, told)
-
-
-def _axes(name: str, scene: dict[str, Any], table: SweepTable) -> tuple[Axis, ...]:
-    found: list[Axis] = []
-    for i, own in enumerate(table.axes):
-        where = f"sweep.axes[{i}]"
-        axis = _within(name, where, lambda own=own: _axis(scene, own, table))  # type: ignore[misc]
-        for other in found:
-            if other.key == axis.key or other.name == axis.name:
-                told = f"got {axis.name!r}, which another axis is; allowed is each key once"
-                raise FileError(name, where, told)
-        _check_values(name, where, scene, axis)
-        found.append(axis)
-    drawn = [axis for axis in found if axis.drawn]
-    if table.draws is not None and not drawn:
-        raise FileError(name, "sweep.draws", "got draws, and no axis with a distribution")
-    return (*(axis for axis in found if not axis.drawn), *drawn)
-
-
-def _axis(scene: dict[str, Any], own: AxisTable, table: SweepTable) -> Axis:
-    key = checked_key(scene, own.key)
-    name = key if own.name is None else own.name
-    if name in RESERVED or not _NAME.fullmatch(name) or len(name.encode()) > _LONGEST:
-        allowed = (
-            "a name without / and \\ that begins with a letter, a digit or _, of up to "
-            f"{_LONGEST} bytes, and none of {', '.join(sorted(RESERVED))}"
-        )
-        raise InputError("name", name, allowed)
-    values = values_of(own, table.draws, table.seed)
-    return Axis(key, name, values, unit_of(scene, key))
-
-
-def _check_values(name: str, where: str, scene: dict[str, Any], axis: Axis) -> None:
-    """Refuse an axis whose least or largest value the scene does not allow."""
-    for value in axis.values.extremes:
-        try:
-            question_of(changed(scene, [axis.key], [value]), name)
-        except FileError as reason:
-            told = f"{axis.key} = {value!r}: {reason.where}: {reason.problem}"
-            raise FileError(name, where, told) from None
+        allowed = f"{compute} for a scene with tensions, lengths_mm or strokes_mm"
+        raise InputError("compute", compute, allowed)
 
 
 def _within(name: str, where: str, build: Callable[[], R]) -> R:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,20 +10,17 @@ from pathlib import Path
 from typing import Any
 
 from model.arm import Arm
+from model.checks import positive
 from model.errors import InputError
 from model.extras import needed
 from model.progress import tell, with_progress
 from model.time_limit import check_time
-from planner.sweeps.cluster import on_cluster
-from planner.sweeps.dataset import dataset
+from planner.sweeps.chunk_files import ChunkFiles, ChunksInMemory, folder_of
+from planner.sweeps.dataset import attributes_in, check_store, gathered, in_order, opened, save
 from planner.sweeps.definition import Sweep
 from planner.sweeps.file import load_sweep, sweep_of
-from planner.sweeps.journal import Journal
 from planner.sweeps.objects import sweep_table
-from planner.sweeps.store import check_store, identity_in, opened, save, summary_in
-from planner.sweeps.summary import Summary
-from planner.sweeps.variables import blank
-from planner.sweeps.workers import Found, here, on_machine
+from planner.sweeps.workers import on_cluster, on_machine
 
 _log = logging.getLogger("planner.sweeps")
 
@@ -35,16 +33,17 @@ def sweep(
     jobs: int = 1,
     scheduler: str | None = None,
     axes: Mapping[str, Any] | None = None,
+    time_limit: float | None = None,
     progress: bool | None = None,
     **others: Any,
 ) -> Any:
     """Return what is asked for at many values of a scene, as an xarray Dataset.
 
     The numbers do not depend on how many work on them, nor on interruptions. A sweep that was
-    killed goes on where it was when it is started again: what is finished is kept in a journal
-    beside `out`, which is removed when `out` is written. Where `out` holds this same sweep already,
-    nothing is run: it is opened, and the log says so (logger planner.sweeps). A point that fails is
-    a row whose `outcome` says why, its numbers nan.
+    killed goes on where it was when it is started again: each chunk of points that is finished is a
+    file in the folder OUT.chunks beside `out`, which is removed when `out` is written. Where `out`
+    holds this same sweep already, nothing is run: it is opened, and the log says so (logger
+    planner.sweeps). A point that fails is a row whose `outcome` says why, its numbers nan.
 
     Parameters
     ----------
@@ -53,7 +52,7 @@ def sweep(
     out : path
         Where to write the Dataset, .nc or .zarr. Memory does not grow with the number of points
         then, and what is returned reads its numbers from there when they are looked at. Without,
-        all is held in memory, and no journal kept.
+        all is held in memory, and nothing is kept of a sweep that is killed.
     jobs : int
         How many processes of this machine work on it; -1 is one for each processor.
     scheduler : str
@@ -61,6 +60,9 @@ def sweep(
     axes : mapping
         With an Arm: by the key that the value has in a scene file, in its unit, the values; or what
         a [[sweep.axes]] table holds, such as {"distribution": "uniform", "low": 80, "high": 120}.
+    time_limit : float
+        Of each point [s], in place of the scene's `time_limit_s`: the best plan by then, else a
+        point that failed.
     progress : bool
         Whether a line tells how far it is: unless given, after two seconds, on terminals and in
         notebooks.
@@ -74,84 +76,96 @@ def sweep(
     FileError
         For what the sweep or its scene must not have, before anything runs.
     InputError
-        For arguments that are not allowed, and a journal of another sweep.
+        For arguments that are not allowed, and where chunks of another sweep are in the way.
     MissingExtraError
         Naming the command that installs what is missing.
     WorkersLostError
-        If workers are killed again and again; what is finished is kept.
+        If workers are killed; what is finished is kept beside `out`.
     VersionsError
         If a worker of the cluster has other versions of what computes.
+    FullDiskError
+        If something cannot be written; what is finished is kept.
     """
+    seconds = None if time_limit is None else positive("time_limit", time_limit)
     if isinstance(asked, Arm):
-        wanted = sweep_of(sweep_table(asked, axes, **others))
+        wanted = sweep_of(sweep_table(asked, axes, **others), seconds)
     elif axes is not None or others:
         given = ", ".join([*(["axes"] if axes is not None else []), *others])
         raise InputError(given, "given beside a sweep file", "with an Arm in place of the file")
     else:
-        wanted = load_sweep(asked)
-    _check(jobs)
+        wanted = load_sweep(asked, seconds)
     if out is not None:
-        found = written(wanted, out, jobs=jobs, scheduler=scheduler)
-        if found.earlier:
+        if written(wanted, out, jobs=jobs, scheduler=scheduler).earlier:
             _log.info("%s holds this sweep already; it is not run again", out)
         return opened(Path(out))
-    rows = blank(wanted.job.compute, wanted.job.tendons, wanted.size)
-    for chunk, part in _found(wanted, list(range(wanted.chunks)), jobs, scheduler):
-        rows.put(chunk * wanted.chunk, part)
-    return dataset(wanted, rows)
+    _check(jobs)
+    chunks = ChunksInMemory()
+    _compute(wanted, list(range(wanted.chunks)), chunks, jobs, scheduler)
+    with in_order():
+        return gathered(wanted, chunks.read).load()
 
 
 @dataclass(frozen=True)
 class Written:
-    """What became of a sweep's points, and whether an earlier run had found and written them."""
+    """What became of a sweep that is written.
 
-    summary: Summary
+    Attributes
+    ----------
+    met : int
+        Points that settled, or whose targets are reached.
+    failures : dict of str to int
+        One outcome of each kind of the others and how many there are, the most frequent first.
+    earlier : bool
+        Whether an earlier run has written it.
+    """
+
+    met: int
+    failures: dict[str, int]
     earlier: bool
 
 
 def written(
-    asked: Sweep, out: str | Path, *, jobs: int = 1, scheduler: str | None = None
+    wanted: Sweep, out: str | Path, *, jobs: int = 1, scheduler: str | None = None
 ) -> Written:
-    """Write what a sweep asks for, unless it is there already."""
+    """Write what a sweep computes, unless it is there already."""
     path = Path(out)
     _check(jobs)
     check_store(path)
-    if not journal_of(path).exists() and identity_in(path) == asked.identity:
-        return Written(summary_in(path, asked), True)
-    like = blank(asked.job.compute, asked.job.tendons, 0)
-    with Journal(journal_of(path), asked.identity, asked.chunks, like) as journal:
-        for chunk, rows in _found(asked, journal.left, jobs, scheduler):
-            journal.add(chunk, rows)
-        summary = save(asked, journal, path)
-        journal.remove()
-    return Written(summary, False)
+    attributes = attributes_in(path)
+    earlier = attributes.get("identity") == wanted.identity
+    chunks = ChunkFiles(folder_of(path), wanted)
+    if not earlier:
+        _compute(wanted, chunks.left, chunks, jobs, scheduler)
+        data = gathered(wanted, chunks.read)
+        attributes = data.attrs
+        save(data, path)
+    chunks.remove()
+    return Written(int(attributes["met"]), json.loads(attributes["failures"]), earlier)
 
 
 def _check(jobs: int) -> None:
     """Tell whatever hinders a sweep before anything runs."""
-    needed("xarray", "sweep")
+    for package in ("xarray", "dask"):
+        needed(package, "sweep")
     if isinstance(jobs, bool) or not isinstance(jobs, int) or (jobs < 1 and jobs != -1):
         raise InputError("jobs", jobs, "a whole number from 1, or -1 for all processors")
 
 
-def journal_of(out: Path) -> Path:
-    """Return where the journal of a sweep is that is to be written to a path."""
-    return out.with_name(f"{out.name}.journal")
-
-
-def _found(asked: Sweep, left: list[int], jobs: int, scheduler: str | None) -> Found:
-    """Yield what is found at chunks by whoever works, and tell how far they are."""
-    done = asked.chunks - len(left)
-    for chunk, rows in _working(asked, left, jobs, scheduler):
-        done += 1
-        yield chunk, rows
-        check_time()
-        tell("points", min(done * asked.chunk, asked.size), asked.size)
-
-
-def _working(asked: Sweep, left: list[int], jobs: int, scheduler: str | None) -> Found:
+def _compute(
+    wanted: Sweep,
+    left: list[int],
+    chunks: ChunkFiles | ChunksInMemory,
+    jobs: int,
+    scheduler: str | None,
+) -> None:
+    """Compute the chunks that are left, by whoever works, and keep each as it comes."""
     if not left:
-        return iter(())
+        return
     if scheduler is not None:
-        return on_cluster(asked, left, scheduler)
-    return here(asked, left) if jobs == 1 else on_machine(asked, left, jobs)
+        computed = on_cluster(wanted, left, scheduler)
+    else:
+        computed = on_machine(wanted, left, jobs)
+    for done, (chunk, rows) in enumerate(computed, start=wanted.chunks - len(left) + 1):
+        chunks.write(chunk, rows)
+        check_time()
+        tell("points", done * wanted.size // wanted.chunks, wanted.size)

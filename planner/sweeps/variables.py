@@ -2,24 +2,47 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from model.paths import Array
 from planner.sweeps.tables import Compute
 
-SIZES = {"xyz": 3, "column": 3, "displacement": 6, "wrench": 6}
+Rows = dict[str, NDArray[Any]]
+"""What was computed at some points: each variable by its name, a row for each point."""
+
+LABELS = {
+    "xyz": ["x", "y", "z"],
+    "column": ["t", "n", "b"],
+    "displacement": ["x", "y", "z", "rotation_x", "rotation_y", "rotation_z"],
+    "wrench": ["F_x", "F_y", "F_z", "M_x", "M_y", "M_z"],
+}
 
 
 @dataclass(frozen=True)
 class Variable:
-    """A quantity of a point: its own dimensions, unit, meaning, and whether it is yes or no."""
+    """A quantity of a point.
+
+    Attributes
+    ----------
+    dims : tuple of str
+        Its own dimensions, beside those that the points lie along.
+    units, about : str
+    blank : float, bool or str
+        What it is where it was not computed.
+    """
 
     dims: tuple[str, ...]
     units: str
     about: str
-    flag: bool = False
+    blank: Any = np.nan
+
+    def sizes(self, tendons: int) -> tuple[int, ...]:
+        """Return the sizes of its own dimensions."""
+        return tuple(tendons if dim == "tendon" else len(LABELS[dim]) for dim in self.dims)
 
 
 _SHAPE = {
@@ -27,16 +50,17 @@ _SHAPE = {
     "tip_frame": Variable(("xyz", "column"), "1", "frame of the tip: columns t, n, b"),
     "tensions": Variable(("tendon",), "N", "tensions in tendon order"),
     "error": Variable((), "1", "estimated tip error over arm length"),
+    "outcome": Variable((), "", "what happened", ""),
 }
 _SETTLED = {
-    "settled": Variable((), "1", "whether the arm was settled as accurately as asked", True)
+    "settled": Variable((), "1", "whether the arm was settled as accurately as asked", False)
 }
-VARIABLES: dict[Compute, dict[str, Variable]] = {
+VARIABLES: Mapping[Compute, Mapping[str, Variable]] = {
     "settle": {**_SHAPE, **_SETTLED},
     "plan": {
         **_SHAPE,
         "effort": Variable((), "N", "norm of the tensions that was made least"),
-        "reached": Variable((), "1", "whether the targets are met, by the certificate", True),
+        "reached": Variable((), "1", "whether the targets are met, by the certificate", False),
     },
     "stiffness": {
         **_SHAPE,
@@ -46,55 +70,26 @@ VARIABLES: dict[Compute, dict[str, Variable]] = {
             "m/N, m/(N m), rad/N, rad/(N m)",
             "displacement [m] and rotation [rad] per force [N] and moment [N m], base frame",
         ),
-        "stable": Variable((), "1", "whether the shape is stable under held tensions", True),
+        "stable": Variable((), "1", "whether the shape is stable under held tensions", False),
     },
 }
-RESERVED = {
-    "outcome",
-    "draw",
-    "tendon",
-    "zarr.json",
-    *SIZES,
-    *(n for own in VARIABLES.values() for n in own),
-}
+RESERVED = {"draw", "tendon", "zarr.json", *LABELS, *(n for own in VARIABLES.values() for n in own)}
 """Names in a Dataset that no axis can have."""
 
 
-@dataclass(frozen=True, eq=False)
-class Rows:
-    """What was found at some points, in order.
-
-    Attributes
-    ----------
-    values : dict of (m, ...)
-        Each variable; nan where it was not found, 1 and 0 for yes and no.
-    outcomes : list of str
-        What happened at each point, in words.
-    """
-
-    values: dict[str, Array]
-    outcomes: list[str] = field(default_factory=list)
-
-    def put(self, begin: int, other: Rows) -> None:
-        """Put the rows of other points from row `begin` on."""
-        end = begin + len(other.outcomes)
-        for name, own in self.values.items():
-            own[begin:end] = other.values[name]
-        self.outcomes[begin:end] = other.outcomes
-
-    def part(self, begin: int, end: int) -> Rows:
-        """Return some of the rows."""
-        values = {name: own[begin:end] for name, own in self.values.items()}
-        return Rows(values, self.outcomes[begin:end])
+def success(compute: Compute) -> str:
+    """Return the variable that tells whether a point is as wanted."""
+    return "reached" if compute == "plan" else "settled"
 
 
-def blank(compute: Compute, tendons: int, points: int) -> Rows:
-    """Return rows in which nothing was found yet."""
-    sizes = {**SIZES, "tendon": tendons}
-    values = {
-        name: np.full(
-            (points, *(sizes[dim] for dim in variable.dims)), 0.0 if variable.flag else np.nan
-        )
+def blank(compute: Compute, tendons: int, points: int, width: int = 0) -> Rows:
+    """Return rows in which nothing is computed yet, their texts `width` characters wide."""
+    return {
+        name: np.full((points, *variable.sizes(tendons)), variable.blank, dtype_of(variable, width))
         for name, variable in VARIABLES[compute].items()
     }
-    return Rows(values, [""] * points)
+
+
+def dtype_of(variable: Variable, width: int) -> np.dtype[Any]:
+    """Return the type of a variable's array, whose texts are `width` characters wide."""
+    return np.dtype(f"U{max(width, 1)}" if variable.blank == "" else type(variable.blank))

@@ -154,7 +154,7 @@ def test_an_interrupted_sweep_says_what_is_kept(tmp_path: Path) -> None:
         "key = 'arm.E_kPa'\nstart = 80.0\nstop = 120.0\ncount = 4000\n",
         "sweep.toml",
     )
-    journal = tmp_path / "sweep.nc.journal"
+    chunks = tmp_path / "sweep.nc.chunks"
     process = subprocess.Popen(
         [sys.executable, "-m", "octoplan", "sweep", sweep],
         cwd=tmp_path,
@@ -162,12 +162,12 @@ def test_an_interrupted_sweep_says_what_is_kept(tmp_path: Path) -> None:
         stderr=subprocess.PIPE,
         text=True,
     )
-    while not (journal.exists() and journal.read_bytes().count(b"\n") > 1):
+    while not list(chunks.glob("*.npz")):
         time.sleep(0.02)
         assert process.poll() is None
     time.sleep(0.1)
     process.send_signal(signal.SIGINT)
     told = process.communicate()[1]
     assert process.returncode == 130
-    kept = f"what is finished is kept in {journal}: the same command goes on from there"
+    kept = f"what is finished is kept in {chunks}: the same command goes on from there"
     assert told == f"octoplan: interrupted; {kept}\n"

@@ -76,7 +76,7 @@ def ended(command: str, number: signal.Signals, after: float, folder: Path) -> i
     if process.returncode:
         kept = told.removeprefix(said).strip()
         assert ("nothing was written" in kept) == (not left), kept
-    left.discard("a.nc.journal" if process.returncode else "")
+    left.discard("a.nc.chunks" if process.returncode else "")
     assert left in (files, set()), left
     assert left == files or process.returncode != 0
     return process.returncode

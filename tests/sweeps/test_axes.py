@@ -79,7 +79,7 @@ def test_key_paths_find_values_and_their_units(
     tmp_path: Path, key: str, value: float, unit: str
 ) -> None:
     axis = load_sweep(written(tmp_path, _axis(key=key, values=[value]))).axes[0]
-    assert (axis.key, axis.values.extremes, axis.unit) == (key, (value,), unit)
+    assert (axis.key, axis.extremes, axis.unit) == (key, [value], unit)
 
 
 @pytest.mark.parametrize(

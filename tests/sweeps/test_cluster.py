@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 
 import planner
-from planner.sweeps import cluster as on_dask
 from planner.sweeps.file import load_sweep
-from planner.sweeps.workers import WorkersLostError
+from planner.sweeps.points import Job
+from planner.sweeps.workers import VersionsError, WorkersLostError, _for_others, on_cluster
 from tests.sweeps.cases import DRAWN, GRID, STIFFNESS, written
 
 ROOT = Path(__file__).parents[2]
@@ -49,8 +49,8 @@ def _dask(what: str) -> list[str]:
 
 def test_a_worker_with_other_versions_is_refused(tmp_path: Path) -> None:
     asked = load_sweep(written(tmp_path, GRID))
-    with pytest.raises(on_dask.VersionsError, match="install alike"):
-        on_dask._for_others({"octoplan": "0"}, asked.job, 0, asked.points(0))
+    with pytest.raises(VersionsError, match="install alike"):
+        _for_others({"octoplan": "0"}, Job.of(asked), 0, asked.points(0))
 
 
 def _killing(
@@ -59,7 +59,7 @@ def _killing(
     """Return on_cluster, which kills a process when so many chunks are found."""
 
     def watched(*asked: object) -> Iterator:
-        for chunk, rows in on_dask.on_cluster(*asked):
+        for chunk, rows in on_cluster(*asked):
             found.append(chunk)
             if len(found) == after:
                 os.kill(process.pid, signal.SIGKILL)

@@ -13,8 +13,8 @@ import xarray
 
 import planner
 from model import InputError
+from planner.sweeps.chunk_files import folder_of
 from planner.sweeps.definition import Sweep
-from planner.sweeps.sweep import journal_of
 from planner.sweeps.workers import WorkersLostError
 from tests.sweeps.cases import DRAWN, GRID, STIFFNESS, written
 
@@ -34,9 +34,13 @@ def _started(path: Path, out: Path, jobs: int) -> "subprocess.Popen[bytes]":
     )
 
 
-def _await_lines(journal: Path, lines: int, process: "subprocess.Popen[bytes]") -> None:
+def _finished(out: Path) -> int:
+    return len(list(folder_of(out).glob("*.npz")))
+
+
+def _await_chunks(out: Path, chunks: int, process: "subprocess.Popen[bytes]") -> None:
     """Wait until so many chunks are finished."""
-    while not (journal.exists() and journal.read_bytes().count(b"\n") > lines):
+    while _finished(out) < chunks:
         assert process.poll() is None, process.stderr and process.stderr.read().decode()
         time.sleep(0.01)
 
@@ -53,10 +57,9 @@ def test_a_sweep_killed_twice_and_resumed_finds_what_an_undisturbed_one_finds(
     tmp_path: Path, jobs: int
 ) -> None:
     path, out = written(tmp_path, AXES, "stiffness", MORE), tmp_path / "out.nc"
-    journal = journal_of(out)
-    for lines in (10, 25):
+    for chunks in (10, 25):
         process = _started(path, out, jobs)
-        _await_lines(journal, lines, process)
+        _await_chunks(out, chunks, process)
         workers = _workers(process.pid)
         assert len(workers) == (2 if jobs == 2 else 0)
         process.send_signal(signal.SIGKILL)
@@ -66,9 +69,9 @@ def test_a_sweep_killed_twice_and_resumed_finds_what_an_undisturbed_one_finds(
         assert process.stderr is not None
         process.stderr.close()
         assert not out.exists()
-        assert journal.read_bytes().count(b"\n") >= lines
+        assert _finished(out) >= chunks
     resumed = planner.sweep(path, out)
-    assert not journal.exists()
+    assert not folder_of(out).exists()
     undisturbed = planner.sweep(path)
     assert resumed.identical(undisturbed)
     assert xarray.load_dataset(out).identical(undisturbed)
@@ -90,27 +93,33 @@ def test_what_is_finished_is_not_found_again(
 ) -> None:
     path, out = written(tmp_path, AXES, "stiffness", FEW), tmp_path / "out.nc"
     process = _started(path, out, 1)
-    _await_lines(journal_of(out), 5, process)
+    _await_chunks(out, 5, process)
     process.kill()
     process.communicate()
-    finished = journal_of(out).read_bytes().count(b"\n") - 1
-    run, chunks = planner.sweeps.workers.run, []
+    finished = _finished(out)
+    computed, chunks = planner.sweeps.workers.computed, []
     monkeypatch.setattr(
-        planner.sweeps.workers, "run", lambda *asked: chunks.append(1) or run(*asked)
+        planner.sweeps.workers, "computed", lambda *asked: chunks.append(1) or computed(*asked)
     )
     planner.sweep(path, out)
     assert len(chunks) == 30 - finished
 
 
 @pytest.mark.slow
-def test_a_sweep_goes_on_when_a_worker_is_killed(tmp_path: Path) -> None:
+def test_a_sweep_whose_worker_is_killed_says_so_and_goes_on_when_started_again(
+    tmp_path: Path,
+) -> None:
     path, out = written(tmp_path, AXES, "stiffness", MORE), tmp_path / "out.nc"
     process = _started(path, out, 2)
-    _await_lines(journal_of(out), 5, process)
+    _await_chunks(out, 5, process)
     _workers(process.pid)[0].kill()
     told = process.communicate()[1].decode()
-    assert process.returncode == 0, told
-    assert xarray.load_dataset(out).identical(planner.sweep(path))
+    assert process.returncode == 1
+    assert "workers were killed" in told
+    assert "what is finished is kept" in told
+    assert "Traceback" not in told
+    assert _finished(out) >= 5
+    assert planner.sweep(path, out, jobs=2).identical(planner.sweep(path))
 
 
 class _Deadly:
@@ -121,7 +130,7 @@ class _Deadly:
 
 
 @pytest.mark.slow
-def test_points_that_kill_their_workers_again_and_again_are_told(
+def test_points_that_kill_their_workers_are_told_and_the_others_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path, out = written(tmp_path, GRID), tmp_path / "out.nc"
@@ -138,12 +147,12 @@ def test_points_that_kill_their_workers_again_and_again_are_told(
 def test_a_changed_sweep_does_not_resume_another_one(tmp_path: Path) -> None:
     path, out = written(tmp_path, AXES, "stiffness", FEW), tmp_path / "out.nc"
     process = _started(path, out, 1)
-    _await_lines(journal_of(out), 2, process)
+    _await_chunks(out, 2, process)
     process.kill()
     process.communicate()
     scene = tmp_path / "scene.toml"
     scene.write_text(scene.read_text().replace("6.0", "6.5"))
     with pytest.raises(InputError, match="name another output, or remove it"):
         planner.sweep(path, out)
-    assert journal_of(out).exists()
+    assert _finished(out) >= 2
     assert not out.exists()

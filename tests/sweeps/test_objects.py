@@ -10,10 +10,23 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Arm, InputError, Scene, settle
-from model.effects import Buoyancy, Contact, Extension, SelfContact, TipLoad, Weight
+from model import Arm, InputError, OctoplanError, Scene, settle
+from model.effects import (
+    Buoyancy,
+    Contact,
+    Current,
+    ExactTendons,
+    Extension,
+    Friction,
+    NeoHookean,
+    PointMass,
+    SelfContact,
+    Shear,
+    TipLoad,
+    Weight,
+)
 from model.obstacles import Sphere
-from planner import sweep
+from planner import stiffness, sweep
 from planner.cli import main
 from planner.scenefile import question_of
 from planner.scenes.written_targets import target_table
@@ -148,7 +161,7 @@ def test_a_finished_sweep_is_not_run_again_and_says_so(
         raise AssertionError("run again")
 
     with monkeypatch.context() as patch:
-        patch.setattr("planner.sweeps.workers.run", never)
+        patch.setattr("planner.sweeps.workers.computed", never)
         assert main(argv) == 0
         assert json.loads(capsys.readouterr().out) == first | {"earlier": True}
         assert main(argv[:-1]) == 0
@@ -161,3 +174,65 @@ def test_a_finished_sweep_is_not_run_again_and_says_so(
     written(tmp_path, GRID.replace("0.5", "0.6"))
     assert main(argv) == 0
     assert json.loads(capsys.readouterr().out)["earlier"] is False
+
+
+def test_a_scene_as_printed_is_refused_by_name(tmp_path: Path) -> None:
+    given: dict[str, Any] = {"axes": {"arm.E_kPa": [100.0]}, "tensions": tensions()}
+    with pytest.raises(InputError, match="settle as printed"):
+        sweep(ARM, scene=Scene.as_printed(), **given)
+    axis = '[[sweep.axes]]\nkey = "effects.as_printed"\nvalues = [false, true]'
+    with pytest.raises(InputError, match="settle as printed"):
+        sweep(written(tmp_path, axis))
+
+
+def test_a_time_limit_is_that_of_each_point() -> None:
+    given: dict[str, Any] = {"scene": Scene.silicone(Weight()), "tensions": tensions()}
+    data = sweep(ARM, axes={"arm.E_kPa": [100.0, 120.0]}, time_limit=1e-6, **given)
+    assert not data.settled.any()
+    assert all("1e-06 s" in outcome for outcome in data.outcome.values)
+    assert json.loads(data.attrs["scene"])["time_limit_s"] == 1e-6
+    with pytest.raises(InputError, match="time_limit"):
+        sweep(ARM, axes={"arm.E_kPa": [100.0]}, time_limit=0.0, **given)
+
+
+EFFECTS = (
+    ExactTendons(),
+    NeoHookean(),
+    Weight(),
+    Buoyancy(),
+    Current((0.02, 0.01, 0.0)),
+    Shear(),
+    PointMass(0.2, 0.01),
+    TipLoad((0.0, 2e-3, -1e-3)),
+    Friction(0.1),
+)
+
+
+def _random_scene(rng: np.random.Generator) -> Scene:
+    chosen = [effect for effect in EFFECTS if rng.uniform() < 0.35]
+    kinds = {type(effect) for effect in chosen}
+    if Buoyancy in kinds:
+        chosen = [*chosen, Weight()] if Weight not in kinds else chosen
+    return Scene(Extension(), *chosen)
+
+
+@pytest.mark.quick("0", "1", "2")
+@pytest.mark.parametrize("seed", range(40))
+def test_a_sweep_of_one_point_gives_what_the_function_gives(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    while True:
+        T = rng.uniform(0.0, 0.5, (3, 4)) * (rng.random((3, 4)) < 0.4)
+        try:
+            scene = _random_scene(rng)
+            shape = settle(ARM, T, scene)
+        except OctoplanError:
+            continue
+        break
+    given: dict[str, Any] = {"scene": scene, "tensions": T, "axes": {"tensions[0][0]": [T[0, 0]]}}
+    point = sweep(ARM, **given).isel({"tensions[0][0]": 0})
+    assert point.tip.values == pytest.approx(shape.tip, abs=1e-9)
+    assert point.tip_frame.values == pytest.approx(shape.tip_frame, abs=1e-8)
+    assert point.tensions.values == pytest.approx(shape.tensions, abs=1e-12)
+    k = stiffness(ARM, T, scene)
+    point = sweep(ARM, compute="stiffness", **given).isel({"tensions[0][0]": 0})
+    assert point.compliance.values == pytest.approx(k.compliance, rel=1e-6, abs=1e-9)

@@ -13,22 +13,39 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import planner
-from planner.sweeps.grid_slices import grid_slices
-from planner.sweeps.sweep import journal_of
+from planner.sweeps.chunk_files import folder_of
+from planner.sweeps.definition import box_sizes
+from planner.sweeps.file import load_sweep
 from tests.sweeps.cases import DRAWN, GRID, STIFFNESS, written
 
 ROOT = Path(__file__).parents[2]
 
 
-@given(st.lists(st.integers(1, 5), max_size=4), st.data())
-def test_boxes_hold_the_points_from_begin_to_end_in_order(shape: list[int], data: object) -> None:
-    size = math.prod(shape)
-    begin = data.draw(st.integers(0, size - 1))
-    end = data.draw(st.integers(begin + 1, size))
-    points = np.arange(size).reshape(shape)
-    found = [(points[box].ravel().tolist(), a, b) for box, a, b in grid_slices(begin, end, shape)]
-    assert [point for inside, *_ in found for point in inside] == list(range(begin, end))
-    assert all(inside == list(range(a, b)) for inside, a, b in found)
+@given(st.lists(st.integers(1, 7), min_size=1, max_size=4), st.integers(1, 60))
+def test_boxes_hold_neighbouring_points_no_more_than_wanted(sizes: list[int], most: int) -> None:
+    box = box_sizes(sizes, most)
+    assert math.prod(box) <= most
+    assert all(1 <= own <= size for own, size in zip(box, sizes, strict=True))
+    # As many as possible of the last dimension, then of the one before.
+    for i in range(len(sizes)):
+        assert math.prod(box[:i]) == 1 or box[i] == sizes[i]
+
+
+@pytest.mark.parametrize("compute", ["settle", "stiffness", "plan"])
+def test_each_point_is_in_one_chunk(tmp_path: Path, compute: str) -> None:
+    other = GRID.replace("[0][2]", "[1][1]").replace("count = 3", "count = 7")
+    asked = load_sweep(written(tmp_path, GRID + other + DRAWN, compute, "draws = 31"))
+    counted = np.zeros(tuple(asked.dims.values()), int)
+    for chunk in range(asked.chunks):
+        counted[asked.box(chunk)] += 1
+        points = asked.points(chunk)
+        assert len(points) == counted[asked.box(chunk)].size
+        first = [box.start for box in asked.box(chunk)]
+        places = dict(zip(asked.dims, first, strict=True))
+        own = ("draw" if axis.drawn else axis.name for axis in asked.axes)
+        values = zip(asked.axes, own, strict=True)
+        assert points[0] == tuple(axis.values[places[dim]].item() for axis, dim in values)
+    assert (counted == 1).all()
 
 
 @pytest.mark.quick(".nc")
@@ -53,7 +70,7 @@ def test_whole_numbers_and_mixed_ones_are_saved_as_what_they_are(tmp_path: Path)
     assert found.identical(planner.sweep(path))
 
 
-def test_a_sweep_that_is_whole_in_its_journal_is_only_written(
+def test_a_sweep_whose_chunks_are_all_there_is_only_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path, out = written(tmp_path, GRID), tmp_path / "out.nc"
@@ -61,11 +78,11 @@ def test_a_sweep_that_is_whole_in_its_journal_is_only_written(
         patch.setattr(planner.sweeps.sweep, "save", lambda *_: (_ for _ in ()).throw(MemoryError))
         with pytest.raises(MemoryError):
             planner.sweep(path, out)
-    assert journal_of(out).exists()
-    monkeypatch.setattr(planner.sweeps.sweep, "here", None)
+    assert folder_of(out).exists()
+    monkeypatch.setattr(planner.sweeps.sweep, "on_machine", None)
     assert planner.sweep(path, out).settled.all()
     assert xarray.load_dataset(out).settled.all()
-    assert not journal_of(out).exists()
+    assert not folder_of(out).exists()
 
 
 _PEAK = """

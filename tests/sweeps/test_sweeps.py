@@ -204,6 +204,7 @@ def test_arguments_that_are_not_allowed_are_told(
         ("h5netcdf", "sweep", {"out": "out.nc"}),
         ("zarr", "zarr", {"out": "out.zarr"}),
         ("joblib", "sweep", {"jobs": 2}),
+        ("dask", "sweep", {}),
         ("distributed", "cluster", {"scheduler": "tcp://127.0.0.1:1"}),
     ],
 )
@@ -236,7 +237,7 @@ def test_the_command_tells_a_bad_key_and_returns_2(
     path = written(tmp_path, GRID.replace("tensions[0]", "tensions[9]"))
     assert main(["sweep", str(path)]) == 2
     assert "[0] to [2]" in capsys.readouterr().err
-    assert not (tmp_path / "sweep.nc.journal").exists()
+    assert not (tmp_path / "sweep.nc.chunks").exists()
 
 
 def test_scene_and_sweep_files_taken_for_each_other_are_told(
