@@ -1,204 +1,204 @@
-"""Equilibria on a mesh whose tendons winches hold; what `settle` refines."""
+"""Tensions by the lengths that winches leave: the least energy, then Newton's method.
+
+The minimum of the energy under rows of lengths tells which tendons are taut, and about how hard
+they pull; see model.least_energy.program. With the lengths of the equilibrium as a function of the
+tensions, l(T), those of taut tendons are then found to rounding:
+
+    length + stretch T - l(T) = 0 of taut tendons, T = 0 and length - l(T) > 0 of slack ones,
+
+by Newton steps, of least norm in combinations of tensions that no length feels.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Protocol, TypeVar
 
 import numpy as np
 
 from model.arm import Arm
-from model.contact.forward import TouchingMap
-from model.equilibrium.complementarity import ROUNDING, is_firm, least
-from model.equilibrium.forward import Collocation, Known
-from model.equilibrium.hold import HeldLengths
+from model.equilibrium.complementarity import ROUNDING, least
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import newton
-from model.forward import ForwardMap
-from model.loads import is_loaded
+from model.errors import UnsettledSectionError
+from model.least_energy.program import STAGES, LeastEnergy, Minimum
 from model.paths import Array
 from model.scene import Scene
-from model.transcription.kernel import Places
-from model.unloaded.by_lengths import NEARLY, SQUARE, Found, UnloadedLengths
-from model.unloaded.too_short import SHORT, unknown_least
-from model.winches import Winches
+from model.shortest import refuse, unknown_least
+from model.time_limit import check_time
+from model.transcription.system import system
+from model.unloaded.tendon_lengths import Lengths, tendon_lengths
+from model.winches import Winches, arm_compliance
 
-# Newton steps to rounding, more where lengths hardly feel some combinations of tensions; one does
-# that changes tensions by no more than this share. All are felt that change lengths by such a share
-# of what others do; then rigid winches are not needed.
-_TIGHTENED, _WEAK, _LAST, _FIRM = 2, 12, 1e-7, 1e-5
-# After a step that changes tensions by more, the equations are linearised afresh; by less, and not
-# half as much as the one before, it was rounding.
-_FAR, _NOISE = 1e-4, 1e-2
+# Newton steps; that one is the last which changes tensions by no more than this share, or which
+# will leave no more than this share of rounding, as its error goes by the square.
+_STEPS, _LAST, _SQUARE = 30, 1e-5, 0.1
+# What is left of taut tendons after a step, over rounding, where others keep them from it.
+_APART = 10.0
+# What is left of tendons that are slack, over the arm's length.
+_NEARLY = 1e-9
+# How often a step is halved that leads to no equilibrium, and the least step in what tendons lack.
+_HALVINGS, _LEAST_STEP = 6, 1 / 128
 
 
-class OnMesh(NamedTuple):
-    """An equilibrium on a mesh.
+class AtLengths(Protocol):
+    """An equilibrium under tensions: what the lengths of its tendons are, and how they change."""
 
-    Attributes
-    ----------
-    tensions : (n_tendons,)
-        [N].
-    states, stretch
-        See ForwardMap.run.
-    left : (n_tendons,)
-        What is left of held tendons beyond their paths [m], nan of others; None without any.
-    here : Linearised
-        The equations linearised there, where lengths are held under loads.
-    snaps : tuple of float
-        The shares of the way at which the arm jumped; see TouchingMap.come_to.
-    before : (tensions, states) or None
-        With friction of contacts, of the equilibrium before the last step.
+    @property
+    def tensions(self) -> Array:
+        """The tensions (n_tendons,) [N]."""
+
+    @property
+    def lengths(self) -> Array:
+        """The lengths (n_tendons,) [m]."""
+
+    @property
+    def length_tension(self) -> Array:
+        """How these change with the tensions (n_tendons, n_tendons) [m/N]."""
+
+
+def least_by_lengths(program: LeastEnergy, winches: Winches) -> Minimum | None:
+    """Return the least energy by lengths, from rest; None where none is found.
+
+    Raises InputError where no shape has the lengths, naming the tendon that is farthest from it.
     """
-
-    tensions: Array
-    states: Array
-    stretch: Array
-    left: Array | None = None
-    here: Linearised | None = None
-    snaps: tuple[float, ...] = ()
-    before: tuple[Array, Array] | None = None
+    found = program.least(program.at_rest(), winches.tensions, 1.0, winches, rounds=1)
+    if found is None and program.conservative:
+        refuse(program, winches)
+    return found
 
 
-class Near(NamedTuple):
-    """An equilibrium that another mesh has.
+def slackened(tensions: Array, left: Array, winches: Winches, arm: Arm) -> Array:
+    """Return tensions of an interior point, 0 of tendons that have more left than they pull."""
+    slack = winches.held & (arm_compliance(arm) * tensions < left)
+    return np.where(slack, 0.0, tensions)
 
-    Attributes
-    ----------
-    tensions : (n_tendons,)
-    known : Known or None
-        Its states, of a forward map that is implicit.
+
+_At = TypeVar("_At", bound=AtLengths)
+
+
+class UnloadedLengths:
+    """The tensions of an arm without loads, whose cross-sections settle each by itself."""
+
+    def __init__(self, arm: Arm, scene: Scene, winches: Winches, machine_code: bool) -> None:
+        self._lengths, self.winches = tendon_lengths(arm, scene, machine_code), winches
+        self._arm, self._system = arm, system(arm, scene, STAGES, 1, (), False, machine_code)
+
+    def tensions(self, near: Array | None = None) -> Array:
+        """Return the tensions (n_tendons,) [N], begun with some nearby; see settle."""
+        arm, winches = self._arm, self.winches
+        if not winches.tensions.any():
+            left = winches.lacks(self._lengths.at_rest.lengths, 0 * winches.tensions)
+            if left[winches.held].min() >= -ROUNDING * arm.length:
+                return 0 * winches.tensions
+        if near is not None:
+            T = np.where(winches.held, near, winches.tensions)
+            found = tightened(self._lengths(T), winches, self._beside, arm)
+            if found is not None:
+                return found.tensions
+        program, found = LeastEnergy(self._system), None
+        least = least_by_lengths(program, winches)
+        if least is not None:
+            left = winches.lacks(program.lengths(least), least.tensions)
+            T = slackened(least.tensions, left, winches, arm)
+            found = tightened(self._lengths(T), winches, self._beside, arm)
+        if found is None:
+            found = followed(self._lengths(winches.tensions), winches, self._beside, arm)
+        if found is None:
+            raise unknown_least(arm, winches)
+        return found.tensions
+
+    def at(self, tensions: Array) -> Lengths:
+        """Return the lengths of the tendons under tensions."""
+        return self._lengths(tensions)
+
+    def _beside(self, at: Lengths, tensions: Array) -> Lengths | None:
+        try:
+            return self._lengths.near(at, tensions)
+        except UnsettledSectionError:
+            return None
+
+
+def equilibrium_beside(at: Linearised, tensions: Array) -> Linearised | None:
+    """Return the equilibrium under tensions near those of another; None where there is none."""
+    states = at.states + at.by_tensions @ (tensions - at.tensions)
+    return newton(at.system, tensions, float(at.x[at.system.of.n_tendons]), states)
+
+
+def tightened(
+    at: _At,
+    winches: Winches,
+    beside: Callable[[_At, Array], _At | None],
+    arm: Arm,
+    rounding: float = ROUNDING,
+) -> _At | None:
+    """Return the equilibrium whose taut tendons are as long as winches leave them, to `rounding`.
+
+    Over the arm's length; combinations of tensions that lengths feel by less are the least. None
+    where it takes too many steps. A tendon that has slackened is tight again only where
+    nothing is left of it, but for what others lack so far; one that keeps taut ones from their
+    lengths is not.
     """
+    held, rounding = winches.held, rounding * arm.length
+    nearly, last = np.full(at.tensions.size, _NEARLY * arm.length), 0.0
+    for _ in range(_STEPS):
+        check_time()
+        now, left = at.tensions, winches.lacks(at.lengths, at.tensions)
+        taut = now > 0
+        level = 2 * np.abs(left[held & taut]).max(initial=0.0)
+        limit = np.where(nearly > 0, np.maximum(nearly, level), -rounding)
+        tight = np.flatnonzero(held & (taut | (left <= limit)))
+        M = np.diag(winches.stretch[tight]) - at.length_tension[np.ix_(tight, tight)]
+        T = now.copy()
+        T[tight], well, whole = least(M, left[tight], now[tight], rounding)
+        beyond = left[tight] + M @ (T - now)[tight]
+        slack = (T[tight] == 0) & (beyond > rounding)
+        apart = np.abs(beyond[T[tight] > 0]).max(initial=0.0) > _APART * rounding
+        change, off = np.abs(T - now).max(), np.abs(left[tight]).max(initial=0.0)
+        small = (well and change <= _LAST * T.max()) or off * change**2 <= (
+            _SQUARE * rounding * last**2
+        )
+        after = _stepped(at, T, beside)
+        if after is None:
+            return None
+        if whole and small and not (apart and slack.any()):
+            missed = held & (winches.lacks(after.lengths, T) <= nearly)
+            missed[tight] = False
+            if not missed.any():
+                return after
+        nearly[taut & (T == 0)], last = rounding, change
+        if apart and whole:
+            nearly[tight[slack]] = -rounding
+        at = after
+    return None
 
-    tensions: Array
-    known: Known | None
 
+def followed(
+    at: _At, winches: Winches, beside: Callable[[_At, Array], _At | None], arm: Arm
+) -> _At | None:
+    """Return the equilibrium by lengths that one with longer tendons is led to; None if to none.
 
-@dataclass(frozen=True, eq=False)
-class GivenTensions:
-    """Tensions that motors hold."""
-
-    tensions: Array
-    winches: None = None
-
-    def on(self, forward: ForwardMap, near: Near | None) -> OnMesh:
-        """Return the equilibrium on the mesh of a forward map, near that of another if given."""
-        known: Any = None if near is None else near.known
-        if isinstance(forward, TouchingMap):
-            before = self.tensions if near is None else near.tensions
-            way = forward.led(self.tensions, before, known)
-            rows = forward.rows(way.settled.held.here)
-            found = OnMesh(self.tensions, *rows, snaps=way.snaps)
-            if way.before is None:
-                return found
-            last = way.before.tensions, forward.rows(way.before)[0]
-            return found._replace(before=last)
-        return OnMesh(self.tensions, *forward.run(self.tensions, known))
-
-    def finished(self, forward: ForwardMap, found: OnMesh) -> OnMesh:
-        """Return an equilibrium that is accepted, to rounding: it is."""
-        return found
-
-
-@dataclass(frozen=True, eq=False)
-class GivenLengths:
-    """Lengths that winches leave, of some tendons or all.
-
-    Attributes
-    ----------
-    near : (n_tendons,)
-        Tensions to begin with.
+    What its tendons lack shrinks in steps that are halved where they lead nowhere.
     """
+    longer, share, step = np.maximum(at.lengths - winches.lengths, 0.0), 0.0, 0.5
+    while share < 1:
+        after = min(1.0, share + step)
+        part = replace(winches, lengths=winches.lengths + (1 - after) * longer)
+        found = tightened(at, part, beside, arm)
+        if found is not None:
+            at, share, step = found, after, 2 * step
+        elif step > _LEAST_STEP:
+            step /= 2
+        else:
+            return None
+    return at
 
-    arm: Arm
-    scene: Scene
-    winches: Winches
-    machine_code: bool = False
-    near: Array | None = None
 
-    def on(self, forward: ForwardMap, near: Near | None) -> OnMesh:
-        """See GivenTensions.on; raises InputError where no shape has the lengths."""
-        if not (is_loaded(self.scene) and isinstance(forward, Collocation)):
-            T, left = self._unloaded.tensions, self._unloaded.left
-            return OnMesh(T, *forward.run(T), left)
-        hold = HeldLengths(self.winches)
-        here = None
-        if near is not None and near.known is not None:
-            T = np.where(self.winches.held, near.tensions, self.winches.tensions)
-            here = forward.near(T, near.known, hold)
-        if here is None:
-            here = forward.from_rest(self._unloaded.tensions, hold)
-        return self._of(forward, here)
-
-    def finished(self, forward: ForwardMap, found: OnMesh) -> OnMesh:
-        """Return an equilibrium that is accepted, its tensions found to rounding.
-
-        Raises UnknownLeastError where a tendon turns out to be longer than it may be.
-        """
-        if found.here is None or not isinstance(forward, Collocation):
+def _stepped(at: _At, tensions: Array, beside: Callable[[_At, Array], _At | None]) -> _At | None:
+    """Return the equilibrium that a step of the tensions, or a part of it, leads to."""
+    for halved in range(_HALVINGS):
+        found = beside(at, at.tensions + 0.5**halved * (tensions - at.tensions))
+        if found is not None:
             return found
-        tight = _tightened(found.here, HeldLengths(self.winches))
-        left = self.winches.lacks(tight.lengths, tight.tensions)
-        over = np.where(self.winches.held, -left, 0.0)
-        if over.max() > SHORT * self.arm.length:
-            raise unknown_least(self.arm, self.winches, int(np.argmax(over)))
-        return self._of(forward, tight)
-
-    def _of(self, forward: Collocation, here: Linearised) -> OnMesh:
-        left = self.winches.lacks(here.lengths, here.tensions)
-        left = np.where(self.winches.held, left, np.nan)
-        return OnMesh(here.tensions, *forward.rows(here), left, here=here)
-
-    @cached_property
-    def _unloaded(self) -> Found:
-        """Tensions of the arm without its loads, found once: no mesh is asked for."""
-        given = self.arm, self.scene, self.winches
-        near = None if is_loaded(self.scene) else self.near
-        return UnloadedLengths(*given, self.machine_code).found(near)
-
-
-def _tightened(here: Linearised, hold: HeldLengths) -> Linearised:
-    """Return an equilibrium with its weakly determined tensions found as well, to rounding.
-
-    By Newton steps in all unknowns; of combinations of tensions that no length feels the least are
-    found.
-    """
-    system, winches = here.system, hold.winches
-    rounding = ROUNDING * system.arm.length
-    weak = not is_firm(_by_tensions(here, winches, _tight(here, winches)), _FIRM)
-    if weak:
-        kept = here.near or here
-        here = newton(system, here.tensions, 1.0, here.states, kept=kept, hold=hold) or here
-    near, last = here.near or here, 0.0
-    for _ in range(_WEAK if weak else _TIGHTENED):
-        at = near if near.x is here.x else Linearised(system, here.x, near)
-        change, now = -at.solve(at.residual), at.tensions
-        tight = _tight(at, winches)
-        left = winches.lacks(at.lengths + at.length_jacobian @ change, now)[tight]
-        after = now.copy()
-        step = least(_by_tensions(at, winches, tight), left, now[tight], rounding)
-        after[tight] = step.z
-        change += at.by_tensions @ (after - now)
-        here = Linearised(system, system.x(after, 1.0, at.states + change), near)
-        moved, most = np.abs(after - now).max(initial=0.0), after.max(initial=0.0)
-        off, noise = np.abs(left).max(initial=0.0), 0 < last / 2 < moved <= _NOISE * most
-        done = moved <= _LAST * most or noise or off * moved**2 <= SQUARE * rounding * last**2
-        if step.whole and done:
-            break
-        last = moved
-        if moved > _FAR * most:
-            near = here = Linearised(system, here.x)
-    return (newton(system, here.tensions, 1.0, here.states, kept=near) if weak else None) or here
-
-
-def _tight(here: Linearised, winches: Winches) -> Places:
-    """Return the tendons that winches hold which are taut, or as long as these leave."""
-    left = winches.lacks(here.lengths, here.tensions)
-    near = left <= NEARLY * here.system.arm.length
-    return np.flatnonzero(winches.held & ((here.tensions > 0) | near))
-
-
-def _by_tensions(at: Linearised, winches: Winches, taut: Places) -> Array:
-    """Return how what is left of taut tendons grows with their tensions [m/N]."""
-    return np.asarray(np.diag(winches.stretch[taut]) - at.length_tension[np.ix_(taut, taut)])
+    return None

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from model.arm import Arm
-from model.by_lengths import GivenLengths, GivenTensions, Near
 from model.checks import kind
 from model.contact.forward import TouchingMap, without_friction
 from model.contact.self_contact import pressed_on_itself
@@ -35,15 +34,15 @@ from model.mesh_refinement import (
     first_pair,
     next_refinement,
 )
+from model.on_mesh import GivenLengths, GivenTensions, Near
 from model.paths import Array
 from model.progress import with_progress
 from model.scene import Scene
 from model.shape import Shape
-from model.shortest import too_short
+from model.shortest import UnknownLeastError, too_short
 from model.time_limit import check_time
 from model.units import warn_of_lengths
 from model.unloaded.stretch import check_sections, check_stretch
-from model.unloaded.too_short import UnknownLeastError
 from model.winches import Winches
 
 LOG = logging.getLogger(__name__)
@@ -153,15 +152,15 @@ def _told(arm: Arm, given: GivenLengths, scene: Scene, problem: OctoplanError) -
     """Return what to tell of lengths that the arm does not settle by."""
     scheme = check_scheme(scene, None)
 
-    def settles(winches: Winches) -> bool:
+    def problem_of(winches: Winches) -> OctoplanError | None:
         other = replace(given, winches=winches, near=None)
         try:
             _robustly(arm, other, scene, _ROUGHLY, scheme, given.machine_code, None)
-        except OctoplanError:
-            return False
-        return True
+        except OctoplanError as error:
+            return error
+        return None
 
-    return too_short(arm, given.winches, problem, settles)
+    return too_short(arm, given.winches, problem, problem_of)
 
 
 def _robustly(

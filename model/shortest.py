@@ -1,7 +1,9 @@
-"""Lengths that crush an arm, or that no shape of it is found for: which tendon, what is the least.
+"""Lengths that no shape of an arm has, or that crush it: which tendon, and what is the least.
 
-The others held as they are, a tendon is paid out up to its length at rest, and where the arm ceases
-to settle is found by bisection.
+Where no shape has them: held by tendons that stretch, the arm comes as near to them as it can, and
+the tendon that lacks most is pulled hard beside the others. Where the arm is crushed: the others
+held as they are, a tendon is paid out up to its length at rest, and where the arm ceases to settle
+is found by bisection.
 """
 
 from __future__ import annotations
@@ -13,15 +15,66 @@ import numpy as np
 
 from model.arm import Arm
 from model.errors import CollapsedError, InputError, OctoplanError
+from model.least_energy.program import LeastEnergy
 from model.paths import Array
-from model.winches import Winches, rest_lengths
+from model.winches import Winches, arm_compliance, rest_lengths
 
+# What tendons may lack over the arm's length.
+SHORT = 1e-7
+# Compliance of tendons that come as near to their lengths as they can, over the arm's own.
+_SOFT = 1e-4
+# Tendons that lack no less than this share of what another does may be named.
+_MOST = 0.1
 # Bisections of what is taken in of a tendon.
 _HALVINGS = 8
 
 
+class UnknownLeastError(InputError):
+    """No shape is found that has the lengths, nor how short they could be."""
+
+
+def unknown_least(arm: Arm, winches: Winches) -> UnknownLeastError:
+    """Return what to raise where no shape is found: of the tendon that most is taken in of."""
+    rest = rest_lengths(arm)
+    j = int(np.argmax(np.where(winches.held, (rest - winches.lengths) / rest, -np.inf)))
+    told = "more, beside the other lengths: no shape of the arm is found that has these"
+    return UnknownLeastError(_name(arm, j), float(winches.lengths[j]), told)
+
+
+def refuse(program: LeastEnergy, winches: Winches) -> None:
+    """Raise InputError where no shape has the lengths: which tendon, what is its least."""
+    arm, L = program.system.arm, program.system.arm.length
+    compliance = 1 / winches.tendon_EA + _SOFT * arm_compliance(arm) / L
+    soft = replace(winches, tendon_EA=1 / compliance)
+    nearest = program.least(program.at_rest(), soft.tensions, 1.0, soft)
+    if nearest is None:
+        return
+    lengths = program.lengths(nearest)
+    lacks = np.where(winches.held, -winches.lacks(lengths, nearest.tensions), 0.0)
+    if lacks.max(initial=0.0) <= SHORT * L:
+        return
+    rest = rest_lengths(arm)
+    taken = np.where(lacks > _MOST * lacks.max(), 1 - winches.lengths / rest, -np.inf)
+    j = int(np.argmax(taken))
+    held, T = winches.held.copy(), winches.tensions.copy()
+    held[j], T[j] = False, min(nearest.tensions[j], L / arm_compliance(arm))
+    pulled = program.least(nearest, T, 1.0, replace(winches, held=held, tensions=T))
+    told = f"lengths that go together, the nearest that a shape has is {lengths[j]:.9g} m"
+    if pulled is not None:
+        told = f"from {program.lengths(pulled)[j]:.7g} m on"
+    allowed = f"{told}, beside the other lengths: no shape of the arm has these"
+    raise InputError(_name(arm, j), float(winches.lengths[j]), allowed)
+
+
+def _name(arm: Arm, j: int) -> str:
+    return f"lengths[{j}] ({arm.tendon_name(j)})"
+
+
 def too_short(
-    arm: Arm, winches: Winches, problem: OctoplanError, settles: Callable[[Winches], bool]
+    arm: Arm,
+    winches: Winches,
+    problem: OctoplanError,
+    problem_of: Callable[[Winches], OctoplanError | None],
 ) -> OctoplanError:
     """Return what to tell of lengths that an arm does not settle by.
 
@@ -29,8 +82,8 @@ def too_short(
     ----------
     problem : OctoplanError
         What settling by these ended with; returned where nothing else is found.
-    settles : callable
-        Whether the arm settles by the lengths of other winches.
+    problem_of : callable
+        What settling by the lengths of other winches ends with; None where the arm settles.
     """
     rest = rest_lengths(arm)
     taken = np.where(winches.held, rest - winches.lengths, 0.0)
@@ -41,32 +94,44 @@ def too_short(
     if share[j] <= 0:
         return problem
     alone, all_of_them = np.arange(rest.size) == j, taken > 0
-    for own, beside in ((alone, ", beside the other lengths"), (all_of_them, "")):
-        lengths = _least(winches, np.where(own, rest, winches.lengths), settles)
-        if lengths is None:
+    for longer, beside in ((alone, ", beside the other lengths"), (all_of_them, "")):
+        found = _least(winches, np.where(longer, rest, winches.lengths), problem, problem_of)
+        if found is None:
             continue
+        lengths, last = found
         why = "shorter ones are found no shape for"
-        if isinstance(problem, CollapsedError):
-            why = f"shorter ones crush the arm at s = {s:.6g} m"
+        if isinstance(last, CollapsedError):
+            why = f"shorter ones crush the arm at s = {last.s:.6g} m"
         from_on = f"from about {lengths[j]:.5g} m on{beside}"
         if not beside:
             from_on = f"lengths that go together, such as {lengths[j]:.5g} m with as much of the"
             from_on += " strokes of the others"
-        field = f"lengths[{j}] ({arm.tendon_name(j)})"
-        return InputError(field, float(winches.lengths[j]), f"{from_on}: {why}")
+        return InputError(_name(arm, j), float(winches.lengths[j]), f"{from_on}: {why}")
     return problem
 
 
-def _least(winches: Winches, longer: Array, settles: Callable[[Winches], bool]) -> Array | None:
-    """Return the lengths on the way to longer ones from which on the arm settles; None if none."""
+def _least(
+    winches: Winches,
+    longer: Array,
+    problem: OctoplanError,
+    problem_of: Callable[[Winches], OctoplanError | None],
+) -> tuple[Array, OctoplanError] | None:
+    """Return the lengths on the way to longer ones from which on the arm settles; None if none.
+
+    And what settling by a little shorter ones ends with.
+    """
 
     def at(share: float) -> Winches:
         return replace(winches, lengths=winches.lengths + share * (longer - winches.lengths))
 
     low, high = 0.0, 1.0
-    if not settles(at(high)):
+    if problem_of(at(high)) is not None:
         return None
     for _ in range(_HALVINGS):
         middle = (low + high) / 2
-        low, high = (low, middle) if settles(at(middle)) else (middle, high)
-    return at(high).lengths
+        other = problem_of(at(middle))
+        if other is None:
+            high = middle
+        else:
+            low, problem = middle, other
+    return at(high).lengths, problem

@@ -105,7 +105,8 @@ def _least(M: Array, w: Array, z: Array, rounding: float) -> tuple[Array, bool]:
     Least distance programming: Lawson and Hanson, Solving Least Squares Problems (1974), 23.4.
     """
     left, values, right, _ = dgesdd(M)
-    felt = values * np.abs(z).max() > rounding
+    most = max(float(np.abs(z).max()), float(np.abs(w).max()) / max(float(values[0]), 1e-300))
+    felt = values * most > rounding
     count = int(np.count_nonzero(felt))  # the largest are the first
     well = count == 0 or bool(values[count - 1] > _WELL * values[0])
     found = z + right[:count].T @ ((w @ -left[:, :count]) / values[:count])

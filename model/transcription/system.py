@@ -217,20 +217,27 @@ class System:
         (found,) = call(self.base, strains.ravel(), np.diff(self.mesh.s))
         return np.vstack([self.base, found])
 
-    def start(self, tensions: Array, strains: Array, load: float = 0.0) -> Array:
+    def start(
+        self, tensions: Array, strains: Array, load: float = 0.0, pressed: Array | None = None
+    ) -> Array:
         """Return the states of given strains at the stages (N stages, strains); see starts."""
-        return np.asarray(self.starts(tensions[None], strains[None], load)[0])
+        return np.asarray(self.starts(tensions[None], strains[None], load, pressed)[0])
 
-    def starts(self, tensions: Array, strains: Array, load: float = 0.0) -> Array:
+    def starts(
+        self, tensions: Array, strains: Array, load: float = 0.0, pressed: Array | None = None
+    ) -> Array:
         """Return the states (M, n_states) of strains at the stages (M, N stages, strains).
 
-        Poses follow from the base on, forces and moments from the tip on.
+        Poses follow from the base on, forces and moments from the tip on; with the forces `pressed`
+        (N, contacts) of obstacles on the nodes but the base, if given [N].
         """
         M, of, N = len(tensions), self.of, self.mesh.steps
         x = np.zeros((M, of.n_x))
         x[:, : of.n_tendons], x[:, of.n_tendons] = tensions, load
         states = x[:, of.first :]
         states[:, of.stages] = strains
+        if pressed is not None:
+            states[:, of.touches[1:, :, 0]] = pressed
         for row, own in zip(states, strains, strict=True):
             row[of.nodes[:, :POSE]] = self.marched(own)
         if of.form.friction:

@@ -26,20 +26,13 @@ from model.scene import Scene
 from model.stations import crossing, stations, tendon_paths
 from model.transcription.collocation import gauss
 from model.unloaded.closed_form import pull_at, strain_function, unloaded
-from model.unloaded.length_steps import newton_steps
 from model.unloaded.statics import ClosedStatics, closed_statics
 
 # Strains are analytic between nodes: so many Gauss points on the coarsest mesh leave rounding only,
 # whatever mesh poses have. Measured on the paper's arms and random ones at thrice their tensions.
 _POINTS = 8
-# So few leave 1e-7 of the arm's length at most, of tensions mostly less than 1e-5: to begin with.
-FEW = 3
-# Newton steps in one call.
-_STEPS = 2
-# Newton steps of cross-sections from strains of fewer points, and from those of tensions nearby.
-_FROM_FEW, _FROM_NEAR = 2, 1
-# Steps of strains, relative to these, whose square is rounding; longer ones are no guess.
-SETTLED, _FAR = 1e-7, 1e-2
+# A step of strains, relative to these, beyond which they are solved for anew.
+_FAR = 1e-2
 
 
 class Lengths(NamedTuple):
@@ -51,54 +44,28 @@ class Lengths(NamedTuple):
         [N].
     lengths : (n_tendons,)
         [m].
-    by_tensions : (n_tendons, n_tendons)
+    length_tension : (n_tendons, n_tendons)
         How the lengths change with the tensions [m/N].
     strains : (N n_law,)
         Those of the law of the cross-section, at N points.
     strains_moved : (N n_law, n_tendons)
         How they change with the tensions.
-    off : float
-        How far the strains were from these before their last Newton step, relative to them; 0 of
-        those in closed form.
     """
 
     tensions: Array
     lengths: Array
-    by_tensions: Array
+    length_tension: Array
     strains: Array
     strains_moved: Array
-    off: float = 0.0
-
-
-class Stepped(NamedTuple):
-    """Where Newton steps lead to.
-
-    Attributes
-    ----------
-    at : Lengths
-        Before the last of them.
-    to : (n_tendons,)
-        Tensions after it [N].
-    solved : bool
-        Whether these are those of the linearised lengths.
-    """
-
-    at: Lengths
-    to: Array
-    solved: bool
 
 
 class TendonLengths:
-    """Tensions to lengths of the tendons, by Gauss quadrature with `points` in each step."""
+    """Tensions to lengths of the tendons, by Gauss quadrature in each step."""
 
-    def __init__(
-        self, arm: Arm, scene: Scene, machine_code: bool = False, points: int = _POINTS
-    ) -> None:
-        mesh, method, self.points = graded(arm, 1), gauss(points), points
+    def __init__(self, arm: Arm, scene: Scene, machine_code: bool = False) -> None:
+        mesh, method, points = graded(arm, 1), gauss(_POINTS), _POINTS
         scene, h = unloaded(scene), np.diff(mesh.s)
         statics = closed_statics(scene, arm)
-        if points <= FEW:
-            statics = statics.rough()
         self.s = (mesh.s[:-1, None] + h[:, None] * method.c).ravel()
         active, weights = np.repeat(mesh.active, points), np.outer(h, method.b).ravel()
         at = stations(arm, self.s, active)
@@ -119,26 +86,16 @@ class TendonLengths:
             lengths, by_strains, moved = run(v, pull, data, *given)
             return [ca.sum2(lengths), by_strains, v, moved]
 
-        strains = solve.map(N)(pull, data)
-        found = along(_of_law(statics.law).map(N)(strains))
-        if points <= FEW:  # no guess is crushed: the paper's balance goes on beyond
-            found[0] = ca.if_else(ca.mmin(strains[3, :]) > -1, found[0], np.nan)
-        total, by_strains, v, moved = found
-        jacobian = by_strains @ moved.T
-        self.function = ca.Function("tendon_lengths", [T], [total, jacobian, v, moved])
+        found = along(_of_law(statics.law).map(N)(solve.map(N)(pull, data)))
         self._call = Buffered(ca.Function("tendon_lengths", [T], found))
-        self._stepped: list[Buffered] = []
-        near, mapped = ca.MX.sym("v", v.shape), step.map(N)
-        for steps in (_FROM_NEAR, _FROM_FEW):
-            v = near
-            for _ in range(steps):
-                v, off = mapped(v, pull, data)
-            made = ca.Function("tendon_lengths", [near, T], [*along(v), ca.mmax(off)])
-            self._stepped.append(Buffered(made))
-        self._machine_code = machine_code
+        near = ca.MX.sym("v", found[2].shape)
+        v, off = step.map(N)(near, pull, data)
+        beside = ca.Function("tendon_lengths", [near, T], [*along(v), ca.mmax(off)])
+        self._beside = Buffered(beside)
+        self._n_tendons = arm.n_tendons
         self._robust: Callable[[], TendonLengths] | None = None
         if scene.robust() != scene:
-            self._robust = partial(tendon_lengths, arm, scene.robust(), machine_code, points)
+            self._robust = partial(tendon_lengths, arm, scene.robust(), machine_code)
 
     def __call__(self, tensions: Array) -> Lengths:
         """Return the lengths under tensions (n_tendons,); raises UnsettledSectionError."""
@@ -153,55 +110,24 @@ class TendonLengths:
     def near(self, at: Lengths, tensions: Array) -> Lengths:
         """Return the lengths under tensions near others; raises UnsettledSectionError."""
         moved = at.strains_moved @ (tensions - at.tensions)
-        return self._by_steps(0, at.strains + moved, tensions)
-
-    def beside(self, few: TendonLengths, at: Lengths, tensions: Array) -> Lengths:
-        """Return the lengths under tensions near others, of which few points tell; see near."""
-        v = (at.strains + at.strains_moved @ (tensions - at.tensions)).reshape(
-            -1, few.points, at.strains.size // few.s.size
-        )
-        return self._by_steps(1, (_between(few.points, self.points) @ v).ravel(), tensions)
-
-    def _by_steps(self, way: int, strains: Array, tensions: Array) -> Lengths:
-        *found, off = self._stepped[way](strains, tensions)
-        far = float(off[0, 0])
-        return _lengths(tensions, found, far) if far <= _FAR else self(tensions)
-
-    def stepped(self, at: Lengths, left: Array, soft: Array, held: Array) -> Stepped:
-        """Return where Newton steps lead to tensions that winches ask for; see newton_steps."""
-        T, to, wrong, lengths, jacobian, v, moved = self._steps(
-            *at[:2], at.by_tensions.T.ravel(), left, soft, held
-        )
-        reached = Lengths(T[0], lengths[0], jacobian.T.copy(), v.ravel(), moved)
-        return Stepped(reached, to[0], wrong[0, 0] == 0)
-
-    @cached_property
-    def _steps(self) -> Buffered:
-        return Buffered(newton_steps(self.function, _STEPS, self._machine_code))
+        *found, off = self._beside(at.strains + moved, tensions)
+        return _lengths(tensions, found) if float(off[0, 0]) <= _FAR else self(tensions)
 
     @cached_property
     def at_rest(self) -> Lengths:
         """The lengths without tensions."""
-        return self(np.zeros(self.function.numel_in(0)))
+        return self(np.zeros(self._n_tendons))
 
 
 @lru_cache(maxsize=48)
-def tendon_lengths(
-    arm: Arm, scene: Scene, machine_code: bool = False, points: int = _POINTS
-) -> TendonLengths:
+def tendon_lengths(arm: Arm, scene: Scene, machine_code: bool = False) -> TendonLengths:
     """Return the lengths of tendons by tensions; see TendonLengths."""
-    return TendonLengths(arm, scene, machine_code, points)
+    return TendonLengths(arm, scene, machine_code)
 
 
-def _lengths(tensions: Array, found: list[Array], off: float = 0.0) -> Lengths:
+def _lengths(tensions: Array, found: list[Array]) -> Lengths:
     lengths, by_strains, v, moved = found
-    return Lengths(tensions, lengths[0], by_strains.T @ moved, v.ravel(), moved, off)
-
-
-@lru_cache(maxsize=4)
-def _between(few: int, points: int) -> Array:
-    """Return the matrix (points, few) from values at few Gauss points of a step to those at all."""
-    return np.asarray(gauss(few).at(gauss(points).c))
+    return Lengths(tensions, lengths[0], by_strains.T @ moved, v.ravel(), moved)
 
 
 @lru_cache(maxsize=24)

@@ -132,7 +132,7 @@ def lengths_of(problem: Problem, a: Array, p: Array) -> tuple[Array, Array]:
     T = np.maximum(a, 0.0) * unit
     if not is_loaded(scene):
         found = tendon_lengths(arm, scene, problem.machine_code)(T)
-        return found.lengths, found.by_tensions * unit
+        return found.lengths, found.length_tension * unit
     mesh = STAGES, problem.statement.refinement, (), True, problem.machine_code
     here = Collocation(arm, scene, *mesh).found(T)
     return here.lengths, here.length_tension * unit

@@ -1,0 +1,1 @@
+"""Equilibria as least potential energy under rows that hold lengths of tendons and gaps."""
