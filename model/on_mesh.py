@@ -154,7 +154,7 @@ class GivenLengths:
         if least is not None:
             left = winches.lacks(program.lengths(least), least.tensions)
             T = slackened(least.tensions, left, winches, self.arm)
-            begun = newton(forward.system, T, 1.0, program.states(least), cuts=2)
+            begun = newton(forward.system, T, 1.0, program.states(least))
             found = begun and tightened(begun, winches, equilibrium_beside, self.arm, _ON_THE_WAY)
         if found is None:
             free = forward.found(winches.tensions)
