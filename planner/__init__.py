@@ -10,15 +10,16 @@ from planner.bodies.files import export_shape, save_mesh
 from planner.bodies.mjcf import mjcf
 from planner.bodies.urdf import ros_messages, urdf
 from planner.c_code.export import export, export_plan
-from planner.calibrate.calibrate import calibrate
-from planner.calibrate.calibration import Calibration
-from planner.calibrate.measured import Measured
 from planner.calibrate.saved import load_calibration
 from planner.certificate import Certificate
 from planner.design.design import design
 from planner.design.designed import Design
 from planner.design.making import Making
 from planner.design.objective import Reach
+from planner.fit.calibrate import calibrate
+from planner.fit.calibration import Calibration
+from planner.fit.measured import Measured
+from planner.fit.unknowns import Unknown
 from planner.many import FailedPlan, plan_many
 from planner.plan import Plan, plan
 from planner.plan_files import load_plan
@@ -30,7 +31,6 @@ from planner.solve.search_result import Trial
 from planner.sweeps.sweep import sweep
 from planner.trajectory.motion import trajectory
 from planner.trajectory.result import Trajectory
-from planner.unknowns.unknown import Unknown
 
 __all__ = [
     "Calibration",

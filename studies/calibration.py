@@ -34,8 +34,8 @@ from matplotlib.figure import Figure
 from model import Anchorage, Arm, Linear, Material, Scene
 from model.effects import ExactTendons, Extension, NeoHookean, Weight
 from planner import Calibration, Measured, Unknown, calibrate
-from planner.calibrate.fit import Loss
-from planner.calibrate.residuals import mean_distance
+from planner.fit.least_squares import Loss
+from planner.fit.residuals import mean_distance
 
 DATA = Path(__file__).parents[1] / "tests" / "data" / "measured_tentacle.json"
 LINEAR = Scene(Extension(), ExactTendons(), Weight())

@@ -8,15 +8,15 @@ from typing import Any
 
 from model import Arm, Scene
 from model.errors import FileError
-from planner.calibrate.calibrate import calibrate
-from planner.calibrate.calibration import Calibration
-from planner.calibrate.measured import Measured
 from planner.calibrate.shapes_csv import load_shapes
 from planner.calibrate.tables import CalibrationFile
+from planner.fit.calibrate import calibrate
+from planner.fit.calibration import Calibration
+from planner.fit.measured import Measured
+from planner.fit.unknowns import Unknown
 from planner.scenefile import converted, decoded, scene_beside, text_of
 from planner.scenes.keys import MM
 from planner.unknowns.tables import unknown_of
-from planner.unknowns.unknown import Unknown
 
 _SUCH = """
 

@@ -10,14 +10,13 @@ import numpy as np
 
 from model import Arm, InputError, Scene
 from model.errors import FileError
-from planner.calibrate.calibration import Calibration
-from planner.calibrate.fit import LOSSES, Weights
-from planner.calibrate.fitted import Start
-from planner.calibrate.measured import Measured
+from planner.fit.calibration import Calibration, Start
+from planner.fit.least_squares import LOSSES, Weights
+from planner.fit.measured import Measured
+from planner.fit.unknowns import Unknown
 from planner.records.calibration import CalibrationRecord
 from planner.records.values import value
 from planner.scenes.mistakes import mistake
-from planner.unknowns.unknown import Unknown
 
 
 def load_calibration(path: str | Path) -> Calibration:
@@ -47,7 +46,8 @@ def load_calibration(path: str | Path) -> Calibration:
             fit.error,
             tuple(_start(own) for own in fit.starts),
             tuple(fit.astray),
-            stages=fit.stages,
+            tuple((name, why) for name, why in fit.left_out),
+            fit.stopped,
         )
         if len(found.values) != len(unknowns) or not np.all(np.isfinite(found.values)):
             raise FileError(name, "fit.values", f"{len(unknowns)} finite numbers are needed")

@@ -16,8 +16,8 @@ from pathlib import Path
 
 from model import Arm, InputError
 from model.errors import FileError
-from planner.calibrate.measured import Measured
 from planner.calibrate.tables import PointTable
+from planner.fit.measured import Measured
 from planner.scenes.keys import MM
 
 _AXES = "xyz"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from planner.calibrate.calibration import Calibration
 from planner.calibrate.file import load_asked
 from planner.commands.command import (
     OK,
@@ -15,6 +14,7 @@ from planner.commands.command import (
     add_time_limit,
     check_folder,
 )
+from planner.fit.calibration import Calibration
 from planner.records.calibration import calibration_record
 
 

@@ -19,13 +19,13 @@ from planner.design.making import Making
 from planner.design.objective import Objective, Reach, checked_objective
 from planner.design.program import Optimum, Program
 from planner.design.tasks import Targets
+from planner.fit.unknowns import Unknown
 from planner.plan import Plan, plan
 from planner.program.limits import Limits
 from planner.program.terms import compliance_requests, term_names
 from planner.question import check_targets
 from planner.targets import Softest, Stiffest
 from planner.unknowns.parameters import Parameters, spread
-from planner.unknowns.unknown import Unknown
 
 # What the given arm may lack of what can be made [mm].
 _END = 1e-6

@@ -17,10 +17,10 @@ from planner.design.objective import Objective, Reach
 from planner.design.program import REFINEMENT
 from planner.design.sensitivity import effort_jacobian
 from planner.design.tasks import Tasks
+from planner.fit.unknowns import Unknown
 from planner.plan import Plan
 from planner.targets import Softest, Stiffest
 from planner.unknowns.parameters import Parameters
-from planner.unknowns.unknown import Unknown
 
 _END = 1e-6
 

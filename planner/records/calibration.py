@@ -8,7 +8,6 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta
 
-from model.equilibrium.forward import STAGES
 from planner.files import versions
 from planner.records.values import Number, number, plain
 
@@ -41,7 +40,8 @@ class FitRecord(msgspec.Struct, kw_only=True):
     error: float
     starts: list[dict[str, Any]]
     astray: list[str]
-    stages: int = STAGES
+    left_out: list[list[str]] = []
+    stopped: bool = False
 
 
 class CalibrationRecord(msgspec.Struct, kw_only=True):
@@ -91,7 +91,8 @@ def calibration_record(of: Any) -> CalibrationRecord:
             loss=of.weights.loss,
             absolute_std=of.weights.absolute,
             refinement=of.refinement,
-            stages=of.stages,
+            left_out=[list(row) for row in of.left_out],
+            stopped=of.stopped,
             error=of.error,
             starts=[{**start._asdict(), "misfit": number(start.misfit)} for start in of.starts],
             astray=list(of.astray),

@@ -16,12 +16,12 @@ from model import Arm, InputError, Scene, UnitWarning
 from model.loads import check_loads
 from model.paths import Array
 from model.transcription.neighbours import Neighbour
+from planner.fit.unknowns import Unknown
 from planner.scenes.arm import ArmTable, arm_of
 from planner.scenes.effects import EffectsTable, scene_of
 from planner.scenes.places import steps, value_at
 from planner.scenes.tables import SceneTable
 from planner.sweeps.keys import changed, checked_key, unit_of, whole
-from planner.unknowns.unknown import Unknown
 from planner.unknowns.written import written
 
 _SENSOR = re.compile(r"points\[\d+\]\.(s_mm|offset_mm\[[012]\])|tension_scale\[\d+\]")
@@ -158,7 +158,7 @@ class Parameters:
         ]
 
     def _stencil(self, values: Array, k: int, session: str) -> list[Neighbour]:
-        own, h = self.unknowns[k], self.unknowns[k].step(values[k])
+        own, h = self.unknowns[k], _step(self.unknowns[k], values[k])
 
         def at(steps_off: int, weight: float) -> Neighbour:
             moved = values.copy()
@@ -181,6 +181,12 @@ _STENCILS = (
     ((0, -1.5), (1, 2.0), (2, -0.5)),
     ((0, 1.5), (-1, -2.0), (-2, 0.5)),
 )
+
+
+def _step(own: Unknown, value: float) -> float:
+    """Return the step of a difference quotient at a value."""
+    small = 1e-4 * abs(value) if value else np.inf
+    return float(max(min(1e-5 * own.range, small), 1e-8 * own.range))
 
 
 def _thousands(own: Unknown, start: float) -> str:

@@ -8,8 +8,8 @@ from msgspec import Meta
 
 from model import InputError
 from model.errors import FileError
+from planner.fit.unknowns import Unknown
 from planner.scenes.keys import Table
-from planner.unknowns.unknown import Unknown
 
 
 class UnknownTable(Table, frozen=True):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from planner import Calibration, Unknown, calibrate
-from planner.calibrate.residuals import mean_distance
+from planner.fit.residuals import mean_distance
 from tests.calibrate.cases import HANGING, tentacle, tentacle_shapes
 
 UNKNOWNS = [Unknown("arm.E_kPa", 50, 1000), Unknown("arm.density", 500, 2500)]

@@ -1,9 +1,9 @@
-"""Which unknowns the data tell, and which trade with each other: singular vectors in words.
+"""Which unknowns the data identify, and which trade with each other: singular vectors in words.
 
 The Jacobian J of residuals over noise, priors below, in unknowns counted from bound to bound. Its
-right singular vectors are the directions in which unknowns move together; a direction that moves
-nothing that was measured is not identifiable, one that is uncertain by half of the bounds' range
-badly so.
+right singular vectors are the directions in which unknowns change together; a direction that
+changes nothing that was measured is not identifiable, one that is uncertain by half of the bounds'
+range badly so.
 """
 
 from __future__ import annotations
@@ -16,23 +16,24 @@ from scipy.linalg import qr
 
 from model.paths import Array
 
-# Singular values over the largest, columns at length 1, below which nothing is told; and the
-# standard deviation along a direction, over the range of the bounds, above which too little is.
-_NOTHING, _LITTLE = 1e-7, 0.5
+# Singular values over the largest, columns at length 1, below which a direction is not
+# identifiable; and the standard deviation along one, over the bounds' range, above which it is
+# badly so.
+_ZERO, _WIDE = 1e-7, 0.5
 # Parts of a direction that are left out of it, over the largest.
 _SMALL, _INVOLVED = 0.1, 1e-3
 
 
 @dataclass(frozen=True)
 class Direction:
-    """Unknowns that move together without the data telling.
+    """Unknowns that change together without the data telling.
 
     Attributes
     ----------
     names : tuple of str
         Of the unknowns.
     changes : tuple of float
-        What each moves by, in the unit of its key, when the first moves by a tenth of its range.
+        What each changes by, in the unit of its key, when the first does by a tenth of its range.
     units : tuple of str
     std : float
         Standard deviation along the direction, over the range of the bounds; inf if nothing tells.
@@ -44,16 +45,14 @@ class Direction:
     std: float
 
     def __str__(self) -> str:
-        moves = [
-            f"{name} {change:+.3g}{f' {unit}' if unit else ''}"
-            for name, change, unit in zip(self.names, self.changes, self.units, strict=True)
-        ]
         nothing = not np.isfinite(self.std)
-        if len(moves) == 1:
-            told = "nothing that was measured tells" if nothing else "the data hardly tell"
-            return f"{told} {self.names[0]}"
-        told = "no difference to what was measured" if nothing else "less than noise"
-        return f"{moves[0]} trades with {', '.join(moves[1:])}: together they make {told}"
+        if len(self.names) == 1:
+            which = "nothing that was measured tells" if nothing else "the data hardly tell"
+            return f"{which} {self.names[0]}"
+        rows = zip(self.names, self.changes, self.units, strict=True)
+        first, *others = (f"{name} {change:+.3g} {unit}".rstrip() for name, change, unit in rows)
+        difference = "no difference to what was measured" if nothing else "less than noise"
+        return f"{first} trades with {', '.join(others)}: together they make {difference}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,22 +73,24 @@ class Information:
 
 def information(J: Array) -> Information:
     """Return what residuals over noise with derivatives J (n, K), priors included, say."""
+    K = J.shape[1]
     size = np.linalg.norm(J, axis=0)
-    blind = size <= _NOTHING * max(float(size.max()), 1e-300)
+    blind = size <= _ZERO * max(float(size.max()), 1e-300)
     lengths = np.where(blind, 1.0, size)
-    seen = np.where(blind, 0.0, J / lengths)
-    _, s, V = np.linalg.svd(np.vstack([seen, np.zeros((J.shape[1], J.shape[1]))]), False)
-    lost = s <= _NOTHING * s[0] if s[0] else np.full(s.size, True)
+    scaled = np.vstack([np.where(blind, 0.0, J / lengths), np.zeros((K, K))])
+    _, s, V = np.linalg.svd(scaled, full_matrices=False)
+    null = s <= _ZERO * max(float(s[0]), 1e-300)
     along = V / lengths
-    covariance = (along[~lost].T / np.square(s[~lost])) @ along[~lost]
-    directions = [(_unit(v), float("inf")) for v in _sparse(along[lost])]
-    spread, vectors = np.linalg.eigh(covariance)
-    for variance, v in zip(spread[::-1], vectors.T[::-1], strict=True):
-        if variance > _LITTLE**2:
-            directions.append((_unit(v), float(np.sqrt(variance))))
-    involved = np.abs(np.array([v for v, std in directions if np.isinf(std)]).reshape(-1, len(V)))
-    unknown = (involved > _INVOLVED).any(axis=0)
-    covariance[np.diag_indices_from(covariance)] += np.where(unknown, np.inf, 0.0)
+    covariance = (along[~null].T / np.square(s[~null])) @ along[~null]
+    directions = [(v / np.linalg.norm(v), float("inf")) for v in _sparse(along[null])]
+    involved = np.abs(np.array([v for v, _ in directions]).reshape(-1, K)) > _INVOLVED
+    variances, vectors = np.linalg.eigh(covariance)
+    directions += [
+        (v, float(np.sqrt(variance)))
+        for variance, v in zip(variances[::-1], vectors.T[::-1], strict=True)
+        if variance > _WIDE**2
+    ]
+    covariance[np.diag_indices(K)] += np.where(involved.any(axis=0), np.inf, 0.0)
     return Information(covariance, directions)
 
 
@@ -98,13 +99,9 @@ def _sparse(vectors: Array) -> Array:
     if len(vectors) < 2:
         return vectors
     _, R, pivots = qr(vectors, pivoting=True)
-    found = np.zeros_like(vectors)
-    found[:, pivots] = np.linalg.solve(R[:, : len(R)], R)
-    return found
-
-
-def _unit(v: Array) -> Array:
-    return np.asarray(v / np.linalg.norm(v))
+    basis = np.zeros_like(vectors)
+    basis[:, pivots] = np.linalg.solve(R[:, : len(R)], R)
+    return basis
 
 
 def direction(

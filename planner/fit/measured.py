@@ -1,0 +1,234 @@
+"""What was measured of one shape of an arm."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from model import Arm, InputError
+from model.checks import finite_array, not_negative, positive
+from model.paths import Array
+
+_ORTHONORMAL = 1e-3
+# Markers farther from the base than this, in arm lengths and offsets, cannot be on the arm; of an
+# arm that moves markers are not all this near to the base.
+_FAR, _TINY = 1.5, 1 / 300
+
+
+class Point(NamedTuple):
+    """A marker: arc length [m], offset in the local frame (t, n, b) [m], place [m] if seen."""
+
+    s: float
+    offset: tuple[float, ...]
+    place: tuple[float, ...] | None
+
+
+class MeasuredFrame(NamedTuple):
+    """A frame at an arc length [m]: columns t, n, b in the base frame (3, 3), row by row."""
+
+    s: float
+    matrix: tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One measured shape, in SI units and the coordinates in which the arm's base is given.
+
+    Load cells tell tensions, encoders lengths or strokes. Where both are given the arm is settled
+    under the tensions, and the lengths are residuals; where only lengths or strokes are, it is
+    settled by them. What is known of the arm at rest (its droop) is a shape without tensions.
+
+    Attributes
+    ----------
+    tensions : (n_tendons,) or by section
+        [N]; None where winches hold the tendons by `lengths` or `strokes`.
+    points : sequence of (s, offset, place)
+        Markers: arc length [m], offset from the midline in the local frame (t, n, b) [m], measured
+        place (3,) [m], or None where a marker was not seen.
+    frames : sequence of (s, matrix)
+        Measured frames (3, 3), columns t, n, b.
+    tip : (3,)
+        Measured place of the tip [m].
+    lengths : (n_tendons,)
+        Measured lengths of the tendons from base to anchorage [m].
+    strokes : (n_tendons,)
+        What was taken in of them from the straight arm at rest [m].
+    session : str
+        Shapes of a session share its unknowns.
+    name : str
+        Of the shape, in reports.
+    std : float
+        Standard deviation of places, lengths and strokes [m]; of shapes against each other, unless
+        `calibrate` is told that it holds as it is.
+    angle_std : float
+        Standard deviation of frames [rad].
+    tension_std : float
+        Standard deviation of the tensions [N]; 0: they are exact.
+    length_std : float
+        Standard deviation of lengths and strokes [m], `std` unless given.
+    """
+
+    tensions: Any = None
+    points: Sequence[Any] = ()
+    frames: Sequence[Any] = ()
+    tip: Any = None
+    lengths: Any = None
+    strokes: Any = None
+    session: str = ""
+    name: str = ""
+    std: float = 1e-3
+    angle_std: float = 1e-2
+    tension_std: float = 0.0
+    length_std: float | None = None
+
+    def __post_init__(self) -> None:
+        def keep(name: str, value: Any) -> None:
+            object.__setattr__(self, name, value)
+
+        keep("points", tuple(_point(i, given) for i, given in enumerate(self.points)))
+        keep("frames", tuple(_frame(i, given) for i, given in enumerate(self.frames)))
+        for name in ("tip", "lengths", "strokes"):
+            given = getattr(self, name)
+            if given is not None:
+                size = (3 if name == "tip" else None,)
+                keep(name, tuple(finite_array(f"Measured.{name}", given, size).tolist()))
+        for name in ("std", "angle_std"):
+            keep(name, positive(f"Measured.{name}", getattr(self, name)))
+        keep("tension_std", not_negative("Measured.tension_std", self.tension_std))
+        if self.length_std is not None:
+            keep("length_std", positive("Measured.length_std", self.length_std))
+        if self.tensions is None and (self.lengths is None) == (self.strokes is None):
+            allowed = "tensions, or else lengths or strokes (one of both), that the arm settles by"
+            raise InputError(f"Measured {self.name}".rstrip(), None, allowed)
+        if not self.size:
+            allowed = "points, frames, a tip; with tensions also lengths or strokes"
+            raise InputError(f"Measured {self.name}".rstrip(), "nothing", allowed)
+
+    @property
+    def by_length(self) -> bool:
+        """Whether the arm is settled by lengths or strokes."""
+        return self.tensions is None
+
+    @property
+    def seen(self) -> list[tuple[int, Point]]:
+        """The points that were seen, by their number."""
+        return [(i, point) for i, point in enumerate(self.points) if point.place is not None]
+
+    @property
+    def along(self) -> list[tuple[int, float]]:
+        """Point number and arc length [m] of points and frames, -1 of frames."""
+        points = [(i, point.s) for i, point in self.seen]
+        return points + [(-1, frame.s) for frame in self.frames]
+
+    @property
+    def places(self) -> Array:
+        """The places of the points that were seen, then of the tip (n, 3) [m]."""
+        places = [point.place for _, point in self.seen] + [self.tip] * (self.tip is not None)
+        return np.array(places, dtype=float).reshape(-1, 3)
+
+    @property
+    def place_names(self) -> list[str]:
+        """What `places` are of: "points[i]", "tip"."""
+        return [f"points[{i}]" for i, _ in self.seen] + ["tip"] * (self.tip is not None)
+
+    @property
+    def stds(self) -> Array:
+        """Standard deviation of each number that is measured (size,)."""
+        counts = [3 * len(self.places), 3 * len(self.frames), self._runs]
+        return np.repeat([self.std, self.angle_std, self.length_std or self.std], counts)
+
+    @property
+    def size(self) -> int:
+        """How many numbers residuals are made of: places, rotation vectors, lengths, strokes."""
+        return int(self.stds.size)
+
+    @property
+    def _runs(self) -> int:
+        return 0 if self.by_length else len(self.lengths or ()) + len(self.strokes or ())
+
+    def checked(self, arm: Arm, name: str) -> Measured:
+        """Return the shape by the name `name`, tensions flat; InputError for what is not of it."""
+        flat = None
+        if not self.by_length:
+            flat = tuple(arm.flat(self.tensions, f"{name}: tensions").tolist())
+        for what, rows in (("points", self.points), ("frames", self.frames)):
+            for i, row in enumerate(rows):
+                if not 0 <= row.s <= arm.length * (1 + 1e-12):
+                    allowed = f"on the arm, 0 to {arm.length:g} m{_in_mm(row.s / arm.length)}"
+                    raise InputError(f"{name}: {what}[{i}].s", row.s, allowed)
+        offsets = [point.offset for _, point in self.seen] + [(0.0, 0.0, 0.0)]
+        for what, place, offset in zip(self.place_names, self.places, offsets, strict=False):
+            _check_place(arm, f"{name}: {what}", place, np.array(offset))
+        for what in ("lengths", "strokes"):
+            _check_runs(arm, f"{name}: {what}", getattr(self, what))
+        return replace(self, tensions=flat, name=name)
+
+
+def _point(i: int, given: Any) -> Point:
+    where = f"Measured.points[{i}]"
+    try:
+        s, offset, place = given
+    except (TypeError, ValueError):
+        raise InputError(where, given, "(s, (o_t, o_n, o_b), (x, y, z)), all in m") from None
+    return Point(
+        float(finite_array(f"{where}.s", s, ())),
+        tuple(finite_array(f"{where}.offset", offset, (3,)).tolist()),
+        None if place is None else tuple(finite_array(f"{where}.place", place, (3,)).tolist()),
+    )
+
+
+def _frame(i: int, given: Any) -> MeasuredFrame:
+    where = f"Measured.frames[{i}]"
+    try:
+        s, matrix = given
+    except (TypeError, ValueError):
+        raise InputError(where, given, "(s, matrix (3, 3))") from None
+    R = finite_array(where, matrix, (3, 3))
+    if np.abs(R.T @ R - np.eye(3)).max() > _ORTHONORMAL or np.linalg.det(R) < 0:
+        raise InputError(where, matrix, "a right-handed orthonormal frame, columns t, n, b")
+    return MeasuredFrame(float(finite_array(f"{where}.s", s, ())), tuple(map(tuple, R.tolist())))
+
+
+def _check_place(arm: Arm, where: str, place: Array, offset: Array) -> None:
+    """Refuse a place that the arm cannot reach, or one that says that all are in other units."""
+    away, aside = float(np.linalg.norm(place - arm.base_position)), float(np.linalg.norm(offset))
+    reach = arm.length + aside
+    if away > _FAR * reach:
+        axis = "xyz"[int(np.argmax(np.abs(place - arm.base_position)))]
+        allowed = f"within reach, {_FAR * reach:.3g} m of the base{_in_mm(away / reach)}"
+        raise InputError(f"{where}, {axis}", tuple(place.tolist()), allowed)
+    if aside > arm.length:
+        allowed = f"near the midline, in m{_in_mm(10 * aside / arm.length)}"
+        raise InputError(f"{where}: offset", tuple(offset.tolist()), allowed)
+
+
+def _check_runs(arm: Arm, where: str, lengths: Sequence[float] | None) -> None:
+    """Refuse lengths or strokes of another number of tendons, or in other units."""
+    if lengths is None:
+        return
+    if len(lengths) != arm.n_tendons:
+        allowed = f"one of each of {arm.n_tendons} tendons"
+        raise InputError(where, f"{len(lengths)} numbers", allowed)
+    most = int(np.argmax(np.abs(lengths)))
+    if abs(lengths[most]) > 3 * arm.length:
+        allowed = f"lengths of tendons in m{_in_mm(abs(lengths[most]) / arm.length)}"
+        raise InputError(f"{where}, {arm.tendon_name(most)}", lengths[most], allowed)
+
+
+def check_scale(arm: Arm, shapes: Sequence[Measured]) -> None:
+    """Refuse shapes of which all markers are next to the base: they may be in kilometres."""
+    ends = [point.s for shape in shapes for _, point in shape.seen]
+    ends += [arm.length for shape in shapes if shape.tip is not None]
+    away = np.vstack([shape.places for shape in shapes]) - arm.base_position
+    far = float(np.linalg.norm(away, axis=1).max(initial=0.0))
+    if ends and far < _TINY * min(max(ends), arm.length):
+        allowed = f"places in m; the arm is {arm.length:g} m long: are they 1000 times too small?"
+        raise InputError("points", f"all within {far:.3g} m of the base", allowed)
+
+
+def _in_mm(ratio: float) -> str:
+    """Return a hint where a value over what it could be at most says that it is in mm."""
+    return "; is it in mm? Lengths are in m" if 20 < ratio < 3000 else ""

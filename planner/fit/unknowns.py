@@ -1,0 +1,235 @@
+"""Unknown numbers: their keys in scene files, bounds and priors, and the arms of their values."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from model import Arm, InputError, Scene, UnitWarning
+from model.checks import finite_array
+from model.loads import check_loads
+from model.paths import Array
+from planner.scenes.arm import ArmTable, arm_of
+from planner.scenes.effects import EffectsTable, scene_of
+from planner.scenes.places import steps, value_at
+from planner.scenes.tables import SceneTable
+from planner.sweeps.keys import changed, checked_key, unit_of, whole
+from planner.unknowns.written import written
+
+_SENSOR = re.compile(r"points\[\d+\]\.(s_mm|offset_mm\[[012]\])|tension_scale\[\d+\]")
+_MODEL = ("arm.", "effects.")
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """A number to be estimated or chosen, in the unit of its key.
+
+    Attributes
+    ----------
+    key : str or tuple of str
+        Path in a scene file, such as "arm.E_kPa", "arm.sections[0].angles_deg[1]" or
+        "effects.friction.mu"; for a calibration also "points[1].s_mm", "points[1].offset_mm[2]"
+        (the second point of each shape), and "tension_scale[0]", what the tensions of the first
+        tendon are multiplied by. Several keys have the same value.
+    lower, upper : float
+        Bounds.
+    prior : (mean, standard deviation), optional
+        What is known of it beforehand.
+    session : str, optional
+        The measurements that it belongs to, by their session; all unless given.
+    """
+
+    key: str | tuple[str, ...]
+    lower: float
+    upper: float
+    prior: tuple[float, float] | None = None
+    session: str | None = None
+
+    def __post_init__(self) -> None:
+        keys = tuple(self.key) if isinstance(self.key, tuple | list) else (self.key,)
+        if not keys or not all(isinstance(key, str) for key in keys):
+            raise InputError("Unknown.key", self.key, "a key path such as arm.E_kPa, or several")
+        if len(set(keys)) < len(keys):
+            raise InputError("Unknown.key", self.key, "each key once")
+        object.__setattr__(self, "key", keys[0] if len(keys) == 1 else keys)
+        low, high = finite_array(f"{self.name}: bounds", (self.lower, self.upper), (2,)).tolist()
+        if not low < high:
+            raise InputError(f"{self.name}: upper", self.upper, f"above lower, {self.lower:g}")
+        object.__setattr__(self, "lower", low)
+        object.__setattr__(self, "upper", high)
+        if self.prior is not None:
+            mean, std = finite_array(f"{self.name}: prior", self.prior, (2,)).tolist()
+            if not (std > 0 and low <= mean <= high):
+                allowed = f"a mean within the bounds, {low:g} to {high:g}, and a standard deviation"
+                raise InputError(f"{self.name}: prior", self.prior, f"{allowed} above 0")
+            object.__setattr__(self, "prior", (mean, std))
+        if not (self.session is None or isinstance(self.session, str)):
+            raise InputError(f"{self.name}: session", self.session, "the name of a session")
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """All keys."""
+        return self.key if isinstance(self.key, tuple) else (self.key,)
+
+    @property
+    def name(self) -> str:
+        """Keys, and the session where it belongs to one."""
+        keys = self.key if isinstance(self.key, tuple | list) else (self.key,)
+        return " = ".join(map(str, keys)) + (f" [{self.session}]" if self.session else "")
+
+    @property
+    def range(self) -> float:
+        """From the lower to the upper bound."""
+        return self.upper - self.lower
+
+    def belongs(self, session: str) -> bool:
+        """Return whether shapes of a session depend on it."""
+        return self.session is None or self.session == session
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """Unknowns of an arm and a scene, and of what was measured on it.
+
+    Attributes
+    ----------
+    table : dict
+        The scene file that has arm and scene, with all its defaults, and beside them "points"
+        (a dict of s_mm and offset_mm for each) and "tension_scale" (a number for each tendon).
+    unknowns : tuple of Unknown
+    """
+
+    table: dict[str, Any]
+    unknowns: tuple[Unknown, ...]
+
+    @classmethod
+    def of(
+        cls,
+        arm: Arm,
+        scene: Scene,
+        unknowns: Iterable[Unknown],
+        points: Sequence[dict[str, Any]] = (),
+        sessions: Sequence[str] = (),
+    ) -> Parameters:
+        """Return the parameters; InputError for unknown keys, sessions, and bounds that misfit."""
+        given = tuple(unknowns)
+        if not given or not all(isinstance(unknown, Unknown) for unknown in given):
+            allowed = 'at least one, such as Unknown("arm.E_kPa", 50, 1000)'
+            raise InputError("unknowns", given, allowed)
+        table = whole(msgspec.convert(written(arm, scene), SceneTable))
+        table |= {"points": list(points), "tension_scale": [1.0] * arm.n_tendons}
+        parameters = cls(table, given)
+        for unknown in given:
+            parameters._check(unknown, sessions)
+        pairs = [(key, unknown.session) for unknown in given for key in unknown.keys]
+        for key, session in pairs:
+            others = [of for name, of in pairs if name == key]
+            if len(others) > 1 and (None in others or others.count(session) > 1):
+                raise InputError("unknowns", key, "each key once, or once for each session")
+        return parameters
+
+    def _check(self, unknown: Unknown, sessions: Sequence[str]) -> None:
+        if unknown.session is not None and unknown.session not in sessions:
+            allowed = f"one of {', '.join(sessions) or 'none: no shape has a session'}"
+            raise InputError(f"{unknown.name}: session", unknown.session, allowed)
+        for key in unknown.keys:
+            self._check_key(key)
+        start = self._value(unknown)
+        if not unknown.lower <= start <= unknown.upper:
+            has = f"{start:g} {self.unit(unknown)}".rstrip()
+            allowed = f"bounds that hold what arm or scene has, {has}"
+            for factor, how in ((1e3, "large"), (1e-3, "small")):
+                if unknown.lower <= factor * start <= unknown.upper:
+                    allowed += f"; are they 1000 times too {how}? Check the unit"
+            raise InputError(unknown.name, (unknown.lower, unknown.upper), allowed)
+
+    def _check_key(self, key: str) -> None:
+        if key.startswith(("points", "tension_scale")):
+            if not _SENSOR.fullmatch(key) or value_at(self.table, steps(key)) is None:
+                below = len(self.table["points"])
+                allowed = f"points[i].s_mm and points[i].offset_mm[0] to [2], i below {below}"
+                raise InputError("key", key, f"{allowed}, or tension_scale[j] of a tendon")
+            return
+        scene = {k: v for k, v in self.table.items() if k not in ("points", "tension_scale")}
+        value = value_at(self.table, steps(checked_key(scene, key)))
+        whole_number = key.startswith("effects.friction.direction")
+        number = isinstance(value, float | int) and not isinstance(value, bool)
+        if not key.startswith(_MODEL) or whole_number or not number:
+            raise InputError("key", key, "a number of arm, effects or measurement")
+
+    def unit(self, unknown: Unknown) -> str:
+        """Return the unit of an unknown's value."""
+        key = unknown.keys[0]
+        if key.startswith(_MODEL):
+            return unit_of(self.table, key)
+        return "" if key.startswith("tension_scale") else "mm"
+
+    def _value(self, unknown: Unknown) -> float:
+        return float(value_at(self.table, steps(unknown.keys[0])))
+
+    @cached_property
+    def start(self) -> Array:
+        """The values that arm and scene have already (K,)."""
+        return np.array([self._value(unknown) for unknown in self.unknowns])
+
+    @cached_property
+    def lower(self) -> Array:
+        """Lower bounds (K,)."""
+        return np.array([unknown.lower for unknown in self.unknowns])
+
+    @cached_property
+    def range(self) -> Array:
+        """From lower to upper bounds (K,)."""
+        return np.array([unknown.range for unknown in self.unknowns])
+
+    def from_shares(self, shares: Array) -> Array:
+        """Return the values (K,) at shares of the bounds' ranges, 0 at the lower bound."""
+        return np.asarray(self.lower + self.range * shares)
+
+    def shares(self, values: Array) -> Array:
+        """Return where values (K,) are between their bounds, from 0 to 1."""
+        return np.asarray((values - self.lower) / self.range)
+
+    def table_at(self, values: Array, session: str = "") -> dict[str, Any]:
+        """Return the table with values (K,) of the unknowns that belong to a session."""
+        pairs = [
+            (key, value)
+            for unknown, value in zip(self.unknowns, values.tolist(), strict=True)
+            if unknown.belongs(session)
+            for key in unknown.keys
+        ]
+        return changed(self.table, [key for key, _ in pairs], [value for _, value in pairs])
+
+    def built(self, values: Array, session: str = "") -> tuple[Arm, Scene]:
+        """Return arm and scene of values (K,); InputError where no such arm can be."""
+        return built(self.table_at(values, session))
+
+    def multistart(self, count: int, seed: int) -> list[Array]:
+        """Return the values of arm and scene (K,), then others spread evenly over the bounds."""
+        if count == 1:
+            return [self.start]
+        from scipy.stats import qmc  # takes as long to load as all else that a plan needs
+
+        draws = qmc.Halton(len(self.unknowns), seed=seed).random(count - 1)
+        return [self.start, *map(self.from_shares, draws)]
+
+
+def built(table: dict[str, Any]) -> tuple[Arm, Scene]:
+    """Return arm and scene of a scene file's table; InputError where no such arm can be."""
+    try:
+        with warnings.catch_warnings():
+            # Nobody gave these numbers: on its way a search passes any of them.
+            warnings.simplefilter("ignore", UnitWarning)
+            arm = arm_of(msgspec.convert(table["arm"], ArmTable))
+            scene = scene_of(msgspec.convert(table["effects"], EffectsTable))
+    except msgspec.ValidationError as reason:
+        raise InputError("values", str(reason), "an arm that can be") from None
+    check_loads(arm, scene)
+    return arm, scene
