@@ -13,6 +13,7 @@ import scipy
 
 from model import Arm, Scene
 from model.paths import Array
+from model.text import in_notebook
 from planner.files import to_json, write_named
 from planner.fit.identify import Direction, Information, direction, information
 from planner.fit.least_squares import Weights, prior_residuals
@@ -302,6 +303,9 @@ class Calibration:
     def save(self, path: str | Path) -> Path:
         """Write the calibration to a .json file, which `load_calibration` reads."""
         return write_named(path, ".json", to_json(calibration_record(self)))
+
+    def _repr_html_(self) -> str:
+        return in_notebook(self)
 
     def plot(self, ax: Any = None) -> Any:
         """Draw markers over settled arms, residuals as they were measured, and standard errors.

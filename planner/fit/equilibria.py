@@ -7,21 +7,29 @@ from the equations' derivatives by these numbers, by the implicit function theor
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
+import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from model import Arm, InputError, OctoplanError, Scene, settle
+from model.cross_section.reported import kinematics
 from model.equilibrium.by_numbers import ByNumbers, by_numbers
+from model.equilibrium.dense import poses_and_strains
 from model.equilibrium.forward import STAGES, Collocation, Known
 from model.equilibrium.linearised import Linearised, linearised
-from model.equilibrium.newton_many import newton_many
+from model.equilibrium.newton import newton_many
+from model.loads import is_loaded
+from model.machine.buffered import Mapped
 from model.mesh import Mesh
 from model.paths import Array
+from model.rotations import multiply, rotate
+from model.transcription.layout import POSE
 from model.transcription.neighbours import (
     NumberDerivatives,
     keep_sign,
@@ -49,14 +57,19 @@ _STENCILS = (
 )
 # Corrections of tensions until lengths hold, and the change over the tensions that is none.
 _CORRECTIONS, _HELD = 20, 1e-9
+# Of shapes whose tensions lengths are corrected from, tip error over arm length.
+_ROUGHLY = 1e-4
+
+
+Stations = Callable[[Arm, dict[str, Any]], Array]
 
 
 class Numbers(NamedTuple):
     """What equations and sensors take of the unknowns; of derivatives each with K columns more.
 
     Numbers of the equations (n_p,) and of the tendons' lengths (n,), arc lengths of the nodes
-    (N + 1,), by how much the points are off where they were said to be, along the arm (P,) and in
-    the local frame (P, 3) [m], scale and lengths at rest [m] of the tendons (n_tendons,).
+    (N + 1,) and of the stations (S,), by how much the points' offsets are off what they were said
+    to be (P, 3) [m], scale and lengths at rest [m] of the tendons (n_tendons,).
     """
 
     p: Array
@@ -69,18 +82,21 @@ class Numbers(NamedTuple):
 
 
 class Equations:
-    """The equations of a session's arm, on meshes whose nodes move along with the unknowns."""
+    """The equations of a session's arm, on meshes whose nodes move along with the unknowns.
+
+    `stations` returns the arc lengths (S,) [m] that sensors, or targets, look at; they are nodes.
+    """
 
     def __init__(
         self,
         parameters: Parameters,
         session: str,
-        along: Sequence[tuple[int, float]],
+        stations: Stations,
         refinement: int,
-        machine_code: bool,
+        machine_code: bool = False,
     ) -> None:
-        self.parameters, self.session = parameters, session
-        self.along, self.refinement, self.machine_code = tuple(along), refinement, machine_code
+        self.parameters, self.session, self.stations = parameters, session, stations
+        self.refinement, self.machine_code = refinement, machine_code
         self._first: tuple[Mesh, Array, Array] | None = None
 
     def at(self, values: Array) -> Setting:
@@ -90,8 +106,7 @@ class Equations:
         """
         table = self.parameters.table_at(values, self.session)
         arm, scene = self.parameters.built(values, self.session)
-        shift = self._points(table)[:, 0]
-        places = np.unique([s + shift[i] if i >= 0 else s for i, s in self.along])
+        places = np.unique(self.stations(arm, table))
         if places.size and not 0 <= places[0] <= places[-1] <= arm.length * (1 + 1e-12):
             raise InputError("points", places.tolist(), f"on the arm, 0 to {arm.length:g} m")
         at = tuple(np.minimum(places, arm.length).tolist())
@@ -146,20 +161,20 @@ class Equations:
         keep_sign(stated.base, base)
         return stated
 
-    def _points(self, table: dict[str, Any]) -> Array:
-        """Return by how much points are off where they were said to be, along and aside (P, 4)."""
-        rows = [
-            [[point["s_mm"], *point["offset_mm"]] for point in own["points"]]
+    def _numbers(self, stated: System, table: dict[str, Any]) -> Numbers:
+        offsets = [
+            MM * np.array([point["offset_mm"] for point in own["points"]]).reshape(-1, 3)
             for own in (table, self.parameters.table)
         ]
-        now, said = (MM * np.array(points).reshape(-1, 4) for points in rows)
-        return np.asarray(now - said)
-
-    def _numbers(self, stated: System, table: dict[str, Any]) -> Numbers:
-        points = self._points(table)
-        scale, rest = np.array(table["tension_scale"], dtype=float), rest_lengths(stated.arm)
-        lengths, nodes = stated.length_numbers, stated.mesh.s
-        return Numbers(stated.p, lengths, nodes, points[:, 0], points[:, 1:], scale, rest)
+        return Numbers(
+            stated.p,
+            stated.length_numbers,
+            stated.mesh.s,
+            self.stations(stated.arm, table),
+            offsets[0] - offsets[1],
+            np.array(table["tension_scale"], dtype=float),
+            rest_lengths(stated.arm),
+        )
 
 
 class _Pair(NamedTuple):
@@ -181,6 +196,32 @@ class Setting:
         """Derivatives of the numbers by the unknowns, each (..., K)."""
         return self.equations.derivatives(self)
 
+    @cached_property
+    def places(self) -> NDArray[np.int64]:
+        """Places of the stations' poses among the states (S, 7)."""
+        nodes = np.abs(self.system.mesh.s - self.numbers.s[:, None]).argmin(axis=1)
+        return np.asarray(self.system.of.nodes[nodes, :POSE])
+
+    def poses(self, heres: Sequence[Linearised]) -> Array:
+        """Return the poses of shapes at the stations (N, S, 7)."""
+        return np.array([here.states[self.places] for here in heres])
+
+    def pose_derivatives(self, rows: Sequence[ByNumbers]) -> Array:
+        """Return the derivatives of poses at the stations by the unknowns (N, S, 7, K).
+
+        The nodes of the mesh move with the unknowns, stations as they do themselves.
+        """
+        derivatives = np.array([by.states[self.places] for by in rows])
+        nodes = np.searchsorted(self.system.of.nodes[:, 0], self.places[:, 0])
+        slip = self.derivatives.s - self.derivatives.nodes[nodes]
+        if not slip.any():
+            return derivatives
+        s, law, rates = self.system.mesh.s[nodes], self.system.of.form.law, []
+        for by in rows:
+            poses, v = poses_and_strains(self.system, by.here.x, s)
+            rates.append(_along()(poses, *kinematics(law, v))[0])
+        return np.asarray(derivatives + np.array(rates)[..., None] * slip[:, None, :])
+
     def tensions(self, shapes: Sequence[Measured]) -> Array:
         """Return the tensions of shapes (N, n_tendons) [N]; nan of those settled by lengths."""
         nothing = np.full(self.system.arm.n_tendons, np.nan)
@@ -195,25 +236,31 @@ class Setting:
 
     def from_rest(self, shapes: Sequence[Measured]) -> list[Linearised | OctoplanError]:
         """Return the equilibria of shapes as they are reached from rest, or why there is none."""
-        forward, tensions = Collocation.on(self.system), self.tensions(shapes)
-        equilibria: list[Linearised | OctoplanError] = []
-        for shape, T in zip(shapes, tensions, strict=True):
+        forward, T = Collocation.on(self.system), self.tensions(shapes)
+        found: dict[int, Linearised | OctoplanError] = {}
+        for i, shape in enumerate(shapes):
             try:
                 if shape.by_length:
-                    arm, scene = self.system.arm, self.system.scene
-                    T = settle(arm, None, scene, 1e-4, lengths=self.lengths(shape)).tensions
-                here = forward.found(np.ravel(T))
-                check_stretch(forward, forward.rows(here)[1])
+                    arm, scene, lengths = self.system.arm, self.system.scene, self.lengths(shape)
+                    T[i] = np.ravel(settle(arm, None, scene, _ROUGHLY, lengths=lengths).tensions)
+                if not is_loaded(self.system.scene):
+                    found[i] = forward.found(T[i])
             except OctoplanError as reason:
-                equilibria.append(reason)
-                continue
-            equilibria.append(here)
-        held = [k for k, here in enumerate(equilibria) if isinstance(here, Linearised)]
-        exact = self._held([shapes[k] for k in held], [equilibria[k] for k in held])  # type: ignore[misc]
-        for k, here_or_none in zip(held, exact, strict=True):
-            lost = OctoplanError("no shape near has its lengths")
-            equilibria[k] = lost if here_or_none is None else here_or_none
-        return equilibria
+                found[i] = reason
+        left = [i for i in range(len(shapes)) if i not in found]
+        if left:
+            found.update(zip(left, forward.from_rest_many(T[left]), strict=True))
+        for i, here in found.items():
+            if isinstance(here, Linearised):
+                try:
+                    check_stretch(forward, forward.stretch(here.states))
+                except OctoplanError as reason:
+                    found[i] = reason
+        held = {i: here for i, here in found.items() if isinstance(here, Linearised)}
+        exact = self._held([shapes[i] for i in held], list(held.values()))
+        for i, end in zip(held, exact, strict=True):
+            found[i] = end or OctoplanError("no shape near its lengths is found")
+        return [found[i] for i in range(len(shapes))]
 
     def near(
         self, shapes: Sequence[Measured], before: Sequence[ByNumbers], change: Array
@@ -236,7 +283,7 @@ class Setting:
                 on.carried(tensions, Known(own.here.system, own.here.states))
                 for tensions, own in zip(T, before, strict=True)
             ]
-        solutions = newton_many(self.system, T, np.array(guesses), _FARTHEST).found
+        solutions = newton_many(self.system, T, 1.0, np.array(guesses), _FARTHEST).solutions
         return self._held(shapes, solutions)
 
     def _held(
@@ -268,7 +315,8 @@ class Setting:
             left = going
             if not left:
                 return kept
-            solutions = newton_many(self.system, np.array(T), np.array(states), 3 * _FARTHEST).found
+            given = self.system, np.array(T), 1.0, np.array(states), 3 * _FARTHEST
+            solutions = newton_many(*given).solutions
             for k, here in zip(left, solutions, strict=True):
                 kept[k] = here
             left = [k for k in left if kept[k] is not None]
@@ -306,6 +354,14 @@ def taut_compliance(here: Linearised) -> Array:
     inverse = np.zeros((taut.size, taut.size))
     inverse[np.ix_(taut, taut)] = np.linalg.pinv(here.length_tension[np.ix_(taut, taut)], 1e-9)
     return inverse
+
+
+@lru_cache(maxsize=1)
+def _along() -> Mapped:
+    """Return (pose, kappa, nu) -> how the pose changes along the arm (7,) [1/m]."""
+    g, kappa, nu = ca.SX.sym("g", POSE), ca.SX.sym("kappa", 3), ca.SX.sym("nu", 3)
+    turned = multiply(g[:4], ca.vertcat(0, kappa)) / 2
+    return Mapped(ca.Function("along", [g, kappa, nu], [ca.vertcat(turned, rotate(g[:4], nu))]))
 
 
 def _square_root(A: Array) -> Array:

@@ -118,12 +118,6 @@ class Measured:
         return [(i, point) for i, point in enumerate(self.points) if point.place is not None]
 
     @property
-    def along(self) -> list[tuple[int, float]]:
-        """Point number and arc length [m] of points and frames, -1 of frames."""
-        points = [(i, point.s) for i, point in self.seen]
-        return points + [(-1, frame.s) for frame in self.frames]
-
-    @property
     def places(self) -> Array:
         """The places of the points that were seen, then of the tip (n, 3) [m]."""
         places = [point.place for _, point in self.seen] + [self.tip] * (self.tip is not None)

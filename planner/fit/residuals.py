@@ -5,21 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
-from model import OctoplanError
-from model.cross_section.reported import kinematics
+from model import Arm, OctoplanError
 from model.equilibrium.by_numbers import ByNumbers
-from model.equilibrium.dense import poses_and_strains
 from model.equilibrium.linearised import Linearised
 from model.machine.buffered import Mapped
 from model.paths import Array
 from model.rotations import conjugate, from_matrix, matrices, multiply, rotate
 from model.transcription.layout import POSE
-from planner.fit.equilibria import Equations, Setting, taut_compliance
+from planner.fit.equilibria import MM, Equations, Setting, taut_compliance
 from planner.fit.measured import Measured
 from planner.fit.unknowns import Parameters
 
@@ -79,15 +77,13 @@ class Experiment:
         self.members: dict[str, list[int]] = {}
         for i, shape in enumerate(self.shapes):
             self.members.setdefault(shape.session if shape.session in own else "", []).append(i)
-        self.equations = {
-            name: Equations(
-                parameters,
-                name,
-                sorted({at for i in which for at in self.shapes[i].along}),
-                refinement,
-                machine_code,
-            )
+        self.marks = {
+            name: Marks([self.shapes[i] for i in which], parameters.table)
             for name, which in self.members.items()
+        }
+        self.equations = {
+            name: Equations(parameters, name, marks, refinement, machine_code)
+            for name, marks in self.marks.items()
         }
 
     def from_rest(self, values: Array) -> Evaluation:
@@ -112,6 +108,7 @@ class Experiment:
         shapes = [self.shapes[i] for i in kept]
         part = Experiment(self.parameters, shapes, self.refinement, self.machine_code)
         part.equations = {name: self.equations[name] for name in part.members}
+        part.marks = {name: self.marks[name] for name in part.members}
         return part
 
 
@@ -186,6 +183,7 @@ class Evaluation:
         shapes = self.experiment.shapes
         return {
             name: Sensors(
+                self.experiment.marks[name],
                 self.settings[name],
                 [shapes[i] for i in which],
                 [here for i in which if (here := self.equilibria[i])],
@@ -243,43 +241,72 @@ class Evaluation:
         )
 
 
+class Marks:
+    """The arc lengths that shapes are seen at, each once: points by number, the tip, frames."""
+
+    def __init__(self, shapes: Sequence[Measured], table: dict[str, Any]) -> None:
+        rows = [mark for shape in shapes for mark in _marks(shape)]
+        self.marks, self._said = list(dict.fromkeys(rows)), _s_of(table)
+
+    def __call__(self, arm: Arm, table: dict[str, Any]) -> Array:
+        """Return their arc lengths (S,) [m] on an arm."""
+        shift = _s_of(table) - self._said
+        rows = [
+            arm.length if i == _TIP else s + (shift[i] if i >= 0 else 0.0) for i, s in self.marks
+        ]
+        return np.array(rows, dtype=float)
+
+
+# In place of a point's number.
+_TIP, _FRAME = -1, -2
+
+
+def _marks(shape: Measured) -> list[tuple[int, float]]:
+    """Return point number and arc length [m] of the markers seen, of the tip and of frames."""
+    points = [(i, point.s) for i, point in shape.seen]
+    tip = [(_TIP, np.inf)] * (shape.tip is not None)
+    return [*points, *tip, *((_FRAME, frame.s) for frame in shape.frames)]
+
+
+def _s_of(table: dict[str, Any]) -> Array:
+    return MM * np.array([point["s_mm"] for point in table["points"]], dtype=float)
+
+
 class Sensors:
-    """The sensors of shapes of one session; markers of all shapes are worked out at once."""
+    """The sensors of shapes of one session; what all shapes show is worked out at once."""
 
     def __init__(
-        self, setting: Setting, shapes: Sequence[Measured], heres: Sequence[Linearised]
+        self,
+        marks: Marks,
+        setting: Setting,
+        shapes: Sequence[Measured],
+        heres: Sequence[Linearised],
     ) -> None:
         self.setting, self.shapes, self.heres = setting, list(shapes), list(heres)
-        nodes, numbers = setting.system.mesh.s, setting.numbers
-        # Of each marker, tip and frame its shape, and its point's number, -1 of tips and frames.
-        marks = [
-            (k, i, s + numbers.s[i], np.array(shape.points[i].offset) + numbers.offsets[i])
-            if i >= 0
-            else (k, -1, s, np.zeros(3))
-            for k, shape in enumerate(self.shapes)
-            for i, s in _marks(shape, float(nodes[-1]))
-        ]
-        self._shape = np.array([mark[0] for mark in marks], dtype=np.int64)
-        self._point = np.array([mark[1] for mark in marks], dtype=np.int64)
-        self._s = np.array([mark[2] for mark in marks], dtype=float)
-        self._offsets = np.array([mark[3] for mark in marks], dtype=float).reshape(-1, 3)
-        self._node = np.abs(nodes - self._s[:, None]).argmin(axis=1)
-        self._states = setting.system.of.nodes[self._node, :POSE]
-        all_states = np.array([here.states for here in self.heres])
-        self._poses = all_states[self._shape[:, None], self._states]
+        rows = [(k, *mark) for k, shape in enumerate(self.shapes) for mark in _marks(shape)]
+        numbers = {mark: station for station, mark in enumerate(marks.marks)}
+        # Of each marker, tip and frame: its shape, its station, its point.
+        self._shape = np.array([k for k, *_ in rows], dtype=np.int64)
+        self._station = np.array([numbers[i, s] for _, i, s in rows], dtype=np.int64)
+        self._point = np.array([i for _, i, _ in rows], dtype=np.int64)
+        self._offsets = np.array(
+            [
+                np.add(self.shapes[k].points[i].offset, setting.numbers.offsets[i])
+                if i >= 0
+                else np.zeros(3)
+                for k, i, _ in rows
+            ]
+        ).reshape(-1, 3)
+        self._poses = setting.poses(self.heres)[self._shape, self._station]
         turned = [frame.matrix for shape in self.shapes for frame in shape.frames]
         self._measured = np.array([from_matrix(np.array(R)) for R in turned]).reshape(-1, 4)
-        # Markers and tips of a shape come before its frames.
-        self._is_frame = np.array(
-            [j >= len(m.places) for m in self.shapes for j in range(len(m.places) + len(m.frames))],
-            dtype=bool,
-        )
 
     @cached_property
     def _predicted(self) -> tuple[Array, Array]:
         """Places or rotation vectors (M, 3), and their derivatives by poses (M, 3, 7)."""
         value, jacobian = np.zeros((len(self._poses), 3)), np.zeros((len(self._poses), 3, POSE))
-        marks, turns = ~self._is_frame, self._is_frame
+        turns = self._point == _FRAME
+        marks = ~turns
         value[marks], by_pose = _place()(self._poses[marks], self._offsets[marks])
         jacobian[marks] = by_pose.reshape(-1, POSE, 3).transpose(0, 2, 1)
         value[turns], by_turn = _turn()(self._poses[turns, :4], self._measured)
@@ -307,17 +334,8 @@ class Sensors:
     def jacobians(self, by: Sequence[ByNumbers]) -> list[Array]:
         """Return the derivatives (size, K) of residuals by the unknowns."""
         numbers, jacobian = self.setting.derivatives, self._predicted[1]
-        states = np.array([own.states for own in by])
-        moved = states[self._shape[:, None], self._states]
+        rows = jacobian @ self.setting.pose_derivatives(by)[self._shape, self._station]
         seen = self._point >= 0
-        # The mesh's nodes move with the unknowns, markers stay where they are on the arm, or move
-        # otherwise; the tip is the last node.
-        along = -numbers.nodes[self._node]
-        along[seen] += numbers.s[self._point[seen]]
-        along[~seen & ~self._is_frame] = 0.0
-        if along.any():
-            moved = moved + self._rates[:, :, None] * along[:, None, :]
-        rows = jacobian @ moved
         rows[seen] += matrices(self._poses[seen, :4]) @ numbers.offsets[self._point[seen]]
         return self._stacked(rows, [own.lengths for own in by], numbers.rest)
 
@@ -332,23 +350,14 @@ class Sensors:
             stacks.append(np.vstack(parts))
         return stacks
 
-    @cached_property
-    def _rates(self) -> Array:
-        """How poses change along the arm at the markers (M, 7) [1/m]."""
-        found, system = np.zeros((len(self._poses), POSE)), self.setting.system
-        for k, here in enumerate(self.heres):
-            own = self._shape == k
-            poses, v = poses_and_strains(system, here.x, system.mesh.s[self._node[own]])
-            found[own] = _along()(poses, *kinematics(system.of.form.law, v))[0]
-        return found
-
     def whitening(self) -> list[Array]:
         """Return what makes residuals of each shape of unit variance (size, size)."""
         noisy = [m.tension_std > 0 or m.by_length for m in self.shapes]
         stacks = [np.zeros((0, 0))] * len(noisy)
         if any(noisy):
             by_tensions = np.array([here.by_tensions for here in self.heres])
-            rows = self._predicted[1] @ by_tensions[self._shape[:, None], self._states]
+            places = self.setting.places[self._station]
+            rows = self._predicted[1] @ by_tensions[self._shape[:, None], places]
             lengths = [here.length_tension for here in self.heres]
             stacks = self._stacked(rows, lengths, 0.0)
         found = []
@@ -363,12 +372,6 @@ class Sensors:
             variance = np.diag(np.square(shape.stds)) + carried @ carried.T
             found.append(np.linalg.inv(np.linalg.cholesky(variance)))
         return found
-
-
-def _marks(shape: Measured, length: float) -> list[tuple[int, float]]:
-    """Return point number and arc length of the markers seen, -1 of the tip and of frames."""
-    tip = [(-1, length)] * (shape.tip is not None)
-    return [*((i, p.s) for i, p in shape.seen), *tip, *((-1, frame.s) for frame in shape.frames)]
 
 
 @lru_cache(maxsize=1)
@@ -392,14 +395,6 @@ def _turn() -> Mapped:
     size = ca.sqrt(ca.sumsqr(between[1:]) + 1e-30)
     w = 2 * ca.atan2(size, between[0]) / size * between[1:]
     return Mapped(ca.Function("turn", [q, measured], [w, _dense(ca.jacobian(w, q))]))
-
-
-@lru_cache(maxsize=1)
-def _along() -> Mapped:
-    """Return (pose, kappa, nu) -> how the pose changes along the arm (7,)."""
-    g, kappa, nu = ca.SX.sym("g", POSE), ca.SX.sym("kappa", 3), ca.SX.sym("nu", 3)
-    turned = multiply(g[:4], ca.vertcat(0, kappa)) / 2
-    return Mapped(ca.Function("along", [g, kappa, nu], [ca.vertcat(turned, rotate(g[:4], nu))]))
 
 
 def _dense(matrix: ca.SX) -> ca.SX:

@@ -20,11 +20,11 @@ def plot_calibration(found: Any, ax: Axes | None = None) -> Figure | Axes:
     Only residuals in `ax`, if it is given. Returns a new Figure, or the axes.
     """
     if ax is not None:
-        return _residuals(found, ax)
+        return plot_residuals(found, ax)
     figure = Figure(figsize=(10.0, 6.4), layout="constrained")
     grid = figure.add_gridspec(2, 2, width_ratios=(1.2, 1.0))
     _arms(found, figure.add_subplot(grid[:, 0], projection="3d"))
-    _residuals(found, figure.add_subplot(grid[0, 1]))
+    plot_residuals(found, figure.add_subplot(grid[0, 1]))
     _errors(found, figure.add_subplot(grid[1, 1]))
     return figure
 
@@ -50,8 +50,15 @@ def _arms(found: Any, ax: Any) -> None:
     ax.tick_params(labelsize=SIZE)
 
 
-def _residuals(found: Any, ax: Axes) -> Axes:
-    """Draw the distance of each marker from its prediction [mm], in the order of measurement."""
+def plot_residuals(found: Any, ax: Axes | None = None) -> Figure | Axes:
+    """Draw the distance of each marker of each shape of a Calibration from its prediction [mm].
+
+    In the order of measurement. Returns a new Figure, or the axes if given.
+    """
+    if ax is None:
+        figure = Figure(figsize=(6.4, 4.0), layout="constrained")
+        plot_residuals(found, figure.add_subplot())
+        return figure
     names = [shape.name for shape in found.measured]
     rows = [row for row in found.residuals if row.is_place]
     for what in dict.fromkeys(row.what for row in rows):

@@ -11,7 +11,6 @@ from model import Anchorage, Arm, Linear, Material, RestCurvature, Scene, settle
 from model.effects import PointMass
 from model.winches import rest_lengths
 from planner import Measured, Unknown, calibrate
-
 from tests.calibrate.cases import HANGING, PULLS, small_arm, synthetic
 
 # Of the standard errors, by which optima may differ that are found by other steps.
