@@ -10,7 +10,8 @@ import numpy as np
 
 from model import Arm, InputError, Scene
 from model.errors import FileError
-from planner.fit.calibration import Calibration, Start
+from planner.fit.calibration import Calibration
+from planner.fit.fitted import Start
 from planner.fit.least_squares import LOSSES, Weights
 from planner.fit.measured import Measured
 from planner.fit.unknowns import Unknown
@@ -48,6 +49,7 @@ def load_calibration(path: str | Path) -> Calibration:
             tuple(fit.astray),
             tuple((name, why) for name, why in fit.left_out),
             fit.stopped,
+            stages=fit.stages,
         )
         if len(found.values) != len(unknowns) or not np.all(np.isfinite(found.values)):
             raise FileError(name, "fit.values", f"{len(unknowns)} finite numbers are needed")

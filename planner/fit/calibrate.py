@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -21,7 +21,8 @@ from model.paths import Array
 from model.progress import tell, with_progress
 from model.settle import checked_scene
 from model.time_limit import OutOfTime, time_limit
-from planner.fit.calibration import Calibration, Start, point_table
+from planner.fit.calibration import Calibration
+from planner.fit.fitted import Start, point_table
 from planner.fit.least_squares import LOSSES, Fit, Loss, Weights, fit
 from planner.fit.measured import Measured, check_scale
 from planner.fit.residuals import Evaluation, Experiment, UnsettledShapeError
@@ -31,8 +32,13 @@ LOG = logging.getLogger(__name__)
 ACCURACY = 1e-5
 # How far apart tips are that are on different branches, over the arm's length.
 _ASTRAY = 1e-3
-# Refinements of the meshes: of the first fits, then until one is as accurate as asked.
-_COARSE, _FINER = 1, (2, 4, 8)
+# How near to optima fits come, by the logarithm of the likelihood: on the coarse mesh, and last.
+_COARSE_FIT, _FINE_FIT = 1e-1, 1e-5
+# How often a fit begins again from shapes as they are reached from rest.
+_ROUNDS = 3
+_JUMPS = "it jumps to another shape near the values of the optimum"
+# Refinements and stages of the meshes: of the first fits, then until one is as accurate as asked.
+_COARSE, _FINER = (1, 2), ((2, 2), (2, STAGES), (4, STAGES), (8, STAGES))
 
 
 @with_progress
@@ -170,13 +176,14 @@ class _Search:
                     best = min(filter(None, (best, found)), key=lambda own: own.cost, default=None)
                 if best is None:
                     raise self.problem
-                for refinement in _FINER:
-                    tell("meshes", refinement, _FINER[-1])
-                    best, error, apart = self._finer(best, refinement)
-                    if not apart and error <= self.accuracy:
+                best = self._from_rest(best)
+                for i, mesh in enumerate(_FINER):
+                    tell("meshes", i, len(_FINER))
+                    fine, error = self._finer(best.evaluation, mesh)
+                    best = replace(best, evaluation=fine)
+                    if error <= self.accuracy:
                         break
-                else:
-                    best = self._without(best, apart, SnapError(1.0, "it jumps to another shape"))
+                best = self._fit(best.evaluation, _FINE_FIT)
         except OutOfTime:
             if best is None:
                 raise TimeLimitError(seconds or 0.0) from None
@@ -200,13 +207,15 @@ class _Search:
             tuple((self.shapes[i].name, str(self.why[i])) for i in out),
             stopped,
             self.machine_code,
+            best.evaluation.experiment.stages,
+            best.evaluation,
         )
 
     def _begun(self, values: Array) -> Fit | None:
         """Return the fit that begins with values, None where no shape settles there."""
         given = tuple(values.tolist())
         try:
-            found = self._fit(self._on(_COARSE).from_rest(values))
+            found = self._fit(self._on(*_COARSE).from_rest(values))
         except (UnsettledShapeError, InputError) as reason:
             self.problem = reason
             self.starts.append(Start(given, None, float("inf"), str(reason)))
@@ -215,45 +224,62 @@ class _Search:
         self.starts.append(Start(given, tuple(found.evaluation.values.tolist()), found.cost))
         return found
 
-    def _finer(self, best: Fit, refinement: int) -> tuple[Fit, float, list[int]]:
-        """Return the fit on a finer mesh, the error that this has, and shapes that jumped.
+    def _from_rest(self, best: Fit) -> Fit:
+        """Return a fit that has all shapes as they are reached from rest.
 
-        All shapes begin as they are reached from rest: those that the fit had on other branches, or
-        could not follow, begin anew.
+        It is begun again from there where it has some on other branches, or could not follow them;
+        those that jump again are left out.
         """
-        coarse = best.evaluation
-        fine = self._on(refinement).from_rest(coarse.values)
-        gaps = {i: _gap(coarse.equilibria[i], fine.equilibria[i]) for i in coarse.present}
-        apart = [i for i, gap in gaps.items() if not gap <= _ASTRAY]
-        self.astray |= {self.shapes[i].name: None for i in apart}
-        gap = max((gap for gap in gaps.values() if gap <= _ASTRAY), default=0.0)
-        order = collocation_order(
-            STAGES, any(own.system.scene.has(Friction) for own in fine.settings.values())
-        )
-        error = float(estimate(gap, coarse.experiment.refinement, refinement, order))
-        return self._fit(fine), error, apart
+        for again in range(_ROUNDS + 1):
+            here = best.evaluation
+            rest = here.experiment.from_rest(here.values)
+            gaps = {i: _gap(here.equilibria[i], rest.equilibria[i]) for i in rest.present}
+            apart = [i for i, gap in gaps.items() if not gap <= _ASTRAY]
+            if not apart:
+                break
+            if again == _ROUNDS:
+                return self._without(best, apart)
+            self.astray |= {self.shapes[i].name: None for i in apart if i in here.present}
+            best = self._fit(rest)
+        return best
 
-    def _fit(self, start: Evaluation) -> Fit:
+    def _finer(self, coarse: Evaluation, mesh: tuple[int, int]) -> tuple[Evaluation, float]:
+        """Return an evaluation on a finer mesh, with the error that this leaves over the length."""
+        finer = self._on(*mesh)
+        fine = coarse.near(coarse.values, finer)
+        if fine.lost:
+            fine = finer.from_rest(coarse.values)
+        gaps = {i: _gap(coarse.equilibria[i], fine.equilibria[i]) for i in coarse.present}
+        self.astray |= {self.shapes[i].name: None for i, gap in gaps.items() if not gap <= _ASTRAY}
+        gap = max((gap for gap in gaps.values() if gap <= _ASTRAY), default=0.0)
+        before = coarse.experiment
+        if finer.stages > before.stages:
+            return fine, gap  # the error of the coarser one: its own is less
+        rubs = any(own.system.scene.has(Friction) for own in fine.settings.values())
+        order = collocation_order(finer.stages, rubs)
+        return fine, float(estimate(gap, before.refinement, finer.refinement, order))
+
+    def _fit(self, start: Evaluation, tolerance: float = _COARSE_FIT) -> Fit:
         """Return the fit of the shapes that settle, without those that cannot be followed."""
         self.settled |= set(start.present)
         self.why |= start.lost
         if not start.present:
             first = min(start.lost)
             raise UnsettledShapeError(self.shapes[first].name, start.lost[first])
-        best = fit(start, self.weights)
+        best = fit(start, self.weights, tolerance)
         while best.refused and len(best.refused) < len(best.evaluation.present):
-            reason = SnapError(1.0, "it jumps to another shape near the values of the optimum")
-            best = self._without(best, best.refused, reason)
+            best = self._without(best, best.refused, tolerance)
         return best
 
-    def _without(self, best: Fit, left_out: Sequence[int], reason: OctoplanError) -> Fit:
-        """Return the fit without some of its shapes."""
-        kept = [i for i in best.evaluation.present if i not in left_out]
-        self.why |= dict.fromkeys(left_out, reason)
-        return fit(best.evaluation.only(kept), self.weights) if kept else best
+    def _without(self, best: Fit, jumping: Sequence[int], tolerance: float = _COARSE_FIT) -> Fit:
+        """Return the fit without shapes that jump."""
+        kept = [i for i in best.evaluation.present if i not in jumping]
+        self.why |= {i: SnapError(1.0, _JUMPS) for i in jumping}
+        return fit(best.evaluation.only(kept), self.weights, tolerance) if kept else best
 
-    def _on(self, refinement: int) -> Experiment:
-        return Experiment(self.parameters, self.shapes, refinement, self.machine_code)
+    def _on(self, refinement: int, stages: int) -> Experiment:
+        mesh = refinement, stages, self.machine_code
+        return Experiment(self.parameters, self.shapes, *mesh)
 
 
 def _gap(one: Linearised | None, other: Linearised | None) -> float:

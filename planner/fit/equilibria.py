@@ -21,7 +21,7 @@ from model import Arm, InputError, OctoplanError, Scene, settle
 from model.cross_section.reported import kinematics
 from model.equilibrium.by_numbers import ByNumbers, by_numbers
 from model.equilibrium.dense import poses_and_strains
-from model.equilibrium.forward import STAGES, Collocation, Known
+from model.equilibrium.forward import Collocation, Known
 from model.equilibrium.linearised import Linearised, linearised
 from model.equilibrium.newton import newton_many
 from model.loads import is_loaded
@@ -43,9 +43,6 @@ from planner.fit.measured import Measured
 from planner.fit.unknowns import Parameters
 
 MM = 1e-3
-# How far a shape may turn from where derivatives predict it, as a change of a quaternion: farther
-# off it may be on another branch.
-_FARTHEST = 0.1
 # Of difference quotients, over the bounds' range and over the value. Numbers of the equations are
 # low powers of the unknowns, and not settled for: the quotients are good to nine digits.
 _STEP, _SMALL = 1e-5, 1e-4
@@ -93,10 +90,11 @@ class Equations:
         session: str,
         stations: Stations,
         refinement: int,
+        stages: int,
         machine_code: bool = False,
     ) -> None:
         self.parameters, self.session, self.stations = parameters, session, stations
-        self.refinement, self.machine_code = refinement, machine_code
+        self.refinement, self.stages, self.machine_code = refinement, stages, machine_code
         self._first: tuple[Mesh, Array, Array] | None = None
 
     def at(self, values: Array) -> Setting:
@@ -118,7 +116,7 @@ class Equations:
             except InputError:
                 self._first = None
         if self._first is None:
-            stated = system(arm, scene, STAGES, self.refinement, at, True, self.machine_code)
+            stated = system(arm, scene, self.stages, self.refinement, at, True, self.machine_code)
             self._first = stated.mesh, marks, stated.base
         return Setting(self, values, stated, self._numbers(stated, table))
 
@@ -157,7 +155,7 @@ class Equations:
         return self._numbers(stated, self.parameters.table_at(values, self.session))
 
     def _stated(self, arm: Arm, scene: Scene, mesh: Mesh, base: Array) -> System:
-        stated = System(arm, scene, mesh, STAGES, machine_code=self.machine_code)
+        stated = System(arm, scene, mesh, self.stages, machine_code=self.machine_code)
         keep_sign(stated.base, base)
         return stated
 
@@ -283,7 +281,7 @@ class Setting:
                 on.carried(tensions, Known(own.here.system, own.here.states))
                 for tensions, own in zip(T, before, strict=True)
             ]
-        solutions = newton_many(self.system, T, 1.0, np.array(guesses), _FARTHEST).solutions
+        solutions = newton_many(self.system, T, 1.0, np.array(guesses)).solutions
         return self._held(shapes, solutions)
 
     def _held(
@@ -315,7 +313,7 @@ class Setting:
             left = going
             if not left:
                 return kept
-            given = self.system, np.array(T), 1.0, np.array(states), 3 * _FARTHEST
+            given = self.system, np.array(T), 1.0, np.array(states)
             solutions = newton_many(*given).solutions
             for k, here in zip(left, solutions, strict=True):
                 kept[k] = here

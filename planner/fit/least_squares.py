@@ -112,7 +112,8 @@ class Likelihood:
         data = z[: self.size]
         noise = self.noise_of(np.sqrt(data))
         own = _RHO[self.loss](data / noise**2)
-        constant = 2 * self.free * _expected(self.loss) * np.log(noise) / max(self.size, 1)
+        scale = np.log(noise / _LEAST_NOISE)  # above 0, so that changes are small beside it
+        constant = 2 * self.free * _expected(self.loss) * scale / max(self.size, 1)
         rows[:, : self.size] = own[0] + constant, own[1] / noise**2, own[2] / noise**4
         return rows
 
@@ -159,22 +160,24 @@ def prior_residuals(unknowns: Sequence[Unknown], values: Array) -> tuple[Array, 
     return r, J
 
 
-def fit(start: Evaluation, weights: Weights) -> Fit:
+def fit(start: Evaluation, weights: Weights, tolerance: float = 1e-6) -> Fit:
     """Return the optimum that an evaluation leads to, of the shapes that it has.
+
+    To about a `tolerance` in the logarithm of the likelihood.
 
     The noise of a robust loss is that of Cauchy's, which bounds what outliers add to it.
     """
     if weights.absolute:
-        return _descent(start, weights.loss, 1.0)
+        return _descent(start, weights.loss, 1.0, tolerance)
     if weights.loss == "linear":
-        return _descent(start, "linear", None)
-    robust = _descent(start, "cauchy", None)
+        return _descent(start, "linear", None, tolerance)
+    robust = _descent(start, "cauchy", None, tolerance)
     if weights.loss == "cauchy" or robust.refused:
         return robust
-    return _descent(robust.evaluation, weights.loss, robust.noise)
+    return _descent(robust.evaluation, weights.loss, robust.noise, tolerance)
 
 
-def _descent(start: Evaluation, loss: Loss, noise: float | None) -> Fit:
+def _descent(start: Evaluation, loss: Loss, noise: float | None, tolerance: float) -> Fit:
     steps = _Steps(start)
     unknowns = start.experiment.parameters.unknowns
     free = max(steps.size - sum(own.prior is None for own in unknowns), 1)
@@ -187,7 +190,7 @@ def _descent(start: Evaluation, loss: Loss, noise: float | None) -> Fit:
         loss=likelihood.rho,
         x_scale="jac",
         xtol=_STEP,
-        ftol=None,
+        ftol=tolerance / max(np.log(1 / _LEAST_NOISE) * steps.size, 1.0),
         gtol=_GRADIENT,
         max_nfev=_MOST,
     )

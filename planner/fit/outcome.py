@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from model.text import counted
-
-if TYPE_CHECKING:
-    from planner.fit.calibration import Calibration
+from planner.fit.fitted import Fitted
 
 # How near misfits are of starts that came to one optimum.
 _SAME = 1e-3
@@ -17,7 +13,7 @@ _SAME = 1e-3
 _CRUSHING = 10.0
 
 
-def outcome(of: Calibration) -> str:
+def outcome(of: Fitted) -> str:
     """Return what was found, how well it is known, and what to try."""
     size = sum(shape.size for shape in of.measured)
     counts = [(len(of.measured), "shape"), (size, "number"), (len(of.unknowns), "unknown")]
@@ -42,7 +38,7 @@ def outcome(of: Calibration) -> str:
     return " ".join([*lines, *_starts(of)])
 
 
-def _far(of: Calibration) -> list[str]:
+def _far(of: Fitted) -> list[str]:
     """Return which shapes are not reached, and which not as well as others."""
     lines, far = [], of.unreached
     unlike = [name for name in of.unlike if name not in far]
@@ -68,7 +64,7 @@ def _far(of: Calibration) -> list[str]:
     return lines
 
 
-def _starts(of: Calibration) -> list[str]:
+def _starts(of: Fitted) -> list[str]:
     """Return how many of several starts came to the optimum."""
     if len(of.starts) == 1:
         return []

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -21,12 +21,10 @@ import scipy
 from model import InputError
 from model.paths import Array
 from model.progress import told
+from planner.fit.fitted import Fitted
 from planner.fit.least_squares import fit
 from planner.fit.measured import Measured
 from planner.fit.residuals import Evaluation, Residual, UnsettledShapeError, mean_distance
-
-if TYPE_CHECKING:
-    from planner.fit.calibration import Calibration
 
 _ORIGIN = (0.0, 0.0, 0.0)
 # The variance of a uniform distribution from 0 to 1, inverted.
@@ -84,7 +82,7 @@ class Prediction:
 
 
 def predict(
-    of: Calibration, tensions: Any, points: Sequence[tuple[float, Any]], session: str
+    of: Fitted, tensions: Any, points: Sequence[tuple[float, Any]], session: str
 ) -> Prediction:
     """See Calibration.predict."""
     flat = tuple(of.given_arm.flat(tensions).tolist())
@@ -96,7 +94,7 @@ def predict(
     return predicted(of, there, slice(0, len(markers) or 1))
 
 
-def predicted(of: Calibration, there: Evaluation, which: slice) -> Prediction:
+def predicted(of: Fitted, there: Evaluation, which: slice) -> Prediction:
     """Return the prediction of the one shape of an evaluation, bands of `which` of its places."""
     (shape,) = there.experiment.shapes
     n = len(shape.places)
@@ -110,14 +108,14 @@ def predicted(of: Calibration, there: Evaluation, which: slice) -> Prediction:
     return Prediction(places[-1], sure[-1], places[which], covariance, error, _freedom(of))
 
 
-def _freedom(of: Calibration) -> float:
+def _freedom(of: Fitted) -> float:
     if of.weights.absolute:
         return np.inf
     left = of.degrees_of_freedom / sum(shape.size for shape in of.measured)
     return max(min(left, 1.0) * len(of.measured), 1.0)
 
 
-def model_error(of: Calibration, s: Array) -> Array:
+def model_error(of: Fitted, s: Array) -> Array:
     """Return the standard deviation of a coordinate at arc lengths s (N,) [m].
 
     By marker what fits without a shape miss of it, between markers in proportion; without markers
@@ -135,7 +133,7 @@ def model_error(of: Calibration, s: Array) -> Array:
     return np.asarray(np.interp(s, nodes, by_node))
 
 
-def deleted_residuals(of: Calibration) -> dict[int, Array]:
+def deleted_residuals(of: Fitted) -> dict[int, Array]:
     """Return the residuals (size,) of each shape by a fit without it, to first order.
 
     (I - H_ii)^-1 r_i with H = J (J^T J)^-1 J^T by blocks of shapes: residuals of one shape have the
@@ -175,7 +173,7 @@ class LeftOut:
         return mean_distance(self.residuals)
 
 
-def leave_out(of: Calibration, groups: Sequence[Hashable] | None) -> LeftOut:
+def leave_out(of: Fitted, groups: Sequence[Hashable] | None) -> LeftOut:
     """See Calibration.leave_out."""
     labels = list(range(len(of.measured))) if groups is None else list(groups)
     if len(labels) != len(of.measured):
@@ -190,7 +188,9 @@ def leave_out(of: Calibration, groups: Sequence[Hashable] | None) -> LeftOut:
         found = fit(whole.part(kept), of.weights)
         values.append(tuple(found.evaluation.values.tolist()))
         measured = tuple(of.measured[i] for i in kept)
-        without = replace(of, measured=measured, values=values[-1], noise=found.noise)
+        without = replace(
+            of, measured=measured, values=values[-1], noise=found.noise, known=found.evaluation
+        )
         for i in out:
             there = whole.part([i]).near(found.evaluation.values)
             if there.lost:
@@ -218,7 +218,7 @@ class Candidate(NamedTuple):
     shrink: tuple[float, ...]
 
 
-def ranked(of: Calibration, candidates: Sequence[Any], session: str) -> tuple[Candidate, ...]:
+def ranked(of: Fitted, candidates: Sequence[Any], session: str) -> tuple[Candidate, ...]:
     """See Calibration.next."""
     given = list(candidates)
     if not given:

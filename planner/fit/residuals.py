@@ -68,10 +68,11 @@ class Experiment:
         parameters: Parameters,
         shapes: Sequence[Measured],
         refinement: int,
+        stages: int,
         machine_code: bool = False,
     ) -> None:
         self.parameters, self.shapes = parameters, tuple(shapes)
-        self.refinement, self.machine_code = refinement, machine_code
+        self.refinement, self.stages, self.machine_code = refinement, stages, machine_code
         own = {unknown.session for unknown in parameters.unknowns}
         #: Which shapes are of each session that has an arm of its own; "" is all others'.
         self.members: dict[str, list[int]] = {}
@@ -82,7 +83,7 @@ class Experiment:
             for name, which in self.members.items()
         }
         self.equations = {
-            name: Equations(parameters, name, marks, refinement, machine_code)
+            name: Equations(parameters, name, marks, refinement, stages, machine_code)
             for name, marks in self.marks.items()
         }
 
@@ -106,7 +107,8 @@ class Experiment:
     def without(self, kept: Sequence[int]) -> Experiment:
         """Return some of the shapes, on the same meshes."""
         shapes = [self.shapes[i] for i in kept]
-        part = Experiment(self.parameters, shapes, self.refinement, self.machine_code)
+        mesh = self.refinement, self.stages, self.machine_code
+        part = Experiment(self.parameters, shapes, *mesh)
         part.equations = {name: self.equations[name] for name in part.members}
         part.marks = {name: self.marks[name] for name in part.members}
         return part
@@ -134,12 +136,16 @@ class Evaluation:
     equilibria: tuple[Linearised | None, ...]
     lost: dict[int, OctoplanError]
 
-    def near(self, values: Array) -> Evaluation:
+    def near(
+        self, values: Array, experiment: Experiment | None = None, halvings: int = 3
+    ) -> Evaluation:
         """Return the shapes that this has at other values, on the same branches.
 
-        Those that do not lead to an equilibrium nearby are `lost`.
+        On the meshes of this experiment or of another one of the same shapes. Those that do not
+        lead to an equilibrium nearby are led there in two halves, and those in halves again; what
+        that does not do for is `lost`.
         """
-        experiment = self.experiment
+        experiment = experiment or self.experiment
         settings = {name: own.at(values) for name, own in experiment.equations.items()}
         equilibria: list[Linearised | None] = [None] * len(self.equilibria)
         lost: dict[int, OctoplanError] = {}
@@ -151,6 +157,13 @@ class Evaluation:
                 equilibria[i] = here
                 if here is None:
                     lost[i] = OctoplanError("it jumps")
+        if lost and halvings and experiment is self.experiment:
+            middle = (self.values + values) / 2
+            half = self.only(list(lost)).near(middle, halvings=halvings - 1)
+            if not half.lost:
+                end = half.near(values, halvings=halvings - 1)
+                rows = zip(equilibria, end.equilibria, strict=True)
+                equilibria, lost = [other or here for here, other in rows], end.lost
         return Evaluation(experiment, values, settings, tuple(equilibria), lost)
 
     def only(self, kept: Sequence[int]) -> Evaluation:

@@ -40,6 +40,7 @@ class FitRecord(msgspec.Struct, kw_only=True):
     error: float
     starts: list[dict[str, Any]]
     astray: list[str]
+    stages: int
     left_out: list[list[str]] = []
     stopped: bool = False
 
@@ -91,6 +92,7 @@ def calibration_record(of: Any) -> CalibrationRecord:
             loss=of.weights.loss,
             absolute_std=of.weights.absolute,
             refinement=of.refinement,
+            stages=of.stages,
             left_out=[list(row) for row in of.left_out],
             stopped=of.stopped,
             error=of.error,

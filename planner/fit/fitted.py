@@ -1,0 +1,244 @@
+"""Fitted values of an arm's numbers, and how well they are known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy
+
+from model import Arm, Scene
+from model.equilibrium.forward import STAGES
+from model.paths import Array
+from planner.fit.identify import Direction, Information, direction, information
+from planner.fit.least_squares import Weights, prior_residuals
+from planner.fit.measured import Measured
+from planner.fit.residuals import Evaluation, Experiment, Residual, mean_distance
+from planner.fit.unknowns import Parameters, Unknown
+
+_AT_BOUND, _UNMOVED, _UNLIKE = 1e-6, 0.9, 3.0
+# Markers that are off by such a share of the arm's length in the mean are not explained at all.
+_UNREACHED = 0.1
+
+
+class Start(NamedTuple):
+    """Values that a fit began with, where it came to, and the misfit there.
+
+    The misfit is the negative logarithm of the likelihood, but for a constant.
+    """
+
+    values: tuple[float, ...]
+    found: tuple[float, ...] | None
+    misfit: float
+    why: str = ""
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """An arm with fitted numbers.
+
+    Attributes
+    ----------
+    given_arm, given_scene
+        What it began with.
+    measured : tuple of Measured
+    unknowns : tuple of Unknown
+    values : tuple of float
+        Of the unknowns, in the units of their keys.
+    noise : float
+        What the standard deviations of the measurements are multiplied by.
+    weights : Weights
+    refinement, stages : int
+        Of the mesh.
+    error : float
+        Estimated error of what is predicted, over the arm's length.
+    starts : tuple of Start
+        Where fits came to, the given values first.
+    astray : tuple of str
+        Shapes that a fit had on another branch than the arm takes from rest; it was begun again.
+    left_out : tuple of (str, str)
+        Shapes that the fit does without, and why: they jump, or do not settle, near its values.
+    stopped : bool
+        Whether the time limit came before the optimum.
+    machine_code : bool
+        Whether shapes are settled by compiled kernels.
+    known : Evaluation or None
+        The shapes at the values, where they are at hand; they do not travel.
+    """
+
+    given_arm: Arm
+    given_scene: Scene
+    measured: tuple[Measured, ...]
+    unknowns: tuple[Unknown, ...]
+    values: tuple[float, ...]
+    noise: float
+    weights: Weights
+    refinement: int
+    error: float
+    starts: tuple[Start, ...]
+    astray: tuple[str, ...] = ()
+    left_out: tuple[tuple[str, str], ...] = ()
+    stopped: bool = False
+    machine_code: bool = field(default=False, compare=False)
+    stages: int = STAGES
+    known: Evaluation | None = field(default=None, compare=False, repr=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the numbers; what was worked out of them does not travel."""
+        state = {own.name: getattr(self, own.name) for own in fields(self)}
+        return state | {"known": None}
+
+    @cached_property
+    def arm(self) -> Arm:
+        """The calibrated arm; see `setting` for what belongs to a session."""
+        return self.setting()[0]
+
+    @cached_property
+    def scene(self) -> Scene:
+        """The calibrated scene."""
+        return self.setting()[1]
+
+    def setting(self, session: str = "") -> tuple[Arm, Scene]:
+        """Return arm and scene of a session."""
+        return self.parameters.built(self.array, session)
+
+    @property
+    def array(self) -> Array:
+        """The values (K,)."""
+        return np.array(self.values)
+
+    @property
+    def std(self) -> Array:
+        """Standard errors of the values (K,), in their units; inf where nothing tells."""
+        return np.sqrt(np.diag(self.information.covariance)) * self.parameters.range
+
+    @property
+    def covariance(self) -> Array:
+        """Of the values (K, K), in the units of their keys."""
+        return np.asarray(self.information.covariance * np.outer(*[self.parameters.range] * 2))
+
+    def interval(self, level: float = 0.95) -> Array:
+        """Return the values' confidence intervals (K, 2)."""
+        half = self.quantile(level) * self.std
+        return np.column_stack([self.array - half, self.array + half])
+
+    def quantile(self, level: float) -> float:
+        """Return how many standard errors an interval reaches to either side."""
+        half = (1 + level) / 2
+        if self.weights.absolute:
+            return float(scipy.special.ndtri(half))
+        return float(scipy.special.stdtrit(self.degrees_of_freedom, half))
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """Numbers measured, and priors, less unknowns; at least 1."""
+        priors = sum(unknown.prior is not None for unknown in self.unknowns)
+        size = sum(self.measured[i].size for i in self.evaluation.present)
+        return max(size + priors - len(self.unknowns), 1)
+
+    @cached_property
+    def unidentified(self) -> tuple[Direction, ...]:
+        """Combinations of unknowns that the data do not tell, or hardly."""
+        names = [unknown.name for unknown in self.unknowns]
+        units = [self.parameters.unit(unknown) for unknown in self.unknowns]
+        return tuple(
+            direction(v, std, names, self.parameters.range, units)
+            for v, std in self.information.directions
+        )
+
+    @property
+    def at_bounds(self) -> tuple[str, ...]:
+        """Names of the unknowns that are at a bound."""
+        share = self.parameters.shares(self.array)
+        ends = np.minimum(share, 1 - share) < _AT_BOUND
+        return tuple(own.name for own, end in zip(self.unknowns, ends, strict=True) if end)
+
+    @property
+    def at_priors(self) -> tuple[str, ...]:
+        """Names of the unknowns of which the data say no more than their priors."""
+        rows = zip(self.unknowns, self.std, strict=True)
+        return tuple(own.name for own, std in rows if own.prior and std > _UNMOVED * own.prior[1])
+
+    @cached_property
+    def residuals(self) -> tuple[Residual, ...]:
+        """All that was measured, shape by shape, of those that settle."""
+        return self.evaluation.residuals_of()
+
+    @property
+    def mean_error(self) -> float:
+        """Mean distance of markers and tips from where they are predicted [m]; NaN without any."""
+        return mean_distance(self.residuals)
+
+    @cached_property
+    def unlike(self) -> tuple[str, ...]:
+        """Names of shapes that are far worse explained than the others.
+
+        Their residuals over the noise are, in the mean, more than three times those of the median
+        shape, and more than noise; no values within the bounds bring them nearer.
+        """
+        here = self.evaluation
+        sizes = {
+            i: float(np.sqrt(np.mean(np.square(here.whitening[i] @ miss / self.noise))))
+            for i, miss in here.by_shape.items()
+        }
+        far = max(_UNLIKE * float(np.median(list(sizes.values()))), 1.0)
+        return tuple(self.measured[i].name for i, size in sizes.items() if size > far)
+
+    @cached_property
+    def unreached(self) -> tuple[str, ...]:
+        """Names of shapes that no values within the bounds come near.
+
+        Their markers are off by more than a tenth of the arm's length in the mean.
+        """
+        far, by_name = _UNREACHED * self.given_arm.length, dict[str, list[float]]()
+        for residual in self.residuals:
+            if residual.is_place:
+                by_name.setdefault(residual.shape, []).append(residual.size)
+        return tuple(name for name, sizes in by_name.items() if np.mean(sizes) > far)
+
+    @cached_property
+    def parameters(self) -> Parameters:
+        """The unknowns with what they are numbers of."""
+        sessions = sorted({shape.session for shape in self.measured} - {""})
+        points = point_table(self.measured)
+        return Parameters.of(self.given_arm, self.given_scene, self.unknowns, points, sessions)
+
+    @cached_property
+    def evaluation(self) -> Evaluation:
+        """The shapes at the values, as they are reached from rest, but for those left out."""
+        if self.known is not None:
+            return self.known
+        names = [name for name, _ in self.left_out]
+        kept = [i for i, shape in enumerate(self.measured) if shape.name not in names]
+        here = self.experiment(self.measured).from_rest(self.array)
+        return here.only([i for i in kept if i in here.present])
+
+    def experiment(self, shapes: Sequence[Measured]) -> Experiment:
+        """Return shapes with the unknowns of this calibration."""
+        mesh = self.refinement, self.stages, self.machine_code
+        return Experiment(self.parameters, shapes, *mesh)
+
+    @cached_property
+    def information(self) -> Information:
+        """What data and priors say of the unknowns, from bound to bound."""
+        prior = prior_residuals(self.unknowns, self.array)[1]
+        return information(np.vstack([*self.jacobians.values(), prior]))
+
+    @cached_property
+    def jacobians(self) -> dict[int, Array]:
+        """Derivatives of the residuals of shapes over the noise by unknowns from 0 to 1."""
+        here, rows = self.evaluation, {}
+        for i, J in here.jacobians.items():
+            counted = np.sqrt(self.weights.of(here.whitening[i] @ here.by_shape[i] / self.noise))
+            J = here.whitening[i] @ J * self.parameters.range / self.noise
+            rows[i] = J * counted[:, None]
+        return rows
+
+
+def point_table(shapes: Sequence[Measured]) -> list[dict[str, object]]:
+    """Return s_mm and offset_mm of each point, of the first of the shapes that have most."""
+    most: Sequence[Any] = max((shape.points for shape in shapes), key=len, default=())
+    return [{"s_mm": 1e3 * p.s, "offset_mm": [1e3 * x for x in p.offset]} for p in most]
