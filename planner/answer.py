@@ -25,11 +25,11 @@ from planner.mirror import mirror_images
 from planner.outcome import Facts, sentence
 from planner.program.effort import effort
 from planner.program.limits import Limits
+from planner.program.optimality import optimality
 from planner.program.problem import Problem, build, units
 from planner.program.program import STABILITY, STROKES
 from planner.program.statement import Mode, Statement
 from planner.settled import settled
-from planner.solve.newton import optimality
 from planner.solve.search_result import SearchResult, Trial, agreed
 from planner.solve.task import Task, allowed
 from planner.targets.base import Target
@@ -64,6 +64,9 @@ class Answer:
     lost : float
         By what share of the effort the coarse mesh of the search had a cheaper optimum that was
         lost on finer ones; 0 if none.
+    in_the_way : str
+        The obstacle that the plan without obstacles comes nearest to, where only obstacles keep the
+        targets from being met; empty else.
     machine_code : bool
         Whether compiled kernels found it, and find what is derived from it; no part of the answer.
     surroundings : Surroundings
@@ -85,6 +88,7 @@ class Answer:
     stopped: bool = False
     jump: float = 0.0
     lost: float = 0.0
+    in_the_way: str = ""
     machine_code: bool = field(default=False, compare=False)
     surroundings: Surroundings = NOTHING
     avoidance: Avoidance | None = None
@@ -93,7 +97,17 @@ class Answer:
     def of(cls, task: Task, found: SearchResult, **more: Any) -> Self:
         """Return the answer to a task that a search found; `more` are further fields."""
         asked = ("arm", "scene", "targets", "limits", "accuracy", "machine_code")
-        answer = ("statement", "tensions", "lam_x", "lam_g", "starts", "stopped", "jump", "lost")
+        answer = (
+            "statement",
+            "tensions",
+            "lam_x",
+            "lam_g",
+            "starts",
+            "stopped",
+            "jump",
+            "lost",
+            "in_the_way",
+        )
         own = {name: getattr(task, name) for name in asked}
         return cls(**own, **{name: getattr(found, name) for name in answer}, **more)
 
@@ -227,24 +241,25 @@ class Answer:
 
     def _rows(self, name: str) -> Array:
         """Return the multipliers of the constraints of a name."""
-        rows = self._problem().condensed.rows
+        rows = self._problem().program.outer_rows
         names = np.concatenate([[row.name] * row.size for row in rows])
         lam_g = np.array(self.lam_g)[: names.size]
         return lam_g[names == name] if lam_g.size == names.size else np.zeros(0)
 
     def _kkt(self, T: Array) -> float:
         problem = self._problem()
-        problem.condensed.forget(self.known_equilibrium)
         limits = allowed(self.arm, self.targets, self.limits)
-        p = problem.parameters(self.stated, limits)
-        x, bounds = problem.free(T, limits), problem.free_bounds(limits)
-        if problem.n_lack:
-            x = problem.unknowns(T, limits, p)[: x.size]
-        # Of plans with the states as unknowns, the multipliers of equilibrium come last.
-        lam_x, lam_g = np.array(self.lam_x)[: x.size], np.array(self.lam_g)[: bounds[2].size]
-        if lam_x.shape != x.shape or lam_g.shape != bounds[2].shape:
+        p, bounds = problem.parameters(self.stated, limits), problem.free_bounds(limits)
+        # Files of earlier versions have the multipliers of equilibrium last.
+        lam_x = np.array(self.lam_x)[: problem.n_free]
+        lam_g = np.array(self.lam_g)[: problem.n_outer]
+        if lam_x.size != problem.n_free or lam_g.size != problem.n_outer:
             return np.inf
-        return optimality(problem, x, p, lam_x, lam_g, bounds).worst
+        try:
+            x = problem.settled(T, limits, p, self.known_equilibrium)
+            return optimality(problem, x, p, lam_x, lam_g, bounds).worst
+        except (OctoplanError, np.linalg.LinAlgError, RuntimeError):
+            return np.inf
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Answer):

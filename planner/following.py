@@ -15,7 +15,7 @@ from planner.avoidance.rows import Avoidance
 from planner.solve.search import Search
 from planner.solve.search_result import SearchResult
 from planner.solve.task import Task
-from planner.solve.warm_start import Known, jump, warm_start
+from planner.solve.warm_start import Optimum, jump, warm_start
 from planner.targets.base import Target
 
 
@@ -54,8 +54,7 @@ def _kept_clear(near: Answer, task: Task, around: Surroundings) -> SearchResult 
     found = _followed(near, keeping(task, near.avoidance), near.stated)
     if found is None or found.stopped or found.jump:
         return None
-    T, problem = np.ravel(found.tensions), task.problem(found.statement)
-    line = line_of(problem, T, task.accuracy, finished=True)
+    line = line_of(task, found.statement, np.ravel(found.tensions), finished=True)
     return found if line is not None and around.keeps(line) else None
 
 
@@ -69,10 +68,8 @@ def _followed(near: Answer, task: Task, stated: tuple[Target, ...]) -> SearchRes
     statement = near.statement
     if task.accuracy > near.accuracy:
         statement = statement.but(refinement=task.coarse(statement.mode).refinement)
-    known = Known(stated, own.lower, statement, *answer)
-    asked = (task.arm, task.scene, task.targets, limits, task.accuracy)
     try:
-        return warm_start(known, *asked, task.machine_code)
+        return warm_start(Optimum(stated, own.lower, statement, *answer), task)
     except OutOfTime:
         T = np.clip(np.ravel(near.tensions), limits.lower, limits.upper)
         return SearchResult(near.statement, task.arm.by_section(T), (), (), (), stopped=True)

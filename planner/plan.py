@@ -13,7 +13,7 @@ import numpy as np
 from model.arm import Arm
 from model.checks import kind, not_negative, positive
 from model.errors import InputError
-from model.loads import contacts
+from model.loads import contacts, is_loaded
 from model.machine.compiled import Compile, checked_compile
 from model.mesh_refinement import checked_accuracy
 from model.obstacles import check_obstacles
@@ -41,13 +41,15 @@ from planner.contact.wrapping import (
 from planner.files import to_json, write_named
 from planner.following import searched
 from planner.program.program import STABILITY
-from planner.program.statement import Form
+from planner.program.statement import Solver
 from planner.question import (
     check_compliance_requests,
+    check_planned,
     check_targets,
     checked_limits,
     checked_starts,
     stated,
+    warn_of_form,
 )
 from planner.records.plan import plan_record
 from planner.report import plan_summary, plan_text
@@ -76,7 +78,6 @@ class Plan(Answer):
             self.targets,
             self.scene,
             norm=self.statement.norm,
-            form=self.statement.form,
             accuracy=self.accuracy,
             near=self,
             stability_margin=self.statement.margin,
@@ -159,12 +160,13 @@ def plan(
     tension_min: Any = 0.0,
     total_pull: float | None = None,
     norm: Any = "2",
-    form: Form | None = None,
+    solver: Solver = "auto",
+    form: Any = None,
     accuracy: float = 1e-6,
     starts: int | None = None,
     near: Plan | None = None,
     time_limit: float | None = None,
-    stability_margin: float = 0.0,
+    stability_margin: float | None = None,
     compile: Compile = False,  # noqa: A002  (the name that scripts use)
     obstacles: Any = (),
     clearance: float = 0.0,
@@ -191,9 +193,11 @@ def plan(
         The most that all tendons together may pull [N]; no limit unless given.
     norm : "2", "1" or "inf"
         What effort is: root of the sum of squares, sum, or largest tension.
-    form : "condensed" or "multiple-shooting"
-        Unknowns of the problem: tensions alone, or with the states of all elements. Unless given,
-        tensions alone in scenes without loads in the paper's balance, whose poses they give.
+    solver : "auto", "ipopt" or "fatrop"
+        What solves the program; "auto" takes fatrop's answer where it has one in few iterations,
+        and ipopt's else. `Plan.statement` tells which did, and in how many iterations.
+    form
+        Deprecated: there is one program.
     accuracy : float
         What residuals and tip errors are held to, over the arm's length (angles: rad).
     starts : int
@@ -213,7 +217,8 @@ def plan(
     stability_margin : float
         The least stability of the shape under its loads that is accepted, 0 to 1: the least
         eigenvalue of the scaled Hessian of the energy, which is 1 for an arm at rest and 0 where it
-        is about to yield. With 0 the arm has to stand.
+        is about to yield. With 0 the arm has to be stable. Unless given 0.1, where that can be had,
+        else the most stable that is found, which `outcome` tells as on the brink.
     compile : bool or "auto"
         Whether to work by machine code, see settle; the plan's shape and certificate are found by
         it too. In a scene as printed, and of curved tendons without loads, only these are.
@@ -249,14 +254,18 @@ def plan(
         If `compile` is True, and there is no compiler or it fails.
     """
     scene, targets = checked_scene(arm, scene, contact=True), check_targets(arm, target)
+    check_planned(scene)
     seconds = None if time_limit is None else positive("time_limit", time_limit)
     strokes = (stroke_max, stroke_min)
-    limits = checked_limits(arm, scene, tension_max, tension_min, total_pull, strokes)
+    limits = checked_limits(arm, tension_max, tension_min, total_pull, strokes)
     limits = replace(limits, stroke_zero=zeroed_at(arm, scene, stroke_zero))
-    check_compliance_requests(targets, scene, limits)
-    statement = stated(scene, targets, limits, norm, form, stability_margin)
+    check_compliance_requests(targets, limits)
+    warn_of_form(form)
+    statement = stated(limits, norm, solver, stability_margin)
     more = checked_accuracy(accuracy), checked_compile(compile), checked_starts(starts)
-    task = Task(arm, targets, scene, limits, statement, *more)
+    task = Task(arm, targets, scene, limits, statement, *more, stability_margin is None)
+    if not is_loaded(scene):
+        task = replace(task, statement=statement.but(margin=stability_margin or 0.0))
     check_holds(targets, scene)
     obstacles = check_obstacles(obstacles) + beside(targets, scene)
     around = surroundings(arm, targets, obstacles, clearance, self_clearance)

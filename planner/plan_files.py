@@ -13,7 +13,6 @@ import numpy as np
 
 from model import Arm, InputError, Scene
 from model.errors import FileError
-from model.forward import SCHEMES
 from model.loads import check_loads, contacts
 from model.mesh_refinement import FINEST, checked_accuracy
 from planner.avoidance.asked import Surroundings, surroundings
@@ -22,7 +21,7 @@ from planner.files import read_file, why
 from planner.plan import HeldPlan, Plan
 from planner.program.limits import Limits
 from planner.program.problem import build
-from planner.question import check_strokes, check_targets, checked_form, checked_margin
+from planner.question import check_planned, check_targets, checked_margin
 from planner.records.plan import AnswerRecord, PlanRecord, QuestionRecord, StartRecord
 from planner.records.values import Number, value
 from planner.scenes.mistakes import mistake, shown
@@ -94,7 +93,7 @@ def _task(within: _Within, record: PlanRecord) -> Task:
         "question.limits",
         lambda: Limits.of(arm, upper, lower, own.total).with_strokes(arm, most, least),
     )
-    within("question.limits.strokes", lambda: check_strokes(scene, limits))
+    within("question.scene", lambda: check_planned(scene))
     if own.stroke_zero is not None:
         zero = _floats(own.stroke_zero, name, "question.limits.stroke_zero")
         lengths = within("question.limits", lambda: zeroed_at(arm, scene, zero))
@@ -121,6 +120,7 @@ def _found(within: _Within, answer: AnswerRecord, arm: Arm) -> SearchResult:
         answer.stopped,
         answer.jump,
         answer.lost,
+        answer.in_the_way,
         tuple(tuple(within(where, partial(arm.flat, T))) for where, T in paths),
     )
 
@@ -150,14 +150,10 @@ def _record(path: Path, name: str) -> PlanRecord:
 
 def _check_statement(within: _Within, answer: AnswerRecord, limits: Limits) -> None:
     stated = answer.statement
-    within("answer.statement", lambda: checked_form(stated.form))
     within("answer.statement", lambda: checked_margin(stated.margin))
     if stated.modes not in (0, 1):
         told = f"got {stated.modes}, allowed is 0 or 1"
         raise FileError(within.name, "answer.statement.modes", told)
-    if stated.scheme not in SCHEMES:
-        told = f"got {shown(stated.scheme)}, allowed is {', '.join(SCHEMES)}"
-        raise FileError(within.name, "answer.statement.scheme", told)
     if not 1 <= stated.refinement <= FINEST:
         told = f"got {stated.refinement}, allowed is a whole number from 1 to {FINEST}"
         raise FileError(within.name, "answer.statement.refinement", told)

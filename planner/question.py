@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable
 from typing import Any
 
@@ -15,66 +16,58 @@ from model.paths import Array
 from model.scene import Scene
 from planner.program.effort import check_norm
 from planner.program.limits import Limits
-from planner.program.problem import is_explicit
-from planner.program.statement import FORMS, Form, Statement
+from planner.program.statement import Statement, check_solver
 from planner.program.terms import compliance_requests
 from planner.targets.base import Target
+
+# The stability that plans under loads have where it can be had, unless asked otherwise.
+MARGIN = 0.1
+_FORMS = ("condensed", "multiple-shooting")
 
 
 def checked_limits(
     arm: Arm,
-    scene: Scene,
     tension_max: Any,
     tension_min: Any,
     total_pull: float | None,
     strokes: tuple[Any, Any],
 ) -> Limits:
     """Return the limits that are given, of strokes as (stroke_max, stroke_min); see plan."""
-    limits = Limits.of(arm, tension_max, tension_min, total_pull).with_strokes(arm, *strokes)
-    check_strokes(scene, limits)
-    return limits
+    return Limits.of(arm, tension_max, tension_min, total_pull).with_strokes(arm, *strokes)
 
 
-def check_compliance_requests(targets: tuple[Target, ...], scene: Scene, limits: Limits) -> None:
-    """Raise InputError for a stiffness where nothing is known of loads, and without limits."""
+def check_compliance_requests(targets: tuple[Target, ...], limits: Limits) -> None:
+    """Raise InputError for a stiffness without limits."""
     if not compliance_requests(targets):
         return
-    if scene.has(PrintedStatics):
-        raise InputError("target", "a stiffness", "shapes alone, in a scene as printed")
     if not np.all(np.isfinite(limits.upper)) and limits.total is None:
         raise InputError("tension_max", np.inf, "finite limits where a stiffness is wanted")
 
 
-def check_strokes(scene: Scene, limits: Limits) -> None:
-    """Raise InputError for limits of strokes where tendons have no lengths."""
-    if limits.strokes is not None and scene.has(PrintedStatics):
-        raise InputError("stroke_max", "given as printed", "none, in a scene as printed")
+def check_planned(scene: Scene) -> None:
+    """Raise InputError for a scene that shapes are settled in, but none are planned."""
+    if scene.has(PrintedStatics):
+        allowed = (
+            "a scene whose statics are consistent, such as Scene(Extension()); settle takes it"
+        )
+        raise InputError("scene", "Scene.as_printed()", allowed)
 
 
-def checked_form(form: Form | None) -> Form | None:
-    """Return the form as it is; refuse what is none."""
-    if form is not None and form not in FORMS:
-        raise InputError("form", form, ", ".join(FORMS))
-    return form
+def warn_of_form(form: Any) -> None:
+    """Warn of a form, which has no meaning any more; refuse what never was one."""
+    if form is None:
+        return
+    if form not in _FORMS:
+        raise InputError("form", form, f"{', '.join(_FORMS)}; it is deprecated and has no effect")
+    told = "form has no effect: there is one program; solver= tells what solves it"
+    warnings.warn(told, DeprecationWarning, stacklevel=3)
 
 
-def stated(
-    scene: Scene,
-    targets: tuple[Target, ...],
-    limits: Limits,
-    norm: Any,
-    form: Form | None,
-    margin: Any,
-) -> Statement:
-    """Return the statement of a plan, checked; see plan.
-
-    Unless a form is given it is that of tensions alone where these give the poses.
-    """
+def stated(limits: Limits, norm: Any, solver: Any, margin: Any) -> Statement:
+    """Return the statement of a plan, checked; see plan."""
     limited, wound = limits.total is not None, limits.strokes is not None
-    own = Statement("condensed", check_norm(norm), limited=limited, wound=wound)
-    own = own.but(margin=checked_margin(margin))
-    explicit = is_explicit(scene, own, compliance_requests(targets))
-    return own.but(form=checked_form(form) or ("condensed" if explicit else "multiple-shooting"))
+    own = Statement(check_solver(solver), check_norm(norm), limited=limited, wound=wound)
+    return own.but(margin=checked_margin(margin))
 
 
 def checked_starts(starts: int | None) -> int | None:
@@ -85,8 +78,8 @@ def checked_starts(starts: int | None) -> int | None:
 
 
 def checked_margin(margin: Any) -> float:
-    """Return a stability margin as a float; InputError outside of [0, 1]."""
-    return within("stability_margin", margin, 0.0, 1.0)
+    """Return a stability margin as a float, the default for None; InputError outside of [0, 1]."""
+    return MARGIN if margin is None else within("stability_margin", margin, 0.0, 1.0)
 
 
 def check_targets(arm: Arm, target: Target | Iterable[Target]) -> tuple[Target, ...]:

@@ -3,37 +3,37 @@
 Optima of the search that touch nothing are as good as before. Others get inequalities where they
 come too near, and are solved again from where they are; that is repeated, with inequalities added
 at new places, until none is violated in between either. Optima are tried by effort, until none
-that is left can be better. Where none leads around, arms that reach the target in other ways are
-tried, those first that are farther off, then arms that touch nothing and come near to the target;
-from the latter the nearest shape that keeps clear is found where the target cannot be met.
+that is left can be better. Where none leads around, other initial guesses are, then arms that touch
+nothing and come near to the target; from the latter the nearest shape that keeps clear is found
+where the target cannot be met.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from itertools import islice
 from time import monotonic
 
 import numpy as np
 
+from model.clearance import clearances
 from model.paths import Array
-from model.progress import told
+from model.progress import tell
 from model.time_limit import OutOfTime, time_limit
-from planner.avoidance.asked import Surroundings
-from planner.avoidance.clear import Clear, keeping, line_of
-from planner.avoidance.other_starts import clear_arms, other_arms
+from planner.avoidance.asked import Surroundings, told
+from planner.avoidance.clear import keeping, line_of
+from planner.avoidance.clear_guesses import clear_arms
 from planner.avoidance.places import lasting, near_places, updated, watched_places
 from planner.avoidance.rows import Avoidance
-from planner.initial_guess.curled import distinct
 from planner.program.statement import Mode, Statement
 from planner.solve.ipopt import Solution
-from planner.solve.multistart import Multistart, record
 from planner.solve.refine import refine
 from planner.solve.search import Search
 from planner.solve.search_result import SearchResult, Trial
-from planner.solve.steadying import steadied
 from planner.solve.task import Task
 
-# Optima that are led around, and those of other arms that are enough.
+# Optima that are led around, and those of other guesses that are enough.
 _OPTIMA, _ENOUGH = 8, 2
 # Times that inequalities are added, on the coarse mesh and on the fine one.
 _ADDED, _CORRECTED = 10, 6
@@ -41,12 +41,22 @@ _ADDED, _CORRECTED = 10, 6
 _CLEAR = 0.6
 
 
+@dataclass(frozen=True, eq=False)
+class _Clear:
+    """An optimum that keeps clear, with the task and statement that it is one of."""
+
+    task: Task
+    statement: Statement
+    solution: Solution
+    avoidance: Avoidance | None
+
+
 class Around:
-    """A planning question with surroundings; `searched` tells whether all starts were tried."""
+    """A planning question with surroundings; `searched` tells whether all guesses were tried."""
 
     def __init__(self, task: Task, asked: Surroundings) -> None:
         self.task, self.asked = task, asked
-        self.records: list[Trial] = []
+        self.trials: list[Trial] = []
         self.searched = False
 
     def run(
@@ -65,39 +75,47 @@ class Around:
         found = search.run(seconds)
         if found.stopped:
             return found, None
-        T, problem = np.ravel(found.tensions), self.task.problem(found.statement)
-        line = line_of(problem, T, self.task.accuracy, finished=True)
-        if line is not None and self.asked.keeps(line):
+        in_the_way = self._in_the_way(found)
+        if in_the_way is None:
             return found, None
         self.task = search.task
         try:
             with time_limit(seconds and max(seconds - (monotonic() - began), 1e-3)):
-                return self._led(search, found)
+                led = self._led(search, found)
         except OutOfTime:
             return replace(found, stopped=True), None
+        reached = found.statement.mode == "exact" and led[0].statement.mode != "exact"
+        return (replace(led[0], in_the_way=in_the_way), led[1]) if reached else led
+
+    def _in_the_way(self, found: SearchResult) -> str | None:
+        """Return what a plan comes nearest to in words, None where it keeps clear."""
+        line = line_of(self.task, found.statement, np.ravel(found.tensions), finished=True)
+        if line is None:
+            return ""
+        if self.asked.keeps(line):
+            return None
+        return told(clearances(line, self.asked.obstacles, self.asked.least))
 
     def _near(self, near: SearchResult) -> tuple[SearchResult, Avoidance | None] | None:
         """Return a plan that keeps clear near one without surroundings."""
-        T = np.ravel(near.tensions)
-        problem = self.task.problem(near.statement)
-        line = line_of(problem, T, self.task.accuracy, finished=True)
-        if line is not None and self.asked.keeps(line):
+        if self._in_the_way(near) is None:
             return near, None
-        clear = self.coarse(T, "exact")
+        clear = self.coarse(np.ravel(near.tensions), "exact")
         return None if clear is None else self.fine(clear, "exact")
 
     def _led(self, search: Search, found: SearchResult) -> tuple[SearchResult, Avoidance | None]:
         """Return the best of what is led around."""
-        mode = found.statement.mode
-        own = [s for statement, s in search.trials.seen if statement.mode == mode and s.met]
+        mode, task = found.statement.mode, self.task
         optima = [np.ravel(found.tensions)]
-        optima += [self.task.tensions(s) for s in sorted(own, key=lambda s: s.f)]
-        optima = distinct(optima, _OPTIMA)
-        possible = mode == "nearest" or self.asked.allows(self.task.arm, self.task.targets)
-        best = self._best(optima, mode, ordered=True) if possible else None
-        if best is None and possible:
-            best = self._best(other_arms(self.task, self.asked, self._enough), mode)
-        clear = clear_arms(self.task, self.asked) if best is None else []
+        optima += [task.tensions(s) for _, s in sorted(search.met, key=lambda item: item[1].f)]
+        optima = _distinct(optima)[:_OPTIMA]
+        possible = mode == "nearest" or self.asked.allows(task.arm, task.targets)
+        best, clear = None, list[Array]()
+        if possible:
+            best = self._best(optima, mode, self._effort(np.ravel(found.tensions)))
+            best = best or self._best(islice(search.guesses(), 1, None), mode)
+        if best is None:
+            clear = clear_arms(task, self.asked)
         if best is None and possible:
             best = self._best(clear, mode)
         if best is None and mode != "nearest":
@@ -105,21 +123,21 @@ class Around:
         return (found, None) if best is None else best
 
     def _best(
-        self, starts: list[Array], mode: Mode, ordered: bool = False
+        self, starts: Iterable[Array], mode: Mode, least: float | None = None
     ) -> tuple[SearchResult, Avoidance | None] | None:
-        """Return the best that is led around from starts; ordered ones are optima, by effort."""
-        cleared: list[Clear] = []
-        for T in told(f"around obstacles, {mode}", starts):
-            least = min((clear.solution.f for clear in cleared), default=np.inf)
-            if ordered and mode == "exact" and self._effort(T) > least:
+        """Return the best that is led around from starts; from optima, if a least is given."""
+        cleared: list[_Clear] = []
+        for T in starts:
+            tell(f"around obstacles, {mode}", len(self.trials))
+            best = min((clear.solution.f for clear in cleared), default=np.inf)
+            if least is not None and mode == "exact" and self._effort(T) > best:
                 break
             clear = self.coarse(T, mode)
             if clear is not None:
                 cleared.append(clear)
-            if not ordered and len(cleared) >= _ENOUGH:
+            if least is None and len(cleared) >= _ENOUGH:
                 break
-        # What the solver did not come to an end with may look better than it is.
-        for clear in sorted(cleared, key=lambda own: (not own.solution.met, own.solution.f)):
+        for clear in sorted(cleared, key=lambda own: own.solution.f):
             done = self.fine(clear, mode)
             if done is not None:
                 return done
@@ -127,76 +145,69 @@ class Around:
 
     def _effort(self, T: Array) -> float:
         """Return the objective of tensions (n_tendons,), as the program counts it."""
-        problem = self.task.problem(self.task.coarse("exact"))
-        p = problem.parameters(self.task.targets, self.task.allowed)
-        return float(problem.condensed.first(problem.free(T, self.task.allowed), p).f)
+        statement = self.task.coarse("exact")
+        problem, p = self.task.problem(statement), self.task.parameters(statement)
+        x = problem.guess(T, self.task.allowed, p)
+        return float(problem.program.values(x, p)[0][0, 0])
 
-    def coarse(self, T: Array, mode: Mode) -> Clear | None:
+    def coarse(self, T: Array, mode: Mode) -> _Clear | None:
         """Return the optimum that keeps clear, on the coarse mesh, where tensions lead to one."""
         avoidance: Avoidance | None = None
-        solution: Solution | None = None
-        stated = self.task.statement
+        clear: _Clear | None = None
         for _ in range(_ADDED):
-            task = keeping(self.task, avoidance)
-            line = line_of(task.problem(task.coarse(mode)), T, self.task.accuracy)
+            line = line_of(self.task, self.task.coarse(mode), T)
             if line is None:
                 return None
-            look = watched_places if solution is None else near_places
-            near = look(line, self.asked)
+            near = (watched_places if clear is None else near_places)(line, self.asked)
             enough = lasting(avoidance, self.task.arm, self.asked)
-            if solution is not None and enough and all(place.gap >= self._enough for place in near):
-                self.records.append(record(solution))
-                return Clear(self.task, avoidance, solution, stated)
+            if clear is not None and enough and all(place.gap >= self._enough for place in near):
+                return clear
             avoidance = updated(avoidance, near, line, self.asked)
-            task = keeping(self.task, avoidance)
-            solution, stated = self._solved(task, T, mode)
-            if not solution.finite or (mode == "exact" and not solution.met):
-                self.records.append(record(solution))
+            clear = self._solved(avoidance, T, mode)
+            if clear is None:
                 return None
-            T = task.tensions(solution)
+            T = self.task.tensions(clear.solution)
         return None
 
-    def fine(self, clear: Clear, mode: Mode) -> tuple[SearchResult, Avoidance | None] | None:
+    def fine(self, clear: _Clear, mode: Mode) -> tuple[SearchResult, Avoidance | None] | None:
         """Return the refined plan, verified to keep clear; None where it is not."""
         for _ in range(_CORRECTED):
-            task = clear.stated
-            fine = refine(task, clear.solution, mode)
-            if mode == "exact" and not fine.optimal:
+            fine = refine(clear.task, clear.statement, clear.solution)
+            if fine is None:
                 return None
-            problem = task.problem(fine.statement)
-            T = problem.tensions(fine.solution.x, task.allowed)
-            line = line_of(problem, T, self.task.accuracy, finished=True)
+            line = line_of(self.task, fine.statement, fine.tensions, finished=True)
             if line is None:
                 return None
             if self.asked.keeps(line):
-                lam = fine.solution.lam_x.tolist(), fine.solution.lam_g.tolist()
-                tensions = task.arm.by_section(T)
-                multipliers = tuple(lam[0]), tuple(lam[1])
-                found = SearchResult(fine.statement, tensions, *multipliers, tuple(self.records))
+                found = fine.result(clear.task, tuple(self.trials))
                 return found, clear.avoidance if clear.avoidance and clear.avoidance.rows else None
             near = near_places(line, self.asked)
             avoidance = updated(clear.avoidance, near, line, self.asked)
-            before, solution = clear.avoidance, fine.solution
-            if before is None or avoidance.structure(task.arm) != before.structure(task.arm):
-                solution, stated = self._solved(keeping(self.task, avoidance), T, mode)
-                clear = replace(clear, statement=stated)
-                if not solution.finite or (mode == "exact" and not solution.met):
-                    return None
-            clear = replace(clear, avoidance=avoidance, solution=solution)
+            again = self._solved(avoidance, fine.tensions, mode)
+            if again is None:
+                return None
+            clear = again
         return None
 
-    @staticmethod
-    def _solved(task: Task, T: Array, mode: Mode) -> tuple[Solution, Statement]:
-        """Return what tensions lead to, and the task's statement, held where it has to be."""
-        trials, coarse = Multistart(task), task.coarse(mode)
-        solution = trials.solve(coarse, T)
-        if not solution.met or trials.stands(coarse, solution):
-            return solution, task.statement
-        trials.toppled.append((coarse, solution))
-        for held, steady in steadied(trials, mode, np.inf):
-            return steady, held.statement
-        return replace(solution, met=False), task.statement
+    def _solved(self, avoidance: Avoidance, T: Array, mode: Mode) -> _Clear | None:
+        """Return what tensions lead to with inequalities, held to its stability where need be."""
+        search = Search(keeping(self.task, avoidance))
+        found = search.from_tensions(mode, T)
+        self.trials += search.trials
+        if found is None:
+            return None
+        task, statement, solution = found
+        return _Clear(task, statement, solution, avoidance)
 
     @property
     def _enough(self) -> float:
         return self.asked.clearance + _CLEAR * self.asked.spare(self.task.arm)
+
+
+def _distinct(tensions: list[Array]) -> list[Array]:
+    """Return tensions without those that are like one before."""
+    kept: list[Array] = []
+    for T in tensions:
+        if all(np.abs(T - other).max() > 1e-3 * np.abs(T).max() for other in kept):
+            kept.append(T)
+    return kept

@@ -1,39 +1,19 @@
-"""An optimum that keeps clear, with the inequalities of its program."""
+"""The inequalities of a plan among obstacles, and the midline that they are looked for along."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+
+import numpy as np
 
 from model.centreline import Centreline
-from model.effects import PrintedStatics
 from model.equilibrium.forward import STAGES, Collocation
 from model.errors import OctoplanError
 from model.paths import Array
-from model.settle import settle
 from planner.avoidance.rows import Avoidance
-from planner.program.problem import Problem
 from planner.program.statement import Statement
 from planner.settled import settled
-from planner.solve.ipopt import Solution
 from planner.solve.task import Task
-
-
-@dataclass(frozen=True, eq=False)
-class Clear:
-    """An optimum that keeps clear, and the inequalities of its program.
-
-    `statement` is the task's, with the least stable mode held where it has to be.
-    """
-
-    task: Task
-    avoidance: Avoidance | None
-    solution: Solution
-    statement: Statement
-
-    @property
-    def stated(self) -> Task:
-        """The task with its inequalities and statement."""
-        return replace(keeping(self.task, self.avoidance), statement=self.statement)
 
 
 def keeping(task: Task, avoidance: Avoidance | None) -> Task:
@@ -44,21 +24,20 @@ def keeping(task: Task, avoidance: Avoidance | None) -> Task:
 
 
 def line_of(
-    problem: Problem, T: Array, accuracy: float, finished: bool = False
+    task: Task, statement: Statement, T: Array, finished: bool = False
 ) -> Centreline | None:
-    """Return the centreline of a program's arm under tensions; None if it does not settle.
+    """Return the centreline of an arm under tensions on a mesh; None if it does not settle.
 
     Near the shape of the plan where that is `finished`: then it is asked for in any case.
     """
-    asked = (problem.arm, T, problem.scene, accuracy)
+    arm, scene = task.arm, task.scene
     try:
-        if problem.scene.has(PrintedStatics):
-            return Centreline.of(settle(*asked))
-        mesh = problem.statement.refinement
-        places = tuple(Avoidance(()).stations(problem.arm))
-        form = STAGES, mesh, places, True, problem.machine_code
-        forward = Collocation(problem.arm, problem.scene, *form)
-        near = settled(*asked, problem.machine_code).known if finished else None
+        places = tuple(Avoidance(()).stations(arm))
+        form = STAGES, statement.refinement, places, True, task.machine_code
+        forward = Collocation(arm, scene, *form)
+        near = None
+        if finished:
+            near = settled(arm, T, scene, task.accuracy, task.machine_code).known
         return Centreline.at_states(forward.system, forward.found(T, near).states)
-    except OctoplanError:
+    except (OctoplanError, np.linalg.LinAlgError):
         return None

@@ -9,38 +9,42 @@ import numpy as np
 from model.obstacles.bodies import Bodies
 from model.paths import Array
 from planner.avoidance.asked import Surroundings
+from planner.avoidance.clear import line_of
+from planner.avoidance.places import near_places
 from planner.initial_guess.bend_coordinates import bend_coordinates
 from planner.initial_guess.many_places import many_places
-from planner.initial_guess.residuals import Residuals
-from planner.program.limits import Limits
-from planner.program.problem import Problem
-from planner.targets.base import Target
+from planner.initial_guess.residuals import residuals
+from planner.solve.task import Task
 
-# Arms that are drawn, so many looked at together, the most that are given.
-_DRAWN, _TOGETHER, _MOST = 6000, 200, 40
+# Arms that are drawn, so many looked at together, the most that are looked at closely, and given.
+_DRAWN, _TOGETHER, _LOOKED_AT, _MOST = 6000, 200, 40, 6
 
 
-def likely_clear(
-    problem: Problem, targets: tuple[Target, ...], limits: Limits, asked: Surroundings
-) -> Iterator[Array]:
+def clear_arms(task: Task, asked: Surroundings) -> list[Array]:
+    """Return tensions of arms that touch nothing, the nearest to the targets first."""
+    task, found = task.simple, list[Array]()
+    for k, T in enumerate(_likely_clear(task, asked)):
+        line = line_of(task, task.coarse("exact"), T)
+        if line is not None and all(near.gap >= 0 for near in near_places(line, asked)):
+            found.append(T)
+        if len(found) == _MOST or k == _LOOKED_AT:
+            break
+    return found
+
+
+def _likely_clear(task: Task, asked: Surroundings) -> Iterator[Array]:
     """Yield tensions of arms that touch no obstacle, the nearest to the targets first.
 
     Looked at on the coarsest mesh, for a scene without loads, so that some may touch after all.
     """
-    tendons = frozenset.intersection(*(target.tendons(problem.arm) for target in targets))
-    bends = bend_coordinates(problem.arm, tendons, limits)
+    arm, targets, limits = task.arm, task.targets, task.allowed
+    tendons = frozenset.intersection(*(target.tendons(arm) for target in targets))
+    bends = bend_coordinates(arm, tendons, limits)
     tensions = bends.tensions(bends.draw(_DRAWN))
-    gaps, crushed = Residuals(problem, targets)(tensions)
-    order = np.argsort(np.linalg.norm(gaps, axis=1) + 10 * crushed, kind="stable")
-    bodies, given = Bodies(asked.obstacles), 0
+    off = residuals(arm, task.scene, targets, tensions, task.machine_code)
+    order, bodies = np.argsort(off, kind="stable"), Bodies(asked.obstacles)
     for some in np.split(order, np.arange(_TOGETHER, _DRAWN, _TOGETHER)):
-        points, radius = many_places(
-            problem.arm, problem.scene, tensions[some], problem.machine_code
-        )
+        points, radius = many_places(arm, task.scene, tensions[some], task.machine_code)
         found = bodies.at(points[:, :, None])[0]
         clear = (found - radius[:, None] >= asked.clearance).all(axis=(1, 2))
-        for i in some[clear]:
-            yield tensions[i]
-            given += 1
-            if given == _MOST:
-                return
+        yield from (tensions[i] for i in some[clear])

@@ -95,7 +95,7 @@ class ContactSearch:
         trials = tuple(Trial(own.effort, own.lacks < self._close, 0) for own in ends)
         exact = best is not None and best.optimum.lacks < self._close
         mode: Mode = "exact" if exact else "nearest"
-        statement = self.task.statement.but(mode=mode, scheme="gauss6", refinement=FINE)
+        statement = self.task.statement.but(mode=mode, refinement=FINE)
         if best is None:
             *way, last = self.begin or (self.task.allowed.lower,)
             T = self.task.arm.by_section(np.array(last))

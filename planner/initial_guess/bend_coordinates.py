@@ -9,7 +9,6 @@ import numpy as np
 
 from model.arm import Arm
 from model.paths import Array
-from planner.initial_guess.curled import section_tensions
 from planner.program.limits import Limits, natural_tensions
 
 # At the tip and at the base, in units of what bends the arm by about 1 rad. A slender tip takes
@@ -86,3 +85,16 @@ def _drawn(count: int, n: int) -> Array:
     drawn = np.stack([size * np.cos(angle), size * np.sin(angle)], axis=2).reshape(count, -1)
     drawn.setflags(write=False)
     return drawn
+
+
+def section_tensions(arm: Arm, section: int, angle: float, tendons: frozenset[int]) -> Array:
+    """Return the tensions of one section that bend the arm by about 1 rad towards an angle [N].
+
+    The tendons on that side share the pull as the law of section 6.1 has it for four of them.
+    """
+    unit = natural_tensions(arm)
+    sides = np.array([np.exp(1j * (phi - angle)) for _, phi in arm.tendons])
+    own = np.array([i == section and j in tendons for j, (i, _) in enumerate(arm.tendons)])
+    share = np.where(own, np.maximum(sides.real, 0.0), 0.0)
+    reach = abs(np.sum(share * sides))
+    return share * unit / reach if reach > 0 else share

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from functools import cached_property
 
 import numpy as np
 from scipy.sparse.linalg import splu
 
 from model.equilibrium.forward import Collocation, Known
-from model.equilibrium.linearised import Linearised, band
+from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import newton
 from model.equilibrium.stability import least_modes, stands
 from model.errors import OctoplanError, SingularError
 from model.paths import Array
-from planner.program.condensed_in_c import CondensedInC
 from planner.program.objective import Rows
 from planner.program.program import Program
 from planner.program.reduced import Eliminated, Reduced
@@ -23,7 +21,7 @@ from planner.program.states import States
 
 # Newton's steps of the states after a change of what comes before them, with the factorisation from
 # before it: how many at most, the size that does, and that from which on they have to shrink.
-_RULES = _FOLLOWED, _NEAR, _SHRINKS = 5, 0.1, 0.9
+_FOLLOWED, _NEAR, _SHRINKS = 5, 0.1, 0.9
 
 
 class _Memory(threading.local):
@@ -43,11 +41,6 @@ class Condensed:
         self.rows: tuple[Rows, ...] = program.outer_rows
         self.n, self.m = program.n_free, sum(row.size for row in self.rows)
         self._last = _Memory()
-
-    @cached_property
-    def in_c(self) -> CondensedInC | None:
-        """The program as other C calls it, where all of it is compiled."""
-        return CondensedInC.of(self.program, band(self.forward.system.of), _RULES)
 
     def forget(self, near: Known | None = None) -> None:
         """Begin afresh: what is found next does not depend on what was found before.

@@ -6,44 +6,35 @@ from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
+from scipy.sparse.linalg import splu
 
 from model.arm import Arm
-from model.effects import PrintedStatics
-from model.equilibrium.forward import Known
+from model.equilibrium.forward import STAGES, Collocation, Known
+from model.equilibrium.linearised import Linearised
+from model.equilibrium.load_stepping import at_once
+from model.equilibrium.stability import least_eigenvalue, least_modes, stability, stands
 from model.errors import OctoplanError
 from model.loads import is_loaded
 from model.paths import Array
 from model.scene import Scene
-from model.winches import rest_lengths
-from planner.program.collocated import Collocated
+from model.winches import least_compliance, rest_lengths
 from planner.program.condensed import Condensed
-from planner.program.explicit import Explicit
 from planner.program.limits import Limits, natural_tensions
 from planner.program.objective import Rows
-from planner.program.program import STABILITY, STROKES
+from planner.program.program import STABILITY, STROKES, program
 from planner.program.same import Same
 from planner.program.statement import Statement
+from planner.program.states import States, Stations
 from planner.program.terms import compliance_requests, stations_of
-from planner.targets.base import ComplianceRequest, Target
+from planner.targets.base import Target
 
 Bounds = tuple[Array, Array, Array, Array]
-TRACES = (1e-6, 1e-11)
+# Weight of effort where the targets cannot be met and their residuals are made least.
+REGULARISATION = 1e-8
 # Over what bends the arm by some rad: maxima below this share do nothing, those above are none.
 _NOTHING, _NO_LIMIT = 1e-7, 1e12
-
-
-def is_explicit(
-    scene: Scene, statement: Statement, requests: tuple[ComplianceRequest, ...]
-) -> bool:
-    """Return whether a program's poses are an explicit function of the tensions.
-
-    As printed they are; without loads where the states are eliminated.
-    """
-    if scene.has(PrintedStatics):
-        return True
-    if statement.wound:
-        return False
-    return statement.form == "condensed" and not is_loaded(scene) and not requests
+# Strains of an arm from which on the least eigenvalue is sooner found by iteration.
+_DENSE = 120
 
 
 class Problem:
@@ -55,8 +46,12 @@ class Problem:
         What is planned, and how it is stated.
     machine_code : bool
         Whether its kernels are compiled.
-    mechanics : Collocated or Explicit
-        What turns tensions into a shape, and the program that it is part of.
+    program : Program
+        The structure.
+    forward : Collocation
+        The same equations of equilibrium without targets.
+    states : States
+        Numbers and scales of what comes behind the tensions.
     """
 
     def __init__(
@@ -70,10 +65,12 @@ class Problem:
         self.arm, self.scene, self.statement = arm, scene, statement
         self.machine_code = machine_code
         self.stations, self.requests = stations_of(arm, targets), compliance_requests(targets)
-        asked = (arm, scene, targets, statement, self.stations)
-        explicit = is_explicit(scene, statement, self.requests)
-        self.mechanics = (Explicit if explicit else Collocated)(*asked, machine_code)
-        self.program = self.mechanics.program
+        loaded = is_loaded(scene) or bool(self.requests)
+        mesh = (STAGES, statement.refinement, self.stations)
+        self.forward = Collocation(arm, scene, *mesh, loaded, machine_code)
+        at, more = self.forward.system, (statement.modes, statement.wound)
+        self.states = States(at, self.requests, least_compliance(arm), *more)
+        self.program = program(arm, targets, statement, at.of, Stations.of(at, self.stations))
         self._bounds: tuple[Limits, Bounds] | None = None
 
     @property
@@ -92,25 +89,24 @@ class Problem:
         return self.program.n_free
 
     @property
+    def n_outer(self) -> int:
+        """How many constraints come before the equations of equilibrium."""
+        return sum(row.size for row in self.program.outer_rows)
+
+    @property
     def n_lack(self) -> int:
         """How many inequalities may lack something."""
         return self.program.objective.n_lack
 
     def parameters(
-        self, targets: tuple[Target, ...], limits: Limits, trace: float = TRACES[-1]
+        self, targets: tuple[Target, ...], limits: Limits, weight: float = REGULARISATION
     ) -> Array:
-        """Return the parameters for targets of this structure, limits and trace of effort."""
-        unit = units(self.arm, limits)
+        """Return the parameters for targets of this structure, limits and weight of effort."""
+        unit, states = units(self.arm, limits), self.states
         numbers = np.concatenate([target.parameters(self.arm) for target in targets])
-        given = np.concatenate([numbers, [unit.max(), limits.total or 0.0, trace], unit])
-        return np.concatenate([given, self.mechanics.numbers(numbers)])
-
-    def magnified(self, trace: float) -> float:
-        """Return what the objective is multiplied by for a solver to see effort in it.
-
-        In the least squares of the modes besides "exact" effort is a trace, far below tolerances.
-        """
-        return 1.0 if self.statement.mode == "exact" else 1e-2 / trace
+        given = np.concatenate([numbers, [unit.max(), limits.total or 0.0, weight], unit])
+        own = [np.array([states.force]), states.numbers(self.directions(targets))]
+        return np.concatenate([given, *own, states.scale, states.row_scale])
 
     def bounds(self, limits: Limits) -> Bounds:
         """Return lower and upper bounds of unknowns and constraints, not to be written to.
@@ -131,7 +127,7 @@ class Problem:
         upper = np.where(upper < _NO_LIMIT * unit, upper, np.inf)
         free = np.full(self.program.size - unit.size, np.inf)
         lbx, ubx = np.concatenate([lower / unit, -free]), np.concatenate([upper / unit, free])
-        lbx[self.n_free :][:1] = ubx[self.n_free :][:1] = 1.0
+        lbx[self.n_free] = ubx[self.n_free] = 1.0
         floors = {STABILITY: self.statement.least}
         lbg = np.concatenate([np.full(r.size, floors.get(r.name, r.lower)) for r in self.rows])
         ubg = np.concatenate([np.full(r.size, r.upper) for r in self.rows])
@@ -144,17 +140,8 @@ class Problem:
 
     def free_bounds(self, limits: Limits) -> Bounds:
         """Return the bounds without those of states and equilibrium."""
-        m = sum(row.size for row in self.condensed.rows)
         lbx, ubx, lbg, ubg = self.bounds(limits)
-        return lbx[: self.n_free], ubx[: self.n_free], lbg[:m], ubg[:m]
-
-    def constraints(self, x: Array, p: Array) -> Array:
-        """Return the constraints at unknowns x."""
-        return np.array(self.mechanics.values(x, p)).ravel()
-
-    def unknowns(self, tensions: Array, limits: Limits, p: Array) -> Array:
-        """Return the unknowns for tensions: states that settle them, what inequalities lack."""
-        return self.mechanics.unknowns(self.free(tensions, limits), tensions, p)
+        return lbx[: self.n_free], ubx[: self.n_free], lbg[: self.n_outer], ubg[: self.n_outer]
 
     def free(self, tensions: Array, limits: Limits) -> Array:
         """Return the unknowns before the states for tensions; nothing lacks yet."""
@@ -167,39 +154,127 @@ class Problem:
         T = x[: self.arm.n_tendons] * units(self.arm, limits)
         return np.clip(T, limits.lower, limits.upper)
 
-    def stability(self, x: Array, tensions: Array, near: Known | None = None) -> float:
-        """Return the stability of the shape at unknowns x, infinite without loads.
+    def guess(self, tensions: Array, limits: Limits, p: Array) -> Array:
+        """Return the unknowns for tensions: the arm under its loads where it soon settles.
 
-        Of unknowns without states, of the shape near one that is known, or else from rest.
+        Else the arm without its loads, which need not be an equilibrium.
         """
-        return self.mechanics.stability(x, tensions, near)
+        system, unloaded = self.forward.system, self.forward.without_loads(tensions)
+        states = unloaded
+        if is_loaded(self.scene):
+            try:
+                here = at_once(system, tensions, unloaded)
+                states = unloaded if here is None else here.states
+            except (OctoplanError, np.linalg.LinAlgError):
+                pass
+        return self.closed(self.free(tensions, limits), states, p)
 
-    def is_from_rest(self, x: Array, tensions: Array) -> bool:
-        """Return whether the shape at unknowns x is that which the unloaded arm comes to."""
-        return self.mechanics.is_from_rest(x, tensions)
+    def settled(
+        self, tensions: Array, limits: Limits, p: Array, near: Known | None = None
+    ) -> Array:
+        """Return the unknowns for tensions in equilibrium, near one of another mesh if any is.
 
-    def moved_by_loads(self, tensions: Array) -> float:
-        """Return how far the loads move the tip [m], infinite where they are too heavy."""
-        return self.mechanics.moved_by_loads(tensions)
-
-    def with_modes(self, of: Problem, x: Array, limits: Limits, p: Array) -> Array | None:
-        """Return unknowns with the least stable modes, at unknowns x of a problem without them.
-
-        None where there is no such shape.
+        Raises what settling does.
         """
-        other, T = of.mechanics, of.tensions(x, limits)
-        if not isinstance(self.mechanics, Collocated) or not isinstance(other, Collocated):
-            return None
+        states = self.forward.found(tensions, near).states
+        return self.closed(self.free(tensions, limits), states, p)
+
+    def carried(self, x: Array, of: Problem, limits: Limits, p: Array) -> Array:
+        """Return the unknowns of this mesh for unknowns x of the same problem on another."""
+        T = of.tensions(x, limits)
+        states = self.forward.carried(T, of.known(x))
+        return self.closed(x[: of.n_free], states, p)
+
+    def closed(self, a: Array, states: Array, p: Array) -> Array:
+        """Return all unknowns for those before the states, and states of the arm (n_states,).
+
+        Responses, modes and lengths are what their equations make of these; what inequalities lack
+        is what they do.
+        """
+        program, blocks, scale = self.program, self.program.blocks, self.states.scale
+        x = np.zeros(program.size)
+        x[: self.n_free], x[self.n_free] = a, 1.0
+        x[blocks.states] = states / scale[1 : 1 + states.size]
+        if blocks.responses:
+            start, stop = blocks.response(0).start, blocks.response(len(blocks.responses)).start
+            rows = slice(states.size, states.size + stop - start)
+            responds = program.inner(x, p).tocsr()[rows].tocsc()[:, start:stop]
+            x[start:stop] = -splu(responds).solve(program.equilibrium(x, p)[rows])
+        if blocks.modes:
+            self._add_modes(x, states, p)
+        if blocks.wound:
+            system = self.forward.system
+            found = system.lengths(system.x(np.zeros(system.of.n_tendons), 1.0, states))
+            x[blocks.lengths] = found / system.arm.length
+        if self.n_lack:
+            outer = program.values(x, p)[1][0]
+            lack = np.maximum(-outer[program.objective.lack_rows], 0.0)
+            x[self.n_free - self.n_lack : self.n_free] += lack
+        return x
+
+    def _add_modes(self, x: Array, states: Array, p: Array) -> None:
+        """Put the least stable modes at states into unknowns x."""
+        blocks, system = self.program.blocks, self.forward.system
+        unit = p[self.program.parts.unit]
+        here = Linearised(system, system.x(x[: unit.size] * unit, 1.0, states))
+        values, y = least_modes(here, blocks.modes)
+        y = self.states.mode_size(y)
+        for k, value in enumerate(values):
+            x[blocks.mode(k)] = y[:, k] / self.states.scale[1 : 1 + states.size]
+            x[blocks.mode(k).stop] = value
+
+    def states_of(self, x: Array) -> Array:
+        """Return the states (n_states,) in unknowns x."""
+        n = self.forward.system.of.n_states
+        return np.asarray(x[self.program.blocks.states] * self.states.scale[1 : 1 + n])
+
+    def known(self, x: Array) -> Known:
+        """Return the states in unknowns x, with their mesh."""
+        return Known(self.forward.system, self.states_of(x))
+
+    def poses(self, x: Array) -> Array:
+        """Return the poses (K, 7) at the stations, in unknowns x."""
+        nodes = [self.forward.mesh.node(s) for s in self.stations]
+        return self.forward.system.poses(self.states_of(x))[nodes]
+
+    def directions(self, targets: tuple[Target, ...]) -> list[Array]:
+        """Return the directions (3, width) of the requests of targets."""
+        numbers = np.concatenate([target.parameters(self.arm) for target in targets])
+        of = self.program.objective
+        return [np.array(D) for D in of.directions.call([numbers[: of.n_own]])]
+
+    def compliances(self, x: Array, directions: list[Array]) -> Array:
+        """Return the tip's compliances in unknowns x along the requests' directions, stacked."""
+        blocks, scale, k = self.program.blocks, self.states.scale, 0
+        tip = blocks.of.first + blocks.of.nodes[-1, 4:7]
+        found = [np.zeros(0)]
+        for D in directions:
+            places = [blocks.response(k + i).start + tip for i in range(D.shape[1])]
+            moved = np.stack([x[own] * scale[own - self.n_free] for own in places], axis=1)
+            found.append((D.T @ moved / self.states.force).ravel("F"))
+            k += D.shape[1]
+        return np.concatenate(found)
+
+    def constraints(self, x: Array, p: Array) -> Array:
+        """Return the constraints at unknowns x."""
+        return np.concatenate([self.program.values(x, p)[1][0], self.program.equilibrium(x, p)])
+
+    def stability(self, x: Array, tensions: Array) -> float:
+        """Return the stability of the equilibrium in unknowns x, infinite without loads."""
+        if not is_loaded(self.scene):
+            return np.inf
+        system = self.forward.system
         try:
-            states = other.states_of(x, T)
-            return self.mechanics.condensed.whole(self.free(T, limits), states, p)
+            here = Linearised(system, system.x(tensions, 1.0, self.states_of(x)))
+            fine = stands(here)
+            return least_eigenvalue(here) if fine else stability(here)
         except (OctoplanError, np.linalg.LinAlgError):
-            return None
+            return -np.inf
 
     @cached_property
-    def condensed(self) -> Condensed | Explicit:
+    def condensed(self) -> Condensed:
         """The same problem with the states eliminated."""
-        return self.mechanics.condensed
+        return Condensed(self.program, self.forward, self.states)
 
 
 @lru_cache(maxsize=32)
@@ -225,8 +300,8 @@ def build(
 ) -> Problem:
     """Return the problem, built once for all targets of one structure."""
     structure = tuple(target.structure(arm) for target in targets)
-    given = Same(targets)
-    return _built(arm, scene, structure, given, statement or Statement(), machine_code)
+    stated = (statement or Statement()).but(iterations=0, solver="ipopt")
+    return _built(arm, scene, structure, Same(targets), stated, machine_code)
 
 
 @lru_cache(maxsize=24)

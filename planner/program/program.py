@@ -165,7 +165,8 @@ def program(
     structure = tuple(target.structure(arm) for target in targets)
     # What targets take of an arm besides its shape.
     skeleton = (arm.length, arm.base_frame, arm.base_position, arm.tendons, arm.anchorages)
-    stated = statement.but(refinement=0, form="multiple-shooting", margin=0.0, floor=0.0)
+    no_numbers = {"refinement": 0, "margin": 0.0, "floor": 0.0, "solver": "ipopt", "iterations": 0}
+    stated = statement.but(**no_numbers)
     return _built((skeleton, structure, stated), of, seen, Same((arm, targets, statement)))
 
 

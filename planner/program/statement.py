@@ -1,15 +1,24 @@
-"""How a planning question is stated as a nonlinear program."""
+"""How a planning question is stated as a nonlinear program, and what solved it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+from model.errors import InputError
 from planner.program.effort import Norm
 
-Form = Literal["condensed", "multiple-shooting"]
+Solver = Literal["auto", "ipopt", "fatrop"]
+SOLVERS: tuple[Solver, ...] = ("auto", "ipopt", "fatrop")
 Mode = Literal["exact", "closest", "nearest"]
-FORMS: tuple[Form, ...] = ("condensed", "multiple-shooting")
+STAGES = 3
+
+
+def check_solver(solver: Any) -> Solver:
+    """Return the name of a solver, or raise InputError."""
+    if solver not in SOLVERS:
+        raise InputError("solver", solver, ", ".join(SOLVERS))
+    return solver  # type: ignore[no-any-return]
 
 
 @dataclass(frozen=True)
@@ -18,16 +27,16 @@ class Statement:
 
     Attributes
     ----------
-    form : "condensed" or "multiple-shooting"
-        Unknowns: the tensions alone, or with the states of all elements.
+    solver : "auto", "ipopt" or "fatrop"
+        What is to solve it; of a plan, what did.
     norm : "2", "1" or "inf"
         What effort is.
     mode : "exact", "closest" or "nearest"
-        How the targets are read, see planner.program.problem.
+        How the targets are read, see planner.program.objective.
     limited : bool
         Whether the total pull has a limit.
-    scheme, refinement
-        Collocation, by its name in model.forward, and the mesh.
+    refinement : int
+        Of the mesh, whose elements have three Gauss stages.
     margin : float
         The least stability that is accepted, see planner.certificate.
     modes : int
@@ -36,24 +45,20 @@ class Statement:
         What these are held to at least: an arm that is about to yield does not settle.
     wound : bool
         Whether strokes have limits: then the lengths of the tendons are unknowns.
+    iterations : int
+        Of a plan, how many its solution took on the last mesh.
     """
 
-    form: Form = "condensed"
+    solver: Solver = "ipopt"
     norm: Norm = "2"
     mode: Mode = "exact"
     limited: bool = False
-    scheme: str = "gauss6"
     refinement: int = 4
     margin: float = 0.0
     modes: int = 0
     floor: float = 1e-2
     wound: bool = False
-
-    @property
-    def stages(self) -> int:
-        """How many stages the elements have; other schemes of the same order have as many."""
-        most = 4 if self.scheme.startswith("gauss") else 3
-        return max(1, min(int(self.scheme[-1]) // 2, most))
+    iterations: int = 0
 
     @property
     def least(self) -> float:

@@ -71,6 +71,9 @@ class AnswerRecord(msgspec.Struct, kw_only=True):
         float,
         Meta(ge=0, description="share of the effort by which a lost optimum was cheaper"),
     ] = 0.0
+    in_the_way: Annotated[
+        str, Meta(description="the obstacle that alone keeps the targets from being met")
+    ] = ""
     avoidance: dict[str, Any] | None = None
     load_path: Annotated[
         list[list[Number]], Meta(description="tensions on the load path of an arm in contact [N]")
@@ -172,6 +175,7 @@ def plan_record(plan: Any) -> PlanRecord:
             stopped=plan.stopped,
             jump=plan.jump,
             lost=plan.lost,
+            in_the_way=plan.in_the_way,
             avoidance=None if plan.avoidance is None else plain(plan.avoidance),
             load_path=[_numbers(T) for T in getattr(plan, "load_path", ())],
         ),

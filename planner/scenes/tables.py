@@ -126,10 +126,16 @@ class SceneTable(Table, frozen=True):
         Meta(description="effort: root of the sum of squares, sum, or largest tension"),
     ] = "2"
     stability_margin: Annotated[
-        float,
-        Meta(ge=0, le=1, description="the least stability under loads that a plan may have"),
-    ] = 0.0
+        Annotated[float, Meta(ge=0, le=1)] | None,
+        Meta(
+            description="the least stability under loads that a plan may have; "
+            "0.1 where that can be had unless given"
+        ),
+    ] = None
+    solver: Annotated[
+        Literal["auto", "ipopt", "fatrop"], Meta(description="what solves the program")
+    ] = "auto"
     form: Annotated[
         Literal["condensed", "multiple-shooting"] | None,
-        Meta(description="unknowns of the problem; chosen unless given"),
+        Meta(description="deprecated, has no effect: there is one program"),
     ] = None

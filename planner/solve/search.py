@@ -1,210 +1,269 @@
-"""From a question to tensions: solve from several starts on a coarse mesh, finish the best."""
+"""From a question to tensions, in three steps.
+
+1. Solve on a coarse mesh from one initial guess after another, until enough of them agree.
+2. Refine the best, warm, on a mesh as fine as the accuracy asks for.
+3. Where the targets are met from none, do the same with slacks: the nearest shape that can be had.
+
+Optima under loads may be unstable. These are solved once more with the least stable mode among the
+unknowns, held to a margin.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 
-from model.errors import OctoplanError
 from model.paths import Array
 from model.progress import tell
-from model.settle import settle
-from model.time_limit import OutOfTime, time_limit
-from planner.initial_guess.curled import curled_arms
-from planner.mirror import mirror_images
+from model.time_limit import OutOfTime, check_time, time_limit
+from planner.initial_guess.guesses import initial_guesses
 from planner.program.statement import Mode, Statement
-from planner.solve.guesses import first_guesses, further_guesses
-from planner.solve.ipopt import Solution
-from planner.solve.multistart import LITTLE, Multistart, record
-from planner.solve.refine import Fine, best_of, refine, refine_best
-from planner.solve.search_result import SearchResult, Trial
-from planner.solve.steadying import steadied, tightened
+from planner.solve.ipopt import Solution, solve
+from planner.solve.refine import Refined, refine
+from planner.solve.search_result import SearchResult, Trial, agreed
 from planner.solve.task import Task
 
-# First guesses from which continuation is tried where none leads to the targets by itself.
-_CONTINUED = 2
-# How well a mirror image is looked for, and what counts as costing no more.
-_ROUGH, _NO_DEARER = 1e-4, 1e-6
-# By so much of the effort the coarse mesh may be off.
-_BLURRED = 0.01
+# Guesses that have to agree, and where efforts squared differ by more than this, one more.
+_AGREED, _SPREAD = 2, 1.5
+# Guesses from which the targets are not met before slacks tell how near they can be had.
+_MISSED = 3
+# Least squares that are so small are met but for the effort in them.
+_MET = 1e-6
+# Optima that are held to the stability margin, and what they are held to, where the arm comes to
+# another shape from rest.
+_HELD, _FLOORS = 4, (0.01, 0.1, 0.3)
+# Of the margin, what the coarse mesh may lack.
+_SLACK = 1e-3
+# Scaled unknowns of one optimum differ by no more.
+_SAME = 1e-4
+_PHASES: dict[Mode, str] = {
+    "exact": "trials that meet the targets",
+    "closest": "trials as near as the limits allow",
+    "nearest": "the targets are out of reach, trials for the nearest shape",
+}
 
 
 class Search:
-    """One planning question and the steps that answer it."""
+    """One planning question and the steps that answer it.
+
+    Attributes
+    ----------
+    trials : list of Trial
+        One for each initial guess, of the last reading of the targets.
+    met : list of (Statement, Solution)
+        Optima that are as stable as they have to be.
+    unstable : list of (Statement, Solution)
+        Others.
+    """
 
     def __init__(self, task: Task) -> None:
-        self.trials = Multistart(task)
-
-    @property
-    def task(self) -> Task:
-        """What is asked; what turned out to need care on the way is so."""
-        return self.trials.task
+        self.task = task
+        self.trials: list[Trial] = []
+        self.met: list[tuple[Statement, Solution]] = []
+        self.unstable: list[tuple[Statement, Solution]] = []
+        self._last: tuple[Statement, Solution] | None = None
+        self._margin = task.statement.margin
 
     def run(self, seconds: float | None = None) -> SearchResult:
-        """Return the best optimum from the starts it takes, or the best so far after so long."""
+        """Return the best optimum from the guesses it takes, or the best so far after so long."""
         try:
             with time_limit(seconds):
                 return self._run()
         except OutOfTime:
             return self._so_far()
 
-    def _so_far(self) -> SearchResult:
-        """Return the best that was seen before the time was over, on the coarse mesh.
-
-        Of optima the one of least effort, else where the last solve was, else the initial guess
-        that is nearest to what is wanted.
-        """
-        seen = self.trials.seen
-        records = [record(solution) for _, solution in seen]
-        if not seen:
-            return self._found(self.task.coarse("exact"), self._nearest(), None, records, True)
-        toppled = {id(solution) for _, solution in self.trials.toppled}
-        met = [s for s in seen if s[0].mode == "exact" and s[1].met and id(s[1]) not in toppled]
-        statement, best = min(met, key=lambda item: item[1].f) if met else seen[-1]
-        return self._found(statement, self.task.tensions(best), best, records, True)
-
-    def _nearest(self) -> Array:
-        """Return the initial guess (n_tendons,) that is nearest to what is wanted [N]."""
-        simple = self.task.simple
-        problem = simple.problem(simple.coarse("exact"))
-        found = curled_arms(problem, simple.targets, simple.allowed)
-        return min(found, key=lambda guess: guess[0])[1]
-
     def _run(self) -> SearchResult:
-        """Try the readings of the targets in turn; planner.program.problem has the three modes."""
-        tell("initial guesses")
-        guesses = first_guesses(self.task)
-        self.trials.n_likely, self.trials.carried = guesses.n_likely, guesses.carried
-        starts, first = guesses.starts, self.trials.first
+        for mode in self._readings():
+            found = self._read(mode)
+            if found is not None:
+                return found
+        return self._so_far(stopped=False)
+
+    def _readings(self) -> Iterator[Mode]:
+        """Yield how the targets are to be read, see planner.program.objective."""
         if self.task.can_be_exact:
-            exact = self._exact(starts[:first], starts[first:])
-            if exact is None and not self.trials.toppled and not self.trials.stiff:
-                more = further_guesses(self.task).starts
-                exact = self._exact(more, []) if more else None
-            if exact is not None:
-                return exact
-            if self.trials.toppled:
-                return self._steadied()
-        found, records, mode = self._fallback(starts)
-        exact = self._exact_near(min(found, key=lambda s: s.f), starts[first:])
-        if exact is not None:
-            return exact
-        fine = best_of(self._finished(found, mode))
-        exact = self._exact_near(fine.solution, starts[first:])
-        return self._answer(fine, records) if exact is None else exact
-
-    def _steadied(self) -> SearchResult:
-        """Return the nearest shape that is stable enough where none that meets the targets is."""
-        records = [record(solution) for _, solution in self.trials.toppled]
-        for mode in self._readings():
-            fines = self._finished([], mode)
-            if fines:
-                return self._answer(best_of(fines), records)
-        statement, cheapest = min(self.trials.toppled, key=lambda item: item[1].f)
-        return self._found(statement, self.task.tensions(cheapest), cheapest, records)
-
-    def _exact_near(self, near: Solution, starts: list[Array]) -> SearchResult | None:
-        """Return what meets the targets after all, where the nearest shape is as good as there."""
-        if not self.task.can_be_exact or near.f > LITTLE:
-            return None
-        return self._exact([self.task.tensions(near), *starts], [])
-
-    def _exact(self, first: list[Array], others: list[Array]) -> SearchResult | None:
-        """Return the least effort that meets the targets; others are tried if a first one does."""
-        statement = self.task.coarse("exact")
-        records: list[Trial] = []
-        found = self.trials.from_starts(first, statement, records)
-        if not found and not self.trials.toppled and not self.trials.stiff:
-            found = self.trials.by_continuation(first[:_CONTINUED], statement, records)
-        if not found and not self.trials.toppled:
-            return None
-        found = self.trials.from_starts(others, statement, records, found)
-        found = found or tightened(self.trials, statement, records)
-        fines = self._finished(found, "exact")
-        if not any(fine.optimal for fine in fines) or _lost(found, fines):
-            records, starts = [], [*map(self.task.tensions, found), *first, *others]
-            self.trials.toppled.clear()
-            statement = self.task.finer("exact")
-            found = self.trials.from_starts(starts, statement, records)
-            found = found or tightened(self.trials, statement, records)
-            fines += self._finished(found, "exact")
-        fine = best_of(fines) if fines else None
-        if fine is None or not fine.optimal:
-            return None
-        lost = _lost(found, fines)
-        return replace(self._answer(self._in_plane(fine), records), lost=lost)
-
-    def _in_plane(self, fine: Fine) -> Fine:
-        """Return the optimum in a plane of symmetry where one costs no more, else the one given."""
-        task, T, by = self.task, self.task.tensions(fine.solution), self.task.machine_code
-        asked = (task.arm, task.scene, task.targets, task.limits)
-        try:
-            shape = fine.shape or settle(task.arm, T, task.scene, _ROUGH, compile=by)
-            images = list(mirror_images(*asked, shape, _ROUGH))
-        except OctoplanError:
-            return fine
-        for _, other in images:
-            statement = task.coarse("exact")
-            solution = self.trials.solve(statement, (T + other) / 2)
-            if solution.met and self.trials.stands(statement, solution):
-                inside = refine(task, solution, "exact")
-                if inside.optimal and inside.solution.f <= fine.solution.f * (1 + _NO_DEARER):
-                    return inside
-        return fine
-
-    def _readings(self) -> tuple[Mode, ...]:
-        """Return how the targets may be read where they cannot be met."""
+            yield "exact"
         closest = self.task.problem(self.task.coarse("closest"))
-        closer = closest.terms.numel_out(1) > 0 or closest.n_lack > 0
-        return ("closest", "nearest") if closer else ("nearest",)
+        if closest.terms.numel_out(1) > 0 or closest.n_lack > 0:
+            yield "closest"
+        yield "nearest"
 
-    def _fallback(self, starts: list[Array]) -> tuple[list[Solution], list[Trial], Mode]:
-        """Return the closest shapes, or the nearest if what has to be met cannot be."""
+    def _read(self, mode: Mode) -> SearchResult | None:
+        """Return the best optimum of a reading of the targets, None where there is none."""
+        self.trials, self.met, self.unstable = [], [], []
+        statement = self.task.coarse(mode)
+        most = _MISSED if mode == "exact" and self.task.starts is None else self.task.most
+        guesses = self.guesses()
+        self._try(islice(guesses, most), statement)
+        if mode == "exact" and not self.met and not self.unstable:
+            near = self._nearly()
+            if near is None:
+                return None
+            self._try(iter([near]), statement)
+        self._try(guesses, statement)
+        found = self._best(mode)
+        if found is None and self.unstable and self.task.best_margin:
+            found = self._without_margin(mode)
+        return found
+
+    def _without_margin(self, mode: Mode) -> SearchResult | None:
+        """Return the best optimum that is stable at all, where its margin cannot be had."""
+        stated = self.task.statement.but(margin=0.0)
+        self.task, self._margin = replace(self.task, statement=stated, best_margin=False), 0.0
+        known, self.met, self.unstable = [*self.met, *self.unstable], [], []
+        for statement, solution in known:
+            self._sort(statement.but(margin=0.0), solution)
+        return self._best(mode)
+
+    def guesses(self) -> Iterator[Array]:
+        """Yield initial guesses, tensions (n_tendons,) [N], as many as are tried at most."""
+        task, simple = self.task, self.task.simple
+        asked = (task.arm, simple.scene, task.targets, task.allowed, task.machine_code)
+        return islice(initial_guesses(*asked), task.most)
+
+    def _try(self, guesses: Iterator[Array], statement: Statement) -> None:
+        """Solve from guesses until enough of them agree."""
+        for T in guesses:
+            if self._enough():
+                return
+            tell(_PHASES[statement.mode], len(self.trials), self.task.most)
+            self._keep(statement, self.solve(statement, T))
+
+    def solve(self, statement: Statement, T: Array) -> Solution:
+        """Return what tensions (n_tendons,) [N] lead to."""
+        problem, p = self.task.problem(statement), self.task.parameters(statement)
+        x = problem.guess(T, self.task.allowed, p)
+        solution = solve(problem, x, p, self.task.bounds(statement))
+        check_time()
+        return solution
+
+    def _keep(self, statement: Statement, solution: Solution) -> None:
+        self.trials.append(Trial(solution.f, solution.met, solution.iterations))
+        if not solution.finite:
+            return
+        self._last = statement, solution
+        if solution.met:
+            self._sort(statement, solution)
+
+    def _sort(self, statement: Statement, solution: Solution) -> None:
+        """Keep an optimum with those that are as stable as they have to be, or with the others."""
+        kinds = self.met, self.unstable
+        for kind in kinds:
+            if any(_is_same(solution, other) for _, other in kind):
+                return
+        T = self.task.tensions(solution)
+        least = self.task.problem(statement).stability(solution.x, T)
+        stable = least >= self._margin - _SLACK * (self._margin > 0)
+        kinds[not stable].append((statement, solution))
+
+    def from_tensions(self, mode: Mode, T: Array) -> tuple[Task, Statement, Solution] | None:
+        """Return the optimum that tensions lead to, as stable as it has to be, and its task."""
+        statement = self.task.coarse(mode)
+        self._keep(statement, self.solve(statement, T))
+        if self.met:
+            return self.task, *self.met[0]
+        for before, solution in self.unstable:
+            for floor in self._floors():
+                held = self._with_mode(before, solution, floor)
+                if held is not None:
+                    return self.task.held(floor), *held
+        return None
+
+    def _floors(self) -> list[float]:
+        """Return what the least stable mode is held to, more and more."""
+        return sorted({max(floor, self._margin) for floor in _FLOORS})
+
+    def _enough(self) -> bool:
+        """Return whether enough guesses led to the best optimum."""
+        if self.task.starts is not None:
+            return False
+        efforts = [trial.objective for trial in self.trials if trial.met]
+        wide = bool(efforts) and max(efforts) > _SPREAD * min(efforts)
+        return agreed(self.trials) >= _AGREED + wide
+
+    def _nearly(self) -> Array | None:
+        """Return tensions that nearly meet the targets, of least squares; None if none do."""
+        other = Search(self.task)
         for mode in self._readings():
-            records: list[Trial] = []
-            found = self.trials.from_starts(starts, self.task.coarse(mode), records)
-            if found:
-                return found, records, mode
-        tried = (self.trials.solve(self.task.coarse(mode), T) for T in starts)
-        finite = [s for s in tried if s.finite]
-        if not finite:
-            raise OctoplanError("no start led to a shape; check the arm, the limits and the target")
-        return finite, records, mode
+            if mode == "exact":
+                continue
+            statement = self.task.coarse(mode)
+            other.trials, other.met = [], []
+            other._try(other.guesses(), statement)
+            found = [s for _, s in (*other.met, *other.unstable)]
+            best = min(found, key=lambda s: s.f, default=None)
+            if best is not None and best.f <= _MET:
+                return self.task.tensions(best)
+        return None
 
-    def _finished(self, found: list[Solution], mode: Mode) -> list[Fine]:
-        """Return the last digits of the best of what was found, and of what had to be steadied."""
-        best = min((s.f for s in found), default=np.inf)
-        held = steadied(self.trials, mode, best)
-        tell("refining the mesh to the accuracy")
-        own = [*((self.task, solution) for solution in found), *held]
-        return [refine_best(own, mode)] if own else []
+    def _best(self, mode: Mode) -> SearchResult | None:
+        """Return the best optimum that is stable, and not lost on a finer mesh."""
+        for statement, solution in sorted(self.met, key=_objective):
+            if self.unstable:
+                held = self._held(mode, solution.f)
+                if held is not None:
+                    return self._result(held)
+            fine = refine(self.task, statement, solution)
+            if fine is not None:
+                return self._result(fine)
+        held = self._held(mode, np.inf)
+        return None if held is None else self._result(held)
 
-    def _answer(self, fine: Fine, records: list[Trial]) -> SearchResult:
-        T = self.task.problem(fine.statement).tensions(fine.solution.x, self.task.allowed)
-        return self._found(fine.statement, T, fine.solution, records)
+    def _held(self, mode: Mode, limit: float) -> Refined | None:
+        """Return an optimum that is stable, next to one that is not and costs less than a limit."""
+        different = {float(f"{s.f:.3g}"): (st, s) for st, s in self.unstable if s.f < limit}
+        for _, (before, solution) in sorted(different.items())[:_HELD]:
+            for floor in self._floors():
+                found = self._with_mode(before, solution, floor)
+                if found is None or found[1].f >= limit:
+                    break
+                fine = refine(self.task.held(floor), *found)
+                if fine is not None:
+                    return fine
+        return None
 
-    def _found(
-        self,
-        statement: Statement,
-        T: Array,
-        solution: Solution | None,
-        records: list[Trial],
-        stopped: bool = False,
-    ) -> SearchResult:
-        none: tuple[float, ...] = ()
-        free = solution and solution.free(self.task.problem(statement))
-        known = free is not None and free.multiplied
-        lam_x = tuple(free.lam_x.tolist()) if free and known else none
-        lam_g = tuple(free.lam_g.tolist()) if free and known else none
+    def _with_mode(
+        self, before: Statement, solution: Solution, floor: float
+    ) -> tuple[Statement, Solution] | None:
+        """Return the optimum held to a floor of stability from one that is not, if there is one."""
+        task = self.task.held(floor)
+        statement = before.but(modes=1, floor=floor)
+        problem, p = task.problem(statement), task.parameters(statement)
+        known = self.task.problem(before)
+        try:
+            x = problem.carried(solution.x, known, task.allowed, p)
+        except np.linalg.LinAlgError:
+            return None
+        found = solve(problem, x, p, task.bounds(statement))
+        check_time()
+        return (statement, found) if found.met and found.finite else None
+
+    def _so_far(self, stopped: bool = True) -> SearchResult:
+        """Return the best that was seen: of optima that of least effort, else what came last."""
+        best = min(self.met, key=_objective, default=self._last)
+        if best is None:
+            T = next(self.guesses())
+            statement = self.task.coarse("nearest")
+            return SearchResult(statement, self.task.arm.by_section(T), (), (), (), stopped)
+        statement, solution = best
+        T = self.task.tensions(solution)
+        free = solution.free(self.task.problem(statement))
+        lam_x, lam_g = tuple(free.lam_x.tolist()), tuple(free.lam_g.tolist())
         tensions = self.task.arm.by_section(T)
-        statement = statement.but(form=self.task.statement.form)
-        return SearchResult(statement, tensions, lam_x, lam_g, tuple(records), stopped)
+        return SearchResult(statement, tensions, lam_x, lam_g, tuple(self.trials), stopped)
+
+    def _result(self, fine: Refined) -> SearchResult:
+        return fine.result(self.task, tuple(self.trials))
 
 
-def _lost(coarse: list[Solution], fines: list[Fine]) -> float:
-    """Return by what share of the effort a coarse optimum is cheaper than all fine ones, or 0."""
-    cheapest = min((s.f for s in coarse), default=np.inf)
-    best = best_of(fines).solution.f if fines else 0.0
-    cheaper = 1 - float(np.sqrt(max(cheapest, 0.0) / best)) if best else 0.0
-    return cheaper if cheaper > _BLURRED else 0.0
+def _is_same(one: Solution, other: Solution) -> bool:
+    """Return whether two solutions of a program are one."""
+    n = min(one.x.size, other.x.size)
+    return bool(np.abs(one.x[:n] - other.x[:n]).max() <= _SAME)
+
+
+def _objective(found: tuple[Statement, Solution]) -> float:
+    return found[1].f

@@ -25,7 +25,9 @@ class SearchResult:
     `stopped` says that the time limit ended it, `jump` by how much the tensions differ from those
     of the optimum that was to be followed, over their norm, where its branch was left, `lost` by
     what share of the effort the coarse mesh had a cheaper optimum that no fine mesh has;
-    `load_path` are tensions on that of an arm in contact.
+    `in_the_way` is the obstacle that a plan without obstacles comes nearest to, where only
+    obstacles keep the targets from being met; `load_path` are tensions on that of an arm in
+    contact.
     """
 
     statement: Statement
@@ -36,6 +38,7 @@ class SearchResult:
     stopped: bool = False
     jump: float = 0.0
     lost: float = 0.0
+    in_the_way: str = ""
     load_path: tuple[tuple[float, ...], ...] = ()
 
 

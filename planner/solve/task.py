@@ -8,12 +8,12 @@ from functools import cached_property
 import numpy as np
 
 from model.arm import Arm
-from model.effects import Extension, PrintedStatics
+from model.effects import Extension
 from model.paths import Array
 from model.scene import Scene
 from planner.program.limits import Limits
-from planner.program.problem import Problem, build
-from planner.program.statement import Form, Mode, Statement
+from planner.program.problem import Bounds, Problem, build, units
+from planner.program.statement import Mode, Statement
 from planner.solve.ipopt import Solution
 from planner.targets.base import Target
 
@@ -30,7 +30,7 @@ class Task:
     limits : Limits
         Those of all tendons; `allowed` are those with what the targets do not let pull held.
     statement : Statement
-        Its mode, scheme and mesh are chosen as the search goes on.
+        Its mode and mesh are chosen as the search goes on.
     accuracy : float
         What residuals are held to, over the arm's length.
     machine_code : bool
@@ -38,6 +38,8 @@ class Task:
     starts : int or None
         Initial guesses that are tried, as far as so many differ; unless given, until enough of them
         agree, `MOST` at most.
+    best_margin : bool
+        Whether less than the stability margin is accepted where that cannot be had.
     """
 
     arm: Arm
@@ -48,6 +50,7 @@ class Task:
     accuracy: float
     machine_code: bool = False
     starts: int | None = None
+    best_margin: bool = False
 
     @property
     def most(self) -> int:
@@ -57,8 +60,7 @@ class Task:
     @property
     def simple(self) -> Task:
         """The same in the paper's balance and without loads, where strains are closed forms."""
-        kept = (Extension, PrintedStatics)
-        effects = (effect for effect in self.scene.effects if isinstance(effect, kept))
+        effects = (effect for effect in self.scene.effects if isinstance(effect, Extension))
         return replace(self, scene=Scene(*effects))
 
     def held(self, floor: float) -> Task:
@@ -72,6 +74,7 @@ class Task:
 
     def problem(self, statement: Statement) -> Problem:
         """Return the program by a statement."""
+        statement = statement.but(iterations=0)
         if statement not in self._problems:
             stated = (self.arm, self.targets, self.scene, statement, self.machine_code)
             self._problems[statement] = build(*stated)
@@ -83,36 +86,19 @@ class Task:
         return {}
 
     def coarse(self, mode: Mode) -> Statement:
-        """Return the statement by a scheme and mesh that cost little: good to 1e-3 of L or so."""
-        return self._coarse.but(mode=mode) if mode != "exact" else self._coarse
-
-    @cached_property
-    def _coarse(self) -> Statement:
-        """The same for targets that are met.
+        """Return the statement on a mesh that costs little: good to 1e-3 of L or so.
 
         Without extension a slender tip winds up further, and takes a finer mesh.
         """
-        if self.scene.has(PrintedStatics):
-            scheme, refinement = "rk4", 2
-        else:
-            scheme, refinement = self.fine_scheme, 1 if self.scene.has(Extension) else 2
-        form: Form = self.statement.form if self.statement.wound else "condensed"
-        return self.statement.but(mode="exact", form=form, scheme=scheme, refinement=refinement)
+        return self.statement.but(mode=mode, refinement=1 if self.scene.has(Extension) else 2)
 
-    def finer(self, mode: Mode) -> Statement:
-        """Return the statement for a search where the coarse mesh misled."""
-        return self.statement.but(mode=mode, scheme=self.fine_scheme, refinement=2)
+    def parameters(self, statement: Statement) -> Array:
+        """Return the parameters of the program by a statement."""
+        return self.problem(statement).parameters(self.targets, self.allowed)
 
-    @property
-    def fine_scheme(self) -> str:
-        """The scheme on which a plan is finished."""
-        return "rk6" if self.scene.has(PrintedStatics) else "gauss6"
-
-    @property
-    def is_point(self) -> bool:
-        """Whether no more is to be met than a point has numbers, and nothing kept above 0."""
-        terms = self.problem(self.coarse("exact")).terms
-        return bool(self._rows <= 3 and terms.numel_out(2) == 0)
+    def bounds(self, statement: Statement) -> Bounds:
+        """Return the bounds of the program by a statement."""
+        return self.problem(statement).bounds(self.allowed)
 
     @cached_property
     def can_be_exact(self) -> bool:
@@ -127,7 +113,8 @@ class Task:
 
     def tensions(self, solution: Solution) -> Array:
         """Return the tensions of a solution, of whatever statement (n_tendons,) [N]."""
-        return self.problem(self.coarse("exact")).tensions(solution.x, self.allowed)
+        T = solution.x[: self.arm.n_tendons] * units(self.arm, self.allowed)
+        return np.clip(T, self.allowed.lower, self.allowed.upper)
 
 
 def allowed(arm: Arm, targets: tuple[Target, ...], limits: Limits) -> Limits:

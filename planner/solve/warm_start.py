@@ -1,47 +1,42 @@
-"""From a plan to that for a target nearby: Newton's method on its optimality conditions.
+"""From a plan to that for a target nearby: the same program, warm, with unknowns and multipliers.
 
 The numbers of a target are parameters of the program, so that an optimum moves with them and takes
-its multipliers along; so it does with the minima of the tensions. Steps that the active limits do
-not survive go through ipopt, warm; steps that are too long are halved. What is followed is one
-optimum, not the best of all. Where its branch ends, as it may where a target passes the arm's axis,
-the optimum that is found beyond is another one, and the jump of the tensions is told.
+its multipliers along; so it does with the minima of the tensions. Steps that are too long are
+halved. What is followed is one optimum, not the best of all. Where its branch ends, as it may where
+a target passes the arm's axis, the optimum beyond is another one, and the jump of the tensions is
+told.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from model.arm import Arm
-from model.equilibrium.forward import Known as States
+from model.equilibrium.forward import Known
 from model.errors import OctoplanError
 from model.paths import Array
-from model.scene import Scene
-from planner.program.explicit import Explicit
+from model.time_limit import check_time
 from planner.program.limits import Limits
-from planner.program.problem import Bounds, Problem, build, units
+from planner.program.problem import Bounds, Problem, units
 from planner.program.statement import Statement
-from planner.settled import settled
-from planner.solve.continuation import continuation
-from planner.solve.ipopt import Solution
-from planner.solve.newton import newton
-from planner.solve.refine import solve_again
+from planner.solve.ipopt import Solution, solve
+from planner.solve.refine import refine, with_multipliers
 from planner.solve.search_result import SearchResult, Trial
-from planner.solve.sqp import solve_quadratic
-from planner.solve.task import allowed
+from planner.solve.task import Task, allowed
 from planner.targets.base import Target
 
 # By so much, over their norm, tensions may change from one target to the next; where more is asked
 # of one step, smaller ones tell whether they jump.
 _LITTLE = 0.25
+_LEAST_STEP = 1 / 64
 # What the stability of what is followed may lack.
 _SLACK = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
-class Known:
-    """An optimum that was found: for which targets and minima, how it was stated, what it is.
+class Optimum:
+    """An optimum to begin with: for which targets and minima, how it was stated, what it is.
 
     `states` are those of its shape.
     """
@@ -52,58 +47,34 @@ class Known:
     tensions: Array
     lam_x: tuple[float, ...]
     lam_g: tuple[float, ...]
-    states: States | None = None
+    states: Known | None = None
 
 
-def warm_start(
-    known: Known,
-    arm: Arm,
-    scene: Scene,
-    targets: tuple[Target, ...],
-    limits: Limits,
-    accuracy: float,
-    machine_code: bool = False,
-) -> SearchResult | None:
+def warm_start(near: Optimum, task: Task) -> SearchResult | None:
     """Return the optimum for targets of the same structure, None where it cannot be followed.
 
-    Minima of the tensions may be others; maxima are the same. It is also None where the known plan
-    did not reach its targets, and where the optimum is less stable than it has to be.
+    Minima of the tensions may be others; maxima are the same. It is also None where the optimum
+    nearby does not reach its targets, and where this one is less stable than it has to be.
     """
-    if known.statement.mode != "exact" or _structure(arm, known.targets) != _structure(
-        arm, targets
-    ):
+    same = _structure(near.targets, task) == _structure(task.targets, task)
+    if near.statement.mode != "exact" or not same:
         return None
-    limits = allowed(arm, targets, limits)
-    problem = build(arm, targets, scene, known.statement, machine_code)
-    problem.condensed.forget(known.states)
-    start = _solution(problem, known, limits)
-    moved = None if start is None else _moved(problem, start, known, targets, limits)
+    statement = near.statement.but(iterations=0)
+    problem = task.problem(statement)
+    before = allowed(task.arm, near.targets, task.limits)
+    start = _solution(problem, near, before)
+    moved = None if start is None else _moved(problem, start, near, task)
     if moved is None:
         return None
-    found: Solution | None
     found, apart = moved
-    statement, states = _fine_enough(problem, found, limits, accuracy)
-    if statement != known.statement:
-        problem = build(arm, targets, scene, statement, machine_code)
-        p, bounds = problem.parameters(targets, limits), problem.free_bounds(limits)
-        found = _near(problem, found, p, bounds, limits)
-        if found is None:
-            return None
-    T = problem.tensions(found.x, limits)
-    if not statement.margin:
-        stands = problem.condensed.stands
-    else:
-        stands = problem.stability(found.x, T, states) >= statement.margin - _SLACK
-    if not stands:
+    fine = refine(task, statement, found)
+    if fine is None:
         return None
-    return SearchResult(
-        statement,
-        arm.by_section(T),
-        tuple(found.lam_x.tolist()),
-        tuple(found.lam_g.tolist()),
-        (Trial(found.f, True, found.iterations),),
-        jump=apart,
-    )
+    last = task.problem(fine.statement)
+    margin, x = task.statement.margin, fine.solution.x
+    if last.stability(x, fine.tensions) < (margin - _SLACK if margin else 0.0):
+        return None
+    return fine.result(task, (Trial(found.f, True, found.iterations),), apart)
 
 
 def jump(before: Array, after: Array) -> float:
@@ -113,107 +84,66 @@ def jump(before: Array, after: Array) -> float:
     return apart / size if apart > _LITTLE * size else 0.0
 
 
-def _structure(arm: Arm, targets: tuple[Target, ...]) -> tuple[object, ...]:
-    return tuple((target.structure(arm), target.tendons(arm)) for target in targets)
+def _structure(targets: tuple[Target, ...], task: Task) -> tuple[object, ...]:
+    return tuple((target.structure(task.arm), target.tendons(task.arm)) for target in targets)
 
 
-def _solution(problem: Problem, known: Known, limits: Limits) -> Solution | None:
-    """Return the known optimum as one of the program, None if it is of another."""
-    p = problem.parameters(known.targets, limits)
-    x = problem.free(np.ravel(known.tensions), limits)
-    lam_x, lam_g = np.array(known.lam_x)[: x.size], np.array(known.lam_g)
+def _solution(problem: Problem, near: Optimum, limits: Limits) -> Solution | None:
+    """Return an optimum as one of the program, None if it is of another."""
+    p, lam_g = problem.parameters(near.targets, limits), np.array(near.lam_g)
+    lam_x = np.array(near.lam_x)
+    if lam_x.size != problem.n_free or lam_g.size != problem.n_outer:
+        return None
     try:
-        f, g = problem.condensed.value(problem.condensed.lifted(x, p), p)
-    except OctoplanError:
+        x = problem.settled(np.ravel(near.tensions), limits, p, near.states)
+        none = np.zeros(0)
+        return with_multipliers(problem, Solution(x, lam_x, lam_g, 0, none, True, "", 0), x, p)
+    except (OctoplanError, np.linalg.LinAlgError, RuntimeError):
         return None
-    if lam_x.shape != x.shape or lam_g.size < g.size:
-        return None
-    return Solution(x, lam_x, lam_g[: g.size], f, g, True, "", 0)
 
 
 def _moved(
-    problem: Problem, start: Solution, known: Known, targets: tuple[Target, ...], limits: Limits
+    problem: Problem, start: Solution, near: Optimum, task: Task
 ) -> tuple[Solution, float] | None:
-    """Return the optimum for targets and limits, by steps in target numbers and minima.
+    """Return the optimum for a task, by steps in target numbers and minima from one nearby.
 
-    And by how much the tensions jump, 0 where they change little by little. Where the first way to
-    it may have jumped, one by Newton's steps that change little is tried.
+    And by how much the tensions jump, 0 where they change little by little.
     """
-    first, last = (problem.parameters(which, limits) for which in (known.targets, targets))
-    lbx, ubx, lbg, ubg = problem.free_bounds(limits)
-    rise, unit = np.zeros(start.x.size), units(problem.arm, limits)
-    rise[: unit.size] = (np.array(limits.lower) - known.lower) / unit
+    limits, n = task.allowed, problem.arm.n_tendons
+    first, last = (problem.parameters(which, limits) for which in (near.targets, task.targets))
+    lbx, ubx, lbg, ubg = problem.bounds(limits)
+    unit = units(problem.arm, limits)
+    rise = np.zeros(lbx.size)
+    rise[:n] = (np.array(limits.lower) - near.lower) / unit
 
-    def asked(share: float) -> tuple[Array, Bounds]:
+    def at(share: float) -> tuple[Array, Bounds]:
         left = (1 - share) * rise
         upper = np.where(lbx == ubx, ubx - left, ubx)
         return first + share * (last - first), (lbx - left, upper, lbg, ubg)
 
-    found = continuation(start, lambda near, share: _near(problem, near, *asked(share), limits))
+    def stepped(step: float, most: float) -> Solution | None:
+        """Follow by steps whose tensions change by no more than `most`; None where that ends."""
+        here, share = start, 0.0
+        while share < 1:
+            check_time()
+            trial = min(1.0, share + step)
+            p, bounds = at(trial)
+            found = solve(problem, here.x, p, bounds, (here.lam_x, here.lam_g))
+            apart = float(np.linalg.norm((found.x - here.x)[:n] * unit))
+            if found.met and found.finite and apart <= most:
+                here, share, step = found, trial, 2 * step
+            elif step <= _LEAST_STEP:
+                return None
+            else:
+                step /= 2
+        return here
+
+    found = stepped(1.0, np.inf)
     if found is None:
         return None
-    apart = jump(start.x[: unit.size] * unit, found.x[: unit.size] * unit)
+    ends = [s.x[:n] * unit for s in (start, found)]
+    apart = jump(*ends)
     if not apart:
         return found, 0.0
-    most = _LITTLE * max(np.linalg.norm(s.x[: unit.size] * unit) for s in (start, found))
-
-    def little(near: Solution, share: float) -> Solution | None:
-        there = newton(problem, near, *asked(share), lifted=True)
-        apart = np.linalg.norm((there.x - near.x)[: unit.size] * unit)
-        return None if there is near or apart > most else there
-
-    problem.condensed.forget(known.states)
-    kept = continuation(start, little, 0.5)
-    if kept is None:
-        return found, apart
-    return replace(kept, f=problem.condensed.first(kept.x, last).f), 0.0
-
-
-def _near(
-    problem: Problem, start: Solution, p: Array, bounds: Bounds, limits: Limits
-) -> Solution | None:
-    """Return the optimum near a start by Newton's method, or else by ipopt; None without one."""
-    found = newton(problem, start, p, bounds, lifted=True)
-    if found is not start:
-        return found
-    begin = _stepped(problem, start, p, bounds)
-    found = newton(problem, begin, p, bounds)
-    if found is begin:
-        solved = solve_again(problem, start, p, limits)
-        found = newton(problem, solved, p, bounds) if solved.met and solved.finite else begin
-        if found is begin or found is solved:
-            return None
-    return found
-
-
-def _stepped(problem: Problem, start: Solution, p: Array, bounds: Bounds) -> Solution:
-    """Return a start brought near the optimum by quadratic programs, where there are states.
-
-    These follow, linearised; Newton's method in the tensions alone settles the arm at each step.
-    """
-    if isinstance(problem.condensed, Explicit):
-        return start
-    try:
-        x = problem.condensed.lifted(start.x, p)
-        solved = solve_quadratic(problem, x, p, bounds, start.lam_g)
-    except OctoplanError:
-        return start
-    if solved is None or not solved.met:
-        return start
-    problem.condensed.begin_at(solved.x, p)
-    return solved.free(problem)
-
-
-def _fine_enough(
-    problem: Problem, found: Solution, limits: Limits, accuracy: float
-) -> tuple[Statement, States | None]:
-    """Return the statement, on a finer mesh if the accuracy asks for one at the new optimum.
-
-    And the states of the shape there.
-    """
-    statement, T = problem.statement, problem.tensions(found.x, limits)
-    try:
-        shape = settled(problem.arm, T, problem.scene, accuracy, problem.machine_code)
-    except OctoplanError:
-        return statement, None
-    return statement.but(refinement=max(shape.refinement, statement.refinement)), shape.known
+    kept = stepped(0.5, _LITTLE * max(float(np.linalg.norm(T)) for T in ends))
+    return (found, apart) if kept is None else (kept, 0.0)

@@ -104,7 +104,7 @@ def coarse(statement: Statement) -> Statement:
 def stop_of(question: Question, way: Waypoint, statement: Statement) -> Stop:
     """Return a waypoint as a program; tendons that may not pull there keep to their minima."""
     stated, limits = way.stated, question.limits
-    given = (question.arm, stated, question.scene, statement.but(form="condensed"))
+    given = (question.arm, stated, question.scene, statement)
     problem = build(*given, question.machine_code)
     lbx, ubx, *rows = problem.free_bounds(limits)
     own = allowed(question.arm, stated, limits)

@@ -113,7 +113,7 @@ def trajectory(
     path, own = waypoints_of(targets, waypoints)
     times = own if times is None else times
     strokes = (stroke_max, stroke_min)
-    limits = checked_limits(arm, scene, tension_max, tension_min, total_pull, strokes)
+    limits = checked_limits(arm, tension_max, tension_min, total_pull, strokes)
     limits = replace(limits, stroke_zero=zeroed_at(arm, scene, stroke_zero))
     asked = _checked(arm, path)
     rates = Rates.of(arm, rate_max, stroke_rate_max, stroke_acceleration_max)

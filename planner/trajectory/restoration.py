@@ -9,7 +9,6 @@ from scipy.linalg.lapack import dgelss
 
 from model.paths import Array
 from planner.program.condensed import Condensed
-from planner.program.explicit import Explicit
 from planner.program.problem import Bounds, Problem
 from planner.program.reduced import Reduced
 
@@ -30,7 +29,7 @@ class Stop:
     problem: Problem
     p: Array
     bounds: Bounds
-    functions: Condensed | Explicit
+    functions: Condensed
 
     def apart(self, a: Array) -> Stop:
         """Return the waypoint with a memory of its own, of what is found at scaled tensions a."""

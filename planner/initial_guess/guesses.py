@@ -1,0 +1,59 @@
+"""Initial guesses: the straight arm, then drawn arms that are near to what is wanted and differ."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from model.arm import Arm
+from model.paths import Array
+from model.scene import Scene
+from planner.initial_guess.bend_coordinates import bend_coordinates
+from planner.initial_guess.residuals import residuals
+from planner.program.limits import Limits
+from planner.program.problem import units
+from planner.targets.base import Target
+
+# Arms that are drawn, and by what part of their tensions those that are taken differ at least.
+_DRAWN, _DIFFERENT = 400, 0.5
+# How much all tendons pull in the straight arm, of a unit of tension: a little inside the limits.
+_INSIDE = 0.005
+
+
+def initial_guesses(
+    arm: Arm,
+    scene: Scene,
+    targets: tuple[Target, ...],
+    limits: Limits,
+    machine_code: bool,
+) -> Iterator[Array]:
+    """Yield tensions (n_tendons,) [N] within limits: of the straight arm, then of drawn ones.
+
+    These are looked at on the coarsest mesh, in a scene without loads, and come by how near they
+    are to what the targets want; those that hardly differ from one before are left out.
+    """
+    unit = units(arm, limits)
+    low, high = np.array(limits.lower), np.array(limits.upper)
+    straight = np.clip(_INSIDE * unit, low, high)
+    yield straight
+    tendons = frozenset.intersection(*(target.tendons(arm) for target in targets))
+    bends = bend_coordinates(arm, tendons, limits)
+    drawn = _within_total(bends.tensions(bends.draw(_DRAWN)), limits)
+    off = residuals(arm, scene, targets, drawn, machine_code)
+    taken = np.zeros((0, unit.size))
+    for T in drawn[np.argsort(off, kind="stable")]:
+        apart = np.linalg.norm((taken - T) / unit, axis=1)
+        if np.all(apart > _DIFFERENT * np.linalg.norm(T / unit)):
+            taken = np.vstack([taken, T])
+            yield T
+
+
+def _within_total(T: Array, limits: Limits) -> Array:
+    """Return tensions (m, n_tendons) that together pull no harder than is allowed."""
+    if limits.total is None:
+        return T
+    low = np.array(limits.lower)
+    more = (T - low).sum(axis=1)
+    room = max(limits.total - float(low.sum()), 0.0)
+    return np.asarray(low + (T - low) * np.minimum(1.0, room / np.maximum(more, 1e-300))[:, None])
