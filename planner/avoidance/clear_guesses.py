@@ -42,7 +42,8 @@ def _likely_clear(task: Task, asked: Surroundings) -> Iterator[Array]:
     bends = bend_coordinates(arm, tendons, limits)
     tensions = bends.tensions(bends.draw(_DRAWN))
     off = residuals(arm, task.scene, targets, tensions, task.machine_code)
-    order, bodies = np.argsort(off, kind="stable"), Bodies(asked.obstacles)
+    order = np.argsort(np.linalg.norm(off, axis=1), kind="stable")
+    bodies = Bodies(asked.obstacles)
     for some in np.split(order, np.arange(_TOGETHER, _DRAWN, _TOGETHER)):
         points, radius = many_places(arm, task.scene, tensions[some], task.machine_code)
         found = bodies.at(points[:, :, None])[0]

@@ -1,4 +1,7 @@
-"""Initial guesses: the straight arm, then drawn arms that are near to what is wanted and differ."""
+"""Initial guesses: tensions fitted to the targets, the straight arm, drawn arms that are near.
+
+For a point, which arms meet in many ways that go over into each other, the latter two do.
+"""
 
 from __future__ import annotations
 
@@ -10,9 +13,11 @@ from model.arm import Arm
 from model.paths import Array
 from model.scene import Scene
 from planner.initial_guess.bend_coordinates import bend_coordinates
+from planner.initial_guess.fitting import fitted
 from planner.initial_guess.residuals import residuals
 from planner.program.limits import Limits
 from planner.program.problem import units
+from planner.program.terms import term_names
 from planner.targets.base import Target
 
 # Arms that are drawn, and by what part of their tensions those that are taken differ at least.
@@ -28,25 +33,37 @@ def initial_guesses(
     limits: Limits,
     machine_code: bool,
 ) -> Iterator[Array]:
-    """Yield tensions (n_tendons,) [N] within limits: of the straight arm, then of drawn ones.
+    """Yield tensions (n_tendons,) [N] within limits: fitted ones, the straight arm's, drawn ones.
 
-    These are looked at on the coarsest mesh, in a scene without loads, and come by how near they
-    are to what the targets want; those that hardly differ from one before are left out.
+    Fitted ones come by effort. Drawn ones are looked at on the coarsest mesh, in a scene without
+    loads, and come by how near they are to what the targets want; those that hardly differ from one
+    before are left out.
     """
     unit = units(arm, limits)
     low, high = np.array(limits.lower), np.array(limits.upper)
     straight = np.clip(_INSIDE * unit, low, high)
+    point = is_point(arm, targets)
+    if not point:
+        yield from _within_total(
+            np.array(fitted(arm, scene, targets, limits, machine_code)), limits
+        )
     yield straight
     tendons = frozenset.intersection(*(target.tendons(arm) for target in targets))
     bends = bend_coordinates(arm, tendons, limits)
     drawn = _within_total(bends.tensions(bends.draw(_DRAWN)), limits)
-    off = residuals(arm, scene, targets, drawn, machine_code)
+    off = np.linalg.norm(residuals(arm, scene, targets, drawn, machine_code), axis=1)
     taken = np.zeros((0, unit.size))
     for T in drawn[np.argsort(off, kind="stable")]:
         apart = np.linalg.norm((taken - T) / unit, axis=1)
         if np.all(apart > _DIFFERENT * np.linalg.norm(T / unit)):
             taken = np.vstack([taken, T])
             yield T
+
+
+def is_point(arm: Arm, targets: tuple[Target, ...]) -> bool:
+    """Return whether no more is to be met than a point has numbers, and nothing kept above 0."""
+    equality, soft_residual, inequality, _ = term_names(arm, targets)
+    return len(equality) + len(soft_residual) <= 3 and not inequality
 
 
 def _within_total(T: Array, limits: Limits) -> Array:

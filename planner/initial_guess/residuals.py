@@ -25,9 +25,9 @@ _FAR = 1e3
 def residuals(
     arm: Arm, scene: Scene, targets: tuple[Target, ...], tensions: Array, machine_code: bool
 ) -> Array:
-    """Return the norm (m,) of what tensions (m, n_tendons) [N] are off by, in a scene without loads.
+    """Return what tensions (m, n_tendons) [N] are off by, in a scene without loads (m, k).
 
-    Of the targets' residuals, of what inequalities lack, and of by how much the arm is crushed.
+    The targets' residuals, what inequalities lack, and last by how much the arm is crushed.
     Whether it is stiff enough is left out: as if it gave way just as much as is wanted.
     """
     poses_of = _coarse_poses(arm, scene, stations_of(arm, targets), machine_code)
@@ -38,7 +38,7 @@ def residuals(
     off_by = _off_by(arm, structure, Same(targets))
     (gaps,) = off_by(seen, np.tile(numbers, (len(tensions), 1)))
     crushed = _bounded(_FEASIBLE - least, 0.0)
-    return np.asarray(np.linalg.norm(_bounded(gaps, -_FAR), axis=1) + 10 * crushed)
+    return np.hstack([_bounded(gaps, -_FAR), 10 * crushed[:, None]])
 
 
 def _bounded(values: Array, low: float) -> Array:

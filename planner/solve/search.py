@@ -19,7 +19,7 @@ import numpy as np
 from model.paths import Array
 from model.progress import tell
 from model.time_limit import OutOfTime, check_time, time_limit
-from planner.initial_guess.guesses import initial_guesses
+from planner.initial_guess.guesses import initial_guesses, is_point
 from planner.program.statement import Mode, Statement
 from planner.solve.ipopt import Solution, solve
 from planner.solve.refine import Refined, refine
@@ -28,6 +28,8 @@ from planner.solve.task import Task
 
 # Guesses that have to agree, and where efforts squared differ by more than this, one more.
 _AGREED, _SPREAD = 2, 1.5
+# Of guesses that come by effort, so many that lead to dearer optima are enough, too.
+_DEARER = 2
 # Guesses from which the targets are not met before slacks tell how near they can be had.
 _MISSED = 3
 # Least squares that are so small are met but for the effort in them.
@@ -66,6 +68,7 @@ class Search:
         self.unstable: list[tuple[Statement, Solution]] = []
         self._last: tuple[Statement, Solution] | None = None
         self._margin = task.statement.margin
+        self._by_effort = not is_point(task.arm, task.targets)
 
     def run(self, seconds: float | None = None) -> SearchResult:
         """Return the best optimum from the guesses it takes, or the best so far after so long."""
@@ -177,12 +180,18 @@ class Search:
         return sorted({max(floor, self._margin) for floor in _FLOORS})
 
     def _enough(self) -> bool:
-        """Return whether enough guesses led to the best optimum."""
+        """Return whether enough guesses led to the best optimum, or later ones to dearer ones.
+
+        The latter of guesses that come by effort.
+        """
         if self.task.starts is not None:
             return False
         efforts = [trial.objective for trial in self.trials if trial.met]
-        wide = bool(efforts) and max(efforts) > _SPREAD * min(efforts)
-        return agreed(self.trials) >= _AGREED + wide
+        if not self._by_effort:
+            wide = bool(efforts) and max(efforts) > _SPREAD * min(efforts)
+            return agreed(self.trials) >= _AGREED + wide
+        since = len(efforts) - 1 - int(np.argmin(efforts)) if efforts else 0
+        return agreed(self.trials) >= _AGREED or since >= _DEARER
 
     def _nearly(self) -> Array | None:
         """Return tensions that nearly meet the targets, of least squares; None if none do."""
