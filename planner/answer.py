@@ -175,7 +175,8 @@ class Answer:
     def outcome(self) -> str:
         """What happened, what holds it, and what to try: a sentence."""
         found = (self.certificate, self.mode, self.effort, len(self.starts), self.agreed)
-        said = sentence(Facts(*found, tuple(self.holding()), self.arm.length, self.stopped))
+        held = tuple(self.holding()), self.arm.length, self.stopped, self.in_the_way
+        said = sentence(Facts(*found, *held))
         if self.jump:
             more = f"left the branch of the plan before: tensions jump by {100 * self.jump:.0f} %"
             said = f"{said.removesuffix('.')}; {more}."
@@ -188,6 +189,8 @@ class Answer:
         if not self.certificate.problem:
             missed = not self.certificate.attained and not self.stopped
             said += remarks(self.targets, self.shape, self.limits, missed, self.accuracy)
+        if not self.scene.effects:
+            said += " Statics: bending alone, as in Scene()."
         return f"Stopped at the time limit, the best so far. {said}" if self.stopped else said
 
     @cached_property

@@ -14,6 +14,8 @@ from planner.on_request import OnRequest
 KKT_TOLERANCE = 1e-6
 # Of the least eigenvalue, which another mesh has with other digits.
 STABILITY_TOLERANCE = 1e-4
+# What is less stable under its loads stands on the brink.
+BRINK = 0.1
 # As many times its loads an arm is followed.
 MOST_LOADS = 3.0
 # Of gaps [m], forces [N] and their products [N m].
@@ -106,7 +108,10 @@ class Certificate:
         """What was not asked about and yet cannot be, a sentence each."""
         gaps = self.gaps.items()
         found = [(name, gap) for name, gap in gaps if gap < 0 and name not in self.least_gaps]
-        return tuple(f"the arm passes through {name} by {-1e3 * gap:.3g} mm" for name, gap in found)
+        told = [f"the arm passes through {name} by {-1e3 * gap:.3g} mm" for name, gap in found]
+        if self.bears and 0 <= self.stability < BRINK and not self.stability_margin:
+            told.append(f"it stands on the brink: it {self.bears}")
+        return tuple(told)
 
     @property
     def residual(self) -> float:
@@ -166,8 +171,8 @@ class Certificate:
         if self.load_factor is None:
             return ""
         if np.isinf(self.load_factor):
-            return f"bears {MOST_LOADS:g} times its loads"
-        return f"yields at {self.load_factor:.3g} times its loads"
+            return f"bears at least {MOST_LOADS:g} times its loads"
+        return f"yields at {self.load_factor:.2f} times its loads"
 
     @property
     def passed(self) -> bool:

@@ -28,6 +28,8 @@ class Facts:
         Of the arm [m].
     stopped : bool
         Whether the time limit ended the search.
+    in_the_way : str
+        What the plan without obstacles comes nearest to, where only obstacles hold it back.
     """
 
     certificate: Certificate
@@ -38,6 +40,7 @@ class Facts:
     holders: tuple[str, ...]
     length: float
     stopped: bool = False
+    in_the_way: str = ""
 
     @property
     def is_nearest(self) -> bool:
@@ -129,6 +132,9 @@ def _length(facts: Facts, value: float) -> str:
 def _holders(facts: Facts) -> str:
     if facts.stopped:
         return "the search was not at its end, a longer time limit may bring it nearer"
+    if facts.in_the_way:
+        told = f"obstacles are in the way: without them it is met, and {facts.in_the_way}"
+        return f"{told}; move them or the target, or ask for less clearance"
     if not facts.holders and not facts.is_nearest:
         return "no limit is active, more starts may find a nearer one"
     if not facts.holders:

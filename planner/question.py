@@ -50,7 +50,7 @@ def check_planned(scene: Scene) -> None:
         allowed = (
             "a scene whose statics are consistent, such as Scene(Extension()); settle takes it"
         )
-        raise InputError("scene", "Scene.as_printed()", allowed)
+        raise InputError("scene", "written as printed", allowed)
 
 
 def warn_of_form(form: Any) -> None:

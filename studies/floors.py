@@ -1,19 +1,17 @@
 """What do a warm re-plan and its certificate consist of: what is left if Python cost nothing?
 
 Question: of the processor's time of a re-plan after a step of the target of 2 mm, and of its
-certificate, how much goes into evaluating kernels, linear algebra, quadratic programs and ipopt,
-and how much is left for Python and NumPy's small calls?
+certificate, how much goes into evaluating kernels, linear algebra and ipopt, and how much is left
+for Python and NumPy's small calls?
 
 Assumptions: as studies.real_time. Calls are timed where they enter compiled code, each without what
-it calls in turn; evaluations are those of CasADi's functions and compiled kernels, linear algebra
-that of LAPACK's band matrices and dense ones. Timing itself counts as Python.
+it calls in turn; evaluations are those of CasADi's functions and compiled kernels but for the ones
+that ipopt asks for, which count for the solver; linear algebra is that of LAPACK's band matrices
+and dense ones. Timing itself counts as Python.
 
 Command: python -m studies.floors [--steps 100] [--scenes paper silicone-in-water] [--seed 0]
 
-Answer (processor time on a slow machine, where the paper's plans take 8 ms): in the paper's scene a
-re-plan takes 2.9 ms in kernels, 0.2 in linear algebra and 3.4 in Python, its certificate 3.4, 1.3
-and 3.9; in silicone in water 2.2, 10 and 20, and 3.2, 7.6 and 13. Quadratic programs take none. In
-water, whose kernels run a few elements side by side, Python is more than half.
+@ANSWER@
 """
 
 from __future__ import annotations
@@ -32,9 +30,7 @@ import numpy as np
 from model import Arm
 from model.equilibrium.linearised import Linearised
 from model.machine.buffered import Buffered
-from planner.program.explicit_in_c import ExplicitInC
-from planner.solve import ipopt, newton, sqp
-from planner.solve.quadratic import Quadratic
+from planner.solve import refine, search, warm_start
 from studies.real_time import path, timed_plan
 from studies.tip_targets import SCENES
 
@@ -88,14 +84,10 @@ def timed(clock: Clock) -> Iterator[None]:
 
     with ExitStack() as stack:
         stack.enter_context(counted(Buffered, "__call__", "evaluation"))
-        for name in ("value", "first", "second"):
-            stack.enter_context(counted(ExplicitInC, name, "evaluation"))
-        stack.enter_context(counted(sqp, "run", "solver"))
-        stack.enter_context(counted(Quadratic, "__call__", "solver"))
-        stack.enter_context(counted(ipopt, "solve", "solver"))
+        for own in (search, refine, warm_start):
+            stack.enter_context(counted(own, "solve", "solver"))
         stack.enter_context(counted(Linearised, "solve", "linear algebra"))
         stack.enter_context(counted(Linearised.factor, "func", "linear algebra"))
-        stack.enter_context(counted(newton, "_newton", "linear algebra"))
         for name in ("solve", "inv", "eigvals", "eigvalsh", "cholesky"):
             stack.enter_context(counted(np.linalg, name, "linear algebra"))
         yield

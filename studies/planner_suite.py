@@ -41,7 +41,7 @@ from model.forward import schemes_of
 from model.loads import is_loaded
 from model.paths import Array
 from planner import Limits, Plan, Statement, plan
-from planner.solve.multistart import Multistart
+from planner.solve.search import Search
 from planner.solve.task import Task
 from planner.targets import Target
 from studies.interrupts import keep_finished
@@ -136,20 +136,14 @@ def _over_best(found: Plan, scene: Scene, count: int, rng: np.random.Generator) 
     heavy = is_loaded(scene) or scene.has(ExactTendons)
     if heavy or not count or found.mode != "exact":
         return 0.0
-    limits, statement = Limits.of(ARM, MAXIMUM), Statement("condensed", found.statement.norm)
-    trials = Multistart(Task(ARM, found.targets, scene, limits, statement, found.accuracy))
-    coarse = trials.task.coarse("exact")
-    problem = trials.task.problem(coarse)
-    p = problem.parameters(found.targets, limits)
-    own = [s.objective for s in found.starts if s.met]
-    x = problem.unknowns(found.tensions.ravel(), limits, p)
-    own.append(problem.condensed.first(x[: problem.n_free], p).f)
-    scale = np.repeat([0.6, 5.0, 15.0], 4)
+    limits, statement = Limits.of(ARM, MAXIMUM), Statement(norm=found.statement.norm)
+    search = Search(Task(ARM, found.targets, scene, limits, statement, found.accuracy))
+    coarse, scale = search.task.coarse("exact"), np.repeat([0.6, 5.0, 15.0], 4)
     tried = (
-        trials.solve(coarse, rng.uniform() * rng.uniform(size=12) * scale) for _ in range(count)
+        search.solve(coarse, rng.uniform() * rng.uniform(size=12) * scale) for _ in range(count)
     )
-    best = min((s.f for s in tried if s.met), default=np.inf)
-    return float(np.sqrt(min(own) / best)) if 0 < best < np.inf else 0.0
+    best = min((np.linalg.norm(search.task.tensions(s)) for s in tried if s.met), default=np.inf)
+    return float(found.effort / best) if 0 < best < np.inf else 0.0
 
 
 def report(cases: Sequence[Case]) -> None:

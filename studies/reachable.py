@@ -33,7 +33,6 @@ MAXIMUM = 20.0
 SCENES: dict[str, tuple[int, Scene]] = {
     "bare": (20, Scene()),
     "extension": (40, Scene(Extension())),
-    "as printed": (5, Scene.as_printed()),
     "exact": (12, Scene(Extension(), ExactTendons())),
     "silicone": (6, Scene.silicone()),
     "water": (5, Scene(Extension(), Weight(), Buoyancy(1000.0))),

@@ -14,7 +14,7 @@ from model import Arm, OctoplanError, settle
 from model.forward import explicit_map, schemes_of
 from model.paths import Array
 from planner import Limits, Plan, Statement, plan
-from planner.program.problem import TRACES, build
+from planner.program.problem import build
 from planner.solve.ipopt import solve
 from planner.targets import TipPosition
 from studies import draws
@@ -122,9 +122,9 @@ def floor_rows(repeats: int, rng: np.random.Generator) -> list[Row]:
     forward = explicit_map(arm, PAPER, schemes_of(PAPER)[0], 2)
     target, limits = (TipPosition(tuple(settle(arm, T, PAPER).tip)),), Limits.of(arm, MAXIMUM)
     problem = build(arm, target, PAPER, Statement(refinement=2))
-    p, bounds = problem.parameters(target, limits, TRACES[0]), problem.bounds(limits)
-    x = problem.unknowns(T, limits, p)
-    lam = np.zeros(problem.program.g.numel())
+    p, bounds = problem.parameters(target, limits), problem.bounds(limits)
+    x = problem.guess(T, limits, p)
+    lam = np.zeros(problem.n_outer + problem.program.blocks.n_rows)
     evaluations = {
         "the forward map": lambda: forward.run(T),
         "constraints and their derivatives": lambda: problem.program.first(x, p),
@@ -136,7 +136,7 @@ def floor_rows(repeats: int, rng: np.random.Generator) -> list[Row]:
     ]
     iterations = []
     for start in islice(draws.endless(arm, rng), repeats):
-        guess = problem.unknowns(start, limits, p)
+        guess = problem.guess(start, limits, p)
         found = solve(problem, guess, p, bounds)
         taken = seconds(partial(solve, problem, guess, p, bounds))
         iterations.append(taken / max(found.iterations, 1))

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from model import Arm, OctoplanError, Scene, settle
 from model.effects import Buoyancy, Extension, Weight
 from planner import Limits, Statement, plan
-from planner.program.problem import TRACES, build
+from planner.program.problem import build
 from planner.solve.ipopt import solve
 from planner.targets import TipPosition
 from studies.baselines import ScipyArm
@@ -68,12 +68,12 @@ def best_of(arm: Arm, scene: Scene, point: Array, count: int, rng: np.random.Gen
     limits = Limits.of(arm, MAXIMUM)
     target = (TipPosition(tuple(point)),)
     problem = build(arm, target, scene, Statement(refinement=2))
-    p, bounds = problem.parameters(target, limits, TRACES[0]), problem.bounds(limits)
+    p, bounds = problem.parameters(target, limits), problem.bounds(limits)
     scale = np.repeat([1.0, 5.0, 15.0], 4)
     least = np.inf
     for _ in range(count):
         T = rng.uniform(size=12) * rng.uniform() * scale
-        found = solve(problem, problem.unknowns(T, limits, p), p, bounds)
+        found = solve(problem, problem.guess(T, limits, p), p, bounds)
         if found.met:
             least = min(least, float(np.linalg.norm(problem.tensions(found.x, limits))))
     return least

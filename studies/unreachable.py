@@ -28,7 +28,7 @@ from model import Scene, settle
 from model.effects import Extension
 from model.paths import Array
 from planner import Limits, Statement, plan
-from planner.solve.multistart import Multistart
+from planner.solve.search import Search
 from planner.solve.task import Task
 from planner.targets import Target, TipPose, TipPosition
 from studies.reachable import ARM, MAXIMUM, draw, off
@@ -61,11 +61,11 @@ def run(number: int, seed: int, best_of: int) -> Case:
         wrong = off(settle(ARM, found.tensions, scene, 1e-9), target) > _WRONG
         return Case(number, kind, np.nan, wrong)
     limits = Limits.of(ARM, maxima)
-    trials = Multistart(Task(ARM, found.targets, scene, limits, Statement(), found.accuracy))
-    statement = trials.task.coarse(found.mode)
+    search = Search(Task(ARM, found.targets, scene, limits, Statement(), found.accuracy))
+    statement = search.task.coarse(found.mode)
     scale = np.minimum(np.repeat([0.6, 5.0, 15.0], 4), limits.upper)
     tried = (
-        trials.solve(statement, rng.uniform() * rng.uniform(size=12) * scale)
+        search.solve(statement, rng.uniform() * rng.uniform(size=12) * scale)
         for _ in range(best_of)
     )
     best = min((s.f for s in tried if s.met), default=np.inf)

@@ -16,9 +16,10 @@ from model.mesh_refinement import REFINEMENTS
 from model.paths import Array
 from planner import plan
 from planner.program.limits import Limits
-from planner.program.problem import TRACES, build
+from planner.program.problem import build
+from planner.program.statement import STAGES as PLANNED
 from planner.program.statement import Statement
-from planner.solve.sqp import solve_quadratic
+from planner.solve.ipopt import solve
 from planner.targets import TipPosition
 from studies import draws
 from studies.baseline_silicone import ScipySiliconeArm
@@ -76,30 +77,28 @@ def planning(which: str, size: Size, rng: np.random.Generator) -> list[Measured]
     def off(i: int, tensions: Array) -> float:
         return math.dist(settle(arm, tensions, scene, 1e-11).tip, points[i]) / arm.length
 
-    curves, coarser = [], replace(size, finest=min(size.finest, _FINEST))
-    for m in STAGES:
+    coarser = replace(size, finest=min(size.finest, _FINEST))
 
-        def work_on(refinement: int, m: int = m) -> Callable[[int], Array]:
-            return partial(_solved, arm, scene, m, refinement, T, points)
+    def work_on(refinement: int) -> Callable[[int], Array]:
+        return partial(_solved, arm, scene, refinement, T, points)
 
-        curves.append(Measured.over_meshes(name(m), work_on, off, coarser))
+    curve = Measured.over_meshes(name(PLANNED), work_on, off, coarser)
     choice = Measured("plan's choice, certified", "choice")
     for accuracy in KNOB[1 : size.settings]:
         choice.add(lambda i, a=accuracy: _planned(arm, scene, points[i], a), off, size)
-    return [*curves, choice]
+    return [curve, choice]
 
 
 def _solved(
-    arm: Arm, scene: Scene, stages: int, refinement: int, T: Array, points: list[Array], i: int
+    arm: Arm, scene: Scene, refinement: int, T: Array, points: list[Array], i: int
 ) -> Array:
     """Return the tensions of least effort on one mesh near those that the target was drawn with."""
-    form = Statement("multiple-shooting", scheme=f"gauss{2 * stages}", refinement=refinement)
     targets, limits = (TipPosition(tuple(points[i])),), Limits.of(arm, MAXIMUM)
-    problem = build(arm, targets, scene, form)
-    p = problem.parameters(targets, limits, TRACES[-1])
-    x = problem.unknowns(_BEGINS * np.ravel(T[i]), limits, p)
-    found = solve_quadratic(problem, x, p, problem.free_bounds(limits))
-    if found is None or not found.met:
+    problem = build(arm, targets, scene, Statement(refinement=refinement))
+    p = problem.parameters(targets, limits)
+    x = problem.guess(_BEGINS * np.ravel(T[i]), limits, p)
+    found = solve(problem, x, p, problem.bounds(limits))
+    if not found.met:
         raise RuntimeError("no optimum near this start")
     return problem.tensions(found.x, limits)
 

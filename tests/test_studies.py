@@ -63,7 +63,7 @@ SMALL: dict[str, tuple[str, str, tuple[str, ...]]] = {
     ),
     "real_time": ("--steps 6 --cold 1 --scipy 0 --many 4", "0 refused, 0 neither", ()),
     "recovery": ("--arms 1", "intervals that hold the truth", ()),
-    "solvers": ("--targets 1", "planner.solve.sqp", ()),
+    "solvers": ("--targets 1 --guesses 1 --scenes paper", "multiple shooting, ipopt", ()),
     "speed": (
         "--repeats 1 --arms 1 --batch 4 --plans 1 --points 2 --sections 1 2"
         " --rows settle jacobian path floors --knob 13",

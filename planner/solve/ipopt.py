@@ -35,6 +35,8 @@ _QUIET: dict[str, Any] = {
 }
 # What takes longer is lost: another initial guess is cheaper.
 _COLD: dict[str, Any] = {"max_iter": 60, "mu_init": 0.1, "bound_push": 5e-3, "bound_frac": 5e-3}
+# Least squares of what cannot be met take longer, and there is no cheaper way.
+_PATIENT = {"max_iter": 200}
 _WARM: dict[str, Any] = {
     "mu_init": 1e-6,
     "warm_start_init_point": "yes",
@@ -113,6 +115,8 @@ def solver(problem: Problem, warm: bool, talks: bool = False) -> Buffered:
             **_derivatives(stated),
             "ipopt": _QUIET | (_WARM if warm else _COLD) | {"print_level": 5 if talks else 0},
         }
+        if problem.statement.mode != "exact" and not warm:
+            options["ipopt"] |= _PATIENT
         nlp: dict[str, Any] = {"x": stated.x, "p": stated.p, "f": stated.f, "g": stated.g}
         built[warm, talks] = Buffered(ca.nlpsol("ipopt", "ipopt", nlp, options))
     return built[warm, talks]
@@ -154,13 +158,7 @@ def solve(
         x, f, g, lam_x, lam_g, _ = (value.ravel() for value in run(x, p, *bounds, *multipliers))
     stats = run.stats()
     status = stats["return_status"]
-    return Solution(
-        x,
-        lam_x,
-        lam_g,
-        float(f[0]),
-        g,
-        status in ("Solve_Succeeded", "Solved_To_Acceptable_Level"),
-        STOPPED.get(status, status.replace("_", " ").lower()),
-        int(stats["iter_count"]),
-    )
+    met, count = status in ("Solve_Succeeded", "Solved_To_Acceptable_Level"), stats["iter_count"]
+    reason = STOPPED.get(status, status.replace("_", " ").lower())
+    LOG.debug("%s after %d iterations", "met" if met else f"not met: {reason}", count)
+    return Solution(x, lam_x, lam_g, float(f[0]), g, met, reason, int(count))

@@ -21,8 +21,9 @@ from planner.solve.ipopt import MAGNIFIED, Solution, solve
 from planner.solve.search_result import SearchResult, Trial
 from planner.solve.task import Task
 
-# Meshes that are tried, and the part of the accuracy that a plan's mesh may take.
-_MESHES, _SHARE = 8, 4
+# Meshes that are tried; the part of the accuracy that a plan's mesh may take, and the part that a
+# finer one is chosen for.
+_MESHES, _SHARE, _AIM = 8, 4, 100
 # What targets measure of the arm from rest is no farther off, or it comes to another shape.
 _ELSEWHERE = 0.1
 # How often bounds that turn out not to hold are let go.
@@ -68,7 +69,8 @@ def refine(task: Task, statement: Statement, solution: Solution) -> Refined | No
         if not gap <= _ELSEWHERE:
             return None
         if gap > fine:
-            finer = next_refinement(statement.refinement, gap, fine, problem.forward.order)
+            order, aim = problem.forward.order, task.accuracy / _AIM
+            finer = next_refinement(statement.refinement, gap, aim, order)
             if not finer:
                 return None
             statement = statement.but(refinement=finer)

@@ -20,6 +20,7 @@ from model.paths import Array
 from model.progress import tell
 from model.time_limit import OutOfTime, check_time, time_limit
 from planner.initial_guess.guesses import initial_guesses, is_point
+from planner.program.problem import SEARCHED
 from planner.program.statement import Mode, Statement
 from planner.solve.ipopt import Solution, solve
 from planner.solve.refine import Refined, refine
@@ -29,7 +30,7 @@ from planner.solve.task import Task
 # Guesses that have to agree, and where efforts squared differ by more than this, one more.
 _AGREED, _SPREAD = 2, 1.5
 # Of guesses that come by effort, so many that lead to dearer optima are enough, too.
-_DEARER = 2
+_DEARER = 3
 # Guesses from which the targets are not met before slacks tell how near they can be had.
 _MISSED = 3
 # Least squares that are so small are met but for the effort in them.
@@ -37,6 +38,8 @@ _MET = 1e-6
 # Optima that are held to the stability margin, and what they are held to, where the arm comes to
 # another shape from rest.
 _HELD, _FLOORS = 4, (0.01, 0.1, 0.3)
+# By so much of the effort the coarse mesh may be off.
+_BLURRED = 0.01
 # Of the margin, what the coarse mesh may lack.
 _SLACK = 1e-3
 # Scaled unknowns of one optimum differ by no more.
@@ -107,19 +110,19 @@ class Search:
                 return None
             self._try(iter([near]), statement)
         self._try(guesses, statement)
-        found = self._best(mode)
+        found = self._best()
         if found is None and self.unstable and self.task.best_margin:
-            found = self._without_margin(mode)
+            found = self._without_margin()
         return found
 
-    def _without_margin(self, mode: Mode) -> SearchResult | None:
+    def _without_margin(self) -> SearchResult | None:
         """Return the best optimum that is stable at all, where its margin cannot be had."""
         stated = self.task.statement.but(margin=0.0)
         self.task, self._margin = replace(self.task, statement=stated, best_margin=False), 0.0
         known, self.met, self.unstable = [*self.met, *self.unstable], [], []
         for statement, solution in known:
             self._sort(statement.but(margin=0.0), solution)
-        return self._best(mode)
+        return self._best()
 
     def guesses(self) -> Iterator[Array]:
         """Yield initial guesses, tensions (n_tendons,) [N], as many as are tried at most."""
@@ -137,7 +140,7 @@ class Search:
 
     def solve(self, statement: Statement, T: Array) -> Solution:
         """Return what tensions (n_tendons,) [N] lead to."""
-        problem, p = self.task.problem(statement), self.task.parameters(statement)
+        problem, p = self.task.problem(statement), self.task.parameters(statement, SEARCHED)
         x = problem.guess(T, self.task.allowed, p)
         solution = solve(problem, x, p, self.task.bounds(statement))
         check_time()
@@ -208,20 +211,20 @@ class Search:
                 return self.task.tensions(best)
         return None
 
-    def _best(self, mode: Mode) -> SearchResult | None:
+    def _best(self) -> SearchResult | None:
         """Return the best optimum that is stable, and not lost on a finer mesh."""
+        lost = None
         for statement, solution in sorted(self.met, key=_objective):
-            if self.unstable:
-                held = self._held(mode, solution.f)
-                if held is not None:
-                    return self._result(held)
-            fine = refine(self.task, statement, solution)
+            fine = self._held(solution.f) if self.unstable else None
+            fine = fine or refine(self.task, statement, solution)
             if fine is not None:
-                return self._result(fine)
-        held = self._held(mode, np.inf)
+                cheaper = 1 - float(np.sqrt((lost or fine.solution.f) / fine.solution.f))
+                return replace(self._result(fine), lost=cheaper if cheaper > _BLURRED else 0.0)
+            lost = lost or solution.f
+        held = self._held(np.inf)
         return None if held is None else self._result(held)
 
-    def _held(self, mode: Mode, limit: float) -> Refined | None:
+    def _held(self, limit: float) -> Refined | None:
         """Return an optimum that is stable, next to one that is not and costs less than a limit."""
         different = {float(f"{s.f:.3g}"): (st, s) for st, s in self.unstable if s.f < limit}
         for _, (before, solution) in sorted(different.items())[:_HELD]:
@@ -240,7 +243,7 @@ class Search:
         """Return the optimum held to a floor of stability from one that is not, if there is one."""
         task = self.task.held(floor)
         statement = before.but(modes=1, floor=floor)
-        problem, p = task.problem(statement), task.parameters(statement)
+        problem, p = task.problem(statement), task.parameters(statement, SEARCHED)
         known = self.task.problem(before)
         try:
             x = problem.carried(solution.x, known, task.allowed, p)
@@ -254,7 +257,7 @@ class Search:
         """Return the best that was seen: of optima that of least effort, else what came last."""
         best = min(self.met, key=_objective, default=self._last)
         if best is None:
-            T = next(self.guesses())
+            *_, T = islice(self.guesses(), 2)
             statement = self.task.coarse("nearest")
             return SearchResult(statement, self.task.arm.by_section(T), (), (), (), stopped)
         statement, solution = best

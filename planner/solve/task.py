@@ -12,7 +12,7 @@ from model.effects import Extension
 from model.paths import Array
 from model.scene import Scene
 from planner.program.limits import Limits
-from planner.program.problem import Bounds, Problem, build, units
+from planner.program.problem import REGULARISATION, Bounds, Problem, build, units
 from planner.program.statement import Mode, Statement
 from planner.solve.ipopt import Solution
 from planner.targets.base import Target
@@ -92,9 +92,9 @@ class Task:
         """
         return self.statement.but(mode=mode, refinement=1 if self.scene.has(Extension) else 2)
 
-    def parameters(self, statement: Statement) -> Array:
-        """Return the parameters of the program by a statement."""
-        return self.problem(statement).parameters(self.targets, self.allowed)
+    def parameters(self, statement: Statement, weight: float = REGULARISATION) -> Array:
+        """Return the parameters of the program by a statement, with a weight of effort."""
+        return self.problem(statement).parameters(self.targets, self.allowed, weight)
 
     def bounds(self, statement: Statement) -> Bounds:
         """Return the bounds of the program by a statement."""

@@ -96,7 +96,7 @@ def test_scene_files_have_them_in_millimetres() -> None:
         ("stroke_min", "0 or a number below", {"stroke_min": 0.01}),
         ("stroke_min", "0 or a number below", {"stroke_min": np.nan}),
         ("stroke_min", "12 numbers", {"stroke_min": [-0.01] * 3}),
-        ("stroke_max", "as printed", {"stroke_max": 0.01, "scene": Scene.as_printed()}),
+        ("scene", "settle", {"stroke_max": 0.01, "scene": Scene.as_printed()}),
     ],
 )
 def test_what_is_no_limit_is_refused(field: str, allowed: str, limits: dict[str, Any]) -> None:

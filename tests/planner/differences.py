@@ -10,7 +10,6 @@ import numpy as np
 
 from planner.program.problem import Problem
 from planner.program.program import Program
-from planner.program.reduced import Reduced
 from tests.differences import Array, check_rows, fourth_order
 
 
@@ -26,7 +25,7 @@ class First(NamedTuple):
 class Twice(NamedTuple):
     """A program as numbers: point -> values and first derivatives; point, sigma, lam -> Hessian."""
 
-    first: Callable[[Array], First | Reduced]
+    first: Callable[[Array], First]
     second: Callable[[Array, float, Array], Array]
 
 
@@ -47,12 +46,6 @@ def all_of(of: Program, x: Array, p: Array) -> First:
     f, gradient, g, J = of.first(x, p)
     g = np.concatenate([g[0], of.equilibrium(x, p)])
     return First(float(f[0, 0]), gradient[0], g, np.vstack([J.T, of.inner(x, p).toarray()]))
-
-
-def condensed(problem: Problem, p: Array) -> Twice:
-    """The same with the states eliminated."""
-    of = problem.condensed
-    return Twice(lambda a: of.first(a, p), lambda a, sigma, lam: of.second(a, p, sigma, lam))
 
 
 def dense(A: Any) -> Array:

@@ -76,7 +76,7 @@ def check_derivatives(arm: Arm, scene: Scene, mode: Any, modes: int = 0) -> None
     through = Backbone(((0.1, 0.05, 0.0), (0.15, 0.1, 0.02)), tuple(s))
     targets = (TipPosition((0.2, 0.05, 0.01)), through)
     limits = Limits.of(arm, 20.0)
-    statement = Statement(mode=mode, scheme="gauss6", refinement=1, modes=modes)
+    statement = Statement(mode=mode, refinement=1, modes=modes)
     problem = build(arm, targets, scene, statement)
     of, sigma, rng = problem.program, 0.7, np.random.default_rng(5)
     stated = of.symbols
@@ -87,7 +87,7 @@ def check_derivatives(arm: Arm, scene: Scene, mode: Any, modes: int = 0) -> None
         "second", [x, p, stated.sigma, stated.lam], [ca.hessian(lagrangian, x)[0]]
     )
     at = problem.parameters(targets, limits)
-    here = problem.unknowns(rng.uniform(0, 0.3, arm.n_tendons), limits, at)
+    here = problem.guess(rng.uniform(0, 0.3, arm.n_tendons), limits, at)
     here = here + 1e-2 * rng.normal(size=here.size)
     for one, other in zip(all_of(of, here, at), theirs(here, at), strict=True):
         other = dense(other)

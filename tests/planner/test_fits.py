@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+from itertools import takewhile
+
 import numpy as np
 import pytest
 
-from model import Arm, Scene, settle
-from model.effects import ExactTendons, Extension
-from planner import Limits, Statement, plan
+from model import Arm, OctoplanError, Scene, settle
+from planner import Limits
 from planner.initial_guess.bend_coordinates import bend_coordinates
-from planner.initial_guess.fitting import COUNT, FittedGuesses, fitted_guesses
+from planner.initial_guess.fitting import fitted
 from planner.initial_guess.least_squares import least_squares
-from planner.solve.task import Task
-from planner.targets import Target, TipPose, TipPosition
-from tests.planner.cases import PAPER, Array, barrel_arm
+from planner.targets import TipPose
+from tests.planner.cases import PAPER, Array
 
 ARM = Arm.from_paper("table-4")
 MOST = 10.0
@@ -24,43 +24,27 @@ def posed(arm: Arm, scene: Scene, T: Array) -> TipPose:
     return TipPose(tuple(shape.tip.tolist()), tuple(tuple(row) for row in shape.tip_frame.tolist()))
 
 
-def fitted(arm: Arm, scene: Scene, target: Target) -> FittedGuesses:
-    task = Task(arm, (target,), scene, Limits.of(arm, MOST), Statement(), 1e-6)
-    return fitted_guesses(task.problem(task.coarse("exact")), (target,), task.limits, COUNT)
+def off(T: Array, scene: Scene, target: TipPose) -> float:
+    try:
+        return float(np.linalg.norm(settle(ARM, T, scene, 1e-4).tip - target.position))
+    except OctoplanError:
+        return np.inf
 
 
-@pytest.mark.quick("scene0")
-@pytest.mark.parametrize("scene", [PAPER, Scene.silicone(), Scene(Extension(), ExactTendons())])
+@pytest.mark.parametrize("scene", [PAPER, Scene()], ids=["paper", "bare"])
 def test_fits_meet_a_pose_cheapest_first_in_ways_that_differ(scene: Scene) -> None:
     T = np.array([[0.0, 0.0, 0.18, 0.05], [0.0, 0.9, 0.0, 0.0], [2.0, 0.0, 0.0, 1.0]])
     target = posed(ARM, scene, T)
-    found = fitted(ARM, scene, target).likely
+    every = fitted(ARM, scene, (target,), Limits.of(ARM, MOST), False)
+    found = list(takewhile(lambda one: off(one, scene, target) < 0.03 * ARM.length, every))
     assert found
     efforts = [float(np.linalg.norm(one)) for one in found]
     assert efforts == sorted(efforts)
     assert efforts[0] <= np.linalg.norm(T) * 1.02
     for one in found:
         assert np.all((one >= 0) & (one <= MOST))
-        tip = settle(ARM, one, scene, 1e-4).tip
-        assert np.linalg.norm(tip - target.position) < 0.03 * ARM.length
     for i, one in enumerate(found):
         assert all(np.abs(one - other).max() > 0.01 for other in found[:i])
-
-
-@pytest.mark.slow
-def test_where_there_are_more_bends_than_numbers_to_meet_no_fit_is_likelier() -> None:
-    arm = barrel_arm()
-    target = posed(arm, PAPER, np.random.default_rng(5).uniform(0, 1.0, arm.n_tendons))
-    found, again = (fitted(arm, PAPER, target) for _ in range(2))
-    assert found.likely == []
-    assert np.array_equal(np.array(found.others), np.array(again.others))
-    tip = settle(arm, found.others[0], PAPER, 1e-4).tip
-    assert np.linalg.norm(tip - target.position) < 0.03 * arm.length
-    assert plan(arm, target, PAPER, MOST).reached
-
-
-def test_nothing_fits_a_point_out_of_reach() -> None:
-    assert fitted(ARM, PAPER, TipPosition((2 * ARM.length, 0.0, 0.0))).likely == []
 
 
 def test_a_squeeze_pulls_all_tendons_of_a_section_alike_and_bends_nothing() -> None:

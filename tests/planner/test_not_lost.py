@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,13 +10,10 @@ import pytest
 from model import Arm, Scene, settle
 from model.effects import Buoyancy, ExactTendons, Extension, TipLoad, Weight
 from model.equilibrium.forward import Collocation
-from model.errors import UnsettledSectionError
 from planner import Limits, Plan, Statement, load_plan, plan
-from planner.program.problem import Problem
-from planner.program.statement import Mode
-from planner.solve import refine
+from planner.solve import search
 from planner.solve.ipopt import Solution
-from planner.solve.multistart import Multistart
+from planner.solve.refine import Refined, refine
 from planner.solve.task import Task
 from planner.targets import TipPose, TipPosition
 from tests.planner.cases import PAPER, Array
@@ -160,7 +156,7 @@ def test_the_mesh_of_the_search_tells_shapes_apart(scene: Scene) -> None:
     target = TipPose((0.3, 0.1, 0.1), tuple(map(tuple, np.eye(3))))
     task = Task(ARM, (target,), scene, Limits.of(ARM, 20.0), Statement(), 1e-6)
     coarse = task.coarse("exact")
-    forward = Collocation(ARM, scene, coarse.stages, coarse.refinement, (), False)
+    forward = Collocation(ARM, scene, 3, coarse.refinement, (), False)
     rng = np.random.default_rng(0)
     for _ in range(20):
         T = drawn(rng, ARM, scene)
@@ -179,15 +175,13 @@ def test_a_cheaper_optimum_that_is_lost_on_finer_meshes_is_told(
     T = T * (np.random.default_rng(1).random((3, 4)) < 0.4)
     target = TipPosition(tuple(settle(ARM, T, PAPER).tip))
     best = plan(ARM, target, PAPER, 20.0)
-    own = refine.refine
 
-    def losing(task: Task, coarse: Solution, mode: Mode) -> refine.Fine:
-        fine = own(task, coarse, mode)
+    def losing(task: Task, statement: Statement, coarse: Solution) -> Refined | None:
         same = abs(coarse.f / min(s.objective for s in best.starts) - 1) < 1e-3
-        return replace(fine, worst=1.0) if same else fine
+        return None if same else refine(task, statement, coarse)
 
-    monkeypatch.setattr(refine, "refine", losing)
-    found = plan(ARM, target, PAPER, 20.0)
+    monkeypatch.setattr(search, "refine", losing)
+    found = plan(ARM, target, PAPER, 20.0, starts=8)
     assert found.reached
     assert found.lost == pytest.approx(1 - best.effort / found.effort, rel=0.02)
     assert "cheaper on the coarse mesh was lost" in found.outcome
@@ -204,36 +198,6 @@ def test_where_the_coarse_mesh_misleads_the_search_goes_on_on_a_finer_one() -> N
     T *= np.random.default_rng(57).random((3, 4)) < 0.4
     scene = Scene(Extension(), ExactTendons())
     assert planned("pose", scene, T, starts=30).effort < 1.7
-
-
-@pytest.mark.parametrize("scene", [Scene(), Scene(ExactTendons())], ids=["bare", "exact"])
-def test_what_is_lost_on_a_mesh_no_finer_than_the_coarse_one_is_told(
-    scene: Scene, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """It ended in an IndexError: there were no meshes in between."""
-    T = np.array([0, 0, 0.2, 0, 0, 0.4, 0, 0, 0, 0, 1.0, 0])
-    target = (TipPosition(tuple(settle(ARM, T, scene).tip)),)
-    task = Task(ARM, target, scene, Limits.of(ARM, 20.0), Statement(), 0.1)
-    found = Multistart(task).solve(task.coarse("exact"), T)
-    monkeypatch.setattr(refine, "_finish", lambda _, s, solution, near: refine.Fine(s, solution, 1))
-    assert not refine.refine(task, found, "exact").optimal
-
-
-def test_what_does_not_settle_on_a_finer_mesh_is_no_optimum(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """It ended in an error about a cross-section."""
-
-    def lost(*_: object) -> Array:
-        raise UnsettledSectionError(0.1)
-
-    T = np.array([0, 0, 0.2, 0, 0, 0.4, 0, 0, 0, 0, 1.0, 0])
-    target = (TipPosition(tuple(settle(ARM, T, Scene()).tip)),)
-    task = Task(ARM, target, Scene(), Limits.of(ARM, 20.0), Statement(), 1e-6)
-    found = Multistart(task).solve(task.coarse("exact"), T)
-    monkeypatch.setattr(refine, "newton", lambda _, guess, *__: guess)
-    monkeypatch.setattr(Problem, "unknowns", lost)
-    assert not refine.refine(task, found, "exact").optimal
 
 
 @pytest.mark.slow

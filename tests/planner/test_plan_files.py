@@ -71,7 +71,6 @@ CURVED = replace(
 SCENES = (
     Scene(),
     Scene.silicone(),
-    Scene.as_printed(),
     Scene(
         Extension(),
         ExactTendons(),

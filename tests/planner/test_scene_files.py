@@ -173,7 +173,7 @@ def test_presets_effects_and_targets_are_all_there() -> None:
 
 def test_limits_and_what_is_asked_of_stiffness_are_read() -> None:
     text = (
-        "norm = 1\nform = 'multiple-shooting'\naccuracy = 1e-4\ncompile = 'auto'\n"
+        "norm = 1\nsolver = 'ipopt'\naccuracy = 1e-4\ncompile = 'auto'\n"
         "tensions = [1,2,3,4,5,6,7,8,9,1,2,3]\n"
         + TABLE_2
         + "[limits]\ntension_max = [[1, 2, 3, 4], [5, 6, 7, 8], [9, 10, 11, 12]]\n"
@@ -186,7 +186,7 @@ def test_limits_and_what_is_asked_of_stiffness_are_read() -> None:
     assert question.tensions == [1, 2, 3, 4, 5, 6, 7, 8, 9, 1, 2, 3]
     assert question.options == {
         "norm": "1",
-        "form": "multiple-shooting",
+        "solver": "ipopt",
         "stability_margin": 0.0,
         "tension_max": [[1, 2, 3, 4], [5, 6, 7, 8], [9, 10, 11, 12]],
         "tension_min": 0.5,

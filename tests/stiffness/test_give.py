@@ -12,7 +12,7 @@ from model.effects import Current, Effect, Extension, Friction, Shear, TipLoad
 from planner import Limits, Statement, build, stiffness
 from planner.program.problem import Problem
 from planner.targets import MinimumStiffness, Softest, Stiffest, Target, TipPosition
-from tests.planner.differences import check_derivatives, condensed, whole
+from tests.planner.differences import check_derivatives, whole
 from tests.stiffness.cases import IN_WATER, STATICS, Array, pulling, with_effects
 
 ARM, T = Arm.from_paper("table-4"), pulling("table-4", 3)
@@ -51,10 +51,10 @@ PROGRAMS: dict[str, Case] = {
 def stated(arm: Arm, effects: tuple[Effect, ...], target: Target) -> tuple[Problem, Array, Array]:
     """A small problem with a stiffness, its parameters, and its unknowns at settled tensions."""
     targets, limits = (TipPosition((0.2, 0.05, 0.01)), target), Limits.of(arm, 20.0)
-    statement = Statement(scheme="gauss6", refinement=1)
+    statement = Statement(refinement=1)
     problem = build(arm, targets, Scene(*effects), statement)
     p, rng = problem.parameters(targets, limits), np.random.default_rng(5)
-    return problem, p, problem.unknowns(rng.uniform(0.05, 0.3, arm.n_tendons), limits, p)
+    return problem, p, problem.guess(rng.uniform(0.05, 0.3, arm.n_tendons), limits, p)
 
 
 @pytest.mark.quick("no load", "payload", "in water, a matrix", "in water, locked")
@@ -65,15 +65,6 @@ def test_derivatives_of_a_program_with_a_stiffness_are_differences_of_it(
     problem, p, x = stated(arm, effects, target)
     off = 1e-3 * np.random.default_rng(6).normal(size=x.size)
     check_derivatives(whole(problem, p), x + off, 1e-4)
-
-
-@pytest.mark.quick("no load", "in water, locked", "silicone in water")
-@pytest.mark.parametrize(("arm", "effects", "target"), PROGRAMS.values(), ids=PROGRAMS)
-def test_so_are_those_by_tensions_alone(
-    arm: Arm, effects: tuple[Effect, ...], target: Target
-) -> None:
-    problem, p, x = stated(arm, effects, target)
-    check_derivatives(condensed(problem, p), x[: problem.n_free], 1e-4)
 
 
 SEEN = {
@@ -94,12 +85,12 @@ def test_what_a_program_sees_is_what_stiffness_says(name: str, hold: Any) -> Non
     k = stiffness(ARM, T, scene, hold, accuracy=1e-9, tendon_EA=EA_held)
     d = np.array(ALONG) / np.linalg.norm(ALONG)
     wanted = float(1 / (d @ k.compliance[:3, :3] @ d))
-    limits, statement = Limits.of(ARM, 20.0), Statement(scheme="gauss6", refinement=8)
+    limits, statement = Limits.of(ARM, 20.0), Statement(refinement=8)
     for share in (1.0, 0.8):
         targets = (MinimumStiffness(ALONG, share * wanted, hold, EA_held),)
         problem = build(ARM, targets, scene, statement)
         p = problem.parameters(targets, limits)
-        g = problem.constraints(problem.unknowns(T, limits, p), p)
+        g = problem.constraints(problem.settled(T, limits, p), p)
         assert problem.rows[1].name == "inequality" and problem.rows[0].size == 0
         assert g[0] == pytest.approx(-np.log(share), abs=1e-7)
 
@@ -110,12 +101,12 @@ def test_a_program_sees_all_directions_of_a_matrix(hold: Any) -> None:
     scene, EA_held = with_effects(STATICS["paper"], *IN_WATER), EA if hold == "length" else None
     k = stiffness(ARM, T, scene, hold, accuracy=1e-9, tendon_EA=EA_held)
     target = MinimumStiffness(MATRIX, 0.5, hold, EA_held)
-    statement, limits = Statement(scheme="gauss6", refinement=8), Limits.of(ARM, 20.0)
+    statement, limits = Statement(refinement=8), Limits.of(ARM, 20.0)
     problem = build(ARM, (target,), scene, statement)
     p = problem.parameters((target,), limits)
     values, vectors = np.linalg.eigh(np.array(MATRIX))
     root = vectors @ np.diag(np.sqrt(0.5 * values)) @ vectors.T
     spare = np.eye(3) - root @ k.compliance[:3, :3] @ root
     wanted = [*np.diag(spare), np.linalg.det(spare)]
-    found = problem.constraints(problem.unknowns(T, limits, p), p)[:7][[0, 1, 2, 6]]
+    found = problem.constraints(problem.settled(T, limits, p), p)[:7][[0, 1, 2, 6]]
     assert found == pytest.approx(wanted, rel=1e-6)

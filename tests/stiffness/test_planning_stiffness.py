@@ -139,7 +139,7 @@ def test_stiffness_is_not_planned_without_limits() -> None:
 def test_stiffness_is_not_planned_as_printed() -> None:
     with pytest.raises(InputError, match="as printed") as caught:
         plan(ARM, [PLACE, Stiffest(ALONG)], Scene.as_printed(), MOST)
-    assert caught.value.field == "target"
+    assert caught.value.field == "scene"
 
 
 BAD: list[tuple[Any, str]] = [
