@@ -126,7 +126,6 @@ def question_of(raw: dict[str, Any], name: str = "scene") -> Question:
         within("tensions", lambda given: arm.flat(given), table.tensions)
     targets = _targets(within, arm, table)
     options: dict[str, Any] = {"norm": str(table.norm), "solver": table.solver}
-    options |= {"form": table.form} if table.form else {}
     options["stability_margin"] = table.stability_margin
     ways = _stated(within, arm, [(f"waypoints[{i}]", w) for i, w in enumerate(table.waypoints)])
     options |= _surroundings(within, arm, (*targets, *ways), table, Path(name).parent)

@@ -18,6 +18,7 @@ accuracy = 1e-6                 # tip error over arm length, from 1e-12 to 0.1
 # stability_margin = 0.05       # under loads: the least stability of a plan, 1 at rest, 0 to stand
 # clearance_mm = 2.0            # from obstacles; see below
 # self_clearance = true         # as far from the arm itself and from behind its base plane
+# form = "condensed"            # deprecated, has no effect
 # solver = "ipopt"              # what solves the program: "auto", "ipopt" or "fatrop"
 tensions = [                    # N, a row a section, tip first: for settle, stiffness, effects
   [0.0, 0.0, 0.5, 0.0],

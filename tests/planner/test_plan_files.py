@@ -204,10 +204,9 @@ BROKEN: dict[str, tuple[Any, str]] = {
         "answer.tensions[3]: got 'much'",
     ),
     "limits crossed": (lambda t: _with(t, 30.0, "question", "limits", "lower", 1), "T_12"),
-    "no such scheme": (lambda t: _with(t, "euler", "answer", "statement", "scheme"), "scheme"),
-    "no such form": (
-        lambda t: _with(t, "direct", "answer", "statement", "form"),
-        "answer.statement.form: got 'direct'",
+    "no such solver": (
+        lambda t: _with(t, "snopt", "answer", "statement", "solver"),
+        "answer.statement.solver: got 'snopt'",
     ),
     "no mesh": (lambda t: _with(t, 0, "answer", "statement", "refinement"), "refinement: got 0"),
     "no accuracy": (lambda t: _with(t, 0.0, "question", "accuracy"), "question.accuracy"),

@@ -187,7 +187,7 @@ def test_limits_and_what_is_asked_of_stiffness_are_read() -> None:
     assert question.options == {
         "norm": "1",
         "solver": "ipopt",
-        "stability_margin": 0.0,
+        "stability_margin": None,
         "tension_max": [[1, 2, 3, 4], [5, 6, 7, 8], [9, 10, 11, 12]],
         "tension_min": 0.5,
         "total_pull": 30,
