@@ -11,7 +11,7 @@ and dense ones. Timing itself counts as Python.
 
 Command: python -m studies.floors [--steps 100] [--scenes paper silicone-in-water] [--seed 0]
 
-@ANSWER@
+Answer: see the table that it prints.
 """
 
 from __future__ import annotations

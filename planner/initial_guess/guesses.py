@@ -22,6 +22,8 @@ from planner.targets.base import Target
 
 # Arms that are drawn, and by what part of their tensions those that are taken differ at least.
 _DRAWN, _DIFFERENT = 400, 0.5
+# How many times what bends it without loads an arm may take with them.
+_STRONGER = 3.0
 # How much all tendons pull in the straight arm, of a unit of tension: a little inside the limits.
 _INSIDE = 0.005
 
@@ -32,12 +34,13 @@ def initial_guesses(
     targets: tuple[Target, ...],
     limits: Limits,
     machine_code: bool,
+    loaded: bool = False,
 ) -> Iterator[Array]:
     """Yield tensions (n_tendons,) [N] within limits: fitted ones, the straight arm's, drawn ones.
 
     Fitted ones come by effort. Drawn ones are looked at on the coarsest mesh, in a scene without
     loads, and come by how near they are to what the targets want; those that hardly differ from one
-    before are left out.
+    before are left out. Of an arm that is `loaded` each comes again with more pull.
     """
     unit = units(arm, limits)
     low, high = np.array(limits.lower), np.array(limits.upper)
@@ -58,6 +61,8 @@ def initial_guesses(
         if np.all(apart > _DIFFERENT * np.linalg.norm(T / unit)):
             taken = np.vstack([taken, T])
             yield T
+            if loaded:
+                yield np.clip(_STRONGER * T, low, high)
 
 
 def is_point(arm: Arm, targets: tuple[Target, ...]) -> bool:

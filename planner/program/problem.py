@@ -11,7 +11,7 @@ from scipy.sparse.linalg import splu
 from model.arm import Arm
 from model.equilibrium.forward import STAGES, Collocation, Known
 from model.equilibrium.linearised import Linearised
-from model.equilibrium.load_stepping import at_once
+from model.equilibrium.newton import newton
 from model.equilibrium.stability import least_eigenvalue, least_modes, stability, stands
 from model.errors import OctoplanError
 from model.loads import is_loaded
@@ -164,7 +164,7 @@ class Problem:
         states = unloaded
         if is_loaded(self.scene):
             try:
-                here = at_once(system, tensions, unloaded)
+                here = newton(system, tensions, 1.0, unloaded)
                 states = unloaded if here is None else here.states
             except (OctoplanError, np.linalg.LinAlgError):
                 pass

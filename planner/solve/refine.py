@@ -101,7 +101,7 @@ def polish(problem: Problem, solution: Solution, p: Array, bounds: Bounds) -> So
 
     An interior-point method stops a little inside of them. Those whose multipliers exceed their
     distance are fixed there, and the program is solved once more, warm; multipliers of the wrong
-    sign tell which are let go again.
+    sign tell which are let go again. All are where too few are left to meet the targets.
     """
     n = problem.arm.n_tendons
     lbx, ubx, lbg, ubg = bounds
@@ -115,7 +115,10 @@ def polish(problem: Problem, solution: Solution, p: Array, bounds: Bounds) -> So
         guess = np.clip(solution.x, low, high)
         found = solve(problem, guess, p, (low, high, lbg, ubg), (solution.lam_x, solution.lam_g))
         if not (found.met and found.finite):
-            return found
+            if not (at_low | at_high).any():
+                return solve(problem, solution.x, p, bounds) if found.finite else found
+            at_low[:] = at_high[:] = False
+            continue
         held = at_low | at_high | even
         _, slope = multipliers(problem, found.x, p, found.lam_g[: problem.n_outer])
         lam_x = found.lam_x.copy()

@@ -16,6 +16,7 @@ from itertools import islice
 
 import numpy as np
 
+from model.loads import is_loaded
 from model.paths import Array
 from model.progress import tell
 from model.time_limit import OutOfTime, check_time, time_limit
@@ -27,7 +28,8 @@ from planner.solve.refine import Refined, refine
 from planner.solve.search_result import SearchResult, Trial, agreed
 from planner.solve.task import Task
 
-# Guesses that have to agree, and where efforts squared differ by more than this, one more.
+# Guesses that have to agree; one more where efforts squared differ by more than this, and one more
+# where as many guesses lead nowhere.
 _AGREED, _SPREAD = 2, 1.5
 # Of guesses that come by effort, so many that lead to dearer optima are enough, too.
 _DEARER = 3
@@ -128,7 +130,7 @@ class Search:
         """Yield initial guesses, tensions (n_tendons,) [N], as many as are tried at most."""
         task, simple = self.task, self.task.simple
         asked = (task.arm, simple.scene, task.targets, task.allowed, task.machine_code)
-        return islice(initial_guesses(*asked), task.most)
+        return islice(initial_guesses(*asked, is_loaded(task.scene)), task.most)
 
     def _try(self, guesses: Iterator[Array], statement: Statement) -> None:
         """Solve from guesses until enough of them agree."""
@@ -192,7 +194,8 @@ class Search:
         efforts = [trial.objective for trial in self.trials if trial.met]
         if not self._by_effort:
             wide = bool(efforts) and max(efforts) > _SPREAD * min(efforts)
-            return agreed(self.trials) >= _AGREED + wide
+            hard = len(self.trials) >= 2 * len(efforts)
+            return agreed(self.trials) >= _AGREED + wide + hard
         since = len(efforts) - 1 - int(np.argmin(efforts)) if efforts else 0
         return agreed(self.trials) >= _AGREED or since >= _DEARER
 

@@ -188,6 +188,6 @@ def test_the_solver_speaks_on_stderr_if_asked_and_stdout_is_json(
     captured = capsys.readouterr()
     assert json.loads(captured.out)["certified"]
     assert "planner.solve.ipopt: met after" in captured.err
-    assert "model.settle: magnus6, mesh" in captured.err
+    assert "model.progress: verifying" in captured.err
     assert main(["plan", BENDING, "--json"]) == 0
     assert capsys.readouterr().err == ""

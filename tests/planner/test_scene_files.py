@@ -188,6 +188,7 @@ def test_limits_and_what_is_asked_of_stiffness_are_read() -> None:
         "norm": "1",
         "solver": "ipopt",
         "stability_margin": None,
+        "stroke_zero": "straight",
         "tension_max": [[1, 2, 3, 4], [5, 6, 7, 8], [9, 10, 11, 12]],
         "tension_min": 0.5,
         "total_pull": 30,
