@@ -37,8 +37,7 @@ def run(args: argparse.Namespace) -> Answer:
     wanted = asked.accuracy if args.accuracy is None else args.accuracy
     options = asked.options | {"accuracy": wanted, "compile": args.compile or asked.compile}
     handle = handle_of(asked.arm, asked.targets)
-    session = Session(asked.arm, asked.scene, asked.targets[0], options)
-    page = Page(session, handle, args.host, args.port)
+    page = Page(Session(asked.arm, asked.scene, handle, options), args.host, args.port)
     sys.stderr.write(f"octoplan: http://{args.host}:{args.port} (ends with the last browser)\n")
     page.wait()
     page.end()

@@ -1,53 +1,208 @@
-"""What a page shows of a plan, by viser: arm and tendons, ellipsoid, tensions as bars."""
+"""What a page shows, by viser: the arm on its base, its tendons, and where there is what."""
 
 from __future__ import annotations
 
-import html
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from model.arm import Arm
 from model.obstacles import Obstacle
 from model.paths import Array
-from model.rotations import from_matrix
+from model.rotations import from_matrix, matrices
 from model.shape import Shape
-from planner.live.tube import picture, tension_colour
+from model.stations import tendon_offset
+from planner.bodies.surface import surface
 from planner.plan import Plan
 
-_BODY, _ELLIPSOID, _OBSTACLE = (178, 196, 214), (90, 160, 90), (181, 101, 29)
+Colour = tuple[int, int, int]
+
+_ALONG, _AROUND = 61, 24
+# Of a slack tendon, of one at the least, and of one at the most tension, red green blue.
+SLACK, LOW, HIGH = (128, 134, 145), (240, 150, 20), (200, 0, 60)
+_BODY, _ELLIPSOID, _OBSTACLE, _BASE = (70, 130, 195), (90, 160, 90), (190, 105, 30), (70, 78, 90)
 # The width of a tendon, and the ellipsoid's longest half axis, over the arm's length.
-_THICK, _SEEN = 4e-3, 0.15
+_THICK, _LARGEST = 7e-3, 0.15
+# The base plate over the arm's radius there, and its thickness over the arm's length.
+_PLATE, _PLATE_THICK = 2.4, 0.02
+# How far below the base the floor is, and how wide, in arm lengths; lines of the grid [m].
+_FLOOR, _WIDE, _LINE = 0.6, 1.6, 0.05
+# How far from the arm the names of its tendons are, in arm lengths.
+_ASIDE = 0.045
 # Where the camera is from the arm's middle, in arm lengths.
-_VIEW = np.array([0.2, -1.0, 0.45])
+_VIEW = np.array([0.45, -0.95, 0.42])
+
+
+@dataclass(frozen=True)
+class Colours:
+    """Colours of the page: the background from top to bottom, the floor's lines."""
+
+    top: Colour
+    bottom: Colour
+    line: Colour
+    coarse: Colour
+
+
+LIGHT = Colours((203, 216, 230), (238, 242, 246), (176, 188, 202), (120, 134, 152))
+DARK = Colours((22, 27, 36), (48, 56, 68), (70, 80, 95), (120, 132, 150))
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """What is drawn of a shape.
+
+    Attributes
+    ----------
+    vertices : (V, 3)
+        Of the body's surface [m]; `faces` (F, 3) tells which three make each triangle.
+    tendons : (P, 2, 3)
+        Pieces of the tendons from point to point [m].
+    colours : (P, 2, 3)
+        Of their ends, by tension.
+    ends : (n_tendons, 3)
+        Where tendons end [m].
+    aside : (n_tendons, 3)
+        Directions from the midline to there.
+    """
+
+    vertices: Array
+    faces: NDArray[np.int64]
+    tendons: Array
+    colours: NDArray[np.uint8]
+    ends: Array
+    aside: Array
+
+
+def picture(shape: Shape, most: Array) -> Picture:
+    """Return the picture of a shape; tendons at `most` (n_tendons,) [N] have the last colour."""
+    s = np.linspace(0.0, shape.arm.length, _ALONG)
+    poses = shape.poses(s)
+    places, frames = poses[:, 4:], matrices(poses[:, :4])
+    vertices, faces = surface(shape.arm, s, poses, _AROUND)
+    return Picture(vertices, faces, *_tendons(shape, s, places, frames, most))
+
+
+def tension_colour(tension: float, most: float) -> Colour:
+    """Return the colour of a tension between nothing and the most [N], by its square root."""
+    if tension <= 1e-6 * most:
+        return SLACK
+    share = min(tension / most, 1.0) ** 0.5
+    r, g, b = (round(a + share * (z - a)) for a, z in zip(LOW, HIGH, strict=True))
+    return r, g, b
+
+
+def _tendons(
+    shape: Shape, s: Array, places: Array, frames: Array, most: Array
+) -> tuple[Array, NDArray[np.uint8], Array, Array]:
+    """Return the pieces of the tendons along u + y d, eqs. (5), (6), their colours and ends."""
+    pieces, colours, aside = [], [], []
+    for j, (i, _) in enumerate(shape.arm.tendons):
+        inside = s <= shape.arm.sections[i].at
+        off = tendon_offset(shape.arm, j, s[inside])
+        path = places[inside] + np.einsum("nij,nj->ni", frames[inside][:, :, 1:], off)
+        pieces.append(np.stack([path[:-1], path[1:]], axis=1))
+        out = path[-1] - places[inside][-1]
+        aside.append(out / max(float(np.linalg.norm(out)), 1e-12))
+        colour = tension_colour(float(shape.tensions[j]), float(most[j]))
+        colours.append(np.broadcast_to(np.array(colour, np.uint8), pieces[-1].shape))
+    ends = np.array([own[-1, 1] for own in pieces])
+    return np.vstack(pieces), np.vstack(colours), ends, np.array(aside)
+
+
+def draw_surroundings(server: Any, arm: Arm, colours: Colours) -> None:
+    """Draw what stands still: the plate at the base, and a floor with its scale in mm."""
+    R = float(arm.radius.evaluate(np.zeros(1), arm.length)[0][0])
+    frame, base = np.array(arm.base_frame), np.array(arm.base_position)
+    phi = 2 * np.pi * np.arange(48) / 48
+    rim = _PLATE * R * np.stack([np.zeros(48), np.cos(phi), np.sin(phi)])
+    back = np.array([[-_PLATE_THICK * arm.length], [0.0], [0.0]])
+    rings = [base + (frame @ own).T for own in (rim + back, rim)]
+    vertices = np.vstack([*rings, base + frame @ back[:, 0], base])
+    k, after = np.arange(48), (np.arange(48) + 1) % 48
+    faces = [(k, after, k + 48), (after, after + 48, k + 48), (after, k, np.full(48, 96))]
+    faces += [(k + 48, after + 48, np.full(48, 97))]
+    corners = np.vstack([np.stack(own, axis=-1) for own in faces])
+    scene = server.scene
+    scene.add_mesh_simple("/base", vertices, corners, color=_BASE, side="double")
+    _draw_floor(scene, arm, colours)
+
+
+def _draw_floor(scene: Any, arm: Arm, colours: Colours) -> None:
+    """Draw a grid below the arm, with figures in mm along two of its edges."""
+    L, base = arm.length, np.array(arm.base_position)
+    coarse = 2 * _LINE * max(1, round(L / 0.5))
+    half = coarse * np.ceil(_WIDE * L / 2 / coarse)
+    ahead = base + 0.4 * L * np.array(arm.base_frame)[:, 0]
+    centre = np.round(ahead[:2] / coarse) * coarse
+    hanging = -float(np.array(arm.base_frame)[2, 0]) > 0.5
+    z = float(base[2] - (1.1 if hanging else _FLOOR) * L)
+    scene.add_grid(
+        "/floor",
+        2 * half,
+        2 * half,
+        cell_size=coarse / 2,
+        section_size=coarse,
+        cell_color=colours.line,
+        section_color=colours.coarse,
+        position=(*centre, z),
+        fade_distance=100 * L,
+    )
+    for axis, name in enumerate("xy"):
+        for k in np.arange(-half, half + coarse / 2, 2 * coarse):
+            place = centre.copy()
+            place[axis] += k
+            place[1 - axis] += half if axis == 0 else -half
+            told = f"{name} {1e3 * place[axis]:.0f} mm"
+            at = (*place.tolist(), z)
+            scene.add_label(f"/floor/{name}{k:.3f}", told, position=at, font_screen_scale=0.75)
+
+
+def background(colours: Colours) -> NDArray[np.uint8]:
+    """Return the background as an image (H, W, 3)."""
+    share = np.linspace(0.0, 1.0, 256)[:, None, None]
+    image = (1 - share) * np.array(colours.top) + share * np.array(colours.bottom)
+    return np.broadcast_to(image, (256, 8, 3)).astype(np.uint8)
 
 
 def set_camera(server: Any, arm: Arm) -> None:
     """Look at the arm from the side; z is up."""
-    middle = np.array(arm.base_position) + 0.5 * arm.length * np.array(arm.base_frame)[:, 0]
+    middle = np.array(arm.base_position) + 0.4 * arm.length * np.array(arm.base_frame)[:, 0]
     server.scene.set_up_direction("+z")
     server.initial_camera.position = tuple((middle + arm.length * _VIEW).tolist())
-    server.initial_camera.look_at = tuple(middle.tolist())
+    server.initial_camera.look_at = tuple((middle - [0.0, 0.0, 0.12 * arm.length]).tolist())
 
 
-def draw_arm(server: Any, shape: Shape, most: Array) -> None:
+def draw_arm(server: Any, shape: Shape, most: Array, labels: bool) -> None:
     """Draw an arm and its tendons; `most` (n_tendons,) are those of the last colour [N]."""
-    seen, scene = picture(shape, most), server.scene
+    seen, scene, arm = picture(shape, most), server.scene, shape.arm
     with server.atomic():
-        scene.add_mesh_simple("/body", seen.vertices, seen.faces, color=_BODY, opacity=0.3)
-        thickness = _THICK * shape.arm.length
+        scene.add_mesh_simple("/body", seen.vertices, seen.faces, color=_BODY, opacity=0.4)
+        thickness = _THICK * arm.length
         scene.add_line_segments("/tendons", seen.tendons, seen.colours, thickness=thickness)
+        places = seen.ends + _ASIDE * arm.length * seen.aside
+        for j, place in enumerate(places):
+            name, at = arm.tendon_name(j), tuple(place.tolist())
+            scene.add_label(
+                f"/labels/{name}",
+                name,
+                position=at,
+                visible=labels,
+                anchor="center-center",
+                font_screen_scale=0.7,
+            )
 
 
 def add_obstacle(server: Any, name: str, obstacle: Obstacle) -> Any:
     """Draw an obstacle; return what is drawn, to be hidden."""
     points, triangles = obstacle.outline
-    return server.scene.add_mesh_simple(name, points, triangles, color=_OBSTACLE, opacity=0.4)
+    return server.scene.add_mesh_simple(name, points, triangles, color=_OBSTACLE, opacity=0.6)
 
 
 def draw_ellipsoid(server: Any, p: Plan, axes: Array, directions: Array) -> None:
     """Draw the compliance ellipsoid at the tip: half axes (3,) and their directions (3, 3)."""
-    size = _SEEN * p.arm.length * np.maximum(axes / axes[0], 1e-3)
+    size = _LARGEST * p.arm.length * np.maximum(axes / axes[0], 1e-3)
     server.scene.add_icosphere(
         "/ellipsoid",
         1.0,
@@ -57,17 +212,3 @@ def draw_ellipsoid(server: Any, p: Plan, axes: Array, directions: Array) -> None
         position=p.shape.tip,
         opacity=0.4,
     )
-
-
-def bars(p: Plan, most: Array) -> str:
-    """Return the tensions as bars against their limits, as HTML."""
-    rows = []
-    for j, (T, limit) in enumerate(zip(np.ravel(p.tensions), most, strict=True)):
-        colour = "rgb" + str(tension_colour(float(T), float(limit)))
-        width = 100 * min(float(T / limit), 1.0)
-        rows.append(
-            f"<div>{html.escape(p.arm.tendon_name(j))} {T:.2f} N"
-            f"<div style='background:#ddd'><div style='background:{colour};height:5px;"
-            f"width:{width:.1f}%'></div></div></div>"
-        )
-    return f"<div style='font-size:11px;padding:0 1em'>{''.join(rows)}</div>"

@@ -11,6 +11,7 @@ from model.arm import Arm
 from model.errors import InputError
 from model.paths import Array
 from model.rotations import from_matrix, matrices
+from planner.live.follower import Goal
 from planner.targets import BendingPlane, TipPose, TipPosition
 from planner.targets.base import Target, toward
 
@@ -18,6 +19,26 @@ from planner.targets.base import Target, toward
 _LEAST = 0.02
 # Handles that are not turned stand along x, y, z.
 _UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
+_FREE = np.full((3, 3), np.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class Numbers:
+    """Numbers of a pose that are typed.
+
+    Attributes
+    ----------
+    label : str
+        What they are, with their unit.
+    read : function
+        Pose (7,) -> numbers (3,) or (2,).
+    write : function
+        Pose (7,), numbers -> pose (7,).
+    """
+
+    label: str
+    read: Callable[[Array], Array]
+    write: Callable[[Array, Array], Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,11 +53,23 @@ class Handle:
         Its pose where the target is: quaternion, position [m].
     target : function
         Pose (7,) -> the target it asks for.
+    goal : function
+        Pose (7,) -> where the arm is to be.
+    numbers : tuple of Numbers
     """
 
     turns: bool
     start: Array
     target: Callable[[Array], Target]
+    goal: Callable[[Array], Goal]
+    numbers: tuple[Numbers, ...]
+
+
+def _placed(pose: Array, millimetres: Array) -> Array:
+    return np.concatenate([pose[:4], 1e-3 * np.asarray(millimetres)])
+
+
+PLACE = Numbers("Target x, y, z [mm]", lambda pose: 1e3 * pose[4:], _placed)
 
 
 def on_the_way(here: Array, wanted: Array, most: float) -> Array:
@@ -56,18 +89,65 @@ def on_the_way(here: Array, wanted: Array, most: float) -> Array:
 
 def handle_of(arm: Arm, targets: tuple[Target, ...]) -> Handle:
     """Return the handle of a scene's target; InputError where it has none."""
-    wanted = targets[0] if len(targets) == 1 else None
+    wanted, L = targets[0] if len(targets) == 1 else None, arm.length
     if isinstance(wanted, TipPosition):
-        start = np.concatenate([_UPRIGHT, wanted.position])
-        return Handle(False, start, lambda pose: TipPosition(tuple(pose[4:].tolist())))
+        return Handle(
+            False,
+            np.concatenate([_UPRIGHT, wanted.position]),
+            lambda pose: TipPosition(tuple(pose[4:].tolist())),
+            lambda pose: Goal(L, pose[4:], _FREE),
+            (PLACE,),
+        )
     if isinstance(wanted, TipPose):
-        turned = from_matrix(np.array(wanted.frame))
-        return Handle(True, np.concatenate([turned, wanted.position]), _pose)
+        return Handle(
+            True,
+            np.concatenate([from_matrix(np.array(wanted.frame)), wanted.position]),
+            _pose,
+            lambda pose: Goal(L, pose[4:], matrices(pose[None, :4])[0]),
+            (PLACE, Numbers("Turned about x, y, z [deg]", _angles, _turned)),
+        )
     if isinstance(wanted, BendingPlane):
-        start = np.concatenate([_UPRIGHT, _end(arm, wanted)])
-        return Handle(False, start, lambda pose: _bend(arm, wanted.section, pose[4:]))
+        return _bending(arm, wanted)
     kinds = [type(target).__name__ for target in targets]
     raise InputError("target", kinds, "one TipPosition, TipPose or BendingPlane to drag")
+
+
+def _bending(arm: Arm, wanted: BendingPlane) -> Handle:
+    """Return the handle at the end of a tangent, an arm's length from the base."""
+    section = wanted.section
+
+    def target(pose: Array) -> BendingPlane:
+        frame = np.array(arm.base_frame)
+        along, n, b = (pose[4:] - np.array(arm.base_position)) @ frame
+        bend = float(np.arctan2(np.hypot(n, b), along))
+        return BendingPlane(float(np.arctan2(-n, b)), min(max(bend, _LEAST), np.pi), section)
+
+    def goal(pose: Array) -> Goal:
+        axes = _FREE.copy()
+        axes[:, 0] = _tangent(arm, target(pose))
+        return Goal(arm.sections[section - 1].at, None, axes)
+
+    def read(pose: Array) -> Array:
+        asked = target(pose)
+        return np.degrees([asked.angle, asked.bend])
+
+    def write(pose: Array, degrees: Array) -> Array:
+        angle, bend = np.radians(degrees)
+        asked = BendingPlane(float(angle), float(min(max(bend, _LEAST), np.pi)), section)
+        return np.concatenate([_UPRIGHT, _end(arm, asked)])
+
+    start = np.concatenate([_UPRIGHT, _end(arm, wanted)])
+    return Handle(False, start, target, goal, (Numbers("Plane, bend [deg]", read, write),))
+
+
+def _tangent(arm: Arm, wanted: BendingPlane) -> Array:
+    t = np.array(arm.base_frame)[:, 0]
+    return np.asarray(np.cos(wanted.bend) * t + np.sin(wanted.bend) * toward(arm, wanted.angle))
+
+
+def _end(arm: Arm, wanted: BendingPlane) -> Array:
+    """Return the end of the tip's tangent, an arm's length from the base: what bends is dragged."""
+    return np.asarray(np.array(arm.base_position) + arm.length * _tangent(arm, wanted))
 
 
 def _pose(pose: Array) -> TipPose:
@@ -75,15 +155,16 @@ def _pose(pose: Array) -> TipPose:
     return TipPose(tuple(pose[4:].tolist()), tuple(tuple(row) for row in frame.tolist()))
 
 
-def _end(arm: Arm, wanted: BendingPlane) -> Array:
-    """Return the end of the tip's tangent, an arm's length from the base: what bends is dragged."""
-    t = np.array(arm.base_frame)[:, 0]
-    direction = np.cos(wanted.bend) * t + np.sin(wanted.bend) * toward(arm, wanted.angle)
-    return np.asarray(np.array(arm.base_position) + arm.length * direction)
+def _angles(pose: Array) -> Array:
+    """Return the rotations [deg] about x, then y, then z of the fixed frame that turn to a pose."""
+    R = matrices(pose[None, :4])[0]
+    about = [R[2, 1], R[2, 2]], [-R[2, 0], np.hypot(R[2, 1], R[2, 2])], [R[1, 0], R[0, 0]]
+    return np.degrees([np.arctan2(*pair) for pair in about])
 
 
-def _bend(arm: Arm, section: int, place: Array) -> BendingPlane:
-    frame = np.array(arm.base_frame)
-    along, n, b = (place - np.array(arm.base_position)) @ frame
-    bend = float(np.arctan2(np.hypot(n, b), along))
-    return BendingPlane(float(np.arctan2(-n, b)), min(max(bend, _LEAST), np.pi), section)
+def _turned(pose: Array, degrees: Array) -> Array:
+    (a, b, c), (p, q, r) = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    X = np.array([[1, 0, 0], [0, a, -p], [0, p, a]])
+    Y = np.array([[b, 0, q], [0, 1, 0], [-q, 0, b]])
+    Z = np.array([[c, -r, 0], [r, c, 0], [0, 0, 1]])
+    return np.concatenate([from_matrix(Z @ Y @ X), pose[4:]])

@@ -15,7 +15,8 @@ Job = Callable[[], None]
 class Latest:
     """One thread; a job waits until the one before is done, and is dropped for a newer one.
 
-    Once nothing was asked for `rest` seconds after a job, `at_rest` is called, in the same thread.
+    Once nothing was asked for `rest` seconds after a job, `at_rest` is called, in the same thread;
+    it is cut short by the next job.
     """
 
     def __init__(self, at_rest: Job, rest: float = 0.2) -> None:
@@ -53,7 +54,7 @@ class Latest:
                     return
                 job, self._job = self._job, None
             try:
-                with unless(lambda: self._ended):
+                with unless(lambda: self._ended) if job else unless(self._called):
                     (job or self._at_rest)()
             except OutOfTime:
                 LOG.debug("a job was cut short")

@@ -1,7 +1,7 @@
 """The page: a handle that is dragged, the arm that follows, tensions, and what happened; by viser.
 
 What browsers ask is handed to one worker, which follows the newest wish; once the handle rests, the
-plan is checked.
+arm's tensions are planned and verified. What the page says is what is so at that moment.
 """
 
 from __future__ import annotations
@@ -21,18 +21,23 @@ from model.effects import Effect
 from model.errors import InputError, OctoplanError
 from model.extras import needed
 from model.obstacles import Obstacle
-from model.paths import Array
 from planner.files import to_json
-from planner.live.drawing import add_obstacle, bars, draw_arm, draw_ellipsoid, set_camera
-from planner.live.handles import Handle, on_the_way
+from planner.live import words
+from planner.live.drawing import (
+    DARK,
+    LIGHT,
+    add_obstacle,
+    background,
+    draw_arm,
+    draw_ellipsoid,
+    draw_surroundings,
+    set_camera,
+)
+from planner.live.handles import Numbers
 from planner.live.latest import Latest
 from planner.live.session import Session
-from planner.plan import Plan
 from planner.records.plan import plan_record
 
-_LEFT = "The branch of optima could not be followed: this plan is on another."
-# The farthest that a target moves from picture to picture, over the arm's length.
-_SHORT = 0.02
 # How often a page that nobody looks at is looked after [s].
 _GLANCE = 0.1
 
@@ -43,26 +48,27 @@ class Page:
     Raises InputError for a port that is in use, and MissingExtraError without viser.
     """
 
-    def __init__(self, session: Session, handle: Handle, host: str, port: int) -> None:
+    def __init__(self, session: Session, host: str, port: int) -> None:
         viser = needed("viser", "live")
         _check_port(host, port)
         # What goes away while it connects is no error that anyone has to see.
         logging.getLogger("websockets").addHandler(logging.NullHandler())
-        self.session, self._handle, self._left = session, handle, False
-        self._pose = handle.start
+        self.session = session
         with redirect_stdout(io.StringIO()):
             self._server = viser.ViserServer(host=host, port=port, verbose=False)
         self._seen, self._work = threading.Event(), Latest(self._rest)
         self._server.on_client_connect(lambda _: self._seen.set())
+        self._server.gui.set_panel_label("octoplan")
         set_camera(self._server, session.arm)
-        self._said, self._bars, self._shows = self._panel()
         self._control = self._add_handle()
+        self._add_panel()
+        self._show_colours(False)
         self.move()
 
     def move(self) -> None:
         """Ask for the target that the handle's pose means."""
-        pose = np.concatenate([self._control.wxyz, self._control.position])
-        self._work.put(lambda: self._follow(pose))
+        self.session.pose = np.concatenate([self._control.wxyz, self._control.position])
+        self._work.put(self._follow)
 
     def wait(self, grace: float = 3.0) -> None:
         """Return once all browsers that looked at the page are gone for so many seconds."""
@@ -79,35 +85,74 @@ class Page:
             self._server.stop()
 
     def _add_handle(self) -> Any:
-        start = self._handle.start
+        handle = self.session.handle
         control = self._server.scene.add_transform_controls(
             "/target",
             scale=0.25 * self.session.arm.length,
-            disable_rotations=not self._handle.turns,
+            disable_rotations=not handle.turns,
             depth_test=False,
-            wxyz=start[:4],
-            position=start[4:],
+            wxyz=handle.start[:4],
+            position=handle.start[4:],
         )
-        control.on_update(lambda _: self.move())
+
+        def dragged(_: Any) -> None:
+            self.move()
+            for own, box in zip(handle.numbers, self._boxes, strict=True):
+                box.value = tuple(own.read(self.session.pose).tolist())
+
+        control.on_update(dragged)
         return control
 
-    def _panel(self) -> tuple[Any, Any, Any]:
-        """Return what is said, the bars, and the box that shows the ellipsoid."""
-        gui = self._server.gui
-        said, shown = gui.add_markdown("Looking for a first plan ..."), gui.add_html("")
+    def _add_panel(self) -> None:
+        """Add what is said, the numbers, the tensions, and what is switched."""
+        gui, session = self._server.gui, self.session
+        gui.add_html(words.TITLE)
+        self._said = gui.add_markdown("Settling the arm ...")
+        self._places = gui.add_html("")
+        self._boxes = [self._add_numbers(own) for own in session.handle.numbers]
+        self._bars = gui.add_html("")
+        gui.add_button("Save the plan").on_click(lambda event: self._save(event.client))
         with gui.add_folder("Effects and loads"):
-            for effect in self.session.effects:
+            for effect in session.effects:
                 box = gui.add_checkbox(type(effect).__name__, initial_value=True)
                 box.on_update(self._switch(effect))
-        if self.session.obstacles:
+        if session.obstacles:
             with gui.add_folder("Obstacles"):
-                for i, obstacle in enumerate(self.session.obstacles):
+                for i, obstacle in enumerate(session.obstacles):
                     box = gui.add_checkbox(f"{i}: {type(obstacle).__name__}", initial_value=True)
                     box.on_update(self._place(i, obstacle))
-        shows = gui.add_checkbox("Compliance ellipsoid", initial_value=False)
-        shows.on_update(lambda _: self._work.put(lambda: None))
-        gui.add_button("Save the plan").on_click(lambda event: self._save(event.client))
-        return said, shown, shows
+        with gui.add_folder("Shown"):
+            self._labels = gui.add_checkbox("Names of tendons", initial_value=True)
+            self._labels.on_update(lambda _: self._work.put(self._draw))
+            dark = gui.add_checkbox("Dark", initial_value=False)
+            dark.on_update(lambda event: self._show_colours(event.target.value))
+            self._shows = gui.add_checkbox("Compliance ellipsoid", initial_value=False)
+            self._shows.on_update(lambda _: self._work.put(lambda: None))
+
+    def _add_numbers(self, own: Numbers) -> Any:
+        """Add boxes in which numbers of the target are typed."""
+        gui, start = self._server.gui, own.read(self.session.handle.start)
+        add = gui.add_vector3 if start.size == 3 else gui.add_vector2
+        box = add(own.label, tuple(start.tolist()), step=1.0)
+
+        def typed(event: Any) -> None:
+            if event.client is None:
+                return  # written by the handle itself
+            now = np.concatenate([self._control.wxyz, self._control.position])
+            pose = own.write(now, np.array(event.target.value))
+            self._control.wxyz, self._control.position = pose[:4], pose[4:]
+            self.move()
+
+        box.on_update(typed)
+        return box
+
+    def _show_colours(self, dark: bool) -> None:
+        colours = DARK if dark else LIGHT
+        self._server.gui.configure_theme(
+            dark_mode=dark, show_logo=False, show_share_button=False, brand_color=(31, 111, 180)
+        )
+        self._server.scene.set_background_image(background(colours))
+        draw_surroundings(self._server, self.session.arm, colours)
 
     def _switch(self, effect: Effect) -> Callable[[Any], None]:
         def switched(event: Any) -> None:
@@ -126,45 +171,47 @@ class Page:
         return switched
 
     def _save(self, client: Any) -> None:
+        """Send the plan, where there is one of the arm as it is shown."""
         p = self.session.last
-        if client is not None and p is not None:
-            found = to_json(plan_record(p))
-            client.send_file_download("plan.json", found, save_immediately=True)
+        if client is None:
+            return
+        if p is None or not self.session.is_planned:
+            client.add_notification("Nothing to save yet", "The arm is not planned yet.")
+            return
+        client.send_file_download("plan.json", to_json(plan_record(p)), save_immediately=True)
 
-    def _follow(self, pose: Array) -> None:
-        """Plan for a target that moves, and draw it; in the worker's thread.
-
-        A plan follows its branch by short steps, sooner than a far one is searched for: a pose far
-        away is come to by others on the way, each of them drawn.
-        """
-        session, most = self.session, _SHORT * self.session.arm.length
+    def _follow(self) -> None:
+        """Bring the arm nearer to the target, and draw it; in the worker's thread."""
         try:
-            here = on_the_way(self._pose, pose, most) if session.follows else pose
-            session.target = self._handle.target(here)
-            step = session.step()
-            self._pose = here
-            if here is not pose:
-                self._work.go_on(lambda: self._follow(pose))
-            draw_arm(self._server, step.plan.shape, session.most)
+            step = self.session.step()
         except OctoplanError as reason:
             self._tell(reason)
             return
-        self._bars.content = bars(step.plan, session.most)
-        self._left = self._left or step.left
-        self._said.content = f"{_following(step.plan)} {_LEFT * self._left}"
+        self._draw()
+        if step.more:
+            self._work.go_on(self._follow)
+        self._said.content = words.following(self.session, step)
+
+    def _draw(self) -> None:
+        """Draw the arm as it is, with its numbers; in the worker's thread."""
+        session = self.session
+        if session.shape is not None:
+            draw_arm(self._server, session.shape, session.most, self._labels.value)
+            self._bars.content = words.tendons(session)
+            self._places.content = words.places(session)
 
     def _rest(self) -> None:
-        """Check the last plan and say what it is; in the worker's thread."""
+        """Plan for the target, and say what that is; in the worker's thread."""
         session = self.session
         try:
-            p = session.settled()
-            if p is None:
+            if session.shape is None:
                 return
-            draw_arm(self._server, p.shape, session.most)
-            self._bars.content = bars(p, session.most)
-            self._said.content = f"{html.escape(p.outcome)} {_LEFT * self._left}"
-            self._left = False
-            if self._shows.value:
+            if not session.is_planned:
+                self._said.content = words.looking(session)
+            p = session.settled()
+            self._draw()
+            self._said.content = words.planned(session)
+            if self._shows.value and p is not None and p.mode == "exact":
                 draw_ellipsoid(self._server, p, *session.ellipsoid(p))
             else:
                 self._server.scene.remove_by_name("/ellipsoid")
@@ -173,15 +220,6 @@ class Page:
 
     def _tell(self, reason: OctoplanError) -> None:
         self._said.content = f"**{html.escape(str(reason))}**"
-
-
-def _following(p: Plan) -> str:
-    """Return what is said of a plan that is not checked yet."""
-    if p.mode == "exact":
-        return "Following: reached; not checked yet."
-    held = ", ".join(map(html.escape, p.holding()))
-    by = f", held by {held}" if held else ""
-    return f"Out of reach: this is the nearest shape{by}; not checked yet."
 
 
 def _check_port(host: str, port: int) -> None:

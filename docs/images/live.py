@@ -1,0 +1,57 @@
+"""Takes the picture of the live page: python docs/images/live.py [--dark] [FILE.png].
+
+The scene is studies/scenes/around_a_ball.toml, once it is planned. Needs the extra [live], Chromium
+and playwright (python -m pip install playwright).
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import socket
+from pathlib import Path
+
+from playwright.sync_api import sync_playwright
+
+from planner.live.handles import handle_of
+from planner.live.page import Page
+from planner.live.session import Session
+from planner.scenefile import load
+
+SCENE = Path(__file__).parents[2] / "studies" / "scenes" / "around_a_ball.toml"
+OPTIONS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+SIZE = {"width": 1280, "height": 800}
+WAIT = 300_000
+
+
+def main() -> None:
+    """Write live.png beside this file, or another."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("file", nargs="?", type=Path, default=Path(__file__).with_suffix(".png"))
+    parser.add_argument("--scene", type=Path, default=SCENE)
+    parser.add_argument("--dark", action="store_true")
+    args = parser.parse_args()
+    asked = load(args.scene)
+    with socket.create_server(("localhost", 0)) as free:
+        port = int(free.getsockname()[1])
+    session = Session(asked.arm, asked.scene, handle_of(asked.arm, asked.targets), asked.options)
+    page = Page(session, "localhost", port)
+    with sync_playwright() as play:
+        browser = play.chromium.launch(executable_path=shutil.which("chromium"), args=OPTIONS)
+        viewer = browser.new_page(viewport=SIZE)
+        viewer.goto(f"http://localhost:{port}")
+        viewer.get_by_text("effort").wait_for(timeout=WAIT)
+        # A note that there is no graphics card.
+        close = viewer.locator(".mantine-Notification-closeButton")
+        if close.count():
+            close.first.click()
+        if args.dark:
+            viewer.get_by_role("checkbox", name="Dark", exact=True).evaluate("box => box.click()")
+        viewer.wait_for_timeout(3000)
+        viewer.screenshot(path=args.file)
+        browser.close()
+    page.end()
+
+
+if __name__ == "__main__":
+    main()

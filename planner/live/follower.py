@@ -1,0 +1,186 @@
+"""Tensions that follow what is dragged: damped Gauss-Newton steps from equilibrium to equilibrium.
+
+Each step settles the arm near the shape before and takes the tensions of least effort that bring
+it nearer, by the derivatives of that shape. It needs no optimum to begin with, so that the arm
+moves on where a plan has to be searched for; the plan of what is reached comes after. Limits of
+strokes and of the total pull are the plan's.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from model.arm import Arm
+from model.compliance import sensitivities
+from model.errors import OctoplanError
+from model.obstacles import Obstacle
+from model.obstacles.bodies import Bodies
+from model.paths import Array
+from model.scene import Scene
+from model.settle import settle
+from model.shape import Shape
+from model.time_limit import limited
+from planner.program.limits import Limits, natural_tensions
+
+# What is drawn is as accurate as a pixel or so; nearer than that the arm is there.
+ACCURACY, THERE = 1e-3, 1e-3
+# The farthest that a step goes, over the arm's length or in rad; how often a step is halved.
+_FAR, _HALVED = 0.15, 5
+# What does not settle in that time [s] is no step nearby.
+_LONG = 1.0
+# How much the tension that bends the arm by 1 rad counts beside an arm length that is missed; at
+# how many places along the arm it keeps clear of obstacles.
+_EFFORT, _PLACES = 1e-3, 12
+# A step that changes tensions by less than this share of them is the last.
+_STILL = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Goal:
+    """Where a point of the arm is to be, and which of its axes are to point where.
+
+    Attributes
+    ----------
+    s : float
+        Arc length of the point [m].
+    position : (3,) or None
+        [m].
+    axes : (3, 3)
+        Directions of t, n, b as columns, nan where they are free.
+    """
+
+    s: float
+    position: Array | None
+    axes: Array
+
+    def residual(self, shape: Shape) -> Array:
+        """Return what is missed: position over the arm's length, then directions."""
+        rows = [] if self.position is None else [self._off(shape) / shape.arm.length]
+        frame = shape.frame(self.s)
+        rows += [self.axes[:, k] - frame[:, k] for k in self._held]
+        return np.concatenate(rows)
+
+    def jacobian(self, shape: Shape) -> Array:
+        """Return its derivatives by tensions (rows, n_tendons), up to the sign."""
+        moved = sensitivities(shape, self.s, shape.refinement).pose_tension
+        rows = [] if self.position is None else [moved[:3] / shape.arm.length]
+        frame = shape.frame(self.s)
+        rows += [np.cross(moved[3:], frame[:, k], axisa=0, axisc=0) for k in self._held]
+        return np.vstack(rows)
+
+    def missed(self, shape: Shape) -> float:
+        """Return the distance to the position [m], without one the angle to the axes [rad]."""
+        if self.position is not None:
+            return float(np.linalg.norm(self._off(shape)))
+        chord = float(np.linalg.norm(self.residual(shape)))
+        return 2 * float(np.arcsin(min(chord / 2, 1.0)))
+
+    @property
+    def _held(self) -> list[int]:
+        return [k for k in range(3) if np.isfinite(self.axes[0, k])]
+
+    def _off(self, shape: Shape) -> Array:
+        return np.asarray(self.position) - np.asarray(shape.position(self.s))
+
+
+class Follower:
+    """An arm whose tensions follow a goal.
+
+    Attributes
+    ----------
+    shape : Shape
+        As it is now.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        scene: Scene,
+        limits: Limits,
+        around: tuple[Sequence[Obstacle], float],
+        machine_code: bool = False,
+        tensions: Array | None = None,
+    ) -> None:
+        """Settle the arm under tensions (n_tendons,) [N], the least unless given.
+
+        `around` is what it keeps clear of, and how far [m]. Raises OctoplanError where the arm does
+        not stand.
+        """
+        self._low, self._high = np.array(limits.lower), np.array(limits.upper)
+        self._unit = np.minimum(natural_tensions(arm), np.maximum(self._high, 1e-9))
+        self._bodies, self._clearance = Bodies(around[0]) if around[0] else None, around[1]
+        # The share of a step that was taken last: where the arm is about to snap it is small.
+        self._machine_code, self._share = machine_code, 1.0
+        start = self._low if tensions is None else np.clip(tensions, self._low, self._high)
+        self.shape = settle(arm, start, scene, ACCURACY, compile=machine_code)
+
+    def approach(self, goal: Goal, seconds: float) -> bool:
+        """Take steps towards a goal for so long; return whether more would bring it nearer."""
+        end = time.monotonic() + seconds
+        while True:
+            if not self._step(goal):
+                return False
+            if time.monotonic() >= end:
+                return True
+
+    def _step(self, goal: Goal) -> bool:
+        """Take one step; return whether that was not the last."""
+        shape, missed = self.shape, goal.residual(self.shape)
+        most = _FAR / max(float(np.linalg.norm(missed)), 1e-12)
+        matrix, right = goal.jacobian(shape), missed * min(1.0, most)
+        keep, room = self._clear(shape)
+        T = shape.tensions
+        effort = np.diag(_EFFORT / self._unit)
+        A = np.vstack([matrix, keep, effort])
+        b = np.concatenate([right, room, -effort @ T])
+        bounds = (self._low - T - 1e-12, np.maximum(self._high - T, self._low - T) + 1e-12)
+        change = lsq_linear(A, b, bounds, method="bvls").x
+        worth, share = self._merit(goal, shape), min(1.0, 4 * self._share)
+        for _ in range(_HALVED):
+            wanted = np.clip(T + share * change, self._low, self._high)
+            found = self._settled(wanted)
+            if found is not None and self._merit(goal, found) < worth:
+                self.shape, self._share = found, share
+                still = np.abs(share * change).max() <= _STILL * max(np.abs(wanted).max(), 1e-9)
+                return not still
+            share /= 4
+        self._share = 1.0
+        return False
+
+    def _settled(self, tensions: Array) -> Shape | None:
+        """Return the shape under tensions nearby; None where the arm would snap or be crushed."""
+        shape, code = self.shape, self._machine_code
+        try:
+            with limited(_LONG):
+                return settle(shape.arm, tensions, shape.scene, ACCURACY, compile=code, near=shape)
+        except OctoplanError:
+            return None
+
+    def _merit(self, goal: Goal, shape: Shape) -> float:
+        missed, (_, room) = goal.residual(shape), self._clear(shape, False)
+        effort = _EFFORT * shape.tensions / self._unit
+        return float(missed @ missed + np.sum(np.maximum(room, 0) ** 2) + effort @ effort)
+
+    def _clear(self, shape: Shape, linear: bool = True) -> tuple[Array, Array]:
+        """Return rows that keep places of the arm from obstacles, over its length."""
+        arm, none = shape.arm, np.zeros((0, shape.tensions.size))
+        if self._bodies is None:
+            return none, np.zeros(0)
+        s = np.linspace(0.0, arm.length, _PLACES + 1)[1:]
+        gap, way = self._bodies.at(shape.position(s)[:, None])
+        short = (
+            self._clearance + arm.radius.evaluate(s, arm.length)[0][:, None] - gap
+        ) / arm.length
+        at, which = np.nonzero(short > 0)
+        if not linear:
+            return none, short[at, which]
+        rows = [
+            way[i, j] @ sensitivities(shape, float(s[i]), shape.refinement).pose_tension[:3]
+            for i, j in zip(at, which, strict=True)
+        ]
+        return np.vstack([none, *rows]) / arm.length, short[at, which]

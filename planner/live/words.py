@@ -1,0 +1,85 @@
+"""What the page says, as HTML and Markdown: where the arm is, and what is known of its tensions."""
+
+from __future__ import annotations
+
+import html
+
+import numpy as np
+
+from planner.live.drawing import tension_colour
+from planner.live.session import Session, Step
+
+# The page's title: browsers run what is said of an image that is not there.
+TITLE = """<img src="data:," hidden onerror="document.title = 'octoplan'">"""
+_SMALL = "font-size:11px;padding:0 1em;font-variant-numeric:tabular-nums"
+
+
+def following(session: Session, step: Step) -> str:
+    """Return what is said while the arm moves."""
+    if session.is_there:
+        return f"**There** ({_missed(session)}); not verified yet."
+    if step.more:
+        return f"**Catching up**, {_missed(session)} to go."
+    return f"**No nearer from here**, {_missed(session)} to go; a plan will be searched for."
+
+
+def looking(session: Session) -> str:
+    """Return what is said while a plan is searched for."""
+    where = "There" if session.is_there else "Not there"
+    return f"**{where}** ({_missed(session)} off). Looking for the tensions of least effort ..."
+
+
+def planned(session: Session) -> str:
+    """Return what is said of the arm once its plan was searched for."""
+    p = session.last
+    if p is None:
+        return ""
+    told = html.escape(p.outcome)
+    if session.is_planned:
+        return told
+    here = "by tensions that are not verified: shown is the arm as it was dragged"
+    return f"**There** ({_missed(session)} off), {here}. The planner says: {told}"
+
+
+def places(session: Session) -> str:
+    """Return where target and tip are [mm]."""
+    shape = session.shape
+    if shape is None:
+        return ""
+    rows = [("tip", 1e3 * shape.tip)]
+    cells = "".join(
+        f"<tr><td>{name}</td>{''.join(f'<td align=right>{x:.1f}</td>' for x in at)}</tr>"
+        for name, at in rows
+    )
+    missed = f"<tr><td>missed</td><td align=right colspan=3>{_missed(session)}</td></tr>"
+    head = "<tr><th align=left>[mm]</th><th>x</th><th>y</th><th>z</th></tr>"
+    return f"<table style='width:100%;{_SMALL}'>{head}{cells}{missed}</table>"
+
+
+def tendons(session: Session) -> str:
+    """Return tensions as bars against their limits, strokes beside them."""
+    shape = session.shape
+    if shape is None:
+        return ""
+    rows, slack = [], np.ravel(shape.slack)
+    told = zip(shape.tensions, session.most, 1e3 * session.strokes, strict=True)
+    for j, (T, limit, stroke) in enumerate(told):
+        colour = "rgb" + str(tension_colour(float(T), float(limit)))
+        width = 100 * min(float(T / limit), 1.0)
+        bar = f"<div style='background:{colour};height:7px;width:{width:.1f}%'></div>"
+        rows.append(
+            f"<tr><td>{html.escape(shape.arm.tendon_name(j))}</td>"
+            f"<td style='width:40%'><div style='background:#8884'>{bar}</div></td>"
+            f"<td align=right>{T:.3f} N</td>"
+            f"<td align=right>{'at most ' * bool(slack[j])}{stroke:.2f} mm</td></tr>"
+        )
+    head = "<tr><th></th><th></th><th align=right>tension</th><th align=right>stroke</th></tr>"
+    return f"<table style='width:100%;{_SMALL}'>{head}{''.join(rows)}</table>"
+
+
+def _missed(session: Session) -> str:
+    """Return how far the arm is from the target, in mm or degrees."""
+    if session.handle.goal(session.pose).position is None:
+        return f"{np.degrees(session.missed):.1f} deg"
+    missed = 1e3 * session.missed
+    return f"{missed:.0f} mm" if missed >= 10 else f"{missed:.1f} mm"
