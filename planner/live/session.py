@@ -102,7 +102,7 @@ class Session:
         given, scene = self._options, self.scene
         ends = (given.get("stroke_max"), given.get("stroke_min"))
         most, least = given.get("tension_max", np.inf), given.get("tension_min", 0.0)
-        limits = checked_limits(self.arm, scene, most, least, given.get("total_pull"), ends)
+        limits = checked_limits(self.arm, most, least, given.get("total_pull"), ends)
         zero = zeroed_at(self.arm, scene, given.get("stroke_zero", "straight"))
         return replace(limits, stroke_zero=zero)
 
