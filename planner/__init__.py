@@ -12,12 +12,11 @@ from planner.bodies.urdf import ros_messages, urdf
 from planner.c_code.export import export, export_plan
 from planner.calibrate.saved import load_calibration
 from planner.certificate import Certificate
-from planner.design.design import design
-from planner.design.designed import Design
-from planner.design.making import Making
-from planner.design.objective import Reach
 from planner.fit.calibrate import calibrate
 from planner.fit.calibration import Calibration
+from planner.fit.design import design
+from planner.fit.designed import Design
+from planner.fit.making import Making, Reach
 from planner.fit.measured import Measured
 from planner.fit.unknowns import Unknown
 from planner.many import FailedPlan, plan_many

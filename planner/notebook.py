@@ -16,8 +16,8 @@ from model.shape import Shape
 from model.stiffness import Stiffness
 from model.text import html_table, preformatted, shown_by
 from planner.certificate import Certificate
-from planner.design.designed import Design
 from planner.fit.calibration import Calibration
+from planner.fit.designed import Design
 from planner.many import FailedPlan
 from planner.plan import Plan
 from planner.trajectory.certificate import MotionCertificate

@@ -6,8 +6,8 @@ import argparse
 from pathlib import Path
 
 from planner.commands.command import NOT_REACHED, OK, Answer, Command, add_time_limit
-from planner.design.designed import Design
-from planner.design.file import run_design
+from planner.fit.design_file import run_design
+from planner.fit.designed import Design
 from planner.records.design import design_record
 
 

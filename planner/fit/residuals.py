@@ -17,7 +17,8 @@ from model.machine.buffered import Mapped
 from model.paths import Array
 from model.rotations import conjugate, from_matrix, matrices, multiply, rotate
 from model.transcription.layout import POSE
-from planner.fit.equilibria import MM, Equations, Setting, taut_compliance
+from planner.fit import drives
+from planner.fit.equilibria import MM, Equations, Setting
 from planner.fit.measured import Measured
 from planner.fit.unknowns import Parameters
 
@@ -96,7 +97,7 @@ class Experiment:
         equilibria: list[Linearised | None] = [None] * len(self.shapes)
         lost: dict[int, OctoplanError] = {}
         for name, which in self.members.items():
-            reached = settings[name].from_rest([self.shapes[i] for i in which])
+            reached = drives.from_rest(settings[name], [self.shapes[i] for i in which])
             for i, here in zip(which, reached, strict=True):
                 if isinstance(here, Linearised):
                     equilibria[i] = here
@@ -152,7 +153,7 @@ class Evaluation:
         for name, which in self._members.items():
             before = [self.derivatives[i] for i in which]
             shapes = [experiment.shapes[i] for i in which]
-            reached = settings[name].near(shapes, before, values - self.values)
+            reached = drives.near(settings[name], shapes, before, values - self.values)
             for i, here in zip(which, reached, strict=True):
                 equilibria[i] = here
                 if here is None:
@@ -217,7 +218,7 @@ class Evaluation:
         """Derivatives of each shape by the unknowns."""
         rows = dict[int, ByNumbers]()
         for name, sensors in self._sensors.items():
-            by = self.settings[name].differentiated(sensors.shapes, sensors.heres)
+            by = drives.differentiated(self.settings[name], sensors.shapes, sensors.heres)
             rows.update(zip(self._members[name], by, strict=True))
         return rows
 
@@ -380,7 +381,7 @@ class Sensors:
                 continue
             inputs = shape.tension_std * np.diag(self.setting.numbers.scale)
             if shape.by_length:
-                inputs = (shape.length_std or shape.std) * taut_compliance(here)
+                inputs = (shape.length_std or shape.std) * drives.tensions_by_lengths(here)
             carried = J @ inputs
             variance = np.diag(np.square(shape.stds)) + carried @ carried.T
             found.append(np.linalg.inv(np.linalg.cholesky(variance)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -25,6 +25,14 @@ from planner.unknowns.written import written
 
 _SENSOR = re.compile(r"points\[\d+\]\.(s_mm|offset_mm\[[012]\])|tension_scale\[\d+\]")
 _MODEL = ("arm.", "effects.")
+# Steps of difference quotients, over the bounds' range and over the value; central, then to either
+# side, of second order: (steps off, weight times step).
+_STEP, _SMALL = 1e-5, 1e-4
+_STENCILS = (
+    ((1, 0.5), (-1, -0.5)),
+    ((0, -1.5), (1, 2.0), (2, -0.5)),
+    ((0, 1.5), (-1, -2.0), (-2, 0.5)),
+)
 
 
 @dataclass(frozen=True)
@@ -211,6 +219,24 @@ class Parameters:
         """Return arm and scene of values (K,); InputError where no such arm can be."""
         return built(self.table_at(values, session))
 
+    def derivatives(
+        self, function: Callable[[Array], Sequence[Array]], values: Array, session: str = ""
+    ) -> list[Array]:
+        """Return the derivatives (..., K) of arrays that are functions of values (K,).
+
+        By difference quotients, central unless there is no arm to one side: for what is put
+        together from the unknowns by low powers, and not settled for, they are good to nine digits.
+        """
+        columns = []
+        for k, unknown in enumerate(self.unknowns):
+            if not unknown.belongs(session):
+                columns.append([np.zeros_like(part) for part in function(values)])
+                continue
+            h = min(_STEP * unknown.range, _SMALL * abs(values[k]) or np.inf)
+            h = max(h, 1e-3 * _STEP * unknown.range)
+            columns.append(_difference(function, values, h * np.eye(len(values))[k], h))
+        return [np.stack(parts, axis=-1) for parts in zip(*columns, strict=True)]
+
     def multistart(self, count: int, seed: int) -> list[Array]:
         """Return the values of arm and scene (K,), then others spread evenly over the bounds."""
         if count == 1:
@@ -219,6 +245,23 @@ class Parameters:
 
         draws = qmc.Halton(len(self.unknowns), seed=seed).random(count - 1)
         return [self.start, *map(self.from_shares, draws)]
+
+
+def _difference(
+    function: Callable[[Array], Sequence[Array]], values: Array, step: Array, h: float
+) -> list[Array]:
+    problem: InputError | None = None
+    for stencil in _STENCILS:
+        try:
+            rows = [function(values + off * step) for off, _ in stencil]
+        except InputError as reason:
+            problem = problem or reason
+            continue
+        weights = [weight / h for _, weight in stencil]
+        parts = zip(*rows, strict=True)
+        return [np.einsum("i,i...->...", weights, np.array(part)) for part in parts]
+    assert problem is not None
+    raise problem
 
 
 def built(table: dict[str, Any]) -> tuple[Arm, Scene]:

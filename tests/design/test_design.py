@@ -13,12 +13,11 @@ from model import Anchorage, Arm, InputError, Linear, Scene, settle
 from model.effects import Extension, Weight
 from planner import Making, Reach, Unknown, design, plan, stiffness
 from planner.cli import main
-from planner.design.objective import Objective
-from planner.design.program import Program
-from planner.design.tasks import Targets
+from planner.fit.design_program import Program, Targets
+from planner.fit.making import Objective
+from planner.fit.unknowns import Parameters
 from planner.program.limits import Limits
 from planner.targets import Backbone, MinimumStiffness, Softest, Stiffest, TipPosition
-from planner.unknowns.parameters import Parameters
 from tests.differences import fourth_order
 
 PAPER = Scene(Extension())

@@ -12,22 +12,20 @@ from model import Arm, InputError, Scene, settle
 from model.paths import Array
 from model.stiffness import stiffness
 from model.text import counted, in_notebook
-from planner.design.making import Making
-from planner.design.objective import Objective, Reach
-from planner.design.program import REFINEMENT
-from planner.design.sensitivity import effort_jacobian
-from planner.design.tasks import Tasks
-from planner.fit.unknowns import Unknown
+from planner.fit.design_program import effort_jacobian
+from planner.fit.making import Making, Objective, Reach
+from planner.fit.unknowns import Parameters, Unknown
 from planner.plan import Plan
 from planner.targets import Softest, Stiffest
-from planner.unknowns.parameters import Parameters
 
 _END = 1e-6
+# By what share of what is least another optimum is a worse one.
+_OTHER = 1e-3
 
 
 @dataclass(frozen=True)
 class Design:
-    """A designed arm; see planner.design.objective for what it is best at.
+    """A designed arm; see planner.fit.making for what it is best at.
 
     Attributes
     ----------
@@ -47,6 +45,10 @@ class Design:
     objective : "effort", Stiffest, Softest or Reach
     reaches : (before, now) or None
         Tensions (n_tendons,) that reach farthest, of the given arm and the designed one.
+    optima : tuple of float
+        What is least at the optima that arms begun with came to, if they meet as much as this one.
+    stopped : bool
+        Whether the time limit came before all of them were begun with.
     """
 
     given_arm: Arm
@@ -60,6 +62,8 @@ class Design:
     making: Making = field(default_factory=Making)
     objective: Objective = "effort"
     reaches: tuple[tuple[float, ...], tuple[float, ...]] | None = None
+    optima: tuple[float, ...] = ()
+    stopped: bool = False
 
     @cached_property
     def parameters(self) -> Parameters:
@@ -125,9 +129,7 @@ class Design:
             raise InputError("design", self.objective, "a design for the least effort")
         if not self.feasible:
             raise InputError("design", "tasks that are not met", "a design that meets all tasks")
-        tasks = Tasks(self.parameters, [own.targets for own in self.plans], REFINEMENT)
-        T = np.array([np.ravel(own.tensions) for own in self.plans])
-        return effort_jacobian(self.plans, tasks.missed(self.array, T))
+        return effort_jacobian(self.parameters, self.array, self.plans)
 
     @cached_property
     def outcome(self) -> str:
@@ -143,6 +145,12 @@ class Design:
         ends = [own.name for own, x in rows if _at_end(own, x)]
         if ends:
             told.append(f"At a bound: {', '.join(ends)}.")
+        others = [x for x in self.optima if x > min(self.optima) + _OTHER * abs(min(self.optima))]
+        if others:
+            count = f"{len(others)} of {counted(len(self.optima), 'arm')} begun with"
+            told.append(f"{count} came to worse optima: there may be better ones; begin with more.")
+        if self.stopped:
+            told.append("Stopped at the time limit: not all arms were begun with.")
         return " ".join(told)
 
     def _held(self, own: Plan) -> str:

@@ -9,10 +9,9 @@ from msgspec import Meta
 
 from model import InputError
 from model.errors import FileError
-from planner.design.design import design
-from planner.design.designed import Design
-from planner.design.making import Making
-from planner.design.objective import Objective, Reach
+from planner.fit.design import design
+from planner.fit.designed import Design
+from planner.fit.making import Making, Objective, Reach
 from planner.scenefile import converted, decoded, scene_beside, text_of
 from planner.scenes.keys import MM, NotNegative, Table
 from planner.scenes.targets import SoftestTable, StiffestTable, TargetTable, target_of

@@ -1,1 +1,0 @@
-"""Design: numbers of an arm that make its tasks cheapest."""
