@@ -205,7 +205,7 @@ class Program:
         return min(seen, key=lambda own: own.cost)
 
     def _optimum(self, z: Array, steps: int) -> Optimum:
-        rows = [np.abs(self.equality(z)), -self.inequality(z), -self.room(z), [0.0]]
+        rows = [np.abs(self.equality(z)), -self.inequality(z), -self.room(z), np.zeros(1)]
         missed = float(np.concatenate(rows).max())
         value = self.objective(z) * (self.unit**2 if self.wanted == "effort" else 1.0)
         return Optimum(*self.split(z), steps, missed, value)
