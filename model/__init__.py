@@ -2,8 +2,14 @@
 
 from model.anchorage import Anchorage
 from model.arm import Arm, conical
-from model.effect_ablation import Switch, switch_effects
-from model.errors import CollapsedError, ConvergenceError, InputError, OctoplanError, SnapError
+from model.errors import (
+    CollapsedError,
+    ConvergenceError,
+    InputError,
+    OctoplanError,
+    ShapeWarning,
+    SnapError,
+)
 from model.jacobian import tip_jacobian
 from model.length_response import LengthResponse, length_response
 from model.many import settle_many
@@ -33,14 +39,13 @@ __all__ = [
     "Sampled",
     "Scene",
     "Shape",
+    "ShapeWarning",
     "Shapes",
     "SnapError",
-    "Switch",
     "UnitWarning",
     "conical",
     "length_response",
     "settle",
     "settle_many",
-    "switch_effects",
     "tip_jacobian",
 ]

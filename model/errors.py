@@ -213,5 +213,9 @@ class SingularError(OctoplanError):
     """A matrix that was asked for does not exist; the message says along what it is singular."""
 
 
+class ShapeWarning(UserWarning):
+    """A settled shape that no arm takes, as it bends sharper than its own radius."""
+
+
 class CompilerError(OctoplanError):
     """There is no C compiler, or it failed; the message is its own."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copyreg
 from functools import lru_cache
 from itertools import zip_longest
 from typing import Any, Protocol
@@ -11,17 +12,20 @@ import casadi as ca
 from model.arm import Arm
 from model.contact.forward import TouchingMap
 from model.effects import Friction, PrintedStatics
+from model.equilibrium.equilibrium import Equilibrium
 from model.equilibrium.forward import Collocation, collocation_order
+from model.equilibrium.linearised import Linearised
 from model.errors import InputError
 from model.integrators.magnus import MAGNUS2, MAGNUS4, MAGNUS6
 from model.integrators.runge_kutta import RK4, RK6, RK8
 from model.loads import contacts, is_loaded
-from model.mesh import Mesh, graded
+from model.mesh import graded
 from model.paths import Array
 from model.scene import Scene
 from model.stations import Counts
 from model.unloaded.closed_form import ClosedForm
 from model.unloaded.geometry import Geometry, geometry_on_mesh
+from model.unloaded.marched import March, Marched
 from model.unloaded.printed import PrintedMap
 from model.unloaded.statics import closed_statics
 
@@ -33,36 +37,8 @@ PRINTED = {scheme.name: scheme for scheme in (RK6, RK8, RK4)}
 SCHEMES = (*CLOSED_FORMS, *COLLOCATIONS, *PRINTED)
 
 
-class ForwardMap(Protocol):
-    """Tensions to poses on one mesh; see ClosedForm, PrintedMap and Collocation."""
-
-    mesh: Mesh
-    order: int
-    stretch_at: Array
-    machine_code: bool
-
-    def __hash__(self) -> int:
-        """Return the hash of this object, not of its values."""
-
-    def run(self, tensions: Array, near: Any = None) -> tuple[Array, Array]:
-        """Return the states (S + 1, 7 or more) at the nodes, poses first, and 1 + q (K,).
-
-        Nodes from base to tip, 1 + q at the arc lengths `stretch_at`. `near` is the same
-        equilibrium as another mesh has it; only loaded scenes use it.
-        """
-
-    def known(self, states: Array) -> Any:
-        """Return what `run` on another mesh takes as `near`; None where a map is explicit."""
-
-    def dense(self, tensions: Array, states: Array, s: Array) -> tuple[Array, Array]:
-        """Return poses (N, 7) and strains at arc lengths s (N,).
-
-        Strains (N, 4) are tau, xi, k, q; with nu_n, nu_b (N, 6) where sections may slide.
-        """
-
-
-class ExplicitMap(ForwardMap, Protocol):
-    """A forward map without unknowns: `function` takes tensions to poses (7, S + 1) and 1 + q.
+class ExplicitMap(March, Protocol):
+    """A march of which CasADi has the derivatives: `function` takes tensions to poses and 1 + q.
 
     `stretch_active` sections cross at the arc lengths `stretch_at`.
     """
@@ -72,6 +48,9 @@ class ExplicitMap(ForwardMap, Protocol):
     @property
     def function(self) -> ca.Function:
         """Tensions (n_tendons,) -> poses (7, S + 1), 1 + q (1, K)."""
+
+
+ForwardMap = Collocation | ExplicitMap
 
 
 @lru_cache(maxsize=64)
@@ -168,7 +147,31 @@ def explicit_map(
     CasADi cannot differentiate its `function` where its kernels are compiled.
     """
     if scheme in PRINTED:
-        return PrintedMap(arm, scene, graded(arm, refinement, at), PRINTED[scheme], machine_code)
+        mesh = graded(arm, refinement, at)
+        return PrintedMap(arm, scene, mesh, PRINTED[scheme], machine_code, refinement)
     magnus = CLOSED_FORMS[scheme]
     places = geometry_on_mesh(Geometry(arm), closed_statics(scene, arm), magnus, refinement, at)
-    return ClosedForm(arm, scene, places, magnus, machine_code)
+    return ClosedForm(arm, scene, places, magnus, machine_code, refinement)
+
+
+def _reduced(march: ExplicitMap) -> tuple[Any, ...]:
+    """Return how a march is built again from numbers, as a pickle has it."""
+    of = march.arm, march.scene, march.name, march.refinement
+    return explicit_map, (*of, (), march.machine_code)
+
+
+copyreg.pickle(ClosedForm, _reduced)
+copyreg.pickle(PrintedMap, _reduced)
+
+
+def equilibrium_on(
+    forward: ForwardMap, tensions: Array, near: Linearised | None = None
+) -> Equilibrium:
+    """Return the equilibrium under tensions (n_tendons,) on the mesh of a forward map.
+
+    `near` is one that another mesh has; only where sections are coupled it is begun with. Raises
+    SnapError, UnsettledContactError and UnsettledSectionError.
+    """
+    if isinstance(forward, Collocation):
+        return forward.equilibrium(tensions, near)
+    return Marched.under(forward, tensions)

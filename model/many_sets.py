@@ -8,7 +8,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from model.arm import Arm
-from model.equilibrium.forward import Known
+from model.equilibrium.equilibrium import stretch_of
+from model.equilibrium.linearised import Linearised
 from model.errors import ConvergenceError, OctoplanError, UnsettledSectionError
 from model.forward import COLLOCATIONS, check_scheme, collocation_map, explicit_map, order_of
 from model.loads import is_loaded
@@ -21,6 +22,7 @@ from model.settle import settle
 from model.shapes import Problems, Shapes
 from model.time_limit import check_time
 from model.transcription.layout import POSE
+from model.unloaded.marched import Marched
 from model.unloaded.stretch import LEAST_STRETCH, check_stretch
 from model.winches import pulls
 
@@ -57,7 +59,7 @@ class ManySets:
         if is_loaded(scene):
             self.lever = float(arm.radius.evaluate(np.zeros(1), arm.length)[0][0])
             self._tips = self._under_loads
-        self._known: list[Known | None] = [None] * len(T)
+        self._known: list[Linearised | None] = [None] * len(T)
         self.coarse, self.fine = first_pair(accuracy, self.order)
         self.poses, self.errors = np.zeros((len(T), 7)), np.full(len(T), np.inf)
         self.last, self.wanted = np.zeros(len(T), int), np.full(len(T), self.coarse)
@@ -123,9 +125,9 @@ class ManySets:
                 if isinstance(here, OctoplanError):
                     self._known[i] = None
                     continue
-                self._known[i] = Known(system, here.states.copy())
+                self._known[i] = Linearised(system, here.x)
                 poses[:, k] = here.states[system.of.nodes[-1, :POSE]]
-                least[k] = forward.stretch(here.states).min()
+                least[k] = stretch_of(system, here.states).min()
         return poses, least
 
     def _settle_alone(self, i: int) -> None:
@@ -135,7 +137,7 @@ class ManySets:
             shape = settle(*given, compile=self.machine_code)
         except UnsettledSectionError as error:
             raise UnsettledSectionError(error.s, f"tensions[{i}]") from None
-        self.poses[i], self.errors[i] = shape.states[-1, :7], shape.error
+        self.poses[i], self.errors[i] = shape.equilibrium.poses[-1], shape.error
 
     def _choose(self, now: Any, refinement: int) -> None:
         self.wanted[now] = [
@@ -153,7 +155,7 @@ class ManySets:
             self._settle_alone(i)
             return
         forward = explicit_map(self.arm, self.scene, self.scheme, refinement)
-        check_stretch(forward, forward.run(self.T[i])[1], f"tensions[{i}]")
+        check_stretch(Marched.under(forward, self.T[i]), f"tensions[{i}]")
 
 
 @lru_cache(maxsize=64)

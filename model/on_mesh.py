@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,10 +18,11 @@ from model.by_lengths import (
     tightened,
 )
 from model.contact.forward import TouchingMap
-from model.equilibrium.forward import Collocation, Known
+from model.equilibrium.equilibrium import Collocated, Equilibrium
+from model.equilibrium.forward import Collocation
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import newton
-from model.forward import ForwardMap
+from model.forward import ForwardMap, equilibrium_on
 from model.least_energy.program import LeastEnergy
 from model.loads import is_loaded
 from model.paths import Array
@@ -38,41 +39,13 @@ class OnMesh(NamedTuple):
 
     Attributes
     ----------
-    tensions : (n_tendons,)
-        [N].
-    states, stretch
-        See ForwardMap.run.
+    equilibrium : Equilibrium
     left : (n_tendons,)
         What is left of held tendons beyond their paths [m], nan of others; None without any.
-    here : Linearised
-        The equations linearised there, where lengths are held under loads.
-    snaps : tuple of float
-        The shares of the way at which the arm jumped; see TouchingMap.come_to.
-    before : (tensions, states) or None
-        With friction of contacts, of the equilibrium before the last step.
     """
 
-    tensions: Array
-    states: Array
-    stretch: Array
+    equilibrium: Equilibrium
     left: Array | None = None
-    here: Linearised | None = None
-    snaps: tuple[float, ...] = ()
-    before: tuple[Array, Array] | None = None
-
-
-class Near(NamedTuple):
-    """An equilibrium that another mesh has.
-
-    Attributes
-    ----------
-    tensions : (n_tendons,)
-    known : Known or None
-        Its states, of a forward map that is implicit.
-    """
-
-    tensions: Array
-    known: Known | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,19 +55,12 @@ class GivenTensions:
     tensions: Array
     winches: None = None
 
-    def on(self, forward: ForwardMap, near: Near | None) -> OnMesh:
+    def on(self, forward: ForwardMap, near: Equilibrium | None) -> OnMesh:
         """Return the equilibrium on the mesh of a forward map, near that of another if given."""
-        known: Any = None if near is None else near.known
         if isinstance(forward, TouchingMap):
-            before = self.tensions if near is None else near.tensions
-            way = forward.led(self.tensions, before, known)
-            rows = forward.rows(way.settled.held.here)
-            found = OnMesh(self.tensions, *rows, snaps=way.snaps)
-            if way.before is None:
-                return found
-            last = way.before.tensions, forward.rows(way.before)[0]
-            return found._replace(before=last)
-        return OnMesh(self.tensions, *forward.run(self.tensions, known))
+            return OnMesh(forward.from_touching(self.tensions, near))
+        states = None if near is None else near.states
+        return OnMesh(equilibrium_on(forward, self.tensions, states))
 
     def finished(self, forward: ForwardMap, found: OnMesh) -> OnMesh:
         """Return an equilibrium that is accepted, to rounding: it is."""
@@ -117,34 +83,35 @@ class GivenLengths:
     machine_code: bool = False
     near: Array | None = None
 
-    def on(self, forward: ForwardMap, near: Near | None) -> OnMesh:
+    def on(self, forward: ForwardMap, near: Equilibrium | None) -> OnMesh:
         """See GivenTensions.on; raises InputError where no shape has the lengths."""
         if not (is_loaded(self.scene) and isinstance(forward, Collocation)):
             T = self._unloaded
             lengths = UnloadedLengths(self.arm, self.scene, self.winches, self.machine_code)
-            return OnMesh(T, *forward.run(T), self._left(lengths.at(T).lengths, T))
+            return OnMesh(equilibrium_on(forward, T), self._left(lengths.at(T).lengths, T))
         return self._of(forward, self._loaded(forward, near))
 
     def finished(self, forward: ForwardMap, found: OnMesh) -> OnMesh:
         """Return an equilibrium that is accepted, its tensions found to rounding."""
-        if found.here is None or not isinstance(forward, Collocation):
+        here = found.equilibrium.states
+        if here is None or not (is_loaded(self.scene) and isinstance(forward, Collocation)):
             return found
-        tight = tightened(found.here, self.winches, equilibrium_beside, self.arm)
+        tight = tightened(here, self.winches, equilibrium_beside, self.arm)
         return found if tight is None else self._of(forward, tight)
 
     def _of(self, forward: Collocation, here: Linearised) -> OnMesh:
         left = self._left(here.lengths, here.tensions)
-        return OnMesh(here.tensions, *forward.rows(here), left, here=here)
+        return OnMesh(Collocated(here, forward.refinement), left)
 
     def _left(self, lengths: Array, tensions: Array) -> Array:
         left = self.winches.lacks(lengths, tensions)
         return np.where(self.winches.held, left, np.nan)
 
-    def _loaded(self, forward: Collocation, near: Near | None) -> Linearised:
+    def _loaded(self, forward: Collocation, near: Equilibrium | None) -> Linearised:
         winches, begun = self.winches, None
-        if near is not None and near.known is not None:
+        if near is not None and near.states is not None:
             T = np.where(winches.held, near.tensions, winches.tensions)
-            begun = forward.near(T, near.known)
+            begun = forward.near(T, near.states)
         if begun is not None:
             found = tightened(begun, winches, equilibrium_beside, self.arm, _ON_THE_WAY)
             if found is not None:

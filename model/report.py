@@ -18,18 +18,12 @@ def tendon_table(title: str, by_section: BySection, values: Array) -> str:
     return "\n".join([title, *tendon_lines(by_section, np.ravel(values).tolist())])
 
 
-_FOLDED = (
-    "no arm bends so far: at s = {:.6g} m a tendon has no length left; "
-    "lower the tensions that cross it"
-)
-
-
 def shape_text(
-    tables: Sequence[str], tip: Array, frame: Array, error: float, folded: float | None = None
+    tables: Sequence[str], tip: Array, frame: Array, error: float, remarks: Sequence[str] = ()
 ) -> str:
     """Return tables of the tendons, then where the tip is [m], its frame, the estimated error.
 
-    `folded` is where a tendon has no length left [m], which is told last.
+    Last come remarks, a sentence each.
     """
     place = "  ".join(f"{1e3 * x:.4f}" for x in tip)
     rows = "\n".join("  " + " ".join(f"{x:9.5f}" for x in row) for row in frame)
@@ -39,7 +33,7 @@ def shape_text(
             f"tip [mm]  {place}",
             f"tip frame (columns t, n, b)\n{rows}",
             f"estimated tip error [L]  {error:.1e}",
-            *([] if folded is None else [_FOLDED.format(folded)]),
+            *(f"beware: {remark}" for remark in remarks),
         ]
     )
 

@@ -11,19 +11,21 @@ import numpy as np
 
 from model.arm import Arm
 from model.checks import kind
-from model.contact.forward import TouchingMap, without_friction
+from model.contact.forward import Touching, without_friction
 from model.contact.self_contact import pressed_on_itself
 from model.effects import Contact, PrintedStatics, SelfContact
+from model.equilibrium.equilibrium import Equilibrium
 from model.errors import (
     CollapsedError,
     ConvergenceError,
     InputError,
     OctoplanError,
+    ShapeWarning,
     SnapError,
     UnsettledContactError,
     UnsettledSectionError,
 )
-from model.forward import COLLOCATIONS, ForwardMap, check_scheme, forward_map, order_of
+from model.forward import COLLOCATIONS, check_scheme, forward_map, order_of
 from model.loads import check_loads, contacts, is_loaded
 from model.machine.compiled import Compile, checked_compile
 from model.mesh_refinement import (
@@ -34,15 +36,17 @@ from model.mesh_refinement import (
     first_pair,
     next_refinement,
 )
-from model.on_mesh import GivenLengths, GivenTensions, Near
+from model.on_mesh import GivenLengths, GivenTensions
 from model.paths import Array
 from model.progress import with_progress
+from model.remarks import sharp
 from model.scene import Scene
 from model.shape import Shape
 from model.shortest import UnknownLeastError, too_short
 from model.time_limit import check_time
 from model.units import warn_of_lengths
 from model.unloaded.stretch import check_sections, check_stretch
+from model.warn import called_by_a_script, warn
 from model.winches import Winches
 
 LOG = logging.getLogger(__name__)
@@ -125,7 +129,36 @@ def settle(
         If the arm snaps, folds or buckles before the loads are in full.
     CompilerError
         If `compile` is True, and there is no compiler or it fails.
+
+    Warns
+    -----
+    ShapeWarning
+        Where the arm bends sharper than its own radius; see Shape.remarks.
     """
+    winches = {"lengths": lengths, "tendon_EA": tendon_EA, "tendon_outside": tendon_outside}
+    how: dict[str, Any] = {"scheme": scheme, "compile": compile, "near": near}
+    shape = _checked(arm, tensions, scene, accuracy, **winches, **how)
+    if called_by_a_script():
+        bent = sharp(shape)
+        if bent:
+            warn(bent, ShapeWarning)
+    return shape
+
+
+def _checked(
+    arm: Arm,
+    tensions: Any,
+    scene: Scene | None,
+    accuracy: float,
+    *,
+    lengths: Any,
+    tendon_EA: Any,
+    tendon_outside: Any,
+    scheme: str | None,
+    compile: Compile,  # noqa: A002  (the name that scripts use)
+    near: Shape | None,
+) -> Shape:
+    """Return what `settle` does, once all that is given is looked at."""
     accuracy = checked_accuracy(accuracy)
     if isinstance(scene, Scene) and scene.has(SelfContact):
         for name, value in (("lengths", lengths), ("near", near), ("scheme", scheme)):
@@ -137,7 +170,9 @@ def settle(
     machine_code = checked_compile(compile)
     given = _given(arm, scene, tensions, lengths, tendon_EA, tendon_outside)
     if isinstance(given, GivenLengths):
-        given = replace(given, machine_code=machine_code, near=begin and begin.tensions)
+        given = replace(
+            given, machine_code=machine_code, near=None if begin is None else begin.tensions
+        )
     scheme = check_scheme(scene, scheme)
     try:
         return _robustly(arm, given, scene, accuracy, scheme, machine_code, begin)
@@ -170,7 +205,7 @@ def _robustly(
     accuracy: float,
     scheme: str,
     machine_code: bool,
-    begin: Near | None,
+    begin: Equilibrium | None,
 ) -> Shape:
     """Return the shape, by the robust iteration of cross-sections where the usual one fails."""
     try:
@@ -192,7 +227,7 @@ def _on_itself(arm: Arm, tensions: Any, scene: Scene, accuracy: float, machine_c
 
     def at(T: Array, loaded: Scene, near: Shape | None) -> Shape:
         alike = near is not None and is_loaded(loaded) and is_loaded(near.scene)
-        begin = Near(near.tensions, near.known) if near is not None and alike else None
+        begin = near.equilibrium if near is not None and alike else None
         given, scheme = GivenTensions(T), check_scheme(loaded, None)
         return _settled(arm, given, loaded, close, scheme, machine_code, begin)
 
@@ -217,13 +252,14 @@ def _given(
     return GivenTensions(arm.flat(tensions))
 
 
-def _near(near: Any, arm: Arm, scene: Scene) -> Near | None:
+def _near(near: Any, arm: Arm, scene: Scene) -> Equilibrium | None:
     if near is None:
         return None
     kind("near", near, Shape, "a Shape of the same arm and scene, or None")
     if near.arm != arm or _alike(near.scene) != _alike(scene):
         raise InputError("near", "a shape of another arm or scene", "one of the same")
-    return Near(near.tensions, near.known)
+    found: Equilibrium = near.equilibrium
+    return found
 
 
 def _alike(scene: Scene) -> Scene:
@@ -238,7 +274,7 @@ def _settled(
     accuracy: float,
     scheme: str,
     machine_code: bool,
-    near: Near | None,
+    near: Equilibrium | None,
 ) -> Shape:
     order = order_of(scheme, scene)
     lever = float(arm.radius.evaluate(np.zeros(1), arm.length)[0][0]) if is_loaded(scene) else 0.0
@@ -256,7 +292,7 @@ def _settled(
         forward = forward_map(arm, scene, scheme, refinement, (), machine_code)
         try:
             found = given.on(forward, near)
-            check_sections(_on_its_mesh(forward, found.states), found.stretch)
+            check_sections(found.equilibrium)
         except (SnapError, UnsettledContactError, UnsettledSectionError) as problem:
             in_closed_form = isinstance(problem, UnsettledSectionError) and by_sections
             if refinement >= _COARSE or in_closed_form:
@@ -264,29 +300,25 @@ def _settled(
             # Nor does a coarser one that did bear the loads tell how accurate a finer one is.
             refinement, before = next_refinement(refinement, np.inf, accuracy, order), None
             continue
-        if found.before is None:
-            near = Near(found.tensions, forward.known(found.states))
-        snaps = (*snaps, *found.snaps)
-        tip, error = found.states[-1, :7], np.inf
+        here = found.equilibrium
+        if isinstance(here, Touching):
+            snaps = (*snaps, *here.snaps)
+        if not isinstance(here, Touching) or here.before is None:
+            near = here
+        tip, error = here.poses[-1], np.inf
         if before is not None:
             gap = _gap(tip, before[1], lever) / arm.length
             error = estimate(gap, before[0], refinement, least, rounding)
             LOG.debug("%s, mesh %d: estimated tip error %.1e of L", scheme, refinement, error)
             if error <= accuracy:
                 found = given.finished(forward, found)
-                check_stretch(_on_its_mesh(forward, found.states), found.stretch)
-                mesh = scheme, refinement, found.states, machine_code
+                check_stretch(found.equilibrium)
                 held = given.winches, found.left, snaps
-                return Shape(arm, scene, found.tensions, error, *mesh, *held, before=found.before)
+                return Shape(arm, scene, error, found.equilibrium, *held)
         before, last = (refinement, tip), refinement
         refinement = fine if last == coarse else next_refinement(last, error, accuracy, least)
-    check_stretch(_on_its_mesh(forward, found.states), found.stretch)
+    check_stretch(here)
     raise ConvergenceError(accuracy, error, "ask for less accuracy or a smoother arm")
-
-
-def _on_its_mesh(forward: ForwardMap, states: Array) -> ForwardMap:
-    """Return the forward map on the mesh of its states, that contact may have moved."""
-    return forward.settled(states) if isinstance(forward, TouchingMap) else forward
 
 
 def _gap(tip: Array, other: Array, lever: float) -> float:

@@ -12,26 +12,24 @@ from numpy.typing import NDArray
 from model.arm import Arm
 from model.checks import finite_array
 from model.contact.contacts import Touch, touches_of
-from model.contact.forward import TouchingMap
+from model.contact.forward import Touching
 from model.contact.stability import held_stability
-from model.cross_section import cross_section_of
-from model.cross_section.reported import strains_of
-from model.cross_section.sections import Sections
 from model.effects import PrintedStatics
 from model.equilibrium.complementarity import unfelt
-from model.equilibrium.forward import STAGES, Collocation
+from model.equilibrium.equilibrium import Equilibrium
+from model.equilibrium.forward import STAGES
+from model.equilibrium.linearised import Linearised
 from model.equilibrium.stability import stability
 from model.errors import InputError
-from model.forward import ForwardMap, by_collocation, forward_map
+from model.forward import by_collocation
 from model.loads import contacts, is_loaded
 from model.paths import Array
+from model.remarks import remarks
 from model.report import shape_text, tendon_table
 from model.rotations import matrices
 from model.scene import Scene
 from model.text import in_notebook, plotted
-from model.transcription.collocation import gauss
 from model.unloaded.folded import folded
-from model.unloaded.tendon_lengths import tendon_lengths
 from model.winches import Winches, pulls
 
 # What is left of a tendon, over the arm's length, from which on it is slack.
@@ -49,16 +47,10 @@ class Shape:
     ----------
     arm, scene
         What was settled.
-    tensions : (n_tendons,)
-        [N], tendon order.
     error : float
         Estimated tip error over arm length [-].
-    scheme, refinement
-        The integrator and mesh that were used.
-    states : (S + 1, 7 or more)
-        Poses (quaternion, position [m]) at the nodes of that mesh, then what else it carries.
-    machine_code : bool
-        Whether compiled kernels settled it; what is read off it is found by them too.
+    equilibrium : Equilibrium
+        The equations and their solution on the mesh that is accurate enough: what is read off.
     winches : Winches or None
         What held the tendons, if lengths were given.
     left : (n_tendons,) or None
@@ -68,23 +60,41 @@ class Shape:
     on_itself : tuple of Touch
         Where the arm presses on itself: two of each pair of places, from base to tip. The shape is
         that of the scene with these forces as point loads; so is its stability.
-    before : (tensions, states) or None
-        With friction of contacts, of the equilibrium before its last step: what has slipped since.
     """
 
     arm: Arm
     scene: Scene
-    tensions: Array
     error: float
-    scheme: str
-    refinement: int
-    states: Array
-    machine_code: bool = False
+    equilibrium: Equilibrium
     winches: Winches | None = None
     left: Array | None = None
     snaps: tuple[float, ...] = ()
     on_itself: tuple[Touch, ...] = ()
-    before: tuple[Array, Array] | None = None
+
+    @property
+    def tensions(self) -> Array:
+        """The tensions (n_tendons,) [N], tendon order."""
+        return self.equilibrium.tensions
+
+    @property
+    def scheme(self) -> str:
+        """The integrator that was used."""
+        return self.equilibrium.scheme
+
+    @property
+    def refinement(self) -> int:
+        """The refinement of the mesh that was used."""
+        return self.equilibrium.refinement
+
+    @property
+    def machine_code(self) -> bool:
+        """Whether compiled kernels settled it; what is read off it is found by them too."""
+        return self.equilibrium.machine_code
+
+    @property
+    def states(self) -> Array:
+        """Poses (quaternion, position [m]) at the nodes of the mesh (S + 1, 7)."""
+        return self.equilibrium.poses
 
     @property
     def slack(self) -> NDArray[np.bool_]:
@@ -107,9 +117,7 @@ class Shape:
         """
         if self.winches is None:
             return ()
-        loaded = is_loaded(self.scene)
-        mesh = STAGES, self.refinement, (), loaded, self.machine_code
-        here = by_collocation(self.arm, self.scene, *mesh).found(self.tensions, self.known)
+        here = self._linearised(is_loaded(self.scene))
         taut = np.flatnonzero(self.winches.held & ~self.slack.ravel())
         found = here.length_tension[np.ix_(taut, taut)]
         idle = unfelt(np.diag(self.winches.stretch[taut]) - found, _FELT)
@@ -132,20 +140,29 @@ class Shape:
         """Tendon lengths [m], a row a section as `Plan.lengths`, flat where sections differ."""
         return self.arm.by_section(self.tendon_lengths)
 
+    @cached_property
+    def remarks(self) -> tuple[str, ...]:
+        """What is not to be believed of the shape, a sentence each.
+
+        That the arm passes through itself, bends sharper than its own radius, or that a tendon has
+        no length left: the equations know no body. `settle` warns of sharp bends too.
+        """
+        return remarks(self)
+
     @property
     def tip(self) -> Array:
         """Position of the tip (3,) in the base frame [m]."""
-        return self.states[-1, 4:7].copy()
+        return self.equilibrium.poses[-1, 4:].copy()
 
     @property
     def tip_frame(self) -> Array:
         """Frame of the tip (3, 3): columns t, n, b."""
-        return matrices(self.states[-1, :4])
+        return matrices(self.equilibrium.poses[-1, :4])
 
     @property
     def s(self) -> Array:
         """Arc lengths of the mesh's nodes (S + 1,) [m]."""
-        return self._map.mesh.s.copy()
+        return self.equilibrium.mesh.s.copy()
 
     def position(self, s: Any) -> Array:
         """Return positions [m], (3,) or (N, 3), at arc length s [m], a scalar or (N,)."""
@@ -173,7 +190,7 @@ class Shape:
             tendon_table("tensions [N]", own, self.tensions),
             tendon_table("tendon lengths [mm]", own, lengths),
         ]
-        return shape_text(tables, self.tip, self.tip_frame, self.error, self.folded)
+        return shape_text(tables, self.tip, self.tip_frame, self.error, self.remarks)
 
     def _repr_html_(self) -> str:
         return in_notebook(self)
@@ -191,14 +208,12 @@ class Shape:
 
         With friction it falls along the arm; at an anchorage it is that on the base side.
         """
-        place, forward = finite_array("s", np.atleast_1d(s), (1,)), self._map
+        place = finite_array("s", np.atleast_1d(s), (1,))
         crosses = np.array([self.arm.sections[i].at >= place[0] for i, _ in self.arm.tendons])
         tendons = np.flatnonzero(crosses)
         found = np.zeros(crosses.size)
-        found[tendons] = self.tensions[tendons]
-        if isinstance(forward, Collocation):
-            given = (place, np.zeros(tendons.size, dtype=int), tendons)
-            found[tendons] = forward.pulls(self.tensions, self.states, *given)
+        given = (place, np.zeros(tendons.size, dtype=int), tendons)
+        found[tendons] = self.equilibrium.tensions_at(*given)
         return found
 
     @cached_property
@@ -208,16 +223,7 @@ class Shape:
         By collocation that of the stages, to which settles by lengths hold the tendons; otherwise
         the integral of ``|du_c/ds|`` by Gauss quadrature.
         """
-        if isinstance(self._map, Collocation):
-            return self._map.lengths(self.tensions, self.states)
-        if not self.scene.has(PrintedStatics):
-            return tendon_lengths(self.arm, self.scene, self.machine_code)(self.tensions).lengths
-        mesh = self._map.mesh
-        law = cross_section_of(self.scene, self.arm.is_curved)
-        method, h = gauss(STAGES), np.diff(mesh.s)[:, None]
-        s, weight = (mesh.s[:-1, None] + h * method.c).ravel(), (h * method.b).ravel()
-        sections = Sections(self.arm, self.scene, law, s, np.repeat(mesh.active, STAGES))
-        return sections.lengths(strains_of(law, self.strains(s)), weight)
+        return self.equilibrium.lengths
 
     @cached_property
     def stability(self) -> float:
@@ -228,34 +234,29 @@ class Shape:
         """
         if self.scene.has(PrintedStatics):
             raise InputError("scene", "as printed", "a scene whose equations hold under loads")
-        mesh = (STAGES, self.refinement, (), True)
-        forward = by_collocation(self.arm, self.scene, *mesh, self.machine_code)
-        here = forward.found(self.tensions, self.known)
+        here = self._linearised(True)
         return held_stability(here) if contacts(self.scene) else stability(here)
+
+    def _linearised(self, loaded: bool) -> Linearised:
+        """Return its equations by collocation, with wrenches as unknowns where it is `loaded`."""
+        here = self.equilibrium.states
+        if here is not None and here.system.of.form.loaded == loaded:
+            return here
+        mesh = STAGES, self.refinement, (), loaded, self.machine_code
+        return by_collocation(self.arm, self.scene, *mesh).found(self.tensions)
 
     @property
     def contacts(self) -> tuple[Touch, ...]:
         """What it leans on, from base to tip: obstacle, s [m], force (3,) [N] on it, gap [m]."""
-        forward = self._map
-        if not isinstance(forward, Collocation) or not contacts(self.scene):
+        here = self.equilibrium
+        if not isinstance(here, Touching):
             return self.on_itself
-        known = self.known
-        return touches_of(known.system, known.states, known.history)
+        return touches_of(here.system, here.here.states, here.history)
 
     @property
-    def known(self) -> Any:
-        """The same equilibrium as another mesh takes it; None where the shape is explicit."""
-        mesh = (self.scheme, self.refinement, ())
-        forward = forward_map(self.arm, self.scene, *mesh, self.machine_code)
-        if isinstance(forward, TouchingMap):
-            return forward.known(self.states, self.before)
-        return forward.known(self.states)
-
-    @property
-    def _map(self) -> ForwardMap:
-        mesh = (self.scheme, self.refinement, ())
-        forward = forward_map(self.arm, self.scene, *mesh, self.machine_code)
-        return forward.settled(self.states) if isinstance(forward, TouchingMap) else forward
+    def known(self) -> Linearised | None:
+        """The equations and their solution, for other meshes to begin with; see Equilibrium."""
+        return self.equilibrium.states
 
     def _at(self, s: Any, read: Any, strains: bool = False) -> Array:
         wanted = finite_array("s", np.atleast_1d(s), (None,))
@@ -270,8 +271,8 @@ class Shape:
 
     def _read(self, s: Array, strains: bool) -> tuple[Array, Array]:
         """Return poses and strains at s; poses alone where all of s are nodes of the mesh."""
-        nodes = self._map.mesh.s
+        nodes = self.equilibrium.mesh.s
         near = np.minimum(np.searchsorted(nodes, s), nodes.size - 1)
         if not strains and np.array_equal(nodes[near], s):
-            return self.states[near, :7], np.zeros((s.size, 4))
-        return self._map.dense(self.tensions, self.states, s)
+            return self.equilibrium.poses[near], np.zeros((s.size, 4))
+        return self.equilibrium.at(s)

@@ -48,7 +48,7 @@ class Stiffness:
     locked : tuple of int
         Tendons whose length is held.
     slack : tuple of str
-        Tendons without tension: locked, they could only pull, not push.
+        Tendons without tension: locked, they could only pull, not push; see `locked`.
     refinement : int
         Of the mesh on which all this was found.
     error : float
@@ -136,10 +136,16 @@ class Stiffness:
             compliance_text(place, held, self.compliance[:3, :3], *self.ellipsoid()),
         ]
         if self.hold == "length" and self.slack:
-            parts.append(f"slack, could only pull: {', '.join(self.slack)}")
+            parts.append(self._told_of_slack())
         stable = "stable" if self.stable else "not stable"
         last = f"{stable} with tensions held; estimated relative error [-]  {self.error:.1e}"
         return "\n\n".join([*parts, last])
+
+    def _told_of_slack(self) -> str:
+        names = ", ".join(self.slack)
+        if len(self.locked) + len(self.slack) > self.shape.tensions.size:
+            return f"without tension and locked, though they could only pull: {names}"
+        return f"without tension, left slack (release=False locks them): {names}"
 
     def _repr_html_(self) -> str:
         return in_notebook(self)
@@ -159,7 +165,7 @@ def stiffness(
     *,
     accuracy: float = ACCURACY,
     tendon_EA: float | None = None,
-    release: bool = False,
+    release: bool = True,
     compile: Compile = False,  # noqa: A002  (the name that scripts use)
     lengths: Any = None,
     tendon_outside: float = 0.0,
@@ -179,8 +185,9 @@ def stiffness(
     tendon_EA : float
         Stiffness E A of the tendons themselves [N]; they do not stretch unless given.
     release : bool
-        Whether tendons without tension are left slack where lengths are held; by `lengths` they
-        are.
+        Whether tendons without tension are slack where lengths are held: they are, as they could
+        only pull, and an arm that leans the other way finds them so. False locks them all, which
+        is stiffer. By `lengths` what is slack stays so.
     compile : bool or "auto"
         Whether to work by machine code, see settle.
     lengths, tendon_outside

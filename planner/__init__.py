@@ -12,6 +12,7 @@ from planner.bodies.urdf import ros_messages, urdf
 from planner.c_code.export import export, export_plan
 from planner.calibrate.saved import load_calibration
 from planner.certificate import Certificate
+from planner.effect_ablation import Switch, switch_effects
 from planner.fit.calibrate import calibrate
 from planner.fit.calibration import Calibration
 from planner.fit.design import design
@@ -43,6 +44,7 @@ __all__ = [
     "Problem",
     "Reach",
     "Statement",
+    "Switch",
     "Trajectory",
     "Trial",
     "Unknown",
@@ -62,6 +64,7 @@ __all__ = [
     "save_shape",
     "stiffness",
     "sweep",
+    "switch_effects",
     "trajectory",
     "urdf",
 ]

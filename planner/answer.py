@@ -10,7 +10,7 @@ from typing import Any, Self
 import numpy as np
 
 from model.arm import Arm
-from model.equilibrium.forward import Known
+from model.equilibrium.linearised import Linearised
 from model.errors import OctoplanError
 from model.paths import Array
 from model.scene import Scene
@@ -117,10 +117,10 @@ class Answer:
         return settled(self.arm, self.tensions, self.scene, self.accuracy, self.machine_code)
 
     @property
-    def known_equilibrium(self) -> Known | None:
+    def known_equilibrium(self) -> Linearised | None:
         """The states of the shape, to begin with on other meshes; None where there are none."""
         try:
-            known: Known | None = self.shape.known
+            known: Linearised | None = self.shape.known
         except (OctoplanError, OutOfTime):
             return None
         return known

@@ -30,7 +30,6 @@ from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
 from model.time_limit import OutOfTime
-from model.unloaded.verification import integrated
 from planner.avoidance.asked import NOTHING, Surroundings
 from planner.certificate import MOST_LOADS, Certificate
 from planner.contact.grasp import left_of
@@ -154,14 +153,9 @@ def _integrated(shape: Shape, stations: tuple[float, ...], accuracy: float) -> C
     if contacts(shape.scene):
         return _in_contact(shape, stations, accuracy)
     coarser = max(_LEAST, shape.refinement // _COARSER)
-    if not is_loaded(shape.scene):
-        given = (shape.arm, shape.scene, shape.tensions, stations, accuracy)
-        own = integrated(*given, coarser, shape.machine_code)
-        places = [own.mesh.node(s) for s in stations]
-        return own.poses[places], own.poses[-1, 4:], own.error, own.stability, own.centreline
     scale = np.repeat([1.0, shape.arm.length], [4, 3])
     for mesh in sorted({min(shape.refinement, coarser), shape.refinement}):
-        form = (STAGES, mesh, stations, True, shape.machine_code)
+        form = (STAGES, mesh, stations, is_loaded(shape.scene), shape.machine_code)
         forward = Collocation(shape.arm, shape.scene, *form)
         here = forward.found(shape.tensions, shape.known)
         found = verified(here, accuracy)
@@ -171,10 +165,18 @@ def _integrated(shape: Shape, stations: tuple[float, ...], accuracy: float) -> C
             break
     places = [forward.mesh.node(s) for s in stations]
     line = partial(Centreline.at_states, forward.system, found.here.states)
-    # Whether it stands does not take a fine mesh, how well it does takes one.
+    return poses[places], poses[-1, 4:], found.error, _stability(shape, found.here), line
+
+
+def _stability(shape: Shape, here: Linearised) -> float:
+    """Return the stability of an equilibrium that is verified.
+
+    Whether it stands does not take a fine mesh, how well it does takes one.
+    """
+    if not is_loaded(shape.scene):
+        return stability(here)
     rough = _rough(shape)
-    least = least_eigenvalue(found.here) if stands(rough) else stability(rough)
-    return poses[places], poses[-1, 4:], found.error, least, line
+    return least_eigenvalue(here) if stands(rough) else stability(rough)
 
 
 def _rough(shape: Shape) -> Linearised:

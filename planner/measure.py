@@ -89,6 +89,7 @@ def compliances_along(arm: Arm, targets: tuple[Target, ...], shape: Shape) -> Ar
             request.hold,
             accuracy=_STIFF_ACCURACY,
             tendon_EA=request.tendon_EA,
+            release=False,  # as the program's responses have them
             compile=shape.machine_code,
         )
         D = np.array(along)

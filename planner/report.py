@@ -6,13 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from model import Arm, OctoplanError, Shape, Switch
+from model import Arm, OctoplanError, Shape
 from model.effects import PrintedStatics
 from model.paths import Array
 from model.report import shape_text, tendon_table
 from model.text import columns
 from model.time_limit import OutOfTime
 from planner.answer import Answer
+from planner.effect_ablation import Switch
 from planner.tendon_lengths import length_error, strokes
 
 
@@ -82,7 +83,7 @@ def settled_text(shape: Shape) -> str:
         return repr(shape)
     table = tendon_table("tensions [N]", shape.arm.tendons_by_section, shape.tensions)
     tables = [table, length_table(shape), stroke_table(shape)]
-    return shape_text(tables, shape.tip, shape.tip_frame, shape.error, shape.folded)
+    return shape_text(tables, shape.tip, shape.tip_frame, shape.error, shape.remarks)
 
 
 def switch_table(switches: tuple[Switch, ...], accuracy: float) -> str:

@@ -26,8 +26,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from model import Arm, Scene, Switch
-from model.effect_ablation import switch_on
+from model import Arm, Scene
 from model.effects import (
     Buoyancy,
     Current,
@@ -41,6 +40,7 @@ from model.effects import (
     TipLoad,
     Weight,
 )
+from planner.effect_ablation import Switch, switch_on
 from studies.panels import lettered
 
 PAPER = Scene(Extension())

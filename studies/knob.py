@@ -33,7 +33,7 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from model.forward import forward_map, schemes_of
+from model.forward import equilibrium_on, forward_map, schemes_of
 from model.mesh_refinement import REFINEMENTS
 from model.paths import Array
 from studies import draws
@@ -178,11 +178,13 @@ def priced_case(case: Case, arm: Arm, true: Array) -> Case:
         for refinement in REFINEMENTS:
             forward = forward_map(arm, scene, scheme, refinement)
             try:
-                tip = forward.run(T)[0][-1, 4:7]
+                tip = equilibrium_on(forward, T).poses[-1, 4:]
             except (OctoplanError, RuntimeError):
                 continue
             if np.linalg.norm(tip - true) <= accuracy * arm.length:
-                entries[f"{scheme} {refinement}"] = lambda forward=forward: forward.run(T)
+                entries[f"{scheme} {refinement}"] = lambda forward=forward: equilibrium_on(
+                    forward, T
+                )
                 break
     price, cheapest, entry = cheapest_of(work, entries)
     return replace(case, price=price, cheapest=cheapest, entry=entry)

@@ -11,7 +11,7 @@ import numpy as np
 
 from model import Arm, Scene, settle, tip_jacobian
 from model.effects import ExactTendons, Extension
-from model.forward import CLOSED_FORMS, ForwardMap, forward_map, schemes_of
+from model.forward import CLOSED_FORMS, ForwardMap, equilibrium_on, forward_map, schemes_of
 from model.loads import is_loaded
 from model.paths import Array
 from model.unloaded.tip_jacobian import tip_jacobian_function
@@ -76,7 +76,7 @@ def _others(scene: Scene) -> Callable[[Arm, Array, Error, Size], list[Measured]]
 
 def tip_by(forward: ForwardMap, T: Array, i: int) -> Array:
     """Return the tip (3,) under a set of many tensions."""
-    return forward.run(T[i])[0][-1, 4:7]
+    return equilibrium_on(forward, T[i]).poses[-1, 4:]
 
 
 def _scipy(arm: Arm, T: Array, off: Error, size: Size) -> list[Measured]:

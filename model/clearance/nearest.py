@@ -21,12 +21,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from model.centreline import Centreline
+from model.centreline import Centreline, Settled
 from model.clearance.pieces import Pieces, segment_gaps
 from model.obstacles import Obstacle, check_obstacles
 from model.obstacles.bodies import Bodies
 from model.paths import Array
-from model.shape import Shape
 
 # Pieces to begin with; how close the bound comes, over L and over the clearance; the most pieces.
 _PIECES, _CLOSE, _RELATIVE, _MOST = 32, 2e-5, 1e-2, 3000
@@ -61,7 +60,7 @@ class Clearance:
         return f"it clears {self.what} by {1e3 * self.gap:.3g} mm (s = {at})"
 
 
-def clearance(shape: Shape, obstacles: Sequence[Obstacle] | Obstacle = ()) -> Clearance:
+def clearance(shape: Settled, obstacles: Sequence[Obstacle] | Obstacle = ()) -> Clearance:
     """Return how clear a settled arm is of obstacles, its base plane and itself.
 
     Raises InputError for what is not an obstacle.

@@ -8,7 +8,6 @@ from functools import cached_property
 import numpy as np
 
 from model.arm import Arm
-from model.contact.codes import codes, read_codes
 from model.contact.held_shut import Question
 from model.contact.history import History
 from model.contact.meshes import mesh_with_contact
@@ -19,10 +18,10 @@ from model.contact.path import Followed, follow
 from model.contact.read_off import close, exact_places
 from model.contact.touches import Touches
 from model.effects import Contact
-from model.equilibrium.forward import Collocation, Known
+from model.equilibrium.equilibrium import Collocated, Equilibrium
+from model.equilibrium.forward import Collocation
 from model.equilibrium.linearised import Linearised
 from model.errors import InputError, UnsettledContactError
-from model.mesh import with_nodes
 from model.paths import Array
 from model.scene import Scene
 from model.transcription.neighbours import landmarks
@@ -30,19 +29,28 @@ from model.transcription.system import System
 
 
 @dataclass(frozen=True, eq=False)
-class KnownContact(Known):
-    """States of an equilibrium with contact on some mesh, how its nodes touch, and where it was.
+class Touching(Collocated):
+    """An equilibrium with contact, whose equations know what touches on their mesh.
 
-    `here` is the equilibrium with derivatives that are worked out already, if there is one.
+    Attributes
+    ----------
+    snaps : tuple of float
+        At which shares of the way the arm jumped.
+    before : Linearised or None
+        With friction of contacts, the equilibrium before the last step: what has slipped since.
     """
 
-    touches: Touches
-    history: History | None = None
-    here: Linearised | None = None
+    snaps: tuple[float, ...] = ()
+    before: Linearised | None = None
+
+    @property
+    def history(self) -> History | None:
+        """What friction knows of the motion before."""
+        return None if self.before is None else History(self.before)
 
 
 class TouchingMap(Collocation):
-    """See ForwardMap; a row of its states is followed by its arc length and how it touches."""
+    """The equations of an arm that may touch obstacles, on a mesh that moves with the contacts."""
 
     def __init__(
         self,
@@ -55,22 +63,30 @@ class TouchingMap(Collocation):
     ) -> None:
         base = mesh_with_contact(arm, scene, refinement, at)
         self._form = stages, refinement, at, machine_code
+        self.refinement = refinement
         self._state(System(arm, scene, base, stages, True, machine_code))
         self._fixed, self._machine_code = np.unique(landmarks(arm, scene, at)), machine_code
-        self._last: tuple[Array, Collocation] | None = None
         self._rest = self.without_loads(np.zeros(arm.n_tendons))
         check_outside(self.system, self._rest)
 
-    def run(self, tensions: Array, near: Known | None = None) -> tuple[Array, Array]:
-        """See ForwardMap.run; raises UnsettledContactError."""
-        return self.rows(self.found(tensions, near))
+    def from_touching(self, tensions: Array, near: Equilibrium | None) -> Touching:
+        """Return the equilibrium under tensions from rest, or from another; see led."""
+        known = near if isinstance(near, Collocated) else None
+        before = tensions if near is None else near.tensions
+        way = self.led(tensions, before, known)
+        return Touching(way.settled.held.here, self.refinement, way.snaps, way.before)
 
-    def found(self, tensions: Array, known: Known | None = None) -> Linearised:
+    def equilibrium(self, tensions: Array, near: Linearised | None = None) -> Collocated:
+        """See Collocation.equilibrium; raises UnsettledContactError."""
+        known = None if near is None else Collocated(near, self.refinement)
+        return self.from_touching(tensions, known)
+
+    def found(self, tensions: Array, known: Linearised | None = None) -> Linearised:
         """Return the equilibrium under tensions, near one that another mesh has, if any does."""
-        return self.come_to(tensions, tensions, known)[0]
+        return self.equilibrium(tensions, known).here
 
     def come_to(
-        self, tensions: Array, before: Array, known: Known | None, jumps: bool = True
+        self, tensions: Array, before: Array, known: Collocated | None, jumps: bool = True
     ) -> tuple[Linearised, tuple[float, ...]]:
         """Return the equilibrium that the arm comes to, and at which shares of the way it snaps.
 
@@ -82,7 +98,7 @@ class TouchingMap(Collocation):
         return way.settled.held.here, way.snaps
 
     def led(
-        self, tensions: Array, before: Array, known: Known | None, jumps: bool = True
+        self, tensions: Array, before: Array, known: Collocated | None, jumps: bool = True
     ) -> Followed:
         """Return where the arm comes to, and how; see come_to.
 
@@ -90,14 +106,15 @@ class TouchingMap(Collocation):
         none as long as it touches nothing: else InputError.
         """
         of, frictional = self._question(tensions), self.system.of.form.contact_friction
-        if not isinstance(known, KnownContact):
+        if known is None:
             if frictional:
                 return self._untouched(tensions)
             return follow(of, 0 * tensions, 0.0, self._at_rest(of))
-        there = _held(known, before)
+        there = Held(known.here, Touches.of(known.system))
         start, stays = Settled(there, exact_places(there)), np.array_equal(tensions, before)
         if frictional:
-            own = known.history if stays and known.history else History(there.here)
+            past = known.history if isinstance(known, Touching) and stays else None
+            own = past or History(there.here)
             of = replace(of, history=own)
         if stays or not frictional:
             near = (there, start.places) if frictional else ahead(of, there, start.places)
@@ -119,7 +136,7 @@ class TouchingMap(Collocation):
                 "before, and an arm without history has none"
             )
             raise InputError("near", None, allowed)
-        states = self.carried(tensions, Known(here.system, here.states))
+        states = self.carried(tensions, here)
         none = Touches.none(self.system.of.elements, self.system.of.form.contacts)
         held = newton(self.system, tensions, 1.0, states, none)
         if held is None:
@@ -147,43 +164,8 @@ class TouchingMap(Collocation):
             raise UnsettledContactError(0.0, "it does not come to rest")
         return Settled(held, ())
 
-    def rows(self, here: Linearised) -> tuple[Array, Array]:
-        """See Collocation.rows."""
-        rows, stretch = Collocation.on(here.system).rows(here)
-        return np.hstack([rows, codes(here.system)]), stretch
-
-    def known(self, rows: Array, before: tuple[Array, Array] | None = None) -> Known:
-        """See ForwardMap.known; `before` are tensions and rows of the equilibrium before."""
-        system, touches = self._read(rows)
-        states, history = Collocation.on(system).states(rows), None
-        if before is not None:
-            own = self._read(before[1])[0]
-            x = own.x(before[0], 1.0, Collocation.on(own).states(before[1]))
-            history = History(Linearised(own, x))
-        return KnownContact(system, states, touches, history)
-
-    def settled(self, rows: Array) -> Collocation:
-        """Return the map on the mesh that rows have, told of what touches there."""
-        if self._last is None or self._last[0] is not rows:
-            self._last = rows, Collocation.on(self._read(rows)[0])
-        return self._last[1]
-
-    def _read(self, rows: Array) -> tuple[System, Touches]:
-        """Return the equations of rows, told of their touches."""
-        own = self.system
-        s, touches = read_codes(rows[:, own.of.stride :])
-        form = own.of.form.stages, True, self._machine_code, touches.pressed
-        return touches.told(System(own.arm, own.scene, with_nodes(own.arm, s), *form)), touches
-
 
 def without_friction(scene: Scene) -> Scene:
     """Return a scene whose contacts have no friction."""
     free = [replace(e, friction=0.0) if isinstance(e, Contact) else e for e in scene.effects]
     return Scene(*free)
-
-
-def _held(known: KnownContact, tensions: Array) -> Held:
-    """Return an equilibrium that is known."""
-    system = known.system
-    here = known.here or Linearised(system, system.x(tensions, 1.0, known.states))
-    return Held(here, known.touches)

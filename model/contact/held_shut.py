@@ -15,7 +15,7 @@ from model.contact.newton import Held, newton
 from model.contact.places import Place, Placed, placed
 from model.contact.touches import Touches, forces, second
 from model.effects import Shear
-from model.equilibrium.forward import Collocation, Known, carried_strains
+from model.equilibrium.forward import Collocation, carried_strains
 from model.loads import contacts
 from model.mesh import Mesh
 from model.paths import Array
@@ -104,8 +104,7 @@ def held_shut(
         if _near(before.system, system, _FACTORED) and touches.like(held.touches):
             kept = held.factored
     else:
-        known = Known(before.system, before.states)
-        states = Collocation.on(system).carried(of.tensions, known)
+        states = Collocation.on(system).carried(of.tensions, before)
         states[system.of.touches[:, :, 0]] = _carried(held, system, touches)
         if before.system.of.form.contact_friction:
             near = np.abs(system.mesh.s[:, None] - before.system.mesh.s).argmin(axis=1)

@@ -3,25 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from model.arm import Arm
-from model.cross_section.reported import reported
-from model.effects import Friction
 from model.equilibrium.continuation import by_load_steps, near
-from model.equilibrium.dense import poses_and_strains
+from model.equilibrium.equilibrium import Collocated
 from model.equilibrium.hold import TENSIONS, Hold
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import NEAR, newton_many
-from model.equilibrium.sliding import pulls
 from model.errors import OctoplanError, SnapError, UnsettledSectionError
 from model.loads import is_loaded
 from model.paths import Array
 from model.scene import Scene
 from model.transcription.collocation import gauss
-from model.transcription.kernel import Places
 from model.transcription.system import System, system
 from model.unloaded.settled_sections import settled_sections
 
@@ -43,22 +38,12 @@ def collocation_order(stages: int, friction: bool) -> int:
     return 2 * stages - friction
 
 
-@dataclass(frozen=True, eq=False)
-class Known:
-    """States of an equilibrium on some mesh."""
-
-    system: System
-    states: Array
-
-
 class Collocation:
-    """See ForwardMap; a row of its states is a node, then the stages of the element beyond it.
+    """The equations of an arm on a mesh, which settle tensions to equilibria.
 
     Attributes
     ----------
     system : System
-    stretch_at : (K,)
-        Arc lengths of the stages, then of both ends of the elements [m].
     """
 
     def __init__(
@@ -71,28 +56,28 @@ class Collocation:
         loaded: bool = True,
         machine_code: bool = False,
     ) -> None:
+        self.refinement = refinement
         self._state(system(arm, scene, stages, refinement, at, loaded, machine_code))
 
     @classmethod
     def on(cls, stated: System) -> Collocation:
         """Return the forward map of equations that are stated already."""
         found = cls.__new__(cls)
+        found.refinement = 0
         found._state(stated)
         return found
 
     def _state(self, stated: System) -> None:
         self.system, self.mesh = stated, stated.mesh
-        self.stretch_at = np.concatenate([stated.s, self.mesh.s[:-1], self.mesh.s[1:]])
-        self.order = collocation_order(stated.of.form.stages, stated.scene.has(Friction))
         self.machine_code = stated.of.form.machine_code
         self._soon: tuple[Array, Linearised] | None = None
         self._unloaded: tuple[Array, Array] | None = None
 
-    def run(self, tensions: Array, near: Known | None = None) -> tuple[Array, Array]:
-        """See ForwardMap.run; raises SnapError and UnsettledSectionError."""
-        return self.rows(self.found(tensions, near))
+    def equilibrium(self, tensions: Array, near: Linearised | None = None) -> Collocated:
+        """Return what `found` does, as a value."""
+        return Collocated(self.found(tensions, near), self.refinement)
 
-    def found(self, tensions: Array, known: Known | None = None) -> Linearised:
+    def found(self, tensions: Array, known: Linearised | None = None) -> Linearised:
         """Return the equilibrium under tensions, near one that another mesh has, if any does."""
         if not is_loaded(self.system.scene):
             x = self.system.x(tensions, 1.0, self.without_loads(tensions))
@@ -113,7 +98,7 @@ class Collocation:
         return last[1]
 
     def many(
-        self, tensions: Array, known: Sequence[Known | None]
+        self, tensions: Array, known: Sequence[Linearised | None]
     ) -> list[Linearised | OctoplanError]:
         """Return the equilibria under tensions (N, n_tendons), each near what is known of it.
 
@@ -132,7 +117,7 @@ class Collocation:
             found[i] = end
         return [own for own in found if own is not None]
 
-    def near(self, tensions: Array, known: Known, hold: Hold = TENSIONS) -> Linearised | None:
+    def near(self, tensions: Array, known: Linearised, hold: Hold = TENSIONS) -> Linearised | None:
         """Return the equilibrium near one that another mesh has; None if there is none.
 
         Where lengths are held, `tensions` are those of that one.
@@ -199,34 +184,6 @@ class Collocation:
                 found.append(reason)
         return found
 
-    def rows(self, here: Linearised) -> tuple[Array, Array]:
-        """Return the states (N + 1, stride) of an equilibrium, and 1 + q (K,) at `stretch_at`."""
-        of = self.system.of
-        states = here.x[of.first :]
-        padded = np.concatenate([states, np.zeros((of.elements + 1) * of.stride - states.size)])
-        return padded.reshape(-1, of.stride), self.stretch(states)
-
-    def stretch(self, states: Array) -> Array:
-        """Return 1 + q (K,) at `stretch_at`."""
-        of = self.system.of
-        stages = reported(of.form.law, self.system.strains(states))[:, 3] + 1
-        inside = stages.reshape(of.elements, -1)
-        ends = [inside @ gauss(of.form.stages).at(x) for x in (0.0, 1.0)]
-        return np.asarray(np.concatenate([stages, *ends]))
-
-    def states(self, rows: Array) -> Array:
-        """Return the states (n_states,) of their rows; undoes rows."""
-        of = self.system.of
-        return rows[:, : of.stride].ravel()[: of.n_states]
-
-    def lengths(self, tensions: Array, rows: Array) -> Array:
-        """Return the lengths of the tendons (n_tendons,) of states [m]."""
-        return self.system.lengths(self.system.x(tensions, 1.0, self.states(rows)))
-
-    def known(self, rows: Array) -> Known:
-        """See ForwardMap.known."""
-        return Known(self.system, self.states(rows))
-
     def without_loads(self, tensions: Array) -> Array:
         """Return the states under tensions without loads; raises UnsettledSectionError.
 
@@ -238,7 +195,7 @@ class Collocation:
             last = self._unloaded = tensions.copy(), states
         return last[1].copy()
 
-    def carried(self, tensions: Array, known: Known) -> Array:
+    def carried(self, tensions: Array, known: Linearised) -> Array:
         """Return the states of this mesh by the polynomials of another's strains."""
         return np.asarray(self._carried(tensions[None], known.system, known.states[None])[0])
 
@@ -248,20 +205,6 @@ class Collocation:
         strains = np.moveaxis(states[:, before.of.stages], 0, -1)
         strains = np.moveaxis(carried_strains(before, strains, self.system), -1, 0)
         return self.system.starts(tensions, strains, 1.0)
-
-    def pulls(self, tensions: Array, rows: Array, s: Array, place: Places, tendon: Places) -> Array:
-        """Return the tensions (P,) of tendons where they cross arc lengths s[place]."""
-        x = self.system.x(tensions, 1.0, self.states(rows))
-        return pulls(self.system, x, s, place, tendon)
-
-    def dense(self, tensions: Array, rows: Array, s: Array) -> tuple[Array, Array]:
-        """See ForwardMap.dense."""
-        x = self.system.x(tensions, 1.0, self.states(rows))
-        poses, v = poses_and_strains(self.system, x, s)
-        nodes = np.minimum(np.searchsorted(self.mesh.s, s), self.mesh.steps)
-        exact = (self.mesh.s[nodes] == s)[:, None]
-        strains = reported(self.system.of.form.law, v)
-        return np.where(exact, rows[nodes, :7], poses), strains
 
 
 def carried_strains(before: System, strains: Array, after: System) -> Array:

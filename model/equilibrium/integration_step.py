@@ -77,7 +77,8 @@ def integrated_step(form: Form, n_tendons: int) -> Mapped:
 
 def _rate(form: Form, numbers: Symbols, node: Node, y: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Return y' and the strains."""
-    q, u, M = y[:4], y[4:POSE], y[POSE : POSE + 3]
+    q, u = y[:4], y[4:POSE]
+    M = y[POSE : POSE + 3] if form.loaded else ca.SX.zeros(3)
     frame, F, w = unit_matrix(q), numbers.load * node.dead, POSE + form.wrench
     F = F + y[POSE + 3 : w] if form.moving else F
     local = frame.T @ F
@@ -88,7 +89,9 @@ def _rate(form: Form, numbers: Symbols, node: Node, y: ca.SX) -> tuple[ca.SX, ca
     v = node.v + node.inverse @ lack
     kappa, nu = form.law.twist(v)
     along = frame @ nu
-    rates = [multiply(q, ca.vertcat(0, kappa)) / 2, along, -ca.cross(along, F)]
+    rates = [multiply(q, ca.vertcat(0, kappa)) / 2, along]
+    if form.loaded:
+        rates.append(-ca.cross(along, F))
     if form.moving:
         rates.append(-_pushed(form, numbers, node, u, frame, nu))
     return ca.vertcat(*rates, node.turning + node.slope.T @ (v - node.v)), v

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,6 +94,9 @@ class Linearised:
     x: Array
     near: Linearised | None = None
     jacobian: Array | None = None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Linearised, (self.system, self.x)
 
     @cached_property
     def refreshed(self) -> Linearised:

@@ -78,6 +78,8 @@ def _defects(here: Linearised, y: Array) -> Array:
     missed = np.zeros(of.n_states)
     there, w = of.nodes[1:, : y.shape[1]], of.form.wrench
     missed[there[:, :POSE]] = states[there[:, :POSE]] - y[:, :POSE]
+    if not w:
+        return missed
     wrenches = np.zeros(of.n_states)
     wrenches[there[:, POSE : POSE + w]] = y[:, POSE : POSE + w] - states[there[:, POSE : POSE + w]]
     # What an element makes of another wrench beyond it; a node's own wrench is left out.

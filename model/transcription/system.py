@@ -8,6 +8,7 @@ from __future__ import annotations
 from copy import copy
 from dataclasses import replace
 from functools import cached_property, lru_cache, partial
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -23,7 +24,7 @@ from model.mesh import Mesh, graded
 from model.paths import Array
 from model.rotations import matrices
 from model.scene import Scene
-from model.transcription.calls import calls_of, compressed
+from model.transcription.calls import Calls, calls_of, compressed
 from model.transcription.collocation import gauss
 from model.transcription.element import Form, element
 from model.transcription.kernel import Kernel
@@ -89,7 +90,15 @@ class System:
         self.of = structure(arm, scene, mesh, form)
         found = numbers(arm, scene, mesh, self.of)
         self.p, self.s, self.length_numbers = found.p, found.s, found.lengths
-        self._calls = calls_of(self.of)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        form = self.of.form
+        structure = form.stages, form.loaded, form.machine_code, form.pressed
+        return _restored, (self.arm, self.scene, self.mesh, *structure, self.p)
+
+    @cached_property
+    def _calls(self) -> Calls:
+        return calls_of(self.of)
 
     @cached_property
     def base(self) -> Array:
@@ -253,6 +262,13 @@ class System:
             drops = -self.residuals(x)[:, places]
             states[:, places] = np.cumsum(drops[:, ::-1], axis=1)[:, ::-1]
         return np.asarray(states)
+
+
+def _restored(*given: Any) -> System:
+    """Return equations with numbers of their own: the last that is given."""
+    found = System(*given[:-1])
+    found.p = given[-1]
+    return found
 
 
 def structure(arm: Arm, scene: Scene, mesh: Mesh, form: Form) -> Layout:

@@ -138,9 +138,10 @@ class ClosedForm:
         places: GeometryOnMesh,
         scheme: Magnus,
         machine_code: bool = False,
+        refinement: int = 0,
     ) -> None:
         self.arm, self.scene, self.scheme, self.mesh = arm, scene, scheme, places.mesh
-        self.order, self.machine_code = scheme.order, machine_code
+        self.name, self.refinement, self.machine_code = scheme.name, refinement, machine_code
         self.stretch_at, self.stretch_active = places.at, places.active
         self.maps, self.data = places.maps, places.data(arm)
         self._base, self._h, steps = places.base, places.h, places.mesh.steps
@@ -166,8 +167,8 @@ class ClosedForm:
         nodes = ca.horzcat(self._base, poses)
         return ca.Function("closed_form", [T], [ca.densify(nodes), ca.densify(everywhere)])
 
-    def run(self, tensions: Array, near: object = None) -> tuple[Array, Array]:
-        """See ForwardMap.run: poses (S + 1, 7) and 1 + q (K,)."""
+    def run(self, tensions: Array) -> tuple[Array, Array]:
+        """See March.run: poses (S + 1, 7) and 1 + q (K,)."""
         march, at_ends = self._calls
         n, pull = self.mesh.steps * len(self.scheme.nodes), self.maps @ tensions
         given = pull[:n].ravel(), self.data[:n].ravel()
@@ -178,9 +179,6 @@ class ClosedForm:
         if lost.any():  # without extension a section that does not settle shows in the poses only
             stretch[self.stretch_at >= self.mesh.s[np.argmax(lost) - 1]] = np.nan
         return poses, stretch
-
-    def known(self, states: Array) -> None:
-        """See ForwardMap.known: nothing, the map is explicit."""
 
     def dense(self, tensions: Array, poses: Array, s: Array) -> tuple[Array, Array]:
         """Return poses (N, 7) and strains (N, 4) at arc lengths s, a step from the nodes below."""

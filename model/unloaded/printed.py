@@ -140,9 +140,10 @@ class PrintedMap:
         mesh: Mesh,
         scheme: RungeKutta,
         machine_code: bool = False,
+        refinement: int = 0,
     ) -> None:
-        self.machine_code = machine_code
-        self.arm, self.mesh, self.scheme, self.order = arm, mesh, scheme, scheme.order
+        self.name, self.refinement, self.machine_code = scheme.name, refinement, machine_code
+        self.arm, self.scene, self.mesh, self.scheme = arm, scene, mesh, scheme
         self.extension = scene.has(Extension)
         T, x = ca.MX.sym("T", arm.n_tendons), ca.MX(ca.DM([*IDENTITY, 0, 0, 0]))
         columns, stretches, places, outer = [], [], [], 0
@@ -178,13 +179,10 @@ class PrintedMap:
         s = (start[:, None] + h[:, None] * samples).ravel()
         return section_numbers(self.arm, s, np.repeat(active, samples.size), T)
 
-    def run(self, tensions: Array, near: object = None) -> tuple[Array, Array]:
-        """See ForwardMap.run: poses and strains (S + 1, 10), and 1 + q (K,)."""
+    def run(self, tensions: Array) -> tuple[Array, Array]:
+        """See March.run: poses and strains (S + 1, 10), and 1 + q (K,)."""
         poses, along, strains = self.function(tensions)
         return np.array(ca.vertcat(poses, strains)).T, np.array(along).ravel()
-
-    def known(self, states: Array) -> None:
-        """See ForwardMap.known: nothing, the map is explicit."""
 
     def dense(self, tensions: Array, states: Array, s: Array) -> tuple[Array, Array]:
         """Return poses (N, 7) and strains (N, 4) at arc lengths s, a step from the nodes above."""

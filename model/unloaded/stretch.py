@@ -14,27 +14,34 @@ from model.paths import Array
 LEAST_STRETCH = 1e-7
 
 
-class Map(Protocol):
-    """A forward map, of which it matters here at which arc lengths it gives 1 + q."""
+class Stretched(Protocol):
+    """An equilibrium, of which it matters here where 1 + q is known."""
 
-    stretch_at: Array
+    @property
+    def stretch_at(self) -> Array:
+        """Arc lengths (K,) [m]."""
+
+    @property
+    def stretch(self) -> Array:
+        """1 + q there (K,)."""
 
 
-def check_sections(forward: Map, stretch: Array, which: str = "") -> None:
-    """Refuse a shape whose 1 + q (K,) is not a number where a section has no equilibrium.
+def check_sections(at: Stretched, which: str = "") -> None:
+    """Refuse an equilibrium whose 1 + q is not a number where a section has none.
 
-    `which` says which of many shapes it is. Raises UnsettledSectionError.
+    `which` says which of many it is. Raises UnsettledSectionError.
     """
-    if np.isnan(stretch).any():
-        raise UnsettledSectionError(float(forward.stretch_at[np.argmax(np.isnan(stretch))]), which)
+    lost = np.isnan(at.stretch)
+    if lost.any():
+        raise UnsettledSectionError(float(at.stretch_at[np.argmax(lost)]), which)
 
 
-def check_stretch(forward: Map, stretch: Array, which: str = "") -> None:
-    """Refuse a shape whose 1 + q (K,) at the places that `forward` looks at is not above 0.
+def check_stretch(at: Stretched, which: str = "") -> None:
+    """Refuse an equilibrium whose 1 + q is not above 0 somewhere.
 
     Raises CollapsedError, and as check_sections does.
     """
-    check_sections(forward, stretch, which)
-    worst = int(np.argmin(stretch))
-    if not stretch[worst] > LEAST_STRETCH:
-        raise CollapsedError(float(forward.stretch_at[worst]), float(stretch[worst]), which)
+    check_sections(at, which)
+    worst = int(np.argmin(at.stretch))
+    if not at.stretch[worst] > LEAST_STRETCH:
+        raise CollapsedError(float(at.stretch_at[worst]), float(at.stretch[worst]), which)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from model import Switch, switch_effects
 from planner.commands.command import (
     OK,
     Answer,
@@ -14,6 +13,7 @@ from planner.commands.command import (
     question,
     tensions_of,
 )
+from planner.effect_ablation import Switch, switch_effects
 from planner.records.effects import effects_record
 from planner.report import switch_table
 

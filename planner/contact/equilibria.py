@@ -12,11 +12,12 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from model.arm import Arm
-from model.contact.forward import KnownContact, TouchingMap, without_friction
+from model.contact.forward import TouchingMap, without_friction
 from model.contact.rubbed import led
 from model.contact.stability import held_stands
 from model.contact.touches import Touches
-from model.equilibrium.forward import STAGES, Known
+from model.equilibrium.equilibrium import Collocated
+from model.equilibrium.forward import STAGES
 from model.equilibrium.linearised import Linearised
 from model.errors import SnapError
 from model.paths import Array
@@ -60,17 +61,17 @@ class Equilibria:
         return TouchingMap(self.arm, scene, *mesh, self.machine_code)
 
     @cached_property
-    def _before(self) -> tuple[Array, Known]:
+    def _before(self) -> tuple[Array, Collocated]:
         """The tensions and the equilibrium that friction acts against the motion from.
 
         The first of the load path is settled without friction, as nothing is known of how the arm
         came there.
         """
         smooth, T = self._map(without_friction(self.scene)), np.array(self.history[0])
-        known = smooth.known(smooth.run(T)[0])
+        known = smooth.equilibrium(T)
         for after in map(np.array, self.history[1:]):
             way = self._forward.led(after, T, known, False)
-            T, known = after, self._forward.known(self._forward.rows(way.settled.held.here)[0])
+            T, known = after, self._known(way.settled.held.here)
         return T, known
 
     def at(self, tensions: Array, near: Found | None) -> Found:
@@ -87,7 +88,7 @@ class Equilibria:
         if np.array_equal(tensions, near[0].tensions):
             return near
         before = near[0]
-        here, snaps = self._forward.come_to(tensions, before.tensions, _known(before), False)
+        here, snaps = self._forward.come_to(tensions, before.tensions, self._known(before), False)
         moved = before.by_tensions @ (tensions - before.tensions)
         is_still = np.abs(moved[before.system.of.nodes[:, :4]]).max() < _STILL
         same = is_still and Touches.of(here.system).like(Touches.of(before.system))
@@ -95,9 +96,14 @@ class Equilibria:
             raise SnapError(1.0, "it does not stand")
         return here, snaps
 
+    def _known(self, here: Linearised) -> Collocated:
+        return Collocated(here, self.refinement)
+
     def refined(self, tensions: Array, near: Linearised | None) -> Found:
         """Return the equilibrium under tensions from rest, or near that of another mesh."""
-        return self._forward.come_to(tensions, tensions, None if near is None else _known(near))
+        return self._forward.come_to(
+            tensions, tensions, None if near is None else self._known(near)
+        )
 
 
 # Searches ask for both of their meshes, and certificates for these again.
@@ -114,7 +120,3 @@ def _from_rest(own: Equilibria, tensions: tuple[float, ...]) -> Found:
     here, snaps = _from_rest(equilibria(*asked), tensions)
     there, more = own.refined(T, here)
     return there, snaps or more
-
-
-def _known(here: Linearised) -> KnownContact:
-    return KnownContact(here.system, here.states, Touches.of(here.system), here=here)

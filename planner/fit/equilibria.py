@@ -20,7 +20,8 @@ from model import Arm, InputError, OctoplanError, Scene
 from model.cross_section.reported import kinematics
 from model.equilibrium.by_numbers import ByNumbers, by_numbers
 from model.equilibrium.dense import poses_and_strains
-from model.equilibrium.forward import Collocation, Known
+from model.equilibrium.equilibrium import Collocated
+from model.equilibrium.forward import Collocation
 from model.equilibrium.linearised import Linearised, linearised
 from model.equilibrium.newton import newton_many
 from model.loads import is_loaded
@@ -165,7 +166,7 @@ class Setting:
         for i, here in enumerate(equilibria):
             if isinstance(here, Linearised):
                 try:
-                    check_stretch(forward, forward.stretch(here.states))
+                    check_stretch(Collocated(here, 0))
                 except OctoplanError as reason:
                     equilibria[i] = reason
         return equilibria
@@ -190,7 +191,6 @@ class Setting:
             ]
         else:
             on, heres = Collocation.on(self.system), [by.here for by in before]
-            known = [Known(here.system, here.states) for here in heres]
             guesses = [on.carried(T, own) for T, own in zip(tensions, known, strict=True)]
         return newton_many(self.system, tensions, 1.0, np.array(guesses)).solutions
 

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from model.effect_ablation import Switch
+from planner.effect_ablation import Switch
 from planner.plots.strains import INK, SIZE
 
 _MATTERS, _IDLE, _COST = "#b3123f", "#9aa0a6", "#1f6fb4"

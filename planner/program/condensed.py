@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.sparse.linalg import splu
 
-from model.equilibrium.forward import Collocation, Known
+from model.equilibrium.forward import Collocation
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import newton
 from model.equilibrium.stability import least_modes, stands
@@ -30,7 +30,7 @@ class _Memory(threading.local):
     here: Linearised | None = None
     seen: Linearised | None = None
     settled: tuple[Array, Array, Reduced] | None = None
-    near: Known | None = None
+    near: Linearised | None = None
 
 
 class Condensed:
@@ -42,7 +42,7 @@ class Condensed:
         self.n, self.m = program.n_free, sum(row.size for row in self.rows)
         self._last = _Memory()
 
-    def forget(self, near: Known | None = None) -> None:
+    def forget(self, near: Linearised | None = None) -> None:
         """Begin afresh: what is found next does not depend on what was found before.
 
         It is found near an equilibrium that is known, if there is any there, else from rest.

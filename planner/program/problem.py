@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse.linalg import splu
 
 from model.arm import Arm
-from model.equilibrium.forward import STAGES, Collocation, Known
+from model.equilibrium.forward import STAGES, Collocation
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import newton
 from model.equilibrium.stability import least_eigenvalue, least_modes, stability, stands
@@ -171,7 +171,7 @@ class Problem:
         return self.closed(self.free(tensions, limits), states, p)
 
     def settled(
-        self, tensions: Array, limits: Limits, p: Array, near: Known | None = None
+        self, tensions: Array, limits: Limits, p: Array, near: Linearised | None = None
     ) -> Array:
         """Return the unknowns for tensions in equilibrium, near one of another mesh if any is.
 
@@ -229,9 +229,11 @@ class Problem:
         n = self.forward.system.of.n_states
         return np.asarray(x[self.program.blocks.states] * self.states.scale[1 : 1 + n])
 
-    def known(self, x: Array) -> Known:
-        """Return the states in unknowns x, with their mesh."""
-        return Known(self.forward.system, self.states_of(x))
+    def known(self, x: Array) -> Linearised:
+        """Return the equations at the states in unknowns x; the tensions are left out."""
+        system = self.forward.system
+        none = np.zeros(system.of.n_tendons)
+        return Linearised(system, system.x(none, 1.0, self.states_of(x)))
 
     def poses(self, x: Array) -> Array:
         """Return the poses (K, 7) at the stations, in unknowns x."""

@@ -7,9 +7,9 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-from model import Switch
-from model.problem_size import ProblemSize
+from planner.effect_ablation import Switch
 from planner.files import versions
+from planner.problem_size import ProblemSize
 
 
 class EffectRecord(msgspec.Struct, kw_only=True):

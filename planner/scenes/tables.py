@@ -66,7 +66,7 @@ class StiffnessTable(Table, frozen=True):
     tendon_EA: TendonEA = None
     release: Annotated[
         bool, Meta(description="whether tendons without tension are slack where lengths are held")
-    ] = False
+    ] = True
 
 
 class SceneTable(Table, frozen=True):

@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from model.effects import Friction
+from model.equilibrium.forward import STAGES, collocation_order
 from model.errors import OctoplanError
 from model.mesh_refinement import next_refinement
 from model.paths import Array
@@ -69,7 +71,7 @@ def refine(task: Task, statement: Statement, solution: Solution) -> Refined | No
         if not gap <= _ELSEWHERE:
             return None
         if gap > fine:
-            order, aim = problem.forward.order, task.accuracy / _AIM
+            order, aim = collocation_order(STAGES, task.scene.has(Friction)), task.accuracy / _AIM
             finer = next_refinement(statement.refinement, gap, aim, order)
             if not finer:
                 return None

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from model.equilibrium.forward import Known
+from model.equilibrium.linearised import Linearised
 from model.errors import OctoplanError
 from model.paths import Array
 from model.time_limit import check_time
@@ -47,7 +47,7 @@ class Optimum:
     tensions: Array
     lam_x: tuple[float, ...]
     lam_g: tuple[float, ...]
-    states: Known | None = None
+    states: Linearised | None = None
 
 
 def warm_start(near: Optimum, task: Task) -> SearchResult | None:

@@ -16,8 +16,7 @@ def test_ends_and_end_force_of_a_strip_on_a_cylinder_converge_with_order_four_or
     found, known = [], None
     for refinement in (1, 2, 4):
         forward = TouchingMap(arm, scene, 3, refinement)
-        here = forward.found(np.zeros(4), known)
-        known = forward.known(forward.rows(here)[0])
+        here = known = forward.found(np.zeros(4), known)
         first, second, *_, last = touches_of(here.system, here.states)
         spread = (second.s - first.s) * (2 * first.pressure + second.pressure) / 6
         found.append([first.s, last.s, np.linalg.norm(first.force) - spread])

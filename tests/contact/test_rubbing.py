@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
 from model import Arm, Scene, Shape, settle
-from model.contact.forward import TouchingMap, without_friction
+from model.contact.forward import Touching, TouchingMap, without_friction
 from model.contact.path import Followed
 from model.contact.rubbed import led
 from model.contact.touches import Touches, forces, frictions, resultants
@@ -61,8 +61,9 @@ def cone(shape: Shape, mu: float) -> float:
 
     By NumPy: how far each place has slipped is told by the shape before the last step.
     """
-    assert shape.before is not None
-    was = replace(shape, tensions=shape.before[0], states=shape.before[1], before=None)
+    here = shape.equilibrium
+    assert isinstance(here, Touching) and here.before is not None
+    was = replace(shape, equilibrium=Touching(here.before, here.refinement))
     touches, L, off = shape.contacts, shape.arm.length, [0.0]
     most = max(float(np.linalg.norm(touch.force)) for touch in touches)
     for touch in touches:
@@ -142,8 +143,8 @@ def strip(refinement: int) -> Capstan:
         TouchingMap(arm, Scene(*own, Contact(cylinder, friction=mu)), 3, refinement)
         for mu in (0.0, MU)
     )
-    rest = smooth.rows(smooth.come_to(NONE, NONE, None)[0])[0]
-    here = rough.led(np.full(4, PULL), NONE, smooth.known(rest)).settled.held.here
+    rest = smooth.from_touching(NONE, None)
+    here = rough.led(np.full(4, PULL), NONE, rest).settled.held.here
     system, states = here.system, here.states
     touches = Touches.of(system)
     k = np.flatnonzero((touches.held | touches.inside)[:, 0])
@@ -265,7 +266,7 @@ def test_a_place_that_slips_moves_with_tensions_as_all_of_its_way_does() -> None
     scene = Scene(Extension(), ExactTendons(), Contact(rod, friction=MU))
     arm, T = bar(0.3, 0.006, 2e5), np.array([0.1, 0.8, 0.0, 0.0])
     rough, smooth = (TouchingMap(arm, own, STAGES, 1) for own in (scene, without_friction(scene)))
-    rest = smooth.known(smooth.run(NONE)[0])
+    rest = smooth.equilibrium(NONE)
 
     def way(tensions: np.ndarray) -> Followed:
         return rough.led(tensions, NONE, rest, False)

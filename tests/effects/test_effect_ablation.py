@@ -7,8 +7,7 @@ import pickle
 import numpy as np
 import pytest
 
-from model import Arm, InputError, OctoplanError, Scene, SnapError, Switch, settle, switch_effects
-from model.effect_ablation import switch_on
+from model import Arm, InputError, OctoplanError, Scene, SnapError, settle
 from model.effects import (
     Buoyancy,
     Current,
@@ -21,7 +20,8 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from model.problem_size import problem_size
+from planner.effect_ablation import Switch, switch_effects, switch_on
+from planner.problem_size import problem_size
 from tests.effects.cases import EXACT, SILICONE
 
 ARM = Arm.from_paper("table-4")

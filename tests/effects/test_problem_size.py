@@ -20,8 +20,8 @@ from model.effects import (
 )
 from model.forward import collocation_map
 from model.mesh import graded
-from model.problem_size import ProblemSize, problem_size
 from model.transcription.system import System
+from planner.problem_size import ProblemSize, problem_size
 from tests.effects.cases import EXACT, SILICONE, SWOLLEN
 
 ARM = Arm.from_paper("table-4")

@@ -9,7 +9,7 @@ import pytest
 from model import Arm
 from model.effects import Buoyancy, Current, Effect, Friction, PointLoad, Shear, TipLoad, Weight
 from model.forward import explicit_map
-from model.problem_size import problem_size
+from planner.problem_size import problem_size
 from tests.effects.test_problem_size import ARM, GROUNDS, LOADS, PAPER, over, stated
 
 # The same kinds of loads with other numbers, as small.

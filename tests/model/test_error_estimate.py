@@ -10,7 +10,7 @@ import pytest
 
 from model import Arm, Scene, settle
 from model.effects import Extension
-from model.forward import forward_map, schemes_of
+from model.forward import equilibrium_on, forward_map, schemes_of
 from tests.model.cases import MOST, paper_tensions
 from tests.oracles import paper_rod, poses
 
@@ -35,7 +35,7 @@ def outcomes() -> tuple[Outcome, ...]:
         arm, T = Arm.from_paper(name), paper_tensions(rng, name)
         asked = float(10 ** rng.uniform(-9, -3))
         shape = settle(arm, T, scene, asked)
-        finest = forward_map(arm, scene, schemes_of(scene)[0], 256).run(T)[0][-1, 4:7]
+        finest = equilibrium_on(forward_map(arm, scene, schemes_of(scene)[0], 256), T).poses[-1, 4:]
         gap = np.linalg.norm(shape.tip - finest) / arm.length
         found.append(Outcome(asked, shape.error, float(gap)))
     return tuple(found)
@@ -66,7 +66,8 @@ def test_random_cases_need_meshes_of_many_sizes() -> None:
 def test_finest_mesh_is_as_good_as_an_independent_integration(name: str) -> None:
     T = paper_tensions(np.random.default_rng(5), name)
     rod = paper_rod(name)
-    states, _ = forward_map(Arm.from_paper(name), SCENES["extension"], "magnus6", 256).run(T)
+    forward = forward_map(Arm.from_paper(name), SCENES["extension"], "magnus6", 256)
+    states = equilibrium_on(forward, T).poses
     finest = states[-1, 4:7]
     wanted = poses(rod, T, [rod.length], True)[0][0]
     assert np.linalg.norm(finest - wanted) <= 1e-11 * rod.length

@@ -7,7 +7,8 @@ import pytest
 
 from model import Arm, Scene
 from model.effects import Extension
-from model.forward import forward_map, schemes_of
+from model.forward import equilibrium_on, forward_map, order_of, schemes_of
+from model.unloaded.marched import Marched
 from tests.oracles import Array
 
 ORDERS = {
@@ -51,7 +52,9 @@ def meshes(name: str, scheme: str) -> tuple[int, ...]:
 
 
 def node_states(name: str, scene: Scene, scheme: str, refinement: int) -> Array:
-    return forward_map(Arm.from_paper(name), scene, scheme, refinement).run(TENSIONS[name])[0]
+    forward = forward_map(Arm.from_paper(name), scene, scheme, refinement)
+    found = equilibrium_on(forward, TENSIONS[name])
+    return found.rows if isinstance(found, Marched) else found.poses
 
 
 @pytest.mark.parametrize(("name", "scene", "scheme"), EACH)
@@ -83,4 +86,4 @@ def test_every_scheme_of_a_scene_is_measured() -> None:
 @pytest.mark.parametrize("scheme", ORDERS)
 def test_a_forward_map_states_its_order(scheme: str) -> None:
     scene = Scene.as_printed() if scheme.startswith("rk") else Scene()
-    assert forward_map(Arm.from_paper("table-2"), scene, scheme, 1).order == ORDERS[scheme]
+    assert order_of(scheme, scene) == ORDERS[scheme]

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from model import Arm, Scene, settle, switch_effects
-from model.effect_ablation import Switch
+from model import Arm, Scene, settle
 from model.effects import Buoyancy, Extension, Weight
-from model.problem_size import ProblemSize
 from planner.cli import main
+from planner.effect_ablation import Switch, switch_effects
 from planner.plots.effects import plot_effects
+from planner.problem_size import ProblemSize
 from planner.scenefile import read
 
 SCENES = Path(__file__).parents[2] / "studies" / "scenes"

@@ -108,6 +108,15 @@ def test_slack_tendons_are_named_and_can_be_released() -> None:
     assert softer.trace() > 0
 
 
+def test_tendons_without_tension_are_slack_unless_locked_and_that_is_told() -> None:
+    some, scene = T * (np.arange(12) % 3 > 0), STATICS["exact"]
+    found = stiffness(ARM, some, scene, "length")
+    assert found.locked == tuple(np.flatnonzero(some).tolist())
+    assert "left slack (release=False locks them): T_11, T_14, T_23, T_32" in repr(found)
+    locked = stiffness(ARM, some, scene, "length", release=False)
+    assert "locked, though they could only pull: T_11, T_14, T_23, T_32" in repr(locked)
+
+
 def test_nothing_is_locked_where_tensions_hold_or_all_are_slack() -> None:
     free = stiffness(ARM, T, STATICS["exact"])
     assert free.hold == "tension"

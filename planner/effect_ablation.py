@@ -21,11 +21,11 @@ from model.effects import (
     Weight,
 )
 from model.errors import InputError, OctoplanError
-from model.problem_size import ProblemSize, problem_size
 from model.progress import told
 from model.scene import Scene
 from model.settle import ACCURACY, settle
 from model.shape import Shape
+from planner.problem_size import ProblemSize, problem_size
 
 # Effects that need no numbers of the user's, and what a scene that has them needs besides.
 _KNOWN: tuple[tuple[Effect, ...], ...] = (
