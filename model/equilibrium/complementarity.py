@@ -126,14 +126,6 @@ def _least(M: Array, w: Array, z: Array, rounding: float) -> tuple[Array, bool]:
     return np.where(np.abs(raised) <= _TINY * size, 0.0, raised), well
 
 
-def is_firm(M: Array, share: float) -> bool:
-    """Return whether M (n, n) feels all combinations by more than a share of its largest."""
-    if not M.size:
-        return True
-    values = dgesdd(M, compute_uv=0)[1]
-    return bool(values[-1] > share * values[0])
-
-
 def unfelt(M: Array, share: float) -> Array:
     """Return the combinations (k, n) that M (n, n) feels less than by a share of its largest."""
     _, values, right = np.linalg.svd(M)

@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from model.equilibrium.hold import TENSIONS, Hold
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import NEAR, Solution, newton, newton_many
+from model.equilibrium.stability import stand
 from model.errors import SnapError
 from model.paths import Array
 from model.progress import tell
@@ -34,28 +34,26 @@ class Followed(NamedTuple):
     why: str
 
 
-def near(system: System, tensions: Array, states: Array, hold: Hold = TENSIONS) -> Solution:
+def near(system: System, tensions: Array, states: Array) -> Solution:
     """Return the equilibrium under the full loads near states that may be of another mesh."""
-    return newton(system, tensions, 1.0, states, NEAR, hold=hold)
+    return newton(system, tensions, 1.0, states, NEAR)
 
 
 def by_load_steps(
     system: System,
     tensions: Array,
     unloaded: Array,
-    hold: Hold = TENSIONS,
     steps: float = np.inf,
 ) -> list[Linearised | SnapError]:
     """Return the equilibria under the full loads that are connected with the unloaded arm's states.
 
-    Of tensions (N, n_tendons) and states (N, n_states); where lengths are held, `tensions` are
-    those of the unloaded arm. A SnapError says where a branch ends or loses its stability before,
-    or takes more `steps`.
+    Of tensions (N, n_tendons) and states (N, n_states). A SnapError says where a branch ends or
+    loses its stability before, or takes more `steps`.
     """
     pairs = zip(tensions, unloaded, strict=True)
     starts = [Linearised(system, system.x(T, 0.0, states)) for T, states in pairs]
     branches = [Followed(here, 0.0, "") for here in starts]
-    ends = follow_on_many(branches, 1.0, LEAST_STEP, hold, steps)
+    ends = follow_on_many(branches, 1.0, LEAST_STEP, steps)
     return [end.here if end.load >= 1 else SnapError(end.load, end.why or SNAPS) for end in ends]
 
 
@@ -77,7 +75,6 @@ def follow_on_many(
     branches: Sequence[Followed],
     most: float,
     least: float,
-    hold: Hold = TENSIONS,
     steps: float = np.inf,
 ) -> list[Followed]:
     """Follow branches of one arm on from equilibria, up to a load factor.
@@ -100,12 +97,12 @@ def follow_on_many(
         reached = min(at[i].load for i in going)
         tell("percent of the loads", round(100 * reached / most), 100)
         loads = np.array([min(most, at[i].load + step[i]) for i in going])
-        heres = _next([at[i] for i in going], loads, hold)
-        stands = _stand(heres, hold)
+        heres = _next([at[i] for i in going], loads)
+        stands = _stand(heres)
         for i, load, here, firm in zip(going, loads.tolist(), heres, stands, strict=True):
             if here is not None and not firm and stood[i] is None:
                 # What is unstable without loads, or where it begins, is not their doing.
-                (stood[i],) = _stand([branches[i].here], hold)
+                (stood[i],) = _stand([branches[i].here])
             if here is None or (not firm and stood[i]):
                 why = SNAPS if here is None else BUCKLES
                 at[i], step[i] = at[i]._replace(why=why), (load - at[i].load) / 2
@@ -114,24 +111,22 @@ def follow_on_many(
     return at
 
 
-def _next(at: Sequence[Followed], loads: Array, hold: Hold) -> list[Solution]:
+def _next(at: Sequence[Followed], loads: Array) -> list[Solution]:
     """Return the equilibria that steps in the load lead to; None where there is none near."""
     system, tensions, guesses = at[0].here.system, [], []
     for branch, load in zip(at, loads.tolist(), strict=True):
-        before, pulls = branch.here, hold.by_load(branch.here)
-        by_load = before.by_load + before.by_tensions @ pulls if pulls.any() else before.by_load
-        tensions.append(np.maximum(before.tensions + (load - branch.load) * pulls, 0.0))
-        guesses.append(before.states + (load - branch.load) * by_load)
-    heres = newton_many(system, np.array(tensions), loads, np.array(guesses), hold=hold).solutions
+        tensions.append(branch.here.tensions)
+        guesses.append(branch.here.states + (load - branch.load) * branch.here.by_load)
+    heres = newton_many(system, np.array(tensions), loads, np.array(guesses)).solutions
     return [
         here if here is not None and is_near(system, branch.here.states, here.states) else None
         for branch, here in zip(at, heres, strict=True)
     ]
 
 
-def _stand(heres: Sequence[Solution], hold: Hold) -> list[bool]:
-    """Return whether equilibria are stable while something is held; of none it is not asked."""
-    found = iter(hold.stand([here for here in heres if here is not None]))
+def _stand(heres: Sequence[Solution]) -> list[bool]:
+    """Return whether equilibria are stable, tensions held; of none it is not asked."""
+    found = iter(stand([here for here in heres if here is not None]))
     return [here is not None and next(found) for here in heres]
 
 

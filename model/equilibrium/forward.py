@@ -9,7 +9,6 @@ import numpy as np
 from model.arm import Arm
 from model.equilibrium.continuation import by_load_steps, near
 from model.equilibrium.equilibrium import Collocated
-from model.equilibrium.hold import TENSIONS, Hold
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import NEAR, newton_many
 from model.errors import OctoplanError, SnapError, UnsettledSectionError
@@ -70,7 +69,6 @@ class Collocation:
     def _state(self, stated: System) -> None:
         self.system, self.mesh = stated, stated.mesh
         self.machine_code = stated.of.form.machine_code
-        self._soon: tuple[Array, Linearised] | None = None
         self._unloaded: tuple[Array, Array] | None = None
 
     def equilibrium(self, tensions: Array, near: Linearised | None = None) -> Collocated:
@@ -84,18 +82,6 @@ class Collocation:
             return Linearised(self.system, x)
         here = None if known is None else self.near(tensions, known)
         return here or self.from_rest(tensions)
-
-    def found_soon(self, tensions: Array) -> Linearised:
-        """Return the equilibrium from rest; raises SnapError where that takes many steps too.
-
-        The last one is remembered: several things are asked of the same tensions.
-        """
-        if not is_loaded(self.system.scene):
-            return self.found(tensions)
-        last = self._soon
-        if last is None or not np.array_equal(last[0], tensions):
-            last = self._soon = tensions.copy(), self.from_rest(tensions, steps=_SOON)
-        return last[1]
 
     def many(
         self, tensions: Array, known: Sequence[Linearised | None]
@@ -117,27 +103,22 @@ class Collocation:
             found[i] = end
         return [own for own in found if own is not None]
 
-    def near(self, tensions: Array, known: Linearised, hold: Hold = TENSIONS) -> Linearised | None:
-        """Return the equilibrium near one that another mesh has; None if there is none.
+    def near(self, tensions: Array, known: Linearised) -> Linearised | None:
+        """Return the equilibrium near one that another mesh has; None if there is none."""
+        return near(self.system, tensions, self.carried(tensions, known))
 
-        Where lengths are held, `tensions` are those of that one.
-        """
-        return near(self.system, tensions, self.carried(tensions, known), hold)
-
-    def from_rest(
-        self, tensions: Array, hold: Hold = TENSIONS, steps: float = np.inf
-    ) -> Linearised:
+    def from_rest(self, tensions: Array, steps: float = np.inf) -> Linearised:
         """Return the equilibrium that the unloaded arm comes to; see from_rest_many.
 
         Raises what that returns in place of one.
         """
-        (found,) = self.from_rest_many(tensions[None], hold, steps)
+        (found,) = self.from_rest_many(tensions[None], steps)
         if isinstance(found, OctoplanError):
             raise found
         return found
 
     def from_rest_many(
-        self, tensions: Array, hold: Hold = TENSIONS, steps: float = np.inf
+        self, tensions: Array, steps: float = np.inf
     ) -> list[Linearised | OctoplanError]:
         """Return the equilibria that the unloaded arm comes to under tensions (N, n_tendons).
 
@@ -156,7 +137,7 @@ class Collocation:
             ([i for i in left if crushed[i] is None], steps),
             ([i for i in left if crushed[i] is not None], min(steps, _SOON_IF_CRUSHED)),
         ):
-            ends = by_load_steps(self.system, tensions[some], states[some], hold, most)
+            ends = by_load_steps(self.system, tensions[some], states[some], most)
             for i, end in zip(some, ends, strict=True):
                 place, refused = crushed[i], isinstance(end, SnapError)
                 found[i] = UnsettledSectionError(place) if refused and place is not None else end

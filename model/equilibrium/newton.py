@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from model.equilibrium.hold import TENSIONS, Hold
 from model.equilibrium.linearised import Linearised, linearised
 from model.errors import SingularError
 from model.paths import Array
@@ -67,13 +66,12 @@ def newton(
     states: Array,
     farthest: float = TURN,
     kept: Linearised | None = None,
-    hold: Hold = TENSIONS,
 ) -> Solution:
     """Return the equilibrium near given states (n_states,) under tensions (n_tendons,).
 
     As `newton_many` does, of which it is the case of one set.
     """
-    given = tensions[None], load, states[None], farthest, [kept], 1.0, hold
+    given = tensions[None], load, states[None], farthest, [kept]
     return newton_many(system, *given).solutions[0]
 
 
@@ -85,7 +83,6 @@ def newton_many(
     farthest: float = TURN,
     kept: Sequence[Solution] | None = None,
     looser: float | Array = 1.0,
-    hold: Hold = TENSIONS,
 ) -> Solutions:
     """Return the equilibria near guesses (N, n_states) under tensions (N, n_tendons).
 
@@ -102,8 +99,6 @@ def newton_many(
     looser : float or (N,)
         How many times larger the steps are that are done with; the root of that for how far from
         where they were linearised the equations count as such.
-    hold : Hold
-        What is held; where lengths are, the tensions are those to begin with.
     """
     N, of = len(guesses), system.of
     at, x = _measures(of, system.arm.length), np.empty((N, of.n_x))
@@ -118,15 +113,14 @@ def newton_many(
         fresh = [i for i in alive if sets[i].here is None]
         for i, new in zip(fresh, linearised(system, x[fresh]) if fresh else (), strict=True):
             sets[i].linearised(new)
-        change = _steps(system, x[alive], [sets[i].here for i in alive], hold)
-        states = change[:, of.first :]
+        states = _steps(system, x[alive], [sets[i].here for i in alive])
         turns = np.abs(states[:, at.frames]).max(axis=1).tolist()
-        x[alive] += change
+        x[alive, of.first :] += states
         now = x[alive, of.first :][:, at.stages]
         sizes = (np.abs(states[:, at.stages]) / (at.scale + np.abs(now))).max(axis=1).tolist()
         going = []
         for i, turn, size in zip(alive, turns, sizes, strict=True):
-            if sets[i].is_done(turn, size, farthest, hold.creep):
+            if sets[i].is_done(turn, size, farthest):
                 sets[i].solution = Linearised(system, x[i].copy(), sets[i].nearby)
             elif sets[i].goes_on:
                 going.append(i)
@@ -161,7 +155,7 @@ class _Set:
         self.here = self.last_used = here
         self.chord, self.moved = False, 0.0
 
-    def is_done(self, turn: float, strain: float, farthest: float, creep: float) -> bool:
+    def is_done(self, turn: float, strain: float, farthest: float) -> bool:
         """Return whether the last step was the last to take; else prepare for the next.
 
         It turned a frame and changed strains by so much; where a turn is too far, or no number, the
@@ -179,8 +173,7 @@ class _Set:
             self.goes_on = False
             return False
         settled = (LEFT if chord else SETTLED) * self.slack
-        creeps = CONTRACTION * last < size < creep and last > 0
-        if size < settled or size**2 < settled * last or creeps:
+        if size < settled or size**2 < settled * last:
             return True
         if size > (KEPT * last if last else CLOSE) and (last or not self.begun):
             self.here = None
@@ -192,30 +185,17 @@ class _Set:
         return self.here if self.moved < AS_GOOD * math.sqrt(self.slack) else None
 
 
-def _steps(system: System, x: Array, here: Sequence[Solution], hold: Hold) -> Array:
-    """Return Newton steps of the unknowns (N, n_x); nan where there are none.
+def _steps(system: System, x: Array, here: Sequence[Solution]) -> Array:
+    """Return Newton steps of the states (N, n_states); nan where there are none.
 
     At unknowns x (N, n_x), by equations linearised there or nearby.
     """
-    n, first, found = system.of.n_tendons, system.of.first, np.zeros_like(x)
-    for row, now, residual, own in zip(found, x, system.residuals(x), here, strict=True):
-        change = None if own is None else _change(own, residual)
-        row[first:] = np.nan if change is None else change
-        if change is None or own is None or hold is TENSIONS:
-            continue
-        after = hold.tensions(Linearised(system, now, own), change, now[:n])
-        row[:n] = np.nan if after is None else after - now[:n]
-        row[first:] += own.by_tensions @ row[:n]
+    found = np.full((len(x), system.of.n_states), np.nan)
+    for row, residual, own in zip(found, system.residuals(x), here, strict=True):
+        if own is not None and math.isfinite(residual.sum()):
+            with suppress(SingularError):
+                row[:] = -own.solve(residual)
     return found
-
-
-def _change(here: Linearised, residual: Array) -> Array | None:
-    """Return the change of the states (n_states,) for a residual; None where there is none."""
-    if not math.isfinite(residual.sum()):
-        return None
-    with suppress(SingularError):
-        return -here.solve(residual)
-    return None
 
 
 class _Measures(NamedTuple):

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
@@ -23,7 +24,7 @@ from model.equilibrium.linearised import Index, Linearised, band
 from model.errors import SingularError
 from model.loads import is_loaded
 from model.paths import Array
-from model.stations import Counts, stations
+from model.stations import stations
 from model.transcription.collocation import gauss
 from model.transcription.layout import POSE, Layout
 from model.transcription.system import System
@@ -47,28 +48,17 @@ def stands(here: Linearised) -> bool:
 def stand(heres: Sequence[Linearised]) -> list[bool]:
     """Return whether equilibria of one layout are stable: all pivots of their energies positive.
 
-    See unstable_modes; what is known to have a negative pivot is eliminated no further.
-    """
-    return (_negative_pivots(heres, 0) == 0).tolist() if heres else []
-
-
-def unstable_modes(here: Linearised) -> int:
-    """Return how many negative pivots the energy has, tensions held.
-
     Elements are eliminated from tip to base. With w_k = P_k theta_k what the part beyond a node
     needs to be turned there by theta_k, P = 0 at the tip under dead loads, the strains of the next
     element meet the stiffness S of body, tendons and of what lies beyond: all S definite, and only
     then, all of the energy's Hessian is. Source: inertia is additive (Haynsworth, Linear Algebra
     and its Applications 1, 1968).
     """
-    return int(_negative_pivots([here])[0])
+    return _positive_pivots(heres).tolist() if heres else []
 
 
-def _negative_pivots(heres: Sequence[Linearised], most: int | None = None) -> Counts:
-    """Return how many pivots of N energies are not positive (N,); see unstable_modes.
-
-    Counting ends with the first element that brings all of them above `most`.
-    """
+def _positive_pivots(heres: Sequence[Linearised]) -> NDArray[np.bool_]:
+    """Return whether all pivots of N energies are positive (N,); see stand."""
     of = heres[0].system.of
     J = np.stack([_blocks(here) for here in heres])
     states = np.stack([here.states for here in heres])
@@ -87,27 +77,27 @@ def _negative_pivots(heres: Sequence[Linearised], most: int | None = None) -> Co
     own = np.concatenate([counted[..., :4] @ turned, counted[..., v]], axis=3)
     beyond = counted[..., after]
     held = -np.linalg.inv(moment[..., POSE : POSE + w])
-    P, count = np.stack([_tip(here) for here in heres]) @ small[:, -1], np.zeros(len(heres), int)
+    P, positive = np.stack([_tip(here) for here in heres]) @ small[:, -1], np.full(len(heres), True)
     for k in range(of.elements)[::-1]:
         both = own[:, k] + beyond[:, k] @ (P @ on[:, k])
         S = both[:, w:, 3:]
-        count += _negative(S)
-        if most is not None and count.min() > most:
-            return count
+        positive &= _definite(S)
+        if not positive.any():
+            return positive
         P = held[:, k] @ (both[:, :w, :3] - both[:, :w, 3:] @ np.linalg.solve(S, both[:, w:, :3]))
     # What is no number once stays so.
-    return np.where(np.isfinite(P).all(axis=(1, 2)), count, of.elements * n)
+    return np.asarray(positive & np.isfinite(P).all(axis=(1, 2)))
 
 
-def _negative(S: Array) -> Counts:
-    """Return how many eigenvalues of pivots (N, n, n) are not positive; all if no numbers."""
+def _definite(S: Array) -> NDArray[np.bool_]:
+    """Return whether all eigenvalues of pivots (N, n, n) have positive real parts (N,)."""
     try:
         np.linalg.cholesky(S + S.swapaxes(1, 2))
     except np.linalg.LinAlgError:
-        numbers = np.asarray(np.isfinite(S).all(axis=(1, 2)))
-        values = np.linalg.eigvals(np.where(numbers[:, None, None], S, -np.eye(S.shape[1])))
-        return np.asarray((values.real <= 0).sum(axis=1))
-    return np.zeros(len(S), int)
+        numbers = np.isfinite(S).all(axis=(1, 2), keepdims=True)
+        values = np.linalg.eigvals(np.where(numbers, S, -np.eye(S.shape[1])))
+        return np.asarray((values.real > 0).all(axis=1))
+    return np.full(len(S), True)
 
 
 def turns(q: Array) -> Array:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import threading
 from functools import lru_cache
 from typing import Any
@@ -11,16 +10,6 @@ import casadi as ca
 import numpy as np
 
 from model.paths import Array
-
-
-def runners() -> tuple[ctypes.c_void_p, ctypes.c_void_p]:
-    """Return what runs a prepared function from C, and what takes back what that returns.
-
-    Both are Python's own, so that who calls must hold its lock; ctypes.PyDLL keeps it.
-    """
-    api = ctypes.pythonapi
-    run, drop = (ctypes.cast(f, ctypes.c_void_p) for f in (api.PyObject_CallNoArgs, api.Py_DecRef))
-    return run, drop
 
 
 class Buffered:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import ctypes
 import os
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
-from pathlib import Path
 from typing import Any, Literal
 from weakref import WeakKeyDictionary
 
@@ -25,7 +23,6 @@ _LEVEL = "-O1"
 # those that hold the least stable mode to a margin.
 _LONGEST = 31_000
 _built: WeakKeyDictionary[ca.Function, ca.Function] = WeakKeyDictionary()
-_paths: WeakKeyDictionary[ca.Function, Path] = WeakKeyDictionary()
 
 
 def checked_compile(compile: Any) -> bool:  # noqa: A002  (the name that scripts use)
@@ -69,7 +66,6 @@ def kernels(functions: Iterable[ca.Function], machine_code: bool = True) -> list
         paths = list(pool.map(lambda source: library(source, _LEVEL, in_pieces), sources))
     for f, path in zip(left, paths, strict=True):
         _built[f] = ca.external(f.name(), str(path))
-        _paths[_built[f]] = path
     return [_built.get(f, f) for f in functions]
 
 
@@ -81,15 +77,6 @@ def is_short(f: ca.Function) -> bool:
 def kernel(function: ca.Function, machine_code: bool = True) -> ca.Function:
     """Return a function as machine code, or as it is; see kernels."""
     return kernels([function], machine_code)[0]
-
-
-def code_of(kernel: ca.Function) -> Any:
-    """Return the code of a compiled kernel as other C calls it; None of one that is not compiled.
-
-    It is int (arg, res, iw, w, mem), see CasADi's generated C, and needs no room to work in.
-    """
-    path = _paths.get(kernel)
-    return None if path is None else getattr(ctypes.CDLL(str(path)), kernel.name())
 
 
 def _source(function: ca.Function) -> str:

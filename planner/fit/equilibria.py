@@ -191,7 +191,7 @@ class Setting:
             ]
         else:
             on, heres = Collocation.on(self.system), [by.here for by in before]
-            guesses = [on.carried(T, own) for T, own in zip(tensions, known, strict=True)]
+            guesses = [on.carried(T, own) for T, own in zip(tensions, heres, strict=True)]
         return newton_many(self.system, tensions, 1.0, np.array(guesses)).solutions
 
     def differentiated(
