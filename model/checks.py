@@ -11,6 +11,8 @@ from model.errors import InputError
 
 # Sizes of numbers that have a meaning, in SI units; products of a few of them are numbers still.
 LARGEST, SMALLEST = 1e30, 1e-30
+# Of the length of a unit vector.
+_ROUNDING = 1e-15
 
 
 def finite_array(field: str, value: Any, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
@@ -74,6 +76,17 @@ def within(field: str, value: Any, low: float, high: float) -> float:
     if not low <= number <= high:
         raise InputError(field, value, f"a number from {low:g} to {high:g}")
     return number
+
+
+def unit_vector(field: str, value: Any) -> tuple[float, ...]:
+    """Return value as three floats of length 1; what has that to rounding stays as it is."""
+    given = finite_array(field, value, (3,))
+    scaled = given / (np.abs(given).max() or 1.0)
+    length = np.linalg.norm(scaled)
+    if not length > 0:
+        raise InputError(field, value, "a vector that is not 0")
+    is_unit = abs(np.linalg.norm(given) - 1) < _ROUNDING
+    return tuple((given if is_unit else scaled / length).tolist())
 
 
 def vector(field: str, value: Any) -> tuple[float, ...]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from model.checks import positive, within
 from model.errors import InputError
-from model.units import warn_of_modulus
+from model.units import warn_of_density, warn_of_modulus
 
 
 @dataclass(frozen=True)
@@ -34,6 +34,7 @@ class Material:
         warn_of_modulus("Material.E", self.E)
         object.__setattr__(self, "nu", float(self.nu))
         object.__setattr__(self, "density", positive("Material.density", self.density))
+        warn_of_density("Material.density", self.density)
 
     @property
     def G(self) -> float:

@@ -14,12 +14,12 @@ from model.warn import warn
 # Lengths of arms [m], moduli [Pa]: nothing that is driven by tendons is outside of these.
 _SHORT, _LONG = 2e-3, 30.0
 _SOFT, _HARD = 1e3, 2e12
+# Density of bodies [kg/m3]: foams are heavier.
+_LIGHTEST = 25.0
 # Distance of a target from the base, over the arm's length.
 _NEAR, _FAR = 3e-3, 50.0
 # Strokes of winches, over the arm's length: less moves no tip that anybody sees.
 _STROKE = 3e-4
-# Of fractions of pi that people round to 3.14, over pi / 12.
-_ROUNDED = 7e-3
 
 
 class UnitWarning(UserWarning):
@@ -54,6 +54,13 @@ def warn_of_modulus(field: str, pascals: float) -> None:
         _warn(f"{field} is {pascals:g} Pa, harder than diamond; {told}")
 
 
+def warn_of_density(field: str, density: float) -> None:
+    """Warn of a body's density that is likely in g/cm3."""
+    if density < _LIGHTEST:
+        told = f"if g/cm3 were meant, give {1e3 * density:g} (kg/m3)"
+        _warn(f"{field} is {density:g} kg/m3, lighter than any elastomer; {told}")
+
+
 def warn_of_angles(field: str, radians: Iterable[float], usual: int = 1) -> None:
     """Warn of an angle beyond so many turns as are usual, likely in degrees."""
     for angle in radians:
@@ -69,17 +76,6 @@ def likely_degrees(radians: float) -> str:
     if abs(radians) <= 2 * math.pi or abs(radians) > 360:
         return ""
     return f"; {radians:g} degrees are {math.radians(radians):.6g}"
-
-
-def warn_of_degrees(degrees: float) -> None:
-    """Warn of a key in degrees that holds a fraction of pi, likely in radians."""
-    if not abs(degrees) < 7:
-        return
-    twelfths = degrees / (math.pi / 12)
-    is_fraction = abs(twelfths) > 0.5 and abs(twelfths - round(twelfths)) < _ROUNDED
-    if is_fraction and abs(2 * degrees - round(2 * degrees)) > 1e-9:
-        told = f"if radians were meant, give {15 * round(twelfths)} (degrees)"
-        _warn(f"a key in degrees holds {degrees:g}, a fraction of pi; {told}")
 
 
 def warn_of_distance(field: str, share: float) -> None:

@@ -10,7 +10,6 @@ from planner.bodies.files import export_shape, save_mesh
 from planner.bodies.mjcf import mjcf
 from planner.bodies.urdf import ros_messages, urdf
 from planner.c_code.export import export, export_plan
-from planner.calibrate.saved import load_calibration
 from planner.certificate import Certificate
 from planner.effect_ablation import Switch, switch_effects
 from planner.fit.calibrate import calibrate
@@ -20,13 +19,13 @@ from planner.fit.designed import Design
 from planner.fit.making import Making, Reach
 from planner.fit.measured import Measured
 from planner.fit.unknowns import Unknown
+from planner.io.csv_files import save_shape
+from planner.io.saved_files import load_calibration, load_plan
 from planner.many import FailedPlan, plan_many
 from planner.plan import Plan, plan
-from planner.plan_files import load_plan
 from planner.program.limits import Limits
 from planner.program.problem import Problem, build
 from planner.program.statement import Statement
-from planner.records.shape import save_shape
 from planner.solve.search_result import Trial
 from planner.sweeps.sweep import sweep
 from planner.trajectory.motion import trajectory

@@ -38,8 +38,9 @@ from planner.contact.wrapping import (
     share_left,
     with_turns,
 )
-from planner.files import to_json, write_named
 from planner.following import searched
+from planner.io.files import to_json, write_named
+from planner.io.saved_records import plan_record
 from planner.program.program import STABILITY
 from planner.program.statement import Solver
 from planner.question import (
@@ -51,7 +52,6 @@ from planner.question import (
     stated,
     warn_of_form,
 )
-from planner.records.plan import plan_record
 from planner.report import plan_summary, plan_text
 from planner.solve.task import Task
 from planner.targets.base import Target

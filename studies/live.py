@@ -27,10 +27,10 @@ import numpy as np
 
 from model.effects import Buoyancy, Extension, Weight
 from model.scene import Scene
+from planner.io.scene_file import load
 from planner.live.handles import handle_of
 from planner.live.page import Page
 from planner.live.session import Session
-from planner.scenefile import load
 
 _SCENE = Path(__file__).parent / "scenes" / "around_a_ball.toml"
 # Of the page [pixels]; of the circle [m], turns and moves a second.

@@ -34,7 +34,7 @@ from typing import Any
 
 from model import Arm, Scene
 from planner import Plan, export, export_plan, plan
-from planner.scenefile import load
+from planner.io.scene_file import load
 from planner.targets import TipPosition
 
 TOOLS = ("arm-none-eabi-gcc", "arm-none-eabi-size", "qemu-system-arm")

@@ -38,8 +38,9 @@ class FileReference(SphinxDirective):
         info = msgspec.inspect.type_info(getattr(import_module(module), name))
         lines, written = [], self.env.temp_data.setdefault("file-reference", set())
         for place, table in _tables(info):
+            like = next((own for own in table.cls.__mro__[1:] if own in written), None)
             if table.cls not in written:
-                lines += _written(place, table)
+                lines += _written(place, table, like)
                 written.add(table.cls)
         return self.parse_text_to_nodes("\n".join(lines), allow_section_headings=True)
 
@@ -75,14 +76,18 @@ def _structs(kind: Any, many: bool = False) -> list[tuple[Any, bool]]:
     return []
 
 
-def _written(place: str, table: Any) -> list[str]:
-    """Return a table as reStructuredText."""
+def _written(place: str, table: Any, like: Any = None) -> list[str]:
+    """Return a table as reStructuredText; of one with more keys than another, these alone."""
     title = _heading(place, table)
-    lines = [title, "^" * len(title), "", _linked(table.cls.__doc__ or ""), ""]
+    told = table.cls.__doc__ or ""
+    if like is not None:
+        told = f'The keys that an obstacle of type "{table.tag}" has above, and one more.'
+    lines = [title, "^" * len(title), "", _linked(told), ""]
     rows = [("Key", "Holds", "Unless given", "What it is")]
     if table.tag is not None:
         rows.append(("``type``", f'``"{table.tag}"``', "required", "which kind of table it is"))
-    for field in table.fields:
+    known = like.__struct_fields__ if like is not None else ()
+    for field in (own for own in table.fields if own.name not in known):
         holds = _holds(field.type)
         rows.append((f"``{field.encode_name}``", holds, _default(field), _told(field.type)))
     lines += [".. list-table::", "   :header-rows: 1", "   :widths: 20 28 16 36", ""]

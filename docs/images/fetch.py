@@ -10,8 +10,8 @@ from pathlib import Path
 from PIL import Image, ImageSequence
 
 from planner import plan
+from planner.io.scene_file import load
 from planner.plots.motion import plot_motion, save_motion
-from planner.scenefile import load
 
 FILE = Path(__file__).with_name("fetch_3d.gif")
 

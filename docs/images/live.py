@@ -13,10 +13,10 @@ from pathlib import Path
 
 from playwright.sync_api import sync_playwright
 
+from planner.io.scene_file import load
 from planner.live.handles import handle_of
 from planner.live.page import Page
 from planner.live.session import Session
-from planner.scenefile import load
 
 SCENE = Path(__file__).parents[2] / "studies" / "scenes" / "around_a_ball.toml"
 OPTIONS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]

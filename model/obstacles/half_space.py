@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from model.checks import vector
-from model.errors import InputError
+from model.checks import unit_vector, vector
 from model.obstacles.base import ENDLESS, Convex, Rounded, axes_with
 from model.paths import Array
 
@@ -32,11 +31,7 @@ class HalfSpace(Convex):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "point", vector("HalfSpace.point", self.point))
-        normal = np.array(vector("HalfSpace.normal", self.normal))
-        length = np.linalg.norm(normal)
-        if not length > 0:
-            raise InputError("HalfSpace.normal", self.normal, "a vector that is not 0")
-        object.__setattr__(self, "normal", tuple((normal / length).tolist()))
+        object.__setattr__(self, "normal", unit_vector("HalfSpace.normal", self.normal))
 
     @property
     def numbers(self) -> Array:

@@ -15,7 +15,7 @@ from model.shape import Shape
 from planner.bodies.mjcf import mjcf
 from planner.bodies.surface import surface
 from planner.bodies.urdf import ros_messages, urdf
-from planner.files import to_json, write_named, write_together
+from planner.io.files import to_json, write_named, write_together
 
 MESHES = (".stl", ".glb", ".ply", ".obj")
 What = Literal["mesh", "mjcf", "urdf"]

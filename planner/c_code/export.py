@@ -21,7 +21,7 @@ from planner.c_code.inverse import check_inverse, inverse_values
 from planner.c_code.source import PRECISIONS, CSource, Precision
 from planner.c_code.steps import steps_source
 from planner.c_code.values import BYTES, c_source, c_values
-from planner.files import write_together
+from planner.io.files import write_together
 from planner.plan import Plan
 
 _TEMPLATES = {

@@ -10,7 +10,7 @@ from model.unloaded.tip_jacobian import tip_jacobian_function
 from planner.c_code.source import CSource, Precision, numbers
 from planner.c_code.steps import steps_source
 from planner.c_code.whole import whole_source
-from planner.files import versions
+from planner.io.files import versions
 
 # How well C agrees with Python: positions over the length, frames, derivatives over the largest.
 TOLERANCE: dict[Precision, float] = {"double": 1e-12, "float": 1e-5}

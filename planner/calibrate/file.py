@@ -9,14 +9,13 @@ from typing import Any
 from model import Arm, Scene
 from model.errors import FileError
 from planner.calibrate.shapes_csv import load_shapes
-from planner.calibrate.tables import CalibrationFile
 from planner.fit.calibrate import calibrate
 from planner.fit.calibration import Calibration
 from planner.fit.measured import Measured
-from planner.fit.unknowns import Unknown
-from planner.scenefile import converted, decoded, scene_beside, text_of
-from planner.scenes.keys import MM
-from planner.unknowns.tables import unknown_of
+from planner.fit.unknowns import Unknown, unknown_of
+from planner.io.codec import si
+from planner.io.scene_file import converted, decoded, scene_beside, text_of
+from planner.io.scene_tables import CalibrationFile
 
 _SUCH = """
 
@@ -54,7 +53,7 @@ def load_asked(path: str | Path) -> Asked:
     names = [point.name for point in file.points]
     if len(set(names)) < len(names):
         raise FileError(name, "points", f"got {', '.join(names)}; allowed is each name once")
-    shapes = load_shapes(path.parent / file.measured, asked.arm, file.points, MM * file.std_mm)
+    shapes = load_shapes(path.parent / file.measured, asked.arm, file.points, si(file.std_mm, "mm"))
     unknowns = tuple(unknown_of(own, name, f"unknowns[{i}]") for i, own in enumerate(file.unknowns))
     options = {
         "loss": file.loss,

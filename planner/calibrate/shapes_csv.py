@@ -16,11 +16,11 @@ from pathlib import Path
 
 from model import Arm, InputError
 from model.errors import FileError
-from planner.calibrate.tables import PointTable
 from planner.fit.measured import Measured
-from planner.scenes.keys import MM
+from planner.io.codec import UNITS
+from planner.io.scene_tables import PointTable
 
-_AXES = "xyz"
+_AXES, MM = "xyz", UNITS["mm"]
 
 
 def load_shapes(

@@ -15,7 +15,7 @@ from planner.commands.command import (
     check_folder,
 )
 from planner.fit.calibration import Calibration
-from planner.records.calibration import calibration_record
+from planner.io.saved_records import calibration_record
 
 
 def add(parser: argparse.ArgumentParser) -> None:

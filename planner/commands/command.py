@@ -13,8 +13,8 @@ from model.checks import positive
 from model.errors import FileError
 from model.mesh_refinement import FINEST_ACCURACY, LOOSEST, checked_accuracy
 from model.time_limit import shorten
-from planner.files import why
-from planner.scenefile import Question, load
+from planner.io.files import why
+from planner.io.scene_file import Question, load
 
 # What a search that was stopped at the time limit has left to verify what it found [s].
 GRACE = 0.7
@@ -48,7 +48,7 @@ class Answer:
     draw : function or None
         Returns the figure.
     tables : mapping
-        Further files by suffix, such as ".csv".
+        Further files by name, such as "plan.csv".
     """
 
     code: int

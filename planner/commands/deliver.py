@@ -7,7 +7,7 @@ from pathlib import Path
 
 from planner.commands.command import FIGURES, Answer
 from planner.commands.output import say
-from planner.files import to_json, write_together
+from planner.io.files import to_json, write_together
 
 
 def deliver(answer: Answer, args: argparse.Namespace) -> None:
@@ -22,7 +22,7 @@ def _write(folder: Path, answer: Answer, kind: str) -> None:
     """Write data and figure into a folder: all of them, or on an error none."""
     from planner.plots.plan import drawn
 
-    files = {f"{answer.name}{suffix}": content for suffix, content in answer.tables.items()}
+    files = dict(answer.tables)
     files[f"{answer.name}.json"] = to_json(answer.record)
     if answer.draw is not None:
         files[f"{answer.name}.{kind}"] = drawn(answer.draw(), kind)

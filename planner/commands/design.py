@@ -8,7 +8,7 @@ from pathlib import Path
 from planner.commands.command import NOT_REACHED, OK, Answer, Command, add_time_limit
 from planner.fit.design_file import run_design
 from planner.fit.designed import Design
-from planner.records.design import design_record
+from planner.io.saved_records import design_record
 
 
 def add(parser: argparse.ArgumentParser) -> None:

@@ -14,7 +14,7 @@ from planner.commands.command import (
     tensions_of,
 )
 from planner.effect_ablation import Switch, switch_effects
-from planner.records.effects import effects_record
+from planner.io.records import effects_record
 from planner.report import switch_table
 
 

@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 from planner.commands.command import INTERRUPTED, TERMINATED
-from planner.staging import abandon, remembered, told_kept
+from planner.io.files import abandon, remembered, told_kept
 
 _CODES = {signal.SIGINT: INTERRUPTED, signal.SIGTERM: TERMINATED}
 SAID = {INTERRUPTED: "interrupted", TERMINATED: "terminated"}

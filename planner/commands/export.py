@@ -21,9 +21,9 @@ from planner.commands.command import (
     tensions_of,
 )
 from planner.commands.plan import check_asked
+from planner.io.records import export_record
+from planner.io.scene_file import Question
 from planner.plan import plan
-from planner.records.export import export_record, shape_export_record
-from planner.scenefile import Question
 
 # Of the plan that an inverse begins from, where its code is to be less accurate.
 _PLANNED = 1e-6
@@ -62,7 +62,12 @@ def run(args: argparse.Namespace) -> Answer:
         return _bodies(asked, wanted, args)
     write = _map if args.what == "map" else _inverse
     found = write(asked, wanted, args)
-    return Answer(OK, lambda: _text(found, args.to), export_record(found), c_name(args.scene))
+    return Answer(
+        OK,
+        lambda: _text(found, args.to),
+        export_record(found.files, found.shape, found.static_bytes),
+        c_name(args.scene),
+    )
 
 
 def _bodies(asked: Question, wanted: float, args: argparse.Namespace) -> Answer:
@@ -77,7 +82,7 @@ def _bodies(asked: Question, wanted: float, args: argparse.Namespace) -> Answer:
         shape = settle(asked.arm, scene=asked.scene, **options)
     name = c_name(args.scene)
     files = export_shape(shape, args.to, args.what, name, args.links)
-    record = shape_export_record(files, shape)
+    record = export_record(files, shape)
     told = f"{', '.join(file.name for file in files)} in {args.to}"
     return Answer(OK, lambda: told, record, name)
 

@@ -8,10 +8,10 @@ from pathlib import Path
 
 from planner.commands.command import OK, Answer, Command, accuracy
 from planner.commands.plan import check_asked
+from planner.io.scene_file import load
 from planner.live.handles import handle_of
 from planner.live.page import Page
 from planner.live.session import Session
-from planner.scenefile import load
 
 
 def add(parser: argparse.ArgumentParser) -> None:

@@ -6,7 +6,7 @@ import os
 import sys
 
 from model import OctoplanError
-from planner.files import why
+from planner.io.files import why
 
 
 class OutputError(OctoplanError):

@@ -17,10 +17,10 @@ from planner.commands.command import (
     add_compiled_options,
     question,
 )
+from planner.io.csv_files import plan_csv, shape_csv
+from planner.io.saved_records import plan_record
+from planner.io.scene_file import Question
 from planner.plan import Plan, plan
-from planner.records.plan import plan_record
-from planner.records.shape import shape_csv
-from planner.scenefile import Question
 
 _TARGET = 'a [target] table, such as [target] type = "tip-position", position_mm = [250, 0, -150]'
 _LIMITS = "a [limits] table, such as [limits] tension_max = 20.0 (N, each tendon)"
@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> Answer:
         plan_record(found),
         "plan",
         lambda: _draw(found),
-        {".csv": _csv(found)} if args.out else {},
+        _tables(found) if args.out else {},
     )
 
 
@@ -50,12 +50,13 @@ def check_asked(asked: Question, name: Path) -> None:
         raise FileError(str(name), "limits", f"missing; needed is {_LIMITS}")
 
 
-def _csv(found: Plan) -> bytes:
-    """Return the shape as CSV, of no lines where the tensions do not settle."""
+def _tables(found: Plan) -> dict[str, bytes]:
+    """Return the plan and its shape as CSV, that of no lines where the tensions do not settle."""
     try:
-        return shape_csv(found.shape)
+        shape = shape_csv(found.shape)
     except (OctoplanError, OutOfTime):
-        return b""
+        shape = b""
+    return {"plan.csv": plan_csv(found), "shape.csv": shape}
 
 
 def _draw(found: Plan) -> Any:

@@ -14,7 +14,8 @@ from planner.commands.command import (
     held_of,
     question,
 )
-from planner.records.shape import shape_csv, shape_record
+from planner.io.csv_files import shape_csv
+from planner.io.records import shape_record
 from planner.report import settled_text
 
 
@@ -29,7 +30,7 @@ def run(args: argparse.Namespace) -> Answer:
         shape_record(shape),
         "shape",
         lambda: _draw(shape),
-        {".csv": shape_csv(shape)} if args.out else {},
+        {"shape.csv": shape_csv(shape)} if args.out else {},
     )
 
 

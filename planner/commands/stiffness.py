@@ -14,8 +14,8 @@ from planner.commands.command import (
     held_of,
     question,
 )
+from planner.io.records import stiffness_record
 from planner.notebook import force_to_show
-from planner.records.stiffness import stiffness_record
 
 
 def run(args: argparse.Namespace) -> Answer:

@@ -8,7 +8,7 @@ from pathlib import Path
 from model import OctoplanError
 from model.time_limit import OutOfTime, time_limit
 from planner.commands.command import OK, Answer, Command, add_time_limit
-from planner.records.sweep import SweepRecord, sweep_record
+from planner.io.records import SweepRecord, sweep_record
 from planner.sweeps.file import load_sweep
 from planner.sweeps.sweep import written
 

@@ -14,7 +14,7 @@ from planner.commands.command import (
     add_scene_options,
     question,
 )
-from planner.records.trajectory import trajectory_record
+from planner.io.records import trajectory_record
 from planner.trajectory.motion import trajectory
 from planner.trajectory.result import Trajectory
 
@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> Answer:
         trajectory_record(found),
         "trajectory",
         lambda: _draw(found),
-        {".csv": found.csv} if args.out else {},
+        {"trajectory.csv": found.csv} if args.out else {},
     )
 
 

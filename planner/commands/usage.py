@@ -11,8 +11,8 @@ from model import OctoplanError
 from model.errors import shortened
 from planner.commands.command import EXIT_CODES, Command
 from planner.commands.output import say
-from planner.files import versions
-from planner.scenes.mistakes import hint
+from planner.io.files import versions
+from planner.io.key_paths import hint
 
 
 class UsageError(OctoplanError):

@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from model.text import in_notebook
-from planner.files import to_json, write_named
 from planner.fit.fitted import Fitted
 from planner.fit.measured import Measured
 from planner.fit.outcome import outcome
 from planner.fit.predict import Candidate, LeftOut, Prediction, leave_out, predict, ranked
 from planner.fit.residuals import Residual
+from planner.io.files import to_json, write_named
+from planner.io.saved_records import calibration_record
 from planner.plan import Plan, plan
-from planner.records.calibration import calibration_record
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)

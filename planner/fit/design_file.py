@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
-
-from msgspec import Meta
 
 from model import InputError
 from model.errors import FileError
 from planner.fit.design import design
 from planner.fit.designed import Design
 from planner.fit.making import Making, Objective, Reach
-from planner.scenefile import converted, decoded, scene_beside, text_of
-from planner.scenes.keys import MM, NotNegative, Table
-from planner.scenes.targets import SoftestTable, StiffestTable, TargetTable, target_of
+from planner.fit.unknowns import unknown_of
+from planner.io.codec import si
+from planner.io.scene_file import converted, decoded, scene_beside, text_of
+from planner.io.scene_tables import DesignFile, ReachTable
+from planner.io.target_tables import SoftestTable, StiffestTable, target_of
 from planner.targets import Softest, Stiffest
-from planner.unknowns.tables import UnknownTable, unknown_of
 
 _SUCH = """
 
@@ -30,35 +28,6 @@ lower = 2.0
 upper = 8.0"""
 
 
-class MakingTable(Table, frozen=True):
-    """See planner.Making."""
-
-    wall_mm: Annotated[NotNegative, Meta(description="least, around a tendon [mm]")] = 0.0
-    radius_mm: Annotated[NotNegative, Meta(description="least, of the body [mm]")] = 0.0
-    spacing_mm: Annotated[NotNegative, Meta(description="least, of the anchorages [mm]")] = 0.0
-
-
-class ReachTable(Table, tag="reach", frozen=True):
-    """See planner.Reach."""
-
-    direction: Annotated[tuple[float, float, float], Meta(description="in the base frame")]
-
-
-class DesignFile(Table, frozen=True):
-    """A design file: a scene, tasks, and what of the arm is unknown."""
-
-    scene: Annotated[
-        str | dict[str, Any], Meta(description="a scene file, from this file's folder; or a table")
-    ]
-    tasks: Annotated[tuple[TargetTable, ...], Meta(min_length=1, description="a target each")]
-    unknowns: Annotated[tuple[UnknownTable, ...], Meta(min_length=1)]
-    making: MakingTable = MakingTable()
-    objective: Annotated[
-        StiffestTable | SoftestTable | ReachTable | None,
-        Meta(description="what is best while all tasks are met; the least effort unless given"),
-    ] = None
-
-
 def run_design(path: str | Path) -> Design:
     """Return the design that a file asks for; FileError with the file and the key."""
     path = Path(path)
@@ -70,7 +39,8 @@ def run_design(path: str | Path) -> Design:
         told = "got tension_min or total_pull, allowed is tension_max alone in a design"
         raise FileError(name, "limits", told)
     unknowns = [unknown_of(own, name, f"unknowns[{i}]") for i, own in enumerate(file.unknowns)]
-    making = Making(*(MM * getattr(file.making, f"{k}_mm") for k in ("wall", "radius", "spacing")))
+    least = (file.making.wall_mm, file.making.radius_mm, file.making.spacing_mm)
+    making = Making(*si(least, "mm"))
     most = asked.options.get("tension_max", float("inf"))
     try:
         tasks = [target_of(own) for own in file.tasks]

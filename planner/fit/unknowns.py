@@ -7,21 +7,18 @@ import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from model import Arm, InputError, Scene, UnitWarning
 from model.checks import finite_array
-from model.loads import check_loads
+from model.errors import FileError
 from model.paths import Array
-from planner.scenes.arm import ArmTable, arm_of
-from planner.scenes.effects import EffectsTable, scene_of
-from planner.scenes.places import steps, value_at
-from planner.scenes.tables import SceneTable
-from planner.sweeps.keys import changed, checked_key, unit_of, whole
-from planner.unknowns.written import written
+from planner.io.key_paths import changed, checked_key, steps, unit_of, value_at
+from planner.io.scene_file import arm_and_scene, checked_table, scene_table
+from planner.io.scene_tables import UnknownTable, whole
 
 _SENSOR = re.compile(r"points\[\d+\]\.(s_mm|offset_mm\[[012]\])|tension_scale\[\d+\]")
 _MODEL = ("arm.", "effects.")
@@ -131,7 +128,7 @@ class Parameters:
         if not given or not all(isinstance(unknown, Unknown) for unknown in given):
             allowed = 'at least one, such as Unknown("arm.E_kPa", 50, 1000)'
             raise InputError("unknowns", given, allowed)
-        table = whole(msgspec.convert(written(arm, scene), SceneTable))
+        table = whole(checked_table(scene_table(arm, scene), "scene"), Path())
         table |= {"points": list(points), "tension_scale": [1.0] * arm.n_tendons}
         parameters = cls(table, given)
         for unknown in given:
@@ -264,15 +261,18 @@ def _difference(
     raise problem
 
 
+def unknown_of(table: UnknownTable, name: str, where: str) -> Unknown:
+    """Return the unknown of a table; FileError with the file and the place in it."""
+    key = tuple(table.key) if isinstance(table.key, list) else table.key
+    try:
+        return Unknown(key, table.lower, table.upper, table.prior, table.session)
+    except InputError as reason:
+        raise FileError.of(reason, name, where) from None
+
+
 def built(table: dict[str, Any]) -> tuple[Arm, Scene]:
     """Return arm and scene of a scene file's table; InputError where no such arm can be."""
-    try:
-        with warnings.catch_warnings():
-            # Nobody gave these numbers: on its way a search passes any of them.
-            warnings.simplefilter("ignore", UnitWarning)
-            arm = arm_of(msgspec.convert(table["arm"], ArmTable))
-            scene = scene_of(msgspec.convert(table["effects"], EffectsTable))
-    except msgspec.ValidationError as reason:
-        raise InputError("values", str(reason), "an arm that can be") from None
-    check_loads(arm, scene)
-    return arm, scene
+    with warnings.catch_warnings():
+        # Nobody gave these numbers: on its way a search passes any of them.
+        warnings.simplefilter("ignore", UnitWarning)
+        return arm_and_scene(table)

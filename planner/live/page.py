@@ -21,7 +21,8 @@ from model.effects import Effect
 from model.errors import InputError, OctoplanError
 from model.extras import needed
 from model.obstacles import Obstacle
-from planner.files import to_json
+from planner.io.files import to_json
+from planner.io.saved_records import plan_record
 from planner.live import words
 from planner.live.drawing import (
     DARK,
@@ -36,7 +37,6 @@ from planner.live.drawing import (
 from planner.live.handles import Numbers
 from planner.live.latest import Latest
 from planner.live.session import Session
-from planner.records.plan import plan_record
 
 # How often a page that nobody looks at is looked after [s].
 _GLANCE = 0.1

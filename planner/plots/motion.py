@@ -22,11 +22,11 @@ from model.paths import Array
 from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
+from planner.io.files import placed
 from planner.plots.arm import best_view, draw_arm, fill, fit
 from planner.plots.plan import DPI, Planned
 from planner.plots.strains import PULL, SIZE, pull_norm, pulling
 from planner.plots.trajectory import Moving
-from planner.staging import placed
 
 # Of the tip over arm length: less than what is seen.
 _SEEN = 1e-4

@@ -19,10 +19,10 @@ from model.paths import Array
 from model.shape import Shape
 from planner.avoidance.asked import Surroundings
 from planner.certificate import Certificate
+from planner.io.files import placed
 from planner.plots.arm import draw_arm, look
 from planner.plots.strains import SIZE, plot_strains, plot_tensions
 from planner.program.limits import Limits
-from planner.staging import placed
 from planner.targets.base import Target
 
 __all__ = ["plot_plan", "plot_shape", "plot_strains", "save"]

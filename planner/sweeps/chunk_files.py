@@ -16,8 +16,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from model.errors import InputError, OctoplanError
-from planner.files import why
-from planner.staging import keep_folder
+from planner.io.files import keep_folder, why
 from planner.sweeps.definition import Sweep
 from planner.sweeps.variables import Rows
 

@@ -22,8 +22,7 @@ from model.errors import InputError
 from model.extras import needed
 from model.progress import tell
 from model.time_limit import check_time
-from planner.files import versions, why
-from planner.staging import staged
+from planner.io.files import staged, versions, why
 from planner.sweeps.chunk_files import FullDiskError
 from planner.sweeps.definition import Sweep, box_sizes
 from planner.sweeps.variables import LABELS, VARIABLES, Rows, blank, dtype_of, success

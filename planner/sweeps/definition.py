@@ -12,7 +12,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from planner.files import versions
+from planner.io.files import versions
 from planner.sweeps.axes import Axis
 from planner.sweeps.tables import Compute
 from planner.sweeps.variables import VARIABLES

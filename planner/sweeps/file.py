@@ -10,14 +10,20 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from model import InputError
-from model.effects import PrintedStatics
 from model.errors import FileError
 from model.loads import is_loaded
-from planner.scenefile import Question, converted, decoded, question_of, table_of, text_of
+from planner.io.key_paths import changed, checked_key, unit_of
+from planner.io.scene_file import (
+    check_compute,
+    converted,
+    decoded,
+    filled,
+    question_of,
+    text_of,
+)
 from planner.sweeps.axes import Axis, values_of
 from planner.sweeps.definition import Sweep
-from planner.sweeps.keys import changed, checked_key, unit_of, whole
-from planner.sweeps.tables import MOST_POINTS, AxisTable, Compute, SweepFile, SweepTable
+from planner.sweeps.tables import MOST_POINTS, AxisTable, SweepFile, SweepTable
 from planner.sweeps.variables import RESERVED
 
 _SUCH = """
@@ -71,8 +77,7 @@ def _checked_scene(
     """Return a scene with all its defaults; an error tells where in the file it is."""
     limit = {} if time_limit is None else {"time_limit_s": time_limit}
     try:
-        question_of(raw, name)
-        return whole(table_of(raw, name)) | limit
+        return filled(raw, name) | limit
     except FileError as reason:
         raise FileError(reason.path, f"{prefix}{reason.where}", reason.problem) from None
 
@@ -101,7 +106,7 @@ class _Reader:
         """Return what the table asks; FileError."""
         compute = self.table.compute
         asked = question_of(self.scene, self.scene_name)
-        _within(self.name, "sweep.compute", lambda: _check_compute(asked, compute))
+        _within(self.name, "sweep.compute", lambda: check_compute(asked, compute))
         axes = self._axes()
         closed = compute == "settle" and not is_loaded(asked.scene) and not asked.winches
         together = closed and all(axis.key.startswith("tensions") for axis in axes)
@@ -150,19 +155,7 @@ class _Reader:
         except FileError as reason:
             told = f"{key} = {value!r}: {reason.where}: {reason.problem}"
             raise FileError(self.name, where, told) from None
-        _within(self.name, where, lambda: _check_compute(asked, self.table.compute))
-
-
-def _check_compute(asked: Question, compute: Compute) -> None:
-    """Refuse what cannot be computed of a scene; InputError."""
-    if asked.scene.has(PrintedStatics):
-        raise InputError("compute", f"{compute} as printed", "a scene without as_printed")
-    if compute == "plan":
-        if not asked.targets or "tension_max" not in asked.options:
-            raise InputError("compute", "plan", "plan for a scene with [target] and [limits]")
-    elif asked.tensions is None and not asked.winches:
-        allowed = f"{compute} for a scene with tensions, lengths_mm or strokes_mm"
-        raise InputError("compute", compute, allowed)
+        _within(self.name, where, lambda: check_compute(asked, self.table.compute))
 
 
 def _within(name: str, where: str, build: Callable[[], R]) -> R:

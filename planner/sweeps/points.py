@@ -14,10 +14,10 @@ from model.paths import Array
 from model.progress import listening
 from model.stiffness import stiffness
 from model.time_limit import OutOfTime, check_time, limited
+from planner.io.key_paths import changed
+from planner.io.scene_file import Question, question_of
 from planner.plan import plan
-from planner.scenefile import Question, question_of
 from planner.sweeps.definition import Point, Sweep
-from planner.sweeps.keys import changed
 from planner.sweeps.tables import Compute
 from planner.sweeps.variables import Rows, blank
 

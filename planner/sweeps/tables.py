@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 
-from planner.scenes.keys import Positive, Table
+from planner.io.codec import Positive, Table
 
 Compute = Literal["settle", "plan", "stiffness"]
 Distribution = Literal["uniform", "normal", "log-uniform"]

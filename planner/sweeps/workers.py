@@ -17,7 +17,7 @@ from model.errors import InputError, OctoplanError
 from model.extras import needed
 from model.time_limit import end as end_of_limit
 from model.time_limit import until
-from planner.files import versions
+from planner.io.files import versions
 from planner.sweeps.definition import Point, Sweep
 from planner.sweeps.points import Job, computed
 from planner.sweeps.variables import Rows

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from model.arm import Arm
-from model.checks import finite_array, positive
+from model.checks import finite_array, positive, unit_vector
 from model.errors import InputError
 from model.paths import Array
 from model.stiffness import HOLDS, Hold
@@ -33,12 +33,8 @@ class _Directed(Free):
     tendon_EA: float | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        given = finite_array(f"{type(self).__name__}.direction", self.direction, (3,))
-        given /= np.abs(given).max() or 1.0
-        size = np.linalg.norm(given)
-        if not size > 0:
-            raise InputError(f"{type(self).__name__}.direction", self.direction, "a vector, not 0")
-        object.__setattr__(self, "direction", tuple((given / size).tolist()))
+        field = f"{type(self).__name__}.direction"
+        object.__setattr__(self, "direction", unit_vector(field, self.direction))
         _check_hold(type(self).__name__, self.hold, self.tendon_EA)
 
     def structure(self, arm: Arm) -> Hashable:
@@ -117,18 +113,16 @@ class MinimumStiffness(Free):
     tendon_EA: float | None = None
 
     def __post_init__(self) -> None:
-        matrix = np.ndim(self.direction) == 2
-        given = finite_array(
-            "MinimumStiffness.direction", self.direction, (3, 3) if matrix else (3,)
-        )
-        if matrix and (not np.allclose(given, given.T) or np.linalg.eigvalsh(given)[0] <= 0):
-            allowed = "a direction, or a symmetric positive definite matrix"
-            raise InputError("MinimumStiffness.direction", self.direction, allowed)
-        if not matrix:
-            if not np.linalg.norm(given) > 0:
-                raise InputError("MinimumStiffness.direction", self.direction, "a vector, not 0")
-            given = given / np.linalg.norm(given)
-        kept = tuple(map(tuple, given.tolist())) if matrix else tuple(given.tolist())
+        field = "MinimumStiffness.direction"
+        kept: Any
+        if np.ndim(self.direction) == 2:
+            given = finite_array(field, self.direction, (3, 3))
+            if not np.allclose(given, given.T) or np.linalg.eigvalsh(given)[0] <= 0:
+                allowed = "a direction, or a symmetric positive definite matrix"
+                raise InputError(field, self.direction, allowed)
+            kept = tuple(map(tuple, given.tolist()))
+        else:
+            kept = unit_vector(field, self.direction)
         object.__setattr__(self, "direction", kept)
         object.__setattr__(self, "value", positive("MinimumStiffness.value", self.value))
         _check_hold("MinimumStiffness", self.hold, self.tendon_EA)

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from model.arm import Arm
-from model.checks import finite_array, positive
+from model.checks import finite_array, positive, unit_vector
 from model.errors import InputError
 from model.paths import Array
 from model.rotations import from_matrix
@@ -103,11 +103,7 @@ class TipPointing(_Oriented):
 
     def __post_init__(self) -> None:
         self._check(self.weights)
-        given = finite_array("TipPointing.direction", self.direction, (3,))
-        size = np.linalg.norm(given / (np.abs(given).max() or 1.0)) * np.abs(given).max()
-        if not size > 0:
-            raise InputError("TipPointing.direction", self.direction, "a vector, not 0")
-        object.__setattr__(self, "direction", tuple((given / size).tolist()))
+        object.__setattr__(self, "direction", unit_vector("TipPointing.direction", self.direction))
 
     def structure(self, arm: Arm) -> Hashable:
         """See Target.structure."""

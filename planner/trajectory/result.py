@@ -17,7 +17,7 @@ from model.paths import Array
 from model.settle import settle
 from model.shape import Shape
 from model.text import in_notebook
-from planner.files import write_named
+from planner.io.files import write_named
 from planner.trajectory.certificate import MotionCertificate, certify_motion
 from planner.trajectory.question import Question
 from planner.trajectory.time_scale import inertia, slowest_period

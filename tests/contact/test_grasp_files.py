@@ -4,8 +4,8 @@ import pytest
 
 from model.errors import FileError
 from model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
-from planner.scenefile import read
-from planner.scenes.written_targets import target_table
+from planner.io.codec import table_of
+from planner.io.scene_file import read
 from planner.targets import Hold, Target, Wrap
 
 ROD = Capsule((0.25, -0.15, -0.045), (0.25, 0.15, -0.045), 0.02)
@@ -39,7 +39,7 @@ tension_max = 20
 
 @pytest.mark.parametrize("name", TARGETS)
 def test_tables_of_targets_read_back_as_they_were(name: str) -> None:
-    table = target_table(TARGETS[name])
+    table = table_of(TARGETS[name])
     keys = "\n".join(f"{key} = {_toml(own)}" for key, own in table.items())
     text = f'[arm]\npreset = "table-4"\n[target]\n{keys}\n[limits]\ntension_max = 20\n'
     [found] = read(text.encode()).targets

@@ -12,8 +12,8 @@ from model.obstacles import Capsule, Sphere
 from planner import plan
 from planner.contact.equilibria import Equilibria
 from planner.contact.settled_terms import Settling
+from planner.io.saved_files import load_plan
 from planner.plan import HeldPlan
-from planner.plan_files import load_plan
 from planner.targets import Hold
 from tests.contact.cases import bar
 

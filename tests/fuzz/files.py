@@ -12,8 +12,8 @@ import numpy as np
 from model import Arm, Scene
 from model.effects import Extension
 from planner import plan
-from planner.files import to_json
-from planner.records.plan import plan_record
+from planner.io.files import to_json
+from planner.io.saved_records import plan_record
 from planner.targets import TipPosition
 from tests.fuzz.mutations import MUTATIONS, SCENES, mutated
 

@@ -15,7 +15,7 @@ from model import OctoplanError, settle
 from model.time_limit import OutOfTime, time_limit
 from planner import plan
 from planner.cli import main
-from planner.scenefile import read
+from planner.io.scene_file import read
 from tests.fuzz.mutations import mutated
 
 # Whatever takes so much longer than its limit hangs [s].

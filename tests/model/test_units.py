@@ -119,7 +119,7 @@ def test_radians_in_a_key_in_degrees_are_told_by_the_command(
 def test_degrees_are_no_radians(
     angle: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from planner.scenefile import load
+    from planner.io.scene_file import load
 
     (tmp_path / "scene.toml").write_text(SCENE.format(angle=angle))
     with warnings.catch_warnings():

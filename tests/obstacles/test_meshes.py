@@ -17,8 +17,8 @@ from model.obstacles import Box, Mesh, Moving, Sphere
 from model.obstacles.bodies import Bodies
 from model.units import UnitWarning
 from planner import plan, trajectory
-from planner.plan_files import load_plan
-from planner.scenefile import load
+from planner.io.saved_files import load_plan
+from planner.io.scene_file import load
 from planner.targets import TipPosition
 from tests.model.cases import paper_tensions
 

@@ -17,7 +17,7 @@ from model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
 from model.shape import Shape
 from planner import Limits, Plan, Statement, build, load_plan, plan
 from planner.avoidance.rows import Apart, Avoidance, Place
-from planner.scenefile import read
+from planner.io.scene_file import read
 from planner.targets import BendingPlane, TipPosition
 
 ARM, SCENE = Arm.from_paper("table-4"), Scene(Extension())

@@ -31,6 +31,7 @@ def test_result_and_figure_are_written_whole(tmp_path: Path) -> None:
         "plan.json",
         "plan.png",
         "plan.csv",
+        "shape.csv",
     }
 
 

@@ -15,7 +15,7 @@ from planner.cli import main
 from planner.effect_ablation import Switch, switch_effects
 from planner.plots.effects import plot_effects
 from planner.problem_size import ProblemSize
-from planner.scenefile import read
+from planner.io.scene_file import read
 
 SCENES = Path(__file__).parents[2] / "studies" / "scenes"
 ARM = "[arm]\npreset = 'section-5.2'\n"

@@ -22,7 +22,7 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from planner.scenefile import read
+from planner.io.scene_file import read
 
 TABLE_2 = "[arm]\npreset = 'table-2'\n[effects]\n"
 

@@ -18,9 +18,8 @@ from model.effects import Extension
 from model.errors import FileError
 from planner import export, load_plan
 from planner.cli import main
-from planner.files import write_together, write_whole
-from planner.scenefile import load, read
-from planner.staging import abandon, staged
+from planner.io.files import abandon, staged, write_together, write_whole
+from planner.io.scene_file import load, read
 from planner.sweeps.file import load_sweep
 
 SCENE = """
@@ -195,7 +194,7 @@ def test_files_are_readable_for_those_whom_the_umask_lets(mask: int, mode: int) 
 KILLED = """
 import os, signal
 from pathlib import Path
-from planner.staging import staged
+from planner.io.files import staged
 with staged(Path()) as folder:
     (folder / "half.png").write_text("half")
     os.kill(os.getpid(), signal.SIGKILL)

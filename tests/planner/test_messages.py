@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from planner.cli import main
-from planner.scenefile import load
+from planner.io.scene_file import load
 
 ROOT = Path(__file__).parents[2]
 SCENE = """

@@ -19,9 +19,11 @@ from planner import load_plan, stiffness
 from planner.cli import main
 from planner.commands.register import COMMANDS
 from planner.commands.schema import schema_of
-from planner.scenefile import load, read
-from planner.scenes import scene_schema
-from planner.scenes.template import TEMPLATE
+from planner.io.scene_file import load, read
+from planner.io.schemas import scene_schema
+from planner.io.templates import TEMPLATES
+
+TEMPLATE = TEMPLATES["plan"]
 
 ROOT = Path(__file__).parents[2]
 SCENES = ROOT / "studies" / "scenes"
@@ -63,7 +65,12 @@ def test_what_plan_prints_is_what_it_writes_and_is_loaded(
 ) -> None:
     out = tmp_path / "out"
     shown = _json(capsys, "plan", BENDING, "--out", str(out))
-    assert {path.name for path in out.iterdir()} == {"plan.json", "plan.png", "plan.csv"}
+    assert {path.name for path in out.iterdir()} == {
+        "plan.json",
+        "plan.png",
+        "plan.csv",
+        "shape.csv",
+    }
     assert json.loads((out / "plan.json").read_text()) == shown
     p = load_plan(out / "plan.json")
     assert p.tensions.tolist() == shown["tensions_N"]

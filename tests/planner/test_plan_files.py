@@ -41,10 +41,10 @@ from model.effects import (
 from model.errors import FileError
 from planner import Plan, load_plan, plan, save_shape
 from planner.commands.schema import schema_of
-from planner.files import to_json
-from planner.records.plan import plan_record
-from planner.records.shape import shape_csv
-from planner.records.values import plain, value
+from planner.io.csv_files import shape_csv
+from planner.io.files import to_json
+from planner.io.plain import plain, value
+from planner.io.saved_records import plan_record
 from planner.targets import BendingPlane, TipPosition
 from tests.planner.test_scene_files import TARGETS
 

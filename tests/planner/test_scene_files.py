@@ -18,10 +18,10 @@ from model import Anchorage, Arm, Linear, Material, RestCurvature, Sampled
 from model.effects import Effect
 from model.errors import FileError
 from model.presets import PAPER_ARMS
-from planner.scenefile import load, read
-from planner.scenes import SceneTable, scene_schema
-from planner.scenes.arm import ArmTable, Preset
-from planner.scenes.targets import TargetTable
+from planner.io.arm_tables import ArmTable, Preset
+from planner.io.scene_file import load, read
+from planner.io.schemas import SceneTable, scene_schema
+from planner.io.target_tables import TargetTable
 from planner.targets import (
     Backbone,
     Bend,
@@ -165,6 +165,7 @@ def test_presets_effects_and_targets_are_all_there() -> None:
         "AsPrinted",
         "Silicone",
         "Anticlastic",
+        "Robust",
     }
     kinds = {kind.__name__ for kind in get_args(TargetTable)}
     others = {"Bend", "Target", "Terms", "View"}

@@ -11,8 +11,8 @@ import pytest
 from model import Arm, InputError, Scene, settle
 from model.effects import Buoyancy, Extension, Weight
 from planner import plan
-from planner.plan_files import load_plan
-from planner.scenefile import read
+from planner.io.saved_files import load_plan
+from planner.io.scene_file import read
 from planner.targets import TipPointing, TipPose
 from planner.targets.base import View
 

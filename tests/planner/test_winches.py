@@ -14,9 +14,9 @@ from model.errors import FileError
 from model.winches import rest_lengths
 from planner import load_plan, plan, stiffness
 from planner.cli import main
+from planner.io.scene_file import load
 from planner.program.limits import Limits
 from planner.report import plan_text
-from planner.scenefile import load
 from planner.targets import TipPosition
 from planner.tendon_lengths import length_error
 from planner.trajectory.asked import Rates

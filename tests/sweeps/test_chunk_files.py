@@ -11,7 +11,7 @@ import pytest
 from model import InputError
 from planner import sweep
 from planner.cli import main
-from planner.staging import abandon, remembered, told_kept
+from planner.io.files import abandon, remembered, told_kept
 from planner.sweeps.chunk_files import ChunkFiles, FullDiskError, folder_of
 from planner.sweeps.file import load_sweep
 from planner.sweeps.variables import Rows, blank

@@ -28,8 +28,8 @@ from model.effects import (
 from model.obstacles import Sphere
 from planner import stiffness, sweep
 from planner.cli import main
-from planner.scenefile import question_of
-from planner.scenes.written_targets import target_table
+from planner.io.codec import table_of
+from planner.io.scene_file import question_of, scene_table
 from planner.targets import (
     Backbone,
     Bend,
@@ -43,7 +43,6 @@ from planner.targets import (
     TipPose,
     TipPosition,
 )
-from planner.unknowns.written import written as scene_table
 from tests.sweeps.cases import GRID, tensions, written
 
 ARM = Arm.from_paper("table-4")
@@ -68,7 +67,7 @@ TARGETS = [
 
 @pytest.mark.parametrize("target", TARGETS, ids=lambda target: type(target).__name__)
 def test_a_target_is_the_table_that_asks_for_it(target: Any) -> None:
-    table = scene_table(ARM, PAPER) | {"target": target_table(target)}
+    table = scene_table(ARM, PAPER) | {"target": table_of(target)}
     (found,) = question_of(table).targets
     assert type(found) is type(target)
     assert found.structure(ARM) == target.structure(ARM)
@@ -77,7 +76,7 @@ def test_a_target_is_the_table_that_asks_for_it(target: Any) -> None:
 
 def test_a_target_without_keys_is_refused() -> None:
     with pytest.raises(InputError, match="others have no keys"):
-        target_table(object())
+        table_of(object())
 
 
 def test_an_arm_and_a_scene_are_swept_as_their_files_are() -> None:

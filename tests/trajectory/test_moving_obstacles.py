@@ -13,7 +13,7 @@ from model import Arm, InputError, Scene, settle
 from model.effects import Extension
 from model.obstacles import Moving, Sphere
 from planner import Trajectory, plan, trajectory
-from planner.scenefile import load
+from planner.io.scene_file import load
 from planner.targets import TipPosition
 
 ARM, SCENE = Arm.from_paper("table-4"), Scene(Extension())

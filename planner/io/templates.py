@@ -1,6 +1,8 @@
-"""The scene file that `octoplan new` writes."""
+"""The files that `octoplan new` writes: one for each command that takes a file, run as written."""
 
-TEMPLATE = """\
+from __future__ import annotations
+
+_PLAN = """\
 #:schema scene.schema.json
 # A scene for octoplan. For an editor that knows the keys: octoplan schema > scene.schema.json
 #
@@ -57,11 +59,12 @@ density = 1080.0                # kg/m3
 # base_frame = { tangent = [1.0, 0.0, 0.0], normal = [0.0, -1.0, 0.0] }
 
 [effects]                       # nothing but bending, unless named here
-extension = true                # the arm shortens under its tendons
-# silicone = true               # what a real silicone arm calls for: this and the next two
+silicone = true                 # what a real silicone arm calls for: all of the next three
+# extension = true              # the arm shortens under its tendons: alone, the paper's scene
 # exact_tendons = true
 # neo_hookean = true
 # anticlastic = true            # with neo_hookean
+# robust = true                 # cross-sections solved step by step from the start
 # as_printed = true             # the paper's equations to the letter; no other effects
 # shear = { k_s = 1.0 }
 # weight = { g = [0.0, 0.0, -9.81] }              # m/s2
@@ -69,6 +72,7 @@ extension = true                # the arm shortens under its tendons
 # tip_load = { force = [0.0, 0.0, -0.005], moment = [0.0, 0.0, 0.0], follower = false }  # N, N m
 # point_loads = [{ s_mm = 225.0, force = [0.0, 0.0, -0.005] }]
 # contacts = [{ type = "half-space", point_mm = [0.0, 0.0, -40.0], normal = [0.0, 0.0, 1.0] }]
+#                               # and friction = 0.3: between arm and obstacle
 # self_contact = true           # parts of the arm that meet press each other apart; in settle
 # point_masses = [{ s_mm = 225.0, mass_g = 2.0, offset_mm = [0.0, 12.0, 0.0] }]  # with weight
 # current = { velocity = [0.0, 0.1, 0.0], density = 1000.0, coefficient = 1.1 }          # m/s
@@ -152,5 +156,197 @@ tension_max = 20.0              # N, each tendon; or a row a section, as in tens
 hold = "tension"                # what holds the tendons; or "length"
 # at_mm = 300.0                 # the tip unless given
 # tendon_EA = 1000.0            # N, with lengths held
-# release = true                # tendons without tension are slack, with lengths held
+# release = false               # tendons without tension are held as well, with lengths held
 """
+
+_SCENE = """\
+[scene.arm]
+preset = "table-4"              # "table-2", "table-4", "section-5.1", "section-5.2"; or length_mm,
+                                # radius_mm and sections of your own
+E_kPa = 110.0                   # Young's modulus
+[scene.effects]
+silicone = true                 # what a real silicone arm calls for
+# weight = { g = [0.0, 0.0, -9.81] }              # m/s2
+# buoyancy = { density = 1000.0 }                 # kg/m3 of the water; with weight
+"""
+
+_TRAJECTORY = """\
+#:schema scene.schema.json
+# A motion for octoplan:  octoplan trajectory FILE --out DIR
+# All keys: octoplan new; for an editor that knows them: octoplan schema > scene.schema.json
+# SI units, unless the key names another. What begins with # is off; the values there are examples.
+
+accuracy = 1e-5                 # tip error over arm length
+# clearance_mm = 2.0            # from obstacles
+# self_clearance = true         # as far from the arm itself and from behind its base plane
+
+[arm]
+preset = "table-4"              # "table-2", "table-4", "section-5.1", "section-5.2"
+
+[effects]
+silicone = true                 # what a real silicone arm calls for
+# weight = { g = [0.0, 0.0, -9.81] }              # m/s2
+# buoyancy = { density = 1000.0 }                 # kg/m3 of the water; with weight
+
+[limits]
+tension_max = 20.0              # N, each tendon
+# stroke_max_mm = 20.0          # what winches take in from where they are zeroed
+
+[motion]
+rate_max = 5.0                  # N/s
+# stroke_rate_max_mm_s = 20.0
+# stroke_acceleration_max_mm_s2 = 50.0   # then the arm rests at each waypoint
+# times_s = [2.0, 4.0]          # of each waypoint; then effort is made least, otherwise time
+
+[[waypoints]]                   # targets in order; any type that [target] has
+type = "tip-position"
+position_mm = [200.0, 150.0, -200.0]
+
+[[waypoints]]
+type = "tip-position"
+position_mm = [250.0, 150.0, -150.0]
+
+# [[obstacles]]                 # what the arm keeps clear of, a table each
+# type = "sphere"
+# center_mm = [250.0, 100.0, 50.0]
+# radius_mm = 20.0
+# path_s_mm = [[0.0, 0.0, 0.0, 0.0], [2.0, 40.0, 0.0, 0.0]]   # it may move: s, then mm
+"""
+
+_SWEEP = (
+    """\
+# A sweep for octoplan:  octoplan sweep FILE --out sweep.nc --jobs -1
+# A scene at many of its values: all grids by all others, and drawn values jointly with them.
+# The scene may stand in a file of its own: scene = "scene.toml" in place of the tables.
+
+[scene]
+tensions = [                    # N, a row a section, tip first
+  [0.0, 0.0, 0.5, 0.0],
+  [2.0, 0.0, 0.0, 0.0],
+  [0.0, 3.0, 0.0, 0.0],
+]
+"""
+    + _SCENE
+    + """
+[sweep]
+compute = "settle"              # or "plan", with [scene.target] and [scene.limits]; "stiffness"
+# draws = 100                   # how many times drawn values are drawn, together
+# seed = 0
+
+[[sweep.axes]]
+key = "arm.E_kPa"               # the path of a value in the scene; values are in its unit
+values = [100.0, 110.0, 120.0]
+
+[[sweep.axes]]
+key = "tensions[1][0]"
+start = 0.0
+stop = 4.0
+count = 5
+
+# [[sweep.axes]]
+# key = "arm.density"
+# distribution = "normal"       # or "uniform", "log-uniform" with low and high
+# mean = 1080.0
+# sd = 20.0
+"""
+)
+
+_CALIBRATE = (
+    """\
+# A calibration for octoplan:  octoplan calibrate FILE
+# Numbers of an arm, found from shapes that were measured under known tensions.
+# The scene may stand in a file of its own: scene = "scene.toml" in place of the tables.
+
+measured = "{measured}"         # a shape a line, beside this file; its columns name the units
+std_mm = 1.0                    # standard deviation of places, of shapes against each other
+# absolute_std = true           # that holds as it is
+# loss = "soft_l1"              # robust against outliers; or "huber", "cauchy"
+# starts = 5                    # fits from so many values within the bounds
+# accuracy = 1e-5
+
+"""
+    + _SCENE
+    + """
+[[points]]                      # markers, by their names in the columns
+name = "M1"
+s_mm = 315.0                    # arc length from the base
+# offset_mm = [0.0, 5.0, 0.0]   # from the midline, along t, n, b
+
+[[unknowns]]                    # by the path of a number in the scene, in its unit
+key = "arm.E_kPa"
+lower = 50.0
+upper = 300.0
+# prior = [110.0, 20.0]         # mean and standard deviation known beforehand
+
+# [[unknowns]]
+# key = "points[0].s_mm"        # also where markers are, and tension_scale[0] of a tendon
+# lower = 305.0
+# upper = 325.0
+"""
+)
+
+# Tips and a marker of the arm in _CALIBRATE, of 125 kPa, rounded to what a camera tells.
+_SHAPES = """\
+name,{tendons},M1_x_mm,M1_y_mm,M1_z_mm,tip_x_mm,tip_y_mm,tip_z_mm
+first,{one},239.6,-103.9,0.0,259.7,-153.6,0.0
+second,{two},86.5,-103.8,-85.1,69.2,-101.6,-34.4
+third,{three},128.5,112.6,54.1,150.5,85.6,27.7
+""".format(
+    tendons=",".join(f"T_{i}{j}_N" for i in (1, 2, 3) for j in (1, 2, 3, 4)),
+    one="0,0,0.5,0,2,0,0,0,0,0,0,0",
+    two="0,0,0.5,0,4,0,0,0,0,6,0,0",
+    three="0,0.8,0,0,0,0,3,0,0,0,0,5",
+)
+
+_DESIGN = (
+    """\
+# A design for octoplan:  octoplan design FILE
+# The arm for which several tasks take least effort, by numbers of it that may change.
+# The scene may stand in a file of its own: scene = "scene.toml" in place of the tables.
+
+"""
+    + _SCENE
+    + """
+[scene.limits]
+tension_max = 20.0              # N, each tendon
+
+[[tasks]]                       # a target each; any type that a scene's [target] has
+type = "tip-position"
+position_mm = [200.0, 150.0, -200.0]
+
+[[tasks]]
+type = "tip-position"
+position_mm = [250.0, 150.0, -150.0]
+
+[[unknowns]]                    # by the path of a number in the scene, in its unit
+key = "arm.sections[2].offset_mm[0]"
+lower = 4.0
+upper = 9.0
+
+# [making]                      # what can be made
+# wall_mm = 1.0                 # least, around a tendon
+# radius_mm = 2.0               # least, of the body
+# spacing_mm = 20.0             # least, of the anchorages
+# [objective]                   # in place of least effort; or type = "softest", "reach"
+# type = "stiffest"
+# direction = [0.0, 0.0, 1.0]
+"""
+)
+
+TEMPLATES = {
+    "plan": _PLAN,
+    "trajectory": _TRAJECTORY,
+    "sweep": _SWEEP,
+    "calibrate": _CALIBRATE,
+    "design": _DESIGN,
+}
+"""What `octoplan new --kind` writes."""
+
+
+def first_files(kind: str, name: str) -> dict[str, str]:
+    """Return the files to start from: one of a kind by its name, and what it needs beside it."""
+    text = TEMPLATES[kind]
+    if kind != "calibrate":
+        return {name: text}
+    beside = f"{name.removesuffix('.toml')}_shapes.csv"
+    return {name: text.replace("{measured}", beside), beside: _SHAPES}

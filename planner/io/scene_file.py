@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
@@ -11,31 +11,38 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
+import numpy as np
 
 from model import Arm, InputError, Scene
-from model.effects import SelfContact
+from model.effects import PrintedStatics, SelfContact
 from model.errors import FileError
 from model.loads import check_loads
 from model.machine.compiled import Compile
+from model.paths import Array
+from model.units import warn_of_strokes
+from model.winches import Winches, rest_lengths
 from planner.avoidance.asked import surroundings
-from planner.files import read_file, why
+from planner.io.arm_tables import ArmTable, arm_of
+from planner.io.codec import UNITS, si, table_of, written
+from planner.io.effect_tables import EffectsTable, scene_of
+from planner.io.files import read_file, why
+from planner.io.key_paths import steps, value_at
+from planner.io.mistakes import as_written, mistake, no_toml
+from planner.io.obstacle_tables import inlined, obstacle_of
+from planner.io.scene_tables import (
+    LimitsTable,
+    MotionTable,
+    SceneTable,
+    StiffnessTable,
+    whole,
+)
+from planner.io.slips import check_slips
+from planner.io.target_tables import target_of
 from planner.program.limits import Limits
 from planner.question import check_targets
-from planner.scenes.arm import arm_of
-from planner.scenes.as_written import as_written
-from planner.scenes.effects import scene_of
-from planner.scenes.keys import MM
-from planner.scenes.mistakes import mistake
-from planner.scenes.obstacles import in_time
-from planner.scenes.places import steps, value_at
-from planner.scenes.syntax import no_toml
-from planner.scenes.tables import LimitsTable, MotionTable, SceneTable, StiffnessTable
-from planner.scenes.targets import TargetTable, target_of
-from planner.scenes.winches import winches_of
 from planner.targets import Target
 
-_LIMITS = ("tension_max", "tension_min", "total_pull", "stroke_zero")
-
+MM = UNITS["mm"]
 R = TypeVar("R")
 
 
@@ -114,14 +121,15 @@ def read(text: bytes, name: str = "scene") -> Question:
 
 def question_of(raw: dict[str, Any], name: str = "scene") -> Question:
     """Return the question of what a scene file holds, as TOML is decoded; see load."""
-    table = table_of(raw, name)
+    table = checked_table(raw, name)
+    check_slips(table, name)
     within = partial(_within, raw, name)
     arm = within("arm", arm_of, table.arm)
     scene = within("effects", scene_of, table.effects)
     # Contact of the arm with itself is refused by what does not state it: settle does.
     apart = Scene(*(effect for effect in scene.effects if not isinstance(effect, SelfContact)))
     within("effects", lambda _: check_loads(arm, apart, contact=True), None)
-    winches = within(_winches_key(table), lambda own: winches_of(arm, own), table)
+    winches = within(_winches_key(table), lambda own: _winches(arm, own), table)
     if table.tensions is not None and not winches:
         within("tensions", lambda given: arm.flat(given), table.tensions)
     targets = _targets(within, arm, table)
@@ -149,7 +157,10 @@ def _surroundings(
 
     Their files are looked for from a folder `at`.
     """
-    read = partial(in_time, folder=at)
+
+    def read(own: Any) -> Any:
+        return obstacle_of(inlined(own, at))
+
     found = [within(f"obstacles[{i}]", read, own) for i, own in enumerate(table.obstacles)]
     asked = (found, table.clearance_mm * MM, table.self_clearance)
     key = "obstacles" if found else "clearance_mm"
@@ -202,7 +213,7 @@ def scene_beside(scene: str | dict[str, Any], path: Path) -> Question:
     return question_of(decoded(text_of(beside), str(beside)), str(beside))
 
 
-def table_of(raw: dict[str, Any], name: str) -> SceneTable:
+def checked_table(raw: dict[str, Any], name: str) -> SceneTable:
     """Return the table of what a scene file holds, its keys checked one by one; FileError."""
     if "sweep" in raw:
         raise FileError(name, "sweep", f"this is a sweep file, for `octoplan sweep {name}`")
@@ -225,7 +236,7 @@ def _targets(within: Callable[..., Any], arm: Arm, table: SceneTable) -> tuple[T
 
 
 def _stated(
-    within: Callable[..., Any], arm: Arm, tables: list[tuple[str, TargetTable]]
+    within: Callable[..., Any], arm: Arm, tables: list[tuple[str, Any]]
 ) -> tuple[Target, ...]:
     """Return the targets of tables with their keys, each checked."""
     found = []
@@ -238,11 +249,10 @@ def _stated(
 
 def _motion(table: MotionTable) -> dict[str, Any]:
     """Return the rates and times of a motion in SI units."""
-    rate, acceleration = table.stroke_rate_max_mm_s, table.stroke_acceleration_max_mm_s2
     return {
         "rate_max": table.rate_max,
-        "stroke_rate_max": None if rate is None else rate * MM,
-        "stroke_acceleration_max": None if acceleration is None else acceleration * MM,
+        "stroke_rate_max": si(table.stroke_rate_max_mm_s, "mm/s"),
+        "stroke_acceleration_max": si(table.stroke_acceleration_max_mm_s2, "mm/s2"),
         "times": table.times_s,
     }
 
@@ -255,14 +265,12 @@ def _check_limits(arm: Arm, table: LimitsTable) -> None:
 
 def _limits(table: LimitsTable) -> dict[str, Any]:
     """Return the limits as plan takes them, those of strokes [m] if there are any."""
-    found = {key: getattr(table, key) for key in _LIMITS}
+    found = {
+        key: getattr(table, key)
+        for key in ("tension_max", "tension_min", "total_pull", "stroke_zero")
+    }
     ends = {"stroke_max": table.stroke_max_mm, "stroke_min": table.stroke_min_mm}
-    return found | {key: _metres(own) for key, own in ends.items() if own is not None}
-
-
-def _metres(lengths: Any) -> Any:
-    """Return lengths [mm] in rows or alone in metres."""
-    return [_metres(own) for own in lengths] if isinstance(lengths, list) else lengths * MM
+    return found | {key: si(own, "mm") for key, own in ends.items() if own is not None}
 
 
 def _stiffness(arm: Arm, table: StiffnessTable) -> dict[str, Any]:
@@ -281,3 +289,121 @@ def _within(raw: dict[str, Any], name: str, key: str, build: Callable[[Any], R],
         return build(table)
     except InputError as reason:
         raise as_written(reason, name, key, value_at(raw, steps(key))) from None
+
+
+# Winches
+
+
+def _winches(arm: Arm, table: SceneTable) -> dict[str, Any]:
+    """Return the further arguments of settle: none where a file has tensions alone; InputError."""
+    if table.lengths_mm is None and table.strokes_mm is None:
+        for key, value in (
+            ("tendon_EA", table.tendon_EA),
+            ("tendon_outside_mm", table.tendon_outside_mm),
+        ):
+            if value:
+                raise InputError(key, value, "none without lengths_mm or strokes_mm")
+        return {}
+    if table.lengths_mm is not None and table.strokes_mm is not None:
+        raise InputError("strokes_mm", "given beside lengths_mm", "one of the two")
+    if table.stiffness.tendon_EA is not None:
+        own = table.stiffness.tendon_EA
+        raise InputError("stiffness.tendon_EA", own, "tendon_EA at the top, beside lengths")
+    lengths: Any = table.lengths_mm
+    if table.strokes_mm is not None:
+        lengths = _left(arm, table.strokes_mm)
+    metres = si(lengths, "mm")
+    found = {
+        "lengths": metres,
+        "tendon_EA": table.tendon_EA,
+        "tendon_outside": si(table.tendon_outside_mm, "mm"),
+    }
+    Winches.of(arm, table.tensions, metres, table.tendon_EA, found["tendon_outside"])
+    return found
+
+
+def _left(arm: Arm, strokes: list[Any]) -> list[float]:
+    """Return what is left of tendons by strokes (n_tendons,) [mm], nan where these are nan.
+
+    Raises InputError for strokes of another form, and for more than there is of a tendon.
+    """
+    taken, rest = _flat(arm, strokes) * MM, rest_lengths(arm)
+    for j in np.flatnonzero(np.isinf(taken) | (taken >= rest)):
+        field, given = f"strokes[{j}] ({arm.tendon_name(int(j))})", f"{taken[j] / MM:g} mm"
+        allowed = f"below {rest[j] / MM:.6g} mm, its length at rest, and negative where paid out"
+        raise InputError(field, given, allowed)
+    warn_of_strokes("strokes_mm", (taken / arm.length).tolist())
+    return [*((rest - taken) / MM).tolist()]
+
+
+def _flat(arm: Arm, strokes: list[Any]) -> Array:
+    """Return strokes (n_tendons,) of their rows; the arm judges the form alone."""
+    form = [[0.0 for _ in row] if isinstance(row, list) else 0.0 for row in strokes]
+    arm.flat(form, "strokes")
+    rows = [row if isinstance(row, list) else [row] for row in strokes]
+    return np.array([value for row in rows for value in row], dtype=float)
+
+
+# Objects as files
+
+
+def scene_table(
+    arm: Arm,
+    scene: Scene | None = None,
+    target: Target | Iterable[Target] | None = None,
+    *,
+    tensions: Any = None,
+    tension_max: Any = None,
+    **keys: Any,
+) -> dict[str, Any]:
+    """Return the scene file that has this arm, scene and target, as TOML is decoded.
+
+    Further keys are those of scene files; arrays, and objects of ours in them such as obstacles,
+    are written. Raises InputError for what has no keys.
+    """
+    more = {key: own for key, own in keys.items() if own is not None}
+    table: dict[str, Any] = {"arm": table_of(arm), "effects": table_of(scene or Scene())}
+    table |= written(more)
+    if tensions is not None:
+        table["tensions"] = written(tensions)
+    if target is not None:
+        several = isinstance(target, tuple | list)
+        found = [table_of(own) for own in (target if several else [target])]  # type: ignore[union-attr]
+        table |= {"targets": found} if several else {"target": found[0]}
+    if tension_max is not None:
+        table["limits"] = {"tension_max": written(tension_max)} | table.get("limits", {})
+    return table
+
+
+def filled(raw: dict[str, Any], name: str) -> dict[str, Any]:
+    """Return what a scene file holds with all defaults, its meshes as numbers; FileError."""
+    question_of(raw, name)
+    return whole(checked_table(raw, name), Path(name).parent)
+
+
+def arm_and_scene(table: dict[str, Any]) -> tuple[Arm, Scene]:
+    """Return arm and scene of a table that is whole; InputError where no such arm can be."""
+    try:
+        arm = arm_of(msgspec.convert(table["arm"], ArmTable))
+        scene = scene_of(msgspec.convert(table["effects"], EffectsTable))
+    except msgspec.ValidationError as reason:
+        raise InputError("values", str(reason), "an arm that can be") from None
+    check_loads(arm, scene)
+    return arm, scene
+
+
+def check_compute(asked: Question, compute: str) -> None:
+    """Raise InputError, naming it, for what a scene has that a sweep does not take.
+
+    Or lacks: a plan needs targets and limits, the others tensions or lengths.
+    """
+    if asked.scene.has(PrintedStatics):
+        raise InputError("compute", f"{compute} as printed", "a scene without as_printed")
+    if compute == "plan":
+        if not asked.targets or "tension_max" not in asked.options:
+            raise InputError("compute", "plan", "plan for a scene with [target] and [limits]")
+    elif asked.tensions is None and not asked.winches:
+        told = f"{compute} for a scene with tensions, lengths_mm or strokes_mm"
+        raise InputError("compute", compute, told)
+    if compute != "settle":
+        check_loads(asked.arm, asked.scene, contact=True)

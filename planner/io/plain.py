@@ -1,40 +1,34 @@
-"""Arms, scenes and targets as plain values, and back: a table each, with its kind and fields."""
+"""Values exactly as they are: kinds, fields and SI numbers, for what has to be read back the same.
+
+Saved plans and calibrations hold them, and what identifies a computation is made of them.
+"""
 
 from __future__ import annotations
 
-from dataclasses import MISSING, fields, is_dataclass
+import hashlib
+import inspect
+import json
+import math
 from typing import Any
 
 import numpy as np
 
-import model.effects
-import model.obstacles
-import planner.targets
-from model import Anchorage, Arm, InputError, Linear, Material, RestCurvature, Sampled, Scene
-from model.errors import FileError
+from model.errors import FileError, InputError
+from model.material import Material
+from model.paths import Linear, Sampled
+from model.scene import Scene
 from planner.avoidance.rows import Apart, Avoidance, Place
-from planner.scenes.mistakes import hint, shown
-
-_EFFECTS = [getattr(model.effects, name) for name in model.effects.__all__ if name != "Effect"]
-_TARGETS = [
-    kind
-    for kind in (getattr(planner.targets, name) for name in planner.targets.__all__)
-    if is_dataclass(kind) and hasattr(kind, "guess_towards")
-]
-_OBSTACLES = [
-    kind
-    for kind in (getattr(model.obstacles, name) for name in model.obstacles.__all__)
-    if is_dataclass(kind)
-]
-_ARM = (Arm, Material, Anchorage, Linear, Sampled, RestCurvature)
-KINDS: dict[str, Any] = {
-    kind.__name__: kind
-    for kind in (*_ARM, Scene, *_EFFECTS, *_TARGETS, *_OBSTACLES, Avoidance, Apart, Place)
-}
+from planner.io.codec import arguments, known_kinds
+from planner.io.files import versions
+from planner.io.key_paths import hint
+from planner.io.mistakes import shown
 
 Number = float | str
 
-
+KINDS: dict[str, Any] = {
+    kind.__name__: kind
+    for kind in (*known_kinds(), Material, Linear, Sampled, Avoidance, Apart, Place)
+}
 # Fields by the names that plans of earlier versions have.
 _RENAMED = {("ExactTendons", "careful"): "robust"}
 
@@ -44,13 +38,15 @@ def plain(value: Any) -> Any:
 
     Raises InputError for what is not of the project's own kinds: it could not be read back.
     """
-    if is_dataclass(value) and KINDS.get(type(value).__name__) is type(value):
-        own = {f.name: plain(getattr(value, f.name)) for f in fields(value)}
+    if KINDS.get(type(value).__name__) is type(value):
+        own = {name: plain(getattr(value, name)) for name in arguments(type(value))}
         return {"kind": type(value).__name__, **own}
+    if isinstance(value, dict):
+        return {str(key): plain(own) for key, own in value.items()}
     if isinstance(value, tuple | list):
         return [plain(item) for item in value]
-    if isinstance(value, np.generic):
-        return value.item()
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
     if value is None or isinstance(value, bool | int | float | str):
         return value
     raise InputError("to save", value, f"one of {', '.join(KINDS)}")
@@ -67,9 +63,8 @@ def value(table: Any, file: str, where: str) -> Any:
         allowed = f"one of {', '.join(KINDS)}{hint(name, list(KINDS))}"
         raise FileError(file, f"{where}.kind", f"got {shown(name)}, allowed is {allowed}")
     table = {_RENAMED.get((name, key), key): own for key, own in table.items()}
-    names = [f.name for f in fields(KINDS[name])]
+    names, optional = arguments(KINDS[name]), _optional(KINDS[name])
     # What need not be given is left out by versions that did not have it yet.
-    optional = {f.name for f in fields(KINDS[name]) if f.default is not MISSING}
     for key in (table.keys() ^ {"kind", *names}) - (optional - table.keys()):
         told = "missing" if key in names else f"no such key (known here: {', '.join(names)})"
         raise FileError(file, f"{where}.{key}", told)
@@ -82,6 +77,27 @@ def value(table: Any, file: str, where: str) -> Any:
         raise FileError(file, where, f"not the numbers of a {name}: {reason}") from None
 
 
-def number(x: float) -> Number:
-    """Return a number, or its name where JSON has none for it: "inf", "-inf", "nan"."""
-    return float(x) if -float("inf") < x < float("inf") else str(float(x))
+def _optional(kind: Any) -> frozenset[str]:
+    known = inspect.signature(kind).parameters.items()
+    return frozenset(name for name, own in known if own.default is not inspect.Parameter.empty)
+
+
+def exact(value: Any) -> Any:
+    """Return numbers, alone or in lists, with names for what JSON has none: "inf", "-inf", "nan".
+
+    Floats become the nearest number of JSON, which is read as the same; all else stays.
+    """
+    if isinstance(value, np.ndarray | np.generic):
+        return exact(value.tolist())
+    if isinstance(value, list | tuple):
+        return [exact(own) for own in value]
+    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def identity(*values: Any) -> str:
+    """Return a hash of values and of the versions that compute with them.
+
+    It is the same in every process, and for equal values.
+    """
+    told = json.dumps([plain(list(values)), versions()], sort_keys=True)
+    return hashlib.sha256(told.encode()).hexdigest()

@@ -1,4 +1,4 @@
-"""Plans that are loaded from files: checked as if they were asked afresh."""
+"""Plans and calibrations that are loaded from files: checked as if they were asked afresh."""
 
 from __future__ import annotations
 
@@ -17,20 +17,73 @@ from model.loads import check_loads, contacts
 from model.mesh_refinement import FINEST, checked_accuracy
 from planner.avoidance.asked import Surroundings, surroundings
 from planner.avoidance.rows import Avoidance
-from planner.files import read_file, why
+from planner.fit.calibration import Calibration
+from planner.fit.fitted import Start
+from planner.fit.least_squares import LOSSES, Weights
+from planner.fit.measured import Measured
+from planner.fit.unknowns import Unknown
+from planner.io.files import read_file, why
+from planner.io.mistakes import mistake, shown
+from planner.io.plain import Number, value
+from planner.io.saved_records import AnswerRecord, FitRecord, QuestionRecord, StartRecord
 from planner.plan import HeldPlan, Plan
 from planner.program.limits import Limits
 from planner.program.problem import build
 from planner.question import check_planned, check_targets, checked_margin
-from planner.records.plan import AnswerRecord, PlanRecord, QuestionRecord, StartRecord
-from planner.records.values import Number, value
-from planner.scenes.mistakes import mistake, shown
 from planner.solve.search_result import SearchResult, Trial
 from planner.solve.task import Task
 from planner.targets.base import Target
 from planner.tendon_lengths import zeroed_at
 
 R = TypeVar("R")
+# The number at the end of `schema` of what is written, and the earliest that is read.
+_VERSION = 1
+
+
+class SavedPlan(msgspec.Struct):
+    """What a plan is loaded from; see planner.io.saved_records."""
+
+    question: QuestionRecord
+    answer: AnswerRecord
+
+
+class SavedCalibration(msgspec.Struct):
+    """What a calibration is loaded from; see planner.io.saved_records."""
+
+    question: dict[str, Any]
+    fit: FitRecord
+
+
+def _record(path: Path, kind: type[R], what: str) -> R:
+    """Return what a saved file of a kind holds; FileError for others, with what to do."""
+    name = str(path)
+    try:
+        text = read_file(path)
+    except (OSError, ValueError) as reason:
+        raise FileError(name, "", f"{why(reason)}; a {what} that was saved is wanted") from None
+    try:
+        table = msgspec.json.decode(text)
+    except (msgspec.DecodeError, ValueError, RecursionError) as reason:
+        raise FileError(name, "", f"this is not valid JSON: {reason}") from None
+    _check_version(table, name, what)
+    try:
+        return msgspec.convert(table, kind)
+    except msgspec.ValidationError as reason:
+        raise mistake(str(reason), name, table, kind) from None
+
+
+def _check_version(table: Any, name: str, what: str) -> None:
+    if not isinstance(table, dict):
+        raise FileError(name, "the file", f"got {shown(table)}, allowed is a {what} that was saved")
+    wanted, found = f"octoplan {what} {_VERSION}", table.get("schema")
+    if found == wanted:
+        return
+    if found is None:
+        raise FileError(name, "schema", f'missing; a saved {what} has schema = "{wanted}"')
+    told = f"got {shown(found)}, allowed is one of {wanted}"
+    if isinstance(found, str) and found.startswith(f"octoplan {what} "):
+        told += "; another version of octoplan wrote it: load it there, or find it again here"
+    raise FileError(name, "schema", told)
 
 
 def load_plan(path: str | Path) -> Plan:
@@ -45,7 +98,7 @@ def load_plan(path: str | Path) -> Plan:
         With the file and the place, for what cannot be read or is not a plan.
     """
     name = str(path)
-    record, within = _record(Path(path), name), _Within(name)
+    record, within = _record(Path(path), SavedPlan, "plan"), _Within(name)
     task = _task(within, record)
     found = _found(within, record.answer, task.arm)
     _check_statement(within, record.answer, task.limits)
@@ -76,7 +129,7 @@ class _Within:
             raise FileError.of(reason, self.name, where) from None
 
 
-def _task(within: _Within, record: PlanRecord) -> Task:
+def _task(within: _Within, record: SavedPlan) -> Task:
     """Return what was asked."""
     name, question, own = within.name, record.question, record.question.limits
     arm = _kind(value(question.arm, name, "question.arm"), Arm, name, "question.arm")
@@ -133,21 +186,6 @@ def _surroundings(
     return within("question.obstacles", lambda: surroundings(arm, targets, found, *rest))
 
 
-def _record(path: Path, name: str) -> PlanRecord:
-    try:
-        text = read_file(path)
-    except (OSError, ValueError) as reason:
-        raise FileError(name, "", f"{why(reason)}; a plan that was saved is wanted") from None
-    try:
-        table = msgspec.json.decode(text)
-    except (msgspec.DecodeError, ValueError, RecursionError) as reason:
-        raise FileError(name, "", f"this is not valid JSON: {reason}") from None
-    try:
-        return msgspec.convert(table, PlanRecord)
-    except msgspec.ValidationError as reason:
-        raise mistake(str(reason), name, table, PlanRecord) from None
-
-
 def _check_statement(within: _Within, answer: AnswerRecord, limits: Limits) -> None:
     stated = answer.statement
     within("answer.statement", lambda: checked_margin(stated.margin))
@@ -202,3 +240,53 @@ def _floats(values: list[Number], name: str, where: str) -> list[float]:
             told = f'got {shown(given)}, allowed is a number, "inf", "-inf" or "nan"'
             raise FileError(name, f"{where}[{i}]", told)
     return [float(given) for given in values]
+
+
+def load_calibration(path: str | Path) -> Calibration:
+    """Return the calibration that `Calibration.save` or `octoplan calibrate --json` wrote.
+
+    It is equal to the one that was saved; residuals, standard errors and outcome are worked out
+    anew. Raises FileError for what cannot be read or is none.
+    """
+    name = str(path)
+    record = _record(Path(path), SavedCalibration, "calibration")
+    asked, fit = record.question, record.fit
+    try:
+        arm, scene = (value(asked[key], name, f"question.{key}") for key in ("arm", "scene"))
+        if not (isinstance(arm, Arm) and isinstance(scene, Scene) and fit.loss in LOSSES):
+            raise FileError(name, "question", "no arm, no scene or no loss function")
+        shapes = [Measured(**own).checked(arm, own["name"]) for own in asked["measured"]]
+        unknowns = tuple(Unknown(**_tupled(own)) for own in asked["unknowns"])
+        found = Calibration(
+            arm,
+            scene,
+            tuple(shapes),
+            unknowns,
+            tuple(float(x) for x in fit.values),
+            fit.noise,
+            Weights(fit.loss, fit.absolute_std),  # type: ignore[arg-type]
+            fit.refinement,
+            fit.error,
+            tuple(_begun(own) for own in fit.starts),
+            tuple(fit.astray),
+            tuple((name, why) for name, why in fit.left_out),
+            fit.stopped,
+            stages=fit.stages,
+        )
+        if len(found.values) != len(unknowns) or not np.all(np.isfinite(found.values)):
+            raise FileError(name, "fit.values", f"{len(unknowns)} finite numbers are needed")
+        found.parameters  # noqa: B018  (checks keys and sessions)
+    except InputError as reason:
+        raise reason if isinstance(reason, FileError) else FileError.of(reason, name, "") from None
+    except (TypeError, KeyError, AttributeError) as reason:
+        raise FileError(name, "question", f"not what a calibration holds: {reason}") from None
+    return found
+
+
+def _tupled(table: dict[str, Any]) -> dict[str, Any]:
+    return {key: tuple(own) if isinstance(own, list) else own for key, own in table.items()}
+
+
+def _begun(table: dict[str, Any]) -> Start:
+    own = _tupled(table)
+    return Start(own["values"], own["found"], float(own["misfit"]), own["why"])

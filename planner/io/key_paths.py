@@ -1,14 +1,23 @@
-"""Which keys a place in a scene file may hold, read off the types of its tables."""
+"""Key paths such as "arm.E_kPa" or "tensions[0][2]": what may stand there, by the tables' types.
+
+Paths are found in a scene, checked, and set; a mistake is told with the nearest key that there is.
+"""
 
 from __future__ import annotations
 
+import copy
+import difflib
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from types import UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import msgspec
+
+from model.errors import InputError
+from planner.io.codec import unit_of_type
+from planner.io.scene_tables import SceneTable
 
 Step = str | int
 
@@ -121,3 +130,85 @@ def _hints(table: Any) -> dict[str, Any]:
 
 def _is_table(kind: Any) -> bool:
     return isinstance(kind, type) and issubclass(kind, msgspec.Struct)
+
+
+def hint(given: Any, known: list[Any]) -> str:
+    """Return "; did you mean ...?" where something known is close to what was given."""
+    texts = [text for text in known if isinstance(text, str)]
+    if not isinstance(given, str):
+        return ""
+    starts = [text for text in texts if text.startswith(f"{given}_")]
+    near = starts or difflib.get_close_matches(given.lower().replace("-", "_"), texts, 1, 0.6)
+    near = near or difflib.get_close_matches(given, texts, 1, 0.6)
+    return f'; did you mean "{near[0]}"?' if near else ""
+
+
+_PATH = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*|\[\d+\])*")
+_SCALARS = (float, int, str, bool)
+
+
+def checked_key(scene: dict[str, Any], key: str) -> str:
+    """Return a key path if the scene has a single value there, or could; InputError if not."""
+    if not _PATH.fullmatch(key):
+        raise InputError("key", key, "a path such as arm.E_kPa, tensions[0][2], target.bend_deg")
+    value: Any = scene
+    path = steps(key)
+    for i, step in enumerate(path):
+        here = _shown(path[:i]) or "the scene"
+        _check_step(value, step, key, here)
+        value = value[step]
+    if isinstance(value, dict | list):
+        inside = ", ".join(_paths_in(value, key))
+        raise InputError("key", key, f"a single value, not all of {key}: {inside or 'none in it'}")
+    kinds = kinds_at(SceneTable, scene, path)
+    if value is None and not any(k in _SCALARS or get_origin(k) is Literal for k in kinds):
+        raise InputError("key", key, f"a value that the scene has; give it {key} first")
+    return key
+
+
+def _check_step(value: Any, step: Step, key: str, here: str) -> None:
+    if isinstance(value, dict) and step not in value:
+        known = list(value)
+        raise InputError("key", key, f"in {here} one of {', '.join(known)}{hint(step, known)}")
+    if isinstance(value, list) and not (isinstance(step, int) and step < len(value)):
+        allowed = f"[0] to [{len(value) - 1}]" if value else "nothing: the scene has none there"
+        raise InputError("key", key, f"in {here} {allowed}")
+    if value is None:
+        raise InputError("key", key, f"a value that the scene has; give it {here} first")
+    if not isinstance(value, dict | list):
+        raise InputError("key", key, f"{here}, which is a single value")
+
+
+def _paths_in(value: Any, key: str) -> list[str]:
+    """Return the paths of what is in a table or a list."""
+    if isinstance(value, dict):
+        return [f"{key}.{own}" for own in value]
+    return [f"{key}[{i}]" for i in range(len(value))]
+
+
+def _shown(path: Sequence[Step]) -> str:
+    text = "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in path)
+    return text.removeprefix(".")
+
+
+def changed(scene: dict[str, Any], keys: Sequence[str], values: Sequence[Any]) -> dict[str, Any]:
+    """Return a scene with other values at key paths; what is not on these is that of the given."""
+    new, own = dict(scene), set[int]()
+    for key, value in zip(keys, values, strict=True):
+        *path, last = steps(key)
+        place: Any = new
+        for step in path:
+            if id(place[step]) not in own:
+                place[step] = copy.copy(place[step])
+                own.add(id(place[step]))
+            place = place[step]
+        place[last] = value
+    return new
+
+
+def unit_of(scene: dict[str, Any], key: str) -> str:
+    """Return the unit of the value at a key path, as the annotation of its last key has it."""
+    path = steps(key)
+    at, name = max((i, step) for i, step in enumerate(path) if isinstance(step, str))
+    tables = filter(_is_table, kinds_at(SceneTable, scene, path[:at]))
+    return next(filter(None, (unit_of_type(_hints(own).get(name)) for own in tables)), "")

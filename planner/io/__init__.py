@@ -1,0 +1,1 @@
+"""How everything is written and read: the one place that knows keys, units, files and records."""

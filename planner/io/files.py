@@ -1,0 +1,248 @@
+"""Files that are there whole or not at all: staged beside where they go, then moved there."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+import platform
+import secrets
+import shutil
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from model.errors import FileError, InputError
+
+# Folders in which files are staged, beside where they go, are named after machine and process:
+# what a killed process leaves there is known by that, and after a day by its age.
+_MARK = ".octoplan.part"
+_DAY = 86400.0
+_staging: set[Path] = set()
+# Folders that take finished parts of long work, as files that are there whole or not at all.
+_folders: set[Path] = set()
+# What a command has finished writing, in words, for whoever interrupts it; None outside of one.
+_kept: list[str] | None = None
+
+
+@contextmanager
+def staged(folder: Path) -> Iterator[Path]:
+    """Yield a new folder inside a folder, which is gone afterwards, and so are orphans of it."""
+    _remove_orphans(folder)
+    here = folder / f"{_MARK}.{_machine()}.{os.getpid()}.{secrets.token_hex(4)}"
+    _staging.add(here)
+    try:
+        here.mkdir()
+        yield here
+    finally:
+        shutil.rmtree(here, ignore_errors=True)
+        _staging.discard(here)
+
+
+@contextmanager
+def placed(path: Path) -> Iterator[Path]:
+    """Yield a path to write a file to, which is moved to `path` once it is there whole."""
+    with staged(path.parent) as folder:
+        part = folder / f"part{path.suffix}"
+        yield part
+        part.replace(path)
+        keep(f"{path} is written")
+
+
+@contextmanager
+def remembered() -> Iterator[None]:
+    """Remember, inside the block, what is kept of the work in it."""
+    global _kept
+    _kept = []
+    try:
+        yield
+    finally:
+        _kept = None
+        _folders.clear()
+
+
+def keep(what: str) -> None:
+    """Say what stays where it is should the work be interrupted from now on."""
+    if _kept is not None:
+        _kept.append(what)
+
+
+def told_kept() -> str:
+    """Return what is kept of a command's work, in words."""
+    told = [
+        f"what is finished is kept in {folder}: the same command goes on from there"
+        for folder in _folders
+        if any(folder.glob("*.npz"))
+    ]
+    return "; ".join([*told, *(_kept or ())]) or "nothing was written"
+
+
+def keep_folder(folder: Path) -> None:
+    """Say that a folder takes finished parts, should the work be interrupted from now on."""
+    if _kept is not None:
+        _folders.add(folder)
+
+
+def abandon() -> None:
+    """Remove what this process has staged, and parts that are not whole, before it ends at once."""
+    for folder in tuple(_staging):
+        shutil.rmtree(folder, ignore_errors=True)
+    for folder in tuple(_folders):
+        for part in folder.glob("*.part"):
+            part.unlink(missing_ok=True)
+        with suppress(OSError):
+            folder.rmdir()
+
+
+def _remove_orphans(folder: Path) -> None:
+    """Remove what processes that were killed have staged in a folder."""
+    for other in folder.glob(f"{_MARK}.*"):
+        machine, _, process = other.name.removeprefix(f"{_MARK}.").partition(".")
+        with suppress(OSError):
+            old = time.time() - other.stat().st_mtime > _DAY
+            if old or (machine == _machine() and _is_over(other, process.partition(".")[0])):
+                shutil.rmtree(other, ignore_errors=True)
+
+
+def _is_over(folder: Path, process: str) -> bool:
+    """Return whether a process of this machine that staged in a folder is there no more."""
+    if process == str(os.getpid()):
+        return folder not in _staging
+    if os.name != "posix" or not process.isdigit():
+        return False
+    try:
+        os.kill(int(process), 0)
+    except (ProcessLookupError, OverflowError):
+        return True
+    except PermissionError:
+        return False
+    return False
+
+
+def _machine() -> str:
+    return hashlib.sha256(platform.node().encode()).hexdigest()[:8]
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file so that it is there whole or not at all."""
+    with placed(path) as part:
+        part.write_bytes(content)
+
+
+def write_together(folder: Path, contents: dict[str, bytes]) -> None:
+    """Write files into a folder, which is made if need be: all of them, or on an error none.
+
+    They are staged in a folder inside it first, so that a full disk spoils nothing; what was there
+    before is put back where one of them cannot take its place. Raises FileError.
+    """
+    try:
+        _write_staged(folder, contents)
+    except (OSError, ValueError) as reason:
+        told = f"no file was written in this folder: {why(reason)}"
+        raise FileError(str(folder), "", told) from None
+
+
+def _write_staged(folder: Path, contents: dict[str, bytes]) -> None:
+    new = not folder.exists()
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        with staged(folder) as here:
+            for name, content in contents.items():
+                (here / name).write_bytes(content)
+            _take_places(here, folder, list(contents))
+            keep(f"{', '.join(contents)} in {folder} are written")
+    except BaseException:
+        if new:
+            with suppress(OSError):
+                folder.rmdir()
+        raise
+
+
+def _take_places(here: Path, folder: Path, names: list[str]) -> None:
+    before: dict[str, bytes | None] = {}
+    try:
+        for name in names:
+            path = folder / name
+            if path.is_dir():
+                raise IsADirectoryError(errno.EISDIR, f"{name} in it is a folder")
+            old = path.read_bytes() if path.is_file() else None
+            (here / name).replace(path)
+            before[name] = old
+    except BaseException:
+        for name, content in before.items():
+            if content is None:
+                (folder / name).unlink()
+            else:
+                (folder / name).write_bytes(content)
+        raise
+
+
+def write_named(path: str | Path, suffix: str, content: bytes) -> Path:
+    """Write a file whose name has to end in a suffix; returns its path.
+
+    Raises InputError for another suffix, and where it cannot be written.
+    """
+    path = Path(path)
+    if path.suffix.lower() != suffix:
+        raise InputError("path", str(path), f"a file name that ends in {suffix}")
+    try:
+        write_whole(path, content)
+    except (OSError, ValueError) as reason:
+        raise InputError("path", str(path), f"a file that can be written: {why(reason)}") from None
+    return path
+
+
+def read_file(path: Path) -> bytes:
+    """Return what a file holds; OSError for what is none, such as a pipe, which might never end.
+
+    ValueError for names that no file can have.
+    """
+    if path.exists() and not path.is_file() and not path.is_dir():
+        raise OSError(errno.EINVAL, "this is no ordinary file")
+    return path.read_bytes()
+
+
+def why(reason: OSError | ValueError) -> str:
+    """Return why a file cannot be read or written, in the system's words."""
+    told = reason.strerror if isinstance(reason, OSError) else None
+    return (told or str(reason)).lower()
+
+
+def to_json(values: Any) -> bytes:
+    """Return values as JSON, indented; numbers that are not finite become null."""
+    return msgspec.json.format(msgspec.json.encode(values, enc_hook=_item), indent=2)
+
+
+def _item(value: Any) -> Any:
+    """Return a number of NumPy's as one of Python's."""
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{type(value).__name__} is nothing that JSON can hold")
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of what computes."""
+    return {"octoplan": version("octoplan"), "casadi": version("casadi"), "numpy": version("numpy")}
+
+
+def write_new(folder: Path, contents: dict[str, bytes]) -> None:
+    """Write files that are not there yet into a folder; FileExistsError, OSError or ValueError.
+
+    On an error none of them is left.
+    """
+    made: list[Path] = []
+    try:
+        for name, content in contents.items():
+            with (folder / name).open("xb") as stream:
+                made.append(folder / name)
+                stream.write(content)
+    except BaseException:
+        for path in made:
+            path.unlink(missing_ok=True)
+        raise

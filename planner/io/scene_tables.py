@@ -1,0 +1,240 @@
+"""A whole scene file, table by table; and files that vary or fit one: calibrations and designs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta, structs
+
+from planner.io.arm_tables import ArmTable
+from planner.io.codec import Accuracy, NotNegative, Positive, Table, Tensions, Vector, quantity
+from planner.io.effect_tables import EffectsTable
+from planner.io.obstacle_tables import ObstacleTable, inlined
+from planner.io.target_tables import (
+    HoldKey,
+    SoftestTable,
+    StiffestTable,
+    TargetTable,
+    TendonEA,
+)
+
+
+class LimitsTable(Table, frozen=True):
+    """Limits of tensions [N] and strokes [mm]: a number for all tendons, or one for each."""
+
+    tension_max: Annotated[NotNegative | Tensions, quantity("", "N")]
+    tension_min: Annotated[NotNegative | Tensions, quantity("", "N")] = 0.0
+    total_pull: Annotated[
+        NotNegative | None, quantity("the most that all together may pull", "N")
+    ] = None
+    stroke_max_mm: Annotated[
+        NotNegative | Tensions | None,
+        quantity("the most that winches take in from where they are zeroed", "mm"),
+    ] = None
+    stroke_min_mm: Annotated[
+        Annotated[float, Meta(le=0)] | Tensions | None,
+        quantity("the least, 0 or below: paid out; as much as taken in unless given", "mm"),
+    ] = None
+    stroke_zero: Annotated[
+        Literal["straight", "at rest"],
+        Meta(description="where winches are zeroed: the arm straight, or at rest in the scene"),
+    ] = "straight"
+
+
+class MotionTable(Table, frozen=True):
+    """How fast `octoplan trajectory` may go, and when it is to be at each waypoint."""
+
+    rate_max: Annotated[
+        Positive | Tensions | None, quantity("of tensions, or one for each", "N/s")
+    ] = None
+    stroke_rate_max_mm_s: Annotated[
+        Positive | None, quantity("of the lengths of tendons", "mm/s")
+    ] = None
+    stroke_acceleration_max_mm_s2: Annotated[
+        Positive | None,
+        quantity("of these rates; then the arm rests at each waypoint", "mm/s2"),
+    ] = None
+    times_s: Annotated[
+        list[Positive] | None,
+        quantity("of each waypoint; then effort is made least, otherwise time", "s"),
+    ] = None
+
+
+class StiffnessTable(Table, frozen=True):
+    """What `octoplan stiffness` is to tell; see model.stiffness."""
+
+    hold: Annotated[
+        HoldKey | None, Meta(description="tension unless given, length where the scene has lengths")
+    ] = None
+    at_mm: Annotated[
+        Positive | None, quantity("arc length of the point; the tip unless given", "mm")
+    ] = None
+    tendon_EA: TendonEA = None
+    release: Annotated[
+        bool, Meta(description="whether tendons without tension are slack where lengths are held")
+    ] = True
+
+
+class SceneTable(Table, frozen=True):
+    """A scene file: an arm, the effects enabled, and what is asked."""
+
+    arm: ArmTable
+    effects: EffectsTable = EffectsTable()
+    target: Annotated[TargetTable | None, Meta(description="what plan is to reach")] = None
+    targets: Annotated[
+        tuple[TargetTable, ...], Meta(description="what plan is to reach, all together")
+    ] = ()
+    waypoints: Annotated[
+        tuple[TargetTable, ...], Meta(description="what trajectory is to reach, in order")
+    ] = ()
+    motion: MotionTable = MotionTable()
+    obstacles: Annotated[
+        tuple[ObstacleTable, ...], Meta(description="what the arm keeps clear of, all along")
+    ] = ()
+    clearance_mm: Annotated[
+        NotNegative, quantity("least distance of the arm's surface from obstacles", "mm")
+    ] = 0.0
+    self_clearance: Annotated[
+        bool,
+        Meta(description="whether it stays as far from itself and from behind its base plane"),
+    ] = False
+    limits: LimitsTable | None = None
+    tensions: Annotated[Tensions | None, quantity("a row a section, tip first, or flat", "N")] = (
+        None
+    )
+    lengths_mm: Annotated[
+        Tensions | None,
+        quantity(
+            "what winches leave of tendons between base and anchorage, like tensions; nan where a "
+            "tension is given, which is nan where a length is",
+            "mm",
+        ),
+    ] = None
+    strokes_mm: Annotated[
+        Tensions | None,
+        quantity("in place of lengths_mm: what is taken in from the straight arm", "mm"),
+    ] = None
+    tendon_EA: TendonEA = None
+    tendon_outside_mm: Annotated[
+        NotNegative, quantity("tendon between winch and base, which stretches too", "mm")
+    ] = 0.0
+    stiffness: StiffnessTable = StiffnessTable()
+    accuracy: Annotated[Accuracy, Meta(description="tip error over arm length")] = 1e-6
+    time_limit_s: Annotated[
+        Positive | None,
+        quantity("stop then, with the best that was found by then; none unless given", "s"),
+    ] = None
+    compile: Annotated[
+        bool | Literal["auto"],
+        Meta(description="whether to plan, settle and find stiffness by machine code; see settle"),
+    ] = False
+    norm: Annotated[
+        Literal["2", "1", "inf", 1, 2],
+        Meta(description="effort: root of the sum of squares, sum, or largest tension"),
+    ] = "2"
+    stability_margin: Annotated[
+        Annotated[float, Meta(ge=0, le=1)] | None,
+        Meta(
+            description="the least stability under loads that a plan may have; "
+            "0.1 where that can be had unless given"
+        ),
+    ] = None
+    solver: Annotated[
+        Literal["auto", "ipopt", "fatrop"], Meta(description="what solves the program")
+    ] = "auto"
+    form: Annotated[
+        Literal["condensed", "multiple-shooting"] | None,
+        Meta(description="deprecated, has no effect: there is one program"),
+    ] = None
+
+
+def whole(table: SceneTable, folder: Path) -> dict[str, Any]:
+    """Return a scene as dicts, lists and values, with all that it has by default.
+
+    Files of meshes, looked for from a folder, are numbers in it.
+    """
+    obstacles = tuple(inlined(own, folder) for own in table.obstacles)
+    full = structs.replace(table, obstacles=obstacles)
+    return dict(_lists(msgspec.to_builtins(full)))
+
+
+def _lists(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _lists(own) for key, own in value.items()}
+    return [_lists(own) for own in value] if isinstance(value, list | tuple) else value
+
+
+# Files that name a scene, and say what of it varies.
+
+SceneKey = Annotated[
+    str | dict[str, Any], Meta(description="a scene file, from this file's folder; or a table")
+]
+
+
+class UnknownTable(Table, frozen=True):
+    """A number to be found; see planner.Unknown."""
+
+    key: Annotated[str | list[str], Meta(description="key path in the scene file, or several")]
+    lower: Annotated[float, Meta(description="in the key's unit")]
+    upper: Annotated[float, Meta(description="in the key's unit")]
+    prior: Annotated[
+        tuple[float, float] | None, Meta(description="mean and standard deviation known beforehand")
+    ] = None
+    session: Annotated[str | None, Meta(description="the shapes that it belongs to")] = None
+
+
+class PointTable(Table, frozen=True):
+    """A marker on the arm, by its name in the columns of the measured shapes."""
+
+    name: str
+    s_mm: Annotated[NotNegative, quantity("arc length from the base", "mm")]
+    offset_mm: Annotated[Vector, quantity("from the midline in the local frame t, n, b", "mm")] = (
+        0.0,
+        0.0,
+        0.0,
+    )
+
+
+class CalibrationFile(Table, frozen=True):
+    """A calibration file: a scene, measured shapes, and what is unknown."""
+
+    scene: SceneKey
+    measured: Annotated[str, Meta(description="a CSV file of shapes, from this file's folder")]
+    unknowns: Annotated[tuple[UnknownTable, ...], Meta(min_length=1)]
+    points: Annotated[tuple[PointTable, ...], Meta(description="the markers")] = ()
+    std_mm: Annotated[Positive, quantity("standard deviation of places", "mm")] = 1.0
+    absolute_std: Annotated[bool, Meta(description="whether that holds as it is")] = False
+    loss: Annotated[
+        Literal["linear", "huber", "soft_l1", "cauchy"], Meta(description="robust unless linear")
+    ] = "linear"
+    starts: Annotated[int, Meta(ge=1, le=1000, description="how many fits begin")] = 1
+    accuracy: Annotated[Accuracy, Meta(description="tip error over arm length")] = 1e-5
+
+
+class MakingTable(Table, frozen=True):
+    """See planner.Making."""
+
+    wall_mm: Annotated[NotNegative, quantity("least, around a tendon", "mm")] = 0.0
+    radius_mm: Annotated[NotNegative, quantity("least, of the body", "mm")] = 0.0
+    spacing_mm: Annotated[NotNegative, quantity("least, of the anchorages", "mm")] = 0.0
+
+
+class ReachTable(Table, tag="reach", frozen=True):
+    """See planner.Reach."""
+
+    direction: Annotated[Vector, Meta(description="in the base frame")]
+
+
+class DesignFile(Table, frozen=True):
+    """A design file: a scene, tasks, and what of the arm is unknown."""
+
+    scene: SceneKey
+    tasks: Annotated[tuple[TargetTable, ...], Meta(min_length=1, description="a target each")]
+    unknowns: Annotated[tuple[UnknownTable, ...], Meta(min_length=1)]
+    making: MakingTable = MakingTable()
+    objective: Annotated[
+        StiffestTable | SoftestTable | ReachTable | None,
+        Meta(description="what is best while all tasks are met; the least effort unless given"),
+    ] = None

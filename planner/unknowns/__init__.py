@@ -1,1 +1,0 @@
-"""Numbers of arm, effects and measurement as unknowns, by their keys in scene files."""
