@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from planner.calibrate.file import load_asked
 from planner.commands.command import (
     OK,
     Answer,
@@ -15,6 +14,7 @@ from planner.commands.command import (
     check_folder,
 )
 from planner.fit.calibration import Calibration
+from planner.fit.calibration_file import load_asked
 from planner.io.saved_records import calibration_record
 
 

@@ -8,10 +8,10 @@ from typing import Any
 
 from model import Arm, Scene
 from model.errors import FileError
-from planner.calibrate.shapes_csv import load_shapes
 from planner.fit.calibrate import calibrate
 from planner.fit.calibration import Calibration
 from planner.fit.measured import Measured
+from planner.fit.shapes_csv import load_shapes
 from planner.fit.unknowns import Unknown, unknown_of
 from planner.io.codec import si
 from planner.io.scene_file import converted, decoded, scene_beside, text_of

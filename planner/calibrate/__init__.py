@@ -1,1 +1,0 @@
-"""Calibration: numbers of an arm and its scene from measured shapes."""
