@@ -13,9 +13,9 @@ from model import Arm, Scene, settle
 from model.effects import Buoyancy, Extension, Weight
 from planner.cli import main
 from planner.effect_ablation import Switch, switch_effects
+from planner.io.scene_file import read
 from planner.plots.effects import plot_effects
 from planner.problem_size import ProblemSize
-from planner.io.scene_file import read
 
 SCENES = Path(__file__).parents[2] / "studies" / "scenes"
 ARM = "[arm]\npreset = 'section-5.2'\n"
