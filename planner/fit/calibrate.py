@@ -233,8 +233,9 @@ class _Search:
         for again in range(_ROUNDS + 1):
             here = best.evaluation
             rest = here.experiment.from_rest(here.values)
-            gaps = {i: _gap(here.equilibria[i], rest.equilibria[i]) for i in rest.present}
-            apart = [i for i, gap in gaps.items() if not gap <= _ASTRAY]
+            either = sorted({*here.present, *rest.present})
+            gaps = [_gap(here.equilibria[i], rest.equilibria[i]) for i in either]
+            apart = [i for i, gap in zip(either, gaps, strict=True) if not gap <= _ASTRAY]
             if not apart:
                 break
             if again == _ROUNDS:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.optimize import lsq_linear
+from scipy.optimize import nnls
 
 from model import OctoplanError, settle
 from model.equilibrium.by_numbers import ByNumbers
@@ -112,7 +112,7 @@ def _held(
             root = _root(-here.length_tension)
             excess = here.lengths - lengths_of(setting, shapes[i])
             goal = root @ here.tensions + np.linalg.lstsq(root.T, excess, rcond=1e-9)[0]
-            new = lsq_linear(root, goal, (0.0, np.inf)).x
+            new, _ = nnls(root, goal)
             if np.abs(new - here.tensions).max() > _HELD * max(_LEAST, new.max()):
                 going[i] = new, here.states + here.by_tensions @ (new - here.tensions)
         if not going:

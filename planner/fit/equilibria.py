@@ -61,7 +61,7 @@ class Numbers(NamedTuple):
 class Equations:
     """The equations of a session's arm, on meshes whose nodes move along with the unknowns.
 
-    `stations` are nodes.
+    `stations` are nodes; lengths at rest are worked out where there are `strokes`.
     """
 
     def __init__(
@@ -72,8 +72,10 @@ class Equations:
         refinement: int,
         stages: int,
         machine_code: bool = False,
+        strokes: bool = False,
     ) -> None:
         self.parameters, self.session, self.stations = parameters, session, stations
+        self.strokes = strokes
         self.refinement, self.stages, self.machine_code = refinement, stages, machine_code
         self._first: tuple[Mesh, Array, Array] | None = None
 
@@ -131,7 +133,7 @@ class Equations:
             self.stations(stated.arm, table),
             offsets[0] - offsets[1],
             np.array(table["tension_scale"], dtype=float),
-            rest_lengths(stated.arm),
+            rest_lengths(stated.arm) if self.strokes else np.zeros(stated.arm.n_tendons),
         )
 
 

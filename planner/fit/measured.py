@@ -131,7 +131,8 @@ class Measured:
     @property
     def stds(self) -> Array:
         """Standard deviation of each number that is measured (size,)."""
-        counts = [3 * len(self.places), 3 * len(self.frames), self._runs]
+        counts = [3 * len(self.places), 3 * len(self.frames)]
+        counts.append(sum(len(getattr(self, kind)) for kind in self.runs))
         return np.repeat([self.std, self.angle_std, self.length_std or self.std], counts)
 
     @property
@@ -140,8 +141,10 @@ class Measured:
         return int(self.stds.size)
 
     @property
-    def _runs(self) -> int:
-        return 0 if self.by_length else len(self.lengths or ()) + len(self.strokes or ())
+    def runs(self) -> list[str]:
+        """Which of lengths and strokes are residuals: those that do not drive the shape."""
+        kinds = [] if self.by_length else ["lengths", "strokes"]
+        return [kind for kind in kinds if getattr(self, kind) is not None]
 
     def checked(self, arm: Arm, name: str) -> Measured:
         """Return the shape by the name `name`, tensions flat; InputError for what is not of it."""

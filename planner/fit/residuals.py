@@ -83,10 +83,14 @@ class Experiment:
             name: Marks([self.shapes[i] for i in which], parameters.table)
             for name, which in self.members.items()
         }
+        mesh = refinement, stages, machine_code
         self.equations = {
-            name: Equations(parameters, name, marks, refinement, stages, machine_code)
+            name: Equations(parameters, name, marks, *mesh, self._strokes(name))
             for name, marks in self.marks.items()
         }
+
+    def _strokes(self, session: str) -> bool:
+        return any(self.shapes[i].strokes is not None for i in self.members[session])
 
     def from_rest(self, values: Array) -> Evaluation:
         """Return all shapes at values (K,) as they are reached from rest.
@@ -338,12 +342,11 @@ class Sensors:
         return rows
 
     def _runs(self, shape: Measured, here: Linearised) -> list[Array]:
-        rows = list[Array]()
-        if not shape.by_length and shape.lengths is not None:
-            rows.append(here.lengths - shape.lengths)
-        if not shape.by_length and shape.strokes is not None:
-            rows.append(self.setting.numbers.rest - here.lengths - shape.strokes)
-        return rows
+        rest = self.setting.numbers.rest
+        return [
+            (here.lengths if kind == "lengths" else rest - here.lengths) - getattr(shape, kind)
+            for kind in shape.runs
+        ]
 
     def jacobians(self, by: Sequence[ByNumbers]) -> list[Array]:
         """Return the derivatives (size, K) of residuals by the unknowns."""
@@ -351,16 +354,15 @@ class Sensors:
         rows = jacobian @ self.setting.pose_derivatives(by)[self._shape, self._station]
         seen = self._point >= 0
         rows[seen] += matrices(self._poses[seen, :4]) @ numbers.offsets[self._point[seen]]
-        return self._stacked(rows, [own.lengths for own in by], numbers.rest)
+        none = np.zeros((0, rows.shape[-1]))
+        told = [own.lengths if m.runs else none for m, own in zip(self.shapes, by, strict=True)]
+        return self._stacked(rows, told, numbers.rest)
 
     def _stacked(self, rows: Array, lengths: Sequence[Array], rest: Array | float) -> list[Array]:
         stacks = []
         for k, (shape, own) in enumerate(zip(self.shapes, lengths, strict=True)):
             parts = [rows[self._shape == k].reshape(-1, rows.shape[-1])]
-            if not shape.by_length and shape.lengths is not None:
-                parts.append(own)
-            if not shape.by_length and shape.strokes is not None:
-                parts.append(rest - own)
+            parts += [own if kind == "lengths" else rest - own for kind in shape.runs]
             stacks.append(np.vstack(parts))
         return stacks
 
@@ -418,8 +420,7 @@ def _dense(matrix: ca.SX) -> ca.SX:
 def _parts(shape: Measured, miss: Array) -> list[tuple[str, list[float]]]:
     """Return the residuals (size,) of a shape by what was measured."""
     names = shape.place_names + [f"frames[{i}]" for i in range(len(shape.frames))]
-    kinds = [] if shape.by_length else ["lengths", "strokes"]
-    runs = [f"{kind}[{j}]" for kind in kinds for j in range(len(getattr(shape, kind) or ()))]
+    runs = [f"{kind}[{j}]" for kind in shape.runs for j in range(len(getattr(shape, kind)))]
     vectors = miss[: 3 * len(names)].reshape(-1, 3).tolist()
     rest = miss[3 * len(names) :].reshape(-1, 1).tolist()
     return [*zip(names, vectors, strict=True), *zip(runs, rest, strict=True)]

@@ -1,0 +1,206 @@
+"""Load cells and encoders: shapes by tensions, by lengths, by both, each with its noise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from model import Arm, InputError, Material, Scene, settle
+from model.effects import Contact, Extension, Weight
+from model.obstacles import Sphere
+from model.winches import rest_lengths
+from planner import Measured, Unknown, calibrate
+from planner.fit.calibration import Calibration
+from planner.fit.residuals import Evaluation, Experiment
+from planner.targets import TipPosition
+from tests.calibrate.cases import HANGING, PULLS, small_arm, synthetic
+from tests.differences import fourth_order
+
+E = Unknown("arm.E_kPa", 50, 300)
+ANGLE = Unknown("arm.sections[0].angles_deg[0]", -30, 30)
+
+
+def _off() -> Arm:
+    return replace(small_arm(), material=Material(95e3, 0.45, 1100.0))
+
+
+def _by_length(kind: str, noise: float = 0.0, seed: int = 0) -> list[Measured]:
+    """Shapes of the small arm as encoders tell them, with slack tendons among them."""
+    rng, shapes, rest = np.random.default_rng(seed), [], rest_lengths(small_arm())
+    for i, T in enumerate([*PULLS, [0.0, 0.0, 0.0]]):
+        shape = settle(small_arm(), T, HANGING, 1e-8)
+        slack = 2e-3 * (np.array(T) == 0)
+        lengths = shape.tendon_lengths + slack + noise * rng.normal(size=3)
+        told = {"lengths": lengths} if kind == "lengths" else {"strokes": rest - lengths}
+        tip = shape.tip + noise * rng.normal(size=3)
+        shapes.append(Measured(tip=tip, name=f"{i}", **told))  # type: ignore[arg-type]
+    return shapes
+
+
+@pytest.mark.parametrize("kind", ["lengths", "strokes"])
+def test_shapes_by_encoders_alone_tell_where_tendons_are(kind: str) -> None:
+    true = small_arm()
+    turned = replace(true.sections[0], angles=tuple(np.radians([12.0, 120.0, 240.0]).tolist()))
+    found = calibrate(
+        replace(true, sections=(turned,)), HANGING, _by_length(kind), [ANGLE], accuracy=1e-7
+    )
+    assert found.values == pytest.approx((0.0,), abs=1e-3)
+    assert found.mean_error < 1e-7
+
+
+def test_a_droop_is_a_shape_without_tensions() -> None:
+    level = replace(small_arm(), base_frame=((1.0, 0, 0), (0, 1.0, 0), (0, 0, 1.0)))
+    droop = Measured([0.0, 0.0, 0.0], tip=settle(level, [0, 0, 0], HANGING, 1e-8).tip)
+    off = replace(level, material=Material(150e3, 0.45, 1100.0))
+    found = calibrate(off, HANGING, [droop], [E], accuracy=1e-7)
+    assert found.values == pytest.approx((120.0,), rel=1e-5)
+
+
+@pytest.mark.parametrize("kind", ["tensions", "lengths", "strokes"])
+def test_derivatives_of_residuals_are_those_of_differences(kind: str) -> None:
+    shapes = _by_length(kind) if kind != "tensions" else synthetic(small_arm(), HANGING, 0.0, 0)
+    frames = [(0.15, np.eye(3)[:, [2, 1, 0]] * [-1, 1, 1])]
+    shapes = [replace(m, frames=frames) for m in shapes]
+    unknowns = [E, ANGLE, Unknown("arm.length_mm", 190, 230), Unknown("arm.density", 500, 2000)]
+    found = calibrate(_longer(_off()), HANGING, shapes, unknowns)
+    experiment = Experiment(found.parameters, found.measured, 1, 3)
+    start = np.array([110.0, 3.0, 210.0, 1000.0])
+    here = experiment.from_rest(start)
+    J = np.vstack(list(here.jacobians.values()))
+    for k, scale in enumerate([10.0, 1.0, 2.0, 50.0]):
+        along = scale * np.eye(4)[k]
+        wanted = fourth_order(
+            lambda x, v=along: _flat(here.near(start + x * v)),
+            1e-2,
+        )
+        assert np.abs(scale * J[:, k] - wanted).max() <= 2e-6 * np.abs(wanted).max()
+
+
+def _flat(here: Evaluation) -> np.ndarray:
+    return np.concatenate(list(here.by_shape.values()))
+
+
+def _longer(arm: Arm) -> Arm:
+    """The arm with a tip beyond its anchorage, so that its length may be unknown."""
+    return replace(arm, length=0.21)
+
+
+@pytest.mark.parametrize("by", ["tensions", "lengths"])
+def test_noise_of_what_drives_shapes_is_carried_to_standard_errors(by: str) -> None:
+    """Draws of noise of load cells, or encoders, scatter the values as much as is told."""
+    values, stds, pulls = [], [], [[1, 0.3, 0.2], [0.2, 1.5, 0.4]]
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        if by == "tensions":
+            shapes = [
+                replace(
+                    m, tensions=m.tensions + 0.02 * rng.normal(size=3), std=5e-4, tension_std=0.02
+                )
+                for m in synthetic(small_arm(), HANGING, 5e-4, seed, pulls)
+            ]
+            unknowns = [E]
+        else:
+            shapes = _by_length("lengths", 2e-4, seed)
+            shapes = [replace(m, std=2e-4, length_std=2e-4) for m in shapes]
+            unknowns = [ANGLE]
+        found = calibrate(small_arm(), HANGING, shapes, unknowns, absolute_std=True)
+        values.append(found.values[0])
+        stds.append(found.std[0])
+    assert 0.7 < np.std(values) / np.mean(stds) < 1.4
+
+
+def test_tensions_and_lengths_together() -> None:
+    shape = settle(small_arm(), PULLS[0], HANGING, 1e-8)
+    both = Measured(PULLS[0], lengths=shape.tendon_lengths, tension_std=0.1, length_std=1e-4)
+    found = calibrate(_off(), HANGING, [both], [E], accuracy=1e-7)
+    assert found.values == pytest.approx((120.0,), rel=1e-4)
+
+
+def test_what_drives_a_shape_is_told() -> None:
+    with pytest.raises(InputError, match="tensions, or else lengths or strokes"):
+        Measured(tip=(0, 0, -0.1))
+    with pytest.raises(InputError, match="tensions, or else lengths or strokes"):
+        Measured(tip=(0, 0, -0.1), lengths=[0.2] * 3, strokes=[0.0] * 3)
+    with pytest.raises(InputError, match=r"measured\[0\]: lengths, T_12: got 200.0.*in mm"):
+        bad = Measured(tip=(0, 0, -0.1), lengths=[0.2, 200.0, 0.2])
+        calibrate(small_arm(), HANGING, [bad], [E])
+    with pytest.raises(InputError, match=r"measured\[0\]: tip, z: got .*within reach"):
+        bad = Measured([0.0] * 3, tip=(0, 0, -3.0))
+        calibrate(small_arm(), HANGING, [bad], [E])
+
+
+def test_contact_is_refused() -> None:
+    touching = HANGING + Contact(Sphere((0.1, 0.0, -0.1), 0.02))
+    with pytest.raises(InputError, match="contact"):
+        calibrate(small_arm(), touching, synthetic(small_arm(), HANGING, 0.0, 0), [E])
+
+
+@pytest.fixture(scope="module")
+def sure() -> Calibration:
+    density = Unknown("arm.density", 500, 2000)
+    return calibrate(_off(), HANGING, synthetic(small_arm(), HANGING, 1e-4, 0), [E, density])
+
+
+def test_a_predicted_tip_has_the_covariance_of_the_unknowns(sure: Calibration) -> None:
+    T = [1.2, 0.4, 0.0]
+    told = sure.predict(T)
+    assert told.tip == pytest.approx(settle(sure.arm, T, sure.scene, 1e-7).tip, abs=1e-6)
+
+    def tip(values: np.ndarray) -> np.ndarray:
+        arm, scene = sure.parameters.built(values)
+        return settle(arm, T, scene, 1e-9).tip
+
+    columns = [
+        fourth_order(lambda x, v=row: tip(sure.array + x * v), 1e-1) for row in np.diag([1.0, 10.0])
+    ]
+    J = np.stack(columns, axis=1) / [1.0, 10.0]
+    assert told.std == pytest.approx(J @ sure.covariance @ J.T, rel=1e-4, abs=1e-16)
+    assert told.tip_std == pytest.approx(np.sqrt(np.trace(told.std)))
+
+
+def test_a_plan_of_a_calibrated_arm_tells_how_sure_its_tip_is(sure: Calibration) -> None:
+    tip = tuple(settle(sure.arm, [0.8, 0.2, 0.0], sure.scene).tip.tolist())
+    found = sure.plan(TipPosition(tip), tension_max=5.0)
+    assert found.certificate.passed
+    assert f"tip sure to {1e3 * found.tip_std:.2g} mm (one standard deviation)" in found.outcome
+    assert found.tip_std == pytest.approx(sure.predict(found.tensions).tip_std)
+
+
+def test_a_shape_that_stops_settling_on_the_way_is_left_out_and_named() -> None:
+    """At the given modulus an arm bears tensions that crush it at the modulus of the others."""
+    scene = Scene(Extension(), Weight())
+    strong = Measured([12.0, 12.0, 12.0], tip=(0.0, 0.0, -0.1), name="strong", std=0.1)
+    shapes = synthetic(small_arm(), scene, 1e-5, 0)
+    stiff = replace(small_arm(), material=Material(220e3, 0.45, 1100.0))
+    found = calibrate(stiff, scene, [*shapes, strong], [E])
+    assert found.values == pytest.approx((120.0,), rel=1e-2)
+    assert [name for name, _ in found.left_out] == ["strong"]
+    assert "strong is left out: the arm is crushed" in found.outcome
+
+
+def test_the_best_values_so_far_are_returned_at_the_time_limit(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from model.time_limit import OutOfTime
+    from planner.fit import calibrate as module
+
+    def late(*_: object) -> None:
+        raise OutOfTime
+
+    monkeypatch.setattr(module._Search, "_from_rest", late)
+    shapes = synthetic(small_arm(), HANGING, 1e-5, 0)
+    found = calibrate(_off(), HANGING, shapes, [E], time_limit=100.0)
+    assert found.stopped
+    assert "Stopped at the time limit" in found.outcome
+    assert found.values == pytest.approx((120.0,), rel=1e-2)
+
+
+def test_the_figure_shows_arms_residuals_and_standard_errors(sure: Calibration) -> None:
+    arms, residuals, errors = sure.plot().axes
+    assert len(arms.lines) >= 2 * len(sure.measured)
+    assert [tick.get_text() for tick in residuals.get_xticklabels()] == [
+        shape.name for shape in sure.measured
+    ]
+    assert "arm.E_kPa" in errors.get_yticklabels()[0].get_text()
