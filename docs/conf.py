@@ -39,6 +39,7 @@ copybutton_prompt_is_regexp = True
 nb_execution_mode = "force"
 nb_execution_timeout = 300
 nb_execution_raise_on_error = True
+nb_execution_in_temp = True
 # Lines that tell how far a computation is.
 nb_output_stderr = "remove"
 doctest_global_setup = """
