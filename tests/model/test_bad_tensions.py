@@ -108,8 +108,8 @@ def test_an_arm_just_short_of_crushing_settles() -> None:
         settle(ARM, 1.001 * limit, PAPER)
 
 
-def test_a_crushed_set_among_many_is_named() -> None:
-    with pytest.raises(OctoplanError, match=r"tensions\[1\]"):
+def test_a_crushed_set_among_many_is_named_as_a_collapse_as_it_is_alone() -> None:
+    with pytest.raises(CollapsedError, match=r"tensions\[1\]"):
         settle_many(ARM, [np.zeros(12), CRUSHING], PAPER)
 
 

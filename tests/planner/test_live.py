@@ -419,7 +419,7 @@ def test_the_server_ends_with_its_last_browser_though_a_plan_is_searched_for(
             viewers = [browser.new_page() for _ in "12"]
             for viewer in viewers:
                 viewer.goto(address(port))
-                viewer.get_by_text("Settling the arm").wait_for(timeout=300_000)
+                viewer.get_by_text("Target x, y, z").wait_for(timeout=300_000)
             viewers[0].close()
             viewers[1].wait_for_timeout(4000)
             assert server.poll() is None, "a viewer is there still"

@@ -1,0 +1,315 @@
+"""What is not allowed is refused by field, with what is allowed, before anything is computed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from model import (
+    Anchorage,
+    Arm,
+    InputError,
+    Linear,
+    Material,
+    Sampled,
+    Scene,
+    conical,
+    settle,
+    settle_many,
+)
+from model.effects import Extension
+from planner import plan, plan_many, trajectory
+from planner.targets import Backbone, BendingPlane, Fetch, TipPose, TipPosition
+from tests.model.cases import check_refusal
+
+ARM, LONG, ONE_SECTION = map(Arm.from_paper, ("table-2", "table-4", "section-5.1"))
+PAPER, REST, TIP = Scene(Extension()), np.zeros(12), TipPosition((0.3, 0.1, 0.0))
+THIN, BODY = Linear(1e-3, 1e-3), Linear(0.01, 0.01)
+ONE = (Anchorage(0.3, THIN),)
+FLAT4 = (1e-3,) * 4
+INF, NAN = np.inf, np.nan
+
+# What is tried, the field that is named, and a part of what is allowed.
+Refused = dict[str, tuple[Callable[[], object], str, str]]
+
+
+def of(length: float = 0.3, radius: Any = (0.01, 0.01), rows: Any = ((0.3, 1e-3, 1e-3),)) -> Arm:
+    return conical(length, radius, rows)
+
+
+ARMS: Refused = {
+    "no modulus": (lambda: Material(E=0), "Material.E", "above 0"),
+    "negative modulus": (lambda: Material(E=-1e5), "Material.E", "above 0"),
+    "infinite modulus": (lambda: Material(E=INF), "Material.E", "finite"),
+    "modulus in words": (lambda: Material(E="soft"), "Material.E", "numbers"),
+    "no density": (lambda: Material(density=0), "Material.density", "above 0"),
+    "nu of -1": (lambda: Material(nu=-1.0), "Material.nu", "above -1"),
+    "nu below -1": (lambda: Material(nu=-1.5), "Material.nu", "from -1"),
+    "nu above a half": (lambda: Material(nu=0.51), "Material.nu", "to 0.5"),
+    "nu not a number": (lambda: Material(nu=NAN), "Material.nu", "finite"),
+    "modulus out of this world": (lambda: Material(E=1e31), "Material.E", "up to 1e+30"),
+    "hardly any modulus": (lambda: Material(E=1e-31), "Material.E", "from 1e-30"),
+    "no length": (lambda: of(length=0), "Arm.length", "above 0"),
+    "negative length": (lambda: of(length=-0.3), "Arm.length", "above 0"),
+    "no radius": (lambda: of(radius=(0.01, 0)), "Arm.radius", "s = 0.3 m"),
+    "negative radius": (lambda: of(radius=(-0.01, 0.01)), "Arm.radius", "s = 0 m"),
+    "radius not a number": (lambda: of(radius=(0.01, NAN)), "Linear", "finite"),
+    "no sections": (lambda: of(rows=()), "Arm.sections", "at least one"),
+    "sections from base to tip": (
+        lambda: of(rows=((0.1, 1e-3, 1e-3), (0.3, 1e-3, 1e-3))),
+        "Arm.sections[1].at",
+        "below 0.1 m",
+    ),
+    "two sections at one place": (
+        lambda: of(rows=((0.3, 1e-3, 1e-3), (0.2, 1e-3, 1e-3), (0.2, 1e-3, 1e-3))),
+        "Arm.sections[2].at",
+        "below 0.2 m",
+    ),
+    "section beyond the arm": (
+        lambda: of(rows=((0.31, 1e-3, 1e-3),)),
+        "Arm.sections[0].at",
+        "up to the length 0.3 m",
+    ),
+    "section at the base": (lambda: of(rows=((0, 1e-3, 1e-3),)), "Anchorage.at", "above 0"),
+    "tendon outside the base": (
+        lambda: of(rows=((0.3, 0.0101, 1e-3),)),
+        "Arm.sections[0].offset",
+        "0.01 m at s = 0 m",
+    ),
+    "tendon outside the tip": (
+        lambda: of(radius=(0.01, 2e-3), rows=((0.3, 3e-3, 3e-3),)),
+        "Arm.sections[0].offset",
+        "0.002 m at s = 0.3 m",
+    ),
+    "tendon outside on the other side": (
+        lambda: of(rows=((0.3, -0.0101, 1e-3),)),
+        "Arm.sections[0].offset",
+        "0.01 m",
+    ),
+    "offset that is a number": (lambda: Anchorage(0.3, 1e-3), "Anchorage.offset", "Linear"),
+    "no tendons": (lambda: Anchorage(0.3, THIN, ()), "Anchorage.angles", "at least one"),
+    "angle not a number": (lambda: Anchorage(0.3, THIN, (NAN,)), "Anchorage.angles", "finite"),
+    "left-handed base": (
+        lambda: Arm(0.3, Linear(0.01, 0.01), ONE, base_frame=np.diag([1, 1, -1])),
+        "Arm.base_frame",
+        "right-handed",
+    ),
+    "stretched base": (
+        lambda: Arm(0.3, Linear(0.01, 0.01), ONE, base_frame=1.1 * np.eye(3)),
+        "Arm.base_frame",
+        "orthonormal",
+    ),
+    "base in the plane": (
+        lambda: Arm(0.3, Linear(0.01, 0.01), ONE, base_position=(0.0, 0.0)),
+        "Arm.base_position",
+        "shape 3",
+    ),
+    "three samples": (lambda: Sampled((0, 0.1, 0.3), (1e-3,) * 3), "Sampled.s", "at least 4"),
+    "samples in disorder": (lambda: Sampled((0, 2, 1, 3), FLAT4), "Sampled.s", "increasing"),
+    "sample given twice": (lambda: Sampled((0, 1, 1, 3), FLAT4), "Sampled.s", "increasing"),
+    "a value missing": (lambda: Sampled((0, 1, 2, 3), (1e-3,) * 3), "Sampled.values", "shape 4"),
+    "sample not a number": (lambda: Sampled((0, 1, 2, NAN), FLAT4), "Sampled.s", "finite"),
+    "radius sampled short of the tip": (
+        lambda: Arm(0.3, Sampled((0, 0.1, 0.2, 0.29), (0.01,) * 4), ONE),
+        "Sampled.s",
+        "samples from 0 to 0.3 m",
+    ),
+    "offset sampled from above the base": (
+        lambda: Arm(
+            0.3, Linear(0.01, 0.01), (Anchorage(0.2, Sampled((0.01, 0.1, 0.15, 0.2), FLAT4)),)
+        ),
+        "Sampled.s",
+        "samples from 0 to 0.2 m",
+    ),
+}
+SETTLED: Refused = {
+    "unknown arm": (lambda: Arm.from_paper("table-3"), "arm", "table-2, table-4, section-5.1, "),
+    "section 0": (lambda: ARM.tendons_of(0), "section", "from 1 to 3"),
+    "section 4": (lambda: ARM.tendons_of(4), "section", "from 1 to 3"),
+    "an effect twice": (lambda: Scene(Extension(), Extension()), "Scene", "once"),
+    "effect by name": (lambda: Scene("Extension"), "Scene effect 1", "Extension()"),
+    "class of an effect": (lambda: Scene(Extension), "Scene effect 1", "Extension()"),
+    "accuracy of 0": (lambda: settle(ARM, REST, accuracy=0), "accuracy", "from 1e-12 to 0.1"),
+    "accuracy too fine": (lambda: settle(ARM, REST, accuracy=9e-13), "accuracy", "from 1e-12"),
+    "accuracy too coarse": (lambda: settle(ARM, REST, accuracy=0.11), "accuracy", "to 0.1"),
+    "accuracy not a number": (lambda: settle(ARM, REST, accuracy=NAN), "accuracy", "finite"),
+    "accuracy in words": (lambda: settle(ARM, REST, accuracy="fine"), "accuracy", "numbers"),
+    "unknown scheme": (
+        lambda: settle(ARM, REST, scheme="euler"),
+        "scheme",
+        "magnus6, gauss6, magnus4",
+    ),
+    "scheme of another scene": (
+        lambda: settle(ARM, REST, Scene.as_printed(), scheme="magnus6"),
+        "scheme",
+        "rk6, rk8, rk4 in this scene",
+    ),
+    "place before the base": (lambda: settle(ARM, REST).position(-1e-3), "s", "from 0 to 0.31 m"),
+    "place beyond the tip": (lambda: settle(ARM, REST).frame([0, 0.32]), "s", "from 0 to 0.31 m"),
+    "place not a number": (lambda: settle(ARM, REST).strain(NAN), "s", "finite"),
+    "places in a table": (lambda: settle(ARM, REST).position(np.zeros((2, 2))), "s", "shape n"),
+}
+TEXT: Refused = {
+    "Material.E": (lambda: Material(E="110e3"), "", ""),
+    "Material.nu": (lambda: Material(nu="0.5"), "", ""),
+    "Linear": (lambda: Linear("0.01", 0.02), "", ""),
+    "Sampled": (lambda: Sampled(("0", "1", "2", "3"), (1, 1, 1, 1)), "", ""),
+    "Arm.length": (lambda: Arm("0.3", BODY, ONE), "", ""),
+    "Anchorage.at": (lambda: Anchorage("0.3", THIN), "", ""),
+    "Anchorage.angles": (lambda: Anchorage(0.3, THIN, ("0", "1")), "", ""),
+    "tensions": (lambda: settle(ARM, ["1"] * 12), "", ""),
+    "tensions in one string": (lambda: settle(ARM, "123456789012"), "", ""),
+    "accuracy": (lambda: settle(ARM, REST, accuracy="1e-3"), "", ""),
+    "position": (lambda: settle(ARM, REST).position("0.1"), "", ""),
+}
+KINDS: Refused = {
+    "radius a number": (lambda: Arm(0.3, 0.01, ONE), "", ""),
+    "sections a number": (lambda: Arm(0.3, BODY, 3), "", ""),
+    "section a tuple": (lambda: Arm(0.3, BODY, ((0.3, 1e-3, 1e-3),)), "", ""),
+    "one section, no tuple": (lambda: Arm(0.3, BODY, ONE[0]), "", ""),
+    "material by name": (lambda: Arm(0.3, BODY, ONE, "silicone"), "", ""),
+    "offset a class": (lambda: Anchorage(0.3, Linear), "", ""),
+    "scene by name": (lambda: settle(ARM, REST, "bare"), "", ""),
+    "effect for a scene": (lambda: settle(ARM, REST, Extension()), "", ""),
+    "arm by name": (lambda: settle("table-2", REST), "", ""),
+    "many, nothing": (lambda: settle_many(ARM, None), "", ""),
+    "many, one number": (lambda: settle_many(ARM, 1.0), "", ""),
+    "by section, too few": (lambda: ARM.by_section(np.zeros(11)), "", ""),
+    "preset by a list": (lambda: Arm.from_paper(["table-2"]), "", ""),
+}
+PLANS: Refused = {
+    "no arm": (lambda: plan("table-4", TIP, PAPER, 1.0), "arm", ""),
+    "no scene": (lambda: plan(LONG, TIP, "silicone", 1.0), "scene", ""),
+    "an effect for a scene": (lambda: plan(LONG, TIP, Extension(), 1.0), "scene", ""),
+    "no scene for many": (lambda: plan_many(LONG, [TIP], "silicone", 1.0), "scene", ""),
+    "no arm for many": (lambda: plan_many("table-4", [TIP], PAPER, 1.0), "arm", ""),
+    "no scene for a motion": (
+        lambda: trajectory(LONG, [TIP], "silicone", 1.0, rate_max=5.0),
+        "scene",
+        "",
+    ),
+    "maximum below zero": (lambda: plan(LONG, TIP, PAPER, -1.0), "tension_max", ""),
+    "one maximum below zero": (
+        lambda: plan(LONG, TIP, PAPER, [[1] * 4, [1, 1, -1, 1], [1] * 4]),
+        "T_23",
+        "",
+    ),
+    "maximum NaN": (lambda: plan(LONG, TIP, PAPER, np.nan), "tension_max", ""),
+    "maximum a string": (lambda: plan(LONG, TIP, PAPER, "20 N"), "tension_max", ""),
+    "maxima of the wrong size": (lambda: plan(LONG, TIP, PAPER, [1, 2, 3]), "tension_max", ""),
+    "minimum above maximum": (
+        lambda: plan(LONG, TIP, PAPER, 1.0, tension_min=2.0),
+        "tension_min",
+        "",
+    ),
+    "minimum infinite": (lambda: plan(LONG, TIP, PAPER, tension_min=np.inf), "tension_min", ""),
+    "minimum out of this world": (
+        lambda: plan(LONG, TIP, PAPER, tension_min=1e20),
+        "tension_min[0]",
+        "",
+    ),
+    "maximum of yes": (lambda: plan(LONG, TIP, PAPER, True), "tension_max", ""),
+    "ragged maxima": (lambda: plan(LONG, TIP, PAPER, [1, [2, 3], [4]]), "tension_max", ""),
+    "maxima in rows of rows": (lambda: plan(LONG, TIP, PAPER, [[[1.0]]]), "tension_max", ""),
+    "total below minima": (
+        lambda: plan(LONG, TIP, PAPER, 5.0, tension_min=1.0, total_pull=3.0),
+        "total_pull",
+        "",
+    ),
+    "point of two numbers": (lambda: TipPosition((1.0, 2.0)), "TipPosition.position", ""),
+    "point of NaN": (lambda: TipPosition((np.nan, 0, 0)), "TipPosition.position", ""),
+    "point a string": (lambda: TipPosition("here"), "TipPosition.position", ""),
+    "point out of sight": (
+        lambda: plan(LONG, TipPosition((0, 1e6, 0)), PAPER, 1.0),
+        "TipPosition.position",
+        "",
+    ),
+    "points out of sight": (
+        lambda: plan(LONG, Backbone(((1e6, 0, 0),)), PAPER, 1.0),
+        "Backbone.points",
+        "",
+    ),
+    "mouth out of sight": (
+        lambda: plan(LONG, Fetch.reach((0, 0, 1e6)), PAPER, 1.0),
+        "Fetch.reach mouth",
+        "",
+    ),
+    "frame out of this world": (lambda: TipPose((0, 0, 0), 1e25 * np.eye(3)), "TipPose.frame", ""),
+    "frame not orthonormal": (lambda: TipPose((0, 0, 0), np.ones((3, 3))), "TipPose.frame", ""),
+    "frame left-handed": (lambda: TipPose((0, 0, 0), -np.eye(3)), "TipPose.frame", ""),
+    "bend of zero": (lambda: BendingPlane(0.0, 0.0), "BendingPlane.bend", ""),
+    "bend in degrees": (lambda: BendingPlane(0.0, 90.0), "BendingPlane.bend", ""),
+    "section 4 of 3": (lambda: plan(LONG, BendingPlane(0, 1, 4), PAPER, 1.0), "section", ""),
+    "section 0": (lambda: plan(LONG, BendingPlane(0, 1, 0), PAPER, 1.0), "section", ""),
+    "points of the wrong size": (lambda: Backbone(((0, 0),)), "Backbone.points", ""),
+    "no points": (lambda: Backbone(np.zeros((0, 3))), "Backbone.points", ""),
+    "weights of the wrong size": (
+        lambda: Backbone(((0, 0, 0),), None, (1, 2)),
+        "Backbone.weights",
+        "",
+    ),
+    "weights below zero": (lambda: Backbone(((0, 0, 0),), None, (-1,)), "Backbone.weights", ""),
+    "points beyond the arm": (lambda: plan(LONG, Backbone(((0, 0, 0),), (0.5,))), "Backbone.s", ""),
+    "points that fall together": (
+        lambda: plan(LONG, Backbone(((0.1, 0, 0), (0.1, 0, 0)))),
+        "Backbone.points",
+        "",
+    ),
+    "a fetch by one section": (
+        lambda: plan(ONE_SECTION, Fetch.reach((0, 0, 0)), PAPER, 1.0),
+        "arm.sections",
+        "",
+    ),
+    "a bend of a fetch beyond pi": (lambda: Fetch((4, 0), (1, 0), (1, 0)), "Fetch.proximal", ""),
+    "least bend of pi": (lambda: Fetch.reach((0, 0, 0), np.pi), "Fetch.reach bend", ""),
+    "two tip positions": (
+        lambda: plan(LONG, [TIP, TipPosition((0.2, 0.1, 0.0))], PAPER, 1.0),
+        "tip position",
+        "",
+    ),
+    "planes by two sections": (
+        lambda: plan(LONG, [BendingPlane(0, 1, 1), BendingPlane(1, 1, 2)], PAPER, 1.0),
+        "bending plane",
+        "",
+    ),
+    "no target": (lambda: plan(LONG, [], PAPER, 1.0), "target", ""),
+    "something else as a target": (lambda: plan(LONG, "up", PAPER, 1.0), "target", ""),
+    "an unknown form": (lambda: plan(LONG, TIP, PAPER, 1.0, form="single"), "form", ""),
+    "an unknown norm": (lambda: plan(LONG, TIP, PAPER, 1.0, norm="3"), "norm", ""),
+    "no starts": (lambda: plan(LONG, TIP, PAPER, 1.0, starts=0), "starts", ""),
+    "an accuracy of 1": (lambda: plan(LONG, TIP, PAPER, 1.0, accuracy=1.0), "accuracy", ""),
+}
+TABLES = {"arm": ARMS, "settle": SETTLED, "text": TEXT, "kind": KINDS, "plan": PLANS}
+CASES = {f"{t}: {name}": row for t, table in TABLES.items() for name, row in table.items()}
+
+
+@pytest.mark.parametrize(("attempt", "field", "allowed"), CASES.values(), ids=CASES)
+def test_it_is_refused_naming_field_and_what_is_allowed(
+    attempt: Callable[[], object], field: str, allowed: str
+) -> None:
+    if allowed:
+        check_refusal(attempt, field, allowed)
+        return
+    with pytest.raises(InputError) as caught:
+        attempt()
+    assert field in caught.value.field
+    assert caught.value.allowed
+
+
+def test_the_bounds_themselves_are_allowed() -> None:
+    assert Material(nu=0.5).G == 110e3 / 3
+    assert of(rows=((0.3, 0.01, 0.01),)).n_tendons == 4
+    assert Sampled((0, 1, 2, 3), FLAT4).values == FLAT4
+    assert settle(ARM, REST, accuracy=0.1).error <= 0.1
+    assert settle(ARM, REST, accuracy=1e-12).error <= 1e-12
+    assert settle(ARM, REST).position([0.0, 0.31]).shape == (2, 3)
+    assert settle(ARM, REST).position([]).shape == (0, 3)
+
+
+def test_values_that_say_the_same_are_the_same() -> None:
+    assert hash(Material(E=np.array(1e5))) == hash(Material(E=1e5))
+    effects = Scene.as_printed().effects
+    assert Scene(*effects[::-1]) == Scene(*effects)
