@@ -312,3 +312,16 @@ def test_plans_of_earlier_versions_load_by_the_names_they_have(tmp_path: Path) -
     text = (tmp_path / "plan.json").read_text()
     (tmp_path / "plan.json").write_text(text.replace('"robust"', '"careful"'))
     assert load_plan(tmp_path / "plan.json") == found
+
+
+def test_a_plan_of_an_earlier_version_is_loaded() -> None:
+    found = load_plan(Path(__file__).parents[1] / "data" / "plan_of_an_earlier_version.json")
+    assert found.certificate.passed
+    assert found.effort == pytest.approx(0.55, abs=5e-3)
+
+
+def test_a_plan_of_another_version_is_refused_with_what_to_do(tmp_path: Path) -> None:
+    path = tmp_path / "plan.json"
+    path.write_text('{"schema": "octoplan plan 2", "question": {}}')
+    with pytest.raises(FileError, match="another version of octoplan wrote it: load it there"):
+        load_plan(path)

@@ -1,0 +1,76 @@
+"""A sweep of one point gives what the function itself gives, in random scenes of every kind."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from model import Arm, InputError, OctoplanError, Scene, settle
+from model.effects import (
+    Buoyancy,
+    Contact,
+    Current,
+    Effect,
+    ExactTendons,
+    Extension,
+    Friction,
+    PointLoad,
+    PointMass,
+    SelfContact,
+    Shear,
+    TipLoad,
+    Weight,
+)
+from model.obstacles import Sphere
+from planner import sweep
+
+ARM = Arm.from_paper("table-2")
+
+
+def random_scene(rng: np.random.Generator) -> Scene:
+    """Return a scene of one of the statics and up to two further effects."""
+    scene = [Scene(), Scene(Extension()), Scene(Extension(), ExactTendons()), Scene.silicone()][
+        rng.integers(4)
+    ]
+    small = rng.uniform(-2e-3, 2e-3, 3)
+    free = settle(ARM, _tensions(rng), scene).position(0.6 * ARM.length)
+    ball = Sphere(tuple(free + rng.uniform(-0.02, 0.02, 3)), 0.01)
+    more: list[tuple[Effect, ...]] = [
+        (Weight(), Buoyancy()),
+        (Weight(), Buoyancy(), PointMass(0.1, 1e-3, (0.0, 5e-3, 0.0))),
+        (TipLoad(tuple(small), (0.0, 0.0, 1e-5), bool(rng.integers(2))),),
+        (PointLoad(0.12, tuple(small)),),
+        (Current((0.0, 0.05, 0.02)),),
+        (Shear(0.9),),
+        (Friction(0.1, tuple(rng.choice([-1, 1], ARM.n_tendons).tolist())),),
+        (Contact(ball),),
+        (SelfContact(),),
+    ]
+    for i in rng.permutation(len(more))[: rng.integers(1, 3)]:
+        try:
+            scene = Scene(*scene.effects, *more[i])
+        except InputError:
+            continue
+    return scene
+
+
+def _tensions(rng: np.random.Generator) -> Any:
+    T = rng.uniform(0, 0.6, ARM.n_tendons) * (rng.uniform(size=ARM.n_tendons) < 0.4)
+    return ARM.by_section(T)
+
+
+@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.quick("0", "3", "5", "11", "17", "23")
+def test_a_sweep_of_one_point_is_a_settle(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    scene, T = random_scene(rng), _tensions(rng)
+    found = sweep(ARM, scene=scene, tensions=T, axes={"arm.nu": [0.5]}, progress=False)
+    try:
+        alone = settle(ARM, T, scene)
+    except OctoplanError as reason:
+        assert str(reason)[:40] in str(found.outcome.values[0])
+        return
+    assert found.settled.values.all(), found.outcome.values
+    assert found.tip.values[0] == pytest.approx(alone.tip, abs=2e-6 * ARM.length)
