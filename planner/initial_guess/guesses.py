@@ -20,8 +20,11 @@ from planner.program.problem import units
 from planner.program.terms import term_names
 from planner.targets.base import Target
 
-# Arms that are drawn, and by what part of their tensions those that are taken differ at least.
-_DRAWN, _DIFFERENT = 400, 0.5
+# Arms that are drawn, what a unit of tension counts beside how near they are, and by what part of
+# their tensions those that are taken differ at least.
+_DRAWN, _CHEAP, _DIFFERENT = 400, 0.2, 0.5
+# Drawn arms before the straight one, and before those with more pull.
+_FIRST = 3
 # How many times what bends it without loads an arm may take with them.
 _STRONGER = 3.0
 # How much all tendons pull in the straight arm, of a unit of tension: a little inside the limits.
@@ -36,11 +39,11 @@ def initial_guesses(
     machine_code: bool,
     loaded: bool = False,
 ) -> Iterator[Array]:
-    """Yield tensions (n_tendons,) [N] within limits: fitted ones, the straight arm's, drawn ones.
+    """Yield tensions (n_tendons,) [N] within limits: fitted ones, drawn ones, the straight arm's.
 
     Fitted ones come by effort. Drawn ones are looked at on the coarsest mesh, in a scene without
     loads, and come by how near they are to what the targets want; those that hardly differ from one
-    before are left out. Of an arm that is `loaded` each comes again with more pull.
+    before are left out. Of an arm that is `loaded` some come again with more pull.
     """
     unit = units(arm, limits)
     low, high = np.array(limits.lower), np.array(limits.upper)
@@ -50,19 +53,32 @@ def initial_guesses(
         yield from _within_total(
             np.array(fitted(arm, scene, targets, limits, machine_code)), limits
         )
-    yield straight
+    drawn = _drawn(arm, scene, targets, limits, machine_code)
+    for k, T in enumerate(drawn):
+        yield T
+        if k == _FIRST:
+            yield straight
+        if k >= _FIRST and loaded:
+            yield np.clip(_STRONGER * T, low, high)
+
+
+def _drawn(
+    arm: Arm, scene: Scene, targets: tuple[Target, ...], limits: Limits, machine_code: bool
+) -> Iterator[Array]:
+    """Yield drawn tensions that differ: by nearness and effort, and by nearness alone, in turn."""
+    unit = units(arm, limits)
     tendons = frozenset.intersection(*(target.tendons(arm) for target in targets))
     bends = bend_coordinates(arm, tendons, limits)
     drawn = _within_total(bends.tensions(bends.draw(_DRAWN)), limits)
     off = np.linalg.norm(residuals(arm, scene, targets, drawn, machine_code), axis=1)
+    cheap = off + _CHEAP * np.linalg.norm(drawn / unit, axis=1)
+    orders = (np.argsort(cheap, kind="stable"), np.argsort(off, kind="stable"))
     taken = np.zeros((0, unit.size))
-    for T in drawn[np.argsort(off, kind="stable")]:
+    for T in drawn[np.ravel(orders, "F")]:
         apart = np.linalg.norm((taken - T) / unit, axis=1)
         if np.all(apart > _DIFFERENT * np.linalg.norm(T / unit)):
             taken = np.vstack([taken, T])
             yield T
-            if loaded:
-                yield np.clip(_STRONGER * T, low, high)
 
 
 def is_point(arm: Arm, targets: tuple[Target, ...]) -> bool:

@@ -49,13 +49,16 @@ class Refined:
         return SearchResult(self.statement, tensions, lam_x, lam_g, trials, jump=jump)
 
 
-def refine(task: Task, statement: Statement, solution: Solution) -> Refined | None:
+def refine(
+    task: Task, statement: Statement, solution: Solution, polished: bool = False
+) -> Refined | None:
     """Return the optimum on a mesh that is fine enough, to the last digits.
 
     What targets measure on it is that of the settled shape, to a part of the accuracy. None where
-    the optimum is lost on a finer mesh, and where the arm comes to another shape from rest.
+    the optimum is lost on a finer mesh, and where the arm comes to another shape from rest. What is
+    `polished` already is not once more, on a mesh that is fine enough.
     """
-    polished, fine = False, task.accuracy / _SHARE
+    fine = task.accuracy / _SHARE
     for _ in range(_MESHES):
         check_time()
         problem = task.problem(statement)
@@ -98,12 +101,15 @@ def with_multipliers(problem: Problem, free: Solution, x: Array, p: Array) -> So
     return replace(free, x=x, lam_x=lam_x, lam_g=lam_g)
 
 
-def polish(problem: Problem, solution: Solution, p: Array, bounds: Bounds) -> Solution:
+def polish(
+    problem: Problem, solution: Solution, p: Array, bounds: Bounds, warm: bool = False
+) -> Solution:
     """Return the optimum to the last digits: tensions at their bounds are there exactly.
 
     An interior-point method stops a little inside of them. Those whose multipliers exceed their
     distance are fixed there, and the program is solved once more, warm; multipliers of the wrong
-    sign tell which are let go again. All are where too few are left to meet the targets.
+    sign tell which are let go again. All are where too few are left to meet the targets; where even
+    that leads nowhere it is solved afresh, unless the start is to stay `warm`.
     """
     n = problem.arm.n_tendons
     lbx, ubx, lbg, ubg = bounds
@@ -118,7 +124,7 @@ def polish(problem: Problem, solution: Solution, p: Array, bounds: Bounds) -> So
         found = solve(problem, guess, p, (low, high, lbg, ubg), (solution.lam_x, solution.lam_g))
         if not (found.met and found.finite):
             if not (at_low | at_high).any():
-                return solve(problem, solution.x, p, bounds) if found.finite else found
+                return found if warm else solve(problem, solution.x, p, bounds)
             at_low[:] = at_high[:] = False
             continue
         held = at_low | at_high | even

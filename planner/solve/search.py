@@ -28,9 +28,8 @@ from planner.solve.refine import Refined, refine
 from planner.solve.search_result import SearchResult, Trial, agreed
 from planner.solve.task import Task
 
-# Guesses that have to agree; one more where efforts squared differ by more than this, and one more
-# where as many guesses lead nowhere.
-_AGREED, _SPREAD = 2, 1.5
+# Guesses that have to agree, and one more where as many lead nowhere.
+_AGREED = 2
 # Of guesses that come by effort, so many that lead to dearer optima are enough, too.
 _DEARER = 3
 # Guesses from which the targets are not met before slacks tell how near they can be had.
@@ -193,9 +192,7 @@ class Search:
             return False
         efforts = [trial.objective for trial in self.trials if trial.met]
         if not self._by_effort:
-            wide = bool(efforts) and max(efforts) > _SPREAD * min(efforts)
-            hard = len(self.trials) >= 2 * len(efforts)
-            return agreed(self.trials) >= _AGREED + wide + hard
+            return agreed(self.trials) >= _AGREED + (len(self.trials) >= 2 * len(efforts))
         since = len(efforts) - 1 - int(np.argmin(efforts)) if efforts else 0
         return agreed(self.trials) >= _AGREED or since >= _DEARER
 

@@ -20,8 +20,8 @@ from model.time_limit import check_time
 from planner.program.limits import Limits
 from planner.program.problem import Bounds, Problem, units
 from planner.program.statement import Statement
-from planner.solve.ipopt import Solution, solve
-from planner.solve.refine import refine, with_multipliers
+from planner.solve.ipopt import Solution
+from planner.solve.refine import polish, refine, with_multipliers
 from planner.solve.search_result import SearchResult, Trial
 from planner.solve.task import Task, allowed
 from planner.targets.base import Target
@@ -67,7 +67,7 @@ def warm_start(near: Optimum, task: Task) -> SearchResult | None:
     if moved is None:
         return None
     found, apart = moved
-    fine = refine(task, statement, found)
+    fine = refine(task, statement, found, polished=True)
     if fine is None:
         return None
     last = task.problem(fine.statement)
@@ -128,7 +128,7 @@ def _moved(
             check_time()
             trial = min(1.0, share + step)
             p, bounds = at(trial)
-            found = solve(problem, here.x, p, bounds, (here.lam_x, here.lam_g))
+            found = polish(problem, here, p, bounds, warm=True)
             apart = float(np.linalg.norm((found.x - here.x)[:n] * unit))
             if found.met and found.finite and apart <= most:
                 here, share, step = found, trial, 2 * step
