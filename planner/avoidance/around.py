@@ -163,7 +163,7 @@ class Around:
             if clear is not None and enough and all(place.gap >= self._enough for place in near):
                 return clear
             avoidance = updated(avoidance, near, line, self.asked)
-            clear = self._solved(avoidance, T, mode)
+            clear = self._solved(avoidance, T, mode, clear is not None)
             if clear is None:
                 return None
             T = self.task.tensions(clear.solution)
@@ -183,16 +183,19 @@ class Around:
                 return found, clear.avoidance if clear.avoidance and clear.avoidance.rows else None
             near = near_places(line, self.asked)
             avoidance = updated(clear.avoidance, near, line, self.asked)
-            again = self._solved(avoidance, fine.tensions, mode)
+            again = self._solved(avoidance, fine.tensions, mode, True)
             if again is None:
                 return None
             clear = again
         return None
 
-    def _solved(self, avoidance: Avoidance, T: Array, mode: Mode) -> _Clear | None:
-        """Return what tensions lead to with inequalities, held to its stability where need be."""
+    def _solved(self, avoidance: Avoidance, T: Array, mode: Mode, near: bool) -> _Clear | None:
+        """Return what tensions lead to with inequalities, held to its stability where need be.
+
+        An optimum `near` them, of the same with fewer inequalities, if they are one.
+        """
         search = Search(keeping(self.task, avoidance))
-        found = search.from_tensions(mode, T)
+        found = search.from_tensions(mode, T, near)
         self.trials += search.trials
         if found is None:
             return None

@@ -69,7 +69,7 @@ def refine(
         except (OctoplanError, np.linalg.LinAlgError):
             return None
         if gap <= fine and polished:
-            found = statement.but(iterations=solution.iterations)
+            found = statement.but(solver="ipopt", iterations=solution.iterations)
             return Refined(found, solution, T, shape)
         if not gap <= _ELSEWHERE:
             return None

@@ -28,7 +28,7 @@ from planner.solve.refine import Refined, refine
 from planner.solve.search_result import SearchResult, Trial, agreed
 from planner.solve.task import Task
 
-# Guesses that have to agree, and one more where as many lead nowhere.
+# Guesses that have to agree, and one more where as many lead nowhere, or all to near misses.
 _AGREED = 2
 # Of guesses that come by effort, so many that lead to dearer optima are enough, too.
 _DEARER = 3
@@ -72,6 +72,7 @@ class Search:
         self.unstable: list[tuple[Statement, Solution]] = []
         self._last: tuple[Statement, Solution] | None = None
         self._margin = task.statement.margin
+        self._mode: Mode = "exact"
         self._by_effort = not is_point(task.arm, task.targets)
 
     def run(self, seconds: float | None = None) -> SearchResult:
@@ -100,7 +101,7 @@ class Search:
 
     def _read(self, mode: Mode) -> SearchResult | None:
         """Return the best optimum of a reading of the targets, None where there is none."""
-        self.trials, self.met, self.unstable = [], [], []
+        self.trials, self.met, self.unstable, self._mode = [], [], [], mode
         statement = self.task.coarse(mode)
         most = _MISSED if mode == "exact" and self.task.starts is None else self.task.most
         guesses = self.guesses()
@@ -139,11 +140,15 @@ class Search:
             tell(_PHASES[statement.mode], len(self.trials), self.task.most)
             self._keep(statement, self.solve(statement, T))
 
-    def solve(self, statement: Statement, T: Array) -> Solution:
-        """Return what tensions (n_tendons,) [N] lead to."""
+    def solve(self, statement: Statement, T: Array, near: bool = False) -> Solution:
+        """Return what tensions (n_tendons,) [N] lead to; an optimum near them if that is wanted."""
         problem, p = self.task.problem(statement), self.task.parameters(statement, SEARCHED)
         x = problem.guess(T, self.task.allowed, p)
-        solution = solve(problem, x, p, self.task.bounds(statement))
+        bounds = self.task.bounds(statement)
+        none = np.zeros(bounds[0].size), np.zeros(bounds[2].size)
+        solution = solve(problem, x, p, bounds, none) if near else None
+        if solution is None or not solution.met:
+            solution = solve(problem, x, p, bounds)
         check_time()
         return solution
 
@@ -166,10 +171,12 @@ class Search:
         stable = least >= self._margin - _SLACK * (self._margin > 0)
         kinds[not stable].append((statement, solution))
 
-    def from_tensions(self, mode: Mode, T: Array) -> tuple[Task, Statement, Solution] | None:
+    def from_tensions(
+        self, mode: Mode, T: Array, near: bool
+    ) -> tuple[Task, Statement, Solution] | None:
         """Return the optimum that tensions lead to, as stable as it has to be, and its task."""
         statement = self.task.coarse(mode)
-        self._keep(statement, self.solve(statement, T))
+        self._keep(statement, self.solve(statement, T, near))
         if self.met:
             return self.task, *self.met[0]
         for before, solution in self.unstable:
@@ -192,7 +199,8 @@ class Search:
             return False
         efforts = [trial.objective for trial in self.trials if trial.met]
         if not self._by_effort:
-            return agreed(self.trials) >= _AGREED + (len(self.trials) >= 2 * len(efforts))
+            hard = len(self.trials) >= 2 * len(efforts) or self._mode != "exact"
+            return agreed(self.trials) >= _AGREED + hard
         since = len(efforts) - 1 - int(np.argmin(efforts)) if efforts else 0
         return agreed(self.trials) >= _AGREED or since >= _DEARER
 
@@ -203,7 +211,7 @@ class Search:
             if mode == "exact":
                 continue
             statement = self.task.coarse(mode)
-            other.trials, other.met = [], []
+            other.trials, other.met, other._mode = [], [], mode
             other._try(other.guesses(), statement)
             found = [s for _, s in (*other.met, *other.unstable)]
             best = min(found, key=lambda s: s.f, default=None)
@@ -261,6 +269,7 @@ class Search:
             statement = self.task.coarse("nearest")
             return SearchResult(statement, self.task.arm.by_section(T), (), (), (), stopped)
         statement, solution = best
+        statement = statement.but(solver="ipopt", iterations=solution.iterations)
         T = self.task.tensions(solution)
         free = solution.free(self.task.problem(statement))
         lam_x, lam_g = tuple(free.lam_x.tolist()), tuple(free.lam_g.tolist())
