@@ -28,7 +28,7 @@ from planner.avoidance.places import lasting, near_places, updated, watched_plac
 from planner.avoidance.rows import Avoidance
 from planner.program.statement import Mode, Statement
 from planner.solve.ipopt import Solution
-from planner.solve.refine import refine
+from planner.solve.refine import Refined, refine
 from planner.solve.search import Search
 from planner.solve.search_result import SearchResult, Trial
 from planner.solve.task import Task
@@ -126,22 +126,19 @@ class Around:
         self, starts: Iterable[Array], mode: Mode, least: float | None = None
     ) -> tuple[SearchResult, Avoidance | None] | None:
         """Return the best that is led around from starts; from optima, if a least is given."""
-        cleared: list[_Clear] = []
+        done: list[tuple[float, tuple[SearchResult, Avoidance | None]]] = []
         for T in starts:
             tell(f"around obstacles, {mode}", len(self.trials))
-            best = min((clear.solution.f for clear in cleared), default=np.inf)
+            best = min((f for f, _ in done), default=np.inf)
             if least is not None and mode == "exact" and self._effort(T) > best:
                 break
             clear = self.coarse(T, mode)
-            if clear is not None:
-                cleared.append(clear)
-            if least is None and len(cleared) >= _ENOUGH:
+            found = None if clear is None else self.fine(clear, mode)
+            if clear is not None and found is not None:
+                done.append((clear.solution.f, found))
+            if least is None and len(done) >= _ENOUGH:
                 break
-        for clear in sorted(cleared, key=lambda own: own.solution.f):
-            done = self.fine(clear, mode)
-            if done is not None:
-                return done
-        return None
+        return min(done, key=lambda own: own[0])[1] if done else None
 
     def _effort(self, T: Array) -> float:
         """Return the objective of tensions (n_tendons,), as the program counts it."""
@@ -183,10 +180,7 @@ class Around:
                 return found, clear.avoidance if clear.avoidance and clear.avoidance.rows else None
             near = near_places(line, self.asked)
             avoidance = updated(clear.avoidance, near, line, self.asked)
-            again = self._solved(avoidance, fine.tensions, mode, True)
-            if again is None:
-                return None
-            clear = again
+            clear = _with_more(clear, fine, avoidance)
         return None
 
     def _solved(self, avoidance: Avoidance, T: Array, mode: Mode, near: bool) -> _Clear | None:
@@ -205,6 +199,19 @@ class Around:
     @property
     def _enough(self) -> float:
         return self.asked.clearance + _CLEAR * self.asked.spare(self.task.arm)
+
+
+def _with_more(clear: _Clear, fine: Refined, avoidance: Avoidance) -> _Clear:
+    """Return a refined optimum, with its multipliers, as a guess with other inequalities."""
+    targets = tuple(own for own in clear.task.targets if not isinstance(own, Avoidance))
+    task = keeping(replace(clear.task, targets=targets), avoidance)
+    before, after = (own.problem(fine.statement).rows for own in (clear.task, task))
+    lam, parts = fine.solution.lam_g, list[Array]()
+    for row, other in zip(before, after, strict=True):
+        own, lam = lam[: row.size], lam[row.size :]
+        parts.append(own if row.size == other.size else np.zeros(other.size))
+    solution = replace(fine.solution, lam_g=np.concatenate(parts))
+    return _Clear(task, fine.statement, solution, avoidance)
 
 
 def _distinct(tensions: list[Array]) -> list[Array]:

@@ -115,7 +115,7 @@ def solver(problem: Problem, warm: bool, talks: bool = False) -> Buffered:
             **_derivatives(stated),
             "ipopt": _QUIET | (_WARM if warm else _COLD) | {"print_level": 5 if talks else 0},
         }
-        if problem.statement.mode != "exact" and not warm:
+        if problem.statement.mode != "exact":
             options["ipopt"] |= _PATIENT
         nlp: dict[str, Any] = {"x": stated.x, "p": stated.p, "f": stated.f, "g": stated.g}
         built[warm, talks] = Buffered(ca.nlpsol("ipopt", "ipopt", nlp, options))
