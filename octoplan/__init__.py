@@ -45,6 +45,8 @@ def main() -> int:
     for number in _SAID:
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _end)
+    if sys.argv[1:] in (["--help"], ["-h"], ["--version"]) and _helped():
+        return 0
     try:
         check_own("model", "planner")
     except ImportError as reason:
@@ -57,6 +59,21 @@ def main() -> int:
     for number in _SAID:
         signal.signal(number, signal.SIG_IGN)
     return code
+
+
+def _helped() -> bool:
+    """Print help or versions, for which nothing else is loaded; return whether they were taken."""
+    from octoplan.command_line import app, printed
+
+    line = app()
+    show, bound, _ = line.parse_args(sys.argv[1:])
+    text = printed(line, lambda: show(*bound.args, **bound.kwargs))
+    try:
+        sys.stdout.write(text)
+        sys.stdout.flush()
+    except (AttributeError, OSError, ValueError):
+        return False
+    return True
 
 
 def _end(number: int, _: object) -> None:

@@ -13,12 +13,21 @@ from model.errors import CompilerError, TimeLimitError, shortened
 from model.extras import MissingExtraError
 from model.progress import progress_line, tell
 from model.time_limit import OutOfTime, time_limit
-from planner.commands.command import BAD_INPUT, BROKEN_PIPE, GRACE, NO_OUTPUT, NOT_REACHED
-from planner.commands.deliver import deliver
+from planner.commands.answer import (
+    BAD_INPUT,
+    BROKEN_PIPE,
+    NO_OUTPUT,
+    NOT_REACHED,
+    OK,
+    Answer,
+    OutputError,
+    deliver,
+    discard,
+    say,
+)
+from planner.commands.app import UsageError, parse
 from planner.commands.ending import ended_from_outside
-from planner.commands.output import OutputError, discard
-from planner.commands.register import COMMANDS
-from planner.commands.usage import UsageError, parse
+from planner.commands.options import GRACE, Options
 
 # Of messages, in characters.
 _LONG = 2000
@@ -42,18 +51,18 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(argv: Sequence[str]) -> int:
-    args = parse(argv, COMMANDS)
-    verbose = getattr(args, "verbose", False)
-    seconds = getattr(args, "time_limit", None)
+    command, options = parse(argv)
     try:
-        with time_limit(None if seconds is None else seconds + GRACE):
-            with _warned(), _logged() if verbose else progress_line():
-                if not verbose:
-                    tell("working")
-                answer = args.run(args)
-            deliver(answer, args)
+        with time_limit(None if options.time_limit is None else options.time_limit + GRACE):
+            with _warned(), _reported(options):
+                answer = command()
+            if not isinstance(answer, Answer):
+                say(answer)
+                return OK
+            deliver(answer, options)
     except OutOfTime:
-        raise TimeLimitError(args.time_limit) from None
+        assert options.time_limit is not None
+        raise TimeLimitError(options.time_limit) from None
     return int(answer.code)
 
 
@@ -75,8 +84,13 @@ def _warned() -> Iterator[None]:
 
 
 @contextmanager
-def _logged() -> Iterator[None]:
-    """Show the logs of planner and model inside the block."""
+def _reported(options: Options) -> Iterator[None]:
+    """Show how far things are inside the block, or the logs of planner and model if wanted."""
+    if not options.verbose:
+        with progress_line():
+            tell("working")
+            yield
+        return
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(logging.Formatter("%(name)s: %(message)s"))
     loggers = [logging.getLogger(name) for name in ("planner", "model")]

@@ -2,45 +2,43 @@
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
+from typing import Annotated, Any
 
-from planner.commands.command import NOT_REACHED, OK, Answer, Command, add_time_limit
+from cyclopts import Parameter
+
+from planner.commands.answer import NOT_REACHED, OK, Answer
+from planner.commands.options import FileOptions
 from planner.fit.design_file import run_design
 from planner.fit.designed import Design
 from planner.io.saved_records import design_record
 
 
-def add(parser: argparse.ArgumentParser) -> None:
-    """Add the file and how to answer."""
-    parser.add_argument("file", type=Path, metavar="FILE.toml", help="design file")
-    parser.add_argument(
-        "--json",
-        action="store_true",
-        help="print JSON, in SI units; `octoplan schema` tells its keys",
-    )
-    add_time_limit(parser)
-    parser.add_argument(
-        "-v", "--verbose", action="store_true", help="show the solver's own log on stderr"
-    )
+def design(
+    file: Annotated[Path, Parameter(help="design file, FILE.toml")],
+    /,
+    *,
+    options: FileOptions | None = None,
+) -> Answer:
+    """Find the arm for which several tasks take least effort."""
+    result = run_design(file)
+    code = OK if result.feasible else NOT_REACHED
+    record = design_record(result)
+    return Answer(code, lambda: _text(result), record, "design", lambda: _draw(result))
 
 
-def run(args: argparse.Namespace) -> Answer:
-    """Design the arm of the file."""
-    found = run_design(args.file)
-    code = OK if found.feasible else NOT_REACHED
-    return Answer(code, lambda: _text(found), design_record(found))
-
-
-def _text(found: Design) -> str:
-    width = max(len(own.name) for own in found.unknowns)
-    rows = zip(found.unknowns, found.values, found.parameters.start, strict=True)
+def _text(result: Design) -> str:
+    width = max(len(own.name) for own in result.unknowns)
+    rows = zip(result.unknowns, result.values, result.parameters.start, strict=True)
     lines = [
-        f"  {own.name:<{width}}  {value:.5g} (was {old:.5g}) {found.parameters.unit(own)}".rstrip()
+        f"  {own.name:<{width}}  {value:.5g} (was {old:.5g}) {result.parameters.unit(own)}".rstrip()
         for own, value, old in rows
     ]
-    efforts = ", ".join(f"{own.effort:.4g}" for own in found.plans)
-    return "\n".join([found.outcome, *lines, f"  efforts of the tasks [N]: {efforts}"])
+    efforts = ", ".join(f"{own.effort:.4g}" for own in result.plans)
+    return "\n".join([result.outcome, *lines, f"  efforts of the tasks [N]: {efforts}"])
 
 
-COMMAND = Command("design", "find the arm for which several tasks take least effort", add, run)
+def _draw(result: Design) -> Any:
+    from planner.plots.plan import plot_together
+
+    return plot_together(result.plans)

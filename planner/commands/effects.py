@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-import argparse
 from typing import Any
 
-from planner.commands.command import (
-    OK,
-    Answer,
-    Command,
-    add_scene_options,
-    question,
-    tensions_of,
-)
+from planner.commands.answer import OK, Answer
+from planner.commands.options import SceneFile, SceneOptions, tensions_of
 from planner.effect_ablation import Switch, switch_effects
 from planner.io.records import effects_record
 from planner.report import switch_table
 
 
-def run(args: argparse.Namespace) -> Answer:
+def effects(scene: SceneFile, /, *, options: SceneOptions | None = None) -> Answer:
     """Settle the scene with each effect switched in turn."""
-    asked, accuracy = question(args)
-    switches = switch_effects(asked.arm, tensions_of(asked, args.scene), asked.scene, accuracy)
+    options = options or SceneOptions()
+    question = options.loaded(scene)
+    accuracy, tensions = question.accuracy, tensions_of(question, scene)
+    switches = switch_effects(question.arm, tensions, question.scene, accuracy)
     return Answer(
         OK,
         lambda: switch_table(switches, accuracy),
@@ -35,11 +30,3 @@ def _draw(switches: tuple[Switch, ...], accuracy: float) -> Any:
     from planner.plots.effects import plot_effects
 
     return plot_effects(switches, accuracy)
-
-
-COMMAND = Command(
-    "effects",
-    "tell which effects matter to the scene's shape, and what they cost",
-    add_scene_options,
-    run,
-)

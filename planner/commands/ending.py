@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
-from planner.commands.command import INTERRUPTED, TERMINATED
+from planner.commands.answer import INTERRUPTED, TERMINATED
 from planner.io.files import abandon, remembered, told_kept
 
 _CODES = {signal.SIGINT: INTERRUPTED, signal.SIGTERM: TERMINATED}

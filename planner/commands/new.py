@@ -2,50 +2,51 @@
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
 
 from model import InputError
-from planner.commands.command import OK, Answer, Command
+from planner.commands.answer import OK, Answer
 from planner.io.files import why, write_new
-from planner.io.templates import TEMPLATES, first_files
+from planner.io.templates import first_files
 
-_SHOWN = {
+Kind = Literal["plan", "trajectory", "sweep", "calibrate", "design"]
+_NEXT = {
     "plan": "plan {} --out out",
     "trajectory": "trajectory {} --out out",
     "sweep": "sweep {}",
-    "calibrate": "calibrate {}",
-    "design": "design {}",
+    "calibrate": "calibrate {} --out out",
+    "design": "design {} --out out",
 }
 
 
-def add(parser: argparse.ArgumentParser) -> None:
-    """Add the file to write, and its kind."""
-    parser.add_argument(
-        "file", type=Path, nargs="?", default=None, help="scene.toml unless given, or KIND.toml"
-    )
-    parser.add_argument(
-        "--kind", choices=list(TEMPLATES), default="plan", help="the command that it is for (plan)"
-    )
+def new(
+    file: Annotated[Path | None, Parameter(help="scene.toml unless given, or KIND.toml")] = None,
+    /,
+    *,
+    kind: Kind = "plan",
+) -> Answer:
+    """Write a commented file to start from, that runs as it is; never over one that is there.
 
-
-def run(args: argparse.Namespace) -> Answer:
-    """Write the file, and what it needs beside it; never over a file that is there."""
-    path = args.file or Path("scene.toml" if args.kind == "plan" else f"{args.kind}.toml")
+    Parameters
+    ----------
+    kind
+        The command that it is for.
+    """
+    path = file or Path("scene.toml" if kind == "plan" else f"{kind}.toml")
     if path.suffix.lower() != ".toml":
         raise InputError("FILE", str(path), "a file name that ends in .toml")
-    files = first_files(args.kind, path.name)
+    contents = first_files(kind, path.name)
     try:
-        write_new(path.parent, {name: text.encode() for name, text in files.items()})
+        write_new(path.parent, {name: text.encode() for name, text in contents.items()})
     except FileExistsError as reason:
         raise InputError("FILE", str(reason.filename), "a file that does not exist yet") from None
     except (OSError, ValueError) as reason:
-        told = f"a file that can be written: {why(reason)}"
-        raise InputError("FILE", str(path), told) from None
-    written = " and ".join(str(path.with_name(name)) for name in files)
-    verb = "is" if len(files) == 1 else "are"
-    told = f"{written} {verb} written; next: octoplan {_SHOWN[args.kind].format(path)}"
-    return Answer(OK, lambda: told)
-
-
-COMMAND = Command("new", "write a commented file to start from", add, run)
+        allowed = f"a file that can be written: {why(reason)}"
+        raise InputError("FILE", str(path), allowed) from None
+    written = " and ".join(str(path.with_name(name)) for name in contents)
+    verb = "is" if len(contents) == 1 else "are"
+    text = f"{written} {verb} written; next: octoplan {_NEXT[kind].format(path)}"
+    return Answer(OK, lambda: text)

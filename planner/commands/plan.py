@@ -2,72 +2,49 @@
 
 from __future__ import annotations
 
-import argparse
-from pathlib import Path
 from typing import Any
 
 from model import OctoplanError
-from model.errors import FileError
 from model.time_limit import OutOfTime
-from planner.commands.command import (
-    NOT_REACHED,
-    OK,
-    Answer,
-    Command,
-    add_compiled_options,
-    question,
+from planner import plan as find
+from planner.commands.answer import NOT_REACHED, OK, Answer
+from planner.commands.options import (
+    CompiledOptions,
+    SceneFile,
+    check_plannable,
+    plan_arguments,
 )
 from planner.io.csv_files import plan_csv, shape_csv
 from planner.io.saved_records import plan_record
-from planner.io.scene_file import Question
-from planner.plan import Plan, plan
-
-_TARGET = 'a [target] table, such as [target] type = "tip-position", position_mm = [250, 0, -150]'
-_LIMITS = "a [limits] table, such as [limits] tension_max = 20.0 (N, each tendon)"
+from planner.plan import Plan
 
 
-def run(args: argparse.Namespace) -> Answer:
-    """Plan for the scene's targets."""
-    asked, accuracy = question(args)
-    check_asked(asked, args.scene)
-    options = {**asked.options, "time_limit": args.time_limit, "compile": asked.compile}
-    found = plan(asked.arm, asked.targets, asked.scene, accuracy=accuracy, **options)
+def plan(scene: SceneFile, /, *, options: CompiledOptions | None = None) -> Answer:
+    """Find the tensions of least effort for the scene's target."""
+    options = options or CompiledOptions()
+    question = options.loaded(scene)
+    check_plannable(question, scene)
+    given = (question.arm, question.targets, question.scene)
+    result = find(*given, **plan_arguments(question, options))
     return Answer(
-        OK if found.certificate.passed else NOT_REACHED,
-        lambda: str(found),
-        plan_record(found),
+        OK if result.certificate.passed else NOT_REACHED,
+        lambda: str(result),
+        plan_record(result),
         "plan",
-        lambda: _draw(found),
-        _tables(found) if args.out else {},
+        lambda: _draw(result),
+        {"plan.csv": lambda: plan_csv(result), "shape.csv": lambda: _shape_csv(result)},
     )
 
 
-def check_asked(asked: Question, name: Path) -> None:
-    """Raise FileError for a scene file that asks for no plan."""
-    if not asked.targets:
-        raise FileError(str(name), "target", f"missing; needed is {_TARGET}")
-    if "tension_max" not in asked.options:
-        raise FileError(str(name), "limits", f"missing; needed is {_LIMITS}")
-
-
-def _tables(found: Plan) -> dict[str, bytes]:
-    """Return the plan and its shape as CSV, that of no lines where the tensions do not settle."""
+def _shape_csv(result: Plan) -> bytes:
+    """Return the shape as CSV, of no lines where the tensions do not settle."""
     try:
-        shape = shape_csv(found.shape)
+        return shape_csv(result.shape)
     except (OctoplanError, OutOfTime):
-        shape = b""
-    return {"plan.csv": plan_csv(found), "shape.csv": shape}
+        return b""
 
 
-def _draw(found: Plan) -> Any:
+def _draw(result: Plan) -> Any:
     from planner.plots.plan import plot_plan
 
-    return plot_plan(found)
-
-
-COMMAND = Command(
-    "plan",
-    "find the tensions of least effort for the scene's target",
-    add_compiled_options,
-    run,
-)
+    return plot_plan(result)

@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-import argparse
 from typing import Any
 
-from model.stiffness import Stiffness, stiffness
-from planner.commands.command import (
-    OK,
-    Answer,
-    Command,
-    add_compiled_options,
-    held_of,
-    question,
-)
+from model.stiffness import Stiffness
+from model.stiffness import stiffness as find
+from planner.commands.answer import OK, Answer
+from planner.commands.options import CompiledOptions, SceneFile, held
 from planner.io.records import stiffness_record
 from planner.notebook import force_to_show
 
 
-def run(args: argparse.Namespace) -> Answer:
+def stiffness(scene: SceneFile, /, *, options: CompiledOptions | None = None) -> Answer:
     """Find the compliance that the scene's [stiffness] table asks for."""
-    asked, accuracy = question(args)
-    held = {**asked.stiffness, "compile": asked.compile, **held_of(asked, args.scene)}
-    k = stiffness(asked.arm, scene=asked.scene, accuracy=accuracy, **held)
+    options = options or CompiledOptions()
+    question = options.loaded(scene)
+    given = {**question.stiffness, "compile": question.compile, **held(question, scene)}
+    k = find(question.arm, scene=question.scene, accuracy=question.accuracy, **given)
     return Answer(OK, lambda: repr(k), stiffness_record(k), "stiffness", lambda: _draw(k))
 
 
@@ -30,11 +25,3 @@ def _draw(k: Stiffness) -> Any:
     from planner.plots.stiffness import plot_ellipsoids
 
     return plot_ellipsoids([k], force_to_show(k))
-
-
-COMMAND = Command(
-    "stiffness",
-    "find how the shape under the scene's tensions answers to a small force",
-    add_compiled_options,
-    run,
-)

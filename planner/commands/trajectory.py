@@ -2,20 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
 from typing import Any
 
 from model.errors import FileError
-from planner.commands.command import (
-    NOT_REACHED,
-    OK,
-    Answer,
-    Command,
-    add_scene_options,
-    question,
-)
+from planner.commands.answer import NOT_REACHED, OK, Answer
+from planner.commands.options import CompiledOptions, SceneFile
 from planner.io.records import trajectory_record
-from planner.trajectory.motion import trajectory
+from planner.trajectory.motion import trajectory as find
 from planner.trajectory.result import Trajectory
 
 _WAYPOINTS = """[[waypoints]] tables, such as type = "tip-position", position_mm = [250, 0, -150]"""
@@ -31,48 +24,44 @@ _LIMITS = (
 _TAKEN = (*_LIMITS, "obstacles", "clearance", "self_clearance")
 
 
-def run(args: argparse.Namespace) -> Answer:
-    """Find the motion through the scene's waypoints."""
-    asked, accuracy = question(args)
+def trajectory(scene: SceneFile, /, *, options: CompiledOptions | None = None) -> Answer:
+    """Find tensions over time through the scene's waypoints."""
+    options = options or CompiledOptions()
+    question = options.loaded(scene)
     needed = {
-        "waypoints": (asked.waypoints, _WAYPOINTS),
-        "motion": (any(own is not None for own in asked.motion.values()), _MOTION),
-        "limits": ("tension_max" in asked.options, "a [limits] table with tension_max (N)"),
+        "waypoints": (question.waypoints, _WAYPOINTS),
+        "motion": (any(own is not None for own in question.motion.values()), _MOTION),
+        "limits": ("tension_max" in question.options, "a [limits] table with tension_max (N)"),
     }
-    for key, (there, told) in needed.items():
+    for key, (there, such) in needed.items():
         if not there:
-            raise FileError(str(args.scene), key, f"missing; needed is {told}")
-    options = {key: own for key, own in asked.options.items() if key in _TAKEN}
-    ways = list(asked.waypoints)
-    given = {"accuracy": accuracy, "compile": asked.compile, **options, **asked.motion}
-    found = trajectory(asked.arm, ways, asked.scene, **given)
+            raise FileError(str(scene), key, f"missing; needed is {such}")
+    taken = {key: own for key, own in question.options.items() if key in _TAKEN}
+    more: dict[str, Any] = {"accuracy": question.accuracy, "compile": question.compile}
+    ways = list(question.waypoints)
+    result = find(question.arm, ways, question.scene, **more, **taken, **question.motion)
     return Answer(
-        OK if found.certificate.passed else NOT_REACHED,
-        lambda: _text(found),
-        trajectory_record(found),
+        OK if result.certificate.passed else NOT_REACHED,
+        lambda: _text(result),
+        trajectory_record(result),
         "trajectory",
-        lambda: _draw(found),
-        {"trajectory.csv": found.csv} if args.out else {},
+        lambda: _draw(result),
+        {"trajectory.csv": lambda: result.csv},
     )
 
 
-def _text(found: Trajectory) -> str:
+def _text(result: Trajectory) -> str:
     head = f"{'t [s]':>9}  " + " ".join(
-        f"{found.arm.tendon_name(j):>7}" for j in range(found.arm.n_tendons)
+        f"{result.arm.tendon_name(j):>7}" for j in range(result.arm.n_tendons)
     )
     rows = [
         f"{t:9.4g}  " + " ".join(f"{own:7.3g}" for own in T)
-        for t, T in zip(found.times, found.flat, strict=True)
+        for t, T in zip(result.times, result.flat, strict=True)
     ]
-    return "\n".join([found.outcome, "", f"{head}  [N]", *rows, "", str(found.certificate)])
+    return "\n".join([result.outcome, "", f"{head}  [N]", *rows, "", str(result.certificate)])
 
 
-def _draw(found: Trajectory) -> Any:
+def _draw(result: Trajectory) -> Any:
     from planner.plots.trajectory import plot_trajectory
 
-    return plot_trajectory(found)
-
-
-COMMAND = Command(
-    "trajectory", "find tensions over time through the scene's waypoints", add_scene_options, run
-)
+    return plot_trajectory(result)

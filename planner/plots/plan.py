@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -88,6 +89,17 @@ def plot_plan(plan: Planned, ax: Any = None) -> Figure | Axes:
     plot_tensions(plan.arm, np.ravel(plan.tensions), np.array(plan.limits.upper), bars)
     title = f"{plan.outcome.split(':')[0]}; effort {plan.effort:.3g} N"
     figure.suptitle(title, fontsize=SIZE + 2, y=0.975)
+    return figure
+
+
+def plot_together(plans: Sequence[Planned]) -> Figure:
+    """Draw the arms of several plans with their targets in one 3-D figure."""
+    figure = Figure(figsize=(7, 6.2), dpi=DPI)
+    ax = _panel(figure, (0.02, 0.15, 0.94, 0.83))
+    points = [
+        draw_arm(plan.shape, ax, plan.targets, _things(plan), _nearest(plan)) for plan in plans
+    ]
+    _finish_panel(figure, ax, plans[0].shape, points[-1])
     return figure
 
 

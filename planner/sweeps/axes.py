@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr, ndtri
 
 from model.errors import InputError
 from model.paths import Array
@@ -83,6 +82,8 @@ def values_of(table: AxisTable, draws: int | None, seed: int) -> NDArray[Any]:
 
 def _normal(table: AxisTable, shares: Array) -> Array:
     """Return draws of a normal distribution, which `low` and `high` may cut off."""
+    from scipy.special import ndtr, ndtri  # which takes long, and is seldom needed
+
     mean, sd = table.mean, table.sd
     assert mean is not None and sd is not None
     ends = (

@@ -53,8 +53,8 @@ def test_json_tells_files_and_sizes(tmp_path: Path, capsys: pytest.CaptureFixtur
     [
         ("payload_in_water", [], "no explicit map"),
         ("fetch_3d", [], "tensions: missing; needed is tensions = [["),
-        ("figure_15", ["--precision", "half"], "precision: got 'half'"),
-        ("figure_15", ["--accuracy", "2"], "got '2', allowed is a number from"),
+        ("figure_15", ["--precision", "half"], '"half" for --precision. Choose from: "double"'),
+        ("figure_15", ["--accuracy", "2"], '"2.0" for --accuracy. Allowed is a number from'),
         ("no_such_scene", [], "no such file"),
     ],
 )

@@ -164,16 +164,22 @@ def test_a_mistake_in_a_file_is_told_in_a_line(
 
 LINES: dict[str, tuple[list[str], str]] = {
     "nothing": ([], "no command; to begin: octoplan new"),
-    "a command misspelt": (["paln", "mine.toml"], 'no command "paln"; did you mean "plan"?'),
+    "a command misspelt": (["paln", "mine.toml"], 'command "paln". Did you mean "plan"?'),
     "a file alone": (["mine.toml"], "For example: octoplan plan mine.toml"),
-    "no file": (["plan"], "missing: SCENE.toml (see octoplan plan --help)"),
-    "two files": (["plan", "mine.toml", "other.toml"], "no such argument: other.toml"),
+    "no file": (["plan"], "parameter SCENE requires an argument. (see octoplan plan --help)"),
+    "two files": (["plan", "mine.toml", "other.toml"], "Unused Tokens: ['other.toml']"),
     "an option misspelt": (
         ["plan", "mine.toml", "--acuracy=1e-3"],
-        'no such argument: --acuracy=1e-3; did you mean "--accuracy"?',
+        "Unknown option: --acuracy. Did you mean --accuracy?",
     ),
-    "an accuracy in words": (["plan", "mine.toml", "--accuracy", "fine"], "from 1e-12 to 0.1"),
-    "an accuracy out of range": (["plan", "mine.toml", "--accuracy", "2"], "got '2', allowed"),
+    "an accuracy in words": (
+        ["plan", "mine.toml", "--accuracy", "fine"],
+        '--accuracy: unable to convert "fine"',
+    ),
+    "an accuracy out of range": (
+        ["plan", "mine.toml", "--accuracy", "2"],
+        '"2.0" for --accuracy. Allowed',
+    ),
     "a file that is not there": (["plan", "mien.toml"], 'did you mean "mine.toml"?'),
     "a file quite unlike": (["plan", "nowhere.toml"], "`octoplan new FILE` writes one"),
     "a folder": (["plan", "."], "is a directory"),
@@ -191,7 +197,7 @@ LINES: dict[str, tuple[list[str], str]] = {
     "a scene written over": (["new", "mine.toml"], "a file that does not exist yet"),
     "a schema of nothing": (
         ["schema", "tables"],
-        'WHAT: got "tables", allowed is one of scene, plan, ',
+        '"tables" for WHAT. Choose from: "scene", "plan", ',
     ),
 }
 

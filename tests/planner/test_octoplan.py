@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 from model import settle
+from octoplan.command_line import COMMANDS
 from planner import load_plan, stiffness
 from planner.cli import main
-from planner.commands.register import COMMANDS
 from planner.commands.schema import schema_of
 from planner.io.scene_file import load, read
 from planner.io.schemas import scene_schema
@@ -147,11 +147,9 @@ def test_each_switched_off_line_of_a_new_scene_is_one_that_can_be_switched_on() 
         read(TEMPLATE.replace(f"# {key} = ", f"{key} = ").encode())
 
 
-@pytest.mark.parametrize("command", [command.name for command in COMMANDS])
+@pytest.mark.parametrize("command", COMMANDS)
 def test_help_tells_the_exit_codes(command: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as left:
-        main([command, "--help"])
-    assert left.value.code == 0
+    assert main([command, "--help"]) == 0
     assert "130  interrupted" in capsys.readouterr().out
 
 

@@ -1,0 +1,187 @@
+"""Options that several commands have, and how they read a scene file by them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args
+
+from cyclopts import Parameter
+
+from model import InputError
+from model.checks import positive
+from model.errors import FileError
+from model.mesh_refinement import FINEST_ACCURACY, LOOSEST, checked_accuracy
+from model.time_limit import shorten
+from planner.io.files import why
+from planner.io.scene_file import Question, load
+
+# What a search that was stopped at the time limit has left to verify what it found [s].
+GRACE = 0.7
+FigureKind = Literal["png", "pdf"]
+FIGURES: tuple[FigureKind, ...] = get_args(FigureKind)
+
+
+def _checked_accuracy(_: Any, value: float | None) -> None:
+    try:
+        checked_accuracy(FINEST_ACCURACY if value is None else value)
+    except InputError:
+        allowed = f"Allowed is a number from {FINEST_ACCURACY:g} to {LOOSEST:g}."
+        raise ValueError(allowed) from None
+
+
+def _checked_seconds(_: Any, value: float | None) -> None:
+    try:
+        positive("--time-limit", 1.0 if value is None else value)
+    except InputError:
+        raise ValueError("Allowed is a number above 0.") from None
+
+
+def _checked_folder(_: Any, folder: Path | None) -> None:
+    try:
+        if folder is not None and folder.exists() and not folder.is_dir():
+            raise ValueError("Allowed is a folder to write to, or one to make.")
+    except OSError as reason:
+        raise ValueError(f"Allowed is a folder to write to: {why(reason)}.") from None
+
+
+SceneFile = Annotated[Path, Parameter(help="Scene file, SCENE.toml.")]
+Folder = Annotated[Path, Parameter(validator=_checked_folder)]
+Seconds = Annotated[float, Parameter(validator=_checked_seconds)]
+Accuracy = Annotated[float, Parameter(validator=_checked_accuracy)]
+
+
+@Parameter(name="*")
+@dataclass
+class Options:
+    """What all commands have that compute something.
+
+    Attributes
+    ----------
+    json : bool
+        Print JSON, in SI units; `octoplan schema` tells its keys.
+    time_limit : float
+        Stop after so many seconds, with the best by then; else the scene's time_limit_s.
+    verbose : bool
+        Show the solver's own log on stderr.
+    """
+
+    json: bool = False
+    time_limit: Seconds | None = None
+    verbose: Annotated[bool, Parameter(alias="-v")] = False
+
+    def loaded(self, scene: Path) -> Question:
+        """Return the question of a scene file, with what these options have in place of its own.
+
+        The scene's time limit holds from here on where there is no --time-limit. Raises FileError.
+        """
+        question = load(scene)
+        if self.time_limit is None and question.time_limit is not None:
+            self.time_limit = question.time_limit
+            shorten(question.time_limit + GRACE)
+        accuracy = getattr(self, "accuracy", None)
+        if accuracy is not None:
+            question = replace(question, accuracy=accuracy)
+        return replace(question, compile=True) if getattr(self, "compile", False) else question
+
+
+@Parameter(name="*")
+@dataclass
+class ExportOptions(Options):
+    """What commands have that settle a scene.
+
+    Attributes
+    ----------
+    accuracy : float
+        Tip error over arm length; else the scene's.
+    """
+
+    accuracy: Accuracy | None = None
+
+
+@Parameter(name="*")
+@dataclass
+class FileOptions(Options):
+    """What commands have whose results are data and a figure.
+
+    Attributes
+    ----------
+    out : Path
+        Also write data and figure to this folder.
+    figure : "png" or "pdf"
+        Of which kind the figure in --out is (png).
+    """
+
+    out: Folder | None = None
+    figure: FigureKind | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse a kind of figure without a folder that it goes to."""
+        if self.out is None and self.figure is not None:
+            allowed = f"--figure {self.figure} with --out DIR, the folder that it is written to"
+            raise InputError("--out", "nothing", allowed)
+
+
+@Parameter(name="*")
+@dataclass
+class SceneOptions(FileOptions):
+    """What commands on scene files have.
+
+    Attributes
+    ----------
+    accuracy : float
+        Tip error over arm length; else the scene's.
+    """
+
+    accuracy: Accuracy | None = None
+
+
+@Parameter(name="*")
+@dataclass
+class CompiledOptions(SceneOptions):
+    """What commands have that may work by machine code.
+
+    Attributes
+    ----------
+    compile : bool
+        Work by machine code, built by a C compiler and kept: the same digits, sooner.
+    """
+
+    compile: bool = False
+
+
+_TARGET = 'a [target] table, such as [target] type = "tip-position", position_mm = [250, 0, -150]'
+_LIMITS = "a [limits] table, such as [limits] tension_max = 20.0 (N, each tendon)"
+
+
+def check_plannable(question: Question, name: Path) -> None:
+    """Raise FileError for a scene file that asks for no plan."""
+    if not question.targets:
+        raise FileError(str(name), "target", f"missing; needed is {_TARGET}")
+    if "tension_max" not in question.options:
+        raise FileError(str(name), "limits", f"missing; needed is {_LIMITS}")
+
+
+def plan_arguments(question: Question, options: Options) -> dict[str, Any]:
+    """Return the further arguments of plan that a scene file and options give."""
+    more = {"accuracy": question.accuracy, "compile": question.compile}
+    return {**question.options, **more, "time_limit": options.time_limit}
+
+
+def held(question: Question, name: Path) -> dict[str, Any]:
+    """Return what holds a scene file's tendons, as arguments of settle; FileError if nothing."""
+    if question.winches:
+        return {"tensions": question.tensions, **question.winches}
+    return {"tensions": tensions_of(question, name)}
+
+
+def tensions_of(question: Question, name: Path) -> Any:
+    """Return the tensions of a scene file; FileError if it has none."""
+    if question.tensions is None:
+        rows = ", ".join(
+            f"[{', '.join('0.0' for _ in section.angles)}]" for section in question.arm.sections
+        )
+        place = "at the top of the file, above the first [table]"
+        needed = f"missing; needed is tensions = [{rows}] (N) {place}"
+        raise FileError(str(name), "tensions", needed)
+    return question.tensions
