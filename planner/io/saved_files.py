@@ -212,7 +212,7 @@ def _check_multipliers(plan: Plan, name: str) -> None:
             raise FileError(name, "answer.lam_x", told)
     elif any(sizes):
         problem = build(plan.arm, plan.stated, plan.scene, plan.statement.but(refinement=1))
-        wanted = problem.n_free, sum(row.size for row in problem.condensed.rows)
+        wanted = problem.n_free, problem.n_outer
         if sizes != wanted:
             told = "got {} and {} numbers, allowed are {} and {}, or none".format(*sizes, *wanted)
             raise FileError(name, "answer.lam_x and answer.lam_g", told)

@@ -253,7 +253,9 @@ def _motion(table: MotionTable) -> dict[str, Any]:
         "rate_max": table.rate_max,
         "stroke_rate_max": si(table.stroke_rate_max_mm_s, "mm/s"),
         "stroke_acceleration_max": si(table.stroke_acceleration_max_mm_s2, "mm/s2"),
+        "tip_acceleration_max": table.tip_acceleration_max_m_s2,
         "times": table.times_s,
+        **({"quasi_static": True} if table.quasi_static else {}),
     }
 
 

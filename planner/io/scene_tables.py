@@ -56,6 +56,12 @@ class MotionTable(Table, frozen=True):
         Positive | None,
         quantity("of these rates; then the arm rests at each waypoint", "mm/s2"),
     ] = None
+    tip_acceleration_max_m_s2: Annotated[
+        Positive | None, quantity("of the tip; then the arm rests at each waypoint", "m/s2")
+    ] = None
+    quasi_static: Annotated[
+        bool, Meta(description="whether the tip accelerates by a tenth of gravity at most")
+    ] = False
     times_s: Annotated[
         list[Positive] | None,
         quantity("of each waypoint; then effort is made least, otherwise time", "s"),

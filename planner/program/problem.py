@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
@@ -17,8 +17,8 @@ from model.errors import OctoplanError
 from model.loads import is_loaded
 from model.paths import Array
 from model.scene import Scene
+from model.transcription.layout import POSE
 from model.winches import least_compliance, rest_lengths
-from planner.program.condensed import Condensed
 from planner.program.limits import Limits, natural_tensions
 from planner.program.objective import Rows
 from planner.program.program import STABILITY, STROKES, program
@@ -258,6 +258,26 @@ class Problem:
             k += D.shape[1]
         return np.concatenate(found)
 
+    def with_measured(
+        self, x: Array, poses: Array, change: Array, directions: list[Array]
+    ) -> Array:
+        """Return unknowns x with other poses (K, 7) at the stations, and changed compliances.
+
+        These are as `compliances` has them. All else is as in x, so that there is no equilibrium.
+        """
+        blocks, scale, there = self.program.blocks, self.states.scale, x.copy()
+        nodes = [self.forward.mesh.node(s) for s in self.stations]
+        states = blocks.of.nodes[nodes, :POSE].ravel()
+        there[blocks.states.start + states] = poses.ravel() / scale[1 + states]
+        tip, k = blocks.of.first + blocks.of.nodes[-1, 4:POSE], 0
+        for D, own in zip(directions, _by_request(change, directions), strict=True):
+            moved = self.states.force * D @ np.linalg.solve(D.T @ D, own)
+            for i in range(D.shape[1]):
+                places = blocks.response(k + i).start + tip
+                there[places] += moved[:, i] / scale[places - self.n_free]
+            k += D.shape[1]
+        return there
+
     def constraints(self, x: Array, p: Array) -> Array:
         """Return the constraints at unknowns x."""
         return np.concatenate([self.program.values(x, p)[1][0], self.program.equilibrium(x, p)])
@@ -274,10 +294,12 @@ class Problem:
         except (OctoplanError, np.linalg.LinAlgError):
             return -np.inf
 
-    @cached_property
-    def condensed(self) -> Condensed:
-        """The same problem with the states eliminated."""
-        return Condensed(self.program, self.forward, self.states)
+
+def _by_request(values: Array, directions: list[Array]) -> list[Array]:
+    """Return the compliances (width, width) of each request, from all of them stacked."""
+    ends = np.cumsum([D.shape[1] ** 2 for D in directions])[:-1]
+    pairs = zip(directions, np.split(values, ends), strict=True) if directions else ()
+    return [own.reshape(D.shape[1], -1, order="F") for D, own in pairs]
 
 
 @lru_cache(maxsize=32)

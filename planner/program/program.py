@@ -15,6 +15,7 @@ from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import csc_array
 
 from model.arm import Arm
@@ -25,7 +26,6 @@ from model.transcription.layout import Layout
 from model.transcription.terms import Equations
 from planner.program.objective import Rows, objective_of
 from planner.program.parts import Parts
-from planner.program.reduced import Curvature, Nonzeros
 from planner.program.same import Same
 from planner.program.statement import Statement
 from planner.program.states import Blocks, Stations
@@ -33,6 +33,7 @@ from planner.program.symbols import Symbols
 from planner.program.terms import compliance_requests
 from planner.targets.base import Target
 
+Index = NDArray[np.int32]
 STABILITY, STROKES = "stability", "strokes"
 # Far from any equilibrium numbers may overflow; who asks looks whether they are finite.
 _QUIET = np.errstate(over="ignore", invalid="ignore")
@@ -100,20 +101,10 @@ class Program:
     @_QUIET
     def inner(self, x: Array, p: Array) -> csc_array:
         """Return the Jacobian of the equations of equilibrium (n_rows, size)."""
-        whole, places = self.whole(p), self.jacobian_places
+        whole, (rows, columns, ends) = self.whole(p), self.jacobian_places
         nonzeros = self.jacobian_call(x * whole, p[self.parts.numbers])[0][0]
-        scaled = nonzeros * whole[places.columns] / p[self.parts.row_scale][places.rows]
-        return places.matrix(scaled)
-
-    @_QUIET
-    def second(self, x: Array, p: Array, sigma: float, lam: Array) -> Curvature:
-        """Return the Hessian of sigma f + lam . g (size, size), all of it."""
-        whole, m = self.whole(p), lam.size - self.blocks.n_rows
-        multipliers = lam[m:] / p[self.parts.row_scale]
-        nonzeros = self.hessian_call(x * whole, p[self.parts.numbers], multipliers)[0][0]
-        outer = self.outer_hessian(x, p, np.array([sigma]), lam[:m])[0].ravel()
-        own = self.outer_hessian_places.matrix(outer)
-        return Curvature(own, self.hessian_places.matrix(nonzeros), whole)
+        scaled = nonzeros * whole[columns] / p[self.parts.row_scale][rows]
+        return csc_array((scaled, rows, ends), shape=(self.blocks.n_rows, self.size))
 
     def whole(self, p: Array) -> Array:
         """Return what one unit of each unknown is worth (size,)."""
@@ -131,31 +122,13 @@ class Program:
         return self.equations.call("jacobian")
 
     @cached_property
-    def jacobian_places(self) -> Nonzeros:
-        """Where these are."""
-        return Nonzeros.of(self.equations.places("jacobian"))
-
-    @cached_property
-    def hessian_call(self) -> Buffered | InC:
-        """The nonzeros of the Hessian of multipliers . equations."""
-        return self.equations.call("hessian")
-
-    @cached_property
-    def hessian_places(self) -> Nonzeros:
-        """Where these are."""
-        return Nonzeros.of(self.equations.places("hessian"))
-
-    @cached_property
-    def outer_hessian(self) -> Buffered:
-        """x, p, sigma, lam -> nonzeros of the Hessian of sigma f + lam . g without equilibrium."""
-        of = self.symbols
-        given = [of.x, of.p, of.sigma, of.outer_lam]
-        return Buffered(ca.Function("outer_hessian", given, [of.outer_hessian.nz[:]]))
-
-    @cached_property
-    def outer_hessian_places(self) -> Nonzeros:
-        """Where these are."""
-        return Nonzeros.of(self.symbols.outer_hessian.sparsity())
+    def jacobian_places(self) -> tuple[Index, Index, Index]:
+        """Rows and columns of these, and where each column begins."""
+        own = self.equations.places("jacobian")
+        rows, columns, begins = (
+            np.array(of, dtype=np.int32) for of in (own.row(), own.get_col(), own.colind())
+        )
+        return rows, columns, begins
 
 
 def program(

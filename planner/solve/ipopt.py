@@ -26,7 +26,8 @@ LOG = logging.getLogger(__name__)
 
 # Efforts are about 1e-2 in the program's units: so magnified they weigh as much as the barrier.
 MAGNIFIED = 1e3
-_QUIET: dict[str, Any] = {
+Options = dict[str, Any]
+_QUIET: Options = {
     "sb": "yes",
     "tol": 1e-8,
     "constr_viol_tol": 1e-8,
@@ -34,10 +35,12 @@ _QUIET: dict[str, Any] = {
     "obj_scaling_factor": MAGNIFIED,
 }
 # What takes longer is lost: another initial guess is cheaper.
-_COLD: dict[str, Any] = {"max_iter": 60, "mu_init": 0.1, "bound_push": 5e-3, "bound_frac": 5e-3}
+COLD: Options = {"max_iter": 60, "mu_init": 0.1, "bound_push": 5e-3, "bound_frac": 5e-3}
 # Least squares of what cannot be met take longer, and there is no cheaper way.
-_PATIENT = {"max_iter": 200}
-_WARM: dict[str, Any] = {
+PATIENT: Options = {"max_iter": 200}
+# Of several programs side by side, most of which begin elsewhere.
+NEAR: Options = COLD | {"max_iter": 100, "mu_init": 1e-2}
+WARM: Options = {
     "mu_init": 1e-6,
     "warm_start_init_point": "yes",
     "warm_start_bound_push": 1e-9,
@@ -96,49 +99,67 @@ _solvers: WeakKeyDictionary[Program, dict[tuple[bool, bool], Buffered]] = WeakKe
 
 
 def solver(problem: Problem, warm: bool, talks: bool = False) -> Buffered:
-    """Return ipopt for a problem's program, for a cold start or a warm one, built once.
-
-    It takes x0, p, lbx, ubx, lbg, ubg, lam_x0, lam_g0 and returns x, f, g, lam_x, lam_g, lam_p.
-    Each thread solves in memory of its own: CasADi's plain call of a solver has one for all.
-    """
+    """Return ipopt for a problem's program, for a cold start or a warm one, built once."""
     program = problem.program
     built = _solvers.setdefault(program, {})
     if (warm, talks) not in built:
         stated = program.symbols
-        options: dict[str, Any] = {
-            "print_time": False,
-            "show_eval_warnings": False,
-            "calc_lam_p": False,
-            "no_nlp_grad": True,
-            "error_on_fail": False,
-            "iteration_callback": _WATCH,
-            **_derivatives(stated),
-            "ipopt": _QUIET | (_WARM if warm else _COLD) | {"print_level": 5 if talks else 0},
-        }
+        way = WARM if warm else COLD
         if problem.statement.mode != "exact":
-            options["ipopt"] |= _PATIENT
-        nlp: dict[str, Any] = {"x": stated.x, "p": stated.p, "f": stated.f, "g": stated.g}
-        built[warm, talks] = Buffered(ca.nlpsol("ipopt", "ipopt", nlp, options))
+            way = way | PATIENT
+        nlp = {"x": stated.x, "p": stated.p, "f": stated.f, "g": stated.g}
+        built[warm, talks] = nlp_solver(nlp, derivatives(stated), way, talks)
     return built[warm, talks]
 
 
-def _derivatives(of: Symbols) -> dict[str, ca.Function]:
+def nlp_solver(
+    nlp: dict[str, ca.MX],
+    derivatives: dict[str, ca.Function],
+    way: Options,
+    talks: bool = False,
+) -> Buffered:
+    """Return ipopt for a nonlinear program in symbols, with its own derivatives, one of the ways.
+
+    It takes x0, p, lbx, ubx, lbg, ubg, lam_x0, lam_g0 and returns x, f, g, lam_x, lam_g, lam_p.
+    Each thread solves in memory of its own: CasADi's plain call of a solver has one for all.
+    """
+    options: Options = {
+        "print_time": False,
+        "show_eval_warnings": False,
+        "calc_lam_p": False,
+        "no_nlp_grad": True,
+        "error_on_fail": False,
+        "iteration_callback": _WATCH,
+        **derivatives,
+        "ipopt": _QUIET | way | {"print_level": 5 if talks else 0},
+    }
+    return Buffered(ca.nlpsol("ipopt", "ipopt", nlp, options))
+
+
+def derivatives(of: Symbols) -> dict[str, ca.Function]:
     """Return a program's own derivatives in the form that nlpsol takes them."""
-    x, p, sigma, lam = of.x, of.p, of.sigma, of.lam
+    given = (of.x, of.p, of.sigma, of.lam)
+    return named(given, (of.f, of.gradient), (of.g, of.jacobian), ca.triu(of.hessian))
+
+
+def named(
+    given: tuple[ca.MX, ...],
+    objective: tuple[ca.MX, ca.MX],
+    constraints: tuple[ca.MX, ca.MX],
+    hessian: ca.MX,
+) -> dict[str, ca.Function]:
+    """Return derivatives by the names that nlpsol takes them by.
+
+    Of unknowns, parameters, and weights of objective and constraints: the objective and its
+    gradient, the constraints and their Jacobian, the upper half of the Lagrangian's Hessian.
+    """
+    at, names = list(given[:2]), ["x", "p"]
+    weights = ["lam:f", "lam:g"]
+    own = ["triu:hess:gamma:x:x"]
     return {
-        "grad_f": ca.Function(
-            "nlp_grad_f", [x, p], [of.f, of.gradient], ["x", "p"], ["f", "grad:f:x"]
-        ),
-        "jac_g": ca.Function(
-            "nlp_jac_g", [x, p], [of.g, of.jacobian], ["x", "p"], ["g", "jac:g:x"]
-        ),
-        "hess_lag": ca.Function(
-            "nlp_hess_l",
-            [x, p, sigma, lam],
-            [ca.triu(of.hessian)],
-            ["x", "p", "lam:f", "lam:g"],
-            ["triu:hess:gamma:x:x"],
-        ),
+        "grad_f": ca.Function("nlp_grad_f", at, list(objective), names, ["f", "grad:f:x"]),
+        "jac_g": ca.Function("nlp_jac_g", at, list(constraints), names, ["g", "jac:g:x"]),
+        "hess_lag": ca.Function("nlp_hess_l", list(given), [hessian], names + weights, own),
     }
 
 
@@ -152,9 +173,20 @@ def solve(
     """Solve from x; with multipliers (lam_x, lam_g) it is a warm start."""
     talks = LOG.isEnabledFor(logging.DEBUG)
     run = solver(problem, multipliers is not None, talks)
+    return solved(run, x, p, bounds, multipliers)
+
+
+def solved(
+    run: Buffered,
+    x: Array,
+    p: Array,
+    bounds: Bounds,
+    multipliers: tuple[Array, Array] | None = None,
+) -> Solution:
+    """Return what a solver makes of x."""
     multipliers = multipliers or (np.zeros(bounds[0].size), np.zeros(bounds[2].size))
     # To stderr goes that there are more equations than unknowns, as where a plane holds an arm.
-    with _WATCH.held(), logged(LOG, stdout=talks):
+    with _WATCH.held(), logged(LOG, stdout=LOG.isEnabledFor(logging.DEBUG)):
         x, f, g, lam_x, lam_g, _ = (value.ravel() for value in run(x, p, *bounds, *multipliers))
     stats = run.stats()
     status = stats["return_status"]

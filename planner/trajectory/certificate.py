@@ -17,16 +17,15 @@ from planner.certificate import Certificate
 from planner.measure import compliances_along, measure
 from planner.program.terms import stations_of
 from planner.targets.base import Target
-from planner.trajectory.between import between
+from planner.trajectory.clear import between
 from planner.trajectory.question import Question
-from planner.trajectory.strokes import Stretch
-from planner.trajectory.timed import Timed
+from planner.trajectory.timed import Timed, stretches
 from planner.trajectory.touching import certified_touching
 
 # Rounding, over a limit.
 _ROUNDING = 1e-9
-# What rates and accelerations of strokes may be off by, over their limit: they are sampled.
-_STROKES = 1e-3
+# What rates and accelerations of strokes and tip may be off by, over their limit: at instants.
+SAMPLED = 1e-3
 
 
 @dataclass(frozen=True)
@@ -43,9 +42,9 @@ class MotionCertificate:
         Largest violation of a tension limit [N]; between waypoints there is none beyond theirs.
     rate : float
         Largest rate of tension over its limit; exact, as tensions are linear in between.
-    stroke_rate, stroke_acceleration : float
-        Largest rate and acceleration of a stroke over their limits, at 200 instants or more from
-        each waypoint to the next.
+    stroke_rate, stroke_acceleration, tip_acceleration : float
+        Largest rate and acceleration of a stroke, and acceleration of the tip, over their limits,
+        of the settled arm at 200 instants or more from each waypoint to the next.
     clearance : float
         What is kept of the clearance asked for, at waypoints and between them [m]; a lower bound,
         refined until it is 0 or more or close to the truth, below 0 where it is not kept, and
@@ -70,6 +69,7 @@ class MotionCertificate:
     rate: float = np.inf
     stroke_rate: float = 0.0
     stroke_acceleration: float = 0.0
+    tip_acceleration: float = 0.0
     clearance: float = np.inf
     nearest: float = 0.0
     tolerance: float = 1e-6
@@ -94,11 +94,14 @@ class MotionCertificate:
             found.append(f"a tension limit is violated by {self.bounds:.2g} N")
         if self.rate > 1 + _ROUNDING:
             found.append(f"a rate of tension is {self.rate:.4g} times its limit")
-        if self.stroke_rate > 1 + _STROKES:
+        if self.stroke_rate > 1 + SAMPLED:
             found.append(f"a rate of stroke is {self.stroke_rate:.4g} times its limit")
-        if self.stroke_acceleration > 1 + _STROKES:
-            told = f"{self.stroke_acceleration:.4g} times its limit"
-            found.append(f"an acceleration of a stroke is {told}")
+        if self.stroke_acceleration > 1 + SAMPLED:
+            times = f"{self.stroke_acceleration:.4g} times its limit"
+            found.append(f"an acceleration of a stroke is {times}")
+        if self.tip_acceleration > 1 + SAMPLED:
+            times = f"{self.tip_acceleration:.4g} times its limit"
+            found.append(f"the tip's acceleration is {times}")
         found += self.contact
         if self.jumps:
             places = ", ".join(map(str, self.jumps))
@@ -121,6 +124,7 @@ class MotionCertificate:
             "rate of tension over limit [-]": self.rate,
             "rate of stroke over limit [-]": self.stroke_rate,
             "stroke acceleration over limit": self.stroke_acceleration,
+            "tip acceleration over limit": self.tip_acceleration,
             "clearance less asked [mm]": 1e3 * self.clearance,
         }
         told = [(name, f"{value:.2e}") for name, value in numbers.items()]
@@ -145,21 +149,26 @@ def certify_motion(question: Question, way: Timed, met: tuple[int, ...]) -> Moti
         excess = max(excess, over)
     steps = np.abs(np.diff(way.tensions, axis=0)) / question.rates.tension
     pace = np.array([law.speeds.max() for law in way.laws])
-    rate = float((steps.max(axis=1) * pace).max())
+    limits = MotionCertificate(bounds=excess, rate=float((steps.max(axis=1) * pace).max()))
     if contacts(question.scene):
-        return _touching(question, way, met, MotionCertificate(bounds=excess, rate=rate))
+        return _touching(question, way, met, limits)
     try:
-        found = [
-            _met(question, targets, way.tensions[stop])
-            for targets, stop in zip(question.targets, met, strict=True)
-        ]
-        strokes = _strokes(question, way)
+        pairs = zip(question.targets, met, strict=True)
+        measured = [_measured(question, own, way.tensions[stop]) for own, stop in pairs]
+        stroke_rate, stroke_acceleration, tip = _paces(question, way)
     except OctoplanError as reason:
-        return MotionCertificate(bounds=excess, rate=rate, problem=str(reason))
-    gap, when = _clear(question, way)
-    residuals, inequalities = tuple(own for own, _ in found), tuple(least for _, least in found)
-    return MotionCertificate(
-        residuals, inequalities, excess, rate, *strokes, gap, when, question.accuracy
+        return replace(limits, problem=str(reason))
+    limits = replace(limits, stroke_rate=stroke_rate, stroke_acceleration=stroke_acceleration)
+    if question.surroundings:
+        gaps, instants = between(question.lines(), way, question.surroundings)
+        k = int(np.argmin(gaps))
+        limits = replace(limits, clearance=float(gaps[k]), nearest=float(instants[k]))
+    return replace(
+        limits,
+        residuals=tuple(largest for largest, _ in measured),
+        inequalities=tuple(least for _, least in measured),
+        tip_acceleration=tip,
+        tolerance=question.accuracy,
     )
 
 
@@ -192,7 +201,7 @@ def _of_contact(found: Certificate) -> tuple[str, ...]:
     return () if found.problem else kept.failures
 
 
-def _met(question: Question, targets: tuple[Target, ...], T: Array) -> tuple[float, float]:
+def _measured(question: Question, targets: tuple[Target, ...], T: Array) -> tuple[float, float]:
     """Return the largest residual and the least inequality of targets under tensions."""
     arm = question.arm
     fine = max(question.accuracy / 10, FINEST_ACCURACY)
@@ -201,30 +210,17 @@ def _met(question: Question, targets: tuple[Target, ...], T: Array) -> tuple[flo
     equality, soft_residual, inequality = measure(
         arm, targets, poses, compliances_along(arm, targets, shape)
     )
-    sizes = [
-        float(np.abs(v).max(initial=0.0)) for v in (*equality.values(), *soft_residual.values())
-    ]
-    least = [float(np.min(v)) for v in inequality.values()]
-    return max(sizes, default=0.0), min(least, default=0.0)
+    sizes = [np.abs(v).max(initial=0.0) for v in (*equality.values(), *soft_residual.values())]
+    least = [np.min(v) for v in inequality.values()]
+    return float(max(sizes, default=0.0)), float(min(least, default=0.0))
 
 
-def _strokes(question: Question, way: Timed) -> tuple[float, float]:
-    """Return the largest rate and acceleration of a stroke over their limits."""
-    rates, lengths = question.rates, question.lines().lengths
-    if not (np.isfinite(rates.stroke) or np.isfinite(rates.acceleration)):
-        return 0.0, 0.0
-    pairs = zip(way.tensions[:-1], way.tensions[1:], way.laws, strict=True)
-    found = [law.stroke_rates(Stretch.of(lengths, *ends)) for *ends, law in pairs]
-    speed, acceleration = np.max(found, axis=0) / (rates.stroke, rates.acceleration)
-    return float(speed), float(acceleration)
-
-
-def _clear(question: Question, way: Timed) -> tuple[float, float]:
-    """Return what is kept of the clearance, and when the least is."""
-    if not question.surroundings:
-        return np.inf, 0.0
-    found = between(question.lines(), way.tensions, way.starts, question.surroundings, way.laws)
-    k = int(np.argmin(found.bound))
-    law = way.laws[k]
-    when = way.starts[k] + np.interp(found.share[k], law.shares, law.times)
-    return float(found.bound[k]), float(when)
+def _paces(question: Question, way: Timed) -> tuple[float, float, float]:
+    """Return the largest rate and acceleration of a stroke, and of the tip, over their limits."""
+    rates = question.rates
+    if not (rates.of_strokes or rates.at_rest):
+        return 0.0, 0.0, 0.0
+    each = zip(way.laws, stretches(question, way.tensions), strict=True)
+    largest = np.max([law.largest(stretch) for law, stretch in each], axis=0)
+    over = largest / (rates.stroke, rates.acceleration, rates.tip_acceleration)
+    return float(over[0]), float(over[1]), float(over[2])

@@ -19,21 +19,27 @@ from model.paths import Array
 from model.progress import with_progress
 from model.scene import Scene
 from model.settle import checked_scene
-from model.time_limit import OutOfTime, limited
+from model.time_limit import limited
 from planner.avoidance.asked import surroundings
 from planner.plan import Plan
 from planner.program.limits import Limits
-from planner.question import check_targets, checked_limits
+from planner.question import check_planned, check_targets, checked_limits
 from planner.targets.base import Target
 from planner.tendon_lengths import zeroed_at
-from planner.trajectory.asked import Rates, checked_times, waypoints_of
-from planner.trajectory.initial import planned
-from planner.trajectory.question import Question, Waypoint
+from planner.trajectory.clear import cleared
+from planner.trajectory.question import (
+    GRAVITY,
+    QUASI_STATIC,
+    Question,
+    Rates,
+    checked_times,
+    waypoints_of,
+)
 from planner.trajectory.result import Trajectory
-from planner.trajectory.search import led
 from planner.trajectory.timed import Timed
 from planner.trajectory.touching import check_touching, planned_touching
 
+# What durations may exceed given times by, over these: rounding.
 _LATE = 1e-6
 
 
@@ -62,6 +68,8 @@ def trajectory(
     stroke_zero: Any = "straight",
     time_limit: float | None = None,
     progress: bool | None = None,
+    quasi_static: bool = False,
+    tip_acceleration_max: float | None = None,
 ) -> Trajectory:
     """Return tensions over time that bring an arm through targets, in the least time or effort.
 
@@ -99,6 +107,12 @@ def trajectory(
     progress : bool
         Whether a line tells how far it is: unless given, after two seconds, on terminals and in
         notebooks.
+    quasi_static : bool
+        Whether the tip is to accelerate by a tenth of gravity at most, so that inertia, which is
+        left out, counts for little.
+    tip_acceleration_max : float
+        The most that the tip accelerates, in place of that [m/s2]; as with accelerations of strokes
+        the arm then rests at each waypoint.
 
     Raises
     ------
@@ -110,30 +124,50 @@ def trajectory(
     """
     seconds = None if time_limit is None else positive("time_limit", time_limit)
     scene = checked_scene(arm, scene, contact=True)
+    check_planned(scene)
     path, own = waypoints_of(targets, waypoints)
     times = own if times is None else times
     strokes = (stroke_max, stroke_min)
     limits = checked_limits(arm, tension_max, tension_min, total_pull, strokes)
     limits = replace(limits, stroke_zero=zeroed_at(arm, scene, stroke_zero))
     asked = _checked(arm, path)
-    rates = Rates.of(arm, rate_max, stroke_rate_max, stroke_acceleration_max)
-    found = checked_times(times, len(asked))
-    if found is None and not rates.limited:
-        told = "rate_max [N/s], a limit of strokes [m/s, m/s2] for the least time, or times [s]"
-        raise InputError("times", None, told)
+    tip = _tip_acceleration(quasi_static, tip_acceleration_max)
+    rates = Rates.of(arm, rate_max, stroke_rate_max, stroke_acceleration_max, tip)
+    instants = checked_times(times, len(asked))
+    if instants is None and not rates.limited:
+        allowed = (
+            "rate_max [N/s], a limit of strokes [m/s, m/s2] or of the tip's acceleration [m/s2] "
+            "for the least time, or times [s]"
+        )
+        raise InputError("times", None, allowed)
     every: tuple[Target, ...] = tuple(target for targets in asked for target in targets)
     around = surroundings(arm, every, obstacles, clearance, self_clearance, in_time=True)
     accuracy = checked_accuracy(accuracy)
     begin = _start(arm, start, limits)
     own_plan = start if isinstance(start, Plan) else None
-    given = (around, found, begin, accuracy, checked_compile(compile), own_plan)
+    given = (around, instants, begin, accuracy, checked_compile(compile), own_plan)
     question = Question(arm, scene, asked, limits, rates, *given)
     with limited(seconds):
         if contacts(scene):
             check_touching(question)
-            return _touching(question)
-        _check_start(question)
-        return _found(question)
+            tensions, met = planned_touching(question)
+        else:
+            _check_start(question)
+            led = cleared(question)
+            tensions, met = led.tensions, led.met_at
+        timed = Timed.of(question, tensions, met)
+        _check_durations(question, timed, met)
+        return Trajectory(question, timed, met)
+
+
+def _tip_acceleration(quasi_static: Any, most: Any) -> Any:
+    """Return the most that the tip may accelerate [m/s2], None without a limit."""
+    if not isinstance(quasi_static, bool | np.bool_):
+        raise InputError("quasi_static", quasi_static, "True or False")
+    if quasi_static and most is not None:
+        allowed = "None beside quasi_static=True, which sets it"
+        raise InputError("tip_acceleration_max", most, allowed)
+    return QUASI_STATIC * GRAVITY if quasi_static else most
 
 
 def _checked(arm: Arm, path: Iterable[Any]) -> tuple[tuple[Target, ...], ...]:
@@ -146,48 +180,6 @@ def _checked(arm: Arm, path: Iterable[Any]) -> tuple[tuple[Target, ...], ...]:
             name = f"targets[{i}]: {reason.field}"
             raise InputError(name, reason.given, reason.allowed) from None
     return tuple(found)
-
-
-def _touching(question: Question) -> Trajectory:
-    """Return the motion of an arm that leans on things."""
-    ways = planned_touching(question)
-    missed = [i for i, way in enumerate(ways) if way.plan is not None and way.plan.mode != "exact"]
-    if missed:
-        number = sum(way.plan is not None for way in ways[: missed[0]])
-        own = ways[missed[0]].plan
-        assert own is not None
-        if own.stopped:
-            raise OutOfTime
-        allowed = f"targets that can be met: {own.outcome}"
-        raise InputError(f"targets[{number}]", "out of reach", allowed)
-    tensions = np.vstack([question.start, *(way.tensions for way in ways)])
-    stops = tuple(i + 1 for i, way in enumerate(ways) if way.targets)
-    steps = (np.abs(np.diff(tensions, axis=0)) / question.rates.tension).max(axis=1)
-    group = np.cumsum([0, *(bool(way.targets) for way in ways[:-1])])
-    shares = np.array([way.share for way in ways])
-    durations = np.maximum(steps, question.least[group] * shares)
-    timed = Timed.of(question, tensions, durations, stops)
-    _check_durations(question, ways, np.diff(timed.starts))
-    return Trajectory(question, timed, stops)
-
-
-def _found(question: Question) -> Trajectory:
-    """Return the motion that a question asks for."""
-    ways = planned(question)
-    branches = tuple(
-        i for i, way in enumerate(ways) if i and way.plan is not None and way.plan.jump > 0
-    )
-    met = [i for i, way in enumerate(ways) if way.plan is None or way.plan.mode == "exact"]
-    if len(met) < len(ways):
-        _out_of_reach(ways, met)
-    ways, durations, clear = led(question, ways)
-    if not clear and any(way.plan is None for way in ways if way.targets):
-        ways, durations, _ = led(question, planned(question, step=False))
-    tensions = np.vstack([question.start, *(way.tensions for way in ways)])
-    stops = tuple(i + 1 for i, way in enumerate(ways) if way.targets)
-    timed = Timed.of(question, tensions, durations, stops)
-    _check_durations(question, ways, np.diff(timed.starts))
-    return Trajectory(question, timed, stops, branches)
 
 
 def _start(arm: Arm, start: Any, limits: Limits) -> Array:
@@ -214,31 +206,16 @@ def _check_start(question: Question) -> None:
     raise InputError("start", [round(float(T), 6) for T in question.start], allowed)
 
 
-def _out_of_reach(ways: list[Waypoint], met: list[int]) -> None:
-    """Raise InputError that tells from where to where a path cannot be followed."""
-    missed = [i for i in range(len(ways)) if i not in met]
-    last = missed[0]
-    while last + 1 in missed:
-        last += 1
-    place = f"targets[{missed[0]}]" if last == missed[0] else f"targets[{missed[0]}] to [{last}]"
-    own = ways[missed[0]].plan
-    if own is not None and own.stopped:
-        raise OutOfTime
-    why = "" if own is None else own.outcome
-    raise InputError(place, "out of reach", f"targets that can be met: {why}")
-
-
-def _check_durations(question: Question, ways: list[Waypoint], durations: Array) -> None:
+def _check_durations(question: Question, timed: Timed, met: tuple[int, ...]) -> None:
     """Raise InputError for times that the rates do not allow, with what would do."""
-    if question.times is None:
+    if question.steps is None or question.times is None:
         return
-    group = np.cumsum([0, *(bool(way.targets) for way in ways[:-1])])
-    needed = np.bincount(group, durations)
-    late = np.flatnonzero(needed > question.least * (1 + _LATE) + 1e-12)
+    needed, steps = np.diff(timed.starts[[0, *met]]), question.steps
+    late = np.flatnonzero(needed > steps * (1 + _LATE) + 1e-12)
     if late.size:
-        i, faster = int(late[0]), (needed / question.least).max()
+        i, faster = int(late[0]), float((needed / steps).max())
         allowed = (
             f"{needed[i]:.4g} s after the target before at these rates, not "
-            f"{question.least[i]:.4g} s; or rates {faster:.3g} times as high"
+            f"{steps[i]:.4g} s; or rates {faster:.3g} times as high"
         )
         raise InputError(f"times[{i}]", float(question.times[i]), allowed)

@@ -1,46 +1,104 @@
-"""What is asked of a motion, and a waypoint of its answer."""
+"""What is asked of a motion: its targets, how fast tensions and strokes may change, when."""
 
 from __future__ import annotations
 
+import csv
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from model.arm import Arm
+from model.checks import finite_array, positive
 from model.clearance.lines import Lines
+from model.errors import FileError, InputError
 from model.paths import Array
 from model.scene import Scene
+from model.units import warn_of_strokes
 from planner.avoidance.asked import Surroundings
 from planner.avoidance.rows import Avoidance
 from planner.plan import Plan, plan
 from planner.program.limits import Limits
+from planner.targets import TipPosition
 from planner.targets.base import Target
-from planner.trajectory.asked import Rates
 
+GRAVITY = 9.81
+# The tip's acceleration over gravity up to which a motion counts as quasi-static.
+QUASI_STATIC = 0.1
 # Of the mesh of centrelines; what waypoints keep besides the clearance, over L, for the way
 # between them.
 _MESH, _SPARE = 3, 1e-3
+_AXES = ("x_m", "y_m", "z_m")
 
 
-@dataclass(frozen=True, eq=False)
-class Waypoint:
-    """A place of a motion: the targets there, if any, tensions (n_tendons,) [N], inequalities.
+@dataclass(frozen=True)
+class Rates:
+    """How fast tensions, strokes and the tip may change.
 
-    `share` is that of the time between two targets in which the arm goes there from the waypoint
-    before, `plan` what was planned for it alone, if it was.
+    Attributes
+    ----------
+    tension : (n_tendons,)
+        [N/s], infinite where there is no limit.
+    stroke : float
+        [m/s], of every tendon.
+    acceleration : float
+        Of every stroke [m/s2].
+    tip_acceleration : float
+        [m/s2]. Where this or that of strokes is limited, motions rest at each waypoint.
     """
 
-    targets: tuple[Target, ...]
-    tensions: Array
-    avoidance: Avoidance | None
-    share: float = 1.0
-    plan: Plan | None = None
+    tension: tuple[float, ...]
+    stroke: float = np.inf
+    acceleration: float = np.inf
+    tip_acceleration: float = np.inf
+
+    @classmethod
+    def of(
+        cls, arm: Arm, tension: Any, stroke: Any, acceleration: Any = None, tip: Any = None
+    ) -> Rates:
+        """Return the rates of an arm; None is no limit. InputError for what is none."""
+        if tension is None:
+            tension = np.full(arm.n_tendons, np.inf)
+        elif np.ndim(tension) == 0:
+            tension = np.full(arm.n_tendons, positive("rate_max", tension))
+        else:
+            tension = arm.flat(tension, "rate_max")
+            if not tension.min() > 0:
+                raise InputError("rate_max", tension.tolist(), "numbers above 0 N/s")
+        given = {
+            "stroke_rate_max": stroke,
+            "stroke_acceleration_max": acceleration,
+            "tip_acceleration_max": tip,
+        }
+        most = [np.inf if own is None else positive(key, own) for key, own in given.items()]
+        warn_of_strokes("stroke_rate_max", [most[0] / arm.length])
+        return cls(tuple(np.asarray(tension).tolist()), *most)
 
     @property
-    def stated(self) -> tuple[Target, ...]:
-        """The targets of its program."""
-        rows = self.avoidance is not None and bool(self.avoidance.rows)
-        return (*self.targets, self.avoidance) if rows else self.targets  # type: ignore[arg-type]
+    def of_strokes(self) -> bool:
+        """Whether rates or accelerations of strokes are limited."""
+        return bool(np.isfinite(self.stroke) or np.isfinite(self.acceleration))
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether accelerations are limited, so that motions rest at each waypoint."""
+        return bool(np.isfinite(self.acceleration) or np.isfinite(self.tip_acceleration))
+
+    @property
+    def limited(self) -> bool:
+        """Whether every motion takes time."""
+        return bool(np.all(np.isfinite(self.tension))) or self.of_strokes or self.at_rest
+
+    @property
+    def pace(self) -> float:
+        """The rate of strokes that the program over the waypoints counts with [m/s].
+
+        Where only accelerations are limited, any: durations are theirs then.
+        """
+        free = not np.isfinite(self.stroke) and self.at_rest
+        return 1.0 if free and not np.all(np.isfinite(self.tension)) else self.stroke
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,11 +121,9 @@ class Question:
     begin: Plan | None = field(default=None, compare=False)
 
     @property
-    def least(self) -> Array:
-        """The least time to each target from the one before [s]: what is given, or none."""
-        if self.times is None:
-            return np.zeros(len(self.targets))
-        return np.diff(self.times, prepend=0.0)
+    def steps(self) -> Array | None:
+        """The time (M,) that is given from target to target [s], if times are."""
+        return None if self.times is None else np.diff(self.times, prepend=0.0)
 
     @property
     def wider(self) -> Surroundings:
@@ -97,3 +153,67 @@ class Question:
         """Return centrelines by tensions, under loads each near the one before."""
         places = tuple(Avoidance(()).stations(self.arm))
         return Lines(self.arm, self.scene, _MESH, places, self.machine_code)
+
+
+def waypoints_of(path: Any, count: int) -> tuple[list[Any], Array | None]:
+    """Return the targets of a path in order, and the times of a file that has them.
+
+    Parameters
+    ----------
+    path : sequence of targets, function, or name of a .csv file
+        A function takes a share from 0 to 1 and returns a target, or a place (3,) [m] for the tip;
+        it is asked `count` times. A file has columns x_m, y_m, z_m and, if it has, t_s.
+
+    Raises
+    ------
+    InputError
+        For what is none of these, and no targets; FileError with the place in a file.
+    """
+    if isinstance(path, str | Path):
+        return _read(Path(path))
+    if callable(path):
+        if isinstance(count, bool) or not isinstance(count, int) or count < 1:
+            raise InputError("waypoints", count, "a whole number from 1")
+        places = [path(float(share)) for share in np.linspace(0, 1, count)]
+        return [own if hasattr(own, "terms") else TipPosition(own) for own in places], None
+    if not isinstance(path, Iterable):
+        allowed = "targets in order, a function, or the name of a .csv file"
+        raise InputError("targets", path, allowed)
+    targets = list(path)
+    if not targets:
+        raise InputError("targets", targets, "at least one target")
+    return targets, None
+
+
+def _read(path: Path) -> tuple[list[Any], Array | None]:
+    """Return the targets and times of a .csv file."""
+    try:
+        rows = list(csv.DictReader(path.read_text().splitlines()))
+    except (OSError, UnicodeDecodeError) as reason:
+        raise FileError(str(path), "", f"cannot be read: {reason}") from None
+    if not rows:
+        raise FileError(str(path), "", f"no lines below a heading {', '.join(_AXES)}")
+    timed = "t_s" in rows[0]
+    names = [*_AXES, *["t_s"] * timed]
+    numbers = np.zeros((len(rows), len(names)))
+    for i, row in enumerate(rows):
+        for k, name in enumerate(names):
+            try:
+                numbers[i, k] = float(row.get(name) or "")
+            except ValueError:
+                problem = f"got {row.get(name)!r}, allowed is a number"
+                raise FileError(str(path), f"line {i + 2}, {name}", problem) from None
+    return [TipPosition(tuple(row[:3])) for row in numbers], numbers[:, 3] if timed else None
+
+
+def checked_times(times: Any, count: int) -> Array | None:
+    """Return the time of each target [s], increasing from above 0; None for None."""
+    if times is None:
+        return None
+    checked = finite_array("times", times, (count,))
+    steps = np.diff(checked, prepend=0.0)
+    if steps.min() <= 0:
+        worst = int(np.argmin(steps))
+        allowed = "times above 0 that increase, one for each target"
+        raise InputError(f"times[{worst}]", float(checked[worst]), allowed)
+    return checked

@@ -11,21 +11,22 @@ import numpy as np
 
 from model.arm import Arm
 from model.checks import finite_array
+from model.effects import Buoyancy
 from model.errors import InputError
 from model.loads import contacts
 from model.paths import Array
 from model.settle import settle
 from model.shape import Shape
+from model.stiffness import stiffness
 from model.text import in_notebook
 from planner.io.files import write_named
-from planner.trajectory.certificate import MotionCertificate, certify_motion
-from planner.trajectory.question import Question
-from planner.trajectory.time_scale import inertia, slowest_period
-from planner.trajectory.timed import Timed
+from planner.trajectory.certificate import SAMPLED, MotionCertificate, certify_motion
+from planner.trajectory.question import GRAVITY, QUASI_STATIC, Question
+from planner.trajectory.timed import Timed, stretches
 from planner.trajectory.touching import shapes_along
 
-# The share of inertia in weight below which a motion counts as quasi-static.
-_SLOW = 0.05
+# Places along the arm where its mass is summed.
+_PLACES = 101
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,14 +41,11 @@ class Trajectory:
         The waypoints and the pace between them.
     met : tuple of int
         At which waypoint each target is met.
-    branches : tuple of int
-        Targets, from 0, whose plan is another branch of optima than that of the one before.
     """
 
     question: Question
     way: Timed
     met: tuple[int, ...]
-    branches: tuple[int, ...] = ()
 
     @property
     def times(self) -> Array:
@@ -112,10 +110,18 @@ class Trajectory:
         """The slowest period of the arm on its way [s]: what is much slower is quasi-static."""
         return max(slowest_period(self.shapes[stop]) for stop in (0, *self.stops))
 
-    @property
+    @cached_property
     def inertia(self) -> float:
-        """An estimate of the tip's largest acceleration over gravity."""
-        return inertia(self.times, np.array([shape.tip for shape in self.shapes]))
+        """The tip's largest acceleration over gravity; an estimate where it has no limit.
+
+        That is from waypoint to waypoint, as if halfway faster and halfway slower.
+        """
+        if self.question.rates.at_rest:
+            each = zip(self.way.laws, stretches(self.question, self.way.tensions), strict=True)
+            return max(law.largest(stretch)[2] for law, stretch in each) / GRAVITY
+        tips = np.array([shape.tip for shape in self.shapes])
+        steps = np.linalg.norm(np.diff(tips, axis=0), axis=1)
+        return float((4 * steps / np.diff(self.times) ** 2).max() / GRAVITY)
 
     @property
     def outcome(self) -> str:
@@ -129,13 +135,8 @@ class Trajectory:
         else:
             advice = "give it more time, room or tension, or move what is missed"
             told = [f"Not certified ({found}): {'; '.join(certificate.failures)}; {advice}."]
-        if self.branches:
-            names = ", ".join(str(i) for i in self.branches)
-            told.append(
-                f"At target {names} the motion leaves the branch of optima of the one before."
-            )
         share = f"the tip accelerates by some {self.inertia:.2g} times gravity"
-        slow = self.inertia < _SLOW
+        slow = self.inertia <= QUASI_STATIC * (1 + SAMPLED)
         words = f"{'Slow' if slow else 'Not slow'} enough to be quasi-static"
         told.append(f"{words}: {share}, the arm's slowest period {self.period:.2g} s.")
         return " ".join(told)
@@ -196,3 +197,21 @@ class Trajectory:
         asked = self.question
         fine = max(asked.accuracy / 10, 1e-12)
         return settle(self.arm, T, asked.scene, fine, compile=asked.machine_code)
+
+
+def slowest_period(shape: Shape) -> float:
+    """Return an estimate of the period of the arm's slowest oscillation about a shape [s].
+
+    2 pi sqrt(c m): c the tip's largest compliance, tensions held; m the mass that moves with the
+    tip, of places that move in proportion to their arc length squared, as those of a cantilever
+    about do (Rayleigh's method). A fluid that buoys the arm moves along, as much as it displaces.
+    """
+    arm, s = shape.arm, np.linspace(0.0, shape.arm.length, _PLACES)
+    area = np.pi * arm.radius.evaluate(s, arm.length)[0] ** 2
+    fluid = shape.scene.find(Buoyancy)
+    density = arm.material.density + (fluid.density if fluid else 0.0)
+    mass = density * np.trapezoid(area * (s / arm.length) ** 4, s)
+    near = shape if contacts(shape.scene) else None
+    k = stiffness(arm, shape.tensions, shape.scene, accuracy=1e-3, near=near)
+    compliance = float(np.linalg.eigvalsh(k.compliance[:3, :3]).max())
+    return float(2 * np.pi * np.sqrt(compliance * mass))

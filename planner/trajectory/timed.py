@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
+from model.clearance.lines import Lines
 from model.paths import Array
-from planner.trajectory.asked import Rates
 from planner.trajectory.question import Question
-from planner.trajectory.strokes import Lengths, Stretch
-from planner.trajectory.time_law import TimeLaw, fastest
+from planner.trajectory.time_law import Stretch, TimeLaw, fastest
 
-# What a stretch takes on which nothing moves [s].
+# What a stretch takes on which nothing limits the pace [s].
 _INSTANT = 1e-9
 
 
@@ -32,21 +32,28 @@ class Timed:
     laws: tuple[TimeLaw, ...]
 
     @classmethod
-    def of(
-        cls, question: Question, tensions: Array, durations: Array, met: tuple[int, ...]
-    ) -> Timed:
-        """Return the way at the pace that limits allow, in durations (N,) [s] or more.
+    def of(cls, question: Question, tensions: Array, met: tuple[int, ...]) -> Timed:
+        """Return the way at the pace that limits allow, whose targets are met at some waypoints.
 
-        Durations are what rates of tensions take, or what times leave where these are given: then
-        the stretches up to a target share its time in proportion to the least that they take.
+        Where times are given, the stretches up to a target share its time in proportion to the
+        least that they take, or to how tensions change where nothing limits that.
         """
-        rates, lengths = question.rates, question.lines().lengths
-        ends = zip(tensions[:-1], tensions[1:], durations, strict=True)
-        laws = [_law(rates, lengths, *own) for own in ends]
-        if question.times is not None:
+        rates, steps = question.rates, np.abs(np.diff(tensions, axis=0))
+        change = steps.max(axis=1) / max(float(steps.max()), _INSTANT)
+        least = np.maximum((steps / rates.tension).max(axis=1), _INSTANT * np.maximum(change, 1e-3))
+        laws = [TimeLaw.steady(own) for own in least]
+        if rates.of_strokes or rates.at_rest:
+            ends = zip(laws, stretches(question, tensions), np.diff(tensions, axis=0), strict=True)
+            laws = [
+                fastest(stretch, way, rates)
+                if rates.at_rest
+                else law.slower(max(law.used(stretch, way, rates), 1.0))
+                for law, stretch, way in ends
+            ]
+        if question.steps is not None:
             taken = np.array([law.times[-1] for law in laws])
             group = np.searchsorted(met, np.arange(1, taken.size + 1))
-            spare = question.least / np.bincount(group, taken)
+            spare = question.steps / np.bincount(group, taken)
             laws = [law.slower(max(spare[k], 1.0)) for law, k in zip(laws, group, strict=True)]
         return cls(tensions, tuple(laws))
 
@@ -65,20 +72,25 @@ class Timed:
         """Return the tensions (M, n_tendons) at times (M,) [s]."""
         last = len(self.laws) - 1
         which = np.clip(np.searchsorted(self.starts, t, side="right") - 1, 0, last)
-        found = np.zeros((t.size, self.tensions.shape[1]))
+        tensions = np.zeros((t.size, self.tensions.shape[1]))
         for k in np.unique(which):
             own = which == k
             share = self.laws[k].at(t[own] - self.starts[k])[0].clip(0.0, 1.0)[:, None]
-            found[own] = self.tensions[k] + share * (self.tensions[k + 1] - self.tensions[k])
-        return found
+            tensions[own] = self.tensions[k] + share * (self.tensions[k + 1] - self.tensions[k])
+        return tensions
 
 
-def _law(rates: Rates, lengths: Lengths, start: Array, end: Array, least: float) -> TimeLaw:
-    """Return the pace from tensions to others (n_tendons,) that limits of strokes allow."""
-    law = TimeLaw.steady(max(least, _INSTANT))
-    if not (np.isfinite(rates.stroke) or np.isfinite(rates.acceleration)):
-        return law
-    stretch = Stretch.of(lengths, start, end)
-    if np.isfinite(rates.acceleration):
-        return fastest(stretch, end - start, rates)
-    return law.slower(max(law.used(stretch, end - start, rates), 1.0))
+def stretches(question: Question, tensions: Array) -> list[Stretch]:
+    """Return the stretches between tensions (N + 1, n_tendons); raises ConvergenceError."""
+    lines = question.lines()
+
+    def places(T: Array) -> Array:
+        return np.concatenate([lines.lengths(T), _tip(lines, T)])
+
+    return [Stretch.of(places, *ends) for ends in pairwise(tensions)]
+
+
+def _tip(lines: Lines, T: Array) -> Array:
+    """Return the tip's place (3,) [m], NaN where the arm does not settle."""
+    line = lines(T)
+    return np.full(3, np.nan) if line is None else line.poses[-1, 4:]

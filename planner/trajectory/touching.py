@@ -18,15 +18,13 @@ from model.paths import Array
 from model.progress import tell, told
 from model.settle import settle
 from model.shape import Shape
+from model.time_limit import OutOfTime
 from planner.certificate import Certificate
 from planner.certify import certify
 from planner.contact.load_path import from_rest, is_same, rubs, settled_along
 from planner.plan import HeldPlan
 from planner.targets.base import Target
-from planner.trajectory.question import Question, Waypoint
-
-# A stretch on which nothing changes takes this share of the time between targets.
-_IDLE = 1e-9
+from planner.trajectory.question import Question
 
 
 def check_touching(question: Question) -> None:
@@ -36,8 +34,9 @@ def check_touching(question: Question) -> None:
         raise InputError(
             "obstacles", "given", "none in a scene with contact: there they are effects"
         )
-    if np.isfinite(rates.stroke) or np.isfinite(rates.acceleration):
-        raise InputError("stroke_rate_max", "given", "rate_max or times in a scene with contact")
+    if rates.of_strokes or rates.at_rest:
+        name = "stroke_rate_max" if rates.of_strokes else "tip_acceleration_max"
+        raise InputError(name, "given", "rate_max or times in a scene with contact")
     if rubs(question.scene) and _begin(question) is None:
         if not np.array_equal(question.start, question.limits.lower):
             allowed = "with friction of contacts the plan that the arm moves from, or none"
@@ -45,25 +44,27 @@ def check_touching(question: Question) -> None:
         from_rest(question.arm, question.start, question.scene, "start")
 
 
-def planned_touching(question: Question) -> list[Waypoint]:
-    """Return the waypoints in order: the targets, and what plans are come to by."""
-    found, last, near = list[Waypoint](), question.start, _begin(question)
+def planned_touching(question: Question) -> tuple[Array, tuple[int, ...]]:
+    """Return the tensions (N + 1, n_tendons) at the waypoints, and at which targets are met.
+
+    Waypoints are the targets, and what plans for these are come to by.
+    """
+    tensions, met, near = [question.start], list[int](), _begin(question)
     for k, targets in enumerate(question.targets):
         tell("waypoints", k, len(question.targets))
         planned = _planned(question, targets, near)
+        if planned.mode != "exact":
+            if planned.stopped:
+                raise OutOfTime
+            allowed = f"targets that can be met: {planned.outcome}"
+            raise InputError(f"targets[{k}]", "out of reach", allowed)
         before = () if near is None else (*near.load_path, tuple(np.ravel(near.tensions).tolist()))
-        there = planned.load_path[: len(before)] == before
-        stops = [np.array(T) for T in planned.load_path[len(before) * there :]]
-        stops = [*stops, np.ravel(planned.tensions)]
-        steps = np.array([np.abs(b - a).max() for a, b in zip([last, *stops], stops, strict=False)])
-        shares = np.maximum(steps, _IDLE * max(float(steps.sum()), 1.0))
-        shares /= shares.sum()
-        found += [
-            Waypoint((), T, None, share) for T, share in zip(stops[:-1], shares, strict=False)
-        ]
-        found.append(Waypoint(targets, stops[-1], None, float(shares[-1]), planned))
-        near, last = planned, stops[-1]
-    return found
+        follows = planned.load_path[: len(before)] == before
+        tensions += [np.array(T) for T in planned.load_path[len(before) * follows :]]
+        tensions.append(np.ravel(planned.tensions))
+        met.append(len(tensions) - 1)
+        near = planned
+    return np.vstack(tensions), tuple(met)
 
 
 def _begin(question: Question) -> HeldPlan | None:

@@ -32,11 +32,13 @@ class Twice(NamedTuple):
 def whole(problem: Problem, p: Array) -> Twice:
     """The program with the states among its unknowns."""
 
-    of = problem.program
-    assert isinstance(of, Program)
+    of, stated = problem.program, problem.program.symbols
+    hessian = ca.Function(
+        "hessian", [stated.x, stated.p, stated.sigma, stated.lam], [stated.hessian]
+    )
 
     def second(x: Array, sigma: float, lam: Array) -> Array:
-        return of.second(x, p, sigma, lam).toarray()
+        return dense(hessian(x, p, sigma, lam))
 
     return Twice(lambda x: all_of(of, x, p), second)
 

@@ -19,7 +19,7 @@ from planner.program.limits import Limits
 from planner.report import plan_text
 from planner.targets import TipPosition
 from planner.tendon_lengths import length_error
-from planner.trajectory.asked import Rates
+from planner.trajectory.question import Rates
 
 ARM = Arm.from_paper("table-2")
 T4 = np.zeros(12)

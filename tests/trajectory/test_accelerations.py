@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -10,13 +12,17 @@ from model import Arm, InputError, Scene, settle
 from model.effects import Extension
 from planner import trajectory
 from planner.targets import TipPosition
-from planner.trajectory.asked import Rates
-from planner.trajectory.strokes import Stretch
-from planner.trajectory.time_law import fastest
+from planner.trajectory.question import Rates
+from planner.trajectory.time_law import Stretch, fastest
 
 ARM, SCENE = Arm.from_paper("table-4"), Scene(Extension())
 TARGETS = [TipPosition((0.32, 0.08, -0.1)), TipPosition((0.3, 0.12, -0.12))]
 Array = NDArray[np.float64]
+
+
+def _still(lengths: Callable[[Array], Array]) -> Callable[[Array], Array]:
+    """Return lengths with the place of a tip that does not move behind them."""
+    return lambda T: np.concatenate([lengths(T), np.zeros(3)])
 
 
 @pytest.mark.parametrize(
@@ -26,7 +32,7 @@ Array = NDArray[np.float64]
 )
 def test_one_winch_takes_the_time_of_bang_bang(rate: float, expected: float) -> None:
     """From rest to rest over D: 2 sqrt(D / a), or D / v + v / a where v limits the rate."""
-    stretch = Stretch.of(lambda T: 0.4 - 0.03 * T, np.zeros(1), np.ones(1))
+    stretch = Stretch.of(_still(lambda T: 0.4 - 0.03 * T), np.zeros(1), np.ones(1))
     law = fastest(stretch, np.ones(1), Rates((np.inf,), rate, 0.5))
     assert law.times[-1] == pytest.approx(expected, rel=2e-3)
     assert law.times[-1] >= expected * (1 - 1e-9)
@@ -34,14 +40,14 @@ def test_one_winch_takes_the_time_of_bang_bang(rate: float, expected: float) -> 
 
 def test_one_winch_along_a_curved_length_is_no_faster_than_bang_bang() -> None:
     """The pace of l(T) is free: its time is that of the same change of length along a line."""
-    stretch = Stretch.of(lambda T: 0.4 - 0.03 * T / (1 + T), np.zeros(1), np.ones(1))
+    stretch = Stretch.of(_still(lambda T: 0.4 - 0.03 * T / (1 + T)), np.zeros(1), np.ones(1))
     law = fastest(stretch, np.ones(1), Rates((np.inf,), np.inf, 0.5))
     bound = 2 * np.sqrt(0.015 / 0.5)
     assert bound * (1 - 1e-9) <= law.times[-1] <= bound * 1.02
 
 
 def test_a_limit_of_tension_rates_holds_as_well() -> None:
-    stretch = Stretch.of(lambda T: 0.4 - 0.03 * T, np.zeros(1), np.ones(1))
+    stretch = Stretch.of(_still(lambda T: 0.4 - 0.03 * T), np.zeros(1), np.ones(1))
     law = fastest(stretch, np.ones(1), Rates((2.0,), np.inf, 0.5))
     assert law.speeds.max() == pytest.approx(2.0, rel=1e-6)
     assert law.times[-1] == pytest.approx(1 / 2.0 + 0.06 / 0.5, rel=2e-3)
@@ -81,3 +87,69 @@ def test_times_that_accelerations_do_not_allow_are_refused_with_what_would_do() 
     for wrong in (0.0, -1.0, np.nan):
         with pytest.raises(InputError, match="stroke_acceleration_max"):
             trajectory(ARM, TARGETS[:1], SCENE, 20.0, stroke_acceleration_max=wrong)
+
+
+def test_the_tip_alone_takes_the_time_of_bang_bang_along_a_line() -> None:
+    """From rest to rest over D: 2 sqrt(D / a), in whatever direction."""
+    way = np.array([0.2, -0.1, 0.2])
+    stretch = Stretch.of(lambda T: np.append(np.full(1, 0.4), T * way), np.zeros(1), np.ones(1))
+    law = fastest(stretch, np.ones(1), Rates((np.inf,), tip_acceleration=0.5))
+    expected = 2 * np.sqrt(0.3 / 0.5)
+    assert expected * (1 - 1e-9) <= law.times[-1] <= expected * 1.01
+
+
+def test_the_tip_on_a_circle_is_between_bounds() -> None:
+    """Going round at radius r: no sooner than along a line of that length, no faster than
+    sqrt(a r); and later than that line by no more than a steady part at half the acceleration."""
+    radius, most, turn = 0.1, 0.5, 3.0
+    places = lambda T: np.array(  # noqa: E731
+        [0.4, radius * np.cos(turn * T[0]), radius * np.sin(turn * T[0]), 0.0]
+    )
+    stretch = Stretch.of(places, np.zeros(1), np.ones(1))
+    law = fastest(stretch, np.ones(1), Rates((np.inf,), tip_acceleration=most))
+    assert law.times[-1] >= 2 * np.sqrt(radius * turn / most)
+    assert (law.speeds * radius * turn).max() <= np.sqrt(most * radius) * (1 + 1e-6)
+    assert law.times[-1] <= radius * turn / np.sqrt(most * radius) + 2.0 * np.sqrt(radius / most)
+
+
+@pytest.mark.parametrize("scene", [SCENE, Scene.silicone()], ids=["paper", "silicone"])
+def test_a_quasi_static_motion_accelerates_its_tip_by_a_tenth_of_gravity(scene: Scene) -> None:
+    tr = trajectory(ARM, TARGETS, scene, 20.0, quasi_static=True)
+    assert tr.certificate.passed, tr.outcome
+    assert tr.certificate.tip_acceleration == pytest.approx(1.0, abs=2e-2)
+    assert "Slow enough to be quasi-static" in tr.outcome
+    # Means over two steps of settled shapes at even instants never exceed it.
+    t = np.linspace(0.0, tr.duration, 241)
+    tips = np.array([settle(ARM, T, scene, 1e-9).tip for T in tr.at(t)])
+    second = np.linalg.norm(np.diff(tips, 2, axis=0), axis=1) / t[1] ** 2
+    assert 0.5 * 0.981 < second.max() <= 0.981 * (1 + 2e-3)
+    # No motion from rest to rest is sooner than that along a straight line.
+    steps = np.linalg.norm(
+        np.diff([s.tip for s in map(tr.shape, [0, *tr.way.starts[1:]])], axis=0), axis=1
+    )
+    assert tr.duration >= (2 * np.sqrt(steps / 0.981)).sum()
+
+
+def test_an_acceleration_of_the_tip_beside_given_times_is_certified_or_refused() -> None:
+    given = {"tip_acceleration_max": 2.0}
+    tr = trajectory(ARM, TARGETS, SCENE, 20.0, times=[3.0, 6.0], **given)
+    assert tr.certificate.passed, tr.outcome
+    assert tr.inertia == pytest.approx(2.0 / 9.81 * tr.certificate.tip_acceleration, rel=1e-9)
+    with pytest.raises(InputError, match=r"times\[0\].*s after the target before"):
+        trajectory(ARM, TARGETS, SCENE, 20.0, times=[0.1, 6.0], **given)
+
+
+@pytest.mark.parametrize(
+    ("given", "field"),
+    [
+        ({"tip_acceleration_max": 0.0}, "tip_acceleration_max"),
+        ({"tip_acceleration_max": np.nan}, "tip_acceleration_max"),
+        ({"quasi_static": 1}, "quasi_static"),
+        ({"quasi_static": True, "tip_acceleration_max": 1.0}, "tip_acceleration_max"),
+    ],
+)
+def test_accelerations_of_the_tip_that_are_none_are_refused(
+    given: dict[str, object], field: str
+) -> None:
+    with pytest.raises(InputError, match=field):
+        trajectory(ARM, TARGETS, SCENE, 20.0, **given)  # type: ignore[arg-type]

@@ -44,12 +44,23 @@ def test_the_command_prints_what_its_schema_says_and_writes_files(
     assert (out / "trajectory.png").stat().st_size > 10_000
 
 
+def test_a_file_asks_for_a_quasi_static_motion(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = tmp_path / "scene.toml"
+    scene.write_text(FILE.replace("rate_max = 5", "quasi_static = true"))
+    assert main(["trajectory", str(scene), "--json"]) == 0
+    certificate = json.loads(capsys.readouterr().out)["certificate"]
+    assert certificate["tip_acceleration"] == pytest.approx(1.0, abs=2e-2)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [
         ("[motion]\nrate_max = 5\n", "", "motion: missing"),
         ("rate_max = 5", "rate_max = -5", "motion.rate_max"),
         ("rate_max = 5", "times_s = [1.0]", "times"),
+        ("rate_max = 5", "tip_acceleration_max_m_s2 = 0", "tip_acceleration_max_m_s2"),
         ("[limits]\ntension_max = 20\n", "", "limits: missing"),
         ("[[waypoints]]", "[[waypoint]]", "waypoints"),
     ],

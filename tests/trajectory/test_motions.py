@@ -12,12 +12,12 @@ from PIL import Image
 
 from model import Arm, InputError, Scene, settle
 from model.effects import Extension
-from model.errors import FileError
+from model.errors import FileError, TimeLimitError
 from model.obstacles import Sphere
 from planner import Trajectory, plan, trajectory
 from planner.plots.motion import animate_trajectory, save_motion
 from planner.targets import TipPosition
-from planner.trajectory.asked import waypoints_of
+from planner.trajectory.question import waypoints_of
 
 ARM, SCENE = Arm.from_paper("table-4"), Scene(Extension())
 PLACES = [(0.32, 0.08, -0.1), (0.3, 0.12, -0.12), (0.28, 0.08, -0.15)]
@@ -168,6 +168,35 @@ def test_a_start_that_touches_an_obstacle_is_refused_with_where() -> None:
     ball = Sphere((0.25, 0.0, 0.02), 0.02)
     with pytest.raises(InputError, match=r"start.*passes through obstacles\[0\].*s = "):
         trajectory(ARM, TARGETS, SCENE, 20.0, rate_max=1.0, obstacles=[ball])
+
+
+def test_motions_as_printed_are_refused_by_name() -> None:
+    with pytest.raises(InputError, match=r"scene.*as printed"):
+        trajectory(ARM, TARGETS, Scene.as_printed(), 20.0, rate_max=1.0)
+
+
+def test_a_motion_among_obstacles_says_nothing_by_itself(capfd: pytest.CaptureFixture[str]) -> None:
+    """LAPACK complained of waypoints without targets, whose systems had no rows."""
+    ball = Sphere((0.2, 0.12, -0.12), 0.03)
+    tr = trajectory(ARM, TARGETS, SCENE, 20.0, rate_max=2.0, obstacles=[ball], progress=False)
+    assert tr.certificate.passed, tr.outcome
+    assert capfd.readouterr() == ("", "")
+
+
+def test_targets_far_apart_are_reached_from_the_first_as_well_as_one_by_one() -> None:
+    """The program over all waypoints begins at the plan for the first alone."""
+    places = [(0.15, 0.25, -0.1), (0.2, -0.2, 0.15), (0.35, 0.0, 0.15), (0.1, -0.1, -0.3)]
+    targets = [TipPosition(place) for place in places]
+    times = [20.0, 40.0, 60.0, 80.0]
+    tr = trajectory(ARM, targets, SCENE, 20.0, rate_max=5.0, times=times)
+    assert tr.certificate.passed, tr.outcome
+    alone = [np.ravel(plan(ARM, own, SCENE, 20.0).tensions) for own in targets]
+    assert (tr.flat[1:] ** 2).sum() <= 1.001 * np.sum(np.square(alone))
+
+
+def test_a_motion_that_takes_too_long_is_told() -> None:
+    with pytest.raises(TimeLimitError):
+        trajectory(ARM, lambda u: (0.3, 0.1 * u, 0.0), SCENE, 20.0, rate_max=1.0, time_limit=1e-3)
 
 
 def test_what_is_no_path_is_refused() -> None:
