@@ -187,7 +187,6 @@ class Program:
         constraints = [
             {"type": "eq", "fun": self.equality, "jac": self.equality_jacobian},
             {"type": "ineq", "fun": self.inequality, "jac": self.inequality_jacobian},
-            {"type": "ineq", "fun": self.room, "jac": self.room_jacobian},
         ]
         seen = [self._optimum(self.start, 0)]
         solution = scipy.optimize.minimize(
@@ -205,7 +204,7 @@ class Program:
         return min(seen, key=lambda own: own.cost)
 
     def _optimum(self, z: Array, steps: int) -> Optimum:
-        rows = [np.abs(self.equality(z)), -self.inequality(z), -self.room(z), np.zeros(1)]
+        rows = [np.abs(self.equality(z)), -self.inequality(z), np.zeros(1)]
         missed = float(np.concatenate(rows).max())
         value = self.objective(z) * (self.unit**2 if self.wanted == "effort" else 1.0)
         return Optimum(*self.split(z), steps, missed, value)
@@ -251,8 +250,9 @@ class Program:
         return rows + _NOWHERE * self._lost
 
     def inequality(self, z: Array) -> Array:
-        """Quantities of all tasks that have to be 0 or above."""
-        return np.concatenate([own.rows[own.m :] for own in self._seen(z)])
+        """Quantities of all tasks that have to be 0 or above, then what is left to the making."""
+        values = self.split(z)[0]
+        return np.concatenate([*(own.rows[own.m :] for own in self._seen(z)), *self._room(values)])
 
     def equality_jacobian(self, z: Array) -> Array:
         """Derivatives of the equalities."""
@@ -260,17 +260,11 @@ class Program:
 
     def inequality_jacobian(self, z: Array) -> Array:
         """Derivatives of the inequalities."""
-        return self._jacobian(z, [slice(own.m, None) for own in self._seen(z)])
-
-    def room(self, z: Array) -> Array:
-        """What is left to the limits of making."""
-        return self._room(self.split(z)[0])[0]
-
-    def room_jacobian(self, z: Array) -> Array:
-        """Derivatives of room."""
-        (rows,) = self.parameters.derivatives(self._room, self.split(z)[0])
-        rows = rows * self.parameters.range / _SPAN
-        return np.hstack([rows, np.zeros((len(rows), z.size - self.K))])
+        (room,) = self.parameters.derivatives(self._room, self.split(z)[0])
+        room = np.hstack(
+            [room * self.parameters.range / _SPAN, np.zeros((len(room), z.size - self.K))]
+        )
+        return np.vstack([self._jacobian(z, [slice(own.m, None) for own in self._seen(z)]), room])
 
     def _room(self, values: Array) -> list[Array]:
         return [self.making.room(self.parameters.built(values)[0])]

@@ -47,7 +47,7 @@ def test_derivatives_of_the_program_are_those_of_differences(scene: Scene) -> No
     z = program.start.copy()
     for function, jacobian in (
         (program.equality, program.equality_jacobian),
-        (program.room, program.room_jacobian),
+        (program.inequality, program.inequality_jacobian),
     ):
         J = jacobian(z)
         for k in (0, 1, 2, 5, 14):
