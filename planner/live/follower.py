@@ -9,7 +9,6 @@ strokes and of the total pull are the plan's.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,7 +36,10 @@ _LONG = 1.0
 # how many places along the arm it keeps clear of obstacles.
 _EFFORT, _PLACES = 1e-3, 12
 # A step that changes tensions by less than this share of them is the last.
-_STILL = 1e-3
+_STILL = 3e-3
+# Within this of the goal, over the arm's length, effort may fall while the goal is missed by more:
+# the next step makes up for that.
+_BAND = 0.8 * THERE
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +97,9 @@ class Follower:
     ----------
     shape : Shape
         As it is now.
+    limits : Limits
+    around : (obstacles, clearance)
+        What it keeps clear of, and how far [m].
     """
 
     def __init__(
@@ -102,18 +107,19 @@ class Follower:
         arm: Arm,
         scene: Scene,
         limits: Limits,
-        around: tuple[Sequence[Obstacle], float],
+        around: tuple[tuple[Obstacle, ...], float],
         machine_code: bool = False,
         tensions: Array | None = None,
     ) -> None:
         """Settle the arm under tensions (n_tendons,) [N], the least unless given.
 
-        `around` is what it keeps clear of, and how far [m]. Raises OctoplanError where the arm does
-        not stand.
+        Raises OctoplanError where the arm does not stand.
         """
+        self.limits, self.around = limits, around
         self._low, self._high = np.array(limits.lower), np.array(limits.upper)
-        self._unit = np.minimum(natural_tensions(arm), np.maximum(self._high, 1e-9))
-        self._bodies, self._clearance = Bodies(around[0]) if around[0] else None, around[1]
+        # One unit for all tendons, so that effort is what plans make least.
+        self._unit = float(natural_tensions(arm).mean())
+        self._bodies = Bodies(around[0]) if around[0] else None
         # The share of a step that was taken last: where the arm is about to snap it is small.
         self._machine_code, self._share = machine_code, 1.0
         start = self._low if tensions is None else np.clip(tensions, self._low, self._high)
@@ -135,7 +141,7 @@ class Follower:
         matrix, right = goal.jacobian(shape), missed * min(1.0, most)
         keep, room = self._clear(shape)
         T = shape.tensions
-        effort = np.diag(_EFFORT / self._unit)
+        effort = _EFFORT / self._unit * np.eye(T.size)
         A = np.vstack([matrix, keep, effort])
         b = np.concatenate([right, room, -effort @ T])
         bounds = (self._low - T - 1e-12, np.maximum(self._high - T, self._low - T) + 1e-12)
@@ -146,8 +152,7 @@ class Follower:
             found = self._settled(wanted)
             if found is not None and self._merit(goal, found) < worth:
                 self.shape, self._share = found, share
-                still = np.abs(share * change).max() <= _STILL * max(np.abs(wanted).max(), 1e-9)
-                return not still
+                return bool(np.abs(change).max() > _STILL * max(np.abs(wanted).max(), 1e-9))
             share /= 4
         self._share = 1.0
         return False
@@ -162,9 +167,11 @@ class Follower:
             return None
 
     def _merit(self, goal: Goal, shape: Shape) -> float:
-        missed, (_, room) = goal.residual(shape), self._clear(shape, False)
+        """Return what is missed beyond what counts as there, and the effort, squared."""
+        room = np.maximum(self._clear(shape, False)[1], 0.0)
+        missed = float(np.sqrt(np.sum(goal.residual(shape) ** 2) + np.sum(room**2)))
         effort = _EFFORT * shape.tensions / self._unit
-        return float(missed @ missed + np.sum(np.maximum(room, 0) ** 2) + effort @ effort)
+        return max(missed - _BAND, 0.0) ** 2 + float(effort @ effort)
 
     def _clear(self, shape: Shape, linear: bool = True) -> tuple[Array, Array]:
         """Return rows that keep places of the arm from obstacles, over its length."""
@@ -173,9 +180,7 @@ class Follower:
             return none, np.zeros(0)
         s = np.linspace(0.0, arm.length, _PLACES + 1)[1:]
         gap, way = self._bodies.at(shape.position(s)[:, None])
-        short = (
-            self._clearance + arm.radius.evaluate(s, arm.length)[0][:, None] - gap
-        ) / arm.length
+        short = (self.around[1] + arm.radius.evaluate(s, arm.length)[0][:, None] - gap) / arm.length
         at, which = np.nonzero(short > 0)
         if not linear:
             return none, short[at, which]

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from model.arm import Arm
 from model.errors import InputError
@@ -70,21 +71,6 @@ def _placed(pose: Array, millimetres: Array) -> Array:
 
 
 PLACE = Numbers("Target x, y, z [mm]", lambda pose: 1e3 * pose[4:], _placed)
-
-
-def on_the_way(here: Array, wanted: Array, most: float) -> Array:
-    """Return the pose (7,) on the way from one to another that is at most so far [m]; or the last.
-
-    A turn of a radian counts as far as ten steps.
-    """
-    turn = wanted[:4] if here[:4] @ wanted[:4] >= 0 else -wanted[:4]
-    away = float(np.linalg.norm(wanted[4:] - here[4:])) / most
-    turned = 20 * float(np.linalg.norm(turn - here[:4]))
-    if max(away, turned) <= 1:
-        return wanted
-    found = here + (np.concatenate([turn, wanted[4:]]) - here) / max(away, turned)
-    found[:4] /= np.linalg.norm(found[:4])
-    return np.asarray(found)
 
 
 def handle_of(arm: Arm, targets: tuple[Target, ...]) -> Handle:
@@ -157,14 +143,10 @@ def _pose(pose: Array) -> TipPose:
 
 def _angles(pose: Array) -> Array:
     """Return the rotations [deg] about x, then y, then z of the fixed frame that turn to a pose."""
-    R = matrices(pose[None, :4])[0]
-    about = [R[2, 1], R[2, 2]], [-R[2, 0], np.hypot(R[2, 1], R[2, 2])], [R[1, 0], R[0, 0]]
-    return np.degrees([np.arctan2(*pair) for pair in about])
+    turned = Rotation.from_matrix(matrices(pose[None, :4])[0])
+    return np.asarray(turned.as_euler("xyz", degrees=True))
 
 
 def _turned(pose: Array, degrees: Array) -> Array:
-    (a, b, c), (p, q, r) = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-    X = np.array([[1, 0, 0], [0, a, -p], [0, p, a]])
-    Y = np.array([[b, 0, q], [0, 1, 0], [-q, 0, b]])
-    Z = np.array([[c, -r, 0], [r, c, 0], [0, 0, 1]])
-    return np.concatenate([from_matrix(Z @ Y @ X), pose[4:]])
+    turned = Rotation.from_euler("xyz", degrees, degrees=True)
+    return np.concatenate([from_matrix(turned.as_matrix()), pose[4:]])

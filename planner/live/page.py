@@ -183,14 +183,14 @@ class Page:
     def _follow(self) -> None:
         """Bring the arm nearer to the target, and draw it; in the worker's thread."""
         try:
-            step = self.session.step()
+            more = self.session.step()
         except OctoplanError as reason:
             self._tell(reason)
             return
         self._draw()
-        if step.more:
+        if more:
             self._work.go_on(self._follow)
-        self._said.content = words.following(self.session, step)
+        self._said.content = words.following(self.session, more)
 
     def _draw(self) -> None:
         """Draw the arm as it is, with its numbers; in the worker's thread."""

@@ -7,18 +7,18 @@ import html
 import numpy as np
 
 from planner.live.drawing import tension_colour
-from planner.live.session import Session, Step
+from planner.live.session import Session
 
 # The page's title: browsers run what is said of an image that is not there.
 TITLE = """<img src="data:," hidden onerror="document.title = 'octoplan'">"""
 _SMALL = "font-size:11px;padding:0 1em;font-variant-numeric:tabular-nums"
 
 
-def following(session: Session, step: Step) -> str:
+def following(session: Session, more: bool) -> str:
     """Return what is said while the arm moves."""
     if session.is_there:
         return f"**There** ({_missed(session)}); not verified yet."
-    if step.more:
+    if more:
         return f"**Catching up**, {_missed(session)} to go."
     return f"**No nearer from here**, {_missed(session)} to go; a plan will be searched for."
 
@@ -46,14 +46,10 @@ def places(session: Session) -> str:
     shape = session.shape
     if shape is None:
         return ""
-    rows = [("tip", 1e3 * shape.tip)]
-    cells = "".join(
-        f"<tr><td>{name}</td>{''.join(f'<td align=right>{x:.1f}</td>' for x in at)}</tr>"
-        for name, at in rows
-    )
+    cells = "".join(f"<td align=right>{1e3 * x:.1f}</td>" for x in shape.tip)
     missed = f"<tr><td>missed</td><td align=right colspan=3>{_missed(session)}</td></tr>"
     head = "<tr><th align=left>[mm]</th><th>x</th><th>y</th><th>z</th></tr>"
-    return f"<table style='width:100%;{_SMALL}'>{head}{cells}{missed}</table>"
+    return f"<table style='width:100%;{_SMALL}'>{head}<tr><td>tip</td>{cells}</tr>{missed}</table>"
 
 
 def tendons(session: Session) -> str:
