@@ -194,8 +194,8 @@ def plan(
     norm : "2", "1" or "inf"
         What effort is: root of the sum of squares, sum, or largest tension.
     solver : "auto", "ipopt" or "fatrop"
-        What solves the program; "auto" takes fatrop's answer where it has one in few iterations,
-        and ipopt's else. `Plan.statement` tells which did, and in how many iterations.
+        What is to solve the program. `Plan.statement` tells what did, and in how many iterations:
+        ipopt, also where fatrop is asked for, as it has no faster way through the program so far.
     form
         Deprecated: there is one program.
     accuracy : float
