@@ -193,9 +193,9 @@ def plan(
         The most that all tendons together may pull [N]; no limit unless given.
     norm : "2", "1" or "inf"
         What effort is: root of the sum of squares, sum, or largest tension.
-    solver : "auto", "ipopt" or "fatrop"
-        What is to solve the program. `Plan.statement` tells what did, and in how many iterations:
-        ipopt, also where fatrop is asked for, as it has no faster way through the program so far.
+    solver : "auto" or "ipopt"
+        What is to solve the program; ipopt is the only one so far, and "auto" takes it.
+        `Plan.statement` tells what did, and in how many iterations.
     form
         Deprecated: there is one program.
     accuracy : float

@@ -147,9 +147,9 @@ class SceneTable(Table, frozen=True):
             "0.1 where that can be had unless given"
         ),
     ] = None
-    solver: Annotated[
-        Literal["auto", "ipopt", "fatrop"], Meta(description="what solves the program")
-    ] = "auto"
+    solver: Annotated[Literal["auto", "ipopt"], Meta(description="what solves the program")] = (
+        "auto"
+    )
     form: Annotated[
         Literal["condensed", "multiple-shooting"] | None,
         Meta(description="deprecated, has no effect: there is one program"),
