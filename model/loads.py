@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -112,6 +113,12 @@ def levers(scene: Scene) -> tuple[Array, Array]:
 def contacts(scene: Scene) -> tuple[Contact, ...]:
     """Return the scene's contacts."""
     return tuple(effect for effect in scene.effects if isinstance(effect, Contact))
+
+
+def without_friction(scene: Scene) -> Scene:
+    """Return a scene whose contacts have no friction."""
+    free = [replace(e, friction=0.0) if isinstance(e, Contact) else e for e in scene.effects]
+    return Scene(*free)
 
 
 def directions(arm: Arm, friction: Friction) -> tuple[int, ...]:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import logging
 import math
+import time
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from model.arm import Arm
-from model.checks import kind
-from model.contact.forward import Touching, without_friction
+from model.checks import kind, positive
+from model.contact.forward import Touching
 from model.contact.self_contact import pressed_on_itself
 from model.effects import Contact, PrintedStatics, SelfContact
 from model.equilibrium.equilibrium import Equilibrium
@@ -25,8 +26,8 @@ from model.errors import (
     UnsettledContactError,
     UnsettledSectionError,
 )
-from model.forward import COLLOCATIONS, check_scheme, forward_map, order_of
-from model.loads import check_loads, contacts, is_loaded
+from model.forward import COLLOCATIONS, ForwardMap, check_scheme, forward_map, order_of
+from model.loads import check_loads, contacts, is_loaded, without_friction
 from model.machine.compiled import Compile, checked_compile
 from model.mesh_refinement import (
     IMPLICIT,
@@ -36,14 +37,14 @@ from model.mesh_refinement import (
     first_pair,
     next_refinement,
 )
-from model.on_mesh import GivenLengths, GivenTensions
+from model.on_mesh import GivenLengths, GivenTensions, OnMesh
 from model.paths import Array
 from model.progress import with_progress
 from model.remarks import sharp
 from model.scene import Scene
 from model.shape import Shape
 from model.shortest import UnknownLeastError, too_short
-from model.time_limit import check_time
+from model.time_limit import OutOfTime, check_time, limited, unless
 from model.units import warn_of_lengths
 from model.unloaded.stretch import check_sections, check_stretch
 from model.warn import called_by_a_script, warn
@@ -57,6 +58,8 @@ _COARSE = 16
 _ROUGHLY = 1e-3
 # How accurate shapes are that press on themselves.
 _CLOSE = 1e-9
+# How long an equilibrium with contact may take on a mesh, in processor time [s].
+_PATIENCE = 20.0
 
 
 @with_progress
@@ -72,6 +75,7 @@ def settle(
     tendon_EA: float | None = None,
     tendon_outside: float = 0.0,
     near: Shape | None = None,
+    time_limit: float | None = None,
     progress: bool | None = None,
 ) -> Shape:
     """Return the shape that an arm takes under tensions, or by lengths that winches leave.
@@ -109,6 +113,9 @@ def settle(
         A shape of the same arm and scene nearby, whose tensions and branch are begun with. With
         friction of contacts the arm moves from it, in a straight line of tensions; its scene may
         have other friction there, or none.
+    time_limit : float
+        How long it may take [s]; none unless given. With contact an equilibrium on a mesh that is
+        not found within 20 s is given up in any case.
     progress : bool
         Whether a line tells how far it is: unless given, after two seconds, on terminals and in
         notebooks.
@@ -129,6 +136,8 @@ def settle(
         If the arm snaps, folds or buckles before the loads are in full.
     CompilerError
         If `compile` is True, and there is no compiler or it fails.
+    TimeLimitError
+        If `time_limit` is reached.
 
     Warns
     -----
@@ -137,7 +146,9 @@ def settle(
     """
     winches = {"lengths": lengths, "tendon_EA": tendon_EA, "tendon_outside": tendon_outside}
     how: dict[str, Any] = {"scheme": scheme, "compile": compile, "near": near}
-    shape = _checked(arm, tensions, scene, accuracy, **winches, **how)
+    limit = None if time_limit is None else positive("time_limit", time_limit)
+    with limited(limit):
+        shape = _checked(arm, tensions, scene, accuracy, **winches, **how)
     if called_by_a_script():
         bent = sharp(shape)
         if bent:
@@ -287,19 +298,22 @@ def _settled(
     refinement = coarse
     before: tuple[int, Array] | None = None
     snaps: tuple[float, ...] = ()
+    begun = time.process_time()
     while refinement:
         check_time()
         forward = forward_map(arm, scene, scheme, refinement, (), machine_code)
         try:
-            found = given.on(forward, near)
+            found = _soon(given, forward, near, scene)
             check_sections(found.equilibrium)
         except (SnapError, UnsettledContactError, UnsettledSectionError) as problem:
             in_closed_form = isinstance(problem, UnsettledSectionError) and by_sections
-            if refinement >= _COARSE or in_closed_form:
+            slow = time.process_time() - begun > _PATIENCE
+            if refinement >= _COARSE or in_closed_form or slow:
                 raise
             # Nor does a coarser one that did bear the loads tell how accurate a finer one is.
             refinement, before = next_refinement(refinement, np.inf, accuracy, order), None
             continue
+        begun = time.process_time()
         here = found.equilibrium
         if isinstance(here, Touching):
             snaps = (*snaps, *here.snaps)
@@ -319,6 +333,24 @@ def _settled(
         refinement = fine if last == coarse else next_refinement(last, error, accuracy, least)
     check_stretch(here)
     raise ConvergenceError(accuracy, error, "ask for less accuracy or a smoother arm")
+
+
+def _soon(
+    given: GivenTensions | GivenLengths,
+    forward: ForwardMap,
+    near: Equilibrium | None,
+    scene: Scene,
+) -> OnMesh:
+    """Return the equilibrium on a mesh; with contact one that is found before long."""
+    if not contacts(scene):
+        return given.on(forward, near)
+    end = time.process_time() + _PATIENCE
+    try:
+        with unless(lambda: time.process_time() > end):
+            return given.on(forward, near)
+    except OutOfTime:
+        check_time()
+        raise UnsettledContactError(1.0, f"none is found within {_PATIENCE:g} s") from None
 
 
 def _gap(tip: Array, other: Array, lever: float) -> float:

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from model.arm import Arm
-from model.checks import finite_array, kind, within
+from model.checks import finite_array, kind, positive, within
 from model.compliance import Response, compliance_of, section_stiffness, sensitivities
 from model.effects import PrintedStatics
 from model.errors import InputError, SingularError
@@ -21,6 +21,7 @@ from model.scene import Scene
 from model.settle import ACCURACY, settle
 from model.shape import Shape
 from model.text import in_notebook
+from model.time_limit import limited
 from model.winches import checked_EA, least_compliance, pulls
 
 Hold = Literal["tension", "length"]
@@ -170,6 +171,7 @@ def stiffness(
     lengths: Any = None,
     tendon_outside: float = 0.0,
     near: Shape | None = None,
+    time_limit: float | None = None,
 ) -> Stiffness:
     """Return how the shape that an arm takes under tensions answers to a small force and moment.
 
@@ -194,6 +196,8 @@ def stiffness(
         As settle takes them, with `tendon_EA`: then the tendons that are held by length are locked.
     near : Shape
         As settle takes it: where the arm came from, that friction of contacts acts against.
+    time_limit : float
+        How long it may take [s]; none unless given.
 
     Raises
     ------
@@ -202,37 +206,44 @@ def stiffness(
     CollapsedError, ConvergenceError, SnapError, CompilerError
         As settle does.
     """
-    hold = hold or ("tension" if lengths is None else "length")
-    scene, place = _checked(arm, scene, hold, at, tendon_EA)
-    held = {"lengths": lengths, "tendon_outside": tendon_outside, "compile": compile, "near": near}
-    if lengths is not None:
-        held["tendon_EA"] = tendon_EA
-    shape = settle(arm, tensions, scene, accuracy, **held)
-    found, T = compliance_of(shape, place, accuracy), shape.tensions
-    here, pulling = found.sensitivities, pulls(arm, T)
-    slack = tuple(arm.tendon_name(int(j)) for j in np.flatnonzero(~pulling))
-    C, response, locked = here.pose_wrench, np.zeros((T.size, 6)), np.zeros(0, int)
-    if hold == "length":
-        locked = np.flatnonzero(pulling) if release else np.arange(T.size)
-        stretch = here.lengths[locked] / tendon_EA if tendon_EA else np.zeros(locked.size)
-        if shape.winches is not None:
-            locked = np.flatnonzero(shape.winches.held & pulling)
-            stretch = shape.winches.stretch[locked]
-        own = here.length_tension[np.ix_(locked, locked)] - np.diag(stretch)
-        own -= least_compliance(arm) * np.eye(locked.size)
-        response[locked] = -np.linalg.solve(own, here.length_wrench[locked])
-        C = C + here.pose_tension @ response
-    return Stiffness(
-        shape,
-        hold,
-        place,
-        C,
-        response,
-        tuple(locked.tolist()),
-        slack,
-        found.refinement,
-        found.error,
-    )
+    limit = None if time_limit is None else positive("time_limit", time_limit)
+    with limited(limit):
+        hold = hold or ("tension" if lengths is None else "length")
+        scene, place = _checked(arm, scene, hold, at, tendon_EA)
+        held = {
+            "lengths": lengths,
+            "tendon_outside": tendon_outside,
+            "compile": compile,
+            "near": near,
+        }
+        if lengths is not None:
+            held["tendon_EA"] = tendon_EA
+        shape = settle(arm, tensions, scene, accuracy, **held)
+        found, T = compliance_of(shape, place, accuracy), shape.tensions
+        here, pulling = found.sensitivities, pulls(arm, T)
+        slack = tuple(arm.tendon_name(int(j)) for j in np.flatnonzero(~pulling))
+        C, response, locked = here.pose_wrench, np.zeros((T.size, 6)), np.zeros(0, int)
+        if hold == "length":
+            locked = np.flatnonzero(pulling) if release else np.arange(T.size)
+            stretch = here.lengths[locked] / tendon_EA if tendon_EA else np.zeros(locked.size)
+            if shape.winches is not None:
+                locked = np.flatnonzero(shape.winches.held & pulling)
+                stretch = shape.winches.stretch[locked]
+            own = here.length_tension[np.ix_(locked, locked)] - np.diag(stretch)
+            own -= least_compliance(arm) * np.eye(locked.size)
+            response[locked] = -np.linalg.solve(own, here.length_wrench[locked])
+            C = C + here.pose_tension @ response
+        return Stiffness(
+            shape,
+            hold,
+            place,
+            C,
+            response,
+            tuple(locked.tolist()),
+            slack,
+            found.refinement,
+            found.error,
+        )
 
 
 def _checked(

@@ -60,7 +60,8 @@ def until(end: float) -> Iterator[None]:
 @contextmanager
 def unless(ended: Callable[[], bool]) -> Iterator[None]:
     """Let what is inside go on until that returns True, asked often, as if its time were over."""
-    token = _ended.set(ended)
+    outer = _ended.get()
+    token = _ended.set(lambda: ended() or (outer is not None and outer()))
     try:
         yield
     finally:

@@ -17,11 +17,11 @@ from model.contact.outside import check_outside
 from model.contact.path import Followed, follow
 from model.contact.read_off import close, exact_places
 from model.contact.touches import Touches
-from model.effects import Contact
 from model.equilibrium.equilibrium import Collocated, Equilibrium
 from model.equilibrium.forward import Collocation
 from model.equilibrium.linearised import Linearised
 from model.errors import InputError, UnsettledContactError
+from model.loads import without_friction
 from model.paths import Array
 from model.scene import Scene
 from model.transcription.neighbours import landmarks
@@ -163,9 +163,3 @@ class TouchingMap(Collocation):
         if held is None:
             raise UnsettledContactError(0.0, "it does not come to rest")
         return Settled(held, ())
-
-
-def without_friction(scene: Scene) -> Scene:
-    """Return a scene whose contacts have no friction."""
-    free = [replace(e, friction=0.0) if isinstance(e, Contact) else e for e in scene.effects]
-    return Scene(*free)

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
 from model.arm import Arm
 from model.contact.along import along
-from model.contact.drag import Drag
 from model.contact.history import History
 from model.contact.newton import Held, newton
 from model.contact.places import Place, Placed, placed
 from model.contact.touches import Touches, forces, second
 from model.effects import Shear
-from model.equilibrium.forward import Collocation, carried_strains
+from model.equilibrium.forward import Collocation
 from model.loads import contacts
 from model.mesh import Mesh
 from model.paths import Array
@@ -31,13 +29,6 @@ _BESIDE = 0.01
 
 # Of each place the nodes of its ends.
 Nodes = tuple[tuple[int, ...], ...]
-
-
-class Resisted(NamedTuple):
-    """Viscous resistance to what the strains change from where the arm was; see Drag."""
-
-    share: float
-    before: Held
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,8 +49,6 @@ class Question:
     machine_code : bool
     history : History or None
         Where the arm was before, that friction looks back to.
-    resisted : Resisted or None
-        What the arm moves against.
     """
 
     arm: Arm
@@ -71,7 +60,6 @@ class Question:
     stages: int
     machine_code: bool = False
     history: History | None = None
-    resisted: Resisted | None = None
 
     def system(self, mesh: Mesh, pressed: bool = False) -> System:
         """Return the equations on a mesh."""
@@ -117,17 +105,9 @@ def held_shut(
         states[system.of.tractions] *= (touches.inside | touches.end)[:, :, None]
     states[own[:, :, 1]] *= touches.inside | touches.end
     states[own[:, :, 0]] *= touches.held
-    drag = None if of.resisted is None else _drag(of.resisted, system)
     given = of.tensions, of.load, states, touches
-    found = newton(system, *given, cuts=4, fixed=True, drag=drag, kept=kept)
+    found = newton(system, *given, cuts=4, kept=kept)
     return None if found is None else (found, at.nodes)
-
-
-def _drag(of: Resisted, system: System) -> Drag:
-    """Return resistance on another mesh than that which the arm was on."""
-    before, states = of.before.here.system, np.zeros(system.of.n_states)
-    states[system.of.stages] = carried_strains(before, before.strains(of.before.states), system)
-    return Drag(of.share, states)
 
 
 def _near(before: System, after: System, most: float) -> bool:

@@ -7,8 +7,6 @@ from functools import cached_property
 
 import numpy as np
 
-from model.contact.complementary_step import complementary_step
-from model.contact.drag import Drag, Dragged
 from model.contact.touches import Touches
 from model.effects import NeoHookean
 from model.equilibrium.linearised import Linearised
@@ -72,27 +70,22 @@ def newton(
     touches: Touches,
     farthest: float = TURN,
     cuts: int = 0,
-    fixed: bool = False,
-    drag: Drag | None = None,
     kept: Linearised | None = None,
 ) -> Held | None:
     """Return the equilibrium near given states, None where steps are not small or do not shrink.
 
-    `touches` are those to begin with, and with `fixed` those to the end. See
-    model.equilibrium.newton for `farthest`, `cuts` and `kept`. With `drag` it is where that holds
-    the arm.
+    `touches` are what is held shut. See model.equilibrium.newton for `farthest` and `kept`; `cuts`
+    is how many steps may be shortened to `farthest`.
     """
     last, grown = 0.0, 0
-    frictional = system.of.form.contact_friction
+    frictional, told = system.of.form.contact_friction, touches.told(system)
     for _ in range(_STEPS + _WITH_FRICTION * frictional):
         check_time()
-        here = linearised(system, tensions, load, states, touches, drag, kept)
-        step = complementary_step(here, touches, fixed)
-        if step is None:
+        here = Linearised(told, told.x(tensions, load, states), kept)
+        change = here.newton_step()
+        if change is None:
             return None
-        change, after = step
         turn = float(np.abs(change[system.of.nodes[:, :4]]).max())
-        same = after.point is touches.point
         moved = states + change
         size = max(step_size(system, change, moved), _rubbed(system, change, moved))
         if kept is not None and not last and size > CLOSE:
@@ -104,9 +97,8 @@ def newton(
                 return None
             states, cuts, kept = states + farthest / turn * change, cuts - 1, None
             continue
-        states, touches = moved, after
-        if same and (size < _SETTLED or size**2 < _SETTLED * last):
-            told = touches.told(system)
+        states = moved
+        if size < _SETTLED or size**2 < _SETTLED * last:
             found = Linearised(told, told.x(tensions, load, states))
             return Held(found, touches, here.near or here)
         grown += bool(last and size > last / 2 and size > 1e-6)
@@ -114,7 +106,7 @@ def newton(
             return None
         # Factors are kept while steps contract as fast by them as this: see equilibrium.newton.
         shrinks = size < (KEPT * last if last else CLOSE)
-        kept = (here.near or here) if same and shrinks and not frictional else None
+        kept = (here.near or here) if shrinks and not frictional else None
         last = size
     return None
 
@@ -130,18 +122,3 @@ def _rubbed(system: System, change: Array, states: Array) -> float:
     most = np.abs(states[of.touches[:, :, 0]]).max()
     size = max(np.abs(change[of.friction_forces]).max(), h * np.abs(change[of.tractions]).max())
     return float(size / max(most, _ROUNDING)) * _FELT
-
-
-def linearised(
-    system: System,
-    tensions: Array,
-    load: float,
-    states: Array,
-    touches: Touches,
-    drag: Drag | None = None,
-    kept: Linearised | None = None,
-) -> Linearised:
-    """Return the equations with what touches, linearised, or by the factors of those `kept`."""
-    told = touches.told(system)
-    x = told.x(tensions, load, states)
-    return Linearised(told, x, kept) if drag is None else Dragged(told, x, kept, drag=drag)

@@ -1,35 +1,45 @@
 """How an arm comes into contact: tensions and loads grow together from none, obstacles there.
 
-From the straight arm at rest the equilibrium is followed while tensions and loads grow in
-proportion. Where it ends, as where a tip slips off an edge, the arm jumps: see model.contact.jumps.
-Friction looks back over each step, and over all of a jump at once.
+From the straight arm at rest the least energy with gaps >= 0 at the nodes is followed while
+tensions and loads grow in proportion. Where frames turn far in however short a step the minimum was
+lost, and the arm has snapped to the next one. At the end the places where it touches are found by
+Newton's method; see model.contact.moving. With friction, which looks back over each step, places
+are followed all the way; over a snap it slides without.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from model.contact.held_shut import Question
 from model.contact.history import History
-from model.contact.jumps import jumped, placed_near, pushed
 from model.contact.moving import Settled, settled
-from model.contact.newton import Held, newton
-from model.contact.read_off import at_nodes, close, guesses
+from model.contact.newton import Held
+from model.contact.read_off import close, guesses
 from model.contact.stability import held_stands
-from model.equilibrium.continuation import is_near
+from model.contact.touches import Touches
+from model.equilibrium.forward import carried_strains
 from model.equilibrium.linearised import Linearised
-from model.errors import SnapError
+from model.errors import SnapError, UnsettledContactError
+from model.least_energy.program import LeastEnergy, Minimum
+from model.loads import without_friction
 from model.paths import Array
 from model.progress import tell
 from model.time_limit import check_time
 
-# First and least steps in the share of tensions and loads: with forces at nodes, with places that
-# move.
-_FIRST, _ROUGH, _LEAST = 0.25, 1 / 64, 1 / 256
-# The longest step with friction: as where a point rolls, which is not to count as slip.
-_WITH_FRICTION = 1 / 8
-# How often places may move in a step.
+# First and least steps in the share of tensions and loads.
+_FIRST, _LEAST = 0.25, 1 / 64
+# The farthest that a frame may turn in one [rad].
+_TURN = 1.0
+# The longest step with friction, as where a point rolls, which is not to count as slip; and the
+# least.
+_WITH_FRICTION, _FINEST = 1 / 8, 1 / 128
+# How often places may move in a step with friction.
 _SHORT = 25
+# Forces over the largest that are those of an interior point.
+_NONE = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,18 +69,59 @@ def follow(
     """Return where an equilibrium under tensions `before` and a load factor comes to.
 
     While tensions go to others in a straight line, and loads to the full. Raises
-    UnsettledContactError where none is found; unless it may jump, SnapError where it would, or
-    where forces at nodes do not lead there, as who asks for that comes nearer by itself.
+    UnsettledContactError where none is found; unless it may jump, SnapError where it would.
     """
     if of.history is not None:
-        return _exactly(of, before, load, start, jumps)
-    held = _at_nodes_alone(of, before, load, start)
-    found = None if held is None else placed_near(of, held)
-    if found is not None and held_stands(found.held.here):
-        return Followed(found)
-    if not jumps:
-        raise SnapError(0.0, "it jumps")
-    return _exactly(of, before, load, start, jumps)
+        return _with_friction(of, before, load, start, jumps)
+    here, snaps = _least_energy(of, before, load, start)
+    if snaps and not jumps:
+        raise SnapError(snaps[0], "it jumps")
+    return Followed(here, snaps)
+
+
+def _least_energy(
+    of: Question, before: Array, load: float, start: Settled
+) -> tuple[Settled, tuple[float, ...]]:
+    """Return the equilibrium at the end of the way, and the shares at which the arm snaps."""
+    program = LeastEnergy(of.system(of.base))
+    old = start.held.here.system
+    strains = carried_strains(old, old.strains(start.held.states), program.system)
+    here, at, step, snaps = program.near(before, strains), 0.0, _FIRST, list[float]()
+    while at < 1:
+        check_time()
+        tell("percent of tensions and loads", round(100 * at), 100)
+        share = min(1.0, at + step)
+        on = _way(of, before, load, share)
+        found = program.least(here, on.tensions, on.load)
+        far = found is None or not _is_near(program, here, found)
+        if far and step > _LEAST:
+            step /= 2
+            continue
+        if found is None:
+            raise UnsettledContactError(share, "no least energy is found")
+        if far:
+            snaps.append(share)
+        here, at, step = found, share, 2 * step
+    return _placed(of, program, here), tuple(snaps)
+
+
+def _is_near(program: LeastEnergy, one: Minimum, other: Minimum) -> bool:
+    a, b = (program.nodes(here)[:, :4] for here in (one, other))
+    return bool(np.abs((a * b).sum(axis=1)).min() > np.cos(_TURN / 2))
+
+
+def _placed(of: Question, program: LeastEnergy, here: Minimum) -> Settled:
+    """Return the equilibrium with contact at places that move, near one with forces at nodes."""
+    system, most = program.system, here.forces.max(initial=0.0)
+    point = np.vstack([np.zeros((1, here.forces.shape[1]), bool), here.forces > _NONE * most])
+    touches = Touches.at_points(point)
+    told = touches.told(system)
+    held = Held(Linearised(told, told.x(here.tensions, of.load, program.states(here))), touches)
+    for places in guesses(held):
+        found = settled(of, held, places)
+        if found is not None and close(held, found.held) and held_stands(found.held.here):
+            return found
+    raise UnsettledContactError(1.0, "where it touches is not found")
 
 
 def _way(of: Question, before: Array, load: float, share: float) -> Question:
@@ -79,58 +130,38 @@ def _way(of: Question, before: Array, load: float, share: float) -> Question:
     return replace(of, tensions=tensions, load=load + share * (of.load - load))
 
 
-def _at_nodes_alone(of: Question, before: Array, load: float, start: Settled) -> Held | None:
-    """Return the equilibrium at the end of the way with forces at the nodes of one mesh.
-
-    None where it would jump, be it from node to node: that it does not is told by moving places.
-    """
-    held, at, step = at_nodes(start.held), 0.0, _FIRST
-    system = held.here.system
-    while at < 1:
-        share = min(1.0, at + step)
-        on = _way(of, before, load, share)
-        found = newton(system, on.tensions, on.load, held.states, held.touches)
-        if found is not None and is_near(system, held.states, found.states):
-            held, at, step = found, share, 2 * step
-        elif step > _ROUGH:
-            step /= 4
-        else:
-            return None
-    return held
-
-
-def _exactly(of: Question, before: Array, load: float, start: Settled, jumps: bool) -> Followed:
-    """Return the end of the way with places that move; see follow."""
-    frictional = of.history is not None
-    longest = _WITH_FRICTION if frictional else 1.0
-    here, at, step, snaps = start, 0.0, min(_FIRST, longest), list[float]()
-    last, stood = here.held.here, held_stands(start.held.here)
-    way = list[tuple[Linearised, float]]()
+def _with_friction(
+    of: Question, before: Array, load: float, start: Settled, jumps: bool
+) -> Followed:
+    """Return the end of the way with friction, which looks back over each step; see follow."""
+    here, at, step, snaps = start, 0.0, _WITH_FRICTION, list[float]()
+    last, way = start.held.here, list[tuple[Linearised, float]]()
     while at < 1:
         check_time()
         tell("percent of tensions and loads", round(100 * at), 100)
         share = min(1.0, at + step)
-        on = _way(of, before, load, share)
-        on = replace(on, history=History(here.held.here) if frictional else None)
+        on = replace(_way(of, before, load, share), history=History(here.held.here))
         last = here.held.here
-        found = settled(on, here.held, here.places, _SHORT) or _by_nodes(on, here.held)
+        found = settled(on, here.held, here.places, _SHORT)
         if found is not None and close(here.held, found.held):
-            here, at, step = found, share, min(2 * step, longest)
-            way += [(found.held.here, share)] * frictional
-            if jumps and stood and not held_stands(here.held.here):
-                here = jumped(on, share, Settled(pushed(here.held), here.places))
-                snaps.append(share)
-        elif step > _LEAST:
+            here, at, step = found, share, min(2 * step, _WITH_FRICTION)
+        elif step > _FINEST:
             step /= 4
+            continue
         elif not jumps:
             raise SnapError(at, "it jumps")
         else:
-            here, at, step, stood = jumped(on, share, here), share, _FIRST / 4, True
+            here, at, step = _slid(on, here), share, _WITH_FRICTION
             snaps.append(share)
-    return Followed(here, tuple(snaps), last if frictional else None, tuple(way))
+        way.append((here.held.here, share))
+    return Followed(here, tuple(snaps), last, tuple(way))
 
 
-def _by_nodes(of: Question, near: Held) -> Settled | None:
-    """Return an equilibrium whose places are told by one with forces at nodes."""
-    found = newton(near.here.system, of.tensions, of.load, near.states, at_nodes(near).touches)
-    return None if found is None else settled(of, found, next(guesses(found)), _SHORT)
+def _slid(of: Question, here: Settled) -> Settled:
+    """Return the equilibrium with friction near that which the arm without it snaps to."""
+    smooth = replace(of, scene=without_friction(of.scene), history=None)
+    there, _ = _least_energy(smooth, of.tensions, of.load, here)
+    found = settled(of, there.held, there.places)
+    if found is None:
+        raise UnsettledContactError(1.0, "where it comes to rest with friction is not found")
+    return found

@@ -12,7 +12,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from model.arm import Arm
-from model.contact.forward import TouchingMap, without_friction
+from model.contact.forward import TouchingMap
 from model.contact.rubbed import led
 from model.contact.stability import held_stands
 from model.contact.touches import Touches
@@ -20,6 +20,7 @@ from model.equilibrium.equilibrium import Collocated
 from model.equilibrium.forward import STAGES
 from model.equilibrium.linearised import Linearised
 from model.errors import SnapError
+from model.loads import without_friction
 from model.paths import Array
 from model.scene import Scene
 

@@ -8,9 +8,8 @@ from typing import TypeVar
 import numpy as np
 
 from model.arm import Arm
-from model.contact.forward import without_friction
 from model.errors import InputError, OctoplanError
-from model.loads import contacts
+from model.loads import contacts, without_friction
 from model.paths import Array
 from model.scene import Scene
 from model.settle import settle

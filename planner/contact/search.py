@@ -10,8 +10,8 @@ from time import monotonic
 
 import numpy as np
 
-from model.contact.forward import without_friction
 from model.errors import OctoplanError
+from model.loads import without_friction
 from model.paths import Array
 from model.progress import tell
 from model.time_limit import OutOfTime, check_time, end, time_limit

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from model import Arm, Scene, settle
-from model.contact import jumps, path
 from model.contact.forward import TouchingMap
 from model.effects import (
     Contact,
@@ -20,6 +19,7 @@ from model.effects import (
     Weight,
 )
 from model.errors import ConvergenceError, InputError, UnsettledContactError
+from model.least_energy.program import LeastEnergy
 from model.obstacles import Box, Capsule, HalfSpace, Sphere
 from model.stiffness import stiffness
 from model.transcription.system import system
@@ -128,9 +128,8 @@ def test_an_arm_lies_in_the_groove_between_two_obstacles() -> None:
 
 def test_what_is_not_found_says_how_far_it_came(monkeypatch: pytest.MonkeyPatch) -> None:
     forward = TouchingMap(ARM, SCENES["exact"], 3, 1)
-    for module in (path, jumps):
-        monkeypatch.setattr(module, "settled", lambda *_: None)
-    told = r"at \d.* % of tensions and loads it jumps, and does not come to rest"
+    monkeypatch.setattr(LeastEnergy, "least", lambda *_: None)
+    told = r"at \d.* % of tensions and loads no least energy is found"
     with pytest.raises(UnsettledContactError, match=told) as caught:
         forward.found(TENSIONS.ravel())
     again = pickle.loads(pickle.dumps(caught.value))

@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
 from model import Arm, Scene, Shape, settle
-from model.contact.forward import Touching, TouchingMap, without_friction
+from model.contact.forward import Touching, TouchingMap
 from model.contact.path import Followed
 from model.contact.rubbed import led
 from model.contact.touches import Touches, forces, frictions, resultants
@@ -17,6 +17,7 @@ from model.effects import Contact, Effect, ExactTendons, Extension, TipLoad
 from model.equilibrium.forward import STAGES
 from model.equilibrium.linearised import Linearised
 from model.errors import InputError
+from model.loads import without_friction
 from model.obstacles import Capsule, HalfSpace
 from tests.contact.cases import bar, stiffness
 
