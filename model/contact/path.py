@@ -16,10 +16,12 @@ import numpy as np
 from model.contact.held_shut import Question
 from model.contact.history import History
 from model.contact.moving import Settled, settled
-from model.contact.newton import Held
+from model.contact.newton import Held, newton
+from model.contact.passing import gaps_along
 from model.contact.read_off import close, guesses
 from model.contact.stability import held_stands
 from model.contact.touches import Touches
+from model.equilibrium.continuation import is_near
 from model.equilibrium.forward import carried_strains
 from model.equilibrium.linearised import Linearised
 from model.errors import SnapError, UnsettledContactError
@@ -28,6 +30,7 @@ from model.loads import without_friction
 from model.paths import Array
 from model.progress import tell
 from model.time_limit import check_time
+from model.transcription.system import System
 
 # First and least steps in the share of tensions and loads.
 _FIRST, _LEAST = 0.25, 1 / 64
@@ -86,7 +89,10 @@ def _least_energy(
     program = LeastEnergy(of.system(of.base))
     old = start.held.here.system
     strains = carried_strains(old, old.strains(start.held.states), program.system)
-    here, at, step, snaps = program.near(before, strains), 0.0, _FIRST, list[float]()
+    at, T = 0.0, before
+    if not start.places:
+        at, T, strains = _free(of, program.system, before, load, strains)
+    here, step, snaps = program.near(T, strains), _FIRST, list[float]()
     while at < 1:
         check_time()
         tell("percent of tensions and loads", round(100 * at), 100)
@@ -103,6 +109,30 @@ def _least_energy(
             snaps.append(share)
         here, at, step = found, share, 2 * step
     return _placed(of, program, here), tuple(snaps)
+
+
+def _free(
+    of: Question, system: System, before: Array, load: float, strains: Array
+) -> tuple[float, Array, Array]:
+    """Return how far the arm comes without touching anything, tensions and strains there.
+
+    By Newton's method, in steps in which no frame turns far; nothing touches at the end of each.
+    """
+    at, T, step = 0.0, before, _FIRST
+    none = Touches.none(system.of.elements, system.of.form.contacts)
+    states = system.start(before, strains, load)
+    while at < 1:
+        share = min(1.0, at + step)
+        on = _way(of, before, load, share)
+        found = newton(system, on.tensions, on.load, states, none)
+        near = found is not None and is_near(system, states, found.states)
+        if found is not None and near and gaps_along(system, found.states)[1].min() > 0:
+            at, T, states, step = share, on.tensions, found.states, 2 * step
+        elif step > _LEAST and not near:
+            step /= 4
+        else:
+            break
+    return at, T, system.strains(states)
 
 
 def _is_near(program: LeastEnergy, one: Minimum, other: Minimum) -> bool:
