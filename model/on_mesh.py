@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -17,7 +18,7 @@ from model.by_lengths import (
     slackened,
     tightened,
 )
-from model.contact.forward import TouchingMap
+from model.contact.forward import Touching, TouchingMap
 from model.equilibrium.equilibrium import Collocated, Equilibrium
 from model.equilibrium.forward import Collocation
 from model.equilibrium.linearised import Linearised
@@ -96,42 +97,57 @@ class GivenLengths:
         here = found.equilibrium.states
         if here is None or not (is_loaded(self.scene) and isinstance(forward, Collocation)):
             return found
-        tight = tightened(here, self.winches, equilibrium_beside, self.arm)
+        tight = tightened(here, self.winches, _beside(forward), self.arm)
         return found if tight is None else self._of(forward, tight)
 
     def _of(self, forward: Collocation, here: Linearised) -> OnMesh:
         left = self._left(here.lengths, here.tensions)
-        return OnMesh(Collocated(here, forward.refinement), left)
+        own = Touching if isinstance(forward, TouchingMap) else Collocated
+        return OnMesh(own(here, forward.refinement), left)
 
     def _left(self, lengths: Array, tensions: Array) -> Array:
         left = self.winches.lacks(lengths, tensions)
         return np.where(self.winches.held, left, np.nan)
 
     def _loaded(self, forward: Collocation, near: Equilibrium | None) -> Linearised:
-        winches, begun = self.winches, None
+        winches, begun, beside = self.winches, None, _beside(forward)
         if near is not None and near.states is not None:
             T = np.where(winches.held, near.tensions, winches.tensions)
-            begun = forward.near(T, near.states)
-        if begun is not None:
-            found = tightened(begun, winches, equilibrium_beside, self.arm, _ON_THE_WAY)
-            if found is not None:
-                return found
-        program, found = LeastEnergy(forward.system), None
-        least = least_by_lengths(program, winches)
-        if least is not None:
-            left = winches.lacks(program.lengths(least), least.tensions)
-            T = slackened(least.tensions, left, winches, self.arm)
-            begun = newton(forward.system, T, 1.0, program.states(least))
-            found = begun and tightened(begun, winches, equilibrium_beside, self.arm, _ON_THE_WAY)
+            if isinstance(forward, TouchingMap):
+                begun = forward.from_touching(T, near).here
+            else:
+                begun = forward.near(T, near.states)
+        found = begun and tightened(begun, winches, beside, self.arm, _ON_THE_WAY)
+        if found is not None:
+            return found
+        begun = self._from_rest(forward)
+        found = begun and tightened(begun, winches, beside, self.arm, _ON_THE_WAY)
         if found is None:
             free = forward.found(winches.tensions)
-            found = followed(free, winches, equilibrium_beside, self.arm)
+            found = followed(free, winches, beside, self.arm)
         if found is None:
             raise unknown_least(self.arm, winches)
         return found
+
+    def _from_rest(self, forward: Collocation) -> Linearised | None:
+        """Return the equilibrium under about the tensions by lengths; None if none is found."""
+        if isinstance(forward, TouchingMap):
+            return forward.by_lengths(self.winches)
+        program = LeastEnergy(forward.system)
+        least = least_by_lengths(program, self.winches)
+        if least is None:
+            return None
+        left = self.winches.lacks(program.lengths(least), least.tensions)
+        T = slackened(least.tensions, left, self.winches, self.arm)
+        return newton(forward.system, T, 1.0, program.states(least))
 
     @cached_property
     def _unloaded(self) -> Array:
         """Tensions of the arm without loads, found once: no mesh is asked for."""
         lengths = UnloadedLengths(self.arm, self.scene, self.winches, self.machine_code)
         return lengths.tensions(self.near)
+
+
+def _beside(forward: Collocation) -> Callable[[Linearised, Array], Linearised | None]:
+    """Return what leads from an equilibrium to that under tensions near its own."""
+    return forward.beside if isinstance(forward, TouchingMap) else equilibrium_beside

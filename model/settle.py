@@ -14,7 +14,7 @@ from model.arm import Arm
 from model.checks import kind, positive
 from model.contact.forward import Touching
 from model.contact.self_contact import pressed_on_itself
-from model.effects import Contact, PrintedStatics, SelfContact
+from model.effects import PrintedStatics, SelfContact
 from model.equilibrium.equilibrium import Equilibrium
 from model.errors import (
     CollapsedError,
@@ -252,8 +252,9 @@ def _given(
     if lengths is not None:
         if scene.has(PrintedStatics):
             raise InputError("lengths", "given as printed", "tensions in a scene as printed")
-        if scene.has(Contact):
-            raise InputError("lengths", "given with contact", "tensions in a scene with contact")
+        if any(contact.friction for contact in contacts(scene)):
+            allowed = "tensions in a scene whose contacts have friction"
+            raise InputError("lengths", "given with friction of contacts", allowed)
         winches = Winches.of(arm, tensions, lengths, EA, outside)
         warn_of_lengths("lengths", (winches.lengths[winches.held] / arm.length).tolist())
         return GivenLengths(arm, scene, winches)

@@ -14,18 +14,19 @@ from model.contact.meshes import mesh_with_contact
 from model.contact.moving import Settled, ahead, settled
 from model.contact.newton import Held, newton
 from model.contact.outside import check_outside
-from model.contact.path import Followed, follow
+from model.contact.path import Followed, by_lengths, follow
 from model.contact.read_off import close, exact_places
 from model.contact.touches import Touches
 from model.equilibrium.equilibrium import Collocated, Equilibrium
 from model.equilibrium.forward import Collocation
 from model.equilibrium.linearised import Linearised
-from model.errors import InputError, UnsettledContactError
+from model.errors import InputError, SnapError, UnsettledContactError
 from model.loads import without_friction
 from model.paths import Array
 from model.scene import Scene
 from model.transcription.neighbours import landmarks
 from model.transcription.system import System
+from model.winches import Winches
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,6 +126,19 @@ class TouchingMap(Collocation):
                 last = of.history.here
                 return Followed(found, (), found.held.here if last is there.here else last)
         return follow(of, before, 1.0, start, jumps)
+
+    def by_lengths(self, winches: Winches) -> Linearised | None:
+        """Return the equilibrium about where winches hold the tendons; None if none is found."""
+        found = by_lengths(self._question(winches.tensions), winches)
+        return None if found is None else found.held.here
+
+    def beside(self, at: Linearised, tensions: Array) -> Linearised | None:
+        """Return the equilibrium under tensions near those of another; None where it jumps."""
+        try:
+            known = Collocated(at, self.refinement)
+            return self.led(tensions, at.tensions, known, False).settled.held.here
+        except (SnapError, UnsettledContactError):
+            return None
 
     def _untouched(self, tensions: Array) -> Followed:
         """Return the equilibrium of an arm from rest that touches nothing; InputError else."""

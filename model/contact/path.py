@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from model.by_lengths import slackened
 from model.contact.held_shut import Question
 from model.contact.history import History
 from model.contact.moving import Settled, settled
@@ -31,6 +32,7 @@ from model.paths import Array
 from model.progress import tell
 from model.time_limit import check_time
 from model.transcription.system import System
+from model.winches import Winches, rest_lengths
 
 # First and least steps in the share of tensions and loads.
 _FIRST, _LEAST = 0.25, 1 / 64
@@ -80,6 +82,25 @@ def follow(
     if snaps and not jumps:
         raise SnapError(snaps[0], "it jumps")
     return Followed(here, snaps)
+
+
+def by_lengths(of: Question, winches: Winches) -> Settled | None:
+    """Return the equilibrium whose tendons winches hold, by steps of strokes and loads from rest.
+
+    Tensions are those of the least energy with forces at nodes. None where none is found.
+    """
+    program, rest = LeastEnergy(of.system(of.base)), rest_lengths(of.arm)
+    here, longest = program.at_rest(), np.maximum(rest, winches.lengths)
+    for share in np.arange(_FIRST, 1 + _FIRST, _FIRST).tolist():
+        check_time()
+        part = replace(winches, lengths=longest + share * (winches.lengths - longest))
+        found = program.least(here, share * winches.tensions, share, part)
+        if found is None:
+            return None
+        here = found
+    left = winches.lacks(program.lengths(here), here.tensions)
+    T = slackened(here.tensions, left, winches, of.arm)
+    return _placed(replace(of, tensions=T), program, replace(here, tensions=T))
 
 
 def _least_energy(

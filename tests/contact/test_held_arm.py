@@ -147,7 +147,7 @@ def test_what_is_no_contact_is_refused() -> None:
     with pytest.raises(InputError, match="PrintedStatics"):
         Scene(Extension(), PrintedStatics(), Contact(ROD))
     with pytest.raises(InputError, match="lengths"):
-        settle(ARM, lengths=np.full(12, 0.4), scene=Scene(Contact(ROD)))
+        settle(ARM, lengths=np.full(12, 0.4), scene=Scene(Contact(ROD, friction=0.3)))
 
 
 def test_a_scene_without_contact_costs_what_it_did_to_the_instruction() -> None:
