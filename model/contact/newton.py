@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,9 +12,12 @@ from model.contact.touches import Touches
 from model.effects import NeoHookean
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import CLOSE, KEPT, TURN, step_size
+from model.obstacles.base import SIZE
 from model.paths import Array
 from model.time_limit import check_time
+from model.transcription.collocation import gauss
 from model.transcription.system import System
+from model.transcription.touch import TOUCH
 
 _STEPS = 20
 # How much of it counts, as of strains: rounding in them is that of forces of the whole arm.
@@ -81,6 +85,7 @@ def newton(
     frictional, told = system.of.form.contact_friction, touches.told(system)
     for _ in range(_STEPS + _WITH_FRICTION * frictional):
         check_time()
+        told = _widened(told, states)
         here = Linearised(told, told.x(tensions, load, states), kept)
         change = here.newton_step()
         if change is None:
@@ -99,6 +104,7 @@ def newton(
             continue
         states = moved
         if size < _SETTLED or size**2 < _SETTLED * last:
+            told = _widened(told, states)
             found = Linearised(told, told.x(tensions, load, states))
             return Held(found, touches, here.near or here)
         grown += bool(last and size > last / 2 and size > 1e-6)
@@ -109,6 +115,26 @@ def newton(
         kept = (here.near or here) if shrinks and not frictional else None
         last = size
     return None
+
+
+def _widened(system: System, states: Array) -> System:
+    """Return equations whose gaps are taken with the larger radius of both sides of each node.
+
+    Friction at a point lets the stretch jump, and with it the radius of a body that swells.
+    """
+    of, scene = system.of, system.scene
+    if not (of.form.contact_friction and scene.has(NeoHookean)):
+        return system
+    i, method = 2 + of.form.law.torsion, gauss(of.form.stages)
+    stretch = states[of.stages[:, i]].reshape(of.elements, -1)
+    before, beyond = stretch @ method.at(1.0), np.roll(stretch @ method.at(0.0), -1)
+    beyond[-1] = before[-1]
+    found = copy.copy(system)
+    found.p = system.p.copy()
+    rows = found.p[of.equations.numbers_of("touch")].reshape(of.elements, -1, TOUCH)
+    radius = np.asarray(system.arm.outer_radius(system.mesh.s[1:])[0])
+    rows[:, :, SIZE] = (radius * np.sqrt(np.maximum(before / beyond, 1.0)))[:, None]
+    return found
 
 
 def _rubbed(system: System, change: Array, states: Array) -> float:

@@ -13,7 +13,7 @@ from model.contact.forward import Touching, TouchingMap
 from model.contact.path import Followed
 from model.contact.rubbed import led
 from model.contact.touches import Touches, forces, frictions, resultants
-from model.effects import Contact, Effect, ExactTendons, Extension, TipLoad
+from model.effects import Contact, Effect, ExactTendons, Extension, NeoHookean, TipLoad
 from model.equilibrium.forward import STAGES
 from model.equilibrium.linearised import Linearised
 from model.errors import InputError
@@ -110,6 +110,22 @@ def test_friction_without_a_motion_before_is_refused_and_only_there() -> None:
     with pytest.raises(InputError, match="history"):
         leaning(0.3, None)
     assert not leaning(0.3, None, 0.1 * TENSIONS).contacts
+
+
+def test_silicone_that_slips_passes_through_nothing_on_either_side_of_a_touch() -> None:
+    """Friction lets stretch and radius jump there: the wider side was inside by 10 um."""
+    scene = Scene(Extension(), ExactTendons(), NeoHookean(), Contact(ROD, friction=0.567))
+    free = settle(ARM, 0.2 * TENSIONS, scene, 1e-4)
+    shape = settle(ARM, TENSIONS, scene, 1e-4, near=free)
+    (touch,) = shape.contacts
+    assert np.linalg.norm(touch.friction) > 0
+    assert 0 < touch.s < ARM.length
+    sides = touch.s + 1e-9 * ARM.length * np.array([-1, 1])
+    radius = ARM.outer_radius(sides)[0] / np.sqrt(1 + shape.strain(sides)[:, 3])
+    assert np.ptp(radius) > 1e-9 * ARM.length
+    gaps = ROD.distance(shape.position(sides)) - radius
+    assert gaps.min() > -1e-8 * ARM.length
+    assert gaps.min() < 1e-8 * ARM.length
 
 
 LONG, WIDE, SOFT, ROUND, DOWN, PULL = 0.3, 0.002, 1e9, 0.06, 12.0, 20.0
