@@ -9,6 +9,7 @@ import hashlib
 import inspect
 import json
 import math
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -22,13 +23,16 @@ from planner.io.codec import arguments, known_kinds
 from planner.io.files import versions
 from planner.io.key_paths import hint
 from planner.io.mistakes import shown
-
-Number = float | str
+from planner.program.limits import Limits
+from planner.program.statement import Statement
+from planner.solve.search_result import Trial
 
 KINDS: dict[str, Any] = {
     kind.__name__: kind
     for kind in (*known_kinds(), Material, Linear, Sampled, Avoidance, Apart, Place)
 }
+# What saved results are made of besides; the place where it stands tells what it is.
+_RESULTS = (Limits, Statement, Trial)
 # Fields by the names that plans of earlier versions have.
 _RENAMED = {("ExactTendons", "careful"): "robust"}
 
@@ -36,20 +40,34 @@ _RENAMED = {("ExactTendons", "careful"): "robust"}
 def plain(value: Any) -> Any:
     """Return an arm, a scene, a target or what they are made of as dicts, lists and numbers.
 
-    Raises InputError for what is not of the project's own kinds: it could not be read back.
+    Numbers that JSON has none for go by name: "inf", "-inf", "nan". Raises InputError for what is
+    not of the project's own kinds: it could not be read back.
     """
     if KINDS.get(type(value).__name__) is type(value):
-        own = {name: plain(getattr(value, name)) for name in arguments(type(value))}
-        return {"kind": type(value).__name__, **own}
+        return {"kind": type(value).__name__, **fields_of(value)}
     if isinstance(value, dict):
         return {str(key): plain(own) for key, own in value.items()}
     if isinstance(value, tuple | list):
         return [plain(item) for item in value]
     if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    if value is None or isinstance(value, bool | int | float | str):
+        return plain(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else str(value)
+    if value is None or isinstance(value, bool | int | str):
         return value
+    if type(value) in _RESULTS:
+        return fields_of(value)
     raise InputError("to save", value, f"one of {', '.join(KINDS)}")
+
+
+def fields_of(value: Any, names: Iterable[str] = ()) -> dict[str, Any]:
+    """Return the arguments that a value was made of, or those of these names, as plain values."""
+    return {name: plain(getattr(value, name)) for name in names or arguments(type(value))}
+
+
+def is_of_project(kind: Any) -> bool:
+    """Return whether a type is a class of the project's."""
+    return isinstance(kind, type) and kind.__module__.partition(".")[0] in ("model", "planner")
 
 
 def value(table: Any, file: str, where: str) -> Any:
@@ -80,18 +98,6 @@ def value(table: Any, file: str, where: str) -> Any:
 def _optional(kind: Any) -> frozenset[str]:
     known = inspect.signature(kind).parameters.items()
     return frozenset(name for name, own in known if own.default is not inspect.Parameter.empty)
-
-
-def exact(value: Any) -> Any:
-    """Return numbers, alone or in lists, with names for what JSON has none: "inf", "-inf", "nan".
-
-    Floats become the nearest number of JSON, which is read as the same; all else stays.
-    """
-    if isinstance(value, np.ndarray | np.generic):
-        return exact(value.tolist())
-    if isinstance(value, list | tuple):
-        return [exact(own) for own in value]
-    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def identity(*values: Any) -> str:

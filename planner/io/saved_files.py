@@ -12,6 +12,7 @@ import msgspec
 import numpy as np
 
 from model import Arm, InputError, Scene
+from model.checks import not_negative
 from model.errors import FileError
 from model.loads import check_loads, contacts
 from model.mesh_refinement import FINEST, checked_accuracy
@@ -22,15 +23,17 @@ from planner.fit.fitted import Start
 from planner.fit.least_squares import LOSSES, Weights
 from planner.fit.measured import Measured
 from planner.fit.unknowns import Unknown
+from planner.io.derived import made_from
 from planner.io.files import read_file, why
 from planner.io.mistakes import mistake, shown
-from planner.io.plain import Number, value
-from planner.io.saved_records import AnswerRecord, FitRecord, QuestionRecord, StartRecord
+from planner.io.plain import value
+from planner.io.saved_records import AnswerRecord, FitRecord, QuestionRecord
 from planner.plan import HeldPlan, Plan
 from planner.program.limits import Limits
 from planner.program.problem import build
+from planner.program.statement import Statement
 from planner.question import check_planned, check_targets, checked_margin
-from planner.solve.search_result import SearchResult, Trial
+from planner.solve.search_result import SearchResult
 from planner.solve.task import Task
 from planner.targets.base import Target
 from planner.tendon_lengths import zeroed_at
@@ -136,46 +139,33 @@ def _task(within: _Within, record: SavedPlan) -> Task:
     scene = _kind(value(question.scene, name, "question.scene"), Scene, name, "question.scene")
     found = value(question.targets, name, "question.targets")
     within("question.scene", lambda: check_loads(arm, scene, contact=True))
-    upper = _floats(own.upper, name, "question.limits.upper")
-    lower = _floats(own.lower, name, "question.limits.lower")
-    least, most = (
-        _floats(end, name, "question.limits.strokes") if end is not None else None
-        for end in own.strokes or (None, None)
-    )
+    given = made_from(Limits, own)
+    least, most = given.strokes or (None, None)
     limits = within(
         "question.limits",
-        lambda: Limits.of(arm, upper, lower, own.total).with_strokes(arm, most, least),
+        lambda: Limits.of(arm, given.upper, given.lower, given.total).with_strokes(
+            arm, most, least
+        ),
     )
     within("question.scene", lambda: check_planned(scene))
-    if own.stroke_zero is not None:
-        zero = _floats(own.stroke_zero, name, "question.limits.stroke_zero")
-        lengths = within("question.limits", lambda: zeroed_at(arm, scene, zero))
+    if given.stroke_zero is not None:
+        lengths = within("question.limits", lambda: zeroed_at(arm, scene, given.stroke_zero))
         limits = replace(limits, stroke_zero=lengths)
     targets = within("question.targets", lambda: check_targets(arm, found))
     accuracy = within("question.accuracy", lambda: checked_accuracy(question.accuracy))
-    return Task(arm, targets, scene, limits, record.answer.statement, accuracy)
+    statement = made_from(Statement, record.answer.statement)
+    return Task(arm, targets, scene, limits, statement, accuracy)
 
 
-def _found(within: _Within, answer: AnswerRecord, arm: Arm) -> SearchResult:
+def _found(within: _Within, answer: Any, arm: Arm) -> SearchResult:
     """Return what was found."""
-    name = within.name
-    tensions = _floats(answer.tensions, name, "answer.tensions")
-    paths = [
-        (f"answer.load_path[{i}]", _floats(T, name, f"answer.load_path[{i}]"))
-        for i, T in enumerate(answer.load_path)
-    ]
-    return SearchResult(
-        answer.statement,
-        within("answer.tensions", lambda: arm.by_section(arm.flat(tensions))),
-        tuple(_floats(answer.lam_x, name, "answer.lam_x")),
-        tuple(_floats(answer.lam_g, name, "answer.lam_g")),
-        tuple(_start(start, name, f"answer.starts[{i}]") for i, start in enumerate(answer.starts)),
-        answer.stopped,
-        answer.jump,
-        answer.lost,
-        answer.in_the_way,
-        tuple(tuple(within(where, partial(arm.flat, T))) for where, T in paths),
-    )
+    found = made_from(SearchResult, answer)
+    tensions = within("answer.tensions", lambda: arm.by_section(arm.flat(found.tensions)))
+    for name in ("jump", "lost"):
+        within(f"answer.{name}", partial(not_negative, name, getattr(found, name)))
+    for i, T in enumerate(found.load_path):
+        within(f"answer.load_path[{i}]", partial(arm.flat, T))
+    return replace(found, tensions=tensions)
 
 
 def _surroundings(
@@ -186,7 +176,7 @@ def _surroundings(
     return within("question.obstacles", lambda: surroundings(arm, targets, found, *rest))
 
 
-def _check_statement(within: _Within, answer: AnswerRecord, limits: Limits) -> None:
+def _check_statement(within: _Within, answer: Any, limits: Limits) -> None:
     stated = answer.statement
     within("answer.statement", lambda: checked_margin(stated.margin))
     if stated.modes not in (0, 1):
@@ -226,20 +216,6 @@ def _kind(found: Any, wanted: type[R], name: str, where: str) -> R:
         told = f"got {type(found).__name__}, allowed is {wanted.__name__}"
         raise FileError(name, f"{where}.kind", told)
     return found
-
-
-def _start(start: StartRecord, name: str, where: str) -> Trial:
-    objective = _floats([start.objective], name, f"{where}.objective")[0]
-    return Trial(objective, start.met, start.iterations)
-
-
-def _floats(values: list[Number], name: str, where: str) -> list[float]:
-    """Return numbers, of which those that are not finite are given by name."""
-    for i, given in enumerate(values):
-        if isinstance(given, str) and given not in ("inf", "-inf", "nan"):
-            told = f'got {shown(given)}, allowed is a number, "inf", "-inf" or "nan"'
-            raise FileError(name, f"{where}[{i}]", told)
-    return [float(given) for given in values]
 
 
 def load_calibration(path: str | Path) -> Calibration:

@@ -5,8 +5,7 @@ Of these `question` and `answer`, or `fit`, are what is read; all else is derive
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Annotated, Any, Literal, get_type_hints
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
@@ -17,27 +16,14 @@ from model.errors import OctoplanError
 from model.time_limit import OutOfTime
 from planner.certificate import Certificate
 from planner.io.codec import arguments
-from planner.io.plain import Number, exact, plain
+from planner.io.derived import Number, record_for
+from planner.io.plain import fields_of, plain
 from planner.io.records import Floats, Matrix, Record, Rows, Schema, record_of, simple
-from planner.program.statement import Statement
-from planner.solve.search_result import SearchResult, Trial
+from planner.program.limits import Limits
+from planner.solve.search_result import SearchResult
 from planner.tendon_lengths import length_error
 
-
-class LimitsRecord(msgspec.Struct, kw_only=True):
-    """Limits of the tensions [N], in tendon order."""
-
-    upper: list[Number]
-    lower: list[Number]
-    total: float | None = None
-    strokes: Annotated[
-        tuple[list[Number], list[Number]] | None,
-        Meta(description="least and most that winches take in [m]"),
-    ] = None
-    stroke_zero: Annotated[
-        list[Number] | None,
-        Meta(description="lengths of the tendons where winches are zeroed [m]; else at rest"),
-    ] = None
+LimitsRecord: Any = record_for("LimitsRecord", Limits)
 
 
 class QuestionRecord(msgspec.Struct, kw_only=True):
@@ -53,38 +39,13 @@ class QuestionRecord(msgspec.Struct, kw_only=True):
     self_clearance: bool = False
 
 
-class StartRecord(msgspec.Struct, kw_only=True):
-    """An initial guess and what became of it."""
+# What was found; `avoidance` is what a plan adds to it.
+AnswerRecord: Any = record_for(
+    "AnswerRecord", SearchResult, beside={"avoidance": (dict[str, Any] | None, None)}
+)
 
-    objective: Number
-    met: bool
-    iterations: Annotated[int, Meta(ge=0)]
-
-
-class AnswerRecord(msgspec.Struct, kw_only=True):
-    """What was found: how the question was stated in the end, tensions [N], multipliers."""
-
-    statement: Statement
-    tensions: list[Number]
-    lam_x: list[Number] = []
-    lam_g: list[Number] = []
-    starts: list[StartRecord] = []
-    stopped: Annotated[bool, Meta(description="whether the time limit ended the search")] = False
-    jump: Annotated[
-        float, Meta(ge=0, description="of the tensions where a branch that was followed was left")
-    ] = 0.0
-    lost: Annotated[
-        float,
-        Meta(ge=0, description="share of the effort by which a lost optimum was cheaper"),
-    ] = 0.0
-    in_the_way: Annotated[
-        str, Meta(description="the obstacle that alone keeps the targets from being met")
-    ] = ""
-    avoidance: dict[str, Any] | None = None
-    load_path: Annotated[
-        list[list[Number]], Meta(description="tensions on the load path of an arm in contact [N]")
-    ] = []
-
+# Of plans in contact alone.
+_FOUND = [name for name in arguments(SearchResult) if name != "load_path"]
 
 # Certificates keep the keys that their files had; what is worked out on request is told as well.
 _RENAMED = {"equality": "match", "soft_residual": "approach", "inequality": "margin"}
@@ -98,21 +59,15 @@ _WORKED_OUT: dict[str, Any] = {
 }
 
 
-def _certificate_keys() -> dict[str, Any]:
-    """Return the keys of certificates in files and their types: the fields of Certificate."""
-    hints = get_type_hints(Certificate)
-    fields = [name for name in arguments(Certificate) if name not in _LEFT_OUT]
-    numbers = {float: float | None, Mapping[str, float]: dict[str, float | None]}
-    told = {_RENAMED.get(name, name): numbers.get(hints[name], hints[name]) for name in fields}
-    return {**told, **_WORKED_OUT}
-
-
-CertificateRecord: Any = msgspec.defstruct(
+CertificateRecord: Any = record_for(
     "CertificateRecord",
-    list(_certificate_keys().items()),
-    namespace={"__doc__": "What the check found; lengths over the arm's length, angles in rad."},
-    module=__name__,
-    kw_only=True,
+    Certificate,
+    without={*_LEFT_OUT, *_RENAMED},
+    beside={
+        **dict.fromkeys(_RENAMED.values(), (dict[str, float | None], {})),
+        **{key: (kind, None) for key, kind in _WORKED_OUT.items()},
+    },
+    number=float | None,
 )
 
 
@@ -144,7 +99,8 @@ def plan_record(plan: Any) -> PlanRecord:
     Raises InputError where arm, scene or targets are of kinds that could not be read back.
     """
     certificate, back = plan.certificate, {new: old for old, new in _RENAMED.items()}
-    told = {key: simple(getattr(certificate, back.get(key, key))) for key in _certificate_keys()}
+    keys = CertificateRecord.__struct_fields__
+    told = {key: simple(getattr(certificate, back.get(key, key))) for key in keys}
     return record_of(
         PlanRecord,
         plan,
@@ -154,13 +110,17 @@ def plan_record(plan: Any) -> PlanRecord:
         certificate=CertificateRecord(**told),
         question=QuestionRecord(
             **{name: plain(getattr(plan, name)) for name in ("arm", "scene", "targets")},
-            limits=_limits(plan.limits),
+            limits=LimitsRecord(**fields_of(plan.limits)),
             accuracy=plan.accuracy,
             obstacles=plain(plan.surroundings.obstacles),
             clearance=plan.surroundings.clearance,
             self_clearance=plan.surroundings.of_itself,
         ),
-        answer=_answer(plan),
+        answer=AnswerRecord(
+            **{**fields_of(plan, _FOUND), "tensions": plain(np.ravel(plan.tensions))},
+            load_path=plain(getattr(plan, "load_path", ())),
+            avoidance=None if plan.avoidance is None else plain(plan.avoidance),
+        ),
     )
 
 
@@ -181,34 +141,6 @@ def _shape_of(plan: Any) -> dict[str, Any]:
     except (OctoplanError, OutOfTime):
         pass
     return found
-
-
-def _limits(limits: Any) -> LimitsRecord:
-    names = LimitsRecord.__struct_fields__
-    return LimitsRecord(**{name: exact(getattr(limits, name)) for name in names})
-
-
-def _answer(plan: Any) -> AnswerRecord:
-    starts = [StartRecord(**{name: exact(getattr(own, name)) for name in arguments(Trial)})
-              for own in plan.starts]  # fmt: skip
-    numbers = ("lam_x", "lam_g", "stopped", "jump", "lost", "in_the_way")
-    return AnswerRecord(
-        statement=plan.statement,
-        tensions=exact(np.ravel(plan.tensions)),
-        starts=starts,
-        avoidance=None if plan.avoidance is None else plain(plan.avoidance),
-        load_path=exact(getattr(plan, "load_path", ())),
-        **{name: exact(getattr(plan, name)) for name in numbers},
-    )
-
-
-# A field of what a search finds that no key holds is an error when this is imported.
-for _own, _record, _more in (
-    (SearchResult, AnswerRecord, {"avoidance"}),
-    (Trial, StartRecord, set[str]()),
-):
-    if set(arguments(_own)) | _more != set(_record.__struct_fields__):
-        raise TypeError(f"{_record.__name__} does not have the fields of {_own.__name__}")
 
 
 # Calibrations and designs
@@ -271,7 +203,7 @@ def calibration_record(of: Any) -> CalibrationRecord:
         CalibrationRecord,
         of,
         values=[
-            ValueRecord(name=own.name, value=x, std=exact(std), unit=of.parameters.unit(own))
+            ValueRecord(name=own.name, value=x, std=plain(std), unit=of.parameters.unit(own))
             for own, x, std in rows
         ],
         unidentified=list(map(str, of.unidentified)),
@@ -283,15 +215,11 @@ def calibration_record(of: Any) -> CalibrationRecord:
         question={
             "arm": plain(of.given_arm),
             "scene": plain(of.given_scene),
-            "measured": [_fields(own) for own in of.measured],
-            "unknowns": [_fields(own) for own in of.unknowns],
+            "measured": [fields_of(own) for own in of.measured],
+            "unknowns": [fields_of(own) for own in of.unknowns],
         },
-        fit=FitRecord(**fit, starts=[_fields(own) for own in of.starts]),
+        fit=FitRecord(**fit, starts=[fields_of(own) for own in of.starts]),
     )
-
-
-def _fields(of: Any) -> dict[str, Any]:
-    return {name: exact(getattr(of, name)) for name in arguments(type(of))}
 
 
 def _scene_of(of: Any) -> dict[str, Any]:
