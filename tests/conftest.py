@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import signal
 from collections import defaultdict
 
 import pytest
+
+# A shell lets what it starts in the background ignore Ctrl-C, and so do the commands that tests
+# start and interrupt.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.hookimpl(tryfirst=True)
