@@ -114,7 +114,7 @@ def in_notebook(value: Any) -> str:
     if plot is None:
         return text
     file = io.BytesIO()
-    plot(value).savefig(file, format="png")
+    plot(value).savefig(file, format="png", bbox_inches="tight")
     png = base64.b64encode(file.getvalue()).decode()
     return f'<img src="data:image/png;base64,{png}" style="max-width: 100%"/>{text}'
 

@@ -150,7 +150,8 @@ def _draw_floor(scene: Any, arm: Arm, colours: Colours) -> None:
         fade_distance=100 * L,
     )
     for axis, name in enumerate("xy"):
-        for k in np.arange(-half, half + coarse / 2, 2 * coarse):
+        # The far corner, where both edges meet, has the first one's figure alone.
+        for k in np.arange(-half, half + coarse / 2 - axis * coarse, 2 * coarse):
             place = centre.copy()
             place[axis] += k
             place[1 - axis] += half if axis == 0 else -half
