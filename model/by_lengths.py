@@ -115,7 +115,7 @@ class UnloadedLengths:
 
     def _beside(self, at: Lengths, tensions: Array) -> Lengths | None:
         try:
-            return self._lengths.near(at, tensions)
+            return self._lengths(tensions)
         except UnsettledSectionError:
             return None
 

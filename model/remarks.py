@@ -18,11 +18,11 @@ from model.winches import rest_lengths
 
 # How deep parts may be in each other, over the arm's length: what contact of them leaves.
 _TOUCHES = 1e-6
-# Places in each step of a mesh at which curvature is looked at.
-_PLACES = 4
-# What tensions bend a section by at most, as curvature times radius, from which on that is looked
-# at: a bound without loads by the bending stiffness at rest, which holds within a factor of five.
-_LIGHT = 0.2
+# Places in each step of a mesh at which curvature is looked at, where the mean of a step comes as
+# near to one over the radius as this.
+_PLACES, _NEAR = 4, 0.5
+# Curvature times radius, by tensions and the stiffness at rest, up to which that is not looked at.
+_LIGHT = 0.8
 
 
 class Bent(Settled, Protocol):
@@ -60,9 +60,14 @@ def sharp(shape: Bent) -> str:
     are too light for that, nothing is looked at.
     """
     arm = shape.arm
-    if not is_loaded(shape.scene) and float(shape.tensions @ _leverage(arm)) < _LIGHT:
+    if not is_loaded(shape.scene) and float((_leverage(arm) @ shape.tensions).max()) < _LIGHT:
         return ""
-    nodes = shape.s
+    nodes, poses = shape.s, shape.states
+    turned = 2 * np.arccos(np.minimum(np.abs((poses[1:, :4] * poses[:-1, :4]).sum(axis=1)), 1.0))
+    run = np.linalg.norm(np.diff(poses[:, 4:], axis=0), axis=1)
+    radius = arm.radius.evaluate(nodes, arm.length)[0]
+    if (turned * np.maximum(radius[1:], radius[:-1]) < _NEAR * run).all():
+        return ""
     share = np.arange(_PLACES) / _PLACES
     s = np.append((nodes[:-1, None] + np.diff(nodes)[:, None] * share).ravel(), nodes[-1])
     _, xi, k, *_ = shape.strains(s).T
@@ -94,13 +99,17 @@ def crosses(shape: Bent) -> str:
 
 @lru_cache(maxsize=256)
 def _leverage(arm: Arm) -> Array:
-    """Return the most of y R / E J along each tendon (n_tendons,) [1/N]."""
+    """Return y R / E J + 1 / E A of each tendon (K, n_tendons) [1/N] at both ends of all steps.
+
+    Where their sum times the tensions is below 1, curvature times radius is, by the balance of the
+    paper and of exact tendons on a linear body alike; a neo-Hookean one is stiffer.
+    """
     mesh = graded(arm, 1)
     ends = np.column_stack([mesh.s[:-1], mesh.s[1:]]).ravel()
     at = stations(arm, ends, np.repeat(mesh.active, 2))
     place, tendon = np.nonzero(crossing(arm, at))
-    y, most = tendon_paths(arm, at, place, tendon)[:2], np.zeros(arm.n_tendons)
+    y, found = tendon_paths(arm, at, place, tendon)[:2], np.zeros((ends.size, arm.n_tendons))
     radius = arm.radius.evaluate(ends, arm.length)[0]
     share = np.hypot(*y) * radius[place] / at.body[1, place]
-    np.maximum.at(most, tendon, share)
-    return most
+    found[place, tendon] = share + 1 / at.body[0, place]
+    return found

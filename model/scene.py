@@ -88,12 +88,6 @@ class Scene:
     def _repr_html_(self) -> str:
         return in_notebook(self)
 
-    def robust(self) -> Scene:
-        """Return the scene with sections that are settled robustly; see ExactTendons."""
-        kept = [effect for effect in self.effects if not isinstance(effect, ExactTendons)]
-        exact = [ExactTendons(robust=True)] * self.has(ExactTendons)
-        return Scene(*kept, *exact)
-
     def find(self, kind: type[E]) -> E | None:
         """Return the scene's effect of a kind, or None if it is not enabled."""
         return next((effect for effect in self.effects if isinstance(effect, kind)), None)

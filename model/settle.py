@@ -130,7 +130,7 @@ def settle(
         Where 1 + q reaches 0 under tensions.
     ConvergenceError
         If the finest mesh is not as accurate as asked; UnsettledSectionError if a cross-section
-        has no equilibrium that is found, not even by the robust iteration of its tendons;
+        has no equilibrium that is found;
         UnsettledContactError if none is found with contact.
     SnapError
         If the arm snaps, folds or buckles before the loads are in full.
@@ -186,7 +186,7 @@ def _checked(
         )
     scheme = check_scheme(scene, scheme)
     try:
-        return _robustly(arm, given, scene, accuracy, scheme, machine_code, begin)
+        return _settled(arm, given, scene, accuracy, scheme, machine_code, begin)
     except (CollapsedError, UnsettledSectionError, UnknownLeastError) as problem:
         if not isinstance(given, GivenLengths):
             raise
@@ -201,31 +201,12 @@ def _told(arm: Arm, given: GivenLengths, scene: Scene, problem: OctoplanError) -
     def problem_of(winches: Winches) -> OctoplanError | None:
         other = replace(given, winches=winches, near=None)
         try:
-            _robustly(arm, other, scene, _ROUGHLY, scheme, given.machine_code, None)
+            _settled(arm, other, scene, _ROUGHLY, scheme, given.machine_code, None)
         except OctoplanError as error:
             return error
         return None
 
     return too_short(arm, given.winches, problem, problem_of)
-
-
-def _robustly(
-    arm: Arm,
-    given: GivenTensions | GivenLengths,
-    scene: Scene,
-    accuracy: float,
-    scheme: str,
-    machine_code: bool,
-    begin: Equilibrium | None,
-) -> Shape:
-    """Return the shape, by the robust iteration of cross-sections where the usual one fails."""
-    try:
-        return _settled(arm, given, scene, accuracy, scheme, machine_code, begin)
-    except UnsettledSectionError:
-        robust = scene.robust()
-        if robust == scene:
-            raise
-        return _settled(arm, given, robust, accuracy, scheme, machine_code, begin)
 
 
 def _on_itself(arm: Arm, tensions: Any, scene: Scene, accuracy: float, machine_code: bool) -> Shape:
@@ -276,7 +257,7 @@ def _near(near: Any, arm: Arm, scene: Scene) -> Equilibrium | None:
 
 def _alike(scene: Scene) -> Scene:
     """Return a scene that others share whose shapes may lead to it."""
-    return without_friction(scene.robust())
+    return without_friction(scene)
 
 
 def _settled(

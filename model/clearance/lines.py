@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from model.arm import Arm
@@ -17,19 +15,12 @@ from model.equilibrium.newton import NEAR, newton, newton_many, step_size
 from model.errors import OctoplanError
 from model.forward import explicit_map
 from model.loads import is_loaded
-from model.machine.buffered import Mapped
-from model.machine.compiled import kernel
 from model.paths import Array
 from model.scene import Scene
-from model.unloaded.closed_form import pull_and_data, strain_function
-from model.unloaded.geometry import nodes_of
-from model.unloaded.statics import closed_statics
 from model.unloaded.tendon_lengths import tendon_lengths
 
 # Closed forms whose nodes in a step are the stages of an element.
 _SCHEME = "magnus6"
-# Those that are found in one call.
-_TOGETHER = 64
 # The equations are linearised anew where shapes have changed by so much; see step_size.
 _FAR = 0.05
 # Of shapes on a way one in so many is followed; those between are settled side by side.
@@ -60,15 +51,14 @@ class Lines:
         if is_loaded(scene) or scene.has(PrintedStatics):
             stages = (STAGES, refinement, at, is_loaded(scene), machine_code)
             return self._implicit(Collocation(arm, scene, *stages), tensions)
-        found: list[Centreline | None] = [None] * len(tensions)
-        for own in dict.fromkeys((scene, scene.robust())):
-            left = [i for i, line in enumerate(found) if line is None]
-            s, call = _closed_form(arm, own, refinement, at, machine_code)
-            for first in range(0, len(left), _TOGETHER):
-                some = left[first : first + _TOGETHER]
-                for i, *parts in zip(some, *call(tensions[some]), strict=True):
-                    found[i] = _line(arm, scene, s, *parts)
-        return found
+        forward: Any = explicit_map(arm, scene, _SCHEME, refinement, at, machine_code)
+        law, own = forward.law, slice(forward.mesh.steps * STAGES)
+        return [
+            None
+            if np.isnan(v[own]).any()
+            else Centreline.at_strains(arm, scene, forward.mesh.s, forward.poses(v), law, v[own])
+            for v in forward.strains_of_many(tensions)
+        ]
 
     def lengths(self, tensions: Array) -> Array:
         """Return the lengths of the tendons (n_tendons,) [m] under tensions; NaN if unsettled."""
@@ -129,29 +119,3 @@ def _between(tensions: Array, numbers: list[int], states: dict[int, Array]) -> A
     share = (way[at] - way[first]) / np.maximum(way[first + _APART] - way[first], 1e-300)
     before, after = (np.array([states[i] for i in e.tolist()]) for e in (first, first + _APART))
     return np.asarray(before + share[:, None] * (after - before))
-
-
-@lru_cache(maxsize=16)
-def _closed_form(
-    arm: Arm, scene: Scene, refinement: int, at: tuple[float, ...], machine_code: bool
-) -> tuple[Array, Any]:
-    """Return the nodes' arc lengths, and tensions -> poses 7 (N + 1), strains 12 N, row by row."""
-    forward: Any = explicit_map(arm, scene, _SCHEME, refinement, at, machine_code)
-    mesh, statics = forward.mesh, closed_statics(scene, arm)
-    s = nodes_of(forward.scheme, mesh.s[:-1], mesh.s[1:])
-    T = ca.MX.sym("T", arm.n_tendons)
-    given = pull_and_data(arm, statics, s, np.repeat(mesh.active, STAGES), T)
-    strains = kernel(strain_function(statics), machine_code).map(s.size)(*given)
-    found = [ca.vec(forward.function(T)[0]), ca.vec(strains)]
-    return mesh.s, Mapped(ca.Function("line", [T], found))
-
-
-def _line(arm: Arm, scene: Scene, s: Array, poses: Array, strains: Array) -> Centreline | None:
-    """Return the centreline of poses (7 (N + 1),) and strains (12 N,), None if they are none."""
-    if np.isnan(poses.sum() + strains.sum()):
-        return None
-    strains = strains.reshape(-1, 4)
-    stretch, zero = 1 + strains[:, 3:], np.zeros((len(strains), 2))
-    parts = (strains[:, :3] * stretch, np.hstack([stretch, zero]))
-    kappa, nu = (values.reshape(-1, STAGES, 3) for values in parts)
-    return Centreline(arm, scene, s, poses.reshape(-1, 7), kappa, nu)

@@ -7,7 +7,6 @@ from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from model.arm import Arm
 from model.cross_section.law import CrossSection, body_size, size, turning_rate
@@ -26,7 +25,7 @@ from model.stations import (
 )
 
 # Newton's method squares the error: a step this small, relatively, leaves rounding.
-STEPS, SETTLED = 20, 1e-8
+_STEPS, _SETTLED = 20, 1e-8
 
 
 def body_numbers(arm: Arm, scene: Scene, at: Stations) -> Array:
@@ -105,36 +104,13 @@ class Sections:
 
     def solve(self, v: Array, wrench: Array, tensions: Array) -> Array:
         """Return the strains (N, n) near v that balance a wrench (N, n); NaN where none do."""
-        return self._newton(v, wrench, tensions)[0]
-
-    def _newton(self, v: Array, wrench: Array, tensions: Array) -> tuple[Array, Array]:
-        """Return what `solve` does, and the derivatives of the wrench (N, n, n) a step before."""
-        for _ in range(STEPS):
+        for _ in range(_STEPS):
             found, jacobian = self.wrench(v, tensions)
             step = np.linalg.solve(jacobian, (wrench - found)[:, :, None])[:, :, 0]
             v = v + step
-            if not np.all(np.isfinite(step)):
+            if not np.any(np.abs(step) > _SETTLED * (1 + np.abs(v))):
                 break
-            if np.all(np.abs(step) <= SETTLED * (1 + np.abs(v))):
-                return v, jacobian
-        return np.where(np.abs(step) <= SETTLED * (1 + np.abs(v)), v, np.nan), jacobian
-
-    def at_rest(self, v: Array, tensions: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Return the strains near v that need no wrench, and where they are at no minimum (N,)."""
-        with np.errstate(all="ignore"):
-            try:
-                found, jacobian = self._newton(v, np.zeros_like(v), tensions)
-            except np.linalg.LinAlgError:
-                return v, np.full(len(v), True)
-        lost = np.isnan(found.sum(axis=1)) | ~np.isfinite(jacobian.sum(axis=(1, 2)))
-        found, jacobian = np.where(lost[:, None], v, found), jacobian.copy()
-        jacobian[lost] = np.eye(jacobian.shape[1])
-        even = jacobian + jacobian.transpose(0, 2, 1)
-        try:
-            np.linalg.cholesky(even)
-        except np.linalg.LinAlgError:
-            lost |= np.linalg.eigvalsh(even).min(axis=1) <= 0
-        return found, lost
+        return np.where(np.abs(step) <= _SETTLED * (1 + np.abs(v)), v, np.nan)
 
     def turning(self, v: Array, rate: Array) -> tuple[Array, Array]:
         """Return how fast each tendon turns (P,) [rad/m], and its Jacobian by the strains (P, n).

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from model.effects.base import Effect
 from model.errors import InputError
+from model.warn import warn
 
 
 @dataclass(frozen=True)
@@ -24,12 +25,14 @@ class ExactTendons(Effect):
     Attributes
     ----------
     robust : bool
-        Whether sections settle by forty Newton steps in place of ten. `settle` sees by itself where
-        that is needed: a neo-Hookean body under ten times the tension that curls it up.
+        Deprecated, and without effect: cross-sections take as many Newton steps as they need.
     """
 
-    robust: bool = False
+    robust: bool = field(default=False, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         if not isinstance(self.robust, bool):
             raise InputError("ExactTendons.robust", self.robust, "True or False")
+        if self.robust:
+            told = "ExactTendons(robust=) has no effect: sections take the steps that they need"
+            warn(told, DeprecationWarning)

@@ -13,7 +13,8 @@ import casadi as ca
 import numpy as np
 
 from model.arm import Arm
-from model.effects import ExactTendons, Extension, NeoHookean
+from model.cross_section.law import CrossSection, size
+from model.cross_section.reported import reported
 from model.integrators.magnus import Magnus
 from model.machine.buffered import Buffered, Mapped
 from model.machine.compiled import kernel
@@ -23,6 +24,7 @@ from model.scene import Scene
 from model.stations import Counts, base_pose, stations
 from model.unloaded.geometry import GeometryOnMesh, nodes_of
 from model.unloaded.pulls import PullPolynomials
+from model.unloaded.section_solver import settled, solver
 from model.unloaded.statics import ClosedStatics, closed_statics
 
 
@@ -49,40 +51,6 @@ def pull_at(
     return ca.reshape(maps @ T, -1, s.size), ca.DM(statics.data(at))
 
 
-class SectionStrains:
-    """The strains of cross-sections at s (N,) where loads are left out, by tensions."""
-
-    def __init__(
-        self, arm: Arm, scene: Scene, s: Array, active: Counts, machine_code: bool = False
-    ) -> None:
-        self.arm, self.scene, self.s, self.active = arm, unloaded(scene), s, active
-        statics, at = closed_statics(self.scene, arm), stations(arm, s, active)
-        self._maps, self._data = statics.pulls(arm, at), statics.data(at).T
-        self._call = Mapped(kernel(strain_function(statics), machine_code))
-
-    def of_many(self, tensions: Array) -> Array:
-        """Return tau, xi, k, q (M, N, 4) under tensions (M, n_tendons); NaN where nothing does."""
-        pulls = np.einsum("nij,mj->mni", self._maps, tensions)
-        data = np.broadcast_to(self._data, (len(tensions), *self._data.shape))
-        rows = (part.reshape(-1, part.shape[-1]) for part in (pulls, data))
-        return self._call(*rows)[0].reshape(*pulls.shape[:2], -1)
-
-    def __call__(self, tensions: Array) -> Array:
-        """Return tau, xi, k, q (N, 4) under tensions (n_tendons,); NaN where nothing settles."""
-        (found,) = self._call(self._maps @ tensions, self._data)
-        lost, robust = np.isnan(found).any(axis=1), self.scene.robust()
-        if lost.any() and robust != self.scene:
-            again = SectionStrains(self.arm, robust, self.s[lost], self.active[lost])
-            found[lost] = again(tensions)
-        return found
-
-
-def unloaded(scene: Scene) -> Scene:
-    """Return the scene with what a section settles by itself, and nothing else."""
-    kept = (Extension, ExactTendons, NeoHookean)
-    return Scene(*(effect for effect in scene.effects if isinstance(effect, kept)))
-
-
 @lru_cache(maxsize=24)
 def step_function(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
     """Return (pull (n_pull, m), data (n_data, m), h) -> relative pose of a step (7,), 1 + q (m,).
@@ -107,15 +75,21 @@ def march_function(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
 
 
 @lru_cache(maxsize=48)
-def _calls(
-    statics: ClosedStatics, scheme: Magnus, steps: int, ends: int, machine_code: bool
-) -> tuple[Buffered, Buffered]:
-    """Return march_function over so many steps and strain_function at the ends of segments.
+def _march(law: CrossSection, scheme: Magnus, steps: int, machine_code: bool) -> Buffered:
+    """Return (pose, strains at the nodes of each of so many steps, h) -> poses after them.
 
-    They depend on an arm's structure alone, so that one with other numbers builds nothing.
+    It depends on an arm's structure alone, so that one with other numbers builds nothing.
     """
-    march = kernel(march_function(statics, scheme), machine_code).mapaccum(steps)
-    return Buffered(march), Buffered(kernel(strain_function(statics), machine_code).map(ends))
+    return Buffered(kernel(_marched(law, scheme), machine_code).mapaccum(steps))
+
+
+@lru_cache(maxsize=24)
+def _marched(law: CrossSection, scheme: Magnus) -> ca.Function:
+    """Return (pose, strains at the nodes of a step, h) -> pose across it."""
+    m, n = len(scheme.nodes), size(law)
+    g, v, h = ca.SX.sym("g", 7), ca.SX.sym("v", n * m), ca.SX.sym("h")
+    twists = [ca.vertcat(*law.twist(one)) for one in ca.vertsplit(v, n)]
+    return ca.Function("marched", [g, v, h], [compose(g, scheme.step(twists, h))], {"cse": True})
 
 
 class ClosedForm:
@@ -144,9 +118,15 @@ class ClosedForm:
         self.name, self.refinement, self.machine_code = scheme.name, refinement, machine_code
         self.stretch_at, self.stretch_active = places.at, places.active
         self.maps, self.data = places.maps, places.data(arm)
-        self._base, self._h, steps = places.base, places.h, places.mesh.steps
-        ends = places.at.size - steps * len(scheme.nodes)
-        self._calls = _calls(closed_statics(scene, arm), scheme, steps, ends, machine_code)
+        self._base, self._h, self._statics = places.base, places.h, closed_statics(scene, arm)
+        law = self._statics.law
+        self._solver = solver(self._statics, len(self.data), machine_code)
+        self._march = _march(law, scheme, places.mesh.steps, machine_code)
+
+    @property
+    def law(self) -> CrossSection:
+        """The law of the cross-sections, whose strains these are."""
+        return self._statics.law
 
     @cached_property
     def function(self) -> ca.Function:
@@ -169,39 +149,56 @@ class ClosedForm:
 
     def run(self, tensions: Array) -> tuple[Array, Array]:
         """See March.run: poses (S + 1, 7) and 1 + q (K,)."""
-        march, at_ends = self._calls
-        n, pull = self.mesh.steps * len(self.scheme.nodes), self.maps @ tensions
-        given = pull[:n].ravel(), self.data[:n].ravel()
-        beyond, inner = march(self._base, *given, self._h)
-        (strains,) = at_ends(pull[n:].ravel(), self.data[n:].ravel())
-        poses, stretch = np.vstack([self._base, beyond]), np.append(inner, 1 + strains[:, 3])
-        lost = np.isnan(poses[:, 4])
-        if lost.any():  # without extension a section that does not settle shows in the poses only
-            stretch[self.stretch_at >= self.mesh.s[np.argmax(lost) - 1]] = np.nan
-        return poses, stretch
+        v = self.strains(tensions)
+        return self.poses(v), self._along(v)
+
+    def strains(self, tensions: Array) -> Array:
+        """Return the strains (K, n) of the law at `stretch_at`; NaN where none balance."""
+        return self._solver(self.maps @ tensions, self.data)
+
+    def strains_of_many(self, tensions: Array) -> Array:
+        """Return `strains` (M, K, n) under tensions (M, n_tendons)."""
+        pulls = np.einsum("nij,mj->mni", self.maps, tensions)
+        data = np.tile(self.data, (len(tensions), 1))
+        found = settled(self._statics, pulls.reshape(len(data), -1), data, self.machine_code)
+        return found.reshape(*pulls.shape[:2], -1)
+
+    def poses(self, v: Array) -> Array:
+        """Return the poses at the nodes (S + 1, 7) of strains at `stretch_at` (K, n)."""
+        inner = v[: self.mesh.steps * len(self.scheme.nodes)]
+        (beyond,) = self._march(self._base, inner.ravel(), self._h)
+        return np.vstack([self._base, beyond])
+
+    def _along(self, v: Array) -> Array:
+        """Return 1 + q (K,) of strains; NaN where these are none."""
+        law = self._statics.law
+        if not law.extension:
+            return 1 + 0 * v[:, 0]
+        return 1 + (v[:, 2] - law.along_at_rest)
 
     def dense(self, tensions: Array, poses: Array, s: Array) -> tuple[Array, Array]:
         """Return poses (N, 7) and strains (N, 4) at arc lengths s, a step from the nodes below."""
         step = np.clip(np.searchsorted(self.mesh.s, s, side="left") - 1, 0, self.mesh.steps - 1)
         active, left, m = self.mesh.active[step], self.mesh.s[step], len(self.scheme.nodes)
-        march, strain = _dense(closed_statics(self.scene, self.arm), self.scheme)
-        inside = self._given(nodes_of(self.scheme, left, s), np.repeat(active, m), tensions)
-        pull, data = (values.reshape(s.size, -1) for values in inside)
-        pose, _ = march(poses[step], pull, data, s - left)
-        (strains,) = strain(*self._given(s, active, tensions))
+        law = self._statics.law
+        inside = nodes_of(self.scheme, left, s)
+        v = self._settled(inside, np.repeat(active, m), tensions).reshape(s.size, -1)
+        (pose,) = _dense(law, self.scheme)(poses[step], v, s - left)
+        strains = reported(law, self._settled(s, active, tensions))
         at_node = (s == self.mesh.s[step + 1])[:, None]
         return np.where(at_node, poses[step + 1], pose), strains
 
-    def _given(self, s: Array, active: Counts, tensions: Array) -> tuple[Array, Array]:
-        """Return pull (N, n_pull) and data (N, n_data) at s (N,)."""
-        statics, at = closed_statics(self.scene, self.arm), stations(self.arm, s, active)
-        return np.asarray(statics.pulls(self.arm, at) @ tensions), statics.data(at).T
+    def _settled(self, s: Array, active: Counts, tensions: Array) -> Array:
+        """Return the strains (N, n) at s (N,)."""
+        at = stations(self.arm, s, active)
+        pull = np.asarray(self._statics.pulls(self.arm, at) @ tensions)
+        return settled(self._statics, pull, self._statics.data(at).T)
 
 
 @lru_cache(maxsize=24)
-def _dense(statics: ClosedStatics, scheme: Magnus) -> tuple[Mapped, Mapped]:
-    """Return march_function and strain_function for many places at once."""
-    return Mapped(march_function(statics, scheme)), Mapped(strain_function(statics))
+def _dense(law: CrossSection, scheme: Magnus) -> Mapped:
+    """Return the march across a step for many places at once."""
+    return Mapped(_marched(law, scheme))
 
 
 def pull_and_data(

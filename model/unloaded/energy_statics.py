@@ -10,7 +10,8 @@ is the closed form of the paper's tangent, whose curvature never passes 1/y eith
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
@@ -22,10 +23,9 @@ from model.cross_section.rubber import RubberSection
 from model.paths import Array
 from model.stations import Stations, crossing
 
-# Ordinary tensions settle in 4 to 7 steps; a thousand times as much in 30.
-STEPS, ROBUST_STEPS = 10, 40
-# For a guess so many do, of which the last is no longer than this.
-_ROUGH, _ROUGHLY = 5, 0.1
+# Where the strains are to be an expression of the tensions, so many steps are written out: enough
+# for ordinary ones. Numbers take as many as they need; see model.unloaded.section_solver.
+_STEPS = 10
 # Of a neo-Hookean body at rest, the least stiffness that a step is taken with: the energy is not
 # convex everywhere. That of a linear body is, and at least as stiff as without tendons.
 _LEAST = 0.1
@@ -45,8 +45,6 @@ class EnergyStatics:
     law : EnergySection
     row, cos, sin
         Which of the offsets y_i each tendon has, and its direction (n, b).
-    steps : int
-        How many are taken: more for tensions far beyond the usual.
     settled : float
         A section is in equilibrium where the last step is below it, relative to its strains.
     """
@@ -55,7 +53,6 @@ class EnergyStatics:
     row: tuple[int, ...]
     cos: tuple[float, ...]
     sin: tuple[float, ...]
-    steps: int = STEPS
     settled: float = 1e-9
 
     @property
@@ -104,20 +101,27 @@ class EnergyStatics:
             found += pull[j] * self.law.tendon(v, path)
         return found
 
-    def rough(self) -> EnergyStatics:
-        """See ClosedStatics.rough."""
-        few = self.steps == STEPS
-        return replace(self, steps=_ROUGH, settled=_ROUGHLY) if few else self
-
     def solve(self, pull: ca.SX, data: ca.SX) -> ca.SX:
         """See ClosedStatics.solve: a fixed number of steps."""
-        step = _newton(self)
-        u, w = self._straight(pull, data), ca.SX.zeros(1 + self.is_rubber, self.n_pull)
-        for _ in range(self.steps):
-            u, w, size = step(u, w, pull, data)
-        return ca.if_else(size < self.settled, self._strains(u), np.nan)
+        u, w = self.begun(pull, data)
+        for _ in range(_STEPS):
+            u, w, size, v = self.step(u, w, pull, data)
+        return ca.if_else(size < self.settled, v, np.nan)
 
-    def _straight(self, pull: ca.SX, data: ca.SX) -> ca.SX:
+    @property
+    def begun(self) -> ca.Function:
+        """(pull, data) -> u and w to begin with; see step."""
+        return _begun(self)
+
+    @property
+    def step(self) -> ca.Function:
+        """(u, w, pull, data) -> u and w after a step, its size, the strains v there.
+
+        w (1 or 2, n_pull) are the tendons' unit vectors; the size counts curvatures by the radius.
+        """
+        return _newton(self)
+
+    def straight(self, pull: ca.SX, data: ca.SX) -> ca.SX:
         """Return the strains to begin with: the curvature at rest."""
         rest = data[3:5] if self.law.curved else ca.SX.zeros(2)
         if not self.law.extension:
@@ -125,14 +129,14 @@ class EnergyStatics:
         stretch = 1 / ca.sqrt(1 + 2 * ca.sum1(pull) / data[0]) if self.is_rubber else ca.SX(1)
         return ca.vertcat(rest * self.law.width(stretch), stretch)
 
-    def _strains(self, u: ca.SX) -> ca.SX:
+    def strains(self, u: ca.SX) -> ca.SX:
         """Return the strains v of u = (w kappa, lambda), w the section's width; see drawn."""
         return ca.vertcat(u[:2] / self.law.width(u[2]), u[2]) if self.law.extension else u
 
     def body_energy(self, u: ca.SX, data: ca.SX) -> ca.SX:
         """Return the energy of the body at u."""
         body = self._body(data)
-        return self.law.energy(less_rest(self.law, self._strains(u), body), body[:4])
+        return self.law.energy(less_rest(self.law, self.strains(u), body), body[:4])
 
     def _body(self, data: ca.SX) -> ca.SX:
         """Return what the law takes of the body."""
@@ -153,13 +157,20 @@ class EnergyStatics:
         return c[moving], ca.sumsqr(c[still]) + TINY
 
 
-def _newton(statics: EnergyStatics) -> ca.Function:
-    """Return (u, w, pull, data) -> u and w after a step, and its size.
+@lru_cache(maxsize=24)
+def _begun(statics: EnergyStatics) -> ca.Function:
+    pull, data = ca.SX.sym("pull", statics.n_pull), ca.SX.sym("data", statics.n_data)
+    w = ca.SX.zeros(1 + statics.is_rubber, statics.n_pull)
+    begun = [ca.densify(statics.straight(pull, data)), ca.vec(w)]
+    return ca.Function("begun", [pull, data], begun, {"cse": True})
 
-    w (1 or 2, n_pull) are the tendons' unit vectors; the size counts curvatures by the radius.
-    """
+
+@lru_cache(maxsize=24)
+def _newton(statics: EnergyStatics) -> ca.Function:
+    """See EnergyStatics.step; w is one column."""
     extension, rubber = statics.law.extension, statics.is_rubber
-    u, w = ca.SX.sym("u", 2 + extension), ca.SX.sym("w", 1 + rubber, statics.n_pull)
+    u, W = ca.SX.sym("u", 2 + extension), ca.SX.sym("w", (1 + rubber) * statics.n_pull)
+    w = ca.reshape(W, 1 + rubber, statics.n_pull)
     pull, data = ca.SX.sym("pull", statics.n_pull), ca.SX.sym("data", statics.n_data)
     hessian, slope = ca.hessian(statics.body_energy(u, data), u)
     tendons = [_Tendon(*statics.tangent(j, u, data), u, w[:, j]) for j in range(w.shape[1])]
@@ -177,7 +188,9 @@ def _newton(statics: EnergyStatics) -> ca.Function:
         change = ca.fmax(change, radius * ca.norm_inf(step[:2]) / _BENDS)
         step = step / ca.fmax(1, change / u[2])
     turned = ca.horzcat(*(tendon.turned(step) for tendon in tendons))
-    return ca.Function("newton", [u, w, pull, data], [u + step, turned, size], {"cse": True})
+    after = u + step
+    found = [after, ca.vec(turned), size, ca.densify(statics.strains(after))]
+    return ca.Function("newton", [u, W, pull, data], found, {"cse": True})
 
 
 class _Tendon:

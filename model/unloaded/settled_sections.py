@@ -2,33 +2,27 @@
 
 from __future__ import annotations
 
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from model.arm import Arm
 from model.cross_section.law import CrossSection
-from model.cross_section.reported import strains_of
+from model.cross_section.reported import reported, strains_of
 from model.cross_section.sections import Sections
-from model.effects import ExactTendons, Extension
+from model.effects import ExactTendons
 from model.errors import UnsettledSectionError
 from model.paths import Array
 from model.scene import Scene
 from model.stations import Counts
 from model.transcription.system import System
-from model.unloaded.closed_form import SectionStrains
+from model.unloaded.section_solver import SectionSolver
 from model.unloaded.stretch import LEAST_STRETCH
 
 
 class SettledSections:
-    """The cross-sections of an arm at s (N,) that `active` (N,) anchorages' tendons cross.
-
-    Attributes
-    ----------
-    by_the_paper : SectionStrains
-        Their strains by the paper's balance.
-    """
+    """The cross-sections of an arm at s (N,) that `active` (N,) anchorages' tendons cross."""
 
     def __init__(
         self,
@@ -39,40 +33,29 @@ class SettledSections:
         active: Counts,
         machine_code: bool = False,
     ) -> None:
-        self.arm, self.scene, self.active = arm, scene, active
-        self.sections = Sections(arm, scene, law, s, active, machine_code)
-        paper = Scene(Extension()) if law.extension else Scene()
-        self.by_the_paper = SectionStrains(arm, paper, s, active)
+        self.scene, self.sections = scene, Sections(arm, scene, law, s, active, machine_code)
+        self._solver = SectionSolver(arm, scene, s, active, machine_code)
 
     def strains(self, tensions: Array) -> Array:
         """Return their strains (N, n) under tensions (n_tendons,).
 
-        Of an energy by Newton's method from those of the paper's balance; where that does not come
-        to a minimum, by one that holds at any tension. Raises UnsettledSectionError.
+        Raises UnsettledSectionError.
         """
-        sections = self.sections
-        law, s = sections.law, sections.s
-        found = strains_of(law, self.by_the_paper(tensions))
-        if not self.scene.has(ExactTendons):
-            return found
-        found, lost = sections.at_rest(found, sections.pulls(tensions))
+        found = self._of_law(self._solver.strains(tensions))
+        lost = np.isnan(found).any(axis=1)
         if lost.any():
-            left = SectionStrains(self.arm, self.scene, s[lost], self.active[lost])(tensions)
-            if np.isnan(left).any():
-                raise UnsettledSectionError(float(s[lost][np.isnan(left).any(axis=1)][0]))
-            found[lost] = strains_of(law, left)
+            raise UnsettledSectionError(float(self.sections.s[np.argmax(lost)]))
         return found
 
     def of_many(self, tensions: Array) -> Array:
         """Return their strains (M, N, n) under tensions (M, n_tendons); NaN where none are."""
-        rows = self._many.of_many(tensions)
-        found = strains_of(self.sections.law, rows.reshape(-1, rows.shape[-1]))
-        return found.reshape(*rows.shape[:2], -1)
+        rows = self._solver.of_many(tensions)
+        return self._of_law(rows.reshape(-1, rows.shape[-1])).reshape(*rows.shape[:2], -1)
 
-    @cached_property
-    def _many(self) -> SectionStrains:
-        form = self.sections
-        return SectionStrains(self.arm, self.scene, form.s, self.active, form.machine_code)
+    def _of_law(self, v: Array) -> Array:
+        """Return strains of the law, which may twist and shear sections, of those that do not."""
+        law, plain = self.sections.law, self._solver.statics.law
+        return v if law == plain else strains_of(law, reported(plain, v))
 
     def crushed(self, strains: Array) -> NDArray[np.bool_]:
         """Return where strains (N, n) leave a tendon no length (N,)."""

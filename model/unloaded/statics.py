@@ -18,11 +18,10 @@ from model.cross_section import cross_section_of
 from model.cross_section.energy import EnergySection
 from model.cross_section.law import CrossSection, join
 from model.cross_section.paper import PaperSection, resultants
-from model.effects import ExactTendons
 from model.paths import Array
 from model.scene import Scene
 from model.stations import Stations, crossing, sides, tendon_paths
-from model.unloaded.energy_statics import ROBUST_STEPS, STEPS, EnergyStatics
+from model.unloaded.energy_statics import EnergyStatics
 
 
 class ClosedStatics(Protocol):
@@ -64,21 +63,16 @@ class ClosedStatics(Protocol):
     def solve(self, pull: ca.SX, data: ca.SX) -> ca.SX:
         """Return the strains v where the wrench vanishes, NaN where there are none."""
 
-    def rough(self) -> ClosedStatics:
-        """Return statics whose strains are a guess, found sooner."""
-
 
 @lru_cache(maxsize=256)
 def closed_statics(scene: Scene, arm: Arm) -> ClosedStatics:
     """Return the statics of a scene without loads, for an arm's tendons."""
     law = cross_section_of(scene, arm.is_curved, torsion=False)
-    tendons = scene.find(ExactTendons)
     if isinstance(law, PaperSection):
         return PaperStatics(law)
     assert isinstance(law, EnergySection)
     cos, sin = sides(arm)
-    steps = ROBUST_STEPS if tendons is not None and tendons.robust else STEPS
-    return EnergyStatics(law, arm.offset_of, tuple(cos.tolist()), tuple(sin.tolist()), steps)
+    return EnergyStatics(law, arm.offset_of, tuple(cos.tolist()), tuple(sin.tolist()))
 
 
 @dataclass(frozen=True)
@@ -119,10 +113,6 @@ class PaperStatics:
         D, rest = ca.jacobian(wrench, v), ca.substitute([wrench], [v], [ca.SX.zeros(n)])[0]
         bend = _solve_2x2(D[:2, :2], -rest[:2])
         return ca.vertcat(bend, (-rest[2:] - D[2:, :2] @ bend) / ca.diag(D)[2:])
-
-    def rough(self) -> PaperStatics:
-        """See ClosedStatics.rough: nothing is sooner than the solution."""
-        return self
 
 
 def resultant_maps(arm: Arm, at: Stations) -> Array:
