@@ -20,7 +20,7 @@ from model.winches import rest_lengths
 _TOUCHES = 1e-6
 # Places in each step of a mesh at which curvature is looked at, where the mean of a step comes as
 # near to one over the radius as this.
-_PLACES, _NEAR = 4, 0.5
+_PLACES, _NEAR = 4, 0.7
 # Curvature times radius, by tensions and the stiffness at rest, up to which that is not looked at.
 _LIGHT = 0.8
 
