@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -12,17 +13,16 @@ from model.cross_section.sections import Sections
 from model.equilibrium.forward import STAGES
 from model.equilibrium.sensitivities import Sensitivities
 from model.errors import ConvergenceError
-from model.forward import by_collocation
+from model.forward import by_collocation, explicit_map
 from model.loads import is_loaded
 from model.mesh_refinement import FINEST, REFINEMENTS, estimate, next_refinement
 from model.paths import Array
 from model.shape import Shape
 from model.time_limit import check_time
-from model.unloaded.sensitivities import UnloadedSensitivities
-from model.unloaded.settled_sections import settled_sections
+from model.unloaded.march_derivative import MarchDerivative
 
-Response = Sensitivities | UnloadedSensitivities
-_ORDER = 2 * STAGES
+Response = Sensitivities | MarchDerivative
+_ORDER, _SCHEME = 2 * STAGES, "magnus6"
 # The estimate for a compliance over that for the tip: 4 for table 2, 80 for table 4, whose tip is
 # slender. Too little costs a third mesh, too much a finer one.
 _HARDER = 80.0
@@ -75,13 +75,13 @@ def compliance_of(shape: Shape, at: float, accuracy: float) -> Compliance:
 
 def sensitivities(shape: Shape, at: float, refinement: int) -> Response:
     """Return the sensitivities of a shape at arc length `at` on the mesh of a refinement."""
-    mesh = (STAGES, refinement, (at,), True)
-    forward = by_collocation(shape.arm, shape.scene, *mesh, shape.machine_code)
-    node, T = forward.mesh.node(at), shape.tensions
-    if is_loaded(shape.scene):
-        return Sensitivities(forward.found(T, shape.known), node)
-    strains = settled_sections(forward.system).strains(T)
-    return UnloadedSensitivities(forward.system, T, strains, node)
+    arm, scene, T = shape.arm, shape.scene, shape.tensions
+    if not is_loaded(scene):
+        given = arm, scene, _SCHEME, refinement, (at,), shape.machine_code
+        march: Any = explicit_map(*given)
+        return MarchDerivative(march, T, march.mesh.node(at))
+    forward = by_collocation(arm, scene, STAGES, refinement, (at,), True, shape.machine_code)
+    return Sensitivities(forward.found(T, shape.known), forward.mesh.node(at))
 
 
 def _first_pair(shape: Shape, accuracy: float) -> tuple[int, int]:

@@ -5,16 +5,21 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import Any
 
+import casadi as ca
+
 from model.arm import Arm
-from model.forward import check_scheme
+from model.forward import explicit_map
 from model.loads import is_loaded
 from model.machine.buffered import Buffered
 from model.machine.compiled import Compile
 from model.paths import Array
+from model.rotations import small_turns
 from model.scene import Scene
 from model.settle import ACCURACY, checked_scene, settle
 from model.stiffness import stiffness
-from model.unloaded.tip_jacobian import tip_jacobian_function
+from model.unloaded.closed_form import ClosedForm
+from model.unloaded.march_derivative import MarchDerivative
+from model.unloaded.marched import Marched
 
 
 def tip_jacobian(
@@ -35,11 +40,18 @@ def tip_jacobian(
     if is_loaded(scene):
         return stiffness(arm, tensions, scene, accuracy=accuracy, compile=compile).pose_tension
     shape = settle(arm, tensions, scene, accuracy, compile=compile)
-    mesh = (check_scheme(scene, None), shape.refinement)
-    call = _call(arm, shape.scene, *mesh, shape.machine_code)
-    return call(shape.tensions)[0].T
+    here = shape.equilibrium
+    assert isinstance(here, Marched)
+    if isinstance(here.march, ClosedForm):
+        return MarchDerivative(here.march, shape.tensions, here.mesh.steps).pose_tension
+    return _printed(arm, scene, here.scheme, here.refinement)(shape.tensions)[0].T
 
 
-@lru_cache(maxsize=64)
-def _call(arm: Arm, scene: Scene, scheme: str, refinement: int, machine_code: bool) -> Buffered:
-    return Buffered(tip_jacobian_function(arm, scene, scheme, refinement, machine_code))
+@lru_cache(maxsize=16)
+def _printed(arm: Arm, scene: Scene, scheme: str, refinement: int) -> Buffered:
+    """Return tensions -> the Jacobian of the tip: CasADi's of the equations as printed."""
+    T = ca.MX.sym("T", arm.n_tendons)
+    pose = explicit_map(arm, scene, scheme, refinement).function(T)[0][:, -1]
+    jacobian = ca.jacobian(pose, T)
+    found = ca.vertcat(jacobian[4:, :], small_turns()(pose[:4]) @ jacobian[:4, :])
+    return Buffered(ca.Function("tip_jacobian", [T], [ca.densify(found)]))

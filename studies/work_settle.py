@@ -14,7 +14,7 @@ from model.effects import ExactTendons, Extension
 from model.forward import CLOSED_FORMS, ForwardMap, equilibrium_on, forward_map, schemes_of
 from model.loads import is_loaded
 from model.paths import Array
-from model.unloaded.tip_jacobian import tip_jacobian_function
+from planner.c_code.tip_jacobian import tip_jacobian_function
 from studies import draws
 from studies.baseline_gvs import settler
 from studies.baseline_loads import ScipyLoadedArm

@@ -14,6 +14,7 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 
+from model.paths import Array
 from model.rotations import exponential
 
 Bracket = Callable[[ca.SX, ca.SX], ca.SX]
@@ -34,6 +35,11 @@ class Magnus:
     name: str
     order: int
     nodes: tuple[float, ...]
+
+    @property
+    def weights(self) -> Array:
+        """The weights (order / 2,) of its nodes in an integral over [0, 1]."""
+        return np.polynomial.legendre.leggauss(len(self.nodes))[1] / 2
 
     def step(self, twists: list[ca.SX], h: ca.SX) -> ca.SX:
         """Return the pose (7,) across a step of length h [m].

@@ -17,11 +17,11 @@ from model.stations import base_pose, stations
 from model.unloaded.closed_form import ClosedForm, march_function, strain_function
 from model.unloaded.energy_statics import EnergyStatics
 from model.unloaded.geometry import nodes_of
-from model.unloaded.hessian_step import own_step
 from model.unloaded.pulls import TERMS, PullPolynomials
 from model.unloaded.statics import ClosedStatics, closed_statics
-from model.unloaded.tip_jacobian import shifts_and_turns, twist_step
+from planner.c_code.hessian_step import own_step
 from planner.c_code.source import CSource, Precision, frame_function, numbers, whole_numbers
+from planner.c_code.tip_jacobian import shifts_and_turns, twist_step
 
 # Steps of Newton's method end in rounding at about 1e-6; they shrink by squares before.
 _SETTLED_FLOAT = 1e-4

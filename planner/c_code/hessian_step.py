@@ -6,7 +6,7 @@ exp(z_1) exp(z_2) .. g, and by the formula of Baker, Campbell and Hausdorff its 
     zeta = sum_k z_k + 1/2 sum_(i<k) [z_i, z_k] + ...
 
 so that a second derivative of zeta is the sum of the steps' own and of brackets with the sums so
-far (model.unloaded.tip_jacobian). What is asked of it is its product with a wrench, or with several
+far (planner.c_code.tip_jacobian). What is asked of it is its product with a wrench, or with several
 of them at places along the arm, which then add up from the tip to each step.
 """
 
@@ -23,7 +23,7 @@ from model.unloaded.closed_form import strain_function, twist
 from model.unloaded.pulls import TERMS
 from model.unloaded.statics import ClosedStatics
 from model.unloaded.step_twist import adjoint_function
-from model.unloaded.tip_jacobian import strain_jacobian
+from planner.c_code.tip_jacobian import strain_jacobian
 
 
 @lru_cache(maxsize=64)

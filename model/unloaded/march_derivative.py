@@ -1,0 +1,193 @@
+"""How a march answers to its strains, and so to tensions and wrenches: by twists of its steps.
+
+A step is exp(Omega). A change of it moves all that is beyond by a spatial twist z = (rotation,
+shift), so that a place on the arm moves by the sum of the steps before it. With Z the derivatives
+of z by kappa and nu at a step's nodes, and W the nodes' weights in an integral along the arm,
+
+    z = sum of Z twist' dv,      K dv = Z^T w / W - (wrench per newton) dT,
+
+where twist' are those of kappa and nu by the strains v, and K of the cross-section's wrench. The
+first is the chain rule, the second the principle of virtual work with the same Z: w is a moment
+and a force at the place. Sources: see model.integrators.magnus.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import casadi as ca
+import numpy as np
+
+from model.cross_section import cross_section_of
+from model.cross_section.law import CrossSection, forces, moments, size
+from model.cross_section.reported import reported, strains_of
+from model.cross_section.sections import Sections
+from model.integrators.magnus import Magnus
+from model.machine.buffered import Buffered, Mapped
+from model.machine.compiled import kernel
+from model.paths import Array
+from model.unloaded.closed_form import ClosedForm
+from model.unloaded.step_twist import adjoint_function, step_jacobian
+
+_ROUNDING = 4 * np.finfo(float).eps
+
+
+@dataclass(frozen=True, eq=False)
+class MarchDerivative:
+    """See model.equilibrium.sensitivities.Sensitivities, which has the same for arms with loads.
+
+    Attributes
+    ----------
+    march : ClosedForm
+    tensions : (n_tendons,)
+        [N].
+    node : int
+        The node of its mesh that is pushed and watched.
+    """
+
+    march: ClosedForm
+    tensions: Array
+    node: int
+
+    @cached_property
+    def pose_tension(self) -> Array:
+        """Displacement [m] and rotation [rad] per newton in each tendon (6, n_tendons)."""
+        return self._pose(self._by_tensions)
+
+    @cached_property
+    def pose_wrench(self) -> Array:
+        """The same per force [N] and moment [N m] at the node (6, 6), base frame."""
+        return self._pose(self._by_wrench)
+
+    @property
+    def lengths(self) -> Array:
+        """The lengths of the tendons (n_tendons,) [m]."""
+        return self._lengths[0]
+
+    @cached_property
+    def length_wrench(self) -> Array:
+        """Lengths of the tendons per force and moment (n_tendons, 6)."""
+        return np.asarray(np.einsum("tpn,pnk->tk", self._lengths[1], self._by_wrench))
+
+    @cached_property
+    def length_tension(self) -> Array:
+        """Lengths of the tendons per newton (n_tendons, n_tendons) [m/N]."""
+        return np.asarray(np.einsum("tpn,pnk->tk", self._lengths[1], self._by_tensions))
+
+    @cached_property
+    def stable(self) -> bool:
+        """Whether each cross-section is at a minimum of its energy, tensions held."""
+        K = self._stiffness
+        values = np.linalg.eigvalsh((K + K.transpose(0, 2, 1)) / 2)
+        # Where a tendon has no length left it is stiff beyond all digits of the rest.
+        return bool(np.all(values[:, 0] > -_ROUNDING * values[:, -1]))
+
+    @property
+    def _count(self) -> int:
+        """The nodes P of all steps."""
+        return self.march.mesh.steps * len(self.march.scheme.nodes)
+
+    @cached_property
+    def _law(self) -> CrossSection:
+        """The law of sections that wrenches twist."""
+        return cross_section_of(self.march.scene, self.march.arm.is_curved)
+
+    @cached_property
+    def _plain(self) -> Array:
+        """The strains (P, n) of the march's own law, which is not twisted."""
+        return self.march.strains(self.tensions)
+
+    @cached_property
+    def _strains(self) -> Array:
+        return strains_of(self._law, reported(self.march.law, self._plain[: self._count]))
+
+    @cached_property
+    def _sections(self) -> Sections:
+        at, own = self.march, slice(self._count)
+        where = at.stretch_at[own], at.stretch_active[own]
+        return Sections(at.arm, at.scene, self._law, *where, at.machine_code)
+
+    @cached_property
+    def _pulls(self) -> Array:
+        return self._sections.pulls(self.tensions)
+
+    @cached_property
+    def _stiffness(self) -> Array:
+        """K of the module (P, n, n)."""
+        return self._sections.wrench(self._strains, self._pulls)[1]
+
+    @cached_property
+    def _weights(self) -> Array:
+        """W of the module (P,) [m]."""
+        return np.outer(np.diff(self.march.mesh.s), self.march.scheme.weights).ravel()
+
+    @cached_property
+    def _poses(self) -> Array:
+        return self.march.poses(self._plain)
+
+    @cached_property
+    def _twists(self) -> Array:
+        """Z of the module, transposed (P, 6 of kappa and nu, 6 of z), 0 beyond the node."""
+        at, m = self.march, len(self.march.scheme.nodes)
+        twist = _kinematics(self._law)(self._strains)[0]
+        call = _step_twists(at.scheme, at.mesh.steps, at.machine_code)
+        (found,) = call(self._poses[:-1].ravel(), twist.ravel(), np.diff(at.mesh.s))
+        found = found.reshape(self._count, 6, 6)
+        found[self.node * m :] = 0.0
+        return np.asarray(found)
+
+    @cached_property
+    def _moved(self) -> Array:
+        """How the twist z answers to strains (P, n, 6)."""
+        slopes = _kinematics(self._law)(self._strains)[1]
+        return np.asarray(slopes.reshape(self._count, -1, 6) @ self._twists)
+
+    @cached_property
+    def _by_tensions(self) -> Array:
+        return self._sections.by_tensions(self._strains, self._pulls)
+
+    @cached_property
+    def _by_wrench(self) -> Array:
+        """How strains change with a force and moment at the node (P, n, 6)."""
+        law, point = self._law, self._poses[self.node, 4:]
+        about_base = np.block([[_skew(point), np.eye(3)], [np.eye(3), np.zeros((3, 3))]])
+        local = self._twists @ about_base / self._weights[:, None, None]
+        own = [*moments(law), *(3 + k for k in forces(law))]
+        return np.asarray(np.linalg.solve(self._stiffness, local[:, own]))
+
+    @cached_property
+    def _lengths(self) -> tuple[Array, Array]:
+        return self._sections.length_jacobian(self._strains, self._weights)
+
+    def _pose(self, strains: Array) -> Array:
+        """Return displacement and rotation (6, k) of the node that changes of strains are."""
+        moved = self._moved.reshape(-1, 6)
+        z = moved.T @ strains.reshape(len(moved), -1)
+        point = self._poses[self.node, 4:]
+        return np.vstack([z[3:] - _skew(point) @ z[:3], z[:3]])
+
+
+def _skew(v: Array) -> Array:
+    x, y, z = v
+    return np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+
+
+@lru_cache(maxsize=24)
+def _kinematics(law: CrossSection) -> Mapped:
+    """Return strains -> kappa and nu (6,), and their derivatives by the strains (6, n)."""
+    v = ca.SX.sym("v", size(law))
+    twist = ca.densify(ca.vertcat(*law.twist(v)))
+    slopes = ca.vec(ca.densify(ca.jacobian(twist, v)))
+    return Mapped(ca.Function("kinematics", [v], [twist, slopes], {"cse": True}))
+
+
+@lru_cache(maxsize=24)
+def _step_twists(scheme: Magnus, steps: int, machine_code: bool) -> Buffered:
+    """Return (pose before a step, kappa and nu at its nodes, h) -> Z of the module (6, 6 m)."""
+    m = len(scheme.nodes)
+    g, e, h = ca.SX.sym("g", 7), ca.SX.sym("e", 6 * m), ca.SX.sym("h")
+    _, local = step_jacobian(scheme, ca.vertsplit(e, 6), h, e)
+    seen = ca.densify(adjoint_function()(g) @ local)
+    twists = ca.Function("twists", [g, e, h], [seen], {"cse": True})
+    return Buffered(kernel(twists, machine_code).map(steps))
