@@ -27,10 +27,10 @@ if TYPE_CHECKING:
     __version__: str
 
 _MODULES = (
-    "planner",
     "model",
     "model.effects",
     "model.obstacles",
+    "planner",
     "planner.targets",
     "planner.plots",
 )
@@ -89,6 +89,8 @@ def __getattr__(name: str) -> Any:
         return _names()
     if not name.startswith("_"):
         check_own("model", "planner")
+        if "IPython" in sys.modules:
+            import_module("planner.notebook")  # that shows figures of shapes too
         for module in map(import_module, _MODULES):
             if name in module.__all__:
                 return getattr(module, name)

@@ -44,7 +44,7 @@ def test_a_stiffness_is_readable() -> None:
     row = next(line for line in shown.splitlines() if line.startswith("  y moves by"))
     numbers = [float(cell) for cell in row.split()[3:]]
     assert numbers == pytest.approx(1e3 * k.compliance[1, :3], rel=1e-3)
-    assert "slack, could only pull: T_11, T_12" in shown
+    assert "left slack (release=False locks them): T_11, T_12" in shown
     assert figure_in(k._repr_html_()).startswith(b"\x89PNG")
 
 
