@@ -22,14 +22,8 @@ from planner.io.scene_tables import UnknownTable, whole
 
 _SENSOR = re.compile(r"points\[\d+\]\.(s_mm|offset_mm\[[012]\])|tension_scale\[\d+\]")
 _MODEL = ("arm.", "effects.")
-# Steps of difference quotients, over the bounds' range and over the value; central, then to either
-# side, of second order: (steps off, weight times step).
-_STEP, _SMALL = 1e-5, 1e-4
-_STENCILS = (
-    ((1, 0.5), (-1, -0.5)),
-    ((0, -1.5), (1, 2.0), (2, -0.5)),
-    ((0, 1.5), (-1, -2.0), (-2, 0.5)),
-)
+# Steps of difference quotients, over the bounds' range.
+_STEP = 2e-8
 
 
 @dataclass(frozen=True)
@@ -221,17 +215,24 @@ class Parameters:
     ) -> list[Array]:
         """Return the derivatives (..., K) of arrays that are functions of values (K,).
 
-        By difference quotients, central unless there is no arm to one side: for what is put
-        together from the unknowns by low powers, and not settled for, they are good to nine digits.
+        By difference quotients to one side, the other one where there is no arm: for what is put
+        together from the unknowns by low powers, and not settled for, they are good to seven digits
+        or more.
         """
-        columns = []
+        here, columns = function(values), []
         for k, unknown in enumerate(self.unknowns):
             if not unknown.belongs(session):
-                columns.append([np.zeros_like(part) for part in function(values)])
+                columns.append([np.zeros_like(part) for part in here])
                 continue
-            h = min(_STEP * unknown.range, _SMALL * abs(values[k]) or np.inf)
-            h = max(h, 1e-3 * _STEP * unknown.range)
-            columns.append(_difference(function, values, h * np.eye(len(values))[k], h))
+            beside, h = values.copy(), _STEP * unknown.range
+            try:
+                beside[k] = values[k] + h
+                there = function(beside)
+            except InputError:
+                h = -h
+                beside[k] = values[k] + h
+                there = function(beside)
+            columns.append([(b - a) / h for a, b in zip(here, there, strict=True)])
         return [np.stack(parts, axis=-1) for parts in zip(*columns, strict=True)]
 
     def multistart(self, count: int, seed: int) -> list[Array]:
@@ -242,23 +243,6 @@ class Parameters:
 
         draws = qmc.Halton(len(self.unknowns), seed=seed).random(count - 1)
         return [self.start, *map(self.from_shares, draws)]
-
-
-def _difference(
-    function: Callable[[Array], Sequence[Array]], values: Array, step: Array, h: float
-) -> list[Array]:
-    problem: InputError | None = None
-    for stencil in _STENCILS:
-        try:
-            rows = [function(values + off * step) for off, _ in stencil]
-        except InputError as reason:
-            problem = problem or reason
-            continue
-        weights = [weight / h for _, weight in stencil]
-        parts = zip(*rows, strict=True)
-        return [np.einsum("i,i...->...", weights, np.array(part)) for part in parts]
-    assert problem is not None
-    raise problem
 
 
 def unknown_of(table: UnknownTable, name: str, where: str) -> Unknown:
