@@ -44,22 +44,6 @@ def held_stability(here: Linearised) -> float:
         return 0.0
 
 
-def least_mode(here: Linearised) -> Array:
-    """Return how the states move (n_states,) in the mode of least stability, of either sign.
-
-    Its strains are up to 1 / L.
-    """
-    of = here.system.of
-    inverse = _Inverse(here)
-    right = np.zeros(of.n_states)
-    right[inverse.places] = inverse.before * inverse.extreme("SR")[1]
-    change = here.solve(right)
-    strains = change[of.stages]
-    # Of the two signs one that does not depend on the mesh.
-    sign = np.sign(strains.mean(axis=0) @ np.sqrt(np.arange(1, of.form.strains + 1.0)))
-    return np.asarray((sign or 1.0) * change / (here.system.arm.length * np.abs(strains).max()))
-
-
 class _Inverse:
     """The inverse of the scaled Hessian, by the equations' factors."""
 
