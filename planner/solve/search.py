@@ -265,7 +265,10 @@ class Search:
         """Return the best that was seen: of optima that of least effort, else what came last."""
         best = min(self.met, key=_objective, default=self._last)
         if best is None:
-            *_, T = islice(self.guesses(), 2)
+            try:
+                *_, T = islice(self.guesses(), 2)
+            except OutOfTime:
+                T = np.array(self.task.allowed.lower)
             statement = self.task.coarse("nearest")
             return SearchResult(statement, self.task.arm.by_section(T), (), (), (), stopped)
         statement, solution = best
