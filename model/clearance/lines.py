@@ -12,7 +12,7 @@ from model.effects import PrintedStatics
 from model.equilibrium.forward import STAGES, Collocation
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import NEAR, newton, newton_many, step_size
-from model.errors import OctoplanError
+from model.errors import InputError, OctoplanError
 from model.forward import explicit_map
 from model.loads import is_loaded
 from model.paths import Array
@@ -31,12 +31,15 @@ class Lines:
     """Tensions to centrelines, on one mesh that has given arc lengths as nodes.
 
     Without loads the shape is a closed form of the tensions; under loads it is looked for near the
-    one before.
+    one before. Raises InputError as printed, where other equations would tell of another shape.
     """
 
     def __init__(
         self, arm: Arm, scene: Scene, refinement: int, at: tuple[float, ...], machine_code: bool
     ) -> None:
+        if scene.has(PrintedStatics):
+            allowed = "a scene whose statics are consistent: motions as printed are not cleared"
+            raise InputError("scene", "written as printed", allowed)
         self.arm = arm
         self._asked = (arm, scene, refinement, at, machine_code)
         self._last: Linearised | None = None
@@ -48,8 +51,8 @@ class Lines:
     def many(self, tensions: Array) -> list[Centreline | None]:
         """Return the centrelines under tensions (K, n_tendons), None where one does not settle."""
         arm, scene, refinement, at, machine_code = self._asked
-        if is_loaded(scene) or scene.has(PrintedStatics):
-            stages = (STAGES, refinement, at, is_loaded(scene), machine_code)
+        if is_loaded(scene):
+            stages = (STAGES, refinement, at, True, machine_code)
             return self._implicit(Collocation(arm, scene, *stages), tensions)
         forward: Any = explicit_map(arm, scene, _SCHEME, refinement, at, machine_code)
         law, own = forward.law, slice(forward.mesh.steps * STAGES)
@@ -63,9 +66,9 @@ class Lines:
     def lengths(self, tensions: Array) -> Array:
         """Return the lengths of the tendons (n_tendons,) [m] under tensions; NaN if unsettled."""
         arm, scene, refinement, at, machine_code = self._asked
-        if not (is_loaded(scene) or scene.has(PrintedStatics)):
+        if not is_loaded(scene):
             return tendon_lengths(arm, scene, machine_code)(tensions).lengths
-        stages = (STAGES, refinement, at, is_loaded(scene), machine_code)
+        stages = (STAGES, refinement, at, True, machine_code)
         here = self._followed(Collocation(arm, scene, *stages), tensions)
         return np.full(arm.n_tendons, np.nan) if here is None else here.lengths
 

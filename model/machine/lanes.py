@@ -10,7 +10,6 @@ import ctypes
 import math
 from collections.abc import Mapping
 from importlib.resources import files
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -67,11 +66,6 @@ def written(program: Program, name: str, numbers: tuple[int, ...], pieces: bool 
     else:
         lines.insert(0, f"  lanes {', '.join(f'a{i}' for i in range(program.n_registers))};")
     return "\n".join([f"{before}static inline void {name}({given}) {{", *lines, "}"])
-
-
-def pointer(values: Any) -> ctypes.c_void_p:
-    """Return where an array begins."""
-    return ctypes.c_void_p(values.ctypes.data)
 
 
 def aligned(size: int) -> Array:

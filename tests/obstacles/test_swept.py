@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from model import Arm, Scene
+from model import Arm, InputError, Scene
 from model.centreline import Centreline
 from model.clearance.lines import Lines
 from model.clearance.smooth import SHARES, chebyshev, control, falls, highest
@@ -157,3 +157,8 @@ def test_smooth_functions_stay_below_their_bound_and_others_are_told() -> None:
     for g in (lambda u: np.sign(u - 0.3), lambda u: np.sin(12 * u), lambda u: u**8 * (1 - u)):
         assert not falls(np.abs(chebyshev(g(SHARES)[None])), 1e-12)[0]
     assert highest(-np.abs(SHARES - 0.6)[None])[0] >= 0
+
+
+def test_motions_as_printed_are_refused_and_not_cleared_for_another_shape() -> None:
+    with pytest.raises(InputError, match="motions as printed are not cleared"):
+        Lines(ARM, Scene.as_printed(), 2, (), False)
