@@ -12,6 +12,7 @@ import inspect
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cache
 from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 
 import msgspec
@@ -224,7 +225,8 @@ def arguments_of(table: Table) -> dict[str, Any]:
     return found
 
 
-def _spec(table: type) -> _Spec:
+@cache
+def _spec(table: Any) -> _Spec:
     return next(_OF_TABLE[own] for own in table.__mro__ if own in _OF_TABLE)
 
 

@@ -36,7 +36,7 @@ from planner.io.scene_tables import (
     StiffnessTable,
     whole,
 )
-from planner.io.slips import check_slips
+from planner.io.slips import check_modulus, warn_of_slips
 from planner.io.target_tables import target_of
 from planner.program.limits import Limits
 from planner.question import check_targets
@@ -116,13 +116,20 @@ def text_of(path: Path) -> bytes:
 
 def read(text: bytes, name: str = "scene") -> Question:
     """Return the question of a scene file's text; see load."""
-    return question_of(decoded(text, name), name)
+    return _given(decoded(text, name), name)
+
+
+def _given(raw: dict[str, Any], name: str) -> Question:
+    """Return the question of what somebody wrote: likely slips in it are told as UnitWarning."""
+    question = question_of(raw, name)
+    warn_of_slips(checked_table(raw, name))
+    return question
 
 
 def question_of(raw: dict[str, Any], name: str = "scene") -> Question:
     """Return the question of what a scene file holds, as TOML is decoded; see load."""
     table = checked_table(raw, name)
-    check_slips(table, name)
+    check_modulus(table.arm.E_kPa, name)
     within = partial(_within, raw, name)
     arm = within("arm", arm_of, table.arm)
     scene = within("effects", scene_of, table.effects)
@@ -208,9 +215,9 @@ def converted(raw: dict[str, Any], kind: type[R], key: str, name: str, needed: s
 def scene_beside(scene: str | dict[str, Any], path: Path) -> Question:
     """Return the question of a scene that a file at a path holds or names, from its folder."""
     if not isinstance(scene, str):
-        return question_of(scene, str(path))
+        return _given(scene, str(path))
     beside = path.parent / scene
-    return question_of(decoded(text_of(beside), str(beside)), str(beside))
+    return _given(decoded(text_of(beside), str(beside)), str(beside))
 
 
 def checked_table(raw: dict[str, Any], name: str) -> SceneTable:
@@ -379,7 +386,7 @@ def scene_table(
 
 def filled(raw: dict[str, Any], name: str) -> dict[str, Any]:
     """Return what a scene file holds with all defaults, its meshes as numbers; FileError."""
-    question_of(raw, name)
+    _given(raw, name)
     return whole(checked_table(raw, name), Path(name).parent)
 
 

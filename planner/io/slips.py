@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Iterator
+from functools import cache
 from typing import Any, get_type_hints
 
 from model.errors import FileError
@@ -22,17 +23,20 @@ _SOFTEST, _WATER = 0.3, (0.9, 1.1)
 _FLUIDS = ("effects.buoyancy.density", "effects.current.density")
 
 
-def check_slips(table: Table, name: str) -> None:
-    """Warn of likely slips in a table with UnitWarning; FileError for a modulus in MPa or GPa."""
+def check_modulus(E_kPa: float, name: str) -> None:
+    """Raise FileError for Young's modulus of an arm in MPa or GPa in place of kPa."""
+    if E_kPa < _SOFTEST:
+        unit, factor = ("megapascals", 1e3) if 1e3 * E_kPa >= _SOFTEST else ("gigapascals", 1e6)
+        meant = f"give {factor * E_kPa:g} if {unit} were meant (kPa)"
+        told = f"got {E_kPa:g}, softer than any elastomer; allowed is {_SOFTEST:g} kPa or more"
+        raise FileError(name, "arm.E_kPa", f"{told}: {meant}")
+
+
+def warn_of_slips(table: Table) -> None:
+    """Warn of likely slips in a table, with UnitWarning."""
     for path, unit, value in _quantities(table, ""):
         if unit == "deg":
             _warn_of_radians(path, value)
-        elif path == "arm.E_kPa" and value < _SOFTEST:
-            meant = f"{1e3 * value:g} if megapascals were meant"
-            if 1e3 * value < _SOFTEST:
-                meant = f"{1e6 * value:g} if gigapascals were meant"
-            told = f"got {value:g}, softer than any elastomer; allowed is {_SOFTEST:g} kPa or more"
-            raise FileError(name, path, f"{told}: give {meant} (kPa)")
         elif path in _FLUIDS and _WATER[0] <= value <= _WATER[1]:
             told = f"{path} is {value:g} kg/m3, a thousandth of that of water"
             meant = f"if g/cm3 were meant, give {1e3 * value:g} (kg/m3)"
@@ -41,16 +45,21 @@ def check_slips(table: Table, name: str) -> None:
 
 def _quantities(table: Table, path: str) -> Iterator[tuple[str, str, Any]]:
     """Yield the paths of a table's keys that have a unit, with unit and value."""
-    hints = get_type_hints(type(table), include_extras=True)
-    for key in table.__struct_fields__:
+    for key, unit in _units(type(table)):
         value, here = getattr(table, key), f"{path}.{key}" if path else key
         several = value if isinstance(value, tuple | list) else (value,)
         inside = [(i, own) for i, own in enumerate(several) if isinstance(own, Table)]
         for i, own in inside:
             yield from _quantities(own, here if own is value else f"{here}[{i}]")
-        unit = unit_of_type(hints[key])
         if unit and value is not None and not inside:
             yield here, unit, value
+
+
+@cache
+def _units(kind: type[Table]) -> tuple[tuple[str, str], ...]:
+    """Return the keys of a table, each with its unit, empty without one."""
+    hints = get_type_hints(kind, include_extras=True)
+    return tuple((key, unit_of_type(hints[key])) for key in kind.__struct_fields__)
 
 
 def _warn_of_radians(path: str, value: Any) -> None:
