@@ -150,7 +150,8 @@ tension_max = 20.0              # N, each tendon; or a row a section, as in tens
 # rate_max = 5.0                # N/s
 # stroke_rate_max_mm_s = 20.0
 # stroke_acceleration_max_mm_s2 = 50.0   # then the arm rests at each waypoint
-# quasi_static = true           # or tip_acceleration_max_m_s2 = 0.981
+# quasi_static = true           # the tip accelerates by a tenth of gravity at most
+# tip_acceleration_max_m_s2 = 0.5   # or by that
 # times_s = [2.0]               # of each waypoint; then effort is made least, otherwise time
 
 [stiffness]
@@ -197,7 +198,8 @@ tension_max = 20.0              # N, each tendon
 rate_max = 5.0                  # N/s
 # stroke_rate_max_mm_s = 20.0
 # stroke_acceleration_max_mm_s2 = 50.0   # then the arm rests at each waypoint
-# quasi_static = true           # or tip_acceleration_max_m_s2 = 0.981
+# quasi_static = true           # the tip accelerates by a tenth of gravity at most
+# tip_acceleration_max_m_s2 = 0.5   # or by that
 # times_s = [2.0, 4.0]          # of each waypoint; then effort is made least, otherwise time
 
 [[waypoints]]                   # targets in order; any type that [target] has
