@@ -7,7 +7,6 @@ themselves. They are loaded at first use, so that `import octoplan` costs nothin
 
 from __future__ import annotations
 
-import difflib
 import os
 import signal
 import sys
@@ -94,6 +93,8 @@ def __getattr__(name: str) -> Any:
         for module in map(import_module, _MODULES):
             if name in module.__all__:
                 return getattr(module, name)
+    import difflib  # seldom needed, and what comes before Ctrl-C is heard is to be short
+
     near = difflib.get_close_matches(name, [] if name.startswith("_") else _names(), n=1)
     advice = f"; did you mean {near[0]!r}?" if near else ""
     raise AttributeError(f"module 'octoplan' has no attribute {name!r}{advice}")

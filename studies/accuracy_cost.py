@@ -40,9 +40,8 @@ from model.forward import SCHEMES
 from planner.plots.work import Curve, legend_below, plot_work
 from studies import work_silicone
 from studies.panels import lettered
-from studies.timing import machine
+from studies.timing import Measured, Size, machine
 from studies.work_plan import plans, reachable, statics
-from studies.work_precision import Measured, Size
 from studies.work_settle import EXACT, EXPLICIT, PAPER, WEIGHT, jacobians, settling
 from studies.work_silicone import SCENES, STAGES, orders, planning
 from studies.work_silicone import name as stages_name

@@ -18,10 +18,9 @@ from planner.plots.work import Curve
 from planner.targets import TipPosition
 from studies import draws
 from studies.baselines import ScipyArm
-from studies.speed_settle import PAPER
-from studies.timing import repeated, timed, while_budget
+from studies.speed import PAPER
+from studies.timing import Size, repeated, timed, while_budget
 from studies.tip_targets import MAXIMUM, draw
-from studies.work_precision import Size
 
 ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)
 STARTS = (1, 2, 3, 5, 8, 14)

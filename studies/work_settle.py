@@ -17,10 +17,9 @@ from model.paths import Array
 from planner.c_code.tip_jacobian import tip_jacobian_function
 from studies import draws
 from studies.baseline_gvs import settler
-from studies.baseline_loads import ScipyLoadedArm
-from studies.baselines import ScipyArm
-from studies.speed_settle import LOADS
-from studies.work_precision import Measured, Size
+from studies.baselines import ScipyArm, ScipyLoadedArm
+from studies.speed import LOADS
+from studies.timing import Measured, Size
 
 PAPER = Scene(Extension())
 EXACT = Scene(Extension(), ExactTendons())

@@ -22,9 +22,9 @@ from planner.program.statement import Statement
 from planner.solve.ipopt import solve
 from planner.targets import TipPosition
 from studies import draws
-from studies.baseline_silicone import ScipySiliconeArm
+from studies.baselines import ScipySiliconeArm
+from studies.timing import Measured, Size
 from studies.tip_targets import MAXIMUM
-from studies.work_precision import Measured, Size
 from studies.work_settle import KNOB, chosen, tip_by
 
 STAGES = (1, 2, 3, 4)
