@@ -147,6 +147,25 @@ def test_sensitivity_is_that_of_plans_made_anew(key: str) -> None:
     assert found.sensitivity == pytest.approx([wanted], rel=1e-3)
 
 
+def test_optima_of_arms_begun_with_are_compared_in_newtons() -> None:
+    """Each search counts tensions in its own unit: the largest that it begins with."""
+    parameters = Parameters.of(_arm(), PAPER, [RADIUS])
+    for most in (0.1, 0.7):
+        T = np.full((1, 8), most)
+        tasks, values = [(_tips()[0],)], parameters.start
+        program = Program(parameters, tasks, Limits.of(_arm(), 5.0), Making(), values, T)
+        found = program.solve(fixed=True)
+        assert found.missed < 1e-6
+        assert found.objective == pytest.approx(np.sum(found.tensions**2) / 2, rel=1e-9)
+
+
+def test_a_number_at_a_bound_is_tried_at_the_other_one() -> None:
+    found = design(_arm(), _tips()[:1], [OFFSET], PAPER, 5.0, starts=2, begins=1)
+    assert "At a bound" in found.outcome
+    assert len(found.optima) == 2
+    assert found.effort**2 / 2 == pytest.approx(min(found.optima), rel=1e-5)
+
+
 def test_what_can_be_made_is_kept_to() -> None:
     wall = 0.0015
     with pytest.raises(InputError, match="it misses it by"):
