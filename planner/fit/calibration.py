@@ -8,6 +8,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from model.text import in_notebook
 from planner.fit.fitted import Fitted
 from planner.fit.measured import Measured
@@ -28,15 +30,19 @@ class CalibratedPlan(Plan):
     tip_std : float
         One standard deviation of the tip's distance from where it is planned [m], by the standard
         errors of the arm's numbers.
+    measured_std : float
+        The same of where it would be measured, with what the model misses of shapes left out [m].
     """
 
     tip_std: float
+    measured_std: float
 
     @property
     def outcome(self) -> str:
         """What was found, and how sure the tip is."""
         sure = f"tip sure to {1e3 * self.tip_std:.2g} mm (one standard deviation)"
-        return f"{super().outcome} By the calibration, {sure}."
+        missed = f"{1e3 * self.measured_std:.2g} mm with what the model misses of measured shapes"
+        return f"{super().outcome} By the calibration, {sure}, {missed}."
 
 
 @dataclass(frozen=True)
@@ -63,10 +69,10 @@ class Calibration(Fitted):
         Arguments are those of `plan`; the scene is the calibrated one.
         """
         found = plan(self.arm, targets, self.scene, **options)
-        sure = self.predict(found.tensions).tip_std
-        return CalibratedPlan(
-            **{own.name: getattr(found, own.name) for own in fields(found)}, tip_std=sure
-        )
+        told = self.predict(found.tensions)
+        measured = float(np.sqrt(np.trace(told.covariance[0])))
+        own = {field.name: getattr(found, field.name) for field in fields(found)}
+        return CalibratedPlan(**own, tip_std=told.tip_std, measured_std=measured)
 
     def next(self, candidates: Sequence[Any], session: str = "") -> tuple[Candidate, ...]:
         """Return sets of tensions, best first, by what measuring them tells of the unknowns.

@@ -166,6 +166,7 @@ def test_a_plan_of_a_calibrated_arm_tells_how_sure_its_tip_is(sure: Calibration)
     assert found.certificate.passed
     assert f"tip sure to {1e3 * found.tip_std:.2g} mm (one standard deviation)" in found.outcome
     assert found.tip_std == pytest.approx(sure.predict(found.tensions).tip_std)
+    assert found.measured_std > found.tip_std
 
 
 def test_a_shape_that_stops_settling_on_the_way_is_left_out_and_named() -> None:
