@@ -1,4 +1,4 @@
-"""Linear complementarity: which tendons are taut once the equations are linear."""
+"""Newton steps of tensions that do not push, of the least ones where they are undetermined."""
 
 from __future__ import annotations
 
@@ -6,13 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
-from scipy.linalg.lapack import dgesdd, dgesv
+from scipy.linalg.lapack import dgesdd
 
 from model.paths import Array
 
-# Exchanges of all wrong signs at once that may fail to lessen their number; then one at a time.
-_BLOCKS = 8
 # Rounding, against the largest number of its kind.
 _TINY = 1e-14
 # What rounding leaves of lengths, over the arm's length.
@@ -21,37 +18,6 @@ ROUNDING = 3e-14
 _WELL = 1e-8
 # A residual as small says that inequalities exclude each other.
 _APART = 1e-9
-
-
-def complementary(M: Array, q: Array, taut: NDArray[np.bool_]) -> Array | None:
-    """Return z (n,) with z >= 0, w = M z + q >= 0 and z . w = 0; None where none is found.
-
-    By block principal pivoting (Judice and Pires, Computers & Operations Research 21, 1994), which
-    comes to the one solution if all principal minors of M are positive. `taut` (n,) is a guess of
-    which z are positive.
-    """
-    n, least = q.size, -_TINY * float(np.abs(q).max(initial=0.0))
-    fewest, blocks = n + 1, _BLOCKS
-    for _ in range(100 + 10 * n):
-        z, w = np.zeros(n), q
-        (own,) = taut.nonzero()
-        if own.size:
-            _, _, found, info = dgesv(M[own[:, None], own], -q[own])
-            if info:
-                return None
-            z[own], w = found, M[:, own] @ found + q
-        wrong = np.where(taut, z < -_TINY * float(np.abs(z).max(initial=0.0)), w < least)
-        count = int(np.count_nonzero(wrong))
-        if count == 0:
-            return np.maximum(z, 0.0)
-        if count < fewest:
-            fewest, blocks = count, _BLOCKS
-        elif blocks:
-            blocks -= 1
-        else:
-            wrong = np.arange(n) == np.flatnonzero(wrong)[-1]
-        taut = taut ^ wrong
-    return None
 
 
 class Step(NamedTuple):
