@@ -43,7 +43,7 @@ from planner.program.terms import (
 )
 from planner.targets.base import Target
 
-LEAST_STRETCH = 1e-3
+STRETCH, LEAST_STRETCH = "stretch", 1e-3
 # Shares of what is wanted that count as no less.
 _LEAST_SHARE = 1e-12
 S = TypeVar("S", ca.SX, ca.MX)
@@ -175,7 +175,7 @@ class Objective:
                 0.0,
                 np.inf,
             ),
-            ("stretch", thin, LEAST_STRETCH, np.inf),
+            (STRETCH, thin, LEAST_STRETCH, np.inf),
             ("total pull", (total - ca.sum1(T)) / reference, 0.0, np.inf),
             ("peak", peaks, 0.0, np.inf),
         ]

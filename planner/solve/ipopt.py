@@ -38,8 +38,8 @@ _QUIET: Options = {
 COLD: Options = {"max_iter": 60, "mu_init": 0.1, "bound_push": 5e-3, "bound_frac": 5e-3}
 # Least squares of what cannot be met take longer, and there is no cheaper way.
 PATIENT: Options = {"max_iter": 200}
-# Of several programs side by side, most of which begin elsewhere.
-NEAR: Options = COLD | {"max_iter": 100, "mu_init": 1e-2}
+# Of several programs side by side, where no other guess is cheaper.
+NEAR: Options = COLD | {"max_iter": 300, "mu_init": 1e-2}
 WARM: Options = {
     "mu_init": 1e-6,
     "warm_start_init_point": "yes",

@@ -128,7 +128,7 @@ class MotionProgram:
         Those are by how much each waypoint's rows besides equilibrium are off on its mesh.
         """
         matrix, most = self._coupled()
-        M, way = self.least.size, NEAR if before is None else WARM
+        M = self.least.size
         own = zip(*(stop.bounds for stop in self.stops), strict=True)
         lbx, ubx, lbg, ubg = (np.concatenate(parts) for parts in own)
         off = [
@@ -141,9 +141,15 @@ class MotionProgram:
             np.concatenate([lbg - np.concatenate(off), np.full(most.size, -np.inf)]),
             np.concatenate([ubg - np.concatenate(off), most]),
         )
-        p, run = np.concatenate([stop.p for stop in self.stops]), self._solver(matrix, way)
-        known = None if before is None else (before.lam_x, before.lam_g)
-        solution = solved(run, self.x if before is None else before.x, p, bounds, known)
+        p = np.concatenate([stop.p for stop in self.stops])
+        if before is not None:
+            known, run = (before.lam_x, before.lam_g), self._solver(matrix, WARM)
+            solution = solved(run, before.x, p, bounds, known)
+            check_time()
+            if solution.met:
+                return solution
+        start = self.x if before is None else before.x
+        solution = solved(self._solver(matrix, NEAR), start, p, bounds)
         check_time()
         return solution
 

@@ -22,6 +22,7 @@ from model.time_limit import OutOfTime
 from planner.avoidance.rows import Avoidance
 from planner.measure import compliances_along
 from planner.plan import Plan
+from planner.program.objective import STRETCH
 from planner.program.problem import build, units
 from planner.settled import settled
 from planner.solve.ipopt import Solution
@@ -30,6 +31,8 @@ from planner.targets.base import Target
 from planner.trajectory.program import Coupling, MotionProgram, Stop
 from planner.trajectory.question import Question
 
+# What the least stretch of the settled arm may be below that on a coarse mesh.
+_CRUSHED = 0.02
 # The part of the accuracy that is left to rows, and how often they are corrected.
 _SHARE, _CORRECTED = 4, 8
 
@@ -125,7 +128,7 @@ class Waypoints:
         """Move the waypoints to the optimum; None without one, or where the arm does not stand."""
         stops = [self._stop(way) for way in self.ways]
         program = MotionProgram(stops, self._coupling(), self._guess(stops))
-        defects, solution = [np.zeros(stop.problem.n_outer) for stop in stops], None
+        defects, solution = [self._expected(stop) for stop in stops], None
         for k in range(_CORRECTED):
             tell("program over the waypoints", k, _CORRECTED)
             solution = program.solve(defects, solution)
@@ -185,6 +188,13 @@ class Waypoints:
             asked.start, begin, self.unit, rate, asked.rates.pace, group, shares, asked.steps
         )
 
+    def _expected(self, stop: Stop) -> Array:
+        """Return defects before they are known: the arm may be crushed between stages."""
+        at = [
+            row.name == STRETCH for row in stop.problem.program.outer_rows for _ in range(row.size)
+        ]
+        return np.where(at, -_CRUSHED, 0.0)
+
     def _defect(self, stop: Stop, x: Array, T: Array) -> Array:
         """Return what rows besides equilibrium are of the settled arm, less what they are in x."""
         asked, problem = self.question, stop.problem
@@ -195,7 +205,8 @@ class Waypoints:
         if self.statement.wound:
             there[problem.program.blocks.lengths] = shape.tendon_lengths / asked.arm.length
         values = problem.program.values
-        return np.asarray(values(there, stop.p)[1][0] - values(x, stop.p)[1][0])
+        change = values(there, stop.p)[1][0] - values(x, stop.p)[1][0]
+        return np.asarray(change + self._expected(stop))
 
 
 def _violation(stop: Stop, x: Array, defect: Array) -> float:
