@@ -76,7 +76,8 @@ def test_a_ball_that_is_elsewhere_at_the_time_changes_nothing(free: Trajectory) 
     given = {"times": TIMES, "obstacles": [late]}
     tr = trajectory(ARM, TARGETS, SCENE, 20.0, rate_max=5.0, **given)  # type: ignore[arg-type]
     assert tr.certificate.passed, tr.outcome
-    np.testing.assert_allclose(tr.flat, free.flat, atol=1e-9)
+    # Both are solved; how sharply, ipopt's tolerance says.
+    np.testing.assert_allclose(tr.flat, free.flat, atol=1e-7)
     assert pickle.loads(pickle.dumps(late)) == late
 
 
