@@ -218,7 +218,7 @@ def plan(
         The least stability of the shape under its loads that is accepted, 0 to 1: the least
         eigenvalue of the scaled Hessian of the energy, which is 1 for an arm at rest and 0 where it
         is about to yield. With 0 the arm has to be stable. Unless given 0.1, where that can be had,
-        else the most stable that is found, which `outcome` tells as on the brink.
+        else the best that is stable, which `outcome` tells as on the brink; 0 in contact.
     compile : bool or "auto"
         Whether to work by machine code, see settle; the plan's shape and certificate are found by
         it too. In a scene as printed, and of curved tendons without loads, only these are.
@@ -264,7 +264,7 @@ def plan(
     statement = stated(limits, norm, solver, stability_margin)
     more = checked_accuracy(accuracy), checked_compile(compile), checked_starts(starts)
     task = Task(arm, targets, scene, limits, statement, *more, stability_margin is None)
-    if not is_loaded(scene):
+    if not is_loaded(scene) or contacts(scene):
         task = replace(task, statement=statement.but(margin=stability_margin or 0.0))
     check_holds(targets, scene)
     obstacles = check_obstacles(obstacles) + beside(targets, scene)

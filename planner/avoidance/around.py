@@ -75,12 +75,12 @@ class Around:
         found = search.run(seconds)
         if found.stopped:
             return found, None
-        in_the_way = self._in_the_way(found)
-        if in_the_way is None:
-            return found, None
         self.task = search.task
         try:
             with time_limit(seconds and max(seconds - (monotonic() - began), 1e-3)):
+                in_the_way = self._in_the_way(found)
+                if in_the_way is None:
+                    return found, None
                 led = self._led(search, found)
         except OutOfTime:
             return replace(found, stopped=True), None

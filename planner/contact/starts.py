@@ -39,17 +39,20 @@ def starts(task: Task, program: Program) -> list[Array]:
         found += _pressing(task, program, towards)
     if not all(isinstance(target, Hold) for target in task.targets):
         with suppress(OctoplanError):
-            found.append(_free(task))
+            found += _free(task)
     return found + [share * own for own in towards for share in _BENDS]
 
 
-def _free(task: Task) -> Array:
-    """Return the tensions of the arm that meets the targets without contact."""
+def _free(task: Task) -> list[Array]:
+    """Return the tensions of arms that meet the targets without contact, the cheapest first."""
     statement = task.statement.but(margin=0.0, modes=0)
     free, bodies = beside_contacts(replace(task, statement=statement, starts=_FREE), Surroundings())
     if any(isinstance(target, Wrap) for target in task.targets):
-        return np.ravel(Around(free, bodies).run(share_left())[0].tensions)
-    return np.ravel(Search(free).run(share_left()).tensions)
+        return [np.ravel(Around(free, bodies).run(share_left())[0].tensions)]
+    search = Search(free)
+    best = np.ravel(search.run(share_left()).tensions)
+    others = sorted(search.met, key=lambda own: own[1].f)[1:]
+    return [best, *(free.tensions(solution) for _, solution in others)]
 
 
 def _pressing(task: Task, program: Program, directions: list[Array]) -> list[Array]:

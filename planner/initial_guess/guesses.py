@@ -53,7 +53,7 @@ def initial_guesses(
         yield from _within_total(
             np.array(fitted(arm, scene, targets, limits, machine_code)), limits
         )
-    drawn = _drawn(arm, scene, targets, limits, machine_code)
+    drawn = drawn_arms(arm, scene, targets, limits, machine_code)
     for k, T in enumerate(drawn):
         yield T
         if k == _FIRST:
@@ -62,10 +62,13 @@ def initial_guesses(
             yield np.clip(_STRONGER * T, low, high)
 
 
-def _drawn(
+def drawn_arms(
     arm: Arm, scene: Scene, targets: tuple[Target, ...], limits: Limits, machine_code: bool
 ) -> Iterator[Array]:
-    """Yield drawn tensions that differ: by nearness and effort, and by nearness alone, in turn."""
+    """Yield drawn tensions that differ: by nearness and effort, and by nearness alone, in turn.
+
+    Without a look at the time, of which they take little.
+    """
     unit = units(arm, limits)
     tendons = frozenset.intersection(*(target.tendons(arm) for target in targets))
     bends = bend_coordinates(arm, tendons, limits)

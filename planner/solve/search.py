@@ -16,17 +16,21 @@ from itertools import islice
 
 import numpy as np
 
+from model.arm import Arm
 from model.loads import is_loaded
 from model.paths import Array
 from model.progress import tell
+from model.scene import Scene
 from model.time_limit import OutOfTime, check_time, time_limit
-from planner.initial_guess.guesses import initial_guesses, is_point
+from planner.initial_guess.guesses import drawn_arms, initial_guesses, is_point
+from planner.program.limits import Limits
 from planner.program.problem import SEARCHED
 from planner.program.statement import Mode, Statement
 from planner.solve.ipopt import Solution, solve
 from planner.solve.refine import Refined, refine
 from planner.solve.search_result import SearchResult, Trial, agreed
 from planner.solve.task import Task
+from planner.targets.base import Target
 
 # Guesses that have to agree, and one more where as many lead nowhere, or all to near misses.
 _AGREED = 2
@@ -128,9 +132,14 @@ class Search:
 
     def guesses(self) -> Iterator[Array]:
         """Yield initial guesses, tensions (n_tendons,) [N], as many as are tried at most."""
-        task, simple = self.task, self.task.simple
-        asked = (task.arm, simple.scene, task.targets, task.allowed, task.machine_code)
-        return islice(initial_guesses(*asked, is_loaded(task.scene)), task.most)
+        loaded = is_loaded(self.task.scene)
+        return islice(initial_guesses(*self._asked, loaded), self.task.most)
+
+    @property
+    def _asked(self) -> tuple[Arm, Scene, tuple[Target, ...], Limits, bool]:
+        """What initial guesses are for: in a scene without loads."""
+        task, scene = self.task, self.task.simple.scene
+        return task.arm, scene, task.targets, task.allowed, task.machine_code
 
     def _try(self, guesses: Iterator[Array], statement: Statement) -> None:
         """Solve from guesses until enough of them agree."""
@@ -265,10 +274,7 @@ class Search:
         """Return the best that was seen: of optima that of least effort, else what came last."""
         best = min(self.met, key=_objective, default=self._last)
         if best is None:
-            try:
-                *_, T = islice(self.guesses(), 2)
-            except OutOfTime:
-                T = np.array(self.task.allowed.lower)
+            *_, T = islice(drawn_arms(*self._asked), 2)
             statement = self.task.coarse("nearest")
             return SearchResult(statement, self.task.arm.by_section(T), (), (), (), stopped)
         statement, solution = best
