@@ -14,6 +14,8 @@ from model.errors import OctoplanError
 _ACROSS, MOST_LINES = 6, 12
 
 # How the figure of a kind of value is drawn, and its table written; whoever can says so.
+# What is called before the first of them is looked for.
+_later: list[Callable[[], Any]] = []
 _shown: dict[type, tuple[Callable[..., Any] | None, Callable[[Any], str] | None]] = {}
 
 
@@ -77,6 +79,11 @@ def shown_by(
     _shown[kind] = plot, table
 
 
+def shown_later(load: Callable[[], Any]) -> None:
+    """Let `load` be called where a figure is wanted first: it says how values are shown."""
+    _later[:] = [load]
+
+
 def plotted(value: Any, ax: Any = None) -> Any:
     """Return the figure of a value, or draw it in axes and return these.
 
@@ -121,6 +128,8 @@ def in_notebook(value: Any) -> str:
 
 def _shown_as(value: Any) -> tuple[Callable[..., Any] | None, Callable[[Any], str] | None]:
     kinds = type(value).__mro__
+    if _later and not any(kind in _shown for kind in kinds):
+        _later.pop()()
     return next((_shown[kind] for kind in kinds if kind in _shown), (None, None))
 
 

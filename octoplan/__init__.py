@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -88,8 +89,8 @@ def __getattr__(name: str) -> Any:
         return _names()
     if not name.startswith("_"):
         check_own("model", "planner")
-        if "IPython" in sys.modules:
-            import_module("planner.notebook")  # that shows figures of shapes too
+        # Figures of arms and shapes are the planner's, which is loaded where one is drawn.
+        import_module("model.text").shown_later(partial(import_module, "planner.notebook"))
         for module in map(import_module, _MODULES):
             if name in module.__all__:
                 return getattr(module, name)

@@ -86,7 +86,7 @@ def test_a_folder_that_is_no_package_hides_nothing(tmp_path: Path) -> None:
 
 def test_the_command_says_which_file_is_in_its_way(tmp_path: Path) -> None:
     (tmp_path / "model.py").write_text("x = 1\n")
-    found = ran(tmp_path, "-m", "octoplan", "--help")
+    found = ran(tmp_path, "-m", "octoplan", "settle", "scene.toml")
     assert (found.returncode, found.stdout) == (2, "")
     assert found.stderr.startswith(f"octoplan: {tmp_path / 'model.py'} hides")
 
@@ -103,3 +103,14 @@ def test_warnings_point_at_the_line_of_the_caller() -> None:
     with pytest.warns(octoplan.UnitWarning) as told:
         octoplan.settle(arm, lengths=[1e3] * 12)
     assert {own.filename for own in told} == {__file__}
+
+
+def test_a_shape_is_drawn_where_nothing_but_the_mechanics_was_loaded(tmp_path: Path) -> None:
+    (tmp_path / "script.py").write_text(
+        "import sys\nfrom octoplan import Arm, settle\n"
+        "shape = settle(Arm.from_paper('table-4'), [0.0] * 12)\n"
+        "assert 'planner' not in sys.modules\n"
+        "assert 'png' in shape._repr_html_()\nprint(type(shape.plot()).__name__)\n"
+    )
+    found = ran(tmp_path, "script.py")
+    assert (found.stdout, found.stderr) == ("Figure\n", "")

@@ -97,7 +97,7 @@ def test_stiffness_is_shown_to_people(calm: str, capsys: pytest.CaptureFixture[s
     shown = capsys.readouterr().out
     assert "compliance of s = 135 mm, lengths locked" in shown
     assert "softest" in shown
-    assert "could only pull: T_13" in shown
+    assert "left slack (release=False locks them): T_13" in shown
 
 
 def test_settle_writes_a_table_of_the_shape(tmp_path: Path, calm: str) -> None:
