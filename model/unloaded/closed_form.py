@@ -166,8 +166,10 @@ class ClosedForm:
     def poses(self, v: Array) -> Array:
         """Return the poses at the nodes (S + 1, 7) of strains at `stretch_at` (K, n)."""
         inner = v[: self.mesh.steps * len(self.scheme.nodes)]
-        (beyond,) = self._march(self._base, inner.ravel(), self._h)
-        return np.vstack([self._base, beyond])
+        found = np.empty((self.mesh.steps + 1, 7))
+        found[0] = self._base
+        (found[1:],) = self._march(self._base, inner.ravel(), self._h)
+        return found
 
     def _along(self, v: Array) -> Array:
         """Return 1 + q (K,) of strains; NaN where these are none."""
