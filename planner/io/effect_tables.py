@@ -134,9 +134,7 @@ class EffectsTable(Table, frozen=True):
     anticlastic: Annotated[
         bool, Meta(description="tendons shift with swelling sections; with neo_hookean")
     ] = False
-    robust: Annotated[
-        bool, Meta(description="sections are solved step by step from the start; exact_tendons")
-    ] = False
+    robust: Annotated[bool, Meta(description="deprecated, has no effect")] = False
     as_printed: Annotated[
         bool, Meta(description="eqs. (10), (11) of the paper to the letter; no other effects")
     ] = False

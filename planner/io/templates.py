@@ -64,7 +64,6 @@ silicone = true                 # what a real silicone arm calls for: all of the
 # exact_tendons = true
 # neo_hookean = true
 # anticlastic = true            # with neo_hookean
-# robust = true                 # cross-sections solved step by step from the start
 # as_printed = true             # the paper's equations to the letter; no other effects
 # shear = { k_s = 1.0 }
 # weight = { g = [0.0, 0.0, -9.81] }              # m/s2
