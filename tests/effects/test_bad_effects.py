@@ -15,7 +15,6 @@ from model import (
     Scene,
     settle,
     settle_many,
-    switch_effects,
 )
 from model.effects import (
     Buoyancy,
@@ -31,7 +30,7 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from planner import plan
+from planner import plan, switch_effects
 from planner.targets import TipPosition
 from tests.model.cases import check_refusal
 

@@ -190,12 +190,18 @@ def test_commands_end_at_their_time_limit(
     assert not Path("c").exists()
 
 
-@pytest.mark.parametrize("limit", ["0", "-1", "nan", "soon"])
+@pytest.mark.parametrize(
+    ("limit", "wanted"),
+    [(limit, "Allowed is a number above 0") for limit in ("0", "-1", "nan")]
+    + [("soon", "unable to convert")],
+)
 def test_time_limits_on_the_command_line_that_are_none_are_refused(
-    limit: str, capsys: pytest.CaptureFixture[str]
+    limit: str, wanted: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert cli.main(["plan", "scene.toml", "--time-limit", limit]) == 2
-    assert "allowed is a number above 0" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert "for --time-limit" in told and limit in told
+    assert wanted in told
 
 
 @pytest.mark.quick("settle")
