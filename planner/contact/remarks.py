@@ -8,6 +8,7 @@ import numpy as np
 
 from model.arm import Arm
 from model.effects import Extension
+from model.errors import OctoplanError
 from model.paths import Array
 from model.scene import Scene
 from model.settle import settle
@@ -43,44 +44,81 @@ def remarks(
 
 
 def _curvatures(wrap: Wrap, shape: Shape, limits: Limits) -> str:
-    """Return whether the obstacle is too tight or too slack for the arm, and where.
+    """Return where the arm is farthest from the obstacle, whether curvature is why, and what lies.
 
-    Of the arm at all where no tensions bend it as the obstacle asks, else of the shape found.
+    Too tight is an obstacle that asks for more curvature than the limits allow, on so long a part
+    that the tolerance does not make up for it. Where they allow as much it is not too tight.
     """
     arm, (start, end) = shape.arm, wrap.part(shape.arm)
     s = np.linspace(max(start, 1e-3 * arm.length), end, _LOOKS)
-    points = shape.position(s)
-    over = wrap.obstacle.distance(points) - (1 + wrap.tolerance) * arm.outer_radius(s)[0]
+    radius = arm.outer_radius(s)[0]
+    gaps = wrap.obstacle.distance(shape.position(s)) - radius
+    over = gaps - wrap.tolerance * radius
     k = int(np.argmax(over))
     if over[k] <= _CLOSE * arm.length:
         return ""
-    gap = wrap.obstacle.distance(points[k]) - arm.outer_radius(s[k : k + 1])[0][0]
     asked = curvature_along(wrap, shape, s)
-    most = attainable_curvature(arm, shape.scene, limits, s)
-    where = f"at {1e3 * s[k]:.4g} mm, where the gap is {1e3 * gap:.3g} mm"
-    numbers = f"it asks for {asked[k]:.3g} /m, the limits allow {most[k]:.3g} /m there"
-    if (asked > most).any():
+    most, is_most = attainable_curvature(arm, shape.scene, limits, s)
+    allow = "allow" if is_most else "allow at least"
+    bent = _bend_towards(wrap, shape, float(s[k]))
+    where = f"at {1e3 * s[k]:.4g} mm, where the gap is {1e3 * gaps[k]:.3g} mm"
+    along = _part_along(wrap, shape, s, gaps)
+    lacks = curvature_along(wrap, shape, s, wrap.tolerance) - most
+    if is_most and _too_tight(lacks, s, wrap.tolerance * radius):
         worst = int(np.argmax(asked - most))
         found = f"it asks for {asked[worst]:.3g} /m, the limits allow {most[worst]:.3g} /m"
-        return f"The obstacle is too tight for the arm at {1e3 * s[worst]:.4g} mm: {found}."
-    bent = _bend_towards(wrap, shape, float(s[k]))
+        place = f"at {1e3 * s[worst]:.4g} mm, in the direction of the shape found"
+        return f"The obstacle is too tight for the arm {place}: {found}. {along}"
     if bent > asked[k]:
         more = f"the arm bends by {bent:.3g} /m, more than the {asked[k]:.3g} /m of the obstacle"
-        return f"In the shape found the obstacle is too slack for the arm {where}: {more}."
-    less = f"it bends by {bent:.3g} /m; {numbers}"
-    return f"In the shape found the obstacle is too tight for the arm {where}: {less}."
+        return f"In the shape found the obstacle is too slack for the arm {where}: {more}. {along}"
+    numbers = f"it asks for {asked[k]:.3g} /m, the limits {allow} {most[k]:.3g} /m there"
+    less = f"the arm bends by {bent:.3g} /m {where}; {numbers}"
+    cause = "no shape along the whole part was found, though its curvature may be within the limits"
+    return f"In the shape found {less}: {cause}. {along}"
 
 
-def curvature_along(wrap: Wrap, shape: Shape, s: Array) -> Array:
+def _too_tight(lacks: Array, s: Array, slack: Array) -> bool:
+    """Return whether curvature lacks (k,) [1/m] more than gaps within slack (k,) [m] allow.
+
+    On a stretch of length l an arc that is flatter by c than what it lies along leaves it by c l^2
+    / 8 at its ends or in its middle.
+    """
+    for i in range(s.size - 1):
+        least = np.minimum.accumulate(lacks[i:])[1:]
+        if (least * (s[i + 1 :] - s[i]) ** 2 / 8 > slack.max()).any():
+            return True
+    return False
+
+
+def _part_along(wrap: Wrap, shape: Shape, s: Array, gaps: Array) -> str:
+    """Return which part of the wrap lies along the obstacle in a shape: it can be had alone."""
+    tolerance = wrap.tolerance * shape.arm.outer_radius(s)[0]
+    near = (gaps >= -_CLOSE * shape.arm.length) & (gaps <= tolerance)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], near, [False]]).astype(int)))
+    runs = edges.reshape(-1, 2) - [0, 1]
+    if not runs.size or (longest := runs[np.argmax(np.diff(runs))])[0] == longest[1]:
+        return "In that shape no part of it lies along the obstacle."
+    first, last = longest
+    places = np.linspace(s[first], s[last], _LOOKS)
+    normals = wrap.obstacle.gradient(shape.position(places))
+    half = np.linalg.norm(np.diff(normals, axis=0), axis=1) / 2
+    turns = 2 * np.arcsin(np.minimum(half, 1.0)).sum() / (2 * np.pi)
+    where = f"{1e3 * s[first]:.4g} to {1e3 * s[last]:.4g} mm"
+    size = f"a length of {1e3 * (s[last] - s[first]):.3g} mm or {turns:.2g} turns"
+    return f"In that shape the part from {where} lies along the obstacle, {size}."
+
+
+def curvature_along(wrap: Wrap, shape: Shape, s: Array, gap: float = 0.0) -> Array:
     """Return the curvature that the midline has where it lies along the obstacle (k,) [1/m].
 
     That of the surface at the midline's distance from it, along the arm's tangent: t . H t with the
-    Hessian H of the distance, at the distance of the arm's radius.
+    Hessian H of the distance, at the distance of the arm's radius and a gap over that radius.
     """
     arm, body = shape.arm, wrap.obstacle
     points, radius = shape.position(s), arm.outer_radius(s)[0]
     normals = body.gradient(points)
-    near = points + (radius - body.distance(points))[:, None] * normals
+    near = points + ((1 + gap) * radius - body.distance(points))[:, None] * normals
     t = np.array([shape.frame(float(own))[:, 0] for own in s])
     t -= (t * normals).sum(axis=1)[:, None] * normals
     t /= np.maximum(np.linalg.norm(t, axis=1), 1e-12)[:, None]
@@ -96,21 +134,40 @@ def _bend_towards(wrap: Wrap, shape: Shape, s: float) -> float:
     return float(np.vdot(towards, k * n - xi * b))
 
 
-def attainable_curvature(arm: Arm, scene: Scene, limits: Limits, s: Array) -> Array:
-    """Return the largest curvature (k,) [1/m] that tendons within limits give a free arm at s.
+def attainable_curvature(arm: Arm, scene: Scene, limits: Limits, s: Array) -> tuple[Array, bool]:
+    """Return a curvature (k,) [1/m] that tendons within limits give a free arm at s.
 
-    All tendons of one side pull as hard as they may, the others as little: of the sides that face
-    tendons the best. Of tendons without limit 20 times what bends the arm by 1 rad.
+    All tendons of one side pull as hard as they may, the others as little: of all sides the best.
+    Then whether limits of single tensions are all that bounds it: of tendons without limit no more
+    is looked at than 20 times what bends the arm by 1 rad, of those with a sum a share for each.
     """
-    upper = np.minimum(np.array(limits.upper), _STRONG * natural_tensions(arm))
+    strong = _STRONG * natural_tensions(arm)
+    upper = np.minimum(np.array(limits.upper), strong)
+    is_most = limits.total is None and bool((np.array(limits.upper) <= strong).all())
     lower, phi = np.array(limits.lower), np.array([own for _, own in arm.tendons])
     free = Scene(Extension()) if scene.has(Extension) else Scene()
-    found = list[Array]()
-    for angle in sorted(set(phi.tolist())):
-        pull = np.cos(phi - angle) > 1e-9
-        strains = settle(arm, np.where(pull, upper, lower), free, 1e-4).strain(s)
+    found = [np.zeros(s.size)]
+    for pull in _sides(phi):
+        T = np.where(pull, upper, lower)
+        if limits.total is not None:
+            spare = max(limits.total - lower.sum(), 0.0)
+            T = lower + (T - lower) * min(1.0, spare / max((T - lower).sum(), 1e-300))
+        try:
+            strains = settle(arm, T, free, 1e-4).strain(s)
+        except OctoplanError:
+            # So strong a pull leaves no shape: a weaker one may bend the arm more than others do.
+            is_most = False
+            continue
         found.append(np.hypot(strains[:, 1], strains[:, 2]))
-    return np.asarray(np.max(found, axis=0))
+    return np.asarray(np.max(found, axis=0)), is_most
+
+
+def _sides(phi: Array) -> Array:
+    """Return which tendons at angles (n,) lie on one side of the arm, for each side (k, n)."""
+    edges = np.unique(np.mod(np.concatenate([phi - np.pi / 2, phi + np.pi / 2]), 2 * np.pi))
+    between = edges + np.diff(np.append(edges, edges[0] + 2 * np.pi)) / 2
+    angles = np.concatenate([phi, between])
+    return np.unique(np.cos(phi - angles[:, None]) > 1e-9, axis=0)
 
 
 def _grip(hold: Hold, shape: Shape, accuracy: float) -> str:

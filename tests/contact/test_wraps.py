@@ -1,5 +1,7 @@
 """A part of an arm along an obstacle."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy.optimize import brentq
@@ -76,6 +78,33 @@ def test_the_outcome_tells_that_an_object_is_too_tight_for_the_limits() -> None:
     assert not p.reached
     assert "too tight for the arm" in p.outcome
     assert "71.4 /m" in p.outcome
+
+
+def test_what_curvature_allows_is_not_said_to_be_too_tight() -> None:
+    """Two neighbouring tendons bend the arm more than one of them alone."""
+    rod, limit = Capsule((0.1, -0.1, -0.085), (0.1, 0.1, -0.085), 0.035), 2.0
+    p = plan(ARM, Wrap(rod, length=0.1), Scene(), limit, starts=1)
+    y, EJ = R / 2, stiffness(R, E)
+    allowed = np.sqrt(2) * y * limit / (EJ + y**2 * limit)
+    assert allowed > 1 / (0.035 + R)
+    assert not p.reached
+    assert "too tight" not in p.outcome
+    assert f"the limits allow {allowed:.3g} /m" in p.outcome
+    found = re.search(r"the part from ([\d.]+) to ([\d.]+) mm lies along the obstacle", p.outcome)
+    assert found is not None, p.outcome
+    first, last = (float(own) / 1e3 for own in found.groups())
+    places = p.shape.position(np.linspace(first, last, 101)[1:-1])
+    gap = np.hypot(places[:, 0] - 0.1, places[:, 2] + 0.085) - 0.035 - R
+    assert gap.min() > -1e-6
+    assert gap.max() < 0.26 * R
+
+
+def test_without_a_limit_no_obstacle_is_too_tight_for_limits() -> None:
+    thin = Capsule((0.1, -0.1, -0.02), (0.1, 0.1, -0.02), 0.003)
+    p = plan(ARM, Wrap(thin, length=0.1), Scene(), starts=1)
+    assert not p.reached
+    assert "too tight" not in p.outcome
+    assert "allow at least" in p.outcome
 
 
 BAD = {
