@@ -7,13 +7,18 @@ and playwright (python -m pip install playwright).
 from __future__ import annotations
 
 import argparse
+import io
 import shutil
 import socket
 from pathlib import Path
 
+import numpy as np
+from PIL import Image
+from playwright.sync_api import Page as Viewer
 from playwright.sync_api import sync_playwright
 
 from planner.io.scene_file import load
+from planner.live.drawing import DARK, LIGHT, Colour
 from planner.live.handles import handle_of
 from planner.live.page import Page
 from planner.live.session import Session
@@ -48,9 +53,24 @@ def main() -> None:
         if args.dark:
             viewer.get_by_role("checkbox", name="Dark", exact=True).evaluate("box => box.click()")
         viewer.wait_for_timeout(3000)
-        viewer.screenshot(path=args.file)
+        args.file.write_bytes(screenshot(viewer, (DARK if args.dark else LIGHT).top))
         browser.close()
     page.end()
+
+
+def screenshot(viewer: Viewer, top: Colour) -> bytes:
+    """Return a screenshot (PNG) whose background begins with a colour.
+
+    Without a window Chromium may return the frame before the last change; the next one is newer.
+    Raises TimeoutError where no frame has the colour.
+    """
+    for _ in range(60):
+        seen = viewer.screenshot()
+        pixel = np.array(Image.open(io.BytesIO(seen)).convert("RGB").getpixel((2, 2)))
+        if np.abs(pixel - top).max() <= 8:
+            return seen
+        viewer.wait_for_timeout(500)
+    raise TimeoutError(f"the background is {pixel}, not {top}")
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import shutil
 import socket
 import subprocess
@@ -15,13 +16,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from model import Arm, InputError, Scene, settle
 from model.effects import Buoyancy, Extension, TipLoad, Weight
 from model.obstacles import Sphere
 from model.time_limit import check_time
 from planner.cli import main
-from planner.live.drawing import HIGH, SLACK, picture, tension_colour
+from planner.live.drawing import DARK, HIGH, LIGHT, SLACK, Colour, picture, tension_colour
 from planner.live.handles import handle_of
 from planner.live.latest import Latest
 from planner.live.page import Page
@@ -331,6 +333,16 @@ def on_screen(client: Any, place: Array, size: tuple[int, int]) -> Array:
     return np.array(size) / 2 + half * np.array([seen @ right, -(seen @ up)])
 
 
+def turns_to(viewer: Any, top: Colour) -> bool:
+    """Return whether the background takes a colour at its top, within 60 screenshots."""
+    for _ in range(60):
+        seen = Image.open(io.BytesIO(viewer.screenshot())).convert("RGB")
+        if np.abs(np.subtract(seen.getpixel((2, 2)), top)).max() <= 8:
+            return True
+        viewer.wait_for_timeout(500)
+    return False
+
+
 @pytest.mark.slow
 @pytest.mark.filterwarnings("default")
 def test_in_a_browser_a_drag_moves_the_arm(tmp_path: Path) -> None:
@@ -378,6 +390,9 @@ def test_in_a_browser_a_drag_moves_the_arm(tmp_path: Path) -> None:
         with viewer.expect_download(timeout=300_000) as saved:
             viewer.get_by_text("Save the plan").click()
         assert '"certified":true' in Path(saved.value.path()).read_text().replace(" ", "")
+        for dark in (True, False):
+            viewer.get_by_role("checkbox", name="Dark", exact=True).evaluate("box => box.click()")
+            assert turns_to(viewer, (DARK if dark else LIGHT).top)
         browser.close()
     page.wait(grace=0.3)
     page.end()
