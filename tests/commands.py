@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -11,9 +12,16 @@ ROOT = Path(__file__).parents[1]
 ALONE = {**os.environ, "PYTHONPATH": str(ROOT), "MPLBACKEND": "Agg"}
 
 
+def source(command: str) -> str:
+    """Return the source of the study, or of the one of a folder, that a command line runs."""
+    _, _, module, *words = shlex.split(command)
+    place = ROOT / module.replace(".", "/")
+    return (place / f"{words[0]}.py" if place.is_dir() else place.with_suffix(".py")).read_text()
+
+
 def study(name: str, *options: str | Path) -> str:
     """Run a study and return what it printed; fails with what it said where it does."""
-    command = [sys.executable, "-m", f"studies.{name}", *map(str, options)]
+    command = [sys.executable, "-m", *f"studies.{name}".split(), *map(str, options)]
     done = subprocess.run(
         command, cwd=ROOT, env=ALONE, capture_output=True, text=True, stdin=subprocess.DEVNULL
     )

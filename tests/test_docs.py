@@ -14,7 +14,7 @@ import pytest
 import octoplan
 from octoplan.command_line import COMMANDS as OWN
 from planner.commands.app import parse
-from tests.commands import ALONE, ROOT
+from tests.commands import ALONE, ROOT, source
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 PAGES = {str(path.relative_to(ROOT)): path.read_text() for path in ROOT.glob("docs/**/*.rst")}
@@ -74,8 +74,8 @@ def test_commands_that_are_named_are_there(command: str) -> None:
         if len(words) > 2:
             parse(words[1:])
     else:
-        source = (ROOT / f"{words[2].replace('.', '/')}.py").read_text()
-        assert not [own for own in words[3:] if own.startswith("--") and f'"{own}"' not in source]
+        text = source(command.partition(" >")[0])
+        assert not [own for own in words[3:] if own.startswith("--") and f'"{own}"' not in text]
     files = [own for own in words if own.startswith(("studies/", "docs/"))]
     assert not [own for own in files if not (ROOT / own).exists()]
 

@@ -11,6 +11,8 @@ from pathlib import Path
 import matplotlib as mpl
 import pytest
 
+from tests.commands import source
+
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "README.md").read_text()
 SCRIPTS = re.findall(r"^```python\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
@@ -59,9 +61,8 @@ def test_the_quick_commands_run(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("command", STUDIES)
 def test_the_studies_take_the_options_that_are_given(command: str) -> None:
-    _, _, module, *options = shlex.split(command)
-    source = (ROOT / f"{module.replace('.', '/')}.py").read_text()
-    assert not [own for own in options if own.startswith("-") and f'"{own}"' not in source]
+    text, options = source(command), shlex.split(command)[3:]
+    assert not [own for own in options if own.startswith("-") and f'"{own}"' not in text]
 
 
 def test_the_extras_that_are_installed_are_there() -> None:
@@ -89,8 +90,8 @@ def test_a_number_of_the_results_is_that_of_its_study() -> None:
     assert len(rows) >= 4
     for row in rows:
         _, said, _, command = (cell.strip() for cell in row.strip("|").split("|"))
-        study = command.strip("`").split()[2]
-        (answer,) = (line for line in answers.splitlines() if f"python -m {study}" in line)
+        study = command.strip("`").partition(" --")[0]
+        (answer,) = (line for line in answers.splitlines() if re.match(rf"\| `{study}\b", line))
         digits = re.findall(r"\d+(?:\.\d+)?", said)
         assert digits
         assert not [own for own in digits if not re.search(rf"(?<![\d.]){own}(?![\d.]*\d)", answer)]

@@ -13,14 +13,6 @@ import pytest
 from tests.commands import ALONE, ROOT, study
 
 SMALL: dict[str, tuple[str, str, tuple[str, ...]]] = {
-    "accuracy_cost": (
-        "--cases 1 --repeats 1 --targets 1 --finest 1 --settings 1",
-        "settle's choice",
-        (
-            *("accuracy_cost.png", "accuracy_cost_scenes.png", "accuracy_cost_plans.png"),
-            "accuracy_cost_silicone.png",
-        ),
-    ),
     "antagonistic_stiffness": (
         "--points 1 --statics paper's_tangent",
         "same tip, stiffer along z",
@@ -34,15 +26,8 @@ SMALL: dict[str, tuple[str, str, tuple[str, ...]]] = {
     ),
     "clutter": ("--targets 1 --obstacles 3 --itself 1", "solved 100.0%, wrongly 0", ()),
     "design": ("--tips 1 --begins 1 --unknowns 2 --search 1", "plans certified", ("design.png",)),
-    "effects_cost": (
-        "--repeats 1 --effects exact_tendons weight_in_water",
-        "weight in water",
-        ("effects_cost.png",),
-    ),
     "fetch": ("--budgets 5 --bends 40", "least total pull", ("fetch.png",)),
     "grasp": ("--radii 40 --ends 0 --shares 0.05", "1 of 1 wraps", ("grasp.png",)),
-    "fit_speed": ("--repeats 1 --shapes 4 --interpreted", "times as fast; modulus", ()),
-    "floors": ("--steps 2", "paper: certificate", ()),
     "hard_cases": ("--members 1 --family many_turns", "from base to tip", ("hard_cases.png",)),
     "lengths": (
         "--plans 1 --draws 1 --every 45 --steps 1 --mixed 2 --several 2",
@@ -61,13 +46,33 @@ SMALL: dict[str, tuple[str, str, tuple[str, ...]]] = {
         "all                3   100.0%      0      100.0%",
         (),
     ),
-    "real_time": ("--steps 6 --cold 1 --scipy 0 --many 4", "0 refused, 0 neither", ()),
     "recovery": ("--arms 1", "intervals that hold the truth", ()),
     "solvers": ("--targets 1 --guesses 1 --scenes paper", "multiple shooting, ipopt", ()),
-    "speed": (
-        "--repeats 1 --arms 1 --batch 4 --plans 1 --points 2 --sections 1 2"
-        " --rows settle jacobian path floors --knob 13",
-        "error within what was asked        100.0%",
+    "speed accuracy": (
+        "--cases 1 --repeats 1 --targets 1 --finest 1 --settings 1",
+        "settle's choice",
+        (
+            *("accuracy_cost.png", "accuracy_cost_scenes.png", "accuracy_cost_plans.png"),
+            "accuracy_cost_silicone.png",
+        ),
+    ),
+    "speed effects": (
+        "--repeats 1 --effects exact_tendons weight_in_water",
+        "weight in water",
+        ("effects_cost.png",),
+    ),
+    "speed fit": ("--repeats 1 --shapes 4 --interpreted", "times as fast; modulus", ()),
+    "speed floors": ("--steps 2", "paper: certificate", ()),
+    "speed follow": ("--steps 6 --cold 1", "0 refused, 0 neither", ()),
+    "speed knob": ("--cases 13", "error within what was asked        100.0%", ()),
+    "speed plan": (
+        "--rows path sections --points 2 --arms 1 --sections 1 2",
+        "plans along 2 points, warm",
+        (),
+    ),
+    "speed settle": (
+        "--repeats 1 --arms 1 --batch 4 --sections 1 2 --rows settle jacobian sections",
+        "tip Jacobian, 12 tensions, compiled",
         (),
     ),
     "sweeping": (

@@ -1,16 +1,12 @@
-"""How studies measure time, two works in turn, and the curves of work-precision diagrams."""
+"""Curves of work-precision diagrams, as settings are measured."""
 
 from __future__ import annotations
 
-import os
-import platform
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
-from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -18,92 +14,8 @@ from model import OctoplanError
 from model.mesh_refinement import REFINEMENTS
 from model.paths import Array
 from planner.plots.work import Curve
+from studies.speed.timing import calls_for, seconds, timed, while_budget
 
-T = TypeVar("T")
-Work = Callable[[], Any]
-Clock = Callable[[], float]
-# A measurement shorter than this is repeated within, as a clock's reading is not free.
-_LEAST = 2e-3
-
-
-@dataclass(frozen=True)
-class Spread:
-    """A median and its quartiles."""
-
-    low: float
-    median: float
-    high: float
-
-    @classmethod
-    def of(cls, values: Any) -> Spread:
-        """Return the spread of some numbers."""
-        return cls(*np.percentile(values, [25, 50, 75]).tolist())
-
-    def __str__(self) -> str:
-        return f"{self.median:.3g} ({self.low:.3g} to {self.high:.3g})"
-
-
-def seconds(work: Work, calls: int = 1, clock: Clock = time.perf_counter) -> float:
-    """Return the time of one call [s], the mean over `calls`."""
-    begin = clock()
-    for _ in range(calls):
-        work()
-    return (clock() - begin) / calls
-
-
-def timed(work: Callable[[], T], clock: Clock = time.perf_counter) -> tuple[float, T]:
-    """Return the time of a call [s], and what it returned."""
-    begin = clock()
-    found = work()
-    return clock() - begin, found
-
-
-def while_budget(least: int, most: int, budget: float) -> Iterator[int]:
-    """Yield 0, 1, ...: `least` times in any case, up to `most` within the processor time [s]."""
-    begin = time.process_time()
-    for k in range(max(least, most)):
-        if k >= least and time.process_time() - begin > budget:
-            return
-        yield k
-
-
-def calls_for(work: Work) -> int:
-    """Return how many calls take long enough to be timed; the first call builds and is not."""
-    work()
-    return max(1, min(1000, int(np.ceil(_LEAST / max(seconds(work), 1e-7)))))
-
-
-def repeated(work: Work, repeats: int) -> Spread:
-    """Return the time of a call [s]."""
-    calls = calls_for(work)
-    return Spread.of([seconds(work, calls) for _ in range(repeats)])
-
-
-def ratios(ours: Work, theirs: Work, repeats: int) -> list[float]:
-    """Return how many times as long theirs takes as ours, measured in turn."""
-    few, many = calls_for(theirs), calls_for(ours)
-    return [seconds(theirs, few) / seconds(ours, many) for _ in range(repeats)]
-
-
-def machine(*packages: str) -> str:
-    """Return the machine and versions that times were measured with, in one line."""
-    parts = [_processor(), f"{os.cpu_count()} cores", f"Python {platform.python_version()}"]
-    for package in ("casadi", "numpy", "scipy", *packages):
-        try:
-            parts.append(f"{package} {version(package)}")
-        except PackageNotFoundError:
-            parts.append(f"{package} absent")
-    return ", ".join(parts)
-
-
-def _processor() -> str:
-    info = Path("/proc/cpuinfo")
-    lines = info.read_text(encoding="utf-8").splitlines() if info.exists() else []
-    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.processor() or platform.machine()
-
-
-Tip = Callable[[Array], Any]
 FAILURES = (OctoplanError, RuntimeError, ArithmeticError, np.linalg.LinAlgError)
 
 

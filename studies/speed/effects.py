@@ -7,7 +7,7 @@ Assumptions: the tensions of tables 3 and 5; each effect is added to the paper's
 alone) with the values listed in EFFECTS, which are those of a laboratory tank; accuracy 1e-6;
 times are medians of ratios, with and without the effect in turn.
 
-Command: python -m studies.effects_cost [--effects NAME ...] [--repeats 5] [--out out]
+Command: python -m studies.speed effects [--effects NAME ...] [--repeats 5] [--out out]
 
 Answer: statics, weight, a current and friction matter most: each moves the tips by 3 to 50 % of
 the arm's length, and no two alike. Shear hardly does (0.03 to 0.3 %). Statics that a section
@@ -105,7 +105,9 @@ def draw(tables: dict[str, dict[str, Switch]]) -> Figure:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Print the table and save the figure."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(
+        prog="python -m studies.speed effects", description=__doc__.splitlines()[0]
+    )
     parser.add_argument("--effects", nargs="+", choices=EFFECTS, default=list(EFFECTS))
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--out", type=Path, default=Path("out"))
@@ -123,7 +125,3 @@ def main(argv: Sequence[str] | None = None) -> None:
             )
     args.out.mkdir(parents=True, exist_ok=True)
     draw(tables).savefig(args.out / "effects_cost.png", dpi=110)
-
-
-if __name__ == "__main__":
-    main()

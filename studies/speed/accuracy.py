@@ -14,7 +14,7 @@ are medians over tensions and repeats, bars their quartiles, crosses failures; s
 `settle`, `tip_jacobian` and `plan` choose by themselves, for accuracies of 1e-2 to 1e-10. A plan
 includes its certificate, SLSQP nothing of the kind; it starts once, from moderate tensions.
 
-Command: python -m studies.accuracy_cost [--cases 3] [--repeats 20] [--targets 5] [--out out]
+Command: python -m studies.speed accuracy [--cases 3] [--repeats 20] [--targets 5] [--out out]
 
 Answer: of the paper's statics the sixth-order Magnus way is the cheapest for every error below
 1e-6, the fourth-order one as cheap above, and both some 40 to 60 times cheaper than SciPy's DOP853;
@@ -38,13 +38,21 @@ from matplotlib.figure import Figure
 
 from model.forward import SCHEMES
 from planner.plots.work import Curve, legend_below, plot_work
-from studies import work_silicone
 from studies.panels import lettered
-from studies.timing import Measured, Size, machine
-from studies.work_plan import plans, reachable, statics
-from studies.work_settle import EXACT, EXPLICIT, PAPER, WEIGHT, jacobians, settling
-from studies.work_silicone import SCENES, STAGES, orders, planning
-from studies.work_silicone import name as stages_name
+from studies.speed.timing import machine
+from studies.speed.work_precision import silicone
+from studies.speed.work_precision.curves import Measured, Size
+from studies.speed.work_precision.planning import plans, reachable, statics
+from studies.speed.work_precision.settling import (
+    EXACT,
+    EXPLICIT,
+    PAPER,
+    WEIGHT,
+    jacobians,
+    settling,
+)
+from studies.speed.work_precision.silicone import SCENES, STAGES, orders, planning
+from studies.speed.work_precision.silicone import name as stages_name
 
 NAMES = SCHEMES
 TIP = "verified tip error [L]"
@@ -155,7 +163,7 @@ def in_silicone(size: Size, rng: np.random.Generator, out: Path) -> None:
     """Print and draw settling and planning in silicone."""
     panels = {}
     for which in SCENES:
-        for title, measure in (("settling", work_silicone.settling), ("plan of a tip", planning)):
+        for title, measure in (("settling", silicone.settling), ("plan of a tip", planning)):
             curves = measure(which, size, rng)
             panels[f"{title}, {which}"] = curves
             table(f"{title}, {which}", [curve.by_time() for curve in curves], "ms")
@@ -165,7 +173,9 @@ def in_silicone(size: Size, rng: np.random.Generator, out: Path) -> None:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Print the tables and save the figures."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(
+        prog="python -m studies.speed accuracy", description=__doc__.splitlines()[0]
+    )
     parser.add_argument("--cases", type=int, default=3, help="random sets of tensions")
     parser.add_argument("--repeats", type=int, default=20)
     parser.add_argument("--targets", type=int, default=5)
@@ -180,7 +190,3 @@ def main(argv: Sequence[str] | None = None) -> None:
     settled(size, np.random.default_rng(args.seed), args.out)
     planned(size, np.random.default_rng(args.seed), args.out, args.targets)
     in_silicone(size, np.random.default_rng(args.seed), args.out)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,13 +1,23 @@
-"""Does `settle` keep its word, and at what price, over random arms, scenes and accuracies?
+"""Does `settle` keep its word, and at what price?
 
-A case is an arm of the paper, tensions, a scene and an accuracy. Verified against a settle of
-1e-11, or the tightest that is reached, by another scheme where there is one. The price list of a
-case is every scheme on every mesh, each as a single forward map.
+Question: over random arms, scenes and accuracies, is the tip within the accuracy that was asked and
+within the error that is stated; and how long does it take, over the cheapest single map that would
+have been good enough?
+
+Assumptions: a case is an arm of the paper, tensions, a scene and an accuracy. Verified against a
+settle of 1e-11, or the tightest that is reached, by another scheme where there is one. The price
+list of a case is every scheme on every mesh, each as a single forward map.
+
+Command: python -m studies.speed knob [--cases 300]
+
+Answer: of 300 random settles none misses what was asked, the worst is at a third of it; a third
+cost less than twice the cheapest single map that is as good, the median 2.4 times.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import argparse
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,7 +47,7 @@ from model.forward import equilibrium_on, forward_map, schemes_of
 from model.mesh_refinement import REFINEMENTS
 from model.paths import Array
 from studies import draws
-from studies.timing import calls_for, seconds
+from studies.speed.timing import calls_for, seconds
 
 ARMS = ("table-2", "table-4")
 Draw = Callable[[np.random.Generator, Arm], tuple[Effect, ...]]
@@ -228,3 +238,14 @@ def report(cases: list[Case], worst: int = 5) -> None:
         print(f"    error {off[i]:.2f} of what was asked: {cases[i]}")
     for i in np.flatnonzero(off > 1):
         print(f"    fails: {cases[i].again()}  # {cases[i]}")
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Settle random cases and print what became of them."""
+    parser = argparse.ArgumentParser(
+        prog="python -m studies.speed knob", description=__doc__.splitlines()[0]
+    )
+    parser.add_argument("--cases", type=int, default=300)
+    parser.add_argument("--seed", type=int, default=0)
+    args = parser.parse_args(argv)
+    report(run(args.cases, np.random.default_rng(args.seed)))

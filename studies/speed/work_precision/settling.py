@@ -1,4 +1,4 @@
-"""Work-precision of settling and of the tip Jacobian; see studies.accuracy_cost."""
+"""Work-precision of settling and of the tip Jacobian; see studies.speed.accuracy."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from model.loads import is_loaded
 from model.paths import Array
 from planner.c_code.tip_jacobian import tip_jacobian_function
 from studies import draws
-from studies.baseline_gvs import settler
 from studies.baselines import ScipyArm, ScipyLoadedArm
-from studies.speed import LOADS
-from studies.timing import Measured, Size
+from studies.speed.settle import LOADS
+from studies.speed.work_precision.curves import Measured, Size
+from studies.speed.work_precision.gvs import settler
 
 PAPER = Scene(Extension())
 EXACT = Scene(Extension(), ExactTendons())

@@ -1,4 +1,4 @@
-"""Work-precision of whole plans, and the price of their statics; see studies.accuracy_cost."""
+"""Work-precision of whole plans, and the price of their statics; see studies.speed.accuracy."""
 
 from __future__ import annotations
 
@@ -18,8 +18,9 @@ from planner.plots.work import Curve
 from planner.targets import TipPosition
 from studies import draws
 from studies.baselines import ScipyArm
-from studies.speed import PAPER
-from studies.timing import Size, repeated, timed, while_budget
+from studies.speed.settle import PAPER
+from studies.speed.timing import repeated, timed, while_budget
+from studies.speed.work_precision.curves import Size
 from studies.tip_targets import MAXIMUM, draw
 
 ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)

@@ -9,7 +9,7 @@ each shape by `settle` to its default accuracy, 1e-6 of the length, then asks it
 places; `calibrate` to its own, 1e-5, with all that it checks: that shapes are those reached from
 rest, and how far off its mesh is. Libraries are compiled beforehand.
 
-Command: python -m studies.fit_speed [--repeats 9]
+Command: python -m studies.speed fit [--repeats 9]
 
 Answer: both come to the same modulus to 1e-5. Interpreted, SciPy takes 7.5 s (396 settles) and
 `calibrate` 0.29 s: 26 times as fast. Compiled 4.1 to 4.6 s and 0.085 to 0.090 s: 49 to 52 times;
@@ -73,7 +73,9 @@ def spent(work: Callable[[], Any]) -> tuple[float, Any]:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Print both times, interpreted and compiled."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser = argparse.ArgumentParser(
+        prog="python -m studies.speed fit", description=(__doc__ or "").partition("\n")[0]
+    )
     parser.add_argument("--repeats", type=int, default=9)
     parser.add_argument("--shapes", type=int, default=22)
     parser.add_argument("--interpreted", action="store_true", help="nothing compiled")
@@ -95,7 +97,3 @@ def main(argv: Sequence[str] | None = None) -> None:
             f"{median:.3f} s, {theirs / median:.1f} times as fast; modulus {found[0]:.3f} kPa, "
             f"by SciPy {other[0]:.3f}"
         )
-
-
-if __name__ == "__main__":
-    main()

@@ -1,4 +1,4 @@
-"""Work-precision of the one statement in silicone, by stages and meshes; see accuracy_cost."""
+"""Work-precision of the one statement in silicone, by stages and meshes."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from planner.solve.ipopt import solve
 from planner.targets import TipPosition
 from studies import draws
 from studies.baselines import ScipySiliconeArm
-from studies.timing import Measured, Size
+from studies.speed.work_precision.curves import Measured, Size
+from studies.speed.work_precision.settling import KNOB, chosen, tip_by
 from studies.tip_targets import MAXIMUM
-from studies.work_settle import KNOB, chosen, tip_by
 
 STAGES = (1, 2, 3, 4)
 SCENES = {

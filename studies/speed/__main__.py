@@ -1,0 +1,38 @@
+"""How fast is it? A question each:
+
+settle    settles and tip Jacobians, alone, in batches and under loads, against SciPy
+plan      certified plans, cold, along a path and of many sections, against SciPy
+knob      whether `settle` keeps to the accuracy that is asked for, and at what price
+accuracy  what accuracy costs, by integrator and mesh
+effects   what each effect does to shapes, and what it costs
+follow    plans that follow a moving target
+floors    what a re-plan and its certificate consist of
+fit       calibrations against SciPy's least squares
+
+`python -m studies.speed COMMAND --help` tells the options of one.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from importlib import import_module
+
+COMMANDS = ("settle", "plan", "knob", "accuracy", "effects", "follow", "floors", "fit")
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Run one of the studies with its options."""
+    parser = argparse.ArgumentParser(
+        prog="python -m studies.speed",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("command", choices=COMMANDS)
+    parser.add_argument("options", nargs=argparse.REMAINDER)
+    args = parser.parse_args(argv)
+    import_module(f"studies.speed.{args.command}").main(args.options)
+
+
+if __name__ == "__main__":
+    main()

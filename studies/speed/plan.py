@@ -1,0 +1,153 @@
+"""How fast are certified plans, side by side with what users have today?
+
+Question: how many times as long does SciPy take for a cold plan (SLSQP with differences over
+DOP853, from random starts until one succeeds); how much sooner is a plan near the one before than a
+cold one; how does the time grow with the number of sections; and how long is the first plan of a
+process?
+
+Assumptions: table 4, the paper's scene, reachable tips (studies.tip_targets). Certificates count
+for ours. Both sides run in turn in one process; a measurement is the median with its quartiles.
+
+Command: python -m studies.speed plan [--rows cold path sections first] [--plans 20]
+
+Answer: cold certified plans 48 times as fast, plans along a path 11 times as fast as the cold ones.
+A plan grows as n^1.3 with the sections.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+
+from model import Arm, OctoplanError, settle
+from model.paths import Array
+from planner import Plan, plan
+from planner.targets import TipPosition
+from studies import draws
+from studies.baselines import ScipyArm
+from studies.speed.settle import PAPER
+from studies.speed.timing import Parts, Row, Spread, counted, power, print_rows, seconds, timed
+from studies.tip_targets import MAXIMUM, draw
+
+_SCIPY_STARTS = 10
+_FIRST = """
+import time
+begin = time.perf_counter()
+from model import Arm, Scene
+from model.effects import Extension
+from planner import plan
+from planner.targets import TipPosition
+p = plan(Arm.from_paper("table-4"), TipPosition((0.20, 0.15, -0.20)), Scene(Extension()), 20.0)
+assert p.certificate.passed
+print(time.perf_counter() - begin)
+"""
+
+
+def planned(
+    arm: Arm, point: Array, upper: float | Array = MAXIMUM, near: Plan | None = None
+) -> Plan:
+    """Return the plan of a tip position, with its certificate."""
+    found = plan(arm, TipPosition(tuple(point)), PAPER, upper, near=near)
+    _ = found.certificate
+    return found
+
+
+def cold_rows(plans: int, rng: np.random.Generator) -> list[Row]:
+    """Return cold, certified plans against SLSQP from random starts until one leads there."""
+    arm = Arm.from_paper("table-4")
+    scipy, found, ours, theirs = ScipyArm(arm), [], [], []
+    points = [draw(arm, PAPER, rng, i % 3) for i in range(plans)]
+    planned(arm, points[0])
+    for point in points:
+        starts = rng.uniform(size=(_SCIPY_STARTS, 12)) * np.repeat([0.1, 0.5, 1.5], 4)
+
+        own, mine = timed(partial(planned, arm, point))
+        other, (_, solved) = timed(partial(scipy.plan_tip_from, point, MAXIMUM, starts))
+        ours.append(mine.reached)
+        theirs.append(solved)
+        found.append(other / own)
+    shares = f"{np.mean(ours):.1%} and {np.mean(theirs):.1%}"
+    return [
+        Row("plan of a tip, certified", "SLSQP, differences, DOP853", "300", f"{Spread.of(found)}"),
+        Row(f"  solved of {plans}, ours and SciPy's", "", "no fewer", shares),
+    ]
+
+
+def warm_row(points: int, rng: np.random.Generator) -> Row:
+    """Return plans along a path of the tip, each near the one before, against cold ones."""
+    arm = Arm.from_paper("table-4")
+    path = tip_path(arm, points, rng)
+    before, found = planned(arm, path[0]), []
+    for point in path[1:]:
+        cold = seconds(partial(planned, arm, point))
+        warm, before = timed(partial(planned, arm, point, near=before))
+        if not before.certificate.passed:
+            raise RuntimeError(f"no plan for the tip {point.tolist()} of the path")
+        found.append(cold / warm)
+    return Row(f"plans along {points} points, warm", "cold plans", "5", f"{Spread.of(found)}")
+
+
+def tip_path(arm: Arm, count: int, rng: np.random.Generator) -> Array:
+    """Return tips (count, 3) [m] of shapes on the way between two sets of tensions."""
+    while True:
+        begin, end = draws.rows(arm, rng, 2)
+        shares = np.linspace(0, 1, count)[:, None]
+        try:
+            return np.array([settle(arm, T, PAPER).tip for T in begin + shares * (end - begin)])
+        except OctoplanError:
+            continue
+
+
+def growth_of_plan(counts: Sequence[int], plans: int, rng: np.random.Generator) -> Row:
+    """Return the power of the number of sections by which the time of a plan grows."""
+    times = []
+    for n in counts:
+        arm = draws.many_sections(n)
+        points = [settle(arm, T, PAPER).tip for T in draws.rows(arm, rng, plans)]
+        upper = 3 * draws.most(arm)
+        planned(arm, points[0], upper)
+        taken = [seconds(partial(planned, arm, point, upper)) for point in points]
+        times.append(float(np.median(taken)))
+    return Row(f"plan, sections {counted(counts)}", "", "n^2", power(counts, times))
+
+
+def first_row(repeats: int) -> Row:
+    """Return the time of the first plan in a fresh process, import and build included."""
+    command = [sys.executable, "-c", _FIRST]
+    found = [
+        float(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+        for _ in range(repeats)
+    ]
+    return Row("first plan in a process [s]", "", "1.5", f"{Spread.of(found)}")
+
+
+def tables(args: argparse.Namespace) -> Parts:
+    """Return the parts of the table by name; each is measured when it is called."""
+    return {
+        "cold": lambda rng: cold_rows(args.plans, rng),
+        "path": lambda rng: [warm_row(args.points, rng)],
+        "sections": lambda rng: [growth_of_plan(args.sections, args.arms, rng)],
+        "first": lambda rng: [first_row(args.processes)],
+    }
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(
+        prog="python -m studies.speed plan", description=__doc__.splitlines()[0]
+    )
+    parser.add_argument("--rows", nargs="*", help="parts of the table; all unless given")
+    parser.add_argument("--plans", type=int, default=20)
+    parser.add_argument("--points", type=int, default=100)
+    parser.add_argument("--arms", type=int, default=5, help="tips for each number of sections")
+    parser.add_argument("--processes", type=int, default=5, help="for the first plan of a process")
+    parser.add_argument("--sections", type=int, nargs="*", default=[3, 6, 12, 24])
+    parser.add_argument("--seed", type=int, default=0)
+    args = parser.parse_args(argv)
+    parts = tables(args)
+    print_rows(parts, parts if args.rows is None else args.rows, args.seed)

@@ -1,0 +1,1 @@
+"""What studies.speed.accuracy measures: error over time, by way and setting."""
