@@ -114,19 +114,17 @@ def _tendons(
 def draw_surroundings(server: Any, arm: Arm, colours: Colours) -> None:
     """Draw what stands still: the plate at the base, and a floor with its scale in mm."""
     R = float(arm.radius.evaluate(np.zeros(1), arm.length)[0][0])
-    frame, base = np.array(arm.base_frame), np.array(arm.base_position)
-    phi = 2 * np.pi * np.arange(48) / 48
-    rim = _PLATE * R * np.stack([np.zeros(48), np.cos(phi), np.sin(phi)])
-    back = np.array([[-_PLATE_THICK * arm.length], [0.0], [0.0]])
-    rings = [base + (frame @ own).T for own in (rim + back, rim)]
-    vertices = np.vstack([*rings, base + frame @ back[:, 0], base])
-    k, after = np.arange(48), (np.arange(48) + 1) % 48
-    faces = [(k, after, k + 48), (after, after + 48, k + 48), (after, k, np.full(48, 96))]
-    faces += [(k + 48, after + 48, np.full(48, 97))]
-    corners = np.vstack([np.stack(own, axis=-1) for own in faces])
-    scene = server.scene
-    scene.add_mesh_simple("/base", vertices, corners, color=_BASE, side="double")
-    _draw_floor(scene, arm, colours)
+    frame, thickness = np.array(arm.base_frame), _PLATE_THICK * arm.length
+    server.scene.add_cylinder(
+        "/base",
+        _PLATE * R,
+        thickness,
+        _BASE,
+        radial_segments=48,
+        wxyz=from_matrix(frame[:, [1, 2, 0]]),  # its axis z along t
+        position=np.array(arm.base_position) - thickness / 2 * frame[:, 0],
+    )
+    _draw_floor(server.scene, arm, colours)
 
 
 def _draw_floor(scene: Any, arm: Arm, colours: Colours) -> None:
