@@ -21,6 +21,7 @@ from planner.avoidance.rows import Avoidance
 from planner.certificate import Certificate
 from planner.certify import certify
 from planner.contact.remarks import remarks
+from planner.measure import remark_on_slack
 from planner.mirror import mirror_images
 from planner.outcome import Facts, sentence
 from planner.program.effort import effort
@@ -189,6 +190,7 @@ class Answer:
         if not self.certificate.problem:
             missed = not self.certificate.attained and not self.stopped
             said += remarks(self.targets, self.shape, self.limits, missed, self.accuracy)
+            said += remark_on_slack(self.arm, self.targets, self.shape)
         if not self.scene.effects:
             said += " Statics: bending alone, as in Scene()."
         return f"Stopped at the time limit, the best so far. {said}" if self.stopped else said

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -13,6 +14,7 @@ from model.machine.buffered import Buffered
 from model.paths import Array
 from model.shape import Shape
 from model.stiffness import stiffness
+from model.winches import pulls
 from planner.program.same import Same
 from planner.program.terms import (
     compliance_requests,
@@ -22,6 +24,7 @@ from planner.program.terms import (
     terms_function,
 )
 from planner.targets.base import Target
+from planner.targets.stiffness import MinimumStiffness
 
 _STIFF_ACCURACY = 1e-8
 
@@ -73,8 +76,14 @@ def _numbers(arm: Arm, targets: tuple[Target, ...]) -> Array:
     return np.concatenate([target.parameters(arm) for target in targets])
 
 
-def compliances_along(arm: Arm, targets: tuple[Target, ...], shape: Shape) -> Array:
-    """Return the tip's compliances along the directions of the targets' requests, stacked."""
+def compliances_along(
+    arm: Arm, targets: tuple[Target, ...], shape: Shape, release: bool = False
+) -> Array:
+    """Return the tip's compliances along the directions of the targets' requests, stacked.
+
+    With lengths held all tendons are locked, as the program's responses have them; or those without
+    tension `release`d, as stiffness has it by default.
+    """
     requests, numbers = compliance_requests(targets), _numbers(arm, targets)
     if not requests:
         return np.zeros(0)
@@ -89,9 +98,43 @@ def compliances_along(arm: Arm, targets: tuple[Target, ...], shape: Shape) -> Ar
             request.hold,
             accuracy=_STIFF_ACCURACY,
             tendon_EA=request.tendon_EA,
-            release=False,  # as the program's responses have them
+            release=release,
             compile=shape.machine_code,
         )
         D = np.array(along)
         found.append((D.T @ k.compliance[:3, :3] @ D).ravel("F"))
     return np.concatenate(found)
+
+
+def remark_on_slack(arm: Arm, targets: tuple[Target, ...], shape: Shape) -> str:
+    """Return how stiff what is asked for with lengths held is with slack tendons released.
+
+    A sentence that begins with a space; empty where no stiffness with lengths held is asked for, or
+    all tendons pull.
+    """
+    slack = np.flatnonzero(~pulls(arm, shape.tensions))
+    asked = [(own, own.compliance_request()) for own in targets]
+    requests = [(own, request) for own, request in asked if request is not None]
+    if not slack.size or all(request.hold == "tension" for _, request in requests):
+        return ""
+    ends = np.cumsum([request.width**2 for _, request in requests])[:-1]
+    both = [np.split(compliances_along(arm, targets, shape, own), ends) for own in (False, True)]
+    told = []
+    for (target, request), locked, released in zip(requests, *both, strict=True):
+        if request.hold == "length":
+            wanted = isinstance(target, MinimumStiffness)
+            unit = "times what is wanted" if wanted else "N/m"
+            values = [_least_stiffness(own) for own in (locked, released)]
+            told.append(f"{values[0]:.4g} {unit} locked, {values[1]:.4g} released")
+    names = ", ".join(arm.tendon_name(int(j)) for j in slack)
+    return (
+        " With lengths held all tendons are counted as locked, also those without tension, "
+        f"{names}: the tip's stiffness is {'; '.join(told)}, as stiffness() has it by default."
+    )
+
+
+def _least_stiffness(compliance: Array) -> float:
+    """Return the least stiffness of a compliance, column by column, along its directions."""
+    width = math.isqrt(compliance.size)
+    C = compliance.reshape(width, width)
+    return float(1 / np.linalg.eigvalsh((C + C.T) / 2).max())

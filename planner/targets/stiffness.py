@@ -71,7 +71,9 @@ class Stiffest(_Directed):
     direction : (3,)
         In the base frame.
     hold : "tension" or "length"
-        What holds the tendons.
+        What holds the tendons. With lengths all tendons are counted as locked, also those without
+        tension, as stiffness does with release=False; the outcome tells how stiff the tip is with
+        these released.
     tendon_EA : float or None
         Stiffness E A of the tendons themselves, with their lengths held [N]; see stiffness.
     """
@@ -102,7 +104,9 @@ class MinimumStiffness(Free):
     value : float
         Along a direction [N/m]; or the factor of the matrix.
     hold : "tension" or "length"
-        What holds the tendons.
+        What holds the tendons. With lengths all tendons are counted as locked, also those without
+        tension, as stiffness does with release=False; the outcome tells how stiff the tip is with
+        these released.
     tendon_EA : float or None
         Stiffness E A of the tendons themselves, with their lengths held [N]; see stiffness.
     """

@@ -142,6 +142,48 @@ def test_stiffness_is_not_planned_as_printed() -> None:
     assert caught.value.field == "scene"
 
 
+@pytest.mark.parametrize("kind", ["softest", "vector", "matrix"])
+def test_lengths_held_lock_all_tendons_and_the_outcome_tells_it_with_slack_released(
+    kind: str,
+) -> None:
+    targets: dict[str, Any] = {
+        "softest": Softest(ALONG, hold="length", tendon_EA=1e3),
+        "vector": MinimumStiffness(ALONG, 1.0, "length", 1e3),
+        "matrix": MinimumStiffness(np.diag([0.1, 0.2, 0.15]), 1.0, "length", 1e3),
+    }
+    target = targets[kind]
+    found = plan(ARM, [PLACE, target], STATICS["paper"], MOST, starts=1)
+    assert found.certificate.passed, found.outcome
+    numbers = []
+    for release in (False, True):
+        k = stiffness(
+            ARM,
+            found.tensions,
+            found.scene,
+            "length",
+            tendon_EA=1e3,
+            accuracy=1e-8,
+            release=release,
+        )
+        C = k.compliance[:3, :3]
+        C = (C + C.T) / 2
+        if kind == "matrix":
+            numbers.append(1 / np.linalg.eigvals(C @ np.array(target.direction)).real.max())
+        else:
+            along = np.array(target.direction)
+            numbers.append(1 / (along @ C @ along) / getattr(target, "value", 1.0))
+    assert k.slack
+    assert numbers[1] < numbers[0] * (1 - 1e-4)
+    unit = "N/m" if kind == "softest" else "times what is wanted"
+    assert f"{numbers[0]:.4g} {unit} locked, {numbers[1]:.4g} released" in found.outcome
+    assert all(name in found.outcome for name in k.slack)
+    if kind == "vector":
+        [share] = found.certificate.inequality.values()
+        assert share == pytest.approx(numbers[0] - 1, rel=1e-5)
+    held = plan(ARM, PLACE, STATICS["paper"], MOST, starts=1)
+    assert "locked" not in held.outcome
+
+
 BAD: list[tuple[Any, str]] = [
     (lambda: MinimumStiffness((0, 0, 0), 1.0), "MinimumStiffness.direction"),
     (lambda: MinimumStiffness((1, 0), 1.0), "MinimumStiffness.direction"),
