@@ -6,7 +6,8 @@ cold one; how does the time grow with the number of sections; and how long is th
 process?
 
 Assumptions: table 4, the paper's scene, reachable tips (studies.tip_targets). Certificates count
-for ours. Both sides run in turn in one process; a measurement is the median with its quartiles.
+for ours. Both sides run in turn in one process, by processor time; a measurement is the median with
+its quartiles.
 
 Command: python -m studies.speed plan [--rows cold path sections first] [--plans 20]
 

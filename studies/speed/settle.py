@@ -7,13 +7,15 @@ number of sections?
 Assumptions: table 4, the paper's scene (loaded rows: with weight in water, or 2 mN at the tip),
 random tensions that the arm bears (studies.draws). SciPy runs at the loosest tolerance from which
 on its tips are verified to 1e-6 L, which a user does not know. Both sides run in turn in one
-process, so that a ratio does not depend on what else the machine does; a measurement is the median
-with its quartiles.
+process, by processor time, so that a ratio depends little on what else the machine does; a
+measurement is the median with its quartiles.
 
 Command: python -m studies.speed settle [--rows settle jacobian loads sections] [--repeats 20]
 
-Answer: settle 29 to 48, settle_many 160 (compiled 1000), tip Jacobian 150 (compiled 750), loaded
-settles 14. A settle grows as n^0.35 with the sections.
+Answer: by wall-clock time on an idle machine, before plans were one program: settle 29 to 48,
+settle_many 160 (compiled 1000), tip Jacobian 150 (compiled 750), loaded settles 14; a settle grows
+as n^0.35 with the sections. Since then, by processor time on a machine with other work (5 repeats):
+settle 14, settle_many 143 (compiled 1100), tip Jacobian 42 (compiled 56).
 """
 
 from __future__ import annotations
