@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -157,6 +158,21 @@ def test_optima_of_arms_begun_with_are_compared_in_newtons() -> None:
         found = program.solve(fixed=True)
         assert found.missed < 1e-6
         assert found.objective == pytest.approx(np.sum(found.tensions**2) / 2, rel=1e-9)
+
+
+def test_a_stiffest_arm_is_no_softer_than_any_corner_of_the_bounds() -> None:
+    tip = Unknown("arm.sections[0].offset_mm[1]", 1, 4)
+    unknowns, up = [OFFSET, tip], Stiffest((0, 0, 1))
+    task, stiff = _tips()[0], []
+    found = design(_arm(), [task], unknowns, PAPER, 5.0, objective=up, begins=1, starts=2)
+    assert found.feasible, found.outcome
+    parameters = Parameters.of(_arm(), PAPER, unknowns)
+    for corner in product(*((own.lower, own.upper) for own in unknowns)):
+        p = plan(parameters.built(np.array(corner))[0], [task, up], PAPER, 5.0, starts=2)
+        if p.reached:
+            stiff.append(1 / stiffness(p.arm, p.tensions, PAPER).compliance[2, 2])
+    assert len(stiff) > 1
+    assert found.value >= max(stiff) * (1 - 1e-6)
 
 
 def test_a_number_at_a_bound_is_tried_at_the_other_one() -> None:
