@@ -8,6 +8,8 @@ import pytest
 
 from model import Arm
 from planner import plan
+from planner.certificate import COMPLEMENTARY, KKT_TOLERANCE, STABILITY_TOLERANCE
+from planner.on_request import OnRequest
 from planner.targets import TipPosition
 from tests.planner.cases import PAPER, moderate, paper_tip
 
@@ -72,3 +74,59 @@ def test_a_plan_travels_by_pickle_and_stays_equal() -> None:
 def test_the_same_question_gives_the_same_digits() -> None:
     again = plan(ARM, PLAN.targets, PAPER, 20.0)
     assert np.array_equal(again.tensions, PLAN.tensions)
+
+
+SOUND = replace(PLAN.certificate, on_request=OnRequest())
+EACH_CHECK = {
+    "target residual": lambda v: {"equality": {"tip position": v * 1e-6}},
+    "inequality": lambda v: {"inequality": {"least stiffness": -v * 1e-6}},
+    "stroke": lambda v: {"strokes": v * 1e-6},
+    "optimality": lambda v: {"kkt": v * KKT_TOLERANCE},
+    "integrators": lambda v: {"agreement": v * 1e-6},
+    "complementarity": lambda v: {"complementarity": v * COMPLEMENTARY},
+    "stability below its margin": lambda v: {
+        "stability_margin": 0.1,
+        "stability": 0.1 - v * STABILITY_TOLERANCE,
+    },
+}
+
+
+@pytest.mark.parametrize("name", EACH_CHECK)
+def test_each_check_fails_just_above_its_tolerance_and_passes_just_below(name: str) -> None:
+    assert SOUND.passed
+    assert replace(SOUND, **EACH_CHECK[name](0.99)).passed
+    failed = replace(SOUND, **EACH_CHECK[name](1.01))
+    assert not failed.passed
+    (failure,) = failed.failures
+    assert name in failure
+
+
+def test_a_limit_may_not_be_passed_by_any_amount() -> None:
+    assert not replace(SOUND, bounds=1e-15).passed
+    near = replace(SOUND, gaps_asked={"a ball": 0.0019}, least_gaps={"a ball": 0.002})
+    assert not near.passed
+
+
+@pytest.mark.parametrize(
+    ("stability", "margin", "lacks"),
+    [(0.05, 0.1, True), (0.2, 0.1, False), (-0.1, 0.1, False), (0.05, 0.0, False)],
+)
+def test_too_little_stability_is_told_apart_from_none(
+    stability: float, margin: float, lacks: bool
+) -> None:
+    told = replace(SOUND, stability=stability, stability_margin=margin)
+    assert told.lacks_stability is lacks
+
+
+@pytest.mark.parametrize(
+    ("load_factor", "words"),
+    [
+        (1.0249, "yields at 1.02 times its loads"),
+        (np.inf, "bears at least 3 times its loads"),
+        (None, ""),
+    ],
+)
+def test_how_many_times_its_loads_an_arm_bears_is_told_with_digits(
+    load_factor: float | None, words: str
+) -> None:
+    assert replace(SOUND, on_request=OnRequest(dict, lambda: load_factor)).bears == words
