@@ -42,6 +42,19 @@ def test_strokes_stay_within_their_limits(scene: Scene) -> None:
     assert held.reached or "the stroke of" in held.outcome
 
 
+def test_the_certificate_finds_out_strokes_beyond_their_limits_by_how_far() -> None:
+    free = asked(PAPER, stroke_max=1.0)
+    taken, paid = float(free.strokes.max()), float(free.strokes.min())
+    for least, most in ((-1.0, taken - 1e-3), (paid + 1e-3, 1.0)):
+        strokes = (least,) * ARM.n_tendons, (most,) * ARM.n_tendons
+        tight = replace(free, limits=replace(free.limits, strokes=strokes))
+        assert tight.certificate.strokes == pytest.approx(1e-3 / ARM.length, rel=1e-6)
+        assert any("stroke limit" in failure for failure in tight.certificate.failures)
+    total = float(free.tensions.sum()) - 1e-3
+    pulled = replace(free, limits=replace(free.limits, total=total))
+    assert pulled.certificate.bounds == pytest.approx(1e-3, rel=1e-5)
+
+
 def test_a_stroke_of_one_tendon_bends_by_as_much_as_it_is_long() -> None:
     """An inextensible arm with tendons at y: the stroke of the one that pulls is y times the bend.
 
