@@ -11,6 +11,8 @@ from model import Arm, InputError, Scene, settle
 from model.effects import Extension, Weight
 from model.obstacles import Box
 from planner import plan
+from planner.certificate import Certificate
+from planner.outcome import Facts, sentence
 from planner.targets import TipPosition
 
 ARM, PAPER = Arm.from_paper("table-4"), Scene(Extension())
@@ -72,3 +74,25 @@ def test_a_target_far_beyond_the_arm_is_answered_with_the_nearest_shape(norm: An
     assert not found.reached
     gap, away = np.linalg.norm(found.tip - np.array([3.0, 0.5, 0.0])), np.hypot(3.0, 0.5)
     assert away - ARM.length - 1e-6 <= gap <= away - 0.95 * ARM.length
+
+
+@pytest.mark.parametrize(
+    ("facts", "advice"),
+    [
+        ({}, "no limit is active: the target is out of reach of these tendons, move it"),
+        ({"in contact": True}, "no limit is active, more starts may find a nearer one"),
+        ({"holders": ("T_11 at its maximum",)}, "held by T_11 at its maximum; raise these limits"),
+        ({"stopped": True}, "a longer time limit may bring it nearer"),
+        ({"in_the_way": "it passes through a ball"}, "without them it is met, and it passes"),
+    ],
+    ids=["out of reach", "in contact", "limits", "time", "obstacles"],
+)
+def test_what_is_not_reached_is_said_to_be_held_by_what_holds_it(
+    facts: dict[str, Any], advice: str
+) -> None:
+    """Only an optimum of how near the target comes tells that it is out of reach."""
+    told = {key: value for key, value in facts.items() if key != "in contact"}
+    complementarity = 0.0 if facts.get("in contact") else None
+    missed = Certificate({"tip position": 0.01}, {}, {}, 0.0, complementarity=complementarity)
+    holders = told.pop("holders", ())
+    assert advice in sentence(Facts(missed, "nearest", 1.0, 3, 2, holders, 0.45, **told))

@@ -44,7 +44,11 @@ def test_no_limit_or_rate_is_exceeded_at_any_of_many_instants(quickest: Trajecto
     T = quickest.at(t)
     assert T.min() >= 0
     assert T.max() <= 20.0
-    assert (np.abs(np.diff(T, axis=0)) / np.diff(t)[:, None]).max() <= 2.0 * (1 + 1e-6)
+    rates = np.abs(np.diff(T, axis=0)) / np.diff(t)[:, None]
+    assert rates.max() <= 2.0 * (1 + 1e-6)
+    # In least time a rate is at its limit, and the certificate tells the rate that there is.
+    assert quickest.certificate.rate == pytest.approx(rates.max() / 2.0, rel=1e-6)
+    assert quickest.certificate.rate == pytest.approx(1.0, rel=1e-6)
 
 
 def test_the_least_time_is_between_a_bound_and_that_of_plans_one_by_one(
