@@ -44,11 +44,13 @@ class Facts:
 
     @property
     def is_nearest(self) -> bool:
-        """Whether what misses the targets is an optimum of how near it comes.
+        """Whether what misses the targets is an optimum of how near it comes, and no worse one.
 
-        That is not looked for in contact, nor found where the search was stopped.
+        At least two initial guesses have to lead to it. It is not looked for in contact, nor found
+        where the search was stopped.
         """
-        return not self.stopped and self.certificate.complementarity is None
+        looked_for = not self.stopped and self.certificate.complementarity is None
+        return looked_for and self.agreed > 1
 
 
 def sentence(facts: Facts) -> str:

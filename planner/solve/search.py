@@ -202,7 +202,8 @@ class Search:
     def _enough(self) -> bool:
         """Return whether enough guesses led to the best optimum, or later ones to dearer ones.
 
-        The latter of guesses that come by effort.
+        The latter of guesses that come by effort, where the targets are met: how near a shape comes
+        has nothing to do with their order.
         """
         if self.task.starts is not None:
             return False
@@ -211,7 +212,8 @@ class Search:
             hard = len(self.trials) >= 2 * len(efforts) or self._mode != "exact"
             return agreed(self.trials) >= _AGREED + hard
         since = len(efforts) - 1 - int(np.argmin(efforts)) if efforts else 0
-        return agreed(self.trials) >= _AGREED or since >= _DEARER
+        dearer = self._mode == "exact" and since >= _DEARER
+        return agreed(self.trials) >= _AGREED or dearer
 
     def _nearly(self) -> Array | None:
         """Return tensions that nearly meet the targets, of least squares; None if none do."""
