@@ -30,8 +30,9 @@ from planner.targets.base import Target
 
 Bounds = tuple[Array, Array, Array, Array]
 # Weight of effort where the targets cannot be met and their residuals are made least: in a search,
-# and in the end.
-SEARCHED, REGULARISATION = 1e-7, 1e-11
+# and in the end, where it keeps shapes away from points that they could meet by half the default
+# accuracy; with less of it the effort is lost in the solver's tolerance.
+SEARCHED, REGULARISATION = 1e-7, 3e-11
 # Over what bends the arm by some rad: maxima below this share do nothing, those above are none.
 _NOTHING, _NO_LIMIT = 1e-7, 1e12
 # Strains of an arm from which on the least eigenvalue is sooner found by iteration.
