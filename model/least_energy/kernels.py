@@ -50,7 +50,7 @@ def off_midline() -> Kernel:
 
 @lru_cache(maxsize=32)
 def kinematics(law: CrossSection, m: int) -> Kernel:
-    """Return the kernel of an element's kinematics: what vanishes of the pose at its end."""
+    """Return the kernel of an element's kinematics: the residuals of the pose at its end."""
     whole = element(Form(law, m, loaded=False))
     return Kernel("kinematics", whole.y, whole.c, whole.r[-POSE:])
 
