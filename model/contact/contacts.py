@@ -6,13 +6,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from model.contact.gaps import Gaps
+from model.contact.gaps import along
 from model.contact.history import History
+from model.contact.places import SAME
 from model.contact.touches import Touches, frictions, resultants, second
+from model.equilibrium.linearised import Linearised
 from model.loads import contacts
+from model.obstacles import distances, numbers_of
 from model.obstacles.base import Convex
 from model.paths import Array
-from model.transcription.system import System
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,22 +54,28 @@ class Touch:
     slip: Array = field(default_factory=lambda: np.zeros(3))
 
 
-def touches_of(system: System, states: Array, history: History | None = None) -> tuple[Touch, ...]:
+def touches_of(here: Linearised, history: History | None = None) -> tuple[Touch, ...]:
     """Return what an arm leans on in an equilibrium, from base to tip."""
-    touches, gaps = Touches.of(system), Gaps.of(system, states)
-    s, own = system.mesh.s, touches.held | touches.inside
-    p = second(system, states) * (touches.end | touches.inside)
+    system, states = here.system, here.states
+    touches, s, length = Touches.of(system), system.mesh.s, system.arm.length
+    nodes, numbers = np.nonzero(touches.held | touches.inside)
+    if not nodes.size:
+        return ()
+    p = second(system, states) * touches.pressing
     size = resultants(system, states, touches)
     bodies, places = contacts(system.scene), system.poses(states)[:, 4:]
     tangential = frictions(system, states, touches)
-    moved = 0 * places if history is None else places - history.places(s)
+    slipped = 0 * places if history is None else places - history.places(s)
+    distance, normals = distances(numbers_of([own.obstacle for own in bodies]), places)
+    # Strains may jump at a node, and with them the radius of a body that swells.
+    sides = [np.minimum(s[nodes] + side * length, length) for side in (0.0, SAME)]
+    gaps = np.min([along(system, here.x, side, numbers)[:, 0] for side in sides], axis=0)
     found = []
-    for k, j in zip(*np.nonzero(own), strict=True):
-        normal, gap = gaps.normal[k - 1, j], float(gaps.gap[k - 1, j])
-        obstacle = bodies[j].obstacle
-        point = places[k] - float(obstacle.distance(places[k])) * normal
-        slip = (moved[k] - normal * float(normal @ moved[k])) * (bodies[j].friction > 0)
-        own_force = size[k, j] * normal + tangential[k, j]
-        where = (obstacle, float(s[k]), own_force, gap, point, float(p[k, j]))
+    for k, j, gap in zip(nodes, numbers, gaps.tolist(), strict=True):
+        obstacle, normal = bodies[j].obstacle, normals[k, j]
+        slip = (slipped[k] - normal * float(normal @ slipped[k])) * (bodies[j].friction > 0)
+        force = size[k, j] * normal + tangential[k, j]
+        point = places[k] - distance[k, j] * normal
+        where = (obstacle, float(s[k]), force, gap, point, float(p[k, j]))
         found.append(Touch(*where, tangential[k, j], slip))
     return tuple(found)

@@ -1,17 +1,22 @@
-"""Newton's method on the equations of equilibrium with contact, by complementary steps."""
+"""Newton's method on the equations of equilibrium with contact.
+
+What touches is given; or at the nodes forces and gaps are complementary, f >= 0, gap >= 0, f gap =
+0, of which each step takes gap = 0 where the one before pressed, or was deepest inside.
+"""
 
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
-from model.contact.touches import Touches
+from model.centreline import Centreline
+from model.contact.touches import Touches, forces
 from model.effects import NeoHookean
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import CLOSE, KEPT, TURN, step_size
+from model.loads import contacts
+from model.obstacles import distances, numbers_of
 from model.obstacles.base import SIZE
 from model.paths import Array
 from model.time_limit import check_time
@@ -19,102 +24,58 @@ from model.transcription.collocation import gauss
 from model.transcription.system import System
 from model.transcription.touch import TOUCH
 
-_STEPS = 20
-# How much of it counts, as of strains: rounding in them is that of forces of the whole arm.
-_FELT = 1e-2
-# As many again where each may bring some places from sticking to slip or back.
-_WITH_FRICTION = 40
-_SETTLED = 1e-11
-# Forces [N] below this are rounding.
-_ROUNDING = 1e-13
-
-
-@dataclass(frozen=True, eq=False)
-class Held:
-    """An equilibrium, linearised there with what touches held shut.
-
-    Attributes
-    ----------
-    here : Linearised
-        Its `system` is told of the touches.
-    touches : Touches
-    factored : Linearised or None
-        The equations linearised where they were factorised last on the way there.
-    """
-
-    here: Linearised
-    touches: Touches
-    factored: Linearised | None = None
-
-    @property
-    def states(self) -> Array:
-        """The states (n_states,)."""
-        return self.here.states
-
-    @cached_property
-    def corners(self) -> tuple[float, ...]:
-        """Where the arm's surface ends on the base side of arc lengths [m]: a point may stay there.
-
-        That is the tip, and where a body that swells is wider before an anchorage than beyond.
-        """
-        arm, scene = self.here.system.arm, self.here.system.scene
-        return (*(arm.anchorages if scene.has(NeoHookean) else ()), arm.length)
-
-    @property
-    def length(self) -> float:
-        """The arm's length [m]."""
-        return self.here.system.arm.length
+# Steps: with what touches given, with friction, where each may bring some places from sticking to
+# slip or back, and with complementary nodes, which need not be as close.
+_STEPS, _WITH_FRICTION, _COMPLEMENTARY = 20, 30, 9
+_SETTLED, _ABOUT = 1e-11, 1e-6
+# How much a change of friction counts as one of strains: rounding in them is that of forces of the
+# whole arm. Forces [N] below the second are rounding.
+_FELT, _ROUNDING = 1e-2, 1e-13
 
 
 def newton(
-    system: System,
-    tensions: Array,
-    load: float,
-    states: Array,
-    touches: Touches,
-    farthest: float = TURN,
-    cuts: int = 0,
-    kept: Linearised | None = None,
-) -> Held | None:
-    """Return the equilibrium near given states, None where steps are not small or do not shrink.
+    system: System, tensions: Array, load: float, states: Array, complementary: bool = False
+) -> Linearised | None:
+    """Return the equilibrium near given states; None if steps do not lead to one.
 
-    `touches` are what is held shut. See model.equilibrium.newton for `farthest` and `kept`; `cuts`
-    is how many steps may be shortened to `farthest`.
+    With what the system is told of touching, or with complementary forces and gaps at the nodes.
+    Steps that turn frames far are shortened.
     """
-    last, grown = 0.0, 0
-    frictional, told = system.of.form.contact_friction, touches.told(system)
-    for _ in range(_STEPS + _WITH_FRICTION * frictional):
+    last, settled, kept = 0.0, _ABOUT if complementary else _SETTLED, None
+    rubs = system.of.form.contact_friction
+    steps = _WITH_FRICTION if rubs else _STEPS
+    for _ in range(_COMPLEMENTARY if complementary else steps):
         check_time()
-        told = _widened(told, states)
-        here = Linearised(told, told.x(tensions, load, states), kept)
+        system = _active(system, states) if complementary else system
+        told = _widened(system, states)
+        same = kept is not None and np.array_equal(kept.system.p, told.p)
+        here = Linearised(told, told.x(tensions, load, states), kept if same else None)
         change = here.newton_step()
         if change is None:
             return None
         turn = float(np.abs(change[system.of.nodes[:, :4]]).max())
-        moved = states + change
-        size = max(step_size(system, change, moved), _rubbed(system, change, moved))
-        if kept is not None and not last and size > CLOSE:
-            # What was linearised elsewhere is no guide so far.
-            kept = None
-            continue
-        if turn > farthest:
-            if cuts == 0:
-                return None
-            states, cuts, kept = states + farthest / turn * change, cuts - 1, None
-            continue
-        states = moved
-        if size < _SETTLED or size**2 < _SETTLED * last:
-            told = _widened(told, states)
-            found = Linearised(told, told.x(tensions, load, states))
-            return Held(found, touches, here.near or here)
-        grown += bool(last and size > last / 2 and size > 1e-6)
-        if grown > 4 and not frictional:
-            return None
-        # Factors are kept while steps contract as fast by them as this: see equilibrium.newton.
-        shrinks = size < (KEPT * last if last else CLOSE)
-        kept = (here.near or here) if shrinks and not frictional else None
+        states = states + min(1.0, TURN / max(turn, TURN)) * change
+        size = max(step_size(system, change, states), _rubbed(system, change, states))
+        if turn <= TURN and (size < settled or size**2 < settled * last):
+            told = _widened(system, states)
+            return Linearised(told, told.x(tensions, load, states))
+        contracts = size < (KEPT * last if last else CLOSE)
+        kept = (here.near or here) if contracts and not rubs else None
         last = size
     return None
+
+
+def _active(system: System, states: Array) -> System:
+    """Return equations told which nodes touch: those that press, and the deepest inside."""
+    line = Centreline.at_states(system, states)
+    bodies = numbers_of([contact.obstacle for contact in contacts(system.scene)])
+    at = np.arange(system.mesh.steps)
+    gap = distances(bodies, line.poses[1:, 4:])[0] - line.radius(at, np.ones(at.size))[:, None]
+    wide = np.pad(gap, ((1, 1), (0, 0)), constant_values=np.inf)
+    deepest = (gap < 0) & (gap <= wide[:-2]) & (gap <= wide[2:])
+    touches, before = Touches.none(*gap.shape), Touches.of(system).point[1:]
+    touches.point[1:] = np.where(before, forces(system, states)[1:] > 0, deepest)
+    return touches.told(system)
 
 
 def _widened(system: System, states: Array) -> System:

@@ -1,7 +1,5 @@
 """Contact forces that balance a wrench on an object."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -10,8 +8,6 @@ from model.effects import Contact, ExactTendons, Extension
 from model.errors import InputError
 from model.obstacles import Capsule, Sphere
 from planner import plan
-from planner.contact.equilibria import Equilibria
-from planner.contact.settled_terms import Settling
 from planner.io.saved_files import load_plan
 from planner.plan import HeldPlan
 from planner.targets import Hold
@@ -110,16 +106,9 @@ def test_what_is_held_has_to_be_a_contact_of_the_scene() -> None:
         plan(ARM, Hold(ROD, (0, 0, 0.1)), Scene(), 50.0)
 
 
-def test_tangential_forces_stay_the_same_whatever_axis_their_directions_are_across() -> None:
-    """They jumped where the axis was taken anew, as the normal came nearer to it than to others."""
-    hold, T = Hold(ROD, wrench(ASIDE), FRICTION), np.array([0.0, 0.6, 0.0, 0.0])
-    settling, normal = Settling(Equilibria(ARM, SCENE, (), 2), (hold,)), pressed()[1]
-    here = settling.at(T)
-    force, [grasp], found = np.cross(normal, [0.1, 0.3, -0.2]), here.grasps, list[np.ndarray]()
-    for axis in (np.eye(3)[1], np.eye(3)[0], normal + 0.1 * np.eye(3)[1]):
-        first = np.cross(normal, axis) / np.linalg.norm(np.cross(normal, axis))
-        numbers = np.array([first @ force, np.cross(normal, first) @ force])
-        near = replace(here, grasps=(replace(grasp, axes=axis[None]),))
-        found.append(settling.at(T, near, numbers).values["equality"])
-    assert found[1] == pytest.approx(found[0], abs=1e-7)
-    assert found[2] == pytest.approx(found[0], abs=1e-7)
+@pytest.mark.slow
+def test_a_hold_whose_friction_is_just_enough_is_an_optimum_at_the_edge_of_its_cone() -> None:
+    """Cones that were blunt by a thousandth of the wrench let it be missed by as much."""
+    p = plan(ARM, Hold(ROD, wrench(ASIDE), 0.28), SCENE, 50.0, starts=1)
+    assert p.reached, p.outcome
+    assert p.effort > 0.582

@@ -161,7 +161,7 @@ def strip(refinement: int) -> Capstan:
         for mu in (0.0, MU)
     )
     rest = smooth.from_touching(NONE, None)
-    here = rough.led(np.full(4, PULL), NONE, rest).settled.held.here
+    here = rough.led(np.full(4, PULL), NONE, rest).settled.here
     system, states = here.system, here.states
     touches = Touches.of(system)
     k = np.flatnonzero((touches.held | touches.inside)[:, 0])
@@ -293,7 +293,7 @@ def test_a_place_that_slips_moves_with_tensions_as_all_of_its_way_does() -> None
 
     found, h = led(way(T).way), 1e-5
     for k in range(2):
-        ends = [tip(way(T + sign * h * np.eye(4)[k]).settled.held.here) for sign in (1, -1)]
+        ends = [tip(way(T + sign * h * np.eye(4)[k]).settled.here) for sign in (1, -1)]
         slope = (ends[0] - ends[1]) / (2 * h)
         off = found.by_tensions[found.system.of.nodes[-1, 4:7], k] - slope
         assert np.abs(off).max() < 0.02 * np.abs(slope).max()
