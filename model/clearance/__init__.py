@@ -1,12 +1,5 @@
 """How far a settled arm stays from obstacles, from behind its base and from itself."""
 
-from model.clearance.nearest import (
-    KINDS,
-    Clearance,
-    clearance,
-    clearance_of,
-    clearances,
-    rough_gaps,
-)
+from model.clearance.nearest import KINDS, Clearance, clearance, clearance_of, clearances
 
-__all__ = ["KINDS", "Clearance", "clearance", "clearance_of", "clearances", "rough_gaps"]
+__all__ = ["KINDS", "Clearance", "clearance", "clearance_of", "clearances"]

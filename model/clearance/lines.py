@@ -1,37 +1,36 @@
-"""The centrelines of an arm under one set of tensions after another."""
+"""The centrelines of an arm under one set of tensions after another, on one mesh."""
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from model.arm import Arm
 from model.centreline import Centreline
+from model.cross_section.sections import Sections
 from model.effects import PrintedStatics
 from model.equilibrium.forward import STAGES, Collocation
-from model.equilibrium.linearised import Linearised
-from model.equilibrium.newton import NEAR, newton, newton_many, step_size
-from model.errors import InputError, OctoplanError
+from model.equilibrium.newton import TURN, newton_many
+from model.errors import InputError
 from model.forward import explicit_map
 from model.loads import is_loaded
 from model.paths import Array
 from model.scene import Scene
+from model.transcription.collocation import gauss
 from model.unloaded.tendon_lengths import tendon_lengths
 
 # Closed forms whose nodes in a step are the stages of an element.
 _SCHEME = "magnus6"
-# The equations are linearised anew where shapes have changed by so much; see step_size.
-_FAR = 0.05
-# Of shapes on a way one in so many is followed; those between are settled side by side.
-_APART = 4
 
 
 class Lines:
     """Tensions to centrelines, on one mesh that has given arc lengths as nodes.
 
-    Without loads the shape is a closed form of the tensions; under loads it is looked for near the
-    one before. Raises InputError as printed, where other equations would tell of another shape.
+    Without loads the shape is a closed form of the tensions; under loads it is looked for near
+    those that are known, and from rest where it is not there. Raises InputError as printed, where
+    other equations would tell of another shape.
     """
 
     def __init__(
@@ -40,85 +39,76 @@ class Lines:
         if scene.has(PrintedStatics):
             allowed = "a scene whose statics are consistent: motions as printed are not cleared"
             raise InputError("scene", "written as printed", allowed)
-        self.arm = arm
-        self._asked = (arm, scene, refinement, at, machine_code)
-        self._last: Linearised | None = None
+        self.arm, self.scene, self.loaded = arm, scene, is_loaded(scene)
+        self._machine_code = machine_code
+        self._forward: Any = (
+            Collocation(arm, scene, STAGES, refinement, at, True, machine_code)
+            if self.loaded
+            else explicit_map(arm, scene, _SCHEME, refinement, at, machine_code)
+        )
+        self._tensions, self._states = np.zeros((0, arm.n_tendons)), list[Array]()
 
     def __call__(self, tensions: Array) -> Centreline | None:
-        """Return the centreline under tensions (n_tendons,); None where the arm does not settle."""
+        """Return the centreline under tensions (n_tendons,); None without an equilibrium."""
         return self.many(tensions[None])[0]
 
     def many(self, tensions: Array) -> list[Centreline | None]:
-        """Return the centrelines under tensions (K, n_tendons), None where one does not settle."""
-        arm, scene, refinement, at, machine_code = self._asked
-        if is_loaded(scene):
-            stages = (STAGES, refinement, at, True, machine_code)
-            return self._implicit(Collocation(arm, scene, *stages), tensions)
-        forward: Any = explicit_map(arm, scene, _SCHEME, refinement, at, machine_code)
+        """Return the centrelines under tensions (K, n_tendons); None without an equilibrium."""
+        forward = self._forward
+        if self.loaded:
+            system = forward.system
+            return [
+                None if own is None else Centreline.at_states(system, own)
+                for own in self._equilibria(tensions)
+            ]
         law, own = forward.law, slice(forward.mesh.steps * STAGES)
+        at = self.arm, self.scene, forward.mesh.s
         return [
             None
             if np.isnan(v[own]).any()
-            else Centreline.at_strains(arm, scene, forward.mesh.s, forward.poses(v), law, v[own])
+            else Centreline.at_strains(*at, forward.poses(v), law, v[own])
             for v in forward.strains_of_many(tensions)
         ]
 
     def lengths(self, tensions: Array) -> Array:
-        """Return the lengths of the tendons (n_tendons,) [m] under tensions; NaN if unsettled."""
-        arm, scene, refinement, at, machine_code = self._asked
-        if not is_loaded(scene):
-            return tendon_lengths(arm, scene, machine_code)(tensions).lengths
-        stages = (STAGES, refinement, at, True, machine_code)
-        here = self._followed(Collocation(arm, scene, *stages), tensions)
-        return np.full(arm.n_tendons, np.nan) if here is None else here.lengths
+        """Return the lengths of the tendons (n_tendons,) [m]; NaN without an equilibrium."""
+        if not self.loaded:
+            return tendon_lengths(self.arm, self.scene, self._machine_code)(tensions).lengths
+        (states,) = self._equilibria(tensions[None])
+        if states is None:
+            return np.full(self.arm.n_tendons, np.nan)
+        system = self._forward.system
+        return np.asarray(system.lengths(system.x(tensions, 1.0, states)))
 
-    def _implicit(self, forward: Collocation, tensions: Array) -> list[Centreline | None]:
-        """Return the centrelines one after the other; what is between them side by side."""
-        system, states = forward.system, dict[int, Array]()
-        for i in range(0, len(tensions), _APART):
-            here = self._followed(forward, tensions[i])
-            if here is not None:
-                states[i] = here.states
-        left = [i for i in range(len(tensions)) if i % _APART]
-        between = [i for i in left if {i - i % _APART, i - i % _APART + _APART} <= states.keys()]
-        if between:
-            guesses = _between(tensions, between, states)
-            heres = newton_many(system, tensions[between], 1.0, guesses, NEAR).solutions
-            own = zip(between, heres, strict=True)
-            states |= {i: here.states for i, here in own if here is not None}
-        for i in left:
-            here = None if i in states else self._followed(forward, tensions[i])
-            if here is not None:
-                states[i] = here.states
-        return [
-            Centreline.at_states(system, states[i]) if i in states else None
-            for i in range(len(tensions))
-        ]
+    @cached_property
+    def sections(self) -> Sections:
+        """The cross-sections at the stages, of a scene without loads."""
+        forward = self._forward
+        s, h = forward.mesh.s, np.diff(forward.mesh.s)
+        at = (s[:-1, None] + h[:, None] * gauss(STAGES).c).ravel()
+        active = np.repeat(forward.mesh.active, STAGES)
+        return Sections(self.arm, self.scene, forward.law, at, active)
 
-    def _followed(self, forward: Collocation, tensions: Array) -> Linearised | None:
-        """Return the equilibrium under tensions near the last one; None if there is none."""
-        here, system, last, far = None, forward.system, self._last, True
-        try:
-            if last is not None and last.system is system:
-                change = last.by_tensions @ (tensions - last.tensions)
-                far = step_size(system, change, last.states) > _FAR
-                here = newton(system, tensions, 1.0, last.states + change, kept=last)
-            here = here or forward.found(tensions)
-        except OctoplanError:
-            return None
-        if far:
-            self._last = here
-        return here
+    def _equilibria(self, tensions: Array) -> list[Array | None]:
+        """Return the states (n_states,) under tensions (K, n_tendons), side by side."""
+        system = self._forward.system
+        found: list[Array | None] = [None] * len(tensions)
+        if self._states:
+            guesses = np.array([self._guess(T) for T in tensions])
+            ends = newton_many(system, tensions, 1.0, guesses, TURN).solutions
+            found = [None if own is None else own.states for own in ends]
+        left = [i for i, own in enumerate(found) if own is None]
+        for i, end in zip(left, self._forward.from_rest_many(tensions[left]), strict=True):
+            found[i] = getattr(end, "states", None)
+        there = [i for i, own in enumerate(found) if own is not None]
+        self._tensions = np.vstack([self._tensions, tensions[there]])
+        self._states += [own for own in found if own is not None]
+        return found
 
-
-def _between(tensions: Array, numbers: list[int], states: dict[int, Array]) -> Array:
-    """Return states (K, n_states) for some of tensions on their way, between known ones.
-
-    By the share of the way, in tensions, that is behind them.
-    """
-    way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(tensions, axis=0), axis=1)))
-    at = np.array(numbers)
-    first = at - at % _APART
-    share = (way[at] - way[first]) / np.maximum(way[first + _APART] - way[first], 1e-300)
-    before, after = (np.array([states[i] for i in e.tolist()]) for e in (first, first + _APART))
-    return np.asarray(before + share[:, None] * (after - before))
+    def _guess(self, T: Array) -> Array:
+        """Return states by those under the two nearest tensions, in proportion between these."""
+        a, b = np.argsort(np.linalg.norm(self._tensions - T, axis=1), kind="stable")[:2][[0, -1]]
+        way = self._tensions[b] - self._tensions[a]
+        share = (T - self._tensions[a]) @ way / max(float(way @ way), 1e-300)
+        first, last = self._states[a], self._states[b]
+        return np.asarray(first + min(max(share, 0.0), 1.0) * (last - first))

@@ -1,34 +1,22 @@
-"""How clear a settled arm is: of obstacles, of the far side of its base plane, and of itself.
+"""How clear an arm at rest is: of obstacles, of the far side of its base plane, and of itself.
 
 The arm's surface is that of balls of its radius along its midline, so that its tip is round.
-Distances are those of balls and pieces from each other, where these can meet at all:
-
-- Behind the base plane only a part can come whose tangent has turned by a right angle from the
-  base: up to there the midline leads away from the plane.
-- Two parts meet only if the arm has turned by half a turn between them. With less the distance of
-  their midlines is 2 / pi times the way along the arm, or more (Schur's comparison theorem): then
-  they are nearer along the arm than their own thickness, or apart.
-
-Between two points bounds are those of model.clearance.pieces; where
-they leave open whether the arm comes nearer than the nearest of its nodes, pieces are halved. So
-the answer is a lower bound, and close to the truth.
+Answers are lower bounds, refined until they are close to the truth; see model.clearance.bisection.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
+from model.arm import Arm
 from model.centreline import Centreline, Settled
-from model.clearance.pieces import Pieces, segment_gaps
-from model.obstacles import Obstacle, check_obstacles
+from model.clearance.bisection import Around, Still, closest
+from model.obstacles import HalfSpace, Obstacle, check_obstacles
 from model.obstacles.bodies import Bodies
-from model.paths import Array
 
-# Pieces to begin with; how close the bound comes, over L and over the clearance; the most pieces.
-_PIECES, _CLOSE, _RELATIVE, _MOST = 32, 2e-5, 1e-2, 3000
 OBSTACLES, BASE, ITSELF = "obstacles", "the far side of its base plane", "itself"
 KINDS = frozenset({OBSTACLES, BASE, ITSELF})
 
@@ -77,108 +65,36 @@ def clearances(
     line: Centreline,
     obstacles: Sequence[Obstacle] = (),
     of: Collection[str] = KINDS,
+    enough: float = np.inf,
 ) -> dict[str, Clearance]:
-    """Return how clear the arm of a centreline is of OBSTACLES, BASE and ITSELF, each by name."""
-    kinds = _kinds(obstacles)
-    looked = [name for name in of if name in kinds]
-    pieces = _pieces(line) if looked else None
-    return {} if pieces is None else {name: _bounded(pieces, kinds[name]) for name in looked}
+    """Return how clear the arm of a centreline is of OBSTACLES, BASE and ITSELF, each by name.
 
-
-def rough_gaps(
-    line: Centreline,
-    obstacles: Sequence[Obstacle] = (),
-    of: Collection[str] = KINDS,
-) -> tuple[dict[str, float], Array]:
-    """Return lower bounds of distances [m] by name, and nodes (K, 3) of the midline [m].
-
-    Sooner than `clearances` and not as close: by a millimetre or so of an arm of half a metre.
+    Distances are refined up to `enough` [m]: bounds above that may be far below the truth.
     """
-    pieces, kinds, found = _pieces(line), _kinds(obstacles), {}
-    for name in of:
-        if name in kinds:
-            nearest, bounds = kinds[name](pieces)
-            found[name] = min(nearest.gap, float(bounds.min()))
-    return found, pieces.nodes
+    kinds = [name for name in of if name != OBSTACLES or obstacles]
+    return {name: _closest(line, name, obstacles, enough) for name in kinds}
 
 
-def _pieces(line: Centreline) -> Pieces:
-    """Return the pieces to begin with."""
-    return Pieces.of(line, max(1, -(-_PIECES // (line.s.size - 1))))
+def base_plane(arm: Arm) -> HalfSpace:
+    """Return what is behind the plane of an arm's base."""
+    return HalfSpace(arm.base_position, tuple(np.array(arm.base_frame)[:, 0].tolist()))
 
 
-def _kinds(obstacles: Sequence[Obstacle]) -> dict[str, Look]:
-    """Return how what can be met is looked at."""
-    kinds: dict[str, Look] = {BASE: _plane, ITSELF: _self}
-    if obstacles:
-        bodies = Bodies(obstacles)
-        kinds[OBSTACLES] = lambda pieces: _obstacles(pieces, bodies)
-    return kinds
+def around(arm: Arm, kind: str, obstacles: Sequence[Obstacle], keep: float = 0.0) -> Around:
+    """Return what an arm is to keep clear of, by kind."""
+    if kind == OBSTACLES:
+        return Around(Bodies(obstacles), keep, np.zeros(len(obstacles)))
+    if kind == BASE:
+        return Around(Bodies([base_plane(arm)]), keep, np.full(1, np.pi / 2))
+    return Around(None, keep, np.zeros(0))
 
 
-# The nearest of the nodes, and for each piece a lower bound of its distance.
-Found = tuple[Clearance, Array]
-Look = Callable[[Pieces], Found]
-
-
-def _bounded(pieces: Pieces, look: Look) -> Clearance:
-    """Return the nearest place, with a lower bound of the distance that is close to it."""
-    while True:
-        nearest, bounds = look(pieces)
-        slack = max(_CLOSE * pieces.line.arm.length, _RELATIVE * abs(nearest.gap))
-        open_ = bounds < nearest.gap - slack
-        if nearest.gap == np.inf or not open_.any() or bounds.size > _MOST:
-            return replace(nearest, gap=min(nearest.gap, float(bounds.min())))
-        pieces = pieces.halved(open_)
-
-
-def _obstacles(pieces: Pieces, bodies: Bodies) -> Found:
-    """Look at obstacles: how their distances change along half a piece is bounded."""
-    nodes, n = pieces.nodes, len(pieces.nodes)
-    middle, half = (nodes[1:] + nodes[:-1]) / 2, (nodes[1:] - nodes[:-1]) / 2
-    found, gradient = bodies.at(np.vstack([nodes, middle])[:, None])
-    ends = [bodies.change(gradient[n:], sign * half[:, None]) for sign in (1.0, -1.0)]
-    bounds = (found[n:] + np.minimum(*ends)).min(axis=1) - pieces.sag - pieces.most
-    gaps = found[:n] - pieces.least[:, None]
-    at, which = np.unravel_index(int(np.argmin(gaps)), gaps.shape)
-    s = (float(pieces.s[at]),)
-    return Clearance(float(gaps[at, which]), f"{OBSTACLES}[{which}]", s), bounds
-
-
-def _plane(pieces: Pieces) -> Found:
-    """Look at the far side of the base plane."""
-    reaches = pieces.turned >= np.pi / 2
-    if not reaches[-1]:
-        return Clearance(), np.full(pieces.length.size, np.inf)
-    arm = pieces.line.arm
-    height = (pieces.nodes - arm.base_position) @ np.array(arm.base_frame)[:, 0]
-    gaps = np.where(reaches, height - pieces.least, np.inf)
-    lower = np.minimum(height[:-1], height[1:]) - pieces.sag - pieces.most
-    at = int(np.argmin(gaps))
-    near = Clearance(float(gaps[at]), BASE, (float(pieces.s[at]),))
-    return near, np.where(reaches[1:], lower, np.inf)
-
-
-def _self(pieces: Pieces) -> Found:
-    """Look at the arm itself."""
-    bounds = np.full(pieces.length.size, np.inf)
-    turned, nodes, radius = pieces.turned, pieces.nodes, pieces.least
-    i, j = np.nonzero(np.triu(turned[None, :] - turned[:, None] >= np.pi, 1))
-    if not i.size:
-        return Clearance(), bounds
-    gaps = np.linalg.norm(nodes[i] - nodes[j], axis=1) - radius[i] - radius[j]
-    k = int(np.argmin(gaps))
-    near = Clearance(float(gaps[k]), ITSELF, (float(pieces.s[i[k]]), float(pieces.s[j[k]])))
-    before, behind = np.nonzero(np.triu(turned[None, 1:] - turned[:-1, None] >= np.pi, 1))
-    wide, middle = pieces.sag + pieces.most, (nodes[1:] + nodes[:-1]) / 2
-    # No two points are nearer than the middles less half the lengths: most pairs end here.
-    within = wide + pieces.length / 2
-    apart = np.linalg.norm(middle[before] - middle[behind], axis=1)
-    apart -= within[before] + within[behind]
-    close = apart < near.gap
-    a, b = before[close], behind[close]
-    exact = segment_gaps(nodes[a], nodes[a + 1], nodes[b], nodes[b + 1])
-    apart[close] = exact - wide[a] - wide[b]
-    np.minimum.at(bounds, before, apart)
-    np.minimum.at(bounds, behind, apart)
-    return near, bounds
+def _closest(
+    line: Centreline, kind: str, obstacles: Sequence[Obstacle], enough: float
+) -> Clearance:
+    found = closest(Still(line), 1, around(line.arm, kind, obstacles), enough)
+    gap, (one, other) = float(found.bound[0]), found.s[0].tolist()
+    if found.seen[0] == np.inf:
+        return Clearance(gap)
+    named = f"{OBSTACLES}[{found.body[0]}]" if kind == OBSTACLES else kind
+    return Clearance(gap, named, (one, other) if kind == ITSELF else (one,))

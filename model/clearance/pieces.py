@@ -1,9 +1,19 @@
-"""Pieces of an arm, and bounds on where each of them is.
+"""Pieces of an arm during parts of a motion, and bounds on where each of them is.
 
-A curve of length l between two points a distance c apart stays within sqrt(l^2 - c^2) / 2 of the
-line between them: from any of its points the ways to both ends add up to l at the most, and an
-ellipsoid with these foci is so wide. So a piece of the arm lies within that and its own radius of
-a line segment, whatever it does in between; both shrink with the square of its length.
+Along the arm: a curve of length l between two points a distance c apart stays within
+sqrt(l^2 - c^2) / 2 of the line between them, as from any of its points the ways to both ends add up
+to l at the most, and an ellipsoid with these foci is so wide.
+
+In time: let curvature kappa and tangent nu, per unit reference length in the local frame, go from
+their values at the beginning of a part to those at its end in straight lines, while t goes from 0
+to 1, with O(s) the integral of |dkappa/dt| from the base. Frames R turn at w with |w| <= O, and
+|dw/dt| <= O^2 / 2, so that the acceleration of a place r(s), the integral of (R nu)'' from the
+base, is at most the integral of 3/2 O^2 |nu| + 2 O |dnu/dt|; an eighth of that bounds how far a
+place is from the line between where it begins and ends. By how much strains are off from straight
+lines, e_kappa and e_nu (model.clearance.strain_bounds), moves it by at most the integral of e_nu
+plus e_kappa times the arm's length from there to s. Both grow along the arm.
+
+So a piece during a part is in the convex hull of four points, widened by a length.
 """
 
 from __future__ import annotations
@@ -12,131 +22,217 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model.centreline import Centreline, Counts
+from model.clearance.strain_bounds import Mask, Spread
+from model.effects import NeoHookean
+from model.equilibrium.forward import STAGES
 from model.paths import Array
+from model.transcription.collocation import gauss
 
-Mask = NDArray[np.bool_]
+# The most of a section's stretch that it may be off by.
+_SHORT = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """P parts of a motion, by the arm where each begins and ends.
+
+    Attributes
+    ----------
+    lines : Centreline
+        All arms that are known, joined.
+    rows : (P, I)
+        Which of them are those of each part: two, or one of a part that takes no time.
+    spread : Spread or None
+        How far strains are from straight lines in between; None where parts take no time.
+    """
+
+    lines: Centreline
+    rows: Counts
+    spread: Spread | None = None
+
+    @cached_property
+    def elements(self) -> int:
+        """How many elements an arm has."""
+        return int(np.argmax(self.lines.s))
+
+    @cached_property
+    def known(self) -> Mask:
+        """Whether it is known how far strains are from straight lines (P,)."""
+        if self.spread is None:
+            return np.ones(len(self.rows), dtype=bool)
+        return np.asarray(self.spread.known & (self._short < _SHORT).all(axis=1))
+
+    @cached_property
+    def turned(self) -> Array:
+        """How far tangents have turned from the base to each node (P, I, N + 1) [rad]."""
+        own = np.append(self.lines.sizes[1], 0.0).reshape(-1, self.elements + 1)
+        own = np.hstack([np.zeros((len(own), 1)), own[:, :-1]])
+        return np.asarray(np.cumsum(own, axis=1)[self.rows])
+
+    @cached_property
+    def off(self) -> tuple[Array, Array]:
+        """By how much more tangents may turn up to an element's end in between, and places go off.
+
+        (P, N) [rad] and (P, N) [m].
+        """
+        if self.spread is None:
+            none = np.zeros((len(self.rows), self.elements))
+            return none, none
+        kappa, nu = (self._integrated(own) for own in self.spread[:2])
+        turn, slide = (
+            self._integrated(np.linalg.norm(own[:, -1] - own[:, 0], axis=2))
+            for own in (self._at_stages(self.lines.kappa), self._at_stages(self.lines.nu))
+        )
+        long = np.linalg.norm(self._at_stages(self.lines.nu), axis=3).max(axis=1)
+        long = self._integrated(long)
+        swept = np.cumsum(turn, axis=1)
+        places = np.cumsum(1.5 * swept**2 * long + 2 * swept * slide, axis=1) / 8
+        reach, bent = np.cumsum(long + nu, axis=1), np.cumsum(kappa, axis=1)
+        places += np.cumsum(nu, axis=1) + reach * bent
+        places -= np.cumsum(kappa * (reach - long - nu), axis=1)
+        return bent, places
+
+    @cached_property
+    def swell(self) -> Array:
+        """How many times wider sections may be in between than where parts begin and end (P, N)."""
+        if self.spread is None or not self.lines.scene.has(NeoHookean):
+            return np.ones((len(self.rows), self.elements))
+        return np.asarray(1 / np.sqrt(1 - np.minimum(self._short, _SHORT)))
+
+    @cached_property
+    def _short(self) -> Array:
+        """The share of their stretch that sections may be shorter by in between (P, N)."""
+        assert self.spread is not None
+        stretch = self._at_stages(self.lines.nu)[..., 0].min(axis=1)
+        short = self.spread.nu / np.maximum(stretch, 1e-3)
+        return np.asarray(short.reshape(len(short), -1, STAGES).max(axis=2))
+
+    def _at_stages(self, values: Array) -> Array:
+        """Return values of the lines at their stages, by part: (P, I, N stages, 3)."""
+        by_line = values.reshape(-1, self.elements + 1, STAGES, 3)[:, :-1]
+        return by_line.reshape(len(by_line), -1, 3)[self.rows]
+
+    def _integrated(self, values: Array) -> Array:
+        """Return integrals over the elements (P, N) of values at stages (P, N stages)."""
+        h = np.diff(self.lines.s[: self.elements + 1])
+        return np.asarray(values.reshape(len(values), -1, STAGES) @ gauss(STAGES).b * h)
+
+    def pieces(self, part: Counts, element: Counts, start: Array, end: Array) -> Pieces:
+        """Return pieces (K,) by their part, element, and the shares of it where they are."""
+        rows = self.rows[part] * (self.elements + 1) + element[:, None]
+        turned = self.turned[part, :, element][:, :, None]
+        if not start.any() and (end == 1).all():
+            u, (lengths, turns) = self.lines.poses[:, 4:], self.lines.sizes
+            ends = np.stack([u[rows], u[rows + 1]], axis=2)
+            turned = turned + np.stack([0 * turns[rows], turns[rows]], axis=2)
+            return Pieces(self, part, element, start, end, ends, turned, lengths[rows])
+        a, b = (np.repeat(share, rows.shape[1]) for share in (start, end))
+        given = np.tile(rows.ravel(), 2), np.append(0 * a, a), np.append(a, b)
+        at, long, swept = (np.split(own, 2) for own in self.lines.moved(*given))
+        turned = turned + np.stack([swept[0], swept[0] + swept[1]], -1).reshape(*rows.shape, 2)
+        ends = np.stack(at, axis=1).reshape(*rows.shape, 2, 3)
+        return Pieces(self, part, element, start, end, ends, turned, long[1].reshape(rows.shape))
 
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """Consecutive pieces of an arm, from base to tip.
+    """K pieces of an arm during parts of a motion.
 
     Attributes
     ----------
-    line : Centreline
-    element : (K,)
-        That each piece is part of.
+    of : Parts
+    part, element : (K,)
+        What each is a piece of.
     start, end : (K,)
         Shares of the element, from 0 to 1, where it begins and ends.
-    points : (K, 3)
-        Where each ends [m].
-    length, turn : (K,)
-        Of each, deformed [m], and the angle that its tangent sweeps [rad].
+    ends : (K, I, 2, 3)
+        Where these are when the part begins and ends [m].
+    turned : (K, I, 2)
+        How far tangents have turned from the base to there, all in all [rad].
+    lengths : (K, I)
+        Of it then [m].
     """
 
-    line: Centreline
+    of: Parts
+    part: Counts
     element: Counts
     start: Array
     end: Array
-    points: Array
-    length: Array
-    turn: Array
+    ends: Array
+    turned: Array
+    lengths: Array
 
-    @classmethod
-    def of(cls, line: Centreline, each: int) -> Pieces:
-        """Return pieces of a centreline, so many to an element."""
-        n = line.s.size - 1
-        element = np.repeat(np.arange(n), each)
-        start = np.tile(np.arange(each) / each, n)
-        end = np.tile((np.arange(each) + 1) / each, n)
-        return cls(line, element, start, end, *line.moved(element, start, end))
-
-    def halved(self, which: Mask) -> Pieces:
-        """Return the pieces with some of them cut in the middle."""
-        counts = 1 + which
-        element, first = np.repeat(self.element, counts), np.cumsum(counts)[which] - 2
-        start, end = np.repeat(self.start, counts), np.repeat(self.end, counts)
-        start[first + 1] = end[first] = (start[first] + end[first]) / 2
-        points = np.repeat(self.points, counts, axis=0)
-        length, turn = np.repeat(self.length, counts), np.repeat(self.turn, counts)
-        new = np.concatenate([first, first + 1])
-        points[new], length[new], turn[new] = self.line.moved(element[new], start[new], end[new])
-        return Pieces(self.line, element, start, end, points, length, turn)
+    def __getitem__(self, which: Mask | Counts) -> Pieces:
+        """Return some of the pieces."""
+        at = (self.part[which], self.element[which], self.start[which], self.end[which])
+        return Pieces(self.of, *at, self.ends[which], self.turned[which], self.lengths[which])
 
     @cached_property
-    def nodes(self) -> Array:
-        """Both ends of all pieces (K + 1, 3) [m]."""
-        return np.vstack([self.line.poses[:1, 4:], self.points])
+    def hull(self) -> Array:
+        """The points (K, 2 I, 3) whose convex hull holds the lines between the ends [m]."""
+        return self.ends.reshape(len(self.ends), -1, 3)
 
     @cached_property
-    def s(self) -> Array:
-        """Arc lengths of the nodes (K + 1,) [m]."""
-        s, h = self.line.s, np.diff(self.line.s)
-        return np.append(s[0], s[self.element] + self.end * h[self.element])
+    def middle(self) -> Array:
+        """A place in the middle (K, 3) [m]."""
+        return np.asarray(self.hull.mean(axis=1))
 
     @cached_property
-    def turned(self) -> Array:
-        """How far the tangent has turned from the base to each node (K + 1,) [rad], all in all."""
-        return np.append(0.0, np.cumsum(self.turn))
+    def size(self) -> Array:
+        """About how long the pieces are (K,) [m]."""
+        return np.asarray(self.lengths.max(axis=1))
 
     @cached_property
-    def sag(self) -> Array:
-        """The farthest that each piece may be from the line between its ends (K,) [m]."""
-        chord = np.linalg.norm(np.diff(self.nodes, axis=0), axis=1)
-        return np.asarray(np.sqrt(np.maximum(self.length**2 - chord**2, 0.0)) / 2)
+    def travel(self) -> Array:
+        """About how far the ends travel during the part (K,) [m]."""
+        way = np.linalg.norm(self.ends[:, -1] - self.ends[:, 0], axis=2).max(axis=1)
+        return np.asarray(way + self.of.off[1][self.part, self.element])
+
+    @property
+    def most_turned(self) -> Array:
+        """How far the tangent may have turned at the end of each piece, at the most (K,) [rad]."""
+        return np.asarray(self.turned[:, :, 1].max(axis=1) + self._more_turned)
+
+    def may_meet(self, other: Pieces) -> Mask:
+        """Return whether the arm may turn by half a turn from these to other pieces (K,)."""
+        turn = (other.turned[:, :, 1] - self.turned[:, :, 0]).max(axis=1)
+        return np.asarray(turn + other._more_turned >= np.pi)
+
+    @property
+    def _more_turned(self) -> Array:
+        return np.asarray(self.of.off[0][self.part, self.element])
 
     @cached_property
     def radii(self) -> Array:
-        """The arm's radius at both ends and the middle of each piece (3, K) [m]."""
-        middle = (self.start + self.end) / 2
-        shares = (self.start, middle, self.end)
-        return np.array([self.line.radius(self.element, share) for share in shares])
+        """The arm's radius (K, I, 3) at both ends of each piece and in its middle [m].
 
-    @cached_property
-    def most(self) -> Array:
-        """The arm's largest radius in each piece (K,) [m].
-
-        Between the three places where it is known it is a parabola, but for terms of third order.
+        Where it jumps the larger one of both sides is that of the other piece.
         """
-        bent = np.abs(self.radii[0] - 2 * self.radii[1] + self.radii[2])
-        return np.asarray(self.radii.max(axis=0) + bent)
+        rows = self.of.rows[self.part] * (self.of.elements + 1) + self.element[:, None]
+        shares = np.array([self.start, (self.start + self.end) / 2, self.end])
+        repeated = np.repeat(shares, rows.shape[1], axis=1)
+        found = self.of.lines.radius(np.tile(rows.ravel(), 3), repeated.ravel())
+        return np.moveaxis(found.reshape(3, *rows.shape), 0, 2)
 
     @cached_property
-    def least(self) -> Array:
-        """The radius at the nodes (K + 1,) [m], where it jumps the larger one."""
-        before, after = self.radii[2], self.radii[0]
-        inner = np.maximum(before[:-1], after[1:])
-        return np.concatenate([after[:1], inner, before[-1:]])
+    def wide(self) -> Array:
+        """How far the surface may be from the hull (K,) [m].
 
+        Along a piece the radius is a parabola, but for terms of third order.
+        """
+        chord = np.linalg.norm(self.ends[:, :, 1] - self.ends[:, :, 0], axis=2)
+        sag = np.sqrt(np.maximum(self.lengths**2 - chord**2, 0.0)).max(axis=1) / 2
+        radii = self.radii
+        bent = np.abs(radii[..., 0] - 2 * radii[..., 1] + radii[..., 2])
+        most = (radii.max(axis=2) + bent).max(axis=1)
+        at = self.part, self.element
+        return np.asarray(sag + most * self.of.swell[at] + self.of.off[1][at])
 
-def segment_gaps(a: Array, b: Array, c: Array, d: Array) -> Array:
-    """Return distances (K,) between line segments a b and c d, each (K, 3) [m].
-
-    Source: Ericson, "Real-Time Collision Detection" (2005), 5.1.9.
-    """
-    u, v, w = b - a, d - c, a - c
-    uu, vv, uv = (np.einsum("ki,ki->k", x, y) for x, y in ((u, u), (v, v), (u, v)))
-    uw, vw = (np.einsum("ki,ki->k", x, w) for x in (u, v))
-    tiny = 1e-300
-    cross = uu * vv - uv**2
-    p = np.where(cross > 1e-12 * uu * vv, (uv * vw - uw * vv) / np.maximum(cross, tiny), 0.0)
-    p = np.clip(p, 0.0, 1.0)
-    q = np.clip((uv * p + vw) / np.maximum(vv, tiny), 0.0, 1.0)
-    p = np.clip((uv * q - uw) / np.maximum(uu, tiny), 0.0, 1.0)
-    q = np.clip((uv * p + vw) / np.maximum(vv, tiny), 0.0, 1.0)
-    found = [np.linalg.norm(w + p[:, None] * u - q[:, None] * v, axis=1)]
-    # Parallel lines are nearest at some end.
-    for x, low, high in ((a, c, d), (b, c, d), (c, a, b), (d, a, b)):
-        found.append(_to_segment(x, low, high))
-    return np.asarray(np.min(found, axis=0))
-
-
-def _to_segment(x: Array, a: Array, b: Array) -> Array:
-    """Return distances (K,) of points x from segments a b."""
-    along = b - a
-    square = np.maximum(np.einsum("ki,ki->k", along, along), 1e-300)
-    share = np.clip(np.einsum("ki,ki->k", x - a, along) / square, 0.0, 1.0)
-    return np.asarray(np.linalg.norm(x - a - share[:, None] * along, axis=1))
+    @property
+    def places(self) -> Array:
+        """Arc lengths of both ends (K, 2) [m]."""
+        s, h = self.of.lines.s, np.diff(self.of.lines.s)
+        shares = np.column_stack([self.start, self.end])
+        return np.asarray(s[self.element, None] + shares * h[self.element, None])

@@ -145,7 +145,7 @@ class Around:
         statement = self.task.coarse("exact")
         problem, p = self.task.problem(statement), self.task.parameters(statement)
         x = problem.guess(T, self.task.allowed, p)
-        return float(problem.program.values(x, p)[0][0, 0])
+        return float(problem.program.evaluate(x, p).f)
 
     def coarse(self, T: Array, mode: Mode) -> _Clear | None:
         """Return the optimum that keeps clear, on the coarse mesh, where tensions lead to one."""

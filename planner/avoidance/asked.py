@@ -11,7 +11,7 @@ import numpy as np
 from model.arm import Arm
 from model.centreline import Centreline
 from model.checks import not_negative
-from model.clearance import clearances, rough_gaps
+from model.clearance import clearances
 from model.clearance.nearest import BASE, ITSELF, OBSTACLES, Clearance
 from model.errors import InputError
 from model.obstacles import Moving, Obstacle, check_obstacles
@@ -87,10 +87,7 @@ class Surroundings:
 
     def keeps(self, line: Centreline) -> bool:
         """Return whether the arm of a centreline is verified to keep clear."""
-        rough, _ = rough_gaps(line, self.obstacles, self.least)
-        if all(rough[name] >= gap for name, gap in self.least.items()):
-            return True
-        found = clearances(line, self.obstacles, self.least)
+        found = clearances(line, self.obstacles, self.least, self.clearance)
         return all(found[name].gap >= gap for name, gap in self.least.items())
 
 

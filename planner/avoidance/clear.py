@@ -28,16 +28,17 @@ def line_of(
 ) -> Centreline | None:
     """Return the centreline of an arm under tensions on a mesh; None if it does not settle.
 
-    Near the shape of the plan where that is `finished`: then it is asked for in any case.
+    Of a plan that is `finished` on the mesh of its shape, and near it.
     """
     arm, scene = task.arm, task.scene
     try:
         places = tuple(Avoidance(()).stations(arm))
-        form = STAGES, statement.refinement, places, True, task.machine_code
-        forward = Collocation(arm, scene, *form)
-        near = None
+        refinement, near = statement.refinement, None
         if finished:
-            near = settled(arm, T, scene, task.accuracy, task.machine_code).known
+            shape = settled(arm, T, scene, task.accuracy, task.machine_code)
+            refinement, near = shape.refinement, shape.known
+        form = STAGES, refinement, places, True, task.machine_code
+        forward = Collocation(arm, scene, *form)
         return Centreline.at_states(forward.system, forward.found(T, near).states)
     except (OctoplanError, np.linalg.LinAlgError):
         return None

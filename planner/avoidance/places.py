@@ -4,21 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model.arm import Arm
 from model.centreline import Centreline
-from model.clearance.pieces import Pieces
-from model.obstacles import HalfSpace, numbers_of
+from model.clearance.nearest import base_plane
+from model.obstacles import numbers_of
 from model.obstacles.base import Convex
 from model.obstacles.bodies import Bodies
 from model.paths import Array
 from planner.avoidance.asked import Surroundings
 from planner.avoidance.rows import Apart, Avoidance, Place, cubic, element_of, grid
 
-Mask = NDArray[np.bool_]
 # Points that are looked at first; those around a minimum, and how often they close in on it.
 _POINTS, _AROUND, _ROUNDS = 64, 9, 3
 # What is nearer than so much more than asked for gets an inequality beforehand, over L; the same
@@ -49,11 +48,6 @@ class Near:
     gap: float
 
 
-def base_plane(arm: Arm) -> HalfSpace:
-    """Return what is behind the plane of an arm's base."""
-    return HalfSpace(arm.base_position, tuple(np.array(arm.base_frame)[:, 0].tolist()))
-
-
 def watched_places(line: Centreline, asked: Surroundings) -> list[Near]:
     """Return the places where an arm is near; also those not so near, of one that is clear."""
     far = near_places(line, asked, _WATCHED)
@@ -63,27 +57,38 @@ def watched_places(line: Centreline, asked: Surroundings) -> list[Near]:
 
 def near_places(line: Centreline, asked: Surroundings, within: float = _NEAR) -> list[Near]:
     """Return the places where an arm is about as near as is allowed, or nearer."""
-    pieces = Pieces.of(line, max(1, -(-_POINTS // (line.s.size - 1))))
+    each = max(1, -(-_POINTS // (line.s.size - 1)))
+    s = np.interp(np.arange((line.s.size - 1) * each + 1) / each, np.arange(line.s.size), line.s)
+    sampled = _Sampled(s, *line.at(s), line.turned(s))
     most = asked.clearance + within * line.arm.length
-    found = _of_bodies(line, pieces, Bodies(asked.obstacles), np.ones(len(pieces.s), bool), most)
+    found = _of_bodies(line, sampled, Bodies(asked.obstacles), 0.0, most)
     if asked.of_itself:
-        beyond = pieces.turned >= np.pi / 2
-        found += _of_bodies(line, pieces, Bodies([base_plane(line.arm)]), beyond, most)
-        found += _of_pairs(line, pieces, most)
+        found += _of_bodies(line, sampled, Bodies([base_plane(line.arm)]), np.pi / 2, most)
+        found += _of_pairs(line, sampled, most)
     return found
 
 
+class _Sampled(NamedTuple):
+    """An arm at arc lengths (K,): points (K, 3), radii (K,), how far its tangents have turned."""
+
+    s: Array
+    points: Array
+    radius: Array
+    turned: Array
+
+
 def _of_bodies(
-    line: Centreline, pieces: Pieces, bodies: Bodies, which: Mask, most: float
+    line: Centreline, sampled: _Sampled, bodies: Bodies, turn: float, most: float
 ) -> list[Near]:
-    gaps = bodies.at(pieces.nodes[:, None])[0] - pieces.least[:, None]
-    gaps[~which] = np.inf
+    all_s, points, radius, turned = sampled
+    gaps = bodies.at(points[:, None])[0] - radius[:, None]
+    gaps[turned < turn] = np.inf
     gaps[0] = np.inf  # the base stays where it is
     padded = np.pad(gaps, ((1, 1), (0, 0)), constant_values=np.inf)
     at, body = np.nonzero((gaps <= padded[:-2]) & (gaps <= padded[2:]) & (gaps < most))
     if not at.size:
         return []
-    low, high = pieces.s[at - 1], pieces.s[np.minimum(at + 1, pieces.s.size - 1)]
+    low, high = all_s[at - 1], all_s[np.minimum(at + 1, all_s.size - 1)]
     rows = np.arange(at.size)
     for _ in range(_ROUNDS):
         s = low[:, None] + (high - low)[:, None] * np.linspace(0, 1, _AROUND)
@@ -97,8 +102,8 @@ def _of_bodies(
     return [Near(float(s), p, float(g)) for s, p, g in zip(best, parts, least, strict=True)]
 
 
-def _of_pairs(line: Centreline, pieces: Pieces, most: float) -> list[Near]:
-    turned, nodes, radius, s = pieces.turned, pieces.nodes, pieces.least, pieces.s
+def _of_pairs(line: Centreline, sampled: _Sampled, most: float) -> list[Near]:
+    s, nodes, radius, turned = sampled
     apart = np.linalg.norm(nodes[:, None] - nodes[None], axis=2)
     gaps = apart - radius[:, None] - radius[None]
     gaps[turned[None, :] - turned[:, None] < np.pi] = np.inf

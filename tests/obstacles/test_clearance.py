@@ -10,7 +10,6 @@ from model import Arm, Scene, conical, settle
 from model.centreline import Centreline
 from model.clearance import clearance
 from model.clearance.nearest import BASE, ITSELF, clearances
-from model.clearance.pieces import segment_gaps
 from model.effects import Buoyancy, Extension, Weight
 from model.equilibrium.forward import STAGES, Collocation
 from model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
@@ -151,15 +150,3 @@ def test_a_circular_arm_is_as_near_to_itself_as_geometry_says(turns: float, radi
 
 def test_half_a_circle_and_less_never_meets_itself() -> None:
     assert clearances(_coil(0.49, 0.03))[ITSELF].gap == np.inf
-
-
-def test_segments_are_as_far_apart_as_a_fine_grid_says() -> None:
-    rng = np.random.default_rng(0)
-    a, b, c, d = rng.normal(size=(4, 50, 3))
-    b[:5], d[:5] = a[:5] + (d - c)[:5], d[:5]  # parallel ones
-    share = np.linspace(0, 1, 201)[:, None, None]
-    one, other = a + share * (b - a), c + share * (d - c)
-    grid = np.linalg.norm(one[:, None] - other[None], axis=3).min(axis=(0, 1))
-    found = segment_gaps(a, b, c, d)
-    assert (found <= grid + 1e-12).all()
-    assert (grid - found).max() < 0.05

@@ -7,15 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from model import Arm, InputError, Scene, settle
+from model import Arm, Scene, settle
 from model.clearance import clearance
-from model.effects import Contact, Extension
-from model.errors import FileError
+from model.effects import Extension
 from model.obstacles import Box, Mesh, Moving, Sphere
-from model.obstacles.bodies import Bodies
-from model.units import UnitWarning
 from planner import plan, trajectory
 from planner.io.saved_files import load_plan
 from planner.io.scene_file import load
@@ -24,7 +20,6 @@ from tests.model.cases import paper_tensions
 
 trimesh = pytest.importorskip("trimesh")
 pytest.importorskip("igl")
-Array = NDArray[np.float64]
 ARM, SCENE = Arm.from_paper("table-4"), Scene(Extension())
 TARGET = TipPosition((0.30, 0.15, -0.10))
 
@@ -91,31 +86,6 @@ def test_derivatives_are_those_of_differences(mesh: Mesh) -> None:
     assert smooth.mean() > 0.98
     np.testing.assert_allclose(mesh.gradient(points)[smooth], differences[smooth], atol=1e-5)
     np.testing.assert_allclose(np.linalg.norm(mesh.gradient(points), axis=1), 1, atol=1e-12)
-
-
-def test_the_nearest_part_is_part_of_the_body_and_as_near() -> None:
-    mesh = dented()
-    points = np.random.default_rng(3).uniform(-0.05, 0.15, (200, 3))
-    for x, d in zip(points, mesh.distance(points), strict=True):
-        center, axes, half = np.split(mesh.nearest_part(x)[:15], [3, 12])
-        y = axes.reshape(3, 3) @ (x - center)
-        if d > 0:
-            assert np.linalg.norm(np.maximum(np.abs(y) - half, 0)) == pytest.approx(d, abs=1e-9)
-            corners = np.array([(i, j, 0) for i in (-1, 1) for j in (-1, 1)]) * half
-            assert np.abs(mesh.distance(center + corners @ axes.reshape(3, 3))).max() < 1e-9
-        else:
-            assert y[0] == pytest.approx(d, abs=1e-9)
-
-
-def test_bounds_hold_around_a_point() -> None:
-    bodies, rng = (
-        Bodies([ring(), Sphere((0.2, 0.0, 0.1), 0.03), dented()]),
-        np.random.default_rng(4),
-    )
-    points, offsets = rng.uniform(-0.1, 0.3, (300, 1, 3)), 0.02 * rng.normal(size=(300, 1, 3))
-    d, g = bodies.at(points)
-    moved, _ = bodies.at(points + offsets)
-    assert (d + bodies.change(g, np.broadcast_to(offsets, g.shape)) <= moved + 1e-12).all()
 
 
 def test_the_certified_clearance_is_below_fine_samples_and_close_to_them() -> None:
@@ -203,47 +173,3 @@ def test_scene_files_and_plans_hold_meshes(tmp_path: Path) -> None:
     p = plan(ARM, TARGET, SCENE, 20.0, obstacles=[found], clearance=0.002)
     p.save(tmp_path / "plan.json")
     assert load_plan(tmp_path / "plan.json").surroundings.obstacles == (found,)
-    for keys, said in (
-        ('file = "none.stl"', "cannot be read"),
-        ("vertices_mm = [[0, 0, 0]]", "vertices_mm and faces"),
-        ("", "a file, or"),
-    ):
-        scene.write_text(SCENE_FILE + keys)
-        with pytest.raises(FileError, match=said):
-            load(scene)
-
-
-CORNERS, FACES = trimesh.creation.box((0.1, 0.1, 0.1)).vertices, trimesh.creation.box().faces
-
-
-@pytest.mark.parametrize(
-    ("vertices", "faces", "said"),
-    [
-        (CORNERS, FACES[1:], "watertight"),
-        (CORNERS, FACES[:, ::-1], "turned inwards"),
-        (CORNERS, np.vstack([FACES[:1, ::-1], FACES[1:]]), "turned over"),
-        (np.where(np.arange(8)[:, None] == 3, np.nan, CORNERS), FACES, "finite"),
-        (CORNERS, np.vstack([FACES, [[0, 0, 1]]]), "have an area"),
-        (CORNERS, FACES + 1, "numbers of vertices"),
-        (CORNERS, FACES - 1, "numbers of vertices"),
-        (CORNERS, FACES + 0.5, "whole numbers"),
-        (CORNERS, FACES[:2], "4 or more"),
-        (CORNERS[:, :2], FACES, "nx3"),
-        (0 * CORNERS, FACES, "have an area"),
-    ],
-)
-def test_meshes_that_are_none_are_told(vertices: Array, faces: Array, said: str) -> None:
-    with pytest.raises(InputError, match=said):
-        Mesh(vertices, faces)  # type: ignore[arg-type]
-
-
-def test_meshes_in_other_units_are_warned_of_and_contact_is_refused(tmp_path: Path) -> None:
-    with pytest.warns(UnitWarning, match="unit='mm'"):
-        Mesh(1e3 * CORNERS, FACES)
-    with pytest.raises(InputError, match="a Mesh is none"):
-        Contact(ring())  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="one of m, cm, mm, in"):
-        Mesh.read(tmp_path / "a.stl", "km")
-    (tmp_path / "a.stl").write_text("nothing")
-    with pytest.raises(FileError, match="no triangles"):
-        Mesh.read(tmp_path / "a.stl", "mm")

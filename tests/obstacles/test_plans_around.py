@@ -5,18 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from model import Arm, InputError, Scene, settle
+from model import Arm, Scene, settle
 from model.effects import Buoyancy, Extension, Weight
-from model.errors import FileError
 from model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
 from model.shape import Shape
-from planner import Limits, Plan, Statement, build, load_plan, plan
-from planner.avoidance.rows import Apart, Avoidance, Place
+from planner import Plan, load_plan, plan
 from planner.io.scene_file import read
 from planner.targets import BendingPlane, TipPosition
 
@@ -98,16 +97,6 @@ def test_a_plan_in_other_scenes_leads_around(scene: Scene) -> None:
     assert _gap(p.shape, obstacle) >= 0
 
 
-def test_under_loads_what_keeps_clear_is_not_taken_for_numbers_of_the_target() -> None:
-    """It was: re-plans around a ball in water ended in an error of CasADi's."""
-    scene, body = Scene(Extension(), Weight(), Buoyancy()), (0.1, 0.2, 0.1, *np.ones(14).tolist())
-    keeps_clear = Avoidance((Apart(Place(0.2, 0.05, (0.0, 0.0, 0.0)), body, 0.01),))
-    targets = TipPosition((0.25, 0.05, -0.1)), keeps_clear
-    problem = build(ARM, targets, scene, Statement(refinement=1))
-    p = problem.parameters(targets, Limits.of(ARM, 20.0))
-    assert p.size == problem.program.parts.size
-
-
 @pytest.mark.slow
 def test_where_nothing_leads_around_the_nearest_shape_keeps_clear() -> None:
     plate = Box((0.2, 0.0, 0.0), (0.02, 3.0, 3.0))
@@ -155,10 +144,16 @@ def test_a_plan_with_obstacles_loads_back_equal(around: Plan, tmp_path: Path) ->
     assert other.certificate.clearance == around.certificate.clearance
 
 
-def test_a_plan_near_another_is_led_around_too(around: Plan) -> None:
-    given = {"obstacles": around.surroundings.obstacles, "clearance": 0.003}
-    p = plan(ARM, TipPosition((0.29, 0.12, -0.12)), SCENE, 20.0, near=around, **given)
-    assert p.certificate.passed, p.outcome
+@pytest.mark.parametrize("loads", [(), (Weight(), Buoyancy())], ids=["unloaded", "in water"])
+def test_a_plan_near_another_is_led_around_too(loads: tuple[Any, ...]) -> None:
+    """Under loads it ended in an error of CasADi's."""
+    scene = Scene(Extension(), *loads)
+    ball = Sphere(plan(ARM, TARGET, scene, 20.0, starts=1).shape.position(0.6 * ARM.length), 0.02)
+    given = {"obstacles": [ball], "clearance": 0.003}
+    first = plan(ARM, TARGET, scene, 20.0, starts=1, **given)
+    found = plan(ARM, TipPosition((0.29, 0.12, -0.12)), scene, 20.0, near=first, **given)
+    assert found.certificate.passed, found.outcome
+    assert found.certificate.clearance >= 0.003
 
 
 def test_figures_show_obstacles_and_the_nearest_place(around: Plan) -> None:
@@ -174,24 +169,6 @@ def test_a_thousand_obstacles_work() -> None:
     p = plan(ARM, TARGET, SCENE, 20.0, obstacles=many)
     assert p.certificate.gaps["obstacles"] >= 0
     assert p.certificate.passed or p.outcome.startswith("Not reached")
-
-
-@pytest.mark.parametrize(
-    ("given", "field"),
-    [
-        ({"obstacles": [1.0]}, r"obstacles\[0\]"),
-        ({"obstacles": 3}, "obstacles"),
-        ({"obstacles": [Sphere((0, 0, 0.01), 0.01)]}, r"obstacles\[0\].*base"),
-        ({"obstacles": [Sphere(TARGET.position, 0.01)]}, r"obstacles\[0\].*tip at its target"),
-        ({"clearance": -1e-3}, "clearance"),
-        ({"clearance": np.nan}, "clearance"),
-        ({"clearance": 1e-3}, "clearance"),
-        ({"self_clearance": 2}, "self_clearance"),
-    ],
-)
-def test_surroundings_that_cannot_be_are_refused(given: dict[str, object], field: str) -> None:
-    with pytest.raises(InputError, match=field):
-        plan(ARM, TARGET, SCENE, 20.0, **given)  # type: ignore[arg-type]
 
 
 FILE = b"""
@@ -231,22 +208,3 @@ def test_scene_files_hold_obstacles() -> None:
     assert options["obstacles"][2] == Box((0.15, -0.1, 0.05), (0.01, 0.02, 0.03))
     assert options["clearance"] == pytest.approx(0.002)
     assert options["self_clearance"] is True
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "place"),
-    [
-        (
-            b'radius_mm = 20\n[[obstacles]]\ntype = "box"',
-            b'radius_mm = 0\n[[obstacles]]\ntype = "box"',
-            "obstacles\\[1\\].radius_mm",
-        ),
-        (b"center_mm = [150, 0, 50]", b"center_mm = [0, 0, 0]", "obstacles"),
-        (b"clearance_mm = 2", b"clearance_mm = -2", "clearance_mm"),
-        (b"normal = [0, 0, 1]", b"normal = [0, 0, 0]", "obstacles\\[3\\]"),
-    ],
-)
-def test_scene_files_tell_where_an_obstacle_is_wrong(old: bytes, new: bytes, place: str) -> None:
-    assert old in FILE
-    with pytest.raises(FileError, match=place):
-        read(FILE.replace(old, new, 1))

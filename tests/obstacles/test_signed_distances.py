@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from model import InputError
-from model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere, distances, numbers_of
+from model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
 
 coal = pytest.importorskip("coal")
 trimesh = pytest.importorskip("trimesh")
@@ -100,35 +99,8 @@ def test_numbers_are_finite_where_there_is_no_derivative() -> None:
         assert np.isfinite(ROUND[name].gradient(center)).all()
 
 
-def test_many_obstacles_at_once_are_as_each_alone() -> None:
-    points = _points(20)
-    found, gradients = distances(numbers_of(list(ROUND.values())), points)
-    for k, obstacle in enumerate(ROUND.values()):
-        np.testing.assert_array_equal(found[:, k], obstacle.distance(points))
-        np.testing.assert_array_equal(gradients[:, k], obstacle.gradient(points))
-
-
 @pytest.mark.parametrize("name", ROUND)
 def test_outlines_lie_on_the_surface(name: str) -> None:
     points, triangles = ROUND[name].outline
     assert np.abs(ROUND[name].distance(points)).max() < 1e-12
     assert triangles.max() < len(points)
-
-
-@pytest.mark.parametrize(
-    ("make", "field"),
-    [
-        (lambda: Sphere((0, 0, 0), 0.0), "Sphere.radius"),
-        (lambda: Sphere((0, 0, 0), np.nan), "Sphere.radius"),
-        (lambda: Sphere((0, np.nan, 0), 0.1), "Sphere.center"),
-        (lambda: Capsule((0, 0, 0), (0, 0, 0), 0.1), "Capsule.end"),
-        (lambda: Capsule((0, 0, 0), (0, 0, 1), -0.1), "Capsule.radius"),
-        (lambda: Box((0, 0, 0), (0.1, 0.0, 0.1)), "Box.size"),
-        (lambda: Box((0, 0, 0), (0.1, 0.1, 0.1), ((1, 0, 0),) * 3), "Box.frame"),
-        (lambda: HalfSpace((0, 0, 0), (0, 0, 0)), "HalfSpace.normal"),
-    ],
-)
-def test_sizes_that_are_none_are_refused_by_name(make: object, field: str) -> None:
-    with pytest.raises(InputError) as refused:
-        make()  # type: ignore[operator]
-    assert refused.value.field == field

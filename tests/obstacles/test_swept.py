@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import casadi as ca
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from model import Arm, InputError, Scene
 from model.centreline import Centreline
+from model.clearance.bisection import Around, closest
+from model.clearance.intervals import Bounded, Interval
 from model.clearance.lines import Lines
-from model.clearance.smooth import SHARES, chebyshev, control, falls, highest
-from model.clearance.swept import Around, swept
-from model.effects import Buoyancy, Extension, Weight
-from model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
+from model.clearance.nearest import BASE, ITSELF, around
+from model.clearance.way import Moving
+from model.effects import Buoyancy, ExactTendons, Extension, Weight
+from model.loads import is_loaded
+from model.obstacles import Box, Capsule, Obstacle, Sphere
 from model.obstacles.bodies import Bodies
 from tests.model.cases import paper_tensions
 
@@ -21,7 +25,6 @@ PAPER, SILICONE = Scene(Extension()), Scene.silicone()
 IN_WATER = Scene(*Scene.silicone().effects, Weight(), Buoyancy())
 KEEP = 0.002
 Array = NDArray[np.float64]
-_FAR = np.array([[(0.0, 0.0, 0.0)], [(0.02, -0.01, 0.03)]])
 
 
 def _obstacles(rng: np.random.Generator) -> list[Obstacle]:
@@ -66,13 +69,17 @@ def _check(scene: Scene, rng: np.random.Generator, count: int, instants: int) ->
     lines = Lines(ARM, scene, 2, (), False)
     moved = rng.normal(size=(count, 2, 3, 3)) * 0.02
 
-    def settled(which: NDArray[np.int64], share: Array) -> list[Centreline | None]:
-        return lines.many(start[which] + share[:, None] * (end - start)[which])
+    def tensions(which: NDArray[np.int64], share: Array) -> Array:
+        return np.asarray(start[which] + share[:, None] * (end - start)[which])
 
-    plane = HalfSpace(ARM.base_position, np.array(ARM.base_frame)[:, 0])
-    bodies, turns = Bodies([*obstacles, plane]), np.array([0, 0, 0, np.pi / 2])
-    with_plane = np.concatenate([moved, np.zeros((count, 2, 1, 3))], axis=2)
-    found = swept(settled, count, Around(bodies, with_plane, turns, True, KEEP))
+    of_bodies = Around(Bodies(obstacles), KEEP, np.zeros(3), moved)
+    others = [around(ARM, kind, (), KEEP) for kind in (BASE, ITSELF)]
+    found = [closest(Moving(lines, tensions), count, own) for own in (of_bodies, *others)]
+    least = np.argmin([own.bound for own in found], axis=0), np.arange(count)
+    bound, seen, at = (
+        np.array([getattr(own, name) for own in found])[least]
+        for name in ("bound", "seen", "share")
+    )
 
     def true(k: int, share: float, turn: float) -> float:
         line = lines(start[k] + share * (end[k] - start[k]))
@@ -82,13 +89,13 @@ def _check(scene: Scene, rng: np.random.Generator, count: int, instants: int) ->
 
     for k in range(count):
         shares = np.linspace(0, 1, instants)
-        assert found.bound[k] <= min(true(k, share, np.pi) for share in shares) + 1e-9
+        assert bound[k] <= min(true(k, share, np.pi) for share in shares) + 1e-9
         # Of places 1.5 mm apart turns are a little less than those of the arm.
         nearest = min(true(k, share, 0.96 * np.pi) for share in shares)
-        if found.seen[k] < 0:
-            nearest = min(nearest, true(k, found.share[k], 0.96 * np.pi))
-            assert nearest <= found.seen[k] + 1e-3
-        assert found.bound[k] >= min(1.0101 * nearest, 0.0) - 1.5e-3
+        if seen[k] < 0:
+            nearest = min(nearest, true(k, at[k], 0.96 * np.pi))
+            assert nearest <= seen[k] + 1e-3
+        assert bound[k] >= min(1.0101 * nearest, 0.0) - 1.5e-3
 
 
 @pytest.mark.quick("paper")
@@ -104,59 +111,94 @@ def test_no_bound_on_many_ways_is_above_what_fine_sampling_sees(scene: Scene) ->
         _check(scene, np.random.default_rng(seed), 8, 61)
 
 
-def test_what_is_only_touched_halfway_is_seen() -> None:
-    lines, T = Lines(ARM, PAPER, 2, (), False), np.zeros((2, 12))
-    T[0, 4], T[1, 6] = 4.0, 4.0
-    line = lines((T[0] + T[1]) / 2)
+def _way(scene: Scene, T: Array) -> tuple[Lines, Moving]:
+    lines = Lines(ARM, scene, 2, (), False)
+    return lines, Moving(lines, lambda _, share: T[0] + share[:, None] * (T[1] - T[0]))
+
+
+def _still(obstacle: Obstacle) -> Around:
+    return around(ARM, "obstacles", [obstacle])
+
+
+@pytest.mark.parametrize("scene", [PAPER, SILICONE, IN_WATER], ids=["paper", "silicone", "water"])
+def test_a_thin_obstacle_that_is_touched_only_between_samples_is_seen(scene: Scene) -> None:
+    T = np.zeros((2, 12))
+    T[0, 4], T[1, 6] = 2.0, 2.0
+    lines, way = _way(scene, T)
+    # No power of two divides the share of the way where it is touched.
+    line = lines(T[0] + (T[1] - T[0]) / 3)
     assert line is not None
-    tip = line.poses[-1, 4:] + np.array([0.0, 0.0, 0.008])
-
-    def settled(_: NDArray[np.int64], share: Array) -> list[Centreline | None]:
-        return lines.many(T[0] + share[:, None] * (T[1] - T[0]))
-
-    ball = Bodies([Sphere(tip, 0.0065)])
-    still, zero = np.zeros((1, 2, 1, 3)), np.zeros(1)
-    found = swept(settled, 1, Around(ball, still, zero, False, 0.0))
+    (place, radius) = (own[0] for own in line.at(np.array([0.8 * ARM.length])))
+    across = np.array([0.0, 0.0, 0.1])
+    needle = Capsule(place - across, place + across, 1e-4)
+    sampled = [lines(T[0] + share * (T[1] - T[0])) for share in (0.0, 0.5, 1.0)]
+    places = np.linspace(0, ARM.length, 300)
+    for own in sampled:
+        assert own is not None
+        x, r = own.at(places)
+        assert (needle.distance(x) - r).min() > 0
+    found = closest(way, 1, _still(needle))
+    assert found.bound[0] <= -radius
     assert found.seen[0] < 0
-    assert found.share[0] == pytest.approx(0.5, abs=0.2)
-    away = swept(settled, 1, Around(ball, still + np.array([0, 0, 0.1]), zero, False, 0.0))
-    assert away.bound[0] > 0
+
+
+def test_strains_keep_to_the_bounds_that_are_proven_of_them() -> None:
+    rng = np.random.default_rng(3)
+    for scene in (Scene(), PAPER, Scene(ExactTendons()), SILICONE):
+        start, end = _ways(rng, 6)
+        end = start + 0.05 * (end - start)
+        lines = Lines(ARM, scene, 2, (), False)
+        way = Moving(lines, lambda k, u, a=start, b=end: a[k] + u[:, None] * (b - a)[k])
+        each, none = np.arange(6), np.zeros(6)
+        spread = way.spread(each, none, none + 1)
+        assert spread.known.sum() >= 4
+        ends = way.lines(each, none), way.lines(each, none + 1)
+        for u in np.linspace(0.1, 0.9, 9):
+            for k, line in enumerate(way.lines(each, none + u)):
+                if not spread.known[k]:
+                    continue
+                for name, off in (("kappa", spread.kappa[k]), ("nu", spread.nu[k])):
+                    first, last, own = (getattr(x, name) for x in (ends[0][k], ends[1][k], line))
+                    apart = np.linalg.norm(own - (1 - u) * first - u * last, axis=-1).ravel()
+                    assert (apart <= off + 1e-9 * np.abs(own).max()).all()
+
+
+def test_bounds_of_a_function_hold_in_all_of_a_box() -> None:
+    rng, x = np.random.default_rng(0), ca.SX.sym("x", 3)
+    f = x[0] / (2 + x[1] ** 2) - ca.sqrt(3 + x[1] * x[2]) + 2 * x[2] / x[1]
+    function = ca.Function("f", [x], [f])
+    low = rng.uniform(0.2, 1.0, (50, 3))
+    high = low + rng.uniform(0.0, 0.5, (50, 3))
+    found = Bounded(function)(Interval(low, high))
+    for share in rng.uniform(size=(200, 50, 3)):
+        values = np.array(function((low + share * (high - low)).T)).ravel()
+        assert (found.low[:, 0] <= values).all()
+        assert (values <= found.high[:, 0]).all()
+    everywhere = Bounded(function)(Interval(low - 2, high))
+    assert np.isinf(everywhere.high).all()
 
 
 def test_an_arm_that_jumps_on_its_way_is_not_verified() -> None:
-    lines = Lines(ARM, PAPER, 2, (), False)
     T = np.zeros((2, 12))
     T[1, 4] = 4.0
-    around = Around(Bodies([Sphere((0, 0, 5.0), 1.0)]), np.zeros((1, 2, 1, 3)), np.zeros(1), 0, 0)
+    far = _still(Sphere((0, 0, 5.0), 1.0))
+    for scene in (PAPER, IN_WATER):
+        lines, smooth = _way(scene, T)
 
-    def jumps(_: NDArray[np.int64], share: Array) -> list[Centreline | None]:
-        return [lines(T[int(u > 0.43)]) for u in share]
+        class Jumping(Moving):
+            def lines(self, stretch: NDArray[np.int64], share: Array) -> list[Centreline | None]:
+                return super().lines(stretch, (share > 0.43).astype(float))
 
-    def fails(_: NDArray[np.int64], share: Array) -> list[Centreline | None]:
-        return [None if u == 0.5 else lines(T[0]) for u in share]
+        class Failing(Moving):
+            def lines(self, stretch: NDArray[np.int64], share: Array) -> list[Centreline | None]:
+                found = super().lines(stretch, share)
+                return [None if u == 0.5 else x for x, u in zip(found, share, strict=True)]
 
-    assert swept(jumps, 1, around).bound[0] == -np.inf
-    assert swept(fails, 1, around).bound[0] == -np.inf
-    assert swept(lambda _, u: lines.many(T[1] * u[:, None]), 1, around).bound[0] > 3.0
-
-
-def test_smooth_functions_stay_below_their_bound_and_others_are_told() -> None:
-    x = np.linspace(0, 1, 1001)
-    smooth = [
-        lambda u: np.exp(2 * u),
-        lambda u: np.sin(3 * u + 0.4),
-        lambda u: 1 / (1.5 + u),
-        lambda u: u**3 - u**2,
-        lambda u: 0 * u + 2,
-    ]
-    for f in smooth:
-        values = f(SHARES)[None]
-        assert falls(np.abs(chebyshev(values)), 1e-12)[0]
-        assert highest(values)[0] >= f(x).max() - 1e-12
-        assert control(values).min() <= f(x).min() + 1e-3
-    for g in (lambda u: np.sign(u - 0.3), lambda u: np.sin(12 * u), lambda u: u**8 * (1 - u)):
-        assert not falls(np.abs(chebyshev(g(SHARES)[None])), 1e-12)[0]
-    assert highest(-np.abs(SHARES - 0.6)[None])[0] >= 0
+        jumping = Jumping(lines, smooth._tensions)
+        assert closest(jumping, 1, far).bound[0] == -np.inf or not is_loaded(scene)
+        near = _still(Capsule((0.3, 0.1, 0.0), (0.3, 0.2, 0.0), 0.05))
+        assert closest(Failing(lines, smooth._tensions), 1, near).bound[0] == -np.inf
+        assert closest(smooth, 1, far).bound[0] > 3.0
 
 
 def test_motions_as_printed_are_refused_and_not_cleared_for_another_shape() -> None:

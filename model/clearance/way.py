@@ -1,0 +1,58 @@
+"""The way of an arm whose tensions change steadily on each of its stretches."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from model.centreline import Centreline, Counts
+from model.clearance.lines import Lines
+from model.clearance.strain_bounds import Spread, estimated, proven
+from model.paths import Array
+
+# Which stretches (K,) and shares of them (K,) -> tensions (K, n_tendons), on a straight line each.
+Tensions = Callable[[Counts, Array], Array]
+
+
+class Moving:
+    """A way by its tensions; see model.clearance.bisection.Way."""
+
+    moves = True
+
+    def __init__(self, lines: Lines, tensions: Tensions) -> None:
+        self._lines, self._tensions = lines, tensions
+        self._known: dict[tuple[int, float], Centreline | None] = {}
+
+    def lines(self, stretch: Counts, share: Array) -> list[Centreline | None]:
+        """Return the arms at shares (K,) of stretches (K,); None where one has no equilibrium."""
+        keys = list(zip(stretch.tolist(), share.tolist(), strict=True))
+        new = sorted({key for key in keys if key not in self._known})
+        if new:
+            which, shares = np.array([i for i, _ in new]), np.array([u for _, u in new])
+            found = self._lines.many(self._tensions(which, shares))
+            self._known.update(zip(new, found, strict=True))
+        return [self._known[key] for key in keys]
+
+    def spread(self, stretch: Counts, start: Array, end: Array) -> Spread:
+        """Return how far strains are from straight lines from shares (P,) to others.
+
+        Proven without loads, estimated under loads; see model.clearance.strain_bounds.
+        """
+        first, last = (_strains(self.lines(stretch, share)) for share in (start, end))
+        if not self._lines.loaded:
+            T = self._tensions(stretch, start), self._tensions(stretch, end)
+            return proven(self._lines.sections, T, (first[..., 1:4], last[..., 1:4]))
+        halfway = self.lines(stretch, (start + end) / 2)
+        there = np.array([own is not None for own in halfway])
+        pairs = zip(halfway, self.lines(stretch, start), strict=True)
+        filled = _strains([own or known for own, known in pairs])
+        found = estimated(first, filled, last, self._lines.arm.length)
+        return found._replace(known=found.known & there)
+
+
+def _strains(lines: list[Centreline | None]) -> Array:
+    """Return kappa and nu (K, N, 6) at the stages of arms."""
+    known = [own for own in lines if own is not None]
+    kappa, nu = (np.array([getattr(own, name) for own in known]) for name in ("kappa", "nu"))
+    return np.concatenate([kappa, nu], axis=3).reshape(len(known), -1, 6)
