@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Any, Protocol
 
 import numpy as np
@@ -13,7 +12,6 @@ from model.equilibrium.linearised import Linearised
 from model.errors import ConvergenceError, OctoplanError, UnsettledSectionError
 from model.forward import COLLOCATIONS, check_scheme, collocation_map, explicit_map, order_of
 from model.loads import is_loaded
-from model.many_poses import ManyPoses, many_poses
 from model.mesh_refinement import IMPLICIT, ROUNDING, estimate, first_pair, next_refinement
 from model.paths import Array
 from model.rotations import matrices
@@ -107,16 +105,17 @@ class ManySets:
                 self._settle_alone(int(i))
 
     def _in_closed_form(self, now: Any, refinement: int) -> tuple[Array, Array]:
-        tips = _tips(self.arm, self.scene, self.scheme, refinement, self.machine_code)
-        poses, least = tips(self.T[now].T)
-        return poses[0], least
+        mesh = self.scheme, refinement, (), self.machine_code
+        forward = explicit_map(self.arm, self.scene, *mesh)
+        poses, least = forward.many(self.T[now], [forward.mesh.steps])
+        return poses[:, 0].T, least
 
     def _under_loads(self, now: Any, refinement: int) -> tuple[Array, Array]:
         """Return tips of sets whose equations couple the sections; some at a time."""
         mesh = (self.scheme, refinement, (), self.machine_code)
         forward = collocation_map(self.arm, self.scene, *mesh)
         system = forward.system
-        poses, least = np.full((7, len(now)), np.nan), np.full(len(now), np.nan)
+        states = np.full((len(now), system.of.n_states), np.nan)
         for first in range(0, len(now), _AT_ONCE):
             check_time()
             some = now[first : first + _AT_ONCE]
@@ -126,9 +125,9 @@ class ManySets:
                     self._known[i] = None
                     continue
                 self._known[i] = Linearised(system, here.x)
-                poses[:, k] = here.states[system.of.nodes[-1, :POSE]]
-                least[k] = stretch_of(system, here.states).min()
-        return poses, least
+                states[k] = here.states
+        tips = states[:, system.of.nodes[-1, :POSE]]
+        return tips.T, stretch_of(system, states).min(axis=1)
 
     def _settle_alone(self, i: int) -> None:
         """Settle a set that wants more than what is done side by side, or refuse it."""
@@ -156,10 +155,3 @@ class ManySets:
             return
         forward = explicit_map(self.arm, self.scene, self.scheme, refinement)
         check_stretch(Marched.under(forward, self.T[i]), f"tensions[{i}]")
-
-
-@lru_cache(maxsize=64)
-def _tips(arm: Arm, scene: Scene, scheme: str, refinement: int, machine_code: bool) -> ManyPoses:
-    """Return what finds the poses (1, 7, M) of tips, see model.many_poses."""
-    forward = explicit_map(arm, scene, scheme, refinement, (), machine_code)
-    return many_poses(forward, [forward.mesh.steps])

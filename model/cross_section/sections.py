@@ -123,9 +123,12 @@ class Sections:
         (found,) = self._mapped(_turning, self.place.size)(*(part.ravel("F") for part in given))
         return found[:, 0], found[:, 1:]
 
-    def by_tensions(self, v: Array, tensions: Array) -> Array:
-        """Return how settled strains v (N, n) move with each tension (N, n, n_tendons)."""
-        rows, jacobian = np.zeros((*v.shape, self._n_tendons)), self.wrench(v, tensions)[1]
+    def by_tensions(self, v: Array, jacobian: Array) -> Array:
+        """Return how strains v (N, n) in equilibrium move with each tension (N, n, n_tendons).
+
+        By the Jacobian of their wrench (N, n, n).
+        """
+        rows = np.zeros((*v.shape, self._n_tendons))
         rows[self.place, :, self.tendon] = self.unit_wrenches(v)
         return np.asarray(-np.linalg.solve(jacobian, rows))
 

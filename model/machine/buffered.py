@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import threading
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from model.machine.columns import Columns, part_of, unknown
+from model.machine.compiled import is_short
 from model.paths import Array
 
 
@@ -21,18 +23,18 @@ class Buffered:
 
     def __call__(self, *given: Array) -> list[Array]:
         """Return the results, each transposed: (columns, rows)."""
-        local = self._local.__dict__
-        if not local:
-            names = ("given", "results", "run", "buffer")
-            local.update(zip(names, self.prepared(), strict=True))
-        for held, value in zip(local["given"], given, strict=True):
-            held[:] = value
-        local["run"]()
-        return [result.copy() for result in local["results"]]
+        try:
+            held, results, run, _ = self._local.prepared
+        except AttributeError:
+            held, results, run, _ = self._local.prepared = self.prepared()
+        for own, value in zip(held, given, strict=True):
+            own[:] = value
+        run()
+        return [result.copy() for result in results]
 
     def stats(self) -> dict[str, Any]:
         """Return what the function tells of the last call of this thread."""
-        return dict(self._local.buffer.stats())
+        return dict(self._local.prepared[3].stats())
 
     def prepared(self) -> tuple[list[Array], list[Array], Any, Any]:
         """Return arguments, results, what runs the function on these, and its buffer."""
@@ -48,58 +50,46 @@ class Buffered:
 
 
 class Mapped:
-    """A function of dense vectors for many columns at once, from any thread.
+    """A function of dense vectors for many sets of arguments, from any thread; rows are sets.
 
-    They are taken so many at a time. Maps are kept for sizes that are powers of two; the last
-    columns are repeated up to one.
+    Few are taken by CasADi's maps, of which the last ones are kept, many, and all with
+    `machine_code`, by model.machine.columns. The first argument has all rows; others may have
+    fewer, which are taken again and again.
     """
 
-    _most = 128
+    # Sets at a time, of scalar functions and of others; sizes that maps are kept of.
+    _many, _few, _kept = 256, 64, 20
 
-    def __init__(self, function: ca.Function) -> None:
+    def __init__(self, function: ca.Function, machine_code: bool = False) -> None:
         self._function = function
-        self._sized = lru_cache(maxsize=20)(lambda size: Buffered(function.map(size)))
+        self._machine_code = machine_code and is_short(function)
+        self._most = self._many if function.is_a("SXFunction") else self._few
+        self._sized = lru_cache(maxsize=self._kept)(self._of)
 
     def __call__(self, *given: Array) -> list[Array]:
         """Return the results (N, n_out) of arguments (N, n_in) or (N,)."""
-        count = len(given[0])
-        if not count:
-            return [
-                np.zeros((0, self._function.numel_out(i))) for i in range(self._function.n_out())
-            ]
-        if count > self._most:
-            starts = range(0, count, self._most)
-            parts = [self(*(v[i : i + self._most] for v in given)) for i in starts]
-            return [np.concatenate(found) for found in zip(*parts, strict=True)]
-        size = 1 << (count - 1).bit_length()
-        if size > count:
-            given = tuple(np.concatenate([v, v[-1:].repeat(size - count, axis=0)]) for v in given)
-        return [found[:count] for found in self._sized(size)(*(v.ravel() for v in given))]
+        f, count = self._function, len(given[0])
+        by_columns = self._machine_code or count > self._most
+        if count and by_columns and self._columns is not None:
+            return self._columns(*given)
+        if 0 < count <= self._most:
+            whole = slice(0, count)
+            rows = [v if len(v) == count else part_of(v, count, whole) for v in given]
+            found = self._sized(count)(*[v.ravel() for v in rows])
+            return [result.reshape(count, -1) for result in found]
+        results = [np.empty((count, f.numel_out(i))) for i in range(f.n_out())]
+        for start in range(0, count, self._most):
+            own = slice(start, min(start + self._most, count))
+            parts = self(*(part_of(v, count, own) for v in given))
+            for result, part in zip(results, parts, strict=True):
+                result[own] = part
+        return results
 
-
-class ManyArguments:
-    """A function of two dense vectors for many first ones at once, from any thread.
-
-    They are taken by powers of two, so that few maps are kept and nothing is computed in vain.
-    """
-
-    _most = 64
-
-    def __init__(self, function: ca.Function) -> None:
-        self._function = function
-        self._sized = lru_cache(maxsize=None)(self._of)
-
-    def __call__(self, given: Array, shared: Array) -> Array:
-        """Return the results (N, n_out) of arguments (N, n_in) with one that all share."""
-        found, start = np.empty((len(given), self._function.numel_out(0))), 0
-        while start < len(given):
-            size = min(1 << ((len(given) - start).bit_length() - 1), self._most)
-            own = slice(start, start + size)
-            found[own] = self._sized(size)(given[own].ravel(), shared)[0]
-            start += size
-        return found
+    @cached_property
+    def _columns(self) -> Columns | None:
+        if not self._function.is_a("SXFunction") or unknown(self._function):
+            return None
+        return Columns(self._function, self._machine_code)
 
     def _of(self, size: int) -> Buffered:
-        if size == 1:
-            return Buffered(self._function)
-        return Buffered(self._function.map("many", "serial", size, [1], []))
+        return Buffered(self._function if size == 1 else self._function.map(size))

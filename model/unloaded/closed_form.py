@@ -1,20 +1,22 @@
 """The fast path: strains in closed form, poses by Magnus steps from the base.
 
-Data flow: tensions -> tendon resultants at the steps' nodes (polynomials carried on from section to
-section) -> strains (closed form) -> one relative pose per step (Magnus) -> poses at the nodes
-(products from the base).
+Data flow: tensions -> tendon resultants at the steps' nodes -> strains (closed form) -> poses at
+the nodes, by one Magnus step after the other from the base on.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
 
 from model.arm import Arm
+from model.cross_section import cross_section_of
 from model.cross_section.law import CrossSection, size
 from model.cross_section.reported import reported
+from model.cross_section.sections import Sections
 from model.integrators.magnus import Magnus
 from model.machine.buffered import Buffered, Mapped
 from model.machine.compiled import kernel
@@ -22,10 +24,13 @@ from model.paths import Array
 from model.rotations import compose
 from model.scene import Scene
 from model.stations import Counts, base_pose, stations
+from model.unloaded.energy_statics import EnergyStatics
 from model.unloaded.geometry import GeometryOnMesh, nodes_of
-from model.unloaded.pulls import PullPolynomials
-from model.unloaded.section_solver import settled, solver
+from model.unloaded.sections import section_solver
 from model.unloaded.statics import ClosedStatics, closed_statics
+
+# Arms at a time.
+_ARMS, _ALL = 1024, slice(None)
 
 
 @lru_cache(maxsize=24)
@@ -74,22 +79,30 @@ def march_function(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
     return ca.Function("march", [g, *given], [compose(g, relative), stretch], {"cse": True})
 
 
-@lru_cache(maxsize=48)
-def _march(law: CrossSection, scheme: Magnus, steps: int, machine_code: bool) -> Buffered:
-    """Return (pose, strains at the nodes of each of so many steps, h) -> poses after them.
+class _Steps:
+    """(pose, strains at the nodes of a step, h) -> pose across it, of a structure, any numbers."""
 
-    It depends on an arm's structure alone, so that one with other numbers builds nothing.
-    """
-    return Buffered(kernel(_marched(law, scheme), machine_code).mapaccum(steps))
+    def __init__(self, law: CrossSection, scheme: Magnus, machine_code: bool) -> None:
+        n = size(law)
+        g, h = ca.SX.sym("g", 7), ca.SX.sym("h")
+        v = ca.SX.sym("v", n * len(scheme.nodes))
+        twists = [ca.vertcat(*law.twist(one)) for one in ca.vertsplit(v, n)]
+        after = compose(g, scheme.step(twists, h))
+        step = ca.Function("marched", [g, v, h], [after], {"cse": True})
+        self.many = Mapped(step, machine_code)
+        self._step, self._along = kernel(step, machine_code), dict[int, Buffered]()
+
+    def along(self, count: int) -> Buffered:
+        """Return the same for so many steps one after another: the poses after each."""
+        if count not in self._along:
+            self._along[count] = Buffered(self._step.mapaccum(count))
+        return self._along[count]
 
 
-@lru_cache(maxsize=24)
-def _marched(law: CrossSection, scheme: Magnus) -> ca.Function:
-    """Return (pose, strains at the nodes of a step, h) -> pose across it."""
-    m, n = len(scheme.nodes), size(law)
-    g, v, h = ca.SX.sym("g", 7), ca.SX.sym("v", n * m), ca.SX.sym("h")
-    twists = [ca.vertcat(*law.twist(one)) for one in ca.vertsplit(v, n)]
-    return ca.Function("marched", [g, v, h], [compose(g, scheme.step(twists, h))], {"cse": True})
+@lru_cache(maxsize=32)
+def _steps(law: CrossSection, scheme: Magnus, machine_code: bool) -> _Steps:
+    """Return the steps of a structure, made once."""
+    return _Steps(law, scheme, machine_code)
 
 
 class ClosedForm:
@@ -119,14 +132,25 @@ class ClosedForm:
         self.stretch_at, self.stretch_active = places.at, places.active
         self.maps, self.data = places.maps, places.data(arm)
         self._base, self._h, self._statics = places.base, places.h, closed_statics(scene, arm)
-        law = self._statics.law
-        self._solver = solver(self._statics, len(self.data), machine_code)
-        self._march = _march(law, scheme, places.mesh.steps, machine_code)
+        self._solver = section_solver(self._statics, machine_code)
+        self._flat, self._pull = self.maps.reshape(-1, arm.n_tendons), self.maps.shape[:2]
+        self._steps = _steps(self._statics.law, scheme, machine_code)
+        self._march = self._steps.along(places.mesh.steps)
 
     @property
     def law(self) -> CrossSection:
         """The law of the cross-sections, whose strains these are."""
         return self._statics.law
+
+    @cached_property
+    def sections(self) -> Sections:
+        """The cross-sections at the nodes of the steps, which wrenches may twist."""
+        law, own = (
+            cross_section_of(self.scene, self.arm.is_curved),
+            slice(self.mesh.steps * len(self.scheme.nodes)),
+        )
+        where = self.stretch_at[own], self.stretch_active[own]
+        return Sections(self.arm, self.scene, law, *where, self.machine_code)
 
     @cached_property
     def function(self) -> ca.Function:
@@ -135,9 +159,7 @@ class ClosedForm:
         statics = closed_statics(self.scene, arm)
         T = ca.MX.sym("T", arm.n_tendons)
         s, active = self.stretch_at, self.stretch_active
-        inner, ends = (
-            pull_and_data(arm, statics, s[i], active[i], T) for i in (np.s_[:n], np.s_[n:])
-        )
+        inner, ends = (pull_at(arm, statics, s[i], active[i], T) for i in (np.s_[:n], np.s_[n:]))
         march = kernel(march_function(statics, self.scheme), self.machine_code)
         poses, stretch = march.mapaccum(mesh.steps)(
             base_pose(arm), *inner, ca.DM(np.diff(mesh.s)).T
@@ -147,21 +169,49 @@ class ClosedForm:
         nodes = ca.horzcat(self._base, poses)
         return ca.Function("closed_form", [T], [ca.densify(nodes), ca.densify(everywhere)])
 
-    def run(self, tensions: Array) -> tuple[Array, Array]:
-        """See March.run: poses (S + 1, 7) and 1 + q (K,)."""
+    def run(self, tensions: Array) -> tuple[Array, Array, Array]:
+        """See March.run: poses (S + 1, 7), 1 + q (K,) and strains of the law."""
         v = self.strains(tensions)
-        return self.poses(v), self._along(v)
+        return self.poses(v), self._along(v), v
+
+    def bend(self, strains: Array) -> float:
+        """See March.bend, by the radius that E J and E A are of."""
+        bend = np.hypot(strains[:, 0], strains[:, 1]) * 2
+        bend *= np.sqrt(self.data[:, 1] / self.data[:, 0])
+        if isinstance(self._statics, EnergyStatics):  # whose curvatures are per reference length
+            bend /= self._along(strains)
+        return float(bend.max())
 
     def strains(self, tensions: Array) -> Array:
         """Return the strains (K, n) of the law at `stretch_at`; NaN where none balance."""
-        return self._solver(self.maps @ tensions, self.data)
+        return self._solver((self._flat @ tensions).reshape(self._pull), self.data)
 
-    def strains_of_many(self, tensions: Array) -> Array:
-        """Return `strains` (M, K, n) under tensions (M, n_tendons)."""
-        pulls = np.einsum("nij,mj->mni", self.maps, tensions)
-        data = np.tile(self.data, (len(tensions), 1))
-        found = settled(self._statics, pulls.reshape(len(data), -1), data, self.machine_code)
-        return found.reshape(*pulls.shape[:2], -1)
+    def strains_of_many(self, tensions: Array, of: slice = _ALL) -> Array:
+        """Return `strains` (M, K, n) under tensions (M, n_tendons), of some of the places."""
+        M, maps, data = len(tensions), self.maps[of], self.data[of]
+        K, n_pull, n = maps.shape
+        pulls = (tensions @ maps.reshape(-1, n).T).reshape(M * K, n_pull)
+        v = self._solver(pulls, data)
+        return v.reshape(M, K, v.shape[1])
+
+    def many(self, tensions: Array, nodes: Sequence[int]) -> tuple[Array, Array]:
+        """See March.many: so many arms at a time that their numbers stay at hand."""
+        parts = [self._many(tensions[i : i + _ARMS], nodes) for i in range(0, len(tensions), _ARMS)]
+        poses, least = zip(*parts, strict=True) if parts else ((), ())
+        whole = np.concatenate([np.zeros((0, len(nodes), 7)), *poses])
+        return whole, np.concatenate([np.zeros(0), *least])
+
+    def _many(self, tensions: Array, nodes: Sequence[int]) -> tuple[Array, Array]:
+        M, S, m = len(tensions), self.mesh.steps, len(self.scheme.nodes)
+        poses, least = np.empty((S + 1, M, 7)), np.full(M, np.inf)
+        poses[0] = self._base
+        for k, h in enumerate(self._h):
+            v = self.strains_of_many(tensions, slice(m * k, m * k + m))
+            (poses[k + 1],) = self._steps.many(poses[k], v.reshape(M, -1), h[None])
+            least = np.minimum(least, np.minimum.reduce(self._along(v).T))
+        ends = self._along(self.strains_of_many(tensions, slice(m * S, None)))
+        least = np.minimum(least, np.minimum.reduce(ends.T))
+        return poses[nodes].swapaxes(0, 1), least
 
     def poses(self, v: Array) -> Array:
         """Return the poses at the nodes (S + 1, 7) of strains at `stretch_at` (K, n)."""
@@ -172,11 +222,11 @@ class ClosedForm:
         return found
 
     def _along(self, v: Array) -> Array:
-        """Return 1 + q (K,) of strains; NaN where these are none."""
+        """Return 1 + q (..., K) of strains (..., K, n); NaN where these are none."""
         law = self._statics.law
         if not law.extension:
-            return 1 + 0 * v[:, 0]
-        return 1 + (v[:, 2] - law.along_at_rest)
+            return 1 + 0 * v[..., 0]
+        return 1 + (v[..., 2] - law.along_at_rest)
 
     def dense(self, tensions: Array, poses: Array, s: Array) -> tuple[Array, Array]:
         """Return poses (N, 7) and strains (N, 4) at arc lengths s, a step from the nodes below."""
@@ -185,7 +235,7 @@ class ClosedForm:
         law = self._statics.law
         inside = nodes_of(self.scheme, left, s)
         v = self._settled(inside, np.repeat(active, m), tensions).reshape(s.size, -1)
-        (pose,) = _dense(law, self.scheme)(poses[step], v, s - left)
+        (pose,) = self._steps.many(poses[step], v, s - left)
         strains = reported(law, self._settled(s, active, tensions))
         at_node = (s == self.mesh.s[step + 1])[:, None]
         return np.where(at_node, poses[step + 1], pose), strains
@@ -194,20 +244,4 @@ class ClosedForm:
         """Return the strains (N, n) at s (N,)."""
         at = stations(self.arm, s, active)
         pull = np.asarray(self._statics.pulls(self.arm, at) @ tensions)
-        return settled(self._statics, pull, self._statics.data(at).T)
-
-
-@lru_cache(maxsize=24)
-def _dense(law: CrossSection, scheme: Magnus) -> Mapped:
-    """Return the march across a step for many places at once."""
-    return Mapped(_marched(law, scheme))
-
-
-def pull_and_data(
-    arm: Arm, statics: ClosedStatics, s: Array, active: Counts, T: ca.MX
-) -> tuple[ca.MX, ca.DM]:
-    """Return pull (n_pull, N) and data (n_data, N) at arc lengths s (N,), base to tip."""
-    polynomials = PullPolynomials.of(arm, statics)
-    if polynomials is None:
-        return pull_at(arm, statics, s, active, T)
-    return polynomials.pull(T, s, active), ca.DM(statics.data(stations(arm, s, active)))
+        return self._solver(pull, self._statics.data(at).T)

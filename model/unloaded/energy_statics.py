@@ -24,7 +24,7 @@ from model.paths import Array
 from model.stations import Stations, crossing
 
 # Where the strains are to be an expression of the tensions, so many steps are written out: enough
-# for ordinary ones. Numbers take as many as they need; see model.unloaded.section_solver.
+# for ordinary ones. Numbers take as many as they need; see model.unloaded.sections.
 _STEPS = 10
 # Of a neo-Hookean body at rest, the least stiffness that a step is taken with: the energy is not
 # convex everywhere. That of a linear body is, and at least as stiff as without tendons.

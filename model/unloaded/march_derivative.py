@@ -19,7 +19,6 @@ from functools import cached_property, lru_cache
 import casadi as ca
 import numpy as np
 
-from model.cross_section import cross_section_of
 from model.cross_section.law import CrossSection, forces, moments, size
 from model.cross_section.reported import reported, strains_of
 from model.cross_section.sections import Sections
@@ -88,10 +87,10 @@ class MarchDerivative:
         """The nodes P of all steps."""
         return self.march.mesh.steps * len(self.march.scheme.nodes)
 
-    @cached_property
+    @property
     def _law(self) -> CrossSection:
         """The law of sections that wrenches twist."""
-        return cross_section_of(self.march.scene, self.march.arm.is_curved)
+        return self._sections.law
 
     @cached_property
     def _plain(self) -> Array:
@@ -102,20 +101,14 @@ class MarchDerivative:
     def _strains(self) -> Array:
         return strains_of(self._law, reported(self.march.law, self._plain[: self._count]))
 
-    @cached_property
+    @property
     def _sections(self) -> Sections:
-        at, own = self.march, slice(self._count)
-        where = at.stretch_at[own], at.stretch_active[own]
-        return Sections(at.arm, at.scene, self._law, *where, at.machine_code)
-
-    @cached_property
-    def _pulls(self) -> Array:
-        return self._sections.pulls(self.tensions)
+        return self.march.sections
 
     @cached_property
     def _stiffness(self) -> Array:
         """K of the module (P, n, n)."""
-        return self._sections.wrench(self._strains, self._pulls)[1]
+        return self._sections.wrench(self._strains, self._sections.pulls(self.tensions))[1]
 
     @cached_property
     def _weights(self) -> Array:
@@ -145,7 +138,7 @@ class MarchDerivative:
 
     @cached_property
     def _by_tensions(self) -> Array:
-        return self._sections.by_tensions(self._strains, self._pulls)
+        return self._sections.by_tensions(self._strains, self._stiffness)
 
     @cached_property
     def _by_wrench(self) -> Array:

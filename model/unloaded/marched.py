@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -35,8 +36,17 @@ class March(Protocol):
     machine_code: bool
     stretch_at: Array
 
-    def run(self, tensions: Array) -> tuple[Array, Array]:
-        """Return the rows at the nodes (N + 1, 7 or more), and 1 + q (K,) at `stretch_at`."""
+    def run(self, tensions: Array) -> tuple[Array, Array, Array]:
+        """Return the rows at the nodes (N + 1, 7 or more), 1 + q (K,) at `stretch_at`, strains."""
+
+    def bend(self, strains: Array) -> float:
+        """Return curvature times the body's radius, at most, of the strains that `run` returns."""
+
+    def many(self, tensions: Array, nodes: Sequence[int]) -> tuple[Array, Array]:
+        """Return poses (M, K, 7) at K nodes in order and the least 1 + q (M,) of many arms.
+
+        Under tensions (M, n_tendons); NaN where one has no equilibrium.
+        """
 
     def dense(self, tensions: Array, rows: Array, s: Array) -> tuple[Array, Array]:
         """Return poses (N, 7) and strains (N, 4) at arc lengths s (N,)."""
@@ -51,12 +61,15 @@ class Marched:
     march : March
     rows : (N + 1, 7 or more)
         At the nodes: poses, then strains where these are marched as well.
+    strains
+        As `bend` takes them.
     """
 
     march: March
     tensions: Array
     rows: Array
     stretch: Array
+    strains: Array
 
     @classmethod
     def under(cls, march: March, tensions: Array) -> Marched:
@@ -87,6 +100,11 @@ class Marched:
     def scheme(self) -> str:
         """See Equilibrium."""
         return self.march.name
+
+    @property
+    def bend(self) -> float:
+        """See Equilibrium."""
+        return self.march.bend(self.strains)
 
     @property
     def machine_code(self) -> bool:

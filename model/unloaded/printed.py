@@ -10,6 +10,7 @@ scheme: whatever reads them divides by it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import casadi as ca
@@ -19,6 +20,7 @@ from model.arm import Arm
 from model.cross_section.paper import PaperSection, resultants
 from model.effects import Extension
 from model.integrators.runge_kutta import RungeKutta
+from model.machine.buffered import Mapped
 from model.machine.compiled import kernel
 from model.mesh import Mesh
 from model.paths import Array
@@ -166,6 +168,7 @@ class PrintedMap:
         self.stretch_active = np.repeat(counts, [nodes.size for nodes in places])
         outputs = [_anchored(arm, states), ca.horzcat(*stretches), states[7:, :]]
         self.function = ca.Function("printed", [T], outputs)
+        self._mapped = Mapped(self.function)
 
     def _segment(self, nodes: Array, active: int, x: ca.MX, T: ca.MX) -> ca.MX:
         """Return the states (10, N) at the nodes of a segment beyond its first."""
@@ -179,10 +182,21 @@ class PrintedMap:
         s = (start[:, None] + h[:, None] * samples).ravel()
         return section_numbers(self.arm, s, np.repeat(active, samples.size), T)
 
-    def run(self, tensions: Array) -> tuple[Array, Array]:
-        """See March.run: poses and strains (S + 1, 10), and 1 + q (K,)."""
+    def run(self, tensions: Array) -> tuple[Array, Array, Array]:
+        """See March.run: poses and strains (S + 1, 10), 1 + q (K,), and strains at the nodes."""
         poses, along, strains = self.function(tensions)
-        return np.array(ca.vertcat(poses, strains)).T, np.array(along).ravel()
+        rows = np.array(ca.vertcat(poses, strains)).T
+        return rows, np.array(along).ravel(), rows[:, 7:]
+
+    def bend(self, strains: Array) -> float:
+        """See March.bend: tau, xi, k at the nodes."""
+        radius = self.arm.radius.evaluate(self.mesh.s, self.arm.length)[0]
+        return float((radius * np.hypot(strains[:, 1], strains[:, 2])).max())
+
+    def many(self, tensions: Array, nodes: Sequence[int]) -> tuple[Array, Array]:
+        """See March.many."""
+        poses, along, _ = self._mapped(tensions)
+        return poses.reshape(len(tensions), -1, 7)[:, nodes], along.min(axis=1)
 
     def dense(self, tensions: Array, states: Array, s: Array) -> tuple[Array, Array]:
         """Return poses (N, 7) and strains (N, 4) at arc lengths s, a step from the nodes above."""

@@ -1,0 +1,176 @@
+"""A function of scalar operations for many sets of arguments, a few hundred at a time.
+
+CasADi's interpreter takes one set through all operations of an SX function. Done by NumPy for
+hundreds of sets, one operation after the other, or written out in C for the numbers of several sets
+in a vector, the same operations in the same order give the same digits several times sooner.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from collections.abc import Callable, Sequence
+from importlib.resources import files
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from model.machine.libraries import library
+from model.machine.pieces import cut
+from model.paths import Array
+
+# Sets side by side in C, and by NumPy: intermediate numbers stay in the processor's cache.
+LANES, _AT_ONCE = 8, 2048
+
+
+class Operation(NamedTuple):
+    """How NumPy does an operation on rows, its last argument, and how it is written in C."""
+
+    numpy: Callable[..., Any]
+    c: str
+
+
+def _where(condition: Array, a: Array, out: Array) -> Array:
+    out[:] = np.where(condition != 0, a, 0.0)
+    return out
+
+
+OPERATIONS = {
+    ca.OP_ASSIGN: Operation(np.positive, "{0}"),
+    ca.OP_ADD: Operation(np.add, "{0} + {1}"),
+    ca.OP_SUB: Operation(np.subtract, "{0} - {1}"),
+    ca.OP_MUL: Operation(np.multiply, "{0} * {1}"),
+    ca.OP_DIV: Operation(np.divide, "{0} / {1}"),
+    ca.OP_NEG: Operation(np.negative, "-{0}"),
+    ca.OP_SQ: Operation(np.square, "{0} * {0}"),
+    ca.OP_TWICE: Operation(lambda a, out: np.add(a, a, out), "{0} + {0}"),
+    ca.OP_INV: Operation(np.reciprocal, "1.0 / {0}"),
+    ca.OP_SQRT: Operation(np.sqrt, "each_sqrt({0})"),
+    ca.OP_SIN: Operation(np.sin, "each_sin({0})"),
+    ca.OP_COS: Operation(np.cos, "each_cos({0})"),
+    ca.OP_EXP: Operation(np.exp, "each_exp({0})"),
+    ca.OP_ASIN: Operation(np.arcsin, "each_asin({0})"),
+    ca.OP_FABS: Operation(np.fabs, "each_fabs({0})"),
+    ca.OP_FMIN: Operation(np.fmin, "each_fmin({0}, {1})"),
+    ca.OP_FMAX: Operation(np.fmax, "each_fmax({0}, {1})"),
+    ca.OP_LT: Operation(np.less, "truth({0} < {1})"),
+    ca.OP_LE: Operation(np.less_equal, "truth({0} <= {1})"),
+    ca.OP_NOT: Operation(np.logical_not, "truth({0} == 0.0)"),
+    ca.OP_IF_ELSE_ZERO: Operation(_where, "where({0}, {1})"),
+}
+_MOVES = (ca.OP_CONST, ca.OP_INPUT, ca.OP_OUTPUT)
+Instruction = tuple[int, Sequence[int], Sequence[int], float]
+
+
+def unknown(function: ca.Function) -> list[int]:
+    """Return the operations of an SX function that are not in OPERATIONS."""
+    own = (function.instruction_id(k) for k in range(function.n_instructions()))
+    return [op for op in own if op not in OPERATIONS and op not in _MOVES]
+
+
+def instructions(function: ca.Function) -> list[Instruction]:
+    """Return operation, registers or places read and written, and constant, of an SX function.
+
+    An input is read from (argument, element), an output written to (result, element).
+    """
+    lines: list[Instruction] = []
+    for k in range(function.n_instructions()):
+        op = function.instruction_id(k)
+        value = function.instruction_constant(k) if op == ca.OP_CONST else 0.0
+        lines.append((op, function.instruction_input(k), function.instruction_output(k), value))
+    return lines
+
+
+class Columns:
+    """An SX function of arguments (N, n_in) with results (N, n_out), by NumPy or C; any thread.
+
+    The first argument has all N rows; others may have fewer, which are taken again and again. Of
+    operations that OPERATIONS has. Raises CompilerError.
+    """
+
+    def __init__(self, function: ca.Function, machine_code: bool) -> None:
+        self._sizes = [function.numel_out(i) for i in range(function.n_out())]
+        self._lines, self._n_registers = instructions(function), function.sz_w()
+        self._run = None
+        if machine_code:
+            self._run = ctypes.CDLL(str(library(written(function), "-O2"))).columns
+            at = ctypes.c_void_p
+            self._run.argtypes, self._run.restype = [ctypes.c_long, at, at, at], None
+            self._places = (at * function.n_in(), at * function.n_out())
+            self._counts = ctypes.c_long * function.n_in()
+
+    def __call__(self, *given: Array) -> list[Array]:
+        """Return the results of many sets, a row each."""
+        rows = [np.asarray(values, dtype=float).reshape(len(values), -1) for values in given]
+        N = len(rows[0])
+        if self._run is None:
+            cuts = [slice(i, min(i + _AT_ONCE, N)) for i in range(0, N, _AT_ONCE)]
+            parts = [self._interpreted([part_of(row, N, cut) for row in rows]) for cut in cuts]
+            return [np.concatenate(part) for part in zip(*parts, strict=True)]
+        rows = [np.ascontiguousarray(values) for values in rows]
+        results = [np.empty((N, size)) for size in self._sizes]
+        places = zip(self._places, (rows, results), strict=True)
+        at = (kind(*(values.ctypes.data for values in arrays)) for kind, arrays in places)
+        self._run(N, self._counts(*map(len, rows)), *at)
+        return results
+
+    def _interpreted(self, rows: Sequence[Array]) -> list[Array]:
+        columns, N = [np.ascontiguousarray(values.T) for values in rows], len(rows[0])
+        results, work = (
+            [np.empty((size, N)) for size in self._sizes],
+            np.empty((self._n_registers, N)),
+        )
+        registers, held = list(work), [*work]
+        with np.errstate(all="ignore"):
+            for op, read, to, value in self._lines:
+                if op == ca.OP_INPUT:
+                    held[to[0]] = columns[read[0]][read[1]]
+                elif op == ca.OP_OUTPUT:
+                    results[to[0]][to[1]] = held[read[0]]
+                elif op == ca.OP_CONST:
+                    held[to[0]] = np.float64(value)
+                else:
+                    into = registers[to[0]]
+                    held[to[0]] = OPERATIONS[op].numpy(*(held[i] for i in read), into)
+        return [result.T for result in results]
+
+
+def part_of(rows: Array, N: int, part: slice) -> Array:
+    """Return a part of N rows, of which fewer are taken again and again."""
+    return rows[part] if len(rows) == N else rows[np.arange(part.start, part.stop) % len(rows)]
+
+
+def written(function: ca.Function) -> str:
+    """Return the C of an SX function for many sets."""
+    sizes_in = [function.nnz_in(i) for i in range(function.n_in())]
+    sizes_out = [function.nnz_out(i) for i in range(function.n_out())]
+    begins_in, begins_out = (np.cumsum([0, *sizes]).tolist() for sizes in (sizes_in, sizes_out))
+    lines = []
+    for op, read, to, value in instructions(function):
+        if op == ca.OP_INPUT:
+            lines.append(f"  a{to[0]}=y[{begins_in[read[0]] + read[1]}];")
+        elif op == ca.OP_OUTPUT:
+            lines.append(f"  r[{begins_out[to[0]] + to[1]}]=a{read[0]};")
+        elif op == ca.OP_CONST:
+            lines.append(f"  a{to[0]}=all({_literal(value)});")
+        else:
+            lines.append(f"  a{to[0]}={OPERATIONS[op].c.format(*(f'a{i}' for i in read))};")
+    functions, calls = cut(lines, "piece", {"y": "const lanes *", "r": "lanes *"}, "lanes")
+    parts: dict[str, Any] = {
+        "LANES_": LANES,
+        "SIZES_IN_": ", ".join(map(str, sizes_in)),
+        "SIZES_OUT_": ", ".join(map(str, sizes_out)),
+        "N_IN_": len(sizes_in),
+        "N_OUT_": len(sizes_out),
+        "FUNCTIONS_": functions,
+        "CALLS_": calls,
+    }
+    source = files("model.machine").joinpath("columns.c").read_text(encoding="utf-8")
+    for name, part in parts.items():
+        source = source.replace(name, str(part))
+    return source
+
+
+def _literal(value: float) -> str:
+    return "NAN" if math.isnan(value) else repr(value).replace("inf", "INFINITY")

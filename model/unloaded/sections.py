@@ -1,0 +1,149 @@
+"""The strains of cross-sections under tensions alone, in numbers: one solver for any tension.
+
+Without loads the wrench of body and tendons vanishes at each cross-section by itself. The paper's
+balance is linear in its strains; with an energy steps of model.unloaded.energy_statics are taken by
+all cross-sections that are not in equilibrium yet: four to seven for ordinary tensions, thirty for
+a thousand times as much.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from model.arm import Arm
+from model.cross_section import cross_section_of
+from model.cross_section.law import CrossSection
+from model.cross_section.reported import reported, strains_of
+from model.cross_section.sections import Sections
+from model.effects import ExactTendons, Extension, NeoHookean
+from model.errors import UnsettledSectionError
+from model.machine.buffered import Mapped
+from model.mesh import Mesh
+from model.paths import Array
+from model.scene import Scene
+from model.stations import Counts, stations
+from model.transcription.system import System
+from model.unloaded.energy_statics import EnergyStatics
+from model.unloaded.statics import ClosedStatics, closed_statics
+from model.unloaded.stretch import LEAST_STRETCH
+
+# Steps at most; of so many sections those in equilibrium are left out of further ones.
+_STEPS, _MANY = 40, 256
+
+
+def unloaded(scene: Scene) -> Scene:
+    """Return the scene with what a section settles by itself, and nothing else."""
+    kept = (Extension, ExactTendons, NeoHookean)
+    return Scene(*(effect for effect in scene.effects if isinstance(effect, kept)))
+
+
+class SectionSolver:
+    """Pull (N, n_pull) and data (N, n_data) of cross-sections -> strains (N, n), NaN for none.
+
+    Data may have fewer rows, which are taken again and again.
+    """
+
+    def __init__(self, statics: ClosedStatics, machine_code: bool) -> None:
+        self._tolerance, self._step = 0.0, None
+        if isinstance(statics, EnergyStatics):
+            self._tolerance, begin = statics.settled, statics.begun
+            self._step = Mapped(statics.step, machine_code)
+        else:
+            pull, data = ca.SX.sym("pull", statics.n_pull), ca.SX.sym("data", statics.n_data)
+            begin = ca.Function("balance", [pull, data], [statics.solve(pull, data)], {"cse": True})
+        self._begin = Mapped(begin, machine_code)
+
+    def __call__(self, pull: Array, data: Array) -> Array:
+        """See the class."""
+        if self._step is None:
+            return self._begin(pull, data)[0]
+        u, w = self._begin(pull, data)
+        strains, left = np.full(u.shape, np.nan), np.arange(len(u))
+        for _ in range(_STEPS):
+            u, w, size, v = self._step(u, w, pull, data)
+            done = size[:, 0] < self._tolerance
+            strains[left[done]] = v[done]
+            going = size[:, 0] >= self._tolerance  # what is no number stays so
+            if not going.any():
+                break
+            if len(left) > _MANY and not going.all():
+                data = data[np.flatnonzero(going) % len(data)]
+                left = left[going]
+                u, w, pull = (part[going] for part in (u, w, pull))
+        return strains
+
+
+@lru_cache(maxsize=32)
+def section_solver(statics: ClosedStatics, machine_code: bool = False) -> SectionSolver:
+    """Return what solves cross-sections of a kind, made once."""
+    return SectionSolver(statics, machine_code)
+
+
+class UnloadedSections:
+    """The cross-sections of an arm at s (N,) that `active` (N,) anchorages' tendons cross.
+
+    Strains are those of a law, which may twist and shear sections: these do not.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        scene: Scene,
+        law: CrossSection,
+        s: Array,
+        active: Counts,
+        machine_code: bool = False,
+    ) -> None:
+        self.sections = Sections(arm, scene, law, s, active, machine_code)
+        self._exact, statics = scene.has(ExactTendons), closed_statics(unloaded(scene), arm)
+        at, self._plain = stations(arm, s, active), statics.law
+        self._maps, self._data = statics.pulls(arm, at), statics.data(at).T
+        self._solver = section_solver(statics, machine_code)
+
+    def strains(self, tensions: Array) -> Array:
+        """Return the strains (N, n) under tensions (n_tendons,); raises UnsettledSectionError."""
+        (v,) = self.of_many(tensions[None])
+        lost = np.isnan(v).any(axis=1)
+        if lost.any():
+            raise UnsettledSectionError(float(self.sections.s[np.argmax(lost)]))
+        return np.asarray(v)
+
+    def of_many(self, tensions: Array) -> Array:
+        """Return the strains (M, N, n) under tensions (M, n_tendons); NaN where there are none."""
+        M, (N, n_pull, n) = len(tensions), self._maps.shape
+        pulls = (tensions @ self._maps.reshape(-1, n).T).reshape(M * N, n_pull)
+        v, law = self._solver(pulls, self._data), self.sections.law
+        v = v if law == self._plain else strains_of(law, reported(self._plain, v))
+        return v.reshape(M, N, v.shape[1])
+
+    def crushed(self, strains: Array) -> NDArray[np.bool_]:
+        """Return where strains (N, n) leave a tendon no length (N,)."""
+        at, found = self.sections, np.full(len(strains), False)
+        if self._exact:
+            found[at.place[at.speeds(strains) <= LEAST_STRETCH]] = True
+        return found
+
+
+@lru_cache(maxsize=32)
+def unloaded_sections(at: System) -> UnloadedSections:
+    """Return the cross-sections at the stages of a system."""
+    active, form = np.repeat(at.mesh.active, at.of.form.stages), at.of.form
+    return UnloadedSections(at.arm, at.scene, form.law, at.s, active, form.machine_code)
+
+
+def folded(arm: Arm, scene: Scene, mesh: Mesh, tensions: Array) -> float | None:
+    """Return where from the base [m] tensions (n_tendons,) [N] first leave a tendon no length.
+
+    None where they do so nowhere, at both ends of each step of a mesh. Beyond, the body would be
+    folded into itself. Only exact tendons without loads come to that: with loads such tensions are
+    refused.
+    """
+    law = cross_section_of(scene, arm.is_curved)
+    ends = np.column_stack([mesh.s[:-1], mesh.s[1:]]).ravel()
+    at = UnloadedSections(arm, scene, law, ends, np.repeat(mesh.active, 2))
+    crushed = at.crushed(at.strains(tensions))
+    return float(ends[np.argmax(crushed)]) if crushed.any() else None
