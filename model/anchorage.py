@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from msgspec import Meta
 
 from model.checks import finite_array, kind, positive
 from model.errors import InputError
 from model.paths import Path
+from model.quantities import Angle, AnglePaths, Length, LengthPaths
 from model.units import warn_of_angles
 
 QUARTERS = (0.0, np.pi / 2, np.pi, 3 * np.pi / 2)
@@ -34,10 +36,10 @@ class Anchorage:
         twist the arm, which scenes with loads can have.
     """
 
-    at: float
-    offset: Path | tuple[Path, ...]
-    angles: tuple[float, ...] = QUARTERS
-    turn: Path | tuple[Path, ...] | None = None
+    at: Length
+    offset: LengthPaths
+    angles: Annotated[tuple[Angle, ...], Meta(min_length=1)] = QUARTERS
+    turn: AnglePaths | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "at", positive("Anchorage.at", self.at))

@@ -18,6 +18,7 @@ from model.frozen import remembers_hash
 from model.material import Material
 from model.paths import Array, Linear, Path
 from model.presets import PAPER_ARMS
+from model.quantities import Length, LengthPath, Place
 from model.rest_curvature import RestCurvature
 from model.tendon_order import TendonOrder
 from model.text import in_notebook
@@ -56,13 +57,13 @@ class Arm:
         Naming the field, for anything that is not an arm of this kind.
     """
 
-    length: float
-    radius: Path
+    length: Length
+    radius: LengthPath
     sections: tuple[Anchorage, ...]
     material: Material = field(default_factory=Material)
     base_frame: tuple[tuple[float, ...], ...] = PAPER_FRAME
-    base_position: tuple[float, ...] = (0.0, 0.0, 0.0)
-    hull: Path | None = None
+    base_position: Place = (0.0, 0.0, 0.0)
+    hull: LengthPath | None = None
     rest_curvature: RestCurvature | None = None
 
     def __post_init__(self) -> None:

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
+
+from msgspec import Meta
 
 from model.checks import positive, within
 from model.errors import InputError
+from model.quantities import Modulus, Positive, unit
 from model.units import warn_of_density, warn_of_modulus
 
 
@@ -23,9 +27,9 @@ class Material:
         [kg/m3].
     """
 
-    E: float = 110e3
-    nu: float = 0.5
-    density: float = 1080.0
+    E: Modulus = 110e3
+    nu: Annotated[float, Meta(gt=-1, le=0.5)] = 0.5
+    density: Annotated[Positive, unit("kg/m3")] = 1080.0
 
     def __post_init__(self) -> None:
         if within("Material.nu", self.nu, -1.0, 0.5) == -1.0:

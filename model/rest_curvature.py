@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from model.checks import kind
 from model.paths import Linear, Path
+from model.quantities import CurvaturePath
 
 STRAIGHT = Linear(0.0, 0.0)
 
@@ -24,8 +25,8 @@ class RestCurvature:
         positive curvature about b, one bent towards b a negative one about n.
     """
 
-    n: Path = STRAIGHT
-    b: Path = STRAIGHT
+    n: CurvaturePath = STRAIGHT
+    b: CurvaturePath = STRAIGHT
 
     def __post_init__(self) -> None:
         for name in ("n", "b"):

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from model.checks import kind, not_negative
 from model.effects.base import Effect
 from model.obstacles.base import Convex
+from model.quantities import NotNegative
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class Contact(Effect):
     """
 
     obstacle: Convex
-    friction: float = 0.0
+    friction: NotNegative = 0.0
 
     def __post_init__(self) -> None:
         allowed = "a convex obstacle such as Capsule(start, end, radius); a Mesh is none"

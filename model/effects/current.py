@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from model.checks import not_negative, vector
 from model.effects.base import Effect
+from model.quantities import Density, NotNegative, Velocity
 
 
 @dataclass(frozen=True)
@@ -29,9 +30,9 @@ class Current(Effect):
         arm in water.
     """
 
-    velocity: tuple[float, ...]
-    density: float = 1000.0
-    coefficient: float = 1.1
+    velocity: Velocity
+    density: Density = 1000.0
+    coefficient: NotNegative = 1.1
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "velocity", vector("Current.velocity", self.velocity))

@@ -9,6 +9,7 @@ import numpy as np
 from model.checks import finite_array, not_negative
 from model.effects.base import Effect
 from model.errors import InputError
+from model.quantities import NotNegative, Sign
 
 
 @dataclass(frozen=True)
@@ -30,8 +31,8 @@ class Friction(Effect):
         1 while the motor pulls in, -1 while it pays out; one for all tendons or one for each.
     """
 
-    mu: float
-    direction: int | tuple[int, ...] = 1
+    mu: NotNegative
+    direction: Sign | tuple[Sign, ...] = 1
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "mu", not_negative("Friction.mu", self.mu))

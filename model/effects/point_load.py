@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from model.checks import not_negative, vector
 from model.effects.base import Effect
+from model.quantities import ArcLength, Force
 
 
 @dataclass(frozen=True)
@@ -24,8 +25,8 @@ class PointLoad(Effect):
         In the base frame [N].
     """
 
-    s: float
-    force: tuple[float, ...]
+    s: ArcLength
+    force: Force
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "s", not_negative("PointLoad.s", self.s))

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from model.checks import not_negative, vector
 from model.effects.base import Effect
+from model.quantities import ArcLength, Mass, Place
 
 
 @dataclass(frozen=True)
@@ -26,9 +27,9 @@ class PointMass(Effect):
         From the midline in the local frame (t, n, b) [m]; on it unless given.
     """
 
-    s: float
-    mass: float
-    offset: tuple[float, ...] | None = None
+    s: ArcLength
+    mass: Mass
+    offset: Place | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "s", not_negative("PointMass.s", self.s))

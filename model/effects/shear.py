@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from model.checks import positive
 from model.effects.base import Effect
+from model.quantities import Positive
 
 
 @dataclass(frozen=True)
@@ -22,7 +23,7 @@ class Shear(Effect):
         Shear correction factor.
     """
 
-    k_s: float = 1.0
+    k_s: Positive = 1.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "k_s", positive("Shear.k_s", self.k_s))

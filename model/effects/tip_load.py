@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from model.checks import vector
 from model.effects.base import Effect
 from model.errors import InputError
+from model.quantities import Force, Moment
 
 
 @dataclass(frozen=True)
@@ -28,8 +29,8 @@ class TipLoad(Effect):
         Whether force and moment turn with the tip frame (t, n, b).
     """
 
-    force: tuple[float, ...] = (0.0, 0.0, 0.0)
-    moment: tuple[float, ...] = (0.0, 0.0, 0.0)
+    force: Force = (0.0, 0.0, 0.0)
+    moment: Moment = (0.0, 0.0, 0.0)
     follower: bool = False
 
     def __post_init__(self) -> None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from model.checks import not_negative, vector
 from model.effects.base import Effect
+from model.quantities import Acceleration, Density
 
 
 @dataclass(frozen=True)
@@ -23,7 +24,7 @@ class Weight(Effect):
         Acceleration of gravity in the base frame [m/s2].
     """
 
-    g: tuple[float, ...] = (0.0, 0.0, -9.81)
+    g: Acceleration = (0.0, 0.0, -9.81)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "g", vector("Weight.g", self.g))
@@ -42,7 +43,7 @@ class Buoyancy(Effect):
         Of the fluid [kg/m3].
     """
 
-    density: float = 1000.0
+    density: Density = 1000.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "density", not_negative("Buoyancy.density", self.density))

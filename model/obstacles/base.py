@@ -198,21 +198,11 @@ def check_obstacles(obstacles: Any) -> tuple[Obstacle, ...]:
     return tuple(found)
 
 
-@dataclass(frozen=True)
-class Rounded:
-    """The numbers of a box in a layer; see Convex.numbers."""
-
-    center: Array
-    axes: Array
-    half: Array
-    layer: float = 0.0
-    is_open: bool = False
-
-    @property
-    def numbers(self) -> Array:
-        """See Convex.numbers."""
-        last = np.array([self.layer, float(self.is_open)])
-        return np.concatenate([self.center, self.axes.T.ravel(), self.half, last])
+def rounded(
+    center: Array, axes: Array, half: Array, layer: float = 0.0, is_open: bool = False
+) -> Array:
+    """Return the numbers (17,) of a box in a layer; see Convex.numbers."""
+    return np.concatenate([center, axes.T.ravel(), half, [layer, float(is_open)]])
 
 
 def axes_with(direction: Array) -> Array:

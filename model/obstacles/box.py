@@ -9,8 +9,9 @@ import numpy as np
 
 from model.checks import finite_array, positive, vector
 from model.errors import InputError
-from model.obstacles.base import Convex, Rounded
+from model.obstacles.base import Convex, rounded
 from model.paths import Array
+from model.quantities import Place, Sizes
 
 _ALONG_BASE = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
@@ -29,8 +30,8 @@ class Box(Convex):
         Columns are the directions of the edges; those of the coordinates unless given.
     """
 
-    center: tuple[float, ...]
-    size: tuple[float, ...]
+    center: Place
+    size: Sizes
     frame: tuple[tuple[float, ...], ...] = _ALONG_BASE
 
     def __post_init__(self) -> None:
@@ -46,7 +47,7 @@ class Box(Convex):
     def numbers(self) -> Array:
         """See Convex.numbers."""
         half = np.array(self.size) / 2
-        return Rounded(np.array(self.center), np.array(self.frame), half).numbers
+        return rounded(np.array(self.center), np.array(self.frame), half)
 
     @property
     def outline(self) -> tuple[Array, Array]:

@@ -8,9 +8,10 @@ import numpy as np
 
 from model.checks import positive, vector
 from model.errors import InputError
-from model.obstacles.base import Convex, Rounded, axes_with
+from model.obstacles.base import Convex, axes_with, rounded
 from model.obstacles.outlines import swept
 from model.paths import Array
+from model.quantities import Length, Place
 
 
 @dataclass(frozen=True)
@@ -25,9 +26,9 @@ class Capsule(Convex):
         [m].
     """
 
-    start: tuple[float, ...]
-    end: tuple[float, ...]
-    radius: float
+    start: Place
+    end: Place
+    radius: Length
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "start", vector("Capsule.start", self.start))
@@ -41,7 +42,7 @@ class Capsule(Convex):
         """See Convex.numbers: a box of no width in a layer."""
         a, b = np.array(self.start), np.array(self.end)
         half = np.array([np.linalg.norm(b - a) / 2, 0.0, 0.0])
-        return Rounded((a + b) / 2, axes_with(b - a), half, self.radius).numbers
+        return rounded((a + b) / 2, axes_with(b - a), half, self.radius)
 
     @property
     def outline(self) -> tuple[Array, Array]:

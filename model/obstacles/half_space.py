@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from model.checks import unit_vector, vector
-from model.obstacles.base import ENDLESS, Convex, Rounded, axes_with
+from model.obstacles.base import ENDLESS, Convex, axes_with, rounded
 from model.paths import Array
+from model.quantities import Place, Vector
 
 # How far from the point a figure shows the plane [m].
 _SHOWN = 0.15
@@ -26,8 +27,8 @@ class HalfSpace(Convex):
         Out of the body, towards the free side; of any length but 0.
     """
 
-    point: tuple[float, ...]
-    normal: tuple[float, ...]
+    point: Place
+    normal: Vector
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "point", vector("HalfSpace.point", self.point))
@@ -38,7 +39,7 @@ class HalfSpace(Convex):
         """See Convex.numbers: a box without end, but for one side."""
         half = np.array([0.0, ENDLESS, ENDLESS])
         axes = axes_with(np.array(self.normal))
-        return Rounded(np.array(self.point), axes, half, is_open=True).numbers
+        return rounded(np.array(self.point), axes, half, is_open=True)
 
     @property
     def outline(self) -> tuple[Array, Array]:

@@ -12,9 +12,10 @@ import numpy as np
 from model.checks import finite_array, vector
 from model.errors import FileError, InputError
 from model.extras import needed
-from model.obstacles.base import ENDLESS, Obstacle, Rounded, axes_with
+from model.obstacles.base import ENDLESS, Obstacle, axes_with, rounded
 from model.obstacles.triangles import Triangles, check_closed, volume
 from model.paths import Array
+from model.quantities import Corners
 from model.units import warn_of_width
 
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}
@@ -33,11 +34,11 @@ class Mesh(Obstacle):
     vertices : (N, 3)
         In the base frame [m].
     faces : (M, 3)
-        The corners of each triangle, counter-clockwise from outside.
+        The corners of each triangle, counter-clockwise from outside, from 0.
     """
 
     vertices: tuple[tuple[float, ...], ...]
-    faces: tuple[tuple[int, ...], ...]
+    faces: tuple[Corners, ...]
 
     def __post_init__(self) -> None:
         vertices = finite_array("Mesh.vertices", self.vertices, (None, 3))
@@ -129,11 +130,11 @@ class Mesh(Obstacle):
         surface = _triangles(self)
         d, gradient, face, place = surface.nearest(point[None])
         if d[0] <= 0 and self.is_convex:
-            return Rounded(*surface.box).numbers
+            return rounded(*surface.box)
         if d[0] <= 0:
             sizes = np.array([0.0, ENDLESS, ENDLESS])
-            return Rounded(place[0], axes_with(gradient[0]), sizes, is_open=True).numbers
-        return Rounded(*surface.rectangle(int(face[0]), place[0])).numbers
+            return rounded(place[0], axes_with(gradient[0]), sizes, is_open=True)
+        return rounded(*surface.rectangle(int(face[0]), place[0]))
 
     def moved(self, by: tuple[float, ...]) -> Obstacle:
         """See Obstacle.moved."""

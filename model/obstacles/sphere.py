@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from model.checks import positive, vector
-from model.obstacles.base import Convex, Rounded
+from model.obstacles.base import Convex, rounded
 from model.obstacles.outlines import swept
 from model.paths import Array
+from model.quantities import Length, Place
 
 
 @dataclass(frozen=True)
@@ -24,8 +25,8 @@ class Sphere(Convex):
         [m].
     """
 
-    center: tuple[float, ...]
-    radius: float
+    center: Place
+    radius: Length
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "center", vector("Sphere.center", self.center))
@@ -34,7 +35,7 @@ class Sphere(Convex):
     @property
     def numbers(self) -> Array:
         """See Convex.numbers: a point in a layer."""
-        return Rounded(np.array(self.center), np.eye(3), np.zeros(3), self.radius).numbers
+        return rounded(np.array(self.center), np.eye(3), np.zeros(3), self.radius)
 
     @property
     def outline(self) -> tuple[Array, Array]:

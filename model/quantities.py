@@ -1,0 +1,49 @@
+"""What the numbers of values are, as annotations: the units that files name them in, their bounds.
+
+Values hold SI units; bounds are in these. `planner.io` derives the keys of files, their checks,
+schema and documentation from the annotations, so that an argument is said once, in its class.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from msgspec import Meta
+
+from model.paths import Path
+
+
+def unit(name: str, **bounds: Any) -> Meta:
+    """Return the annotation of a quantity: its unit in files, and what Meta takes besides."""
+    return Meta(extra={"unit": name}, **bounds)
+
+
+Positive = Annotated[float, Meta(gt=0)]
+NotNegative = Annotated[float, Meta(ge=0)]
+Sign = Literal[1, -1]
+Count = Annotated[int, Meta(ge=0)]
+Corners = Annotated[tuple[int, ...], Meta(min_length=3, max_length=3)]
+Vector = Annotated[tuple[float, ...], Meta(min_length=3, max_length=3)]
+
+Length = Annotated[Positive, unit("mm")]
+ArcLength = Annotated[NotNegative, unit("mm")]
+Place = Annotated[Vector, unit("mm")]
+Sizes = Annotated[tuple[Positive, ...], unit("mm", min_length=3, max_length=3)]
+# Functions of arc length, as files write them.
+_PATH = "[base, end], or samples"
+_PATHS = f"{_PATH}, or a list with one for each tendon"
+LengthPath = Annotated[Path, unit("mm", description=_PATH)]
+LengthPaths = Annotated[Path | tuple[Path, ...], unit("mm", description=_PATHS)]
+AnglePaths = Annotated[Path | tuple[Path, ...], unit("deg", description=_PATHS)]
+CurvaturePath = Annotated[Path, unit("1/m", description=_PATH)]
+Angle = Annotated[float, unit("deg")]
+Modulus = Annotated[Positive, unit("kPa")]
+Density = Annotated[NotNegative, unit("kg/m3")]
+Mass = Annotated[NotNegative, unit("g")]
+Force = Annotated[Vector, unit("N")]
+Moment = Annotated[Vector, unit("N m")]
+Velocity = Annotated[Vector, unit("m/s")]
+Acceleration = Annotated[Vector, unit("m/s2")]
+# Stiffness E A of tendons whose lengths are held.
+Tension = Annotated[Positive, unit("N")]
+Stiffness = Annotated[Positive, unit("N/m")]
