@@ -21,7 +21,7 @@ from model.arm import Arm
 from model.equilibrium.complementarity import ROUNDING, least
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import newton
-from model.errors import UnsettledSectionError
+from model.errors import CollapsedError, UnsettledSectionError
 from model.least_energy.program import STAGES, LeastEnergy, Minimum
 from model.paths import Array
 from model.scene import Scene
@@ -36,7 +36,7 @@ from model.winches import Winches, arm_compliance
 _STEPS, _LAST, _SQUARE = 30, 1e-5, 0.1
 # What is left of taut tendons after a step, over rounding, where others keep them from it.
 _APART = 10.0
-# What is left of tendons that are slack, over the arm's length.
+# What is left of tendons that are slack, and what taut ones may be off, over the arm's length.
 _NEARLY = 1e-9
 # How often a step is halved that leads to no equilibrium, and the least step in what tendons lack.
 _HALVINGS, _LEAST_STEP = 6, 1 / 128
@@ -84,12 +84,16 @@ class UnloadedLengths:
     def __init__(self, arm: Arm, scene: Scene, winches: Winches, machine_code: bool) -> None:
         self._lengths, self.winches = tendon_lengths(arm, scene, machine_code), winches
         self._arm, self._system = arm, system(arm, scene, STAGES, 1, (), False, machine_code)
+        self._crushed: CollapsedError | None = None
 
     def tensions(self, near: Array | None = None) -> Array:
-        """Return the tensions (n_tendons,) [N], begun with some nearby; see settle."""
+        """Return the tensions (n_tendons,) [N], begun with some nearby; see settle.
+
+        Raises CollapsedError where steps towards the lengths crush the arm.
+        """
         arm, winches = self._arm, self.winches
         if not winches.tensions.any():
-            left = winches.lacks(self._lengths.at_rest.lengths, 0 * winches.tensions)
+            left = winches.lacks(self._lengths(0 * winches.tensions).lengths, 0 * winches.tensions)
             if left[winches.held].min() >= -ROUNDING * arm.length:
                 return 0 * winches.tensions
         if near is not None:
@@ -106,7 +110,7 @@ class UnloadedLengths:
         if found is None:
             found = followed(self._lengths(winches.tensions), winches, self._beside, arm)
         if found is None:
-            raise unknown_least(arm, winches)
+            raise self._crushed or unknown_least(arm, winches)
         return found.tensions
 
     def at(self, tensions: Array) -> Lengths:
@@ -115,9 +119,13 @@ class UnloadedLengths:
 
     def _beside(self, at: Lengths, tensions: Array) -> Lengths | None:
         try:
-            return self._lengths(tensions)
+            found = self._lengths(tensions)
         except UnsettledSectionError:
             return None
+        if found.crushed:
+            self._crushed = found.crushed
+            return None
+        return found
 
 
 def equilibrium_beside(at: Linearised, tensions: Array) -> Linearised | None:
@@ -141,7 +149,8 @@ def tightened(
     lengths is not.
     """
     held, rounding = winches.held, rounding * arm.length
-    nearly, last = np.full(at.tensions.size, _NEARLY * arm.length), 0.0
+    close, last = max(_NEARLY * arm.length, _APART * rounding), 0.0
+    nearly = np.full(at.tensions.size, _NEARLY * arm.length)
     for _ in range(_STEPS):
         check_time()
         now, left = at.tensions, winches.lacks(at.lengths, at.tensions)
@@ -155,16 +164,16 @@ def tightened(
         beyond = left[tight] + M @ (T - now)[tight]
         slack = (T[tight] == 0) & (beyond > rounding)
         apart = np.abs(beyond[T[tight] > 0]).max(initial=0.0) > _APART * rounding
-        change, off = np.abs(T - now).max(), np.abs(left[tight]).max(initial=0.0)
-        small = (well and change <= _LAST * T.max()) or off * change**2 <= (
-            _SQUARE * rounding * last**2
-        )
-        after = _stepped(at, T, beside)
+        change, off = float(np.abs(T - now).max()), float(np.abs(left[tight]).max(initial=0.0))
+        ratio = change / last if last else np.inf
+        small = (well and change <= _LAST * T.max()) or off * ratio * ratio <= _SQUARE * rounding
+        after = _stepped(at, T, beside) if np.isfinite(T).all() else None
         if after is None:
             return None
         if whole and small and not (apart and slack.any()):
-            missed = held & (winches.lacks(after.lengths, T) <= nearly)
-            missed[tight] = False
+            lacks = winches.lacks(after.lengths, T)
+            missed = held & (lacks <= nearly)
+            missed[tight] = np.abs(lacks[tight]) > np.where(T[tight] > 0, close, np.inf)
             if not missed.any():
                 return after
         nearly[taut & (T == 0)], last = rounding, change

@@ -21,7 +21,6 @@ from model.cross_section.reported import kinematics
 from model.effects import NeoHookean
 from model.equilibrium.forward import STAGES
 from model.machine.buffered import Mapped
-from model.machine.compiled import kernel
 from model.paths import Array
 from model.rotations import half_turn, multiply, unit_matrix
 from model.scene import Scene
@@ -137,6 +136,12 @@ class Centreline:
         element, share = self._shares(s)
         return self.moved(element, np.zeros(s.size), share)[0], self.radius(element, share)
 
+    def turned(self, s: Array) -> Array:
+        """Return how far tangents have turned from the base to arc lengths (K,) [rad]."""
+        element, share = self._shares(s)
+        before = np.append(0.0, np.cumsum(self.sizes[1]))[element]
+        return np.asarray(before + self.moved(element, np.zeros(s.size), share)[2])
+
     def length(self, a: float, b: float) -> float:
         """Return the deformed length [m] between the arc lengths of two nodes [m]."""
         inside = np.flatnonzero((self.s[:-1] >= a - self._close) & (self.s[1:] <= b + self._close))
@@ -204,4 +209,4 @@ def _part(machine_code: bool) -> Mapped:
         turned += h * (b - a) * weight * ca.sqrt(k[1] ** 2 + k[2] ** 2)
     given = [g, ca.vec(kappa), ca.vec(nu), h, a, b]
     found = ca.Function("part", given, [position, length, turned], {"cse": True})
-    return Mapped(kernel(found, machine_code))
+    return Mapped(found, machine_code)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -82,6 +83,16 @@ def sensitivities(shape: Shape, at: float, refinement: int) -> Response:
         return MarchDerivative(march, T, march.mesh.node(at))
     forward = by_collocation(arm, scene, STAGES, refinement, (at,), True, shape.machine_code)
     return Sensitivities(forward.found(T, shape.known), forward.mesh.node(at))
+
+
+def at_nodes(shape: Shape, nodes: Sequence[int]) -> list[Response]:
+    """Return the sensitivities of a shape at nodes of its own mesh."""
+    known = shape.known
+    if known is not None:
+        return [Sensitivities(known, node) for node in nodes]
+    given = shape.arm, shape.scene, shape.scheme, shape.refinement, (), shape.machine_code
+    march: Any = explicit_map(*given)
+    return [MarchDerivative(march, shape.tensions, node) for node in nodes]
 
 
 def _first_pair(shape: Shape, accuracy: float) -> tuple[int, int]:

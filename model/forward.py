@@ -8,6 +8,7 @@ from itertools import zip_longest
 from typing import Any, Protocol
 
 import casadi as ca
+import numpy as np
 
 from model.arm import Arm
 from model.contact.forward import TouchingMap
@@ -20,6 +21,7 @@ from model.integrators.magnus import MAGNUS2, MAGNUS4, MAGNUS6
 from model.integrators.runge_kutta import RK4, RK6, RK8
 from model.loads import contacts, is_loaded
 from model.mesh import graded
+from model.mesh_refinement import IMPLICIT, ROUNDING
 from model.paths import Array
 from model.scene import Scene
 from model.stations import Counts
@@ -162,6 +164,48 @@ def _reduced(march: ExplicitMap) -> tuple[Any, ...]:
 
 copyreg.pickle(ClosedForm, _reduced)
 copyreg.pickle(PrintedMap, _reduced)
+
+
+class Maps:
+    """The forward maps of an arm in a scene by a scheme, mesh by mesh.
+
+    Attributes
+    ----------
+    order : int
+        Of the scheme here.
+    least_order : int
+        That error estimates count on: friction of a part that lies on an obstacle acts at nodes.
+    rounding : float
+        What it leaves of the tip's error over the arm's length.
+    lever : float
+        How far off the tip the error is looked at as well [m]: loads can twist a straight arm.
+    by_sections : bool
+        Whether strains that are no numbers say that a section has no equilibrium; as printed they
+        may be those of a step that is too long.
+    """
+
+    def __init__(self, arm: Arm, scene: Scene, scheme: str, machine_code: bool) -> None:
+        self.arm, self.scene, self.scheme, self.machine_code = arm, scene, scheme, machine_code
+        self.order, self.contacts = order_of(scheme, scene), contacts(scene)
+        rubbing = any(contact.friction for contact in self.contacts)
+        self.least_order = 2 if rubbing else self.order
+        self.rounding = IMPLICIT if scheme in COLLOCATIONS else ROUNDING
+        base = float(arm.radius.evaluate(np.zeros(1), arm.length)[0][0])
+        self.lever, self.by_sections = base * is_loaded(scene), not scene.has(PrintedStatics)
+        self._kept: dict[int, ForwardMap] = {}
+
+    def on(self, refinement: int) -> ForwardMap:
+        """Return the forward map on the mesh of a refinement."""
+        if refinement not in self._kept:
+            mesh = self.scheme, refinement, (), self.machine_code
+            self._kept[refinement] = forward_map(self.arm, self.scene, *mesh)
+        return self._kept[refinement]
+
+
+@lru_cache(maxsize=64)
+def maps_of(arm: Arm, scene: Scene, scheme: str | None, machine_code: bool) -> Maps:
+    """Return the forward maps by a scheme, the scene's first for None."""
+    return Maps(arm, scene, check_scheme(scene, scheme), machine_code)
 
 
 def equilibrium_on(

@@ -29,6 +29,7 @@ from model.loads import is_loaded
 from model.paths import Array
 from model.scene import Scene
 from model.shortest import unknown_least
+from model.unloaded.marched import Marched
 from model.winches import Winches
 
 # What lengths may be off over the arm's length on meshes that are not the last one.
@@ -60,8 +61,9 @@ class GivenTensions:
         """Return the equilibrium on the mesh of a forward map, near that of another if given."""
         if isinstance(forward, TouchingMap):
             return OnMesh(forward.from_touching(self.tensions, near))
-        states = None if near is None else near.states
-        return OnMesh(equilibrium_on(forward, self.tensions, states))
+        if isinstance(forward, Collocation):
+            return OnMesh(forward.equilibrium(self.tensions, None if near is None else near.states))
+        return OnMesh(Marched.under(forward, self.tensions))
 
     def finished(self, forward: ForwardMap, found: OnMesh) -> OnMesh:
         """Return an equilibrium that is accepted, to rounding: it is."""

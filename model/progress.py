@@ -43,7 +43,7 @@ def with_progress(function: Callable[P, T]) -> Callable[P, T]:
         progress = kwargs.get("progress")
         if progress is None and _listener.get() is not None:
             return function(*args, **kwargs)
-        with progress_line(progress):
+        with _Line() if progress is None else progress_line(progress):
             return function(*args, **kwargs)
 
     return call
@@ -104,7 +104,7 @@ class _Line:
     _closed: threading.Event
     _text: str
 
-    def __init__(self, always: bool) -> None:
+    def __init__(self, always: bool = False) -> None:
         self._always, self._clock = always, None
 
     def __enter__(self) -> None:
@@ -146,5 +146,6 @@ def _is_watched() -> bool:
     """Return whether someone may look at stderr: a terminal, or a notebook."""
     if sys.stderr is not None and sys.stderr.isatty():
         return True
-    shell: Any = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
+    notebook: Any = sys.modules.get("IPython")
+    shell: Any = notebook.get_ipython() if hasattr(notebook, "get_ipython") else None
     return shell is not None and "IPKernelApp" in shell.config

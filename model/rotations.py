@@ -15,8 +15,6 @@ import numpy as np
 from model.paths import Array
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-_SERIES = 5
-_SMALL = 0.01
 _DOUBLINGS, _TERMS = 3, 7
 
 
@@ -80,15 +78,24 @@ def half_turn(w: ca.SX) -> ca.SX:
 def half_angle(x: ca.SX) -> ca.SX:
     """Return cos(angle / 2) and sin(angle / 2) / angle (2,) of the square x of an angle [rad2].
 
-    Power series at an eighth of the angle, doubled three times: smooth everywhere without a
+    Power series at an eighth of the half, doubled three times: smooth everywhere without a
     branch, and right to rounding up to two turns.
     """
-    share = 0.5**_DOUBLINGS
-    sinc, cos = (_series(x * share**2 / 4, order, _TERMS) for order in (1, 0))
-    sinc = share / 2 * sinc
+    versine, sinc, _ = _of_half(x)
+    return ca.vertcat(1 - x / 4 * versine, sinc / 2)
+
+
+def _of_half(x: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Return (1 - cos b) / b^2, sin b / b and (b - sin b) / b^3 of half the angle, b = x^(1/2) / 2.
+
+    See half_angle.
+    """
+    square = 0.25 ** (_DOUBLINGS + 1) * x
+    versine, sinc, cubic = (_series(square, order) for order in (2, 1, 3))
     for _ in range(_DOUBLINGS):
-        sinc, cos = 2 * sinc * cos, 1 - 2 * sinc**2 * x
-    return ca.vertcat(cos, sinc)
+        cubic = (cubic + sinc * versine) / 4
+        versine, sinc, square = sinc**2 / 2, sinc * (1 - square * versine), 4 * square
+    return versine, sinc, cubic
 
 
 def unit_matrix(q: ca.SX) -> ca.SX:
@@ -105,25 +112,18 @@ def unit_matrix(q: ca.SX) -> ca.SX:
 def exponential(w: ca.SX, v: ca.SX) -> ca.SX:
     """Return the pose reached by a constant local twist: rotation vector w, displacement v.
 
-    Smooth at w = 0: below an angle of 0.1 the coefficients are power series in the angle squared,
-    above it closed forms whose argument is kept off 0, so that no derivative is NaN.
+    As smooth and right as half_angle.
     """
-    x = ca.sumsqr(w)
-    small = x < _SMALL
-    angle = ca.sqrt(ca.if_else(small, _SMALL, x))
-    sin, cos = ca.sin(angle / 2), ca.cos(angle / 2)
-    half_cos = ca.if_else(small, _series(x / 4, 0), cos)
-    half_sinc = ca.if_else(small, _series(x / 4, 1), 2 * sin / angle)
-    cubic = ca.if_else(small, _series(x, 3), (angle - 2 * sin * cos) / angle**3)
-    turn = ca.cross(w, v)
-    shift = v + half_sinc**2 / 2 * turn + cubic * ca.cross(w, turn)
-    return ca.vertcat(half_cos, half_sinc / 2 * w, shift)
+    x, turn = ca.sumsqr(w), ca.cross(w, v)
+    versine, sinc, cubic = _of_half(x)
+    shift = v + sinc**2 / 2 * turn + (cubic + sinc * versine) / 4 * ca.cross(w, turn)
+    return ca.vertcat(1 - x / 4 * versine, sinc / 2 * w, shift)
 
 
-def _series(x: ca.SX, order: int, terms: int = _SERIES) -> ca.SX:
-    """Return sum over k of (-x)^k / (2 k + order)! by Horner's rule, exact for x < 0.01."""
+def _series(x: ca.SX, order: int) -> ca.SX:
+    """Return sum over k of (-x)^k / (2 k + order)! by Horner's rule, exact for x < 0.7."""
     total = ca.SX(0)
-    for k in reversed(range(terms + 1)):
+    for k in reversed(range(_TERMS + 1)):
         total = (-1.0) ** k / math.factorial(2 * k + order) + x * total
     return total
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import math
 import time
+from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any
 
@@ -26,12 +27,10 @@ from model.errors import (
     UnsettledContactError,
     UnsettledSectionError,
 )
-from model.forward import COLLOCATIONS, ForwardMap, check_scheme, forward_map, order_of
+from model.forward import ForwardMap, Maps, maps_of
 from model.loads import check_loads, contacts, is_loaded, without_friction
 from model.machine.compiled import Compile, checked_compile
 from model.mesh_refinement import (
-    IMPLICIT,
-    ROUNDING,
     checked_accuracy,
     estimate,
     first_pair,
@@ -147,7 +146,7 @@ def settle(
     winches = {"lengths": lengths, "tendon_EA": tendon_EA, "tendon_outside": tendon_outside}
     how: dict[str, Any] = {"scheme": scheme, "compile": compile, "near": near}
     limit = None if time_limit is None else positive("time_limit", time_limit)
-    with limited(limit):
+    with nullcontext() if limit is None else limited(limit):
         shape = _checked(arm, tensions, scene, accuracy, **winches, **how)
     if called_by_a_script():
         bent = sharp(shape)
@@ -184,29 +183,27 @@ def _checked(
         given = replace(
             given, machine_code=machine_code, near=None if begin is None else begin.tensions
         )
-    scheme = check_scheme(scene, scheme)
+    maps = maps_of(arm, scene, scheme, machine_code)
+    if isinstance(given, GivenTensions):
+        return _settled(maps, given, accuracy, begin)
     try:
-        return _settled(arm, given, scene, accuracy, scheme, machine_code, begin)
+        return _settled(maps, given, accuracy, begin)
     except (CollapsedError, UnsettledSectionError, UnknownLeastError) as problem:
-        if not isinstance(given, GivenLengths):
-            raise
-        told = _told(arm, given, scene, problem)
+        told = _told(maps_of(arm, scene, None, machine_code), given, problem)
         raise told from None
 
 
-def _told(arm: Arm, given: GivenLengths, scene: Scene, problem: OctoplanError) -> OctoplanError:
+def _told(maps: Maps, given: GivenLengths, problem: OctoplanError) -> OctoplanError:
     """Return what to tell of lengths that the arm does not settle by."""
-    scheme = check_scheme(scene, None)
 
     def problem_of(winches: Winches) -> OctoplanError | None:
-        other = replace(given, winches=winches, near=None)
         try:
-            _settled(arm, other, scene, _ROUGHLY, scheme, given.machine_code, None)
+            _settled(maps, replace(given, winches=winches, near=None), _ROUGHLY, None)
         except OctoplanError as error:
             return error
         return None
 
-    return too_short(arm, given.winches, problem, problem_of)
+    return too_short(maps.arm, given.winches, problem, problem_of)
 
 
 def _on_itself(arm: Arm, tensions: Any, scene: Scene, accuracy: float, machine_code: bool) -> Shape:
@@ -220,8 +217,8 @@ def _on_itself(arm: Arm, tensions: Any, scene: Scene, accuracy: float, machine_c
     def at(T: Array, loaded: Scene, near: Shape | None) -> Shape:
         alike = near is not None and is_loaded(loaded) and is_loaded(near.scene)
         begin = near.equilibrium if near is not None and alike else None
-        given, scheme = GivenTensions(T), check_scheme(loaded, None)
-        return _settled(arm, given, loaded, close, scheme, machine_code, begin)
+        maps = maps_of(arm, loaded, None, machine_code)
+        return _settled(maps, GivenTensions(T), close, begin)
 
     return pressed_on_itself(arm.flat(tensions), alone, at)
 
@@ -249,83 +246,67 @@ def _near(near: Any, arm: Arm, scene: Scene) -> Equilibrium | None:
     if near is None:
         return None
     kind("near", near, Shape, "a Shape of the same arm and scene, or None")
-    if near.arm != arm or _alike(near.scene) != _alike(scene):
+    if near.arm != arm or without_friction(near.scene) != without_friction(scene):
         raise InputError("near", "a shape of another arm or scene", "one of the same")
     found: Equilibrium = near.equilibrium
     return found
 
 
-def _alike(scene: Scene) -> Scene:
-    """Return a scene that others share whose shapes may lead to it."""
-    return without_friction(scene)
-
-
 def _settled(
-    arm: Arm,
+    maps: Maps,
     given: GivenTensions | GivenLengths,
-    scene: Scene,
     accuracy: float,
-    scheme: str,
-    machine_code: bool,
     near: Equilibrium | None,
 ) -> Shape:
-    order = order_of(scheme, scene)
-    lever = float(arm.radius.evaluate(np.zeros(1), arm.length)[0][0]) if is_loaded(scene) else 0.0
-    # As printed strains that are no numbers may be those of a step that is too long.
-    by_sections = not scene.has(PrintedStatics)
-    # Friction of a part that lies on an obstacle acts at nodes.
-    least = 2 if any(contact.friction for contact in contacts(scene)) else order
-    rounding = IMPLICIT if scheme in COLLOCATIONS else ROUNDING
-    coarse, fine = first_pair(accuracy, order)
-    refinement = coarse
+    """Return the shape on the first mesh that is accurate enough."""
+    coarse, fine = first_pair(accuracy, maps.order)
+    refinement, L = coarse, maps.arm.length
     before: tuple[int, Array] | None = None
     snaps: tuple[float, ...] = ()
-    begun = time.process_time()
+    begun = time.process_time() if maps.contacts else 0.0
     while refinement:
         check_time()
-        forward = forward_map(arm, scene, scheme, refinement, (), machine_code)
+        forward = maps.on(refinement)
         try:
-            found = _soon(given, forward, near, scene)
+            found = _soon(given, forward, near) if maps.contacts else given.on(forward, near)
             check_sections(found.equilibrium)
         except (SnapError, UnsettledContactError, UnsettledSectionError) as problem:
-            in_closed_form = isinstance(problem, UnsettledSectionError) and by_sections
-            slow = time.process_time() - begun > _PATIENCE
+            in_closed_form = isinstance(problem, UnsettledSectionError) and maps.by_sections
+            slow = bool(maps.contacts) and time.process_time() - begun > _PATIENCE
             if refinement >= _COARSE or in_closed_form or slow:
                 raise
             # Nor does a coarser one that did bear the loads tell how accurate a finer one is.
-            refinement, before = next_refinement(refinement, np.inf, accuracy, order), None
+            refinement, before = next_refinement(refinement, np.inf, accuracy, maps.order), None
             continue
-        begun = time.process_time()
         here = found.equilibrium
         if isinstance(here, Touching):
+            begun = time.process_time()
             snaps = (*snaps, *here.snaps)
         if not isinstance(here, Touching) or here.before is None:
             near = here
         tip, error = here.poses[-1], np.inf
         if before is not None:
-            gap = _gap(tip, before[1], lever) / arm.length
-            error = estimate(gap, before[0], refinement, least, rounding)
-            LOG.debug("%s, mesh %d: estimated tip error %.1e of L", scheme, refinement, error)
+            gap = math.dist(tip[4:], before[1][4:])
+            if maps.lever:
+                gap = max(gap, 2 * maps.lever * math.dist(tip[:4], before[1][:4]))
+            error = estimate(gap / L, before[0], refinement, maps.least_order, maps.rounding)
+            LOG.debug("%s, mesh %d: estimated tip error %.1e of L", maps.scheme, refinement, error)
             if error <= accuracy:
                 found = given.finished(forward, found)
                 check_stretch(found.equilibrium)
                 held = given.winches, found.left, snaps
-                return Shape(arm, scene, error, found.equilibrium, *held)
+                return Shape(maps.arm, maps.scene, error, found.equilibrium, *held)
         before, last = (refinement, tip), refinement
-        refinement = fine if last == coarse else next_refinement(last, error, accuracy, least)
+        finer = fine if last == coarse else 0
+        refinement = finer or next_refinement(last, error, accuracy, maps.least_order)
     check_stretch(here)
     raise ConvergenceError(accuracy, error, "ask for less accuracy or a smoother arm")
 
 
 def _soon(
-    given: GivenTensions | GivenLengths,
-    forward: ForwardMap,
-    near: Equilibrium | None,
-    scene: Scene,
+    given: GivenTensions | GivenLengths, forward: ForwardMap, near: Equilibrium | None
 ) -> OnMesh:
-    """Return the equilibrium on a mesh; with contact one that is found before long."""
-    if not contacts(scene):
-        return given.on(forward, near)
+    """Return the equilibrium with contact on a mesh, one that is found before long."""
     end = time.process_time() + _PATIENCE
     try:
         with unless(lambda: time.process_time() > end):
@@ -333,15 +314,6 @@ def _soon(
     except OutOfTime:
         check_time()
         raise UnsettledContactError(1.0, f"none is found within {_PATIENCE:g} s") from None
-
-
-def _gap(tip: Array, other: Array, lever: float) -> float:
-    """Return how far two tip poses (7,) are apart, or points a lever off them [m].
-
-    A load can twist a straight arm, of which the tip's position tells nothing.
-    """
-    shift = math.dist(tip[4:], other[4:])
-    return max(shift, 2 * lever * math.dist(tip[:4], other[:4])) if lever else shift
 
 
 def checked_scene(arm: Arm, scene: Scene | None, contact: bool = False) -> Scene:

@@ -14,7 +14,7 @@ from model.checks import finite_array
 from model.contact.contacts import Touch, touches_of
 from model.contact.forward import Touching
 from model.contact.stability import held_stability
-from model.effects import PrintedStatics
+from model.effects import ExactTendons, PrintedStatics
 from model.equilibrium.complementarity import unfelt
 from model.equilibrium.equilibrium import Equilibrium
 from model.equilibrium.forward import STAGES
@@ -29,7 +29,7 @@ from model.report import shape_text, tendon_table
 from model.rotations import matrices
 from model.scene import Scene
 from model.text import in_notebook, plotted
-from model.unloaded.folded import folded
+from model.unloaded.sections import folded
 from model.winches import Winches, pulls
 
 # What is left of a tendon, over the arm's length, from which on it is slack.
@@ -132,8 +132,9 @@ class Shape:
         An arm does not bend so far: its body would be folded into itself. Exact tendons settle
         there without loads; with loads such tensions are refused.
         """
-        asked = (self.arm, self.scene, self.tensions, self.refinement, self.machine_code)
-        return folded(*asked)
+        if is_loaded(self.scene) or not self.scene.has(ExactTendons):
+            return None
+        return folded(self.arm, self.scene, self.equilibrium.mesh, self.tensions)
 
     @property
     def lengths(self) -> Array:
@@ -251,7 +252,7 @@ class Shape:
         here = self.equilibrium
         if not isinstance(here, Touching):
             return self.on_itself
-        return touches_of(here.system, here.here.states, here.history)
+        return touches_of(here.here, here.history)
 
     @property
     def known(self) -> Linearised | None:

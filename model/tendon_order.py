@@ -48,9 +48,13 @@ class TendonOrder:
         """Return one number per tendon in tendon order, see Arm.flat."""
         if not hasattr(values, "__iter__") or isinstance(values, str | bytes):
             raise InputError(name, values, self._shapes)
-        array = isinstance(values, np.ndarray) and values.dtype == float
-        if array and self._fits(values.shape) and values.min() >= 0 and values.max() <= LARGEST:
-            return np.asarray(values.flatten())
+        try:
+            array = np.array(values)
+        except ValueError:  # rows of several sizes
+            array = np.array(None)
+        fits = array.dtype.kind in "iuf" and array.shape in self._fitting
+        if fits and array.min() >= 0 and array.max() <= LARGEST:
+            return np.asarray(array, dtype=float).ravel()
         rows = [np.atleast_1d(numbers(name, row, self._shapes)) for row in values]
         if any(row.ndim != 1 for row in rows):
             raise InputError(name, f"{len(rows)} rows of shape {rows[0].shape}", self._shapes)
@@ -73,10 +77,11 @@ class TendonOrder:
         array = finite_array("flat", flat, (self._first[-1],))
         return array.reshape(len(self.counts), -1) if len({*self.counts}) == 1 else array
 
-    def _fits(self, shape: tuple[int, ...]) -> bool:
-        """Return whether an array of a shape has a number for each tendon."""
+    @cached_property
+    def _fitting(self) -> tuple[tuple[int, ...], ...]:
+        """The shapes of arrays that have a number for each tendon."""
         rows = (len(self.counts), self.counts[0])
-        return shape == (self._first[-1],) or (len({*self.counts}) == 1 and shape == rows)
+        return ((self._first[-1],), rows) if len({*self.counts}) == 1 else ((self._first[-1],),)
 
     @property
     def _shapes(self) -> str:

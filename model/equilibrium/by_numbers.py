@@ -48,7 +48,9 @@ class ByNumbers:
         """Of the residuals at states that stay (n_states, K)."""
         if self.moved is not None:
             return self.moved
-        return np.asarray(self.here.system.by_numbers(self.here.x) @ self.jacobian.p)
+        at = self.here.system
+        (found,) = at.of.equations.moved_by_numbers(self.here.x[None], at.p, self.jacobian.p)
+        return np.asarray(found)
 
     @cached_property
     def states(self) -> Array:
@@ -74,7 +76,9 @@ class ByNumbers:
     @cached_property
     def direct_lengths(self) -> Array:
         """Of the lengths of the tendons in a shape that stays (n_tendons, K) [m]."""
-        return np.asarray(self.here.system.lengths_by_numbers(self.here.x) @ self.jacobian.lengths)
+        at, change = self.here.system, self.jacobian.lengths
+        (found,) = at.of.lengths.moved_by_numbers(self.here.x[None], at.length_numbers, change)
+        return np.asarray(found)
 
 
 def by_numbers(
@@ -84,7 +88,8 @@ def by_numbers(
     if not heres:
         return []
     system = heres[0].system
-    right = system.moved_by_numbers(np.array([here.x for here in heres]), jacobian.p)
+    x = np.array([here.x for here in heres])
+    right = system.of.equations.moved_by_numbers(x, system.p, jacobian.p)
     rows = zip(heres, tensions, right, strict=True)
     return [ByNumbers(here, jacobian, T, moved) for here, T, moved in rows]
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from model.equilibrium.linearised import Linearised
+from model.equilibrium.linearised import Linearised, linearised, with_jacobians
 from model.equilibrium.newton import NEAR, Solution, newton, newton_many
 from model.equilibrium.stability import stand
 from model.errors import SnapError
@@ -40,21 +40,20 @@ def near(system: System, tensions: Array, states: Array) -> Solution:
 
 
 def by_load_steps(
-    system: System,
-    tensions: Array,
-    unloaded: Array,
-    steps: float = np.inf,
+    system: System, tensions: Array, unloaded: Array, steps: Array
 ) -> list[Linearised | SnapError]:
     """Return the equilibria under the full loads that are connected with the unloaded arm's states.
 
     Of tensions (N, n_tendons) and states (N, n_states). A SnapError says where a branch ends or
-    loses its stability before, or takes more `steps`.
+    loses its stability before, or takes more than its `steps` (N,).
     """
-    pairs = zip(tensions, unloaded, strict=True)
-    starts = [Linearised(system, system.x(T, 0.0, states)) for T, states in pairs]
-    branches = [Followed(here, 0.0, "") for here in starts]
-    ends = follow_on_many(branches, 1.0, LEAST_STEP, steps)
-    return [end.here if end.load >= 1 else SnapError(end.load, end.why or SNAPS) for end in ends]
+    found = list[Linearised | SnapError]()
+    x = [system.x(T, 0.0, states) for T, states in zip(tensions, unloaded, strict=True)]
+    starts = linearised(system, np.array(x)) if x else []
+    branches = [Followed(start, 0.0, "") for start in starts]
+    for end in follow_on_many(branches, 1.0, LEAST_STEP, steps):
+        found.append(end.here if end.load >= 1 else SnapError(end.load, end.why or SNAPS))
+    return found
 
 
 def follow(system: System, tensions: Array, unloaded: Array, most: float, least: float) -> Followed:
@@ -72,62 +71,46 @@ def follow_on(at: Followed, most: float, least: float) -> Followed:
 
 
 def follow_on_many(
-    branches: Sequence[Followed],
-    most: float,
-    least: float,
-    steps: float = np.inf,
+    branches: Sequence[Followed], most: float, least: float, steps: Array | float = np.inf
 ) -> list[Followed]:
     """Follow branches of one arm on from equilibria, up to a load factor.
 
     A step is halved where nothing is found that it leads to; the end is where it is down to `least`
-    of the load factor that is reached, or where so many steps were tried.
+    of the load factor that is reached, or where so many `steps`, for each, were tried.
     """
     at, step, tried = list(branches), np.full(len(branches), min(1.0, most)), 0
-    stood: list[bool | None] = [None] * len(at)
-    while tried < steps:
-        going = [
-            i
-            for i, branch in enumerate(at)
-            if branch.load < most and step[i] >= least * max(branch.load, FIRST)
-        ]
+    stood, limit = list[bool | None]([None]) * len(at), np.broadcast_to(steps, len(at))
+    while True:
+        going, tensions, loads, guesses = list[int](), [], [], []
+        for i, (last, load, _) in enumerate(at):
+            if load < most and step[i] >= least * max(load, FIRST) and tried < limit[i]:
+                going.append(i)
+                tensions.append(last.tensions)
+                loads.append(min(most, load + float(step[i])))
+                guesses.append(last.states + (loads[-1] - load) * last.by_load)
         if not going:
-            break
+            return at
         check_time()
         tried += 1
-        reached = min(at[i].load for i in going)
-        tell("percent of the loads", round(100 * reached / most), 100)
-        loads = np.array([min(most, at[i].load + step[i]) for i in going])
-        heres = _next([at[i] for i in going], loads)
-        stands = _stand(heres)
-        for i, load, here, firm in zip(going, loads.tolist(), heres, stands, strict=True):
-            if here is not None and not firm and stood[i] is None:
+        tell("percent of the loads", round(100 * min(loads) / most), 100)
+        system, given = at[going[0]].here.system, (np.array(tensions), np.array(loads))
+        heres = newton_many(system, *given, np.array(guesses)).solutions
+        for k, (i, here) in enumerate(zip(going, heres, strict=True)):
+            if here is not None and not is_near(system, at[i].here.states, here.states):
+                heres[k] = None
+        linear = iter(with_jacobians([here for here in heres if here is not None]))
+        heres = [here and next(linear) for here in heres]
+        firm = iter(stand([here for here in heres if here is not None]))
+        for i, load, here in zip(going, loads, heres, strict=True):
+            stable = here is not None and next(firm)
+            if here is not None and not stable and stood[i] is None:
                 # What is unstable without loads, or where it begins, is not their doing.
-                (stood[i],) = _stand([branches[i].here])
-            if here is None or (not firm and stood[i]):
+                (stood[i],) = stand([branches[i].here])
+            if here is None or (not stable and stood[i]):
                 why = SNAPS if here is None else BUCKLES
                 at[i], step[i] = at[i]._replace(why=why), (load - at[i].load) / 2
             else:
                 at[i], step[i] = Followed(here, load, ""), 2 * step[i]
-    return at
-
-
-def _next(at: Sequence[Followed], loads: Array) -> list[Solution]:
-    """Return the equilibria that steps in the load lead to; None where there is none near."""
-    system, tensions, guesses = at[0].here.system, [], []
-    for branch, load in zip(at, loads.tolist(), strict=True):
-        tensions.append(branch.here.tensions)
-        guesses.append(branch.here.states + (load - branch.load) * branch.here.by_load)
-    heres = newton_many(system, np.array(tensions), loads, np.array(guesses)).solutions
-    return [
-        here if here is not None and is_near(system, branch.here.states, here.states) else None
-        for branch, here in zip(at, heres, strict=True)
-    ]
-
-
-def _stand(heres: Sequence[Solution]) -> list[bool]:
-    """Return whether equilibria are stable, tensions held; of none it is not asked."""
-    found = iter(stand([here for here in heres if here is not None]))
-    return [here is not None and next(found) for here in heres]
 
 
 def is_near(system: System, before: Array, after: Array) -> bool:

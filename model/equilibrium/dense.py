@@ -17,7 +17,6 @@ from model.cross_section.sections import Sections
 from model.equilibrium.sliding import pulls
 from model.loads import beyond
 from model.machine.buffered import Mapped
-from model.machine.compiled import kernels
 from model.paths import Array
 from model.rotations import matrices
 from model.stations import Counts
@@ -44,8 +43,8 @@ def poses_and_strains(system: System, x: Array, s: Array) -> tuple[Array, Array]
 def _element(form: Form) -> tuple[Mapped, Mapped]:
     """Return the residuals of an element and the nonzeros of their Jacobian, of many at once."""
     own = element(form)
-    value, jacobian = kernels([own.value, own.jacobian[0]], form.machine_code)
-    return Mapped(value), Mapped(jacobian)
+    by = form.machine_code
+    return Mapped(own.value, by), Mapped(own.jacobian[0], by)
 
 
 @lru_cache(maxsize=32)

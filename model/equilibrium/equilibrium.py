@@ -32,6 +32,8 @@ class Equilibrium(Protocol):
         Quaternions and positions [m] at its nodes.
     stretch_at, stretch : (K,)
         Arc lengths [m], and 1 + q there.
+    bend : float
+        Curvature times the body's radius, at most, where the equations are evaluated.
     lengths : (n_tendons,)
         Of the tendons [m].
     refinement : int
@@ -60,6 +62,10 @@ class Equilibrium(Protocol):
 
     @property
     def stretch(self) -> Array:
+        """See the class."""
+
+    @property
+    def bend(self) -> float:
         """See the class."""
 
     @property
@@ -143,6 +149,14 @@ class Collocated:
         return stretch_of(self.system, self.here.states)
 
     @property
+    def bend(self) -> float:
+        """See Equilibrium: at the stages."""
+        arm, at = self.system.arm, self.system.s
+        rows = reported(self.system.of.form.law, self.system.strains(self.here.states))
+        curvature = np.hypot(rows[:, 1], rows[:, 2])
+        return float((arm.radius.evaluate(at, arm.length)[0] * curvature).max())
+
+    @property
     def lengths(self) -> Array:
         """See Equilibrium: as the equations have them, to which winches hold the tendons."""
         return self.here.lengths
@@ -171,9 +185,10 @@ class Collocated:
 
 
 def stretch_of(system: System, states: Array) -> Array:
-    """Return 1 + q (K,) at the stages, then at both ends of the elements."""
-    of = system.of
-    stages = reported(of.form.law, system.strains(states))[:, 3] + 1
-    inside = stages.reshape(of.elements, -1)
+    """Return 1 + q (..., K) at the stages, then at both ends of the elements."""
+    of, sets = system.of, states.shape[:-1]
+    strains = states[..., of.stages].reshape(-1, of.form.strains)
+    stages = reported(of.form.law, strains)[:, 3].reshape(*sets, -1) + 1
+    inside = stages.reshape(*sets, of.elements, -1)
     ends = [inside @ gauss(of.form.stages).at(x) for x in (0.0, 1.0)]
-    return np.asarray(np.concatenate([stages, *ends]))
+    return np.asarray(np.concatenate([stages, *ends], axis=-1))

@@ -17,13 +17,11 @@ from model.paths import Array
 from model.scene import Scene
 from model.transcription.collocation import gauss
 from model.transcription.system import System, system
-from model.unloaded.settled_sections import settled_sections
+from model.unloaded.sections import unloaded_sections
 
 # Of an element, unless a scheme asks for fewer.
 STAGES = 3
 
-# Steps in the loads that are soon done.
-_SOON = 100
 # Where a tendon has no length left any load moves it by many times the width that keeps its root
 # smooth: steps in the loads shrink with that, and come to an end in a few or not at all.
 _SOON_IF_CRUSHED = 30
@@ -69,7 +67,6 @@ class Collocation:
     def _state(self, stated: System) -> None:
         self.system, self.mesh = stated, stated.mesh
         self.machine_code = stated.of.form.machine_code
-        self._unloaded: tuple[Array, Array] | None = None
 
     def equilibrium(self, tensions: Array, near: Linearised | None = None) -> Collocated:
         """Return what `found` does, as a value."""
@@ -77,10 +74,8 @@ class Collocation:
 
     def found(self, tensions: Array, known: Linearised | None = None) -> Linearised:
         """Return the equilibrium under tensions, near one that another mesh has, if any does."""
-        if not is_loaded(self.system.scene):
-            x = self.system.x(tensions, 1.0, self.without_loads(tensions))
-            return Linearised(self.system, x)
-        here = None if known is None else self.near(tensions, known)
+        loaded = is_loaded(self.system.scene)
+        here = self.near(tensions, known) if loaded and known is not None else None
         return here or self.from_rest(tensions)
 
     def many(
@@ -123,62 +118,45 @@ class Collocation:
         """Return the equilibria that the unloaded arm comes to under tensions (N, n_tendons).
 
         In place of one a SnapError as of by_load_steps, and an UnsettledSectionError where tensions
-        that leave a tendon no length keep loads from being applied in steps.
+        that leave a tendon no length keep loads from being applied in steps. Without loads the
+        states that loads would begin from are the equilibrium.
         """
-        starts = self._starts(tensions)
-        found: list[Linearised | OctoplanError | None]
-        found = [own if isinstance(own, OctoplanError) else None for own in starts]
-        left = [i for i, own in enumerate(found) if own is None]
-        states = np.full((len(tensions), self.system.of.n_states), np.nan)
-        for i in left:
-            states[i] = starts[i]
-        crushed = {i: self._crushed(states[i]) for i in left}
-        for some, most in (
-            ([i for i in left if crushed[i] is None], steps),
-            ([i for i in left if crushed[i] is not None], min(steps, _SOON_IF_CRUSHED)),
-        ):
-            ends = by_load_steps(self.system, tensions[some], states[some], most)
-            for i, end in zip(some, ends, strict=True):
-                place, refused = crushed[i], isinstance(end, SnapError)
-                found[i] = UnsettledSectionError(place) if refused and place is not None else end
-        return [own for own in found if own is not None]
-
-    def _crushed(self, states: Array) -> float | None:
-        """Return where unloaded states leave a tendon no length [m]; None if nowhere."""
-        crushed = settled_sections(self.system).crushed(self.system.strains(states))
-        return float(self.system.s[np.argmax(crushed)]) if crushed.any() else None
-
-    def _starts(self, tensions: Array) -> list[Array | OctoplanError]:
-        """Return the states without loads under each of tensions, or why there are none."""
-        found: list[Array | OctoplanError] = []
-        rows: Array | None = None
-        if len(tensions) > 1:
-            strains = settled_sections(self.system).of_many(tensions)
-            rows = self.system.starts(tensions, strains)
-        for i, row in enumerate(tensions):
-            if rows is not None and np.isfinite(rows[i].sum()):
-                found.append(rows[i])
-                continue
-            try:
-                found.append(self.without_loads(row))
-            except UnsettledSectionError as reason:
-                found.append(reason)
+        at, sections = self.system, unloaded_sections(self.system)
+        strains = sections.of_many(tensions)
+        found: list[Linearised | OctoplanError] = []
+        going, limits, places = list[int](), list[float](), list[float | None]()
+        for i, v in enumerate(strains):
+            lost, crushed = np.isnan(v).any(axis=1), sections.crushed(v)
+            refused = lost | crushed
+            places.append(float(at.s[np.argmax(refused)]) if refused.any() else None)
+            found.append(UnsettledSectionError(places[-1] or 0.0))
+            if not lost.any():
+                going.append(i)
+                limits.append(min(steps, _SOON_IF_CRUSHED) if crushed.any() else steps)
+        states = at.starts(tensions[going], strains[going])
+        if not is_loaded(at.scene):
+            for i, own in zip(going, states, strict=True):
+                found[i] = Linearised(at, at.x(tensions[i], 1.0, own))
+            return found
+        ends = by_load_steps(at, tensions[going], states, np.array(limits))
+        for i, end in zip(going, ends, strict=True):
+            if places[i] is None or not isinstance(end, SnapError):
+                found[i] = end
         return found
 
     def without_loads(self, tensions: Array) -> Array:
-        """Return the states under tensions without loads; raises UnsettledSectionError.
-
-        The last ones are remembered.
-        """
-        at, last = self.system, self._unloaded
-        if last is None or not np.array_equal(last[0], tensions):
-            states = at.start(tensions, settled_sections(at).strains(tensions))
-            last = self._unloaded = tensions.copy(), states
-        return last[1].copy()
+        """Return the states under tensions without loads; raises UnsettledSectionError."""
+        return self.system.start(tensions, unloaded_sections(self.system).strains(tensions))
 
     def carried(self, tensions: Array, known: Linearised) -> Array:
-        """Return the states of this mesh by the polynomials of another's strains."""
-        return np.asarray(self._carried(tensions[None], known.system, known.states[None])[0])
+        """Return the states of this mesh by the polynomials of another's strains.
+
+        Where tensions differ, of those that it moves to by its derivatives.
+        """
+        change, states = tensions - known.tensions, known.states
+        if change.any():
+            states = states + known.by_tensions @ change
+        return np.asarray(self._carried(tensions[None], known.system, states[None])[0])
 
     def _carried(self, tensions: Array, before: System, states: Array) -> Array:
         if before.of is self.system.of and np.array_equal(before.mesh.s, self.mesh.s):

@@ -12,7 +12,6 @@ import casadi as ca
 from model.cross_section.law import join, size
 from model.integrators.runge_kutta import RK8
 from model.machine.buffered import Mapped
-from model.machine.compiled import kernel
 from model.obstacles.base import SIZE, with_gradient
 from model.rotations import multiply, unit_matrix
 from model.transcription.element import Form
@@ -72,7 +71,7 @@ def integrated_step(form: Form, n_tendons: int) -> Mapped:
     after = SCHEME.step(rate, y, numbers.h)
     strains = ca.vertcat(*(found[c] for c in SCHEME.samples))
     step = ca.Function("integrated", [y, numbers.all], [after, strains], {"cse": True})
-    return Mapped(kernel(step, form.machine_code))
+    return Mapped(step, form.machine_code)
 
 
 def _rate(form: Form, numbers: Symbols, node: Node, y: ca.SX) -> tuple[ca.SX, ca.SX]:

@@ -23,56 +23,41 @@ from model.transcription.system import System
 Index = NDArray[np.int64]
 
 
-@dataclass(frozen=True, eq=False)
 class Band:
-    """Where the nonzeros of the Jacobian are: those against the states in LAPACK's band storage.
+    """Where the nonzeros of a layout's Jacobian are, and in LAPACK's band storage.
 
     Attributes
     ----------
     rows, columns : (nnz,)
         Of all nonzeros; columns are tensions, load factor, states.
+    first : int
+        The first column of the states.
     below, above : int
         Width of the band.
+    height : int
+        Rows of the storage, those that pivoting fills among them.
+    inside, outside : (n,)
+        Which nonzeros are against the states; which against tensions and the load factor.
+    stored : (n,)
+        Where those inside stand in the storage, column by column.
     """
 
-    rows: Index
-    columns: Index
-    first: int
-    below: int
-    above: int
-
-    @cached_property
-    def inside(self) -> Index:
-        """Which nonzeros are against the states."""
-        return np.flatnonzero(self.columns >= self.first)
-
-    @cached_property
-    def stored(self) -> Index:
-        """Where these stand in LAPACK's band storage, column by column."""
-        column = self.columns[self.inside] - self.first
+    def __init__(self, of: Layout) -> None:
+        self.rows, self.columns = of.equations.triplet("jacobian")
+        self.first, off = of.first, self.rows - (self.columns - of.first)
+        self.inside = np.flatnonzero(self.columns >= of.first)
+        self.outside = np.flatnonzero(self.columns < of.first)
+        self.below, self.above = int(off[self.inside].max()), int(-off[self.inside].min())
+        self.height = 2 * self.below + self.above + 1
+        column = self.columns[self.inside] - of.first
         row = self.below + self.above + self.rows[self.inside] - column
-        return column * self.height + row
-
-    @property
-    def height(self) -> int:
-        """The rows of LAPACK's band storage, those that pivoting fills among them."""
-        return 2 * self.below + self.above + 1
-
-    @cached_property
-    def outside(self) -> Index:
-        """Which nonzeros are against tensions and the load factor."""
-        return np.flatnonzero(self.columns < self.first)
+        self.stored = column * self.height + row
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=32)
 def band(of: Layout) -> Band:
     """Return the band of a layout's Jacobian."""
-    rows, columns = (
-        np.array(v, dtype=np.int64) for v in of.equations.places("jacobian").get_triplet()
-    )
-    off = rows - (columns - of.first)
-    inside = columns >= of.first
-    return Band(rows, columns, of.first, int(off[inside].max()), int(-off[inside].min()))
+    return Band(of)
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,10 +215,20 @@ def linearised(system: System, x: Array) -> list[Linearised]:
     return [Linearised(system, row, jacobian=nonzeros) for row, nonzeros in pairs]
 
 
+def with_jacobians(heres: Sequence[Linearised]) -> list[Linearised]:
+    """Return points of one system, those without any Jacobian that does with one of their own."""
+    return _worked_out(heres, [here.near or here.has_own_jacobian for here in heres])
+
+
 def refreshed(heres: Sequence[Linearised]) -> list[Linearised]:
     """Return points of one system with Jacobians of their own, worked out side by side."""
+    return _worked_out(heres, [here.has_own_jacobian for here in heres])
+
+
+def _worked_out(heres: Sequence[Linearised], done: Sequence[object]) -> list[Linearised]:
+    """Return points of one system, those that are not done linearised side by side."""
     found = list(heres)
-    late = [i for i, own in enumerate(heres) if not own.has_own_jacobian]
+    late = [i for i, does in enumerate(done) if not does]
     if late:
         fresh = linearised(heres[0].system, np.array([heres[i].x for i in late]))
         for i, here in zip(late, fresh, strict=True):

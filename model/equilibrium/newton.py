@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from model.equilibrium.linearised import Linearised, linearised
+from model.equilibrium.linearised import Linearised
 from model.errors import SingularError
 from model.paths import Array
 from model.time_limit import check_time
@@ -104,85 +104,45 @@ def newton_many(
     at, x = _measures(of, system.arm.length), np.empty((N, of.n_x))
     x[:, : of.n_tendons], x[:, of.n_tendons], x[:, of.first :] = tensions, load, guesses
     slack = np.broadcast_to(looser, N).tolist()
-    sets = [_Set(own, own_slack) for own, own_slack in zip(kept or [None] * N, slack, strict=True)]
+    here: list[Solution] = [own and (own.near or own) for own in kept or [None] * N]
+    last_used, solutions = list(here), list[Solution]([None]) * N
+    begun, chord = np.array([own is not None for own in here]), np.full(N, True)
+    last, moved, turned = np.zeros(N), np.full(N, np.inf), np.full(N, np.inf)
     alive = list(range(N))
     for _ in range(STEPS):
         if not alive:
             break
         check_time()
-        fresh = [i for i in alive if sets[i].here is None]
-        for i, new in zip(fresh, linearised(system, x[fresh]) if fresh else (), strict=True):
-            sets[i].linearised(new)
-        states = _steps(system, x[alive], [sets[i].here for i in alive])
-        turns = np.abs(states[:, at.frames]).max(axis=1).tolist()
+        fresh = [i for i in alive if here[i] is None]
+        if fresh:
+            chord[fresh], moved[fresh] = False, 0.0
+            for i, nonzeros in zip(fresh, system.jacobians(x[fresh]), strict=True):
+                here[i] = last_used[i] = Linearised(system, x[i].copy(), jacobian=nonzeros)
+        states = _steps(system, x[alive], [here[i] for i in alive])
         x[alive, of.first :] += states
-        now = x[alive, of.first :][:, at.stages]
-        sizes = (np.abs(states[:, at.stages]) / (at.scale + np.abs(now))).max(axis=1).tolist()
-        going = []
-        for i, turn, size in zip(alive, turns, sizes, strict=True):
-            if sets[i].is_done(turn, size, farthest):
-                sets[i].solution = Linearised(system, x[i].copy(), sets[i].nearby)
-            elif sets[i].goes_on:
-                going.append(i)
+        turns = np.abs(states[:, at.frames]).max(axis=1)
+        now = np.abs(x[alive, of.first :][:, at.stages])
+        changes = np.abs(states[:, at.stages]) / (at.scale + now)
+        sizes, going = np.maximum(turns, changes.max(axis=1)).tolist(), []
+        for i, turn, size in zip(alive, turns.tolist(), sizes, strict=True):
+            before, by_chord = float(last[i]), bool(chord[i])
+            if not before and math.isfinite(turn):
+                turned[i] = turn
+            if not turn <= farthest:
+                continue
+            last[i], chord[i], moved[i] = size, True, moved[i] + size
+            if before and size > max(CONTRACTION * before, SMALL):
+                continue
+            settled = (LEFT if by_chord else SETTLED) * slack[i]
+            if size < settled or size**2 < settled * before:
+                near = here[i] if moved[i] < AS_GOOD * math.sqrt(slack[i]) else None
+                solutions[i] = Linearised(system, x[i].copy(), near)
+                continue
+            if size > (KEPT * before if before else CLOSE) and (before or not begun[i]):
+                here[i] = None
+            going.append(i)
         alive = going
-    turned = np.array([own.turned for own in sets])
-    return Solutions([own.solution for own in sets], [own.last_used for own in sets], turned)
-
-
-class _Set:
-    """One set of tensions on its way.
-
-    Attributes
-    ----------
-    here : Linearised or None
-        The equations whose factors the next step takes; None for those where the set is.
-    last, moved : float
-        Size of the last step; of all steps since the equations were linearised.
-    goes_on : bool
-        Whether steps are small and shrink.
-    """
-
-    def __init__(self, kept: Solution, slack: float) -> None:
-        self.here = self.last_used = kept and (kept.near or kept)
-        self.begun, self.chord = kept is not None, True
-        self.slack = slack
-        self.last, self.moved, self.turned = 0.0, np.inf, np.inf
-        self.goes_on = True
-        self.solution: Solution = None
-
-    def linearised(self, here: Linearised) -> None:
-        """Begin with the equations linearised where the set is."""
-        self.here = self.last_used = here
-        self.chord, self.moved = False, 0.0
-
-    def is_done(self, turn: float, strain: float, farthest: float) -> bool:
-        """Return whether the last step was the last to take; else prepare for the next.
-
-        It turned a frame and changed strains by so much; where a turn is too far, or no number, the
-        set does not go on.
-        """
-        if not self.last and math.isfinite(turn):
-            self.turned = turn
-        if not turn <= farthest:
-            self.goes_on = False
-            return False
-        size = max(turn, strain)
-        last, chord = self.last, self.chord
-        self.last, self.chord, self.moved = size, True, self.moved + size
-        if last and size > max(CONTRACTION * last, SMALL):
-            self.goes_on = False
-            return False
-        settled = (LEFT if chord else SETTLED) * self.slack
-        if size < settled or size**2 < settled * last:
-            return True
-        if size > (KEPT * last if last else CLOSE) and (last or not self.begun):
-            self.here = None
-        return False
-
-    @property
-    def nearby(self) -> Solution:
-        """The equations linearised so near that they do for derivatives; None if they are not."""
-        return self.here if self.moved < AS_GOOD * math.sqrt(self.slack) else None
+    return Solutions(solutions, last_used, turned)
 
 
 def _steps(system: System, x: Array, here: Sequence[Solution]) -> Array:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +29,7 @@ from model.stations import stations
 from model.transcription.collocation import gauss
 from model.transcription.layout import POSE, Layout
 from model.transcription.system import System
-from model.unloaded.settled_sections import settled_sections
+from model.unloaded.sections import unloaded_sections
 
 # What a Hessian may be unsymmetric by for it not to matter.
 _SYMMETRIC = 1e-3
@@ -54,13 +55,12 @@ def stand(heres: Sequence[Linearised]) -> list[bool]:
     then, all of the energy's Hessian is. Source: inertia is additive (Haynsworth, Linear Algebra
     and its Applications 1, 1968).
     """
-    return _positive_pivots(heres).tolist() if heres else []
-
-
-def _positive_pivots(heres: Sequence[Linearised]) -> NDArray[np.bool_]:
-    """Return whether all pivots of N energies are positive (N,); see stand."""
-    of = heres[0].system.of
-    J = np.stack([_blocks(here) for here in heres])
+    if not heres:
+        return []
+    of, at = heres[0].system.of, _block_places(heres[0].system.of)
+    # The last is the place -1, of none.
+    nonzeros = np.stack([np.append(here.nonzeros, 0.0) for here in heres])
+    J, tip = nonzeros[:, at.elements], nonzeros[:, at.tip]
     states = np.stack([here.states for here in heres])
     w, n, nodes = of.form.wrench, of.form.stages * of.form.strains, states[:, of.nodes[:, :4]]
     small = turns(nodes.reshape(-1, 4)).reshape(len(heres), -1, 4, 3)
@@ -77,16 +77,17 @@ def _positive_pivots(heres: Sequence[Linearised]) -> NDArray[np.bool_]:
     own = np.concatenate([counted[..., :4] @ turned, counted[..., v]], axis=3)
     beyond = counted[..., after]
     held = -np.linalg.inv(moment[..., POSE : POSE + w])
-    P, positive = np.stack([_tip(here) for here in heres]) @ small[:, -1], np.full(len(heres), True)
+    P = -np.linalg.solve(tip[:, :, 4:], tip[:, :, :4]) @ small[:, -1]
+    positive = np.full(len(heres), True)
     for k in range(of.elements)[::-1]:
         both = own[:, k] + beyond[:, k] @ (P @ on[:, k])
         S = both[:, w:, 3:]
         positive &= _definite(S)
         if not positive.any():
-            return positive
+            break
         P = held[:, k] @ (both[:, :w, :3] - both[:, :w, 3:] @ np.linalg.solve(S, both[:, w:, :3]))
     # What is no number once stays so.
-    return np.asarray(positive & np.isfinite(P).all(axis=(1, 2)))
+    return [bool(own) for own in positive & np.isfinite(P).all(axis=(1, 2))]
 
 
 def _definite(S: Array) -> NDArray[np.bool_]:
@@ -107,34 +108,20 @@ def turns(q: Array) -> Array:
     return np.moveaxis(np.array(rows), 2, 0)
 
 
-def _tip(here: Linearised) -> Array:
-    """Return how the wrench at the tip (w, 4) changes with its quaternion."""
-    of, at = here.system.of, band(here.system.of)
-    last = of.nodes[-1, : POSE + of.form.wrench]
-    J = np.zeros((last.size, last.size))
-    columns = at.columns - of.first
-    own = (
-        (at.rows >= last[0]) & (at.rows <= last[-1]) & (columns >= last[0]) & (columns <= last[-1])
-    )
-    J[at.rows[own] - last[0], columns[own] - last[0]] = here.nonzeros[own]
-    w = slice(POSE, POSE + of.form.wrench)
-    return np.asarray(-np.linalg.solve(J[w, w], J[w, :4])) if of.form.wrench else np.zeros((0, 4))
+class _Blocks(NamedTuple):
+    """Places among the nonzeros of the elements' blocks (N, rows, columns) and the tip's, -1: none.
 
+    Rows of an element are the wrench at the first node, the stages' balance, the quaternion at the
+    last node; columns pose and wrench at the first node, strains, pose and wrench at the last. Rows
+    of the tip are its wrench, columns its quaternion and wrench.
+    """
 
-def _blocks(here: Linearised) -> Array:
-    """Return the Jacobian of each element (N, rows, 2 nodes and stages)."""
-    # The last is the place -1, of none.
-    padded = np.append(here.nonzeros, 0.0)
-    return np.asarray(padded[_block_places(here.system.of)])
+    elements: Index
+    tip: Index
 
 
 @lru_cache(maxsize=16)
-def _block_places(of: Layout) -> Index:
-    """Return the places among the nonzeros of the elements' blocks, -1 for none.
-
-    Rows are the wrench at the first node, the stages' balance, the quaternion at the last node;
-    columns pose and wrench at the first node, strains, pose and wrench at the last.
-    """
+def _block_places(of: Layout) -> _Blocks:
     at, w, blocks = band(of), of.form.wrench, []
     shape = (of.n_states, of.n_x)
     numbered = csr_array((np.arange(1, at.rows.size + 1), (at.rows, at.columns)), shape)
@@ -143,7 +130,9 @@ def _block_places(of: Layout) -> Index:
         rows = np.concatenate([before[POSE:], inside, after[:4]])
         columns = of.first + np.concatenate([before, inside, after])
         blocks.append(numbered[rows][:, columns].toarray() - 1)
-    return np.array(blocks)
+    last = nodes[-1]
+    columns = of.first + np.concatenate([last[:4], last[POSE:]])
+    return _Blocks(np.array(blocks), numbered[last[POSE:]][:, columns].toarray() - 1)
 
 
 def stability(here: Linearised) -> float:
@@ -165,7 +154,7 @@ def stability(here: Linearised) -> float:
 
 def _by_sections(here: Linearised) -> float:
     """Return the stability without loads, where no wrench couples the cross-sections."""
-    at, sections = here.system, settled_sections(here.system).sections
+    at, sections = here.system, unloaded_sections(here.system).sections
     _, jacobian = sections.wrench(at.strains(here.states), sections.pulls(here.tensions))
     return least_of_sections(sections, jacobian)
 

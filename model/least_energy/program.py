@@ -30,9 +30,10 @@ import numpy as np
 from model.cross_section.energy import EnergySection
 from model.cross_section.exact import ExactSection
 from model.cross_section.law import CrossSection
+from model.cross_section.reported import kinematics as strain_kinematics
 from model.cross_section.reported import reported, strains_of
 from model.cross_section.sections import body_numbers
-from model.effects import Current, Friction, TipLoad
+from model.effects import Current, Friction, NeoHookean, TipLoad
 from model.least_energy.kernels import (
     body_energy,
     dead_loads,
@@ -139,6 +140,11 @@ class LeastEnergy:
         self._g_unit[: POSE * mesh.steps].reshape(-1, POSE)[:, 4:] = L
         self._g_unit[POSE * mesh.steps :] = L
 
+    @property
+    def force_unit(self) -> float:
+        """What bends the arm, E J / L^2 of its base [N]."""
+        return self._unit / self.system.arm.length
+
     def at_rest(self) -> Minimum:
         """Return the arm without tensions and loads, to begin with."""
         law, v = self.of.form.law, np.zeros((self.system.s.size, self.of.form.strains))
@@ -181,6 +187,17 @@ class LeastEnergy:
     def nodes(self, here: Minimum) -> Array:
         """Return the poses at the nodes (N + 1, 7)."""
         return (here.x[: self.of.n_states] * self._x_unit)[self.of.nodes]
+
+    def _radii(self, near: Minimum) -> Array:
+        """Return the larger radii (N,) of both sides of the nodes but the base [m]."""
+        law = self.of.form.law
+        if not self.system.scene.has(NeoHookean):
+            return self.radii
+        v, method = (near.x[: self.of.n_states] * self._x_unit)[self.of.stages], gauss(STAGES)
+        stretch = strain_kinematics(law, v)[1][:, 0].reshape(self.system.mesh.steps, -1)
+        before, beyond = stretch @ method.at(1.0), np.roll(stretch @ method.at(0.0), -1)
+        beyond[-1] = before[-1]
+        return np.asarray(self.radii / np.sqrt(np.minimum(before, beyond)))
 
     def least(
         self,
@@ -227,7 +244,7 @@ class LeastEnergy:
             numbers.append(self._levers * np.repeat([1.0, load], 3)[:, None])
         rows = [self._h, np.vstack([self._paths, self._weights[None]])]
         if self._bodies is not None:
-            rows.append(np.vstack([self._bodies, np.repeat(self.radii, K)]))
+            rows.append(np.vstack([self._bodies, np.repeat(self._radii(near), K)]))
         forces = np.zeros(of.n_states)
         forces[of.stages] = near.lacking * self._body[:1].T
         parts = [
@@ -261,7 +278,7 @@ class LeastEnergy:
         )
         if stats["return_status"] not in ("Solve_Succeeded", "Solved_To_Acceptable_Level"):
             return None
-        force = self._unit / L
+        force = self.force_unit
         pulled = np.maximum(force * lam[first : first + nT], 0.0)
         pressed = np.maximum(-force * lam[first + nT :], 0.0).reshape(N, K)
         return Minimum(x, tensions + pulled, pressed, near.lacking)

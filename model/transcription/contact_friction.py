@@ -15,9 +15,6 @@ the part's ends as a force rubs there as one, and the traction at an end is to p
 to it. So the tension along a part that slips is as smooth as p. With forces at the nodes alone it
 would jump at each, and the stretch and curvature with it, which the obstacle prescribes: moments do
 not jump.
-
-While the ends of such parts are looked for p may be far off next to them; the discs are then those
-of forces and pressures that are given.
 """
 
 from __future__ import annotations
@@ -34,9 +31,8 @@ from model.transcription.kernel import Kernel
 
 # Numbers of the kernel: the obstacle's, mu, r, r per length; what its rows are told by touches, 1
 # or 0: a force rubs, traction does by its own law, as at the node before, as at the node beyond,
-# the node moves along the arm, what presses is given; P and p that are given here, p at the node
-# before and at that beyond; and u before (3,).
-SCALES, TOLD, BEFORE = 3, 10, 3
+# the node moves along the arm; and u before (3,).
+SCALES, TOLD, BEFORE = 3, 5, 3
 FRICTION = SIZE + SCALES + TOLD + BEFORE
 # Under a root [N2]; and the least pressure [N/m] that is divided by.
 _TINY, _LEAST = 1e-60, 1e-30
@@ -55,10 +51,8 @@ def contact_friction(law: CrossSection, m: int) -> Kernel:
     Q, tau, c = ca.SX.sym("Q", 3), ca.SX.sym("tau", 3), ca.SX.sym("c", FRICTION)
     cuts = [0, SIZE, SIZE + 1, SIZE + 2, SIZE + 3, FRICTION - 3, FRICTION]
     body, mu, r, by_length, told, before = ca.vertsplit(c, cuts)
-    held, inside, as_before, as_beyond, moves, is_given = ca.vertsplit(told[:6])
-    P, p, *around = ca.vertsplit(
-        (1 - is_given) * ca.vertcat(own, near[0, :].T) + is_given * told[6:]
-    )
+    held, inside, as_before, as_beyond, moves = ca.vertsplit(told)
+    P, p, *around = ca.vertsplit(ca.vertcat(own, near[0, :].T))
     _, normal = with_gradient()(u, body)
     frame = unit_matrix(q)
     along = frame @ law.twist(v @ ca.DM(gauss(m).at(1.0)))[1]

@@ -118,6 +118,12 @@ class Kernel:
         H = self._through.hessian(lam, self._r, self.y)
         return self._named("hessian", [self.y, self.c, lam], H)
 
+    @cached_property
+    def in_numbers(self) -> Kernel:
+        """The same residuals with the numbers among the unknowns, behind the others."""
+        y, none = ca.vertcat(self.y, self.c), ca.SX.sym("none", 0)
+        return Kernel(f"{self.name}_in_numbers", y, none, self._r, self._through)
+
     def _named(self, what: str, given: list[ca.SX], A: ca.SX) -> tuple[ca.Function, Places, Places]:
         rows, columns = (np.array(v, dtype=np.int64) for v in A.sparsity().get_triplet())
         values = A.nz[:] if rows.size else ca.SX(0, 1)

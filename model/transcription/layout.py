@@ -12,7 +12,6 @@ that is the interface condition between segments, across which the strains jump.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -28,9 +27,10 @@ from model.transcription.touch import no_touch, pressure, touch
 POSE = 7
 
 
-@dataclass(frozen=True)
 class Layout:
     """The structure of an arm's equations on a mesh; numbers are no part of it.
+
+    Places are those among the states, of N elements with m stages each.
 
     Attributes
     ----------
@@ -41,104 +41,63 @@ class Layout:
         N.
     levers : tuple of int
         The nodes at which forces act off the midline.
+    first : int
+        Place of the first state among all unknowns, behind the tensions and the load factor.
+    n_tendons, n_states, n_x : int
+        Numbers of tensions, of states and equations, of all unknowns.
+    touching : int
+        Number of a node's unknowns that are about contact.
+    node_size, stage_size, stride : int
+        Numbers of unknowns of a node, of the stages of an element, of both.
+    nodes : (N + 1, node_size)
+        Places of the nodes' unknowns.
+    inside : (stage_size, N)
+        Places of all that the stages of each element have.
+    stages, rates : (N m, strains)
+        Places of the strains, from base to tip, and of their rates with friction.
+    turned : (N + 1, n_tendons)
+        Places of the angles that tendons have turned, with friction.
+    touches : (N + 1, contacts, 2)
+        Places of the two unknowns of each contact; see touch.
+    friction_forces, tractions : (N + 1, contacts, 3)
+        Places of the friction of each contact, and of that per length; see touch.
+    crossings : (P,), (P,)
+        Stage and tendon of each crossing of a tendon through the cross-section of a stage.
+    passages : (P,), (P,)
+        Element and tendon of each passage of a tendon through an element.
+    kinks : (P,), (P,)
+        Element before an anchorage, and tendon, for each that goes on beyond one.
     """
 
-    form: Form
-    ends: tuple[int, ...]
-    elements: int
-    levers: tuple[int, ...] = ()
-
-    @property
-    def n_tendons(self) -> int:
-        """The number of tendons."""
-        return len(self.ends)
-
-    @property
-    def first(self) -> int:
-        """Place of the first state, behind the tensions and the load factor."""
-        return self.n_tendons + 1
-
-    @cached_property
-    def node_size(self) -> int:
-        """Number of unknowns of a node."""
-        return POSE + self.form.wrench + self.n_tendons * self.form.friction + self.touching
-
-    @property
-    def touching(self) -> int:
-        """Number of a node's unknowns that are about contact."""
-        return (2 + 6 * self.form.contact_friction) * self.form.contacts
-
-    @cached_property
-    def stage_size(self) -> int:
-        """Number of unknowns of the stages of an element."""
-        return self.form.stages * self.form.strains * (1 + self.form.friction)
-
-    @property
-    def stride(self) -> int:
-        """From the place of a node to that of the next."""
-        return self.node_size + self.stage_size
-
-    @cached_property
-    def n_states(self) -> int:
-        """Number of states, and of equations."""
-        return self.elements * self.stride + self.node_size
-
-    @property
-    def n_x(self) -> int:
-        """Number of unknowns: tensions, load factor and states."""
-        return self.first + self.n_states
-
-    @cached_property
-    def nodes(self) -> Places:
-        """Places of the nodes' unknowns among the states (N + 1, node_size)."""
-        start = np.arange(self.elements + 1) * self.stride
-        return start[:, None] + np.arange(self.node_size)
-
-    @cached_property
-    def stages(self) -> Places:
-        """Places of the strains among the states (N stages, strains), from base to tip."""
-        start = np.arange(self.elements) * self.stride + self.node_size
-        inside = np.arange(self.stage_size).reshape(self.form.stages, -1)[:, : self.form.strains]
-        return (start[:, None, None] + inside).reshape(-1, self.form.strains)
-
-    @property
-    def rates(self) -> Places:
-        """Places of the strains' rates with friction (N stages, strains); empty without it."""
-        return self.stages[:, : self.form.strains * self.form.friction] + self.form.strains
-
-    @property
-    def turned(self) -> Places:
-        """Places of the angles that tendons have turned (N + 1, n_tendons), with friction."""
-        return self.nodes[:, POSE + self.form.wrench : self.node_size - self.touching]
-
-    @property
-    def touches(self) -> Places:
-        """Places of the two unknowns of each contact (N + 1, contacts, 2); see touch."""
-        first = self.node_size - self.touching
-        found = self.nodes[:, first : first + 2 * self.form.contacts]
-        return found.reshape(self.elements + 1, self.form.contacts, 2)
-
-    @property
-    def friction_forces(self) -> Places:
-        """Places of the friction of each contact (N + 1, contacts, 3); none without it."""
-        return self._frictions[:, :, :3]
-
-    @property
-    def tractions(self) -> Places:
-        """Places of the friction per length of each contact (N + 1, contacts, 3); see touch."""
-        return self._frictions[:, :, 3:]
-
-    @property
-    def _frictions(self) -> Places:
-        first = self.node_size - 6 * self.form.contacts * self.form.contact_friction
-        return self.nodes[:, first:].reshape(self.elements + 1, -1, 6)
-
-    @cached_property
-    def crossings(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Stage and tendon of each crossing of a tendon through the cross-section of a stage."""
-        element_of = np.repeat(np.arange(self.elements), self.form.stages)
-        stage, number = np.nonzero(element_of[:, None] < np.array(self.ends))
-        return stage, number
+    def __init__(
+        self, form: Form, ends: tuple[int, ...], elements: int, levers: tuple[int, ...] = ()
+    ) -> None:
+        self.form, self.ends, self.elements, self.levers = form, ends, elements, levers
+        self.n_tendons, self.first, K = len(ends), len(ends) + 1, form.contacts
+        self.touching = (2 + 6 * form.contact_friction) * K
+        turning = self.n_tendons * form.friction
+        self.node_size = POSE + form.wrench + turning + self.touching
+        n, m = form.strains, form.stages
+        self.stage_size = m * n * (1 + form.friction)
+        self.stride = self.node_size + self.stage_size
+        self.n_states = elements * self.stride + self.node_size
+        self.n_x = self.first + self.n_states
+        start = np.arange(elements + 1) * self.stride
+        self.nodes: Places = start[:, None] + np.arange(self.node_size)
+        self.inside: Places = start[:-1] + self.node_size + np.arange(self.stage_size)[:, None]
+        by_stage: Places = self.inside.T.reshape(elements * m, -1)
+        self.stages, self.rates = by_stage[:, :n], by_stage[:, n:]
+        first = POSE + form.wrench
+        self.turned, touching = self.nodes[:, first : first + turning], first + turning
+        own = self.nodes[:, touching : touching + 2 * K]
+        self.touches: Places = own.reshape(elements + 1, K, 2)
+        self._frictions: Places = self.nodes[:, touching + 2 * K :].reshape(elements + 1, -1, 6)
+        self.friction_forces, self.tractions = self._frictions[:, :, :3], self._frictions[:, :, 3:]
+        self.passages = _pairs(np.arange(elements)[:, None] < np.array(ends))
+        self.crossings = _pairs(np.repeat(np.arange(elements), m)[:, None] < np.array(ends))
+        at = np.array(sorted({end for end in ends if end < elements}), dtype=np.int64)
+        k, j = _pairs(at[:, None] < np.array(ends))
+        self.kinks: tuple[Places, Places] = (at[k] - 1, j)
 
     @cached_property
     def equations(self) -> Equations:
@@ -216,15 +175,6 @@ class Layout:
             terms.append(Term(no_touch(), at + none, none))
         return terms
 
-    @cached_property
-    def inside(self) -> Places:
-        """Places of all that the stages of each element have (stage_size, N)."""
-        return (
-            np.arange(self.elements) * self.stride
-            + self.node_size
-            + np.arange(self.stage_size)[:, None]
-        )
-
     def _tendons(self) -> list[Term]:
         """Return the bodies and tendons of the stages, tensions the same all along."""
         law, strains = self.form.law, self.stages.T
@@ -261,18 +211,11 @@ class Layout:
             Term(idle_tendon(), held, turned[idle[0] + 1, idle[1]][None, :]),
         ]
 
-    @cached_property
-    def passages(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Element and tendon of each passage of a tendon through an element."""
-        k, j = np.nonzero(np.arange(self.elements)[:, None] < np.array(self.ends))
-        return k, j
 
-    @cached_property
-    def kinks(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Element before an anchorage, and tendon, for each that goes on beyond one."""
-        at = np.array(sorted({end for end in self.ends if end < self.elements}), dtype=np.int64)
-        k, j = np.nonzero(at[:, None] < np.array(self.ends))
-        return at[k] - 1, j
+def _pairs(are: NDArray[np.bool_]) -> tuple[Places, Places]:
+    """Return rows and columns of what is true."""
+    i, j = np.nonzero(are)
+    return i, j
 
 
 @lru_cache(maxsize=32)

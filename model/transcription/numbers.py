@@ -29,8 +29,8 @@ from model.transcription.kernel import Places
 from model.transcription.layout import Layout
 from model.transcription.touch import TOLD
 
-# What slip is weighted with in contact friction, over the stiffness E A / L of the base.
-_RESISTS = 1.0
+# What slip is weighted with in contact friction, over the stiffness E J / L^3 of the base.
+_RESISTS = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +95,8 @@ def contact_numbers(arm: Arm, scene: Scene, form: Form, mesh: Mesh) -> list[Arra
     if form.contact_friction:
         mu = [contact.friction for contact in contacts(scene)]
         radius = float(arm.outer_radius(np.zeros(1))[0][0])
-        r = _RESISTS * arm.material.E * np.pi * radius**2 / arm.length
+        # By the stiffness along the arm, E A / L, steps went from sticking to slip and back.
+        r = _RESISTS * arm.material.E * np.pi * radius**4 / 4 / arm.length**3
         by_length = np.repeat(r / h, K)
         scales = np.vstack([np.tile(mu, h.size), np.full(h.size * K, r), by_length])
         found.append(

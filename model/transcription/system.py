@@ -12,7 +12,6 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from scipy.sparse import csc_array
 
 from model.arm import Arm
 from model.cross_section import cross_section_of
@@ -24,12 +23,12 @@ from model.mesh import Mesh, graded
 from model.paths import Array
 from model.rotations import matrices
 from model.scene import Scene
-from model.transcription.calls import Calls, calls_of, compressed
 from model.transcription.collocation import gauss
 from model.transcription.element import Form, element
 from model.transcription.kernel import Kernel
 from model.transcription.layout import POSE, Layout, layout
 from model.transcription.numbers import numbers
+from model.transcription.terms import What
 
 
 @lru_cache(maxsize=256)
@@ -96,9 +95,10 @@ class System:
         structure = form.stages, form.loaded, form.machine_code, form.pressed
         return _restored, (self.arm, self.scene, self.mesh, *structure, self.p)
 
-    @cached_property
-    def _calls(self) -> Calls:
-        return calls_of(self.of)
+    def __copy__(self) -> System:
+        found = object.__new__(System)
+        vars(found).update(vars(self))
+        return found
 
     @cached_property
     def base(self) -> Array:
@@ -111,55 +111,38 @@ class System:
 
     def residual(self, x: Array) -> Array:
         """Return what vanishes at equilibrium (n_states,)."""
-        return np.asarray(self._calls.value(x, self.p)[0][0])
+        return np.asarray(self.of.equations.call("value")(x, self.p)[0][0])
 
     def jacobian(self, x: Array) -> Array:
         """Return the nonzeros of the residuals' Jacobian, see Equations.jacobian."""
-        return np.asarray(self._calls.jacobian(x, self.p)[0][0])
+        return np.asarray(self.of.equations.call("jacobian")(x, self.p)[0][0])
 
     def residuals(self, x: Array) -> Array:
         """Return `residual` of many x (N, n_x), by row."""
-        return self._calls.values(x, self.p)
+        return self._many("value", x)
 
     def jacobians(self, x: Array) -> Array:
         """Return `jacobian` of many x (N, n_x), by row."""
-        return self._calls.jacobians(x, self.p)
+        return self._many("jacobian", x)
 
-    def by_numbers(self, x: Array) -> csc_array:
-        """Return the derivatives of the residuals by the numbers `p` (n_states, n_p)."""
-        nonzeros = self._calls.by_numbers(x, self.p)[0][0]
-        return csc_array((nonzeros, *self._calls.number_places), (self.of.n_states, self.p.size))
-
-    def moved_by_numbers(self, x: Array, jacobian: Array) -> Array:
-        """Return how residuals move where the numbers move by `jacobian` (n_p, K).
-
-        At many x (N, n_x), by row (N, n_states, K).
-        """
-        order, columns, starts, rows = self._calls.number_rows
-        products = self._calls.many_by_numbers(x, self.p)[:, order, None] * jacobian[columns]
-        found = np.zeros((len(x), self.of.n_states, jacobian.shape[1]))
-        found[:, rows] = np.add.reduceat(products, starts, axis=1)
-        return found
-
-    def lengths_by_numbers(self, x: Array) -> csc_array:
-        """Return the derivatives of the tendons' lengths by `length_numbers` (n_tendons, n)."""
-        function, places = self.of.lengths.by_numbers
-        nonzeros = np.ravel(np.array(function(x, self.length_numbers)))
-        return csc_array((nonzeros, *compressed(places)), places.shape)
+    def _many(self, what: What, x: Array) -> Array:
+        if len(x) == 1:
+            return np.asarray(self.of.equations.call(what)(x[0], self.p)[0])
+        return self.of.equations.many(what)(x, self.p)
 
     def hessian(self, x: Array, multipliers: Array) -> Array:
         """Return the nonzeros of the Hessian of multipliers . residuals, see Equations.hessian."""
-        return np.asarray(self._calls.hessian(x, self.p, multipliers)[0][0])
+        return np.asarray(self.of.equations.call("hessian")(x, self.p, multipliers)[0][0])
 
     def lengths(self, x: Array) -> Array:
         """Return the length of each tendon (n_tendons,) [m]."""
-        return np.asarray(self._calls.lengths(x, self.length_numbers)[0][0])
+        return np.asarray(self.of.lengths.call("value")(x, self.length_numbers)[0][0])
 
     def length_jacobian(self, x: Array) -> Array:
         """Return the derivatives of the lengths against the states (n_tendons, n_states)."""
-        rows, columns = self._calls.length_places
         found = np.zeros((self.of.n_tendons, self.of.n_x))
-        found[rows, columns] = self._calls.length_jacobian(x, self.length_numbers)[0][0]
+        nonzeros = self.of.lengths.call("jacobian")(x, self.length_numbers)[0][0]
+        found[self.of.lengths.triplet("jacobian")] = nonzeros
         return found[:, self.of.first :]
 
     def by_wrench(self, x: Array, node: int) -> Array:
@@ -177,7 +160,7 @@ class System:
                 elements[node - 1, 1 + component] += 1.0
             else:
                 p[self.of.equations.numbers_of("tip")][3 + component] += 1.0
-            found.append(self._calls.value(x, p)[0][0] - still)
+            found.append(self.of.equations.call("value")(x, p)[0][0] - still)
         return np.stack(found, axis=1)
 
     def pushed(self, force: Array) -> System:
@@ -314,4 +297,4 @@ def _march(form: Form, N: int) -> Buffered:
 @lru_cache(maxsize=32)
 def _repeated(own: Kernel, machine_code: bool) -> Mapped:
     """Return a kernel's residuals of many repetitions at once."""
-    return Mapped(kernel(own.value, machine_code))
+    return Mapped(own.value, machine_code)

@@ -2,26 +2,27 @@
 
 A kernel (model.transcription.kernel) is a function of a few unknowns and numbers; a term is a
 kernel with the places of its unknowns and rows in the whole. The derivatives of all repetitions are
-added up in the sparse Jacobian and Hessian: in CasADi's symbols by `map` and a constant matrix, or
-by C, a few repetitions side by side.
+added up in the sparse Jacobian and Hessian, in CasADi's symbols: by `map` and a constant matrix.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Literal
+from typing import Any, Literal, TypeVar
 
 import casadi as ca
 import numpy as np
+from scipy.sparse import csr_array
 
-from model.machine.buffered import Buffered
+from model.machine.buffered import Buffered, Mapped
 from model.machine.compiled import kernels
-from model.machine.repeated import InC, Repeated, can_be_in_c
+from model.paths import Array
 from model.transcription.kernel import Kernel, Places
 
+T = TypeVar("T")
 What = Literal["value", "jacobian", "by_numbers", "hessian"]
 
 
@@ -54,10 +55,20 @@ class Term:
 
 
 @dataclass(frozen=True, eq=False)
+class _Part:
+    """What a term, whose numbers begin at `numbers`, adds by a function at `places` (n_out, N)."""
+
+    function: ca.Function
+    term: Term
+    places: Places
+    numbers: int
+
+
+@dataclass(frozen=True, eq=False)
 class _Sum:
     """What repeated kernels add up to: the nonzeros of a matrix at `places`."""
 
-    parts: Sequence[Repeated]
+    parts: Sequence[_Part]
     places: ca.Sparsity
 
 
@@ -74,55 +85,82 @@ class Equations:
         ends = np.cumsum([0, *(term.n_numbers for term in self.terms)])
         self.slices = [slice(a, b) for a, b in pairwise(ends.tolist())]
         self.n_p = int(ends[-1])
-        self._sums: dict[What, _Sum] = {}
+        self._made: dict[tuple[str, What], Any] = {}
 
     def numbers_of(self, name: str) -> slice:
         """Return where the numbers of a kernel, by its name, are among all."""
         names = [term.kernel.name for term in self.terms]
         return self.slices[names.index(name)]
 
-    @cached_property
+    @property
     def value(self) -> ca.Function:
         """Unknowns, numbers -> residuals."""
         return self._function("value")
 
-    @cached_property
+    @property
     def jacobian(self) -> tuple[ca.Function, ca.Sparsity]:
         """(x, p -> nonzeros of dg/dx), and their places."""
         return self._function("jacobian"), self.places("jacobian")
 
-    @cached_property
-    def by_numbers(self) -> tuple[ca.Function, ca.Sparsity]:
-        """(x, p -> nonzeros of dg/dp), and their places."""
-        return self._function("by_numbers"), self.places("by_numbers")
-
-    @cached_property
+    @property
     def hessian(self) -> tuple[ca.Function, ca.Sparsity]:
         """(x, p, lam -> nonzeros of the Hessian of lam . g), and their places: all, symmetric."""
         return self._function("hessian"), self.places("hessian")
 
+    @cached_property
+    def in_numbers(self) -> Equations:
+        """The same equations with the numbers among the unknowns, behind the others."""
+        terms = []
+        for term, of in zip(self.terms, self.slices, strict=True):
+            own = np.arange(of.start, of.stop).reshape((-1, term.count), order="F")
+            places = np.vstack([term.unknowns, self.n_x + own])
+            terms.append(Term(term.kernel.in_numbers, places, term.rows))
+        return Equations(self.n_x + self.n_p, self.n_g, terms)
+
     def places(self, what: What) -> ca.Sparsity:
-        """Return where the nonzeros of one of the above are."""
+        """Return where the nonzeros of one of the above, or of "by_numbers", dg/dp, are."""
         return self._sum(what).places
 
-    def call(self, what: What) -> Buffered | InC:
-        """Return one of the above to be called with numbers, for a row of values.
+    def triplet(self, what: What) -> tuple[Places, Places]:
+        """Return rows and columns of these nonzeros."""
+        return self._once("triplet", what, lambda: _triplet(self.places(what)))
 
-        Compiled kernels are called from C, if they are short. Raises CompilerError.
-        """
-        of = self._sum(what)
-        if self.machine_code and can_be_in_c(of.parts):
-            return InC(of.parts, of.places.nnz())
-        return Buffered(self._function(what))
+    def call(self, what: What) -> Buffered:
+        """Return one of the above to be called with numbers, for a row of values."""
+        return self._once("call", what, lambda: Buffered(self._function(what)))
+
+    def many(self, what: What) -> Many:
+        """Return the same for many x (N, n_x) with one p: values (N, n)."""
+        return self._once("many", what, lambda: Many(self._sum(what), self.machine_code))
+
+    def moved_by_numbers(self, x: Array, p: Array, change: Array) -> Array:
+        """Return how residuals move with numbers (n_p, K), at many x (N, n_x): (N, n_g, K)."""
+        rows, columns = self.triplet("by_numbers")
+        order = np.argsort(rows, kind="stable")
+        own, starts = np.unique(rows[order], return_index=True)
+        products = self.many("by_numbers")(x, p)[:, order, None] * change[columns[order]]
+        found = np.zeros((len(x), self.n_g, change.shape[1]))
+        found[:, own] = np.add.reduceat(products, starts, axis=1)
+        return found
+
+    def _once(self, kind: str, what: What, make: Callable[[], T]) -> T:
+        """Return what is made when it is asked for first."""
+        if (kind, what) not in self._made:
+            self._made[kind, what] = make()
+        made: T = self._made[kind, what]
+        return made
 
     def _sum(self, what: What) -> _Sum:
-        if what not in self._sums:
-            self._sums[what] = self._value() if what == "value" else self._derived(what)
-        return self._sums[what]
+        make = self._value if what == "value" else lambda: self._derived(what)
+        return self._once("sum", what, make)
+
+    def _function(self, what: What) -> ca.Function:
+        """Return in symbols what is added up. Raises CompilerError."""
+        return self._once("function", what, lambda: self._added(what))
 
     def _value(self) -> _Sum:
         pairs = zip(self.terms, self.slices, strict=True)
-        parts = [Repeated(t.kernel.value, t.unknowns, t.rows, t.rows, p.start) for t, p in pairs]
+        parts = [_Part(t.kernel.value, t, t.rows, p.start) for t, p in pairs]
         return _Sum(parts, ca.Sparsity.dense(self.n_g))
 
     def _derived(self, what: What) -> _Sum:
@@ -141,20 +179,19 @@ class Equations:
         }[what]
         places, index = _sparse(rows, columns, shape)
         parts = [
-            Repeated(function, term.unknowns, term.rows, at, start)
+            _Part(function, term, at, start)
             for (function, term, start), at in zip(found, index, strict=True)
             if at.size
         ]
         return _Sum(parts, places)
 
-    def _function(self, what: What) -> ca.Function:
-        """Return in symbols what is added up."""
+    def _added(self, what: What) -> ca.Function:
         of = self._sum(what)
         sizes = [("x", self.n_x), ("p", self.n_p), ("lam", self.n_g)]
         given = [ca.MX.sym(name, size) for name, size in sizes[: 3 if what == "hessian" else 2]]
-        functions = kernels((part.kernel for part in of.parts), self.machine_code)
+        functions = kernels((part.function for part in of.parts), self.machine_code)
         found = [
-            ca.vec(function.map(part.count)(*_own(function, part, given)))
+            ca.vec(function.map(part.term.count)(*_own(part, given)))
             for function, part in zip(functions, of.parts, strict=True)
         ]
         at = [part.places.ravel("F") for part in of.parts]
@@ -162,13 +199,46 @@ class Equations:
         return ca.Function(what, given, [add @ ca.vertcat(ca.MX(0, 1), *found)])
 
 
-def _own(kernel: ca.Function, part: Repeated, given: list[ca.MX]) -> list[ca.MX]:
+class Many:
+    """What repeated kernels add up to at many unknowns: x (N, n_x), p (n_p,) -> values (N, n).
+
+    Each kernel is taken through the repetitions of all sets at once.
+    """
+
+    def __init__(self, of: _Sum, machine_code: bool) -> None:
+        self._parts = [(part, Mapped(part.function, machine_code)) for part in of.parts]
+        at = [np.zeros(0, np.int64), *(part.places.ravel("F") for part in of.parts)]
+        places = np.concatenate(at)
+        ones, columns = np.ones(places.size), np.arange(places.size)
+        self._add = csr_array((ones, (places, columns)), (of.places.nnz(), places.size))
+
+    def __call__(self, x: Array, p: Array) -> Array:
+        """See the class."""
+        found = [np.zeros((len(x), 0))]
+        for part, call in self._parts:
+            term = part.term
+            y = x[:, term.unknowns.T].reshape(-1, term.unknowns.shape[0])
+            numbers = p[part.numbers : part.numbers + term.n_numbers]
+            numbers = numbers.reshape(term.count, term.kernel.c.numel())
+            found.append(call(y, numbers)[0].reshape(len(x), part.places.size))
+        values, whole = np.concatenate(found, axis=1), np.empty((len(x), self._add.shape[0]))
+        for row, own in zip(whole, values, strict=True):
+            row[:] = self._add @ own
+        return whole
+
+
+def _own(part: _Part, given: list[ca.MX]) -> list[ca.MX]:
     """Return what a kernel takes of unknowns, numbers and multipliers, repetitions as columns."""
-    x, p, *lam = given
-    numbers = p[part.numbers : part.numbers + part.count * kernel.numel_in(1)]
-    gathered = [x[part.unknowns.ravel("F").tolist()], numbers]
-    gathered += [weights[part.rows.ravel("F").tolist()] for weights in lam]
-    return [ca.reshape(values, -1, part.count) for values in gathered]
+    (x, p, *lam), term = given, part.term
+    numbers = p[part.numbers : part.numbers + term.n_numbers]
+    gathered = [x[term.unknowns.ravel("F").tolist()], numbers]
+    gathered += [weights[term.rows.ravel("F").tolist()] for weights in lam]
+    return [ca.reshape(values, -1, term.count) for values in gathered]
+
+
+def _triplet(places: ca.Sparsity) -> tuple[Places, Places]:
+    rows, columns = (np.array(part, dtype=np.int64) for part in places.get_triplet())
+    return rows, columns
 
 
 def _added(places: Places, size: int) -> ca.DM:
