@@ -10,7 +10,7 @@ from cyclopts import Parameter
 from planner.commands.answer import OK, Answer
 from planner.commands.options import FileOptions
 from planner.fit.calibration import Calibration
-from planner.fit.calibration_file import load_asked
+from planner.fit.files import load_asked
 from planner.io.saved_records import calibration_record
 
 

@@ -9,8 +9,8 @@ from cyclopts import Parameter
 
 from planner.commands.answer import NOT_REACHED, OK, Answer
 from planner.commands.options import FileOptions
-from planner.fit.design_file import run_design
 from planner.fit.designed import Design
+from planner.fit.files import run_design
 from planner.io.saved_records import design_record
 
 

@@ -5,16 +5,17 @@ from __future__ import annotations
 from typing import Any
 
 from planner.commands.answer import OK, Answer
-from planner.commands.options import SceneFile, SceneOptions, tensions_of
+from planner.commands.options import Accuracy, FileOptions, SceneFile, tensions_of
 from planner.effect_ablation import Switch, switch_effects
 from planner.io.records import effects_record
 from planner.report import switch_table
 
 
-def effects(scene: SceneFile, /, *, options: SceneOptions | None = None) -> Answer:
+def effects(
+    scene: SceneFile, /, *, accuracy: Accuracy | None = None, options: FileOptions | None = None
+) -> Answer:
     """Settle the scene with each effect switched in turn."""
-    options = options or SceneOptions()
-    question = options.loaded(scene)
+    question = (options or FileOptions()).loaded(scene, accuracy)
     accuracy, tensions = question.accuracy, tensions_of(question, scene)
     switches = switch_effects(question.arm, tensions, question.scene, accuracy)
     return Answer(

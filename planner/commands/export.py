@@ -15,8 +15,9 @@ from planner.c_code.export import export as export_map
 from planner.c_code.source import Precision
 from planner.commands.answer import OK, Answer
 from planner.commands.options import (
-    ExportOptions,
+    Accuracy,
     Folder,
+    Options,
     SceneFile,
     check_plannable,
     held,
@@ -43,7 +44,8 @@ def export(
     what: Annotated[Literal["map", "plan"] | What, Parameter(help=_WHAT)] = "map",
     links: int = 30,
     precision: Precision = "double",
-    options: ExportOptions | None = None,
+    accuracy: Accuracy | None = None,
+    options: Options | None = None,
 ) -> Answer:
     """Write the scene's map from tensions to shape or its inverse as C, or its settled arm.
 
@@ -56,8 +58,8 @@ def export(
     precision
         Of the C code (double).
     """
-    options = options or ExportOptions()
-    question, name = options.loaded(scene), c_name(scene)
+    options = options or Options()
+    question, name = options.loaded(scene, accuracy), c_name(scene)
     if what == "map":
         tensions = tensions_of(question, scene)
         given = (question.arm, question.scene, to, tensions, question.accuracy)
@@ -75,7 +77,7 @@ def export(
 
 
 def _bodies(
-    question: Question, options: ExportOptions, scene: Path, to: Path, what: What, links: int
+    question: Question, options: Options, scene: Path, to: Path, what: What, links: int
 ) -> Answer:
     """Write the arm as it settles under the scene's tensions, by its lengths, or by its plan."""
     if question.tensions is None and not question.winches and question.targets:

@@ -32,8 +32,6 @@ def live(
         Where the page is served (localhost).
     port
         Its port (8080).
-    accuracy
-        Tip error over arm length; else the scene's.
     compile
         Work by machine code, see octoplan plan.
     """

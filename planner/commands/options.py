@@ -48,7 +48,8 @@ def _checked_folder(_: Any, folder: Path | None) -> None:
 SceneFile = Annotated[Path, Parameter(help="Scene file, SCENE.toml.")]
 Folder = Annotated[Path, Parameter(validator=_checked_folder)]
 Seconds = Annotated[float, Parameter(validator=_checked_seconds)]
-Accuracy = Annotated[float, Parameter(validator=_checked_accuracy)]
+_ACCURACY = "Tip error over arm length; else the scene's."
+Accuracy = Annotated[float, Parameter(validator=_checked_accuracy, help=_ACCURACY)]
 
 
 @Parameter(name="*")
@@ -70,7 +71,9 @@ class Options:
     time_limit: Seconds | None = None
     verbose: Annotated[bool, Parameter(alias="-v")] = False
 
-    def loaded(self, scene: Path) -> Question:
+    def loaded(
+        self, scene: Path, accuracy: float | None = None, compiled: bool = False
+    ) -> Question:
         """Return the question of a scene file, with what these options have in place of its own.
 
         The scene's time limit holds from here on where there is no --time-limit. Raises FileError.
@@ -79,24 +82,8 @@ class Options:
         if self.time_limit is None and question.time_limit is not None:
             self.time_limit = question.time_limit
             shorten(question.time_limit + GRACE)
-        accuracy = getattr(self, "accuracy", None)
-        if accuracy is not None:
-            question = replace(question, accuracy=accuracy)
-        return replace(question, compile=True) if getattr(self, "compile", False) else question
-
-
-@Parameter(name="*")
-@dataclass
-class ExportOptions(Options):
-    """What commands have that settle a scene.
-
-    Attributes
-    ----------
-    accuracy : float
-        Tip error over arm length; else the scene's.
-    """
-
-    accuracy: Accuracy | None = None
+        accuracy = question.accuracy if accuracy is None else accuracy
+        return replace(question, accuracy=accuracy, compile=compiled or question.compile)
 
 
 @Parameter(name="*")
@@ -125,21 +112,7 @@ class FileOptions(Options):
 @Parameter(name="*")
 @dataclass
 class SceneOptions(FileOptions):
-    """What commands on scene files have.
-
-    Attributes
-    ----------
-    accuracy : float
-        Tip error over arm length; else the scene's.
-    """
-
-    accuracy: Accuracy | None = None
-
-
-@Parameter(name="*")
-@dataclass
-class CompiledOptions(SceneOptions):
-    """What commands have that may work by machine code.
+    """What commands have whose results are computed from a scene.
 
     Attributes
     ----------
@@ -147,7 +120,12 @@ class CompiledOptions(SceneOptions):
         Work by machine code, built by a C compiler and kept: the same digits, sooner.
     """
 
+    accuracy: Accuracy | None = None
     compile: bool = False
+
+    def asked(self, scene: Path) -> Question:
+        """Return the question of a scene file; see loaded."""
+        return self.loaded(scene, self.accuracy, self.compile)
 
 
 _TARGET = 'a [target] table, such as [target] type = "tip-position", position_mm = [250, 0, -150]'

@@ -9,8 +9,8 @@ from model.time_limit import OutOfTime
 from planner import plan as find
 from planner.commands.answer import NOT_REACHED, OK, Answer
 from planner.commands.options import (
-    CompiledOptions,
     SceneFile,
+    SceneOptions,
     check_plannable,
     plan_arguments,
 )
@@ -19,10 +19,10 @@ from planner.io.saved_records import plan_record
 from planner.plan import Plan
 
 
-def plan(scene: SceneFile, /, *, options: CompiledOptions | None = None) -> Answer:
+def plan(scene: SceneFile, /, *, options: SceneOptions | None = None) -> Answer:
     """Find the tensions of least effort for the scene's target."""
-    options = options or CompiledOptions()
-    question = options.loaded(scene)
+    options = options or SceneOptions()
+    question = options.asked(scene)
     check_plannable(question, scene)
     given = (question.arm, question.targets, question.scene)
     result = find(*given, **plan_arguments(question, options))

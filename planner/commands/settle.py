@@ -7,16 +7,16 @@ from typing import Any
 from model import Shape
 from model import settle as find
 from planner.commands.answer import OK, Answer
-from planner.commands.options import CompiledOptions, SceneFile, held
+from planner.commands.options import SceneFile, SceneOptions, held
 from planner.io.csv_files import shape_csv
 from planner.io.records import shape_record
 from planner.report import settled_text
 
 
-def settle(scene: SceneFile, /, *, options: CompiledOptions | None = None) -> Answer:
+def settle(scene: SceneFile, /, *, options: SceneOptions | None = None) -> Answer:
     """Find the shape under the scene's tensions or lengths."""
-    options = options or CompiledOptions()
-    question = options.loaded(scene)
+    options = options or SceneOptions()
+    question = options.asked(scene)
     given = {"accuracy": question.accuracy, "compile": question.compile, **held(question, scene)}
     shape = find(question.arm, scene=question.scene, **given)
     return Answer(

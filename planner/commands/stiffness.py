@@ -7,15 +7,15 @@ from typing import Any
 from model.stiffness import Stiffness
 from model.stiffness import stiffness as find
 from planner.commands.answer import OK, Answer
-from planner.commands.options import CompiledOptions, SceneFile, held
+from planner.commands.options import SceneFile, SceneOptions, held
 from planner.io.records import stiffness_record
 from planner.notebook import force_to_show
 
 
-def stiffness(scene: SceneFile, /, *, options: CompiledOptions | None = None) -> Answer:
+def stiffness(scene: SceneFile, /, *, options: SceneOptions | None = None) -> Answer:
     """Find the compliance that the scene's [stiffness] table asks for."""
-    options = options or CompiledOptions()
-    question = options.loaded(scene)
+    options = options or SceneOptions()
+    question = options.asked(scene)
     given = {**question.stiffness, "compile": question.compile, **held(question, scene)}
     k = find(question.arm, scene=question.scene, accuracy=question.accuracy, **given)
     return Answer(OK, lambda: repr(k), stiffness_record(k), "stiffness", lambda: _draw(k))

@@ -6,7 +6,7 @@ from typing import Any
 
 from model.errors import FileError
 from planner.commands.answer import NOT_REACHED, OK, Answer
-from planner.commands.options import CompiledOptions, SceneFile
+from planner.commands.options import SceneFile, SceneOptions
 from planner.io.records import trajectory_record
 from planner.trajectory.motion import trajectory as find
 from planner.trajectory.result import Trajectory
@@ -24,10 +24,10 @@ _LIMITS = (
 _TAKEN = (*_LIMITS, "obstacles", "clearance", "self_clearance")
 
 
-def trajectory(scene: SceneFile, /, *, options: CompiledOptions | None = None) -> Answer:
+def trajectory(scene: SceneFile, /, *, options: SceneOptions | None = None) -> Answer:
     """Find tensions over time through the scene's waypoints."""
-    options = options or CompiledOptions()
-    question = options.loaded(scene)
+    options = options or SceneOptions()
+    question = options.asked(scene)
     needed = {
         "waypoints": (question.waypoints, _WAYPOINTS),
         "motion": (any(own is not None for own in question.motion.values()), _MOTION),

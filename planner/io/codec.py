@@ -1,270 +1,290 @@
-"""The codec: values of the project as tables of keys with units, derived from the tables' types.
+"""The codec: types of what files hold, derived from the classes of the project themselves.
 
-A table is a msgspec struct whose fields are the keys of a file. `written_as` says of which class
-it is the table; what the class takes as an argument and the table has no key for is an error when
-this package is imported, and so is a public class without a table (`check_all_written`). Reading
-and writing go by the same fields: a number is multiplied or divided by the size of its key's unit.
+`table` returns the msgspec struct of a class: a key for each argument, with the unit that its
+annotation names at the end of the key, its bounds, its default, and what the class's docstring
+says of it. An argument whose annotation says not how it is written needs a `Form`; without it the
+import fails and names it. Reading and writing go by the same annotations.
 """
 
 from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Container, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 import msgspec
 import numpy as np
 from msgspec import Meta
 
 from model.errors import InputError
-from model.paths import Linear, Path, Sampled
+from model.paths import Array, Linear, Path, Sampled
+from planner.io.annotations import (
+    SI,
+    UNITS,
+    about_type,
+    attributes_told,
+    hints_of,
+    is_union,
+    quantity,
+    suffix,
+    unit_of_type,
+)
 
-# Units of keys by their names, as multiples of SI's.
-UNITS = {
-    "mm": 1e-3,
-    "mm/s": 1e-3,
-    "mm/s2": 1e-3,
-    "g": 1e-3,
-    "kPa": 1e3,
-    "deg": math.pi / 180,
-}
+_BOUNDS = ("gt", "ge", "lt", "le")
+_LENGTHS = ("min_length", "max_length")
 
-Positive = Annotated[float, Meta(gt=0)]
-NotNegative = Annotated[float, Meta(ge=0)]
 Accuracy = Annotated[float, Meta(ge=1e-12, le=0.1)]
-Vector = tuple[float, float, float]
 Tensions = list[list[float] | float]
-
-T = TypeVar("T", bound="type[Table]")
 
 
 class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     """A table of a file; keys that it does not know are refused."""
 
 
-class Samples(Table, frozen=True):
-    """A function of arc length by samples, at least four; a cubic spline passes through them."""
-
-    s_mm: Annotated[list[float], Meta(min_length=4, description="arc lengths from the base [mm]")]
-
-
-class LengthSamples(Samples, frozen=True):
-    """A length as a function of arc length by samples, at least four; a cubic spline."""
-
-    values_mm: Annotated[list[float], Meta(min_length=4, description="the values there [mm]")]
-
-
-class AngleSamples(Samples, frozen=True):
-    """An angle as a function of arc length by samples, at least four; a cubic spline."""
-
-    values_deg: Annotated[list[float], Meta(min_length=4, description="the angles there [deg]")]
-
-
-class CurvatureSamples(Samples, frozen=True):
-    """A curvature as a function of arc length by samples, at least four; a cubic spline."""
-
-    values: Annotated[list[float], Meta(min_length=4, description="curvatures there [1/m]")]
-
-
-_SAMPLES: dict[str, type[Samples]] = {
-    "mm": LengthSamples,
-    "deg": AngleSamples,
-    "1/m": CurvatureSamples,
-}
-
-
-def quantity(about: str, unit: str = "", *, path: bool = False, **bounds: Any) -> Meta:
-    """Return the annotation of a key: what it holds, its unit, and whether it is a path.
-
-    A path is a function of arc length, [base, end] or samples.
-    """
-    told = f"{about} [{unit}]".strip() if unit else about
-    return Meta(description=told, extra={"unit": unit, "path": path}, **bounds)
-
-
-def unit_of_type(kind: Any) -> str:
-    """Return the unit that the annotations of a key's type name; empty without one."""
-    return next((str(own["unit"]) for own in _extras(kind) if own.get("unit")), "")
-
-
-def _extras(kind: Any) -> list[dict[str, Any]]:
-    if get_origin(kind) is Annotated:
-        inner, *more = get_args(kind)
-        own = [meta.extra for meta in more if isinstance(meta, Meta) and meta.extra]
-        return [*own, *_extras(inner)]
-    return [found for part in get_args(kind) for found in _extras(part)]
-
-
 @dataclass(frozen=True)
-class Join:
-    """An argument of a class that several keys make together, or one key in a way of its own.
+class Form:
+    """An argument of a class that is written by keys of its own.
 
-    `read` takes the values of the keys in order, `write` returns keys and values.
+    `keys` has their types and defaults, `read` takes their values in order, `write` returns them.
     """
 
-    keys: tuple[str, ...]
+    keys: Mapping[str, tuple[Any, Any]]
     read: Callable[..., Any]
     write: Callable[[Any], dict[str, Any]]
 
 
-@dataclass(frozen=True)
-class _Key:
-    """A key that is an argument by itself: its name, the argument's, unit, whether a path."""
-
-    name: str
-    argument: str
-    unit: str
-    path: bool
-
-
-@dataclass(frozen=True)
-class _Spec:
-    """How a class is written: the keys and joins of its arguments."""
-
-    kind: type
-    table: type[Table]
-    keys: tuple[_Key, ...]
-    joins: dict[str, Join]
+# How a table is read, and how values of a class are written.
+READ: dict[Any, Callable[[Any], Any]] = {}
+WRITE: dict[Any, Callable[[Any], dict[str, Any]]] = {}
+# What stands for a class in the keys of others: a table, or a choice of several.
+TABLES: dict[Any, Any] = {}
+# Of tables of classes: their own keys by argument, annotations of these, other arguments' forms.
+_KEYS: dict[Any, tuple[Mapping[str, str], Mapping[str, Any], Mapping[str, Form]]] = {}
 
 
-_OF_KIND: dict[type, _Spec] = {}
-_OF_TABLE: dict[type, _Spec] = {}
-_WRITERS: dict[type, Callable[[Any], dict[str, Any]]] = {}
+# Types of files
 
 
-def written_as(kind: type, *, beside: Iterable[str] = (), **joins: Join) -> Callable[[T], T]:
-    """Let a table be how a class is written; TypeError for arguments without keys.
+@cache
+def samples(unit: str) -> type[Table]:
+    """Return the table of a function of arc length by samples, whose values have a unit."""
+    four = {"min_length": 4}
+    told = {"s_mm": quantity("arc lengths from the base", "mm", **four)}
+    told[f"values{suffix(unit)}"] = quantity("the values there", unit, **four)
+    fields = [(key, Annotated[list[float], own]) for key, own in told.items()]
+    name = {"mm": "Length", "deg": "Angle", "1/m": "Curvature"}[unit]
+    about = "A function of arc length by samples; a cubic spline passes through them."
+    found: type[Table] = struct(f"{name}Samples", fields, about)
+    return found
+
+
+def struct(
+    name: str,
+    fields: list[Any],
+    doc: str | None = "",
+    tag: str | None = None,
+    base: type[msgspec.Struct] = Table,
+    **config: Any,
+) -> Any:
+    """Return the struct of fields, (name, type) or (name, type, default)."""
+    config = {"kw_only": True, "frozen": True, **config}
+    space = {"__doc__": doc}
+    return msgspec.defstruct(name, fields, bases=(base,), namespace=space, tag=tag, **config)
+
+
+def table(
+    kind: Any, *, tag: str | None = None, more: Mapping[str, Any] | None = None, **forms: Form
+) -> type[Table]:
+    """Return the table by which a class is written; TypeError for arguments without a key.
 
     Parameters
     ----------
     kind : type
-        Whose arguments the keys are, by name but for the unit at the end of a key.
-    beside : iterable of str
-        Keys that are no arguments.
-    **joins : Join
-        Arguments that are made of several keys, or in another way.
+        Whose arguments the keys are; all may be left out where there are keys `more`.
+    tag : str
+        By which its `type` tells it from others.
+    more : mapping
+        Keys that are no arguments, with their types and defaults.
+    **forms : Form
+        Arguments that are written in another way.
     """
-
-    def register(table: T) -> T:
-        joined = {*beside, *(key for own in joins.values() for key in own.keys)}
-        hints = get_type_hints(table, include_extras=True)
-        keys = tuple(_key(name, hints[name]) for name in table.__struct_fields__
-                     if name not in joined)  # fmt: skip
-        told, wanted = {*joins, *(key.argument for key in keys)}, set(arguments(kind))
-        if told != wanted:
-            raise TypeError(
-                f"{table.__name__} is to be how {kind.__name__} is written: it lacks "
-                f"{sorted(wanted - told)}, and has {sorted(told - wanted)} that is no argument"
-            )
-        _OF_KIND[kind] = _OF_TABLE[table] = _Spec(kind, table, keys, joins)
-        return table
-
-    return register
-
-
-def written_by(kind: type, write: Callable[[Any], dict[str, Any]], *names: str) -> None:
-    """Let a function be how a class of these arguments is written; TypeError for others."""
-    if arguments(kind) != names:
-        raise TypeError(f"{kind.__name__} is written by {names}, and made of {arguments(kind)}")
-    _WRITERS[kind] = write
+    fields: list[Any] = [(key, *own) for key, own in (more or {}).items()]
+    own_keys: dict[str, str] = {}
+    for name, type_, default in fields_of(kind, skip=forms):
+        own_keys[name] = name + suffix(unit_of_type(type_))
+        left_out = default is inspect.Parameter.empty and more is not None
+        held = (type_ | None, None) if left_out else (type_, default)
+        fields.append(
+            (own_keys[name], *(own for own in held if own is not inspect.Parameter.empty))
+        )
+    for form in forms.values():
+        fields += [(key, type_, *default) for key, (type_, *default) in form.keys.items()]
+    made: type[Table] = struct(f"{kind.__name__}Table", fields, f"See {kind.__name__}.", tag)
+    _KEYS[made] = own_keys, hints_of(kind), forms
+    READ[made] = lambda given: kind(**arguments_of(given, made))
+    WRITE[kind] = lambda value: _keys_of(value, made)
+    return made
 
 
-def _key(name: str, hint: Any) -> _Key:
-    unit, is_path = unit_of_type(hint), any(own.get("path") for own in _extras(hint))
-    return _Key(name, name.removesuffix(f"_{unit.replace('/', '_')}"), unit, is_path)
+def fields_of(kind: Any, skip: Container[str] = ()) -> Iterator[tuple[str, Any, Any]]:
+    """Yield name, type in files and default there of each argument of a class."""
+    told = attributes_told(kind)
+    for name, own in inspect.signature(kind).parameters.items():
+        if name in skip:
+            continue
+        hint, default = hints_of(kind)[name], own.default
+        unit = unit_of_type(hint)
+        try:
+            held = type_in_file(hint)
+        except TypeError as reason:
+            raise TypeError(f"{kind.__name__}.{name} has no key: {reason}") from None
+        about = told.get(name, "").replace(f"[{SI.get(unit)}]", f"[{unit}]")
+        about += f"; {about_type(hint)}" if about_type(hint) else ""
+        if default is not inspect.Parameter.empty:
+            default = _hashable(written(default, unit))
+        yield name, Annotated[held, Meta(description=about, extra={"unit": unit})], default
 
 
-def arguments(kind: Any) -> tuple[str, ...]:
-    """Return the names of what a class is made of."""
-    return tuple(inspect.signature(kind).parameters)
+def _hashable(value: Any) -> Any:
+    return tuple(map(_hashable, value)) if isinstance(value, list) else value
 
 
-def check_all_written(kinds: Iterable[type], what: str, keys: Iterable[type] = ()) -> None:
-    """Raise TypeError, when this package is imported, for public classes that have no table.
+def type_in_file(hint: Any, unit: str = "") -> Any:
+    """Return the type of what a key holds for an annotation; TypeError for what has none."""
+    origin, inside = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        inner, *more = inside
+        unit = unit_of_type(hint) or unit
+        bounds = {key: own for meta in more for key, own in _bounds(meta, unit)}
+        held = type_in_file(inner, unit)
+        size = bounds.get("max_length", 0)
+        if size and bounds.get("min_length") == size:
+            return tuple[(get_args(held)[0],) * size]  # type: ignore[misc]
+        return Annotated[held, Meta(**bounds)] if bounds else held
+    if hint is Path:
+        return list[float] | samples(unit)
+    if is_union(hint) and Path in inside and len(inside) > 1 and type(None) not in inside:
+        # Of all tendons of a section, or a list with one for each.
+        return list[float | list[float] | samples(unit)] | samples(unit)  # type: ignore[misc]
+    if is_union(hint):
+        return Union[tuple(type_in_file(own, unit) for own in inside)]  # noqa: UP007
+    if origin is tuple and inside[-1] is Ellipsis:
+        return tuple[type_in_file(inside[0], unit), ...]  # type: ignore[misc]
+    if origin is tuple or hasattr(hint, "_fields"):
+        inside = inside or tuple(hints_of(hint).values())
+        return tuple[tuple(type_in_file(own, unit) for own in inside)]  # type: ignore[misc]
+    if hint in TABLES:
+        return TABLES[hint]
+    if hint in (float, int, bool, str, type(None)) or origin is Literal:
+        return hint
+    raise TypeError(f"{hint} is nothing that files hold")
 
-    `keys` are those that have a key, where being written is not enough.
-    """
-    known = {*keys} or {*_OF_KIND, *_WRITERS}
-    lacking = [kind.__name__ for kind in kinds if kind not in known]
-    if lacking:
-        raise TypeError(f"{what} without a table in planner.io: {', '.join(lacking)}")
 
-
-def known_kinds() -> tuple[type, ...]:
-    """Return the classes that are written."""
-    return (*_OF_KIND, *_WRITERS)
-
-
-def kind_of(table: type) -> type | None:
-    """Return the class that a table writes, None for a table that is none's."""
-    spec = next((_OF_TABLE[own] for own in table.__mro__ if own in _OF_TABLE), None)
-    return None if spec is None else spec.kind
+def _bounds(meta: Any, unit: str) -> Iterator[tuple[str, Any]]:
+    """Yield the bounds of an annotation, those of numbers in a unit."""
+    for key in (*_BOUNDS, *_LENGTHS):
+        own = getattr(meta, key)
+        if own is not None:
+            yield key, number_in(own, unit) if key in _BOUNDS else own
 
 
 # Reading
 
 
-def value_of(table: Table) -> Any:
+def value_of(given: msgspec.Struct) -> Any:
     """Return the value of a table; InputError that names a key, or an argument of the class."""
-    spec = _spec(type(table))
-    return spec.kind(**arguments_of(table))
+    return READ[type(given)](given)
 
 
-def arguments_of(table: Table) -> dict[str, Any]:
-    """Return the arguments of the class that a table writes."""
-    spec = _spec(type(table))
+def arguments_of(given: Table, kind: type[Table] | None = None) -> dict[str, Any]:
+    """Return what the keys of a table hold in SI units: the arguments of the class that it writes.
+
+    Of a table that is no class's, by the names of its keys without the unit. It may be read as one
+    of a kind of which it has all keys.
+    """
+    kind = kind or type(given)
+    keys, hints, forms = _KEYS.get(kind) or (_without_units(kind), None, {})
     found = {
-        key.argument: _read(key.name, getattr(table, key.name), key.unit, key.path)
-        for key in spec.keys
+        name: read(hints[name] if hints else hints_of(kind)[key], getattr(given, key), key)
+        for name, key in keys.items()
     }
-    for argument, join in spec.joins.items():
-        found[argument] = join.read(*(getattr(table, key) for key in join.keys))
+    for name, form in forms.items():
+        found[name] = form.read(*(getattr(given, key) for key in form.keys))
     return found
 
 
 @cache
-def _spec(table: Any) -> _Spec:
-    return next(_OF_TABLE[own] for own in table.__mro__ if own in _OF_TABLE)
+def _without_units(kind: Any) -> dict[str, str]:
+    hints = hints_of(kind)
+    units = {key: unit_of_type(hints[key]).replace("/", "_") for key in hints}
+    return {key.removesuffix(f"_{unit}" if unit else ""): key for key, unit in units.items()}
 
 
-def _read(name: str, value: Any, unit: str, is_path: bool) -> Any:
+def read(hint: Any, value: Any, key: str = "", unit: str | None = "") -> Any:
+    """Return what a key holds as the value that an annotation asks for; lists as tuples.
+
+    Numbers are in the units that annotations name, in SI's with None for the unit.
+    """
+    origin, inside = get_origin(hint), get_args(hint)
     if value is None:
         return None
-    if is_path:
-        return _read_paths(name, value, unit)
-    if isinstance(value, Table):
+    if origin is Annotated:
+        inner = unit if unit is None else unit_of_type(hint) or unit
+        return read(inside[0], value, key, inner)
+    if is_union(hint):
+        return read(_chosen(inside, value), value, key, unit)
+    if type(value) in READ:
         return value_of(value)
-    return si(value, unit)
-
-
-def si(value: Any, unit: str) -> Any:
-    """Return numbers in a unit, alone or in lists, in SI's; lists as tuples."""
+    if hint is float and isinstance(value, str):
+        return float(value)
+    if hint is Path:
+        return _read_path(value, key, unit)
+    if hint == Array:
+        return np.array(value, dtype=float)
     if isinstance(value, list | tuple):
-        return tuple(value_of(v) if isinstance(v, Table) else si(v, unit) for v in value)
+        each = inside[:1] if not inside or inside[-1] is Ellipsis or origin is list else inside
+        each = tuple(hints_of(hint).values()) if hasattr(hint, "_fields") else each
+        of = each if len(each) == len(value) else (each or (Any,))[:1] * len(value)
+        return tuple(read(own, one, key, unit) for own, one in zip(of, value, strict=True))
+    return in_si(value, unit)
+
+
+def _chosen(kinds: tuple[Any, ...], value: Any) -> Any:
+    """Return which of several annotations a value is of: lists of paths hold lists or samples."""
+    if Path in kinds and isinstance(value, list | tuple):
+        several = any(not isinstance(own, float | int) for own in value)
+        return next((own for own in kinds if several and own is not Path), Path)
+    is_list = isinstance(value, list | tuple)
+    fitting = [own for own in kinds if own is not type(None) and _is_list(own) == is_list]
+    return next(iter(fitting), next(own for own in kinds if own is not type(None)))
+
+
+def _is_list(kind: Any) -> bool:
+    kind = kind.__origin__ if get_origin(kind) is Annotated else kind
+    return get_origin(kind) in (tuple, list) or hasattr(kind, "_fields")
+
+
+def in_si(value: Any, unit: str | None) -> Any:
+    """Return a number in a unit, or numbers in lists, in SI's; what is no number as it is."""
+    if isinstance(value, list | tuple):
+        return tuple(in_si(own, unit) for own in value)
     if unit in UNITS and isinstance(value, int | float) and not isinstance(value, bool):
         return value * UNITS[unit]
     return value
 
 
-def _read_paths(name: str, value: Any, unit: str) -> Any:
-    """Return a path, or a tuple of them where a list holds lists or samples."""
-    if isinstance(value, list) and any(not isinstance(own, float | int) for own in value):
-        return tuple(_read_path(name, own, unit) for own in value)
-    return _read_path(name, value, unit)
-
-
-def _read_path(name: str, value: Any, unit: str) -> Path:
-    if isinstance(value, Samples):
-        s, values = (getattr(value, key) for key in value.__struct_fields__)
-        return Sampled(si(s, "mm"), si(values, unit))
-    if not (isinstance(value, list) and len(value) == 2):
-        end, keys = "tip" if unit == "1/m" else "end", _SAMPLES[unit].__struct_fields__
-        samples = ", ".join(f"{key} = [...]" for key in keys)
-        raise InputError(name, value, f"[base, {end}] or {{ {samples} }}")
-    return Linear(*si(value, unit))
+def _read_path(value: Any, key: str, unit: str | None) -> Path:
+    if isinstance(value, Table):
+        s, values = (getattr(value, own) for own in value.__struct_fields__)
+        return Sampled(in_si(s, "mm"), in_si(values, unit))
+    if len(value) != 2:
+        end = "tip" if unit == "1/m" else "end"
+        keys = ", ".join(f"{own} = [...]" for own in samples(unit).__struct_fields__)
+        raise InputError(key, value, f"[base, {end}] or {{ {keys} }}")
+    return Linear(*in_si(value, unit))
 
 
 # Writing
@@ -275,19 +295,22 @@ def table_of(value: Any) -> dict[str, Any]:
 
     Raises InputError for a value of a kind that has no keys.
     """
-    if type(value) in _WRITERS:
-        return _WRITERS[type(value)](value)
-    spec = _OF_KIND.get(type(value))
-    if spec is None:
-        known = ", ".join(sorted(kind.__name__ for kind in (*_OF_KIND, *_WRITERS)))
+    if type(value) not in WRITE:
+        known = ", ".join(sorted(kind.__name__ for kind in WRITE))
         raise InputError("to write", value, f"one of {known}: others have no keys")
-    tag = spec.table.__struct_config__.tag
-    found: dict[str, Any] = {} if tag is None else {"type": tag}
-    for key in spec.keys:
-        found[key.name] = written(getattr(value, key.argument), key.unit)
-    for argument, join in spec.joins.items():
-        found |= join.write(getattr(value, argument))
+    found = WRITE[type(value)](value)
     return {key: own for key, own in found.items() if own is not None}
+
+
+def _keys_of(value: Any, kind: type[Table]) -> dict[str, Any]:
+    keys, hints, forms = _KEYS[kind]
+    tag = kind.__struct_config__.tag
+    found: dict[str, Any] = {} if tag is None else {"type": tag}
+    for name, key in keys.items():
+        found[key] = written(getattr(value, name), unit_of_type(hints[name]))
+    for name, form in forms.items():
+        found |= form.write(getattr(value, name))
+    return found
 
 
 def written(value: Any, unit: str = "") -> Any:
@@ -303,9 +326,9 @@ def written(value: Any, unit: str = "") -> Any:
     if isinstance(value, dict):
         return {key: written(own, unit) for key, own in value.items()}
     if isinstance(value, Linear):
-        return [number_in(value.base, unit), number_in(value.end, unit)]
+        return written((value.base, value.end), unit)
     if isinstance(value, Sampled):
-        s, values = _SAMPLES[unit].__struct_fields__
+        s, values = samples(unit).__struct_fields__
         return {s: written(value.s, "mm"), values: written(value.values, unit)}
     return table_of(value)
 

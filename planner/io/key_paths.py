@@ -9,17 +9,40 @@ import copy
 import difflib
 import re
 from collections.abc import Iterator, Sequence
-from functools import lru_cache
-from types import UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin
 
 import msgspec
 
 from model.errors import InputError
-from planner.io.codec import unit_of_type
+from planner.io.annotations import hints_of, is_union, metas, unit_of_type
 from planner.io.scene_tables import SceneTable
 
 Step = str | int
+_PATH = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*|\[\d+\])*")
+_BOUNDS = ("gt", "ge", "lt", "le", "min_length")
+
+
+class Kind(NamedTuple):
+    """A type that may stand somewhere, and the bounds of its numbers or its length."""
+
+    type: Any
+    bounds: dict[str, float]
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """The keys of a table, none of what is no table."""
+        return self.type.__struct_fields__ if self.is_table else ()
+
+    @property
+    def is_table(self) -> bool:
+        """Whether a table is allowed."""
+        return isinstance(self.type, type) and issubclass(self.type, msgspec.Struct)
+
+    @property
+    def tag(self) -> tuple[str, str] | None:
+        """The key by which a table is told from others, and what it holds."""
+        config = self.type.__struct_config__ if self.is_table else None
+        return None if config is None or config.tag is None else (config.tag_field, config.tag)
 
 
 def steps(path: str) -> list[Step]:
@@ -38,101 +61,70 @@ def value_at(table: Any, path: list[Step]) -> Any:
     return table
 
 
-def kinds_at(root: Any, table: Any, path: list[Step]) -> list[Any]:
+def kinds_at(root: Any, table: Any, path: list[Step]) -> list[Kind]:
     """Return the types that are allowed at a path; a table's type chooses among tagged ones."""
-    kinds, seen = _alternatives(root), table
+    kinds, seen = list(_alternatives(root)), table
     for step in path:
-        kinds = [kind for k in _chosen(kinds, seen) for kind in _alternatives(_inside(k, step))]
+        inside = [_inside(kind, step) for kind in _chosen(kinds, seen)]
+        kinds = [kind for own in inside for kind in _alternatives(own)]
         seen = value_at(seen, [step])
     return _chosen(kinds, seen)
 
 
-def description_at(root: Any, table: Any, path: list[Step]) -> str:
-    """Return what the key at a path is said to hold; empty where nothing is said."""
-    if not path or not isinstance(path[-1], str):
-        return ""
-    tables = filter(_is_table, kinds_at(root, table, path[:-1]))
-    told = (_description(_hints(kind).get(path[-1])) for kind in tables)
-    return next(filter(None, told), "")
-
-
-def _description(kind: Any) -> str:
-    if get_origin(kind) in (Union, UnionType):
-        return next(filter(None, map(_description, get_args(kind))), "")
-    if get_origin(kind) is not Annotated:
-        return ""
-    inner, *more = get_args(kind)
-    own = (meta.description for meta in more if isinstance(meta, msgspec.Meta))
-    return next(filter(None, own), None) or _description(inner)
-
-
-def keys_of(kinds: list[Any]) -> list[str]:
-    """Return the keys of those types that are tables."""
-    tables = [kind for kind in kinds if _is_table(kind)]
-    tags = ["type"] * any(kind.__struct_config__.tag for kind in tables)
-    return tags + [field for kind in tables for field in kind.__struct_fields__]
-
-
-def choices_of(kinds: list[Any]) -> list[Any]:
-    """Return the values of those types that are choices."""
-    return [value for kind in kinds if get_origin(kind) is Literal for value in get_args(kind)]
-
-
-def tags_of(kinds: list[Any]) -> list[str]:
-    """Return the values of `type` that tell tables apart."""
-    return [kind.__struct_config__.tag for kind in kinds if _is_table(kind)]
+def type_at(table: Any, path: list[Step], root: Any = SceneTable) -> Any:
+    """Return the annotated type of the last key on a path; None where no table has it."""
+    last = max((i for i, step in enumerate(path) if isinstance(step, str)), default=-1)
+    if last < 0:
+        return None
+    kinds, key = kinds_at(root, table, path[:last]), str(path[last])
+    return next((hints_of(own.type)[key] for own in kinds if key in own.keys), None)
 
 
 def places(root: Any, key: str) -> list[str]:
-    """Return the tables, by their paths, that have a key; lists of tables as "[[path]]"."""
+    """Return the tables, by their paths, that have a key; of tables in tables too."""
     return list(dict.fromkeys(_places(root, key, "")))
 
 
-def _places(kind: Any, key: str, path: str) -> Iterator[str]:
-    for table in filter(_is_table, _alternatives(kind)):
-        if key in table.__struct_fields__:
+def _places(root: Any, key: str, path: str) -> Iterator[str]:
+    for kind in _alternatives(root):
+        if key in kind.keys:
             yield path
-        hints = _hints(table)
-        for name in table.__struct_fields__:
-            yield from _places(hints[name], key, f"{path}.{name}" if path else name)
+        for name in kind.keys:
+            yield from _places(hints_of(kind.type)[name], key, f"{path}.{name}" if path else name)
 
 
-def _alternatives(kind: Any) -> list[Any]:
-    """Return the members of a union, bare of what is annotated."""
-    origin = get_origin(kind)
-    if origin is Annotated:
-        return _alternatives(get_args(kind)[0])
-    if origin in (Union, UnionType):
-        return [member for part in get_args(kind) for member in _alternatives(part)]
-    return [] if kind is type(None) else [kind]
+def _alternatives(kind: Any) -> Iterator[Kind]:
+    """Yield the members of a union, each with its bounds."""
+    if is_union(kind):
+        for own in get_args(kind):
+            yield from _alternatives(own)
+    elif get_origin(kind) is Annotated:
+        bounds = {key: getattr(meta, key) for meta in metas(kind) for key in _BOUNDS}
+        found = {key: own for key, own in bounds.items() if own is not None}
+        for inner, more in _alternatives(kind.__origin__):
+            yield Kind(inner, more | found)
+    elif kind is not type(None):
+        yield Kind(kind, {})
 
 
-def _inside(kind: Any, step: Step) -> Any:
+def _inside(kind: Kind, step: Step) -> Any:
     """Return the type of a table's key or a list's item."""
-    if _is_table(kind) and isinstance(step, str):
-        return _hints(kind).get(step, type(None))
-    if get_origin(kind) in (list, tuple) and isinstance(step, int):
-        items = get_args(kind)
+    if isinstance(step, str) and step in kind.keys:
+        return hints_of(kind.type)[step]
+    if get_origin(kind.type) in (list, tuple) and isinstance(step, int):
+        items = get_args(kind.type)
         return items[min(step, len(items) - 1)] if items[-1] is not Ellipsis else items[0]
     return type(None)
 
 
-def _chosen(kinds: list[Any], table: Any) -> list[Any]:
+def _chosen(kinds: list[Kind], table: Any) -> list[Kind]:
     """Return the types, of tagged ones that alone whose tag the table has, if one has it."""
-    tag = table.get("type") if isinstance(table, dict) else None
-    return [k for k in kinds if _is_table(k) and tag and k.__struct_config__.tag == tag] or kinds
+    if not isinstance(table, dict):
+        return kinds
+    return [own for own in kinds if own.tag and table.get(own.tag[0]) == own.tag[1]] or kinds
 
 
-@lru_cache(maxsize=256)
-def _hints(table: Any) -> dict[str, Any]:
-    return get_type_hints(table, include_extras=True)
-
-
-def _is_table(kind: Any) -> bool:
-    return isinstance(kind, type) and issubclass(kind, msgspec.Struct)
-
-
-def hint(given: Any, known: list[Any]) -> str:
+def hint(given: Any, known: Sequence[Any]) -> str:
     """Return "; did you mean ...?" where something known is close to what was given."""
     texts = [text for text in known if isinstance(text, str)]
     if not isinstance(given, str):
@@ -143,10 +135,6 @@ def hint(given: Any, known: list[Any]) -> str:
     return f'; did you mean "{near[0]}"?' if near else ""
 
 
-_PATH = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*|\[\d+\])*")
-_SCALARS = (float, int, str, bool)
-
-
 def checked_key(scene: dict[str, Any], key: str) -> str:
     """Return a key path if the scene has a single value there, or could; InputError if not."""
     if not _PATH.fullmatch(key):
@@ -154,36 +142,39 @@ def checked_key(scene: dict[str, Any], key: str) -> str:
     value: Any = scene
     path = steps(key)
     for i, step in enumerate(path):
-        here = _shown(path[:i]) or "the scene"
-        _check_step(value, step, key, here)
+        told = _refused(value, step, _shown(path[:i]) or "the scene")
+        if told:
+            raise InputError("key", key, told)
         value = value[step]
     if isinstance(value, dict | list):
-        inside = ", ".join(_paths_in(value, key))
-        raise InputError("key", key, f"a single value, not all of {key}: {inside or 'none in it'}")
-    kinds = kinds_at(SceneTable, scene, path)
+        inside = [f"{key}.{own}" for own in value] if isinstance(value, dict) else None
+        inside = inside or [f"{key}[{i}]" for i in range(len(value))]
+        told = ", ".join(inside) or "none in it"
+        raise InputError("key", key, f"a single value, not all of {key}: {told}")
+    kinds = [own.type for own in kinds_at(SceneTable, scene, path)]
     if value is None and not any(k in _SCALARS or get_origin(k) is Literal for k in kinds):
         raise InputError("key", key, f"a value that the scene has; give it {key} first")
     return key
 
 
-def _check_step(value: Any, step: Step, key: str, here: str) -> None:
-    if isinstance(value, dict) and step not in value:
-        known = list(value)
-        raise InputError("key", key, f"in {here} one of {', '.join(known)}{hint(step, known)}")
-    if isinstance(value, list) and not (isinstance(step, int) and step < len(value)):
-        allowed = f"[0] to [{len(value) - 1}]" if value else "nothing: the scene has none there"
-        raise InputError("key", key, f"in {here} {allowed}")
-    if value is None:
-        raise InputError("key", key, f"a value that the scene has; give it {here} first")
-    if not isinstance(value, dict | list):
-        raise InputError("key", key, f"{here}, which is a single value")
+_SCALARS = (float, int, str, bool)
 
 
-def _paths_in(value: Any, key: str) -> list[str]:
-    """Return the paths of what is in a table or a list."""
+def _refused(value: Any, step: Step, here: str) -> str:
+    """Return why a step leads nowhere; empty where it leads on."""
     if isinstance(value, dict):
-        return [f"{key}.{own}" for own in value]
-    return [f"{key}[{i}]" for i in range(len(value))]
+        known = list(value)
+        return "" if step in value else f"in {here} one of {', '.join(known)}{hint(step, known)}"
+    if isinstance(value, list):
+        if isinstance(step, int) and step < len(value):
+            return ""
+        return f"in {here} " + (f"[0] to [{len(value) - 1}]" if value else _NONE)
+    if value is None:
+        return f"a value that the scene has; give it {here} first"
+    return f"{here}, which is a single value"
+
+
+_NONE = "nothing: the scene has none there"
 
 
 def _shown(path: Sequence[Step]) -> str:
@@ -208,7 +199,4 @@ def changed(scene: dict[str, Any], keys: Sequence[str], values: Sequence[Any]) -
 
 def unit_of(scene: dict[str, Any], key: str) -> str:
     """Return the unit of the value at a key path, as the annotation of its last key has it."""
-    path = steps(key)
-    at, name = max((i, step) for i, step in enumerate(path) if isinstance(step, str))
-    tables = filter(_is_table, kinds_at(SceneTable, scene, path[:at]))
-    return next(filter(None, (unit_of_type(_hints(own).get(name)) for own in tables)), "")
+    return unit_of_type(type_at(scene, steps(key)))

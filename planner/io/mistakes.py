@@ -1,49 +1,66 @@
 """Mistakes in files, told in plain words: where, what is there, and what is allowed.
 
-What msgspec refuses (`mistake`), what a TOML parser does not understand (`no_toml`), and what a
-class refuses in SI units, told by the file's own key, number and unit (`as_written`).
+What a table may not hold by its type (`mistake`), what a TOML parser does not understand
+(`no_toml`), and what a class refuses in SI units, told by the file's own key, number and unit
+(`as_written`).
 """
 
 from __future__ import annotations
 
-import math
+import operator
 import re
 from collections.abc import Iterator
-from typing import Any
+from contextlib import contextmanager
+from typing import Any, Literal, get_args, get_origin
 
+import msgspec
 import numpy as np
 
 from model.errors import FileError, InputError, as_given, shortened
-from planner.io.key_paths import (
-    choices_of,
-    description_at,
-    hint,
-    keys_of,
-    kinds_at,
-    places,
-    steps,
-    tags_of,
-    value_at,
-)
+from planner.io.annotations import SI, UNITS, about_type, suffix
+from planner.io.key_paths import Kind, hint, kinds_at, places, steps, type_at, value_at
 
-_WORDS = {
-    "int": "a whole number",
-    "float": "a number",
-    "str": "text in quotes",
-    "bool": "true or false",
-    "array": "a list [...]",
-    "object": "a table",
-}
 _LONG = 60
+_WORDS: dict[Any, str] = {
+    int: "a whole number",
+    float: "a number",
+    str: "text in quotes",
+    bool: "true or false",
+}
+_SIGNS: dict[str, Any] = {
+    "gt": (operator.gt, "above"),
+    "ge": (operator.ge, "of at least"),
+    "lt": (operator.lt, "below"),
+    "le": (operator.le, "up to"),
+}
 
 
-def mistake(reason: str, name: str, table: Any, root: Any) -> FileError:
-    """Return what msgspec found wrong with a table, as an error that names file and key.
+def checked(table: Any, kind: Any, name: str) -> Any:
+    """Return what a file holds as a table of a kind; FileError where a key is missing or wrong."""
+    try:
+        return msgspec.convert(table, kind)
+    except msgspec.ValidationError as reason:
+        raise mistake(reason, name, table, kind) from None
+
+
+@contextmanager
+def told_in(name: str, where: str) -> Iterator[None]:
+    """Let what is not allowed inside the block be an error of a file, at a place in it."""
+    try:
+        yield
+    except FileError:
+        raise
+    except InputError as reason:
+        raise FileError.of(reason, name, where) from None
+
+
+def mistake(reason: msgspec.ValidationError, name: str, table: Any, root: Any) -> FileError:
+    """Return what is wrong with a table as an error that names the file, the key and its like.
 
     Parameters
     ----------
-    reason : str
-        The words of msgspec.ValidationError.
+    reason : msgspec.ValidationError
+        Of which the path alone is asked for.
     name : str
         Of the file.
     table : Any
@@ -51,28 +68,23 @@ def mistake(reason: str, name: str, table: Any, root: Any) -> FileError:
     root : type
         What it should hold.
     """
-    what, _, where = reason.partition(" - at `$")
-    path = where.rstrip("`").lstrip(".")
+    path = str(reason).partition(" - at `$")[2].rstrip("`").lstrip(".")
     kinds, given = kinds_at(root, table, steps(path)), value_at(table, steps(path))
-    unknown = re.match(r"Object contains unknown field `(.*)`", what)
-    if unknown:
-        return _unknown(name, path, shortened(unknown[1]), kinds, root)
-    missing = re.match(r"Object missing required field `(.*)`", what)
-    if missing:
-        return FileError(name, _join(path, missing[1]), _lacking(missing[1], path, kinds))
-    if what.startswith("Invalid"):
-        known = choices_of(kinds) or tags_of(kinds_at(root, table, steps(path)[:-1]))
-        allowed = f"one of {', '.join(dict.fromkeys(map(str, known)))}"
-        return FileError(
-            name, path, f"got {shown(given)}, allowed is {allowed}{hint(given, known)}"
-        )
-    allowed = _plain(what)
-    if allowed == "a table":
-        allowed = f"a table {{ ... }} of the keys {', '.join(keys_of(kinds))}"
-    if _WORDS["array"] in allowed:
-        told = description_at(root, table, steps(path))
-        allowed = f"{allowed}: {told}" if told else allowed
-    return FileError(name, path or "the file", f"got {shown(given)}, allowed is {allowed}")
+    tables = [kind for kind in kinds if kind.is_table]
+    if isinstance(given, dict) and tables:
+        return _wrong_keys(name, path, given, tables, root)
+    if not kinds:  # what tells tables apart
+        tags = [own.tag[1] for own in kinds_at(root, table, steps(path)[:-1]) if own.tag]
+        kinds = [Kind(Literal[tuple(tags)], {})]
+    allowed = " or ".join(dict.fromkeys(_words(kind, given) for kind in kinds))
+    if any(_is_list(kind) for kind in kinds):
+        about = about_type(type_at(table, steps(path), root))
+        allowed = f"{allowed}: {about}" if about else allowed
+    choices = [
+        own for kind in kinds if get_origin(kind.type) is Literal for own in get_args(kind.type)
+    ]
+    told = f"got {shown(given)}, allowed is {allowed}{hint(given, choices)}"
+    return FileError(name, path or "the file", told)
 
 
 def shown(value: Any) -> str:
@@ -81,40 +93,58 @@ def shown(value: Any) -> str:
     return text if len(text) <= _LONG else f"{text[: _LONG - 4]} ..."
 
 
-def _unknown(name: str, path: str, key: str, kinds: list[Any], root: Any) -> FileError:
-    known = keys_of(kinds)
-    elsewhere = places(root, key)
-    if "" in elsewhere:
-        more = "; it belongs at the top of the file, above the first [table]"
-    elif len(elsewhere) == 1:
-        more = f"; it belongs in [{elsewhere[0]}]"
-    else:
-        more = hint(key, known)
-    return FileError(name, _join(path, key), f"no such key{more} (known here: {', '.join(known)})")
+def _is_list(kind: Kind) -> bool:
+    return get_origin(kind.type) in (list, tuple)
 
 
-def _lacking(key: str, path: str, kinds: list[Any]) -> str:
-    if key == "type":
-        return f"missing, allowed is one of {', '.join(tags_of(kinds))}"
-    return f"missing; {f'[{path}]' if path else 'the file'} needs it"
+def _words(kind: Kind, given: Any) -> str:
+    """Return a type in words, of its bounds those that a value is not within."""
+    if kind.is_table:
+        return f"a table {{ ... }} of the keys {', '.join(kind.keys)}"
+    if get_origin(kind.type) is Literal:
+        return f"one of {', '.join(map(str, get_args(kind.type)))}"
+    if _is_list(kind):
+        items = get_args(kind.type)
+        if get_origin(kind.type) is tuple and items[-1] is not Ellipsis:
+            return f"a list of {len(items)}"
+        least = kind.bounds.get("min_length", 0)
+        is_short = isinstance(given, list) and len(given) < least
+        return f"a list of at least {least}" if is_short else "a list [...]"
+    found = _WORDS.get(kind.type, "something else")
+    for key, bound in kind.bounds.items():
+        holds, words = _SIGNS[key]
+        if isinstance(given, int | float) and not holds(given, bound):
+            found += f" {words} {bound if isinstance(bound, int) else f'{bound:g}'}"
+    return found
 
 
-def _join(path: str, key: str) -> str:
-    return f"{path}.{key}" if path else key
-
-
-def _plain(what: str) -> str:
-    """Return "Expected `float` > 0.0, got ..." in plain words: a number above 0."""
-    wanted = what.removeprefix("Expected ").split(", got ")[0]
-    kinds, bound = re.match(r"`([^`]*)`(.*)", wanted).groups() if "`" in wanted else (wanted, "")  # type: ignore[union-attr]
-    words = [_WORDS.get(kind, kind) for kind in kinds.split(" | ") if kind != "null"]
-    if kinds == "array" and bound:
-        size = bound.removeprefix(" of length ").replace(">= ", "at least ")
-        return f"a list of {size}"
-    bound = re.sub(r"(\d)\.0\b", r"\1", bound)
-    for sign, word in ((">=", "of at least"), ("<=", "up to"), (">", "above"), ("<", "below")):
-        bound = bound.replace(f" {sign} ", f" {word} ")
-    return " or ".join(words) + bound
+def _wrong_keys(
+    name: str, path: str, given: dict[str, Any], tables: list[Kind], root: Any
+) -> FileError:
+    """Return which key of a table is not known, or missing."""
+    tags = [own.tag for own in tables if own.tag]
+    known = list(
+        dict.fromkeys([*(tag[0] for tag in tags), *(k for own in tables for k in own.keys)])
+    )
+    unknown = next((key for key in given if key not in known), None)
+    where = f"{path}.".removeprefix(".")
+    if unknown is not None:
+        elsewhere = places(root, unknown)
+        if "" in elsewhere:
+            more = "; it belongs at the top of the file, above the first [table]"
+        elif len(elsewhere) == 1:
+            more = f"; it belongs in [{elsewhere[0]}]"
+        else:
+            more = hint(unknown, known)
+        told = f"no such key{more} (known here: {', '.join(known)})"
+        return FileError(name, f"{where}{shortened(unknown)}", told)
+    if tags and given.get(tags[0][0]) is None:
+        told = f"missing, allowed is one of {', '.join(tag[1] for tag in tags)}"
+        return FileError(name, f"{where}{tags[0][0]}", told)
+    required = (f for own in tables for f in msgspec.structs.fields(own.type) if f.required)
+    missing = next((own.name for own in required if own.name not in given), "")
+    told = f"missing; {f'[{path}]' if path else 'the file'} needs it"
+    return FileError(name, f"{where}{missing}", told)
 
 
 _REMEDIES = (
@@ -142,31 +172,23 @@ def no_toml(reason: str, text: bytes, name: str) -> FileError:
     name : str
         Of the file.
     """
-    place = re.search(r" \(at line (\d+), column \d+\)$", reason)
-    if place is None:
+    words, _, place = reason.rpartition(" (at line ")
+    number = place.partition(",")[0]
+    if not number.isdigit():
         return FileError(name, "", f"this is not valid TOML: {reason}")
-    number = int(place[1])
-    lines = text.decode(errors="replace").splitlines()
-    line = lines[number - 1].strip() if number <= len(lines) else ""
-    words = re.sub(
-        r"Cannot declare \('(.*)',\) twice", r"[\1] is there twice", reason[: place.start()]
-    )
+    lines = text.decode(errors="replace").splitlines()[int(number) - 1 : int(number)]
+    line = lines[0].strip() if lines else ""
     remedy = next((f"; {told}" for wrong, told in _REMEDIES if re.search(wrong, line)), "")
-    return FileError(
-        name,
-        f"line {number}",
-        f"not valid TOML: {words[0].lower()}{words[1:]}: {shortened(line)}{remedy}",
-    )
+    told = f"not valid TOML: {words[:1].lower()}{words[1:]}: {shortened(line)}{remedy}"
+    return FileError(name, f"line {number}", told)
 
 
-# By the end of a key: its unit in words, and how much of SI's that is.
-_UNITS = {"_mm": ("mm", 1e-3), "_deg": ("degrees", math.pi / 180), "_kPa": ("kPa", 1e3)}
 _NUMBER = r"-?\d+(?:\.\d*)?(?:e[+-]?\d+)?"
-_SI = {"mm": "m", "degrees": "rad", "kPa": "Pa"}
+_SUFFIXES = {suffix(unit): unit for unit in SI}
 
 
 def as_written(reason: InputError, name: str, key: str, part: Any) -> FileError:
-    """Return what is not allowed as an error of the file that said so.
+    """Return what a class refuses as an error of the file that said so, in the unit of its key.
 
     Parameters
     ----------
@@ -177,43 +199,40 @@ def as_written(reason: InputError, name: str, key: str, part: Any) -> FileError:
     part : Any
         What the file holds there.
     """
-    asked = re.split(r"[. ]", re.sub(r"\[\d+\]", "", reason.field))[-1]
-    found = [(path, own) for path, own in _measured(key, part) if _is(own, path, reason.given)]
-    named = [
-        item for item in found if re.search(rf"\b{re.escape(asked)}(_|\b)", item[0][len(key) :])
-    ]
+    asked = re.sub(r"\[\d+\]", "", reason.field).replace(" ", ".").rpartition(".")[2]
+    found = [own for own in measured(key, part) if _is(own[2], own[1], reason.given)]
+    named = [own for own in found if asked in _names(own[0].removeprefix(key))]
     if not named and len(found) != 1:
         return FileError.of(reason, name, key)
-    path, own = (named or found)[0]
-    allowed = _in(_unit(path)[0], reason.allowed)
-    return FileError(name, path, f"got {shown(own)}, allowed is {allowed}")
+    path, unit, own = (named or found)[0]
+    return FileError(name, path, f"got {shown(own)}, allowed is {_in(unit, reason.allowed)}")
 
 
-def _measured(path: str, value: Any) -> Iterator[tuple[str, Any]]:
-    """Yield paths and values, lists and numbers, of keys that name a unit."""
+def _names(path: str) -> set[str]:
+    """Return the keys of a path without their units."""
+    keys = [own for own in steps(path) if isinstance(own, str)]
+    return {own.removesuffix(end) for own in keys for end in _SUFFIXES}
+
+
+def measured(path: str, value: Any, unit: str = "") -> Iterator[tuple[str, str, Any]]:
+    """Yield path, unit and value of keys that name a unit, and of what is in their lists."""
     if isinstance(value, dict):
         for key, own in value.items():
-            yield from _measured(f"{path}.{key}" if path else key, own)
-    elif isinstance(value, list):
-        if _unit(path)[0]:
-            yield path, value
-        for i, own in enumerate(value):
-            yield from _measured(f"{path}[{i}]", own)
-    elif isinstance(value, int | float) and _unit(path)[0]:
-        yield path, value
+            named = next((of for end, of in _SUFFIXES.items() if key.endswith(end)), "")
+            yield from measured(f"{path}.{key}".removeprefix("."), own, named)
+        return
+    if unit and isinstance(value, int | float | list):
+        yield path, unit, value
+    for i, own in enumerate(value if isinstance(value, list) else ()):
+        yield from measured(f"{path}[{i}]", own, unit)
 
 
-def _unit(path: str) -> tuple[str, float]:
-    last = re.sub(r"(\[\d+\])+$", "", path)
-    return next((unit for end, unit in _UNITS.items() if last.endswith(end)), ("", 1.0))
-
-
-def _is(own: Any, path: str, given: Any) -> bool:
+def _is(own: Any, unit: str, given: Any) -> bool:
     """Whether a value of the file is the one that was given, or a list of which it is the ends."""
     try:
         wanted = np.asarray(given, dtype=float)
         with np.errstate(over="ignore"):
-            found = _unit(path)[1] * np.asarray(own, dtype=float)
+            found = UNITS[unit] * np.asarray(own, dtype=float)
     except (TypeError, ValueError):
         return False
     if found.size and found.ndim and wanted.shape == (2,) != found.shape:
@@ -222,17 +241,11 @@ def _is(own: Any, path: str, given: Any) -> bool:
 
 
 def _in(unit: str, allowed: str) -> str:
-    """Return what is allowed with SI numbers in the unit of a key."""
-    si, size = _SI[unit], next(size for own, size in _UNITS.values() if own == unit)
+    """Return one of our sentences with its lengths, angles or moduli in the unit of a key."""
 
     def other(found: re.Match[str]) -> str:
-        return f"{float(found[1]) / size:.6g} {unit}"
+        numbers = [f"{float(own) / UNITS[unit]:.6g}" for own in re.findall(_NUMBER, found[0])]
+        told = f"[{', '.join(numbers)}]" if found[0].startswith("[") else numbers[0]
+        return f"{told} {unit}"
 
-    def others(found: re.Match[str]) -> str:
-        return f"[{', '.join(f'{float(own) / size:.6g}' for own in found[1].split(','))}] {unit}"
-
-    text = re.sub(rf"({_NUMBER}) {si}\b", other, allowed)
-    text = re.sub(rf"\[({_NUMBER}(?:, *{_NUMBER})*)\](?! {unit})", others, text)
-    if unit == "degrees":
-        text = re.sub(r"\bpi( rad)?\b", r"180\1", text)
-    return re.sub(r"\brad\b", unit, text) if unit == "degrees" else text
+    return re.sub(rf"\[{_NUMBER}(?:, {_NUMBER})*\]|{_NUMBER} {SI[unit]}\b", other, allowed)

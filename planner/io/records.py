@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from planner.io.codec import arguments
+from planner.io.annotations import arguments
 from planner.io.files import versions
 from planner.problem_size import ProblemSize
 from planner.tendon_lengths import strokes

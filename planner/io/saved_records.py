@@ -11,63 +11,80 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from model.arm import Arm
 from model.effects import PrintedStatics
 from model.errors import OctoplanError
+from model.obstacles import Moving, Obstacle
+from model.scene import Scene
 from model.time_limit import OutOfTime
+from planner.avoidance.rows import Avoidance
 from planner.certificate import Certificate
-from planner.io.codec import arguments
-from planner.io.derived import Number, record_for
-from planner.io.plain import fields_of, plain
+from planner.fit.fitted import Start
+from planner.fit.least_squares import Loss
+from planner.fit.measured import Measured
+from planner.fit.unknowns import Unknown
+from planner.io.annotations import arguments, hints_of
+from planner.io.codec import READ, struct
+from planner.io.exact import Number, exact, exact_choices, fields_of, plain
+from planner.io.obstacle_tables import choice
 from planner.io.records import Floats, Matrix, Record, Rows, Schema, record_of, simple
 from planner.program.limits import Limits
 from planner.solve.search_result import SearchResult
+from planner.targets import Target
 from planner.tendon_lengths import length_error
 
-LimitsRecord: Any = record_for("LimitsRecord", Limits)
+ObstacleKind: Any = choice([*exact_choices(Obstacle), exact(Moving)])
+TargetKind: Any = choice(exact_choices(Target))
+ArmKind: Any = exact(Arm)
+SceneKind: Any = exact(Scene)
+LimitsKind: Any = exact(Limits, placed=True)
+ShapeKind: Any = exact(Measured, placed=True)
+UnknownKind: Any = exact(Unknown, placed=True)
+StartKind: Any = exact(Start, placed=True)
 
 
 class QuestionRecord(msgspec.Struct, kw_only=True):
     """What was asked; arm, scene and targets are tables with a kind and its fields."""
 
-    arm: dict[str, Any]
-    scene: dict[str, Any]
-    targets: list[dict[str, Any]]
-    limits: LimitsRecord
+    arm: ArmKind
+    scene: SceneKind
+    targets: list[TargetKind]
+    limits: LimitsKind
     accuracy: float
-    obstacles: list[dict[str, Any]] = []
+    obstacles: list[ObstacleKind] = []
     clearance: float = 0.0
     self_clearance: bool = False
 
 
+_FOUND: Any = exact(SearchResult, placed=True)
 # What was found; `avoidance` is what a plan adds to it.
-AnswerRecord: Any = record_for(
-    "AnswerRecord", SearchResult, beside={"avoidance": (dict[str, Any] | None, None)}
+AnswerRecord: Any = struct(
+    "AnswerRecord", [("avoidance", exact(Avoidance) | None, None)], _FOUND.__doc__, base=_FOUND
 )
-
-# Of plans in contact alone.
-_FOUND = [name for name in arguments(SearchResult) if name != "load_path"]
+READ[AnswerRecord] = READ[_FOUND]
 
 # Certificates keep the keys that their files had; what is worked out on request is told as well.
-_RENAMED = {"equality": "match", "soft_residual": "approach", "inequality": "margin"}
-_LEFT_OUT = {"on_request", "gaps_asked"}
+_RENAMED = {"match": "equality", "approach": "soft_residual", "margin": "inequality"}
+_LEFT_OUT = {"on_request", "gaps_asked", *_RENAMED.values()}
 _WORKED_OUT: dict[str, Any] = {
+    **dict.fromkeys(_RENAMED, dict[str, float | None]),
     "passed": bool,
     "clearance": float | None,
     "gaps": dict[str, float | None],
     "nearest": str,
     "load_factor": float | None,
 }
-
-
-CertificateRecord: Any = record_for(
+_PLAIN: dict[Any, Any] = {float: float | None, str: str}
+CertificateRecord: Any = msgspec.defstruct(
     "CertificateRecord",
-    Certificate,
-    without={*_LEFT_OUT, *_RENAMED},
-    beside={
-        **dict.fromkeys(_RENAMED.values(), (dict[str, float | None], {})),
-        **{key: (kind, None) for key, kind in _WORKED_OUT.items()},
-    },
-    number=float | None,
+    [
+        *(
+            (name, _PLAIN.get(hints_of(Certificate)[name], Any))
+            for name in arguments(Certificate)
+            if name not in _LEFT_OUT
+        ),
+        *_WORKED_OUT.items(),
+    ],
 )
 
 
@@ -98,9 +115,11 @@ def plan_record(plan: Any) -> PlanRecord:
 
     Raises InputError where arm, scene or targets are of kinds that could not be read back.
     """
-    certificate, back = plan.certificate, {new: old for old, new in _RENAMED.items()}
+    certificate = plan.certificate
     keys = CertificateRecord.__struct_fields__
-    told = {key: simple(getattr(certificate, back.get(key, key))) for key in keys}
+    told = {key: simple(getattr(certificate, _RENAMED.get(key, key))) for key in keys}
+    found = fields_of(plan, [own for own in arguments(SearchResult) if hasattr(plan, own)])
+    avoidance = None if plan.avoidance is None else plain(plan.avoidance)
     return record_of(
         PlanRecord,
         plan,
@@ -110,17 +129,18 @@ def plan_record(plan: Any) -> PlanRecord:
         certificate=CertificateRecord(**told),
         question=QuestionRecord(
             **{name: plain(getattr(plan, name)) for name in ("arm", "scene", "targets")},
-            limits=LimitsRecord(**fields_of(plan.limits)),
+            limits=plain(plan.limits),
             accuracy=plan.accuracy,
             obstacles=plain(plan.surroundings.obstacles),
             clearance=plan.surroundings.clearance,
             self_clearance=plan.surroundings.of_itself,
         ),
-        answer=AnswerRecord(
-            **{**fields_of(plan, _FOUND), "tensions": plain(np.ravel(plan.tensions))},
-            load_path=plain(getattr(plan, "load_path", ())),
-            avoidance=None if plan.avoidance is None else plain(plan.avoidance),
-        ),
+        answer={
+            "load_path": [],
+            **found,
+            "tensions": plain(np.ravel(plan.tensions)),
+            "avoidance": avoidance,
+        },
     )
 
 
@@ -163,19 +183,28 @@ class ResidualRecord(msgspec.Struct, kw_only=True):
     miss: Floats
 
 
+class CalibrationQuestion(msgspec.Struct, kw_only=True):
+    """What was asked: arm and scene as they were given, what was measured, and what is unknown."""
+
+    arm: ArmKind
+    scene: SceneKind
+    measured: list[ShapeKind]
+    unknowns: list[UnknownKind]
+
+
 class FitRecord(msgspec.Struct, kw_only=True):
     """How residuals were counted and what was found; the values are loaded from here."""
 
     values: Floats
     noise: float
-    loss: str
+    loss: Loss
     absolute_std: bool
     refinement: int
     error: float
-    starts: list[dict[str, Any]]
+    starts: list[StartKind]
     astray: list[str]
     stages: int
-    left_out: list[list[str]] = []
+    left_out: list[tuple[str, str]] = []
     stopped: bool = False
 
 
@@ -189,7 +218,7 @@ class CalibrationRecord(Record, kw_only=True):
     mean_error_m: float | None
     residuals: list[ResidualRecord]
     scene: Annotated[dict[str, Any], Meta(description="arm and effects as a scene file has them")]
-    question: Annotated[dict[str, Any], Meta(description="arm, scene, measured, unknowns")]
+    question: CalibrationQuestion
     fit: FitRecord
 
 
@@ -215,8 +244,8 @@ def calibration_record(of: Any) -> CalibrationRecord:
         question={
             "arm": plain(of.given_arm),
             "scene": plain(of.given_scene),
-            "measured": [fields_of(own) for own in of.measured],
-            "unknowns": [fields_of(own) for own in of.unknowns],
+            "measured": plain(of.measured),
+            "unknowns": plain(of.unknowns),
         },
         fit=FitRecord(**fit, starts=[fields_of(own) for own in of.starts]),
     )

@@ -8,17 +8,19 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta, structs
 
-from planner.io.arm_tables import ArmTable
-from planner.io.codec import Accuracy, NotNegative, Positive, Table, Tensions, Vector, quantity
+from model.quantities import NotNegative, Positive
+from planner.fit.making import Making, Reach
+from planner.io.annotations import quantity
+from planner.io.arm_tables import VECTOR, ArmTable
+from planner.io.codec import Accuracy, Table, Tensions, table
 from planner.io.effect_tables import EffectsTable
 from planner.io.obstacle_tables import ObstacleTable, inlined
-from planner.io.target_tables import (
-    HoldKey,
-    SoftestTable,
-    StiffestTable,
-    TargetTable,
-    TendonEA,
-)
+from planner.io.target_tables import ObjectiveTable, TargetTable
+
+Hold = Literal["tension", "length"]
+TendonEA = Annotated[Positive | None, quantity("stiffness E A of tendons of held length", "N")]
+MakingTable: Any = table(Making)
+ReachTable: Any = table(Reach, tag="reach")
 
 
 class LimitsTable(Table, frozen=True):
@@ -72,7 +74,7 @@ class StiffnessTable(Table, frozen=True):
     """What `octoplan stiffness` is to tell; see model.stiffness."""
 
     hold: Annotated[
-        HoldKey | None, Meta(description="tension unless given, length where the scene has lengths")
+        Hold | None, Meta(description="tension unless given, length where the scene has lengths")
     ] = None
     at_mm: Annotated[
         Positive | None, quantity("arc length of the point; the tip unless given", "mm")
@@ -147,9 +149,9 @@ class SceneTable(Table, frozen=True):
             "0.1 where that can be had unless given"
         ),
     ] = None
-    solver: Annotated[Literal["auto", "ipopt"], Meta(description="what solves the program")] = (
-        "auto"
-    )
+    solver: Annotated[
+        Literal["auto", "ipopt", "fatrop"], Meta(description="what solves the program")
+    ] = "auto"
     form: Annotated[
         Literal["condensed", "multiple-shooting"] | None,
         Meta(description="deprecated, has no effect: there is one program"),
@@ -196,7 +198,7 @@ class PointTable(Table, frozen=True):
 
     name: str
     s_mm: Annotated[NotNegative, quantity("arc length from the base", "mm")]
-    offset_mm: Annotated[Vector, quantity("from the midline in the local frame t, n, b", "mm")] = (
+    offset_mm: Annotated[VECTOR, quantity("from the midline in the local frame t, n, b", "mm")] = (
         0.0,
         0.0,
         0.0,
@@ -219,20 +221,6 @@ class CalibrationFile(Table, frozen=True):
     accuracy: Annotated[Accuracy, Meta(description="tip error over arm length")] = 1e-5
 
 
-class MakingTable(Table, frozen=True):
-    """See planner.Making."""
-
-    wall_mm: Annotated[NotNegative, quantity("least, around a tendon", "mm")] = 0.0
-    radius_mm: Annotated[NotNegative, quantity("least, of the body", "mm")] = 0.0
-    spacing_mm: Annotated[NotNegative, quantity("least, of the anchorages", "mm")] = 0.0
-
-
-class ReachTable(Table, tag="reach", frozen=True):
-    """See planner.Reach."""
-
-    direction: Annotated[Vector, Meta(description="in the base frame")]
-
-
 class DesignFile(Table, frozen=True):
     """A design file: a scene, tasks, and what of the arm is unknown."""
 
@@ -241,6 +229,6 @@ class DesignFile(Table, frozen=True):
     unknowns: Annotated[tuple[UnknownTable, ...], Meta(min_length=1)]
     making: MakingTable = MakingTable()
     objective: Annotated[
-        StiffestTable | SoftestTable | ReachTable | None,
+        ObjectiveTable | ReachTable | None,
         Meta(description="what is best while all tasks are met; the least effort unless given"),
     ] = None

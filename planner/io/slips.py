@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator
-from functools import cache
-from typing import Any, get_type_hints
+from typing import Any
 
 from model.errors import FileError
 from model.units import UnitWarning
-from planner.io.codec import Table, unit_of_type
+from planner.io.key_paths import steps, value_at
+from planner.io.mistakes import measured
 
 # Of fractions of pi that people round to 3.14, over pi / 12.
 _ROUNDED = 7e-3
@@ -32,54 +31,29 @@ def check_modulus(E_kPa: float, name: str) -> None:
         raise FileError(name, "arm.E_kPa", f"{told}: {meant}")
 
 
-def warn_of_slips(table: Table) -> None:
-    """Warn of likely slips in a table, with UnitWarning."""
-    for path, unit, value in _quantities(table, ""):
-        if unit == "deg":
-            _warn_of_radians(path, value)
-        elif path in _FLUIDS and _WATER[0] <= value <= _WATER[1]:
+def warn_of_slips(raw: dict[str, Any]) -> None:
+    """Warn of likely slips in what a scene file holds, with UnitWarning."""
+    for path in _FLUIDS:
+        value = value_at(raw, steps(path))
+        if value is not None and _WATER[0] <= value <= _WATER[1]:
             told = f"{path} is {value:g} kg/m3, a thousandth of that of water"
-            meant = f"if g/cm3 were meant, give {1e3 * value:g} (kg/m3)"
-            warnings.warn(f"{told}; {meant}", UnitWarning, stacklevel=2)
+            _warn(told, f"if g/cm3 were meant, give {1e3 * value:g} (kg/m3)")
+    judged: tuple[str, ...] = ()
+    for path, unit, value in measured("", raw):
+        held = value if isinstance(value, list) else [value]
+        numbers = [own for own in held if isinstance(own, int | float)]
+        if unit != "deg" or not numbers or path.startswith(judged):
+            continue
+        judged = (*judged, f"{path}[")
+        if any(map(_is_fraction_of_pi, numbers)) and all(abs(own) < 7 for own in numbers):
+            several = " of which some are fractions" if isinstance(value, list) else " a fraction"
+            told = f"a key in degrees holds {', '.join(f'{own:g}' for own in numbers)},{several}"
+            meant = ", ".join(f"{_degrees(own):g}" for own in numbers)
+            _warn(f"{told} of pi ({path})", f"if radians were meant, give {meant} (degrees)")
 
 
-def _quantities(table: Table, path: str) -> Iterator[tuple[str, str, Any]]:
-    """Yield the paths of a table's keys that have a unit, with unit and value."""
-    for key, unit in _units(type(table)):
-        value, here = getattr(table, key), f"{path}.{key}" if path else key
-        several = value if isinstance(value, tuple | list) else (value,)
-        inside = [(i, own) for i, own in enumerate(several) if isinstance(own, Table)]
-        for i, own in inside:
-            yield from _quantities(own, here if own is value else f"{here}[{i}]")
-        if unit and value is not None and not inside:
-            yield here, unit, value
-
-
-@cache
-def _units(kind: type[Table]) -> tuple[tuple[str, str], ...]:
-    """Return the keys of a table, each with its unit, empty without one."""
-    hints = get_type_hints(kind, include_extras=True)
-    return tuple((key, unit_of_type(hints[key])) for key in kind.__struct_fields__)
-
-
-def _warn_of_radians(path: str, value: Any) -> None:
-    """Warn of a key in degrees that holds a fraction of pi, or of which a list holds one."""
-    if isinstance(value, int | float):
-        if _is_fraction_of_pi(value):
-            told = f"a key in degrees holds {value:g}, a fraction of pi ({path})"
-            meant = f"if radians were meant, give {_degrees(value):g} (degrees)"
-            warnings.warn(f"{told}; {meant}", UnitWarning, stacklevel=2)
-        return
-    numbers = [own for own in value if isinstance(own, int | float)]
-    for own in value:
-        if isinstance(own, list | tuple):
-            _warn_of_radians(path, own)
-    if any(map(_is_fraction_of_pi, numbers)) and all(abs(own) < 7 for own in numbers):
-        told = f"a key in degrees holds {', '.join(f'{own:g}' for own in numbers)}"
-        meant = ", ".join(f"{_degrees(own):g}" for own in numbers)
-        told = f"{told}, of which some are fractions of pi ({path})"
-        meant = f"if radians were meant, give {meant} (degrees)"
-        warnings.warn(f"{told}; {meant}", UnitWarning, stacklevel=2)
+def _warn(told: str, meant: str) -> None:
+    warnings.warn(f"{told}; {meant}", UnitWarning, stacklevel=3)
 
 
 def _is_fraction_of_pi(degrees: float) -> bool:

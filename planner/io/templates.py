@@ -21,7 +21,7 @@ accuracy = 1e-6                 # tip error over arm length, from 1e-12 to 0.1
 # clearance_mm = 2.0            # from obstacles; see below
 # self_clearance = true         # as far from the arm itself and from behind its base plane
 # form = "condensed"            # deprecated, has no effect
-# solver = "ipopt"              # what solves the program: "auto" or "ipopt"
+# solver = "ipopt"              # what solves the program: "auto", "ipopt" or "fatrop"
 tensions = [                    # N, a row a section, tip first: for settle, stiffness, effects
   [0.0, 0.0, 0.5, 0.0],
   [4.0, 0.0, 0.0, 0.0],

@@ -11,9 +11,11 @@ import shutil
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
+from numpy.typing import NDArray
 
 from model.errors import InputError, OctoplanError
 from planner.io.files import keep_folder, why
@@ -64,8 +66,8 @@ class ChunkFiles:
 
     def __post_init__(self) -> None:
         """Raise InputError where the folder is another sweep's."""
-        others = [path for path in self.folder.glob("*.npz") if not self._is_own(path)]
-        if others:
+        there = self.folder.glob("*.npz")
+        if not all(path.name.startswith(self._prefix) for path in there):
             allowed = (
                 "chunks of this same sweep: these are of another, or of another version; "
                 "name another output, or remove it"
@@ -96,12 +98,12 @@ class ChunkFiles:
                 self.folder.rmdir()  # where nothing was kept
             raise FullDiskError(str(path), why(reason)) from None
 
-    def read(self, chunk: int) -> Rows:
-        """Return a chunk that is finished; InputError where its file was spoilt."""
+    def read(self, chunk: int, name: str) -> NDArray[Any]:
+        """Return a variable of a chunk that is finished; InputError where its file was spoilt."""
         path = self._path(chunk)
         try:
             with np.load(path, allow_pickle=False) as stored:
-                return dict(stored)
+                return np.asarray(stored[name])
         except (OSError, ValueError, KeyError, EOFError, BadZipFile):
             allowed = "a chunk as it was written: remove it, start again, and it is computed anew"
             raise InputError("out", str(path), allowed) from None
@@ -113,9 +115,6 @@ class ChunkFiles:
     def _path(self, chunk: int) -> Path:
         return self.folder / f"{self._prefix}{chunk:06d}.npz"
 
-    def _is_own(self, path: Path) -> bool:
-        return path.name.startswith(self._prefix)
-
     @property
     def _prefix(self) -> str:
         return f"{self.sweep.identity[:16]}-"
@@ -125,4 +124,7 @@ class ChunksInMemory(dict[int, Rows]):
     """The chunks of a sweep that is not written."""
 
     write = dict.__setitem__
-    read = dict.__getitem__
+
+    def read(self, chunk: int, name: str) -> NDArray[Any]:
+        """Return a variable of a chunk."""
+        return self[chunk][name]

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import msgspec
 import numpy as np
 
-from planner.io.files import versions
+from planner.io.exact import identity
 from planner.sweeps.axes import Axis
 from planner.sweeps.tables import Compute
 from planner.sweeps.variables import VARIABLES
@@ -113,10 +111,9 @@ class Sweep:
     @cached_property
     def identity(self) -> str:
         """A hash of all that the numbers depend on: scene, values, versions."""
-        axes = [(axis.key, axis.name, axis.values.tolist()) for axis in self.axes]
+        axes = [(axis.key, axis.name, axis.values) for axis in self.axes]
         kept = list(VARIABLES[self.compute])
-        of = [self.compute, kept, self.scene, axes, self.draws, versions(), self.chunk]
-        return hashlib.sha256(msgspec.json.encode(of)).hexdigest()
+        return identity(self.compute, kept, self.scene, axes, self.draws, self.chunk)
 
 
 def box_sizes(sizes: Sequence[int], most: int) -> tuple[int, ...]:

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from model import InputError
+from model.effects import PrintedStatics
 from model.errors import FileError
-from model.loads import is_loaded
+from model.loads import check_loads, is_loaded
 from planner.io.key_paths import changed, checked_key, unit_of
+from planner.io.mistakes import told_in
 from planner.io.scene_file import (
-    check_compute,
+    Question,
     converted,
     decoded,
     filled,
@@ -36,7 +35,6 @@ key = "arm.E_kPa"
 values = [100.0, 120.0]"""
 # What both NetCDF and the files of a Zarr folder can be named.
 _NAME, _LONGEST = re.compile(r"\w([^/\\\x00-\x1f\x7f]*\S)?"), 200
-R = TypeVar("R")
 
 
 def load_sweep(path: str | Path, time_limit: float | None = None) -> Sweep:
@@ -48,120 +46,96 @@ def load_sweep(path: str | Path, time_limit: float | None = None) -> Sweep:
         With the file, the key's path, what is there and what is allowed: nothing has run then.
     """
     path = Path(path)
-    name, text = str(path), text_of(path)
-    file = converted(
-        decoded(text, name), SweepFile, "sweep", name, f"a sweep file is such as {_SUCH}"
-    )
-    texts = {"sweep": text.decode()}
-    if not isinstance(file.scene, str):
-        scene = _checked_scene(file.scene, name, "scene.", time_limit)
-        return _Reader(name, file.sweep, scene, name).sweep(texts)
-    beside = path.parent / file.scene
-    scene_text = text_of(beside)
-    texts["scene"] = scene_text.decode(errors="replace")
-    scene = _checked_scene(decoded(scene_text, str(beside)), str(beside), "", time_limit)
-    return _Reader(name, file.sweep, scene, str(beside)).sweep(texts)
+    text = text_of(path)
+    return _sweep(decoded(text, str(path)), path, time_limit, {"sweep": text.decode()})
 
 
 def sweep_of(table: dict[str, Any], time_limit: float | None = None) -> Sweep:
     """Return what a sweep file would ask that held a table, its scene in it; see load_sweep."""
-    file = converted(table, SweepFile, "sweep", "sweep", "a sweep is wanted")
-    assert isinstance(file.scene, dict)
-    scene = _checked_scene(file.scene, "sweep", "scene.", time_limit)
-    return _Reader("sweep", file.sweep, scene, "sweep").sweep({})
+    return _sweep(table, Path("sweep"), time_limit, {})
 
 
-def _checked_scene(
-    raw: dict[str, Any], name: str, prefix: str, time_limit: float | None
-) -> dict[str, Any]:
-    """Return a scene with all its defaults; an error tells where in the file it is."""
-    limit = {} if time_limit is None else {"time_limit_s": time_limit}
+def _sweep(
+    raw: dict[str, Any], path: Path, time_limit: float | None, texts: dict[str, str]
+) -> Sweep:
+    name = str(path)
+    needed = f"a sweep file is such as {_SUCH}"
+    file: SweepFile = converted(raw, SweepFile, "sweep", name, needed)
+    scene, scene_name, prefix = file.scene, name, "scene."
+    if isinstance(scene, str):
+        beside = path.parent / scene
+        text = text_of(beside)
+        scene_name, prefix = str(beside), ""
+        scene, texts["scene"] = decoded(text, scene_name), text.decode(errors="replace")
     try:
-        return filled(raw, name) | limit
+        scene = filled(scene, scene_name)
+        asked = question_of(scene, scene_name)
     except FileError as reason:
         raise FileError(reason.path, f"{prefix}{reason.where}", reason.problem) from None
+    scene |= {} if time_limit is None else {"time_limit_s": time_limit}
+    with told_in(name, "sweep.compute"):
+        _check_compute(asked, file.sweep.compute)
+    axes = _axes(file.sweep, scene, scene_name, name)
+    closed = file.sweep.compute == "settle" and not is_loaded(asked.scene) and not asked.winches
+    together = closed and all(axis.key.startswith("tensions") for axis in axes)
+    tendons = tuple(asked.arm.tendon_name(j) for j in range(asked.arm.n_tendons))
+    given = (axes, file.sweep.draws or 0, tendons, together, texts)
+    sweep = Sweep(file.sweep.compute, scene, scene_name, *given)
+    if sweep.size > MOST_POINTS:
+        allowed = f"{sweep.size} points; allowed is up to {MOST_POINTS}"
+        raise FileError(name, "sweep.axes", allowed)
+    return sweep
 
 
-@dataclass(frozen=True)
-class _Reader:
-    """Reads the [sweep] table of a file.
+def _axes(table: SweepTable, scene: dict[str, Any], scene_name: str, name: str) -> tuple[Axis, ...]:
+    """Return the axes, grids first; FileError for values that the scene does not allow."""
+    axes: list[Axis] = []
+    for i, own in enumerate(table.axes):
+        where = f"sweep.axes[{i}]"
+        with told_in(name, where):
+            axis = _axis(own, table, scene)
+        if any(axis.key == other.key or axis.name == other.name for other in axes):
+            told = f"got {axis.name!r}, which another axis is; allowed is each key once"
+            raise FileError(name, where, told)
+        for value in axis.extremes:
+            try:
+                asked = question_of(changed(scene, [axis.key], [value]), scene_name)
+            except FileError as reason:
+                told = f"{axis.key} = {value!r}: {reason.where}: {reason.problem}"
+                raise FileError(name, where, told) from None
+            with told_in(name, where):
+                _check_compute(asked, table.compute)
+        axes.append(axis)
+    if table.draws is not None and not any(axis.drawn for axis in axes):
+        raise FileError(name, "sweep.draws", "got draws, and no axis with a distribution")
+    return tuple(sorted(axes, key=lambda axis: axis.drawn))
 
-    Attributes
-    ----------
-    name : str
-        Of the file, for errors.
-    table : SweepTable
-    scene : dict
-        With its defaults.
-    scene_name : str
-        Of the file that the scene is from.
+
+def _axis(own: AxisTable, table: SweepTable, scene: dict[str, Any]) -> Axis:
+    key = checked_key(scene, own.key)
+    name = key if own.name is None else own.name
+    if name in RESERVED or not _NAME.fullmatch(name) or len(name.encode()) > _LONGEST:
+        allowed = (
+            "a name without / and \\ that begins with a letter, a digit or _, of up to "
+            f"{_LONGEST} bytes, and none of {', '.join(sorted(RESERVED))}"
+        )
+        raise InputError("name", name, allowed)
+    values = values_of(own, table.draws, table.seed)
+    return Axis(key, name, values, unit_of(scene, key), own.distribution is not None)
+
+
+def _check_compute(asked: Question, compute: str) -> None:
+    """Raise InputError, naming it, for what a scene has that a sweep does not take.
+
+    Or lacks: a plan needs targets and limits, the others tensions or lengths.
     """
-
-    name: str
-    table: SweepTable
-    scene: dict[str, Any]
-    scene_name: str
-
-    def sweep(self, texts: dict[str, str]) -> Sweep:
-        """Return what the table asks; FileError."""
-        compute = self.table.compute
-        asked = question_of(self.scene, self.scene_name)
-        _within(self.name, "sweep.compute", lambda: check_compute(asked, compute))
-        axes = self._axes()
-        closed = compute == "settle" and not is_loaded(asked.scene) and not asked.winches
-        together = closed and all(axis.key.startswith("tensions") for axis in axes)
-        tendons = tuple(asked.arm.tendon_name(j) for j in range(asked.arm.n_tendons))
-        given = (axes, self.table.draws or 0, tendons, together, texts)
-        sweep = Sweep(compute, self.scene, self.scene_name, *given)
-        if sweep.size > MOST_POINTS:
-            allowed = f"{sweep.size} points; allowed is up to {MOST_POINTS}"
-            raise FileError(self.name, "sweep.axes", allowed)
-        return sweep
-
-    def _axes(self) -> tuple[Axis, ...]:
-        axes: list[Axis] = []
-        for i, own in enumerate(self.table.axes):
-            where = f"sweep.axes[{i}]"
-            axis = _within(self.name, where, partial(self._axis, own))
-            for other in axes:
-                if other.key == axis.key or other.name == axis.name:
-                    told = f"got {axis.name!r}, which another axis is; allowed is each key once"
-                    raise FileError(self.name, where, told)
-            for value in axis.extremes:
-                self._check_value(where, axis.key, value)
-            axes.append(axis)
-        drawn = [axis for axis in axes if axis.drawn]
-        if self.table.draws is not None and not drawn:
-            told = "got draws, and no axis with a distribution"
-            raise FileError(self.name, "sweep.draws", told)
-        return (*(axis for axis in axes if not axis.drawn), *drawn)
-
-    def _axis(self, own: AxisTable) -> Axis:
-        key = checked_key(self.scene, own.key)
-        name = key if own.name is None else own.name
-        if name in RESERVED or not _NAME.fullmatch(name) or len(name.encode()) > _LONGEST:
-            allowed = (
-                "a name without / and \\ that begins with a letter, a digit or _, of up to "
-                f"{_LONGEST} bytes, and none of {', '.join(sorted(RESERVED))}"
-            )
-            raise InputError("name", name, allowed)
-        values = values_of(own, self.table.draws, self.table.seed)
-        return Axis(key, name, values, unit_of(self.scene, key), own.distribution is not None)
-
-    def _check_value(self, where: str, key: str, value: Any) -> None:
-        """Refuse a value of an axis that the scene does not allow."""
-        try:
-            asked = question_of(changed(self.scene, [key], [value]), self.scene_name)
-        except FileError as reason:
-            told = f"{key} = {value!r}: {reason.where}: {reason.problem}"
-            raise FileError(self.name, where, told) from None
-        _within(self.name, where, lambda: check_compute(asked, self.table.compute))
-
-
-def _within(name: str, where: str, build: Callable[[], R]) -> R:
-    try:
-        return build()
-    except FileError:
-        raise
-    except InputError as reason:
-        raise FileError.of(reason, name, where) from None
+    if asked.scene.has(PrintedStatics):
+        raise InputError("compute", f"{compute} as printed", "a scene without as_printed")
+    if compute == "plan":
+        if not asked.targets or "tension_max" not in asked.options:
+            raise InputError("compute", "plan", "plan for a scene with [target] and [limits]")
+    elif asked.tensions is None and not asked.winches:
+        told = f"{compute} for a scene with tensions, lengths_mm or strokes_mm"
+        raise InputError("compute", compute, told)
+    if compute != "settle":
+        check_loads(asked.arm, asked.scene, contact=True)

@@ -6,7 +6,8 @@ from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 
-from planner.io.codec import Positive, Table
+from model.quantities import Positive
+from planner.io.codec import Table
 
 Compute = Literal["settle", "plan", "stiffness"]
 Distribution = Literal["uniform", "normal", "log-uniform"]

@@ -7,17 +7,17 @@ import math
 from typing import Any
 
 import jsonschema
-import msgspec
 import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from model import Arm, InputError, Scene
 from model.effects import Effect
-from planner.io.codec import check_all_written, table_of, written_as
+from planner.io.codec import table, table_of, value_of
+from planner.io.exact import exact, identity, plain
 from planner.io.files import to_json
-from planner.io.obstacle_tables import ObstacleTable, obstacle_of
-from planner.io.plain import identity, plain, value
+from planner.io.mistakes import checked
+from planner.io.obstacle_tables import ObstacleTable
 from planner.io.scene_file import question_of, scene_table
 from planner.io.schemas import scene_schema
 from tests.io.values import EFFECTS, OBSTACLES, TARGETS, arms, scenes, values_of
@@ -53,9 +53,9 @@ def read_again(raw: dict[str, Any]) -> Any:
 
 def check_plain(own: Any) -> None:
     """Check that a value in a saved file is read as the same to the last bit."""
-    table = json.loads(to_json(plain(own)))
-    assert plain(value(table, "file", "here")) == plain(own)
-    assert identity(value(table, "file", "here")) == identity(own)
+    again = value_of(checked(json.loads(to_json(plain(own))), exact(type(own)), "file"))
+    assert plain(again) == plain(own)
+    assert identity(again) == identity(own)
 
 
 @pytest.mark.parametrize("kind", TARGETS, ids=lambda kind: kind.__name__)
@@ -78,7 +78,7 @@ def test_a_target_is_written_and_read_again(kind: type, data: st.DataObject) -> 
 def test_an_obstacle_is_written_and_read_again(kind: type, data: st.DataObject) -> None:
     obstacle = data.draw(values_of(kind))
     check_plain(obstacle)
-    found = obstacle_of(msgspec.convert(table_of(obstacle), ObstacleTable))
+    found = value_of(checked(table_of(obstacle), ObstacleTable, "file"))
     assert same(plain(found), plain(obstacle))
 
 
@@ -128,23 +128,16 @@ def test_an_arm_is_written_and_read_again(arm: Arm) -> None:
     assert same(plain(found), plain(arm))
 
 
-def test_a_class_without_a_table_or_a_key_is_an_error_at_import() -> None:
+def test_an_argument_without_a_key_is_an_error_at_import() -> None:
     class Magnet(Effect):
         """An effect that nobody said how to write."""
 
-        def __init__(self, field: float) -> None:
+        def __init__(self, field: complex) -> None:
             pass
 
-    with pytest.raises(TypeError, match=r"effects without a table in planner\.io: Magnet"):
-        check_all_written([*EFFECTS, Magnet], "effects")
-    with pytest.raises(TypeError, match=r"lacks \['field'\]"):
-        written_as(Magnet)(type(table_struct()))
+        field: complex
+
+    with pytest.raises(TypeError, match=r"Magnet\.field has no key"):
+        table(Magnet)
     with pytest.raises(InputError, match="others have no keys"):
         table_of(Magnet(1.0))
-
-
-def table_struct() -> Any:
-    """Return a table without keys."""
-    from planner.io.codec import Table
-
-    return Table()

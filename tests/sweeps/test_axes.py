@@ -94,7 +94,7 @@ def test_key_paths_find_values_and_their_units(
         ("effects.tip_load.force[2]", "give it effects.tip_load first"),
         ("effects.tip_load", "give it effects.tip_load first"),
         ("effects.extension.on", "effects.extension, which is a single value"),
-        ("arm.sections[0].at_mm", "the scene has none there"),
+        ("arm.sections[0].at_mm", "give it arm.sections first"),
         ("tensions[-1]", "a path such as arm.E_kPa"),
         ("", "a path such as arm.E_kPa"),
     ],
