@@ -8,7 +8,7 @@ from model.errors import InputError
 from model.loads import contacts
 from model.scene import Scene
 from planner.contact.load_path import rubs
-from planner.contact.stated import ROUGH
+from planner.contact.search import ROUGH
 from planner.program.terms import compliance_requests
 from planner.solve.task import Task
 from planner.targets.base import Target

@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import dataclass
 from functools import cached_property
 
+import clarabel
 import numpy as np
-import scipy
+from scipy.sparse import csc_array
 
 from model.arm import Arm
+from model.contact.contacts import Touch
 from model.obstacles.base import Convex
 from model.paths import Array
 from model.shape import Shape
-from planner.solve.quadratic import quadratic
 from planner.targets.hold import LEVER, Hold
 
-# The least that friction forces cost, so that those that nothing determines are small.
-_COST, _LEAST_COST = 1e-9, 1e-10
-# What pyramids may be missed by, over the largest force: more of it would pass those of small ones.
-_MISSED = 1e-11
+# What tangential forces cost, so that those that nothing determines are small; how far cones are
+# kept from their edges.
+_COST = 1e-9
+_SHARP = 1e-11
+# The largest coefficient of friction that is looked for.
+_ROUGHEST = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,15 +71,15 @@ class Grasp:
     lever: float
 
     @classmethod
-    def of(cls, shape: Shape, hold: Hold) -> Grasp:
-        """Return that of a settled arm."""
-        own = [touch for touch in shape.contacts if touch.obstacle == hold.obstacle]
+    def of(cls, arm: Arm, contacts: Iterable[Touch], hold: Hold) -> Grasp:
+        """Return that of what a settled arm leans on."""
+        own = [touch for touch in contacts if touch.obstacle == hold.obstacle]
         points = np.array([touch.point for touch in own]).reshape(-1, 3)
         forces = np.array([touch.force for touch in own]).reshape(-1, 3)
         normals = hold.obstacle.gradient(points) if own else points
         out = (forces * normals).sum(axis=1)
         centre = hold.obstacle.numbers[:3]
-        lever = LEVER * shape.arm.length
+        lever = LEVER * arm.length
         wrench = np.array(hold.wrench)
         return cls(points - centre, normals, out, wrench, hold.friction, lever)
 
@@ -103,62 +107,69 @@ class Grasp:
         found[3:] /= self.lever
         return np.asarray(found)
 
-    def best(self, sides: Array | None = None) -> Array:
+    @property
+    def _columns(self) -> Array:
+        """What unit tangential forces along the bases add to the wrench (3 or 6, 2 k) [N]."""
+        found = self.bases.transpose(0, 2, 1).reshape(-1, 3)
+        moments = np.cross(np.repeat(self.points, 2, axis=0), found) / self.lever
+        return np.hstack([found, moments]).T[: self.wrench.size]
+
+    @property
+    def _unit(self) -> float:
+        return float(max(np.abs(self.wrench[:3]).max(), self.normal.max(initial=0.0)))
+
+    def best(self) -> Array:
         """Return the tangential forces (k, 3) [N] in their cones that leave least of the wrench.
 
-        A convex program with second-order cones; by sequential least squares. In pyramids inside of
-        the cones where their sides' normals (m, 2) are given.
+        A quadratic program with second-order cones.
         """
-        k = len(self.normal)
-        most = self.friction * np.maximum(self.normal, 0.0)
-        if not k or not most.any():
+        k, unit = len(self.normal), self._unit
+        most = self.friction * np.maximum(self.normal, 0.0) / unit
+        if not most.any():
             return np.zeros((k, 3))
-        unit = max(float(np.abs(self.wrench[:3]).max()), float(most.max()))
+        A = self._columns
         still = self.scaled(self.left(np.zeros((k, 3)))) / unit
-        columns = []
-        for i in range(k):
-            for e in self.bases[i].T:
-                columns.append(np.concatenate([e, np.cross(self.points[i], e) / self.lever]))
-        A = np.array(columns).T[: still.size]
-        room = (most / unit) ** 2
-
-        def cost(z: Array) -> float:
-            return float(np.sum((still + A @ z) ** 2) / 2 + _COST * z @ z / 2)
-
-        def slope(z: Array) -> Array:
-            return np.asarray(A.T @ (still + A @ z) + _COST * z)
-
-        if sides is not None:
-            z = self._in_pyramids(A, still, most / unit, sides).reshape(k, 2)
-            return np.asarray(unit * np.einsum("kij,kj->ki", self.bases, z))
-
-        def cones(z: Array) -> Array:
-            return np.asarray(room - (z.reshape(k, 2) ** 2).sum(axis=1))
-
-        def cone_jacobian(z: Array) -> Array:
-            found = np.zeros((k, k, 2))
-            found[np.arange(k), np.arange(k)] = -2 * z.reshape(k, 2)
-            return found.reshape(k, 2 * k)
-
-        within = {"type": "ineq", "fun": cones, "jac": cone_jacobian}
-        given = {"jac": slope, "constraints": within, "method": "SLSQP"}
-        found = scipy.optimize.minimize(
-            cost, np.zeros(2 * k), **given, options={"ftol": 1e-18, "maxiter": 300}
-        )
-        z = found.x.reshape(k, 2)
+        rows, offsets = np.zeros((k, 3, 2 * k)), np.zeros((k, 3))
+        rows[:, 1:] = -np.eye(2 * k).reshape(k, 2, 2 * k)
+        offsets[:, 0] = most
+        H = A.T @ A + _COST * np.eye(2 * k)
+        found = _conic(H, A.T @ still, rows.reshape(-1, 2 * k), offsets.ravel(), [3] * k)
+        z = (np.zeros(2 * k) if found is None else found).reshape(k, 2)
         sizes = np.linalg.norm(z, axis=1)
-        z *= np.minimum(1.0, most / unit / np.maximum(sizes, 1e-300))[:, None]
+        z *= np.minimum(1.0, most / np.maximum(sizes, 1e-300))[:, None]
         return np.asarray(unit * np.einsum("kij,kj->ki", self.bases, z))
 
-    @staticmethod
-    def _in_pyramids(A: Array, still: Array, most: Array, sides: Array) -> Array:
-        """Return tangential forces (2 k,) that leave least of A z + still, to rounding."""
-        n, rows = A.shape[1], np.asarray(np.kron(np.eye(most.size), sides), dtype=np.float64)
-        inner = np.repeat(most * np.cos(np.pi / len(sides)), len(sides))
-        none, free = np.full(inner.size, -np.inf), np.full(n, np.inf)
-        H, g = np.asarray(A.T @ A + _LEAST_COST * np.eye(n)), np.asarray(A.T @ still)
-        solve = quadratic(n, inner.size, _MISSED)
-        return solve(H.ravel(), g, rows.ravel("F"), none, inner, -free, free)[0].ravel()
+    def needed_friction(self, accuracy: float) -> float:
+        """Return the least coefficient of friction that leaves so much of the wrench [N] at most.
+
+        Infinite where none below 10 does.
+        """
+        k, unit, A = len(self.normal), self._unit, self._columns
+        still, m, n = self.scaled(self.left(np.zeros((k, 3)))) / unit, len(A), 2 * k + 1
+        rows, offsets = np.zeros((3 * k + m + 3, n)), np.zeros(3 * k + m + 3)
+        cones = rows[: 3 * k].reshape(k, 3, n)
+        cones[:, 0, -1] = -np.maximum(self.normal, 0.0) / unit
+        cones[:, 1:, :-1] = -np.eye(2 * k).reshape(k, 2, 2 * k)
+        rows[3 * k + 1 : -2, :-1], offsets[3 * k + 1 : -2] = -A, still
+        offsets[3 * k] = accuracy / unit
+        rows[-2:, -1], offsets[-2:] = [-1.0, 1.0], [0.0, _ROUGHEST]
+        found = _conic(np.zeros((n, n)), np.eye(n)[-1], rows, offsets, [3] * k + [m + 1, 1, 1])
+        return np.inf if found is None else float(max(found[-1], 0.0))
+
+
+def _conic(H: Array, g: Array, rows: Array, offsets: Array, cones: list[int]) -> Array | None:
+    """Return x of least x . H x / 2 + g . x with offsets - rows x in second-order cones of sizes.
+
+    None where there is none. By clarabel (Goulart and Chen, arXiv:2405.12762, 2024).
+    """
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = _SHARP
+    kinds = [clarabel.SecondOrderConeT(n) if n > 1 else clarabel.NonnegativeConeT(1) for n in cones]
+    given = csc_array(np.triu(H)), g, csc_array(rows), offsets, kinds, settings
+    found = clarabel.DefaultSolver(*given).solve()
+    solved = str(found.status) in ("Solved", "AlmostSolved", "InsufficientProgress")
+    return np.array(found.x) if solved else None
 
 
 def axes_across(normals: Array) -> Array:
@@ -168,7 +179,7 @@ def axes_across(normals: Array) -> Array:
 
 def grips_of(shape: Shape, hold: Hold) -> tuple[Grip, ...]:
     """Return the forces on an object that leave least of the wrench, from base to tip."""
-    grasp, centre = Grasp.of(shape, hold), hold.obstacle.numbers[:3]
+    grasp, centre = Grasp.of(shape.arm, shape.contacts, hold), hold.obstacle.numbers[:3]
     pressed = -grasp.normal[:, None] * grasp.normals
     parts = zip(grasp.points + centre, pressed, grasp.best(), strict=True)
     return tuple(Grip(hold.obstacle, *own) for own in parts)
@@ -176,27 +187,5 @@ def grips_of(shape: Shape, hold: Hold) -> tuple[Grip, ...]:
 
 def left_of(arm: Arm, shape: Shape, hold: Hold) -> Array:
     """Return the wrench (3,) or (6,) that contact forces cannot balance [N, N m]."""
-    grasp = Grasp.of(shape, hold)
+    grasp = Grasp.of(arm, shape.contacts, hold)
     return grasp.left(grasp.best())
-
-
-def needed_friction(shape: Shape, hold: Hold, accuracy: float) -> float:
-    """Return the least coefficient of friction with which the wrench is balanced, at most 10.
-
-    To three digits, and no more than what is given where that is enough; infinite where none is.
-    """
-    grasp, low, high = Grasp.of(shape, hold), 0.0, 10.0
-
-    def balanced(mu: float) -> bool:
-        own = replace(grasp, friction=mu)
-        off = own.scaled(own.left(own.best()))
-        return bool(np.linalg.norm(off) <= accuracy * hold.size(shape.arm))
-
-    if not balanced(high):
-        return np.inf
-    if balanced(hold.friction):
-        high = min(high, hold.friction)
-    while high - low > 1e-3 * high:
-        middle = (low + high) / 2
-        low, high = (low, middle) if balanced(middle) else (middle, high)
-    return high

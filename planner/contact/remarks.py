@@ -13,7 +13,7 @@ from model.paths import Array
 from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
-from planner.contact.grasp import left_of, needed_friction
+from planner.contact.grasp import Grasp
 from planner.program.limits import Limits, natural_tensions
 from planner.targets.base import Target
 from planner.targets.hold import Hold
@@ -172,10 +172,10 @@ def _sides(phi: Array) -> Array:
 
 def _grip(hold: Hold, shape: Shape, accuracy: float) -> str:
     """Return what friction a hold takes, or which wrench is left."""
-    left = left_of(shape.arm, shape, hold)
-    scaled = left / hold.size(shape.arm)
-    if np.linalg.norm(scaled) <= 10 * accuracy:
-        needed = needed_friction(shape, hold, accuracy)
+    grasp, size = Grasp.of(shape.arm, shape.contacts, hold), hold.size(shape.arm)
+    left = grasp.left(grasp.best())
+    if np.linalg.norm(grasp.scaled(left)) <= 10 * accuracy * size:
+        needed = min(grasp.needed_friction(10 * accuracy * size), hold.friction)
         return f"The wrench is held with friction from {needed:.3g} on, {hold.friction:g} given."
     force = ", ".join(f"{own:.3g}" for own in left[:3])
     moment = ", ".join(f"{own:.3g}" for own in left[3:])

@@ -1,169 +1,196 @@
-"""The search for plans in contact: load paths, optima on a rough mesh, the best on a fine one."""
+"""The search for plans in contact: optima from several guesses, the best of them on a fine mesh."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
 from math import isfinite
 from time import monotonic
 
 import numpy as np
 
+from model.equilibrium.linearised import Linearised
 from model.errors import OctoplanError
 from model.loads import without_friction
 from model.paths import Array
 from model.progress import tell
+from model.shape import Shape
 from model.time_limit import OutOfTime, check_time, end, time_limit
-from planner.contact.descent import STEPS
-from planner.contact.finishing import ABOUT, CLOSER, Finishing, lacks_stability
+from planner.contact.exchange import Exchange, Optimum
+from planner.contact.guesses import guesses
 from planner.contact.load_path import LoadPath, rubs
-from planner.contact.optima import LocalOptimum, agree, best_of, met
-from planner.contact.program import Program
-from planner.contact.sqp import solve
-from planner.contact.starts import starts
-from planner.contact.stated import FINE, ROUGH, along, program_of
+from planner.contact.rubbing import Sliding, against_friction
+from planner.program.limits import natural_tensions
 from planner.program.statement import Mode
 from planner.solve.search_result import SearchResult, Trial
 from planner.solve.task import Task
 
-# The share of a time limit that the search may take; the rest is for the mesh that is asked for.
+# Meshes on which optima are searched for, and the best is found; which are one, by their efforts.
+ROUGH, FINE, _SAME = 1, 2, 1e-3
+# The share of a time limit that the search may take, the rest is for the fine mesh.
 _SEARCHED = 0.6
-# With friction, how far beyond what would do without it, of the way there.
-_SLID = (1.0, 1.5, 2.5)
-# Steps of a start beyond those that led to the best so far, and how many times its effort starts
-# may take.
-_FEW, _DEARER = 20, 5.0
+# Where the arm would snap it is held to so much stability.
+_FLOOR = 1e-2
+# How far the tip may be from where a load path leads, over the arm's length.
+_ELSEWHERE = 1e-2
 
 
 @dataclass(frozen=True, eq=False)
+class Local:
+    """A local optimum, and the load path to where its steps began."""
+
+    optimum: Optimum
+    before: LoadPath
+
+    def load_paths(self) -> list[LoadPath]:
+        """Return load paths to the optimum: from rest alone, then by more and more of its steps."""
+        first, *steps = self.optimum.steps
+        return [(), (*self.before, first), (*self.before, first, *steps)]
+
+
 class ContactSearch:
     """The search for the least tensions of an arm in contact.
 
-    Attributes
-    ----------
-    task : Task
-    begin : tuple of (n_tendons,) or None
-        The load path to an equilibrium nearby, its tensions last; it is tried before others, and
-        with friction, that acts against the motion from there, alone.
+    `begin` is the load path to an equilibrium nearby, its tensions last: it is tried first, and
+    with friction, that acts against the motion from there, alone.
     """
 
-    task: Task
-    begin: LoadPath | None = None
+    def __init__(self, task: Task, begin: LoadPath | None = None) -> None:
+        self.task, self.begin = task, begin
+        self.found = list[Local]()
 
     def run(self, seconds: float | None) -> SearchResult:
-        """Return the best optimum from the starts, or the best so far after so long.
-
-        Where none stands as well as is asked, from the starts once more, held to that from there.
-        """
-        with time_limit(seconds):
-            found, best, stopped = self._searched()
-            if best is not None and not stopped and lacks_stability(self.task, best):
-                held = replace(self, task=self.task.held(0.0))
-                again = held._searched()
-                if again[1] is not None and met([again[1]], self._close):
-                    return held._result(*again)
-        return self._result(found, best, stopped)
-
-    def _searched(self) -> tuple[list[LocalOptimum], LocalOptimum | None, bool]:
-        """Return optima on the rough mesh, the best on a fine one, whether time ended it."""
-        found = list[LocalOptimum]()
+        """Return the best optimum from the guesses, or the best so far after so long."""
+        if rubs(self.task.scene):
+            return self._against_friction(seconds)
         stopped, best = False, None
-        left = end() - monotonic()
-        try:
-            with time_limit(_SEARCHED * left if isfinite(left) else None):
-                for load_path in self._load_paths():
-                    found += self._from(load_path, found)
-                    goes_on = load_path == self.begin and met(found, self._close)
-                    if goes_on or agree(found, self._close):
-                        break
+        with time_limit(seconds):
+            try:
+                left = end() - monotonic()
+                with time_limit(_SEARCHED * left if isfinite(left) else None):
+                    self._search()
+                    check_time()
+            except OutOfTime:
+                stopped = True
+            try:
+                best = self._best()
                 check_time()
-        except OutOfTime:
-            stopped = True
-        try:
-            best = Finishing(self.task, self.begin).best(found) if found else None
-            check_time()
-        except OutOfTime:
-            stopped, best = True, best or best_of(found, self._close)
-        return found, best, stopped
+            except OutOfTime:
+                stopped = True
+        return self._result(best, stopped)
 
-    def _result(
-        self, found: list[LocalOptimum], best: LocalOptimum | None, stopped: bool
-    ) -> SearchResult:
+    def _against_friction(self, seconds: float | None) -> SearchResult:
+        """Return the plan from where the arm is, by what it takes without friction."""
+        assert self.begin is not None
+        scene = without_friction(self.task.scene)
+        smooth, T = replace(self.task, scene=scene, starts=1), np.array(self.begin[-1])
+        with time_limit(seconds):
+            for begin in (self.begin, None):
+                found = ContactSearch(smooth, begin).run(None)
+                T = np.ravel(found.tensions)
+                if found.statement.mode == "exact" or found.stopped:
+                    break
+            return against_friction(self.task, self.begin, T, None)
+
+    def _search(self) -> None:
+        """Find optima until two agree on the best, or there are as many as are asked for."""
+        rough, ends = Exchange(self.task, ROUGH), list[tuple[Array, Local | None]]()
+        close = _SAME * float(np.max(natural_tensions(self.task.arm)))
+        for tried, (before, T) in enumerate(self._begun(rough), 1):
+            tell("initial guesses", tried - 1, self.task.most)
+            known = [own for begun, own in ends if np.abs(begun - T).max() < close]
+            own = known[0] if known else self._from(rough, (*before, tuple(T.tolist())))
+            ends.append((T, own))
+            if own is not None:
+                self.found.append(own)
+            met = sorted(one.optimum.effort for one in self.found if not one.optimum.lacks)
+            agreed = len(met) > 1 and met[1] < met[0] * (1 + _SAME)
+            followed = self.begin is not None and tried == len(met) == 1
+            if followed or (agreed and self.task.starts is None) or tried == self.task.most:
+                return
+
+    def _begun(self, rough: Exchange) -> Iterator[tuple[LoadPath, Array]]:
+        """Yield load paths and the tensions at their ends: what is near, then others from rest."""
+        if self.begin is not None:
+            yield self.begin[:-1], np.array(self.begin[-1])
+        yield from (((), T) for T in guesses(self.task, rough))
+
+    def _from(self, rough: Exchange, load_path: LoadPath) -> Local | None:
+        """Return the optimum that a load path leads to; None where the arm comes to no rest."""
+        try:
+            here = rough.along(load_path)
+        except OctoplanError:
+            return None
+        margin, own = self.task.statement.margin, rough.optimum(here)
+        snaps = own is None or (not own.lacks and not rough.stands(own))
+        held = rough.optimum(here, max(margin, _FLOOR)) if snaps else None
+        own = held if held is not None else own
+        return None if own is None else Local(own, load_path[:-1])
+
+    def _best(self) -> Local | None:
+        """Return the best optimum on the fine mesh to which a load path leads."""
+        order = sorted(self.found, key=lambda own: (own.optimum.lacks, own.optimum.effort))
+        fine = Exchange(self.task, FINE) if order else None
+        for rough in order:
+            assert fine is not None
+            for path in rough.load_paths():
+                own = self._on_fine(fine, rough, path)
+                if own is not None:
+                    return own
+        return order[0] if order else None
+
+    def _on_fine(self, fine: Exchange, rough: Local, path: LoadPath) -> Local | None:
+        """Return the optimum on the fine mesh if a load path leads there."""
+        old, far = rough.optimum, _ELSEWHERE * self.task.arm.length
+        try:
+            start = fine.along((*path, old.steps[-1]))
+            own = fine.optimum(start, old.least) if _apart(start, old.here) < far else None
+            if own is None or bool(own.lacks) != bool(old.lacks):
+                return None
+            there = fine.along((*path, own.steps[-1]))
+        except OctoplanError:
+            return None
+        return Local(own, path) if _apart(there, own.here) < far else None
+
+    def _result(self, best: Local | None, stopped: bool) -> SearchResult:
         """Return what is told of the best; of where the search began where there is none."""
-        ends = [own.optimum for own in found]
-        trials = tuple(Trial(own.effort, own.lacks < self._close, 0) for own in ends)
-        exact = best is not None and best.optimum.lacks < self._close
+        ends = [own.optimum for own in self.found]
+        trials = tuple(Trial(own.effort, not own.lacks, 0) for own in ends)
+        exact = best is not None and not best.optimum.lacks
         mode: Mode = "exact" if exact else "nearest"
         statement = self.task.statement.but(mode=mode, refinement=FINE)
         if best is None:
             *way, last = self.begin or (self.task.allowed.lower,)
             T = self.task.arm.by_section(np.array(last))
             return SearchResult(statement, T, (), (), trials, stopped, load_path=tuple(way))
-        end = best.optimum
-        T = self.task.arm.by_section(end.terms.tensions)
-        if best.floor is not None:
-            statement = statement.but(modes=1, floor=best.floor)
-        held = end.lam_equality
-        if statement.modes:
-            held = np.append(held, end.lam_inequality[end.terms.inequalities - 1])
-        lam = tuple(end.lam_bounds.tolist()), tuple(held.tolist())
-        return SearchResult(statement, T, *lam, trials, stopped, load_path=best.load_path)
+        own = best.optimum
+        lam_g = (own.optimality.lam_stability,) if own.least else ()
+        statement = statement.but(modes=int(own.least > 0), floor=own.least or statement.floor)
+        T = self.task.arm.by_section(np.clip(own.here.tensions, *self._limits))
+        lam_x = tuple(own.optimality.lam_bounds.tolist())
+        return SearchResult(statement, T, lam_x, lam_g, trials, stopped, load_path=best.before)
 
     @property
-    def _close(self) -> float:
-        return self.task.accuracy
+    def _limits(self) -> tuple[Array, Array]:
+        return np.array(self.task.allowed.lower), np.array(self.task.allowed.upper)
 
-    def _load_paths(self) -> Iterator[LoadPath]:
-        """Yield load paths to begin with: to what is near, then straight ones from rest."""
-        most = self.task.starts
-        if self.begin is not None and rubs(self.task.scene):
-            for T in self._slid(self.begin)[:most]:
-                yield (*self.begin, tuple(T.tolist()))
-            return
-        if self.begin is not None:
-            yield self.begin
-            most = most and most - 1
-        if most != 0:
-            for T in starts(self.task, self._rough)[:most]:
-                yield (tuple(T.tolist()),)
 
-    def _from(self, load_path: LoadPath, before: list[LocalOptimum]) -> list[LocalOptimum]:
-        """Return the optimum that a load path leads to; none where the arm comes to no rest.
+def _apart(one: Linearised, other: Linearised) -> float:
+    """Return how far the tips of equilibria on two meshes are apart [m]."""
+    tips = [here.system.poses(here.states)[-1, 4:] for here in (one, other)]
+    return float(np.linalg.norm(tips[0] - tips[1]))
 
-        Or as far as it looks like coming to less than those `before`.
-        """
-        tell("initial guesses")
-        check_time()
-        program, known, most = self._rough, np.inf, STEPS
-        last = np.clip(load_path[-1], program.lower, program.upper)
-        if best := best_of(met(before, self._close), self._close):
-            known = program.objective(best.optimum.terms)
-            most = _FEW + len(best.optimum.steps)
-            if np.linalg.norm(last) > _DEARER * best.optimum.effort:
-                return []
-        try:
-            start = along(program, (*load_path[:-1], tuple(last.tolist())))
-            end = solve(program, start, CLOSER * self.task.accuracy, ABOUT, known, most)
-        except OctoplanError:
-            return []
-        if self.begin is not None and program.has_history:
-            return [LocalOptimum(end, self.begin)]
-        return [LocalOptimum(end, (*load_path[:-1], tuple(last.tolist())))]
 
-    @cached_property
-    def _rough(self) -> Program:
-        return program_of(self.task, ROUGH, self.begin)
+def optimality_of(task: Task, tensions: Array, shape: Shape, load_path: LoadPath = ()) -> float:
+    """Return the residual of the first-order conditions at tensions (n_tendons,), scaled.
 
-    def _slid(self, begin: LoadPath) -> list[Array]:
-        """Return tensions as far as, and beyond, what the target takes without friction.
-
-        Where the arm still sticks no tensions tell how to move it.
-        """
-        smooth = replace(self.task, scene=without_friction(self.task.scene))
-        before = np.array(begin[-1])
-        found = ContactSearch(replace(smooth, starts=1), begin).run(None)
-        if found.statement.mode != "exact":
-            found = ContactSearch(smooth).run(None)
-        way = np.ravel(found.tensions) - before
-        return [np.maximum(before + share * way, 0.0) for share in _SLID]
+    Of the shape that a load path leads to.
+    """
+    try:
+        if rubs(task.scene):
+            return Sliding(task, load_path).optimality(tensions)[0]
+        fine = Exchange(task, FINE)
+        here = fine.map.found(tensions, shape.known)
+        return fine.optimality(here, task.statement.least * task.statement.modes).residual
+    except OctoplanError:
+        return np.inf
