@@ -12,7 +12,6 @@ from model import Arm, InputError, Scene
 from model.checks import kind
 from model.effects import Friction, PrintedStatics
 from model.equilibrium.forward import STAGES, collocation_order
-from model.equilibrium.linearised import Linearised
 from model.errors import OctoplanError, SnapError, TimeLimitError
 from model.loads import contacts
 from model.machine.compiled import Compile, checked_compile
@@ -20,7 +19,8 @@ from model.mesh_refinement import checked_accuracy, estimate
 from model.paths import Array
 from model.progress import tell, with_progress
 from model.settle import checked_scene
-from model.time_limit import OutOfTime, time_limit
+from model.time_limit import OutOfTime
+from model.time_limit import time_limit as within
 from planner.fit.calibration import Calibration
 from planner.fit.fitted import Start, point_table
 from planner.fit.least_squares import LOSSES, Fit, Loss, Weights, fit
@@ -38,7 +38,7 @@ _COARSE_FIT, _FINE_FIT = 1e-1, 1e-5
 _ROUNDS = 3
 _JUMPS = "it jumps to another shape near the values of the optimum"
 # Refinements and stages of the meshes: of the first fits, then until one is as accurate as asked.
-_COARSE, _FINER = (1, 2), ((2, 2), (2, STAGES), (4, STAGES), (8, STAGES))
+_COARSE, *_FINER = ((1, 2), (2, 2), (2, STAGES), (4, STAGES), (8, STAGES))
 
 
 @with_progress
@@ -110,7 +110,35 @@ def calibrate(
     _check_enough(shapes, parameters)
     weights, machine_code = Weights(loss, bool(absolute_std)), checked_compile(compile)
     search = _Search(parameters, shapes, weights, checked_accuracy(accuracy), machine_code)
-    return search.run(arm, scene, parameters.multistart(starts, seed), time_limit)
+    stopped = False
+    try:
+        with within(time_limit):
+            search.run(parameters.multistart(starts, seed))
+    except OutOfTime:
+        stopped = True
+    best = search.best
+    if best is None:
+        raise TimeLimitError(time_limit or 0.0)
+    here = best.evaluation
+    refinement, stages, _ = here.experiment.mesh
+    return Calibration(
+        arm,
+        scene,
+        shapes,
+        parameters.unknowns,
+        tuple(here.values.tolist()),
+        best.noise,
+        weights,
+        refinement,
+        search.error,
+        tuple(search.starts),
+        tuple(search.astray),
+        search.left_out(best),
+        stopped,
+        machine_code,
+        stages,
+        here,
+    )
 
 
 def supported_scene(arm: Arm, scene: Scene | None) -> Scene:
@@ -149,7 +177,18 @@ def _check_enough(shapes: Sequence[Measured], parameters: Parameters) -> None:
 class _Search:
     """Fits from several starts on a coarse mesh, the best one followed on finer ones.
 
-    It keeps where fits came to, shapes that were on other branches, and why shapes are left out.
+    Attributes
+    ----------
+    best : Fit or None
+        So far.
+    error : float
+        Estimated error of its mesh, over the arm's length.
+    starts : list of Start
+        Where fits came to.
+    astray : dict of None
+        Names of shapes that fits had on other branches than the arm takes from rest.
+    why : dict of OctoplanError
+        Why shapes are left out, by number.
     """
 
     parameters: Parameters
@@ -157,72 +196,48 @@ class _Search:
     weights: Weights
     accuracy: float
     machine_code: bool
-    problem: OctoplanError = field(default_factory=OctoplanError)
+    best: Fit | None = None
+    error: float = float("inf")
     starts: list[Start] = field(default_factory=list)
     astray: dict[str, None] = field(default_factory=dict)
-    settled: set[int] = field(default_factory=set)
     why: dict[int, OctoplanError] = field(default_factory=dict)
+    _settled: set[int] = field(default_factory=set)
 
-    def run(
-        self, arm: Arm, scene: Scene, spread: Sequence[Array], seconds: float | None
-    ) -> Calibration:
-        """Return the calibration that the best of fits from several values leads to."""
-        best, error, stopped = None, float("inf"), False
-        try:
-            with time_limit(seconds):
-                for i, values in enumerate(spread):
-                    tell("fits", i, len(spread))
-                    found = self._begun(values)
-                    best = min(filter(None, (best, found)), key=lambda own: own.cost, default=None)
-                if best is None:
-                    raise self.problem
-                best = self._from_rest(best)
-                for i, mesh in enumerate(_FINER):
-                    tell("meshes", i, len(_FINER))
-                    fine, error = self._finer(best.evaluation, mesh)
-                    best = replace(best, evaluation=fine)
-                    if error <= self.accuracy:
-                        break
-                best = self._fit(best.evaluation, _FINE_FIT)
-        except OutOfTime:
-            if best is None:
-                raise TimeLimitError(seconds or 0.0) from None
-            stopped = True
-        out = [i for i in range(len(self.shapes)) if i not in best.evaluation.present]
+    def run(self, spread: Sequence[Array]) -> None:
+        """Fit from several values; raises what keeps all of them from settling."""
+        problems = []
+        for i, values in enumerate(spread):
+            tell("fits", i, len(spread))
+            try:
+                found = self._fit(self._on(*_COARSE).from_rest(values))
+            except (UnsettledShapeError, InputError) as reason:
+                problems.append(reason)
+                self.starts.append(Start(tuple(values.tolist()), None, float("inf"), str(reason)))
+                continue
+            end = tuple(found.evaluation.values.tolist())
+            self.starts.append(Start(tuple(values.tolist()), end, found.cost))
+            self.best = min(self.best or found, found, key=lambda own: own.cost)
+        if self.best is None:
+            raise problems[-1]
+        self.best = self._from_rest(self.best)
+        for i, mesh in enumerate(_FINER):
+            tell("meshes", i, len(_FINER))
+            fine = self._finer(self.best.evaluation, self._on(*mesh))
+            self.best = replace(self.best, evaluation=fine)
+            if self.error <= self.accuracy:
+                break
+        self.best = self._fit(self.best.evaluation, _FINE_FIT)
+
+    def left_out(self, best: Fit) -> tuple[tuple[str, str], ...]:
+        """Return names of shapes that a fit does without, and why.
+
+        UnsettledShapeError for one that settles nowhere.
+        """
+        out = [i for i in range(len(self.shapes)) if i not in best.evaluation.equilibria]
         for i in out:
-            if i not in self.settled:
+            if i not in self._settled:
                 raise UnsettledShapeError(self.shapes[i].name, self.why[i])
-        return Calibration(
-            arm,
-            scene,
-            self.shapes,
-            self.parameters.unknowns,
-            tuple(best.evaluation.values.tolist()),
-            best.noise,
-            self.weights,
-            best.evaluation.experiment.refinement,
-            error,
-            tuple(self.starts),
-            tuple(self.astray),
-            tuple((self.shapes[i].name, str(self.why[i])) for i in out),
-            stopped,
-            self.machine_code,
-            best.evaluation.experiment.stages,
-            best.evaluation,
-        )
-
-    def _begun(self, values: Array) -> Fit | None:
-        """Return the fit that begins with values, None where no shape settles there."""
-        given = tuple(values.tolist())
-        try:
-            found = self._fit(self._on(*_COARSE).from_rest(values))
-        except (UnsettledShapeError, InputError) as reason:
-            self.problem = reason
-            self.starts.append(Start(given, None, float("inf"), str(reason)))
-            return None
-        LOG.debug("noise %.4g after %d evaluations", found.noise, found.evaluations)
-        self.starts.append(Start(given, tuple(found.evaluation.values.tolist()), found.cost))
-        return found
+        return tuple((self.shapes[i].name, str(self.why[i])) for i in out)
 
     def _from_rest(self, best: Fit) -> Fit:
         """Return a fit that has all shapes as they are reached from rest.
@@ -233,59 +248,61 @@ class _Search:
         for again in range(_ROUNDS + 1):
             here = best.evaluation
             rest = here.experiment.from_rest(here.values)
-            either = sorted({*here.present, *rest.present})
-            gaps = [_gap(here.equilibria[i], rest.equilibria[i]) for i in either]
-            apart = [i for i, gap in zip(either, gaps, strict=True) if not gap <= _ASTRAY]
+            either = {*here.equilibria, *rest.equilibria}
+            apart = [i for i in sorted(either) if not _gap(here, rest, i) <= _ASTRAY]
             if not apart:
                 break
             if again == _ROUNDS:
                 return self._without(best, apart)
-            self.astray |= {self.shapes[i].name: None for i in apart if i in here.present}
+            self.astray |= {self.shapes[i].name: None for i in apart if i in here.equilibria}
             best = self._fit(rest)
         return best
 
-    def _finer(self, coarse: Evaluation, mesh: tuple[int, int]) -> tuple[Evaluation, float]:
-        """Return an evaluation on a finer mesh, with the error that this leaves over the length."""
-        finer = self._on(*mesh)
-        fine = coarse.near(coarse.values, finer)
-        if fine.lost:
-            fine = finer.from_rest(coarse.values)
-        gaps = {i: _gap(coarse.equilibria[i], fine.equilibria[i]) for i in coarse.present}
-        self.astray |= {self.shapes[i].name: None for i, gap in gaps.items() if not gap <= _ASTRAY}
-        gap = max((gap for gap in gaps.values() if gap <= _ASTRAY), default=0.0)
-        before = coarse.experiment
-        if finer.stages > before.stages:
-            return fine, gap  # the error of the coarser one: its own is less
-        rubs = any(own.system.scene.has(Friction) for own in fine.settings.values())
-        order = collocation_order(finer.stages, rubs)
-        return fine, float(estimate(gap, before.refinement, finer.refinement, order))
+    def _finer(self, coarse: Evaluation, finer: Experiment) -> Evaluation:
+        """Return an evaluation on a finer mesh, whose error is then known.
+
+        Shapes that the meshes have far apart are those that are reached from rest on the finer one.
+        """
+        fine, astray = coarse.near(coarse.values, finer), set[int]()
+        if not all(_gap(coarse, fine, i) <= _ASTRAY for i in coarse.equilibria):
+            rest = finer.from_rest(coarse.values)
+            astray = {i for i in coarse.equilibria if not _gap(fine, rest, i) <= _ASTRAY}
+            self.astray |= {self.shapes[i].name: None for i in sorted(astray)}
+            fine = rest
+        gap = max((_gap(coarse, fine, i) for i in coarse.equilibria if i not in astray), default=0)
+        (before, m, _), (after, stages, _) = coarse.experiment.mesh, finer.mesh
+        # With more stages it is the error of the coarser one: its own is less.
+        order = collocation_order(stages, self.parameters.scene.has(Friction))
+        self.error = gap if stages > m else float(estimate(gap, before, after, order))
+        return fine
 
     def _fit(self, start: Evaluation, tolerance: float = _COARSE_FIT) -> Fit:
         """Return the fit of the shapes that settle, without those that cannot be followed."""
-        self.settled |= set(start.present)
+        self._settled |= set(start.equilibria)
         self.why |= start.lost
-        if not start.present:
-            first = min(start.lost)
-            raise UnsettledShapeError(self.shapes[first].name, start.lost[first])
+        if not start.equilibria:
+            first, why = next(iter(start.lost.items()))
+            raise UnsettledShapeError(self.shapes[first].name, why)
         best = fit(start, self.weights, tolerance)
-        while best.refused and len(best.refused) < len(best.evaluation.present):
-            best = self._without(best, best.refused, tolerance)
-        return best
+        all_refused = len(best.refused) == len(best.evaluation.equilibria)
+        return best if all_refused else self._without(best, best.refused, tolerance)
 
     def _without(self, best: Fit, jumping: Sequence[int], tolerance: float = _COARSE_FIT) -> Fit:
         """Return the fit without shapes that jump."""
-        kept = [i for i in best.evaluation.present if i not in jumping]
+        if not jumping:
+            return best
+        kept = [i for i in best.evaluation.equilibria if i not in jumping]
         self.why |= {i: SnapError(1.0, _JUMPS) for i in jumping}
-        return fit(best.evaluation.only(kept), self.weights, tolerance) if kept else best
+        return self._fit(best.evaluation.only(kept), tolerance) if kept else best
 
     def _on(self, refinement: int, stages: int) -> Experiment:
         mesh = refinement, stages, self.machine_code
         return Experiment(self.parameters, self.shapes, *mesh)
 
 
-def _gap(one: Linearised | None, other: Linearised | None) -> float:
-    """Return how far apart the tips of two equilibria are, over the arm's length."""
-    if one is None or other is None:
-        return float("inf")
-    tips = [here.system.poses(here.states)[-1, 4:] for here in (one, other)]
-    return float(np.linalg.norm(tips[0] - tips[1])) / float(one.system.arm.length)
+def _gap(one: Evaluation, other: Evaluation, i: int) -> float:
+    """Return how far apart the tips of a shape are in two evaluations, over the arm's length."""
+    heres = [own.equilibria.get(i) for own in (one, other)]
+    tips = [here.system.poses(here.states)[-1, 4:] for here in heres if here]
+    length = one.experiment.parameters.arm.length
+    return float(np.linalg.norm(tips[0] - tips[1])) / length if len(tips) == 2 else float("inf")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +12,8 @@ import numpy as np
 from model.text import in_notebook
 from planner.fit.fitted import Fitted
 from planner.fit.measured import Measured
-from planner.fit.outcome import outcome
 from planner.fit.predict import Candidate, LeftOut, Prediction, leave_out, predict, ranked
+from planner.fit.report import outcome
 from planner.fit.residuals import Residual
 from planner.io.files import to_json, write_named
 from planner.io.saved_records import calibration_record
@@ -49,7 +48,7 @@ class CalibratedPlan(Plan):
 class Calibration(Fitted):
     """A calibrated arm; see Fitted for what it holds."""
 
-    @cached_property
+    @property
     def outcome(self) -> str:
         """What was found, how well it is known, and what to try."""
         return outcome(self)
@@ -92,7 +91,7 @@ class Calibration(Fitted):
         """Return what is predicted less what was measured of other shapes of this arm."""
         names = [m.name or f"measured[{i}]" for i, m in enumerate(measured)]
         shapes = [m.checked(self.given_arm, n) for m, n in zip(measured, names, strict=True)]
-        return self.experiment(shapes).from_rest(self.array).residuals_of()
+        return self.experiment(shapes).from_rest(self.array).named()
 
     def save(self, path: str | Path) -> Path:
         """Write the calibration to a .json file, which `load_calibration` reads."""

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+import logging
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,20 +12,21 @@ from model import Arm, InputError, Scene
 from model.errors import OctoplanError, TimeLimitError
 from model.paths import Array
 from model.progress import tell, told, with_progress
-from model.time_limit import OutOfTime, time_limit
+from model.time_limit import OutOfTime
+from model.time_limit import time_limit as within
 from planner.fit.calibrate import supported_scene
 from planner.fit.design_program import Optimum, Program, Targets
-from planner.fit.designed import Design
+from planner.fit.designed import AT_BOUND, Design
 from planner.fit.making import Making, Objective, Reach, checked_objective
 from planner.fit.unknowns import Parameters, Unknown
 from planner.plan import Plan, plan
 from planner.program.limits import Limits
-from planner.program.terms import compliance_requests, term_names
+from planner.program.terms import term_names
 from planner.question import check_targets
-from planner.targets import Softest, Stiffest
 
-# What the given arm may lack of what can be made [mm]; how near a bound an unknown is at it.
-_LACK, _AT_BOUND = 1e-6, 1e-6
+LOG = logging.getLogger(__name__)
+# By what the given arm may miss what can be made [mm].
+_VIOLATION = 1e-6
 
 
 @with_progress
@@ -80,9 +81,8 @@ def design(
     Raises
     ------
     InputError
-        For targets and unknowns that do not fit, for targets that cannot be met exactly, or that
-        ask for a stiffness, whose derivative by numbers of the arm is not known, for an arm to
-        begin with that cannot be made, and for scenes as printed or with contact.
+        For targets and unknowns that do not fit, for targets that cannot be met exactly, for an arm
+        to begin with that cannot be made, and for scenes as printed or with contact.
     TimeLimitError
         If the time limit is reached before the first arm's optimum.
     """
@@ -96,14 +96,41 @@ def design(
         if not all(k.startswith("arm.") and not k.startswith("arm.base") for k in unknown.keys):
             raise InputError("key", unknown.name, "numbers of the arm but for its base")
     making, limits = making or Making(), Limits.of(arm, tension_max)
-    lacking = -1e3 * float(making.room(arm).min()) * arm.length
-    if lacking > _LACK:
-        allowed = f"a limit that the given arm keeps: it misses it by {lacking:.3g} mm"
+    violation = -1e3 * float(making.room(arm).min()) * arm.length
+    if violation > _VIOLATION:
+        allowed = f"a limit that the given arm keeps: it misses it by {violation:.3g} mm"
         raise InputError("making", making, allowed)
     if isinstance(objective, Reach) and not np.all(np.isfinite(limits.upper)):
         raise InputError("tension_max", tension_max, "finite tensions where a reach is asked for")
-    return _Search(parameters, scene, tasks, limits, making, objective, starts).run(
-        arm, begins, seed, time_limit
+    program, stopped = Program(parameters, tasks, limits, making, objective), False
+    search = _Search(program, len(tasks), starts)
+    try:
+        with within(time_limit):
+            before = search.plans(arm, scene)
+            search.run(before, begins, seed)
+    except OutOfTime:
+        if not search.optima:
+            raise TimeLimitError(time_limit or 0.0) from None
+        stopped = True
+    best, reaches = search.best, None
+    if isinstance(objective, Reach):
+        at_first = program.solve(parameters.start, _tensions(before), fixed=True)
+        reaches = tuple(tuple(own.tensions[-1].tolist()) for own in (at_first, best))
+    designed = parameters.built(best.values)[0]
+    return Design(
+        arm,
+        scene,
+        parameters.unknowns,
+        tuple(best.values.tolist()),
+        designed,
+        search.plans(designed, scene),
+        before,
+        best.steps,
+        making,
+        objective,
+        reaches,  # type: ignore[arg-type]
+        tuple(own.objective for own in search.optima if own.cost[0] == best.cost[0]),
+        stopped,
     )
 
 
@@ -112,104 +139,70 @@ def _checked(arm: Arm, targets: Iterable[Any]) -> list[Targets]:
     if not tasks:
         raise InputError("targets", targets, "at least one task")
     for i, task in enumerate(tasks):
-        if compliance_requests(task):
-            raise InputError(f"targets[{i}]", "a stiffness", "targets of shape alone")
         if term_names(arm, task)[1]:
             raise InputError(f"targets[{i}]", task, "targets that can be met exactly")
     return tasks
 
 
-@dataclass
 class _Search:
-    """Local optimisations of one design."""
+    """Local optimisations of one design, by the values that they begin with."""
 
-    parameters: Parameters
-    scene: Scene
-    tasks: list[Targets]
-    limits: Limits
-    making: Making
-    objective: Objective
-    starts: int | None
-    optima: list[Optimum] = field(default_factory=list)
-
-    def run(self, arm: Arm, begins: int, seed: int, seconds: float | None) -> Design:
-        """Return the design of the best optimum that the given arm and others lead to."""
-        stopped = False
-        try:
-            with time_limit(seconds):
-                before = self._plans(arm)
-                self._begin(self.parameters.start, before)
-                spread = self.parameters.multistart(begins, seed)
-                for i, values in enumerate(spread[1:], 1):
-                    tell("arms begun with", i, begins)
-                    self._begin(values)
-                for values in self._other_ends(self._best.values):
-                    tell("arms at other bounds")
-                    self._begin(values)
-        except OutOfTime:
-            if not self.optima:
-                raise TimeLimitError(seconds or 0.0) from None
-            stopped = True
-        best = self._best
-        designed = self.parameters.built(best.values)[0]
-        reaches = None
-        if isinstance(self.objective, Reach):
-            at_first = self._program(self.parameters.start, before).solve(fixed=True)
-            reaches = tuple(tuple(own.tensions[-1].tolist()) for own in (at_first, best))
-        return Design(
-            arm,
-            self.scene,
-            self.parameters.unknowns,
-            tuple(best.values.tolist()),
-            designed,
-            self._plans(designed),
-            before,
-            best.steps,
-            self.making,
-            self.objective,
-            reaches,  # type: ignore[arg-type]
-            tuple(own.objective for own in self.optima if own.cost[0] == best.cost[0]),
-            stopped,
-        )
+    def __init__(self, program: Program, count: int, starts: int | None) -> None:
+        self.program, self.starts = program, starts
+        self._tasks = program.tasks[:count]
+        self._tried: dict[bytes, Optimum | None] = {}
 
     @property
-    def _best(self) -> Optimum:
+    def optima(self) -> list[Optimum]:
+        """Those that were found."""
+        return [own for own in self._tried.values() if own is not None]
+
+    @property
+    def best(self) -> Optimum:
+        """The best of them."""
         return min(self.optima, key=lambda own: own.cost)
 
-    def _plans(self, arm: Arm) -> tuple[Plan, ...]:
+    def plans(self, arm: Arm, scene: Scene) -> tuple[Plan, ...]:
         """Return the plans of all tasks, each by itself the best for the objective."""
-        more = (self.objective,) if isinstance(self.objective, Stiffest | Softest) else ()
+        most = self.program.limits.upper
         return tuple(
-            plan(arm, (*task, *more), self.scene, self.limits.upper, starts=self.starts)
-            for task in told("tasks planned", self.tasks)
+            plan(arm, task, scene, most, starts=self.starts)
+            for task in told("tasks planned", self._tasks)
         )
 
-    def _program(self, values: Array, plans: tuple[Plan, ...]) -> Program:
-        """Return the program that begins at values and the plans of that arm."""
-        T, tasks = [np.ravel(own.tensions) for own in plans], list(self.tasks)
-        if isinstance(self.objective, Reach):
-            T, tasks = [*T, T[0]], [*tasks, ()]
-        given = self.limits, self.making, values, np.array(T), self.objective
-        return Program(self.parameters, tasks, *given)
+    def run(self, before: Sequence[Plan], begins: int, seed: int) -> None:
+        """Begin with the given arm and its plans, others, and the best ones at their other ends."""
+        own = self.program.parameters
+        first, *others = own.multistart(begins, seed)
+        self._tried[first.tobytes()] = self.program.solve(first, _tensions(before))
+        for i, values in enumerate(others, 1):
+            tell("arms begun with", i, begins)
+            self._begin(values)
+        while left := [end for end in self._other_ends() if end.tobytes() not in self._tried]:
+            tell("arms at other bounds")
+            self._begin(left[0])
 
-    def _begin(self, values: Array, plans: tuple[Plan, ...] | None = None) -> None:
-        """Add the optimum that values lead to; none from another arm that cannot be."""
+    def _begin(self, values: Array) -> None:
+        """Add the optimum that values lead to; none from an arm that cannot be."""
+        found = None
         try:
-            if plans is None:
-                arm = self.parameters.built(values)[0]
-                if self.making.room(arm).min() < 0:
-                    return
-                plans = self._plans(arm)
-            self.optima.append(self._program(values, plans).solve())
-        except OctoplanError:
-            if not self.optima:
-                raise
+            arm, scene = self.program.parameters.built(values)
+            if self.program.making.room(arm).min() >= 0:
+                found = self.program.solve(values, _tensions(self.plans(arm, scene)))
+        except OctoplanError as reason:
+            LOG.debug("no optimum: %s", reason)
+        self._tried[values.tobytes()] = found
 
-    def _other_ends(self, values: Array) -> list[Array]:
-        """Return values with each unknown that is at a bound at the other one."""
-        shares, ends = self.parameters.shares(values), list[Array]()
-        for k in np.flatnonzero(np.minimum(shares, 1 - shares) < _AT_BOUND):
-            other = shares.copy()
-            other[k] = 1.0 - np.round(shares[k])
-            ends.append(self.parameters.from_shares(other))
+    def _other_ends(self) -> list[Array]:
+        """Return the best values with each unknown that is at a bound at the other one."""
+        own = self.program.parameters
+        shares, ends = own.shares(self.best.values), list[Array]()
+        for k in np.flatnonzero(np.minimum(shares, 1 - shares) < AT_BOUND):
+            other = np.round(shares, 6)
+            other[k] = 1.0 - np.round(other[k])
+            ends.append(own.from_shares(other))
         return ends
+
+
+def _tensions(plans: Sequence[Plan]) -> Array:
+    return np.array([np.ravel(own.tensions) for own in plans])

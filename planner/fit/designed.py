@@ -12,13 +12,14 @@ from model import Arm, InputError, Scene, settle
 from model.paths import Array
 from model.stiffness import stiffness
 from model.text import counted, in_notebook
-from planner.fit.design_program import effort_jacobian
+from planner.fit.design_program import Program
 from planner.fit.making import Making, Objective, Reach
 from planner.fit.unknowns import Parameters, Unknown
 from planner.plan import Plan
 from planner.targets import Softest, Stiffest
 
-_END = 1e-6
+# How near a bound an unknown is at it, over its range; tensions likewise.
+AT_BOUND = 1e-6
 # By what share of what is least another optimum is a worse one.
 _OTHER = 1e-3
 
@@ -129,9 +130,12 @@ class Design:
             raise InputError("design", self.objective, "a design for the least effort")
         if not self.feasible:
             raise InputError("design", "tasks that are not met", "a design that meets all tasks")
-        return effort_jacobian(self.parameters, self.array, self.plans)
+        tasks, limits = [own.targets for own in self.plans], self.plans[0].limits
+        program = Program(self.parameters, tasks, limits, self.making)
+        T = np.array([np.ravel(own.tensions) for own in self.plans])
+        return program.sensitivity(self.array, T) / self.effort
 
-    @cached_property
+    @property
     def outcome(self) -> str:
         """What was found, and where that is not enough which task and which limit hold it."""
         told = [self._told()]
@@ -156,7 +160,7 @@ class Design:
     def _held(self, own: Plan) -> str:
         """Return which tension limits a plan is at."""
         T, upper = np.ravel(own.tensions), np.array(own.limits.upper)
-        at = np.flatnonzero(upper * (1 - _END) <= T)
+        at = np.flatnonzero(upper * (1 - AT_BOUND) <= T)
         names = ", ".join(own.arm.tendon_name(int(j)) for j in at)
         return f" At the tension limit: {names}." if names else ""
 
@@ -193,4 +197,4 @@ def _total(plans: Sequence[Plan]) -> float:
 
 
 def _at_end(own: Unknown, value: float) -> bool:
-    return min(value - own.lower, own.upper - value) < _END * own.range
+    return min(value - own.lower, own.upper - value) < AT_BOUND * own.range

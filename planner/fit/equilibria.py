@@ -1,52 +1,53 @@
-"""Shapes of one arm at values of the unknowns: its equations, equilibria and their derivatives.
+"""Equilibria of measured shapes at values of the unknowns, and their derivatives by these.
 
-The equations, the places that are looked at and the lengths at rest are numbers that depend on the
-unknowns, and are differentiated together. Equilibria follow from the equations' derivatives by
-these numbers, by the implicit function theorem.
+The numbers of the equations, the places that are looked at and the lengths at rest are closed forms
+of the unknowns, put together in NumPy; difference quotients differentiate them, and nothing is
+solved for these. Equilibria follow from the equations' own derivatives by their numbers, CasADi's,
+by the implicit function theorem. Shapes are settled under the tensions of load cells, or by the
+lengths of encoders.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any, NamedTuple
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from model import Arm, InputError, OctoplanError, Scene
-from model.cross_section.reported import kinematics
+from model import Arm, InputError, OctoplanError, Scene, settle
+from model.by_lengths import equilibrium_beside, tightened
 from model.equilibrium.by_numbers import ByNumbers, by_numbers
-from model.equilibrium.dense import poses_and_strains
 from model.equilibrium.equilibrium import Collocated
 from model.equilibrium.forward import Collocation
 from model.equilibrium.linearised import Linearised, linearised
-from model.equilibrium.newton import newton_many
-from model.loads import is_loaded
-from model.machine.buffered import Mapped
+from model.equilibrium.newton import CLOSE, newton_many
 from model.mesh import Mesh
 from model.paths import Array
-from model.rotations import multiply, rotate
 from model.transcription.layout import POSE
 from model.transcription.neighbours import NumberDerivatives, keep_sign, landmarks, moved_mesh
 from model.transcription.system import System, system
 from model.unloaded.stretch import check_stretch
-from model.winches import rest_lengths
-from planner.fit.unknowns import Parameters
+from model.winches import Winches, rest_lengths
+from planner.fit.measured import Measured
+from planner.fit.unknowns import MM, Parameters
 
-MM = 1e-3
-# The arc lengths (S,) [m] of an arm and the table of its values that sensors or targets look at.
-Stations = Callable[[Arm, dict[str, Any]], Array]
+Index = NDArray[np.int64]
+Reached = Linearised | OctoplanError
+# Tip error over arm length of the shapes by lengths whose tensions are then corrected.
+_ROUGHLY = 1e-4
+# In place of a point's number.
+TIP, FRAME = -1, -2
 
 
 class Numbers(NamedTuple):
     """What equations and sensors take of the unknowns; of derivatives each with K columns more.
 
     Numbers of the equations (n_p,) and of the tendons' lengths (n,), arc lengths of the nodes
-    (N + 1,) and of the stations (S,), by how much the points' offsets are off what they were said
-    to be (P, 3) [m], scale and lengths at rest [m] of the tendons (n_tendons,).
+    (N + 1,) and of what is looked at (M,), offsets of points (M, 3) [m], scale and lengths at rest
+    [m] of the tendons (n_tendons,).
     """
 
     p: Array
@@ -58,25 +59,34 @@ class Numbers(NamedTuple):
     rest: Array
 
 
-class Equations:
-    """The equations of a session's arm, on meshes whose nodes move along with the unknowns.
+class Family:
+    """The shapes of a session, whose arm is one at any values of the unknowns.
 
-    `stations` are nodes; lengths at rest are worked out where there are `strokes`.
+    Attributes
+    ----------
+    shapes : tuple of Measured
+    shape, point : (M,)
+        Of each marker, tip and frame that is looked at: the number of its shape, and of its point,
+        TIP or FRAME.
     """
 
     def __init__(
         self,
         parameters: Parameters,
         session: str,
-        stations: Stations,
+        shapes: Sequence[Measured],
         refinement: int,
         stages: int,
-        machine_code: bool = False,
-        strokes: bool = False,
+        machine_code: bool,
     ) -> None:
-        self.parameters, self.session, self.stations = parameters, session, stations
-        self.strokes = strokes
-        self.refinement, self.stages, self.machine_code = refinement, stages, machine_code
+        self.parameters, self.session, self.shapes = parameters, session, tuple(shapes)
+        self.mesh, self._said = (refinement, stages, machine_code), parameters.table["points"]
+        self._strokes = any(shape.strokes is not None for shape in shapes)
+        rows = [(k, *row) for k, shape in enumerate(shapes) for row in _looked_at(shape)]
+        self.shape = np.array([row[0] for row in rows], dtype=np.int64)
+        self.point = np.array([row[1] for row in rows], dtype=np.int64)
+        self._s = np.array([row[2] for row in rows], dtype=float)
+        self._offsets = np.array([row[3] for row in rows], dtype=float).reshape(-1, 3)
         self._first: tuple[Mesh, Array, Array] | None = None
 
     def at(self, values: Array) -> Setting:
@@ -84,13 +94,12 @@ class Equations:
 
         On the first mesh as it fits this arm; where places have passed each other, on a new one.
         """
-        table = self.parameters.table_at(values, self.session)
-        arm, scene = self.parameters.built(values, self.session)
-        places = np.unique(self.stations(arm, table))
-        if places.size and not 0 <= places[0] <= places[-1] <= arm.length * (1 + 1e-12):
-            raise InputError("points", places.tolist(), f"on the arm, 0 to {arm.length:g} m")
-        at = tuple(np.minimum(places, arm.length).tolist())
-        marks = landmarks(arm, scene, at)
+        table, (arm, scene) = self._of(values)
+        s = self._looked_at(arm, table)
+        if s.size and not 0 <= s.min() <= s.max() <= arm.length * (1 + 1e-12):
+            raise InputError("points", np.unique(s).tolist(), f"on the arm, 0 to {arm.length:g} m")
+        at = tuple(np.unique(np.minimum(s, arm.length)).tolist())
+        marks, (refinement, stages, machine_code) = landmarks(arm, scene, at), self.mesh
         if self._first is not None:
             mesh, old, base = self._first
             try:
@@ -98,8 +107,7 @@ class Equations:
             except InputError:
                 self._first = None
         if self._first is None:
-            form = self.stages, self.refinement, at, True, self.machine_code
-            stated = system(arm, scene, *form)
+            stated = system(arm, scene, stages, refinement, at, True, machine_code)
             self._first = stated.mesh, marks, stated.base
         return Setting(self, values, stated, self._numbers(stated, table))
 
@@ -109,39 +117,61 @@ class Equations:
         marks = landmarks(old.arm, old.scene)
 
         def numbers(values: Array) -> Numbers:
-            arm, scene = self.parameters.built(values, self.session)
-            mesh = moved_mesh(old.mesh, marks, landmarks(arm, scene))
-            table = self.parameters.table_at(values, self.session)
-            return self._numbers(self._stated(arm, scene, mesh, old.base), table)
+            table, (arm, scene) = self._of(values)
+            stated = old
+            if (arm, scene) != (old.arm, old.scene):
+                mesh = moved_mesh(old.mesh, marks, landmarks(arm, scene))
+                stated = self._stated(arm, scene, mesh, old.base)
+            return self._numbers(stated, table)
 
-        return Numbers(*self.parameters.derivatives(numbers, here.values, self.session))
+        given = numbers, here.numbers, here.values, self.session
+        return Numbers(*self.parameters.derivatives(*given))
+
+    def _of(self, values: Array) -> tuple[dict[str, Any], tuple[Arm, Scene]]:
+        table = self.parameters.table_at(values, self.session)
+        return table, self.parameters.built(values, self.session)
 
     def _stated(self, arm: Arm, scene: Scene, mesh: Mesh, base: Array) -> System:
-        stated = System(arm, scene, mesh, self.stages, machine_code=self.machine_code)
+        _, stages, machine_code = self.mesh
+        stated = System(arm, scene, mesh, stages, machine_code=machine_code)
         keep_sign(stated.base, base)
         return stated
 
+    def _shift(self, table: dict[str, Any], key: str, size: tuple[int, ...] = ()) -> Array:
+        """Return by how much a key of the points looked at is off what it is said to be [m]."""
+        found = np.zeros((self.point.size, *size))
+        for i, (own, said) in enumerate(zip(table["points"], self._said, strict=True)):
+            found[self.point == i] = MM * (np.array(own[key]) - said[key])
+        return found
+
+    def _looked_at(self, arm: Arm, table: dict[str, Any]) -> Array:
+        s = np.where(self.point == TIP, arm.length, self._s)
+        return np.asarray(s + self._shift(table, "s_mm"))
+
     def _numbers(self, stated: System, table: dict[str, Any]) -> Numbers:
-        offsets = [
-            MM * np.array([point["offset_mm"] for point in own["points"]]).reshape(-1, 3)
-            for own in (table, self.parameters.table)
-        ]
         return Numbers(
             stated.p,
             stated.length_numbers,
             stated.mesh.s,
-            self.stations(stated.arm, table),
-            offsets[0] - offsets[1],
+            self._looked_at(stated.arm, table),
+            self._offsets + self._shift(table, "offset_mm", (3,)),
             np.array(table["tension_scale"], dtype=float),
-            rest_lengths(stated.arm) if self.strokes else np.zeros(stated.arm.n_tendons),
+            rest_lengths(stated.arm) if self._strokes else np.zeros(stated.arm.n_tendons),
         )
+
+
+def _looked_at(shape: Measured) -> list[tuple[int, float, Any]]:
+    """Return point, arc length [m] and offset [m] of the markers seen, of the tip and of frames."""
+    points = [(i, point.s, point.offset) for i, point in shape.seen]
+    tip = [(TIP, 0.0, np.zeros(3))] * (shape.tip is not None)
+    return [*points, *tip, *((FRAME, frame.s, np.zeros(3)) for frame in shape.frames)]
 
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """The equations at values (K,) of the unknowns, and their numbers."""
+    """The equations of a family at values (K,) of the unknowns, and their numbers."""
 
-    equations: Equations
+    family: Family
     values: Array
     system: System
     numbers: Numbers
@@ -149,94 +179,121 @@ class Setting:
     @cached_property
     def derivatives(self) -> Numbers:
         """Derivatives of the numbers by the unknowns, each (..., K)."""
-        return self.equations.derivatives(self)
+        return self.family.derivatives(self)
 
-    def from_rest(self, tensions: Array) -> list[Linearised | OctoplanError]:
-        """Return the equilibria under tensions (N, n_tendons) as they are reached from rest.
+    @property
+    def nodes(self) -> Index:
+        """The nodes that are looked at (M,)."""
+        return np.asarray(np.abs(self.system.mesh.s - self.numbers.s[:, None]).argmin(axis=1))
 
-        Or why there is none.
+    @property
+    def places(self) -> Index:
+        """Places of their poses among the states (M, 7)."""
+        return np.asarray(self.system.of.nodes[self.nodes, :POSE])
+
+    def from_rest(self) -> list[Reached]:
+        """Return all shapes as they are reached from rest, or why there is none."""
+        begun = [self._tensions(shape) for shape in self.family.shapes]
+        tensions = np.array([T for T in begun if isinstance(T, np.ndarray)])
+        settled = iter(self._settled(tensions.reshape(-1, self.system.arm.n_tendons)))
+        return [
+            self._held(shape, next(settled)) if isinstance(T, np.ndarray) else T
+            for shape, T in zip(self.family.shapes, begun, strict=True)
+        ]
+
+    def near(
+        self, which: Sequence[int], before: Sequence[ByNumbers], change: Array
+    ) -> list[Reached]:
+        """Return some shapes near their equilibria before a change (K,) of the unknowns.
+
+        Newton's method begins where their derivatives say that they are now, with the factors that
+        they had if that is close. Where the mesh is another it begins with the strains on that.
         """
-        forward, equilibria = Collocation.on(self.system), list[Linearised | OctoplanError]()
-        if is_loaded(self.system.scene):
-            equilibria += forward.from_rest_many(tensions)
+        shapes = [self.family.shapes[i] for i in which]
+        T = np.array(
+            [
+                np.maximum(by.here.tensions + by.tensions @ change, 0.0)
+                if shape.by_length
+                else self._tensions(shape)
+                for shape, by in zip(shapes, before, strict=True)
+            ]
+        )
+        kept: list[Linearised | None] = [None] * len(shapes)
+        if self.system.of is before[0].here.system.of:
+            ahead = [by.states @ change for by in before]
+            guesses = [by.here.states + own for by, own in zip(before, ahead, strict=True)]
+            turns = np.abs(np.array(ahead)[:, self.system.of.nodes[:, :4].ravel()]).max(axis=1)
+            kept = [by.here if t < CLOSE else None for by, t in zip(before, turns, strict=True)]
         else:
-            for T in tensions:
-                try:
-                    equilibria.append(forward.found(T))
-                except OctoplanError as reason:
-                    equilibria.append(reason)
-        for i, here in enumerate(equilibria):
+            on = Collocation.on(self.system)
+            guesses = [on.carried(own, by.here) for own, by in zip(T, before, strict=True)]
+        given = self.system, T, 1.0, np.array(guesses)
+        # Factors of other numbers serve steps, not derivatives.
+        heres = [own and own.refreshed for own in newton_many(*given, kept=kept).solutions]
+        lost = [i for i, own in enumerate(heres) if own is None and kept[i]]
+        if lost:
+            again = newton_many(self.system, T[lost], 1.0, given[-1][lost]).solutions
+            for i, end in zip(lost, again, strict=True):
+                heres[i] = end
+        jumps = OctoplanError("it jumps")
+        return [self._held(shape, here or jumps) for shape, here in zip(shapes, heres, strict=True)]
+
+    def differentiated(self, which: Sequence[int], heres: Sequence[Linearised]) -> list[ByNumbers]:
+        """Return the derivatives of equilibria of some shapes, and of their tensions."""
+        numbers, found = self.derivatives, list[ByNumbers]()
+        jacobian = NumberDerivatives(numbers.p, numbers.lengths, numbers.nodes)
+        fresh = linearised(self.system, np.array([here.x for here in heres]))
+        still = np.zeros((self.system.of.n_tendons, len(self.values)))
+        for i, by in zip(which, by_numbers(fresh, jacobian, [still] * len(fresh)), strict=True):
+            shape, tensions = self.family.shapes[i], still
+            if shape.by_length:
+                left = numbers.rest if shape.strokes is not None else 0.0
+                tensions = self.tensions_by_lengths(by.here) @ (left - by.lengths)
+            else:
+                tensions = np.array(shape.tensions)[:, None] * numbers.scale
+            found.append(ByNumbers(by.here, by.jacobian, tensions, by.moved))
+        return found
+
+    @staticmethod
+    def tensions_by_lengths(here: Linearised) -> Array:
+        """Return how tensions change with the lengths that winches leave (n_tendons, n_tendons)."""
+        taut = here.tensions > 0
+        inverse = np.zeros((taut.size, taut.size))
+        inverse[np.ix_(taut, taut)] = np.linalg.pinv(here.length_tension[np.ix_(taut, taut)], 1e-9)
+        return inverse
+
+    def _left(self, shape: Measured) -> Array:
+        """Return what winches leave of the tendons of a shape settled by lengths [m]."""
+        if shape.lengths is not None:
+            return np.array(shape.lengths)
+        return np.asarray(self.numbers.rest - np.array(shape.strokes))
+
+    def _tensions(self, shape: Measured) -> Array | OctoplanError:
+        """Return the tensions of a shape (n_tendons,), those by lengths roughly."""
+        arm, scene = self.system.arm, self.system.scene
+        if not shape.by_length:
+            return np.asarray(self.numbers.scale * np.array(shape.tensions))
+        try:
+            return arm.flat(settle(arm, None, scene, _ROUGHLY, lengths=self._left(shape)).tensions)
+        except OctoplanError as reason:
+            return reason
+
+    def _settled(self, tensions: Array) -> list[Reached]:
+        """Return the equilibria under tensions (N, n_tendons) from rest, or why there is none."""
+        found = Collocation.on(self.system).from_rest_many(tensions)
+        for i, here in enumerate(found):
             if isinstance(here, Linearised):
                 try:
                     check_stretch(Collocated(here, 0))
                 except OctoplanError as reason:
-                    equilibria[i] = reason
-        return equilibria
+                    found[i] = reason
+        return found
 
-    def near(
-        self, tensions: Array, before: Sequence[ByNumbers], change: Array
-    ) -> list[Linearised | None]:
-        """Return the equilibria under tensions (N, n_tendons) near others.
-
-        Those were found before a change (K,) of the unknowns, and Newton's method begins where
-        their derivatives say that they are now; None where that does not lead to one nearby. Where
-        the mesh is a new one it begins with the strains on the old one.
-        """
-        if not before:
-            return []
-        if self.system.of is before[0].here.system.of:
-            guesses = [
-                by.here.states
-                + by.states @ change
-                + by.here.by_tensions @ (T - by.here.tensions - by.tensions @ change)
-                for T, by in zip(tensions, before, strict=True)
-            ]
-        else:
-            on, heres = Collocation.on(self.system), [by.here for by in before]
-            guesses = [on.carried(T, own) for T, own in zip(tensions, heres, strict=True)]
-        return newton_many(self.system, tensions, 1.0, np.array(guesses)).solutions
-
-    def differentiated(
-        self, heres: Sequence[Linearised], tensions: Sequence[Array]
-    ) -> list[ByNumbers]:
-        """Return the derivatives of equilibria, whose tensions have theirs (n_tendons, K)."""
-        numbers = self.derivatives
-        jacobian = NumberDerivatives(numbers.p, numbers.lengths, numbers.nodes)
-        fresh = linearised(self.system, np.array([here.x for here in heres])) if heres else []
-        return by_numbers(fresh, jacobian, tensions)
-
-    @cached_property
-    def places(self) -> NDArray[np.int64]:
-        """Places of the stations' poses among the states (S, 7)."""
-        return np.asarray(self.system.of.nodes[self._nodes, :POSE])
-
-    @cached_property
-    def _nodes(self) -> NDArray[np.int64]:
-        return np.asarray(np.abs(self.system.mesh.s - self.numbers.s[:, None]).argmin(axis=1))
-
-    def poses(self, heres: Sequence[Linearised]) -> Array:
-        """Return the poses of shapes at the stations (N, S, 7)."""
-        return np.array([here.states[self.places] for here in heres])
-
-    def pose_derivatives(self, rows: Sequence[ByNumbers]) -> Array:
-        """Return the derivatives of poses at the stations by the unknowns (N, S, 7, K).
-
-        The nodes of the mesh move with the unknowns, stations as they do themselves.
-        """
-        derivatives = np.array([by.states[self.places] for by in rows])
-        slip = self.derivatives.s - self.derivatives.nodes[self._nodes]
-        if not slip.any():
-            return derivatives
-        s, law, rates = self.system.mesh.s[self._nodes], self.system.of.form.law, []
-        for by in rows:
-            poses, v = poses_and_strains(self.system, by.here.x, s)
-            rates.append(_along()(poses, *kinematics(law, v))[0])
-        return np.asarray(derivatives + np.array(rates)[..., None] * slip[:, None, :])
-
-
-@lru_cache(maxsize=1)
-def _along() -> Mapped:
-    """Return (pose, kappa, nu) -> how the pose changes along the arm (7,) [1/m]."""
-    g, kappa, nu = ca.SX.sym("g", POSE), ca.SX.sym("kappa", 3), ca.SX.sym("nu", 3)
-    turned = multiply(g[:4], ca.vertcat(0, kappa)) / 2
-    return Mapped(ca.Function("along", [g, kappa, nu], [ca.vertcat(turned, rotate(g[:4], nu))]))
+    def _held(self, shape: Measured, here: Reached) -> Reached:
+        """Return the equilibrium of a shape by lengths with tensions under which they hold."""
+        if isinstance(here, OctoplanError) or not shape.by_length:
+            return here
+        n = self.system.arm.n_tendons
+        winches = Winches(np.ones(n, dtype=bool), self._left(shape), np.zeros(n))
+        found = tightened(here, winches, equilibrium_beside, self.system.arm)
+        return found or OctoplanError("no shape near its lengths is found")

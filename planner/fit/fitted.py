@@ -13,7 +13,7 @@ import scipy
 from model import Arm, Scene
 from model.equilibrium.forward import STAGES
 from model.paths import Array
-from planner.fit.identify import Direction, Information, direction, information
+from planner.fit.covariance import Direction, Information, direction, information
 from planner.fit.least_squares import Weights, prior_residuals
 from planner.fit.measured import Measured
 from planner.fit.residuals import Evaluation, Experiment, Residual, mean_distance
@@ -136,10 +136,14 @@ class Fitted:
     def degrees_of_freedom(self) -> int:
         """Numbers measured, and priors, less unknowns; at least 1."""
         priors = sum(unknown.prior is not None for unknown in self.unknowns)
-        size = sum(self.measured[i].size for i in self.evaluation.present)
-        return max(size + priors - len(self.unknowns), 1)
+        return max(sum(shape.size for shape in self.explained) + priors - len(self.unknowns), 1)
 
-    @cached_property
+    @property
+    def explained(self) -> list[Measured]:
+        """The shapes that are not left out."""
+        return [self.measured[i] for i in self.evaluation.equilibria]
+
+    @property
     def unidentified(self) -> tuple[Direction, ...]:
         """Combinations of unknowns that the data do not tell, or hardly."""
         names = [unknown.name for unknown in self.unknowns]
@@ -162,17 +166,17 @@ class Fitted:
         rows = zip(self.unknowns, self.std, strict=True)
         return tuple(own.name for own, std in rows if own.prior and std > _UNMOVED * own.prior[1])
 
-    @cached_property
+    @property
     def residuals(self) -> tuple[Residual, ...]:
         """All that was measured, shape by shape, of those that settle."""
-        return self.evaluation.residuals_of()
+        return self.evaluation.named()
 
     @property
     def mean_error(self) -> float:
         """Mean distance of markers and tips from where they are predicted [m]; NaN without any."""
         return mean_distance(self.residuals)
 
-    @cached_property
+    @property
     def unlike(self) -> tuple[str, ...]:
         """Names of shapes that are far worse explained than the others.
 
@@ -182,12 +186,12 @@ class Fitted:
         here = self.evaluation
         sizes = {
             i: float(np.sqrt(np.mean(np.square(here.whitening[i] @ miss / self.noise))))
-            for i, miss in here.by_shape.items()
+            for i, miss in here.residuals.items()
         }
         far = max(_UNLIKE * float(np.median(list(sizes.values()))), 1.0)
         return tuple(self.measured[i].name for i, size in sizes.items() if size > far)
 
-    @cached_property
+    @property
     def unreached(self) -> tuple[str, ...]:
         """Names of shapes that no values within the bounds come near.
 
@@ -214,7 +218,7 @@ class Fitted:
         names = [name for name, _ in self.left_out]
         kept = [i for i, shape in enumerate(self.measured) if shape.name not in names]
         here = self.experiment(self.measured).from_rest(self.array)
-        return here.only([i for i in kept if i in here.present])
+        return here.only([i for i in kept if i in here.equilibria])
 
     def experiment(self, shapes: Sequence[Measured]) -> Experiment:
         """Return shapes with the unknowns of this calibration."""
@@ -224,7 +228,7 @@ class Fitted:
     @cached_property
     def information(self) -> Information:
         """What data and priors say of the unknowns, from bound to bound."""
-        prior = prior_residuals(self.unknowns, self.array)[1]
+        prior = prior_residuals(self.parameters, self.array)[1]
         return information(np.vstack([*self.jacobians.values(), prior]))
 
     @cached_property
@@ -232,7 +236,7 @@ class Fitted:
         """Derivatives of the residuals of shapes over the noise by unknowns from 0 to 1."""
         here, rows = self.evaluation, {}
         for i, J in here.jacobians.items():
-            counted = np.sqrt(self.weights.of(here.whitening[i] @ here.by_shape[i] / self.noise))
+            counted = np.sqrt(self.weights.of(here.whitening[i] @ here.residuals[i] / self.noise))
             J = here.whitening[i] @ J * self.parameters.range / self.noise
             rows[i] = J * counted[:, None]
         return rows

@@ -7,9 +7,10 @@ followed, is refused, so that the trust region shrinks: it is the continuation's
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import logging
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -19,8 +20,9 @@ from model import InputError
 from model.paths import Array
 from model.time_limit import check_time
 from planner.fit.residuals import Evaluation
-from planner.fit.unknowns import Unknown
+from planner.fit.unknowns import Parameters
 
+LOG = logging.getLogger(__name__)
 Loss = Literal["linear", "huber", "soft_l1", "cauchy"]
 LOSSES = ("linear", "huber", "soft_l1", "cauchy")
 Rho = tuple[Array, Array, Array]
@@ -37,8 +39,9 @@ _RHO: dict[str, Callable[[Array], Rho]] = {
 }
 # The least noise, over the standard deviations given, and how often shapes are settled at most.
 _LEAST_NOISE, _MOST = 1e-9, 100
-# The last step, over the unknowns from 0 to 1, and the gradient of the log-likelihood there.
-_STEP, _GRADIENT = 1e-7, 1e-9
+# The last step, over the unknowns from 0 to 1, and the gradient of the log-likelihood there; how
+# near a bound an unknown is at it.
+_STEP, _GRADIENT, _AT_BOUND = 1e-7, 1e-9, 1e-6
 
 
 @dataclass(frozen=True)
@@ -137,8 +140,6 @@ class Fit:
         What standard deviations are multiplied by, as the residuals say; 1 if they hold as given.
     cost : float
         The negative logarithm of the likelihood, but for a constant.
-    evaluations : int
-        How often all shapes were settled.
     refused : tuple of int
         Shapes that could not be followed on the last steps, which end the fit.
     """
@@ -146,45 +147,45 @@ class Fit:
     evaluation: Evaluation
     noise: float
     cost: float
-    evaluations: int
     refused: tuple[int, ...]
 
 
-def prior_residuals(unknowns: Sequence[Unknown], values: Array) -> tuple[Array, Array]:
+def prior_residuals(parameters: Parameters, values: Array) -> tuple[Array, Array]:
     """Return residuals (m,) of priors, and their derivatives (m, K) by the unknowns from 0 to 1."""
-    known = [(k, own.prior, own.range) for k, own in enumerate(unknowns) if own.prior]
-    r = np.array([(values[k] - prior[0]) / prior[1] for k, prior, _ in known])
-    J = np.zeros((len(known), len(unknowns)))
-    for row, (k, prior, span) in enumerate(known):
-        J[row, k] = span / prior[1]
-    return r, J
+    rows = [(k, *own.prior) for k, own in enumerate(parameters.unknowns) if own.prior]
+    which = [k for k, *_ in rows]
+    mean, std = np.array([row[1:] for row in rows]).reshape(-1, 2).T
+    slopes = np.diag(parameters.range)[which] / std[:, None]
+    return (values[which] - mean) / std, slopes
 
 
 def fit(start: Evaluation, weights: Weights, tolerance: float = 1e-6) -> Fit:
     """Return the optimum that an evaluation leads to, of the shapes that it has.
 
-    To about a `tolerance` in the logarithm of the likelihood.
-
-    The noise of a robust loss is that of Cauchy's, which bounds what outliers add to it.
+    To about a `tolerance` in the logarithm of the likelihood. The noise of a robust loss is that of
+    Cauchy's, which bounds what outliers add to it.
     """
-    if weights.absolute:
-        return _descent(start, weights.loss, 1.0, tolerance)
-    if weights.loss == "linear":
-        return _descent(start, "linear", None, tolerance)
+    loss, noise = weights.loss, 1.0 if weights.absolute else None
+    if loss in ("linear", "cauchy") or weights.absolute:
+        return _descent(start, loss, noise, tolerance)
     robust = _descent(start, "cauchy", None, tolerance)
-    if weights.loss == "cauchy" or robust.refused:
+    if robust.refused:
         return robust
-    return _descent(robust.evaluation, weights.loss, robust.noise, tolerance)
+    return _descent(robust.evaluation, loss, robust.noise, tolerance)
 
 
 def _descent(start: Evaluation, loss: Loss, noise: float | None, tolerance: float) -> Fit:
-    steps = _Steps(start)
-    unknowns = start.experiment.parameters.unknowns
-    free = max(steps.size - sum(own.prior is None for own in unknowns), 1)
+    steps, parameters = _Steps(start), start.experiment.parameters
+    free = max(steps.size - sum(own.prior is None for own in parameters.unknowns), 1)
     likelihood = Likelihood(loss, free, steps.size, noise)
-    scipy.optimize.least_squares(
+
+    def stop_at_the_optimum(z: Array) -> None:
+        if steps.gain(z, likelihood) <= tolerance:
+            raise StopIteration
+
+    found = scipy.optimize.least_squares(
         steps.residuals,
-        np.clip(start.experiment.parameters.shares(start.values), 0.0, 1.0),
+        np.clip(parameters.shares(start.values), 0.0, 1.0),
         steps.jacobian,
         bounds=(0.0, 1.0),
         loss=likelihood.rho,
@@ -193,52 +194,67 @@ def _descent(start: Evaluation, loss: Loss, noise: float | None, tolerance: floa
         ftol=tolerance / max(np.log(1 / _LEAST_NOISE) * steps.size, 1.0),
         gtol=_GRADIENT,
         max_nfev=_MOST,
+        callback=stop_at_the_optimum,
     )
-    best = steps.best
-    r = np.concatenate([steps.whitened(best), prior_residuals(unknowns, best.values)[0]])
-    cost = float(likelihood.rho(np.square(r))[0].sum()) / 2
-    found = likelihood.noise_of(r[: steps.size])
-    return Fit(best, found, cost, steps.evaluations, steps.refused)
+    LOG.debug("%s: %s after %d evaluations", loss, found.message, found.nfev)
+    noise = likelihood.noise_of(steps.residuals(found.x)[: steps.size])
+    return Fit(steps.best, noise, float(found.cost), steps.refused)
 
 
 class _Steps:
-    """What SciPy calls: z (K,) from 0 to 1; shapes follow from those last differentiated."""
+    """What SciPy calls: z (K,) from 0 to 1; shapes follow from those last differentiated.
+
+    Attributes
+    ----------
+    best : Evaluation
+        The shapes at the last step that was taken.
+    size : int
+        Number of residuals of data.
+    refused : tuple of int
+        Shapes that could not be followed since then.
+    """
 
     def __init__(self, start: Evaluation) -> None:
         self.best = self._last = start
         self._parameters, self._whitening = start.experiment.parameters, start.whitening
-        self.evaluations, self.refused = 0, tuple[int, ...]()
-
-    @cached_property
-    def size(self) -> int:
-        """Number of residuals of data."""
-        return int(self.whitened(self.best).size)
-
-    def whitened(self, here: Evaluation) -> Array:
-        """Return the residuals of data, over their standard deviations (n,)."""
-        rows = [self._whitening[i] @ miss for i, miss in here.by_shape.items()]
-        return np.concatenate([*rows, np.zeros(0)])
+        self._at = np.clip(self._parameters.shares(start.values), 0.0, 1.0)
+        self.size = sum(map(len, start.residuals.values()))
+        self.refused: tuple[int, ...] = ()
 
     def residuals(self, z: Array) -> Array:
         """Return the residuals of data and priors; infinite where a shape cannot be followed."""
-        values = self._parameters.from_shares(z)
-        prior, _ = prior_residuals(self._parameters.unknowns, values)
-        if not np.allclose(self._parameters.shares(self._last.values), z, rtol=0, atol=1e-14):
+        if not np.array_equal(z, self._at):
             check_time()
-            self.evaluations += 1
             try:
-                here = self.best.near(values)
+                here = self.best.near(self._parameters.from_shares(z))
+                self.refused = tuple(here.lost) or self.refused
             except InputError:
-                return np.full(self.size + prior.size, np.inf)
-            if here.lost:
-                self.refused = tuple(here.lost)
-                return np.full(self.size + prior.size, np.inf)
-            self._last = here
-        return np.concatenate([self.whitened(self._last), prior])
+                here = None
+            if here is None or here.lost:
+                priors = sum(own.prior is not None for own in self._parameters.unknowns)
+                return np.full(self.size + priors, np.inf)
+            self._last, self._at = here, z.copy()
+        rows = [self._whitening[i] @ miss for i, miss in self._last.residuals.items()]
+        return np.concatenate([*rows, prior_residuals(self._parameters, self._last.values)[0]])
 
     def jacobian(self, z: Array) -> Array:
         """Return their derivatives (n, K); the step that led here is taken."""
         self.best, self.refused = self._last, ()
         rows = [self._whitening[i] @ J for i, J in self.best.jacobians.items()]
-        prior = prior_residuals(self._parameters.unknowns, self.best.values)[1]
-        return np.vstack([*(own * self._parameters.range for own in rows), prior])
+        rows = [own * self._parameters.range for own in rows]
+        return np.vstack([*rows, prior_residuals(self._parameters, self.best.values)[1]])
+
+    def gain(self, z: Array, likelihood: Likelihood) -> float:
+        """Return what the linearisation says can be gained of the logarithm of the likelihood.
+
+        By the unknowns that do not press against a bound: half the square of the part of the
+        residuals that they explain. Source: Bates and Watts, "Nonlinear Regression Analysis and Its
+        Applications" (1988), 2.2.3.
+        """
+        r = self.residuals(z)
+        counted = np.sqrt(likelihood.rho(np.square(r))[1])
+        J, r = counted[:, None] * self.jacobian(z), counted * r
+        slope = J.T @ r
+        free = J[:, np.where(slope > 0, z, 1 - z) > _AT_BOUND]
+        explained = free @ np.linalg.lstsq(free, r, rcond=None)[0]
+        return float(explained @ explained) / 2

@@ -1,32 +1,21 @@
-"""What a design is held to and what it makes best: limits of making, and objectives.
-
-A stiffness is told by the compliance c = d . C d at the tip. Its derivative by a number is a mixed
-one of the tip's place: by a force along d and by the number. Exact derivatives by the numbers are
-taken at a small force to either side; their difference is good to 1e-7 or so.
-"""
+"""What a design is held to and what it makes best: limits of making, and objectives."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 
 from model import Arm, InputError
 from model.checks import finite_array, not_negative
-from model.equilibrium.by_numbers import ByNumbers
-from model.equilibrium.newton import newton
-from model.equilibrium.sensitivities import Sensitivities
-from model.errors import SingularError
 from model.paths import Array
-from model.transcription.layout import POSE
+from model.quantities import ArcLength, Vector
 from planner.targets import Softest, Stiffest
+from planner.targets.base import Free, Terms, View
 
-_STATIONS = 9
-# Room, over an arm's length, that is none.
-_NONE = 1e-6
-# How far the tip is pushed for a difference, over the arm's length.
-_PUSHED = 1e-4
+# Places along the arm at which walls and radii are looked at.
+STATIONS = 9
 
 
 @dataclass(frozen=True)
@@ -43,44 +32,53 @@ class Making:
         Least distance between anchorages, and from the base to the first [m].
     """
 
-    wall: float = 0.0
-    radius: float = 0.0
-    spacing: float = 0.0
+    wall: ArcLength = 0.0
+    radius: ArcLength = 0.0
+    spacing: ArcLength = 0.0
 
     def __post_init__(self) -> None:
         for name in ("wall", "radius", "spacing"):
             object.__setattr__(self, name, not_negative(f"Making.{name}", getattr(self, name)))
 
-    def binding(self, arm: Arm) -> tuple[str, ...]:
-        """Return what an arm has no room left of, in words; only of limits that were given."""
-        names = [(f"radius {1e3 * self.radius:g} mm", self.radius)] * _STATIONS
-        names += [(f"wall {1e3 * self.wall:g} mm", self.wall)] * _STATIONS * len(arm.offset_paths)
-        names += [(f"spacing {1e3 * self.spacing:g} mm", self.spacing)] * len(arm.sections)
-        rows = zip(names, self.room(arm), strict=False)
-        return tuple(dict.fromkeys(name for (name, limit), room in rows if limit and room < _NONE))
-
     def room(self, arm: Arm) -> Array:
         """Return what is left of each limit over the arm's length (n,): 0 or above can be made."""
-        share = np.linspace(0.0, 1.0, _STATIONS)
-        rows = [arm.radius.evaluate(share * arm.length, arm.length)[0] - self.radius]
+        return np.concatenate([*self._rooms(arm).values(), [arm.length - arm.anchorages[0]]])
+
+    def binding(self, arm: Arm) -> tuple[str, ...]:
+        """Return what an arm has no room left of, in words; only of limits that were given."""
+        return tuple(
+            f"{name} {1e3 * getattr(self, name):g} mm"
+            for name, room in self._rooms(arm).items()
+            if getattr(self, name) and room.min() < 1e-6
+        )
+
+    def _rooms(self, arm: Arm) -> dict[str, Array]:
+        """Return what is left of each limit, over the arm's length."""
+        share = np.linspace(0.0, 1.0, STATIONS)
+        walls = []
         for i, path in arm.offset_paths:
             end = arm.sections[i].at
-            y = np.abs(path.evaluate(share * end, end)[0])
             surface = (arm.hull or arm.radius).evaluate(share * end, arm.length)[0]
-            rows.append(surface - y - self.wall)
-        ends = np.array([*arm.anchorages, 0.0])
-        rows += [-np.diff(ends) - self.spacing, np.array([arm.length - ends[0]])]
-        return np.concatenate(rows) / arm.length
+            walls.append(surface - np.abs(path.evaluate(share * end, end)[0]) - self.wall)
+        radius = arm.radius.evaluate(share * arm.length, arm.length)[0] - self.radius
+        spacing = -np.diff([*arm.anchorages, 0.0]) - self.spacing
+        rooms = {"radius": radius, "wall": np.concatenate(walls), "spacing": spacing}
+        return {name: room / arm.length for name, room in rooms.items()}
 
 
 @dataclass(frozen=True)
-class Reach:
+class Reach(Free):
     """The farthest place of the tip along a direction (3,), base frame, within the tension limits.
 
     By tensions of its own, beside those of the tasks.
+
+    Attributes
+    ----------
+    direction : (3,)
+        In the base frame.
     """
 
-    direction: tuple[float, ...]
+    direction: Vector
 
     def __post_init__(self) -> None:
         given = finite_array("Reach.direction", self.direction, (3,))
@@ -88,6 +86,18 @@ class Reach:
         if not size > 0:
             raise InputError("Reach.direction", self.direction, "a vector, not 0")
         object.__setattr__(self, "direction", tuple((given / size).tolist()))
+
+    def parameters(self, arm: Arm) -> Array:
+        """See Target.parameters: the direction."""
+        return np.array(self.direction)
+
+    def terms(self, view: View, p: Any) -> Terms:
+        """See Target.terms."""
+        return Terms(objective={"reach": -(p.T @ view.tip) / view.arm.length})
+
+    def guess_towards(self, arm: Arm) -> Array | None:
+        """See Target.guess_towards: nowhere."""
+        return None
 
 
 Objective = Literal["effort"] | Stiffest | Softest | Reach
@@ -103,34 +113,3 @@ def checked_objective(given: Any) -> Objective:
     if given.hold != "tension":
         raise InputError("objective", given, 'hold="tension": a stiffness with tensions held')
     return given
-
-
-class Gradient(NamedTuple):
-    """A quantity of a shape, its derivatives by the unknowns (K,) and by tensions (n_tendons,)."""
-
-    value: float
-    by_numbers: Array
-    by_tensions: Array
-
-
-def tip_along(by: ByNumbers, direction: Array) -> Gradient:
-    """Return how far the tip is along a direction [m]."""
-    places = by.here.system.of.nodes[-1, 4:POSE]
-    rows = by.states[places], by.here.by_tensions[places]
-    return Gradient(float(direction @ by.here.states[places]), *(direction @ own for own in rows))
-
-
-def tip_compliance(by: ByNumbers, direction: Array) -> Gradient:
-    """Return the compliance of the tip along a direction [m/N], tensions held."""
-    here, system = by.here, by.here.system
-    answer = Sensitivities(here, system.mesh.steps).pose_wrench
-    c = float(direction @ answer[:3, :3] @ direction)
-    size, ends = _PUSHED * system.arm.length / c, []
-    for force in (size * direction, -size * direction):
-        pushed = newton(system.pushed(force), here.tensions, 1.0, here.states, kept=here)
-        if pushed is None:
-            raise SingularError("the tip yields to a small force")
-        ends.append(tip_along(ByNumbers(pushed.refreshed, by.jacobian, by.tensions), direction))
-    one, other = ends
-    rows = [(a - b) / (2 * size) for a, b in zip(one[1:], other[1:], strict=True)]
-    return Gradient(c, *rows)

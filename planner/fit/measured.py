@@ -85,21 +85,21 @@ class Measured:
     length_std: float | None = None
 
     def __post_init__(self) -> None:
-        def keep(name: str, value: Any) -> None:
-            object.__setattr__(self, name, value)
-
-        keep("points", tuple(_point(i, given) for i, given in enumerate(self.points)))
-        keep("frames", tuple(_frame(i, given) for i, given in enumerate(self.frames)))
+        kept: dict[str, Any] = {
+            "points": tuple(_point(i, given) for i, given in enumerate(self.points)),
+            "frames": tuple(_frame(i, given) for i, given in enumerate(self.frames)),
+            "tension_std": not_negative("Measured.tension_std", self.tension_std),
+        }
         for name in ("tip", "lengths", "strokes"):
             given = getattr(self, name)
             if given is not None:
                 size = (3 if name == "tip" else None,)
-                keep(name, tuple(finite_array(f"Measured.{name}", given, size).tolist()))
-        for name in ("std", "angle_std"):
-            keep(name, positive(f"Measured.{name}", getattr(self, name)))
-        keep("tension_std", not_negative("Measured.tension_std", self.tension_std))
-        if self.length_std is not None:
-            keep("length_std", positive("Measured.length_std", self.length_std))
+                kept[name] = tuple(finite_array(f"Measured.{name}", given, size).tolist())
+        for name in ("std", "angle_std", "length_std"):
+            if name != "length_std" or self.length_std is not None:
+                kept[name] = positive(f"Measured.{name}", getattr(self, name))
+        for name, value in kept.items():
+            object.__setattr__(self, name, value)
         if self.tensions is None and (self.lengths is None) == (self.strokes is None):
             allowed = "tensions, or else lengths or strokes (one of both), that the arm settles by"
             raise InputError(f"Measured {self.name}".rstrip(), None, allowed)
@@ -129,16 +129,22 @@ class Measured:
         return [f"points[{i}]" for i, _ in self.seen] + ["tip"] * (self.tip is not None)
 
     @property
+    def numbers(self) -> Array:
+        """All that was measured (size,): places, frames as 0, lengths, strokes."""
+        runs = [np.array(getattr(self, kind)) for kind in self.runs]
+        return np.concatenate([self.places.ravel(), np.zeros(3 * len(self.frames)), *runs])
+
+    @property
     def stds(self) -> Array:
         """Standard deviation of each number that is measured (size,)."""
         counts = [3 * len(self.places), 3 * len(self.frames)]
-        counts.append(sum(len(getattr(self, kind)) for kind in self.runs))
+        counts.append(self.numbers.size - sum(counts))
         return np.repeat([self.std, self.angle_std, self.length_std or self.std], counts)
 
     @property
     def size(self) -> int:
         """How many numbers residuals are made of: places, rotation vectors, lengths, strokes."""
-        return int(self.stds.size)
+        return int(self.numbers.size)
 
     @property
     def runs(self) -> list[str]:
@@ -166,10 +172,7 @@ class Measured:
 
 def _point(i: int, given: Any) -> Point:
     where = f"Measured.points[{i}]"
-    try:
-        s, offset, place = given
-    except (TypeError, ValueError):
-        raise InputError(where, given, "(s, (o_t, o_n, o_b), (x, y, z)), all in m") from None
+    s, offset, place = _row(where, given, 3, "(s, (o_t, o_n, o_b), (x, y, z)), all in m")
     return Point(
         float(finite_array(f"{where}.s", s, ())),
         tuple(finite_array(f"{where}.offset", offset, (3,)).tolist()),
@@ -179,14 +182,18 @@ def _point(i: int, given: Any) -> Point:
 
 def _frame(i: int, given: Any) -> MeasuredFrame:
     where = f"Measured.frames[{i}]"
-    try:
-        s, matrix = given
-    except (TypeError, ValueError):
-        raise InputError(where, given, "(s, matrix (3, 3))") from None
+    s, matrix = _row(where, given, 2, "(s, matrix (3, 3))")
     R = finite_array(where, matrix, (3, 3))
     if np.abs(R.T @ R - np.eye(3)).max() > _ORTHONORMAL or np.linalg.det(R) < 0:
         raise InputError(where, matrix, "a right-handed orthonormal frame, columns t, n, b")
     return MeasuredFrame(float(finite_array(f"{where}.s", s, ())), tuple(map(tuple, R.tolist())))
+
+
+def _row(where: str, given: Any, size: int, allowed: str) -> Sequence[Any]:
+    row = tuple(given) if isinstance(given, Sequence) else ()
+    if len(row) != size:
+        raise InputError(where, given, allowed)
+    return row
 
 
 def _check_place(arm: Arm, where: str, place: Array, offset: Array) -> None:

@@ -96,23 +96,25 @@ def predict(
 
 def predicted(of: Fitted, there: Evaluation, which: slice) -> Prediction:
     """Return the prediction of the one shape of an evaluation, bands of `which` of its places."""
-    (shape,) = there.experiment.shapes
+    ((i, miss),) = there.residuals.items()
+    shape = there.experiment.shapes[i]
     n = len(shape.places)
-    J = (there.jacobians[0][: 3 * n] * of.parameters.range).reshape(n, 3, -1)
-    places = there.by_shape[0][: 3 * n].reshape(n, 3) + shape.places
+    J = (there.jacobians[i][: 3 * n] * of.parameters.range).reshape(n, 3, -1)
+    places = miss[: 3 * n].reshape(n, 3) + shape.places
     known = np.where(np.isfinite(of.information.covariance), of.information.covariance, 0.0)
     sure = J @ known @ J.transpose(0, 2, 1)
-    s = np.array([*(point.s for _, point in shape.seen), of.arm.length])[:n]
-    error = model_error(of, s)[which]
+    error = model_error(of, _arc_lengths(of, shape)[:n])[which]
     covariance = sure[which] + error[:, None, None] ** 2 * np.eye(3)
-    return Prediction(places[-1], sure[-1], places[which], covariance, error, _freedom(of))
+    # What a shape's markers are missed by has one cause.
+    left = of.degrees_of_freedom / sum(own.size for own in of.explained)
+    freedom = np.inf if of.weights.absolute else max(min(left, 1.0) * len(of.explained), 1.0)
+    return Prediction(places[-1], sure[-1], places[which], covariance, error, freedom)
 
 
-def _freedom(of: Fitted) -> float:
-    if of.weights.absolute:
-        return np.inf
-    left = of.degrees_of_freedom / sum(shape.size for shape in of.measured)
-    return max(min(left, 1.0) * len(of.measured), 1.0)
+def _arc_lengths(of: Fitted, shape: Measured) -> Array:
+    """Return where the places of a shape are along the arm (n,) [m]."""
+    tip = [of.arm.length] * (shape.tip is not None)
+    return np.array([*(point.s for _, point in shape.seen), *tip])
 
 
 def model_error(of: Fitted, s: Array) -> Array:
@@ -121,15 +123,15 @@ def model_error(of: Fitted, s: Array) -> Array:
     By marker what fits without a shape miss of it, between markers in proportion; without markers
     the noise of the measurements.
     """
-    at, squares = list[float](), list[float]()
-    for i, miss in deleted_residuals(of).items():
-        shape = of.measured[i]
-        at += [point.s for _, point in shape.seen] + [of.arm.length] * (shape.tip is not None)
-        squares += np.square(miss[: 3 * len(shape.places)]).reshape(-1, 3).mean(axis=1).tolist()
-    if not at:
+    missed = deleted_residuals(of)
+    shapes = {i: of.measured[i] for i in missed}
+    at = np.concatenate([_arc_lengths(of, shape) for shape in shapes.values()])
+    if not at.size:
         return np.full(s.size, of.noise * float(np.mean([shape.std for shape in of.measured])))
+    rows = [missed[i][: 3 * len(shape.places)].reshape(-1, 3) for i, shape in shapes.items()]
+    squares = np.square(np.vstack(rows)).mean(axis=1)
     nodes = np.unique(np.round(at, 9))
-    by_node = [np.sqrt(np.mean(np.array(squares)[np.isclose(at, node)])) for node in nodes]
+    by_node = [np.sqrt(np.mean(squares[np.isclose(at, node)])) for node in nodes]
     return np.asarray(np.interp(s, nodes, by_node))
 
 
@@ -144,7 +146,7 @@ def deleted_residuals(of: Fitted) -> dict[int, Array]:
     inverse, missed = np.linalg.pinv(J.T @ J, hermitian=True), dict[int, Array]()
     for i, own in of.jacobians.items():
         kept, whitening = np.eye(len(own)) - own @ inverse @ own.T, of.evaluation.whitening[i]
-        deleted = np.linalg.pinv(kept, _ALONE) @ (whitening @ of.evaluation.by_shape[i])
+        deleted = np.linalg.pinv(kept, _ALONE) @ (whitening @ of.evaluation.residuals[i])
         missed[i] = np.asarray(np.linalg.solve(whitening, deleted))
     return missed
 
@@ -180,29 +182,23 @@ def leave_out(of: Fitted, groups: Sequence[Hashable] | None) -> LeftOut:
         raise InputError("groups", len(labels), f"a label for each of {len(of.measured)} shapes")
     if len(set(labels)) < 2:
         raise InputError("groups", labels, "two labels or more: some shapes have to stay")
-    residuals, values, held = dict[int, tuple[Residual, ...]](), [], list[bool]()
-    whole = of.evaluation
+    whole, values, held = of.evaluation, list[tuple[float, ...]](), list[bool]()
+    rows = dict[int, tuple[Residual, ...]]()
     for label in told("shapes left out", list(dict.fromkeys(labels))):
-        out = [i for i in whole.present if labels[i] == label]
-        kept = [i for i in whole.present if labels[i] != label]
-        found = fit(whole.part(kept), of.weights)
-        values.append(tuple(found.evaluation.values.tolist()))
-        measured = tuple(of.measured[i] for i in kept)
-        without = replace(
-            of, measured=measured, values=values[-1], noise=found.noise, known=found.evaluation
-        )
-        for i in out:
-            there = whole.part([i]).near(found.evaluation.values)
+        found = fit(whole.only([i for i in whole.equilibria if labels[i] != label]), of.weights)
+        at = found.evaluation.values
+        values.append(tuple(at.tolist()))
+        without = replace(of, values=values[-1], noise=found.noise, known=found.evaluation)
+        for i in (i for i in whole.equilibria if labels[i] == label):
+            there = whole.only([i]).near(at)
             if there.lost:
-                there = there.experiment.from_rest(found.evaluation.values)
-            if there.lost:
-                continue
-            residuals[i] = there.residuals_of()
-            n = len(of.measured[i].places)
-            if n:
-                held += predicted(without, there, slice(0, n)).holds(of.measured[i].places).tolist()
-    rows = tuple(row for i in sorted(residuals) for row in residuals[i])
-    return LeftOut(rows, tuple(values), tuple(held))
+                there = there.experiment.from_rest(at).only([i])
+            if there.equilibria:
+                rows[i] = there.named()
+                places = of.measured[i].places
+                bands = predicted(without, there, slice(0, len(places)))
+                held += bands.holds(places).tolist()
+    return LeftOut(tuple(row for i in sorted(rows) for row in rows[i]), tuple(values), tuple(held))
 
 
 class Candidate(NamedTuple):

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from model import OctoplanError
-from model.equilibrium.by_numbers import ByNumbers
+from model.equilibrium.by_numbers import ByNumbers, along, displaced
 from model.equilibrium.linearised import Linearised
 from model.paths import Array
-from planner.fit import drives
-from planner.fit.equilibria import Equations, Setting
+from model.rotations import matrices
+from planner.fit.equilibria import FRAME, Family, Setting
 from planner.fit.measured import Measured
-from planner.fit.sensors import Marks, Sensors
 from planner.fit.unknowns import Parameters
 
 
@@ -70,55 +70,32 @@ class Experiment:
         machine_code: bool = False,
     ) -> None:
         self.parameters, self.shapes = parameters, tuple(shapes)
-        self.refinement, self.stages, self.machine_code = refinement, stages, machine_code
+        self.mesh = refinement, stages, machine_code
         own = {unknown.session for unknown in parameters.unknowns}
         #: Which shapes are of each session that has an arm of its own; "" is all others'.
         self.members: dict[str, list[int]] = {}
         for i, shape in enumerate(self.shapes):
             self.members.setdefault(shape.session if shape.session in own else "", []).append(i)
-        self.marks = {
-            name: Marks([self.shapes[i] for i in which], parameters.table)
+        self.families = {
+            name: Family(parameters, name, [self.shapes[i] for i in which], *self.mesh)
             for name, which in self.members.items()
         }
-        mesh = refinement, stages, machine_code
-        self.equations = {
-            name: Equations(parameters, name, marks, *mesh, self._strokes(name))
-            for name, marks in self.marks.items()
-        }
-
-    def _strokes(self, session: str) -> bool:
-        return any(self.shapes[i].strokes is not None for i in self.members[session])
 
     def from_rest(self, values: Array) -> Evaluation:
         """Return all shapes at values (K,) as they are reached from rest.
 
         InputError where no such arm can be; shapes that have no equilibrium are `lost`.
         """
-        settings = {name: own.at(values) for name, own in self.equations.items()}
-        equilibria: list[Linearised | None] = [None] * len(self.shapes)
-        lost: dict[int, OctoplanError] = {}
+        settings = {name: own.at(values) for name, own in self.families.items()}
+        reached: dict[int, Linearised | OctoplanError] = {}
         for name, which in self.members.items():
-            reached = drives.from_rest(settings[name], [self.shapes[i] for i in which])
-            for i, here in zip(which, reached, strict=True):
-                if isinstance(here, Linearised):
-                    equilibria[i] = here
-                else:
-                    lost[i] = here
-        return Evaluation(self, values, settings, tuple(equilibria), lost)
-
-    def without(self, kept: Sequence[int]) -> Experiment:
-        """Return some of the shapes, on the same meshes."""
-        shapes = [self.shapes[i] for i in kept]
-        mesh = self.refinement, self.stages, self.machine_code
-        part = Experiment(self.parameters, shapes, *mesh)
-        part.equations = {name: self.equations[name] for name in part.members}
-        part.marks = {name: self.marks[name] for name in part.members}
-        return part
+            reached |= zip(which, settings[name].from_rest(), strict=True)
+        return Evaluation.of(self, values, settings, reached)
 
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """All shapes at given values (K,) of the unknowns.
+    """Shapes at given values (K,) of the unknowns.
 
     Attributes
     ----------
@@ -126,8 +103,8 @@ class Evaluation:
     values : (K,)
     settings : dict of Setting
         The equations of each session.
-    equilibria : tuple of Linearised
-        Of each shape; None where it is left out or lost.
+    equilibria : dict of Linearised
+        By the number of their shape, in order; without those left out or lost.
     lost : dict of OctoplanError
         Why shapes have none, by their number.
     """
@@ -135,110 +112,86 @@ class Evaluation:
     experiment: Experiment
     values: Array
     settings: dict[str, Setting]
-    equilibria: tuple[Linearised | None, ...]
+    equilibria: dict[int, Linearised]
     lost: dict[int, OctoplanError]
 
-    def near(
-        self, values: Array, experiment: Experiment | None = None, halvings: int = 3
+    @classmethod
+    def of(
+        cls,
+        experiment: Experiment,
+        values: Array,
+        settings: dict[str, Setting],
+        reached: dict[int, Linearised | OctoplanError],
     ) -> Evaluation:
+        """Return the evaluation of equilibria, or of why there is none, by shape."""
+        rows = dict(sorted(reached.items()))
+        found = {i: here for i, here in rows.items() if isinstance(here, Linearised)}
+        lost = {i: here for i, here in rows.items() if isinstance(here, OctoplanError)}
+        return cls(experiment, values, settings, found, lost)
+
+    def near(self, values: Array, experiment: Experiment | None = None) -> Evaluation:
         """Return the shapes that this has at other values, on the same branches.
 
-        On the meshes of this experiment or of another one of the same shapes. Those that do not
-        lead to an equilibrium nearby are led there in two halves, and those in halves again; what
-        that does not do for is `lost`.
+        On the meshes of this experiment or of another one of the same shapes; those that do not
+        lead to an equilibrium nearby are `lost`.
         """
         experiment = experiment or self.experiment
-        settings = {name: own.at(values) for name, own in experiment.equations.items()}
-        equilibria: list[Linearised | None] = [None] * len(self.equilibria)
-        lost: dict[int, OctoplanError] = {}
-        for name, which in self._members.items():
-            before = self._sensors[name].derivatives
-            shapes = [experiment.shapes[i] for i in which]
-            reached = drives.near(settings[name], shapes, before, values - self.values)
-            for i, here in zip(which, reached, strict=True):
-                equilibria[i] = here
-                if here is None:
-                    lost[i] = OctoplanError("it jumps")
-        if lost and halvings and experiment is self.experiment:
-            middle = (self.values + values) / 2
-            half = self.only(list(lost)).near(middle, halvings=halvings - 1)
-            if not half.lost:
-                end = half.near(values, halvings=halvings - 1)
-                rows = zip(equilibria, end.equilibria, strict=True)
-                equilibria, lost = [other or here for here, other in rows], end.lost
-        return Evaluation(experiment, values, settings, tuple(equilibria), lost)
+        settings = {name: own.at(values) for name, own in experiment.families.items()}
+        reached: dict[int, Linearised | OctoplanError] = {}
+        for name, own in self._sensed.items():
+            given = own.which, own.derivatives, values - self.values
+            ends = settings[name].near(*given)
+            reached |= zip(self._numbers(name), ends, strict=True)
+        return Evaluation.of(experiment, values, settings, reached)
 
     def only(self, kept: Sequence[int]) -> Evaluation:
         """Return the evaluation with all but some shapes left out."""
-        equilibria = [here if i in kept else None for i, here in enumerate(self.equilibria)]
-        return Evaluation(self.experiment, self.values, self.settings, tuple(equilibria), {})
+        equilibria = {i: here for i, here in self.equilibria.items() if i in kept}
+        return Evaluation(self.experiment, self.values, self.settings, equilibria, {})
 
-    def part(self, kept: Sequence[int]) -> Evaluation:
-        """Return the evaluation of an experiment of some of the shapes."""
-        part, equilibria = self.experiment.without(kept), [self.equilibria[i] for i in kept]
-        settings = {name: self.settings[name] for name in part.members}
-        return Evaluation(part, self.values, settings, tuple(equilibria), {})
-
-    @property
-    def present(self) -> list[int]:
-        """Numbers of the shapes that have an equilibrium."""
-        return [i for i, here in enumerate(self.equilibria) if here is not None]
+    def _numbers(self, session: str) -> list[int]:
+        """Return the numbers of a session's shapes that this has."""
+        return [i for i in self.experiment.members[session] if i in self.equilibria]
 
     @cached_property
-    def _members(self) -> dict[str, list[int]]:
-        """Which of these are of each session."""
-        found = {
-            name: [i for i in which if self.equilibria[i] is not None]
-            for name, which in self.experiment.members.items()
-        }
-        return {name: which for name, which in found.items() if which}
+    def _sensed(self) -> dict[str, Sensed]:
+        found = {}
+        for name, members in self.experiment.members.items():
+            which = [k for k, i in enumerate(members) if i in self.equilibria]
+            if which:
+                heres = [self.equilibria[members[k]] for k in which]
+                found[name] = Sensed(self.settings[name], which, heres)
+        return found
 
-    @cached_property
-    def _sensors(self) -> dict[str, Sensors]:
-        shapes = self.experiment.shapes
-        return {
-            name: Sensors(
-                self.experiment.marks[name],
-                self.settings[name],
-                [shapes[i] for i in which],
-                [here for i in which if (here := self.equilibria[i])],
-            )
-            for name, which in self._members.items()
+    def _by_shape(self, what: str) -> dict[int, Array]:
+        rows = {
+            i: row
+            for name, own in self._sensed.items()
+            for i, row in zip(self._numbers(name), getattr(own, what), strict=True)
         }
-
-    def _each(self, what: str) -> dict[int, Any]:
-        """Return something that sensors tell of each shape, by its number."""
-        rows = dict[int, Any]()
-        for name, sensors in self._sensors.items():
-            rows.update(zip(self._members[name], getattr(sensors, what), strict=True))
         return dict(sorted(rows.items()))
 
     @property
-    def by_shape(self) -> dict[int, Array]:
+    def residuals(self) -> dict[int, Array]:
         """Predictions less measurements (size,), [m] and [rad], of each shape by number."""
-        return self._each("residuals")
-
-    @property
-    def derivatives(self) -> dict[int, ByNumbers]:
-        """Derivatives of each shape by the unknowns."""
-        return self._each("derivatives")
+        return self._by_shape("residuals")
 
     @property
     def jacobians(self) -> dict[int, Array]:
-        """Derivatives of `by_shape` (size, K)."""
-        return self._each("jacobians")
+        """Their derivatives by the unknowns (size, K)."""
+        return self._by_shape("jacobians")
 
     @property
     def whitening(self) -> dict[int, Array]:
-        """Matrices (size, size) by which `by_shape` are of unit variance, as is known."""
-        return self._each("whitening")
+        """Matrices (size, size) by which they are of unit variance, as is known."""
+        return self._by_shape("whitening")
 
-    def residuals_of(self) -> tuple[Residual, ...]:
+    def named(self) -> tuple[Residual, ...]:
         """Return all residuals, shape by shape."""
         shapes = self.experiment.shapes
         return tuple(
             Residual(shapes[i].name, what, tuple(row))
-            for i, miss in self.by_shape.items()
+            for i, miss in self.residuals.items()
             for what, row in _parts(shapes[i], miss)
         )
 
@@ -250,3 +203,110 @@ def _parts(shape: Measured, miss: Array) -> list[tuple[str, list[float]]]:
     vectors = miss[: 3 * len(names)].reshape(-1, 3).tolist()
     rest = miss[3 * len(names) :].reshape(-1, 1).tolist()
     return [*zip(names, vectors, strict=True), *zip(runs, rest, strict=True)]
+
+
+class Sensed:
+    """What sensors show of some shapes of a session, worked out for all at once."""
+
+    def __init__(self, setting: Setting, which: Sequence[int], heres: Sequence[Linearised]) -> None:
+        self.setting, self.which, self.heres = setting, list(which), list(heres)
+        self.shapes = [setting.family.shapes[k] for k in which]
+        order = {k: i for i, k in enumerate(which)}
+        rows = [m for m, k in enumerate(setting.family.shape.tolist()) if k in order]
+        self._shape = np.array([order[setting.family.shape[m]] for m in rows], dtype=np.int64)
+        self._rows, self._turns = rows, setting.family.point[rows] == FRAME
+        self._poses = self._at(np.array([here.states for here in heres]))
+        self._arms = np.einsum(
+            "mij,mj->mi", matrices(self._poses[:, :4]), setting.numbers.offsets[rows]
+        )
+
+    def _at(self, states: Array) -> Array:
+        """Return the rows of poses among states (N, n_states, ...), one for each that is seen."""
+        return np.asarray(states[self._shape[:, None], self.setting.places[self._rows]])
+
+    @cached_property
+    def _shown(self) -> Array:
+        """Places [m], and rotation vectors from measured frames [rad] (M, 3)."""
+        found = self._poses[:, 4:] + self._arms
+        seen = np.array([R for shape in self.shapes for _, R in shape.frames]).reshape(-1, 3, 3)
+        turned = matrices(self._poses[self._turns, :4]) @ seen.transpose(0, 2, 1)
+        found[self._turns] = Rotation.from_matrix(turned).as_rotvec() if len(turned) else 0.0
+        return np.asarray(found)
+
+    @cached_property
+    def residuals(self) -> list[Array]:
+        """Predictions less measurements of each shape (size,), [m] and [rad]."""
+        heres, rest = self.heres, self.setting.numbers.rest
+        shown = self._stacked(self._shown, lambda k: heres[k].lengths, rest)
+        return [np.asarray(own - m.numbers) for own, m in zip(shown, self.shapes, strict=True)]
+
+    @cached_property
+    def derivatives(self) -> list[ByNumbers]:
+        """Derivatives of the equilibria by the unknowns."""
+        return self.setting.differentiated(self.which, self.heres)
+
+    @cached_property
+    def jacobians(self) -> list[Array]:
+        """Derivatives of `residuals` by the unknowns, each (size, K)."""
+        numbers, by = self.setting.derivatives, self.derivatives
+        nodes = self.setting.nodes[self._rows]
+        moved = displaced(self._poses, self._at(np.array([own.states for own in by])))
+        # Of what is looked at, which need not move along with its node.
+        slip = numbers.s[self._rows] - numbers.nodes[nodes]
+        for m in np.flatnonzero(slip.any(axis=1)):
+            moved[m] += along(by[self._shape[m]].here, nodes[m : m + 1])[0][:, None] * slip[m]
+        rows = self._by_motion(moved)
+        rows += matrices(self._poses[:, :4]) @ numbers.offsets[self._rows]
+        return self._stacked(rows, lambda k: by[k].lengths, numbers.rest)
+
+    @cached_property
+    def whitening(self) -> list[Array]:
+        """Matrices (size, size) by which residuals of each shape are of unit variance.
+
+        Noise of what drives a shape, its tensions or its lengths, is carried to the residuals to
+        first order: the effective variance. Source: Orear, American Journal of Physics 50 (1982).
+        """
+        if not any(shape.by_length or shape.tension_std for shape in self.shapes):
+            return [np.diag(1 / shape.stds) for shape in self.shapes]
+        moved = self._at(np.array([here.by_tensions for here in self.heres]))
+        rows = self._by_motion(displaced(self._poses, moved))
+        by_tensions = self._stacked(rows, lambda k: self.heres[k].length_tension, 0.0)
+        found = []
+        for shape, here, J in zip(self.shapes, self.heres, by_tensions, strict=True):
+            inputs = shape.tension_std * np.diag(self.setting.numbers.scale)
+            if shape.by_length:
+                std = shape.length_std or shape.std
+                inputs = std * self.setting.tensions_by_lengths(here)
+            variance = np.diag(np.square(shape.stds)) + (J @ inputs) @ (J @ inputs).T
+            found.append(np.linalg.inv(np.linalg.cholesky(variance)))
+        return found
+
+    def _by_motion(self, moved: Array) -> Array:
+        """Return how what is shown changes (M, 3, K) with displacements and rotations (M, 6, K)."""
+        found: Array = moved[:, :3] + np.cross(moved[:, 3:], self._arms[:, :, None], axis=1)
+        turns = self._turns
+        found[turns] = _log_slopes(self._shown[turns]) @ moved[turns, 3:]
+        return np.asarray(found)
+
+    def _stacked(
+        self, rows: Array, lengths: Callable[[int], Array], rest: Array | float
+    ) -> list[Array]:
+        """Return for each shape its rows of (M, 3, ...), then lengths or strokes as it has them."""
+        stacks = []
+        for k, shape in enumerate(self.shapes):
+            parts = [rows[self._shape == k].reshape(-1, *rows.shape[2:])]
+            parts += [lengths(k) if kind == "lengths" else rest - lengths(k) for kind in shape.runs]
+            stacks.append(np.concatenate(parts))
+        return stacks
+
+
+def _log_slopes(w: Array) -> Array:
+    """Return how rotation vectors w (M, 3) change with further rotations (M, 3, 3), base frame.
+
+    1 - W / 2 + (1 / a^2 - 1 / (2 a tan(a / 2))) W^2 with W = w x and a = |w|.
+    Source: Bullo, Murray, "Proportional derivative (PD) control on the Euclidean group" (1995).
+    """
+    a = np.maximum(np.linalg.norm(w, axis=1), 1e-4)
+    W = np.cross(np.eye(3), w[:, None, :])
+    factor = 1 / a**2 - 1 / (2 * a * np.tan(a / 2))
+    return np.asarray(np.eye(3) - W / 2 + factor[:, None, None] * (W @ W))

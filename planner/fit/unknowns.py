@@ -6,7 +6,6 @@ import re
 import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +13,15 @@ import numpy as np
 
 from model import Arm, InputError, Scene, UnitWarning
 from model.checks import finite_array
-from model.errors import FileError
+from model.loads import check_loads
 from model.paths import Array
+from planner.io.annotations import UNITS
 from planner.io.key_paths import changed, checked_key, steps, unit_of, value_at
-from planner.io.scene_file import arm_and_scene, checked_table, scene_table
-from planner.io.scene_tables import UnknownTable, whole
+from planner.io.scene_file import arm_in, checked_table, scene_in, scene_table
+from planner.io.scene_tables import whole
 
 _SENSOR = re.compile(r"points\[\d+\]\.(s_mm|offset_mm\[[012]\])|tension_scale\[\d+\]")
-_MODEL = ("arm.", "effects.")
+_MODEL, MM = ("arm.", "effects."), UNITS["mm"]
 # Steps of difference quotients, over the bounds' range.
 _STEP = 2e-8
 
@@ -52,25 +52,25 @@ class Unknown:
     session: str | None = None
 
     def __post_init__(self) -> None:
-        keys = tuple(self.key) if isinstance(self.key, tuple | list) else (self.key,)
+        keys = (self.key,) if isinstance(self.key, str) else tuple(self.key)
         if not keys or not all(isinstance(key, str) for key in keys):
             raise InputError("Unknown.key", self.key, "a key path such as arm.E_kPa, or several")
         if len(set(keys)) < len(keys):
             raise InputError("Unknown.key", self.key, "each key once")
-        object.__setattr__(self, "key", keys[0] if len(keys) == 1 else keys)
         low, high = finite_array(f"{self.name}: bounds", (self.lower, self.upper), (2,)).tolist()
         if not low < high:
             raise InputError(f"{self.name}: upper", self.upper, f"above lower, {self.lower:g}")
-        object.__setattr__(self, "lower", low)
-        object.__setattr__(self, "upper", high)
-        if self.prior is not None:
-            mean, std = finite_array(f"{self.name}: prior", self.prior, (2,)).tolist()
+        prior = self.prior
+        if prior is not None:
+            mean, std = prior = tuple(finite_array(f"{self.name}: prior", prior, (2,)).tolist())
             if not (std > 0 and low <= mean <= high):
                 allowed = f"a mean within the bounds, {low:g} to {high:g}, and a standard deviation"
                 raise InputError(f"{self.name}: prior", self.prior, f"{allowed} above 0")
-            object.__setattr__(self, "prior", (mean, std))
         if not (self.session is None or isinstance(self.session, str)):
             raise InputError(f"{self.name}: session", self.session, "the name of a session")
+        kept = {"key": keys[0] if len(keys) == 1 else keys, "lower": low, "upper": high}
+        for name, value in (kept | {"prior": prior}).items():
+            object.__setattr__(self, name, value)
 
     @property
     def keys(self) -> tuple[str, ...]:
@@ -103,10 +103,14 @@ class Parameters:
         The scene file that has arm and scene, with all its defaults, and beside them "points"
         (a dict of s_mm and offset_mm for each) and "tension_scale" (a number for each tendon).
     unknowns : tuple of Unknown
+    arm, scene
+        Those given.
     """
 
     table: dict[str, Any]
     unknowns: tuple[Unknown, ...]
+    arm: Arm
+    scene: Scene
 
     @classmethod
     def of(
@@ -124,7 +128,7 @@ class Parameters:
             raise InputError("unknowns", given, allowed)
         table = whole(checked_table(scene_table(arm, scene), "scene"), Path())
         table |= {"points": list(points), "tension_scale": [1.0] * arm.n_tendons}
-        parameters = cls(table, given)
+        parameters = cls(table, given, arm, scene)
         for unknown in given:
             parameters._check(unknown, sessions)
         pairs = [(key, unknown.session) for unknown in given for key in unknown.keys]
@@ -173,17 +177,17 @@ class Parameters:
     def _value(self, unknown: Unknown) -> float:
         return float(value_at(self.table, steps(unknown.keys[0])))
 
-    @cached_property
+    @property
     def start(self) -> Array:
         """The values that arm and scene have already (K,)."""
         return np.array([self._value(unknown) for unknown in self.unknowns])
 
-    @cached_property
+    @property
     def lower(self) -> Array:
         """Lower bounds (K,)."""
         return np.array([unknown.lower for unknown in self.unknowns])
 
-    @cached_property
+    @property
     def range(self) -> Array:
         """From lower to upper bounds (K,)."""
         return np.array([unknown.range for unknown in self.unknowns])
@@ -208,31 +212,37 @@ class Parameters:
 
     def built(self, values: Array, session: str = "") -> tuple[Arm, Scene]:
         """Return arm and scene of values (K,); InputError where no such arm can be."""
-        return built(self.table_at(values, session))
+        table, given = self.table_at(values, session), self.table
+        with warnings.catch_warnings():
+            # Nobody gave these numbers: on its way a search passes any of them.
+            warnings.simplefilter("ignore", UnitWarning)
+            # Tables that no unknown is in are those given.
+            arm = self.arm if table["arm"] is given["arm"] else arm_in(table["arm"])
+            same = table["effects"] is given["effects"]
+            scene = self.scene if same else scene_in(table["effects"])
+        check_loads(arm, scene)
+        return arm, scene
 
     def derivatives(
-        self, function: Callable[[Array], Sequence[Array]], values: Array, session: str = ""
+        self,
+        function: Callable[[Array], Sequence[Array]],
+        here: Sequence[Array],
+        values: Array,
+        session: str = "",
     ) -> list[Array]:
         """Return the derivatives (..., K) of arrays that are functions of values (K,).
 
-        By difference quotients to one side, the other one where there is no arm: for what is put
-        together from the unknowns by low powers, and not settled for, they are good to seven digits
-        or more.
+        By difference quotients, away from the nearer bound: for what is put together from the
+        unknowns by low powers, and not settled for, they are good to seven digits or more.
         """
-        here, columns = function(values), []
+        columns = []
+        steps = np.where(self.shares(values) < 0.5, _STEP, -_STEP) * self.range
         for k, unknown in enumerate(self.unknowns):
             if not unknown.belongs(session):
                 columns.append([np.zeros_like(part) for part in here])
                 continue
-            beside, h = values.copy(), _STEP * unknown.range
-            try:
-                beside[k] = values[k] + h
-                there = function(beside)
-            except InputError:
-                h = -h
-                beside[k] = values[k] + h
-                there = function(beside)
-            columns.append([(b - a) / h for a, b in zip(here, there, strict=True)])
+            there = function(values + steps * (np.arange(len(values)) == k))
+            columns.append([(b - a) / steps[k] for a, b in zip(here, there, strict=True)])
         return [np.stack(parts, axis=-1) for parts in zip(*columns, strict=True)]
 
     def multistart(self, count: int, seed: int) -> list[Array]:
@@ -243,20 +253,3 @@ class Parameters:
 
         draws = qmc.Halton(len(self.unknowns), seed=seed).random(count - 1)
         return [self.start, *map(self.from_shares, draws)]
-
-
-def unknown_of(table: UnknownTable, name: str, where: str) -> Unknown:
-    """Return the unknown of a table; FileError with the file and the place in it."""
-    key = tuple(table.key) if isinstance(table.key, list) else table.key
-    try:
-        return Unknown(key, table.lower, table.upper, table.prior, table.session)
-    except InputError as reason:
-        raise FileError.of(reason, name, where) from None
-
-
-def built(table: dict[str, Any]) -> tuple[Arm, Scene]:
-    """Return arm and scene of a scene file's table; InputError where no such arm can be."""
-    with warnings.catch_warnings():
-        # Nobody gave these numbers: on its way a search passes any of them.
-        warnings.simplefilter("ignore", UnitWarning)
-        return arm_and_scene(table)

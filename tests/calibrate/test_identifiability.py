@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from planner import Unknown, calibrate
-from planner.fit.identify import information
+from planner.fit.covariance import information
 from tests.calibrate.cases import HANGING, small_arm, synthetic
 
 SCALE = tuple(f"tension_scale[{j}]" for j in range(3))

@@ -192,3 +192,16 @@ def test_compiled_fits_come_to_the_same_optimum() -> None:
     assert np.all(np.abs(found[0].array - found[1].array) <= OFFSET * found[0].std)
     assert found[0].mean_error == pytest.approx(found[1].mean_error, rel=1e-6)
     assert found[0].error == pytest.approx(found[1].error, rel=1e-3)
+
+
+def test_a_bent_arm_without_loads_is_on_its_own_branch_on_every_mesh() -> None:
+    # Tips that a coarse mesh has far off used to be taken for another branch and left out of the
+    # mesh's error, so that the fit ended on a coarse mesh.
+    arm, scene = Arm.from_paper("table-4"), Scene.silicone()
+    T = np.array([0, 0, 0.5, 0, 4, 0, 0, 0, 0, 6, 0, 0])
+    measured = [Measured(T, tip=settle(arm, T, scene, accuracy=1e-8).tip)]
+    guess = replace(arm, material=replace(arm.material, E=1.1 * arm.material.E))
+    found = calibrate(guess, scene, measured, [Unknown("arm.E_kPa", 80, 200)])
+    assert not found.astray
+    assert found.error < 1e-5
+    assert found.mean_error < 1e-5 * arm.length

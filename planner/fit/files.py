@@ -1,0 +1,200 @@
+"""Files of calibrations and designs: TOML, with the measured shapes in a CSV file beside it.
+
+Shapes are a line of names, then a shape a line:
+
+    name,session,T_11_N,T_12_N,M1_x_mm,M1_y_mm,M1_z_mm,tip_x_mm,tip_y_mm,tip_z_mm
+
+`name` and `session` may be left out; a tension for each tendon, by the arm's names of them; places
+of markers, by their names, and of the tip in mm; `length_T_11_mm` and `stroke_T_11_mm` of all
+tendons or none. Cells of a marker that was not seen are empty.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from model import Arm, InputError, Scene
+from model.errors import FileError
+from planner.fit.calibrate import calibrate
+from planner.fit.calibration import Calibration
+from planner.fit.design import design
+from planner.fit.designed import Design
+from planner.fit.making import Objective
+from planner.fit.measured import Measured
+from planner.fit.unknowns import MM, Unknown
+from planner.io.codec import in_si, value_of
+from planner.io.scene_file import converted, decoded, scene_beside, text_of
+from planner.io.scene_tables import CalibrationFile, DesignFile, PointTable, UnknownTable
+
+R = TypeVar("R")
+_UNKNOWNS = """
+[[unknowns]]
+key = "arm.E_kPa"
+lower = 50.0
+upper = 500.0"""
+_SUCH = f'\n\nscene = "scene.toml"\nmeasured = "shapes.csv"{_UNKNOWNS}'
+_DESIGN = f"""
+
+scene = "scene.toml"
+[[tasks]]
+type = "tip-position"
+position_mm = [200.0, 150.0, -200.0]{_UNKNOWNS.replace("E_kPa", "radius_mm[1]")}"""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a calibration file asks: the arguments of calibrate."""
+
+    arm: Arm
+    scene: Scene
+    measured: tuple[Measured, ...]
+    unknowns: tuple[Unknown, ...]
+    options: dict[str, Any]
+
+    def run(self) -> Calibration:
+        """Calibrate."""
+        return calibrate(self.arm, self.scene, self.measured, self.unknowns, **self.options)
+
+
+def load_asked(path: str | Path) -> Asked:
+    """Return what a calibration file asks; FileError with the file, the key and what is allowed."""
+    path = Path(path)
+    name, needed = str(path), f"a calibration file is such as {_SUCH}"
+    file = converted(decoded(text_of(path), name), CalibrationFile, "unknowns", name, needed)
+    asked = scene_beside(file.scene, path)
+    names = [point.name for point in file.points]
+    if len(set(names)) < len(names):
+        raise FileError(name, "points", f"got {', '.join(names)}; allowed is each name once")
+    shapes = load_shapes(
+        path.parent / file.measured, asked.arm, file.points, in_si(file.std_mm, "mm")
+    )
+    kept = ("loss", "absolute_std", "starts", "accuracy")
+    options = {key: getattr(file, key) for key in kept}
+    return Asked(asked.arm, asked.scene, shapes, _unknowns(file.unknowns, name), options)
+
+
+def run_design(path: str | Path) -> Design:
+    """Return the design that a file asks for; FileError with the file and the key."""
+    path = Path(path)
+    name, needed = str(path), f"a design file is such as {_DESIGN}"
+    file = converted(decoded(text_of(path), name), DesignFile, "tasks", name, needed)
+    asked = scene_beside(file.scene, path)
+    if asked.options.get("tension_min") or asked.options.get("total_pull"):
+        told = "got tension_min or total_pull, allowed is tension_max alone in a design"
+        raise FileError(name, "limits", told)
+    unknowns, most = _unknowns(file.unknowns, name), asked.options.get("tension_max", math.inf)
+
+    def run() -> Design:
+        objective: Objective = "effort" if file.objective is None else value_of(file.objective)
+        tasks, making = [value_of(own) for own in file.tasks], value_of(file.making)
+        given = asked.arm, tasks, unknowns, asked.scene, most
+        return design(*given, making=making, objective=objective)
+
+    return _within(name, "", run)
+
+
+def _unknowns(tables: Sequence[UnknownTable], name: str) -> tuple[Unknown, ...]:
+    def unknown(own: UnknownTable) -> Unknown:
+        key = tuple(own.key) if isinstance(own.key, list) else own.key
+        return Unknown(key, own.lower, own.upper, own.prior, own.session)
+
+    return tuple(
+        _within(name, f"unknowns[{i}]", lambda own=own: unknown(own))  # type: ignore[misc]
+        for i, own in enumerate(tables)
+    )
+
+
+def _within(name: str, where: str, function: Callable[[], R]) -> R:
+    """Return what a function does; what is wrong is told with the file and the place in it."""
+    try:
+        return function()
+    except FileError:
+        raise
+    except InputError as reason:
+        raise FileError.of(reason, name, where) from None
+
+
+def load_shapes(
+    path: str | Path, arm: Arm, points: Sequence[PointTable] = (), std: float = 1e-3
+) -> tuple[Measured, ...]:
+    """Return the shapes of a CSV file; FileError with the row and the column for what is wrong."""
+    name = str(path)
+    try:
+        text = Path(path).read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as reason:
+        told = getattr(reason, "strerror", None) or str(reason)
+        raise FileError(name, "", f"{told.lower()}; a CSV file of shapes is wanted") from None
+    reader = csv.reader(text.splitlines())
+    header = [cell.strip() for cell in next(reader, [])]
+    columns = _Columns(name, arm, points, std, header)
+    rows = [(line, row) for line, row in enumerate(reader, 2) if any(row)]
+    if not rows:
+        raise FileError(name, "", "no shapes; a line of names, then a shape a line")
+    return tuple(
+        _within(name, f"line {line}", lambda line=line, row=row: columns.shape(line, row))  # type: ignore[misc]
+        for line, row in rows
+    )
+
+
+class _Columns:
+    """The columns of a file of shapes, which read its rows."""
+
+    def __init__(
+        self, name: str, arm: Arm, points: Sequence[PointTable], std: float, header: list[str]
+    ) -> None:
+        self.name, self.points, self.std, self.header = name, points, std, header
+        tendons = [arm.tendon_name(j) for j in range(arm.n_tendons)]
+        self.tensions = [f"{tendon}_N" for tendon in tendons]
+        self.places = {what: [f"{what}_{x}_mm" for x in "xyz"] for what in self._seen}
+        self.runs = {k: [f"{k}_{tendon}_mm" for tendon in tendons] for k in ("length", "stroke")}
+        groups = [*self.places.values(), *self.runs.values()]
+        known = ["name", "session", *self.tensions, *(own for group in groups for own in group)]
+        for column in header:
+            if column not in known or header.count(column) > 1:
+                allowed = f"columns, each once, of {', '.join(known)}"
+                raise FileError(name, "line 1", f"got {column!r}, allowed are {allowed}")
+        for column in self.tensions:
+            if column not in header:
+                raise FileError(name, "line 1", f"missing column {column}")
+
+    @property
+    def _seen(self) -> list[str]:
+        return [*(point.name for point in self.points), "tip"]
+
+    def shape(self, line: int, row: list[str]) -> Measured:
+        """Return the shape of a row."""
+        where = f"line {line}"
+        if len(row) != len(self.header):
+            told = f"{len(row)} cells; the header has {len(self.header)}"
+            raise FileError(self.name, where, told)
+        cells = dict(zip(self.header, (cell.strip() for cell in row), strict=True))
+
+        def values(columns: list[str], scale: float = MM) -> list[float] | None:
+            given = [cells.get(column, "") for column in columns]
+            pairs = zip(columns, given, strict=True)
+            return [scale * self._number(where, *own) for own in pairs] if any(given) else None
+
+        tensions = values(self.tensions, 1.0)
+        if tensions is None:
+            raise FileError(self.name, where, "no tensions")
+        places = {what: values(columns) for what, columns in self.places.items()}
+        points = [(MM * p.s_mm, [MM * x for x in p.offset_mm], places[p.name]) for p in self.points]
+        lengths, strokes = map(values, self.runs.values())
+        session, name = cells.get("session", ""), cells.get("name") or where
+        more = {"lengths": lengths, "strokes": strokes, "session": session, "name": name}
+        return Measured(tensions, points, tip=places["tip"], std=self.std, **more)  # type: ignore[arg-type]
+
+    def _number(self, where: str, column: str, cell: str) -> float:
+        try:
+            value = float(cell)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            allowed = "a number; leave all cells of a marker that was not seen empty"
+            raise FileError(self.name, f"{where}, {column}", f"got {cell!r}, allowed is {allowed}")
+        return value
