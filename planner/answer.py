@@ -10,12 +10,10 @@ from typing import Any, Self
 import numpy as np
 
 from model.arm import Arm
-from model.equilibrium.linearised import Linearised
 from model.errors import OctoplanError
 from model.paths import Array
 from model.scene import Scene
 from model.shape import Shape
-from model.time_limit import OutOfTime
 from planner.avoidance.asked import NOTHING, Surroundings
 from planner.avoidance.rows import Avoidance
 from planner.certificate import Certificate
@@ -24,6 +22,7 @@ from planner.contact.remarks import remarks
 from planner.measure import remark_on_slack
 from planner.mirror import mirror_images
 from planner.outcome import Facts, sentence
+from planner.program.defect import defect
 from planner.program.effort import effort
 from planner.program.limits import Limits
 from planner.program.optimality import optimality
@@ -68,6 +67,8 @@ class Answer:
     in_the_way : str
         The obstacle that the plan without obstacles comes nearest to, where only obstacles keep the
         targets from being met; empty else.
+    unstable : bool
+        Whether the search met the targets by shapes less stable than asked alone.
     machine_code : bool
         Whether compiled kernels found it, and find what is derived from it; no part of the answer.
     surroundings : Surroundings
@@ -90,6 +91,7 @@ class Answer:
     jump: float = 0.0
     lost: float = 0.0
     in_the_way: str = ""
+    unstable: bool = False
     machine_code: bool = field(default=False, compare=False)
     surroundings: Surroundings = NOTHING
     avoidance: Avoidance | None = None
@@ -108,6 +110,7 @@ class Answer:
             "jump",
             "lost",
             "in_the_way",
+            "unstable",
         )
         own = {name: getattr(task, name) for name in asked}
         return cls(**own, **{name: getattr(found, name) for name in answer}, **more)
@@ -116,15 +119,6 @@ class Answer:
     def shape(self) -> Shape:
         """The shape under the tensions, a digit more accurate than asked."""
         return settled(self.arm, self.tensions, self.scene, self.accuracy, self.machine_code)
-
-    @property
-    def known_equilibrium(self) -> Linearised | None:
-        """The states of the shape, to begin with on other meshes; None where there are none."""
-        try:
-            known: Linearised | None = self.shape.known
-        except (OctoplanError, OutOfTime):
-            return None
-        return known
 
     @property
     def tip(self) -> Array:
@@ -176,7 +170,7 @@ class Answer:
     def outcome(self) -> str:
         """What happened, what holds it, and what to try: a sentence."""
         found = (self.certificate, self.mode, self.effort, len(self.starts), self.agreed)
-        held = tuple(self.holding()), self.arm.length, self.stopped, self.in_the_way
+        held = tuple(self.holding()), self.arm.length, self.stopped, self.in_the_way, self.unstable
         said = sentence(Facts(*found, *held))
         if self.jump:
             more = f"left the branch of the plan before: tensions jump by {100 * self.jump:.0f} %"
@@ -254,16 +248,19 @@ class Answer:
     def _kkt(self, T: Array) -> float:
         problem = self._problem()
         limits = allowed(self.arm, self.targets, self.limits)
-        p, bounds = problem.parameters(self.stated, limits), problem.free_bounds(limits)
+        bounds = problem.free_bounds(limits)
         # Files of earlier versions have the multipliers of equilibrium last.
         lam_x = np.array(self.lam_x)[: problem.n_free]
         lam_g = np.array(self.lam_g)[: problem.n_outer]
         if lam_x.size != problem.n_free or lam_g.size != problem.n_outer:
             return np.inf
         try:
-            x = problem.settled(T, limits, p, self.known_equilibrium)
+            p = problem.parameters(self.stated, limits)
+            x = problem.settled(T, limits, p, self.shape.known)
+            off = defect(problem, x, self.stated, self.shape)
+            p = problem.parameters(self.stated, limits, defect=off)
             return optimality(problem, x, p, lam_x, lam_g, bounds).worst
-        except (OctoplanError, np.linalg.LinAlgError, RuntimeError):
+        except (OctoplanError, np.linalg.LinAlgError):
             return np.inf
 
     def __eq__(self, other: object) -> bool:

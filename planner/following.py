@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from model.time_limit import OutOfTime, time_limit
+from model.time_limit import time_limit
 from planner.answer import Answer
 from planner.avoidance.around import Around
 from planner.avoidance.asked import Surroundings
@@ -15,8 +15,7 @@ from planner.avoidance.rows import Avoidance
 from planner.solve.search import Search
 from planner.solve.search_result import SearchResult
 from planner.solve.task import Task
-from planner.solve.warm_start import Optimum, jump, warm_start
-from planner.targets.base import Target
+from planner.solve.warm_start import jump, warm_start
 
 
 def searched(
@@ -31,7 +30,7 @@ def searched(
         kept = _kept_clear(near, task, around)
         if kept is not None:
             return kept, near.avoidance
-        followed = _followed(near, task, near.targets)
+        followed = warm_start(near, near.targets, task)
         avoidance, left = None, not followed
         if around and not (followed and followed.stopped):
             led = Around(task, around)
@@ -51,25 +50,8 @@ def _kept_clear(near: Answer, task: Task, around: Surroundings) -> SearchResult 
     """
     if near.avoidance is None or near.surroundings != around:
         return None
-    found = _followed(near, keeping(task, near.avoidance), near.stated)
+    found = warm_start(near, near.stated, keeping(task, near.avoidance))
     if found is None or found.stopped or found.jump:
         return None
     line = line_of(task, found.statement, np.ravel(found.tensions), finished=True)
     return found if line is not None and around.keeps(line) else None
-
-
-def _followed(near: Answer, task: Task, stated: tuple[Target, ...]) -> SearchResult | None:
-    """Return what a plan for `stated` targets leads to, None where it cannot be followed."""
-    limits, own = task.limits, near.limits
-    same = near.statement.margin == task.statement.margin
-    if not same or replace(own, lower=limits.lower) != limits:
-        return None
-    answer = (near.tensions, near.lam_x, near.lam_g, near.known_equilibrium)
-    statement = near.statement
-    if task.accuracy > near.accuracy:
-        statement = statement.but(refinement=task.coarse(statement.mode).refinement)
-    try:
-        return warm_start(Optimum(stated, own.lower, statement, *answer), task)
-    except OutOfTime:
-        T = np.clip(np.ravel(near.tensions), limits.lower, limits.upper)
-        return SearchResult(near.statement, task.arm.by_section(T), (), (), (), stopped=True)

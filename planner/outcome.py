@@ -30,6 +30,8 @@ class Facts:
         Whether the time limit ended the search.
     in_the_way : str
         What the plan without obstacles comes nearest to, where only obstacles hold it back.
+    unstable : bool
+        Whether only shapes less stable than asked meet the targets.
     """
 
     certificate: Certificate
@@ -41,16 +43,17 @@ class Facts:
     length: float
     stopped: bool = False
     in_the_way: str = ""
+    unstable: bool = False
 
     @property
     def is_nearest(self) -> bool:
         """Whether what misses the targets is an optimum of how near it comes, and no worse one.
 
         At least two initial guesses have to lead to it. It is not looked for in contact, nor found
-        where the search was stopped.
+        where the search was stopped, or met the targets by unstable shapes.
         """
         looked_for = not self.stopped and self.certificate.complementarity is None
-        return looked_for and self.agreed > 1
+        return looked_for and not self.unstable and self.agreed > 1
 
 
 def sentence(facts: Facts) -> str:
@@ -137,6 +140,10 @@ def _holders(facts: Facts) -> str:
     if facts.in_the_way:
         told = f"obstacles are in the way: without them it is met, and {facts.in_the_way}"
         return f"{told}; move them or the target, or ask for less clearance"
+    if facts.unstable:
+        least = facts.certificate.stability_margin
+        told = f"less stable than the margin of {least:g}" if least else "unstable under the loads"
+        return f"what meets it is {told}; stiffen the arm, lower the loads or move the target"
     if not facts.holders and not facts.is_nearest:
         return "no limit is active, more starts may find a nearer one"
     if not facts.holders:

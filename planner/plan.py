@@ -29,8 +29,7 @@ from planner.avoidance.asked import Surroundings, surroundings
 from planner.contact.checks import check_contact, check_holds
 from planner.contact.grasp import Grip, grips_of
 from planner.contact.load_path import from_rest, is_same, rubs, settled_along
-from planner.contact.search import ContactSearch
-from planner.contact.stated import optimality_of
+from planner.contact.search import ContactSearch, optimality_of
 from planner.contact.wrapping import (
     beside,
     beside_contacts,
@@ -147,7 +146,7 @@ class HeldPlan(Plan):
 
     def _kkt(self, T: Array) -> float:
         asked = (self.arm, self.targets, self.scene, self.limits, self.statement, self.accuracy)
-        return optimality_of(Task(*asked, self.machine_code), T, self.load_path)
+        return optimality_of(Task(*asked, self.machine_code), T, self.shape, self.load_path)
 
 
 @with_progress
@@ -193,8 +192,9 @@ def plan(
         The most that all tendons together may pull [N]; no limit unless given.
     norm : "2", "1" or "inf"
         What effort is: root of the sum of squares, sum, or largest tension.
-    solver : "auto" or "ipopt"
-        What is to solve the program; ipopt is the only one so far, and "auto" takes it.
+    solver : "auto", "ipopt" or "fatrop"
+        What is to solve the program; "auto" takes ipopt. Where it can be stated in stages from base
+        to tip, fatrop may solve it from initial guesses, and ipopt where that fails.
         `Plan.statement` tells what did, and in how many iterations.
     form
         Deprecated: there is one program.

@@ -1,4 +1,4 @@
-"""The surface of a settled arm as triangles."""
+"""The surface of a settled arm as triangles, and its tendons as paths."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 from model.arm import Arm
 from model.paths import Array
 from model.rotations import matrices
+from model.shape import Shape
+from model.stations import tendon_offset
 
 
 def surface(arm: Arm, s: Array, poses: Array, around: int) -> tuple[Array, NDArray[np.int64]]:
@@ -31,11 +33,27 @@ def surface(arm: Arm, s: Array, poses: Array, around: int) -> tuple[Array, NDArr
         Which three vertices make each triangle.
     """
     radius = arm.radius.evaluate(s, arm.length)[0]
-    places, frames = poses[:, 4:], matrices(poses[:, :4])
+    skin = rings(poses, radius, around).reshape(-1, 3)
+    return np.vstack([skin, poses[[0, -1], 4:]]), _faces(s.size, around)
+
+
+def rings(poses: Array, radius: Array, around: int) -> Array:
+    """Return points (N, around, 3) [m] about poses (N, 7), at radii (N,) across their frames."""
     phi = 2 * np.pi * np.arange(around) / around
     circle = np.stack([np.zeros_like(phi), np.cos(phi), np.sin(phi)])
-    rings = places[:, None] + radius[:, None, None] * np.swapaxes(frames @ circle, 1, 2)
-    return np.vstack([rings.reshape(-1, 3), places[[0, -1]]]), _faces(s.size, around)
+    turned = np.swapaxes(matrices(poses[:, :4]) @ circle, 1, 2)
+    return np.asarray(poses[:, None, 4:] + radius[:, None, None] * turned)
+
+
+def tendon_paths(shape: Shape, s: Array) -> list[Array]:
+    """Return the tendons (N_j, 3) [m] along u + y d, eqs. (5), (6), at s and at their ends."""
+    at = np.unique([*s, *(section.at for section in shape.arm.sections)])
+    place, frame, paths = shape.position(at), shape.frame(at), []
+    for j, (i, _) in enumerate(shape.arm.tendons):
+        own = at <= shape.arm.sections[i].at
+        off = tendon_offset(shape.arm, j, at[own])
+        paths.append(place[own] + np.einsum("nij,nj->ni", frame[own, :, 1:], off))
+    return paths
 
 
 def _faces(along: int, around: int) -> NDArray[np.int64]:

@@ -27,6 +27,8 @@ _DRAWN, _CHEAP, _DIFFERENT = 400, 0.2, 0.5
 _FIRST = 3
 # How many times what bends it without loads an arm may take with them.
 _STRONGER = 3.0
+# How many conditions a point is.
+POINT = 3
 # How much all tendons pull in the straight arm, of a unit of tension: a little inside the limits.
 _INSIDE = 0.005
 
@@ -48,15 +50,20 @@ def initial_guesses(
     unit = units(arm, limits)
     low, high = np.array(limits.lower), np.array(limits.upper)
     straight = np.clip(_INSIDE * unit, low, high)
-    point = is_point(arm, targets)
-    if not point:
+    count = conditions(arm, targets)
+    if count > POINT:
         yield from _within_total(
             np.array(fitted(arm, scene, targets, limits, machine_code)), limits
         )
+    # A bend in a plane is met by arms that wind round once more, too, and more cheaply by those
+    # next to the straight one.
+    first = -1 if count < POINT else _FIRST
+    if first < 0:
+        yield straight
     drawn = drawn_arms(arm, scene, targets, limits, machine_code)
     for k, T in enumerate(drawn):
         yield T
-        if k == _FIRST:
+        if k == first:
             yield straight
         if k >= _FIRST and loaded:
             yield np.clip(_STRONGER * T, low, high)
@@ -84,10 +91,10 @@ def drawn_arms(
             yield T
 
 
-def is_point(arm: Arm, targets: tuple[Target, ...]) -> bool:
-    """Return whether no more is to be met than a point has numbers, and nothing kept above 0."""
+def conditions(arm: Arm, targets: tuple[Target, ...]) -> float:
+    """Return how many numbers are to be met; infinite where others are to be kept above 0."""
     equality, soft_residual, inequality, _ = term_names(arm, targets)
-    return len(equality) + len(soft_residual) <= 3 and not inequality
+    return np.inf if inequality else len(equality) + len(soft_residual)
 
 
 def _within_total(T: Array, limits: Limits) -> Array:

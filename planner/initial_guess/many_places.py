@@ -6,7 +6,6 @@ import numpy as np
 
 from model.arm import Arm
 from model.forward import explicit_map, schemes_of
-from model.many_poses import many_poses
 from model.paths import Array
 from model.rotations import matrices
 from model.scene import Scene
@@ -23,8 +22,7 @@ def many_places(arm: Arm, scene: Scene, tensions: Array, machine_code: bool) -> 
     m = len(tensions)
     scheme = "magnus6" if "magnus6" in schemes_of(scene) else "rk4"
     forward = explicit_map(arm, scene, scheme, 1, (), machine_code)
-    found, _ = many_poses(forward, range(forward.mesh.steps + 1))(tensions.T)
-    poses = found.transpose(2, 0, 1)
+    poses, _ = forward.many(tensions, range(forward.mesh.steps + 1))
     u, t = poses[:, :, 4:], matrices(poses[:, :, :4].reshape(-1, 4))[:, :, 0].reshape(m, -1, 3)
     h = np.diff(forward.mesh.s)
     parts, places = [], []

@@ -10,7 +10,6 @@ import numpy as np
 from model.arm import Arm
 from model.forward import explicit_map, schemes_of
 from model.machine.buffered import Mapped
-from model.many_poses import ManyPoses, many_poses
 from model.paths import Array
 from model.scene import Scene
 from planner.program.same import Same
@@ -30,11 +29,12 @@ def residuals(
     The targets' residuals, what inequalities lack, and last by how much the arm is crushed.
     Whether it is stiff enough is left out: as if it gave way just as much as is wanted.
     """
-    poses_of = _coarse_poses(arm, scene, stations_of(arm, targets), machine_code)
+    scheme, at = "magnus4" if "magnus4" in schemes_of(scene) else "rk4", stations_of(arm, targets)
+    forward = explicit_map(arm, scene, scheme, 1, at, machine_code)
     structure = tuple(target.structure(arm) for target in targets)
     numbers = np.concatenate([target.parameters(arm) for target in targets])
-    poses, least = poses_of(tensions.T)
-    seen = poses.transpose(2, 0, 1).reshape(len(tensions), -1)
+    poses, least = forward.many(tensions, [forward.mesh.node(s) for s in at])
+    seen = poses.reshape(len(tensions), -1)
     off_by = _off_by(arm, structure, Same(targets))
     (gaps,) = off_by(seen, np.tile(numbers, (len(tensions), 1)))
     crushed = _bounded(_FEASIBLE - least, 0.0)
@@ -43,16 +43,6 @@ def residuals(
 
 def _bounded(values: Array, low: float) -> Array:
     return np.asarray(np.where(np.isnan(values), _FAR, np.clip(values, low, _FAR)))
-
-
-@lru_cache(maxsize=16)
-def _coarse_poses(
-    arm: Arm, scene: Scene, stations: tuple[float, ...], machine_code: bool
-) -> ManyPoses:
-    """Return what finds the poses that are looked at, on the coarsest mesh."""
-    scheme = "magnus4" if "magnus4" in schemes_of(scene) else "rk4"
-    forward = explicit_map(arm, scene, scheme, 1, stations, machine_code)
-    return many_poses(forward, [forward.mesh.node(s) for s in stations])
 
 
 @lru_cache(maxsize=16)

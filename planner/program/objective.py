@@ -37,15 +37,13 @@ from planner.program.terms import (
     directions_function,
     equality_weights,
     inequality_weights,
-    share_rows,
+    shares,
     stations_of,
     terms_function,
 )
 from planner.targets.base import Target
 
 STRETCH, LEAST_STRETCH = "stretch", 1e-3
-# Shares of what is wanted that count as no less.
-_LEAST_SHARE = 1e-12
 S = TypeVar("S", ca.SX, ca.MX)
 
 
@@ -154,8 +152,8 @@ class Objective:
         T, lack, p, poses, thin, compliances = given
         target, (reference, total, trace) = p[: self.n_own], ca.vertsplit(p[-3:])
         equality, soft_residual, inequality, least = self.terms(poses, target, compliances)
-        for row in share_rows(arm, targets):
-            inequality[row] = ca.log(ca.fmax(1 + inequality[row], _LEAST_SHARE))
+        for row, place in shares(arm, targets):
+            inequality[row] = 1 - compliances[place]
         effort, peak, peaks = smooth_norm(T / reference, self.statement.norm)
         mode, none = self.statement.mode, ca.MX(0, 1)
         weights, lacking = (

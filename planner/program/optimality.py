@@ -11,10 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse.linalg import splu
 
 from model.paths import Array
 from planner.program.problem import Bounds, Problem
+from planner.program.program import Evaluated, factorised
 
 # The farthest from its bound that a multiplier counts with.
 _ROOM = 1e3
@@ -44,16 +44,15 @@ class Optimality:
         return worst if np.isfinite(worst) else np.inf
 
 
-def multipliers(problem: Problem, x: Array, p: Array, lam_g: Array) -> tuple[Array, Array]:
-    """Return the multipliers of all constraints at x, and the Lagrangian's gradient in a.
+def multipliers(problem: Problem, here: Evaluated, lam_g: Array) -> tuple[Array, Array]:
+    """Return the multipliers of all constraints at a point, and the Lagrangian's gradient in a.
 
     `lam_g` are those of the constraints besides equilibrium. The gradient (n_free,) is without the
     multipliers of bounds, which are its negative where a bound is met.
     """
-    n, program = problem.n_free, problem.program
-    _, gradient, _, J = program.first(x, p)
-    slope, inner = gradient[0] + J @ lam_g, program.inner(x, p)
-    mu = splu(inner[:, n + 1 :]).solve(-slope[n + 1 :], "T")
+    n, m = problem.n_free, problem.n_outer
+    slope, inner = here.gradient + here.jacobian[:m].T @ lam_g, here.jacobian[m:].tocsc()
+    mu = factorised(inner[:, n + 1 :]).solve(-slope[n + 1 :], "T")
     return np.concatenate([lam_g, mu]), slope[:n] + inner[:, :n].T @ mu
 
 
@@ -66,10 +65,10 @@ def optimality(
     """
     n = problem.n_free
     lbx, ubx, lbg, ubg = bounds
-    _, slope = multipliers(problem, x, p, lam_g)
-    f_gradient, values = problem.program.first(x, p)[1][0, :n], problem.program.values(x, p)[1][0]
-    values, lam = np.concatenate([x[:n], values]), np.concatenate([lam_x, lam_g])
-    scale = _LEAST_SCALE + _most(f_gradient) + _most(lam_g)
+    here = problem.program.evaluate(x, p)
+    _, slope = multipliers(problem, here, lam_g)
+    values, lam = np.concatenate([x[:n], here.g[: lam_g.size]]), np.concatenate([lam_x, lam_g])
+    scale = _LEAST_SCALE + _most(here.gradient[:n]) + _most(lam_g)
     above, below = values - np.concatenate([lbx, lbg]), np.concatenate([ubx, ubg]) - values
     room = np.abs(np.where(lam < 0, above, below))
     return Optimality(

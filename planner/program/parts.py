@@ -21,6 +21,8 @@ class Parts(NamedTuple):
         Of the equations.
     scale, row_scale : slice
         What one unit of each unknown from the load factor on, and of each equation, is worth.
+    defect : slice
+        By how much what is measured on the mesh is off, see planner.program.defect.
     """
 
     given: slice
@@ -29,6 +31,7 @@ class Parts(NamedTuple):
     numbers: slice
     scale: slice
     row_scale: slice
+    defect: slice
 
     @classmethod
     def of(cls, sizes: tuple[int, ...]) -> Parts:
@@ -38,4 +41,4 @@ class Parts(NamedTuple):
     @property
     def size(self) -> int:
         """How many parameters there are."""
-        return int(self.row_scale.stop)
+        return int(self.defect.stop)

@@ -6,7 +6,6 @@ from functools import lru_cache
 
 import casadi as ca
 import numpy as np
-from scipy.sparse.linalg import splu
 
 from model.arm import Arm
 from model.equilibrium.forward import STAGES, Collocation
@@ -17,11 +16,10 @@ from model.errors import OctoplanError
 from model.loads import is_loaded
 from model.paths import Array
 from model.scene import Scene
-from model.transcription.layout import POSE
 from model.winches import least_compliance, rest_lengths
 from planner.program.limits import Limits, natural_tensions
 from planner.program.objective import Rows
-from planner.program.program import STABILITY, STROKES, program
+from planner.program.program import STABILITY, STROKES, factorised, program
 from planner.program.same import Same
 from planner.program.statement import Statement
 from planner.program.states import States, Stations
@@ -101,14 +99,22 @@ class Problem:
         return self.program.objective.n_lack
 
     def parameters(
-        self, targets: tuple[Target, ...], limits: Limits, weight: float = REGULARISATION
+        self,
+        targets: tuple[Target, ...],
+        limits: Limits,
+        weight: float = REGULARISATION,
+        defect: Array | None = None,
     ) -> Array:
-        """Return the parameters for targets of this structure, limits and weight of effort."""
+        """Return the parameters for targets of this structure, limits and weight of effort.
+
+        And for a defect of the mesh, none unless given; see planner.program.defect.
+        """
         unit, states = units(self.arm, limits), self.states
         numbers = np.concatenate([target.parameters(self.arm) for target in targets])
         given = np.concatenate([numbers, [unit.max(), limits.total or 0.0, weight], unit])
         own = [np.array([states.force]), states.numbers(self.directions(targets))]
-        return np.concatenate([given, *own, states.scale, states.row_scale])
+        off = np.zeros(sum(self.program.measured)) if defect is None else defect
+        return np.concatenate([given, *own, states.scale, states.row_scale, off])
 
     def bounds(self, limits: Limits) -> Bounds:
         """Return lower and upper bounds of unknowns and constraints, not to be written to.
@@ -199,9 +205,10 @@ class Problem:
         x[blocks.states] = states / scale[1 : 1 + states.size]
         if blocks.responses:
             start, stop = blocks.response(0).start, blocks.response(len(blocks.responses)).start
-            rows = slice(states.size, states.size + stop - start)
-            responds = program.inner(x, p).tocsr()[rows].tocsc()[:, start:stop]
-            x[start:stop] = -splu(responds).solve(program.equilibrium(x, p)[rows])
+            first, here = self.n_outer + states.size, program.evaluate(x, p)
+            rows = slice(first, first + stop - start)
+            responds = here.jacobian.tocsr()[rows].tocsc()[:, start:stop]
+            x[start:stop] = -factorised(responds).solve(here.g[rows])
         if blocks.modes:
             self._add_modes(x, states, p)
         if blocks.wound:
@@ -209,8 +216,7 @@ class Problem:
             found = system.lengths(system.x(np.zeros(system.of.n_tendons), 1.0, states))
             x[blocks.lengths] = found / system.arm.length
         if self.n_lack:
-            outer = program.values(x, p)[1][0]
-            lack = np.maximum(-outer[program.objective.lack_rows], 0.0)
+            lack = np.maximum(-self.constraints(x, p)[program.objective.lack_rows], 0.0)
             x[self.n_free - self.n_lack : self.n_free] += lack
         return x
 
@@ -259,29 +265,9 @@ class Problem:
             k += D.shape[1]
         return np.concatenate(found)
 
-    def with_measured(
-        self, x: Array, poses: Array, change: Array, directions: list[Array]
-    ) -> Array:
-        """Return unknowns x with other poses (K, 7) at the stations, and changed compliances.
-
-        These are as `compliances` has them. All else is as in x, so that there is no equilibrium.
-        """
-        blocks, scale, there = self.program.blocks, self.states.scale, x.copy()
-        nodes = [self.forward.mesh.node(s) for s in self.stations]
-        states = blocks.of.nodes[nodes, :POSE].ravel()
-        there[blocks.states.start + states] = poses.ravel() / scale[1 + states]
-        tip, k = blocks.of.first + blocks.of.nodes[-1, 4:POSE], 0
-        for D, own in zip(directions, _by_request(change, directions), strict=True):
-            moved = self.states.force * D @ np.linalg.solve(D.T @ D, own)
-            for i in range(D.shape[1]):
-                places = blocks.response(k + i).start + tip
-                there[places] += moved[:, i] / scale[places - self.n_free]
-            k += D.shape[1]
-        return there
-
     def constraints(self, x: Array, p: Array) -> Array:
         """Return the constraints at unknowns x."""
-        return np.concatenate([self.program.values(x, p)[1][0], self.program.equilibrium(x, p)])
+        return self.program.evaluate(x, p).g
 
     def stability(self, x: Array, tensions: Array) -> float:
         """Return the stability of the equilibrium in unknowns x, infinite without loads."""
@@ -294,13 +280,6 @@ class Problem:
             return least_eigenvalue(here) if fine else stability(here)
         except (OctoplanError, np.linalg.LinAlgError):
             return -np.inf
-
-
-def _by_request(values: Array, directions: list[Array]) -> list[Array]:
-    """Return the compliances (width, width) of each request, from all of them stacked."""
-    ends = np.cumsum([D.shape[1] ** 2 for D in directions])[:-1]
-    pairs = zip(directions, np.split(values, ends), strict=True) if directions else ()
-    return [own.reshape(D.shape[1], -1, order="F") for D, own in pairs]
 
 
 @lru_cache(maxsize=32)

@@ -12,17 +12,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable
 from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array
+from scipy.sparse.linalg import SuperLU, splu
 
 from model.arm import Arm
+from model.errors import SingularError
 from model.machine.buffered import Buffered
-from model.machine.repeated import InC
 from model.paths import Array
-from model.transcription.layout import Layout
+from model.transcription.layout import POSE, Layout
 from model.transcription.terms import Equations
 from planner.program.objective import Rows, objective_of
 from planner.program.parts import Parts
@@ -35,8 +37,23 @@ from planner.targets.base import Target
 
 Index = NDArray[np.int32]
 STABILITY, STROKES = "stability", "strokes"
-# Far from any equilibrium numbers may overflow; who asks looks whether they are finite.
-_QUIET = np.errstate(over="ignore", invalid="ignore")
+
+
+class Evaluated(NamedTuple):
+    """A program at a point: the rows of equilibrium come last."""
+
+    f: float
+    gradient: Array
+    g: Array
+    jacobian: csc_array
+
+
+def factorised(matrix: csc_array) -> SuperLU:
+    """Return the factors of a square matrix; raises SingularError where it has none."""
+    try:
+        return splu(matrix)
+    except RuntimeError as reason:
+        raise SingularError("equilibrium is singular in its states: the arm buckles") from reason
 
 
 class Program:
@@ -71,64 +88,44 @@ class Program:
         wound = [Rows(STROKES, n, -np.inf, np.inf)] * self.blocks.wound
         self.outer_rows = (*self.objective.rows, *modes, *wound)
         self.rows = (*self.outer_rows, Rows("equilibrium", self.blocks.n_rows, 0.0, 0.0))
-        own = (1, self.equations.n_p, self.blocks.size, self.blocks.n_rows)
+        own = (1, self.equations.n_p, self.blocks.size, self.blocks.n_rows, sum(self.measured))
         self.parts = Parts.of((self.objective.n_numbers, n, *own))
+
+    @property
+    def measured(self) -> tuple[int, int, int, int]:
+        """How many numbers are measured: of poses, compliances, eigenvalues, lengths."""
+        blocks, compliances = self.blocks, self.objective.terms.numel_in(2)
+        wound = blocks.wound * blocks.of.n_tendons
+        return POSE * len(self._seen.nodes), compliances, blocks.modes, wound
 
     @cached_property
     def symbols(self) -> Symbols:
         """The program in symbols, as CasADi's solvers take it."""
-        return Symbols(self.objective, self.blocks, self._seen, self.equations, self.parts)
+        return Symbols(
+            self.objective, self.blocks, self._seen, self.equations, self.parts, self.measured
+        )
 
     @cached_property
-    def values(self) -> Buffered:
-        """x, p -> f, constraints besides equilibrium."""
+    def _function(self) -> tuple[Buffered, tuple[Index, Index]]:
+        """x, p -> f, its gradient, g, nonzeros of its Jacobian; and where these are."""
         of = self.symbols
-        return Buffered(ca.Function("values", [of.x, of.p], [of.f, ca.densify(of.outer)]))
+        found = [of.f, of.gradient, of.g, of.jacobian.nz[:]]
+        dense = [ca.densify(own) for own in found]
+        own = of.jacobian.sparsity()
+        places = np.array(own.row(), np.int32), np.array(own.colind(), np.int32)
+        return Buffered(ca.Function("program", [of.x, of.p], dense)), places
 
-    @cached_property
-    def first(self) -> Buffered:
-        """x, p -> f, its gradient, constraints besides equilibrium, their Jacobian transposed."""
-        of = self.symbols
-        found = [of.f, of.gradient, of.outer, of.outer_jacobian]
-        return Buffered(ca.Function("first", [of.x, of.p], [ca.densify(v) for v in found]))
-
-    @_QUIET
-    def equilibrium(self, x: Array, p: Array) -> Array:
-        """Return the equations of equilibrium (n_rows,)."""
-        found = self.value_call(x * self.whole(p), p[self.parts.numbers])[0][0]
-        return np.asarray(found / p[self.parts.row_scale])
-
-    @_QUIET
-    def inner(self, x: Array, p: Array) -> csc_array:
-        """Return the Jacobian of the equations of equilibrium (n_rows, size)."""
-        whole, (rows, columns, ends) = self.whole(p), self.jacobian_places
-        nonzeros = self.jacobian_call(x * whole, p[self.parts.numbers])[0][0]
-        scaled = nonzeros * whole[columns] / p[self.parts.row_scale][rows]
-        return csc_array((scaled, rows, ends), shape=(self.blocks.n_rows, self.size))
+    def evaluate(self, x: Array, p: Array) -> Evaluated:
+        """Return objective and constraints at unknowns x, with derivatives."""
+        function, places = self._function
+        f, gradient, g, nonzeros = (own.ravel() for own in function(x, p))
+        J = csc_array((nonzeros, *places), shape=(g.size, x.size))
+        return Evaluated(float(f[0]), gradient, g, J)
 
     def whole(self, p: Array) -> Array:
         """Return what one unit of each unknown is worth (size,)."""
         unit, scale = p[self.parts.unit], p[self.parts.scale]
         return np.concatenate([unit, np.ones(self.n_free - unit.size), scale])
-
-    @cached_property
-    def value_call(self) -> Buffered | InC:
-        """The equations in their own unknowns and numbers."""
-        return self.equations.call("value")
-
-    @cached_property
-    def jacobian_call(self) -> Buffered | InC:
-        """The nonzeros of their Jacobian."""
-        return self.equations.call("jacobian")
-
-    @cached_property
-    def jacobian_places(self) -> tuple[Index, Index, Index]:
-        """Rows and columns of these, and where each column begins."""
-        own = self.equations.places("jacobian")
-        rows, columns, begins = (
-            np.array(of, dtype=np.int32) for of in (own.row(), own.get_col(), own.colind())
-        )
-        return rows, columns, begins
 
 
 def program(

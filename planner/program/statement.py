@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
+
+from msgspec import Meta
 
 from model.errors import InputError
+from model.mesh_refinement import FINEST
+from model.quantities import Count
 from planner.program.effort import Norm
 
-Solver = Literal["auto", "ipopt"]
-SOLVERS: tuple[Solver, ...] = ("auto", "ipopt")
-# Of 40 solves of tips, in the paper's scene and in silicone under water, each with a program that
-# fatrop takes, where evaluations are most of the time.
-_FATROP = "; fatrop saves a third of a solve at most and loses one in seven under water"
+Solver = Literal["auto", "ipopt", "fatrop"]
+SOLVERS: tuple[Solver, ...] = ("auto", "ipopt", "fatrop")
 Mode = Literal["exact", "closest", "nearest"]
 STAGES = 3
 
@@ -20,7 +21,7 @@ STAGES = 3
 def check_solver(solver: Any) -> Solver:
     """Return the name of a solver, or raise InputError."""
     if solver not in SOLVERS:
-        raise InputError("solver", solver, ", ".join(SOLVERS) + _FATROP * (solver == "fatrop"))
+        raise InputError("solver", solver, ", ".join(SOLVERS))
     return solver  # type: ignore[no-any-return]
 
 
@@ -30,7 +31,7 @@ class Statement:
 
     Attributes
     ----------
-    solver : "auto" or "ipopt"
+    solver : "auto", "ipopt" or "fatrop"
         What is to solve it; of a plan, what did.
     norm : "2", "1" or "inf"
         What effort is.
@@ -56,12 +57,12 @@ class Statement:
     norm: Norm = "2"
     mode: Mode = "exact"
     limited: bool = False
-    refinement: int = 4
+    refinement: Annotated[int, Meta(ge=1, le=FINEST)] = 4
     margin: float = 0.0
-    modes: int = 0
+    modes: Annotated[int, Meta(ge=0, le=1)] = 0
     floor: float = 1e-2
     wound: bool = False
-    iterations: int = 0
+    iterations: Count = 0
 
     @property
     def least(self) -> float:

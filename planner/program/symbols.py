@@ -11,7 +11,7 @@ from model.transcription.collocation import gauss
 from model.transcription.kernel import Places
 from model.transcription.layout import POSE
 from model.transcription.terms import Equations
-from planner.program.objective import Objective
+from planner.program.objective import Objective, split
 from planner.program.parts import Parts
 from planner.program.states import Blocks, Stations
 
@@ -34,14 +34,16 @@ class Symbols:
         seen: Stations,
         equations: Equations,
         parts: Parts,
+        measured: tuple[int, ...],
     ) -> None:
         self.objective, self.blocks = objective, blocks
         self.equations, self.parts = equations, parts
         self.x, self.p = ca.MX.sym("x", equations.n_x), ca.MX.sym("p", parts.size)
         self.sigma = ca.MX.sym("sigma")
-        f, outer = self._outer(seen)
-        eigenvalues = (self.x[place] for place in blocks.eigenvalues)
-        self.f, self.outer = f, ca.vertcat(outer, *eigenvalues, self.x[blocks.lengths])
+        poses, compliances, eigenvalues, lengths = split(self.p[parts.defect], measured)
+        f, outer = self._outer(seen, ca.reshape(poses, POSE, len(seen.nodes)), compliances)
+        eigenvalues += self.x[blocks.eigenvalues]
+        self.f, self.outer = f, ca.vertcat(outer, eigenvalues, self.x[blocks.lengths] + lengths)
         self.outer_lam = ca.MX.sym("lam", self.outer.numel())
         self.lam = ca.MX.sym("lam", self.outer.numel() + blocks.n_rows)
 
@@ -64,14 +66,14 @@ class Symbols:
     @cached_property
     def g(self) -> ca.MX:
         """All constraints; the equations of equilibrium come last."""
-        own = self.equations.value(self.x * self._whole, self.p[self.parts.numbers])
+        own = self.equations.value(self.x * self.whole, self.p[self.parts.numbers])
         return ca.vertcat(self.outer, own / self.p[self.parts.row_scale])
 
     @cached_property
     def jacobian(self) -> ca.MX:
         """The Jacobian of g."""
         function, places = self.equations.jacobian
-        whole, row_scale = self._whole, self.p[self.parts.row_scale]
+        whole, row_scale = self.whole, self.p[self.parts.row_scale]
         nonzeros = function(self.x * whole, self.p[self.parts.numbers])
         row, column = places.row(), places.get_col()
         J = ca.MX(places, nonzeros * whole[column] / row_scale[row])
@@ -81,7 +83,7 @@ class Symbols:
     def hessian(self) -> ca.MX:
         """The Hessian of sigma f + lam . g."""
         function, places = self.equations.hessian
-        whole, row_scale = self._whole, self.p[self.parts.row_scale]
+        whole, row_scale = self.whole, self.p[self.parts.row_scale]
         m = self.outer.numel()
         nonzeros = function(self.x * whole, self.p[self.parts.numbers], self.lam[m:] / row_scale)
         row, column = places.row(), places.get_col()
@@ -91,7 +93,7 @@ class Symbols:
         return own + ca.MX(places, nonzeros * whole[column] * whole[row])
 
     @property
-    def _whole(self) -> ca.MX:
+    def whole(self) -> ca.MX:
         """What one unit of each unknown is worth."""
         unit, scale = self.p[self.parts.unit], self.p[self.parts.scale]
         n = self.equations.n_x - unit.numel() - scale.numel()
@@ -102,18 +104,21 @@ class Symbols:
         first = self.equations.n_x - self.blocks.size
         return self.x[places.tolist()] * self.p[(self.parts.scale.start - first + places).tolist()]
 
-    def _outer(self, seen: Stations) -> tuple[ca.MX, ca.MX]:
-        """Return the objective, and the constraints besides equilibrium."""
+    def _outer(self, seen: Stations, off: ca.MX, softer: ca.MX) -> tuple[ca.MX, ca.MX]:
+        """Return the objective, and the constraints besides equilibrium.
+
+        Poses (7, K) and compliances are `off` and `softer` by so much.
+        """
         of, first, objective = self.blocks.of, self.blocks.states.start, self.objective
         n, n_peak, n_free = of.n_tendons, objective.n_peak, self.equations.n_x - self.blocks.size
         x, given = self.x, self.p[self.parts.given]
         places = first + of.nodes[list(seen.nodes), :POSE]
-        poses = ca.reshape(self._at(places.ravel()), POSE, len(seen.nodes))
+        poses = ca.reshape(self._at(places.ravel()), POSE, len(seen.nodes)) + off
         thin = ca.vertcat(ca.MX(0, 1), *(self._stretch(k, end) for k, end in seen.slim))
         tensions = x[:n] * self.p[self.parts.unit]
         parts = (tensions, x[n : n + n_peak], x[n + n_peak : n_free], given)
         seen_poses = poses[:, objective.seen]
-        compliances = self._compliances(given)
+        compliances = self._compliances(given) + softer
         f, g = objective.function.call([*parts, seen_poses, thin, compliances], True)
         gaps = objective.gaps().value(poses, given[objective.n_own : -3])
         return f, objective.with_gaps(g, gaps)

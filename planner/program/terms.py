@@ -91,10 +91,18 @@ def inequality_weights(arm: Arm, targets: tuple[Target, ...]) -> ca.DM:
     return ca.DM([weights.get(name, HIGH_PRIORITY) for name in term_names(arm, targets)[2]])
 
 
-def share_rows(arm: Arm, targets: tuple[Target, ...]) -> list[int]:
-    """Return which inequalities are a share of what is wanted, less 1; see Terms.shares."""
-    shares = {name for term in _symbolic_terms(arm, targets) for name in term.shares}
-    return [k for k, name in enumerate(term_names(arm, targets)[2]) if name in shares]
+def shares(arm: Arm, targets: tuple[Target, ...]) -> list[tuple[int, int]]:
+    """Return which inequalities are shares of stiffnesses that are wanted; see Terms.shares.
+
+    And the place among compliances of that over what is wanted, which may pass through 0.
+    """
+    names, found, place = iter(enumerate(term_names(arm, targets)[2])), [], 0
+    for target, term in zip(targets, _symbolic_terms(arm, targets), strict=True):
+        rows = [next(names) for value in term.inequality.values() for _ in range(value.numel())]
+        found += [(row, place) for row, name in rows if name in term.shares]
+        request = target.compliance_request()
+        place += request.width**2 if request else 0
+    return found
 
 
 def _symbolic_terms(arm: Arm, targets: tuple[Target, ...]) -> list[Terms]:

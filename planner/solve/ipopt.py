@@ -19,6 +19,7 @@ from model.machine.buffered import Buffered
 from model.paths import Array
 from planner.program.problem import Bounds, Problem
 from planner.program.program import Program
+from planner.program.statement import Solver
 from planner.program.symbols import Symbols
 from planner.solve.interrupt import Watch
 
@@ -26,6 +27,10 @@ LOG = logging.getLogger(__name__)
 
 # Efforts are about 1e-2 in the program's units: so magnified they weigh as much as the barrier.
 MAGNIFIED = 1e3
+# Equalities r = 0 are stated as r = RELAXED t, t^2 / 2 added to the objective: r is RELAXED^2 times
+# its multiplier then, a rounding error but where equalities all but depend on each other, whose
+# multipliers are of any size else. What is missed by more than MISSED is not met.
+RELAXED, MISSED = 3e-5, 1e-6
 Options = dict[str, Any]
 _QUIET: Options = {
     "sb": "yes",
@@ -80,6 +85,7 @@ class Solution:
     met: bool
     reason: str
     iterations: int
+    solver: Solver = "ipopt"
 
     def free(self, problem: Problem) -> Solution:
         """Return the solution without states and what goes with them."""
@@ -107,8 +113,8 @@ def solver(problem: Problem, warm: bool, talks: bool = False) -> Buffered:
         way = WARM if warm else COLD
         if problem.statement.mode != "exact":
             way = way | PATIENT
-        nlp = {"x": stated.x, "p": stated.p, "f": stated.f, "g": stated.g}
-        built[warm, talks] = nlp_solver(nlp, derivatives(stated), way, talks)
+        relaxed = _relaxed(stated, program.outer_rows[0].size)
+        built[warm, talks] = nlp_solver(*relaxed, way, talks)
     return built[warm, talks]
 
 
@@ -134,6 +140,27 @@ def nlp_solver(
         "ipopt": _QUIET | way | {"print_level": 5 if talks else 0},
     }
     return Buffered(ca.nlpsol("ipopt", "ipopt", nlp, options))
+
+
+def _relaxed(of: Symbols, m: int) -> tuple[dict[str, ca.MX], dict[str, ca.Function]]:
+    """Return a program whose first m rows may be missed by RELAXED t, and its derivatives.
+
+    Unknowns are those of the program, then t (m,).
+    """
+    n, k, p, sigma, lam = of.x.numel(), of.g.numel(), of.p, of.sigma, of.lam
+    own = [of.f, of.gradient, of.g, of.jacobian, ca.triu(of.hessian)]
+    program = ca.Function("program", [of.x, p, sigma, lam], own)
+    x = ca.MX.sym("x", n + m)
+    f, gradient, g, jacobian, hessian = program.call([x[:n], p, sigma, lam], True, False)
+    t, slack = x[n:], ca.DM(ca.Sparsity.diag(k, m), RELAXED)
+    f, g = f + ca.sumsqr(t) / 2, g - slack @ t
+    by_all = named(
+        (x, p, sigma, lam),
+        (f, ca.vertcat(gradient, t)),
+        (g, ca.horzcat(jacobian, -slack)),
+        ca.diagcat(hessian, sigma * ca.DM.eye(m)),
+    )
+    return {"x": x, "p": p, "f": f, "g": g}, by_all
 
 
 def derivatives(of: Symbols) -> dict[str, ca.Function]:
@@ -171,9 +198,18 @@ def solve(
     multipliers: tuple[Array, Array] | None = None,
 ) -> Solution:
     """Solve from x; with multipliers (lam_x, lam_g) it is a warm start."""
-    talks = LOG.isEnabledFor(logging.DEBUG)
-    run = solver(problem, multipliers is not None, talks)
-    return solved(run, x, p, bounds, multipliers)
+    (lbx, ubx, lbg, ubg), n, m = bounds, x.size, problem.program.outer_rows[0].size
+    lam_x, lam_g = multipliers or (np.zeros(n), np.zeros(lbg.size))
+    none, t = np.zeros(m), -RELAXED * lam_g[:m]
+    relaxed = np.append(lbx, none - np.inf), np.append(ubx, none + np.inf), lbg, ubg
+    run = solver(problem, multipliers is not None, LOG.isEnabledFor(logging.DEBUG))
+    found = solved(run, np.append(x, t), p, relaxed, (np.append(lam_x, none), lam_g))
+    t = found.x[n:]
+    f, g = found.f - float(t @ t) / 2, found.g + RELAXED * np.pad(t, (0, found.g.size - m))
+    found = replace(found, x=found.x[:n], lam_x=found.lam_x[:n], f=f, g=g)
+    if np.abs(g[:m]).max(initial=0.0) <= MISSED:
+        return found
+    return replace(found, met=False, reason=STOPPED["Infeasible_Problem_Detected"])
 
 
 def solved(

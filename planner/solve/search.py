@@ -17,15 +17,17 @@ from itertools import islice
 import numpy as np
 
 from model.arm import Arm
+from model.errors import OctoplanError
 from model.loads import is_loaded
 from model.paths import Array
 from model.progress import tell
 from model.scene import Scene
 from model.time_limit import OutOfTime, check_time, time_limit
-from planner.initial_guess.guesses import drawn_arms, initial_guesses, is_point
+from planner.initial_guess.guesses import POINT, conditions, drawn_arms, initial_guesses
 from planner.program.limits import Limits
 from planner.program.problem import SEARCHED
 from planner.program.statement import Mode, Statement
+from planner.solve.fatrop import solve as by_stages
 from planner.solve.ipopt import Solution, solve
 from planner.solve.refine import Refined, refine
 from planner.solve.search_result import SearchResult, Trial, agreed
@@ -77,7 +79,7 @@ class Search:
         self._last: tuple[Statement, Solution] | None = None
         self._margin = task.statement.margin
         self._mode: Mode = "exact"
-        self._by_effort = not is_point(task.arm, task.targets)
+        self._by_effort = conditions(task.arm, task.targets) > POINT
 
     def run(self, seconds: float | None = None) -> SearchResult:
         """Return the best optimum from the guesses it takes, or the best so far after so long."""
@@ -88,11 +90,13 @@ class Search:
             return self._so_far()
 
     def _run(self) -> SearchResult:
+        unstable = False
         for mode in self._readings():
             found = self._read(mode)
             if found is not None:
-                return found
-        return self._so_far(stopped=False)
+                return replace(found, unstable=unstable)
+            unstable |= bool(self.unstable)
+        return replace(self._so_far(stopped=False), unstable=unstable)
 
     def _readings(self) -> Iterator[Mode]:
         """Yield how the targets are to be read, see planner.program.objective."""
@@ -156,6 +160,8 @@ class Search:
         bounds = self.task.bounds(statement)
         none = np.zeros(bounds[0].size), np.zeros(bounds[2].size)
         solution = solve(problem, x, p, bounds, none) if near else None
+        if solution is None and self.task.statement.solver == "fatrop":
+            solution = by_stages(problem, x, p, bounds)
         if solution is None or not solution.met:
             solution = solve(problem, x, p, bounds)
         check_time()
@@ -190,7 +196,7 @@ class Search:
             return self.task, *self.met[0]
         for before, solution in self.unstable:
             for floor in self._floors():
-                held = self._with_mode(before, solution, floor)
+                held = self._with_mode(before, solution.x, floor)
                 if held is not None:
                     return self.task.held(floor), *held
         return None
@@ -237,40 +243,69 @@ class Search:
             fine = self._held(solution.f) if self.unstable else None
             fine = fine or refine(self.task, statement, solution)
             if fine is not None:
-                cheaper = 1 - float(np.sqrt((lost or fine.solution.f) / fine.solution.f))
+                here, cheaper = fine.solution.f, 0.0
+                if lost is not None and here > lost:
+                    cheaper = 1 - float(np.sqrt(lost / here))
                 return replace(self._result(fine), lost=cheaper if cheaper > _BLURRED else 0.0)
-            lost = lost or solution.f
+            lost = solution.f if lost is None else lost
         held = self._held(np.inf)
         return None if held is None else self._result(held)
 
     def _held(self, limit: float) -> Refined | None:
-        """Return an optimum that is stable, next to one that is not and costs less than a limit."""
+        """Return an optimum held to stability, of those that cost less than a limit.
+
+        Next to optima that are not stable; where no stable one is known, from the initial guesses
+        too: with the least stable mode among its unknowns the program has optima elsewhere.
+        """
         different = {float(f"{s.f:.3g}"): (st, s) for st, s in self.unstable if s.f < limit}
-        for _, (before, solution) in sorted(different.items())[:_HELD]:
-            for floor in self._floors():
-                found = self._with_mode(before, solution, floor)
-                if found is None or found[1].f >= limit:
-                    break
-                fine = refine(self.task.held(floor), *found)
-                if fine is not None:
-                    return fine
+        beside = [different[f] for f in sorted(different)[:_HELD]]
+        for before, solution in beside:
+            found = self._refined_with_mode(before, solution.x, limit)
+            if found is not None:
+                return found
+        if not beside or self.met or self.task.best_margin:
+            return None
+        statement = beside[0][0]
+        problem, p = self.task.problem(statement), self.task.parameters(statement, SEARCHED)
+        for k, T in enumerate(self.guesses()):
+            tell("stable trials", k, self.task.most)
+            x = problem.guess(T, self.task.allowed, p)
+            found = self._refined_with_mode(statement, x, limit)
+            if found is not None:
+                return found
+        return None
+
+    def _refined_with_mode(self, before: Statement, x: Array, limit: float) -> Refined | None:
+        """Return the optimum held to the lowest floor from which the arm comes there from rest."""
+        for floor in self._floors():
+            found = self._with_mode(before, x, floor)
+            if found is None or found[1].f >= limit:
+                return None
+            fine = refine(self.task.held(floor), *found)
+            if fine is not None:
+                return fine
         return None
 
     def _with_mode(
-        self, before: Statement, solution: Solution, floor: float
+        self, before: Statement, x: Array, floor: float
     ) -> tuple[Statement, Solution] | None:
-        """Return the optimum held to a floor of stability from one that is not, if there is one."""
+        """Return the optimum with its least stable mode held to a floor, near unknowns without it.
+
+        None where there is none, and where another mode than the one held is less stable.
+        """
         task = self.task.held(floor)
         statement = before.but(modes=1, floor=floor)
         problem, p = task.problem(statement), task.parameters(statement, SEARCHED)
-        known = self.task.problem(before)
         try:
-            x = problem.carried(solution.x, known, task.allowed, p)
-        except np.linalg.LinAlgError:
+            x = problem.carried(x, self.task.problem(before), task.allowed, p)
+        except (OctoplanError, np.linalg.LinAlgError):
             return None
         found = solve(problem, x, p, task.bounds(statement))
         check_time()
-        return (statement, found) if found.met and found.finite else None
+        if not (found.met and found.finite):
+            return None
+        stable = problem.stability(found.x, task.tensions(found)) >= floor - _SLACK * floor
+        return (statement, found) if stable else None
 
     def _so_far(self, stopped: bool = True) -> SearchResult:
         """Return the best that was seen: of optima that of least effort, else what came last."""
@@ -280,7 +315,7 @@ class Search:
             statement = self.task.coarse("nearest")
             return SearchResult(statement, self.task.arm.by_section(T), (), (), (), stopped)
         statement, solution = best
-        statement = statement.but(solver="ipopt", iterations=solution.iterations)
+        statement = statement.but(solver=solution.solver, iterations=solution.iterations)
         T = self.task.tensions(solution)
         free = solution.free(self.task.problem(statement))
         lam_x, lam_g = tuple(free.lam_x.tolist()), tuple(free.lam_g.tolist())

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from model.paths import Array
+from model.quantities import Count
 from planner.program.statement import Statement
 
 
@@ -15,7 +16,7 @@ class Trial:
 
     objective: float
     met: bool
-    iterations: int
+    iterations: Count
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,8 +27,8 @@ class SearchResult:
     of the optimum that was to be followed, over their norm, where its branch was left, `lost` by
     what share of the effort the coarse mesh had a cheaper optimum that no fine mesh has;
     `in_the_way` is the obstacle that a plan without obstacles comes nearest to, where only
-    obstacles keep the targets from being met; `load_path` are tensions on that of an arm in
-    contact.
+    obstacles keep the targets from being met; `unstable` says that only shapes less stable than
+    asked meet them; `load_path` are tensions on that of an arm in contact.
     """
 
     statement: Statement
@@ -39,6 +40,7 @@ class SearchResult:
     jump: float = 0.0
     lost: float = 0.0
     in_the_way: str = ""
+    unstable: bool = False
     load_path: tuple[tuple[float, ...], ...] = ()
 
 

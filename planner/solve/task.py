@@ -92,9 +92,14 @@ class Task:
         """
         return self.statement.but(mode=mode, refinement=1 if self.scene.has(Extension) else 2)
 
-    def parameters(self, statement: Statement, weight: float = REGULARISATION) -> Array:
-        """Return the parameters of the program by a statement, with a weight of effort."""
-        return self.problem(statement).parameters(self.targets, self.allowed, weight)
+    def parameters(
+        self,
+        statement: Statement,
+        weight: float = REGULARISATION,
+        defect: Array | None = None,
+    ) -> Array:
+        """Return the parameters of the program by a statement, see Problem.parameters."""
+        return self.problem(statement).parameters(self.targets, self.allowed, weight, defect)
 
     def bounds(self, statement: Statement) -> Bounds:
         """Return the bounds of the program by a statement."""

@@ -9,17 +9,17 @@ told.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
-from model.equilibrium.linearised import Linearised
 from model.errors import OctoplanError
 from model.paths import Array
-from model.time_limit import check_time
+from model.time_limit import OutOfTime, check_time
+from planner.answer import Answer
+from planner.program.defect import defect
 from planner.program.limits import Limits
 from planner.program.problem import Bounds, Problem, units
-from planner.program.statement import Statement
 from planner.solve.ipopt import Solution
 from planner.solve.refine import polish, refine, with_multipliers
 from planner.solve.search_result import SearchResult, Trial
@@ -34,47 +34,38 @@ _LEAST_STEP = 1 / 64
 _SLACK = 1e-5
 
 
-@dataclass(frozen=True, eq=False)
-class Optimum:
-    """An optimum to begin with: for which targets and minima, how it was stated, what it is.
+def warm_start(near: Answer, stated: tuple[Target, ...], task: Task) -> SearchResult | None:
+    """Return the optimum that a plan leads to, None where it cannot be followed.
 
-    `states` are those of its shape.
+    `stated` are its targets, of the same structure as the task's. Minima of the tensions may be
+    others; maxima are the same. It is also None where the plan does not reach its targets, and
+    where the optimum is less stable than it has to be.
     """
-
-    targets: tuple[Target, ...]
-    lower: tuple[float, ...]
-    statement: Statement
-    tensions: Array
-    lam_x: tuple[float, ...]
-    lam_g: tuple[float, ...]
-    states: Linearised | None = None
-
-
-def warm_start(near: Optimum, task: Task) -> SearchResult | None:
-    """Return the optimum for targets of the same structure, None where it cannot be followed.
-
-    Minima of the tensions may be others; maxima are the same. It is also None where the optimum
-    nearby does not reach its targets, and where this one is less stable than it has to be.
-    """
-    same = _structure(near.targets, task) == _structure(task.targets, task)
-    if near.statement.mode != "exact" or not same:
+    limits, margin = task.limits, task.statement.margin
+    alike = near.statement.margin == margin and replace(near.limits, lower=limits.lower) == limits
+    if near.statement.mode != "exact" or not alike:
+        return None
+    if _structure(stated, task) != _structure(task.targets, task):
         return None
     statement = near.statement.but(iterations=0)
     problem = task.problem(statement)
-    before = allowed(task.arm, near.targets, task.limits)
-    start = _solution(problem, near, before)
-    moved = None if start is None else _moved(problem, start, near, task)
-    if moved is None:
-        return None
-    found, apart = moved
-    fine = refine(task, statement, found, polished=True)
-    if fine is None:
-        return None
-    last = task.problem(fine.statement)
-    margin, x = task.statement.margin, fine.solution.x
-    if last.stability(x, fine.tensions) < (margin - _SLACK if margin else 0.0):
-        return None
-    return fine.result(task, (Trial(found.f, True, found.iterations),), apart)
+    try:
+        start = _start(problem, near, stated, allowed(task.arm, stated, limits))
+        moved = None if start is None else _moved(problem, *start, near, stated, task)
+        if start is None or moved is None:
+            return None
+        found, apart = moved
+        fine = refine(task, statement, found, start[1])
+        if fine is None:
+            return None
+        last = task.problem(fine.statement)
+        least = margin - _SLACK if margin else 0.0
+        if last.stability(fine.solution.x, fine.tensions) < least:
+            return None
+        return fine.result(task, (Trial(found.f, True, found.iterations),), apart)
+    except OutOfTime:
+        T = np.clip(np.ravel(near.tensions), limits.lower, limits.upper)
+        return SearchResult(near.statement, task.arm.by_section(T), (), (), (), stopped=True)
 
 
 def jump(before: Array, after: Array) -> float:
@@ -88,33 +79,44 @@ def _structure(targets: tuple[Target, ...], task: Task) -> tuple[object, ...]:
     return tuple((target.structure(task.arm), target.tendons(task.arm)) for target in targets)
 
 
-def _solution(problem: Problem, near: Optimum, limits: Limits) -> Solution | None:
-    """Return an optimum as one of the program, None if it is of another."""
-    p, lam_g = problem.parameters(near.targets, limits), np.array(near.lam_g)
-    lam_x = np.array(near.lam_x)
+def _start(
+    problem: Problem, near: Answer, stated: tuple[Target, ...], limits: Limits
+) -> tuple[Solution, Array] | None:
+    """Return a plan as a solution of the program and its defect, None if it is of another."""
+    lam_x, lam_g = np.array(near.lam_x), np.array(near.lam_g)
     if lam_x.size != problem.n_free or lam_g.size != problem.n_outer:
         return None
+    p = problem.parameters(stated, limits)
     try:
-        x = problem.settled(np.ravel(near.tensions), limits, p, near.states)
-        none = np.zeros(0)
-        return with_multipliers(problem, Solution(x, lam_x, lam_g, 0, none, True, "", 0), x, p)
-    except (OctoplanError, np.linalg.LinAlgError, RuntimeError):
+        x = problem.settled(np.ravel(near.tensions), limits, p, near.shape.known)
+        off = defect(problem, x, stated, near.shape)
+        p = problem.parameters(stated, limits, defect=off)
+        free = Solution(x, lam_x, lam_g, 0, np.zeros(0), True, "", 0)
+        return with_multipliers(problem, free, x, p), off
+    except (OctoplanError, np.linalg.LinAlgError):
         return None
 
 
 def _moved(
-    problem: Problem, start: Solution, near: Optimum, task: Task
+    problem: Problem,
+    start: Solution,
+    off: Array,
+    near: Answer,
+    stated: tuple[Target, ...],
+    task: Task,
 ) -> tuple[Solution, float] | None:
     """Return the optimum for a task, by steps in target numbers and minima from one nearby.
 
     And by how much the tensions jump, 0 where they change little by little.
     """
     limits, n = task.allowed, problem.arm.n_tendons
-    first, last = (problem.parameters(which, limits) for which in (near.targets, task.targets))
+    first, last = (
+        problem.parameters(which, limits, defect=off) for which in (stated, task.targets)
+    )
     lbx, ubx, lbg, ubg = problem.bounds(limits)
     unit = units(problem.arm, limits)
     rise = np.zeros(lbx.size)
-    rise[:n] = (np.array(limits.lower) - near.lower) / unit
+    rise[:n] = (np.array(limits.lower) - near.limits.lower) / unit
 
     def at(share: float) -> tuple[Array, Bounds]:
         left = (1 - share) * rise

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Hashable
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import casadi as ca
 import numpy as np
+from msgspec import Meta
 
 from model.arm import Arm
 from model.checks import finite_array
 from model.errors import InputError
 from model.paths import Array
+from model.quantities import Length, NotNegative, Place
 from planner.targets.base import Free, Terms, View, check_near
 
 
@@ -31,9 +33,9 @@ class Backbone(Free):
         1 unless given; the sum of weights times squared distances is made least.
     """
 
-    points: tuple[tuple[float, ...], ...]
-    s: tuple[float, ...] | None = None
-    weights: tuple[float, ...] | None = None
+    points: Annotated[tuple[Place, ...], Meta(min_length=1)]
+    s: tuple[Length, ...] | None = None
+    weights: tuple[NotNegative, ...] | None = None
 
     def __post_init__(self) -> None:
         points = finite_array("Backbone.points", self.points, (None, 3))

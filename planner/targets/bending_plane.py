@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
+from typing import Annotated
 
 import casadi as ca
 import numpy as np
+from msgspec import Meta
 
 from model.arm import Arm
 from model.checks import finite_array
 from model.errors import InputError
 from model.paths import Array
+from model.quantities import Angle, unit
 from model.units import likely_degrees, warn_of_angles
 from planner.targets.base import Free, Terms, View, toward
 
@@ -34,9 +37,9 @@ class BendingPlane(Free):
         Whose tendons pull, 1 at the tip.
     """
 
-    angle: float
-    bend: float
-    section: int = 1
+    angle: Angle
+    bend: Annotated[float, unit("deg", gt=0, le=np.pi)]
+    section: Annotated[int, Meta(ge=1)] = 1
 
     def __post_init__(self) -> None:
         angle = float(finite_array("BendingPlane.angle", self.angle, ()))

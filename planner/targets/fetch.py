@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -14,6 +14,7 @@ from model.arm import Arm
 from model.checks import finite_array
 from model.errors import InputError
 from model.paths import Array
+from model.quantities import Angle, Place, unit
 from model.units import likely_degrees, warn_of_angles
 from planner.targets.base import Free, Terms, View, check_near, toward
 
@@ -21,8 +22,8 @@ from planner.targets.base import Free, Terms, View, check_near, toward
 class Bend(NamedTuple):
     """One bend: its angle in [0, pi] and its plane, as figure 10 counts planes [rad]."""
 
-    angle: float
-    plane: float
+    angle: Annotated[float, unit("deg", ge=0, le=np.pi)]
+    plane: Angle
 
 
 def stretches(arm: Arm) -> tuple[float, float, float, float]:
@@ -53,9 +54,9 @@ class Fetch(Free):
         [rad].
     """
 
-    proximal: Bend
-    medial: Bend
-    distal: Bend
+    proximal: Annotated[Bend, unit("deg")]
+    medial: Annotated[Bend, unit("deg")]
+    distal: Annotated[Bend, unit("deg")]
 
     def __post_init__(self) -> None:
         for name in ("proximal", "medial", "distal"):
@@ -126,9 +127,9 @@ class FetchReach(Free):
         None leaves the arm free in space.
     """
 
-    mouth: tuple[float, ...]
-    bend: float
-    plane: float | None = None
+    mouth: Place
+    bend: Annotated[float, unit("deg", ge=0, lt=np.pi)] = float(np.radians(30))
+    plane: Angle | None = None
 
     def __post_init__(self) -> None:
         mouth = finite_array("Fetch.reach mouth", self.mouth, (3,))

@@ -13,6 +13,7 @@ from model.checks import finite_array, kind, not_negative
 from model.errors import InputError
 from model.obstacles.base import Convex
 from model.paths import Array
+from model.quantities import NotNegative
 from planner.targets.base import Free, Terms, View
 
 WRENCH = "balance of the held wrench"
@@ -33,6 +34,7 @@ class Hold(Free):
     Attributes
     ----------
     obstacle : Convex
+        Such as a Sphere, Capsule, Box or HalfSpace.
     wrench : (3,) or (6,)
         On the object, base frame, such as its weight: a force [N], moments being taken up by
         something else; or force and moment about its centre [N, N m].
@@ -42,7 +44,7 @@ class Hold(Free):
 
     obstacle: Convex
     wrench: tuple[float, ...]
-    friction: float = 0.0
+    friction: NotNegative = 0.0
 
     def __post_init__(self) -> None:
         allowed = "a convex obstacle such as Capsule(start, end, radius); a Mesh is none"

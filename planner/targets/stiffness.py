@@ -14,6 +14,7 @@ from model.arm import Arm
 from model.checks import finite_array, positive, unit_vector
 from model.errors import InputError
 from model.paths import Array
+from model.quantities import Stiffness, Tension, Vector
 from model.stiffness import HOLDS, Hold
 from planner.targets.base import OVER_WANTED, ComplianceRequest, Free, Terms, View
 
@@ -28,9 +29,9 @@ class _Directed(Free):
     across it and to turn: 1 / (d . C d) with the compliance C of model.stiffness.
     """
 
-    direction: tuple[float, ...]
+    direction: Vector
     hold: Hold = field(default="tension", kw_only=True)
-    tendon_EA: float | None = field(default=None, kw_only=True)
+    tendon_EA: Tension | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         field = f"{type(self).__name__}.direction"
@@ -85,7 +86,17 @@ class Stiffest(_Directed):
 
 @dataclass(frozen=True)
 class Softest(_Directed):
-    """The tip as soft along a direction as the limits allow; see Stiffest."""
+    """The tip as soft along a direction as the limits allow; see Stiffest.
+
+    Attributes
+    ----------
+    direction : (3,)
+        In the base frame.
+    hold : "tension" or "length"
+        What holds the tendons.
+    tendon_EA : float or None
+        Stiffness E A of the tendons themselves, with their lengths held [N].
+    """
 
     def terms(self, view: View, p: ca.MX) -> Terms:
         """See Target.terms."""
@@ -112,9 +123,9 @@ class MinimumStiffness(Free):
     """
 
     direction: Any
-    value: float
+    value: Stiffness
     hold: Hold = "tension"
-    tendon_EA: float | None = None
+    tendon_EA: Tension | None = None
 
     def __post_init__(self) -> None:
         field = "MinimumStiffness.direction"

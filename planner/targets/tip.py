@@ -13,6 +13,7 @@ from model.arm import Arm
 from model.checks import finite_array, positive, unit_vector
 from model.errors import InputError
 from model.paths import Array
+from model.quantities import Place, Positive, Vector
 from model.rotations import from_matrix
 from planner.targets.base import Free, Terms, View, check_near
 
@@ -29,7 +30,7 @@ class TipPosition(Free):
         In the base frame [m].
     """
 
-    position: tuple[float, ...]
+    position: Place
 
     def __post_init__(self) -> None:
         point = finite_array("TipPosition.position", self.position, (3,))
@@ -60,7 +61,7 @@ class TipPosition(Free):
 class _Oriented(Free):
     """The tip at a point and oriented somehow, with weights between the two."""
 
-    position: tuple[float, ...]
+    position: Place
 
     def _check(self, weights: Any) -> None:
         """Freeze position and weights; InputError that names them."""
@@ -98,8 +99,8 @@ class TipPointing(_Oriented):
         between the directions [rad].
     """
 
-    direction: tuple[float, ...]
-    weights: tuple[float, float] = (1.0, 1.0)
+    direction: Vector
+    weights: tuple[Positive, Positive] = (1.0, 1.0)
 
     def __post_init__(self) -> None:
         self._check(self.weights)
@@ -151,7 +152,7 @@ class TipPose(_Oriented):
     """
 
     frame: tuple[tuple[float, ...], ...]
-    weights: tuple[float, float] = (1.0, 1.0)
+    weights: tuple[Positive, Positive] = (1.0, 1.0)
 
     def __post_init__(self) -> None:
         self._check(self.weights)

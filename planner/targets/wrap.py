@@ -16,6 +16,7 @@ from model.errors import InputError
 from model.obstacles import HalfSpace
 from model.obstacles.base import SIZE, Convex, with_gradient
 from model.paths import Array
+from model.quantities import ArcLength, Length, Positive
 from planner.targets.base import OVER_WANTED, Free, Terms, View
 
 NEAR, CLEAR, TURNS = "nearness along the obstacle", "gap to the obstacle", f"turns{OVER_WANTED}"
@@ -48,6 +49,7 @@ class Wrap(Free):
     Attributes
     ----------
     obstacle : Convex
+        Such as a Sphere, Capsule, Box or HalfSpace.
     turns : float
         At least so many, above 0; or else a length.
     length : float
@@ -59,10 +61,10 @@ class Wrap(Free):
     """
 
     obstacle: Convex
-    turns: float | None = None
-    length: float | None = None
-    start: float | None = None
-    tolerance: float = 0.25
+    turns: Positive | None = None
+    length: Length | None = None
+    start: ArcLength | None = None
+    tolerance: Positive = 0.25
 
     def __post_init__(self) -> None:
         allowed = "a convex obstacle such as Capsule(start, end, radius); a Mesh is none"
