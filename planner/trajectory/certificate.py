@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from model.errors import OctoplanError
-from model.loads import contacts
+from model.loads import contacts, is_loaded
 from model.mesh_refinement import FINEST_ACCURACY
 from model.paths import Array
 from model.settle import settle
@@ -19,13 +19,25 @@ from planner.program.terms import stations_of
 from planner.targets.base import Target
 from planner.trajectory.clear import between
 from planner.trajectory.question import Question
-from planner.trajectory.timed import Timed, stretches
+from planner.trajectory.timed import Timed
 from planner.trajectory.touching import certified_touching
 
 # Rounding, over a limit.
 _ROUNDING = 1e-9
 # What rates and accelerations of strokes and tip may be off by, over their limit: at instants.
 SAMPLED = 1e-3
+# What is told over its limit: its name, label, words, and what it may be off by.
+_RATIOS = (
+    ("rate", "rate of tension over limit [-]", "a rate of tension", _ROUNDING),
+    ("stroke_rate", "rate of stroke over limit [-]", "a rate of stroke", SAMPLED),
+    (
+        "stroke_acceleration",
+        "stroke acceleration over limit",
+        "an acceleration of a stroke",
+        SAMPLED,
+    ),
+    ("tip_acceleration", "tip acceleration over limit", "the tip's acceleration", SAMPLED),
+)
 
 
 @dataclass(frozen=True)
@@ -48,10 +60,13 @@ class MotionCertificate:
     clearance : float
         What is kept of the clearance asked for, at waypoints and between them [m]; a lower bound,
         refined until it is 0 or more or close to the truth, below 0 where it is not kept, and
-        -infinite where it cannot be verified. Infinite where nothing was asked. See
-        model.clearance.smooth for the one assumption on what is between instants.
+        -infinite where it cannot be verified. Infinite where nothing was asked. Proven without
+        loads; under loads verified at steps, see model.clearance.strain_bounds.
     nearest : float
         When that is [s].
+    step : float
+        Under loads the largest of these steps: how far places of the arm go at the most between two
+        shapes that were compared [m]; 0 where clearance is proven.
     tolerance : float
         What residuals are held to.
     contact : tuple of str
@@ -72,6 +87,7 @@ class MotionCertificate:
     tip_acceleration: float = 0.0
     clearance: float = np.inf
     nearest: float = 0.0
+    step: float = 0.0
     tolerance: float = 1e-6
     contact: tuple[str, ...] = ()
     jumps: tuple[int, ...] = ()
@@ -92,16 +108,9 @@ class MotionCertificate:
         found = [f"target {i} is off by {self.residuals[i]:.2g}" for i in missed[:3]]
         if self.bounds > 0:
             found.append(f"a tension limit is violated by {self.bounds:.2g} N")
-        if self.rate > 1 + _ROUNDING:
-            found.append(f"a rate of tension is {self.rate:.4g} times its limit")
-        if self.stroke_rate > 1 + SAMPLED:
-            found.append(f"a rate of stroke is {self.stroke_rate:.4g} times its limit")
-        if self.stroke_acceleration > 1 + SAMPLED:
-            times = f"{self.stroke_acceleration:.4g} times its limit"
-            found.append(f"an acceleration of a stroke is {times}")
-        if self.tip_acceleration > 1 + SAMPLED:
-            times = f"{self.tip_acceleration:.4g} times its limit"
-            found.append(f"the tip's acceleration is {times}")
+        for name, _, words, allowed in _RATIOS:
+            if getattr(self, name) > 1 + allowed:
+                found.append(f"{words} is {getattr(self, name):.4g} times its limit")
         found += self.contact
         if self.jumps:
             places = ", ".join(map(str, self.jumps))
@@ -121,11 +130,9 @@ class MotionCertificate:
         """What was checked, name with unit and value."""
         numbers = {
             "limits violated by [N]": self.bounds,
-            "rate of tension over limit [-]": self.rate,
-            "rate of stroke over limit [-]": self.stroke_rate,
-            "stroke acceleration over limit": self.stroke_acceleration,
-            "tip acceleration over limit": self.tip_acceleration,
+            **{label: getattr(self, name) for name, label, *_ in _RATIOS},
             "clearance less asked [mm]": 1e3 * self.clearance,
+            "verified at steps of [mm]": 1e3 * self.step,
         }
         told = [(name, f"{value:.2e}") for name, value in numbers.items()]
         return [("targets met", f"{sum(self.reached)} of {len(self.reached)}"), *told]
@@ -160,9 +167,14 @@ def certify_motion(question: Question, way: Timed, met: tuple[int, ...]) -> Moti
         return replace(limits, problem=str(reason))
     limits = replace(limits, stroke_rate=stroke_rate, stroke_acceleration=stroke_acceleration)
     if question.surroundings:
-        gaps, instants = between(question.lines(), way, question.surroundings)
-        k = int(np.argmin(gaps))
-        limits = replace(limits, clearance=float(gaps[k]), nearest=float(instants[k]))
+        found = between(question.lines(), way, question.surroundings)
+        k = int(np.argmin(found.bound))
+        limits = replace(
+            limits,
+            clearance=float(found.bound[k]),
+            nearest=float(found.when[k]),
+            step=found.step if is_loaded(question.scene) else 0.0,
+        )
     return replace(
         limits,
         residuals=tuple(largest for largest, _ in measured),
@@ -220,7 +232,5 @@ def _paces(question: Question, way: Timed) -> tuple[float, float, float]:
     rates = question.rates
     if not (rates.of_strokes or rates.at_rest):
         return 0.0, 0.0, 0.0
-    each = zip(way.laws, stretches(question, way.tensions), strict=True)
-    largest = np.max([law.largest(stretch) for law, stretch in each], axis=0)
-    over = largest / (rates.stroke, rates.acceleration, rates.tip_acceleration)
+    over = way.largest / (rates.stroke, rates.acceleration, rates.tip_acceleration)
     return float(over[0]), float(over[1]), float(over[2])

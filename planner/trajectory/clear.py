@@ -6,21 +6,22 @@ waypoints without targets, between them; then the program over all is solved aga
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
-from model.centreline import Centreline, Counts
+from model.centreline import Counts
+from model.clearance.bisection import closest
 from model.clearance.lines import Lines
-from model.clearance.swept import Around, swept
+from model.clearance.nearest import OBSTACLES, around
+from model.clearance.way import Moving, Tensions
 from model.obstacles import numbers_of
 from model.obstacles.base import Convex, Translated
-from model.obstacles.bodies import Bodies
 from model.obstacles.mesh import TranslatedMesh
 from model.paths import Array
 from planner.avoidance.asked import Surroundings
-from planner.avoidance.places import base_plane, near_places, updated, watched_places
+from planner.avoidance.places import near_places, updated, watched_places
 from planner.avoidance.rows import Avoidance, Place
 from planner.trajectory.question import Question
 from planner.trajectory.timed import Timed
@@ -47,11 +48,12 @@ def cleared(question: Question) -> Waypoints:
 def _corrected(question: Question, before: Waypoints, lines: Lines) -> list[Waypoint] | None:
     """Return waypoints with inequalities where they, or the ways between, are too near."""
     timed = Timed.of(question, before.tensions, before.met_at)
-    unverified = between(lines, timed, question.wider)[0] < 0
+    unverified = between(lines, timed, question.wider).bound < 0
     unverified |= np.append(unverified[1:], False)
     if not unverified.any():
         return None
-    bounds, instants = between(lines, timed, question.surroundings)
+    way_there = between(lines, timed, question.surroundings)
+    bounds, instants = way_there.bound, way_there.when
     shares = (instants - timed.starts[:-1]) / np.diff(timed.starts)
     ways, changed = list[Waypoint](), False
     for k, way in enumerate(before.ways):
@@ -60,7 +62,7 @@ def _corrected(question: Question, before: Waypoints, lines: Lines) -> list[Wayp
             line, asked = lines(T), question.wider.at(float(instants[k]))
             if line is not None:
                 rows = updated(None, watched_places(line, asked), line, asked)
-                ways.append(Waypoint((), T, rows, shares[k] * way.share))
+                ways.append(Waypoint((), T, rows, shares[k] * way.share, True))
                 way, changed = replace(way, share=(1 - shares[k]) * way.share), True
         if unverified[k]:
             line, asked = lines(way.tensions), question.wider.at(float(timed.starts[k + 1]))
@@ -83,34 +85,76 @@ def _still(avoidance: Avoidance | None, asked: Surroundings) -> Avoidance | None
     return replace(avoidance, rows=tuple(rows))
 
 
-def between(lines: Lines, way: Timed, asked: Surroundings) -> tuple[Array, Array]:
-    """Return how clear an arm stays from each waypoint to the next (N,) [m], and when least [s].
+@dataclass(frozen=True, eq=False)
+class Between:
+    """How clear an arm stays from each waypoint to the next.
 
-    What is kept besides the clearance; a lower bound, see model.clearance.swept.
+    Attributes
+    ----------
+    bound : (N,)
+        What is kept besides the clearance [m]; a lower bound, see model.clearance.bisection.
+    when : (N,)
+        When that is [s].
+    step : float
+        How far places of the arm go at the most between two shapes that were looked at [m].
     """
-    which, low, high = _smooth(way, asked)
+
+    bound: Array
+    when: Array
+    step: float
+
+
+def between(lines: Lines, way: Timed, asked: Surroundings) -> Between:
+    """Return how clear an arm stays from each waypoint to the next."""
+    which, low, high = _parts(way, asked)
     durations = np.diff(way.starts)
 
-    def settled(part: Counts, share: Array) -> list[Centreline | None]:
+    def tensions(part: Counts, share: Array) -> Array:
         k, u = which[part], low[part] + share * (high - low)[part]
         if asked.moving:
-            return lines.many(way.at(way.starts[k] + u * durations[k]))
-        return lines.many(way.tensions[k] + u[:, None] * np.diff(way.tensions, axis=0)[k])
+            return way.at(way.starts[k] + u * durations[k])
+        return np.asarray(way.tensions[k] + u[:, None] * np.diff(way.tensions, axis=0)[k])
 
-    starts, steps = way.starts[which], durations[which]
-    ends = np.stack([starts + low * steps, starts + high * steps], axis=1)
-    seen = swept(settled, which.size, _around(lines, asked, ends))
-    first = np.lexsort((seen.bound, which))[np.searchsorted(which, np.arange(durations.size))]
-    share = low[first] + seen.share[first] * (high - low)[first]
+    moving, all_parts = Moving(lines, tensions), np.arange(which.size)
+    kinds, bodies = list(asked.least), [*asked.obstacles, *(own.obstacle for own in asked.moving)]
+    ends = way.starts[which, None] + durations[which, None] * np.stack([low, high], axis=1)
+    shift = np.zeros((which.size, 2, len(bodies), 3))
+    for i, own in enumerate(asked.moving, start=len(asked.obstacles)):
+        shift[:, :, i] = own.moved(ends)
+    uneven = _uneven(tensions, all_parts) if asked.moving else None
+    kinds = [*[OBSTACLES] * bool(bodies), *(own for own in kinds if own != OBSTACLES)]
+    found = []
+    for kind in kinds:
+        near = around(lines.arm, kind, bodies, asked.clearance)
+        if kind == OBSTACLES:
+            near = replace(near, moved=shift, uneven=uneven)
+        found.append(closest(moving, which.size, near))
+    bounds = np.array([own.bound for own in found])
+    least = bounds.argmin(axis=0), all_parts
+    bound, seen = bounds[least], np.array([own.share for own in found])[least]
+    first = np.lexsort((bound, which))[np.searchsorted(which, np.arange(durations.size))]
+    share = low[first] + seen[first] * (high - low)[first]
     when = share * durations
     if not asked.moving:
         each = zip(share, way.laws, strict=True)
         when = np.array([np.interp(u, law.shares, law.times) for u, law in each])
-    return seen.bound[first], way.starts[:-1] + when
+    step = max(float(own.step.max()) for own in found)
+    return Between(bound[first], way.starts[:-1] + when, step)
 
 
-def _smooth(way: Timed, asked: Surroundings) -> tuple[Counts, Array, Array]:
-    """Return parts of stretches on which obstacles and arm move smoothly: which, shares (P,).
+def _uneven(tensions: Tensions, parts: Counts) -> Array:
+    """Return how far the share of tensions is at the most from the share of time, by part (P,).
+
+    It is a parabola, which is farthest from the line between its ends halfway.
+    """
+    start, half, end = (tensions(parts, np.full(parts.size, u)) for u in (0.0, 0.5, 1.0))
+    way = np.linalg.norm(end - start, axis=1)
+    off = np.linalg.norm(half - (start + end) / 2, axis=1)
+    return np.asarray(off / np.maximum(way, 1e-300))
+
+
+def _parts(way: Timed, asked: Surroundings) -> tuple[Counts, Array, Array]:
+    """Return parts of stretches on which obstacles and arm move steadily: which, shares (P,).
 
     Shares are those of the time. Where nothing but the arm moves, its pace does not matter.
     """
@@ -125,16 +169,3 @@ def _smooth(way: Timed, asked: Surroundings) -> tuple[Counts, Array, Array]:
         low.append(parts[:-1])
         high.append(parts[1:])
     return np.array(which), np.concatenate(low), np.concatenate(high)
-
-
-def _around(lines: Lines, asked: Surroundings, ends: Array) -> Around:
-    """Return what is to be kept clear of from times to others (P, 2); the base plane is last."""
-    arm, bodies = lines.arm, [*asked.obstacles, *(own.obstacle for own in asked.moving)]
-    turns = np.zeros(len(bodies) + asked.of_itself)
-    moved = np.zeros((len(ends), 2, turns.size, 3))
-    for i, own in enumerate(asked.moving, start=len(asked.obstacles)):
-        moved[:, :, i] = own.moved(ends)
-    if asked.of_itself:
-        bodies.append(base_plane(arm))
-        turns[-1] = np.pi / 2
-    return Around(Bodies(bodies), moved, turns, asked.of_itself, asked.clearance)

@@ -45,6 +45,9 @@ Counts = NDArray[np.int64]
 _WEIGHT = 3e-3
 # The least effort and time that count, and what durations of a guess have to spare, of the longest.
 _LEAST, _SPARE = 1e-3, 0.1
+# From the waypoints by themselves; from the optimum for other defects. No guess is cheaper.
+_FIRST = NEAR | {"mu_init": 1e-3}
+_AGAIN = WARM | {"tol": 1e-8, "constr_viol_tol": 1e-9, "mu_init": 1e-8}
 _functions: WeakKeyDictionary[Program, dict[str, ca.Function]] = WeakKeyDictionary()
 
 
@@ -106,9 +109,7 @@ class MotionProgram:
     def __init__(self, stops: Sequence[Stop], coupling: Coupling, guess: Sequence[Array]) -> None:
         self.stops, self.coupling = stops, coupling
         self.ends = np.cumsum([0, *(stop.program.size for stop in stops)]).tolist()
-        values = [
-            stop.program.values(x, stop.p)[0][0, 0] for stop, x in zip(stops, guess, strict=True)
-        ]
+        values = [stop.program.evaluate(x, stop.p).f for stop, x in zip(stops, guess, strict=True)]
         effort, needed, steps = float(np.sum(values)), self._needed(guess), coupling.steps
         if steps is not None:
             needed = np.maximum(needed, steps)
@@ -122,34 +123,28 @@ class MotionProgram:
         """Return the unknowns of each waypoint."""
         return np.split(x, self.ends[1:])[:-1]
 
-    def solve(self, defects: Sequence[Array], before: Solution | None = None) -> Solution:
-        """Return the optimum, warm from that for other defects if there is one.
-
-        Those are by how much each waypoint's rows besides equilibrium are off on its mesh.
-        """
+    def solve(self, stops: Sequence[Stop], before: Solution | None = None) -> Solution:
+        """Return the optimum, warm from that for other numbers of the waypoints if there is one."""
         matrix, most = self._coupled()
         M = self.least.size
-        own = zip(*(stop.bounds for stop in self.stops), strict=True)
-        lbx, ubx, lbg, ubg = (np.concatenate(parts) for parts in own)
-        off = [
-            np.pad(own, (0, stop.bounds[2].size - own.size))
-            for own, stop in zip(defects, self.stops, strict=True)
-        ]
+        lbx, ubx, lbg, ubg = (
+            np.concatenate(parts) for parts in zip(*(stop.bounds for stop in stops), strict=True)
+        )
         bounds = (
             np.concatenate([lbx, self.least / self.unit]),
             np.concatenate([ubx, np.full(M, np.inf)]),
-            np.concatenate([lbg - np.concatenate(off), np.full(most.size, -np.inf)]),
-            np.concatenate([ubg - np.concatenate(off), most]),
+            np.concatenate([lbg, np.full(most.size, -np.inf)]),
+            np.concatenate([ubg, most]),
         )
-        p = np.concatenate([stop.p for stop in self.stops])
+        p = np.concatenate([stop.p for stop in stops])
         if before is not None:
-            known, run = (before.lam_x, before.lam_g), self._solver(matrix, WARM)
+            known, run = (before.lam_x, before.lam_g), self._solver(matrix, _AGAIN)
             solution = solved(run, before.x, p, bounds, known)
             check_time()
             if solution.met:
                 return solution
         start = self.x if before is None else before.x
-        solution = solved(self._solver(matrix, NEAR), start, p, bounds)
+        solution = solved(self._solver(matrix, _FIRST), start, p, bounds)
         check_time()
         return solution
 

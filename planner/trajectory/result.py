@@ -22,7 +22,7 @@ from model.text import in_notebook
 from planner.io.files import write_named
 from planner.trajectory.certificate import SAMPLED, MotionCertificate, certify_motion
 from planner.trajectory.question import GRAVITY, QUASI_STATIC, Question
-from planner.trajectory.timed import Timed, stretches
+from planner.trajectory.timed import Timed
 from planner.trajectory.touching import shapes_along
 
 # Places along the arm where its mass is summed.
@@ -117,8 +117,7 @@ class Trajectory:
         That is from waypoint to waypoint, as if halfway faster and halfway slower.
         """
         if self.question.rates.at_rest:
-            each = zip(self.way.laws, stretches(self.question, self.way.tensions), strict=True)
-            return max(law.largest(stretch)[2] for law, stretch in each) / GRAVITY
+            return float(self.way.largest[2] / GRAVITY)
         tips = np.array([shape.tip for shape in self.shapes])
         steps = np.linalg.norm(np.diff(tips, axis=0), axis=1)
         return float((4 * steps / np.diff(self.times) ** 2).max() / GRAVITY)

@@ -26,10 +26,13 @@ class Timed:
     tensions : (N + 1, n_tendons)
         At the waypoints [N], the first of which is where the motion begins.
     laws : tuple of N TimeLaw
+    stretches : tuple of N Stretch
+        Where strokes or accelerations are limited; else none.
     """
 
     tensions: Array
     laws: tuple[TimeLaw, ...]
+    stretches: tuple[Stretch, ...] = ()
 
     @classmethod
     def of(cls, question: Question, tensions: Array, met: tuple[int, ...]) -> Timed:
@@ -42,8 +45,9 @@ class Timed:
         change = steps.max(axis=1) / max(float(steps.max()), _INSTANT)
         least = np.maximum((steps / rates.tension).max(axis=1), _INSTANT * np.maximum(change, 1e-3))
         laws = [TimeLaw.steady(own) for own in least]
-        if rates.of_strokes or rates.at_rest:
-            ends = zip(laws, stretches(question, tensions), np.diff(tensions, axis=0), strict=True)
+        looked = stretches(question, tensions) if rates.of_strokes or rates.at_rest else []
+        if looked:
+            ends = zip(laws, looked, np.diff(tensions, axis=0), strict=True)
             laws = [
                 fastest(stretch, way, rates)
                 if rates.at_rest
@@ -55,7 +59,13 @@ class Timed:
             group = np.searchsorted(met, np.arange(1, taken.size + 1))
             spare = question.steps / np.bincount(group, taken)
             laws = [law.slower(max(spare[k], 1.0)) for law, k in zip(laws, group, strict=True)]
-        return cls(tensions, tuple(laws))
+        return cls(tensions, tuple(laws), tuple(looked))
+
+    @cached_property
+    def largest(self) -> Array:
+        """The largest stroke rate [m/s], accelerations of strokes and of the tip [m/s2] (3,)."""
+        each = zip(self.laws, self.stretches, strict=True)
+        return np.asarray(np.max([law.largest(stretch) for law, stretch in each], axis=0))
 
     @cached_property
     def starts(self) -> Array:

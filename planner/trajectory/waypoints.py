@@ -1,9 +1,9 @@
 """From targets to tensions at the waypoints of a motion: one program over all of them.
 
-It is solved from the plan for the first target, or, where that does not lead to all others, from
-plans for each. The mesh is coarse. What targets measure on it is off from that of the settled arm
-by a defect, which changes little from one optimum to the next: bounds are shifted by it, and the
-program is solved again, warm, until the settled arm meets them (deferred correction).
+It begins at the optima of the waypoints by themselves, each found from the one before, the first
+from the plan for its target. The mesh is coarse. What targets measure on it is off from that of the
+settled arm by a defect, which changes little from one optimum to the next: bounds are shifted by
+it, and the program is solved again, warm, until the settled arm meets them (deferred correction).
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from model.effects import Extension
 from model.errors import InputError, OctoplanError
 from model.loads import is_loaded
 from model.paths import Array
-from model.progress import tell, told
+from model.progress import tell
 from model.time_limit import OutOfTime
 from planner.avoidance.rows import Avoidance
-from planner.measure import compliances_along
 from planner.plan import Plan
+from planner.program.defect import defect
 from planner.program.objective import STRETCH
 from planner.program.problem import build, units
 from planner.settled import settled
-from planner.solve.ipopt import Solution
+from planner.solve.ipopt import Solution, solve
 from planner.solve.task import allowed
 from planner.targets.base import Target
 from planner.trajectory.program import Coupling, MotionProgram, Stop
@@ -42,13 +42,14 @@ class Waypoint:
     """A place of a motion: the targets there, if any, tensions (n_tendons,) [N], inequalities.
 
     `share` is that of the time between two targets in which the arm goes there from the waypoint
-    before.
+    before; `placed` says that the tensions are of a motion already.
     """
 
     targets: tuple[Target, ...]
     tensions: Array
     avoidance: Avoidance | None = None
     share: float = 1.0
+    placed: bool = False
 
     @property
     def stated(self) -> tuple[Target, ...]:
@@ -63,8 +64,7 @@ class Waypoints:
     def __init__(self, question: Question) -> None:
         self.question = question
         self.unit = units(question.arm, question.limits)
-        first = question.planned(question.targets[0], None)
-        _check_reached([first])
+        first = self._planned(0)
         self.statement = first.statement.but(
             mode="exact",
             refinement=1 if question.scene.has(Extension) else 2,
@@ -72,8 +72,6 @@ class Waypoints:
         )
         T, rows = np.ravel(first.tensions), first.avoidance
         self.met = self.solve([Waypoint(targets, T, rows) for targets in question.targets])
-        if not self.met:
-            self.met = self.solve(self._one_by_one(first))
 
     def solve(self, ways: Sequence[Waypoint]) -> bool:
         """Put optimal tensions in place of those of waypoints; return whether there are any.
@@ -101,19 +99,26 @@ class Waypoints:
         """At which of these each target is met."""
         return tuple(k for k, way in enumerate(self.ways, start=1) if way.targets)
 
-    def _one_by_one(self, first: Plan) -> list[Waypoint]:
-        """Return waypoints that are planned one after the other; InputError if one cannot be."""
-        plans = [first]
-        for i, targets in enumerate(told("waypoints", self.question.targets[1:]), start=1):
-            near = next(own for own in reversed(plans) if own.mode == "exact")
-            try:
-                plans.append(self.question.planned(targets, near))
-            except InputError as reason:
-                name = f"targets[{i}]: {reason.field}"
-                raise InputError(name, reason.given, reason.allowed) from None
-        _check_reached(plans)
-        pairs = zip(self.question.targets, plans, strict=True)
-        return [Waypoint(own, np.ravel(p.tensions), p.avoidance) for own, p in pairs]
+    def _planned(self, i: int) -> Plan:
+        """Return the plan for a target by itself; InputError if there is none."""
+        try:
+            found = self.question.planned(self.question.targets[i], None)
+        except InputError as reason:
+            raise InputError(
+                f"targets[{i}]: {reason.field}", reason.given, reason.allowed
+            ) from None
+        if found.stopped:
+            raise OutOfTime
+        if found.mode == "exact":
+            return found
+        last, targets = i, self.question.targets
+        while last + 1 < len(targets) and self._is_missed(targets[last + 1]):
+            last += 1
+        place = f"targets[{i}]" + (last > i) * f" to [{last}]"
+        raise InputError(place, "out of reach", f"targets that can be met: {found.outcome}")
+
+    def _is_missed(self, targets: tuple[Target, ...]) -> bool:
+        return self.question.planned(targets, None).mode != "exact"
 
     def _alike(self, ways: Sequence[Waypoint]) -> list[Waypoint]:
         """Return waypoints whose inequalities share a structure, so that they share a program."""
@@ -127,11 +132,10 @@ class Waypoints:
     def _optimum(self) -> Solution | None:
         """Move the waypoints to the optimum; None without one, or where the arm does not stand."""
         stops = [self._stop(way) for way in self.ways]
-        program = MotionProgram(stops, self._coupling(), self._guess(stops))
-        defects, solution = [self._expected(stop) for stop in stops], None
+        program, solution = MotionProgram(stops, self._coupling(), self._guess(stops)), None
         for k in range(_CORRECTED):
             tell("program over the waypoints", k, _CORRECTED)
-            solution = program.solve(defects, solution)
+            solution = program.solve(stops, solution)
             if not (solution.met and solution.finite):
                 return None
             x = program.waypoints(solution.x)
@@ -142,14 +146,13 @@ class Waypoints:
             pairs = list(zip(stops, x, tensions, strict=True))
             if not k and not all(stop.problem.stability(own, T) > 0 for stop, own, T in pairs):
                 return None
-            self.ways = [
-                replace(way, tensions=T) for way, T in zip(self.ways, tensions, strict=True)
-            ]
+            pairs_of = zip(self.ways, tensions, strict=True)
+            self.ways = [replace(way, tensions=T, placed=True) for way, T in pairs_of]
             try:
-                defects = [self._defect(stop, own, T) for stop, own, T in pairs]
+                stops = [self._corrected(stop, own, T) for stop, own, T in pairs]
             except OctoplanError:
                 break
-            worst = max(_violation(*own) for own in zip(stops, x, defects, strict=True))
+            worst = max(_violation(*own) for own in zip(stops, x, strict=True))
             if worst <= self.question.accuracy / _SHARE:
                 break
         return solution
@@ -161,20 +164,41 @@ class Waypoints:
         lbx, ubx, lbg, ubg = problem.bounds(asked.limits)
         own = allowed(asked.arm, way.stated, asked.limits)
         held = np.flatnonzero(np.array(own.upper) <= asked.limits.lower)
-        ubx = ubx.copy()
+        ubx, lbg = ubx.copy(), lbg.copy()
         ubx[held] = lbx[held]
+        rows = problem.program.outer_rows
+        short = np.repeat([row.name == STRETCH for row in rows], [row.size for row in rows])
+        lbg[: short.size][short] += _CRUSHED
         p = problem.parameters(way.stated, asked.limits)
         return Stop(problem, way.stated, p, (lbx, ubx, lbg, ubg))
 
     def _guess(self, stops: Sequence[Stop]) -> list[Array]:
-        """Return unknowns for the tensions at the waypoints, many of which may be the same."""
-        guesses, known = [], dict[tuple[int, bytes], Array]()
-        for stop, way in zip(stops, self.ways, strict=True):
-            key = id(stop.problem), way.tensions.tobytes()
-            if key not in known:
-                known[key] = stop.problem.guess(way.tensions, self.question.limits, stop.p)
-            guesses.append(known[key])
+        """Return unknowns of the waypoints; of those that are new the optimum of each by itself."""
+        guesses = list[Array]()
+        for k, (stop, way) in enumerate(zip(stops, self.ways, strict=True)):
+            x = stop.problem.guess(way.tensions, self.question.limits, stop.p)
+            if not way.placed:
+                before = k and stops[k - 1].problem is stop.problem
+                x = self._alone(k, stop, guesses[-1] if before else x)
+            guesses.append(x)
         return guesses
+
+    def _alone(self, k: int, stop: Stop, near: Array) -> Array:
+        """Return the optimum of a waypoint by itself.
+
+        It begins near the one before or at the straight arm, whichever is nearer to the targets;
+        then at the other; then at the plan for the targets.
+        """
+        limits = self.question.limits
+        straight = stop.problem.guess(np.array(limits.lower), limits, stop.p)
+        for x in sorted((near, straight), key=lambda x: _violation(stop, x)):
+            found = solve(stop.problem, x, stop.p, stop.bounds)
+            if found.met and found.finite:
+                return found.x
+        plan = self._planned(sum(bool(way.targets) for way in self.ways[:k]))
+        x = stop.problem.guess(np.ravel(plan.tensions), limits, stop.p)
+        found = solve(stop.problem, x, stop.p, stop.bounds)
+        return found.x if found.met and found.finite else x
 
     def _coupling(self) -> Coupling:
         """Return what couples the waypoints."""
@@ -188,43 +212,16 @@ class Waypoints:
             asked.start, begin, self.unit, rate, asked.rates.pace, group, shares, asked.steps
         )
 
-    def _expected(self, stop: Stop) -> Array:
-        """Return defects before they are known: the arm may be crushed between stages."""
-        at = [
-            row.name == STRETCH for row in stop.problem.program.outer_rows for _ in range(row.size)
-        ]
-        return np.where(at, -_CRUSHED, 0.0)
-
-    def _defect(self, stop: Stop, x: Array, T: Array) -> Array:
-        """Return what rows besides equilibrium are of the settled arm, less what they are in x."""
-        asked, problem = self.question, stop.problem
+    def _corrected(self, stop: Stop, x: Array, T: Array) -> Stop:
+        """Return a waypoint with the defect of its mesh, by the shape that settles."""
+        asked = self.question
         shape = settled(asked.arm, T, asked.scene, asked.accuracy, asked.machine_code)
-        directions = problem.directions(stop.targets)
-        off = compliances_along(asked.arm, stop.targets, shape) - problem.compliances(x, directions)
-        there = problem.with_measured(x, shape.poses(np.array(problem.stations)), off, directions)
-        if self.statement.wound:
-            there[problem.program.blocks.lengths] = shape.tendon_lengths / asked.arm.length
-        values = problem.program.values
-        change = values(there, stop.p)[1][0] - values(x, stop.p)[1][0]
-        return np.asarray(change + self._expected(stop))
+        off = defect(stop.problem, x, stop.targets, shape)
+        return replace(stop, p=stop.problem.parameters(stop.targets, asked.limits, defect=off))
 
 
-def _violation(stop: Stop, x: Array, defect: Array) -> float:
-    """Return by how much the rows of the settled arm violate their bounds at most."""
-    rows = stop.problem.program.values(x, stop.p)[1][0] + defect
+def _violation(stop: Stop, x: Array) -> float:
+    """Return by how much rows besides equilibrium violate their bounds at most."""
+    rows = stop.problem.constraints(x, stop.p)[: stop.problem.n_outer]
     low, high = (own[: rows.size] for own in stop.bounds[2:])
     return float(np.maximum(low - rows, rows - high).max(initial=0.0))
-
-
-def _check_reached(plans: Sequence[Plan]) -> None:
-    """Raise InputError that tells from where to where a path cannot be followed."""
-    missed = [i for i, own in enumerate(plans) if own.mode != "exact"]
-    if not missed:
-        return
-    last = missed[0]
-    while last + 1 in missed:
-        last += 1
-    if plans[missed[0]].stopped:
-        raise OutOfTime
-    place = f"targets[{missed[0]}]" if last == missed[0] else f"targets[{missed[0]}] to [{last}]"
-    raise InputError(place, "out of reach", f"targets that can be met: {plans[missed[0]].outcome}")
