@@ -20,9 +20,9 @@ from model.cross_section.law import size
 from model.integrators.magnus import Magnus
 from model.rotations import compose, exponential, inverse
 from model.unloaded.closed_form import strain_function, twist
-from model.unloaded.pulls import TERMS
 from model.unloaded.statics import ClosedStatics
 from model.unloaded.step_twist import adjoint_function
+from planner.c_code.pulls import TERMS
 from planner.c_code.tip_jacobian import strain_jacobian
 
 

@@ -17,9 +17,9 @@ from model.stations import base_pose, stations
 from model.unloaded.closed_form import ClosedForm, march_function, strain_function
 from model.unloaded.energy_statics import EnergyStatics
 from model.unloaded.geometry import nodes_of
-from model.unloaded.pulls import TERMS, PullPolynomials
 from model.unloaded.statics import ClosedStatics, closed_statics
 from planner.c_code.hessian_step import own_step
+from planner.c_code.pulls import TERMS, PullPolynomials
 from planner.c_code.source import CSource, Precision, frame_function, numbers, whole_numbers
 from planner.c_code.tip_jacobian import shifts_and_turns, twist_step
 

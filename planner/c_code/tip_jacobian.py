@@ -2,7 +2,7 @@
 
 Where strains are in closed form a step's pose answers to its strains by a spatial twist, its
 strains to the pull of the tendons, the pull to the coefficients that are carried along the arm
-(model.unloaded.pulls). Steps are summed up to each anchorage before the tensions come in, so that
+(planner.c_code.pulls). Steps are summed up to each anchorage before the tensions come in, so that
 the work grows with the number of tendons.
 """
 
@@ -12,26 +12,20 @@ from functools import lru_cache
 from typing import TypeVar
 
 import casadi as ca
-import numpy as np
 
 from model.arm import Arm
 from model.cross_section.law import size
 from model.forward import explicit_map
 from model.integrators.magnus import Magnus
-from model.machine.compiled import kernel
 from model.rotations import compose, small_turns
 from model.scene import Scene
-from model.stations import base_pose
 from model.unloaded.closed_form import (
-    ClosedForm,
-    pull_and_data,
     strain_function,
     twist,
 )
-from model.unloaded.geometry import nodes_of
-from model.unloaded.pulls import TERMS, PullPolynomials
-from model.unloaded.statics import ClosedStatics, closed_statics
+from model.unloaded.statics import ClosedStatics
 from model.unloaded.step_twist import adjoint_function, step_jacobian
+from planner.c_code.pulls import TERMS
 
 S = TypeVar("S", ca.SX, ca.MX)
 
@@ -78,23 +72,10 @@ def twist_step(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
 
 
 @lru_cache(maxsize=64)
-def tip_jacobian_function(
-    arm: Arm, scene: Scene, scheme: str, refinement: int, machine_code: bool = False
-) -> ca.Function:
-    """Return tensions (n,) -> displacement [m/N] and rotation [rad/N] of the tip (6, n).
-
-    With `machine_code` by compiled kernels, where these are known not by CasADi's derivatives.
-    """
-    forward = explicit_map(arm, scene, scheme, refinement)
+def tip_jacobian_function(arm: Arm, scene: Scene, scheme: str, refinement: int) -> ca.Function:
+    """Return tensions (n,) -> displacement [m/N] and rotation [rad/N] of the tip (6, n)."""
     T = ca.MX.sym("T", arm.n_tendons)
-    found = None
-    if isinstance(forward, ClosedForm):
-        polynomials = PullPolynomials.of(arm, closed_statics(scene, arm))
-        if polynomials is not None:
-            found = shifts_and_turns(*_twists(forward, polynomials, T, machine_code))
-    if found is not None:
-        return ca.Function("tip_jacobian", [T], [ca.densify(found)])
-    pose = forward.function(T)[0][:, -1]
+    pose = explicit_map(arm, scene, scheme, refinement).function(T)[0][:, -1]
     jacobian = ca.jacobian(pose, T)
     found = ca.vertcat(jacobian[4:, :], small_turns()(pose[:4]) @ jacobian[:4, :])
     return ca.Function("tip_jacobian", [T], [ca.densify(found)])
@@ -104,21 +85,3 @@ def shifts_and_turns(pose: S, twists: S) -> S:
     """Return displacements and turns (6, n) at a pose (7,) from spatial twists (6, n)."""
     turns = twists[:3, :]
     return ca.vertcat(twists[3:, :] - ca.skew(pose[4:]) @ turns, turns)
-
-
-def _twists(
-    forward: ClosedForm, polynomials: PullPolynomials, T: ca.MX, machine_code: bool
-) -> tuple[ca.MX, ca.MX]:
-    """Return the pose of the tip, and its spatial twists (6, n) per newton."""
-    arm, mesh, scheme = forward.arm, forward.mesh, forward.scheme
-    statics = closed_statics(forward.scene, arm)
-    s = nodes_of(scheme, mesh.s[:-1], mesh.s[1:])
-    pull, data = pull_and_data(arm, statics, s, np.repeat(mesh.active, len(scheme.nodes)), T)
-    start = ca.vertcat(base_pose(arm), ca.DM.zeros(6 * statics.n_pull * TERMS))
-    across = kernel(twist_step(statics, scheme), machine_code).mapaccum(mesh.steps)
-    x = across(start, pull, data, ca.DM(np.diff(mesh.s)).T, ca.DM(polynomials.basis(s)))
-    columns = []
-    for i, own in enumerate(polynomials.own):
-        last = int(np.flatnonzero(mesh.active > i)[-1])
-        columns.append(ca.reshape(x[7:, last], 6, -1) @ ca.DM(own))
-    return x[:7, -1], ca.horzcat(*columns)

@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 from model.arm import Arm
 from model.obstacles import Obstacle
 from model.paths import Array
-from model.rotations import from_matrix, matrices
+from model.rotations import from_matrix
 from model.shape import Shape
-from model.stations import tendon_offset
-from planner.bodies.surface import surface
+from planner.bodies.surface import surface, tendon_paths
 from planner.plan import Plan
 
 Colour = tuple[int, int, int]
@@ -77,11 +76,18 @@ class Picture:
 
 def picture(shape: Shape, most: Array) -> Picture:
     """Return the picture of a shape; tendons at `most` (n_tendons,) [N] have the last colour."""
-    s = np.linspace(0.0, shape.arm.length, _ALONG)
-    poses = shape.poses(s)
-    places, frames = poses[:, 4:], matrices(poses[:, :4])
-    vertices, faces = surface(shape.arm, s, poses, _AROUND)
-    return Picture(vertices, faces, *_tendons(shape, s, places, frames, most))
+    arm, s = shape.arm, np.linspace(0.0, shape.arm.length, _ALONG)
+    vertices, faces = surface(arm, s, shape.poses(s), _AROUND)
+    pieces, colours = [], []
+    paths = tendon_paths(shape, s)
+    for path, T, limit in zip(paths, shape.tensions, most, strict=True):
+        pieces.append(np.stack([path[:-1], path[1:]], axis=1))
+        colour = np.array(tension_colour(float(T), float(limit)), np.uint8)
+        colours.append(np.broadcast_to(colour, pieces[-1].shape))
+    ends = np.array([path[-1] for path in paths])
+    out = ends - shape.position(np.array([arm.sections[i].at for i, _ in arm.tendons]))
+    aside = out / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-12)
+    return Picture(vertices, faces, np.vstack(pieces), np.vstack(colours), ends, aside)
 
 
 def tension_colour(tension: float, most: float) -> Colour:
@@ -91,24 +97,6 @@ def tension_colour(tension: float, most: float) -> Colour:
     share = min(tension / most, 1.0) ** 0.5
     r, g, b = (round(a + share * (z - a)) for a, z in zip(LOW, HIGH, strict=True))
     return r, g, b
-
-
-def _tendons(
-    shape: Shape, s: Array, places: Array, frames: Array, most: Array
-) -> tuple[Array, NDArray[np.uint8], Array, Array]:
-    """Return the pieces of the tendons along u + y d, eqs. (5), (6), their colours and ends."""
-    pieces, colours, aside = [], [], []
-    for j, (i, _) in enumerate(shape.arm.tendons):
-        inside = s <= shape.arm.sections[i].at
-        off = tendon_offset(shape.arm, j, s[inside])
-        path = places[inside] + np.einsum("nij,nj->ni", frames[inside][:, :, 1:], off)
-        pieces.append(np.stack([path[:-1], path[1:]], axis=1))
-        out = path[-1] - places[inside][-1]
-        aside.append(out / max(float(np.linalg.norm(out)), 1e-12))
-        colour = tension_colour(float(shape.tensions[j]), float(most[j]))
-        colours.append(np.broadcast_to(np.array(colour, np.uint8), pieces[-1].shape))
-    ends = np.array([own[-1, 1] for own in pieces])
-    return np.vstack(pieces), np.vstack(colours), ends, np.array(aside)
 
 
 def draw_surroundings(server: Any, arm: Arm, colours: Colours) -> None:

@@ -15,8 +15,11 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from model.arm import Arm
-from model.compliance import sensitivities
+from model.compliance import at_nodes
+from model.equilibrium.equilibrium import Collocated
 from model.errors import OctoplanError
+from model.forward import collocation_map
+from model.loads import contacts
 from model.obstacles import Obstacle
 from model.obstacles.bodies import Bodies
 from model.paths import Array
@@ -32,9 +35,8 @@ ACCURACY, THERE = 1e-3, 1e-3
 _FAR, _HALVED = 0.15, 5
 # What does not settle in that time [s] is no step nearby.
 _LONG = 1.0
-# How much the tension that bends the arm by 1 rad counts beside an arm length that is missed; at
-# how many places along the arm it keeps clear of obstacles.
-_EFFORT, _PLACES = 1e-3, 12
+# How much the tension that bends the arm by 1 rad counts beside an arm length that is missed.
+_EFFORT = 1e-3
 # A step that changes tensions by less than this share of them is the last.
 _STILL = 3e-3
 # Within this of the goal, over the arm's length, effort may fall while the goal is missed by more:
@@ -67,9 +69,11 @@ class Goal:
         rows += [self.axes[:, k] - frame[:, k] for k in self._held]
         return np.concatenate(rows)
 
-    def jacobian(self, shape: Shape) -> Array:
-        """Return its derivatives by tensions (rows, n_tendons), up to the sign."""
-        moved = sensitivities(shape, self.s, shape.refinement).pose_tension
+    def jacobian(self, shape: Shape, moved: Array) -> Array:
+        """Return its derivatives by tensions (rows, n_tendons), up to the sign.
+
+        By those of the pose at s (6, n_tendons).
+        """
         rows = [] if self.position is None else [moved[:3] / shape.arm.length]
         frame = shape.frame(self.s)
         rows += [np.cross(moved[3:], frame[:, k], axisa=0, axisc=0) for k in self._held]
@@ -138,11 +142,18 @@ class Follower:
         """Take one step; return whether that was not the last."""
         shape, missed = self.shape, goal.residual(self.shape)
         most = _FAR / max(float(np.linalg.norm(missed)), 1e-12)
-        matrix, right = goal.jacobian(shape), missed * min(1.0, most)
-        keep, room = self._clear(shape)
+        right, (gaps, ways) = missed * min(1.0, most), self._clear(shape)
+        at, which = np.nonzero(gaps > 0)
+        nodes = [int(np.abs(shape.s - goal.s).argmin()), *(at + 1).tolist()]
+        moved = [own.pose_tension for own in at_nodes(shape, nodes)]
+        matrix, room = goal.jacobian(shape, moved[0]), gaps[at, which]
+        keep = np.reshape(
+            [way @ own[:3] for way, own in zip(ways[at, which], moved[1:], strict=True)],
+            (room.size, shape.tensions.size),
+        )
         T = shape.tensions
         effort = _EFFORT / self._unit * np.eye(T.size)
-        A = np.vstack([matrix, keep, effort])
+        A = np.vstack([matrix, keep / shape.arm.length, effort])
         b = np.concatenate([right, room, -effort @ T])
         bounds = (self._low - T - 1e-12, np.maximum(self._high - T, self._low - T) + 1e-12)
         change = lsq_linear(A, b, bounds, method="bvls").x
@@ -158,34 +169,39 @@ class Follower:
         return False
 
     def _settled(self, tensions: Array) -> Shape | None:
-        """Return the shape under tensions nearby; None where the arm would snap or be crushed."""
+        """Return the shape under tensions nearby; None where the arm would snap or be crushed.
+
+        Under loads it is on the same mesh, and nothing far is searched for.
+        """
         shape, code = self.shape, self._machine_code
+        arm, scene, known = shape.arm, shape.scene, shape.known
         try:
-            with limited(_LONG):
-                return settle(shape.arm, tensions, shape.scene, ACCURACY, compile=code, near=shape)
+            if known is None or contacts(scene):
+                with limited(_LONG):
+                    return settle(arm, tensions, scene, ACCURACY, compile=code, near=shape)
+            forward = collocation_map(arm, scene, shape.scheme, shape.refinement, (), code)
+            here = forward.near(tensions, known)
         except OctoplanError:
             return None
+        if here is None:
+            return None
+        return Shape(arm, scene, shape.error, Collocated(here, shape.refinement))
 
     def _merit(self, goal: Goal, shape: Shape) -> float:
         """Return what is missed beyond what counts as there, and the effort, squared."""
-        room = np.maximum(self._clear(shape, False)[1], 0.0)
+        room = np.maximum(self._clear(shape)[0], 0.0)
         missed = float(np.sqrt(np.sum(goal.residual(shape) ** 2) + np.sum(room**2)))
         effort = _EFFORT * shape.tensions / self._unit
         return max(missed - _BAND, 0.0) ** 2 + float(effort @ effort)
 
-    def _clear(self, shape: Shape, linear: bool = True) -> tuple[Array, Array]:
-        """Return rows that keep places of the arm from obstacles, over its length."""
-        arm, none = shape.arm, np.zeros((0, shape.tensions.size))
+    def _clear(self, shape: Shape) -> tuple[Array, Array]:
+        """Return by how much the nodes of the arm are too near to obstacles, over its length.
+
+        (nodes, obstacles), and the directions away from them (nodes, obstacles, 3).
+        """
         if self._bodies is None:
-            return none, np.zeros(0)
-        s = np.linspace(0.0, arm.length, _PLACES + 1)[1:]
-        gap, way = self._bodies.at(shape.position(s)[:, None])
-        short = (self.around[1] + arm.radius.evaluate(s, arm.length)[0][:, None] - gap) / arm.length
-        at, which = np.nonzero(short > 0)
-        if not linear:
-            return none, short[at, which]
-        rows = [
-            way[i, j] @ sensitivities(shape, float(s[i]), shape.refinement).pose_tension[:3]
-            for i, j in zip(at, which, strict=True)
-        ]
-        return np.vstack([none, *rows]) / arm.length, short[at, which]
+            return np.zeros((0, 0)), np.zeros((0, 0, 3))
+        arm, s = shape.arm, shape.s[1:]
+        radius = arm.radius.evaluate(s, arm.length)[0]
+        gap, way = self._bodies.at(shape.states[1:, None, 4:7])
+        return (self.around[1] + radius[:, None] - gap) / arm.length, way

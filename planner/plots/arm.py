@@ -15,18 +15,18 @@ from mpl_toolkits.mplot3d.art3d import (  # type: ignore[import-untyped]
 from mpl_toolkits.mplot3d.proj3d import proj_transform  # type: ignore[import-untyped]
 
 from model.clearance import Clearance
+from model.loads import contacts
 from model.obstacles import Obstacle
 from model.paths import Array
 from model.shape import Shape
-from model.stations import tendon_offset
+from planner.bodies.surface import rings, tendon_paths
 from planner.plots.obstacles import draw_obstacles, mark_nearest
-from planner.plots.strains import INK, MM, PULL, SIZE, SLACK, pull_norm, pulling
+from planner.plots.style import INK, MM, PULL, SIZE, SLACK, pull_norm, pulling
 from planner.plots.targets import draw_target
 
 _BODY, _DARK = "#d3dde7", "#6f8397"
 _LIGHT = np.array([-0.35, -0.45, 0.82])
-_AROUND = 33
-_TURN = 0.12
+_ALONG, _AROUND = 161, 32
 _FLAT = 0.3
 _ROOM = 0.084, 0.080
 
@@ -47,7 +47,8 @@ def draw_arm(
     """
     ax.computed_zorder = False
     fresh = not ax.has_data()
-    s = spaced(shape)
+    s = np.linspace(0.0, shape.arm.length, _ALONG)
+    obstacles = (*obstacles, *(contact.obstacle for contact in contacts(shape.scene)))
     things = draw_obstacles(obstacles, ax)
     skin = _body(shape, ax, s)
     goals = [draw_target(target, ax, shape) for target in targets]
@@ -55,17 +56,6 @@ def draw_arm(
     _tendons(shape, ax, s)
     fit(ax, np.vstack([skin, things, *goals]), fresh)
     return np.vstack([shape.position(s), *goals])
-
-
-def spaced(shape: Shape) -> Array:
-    """Return arc lengths (N,) [m] from base to tip, closer together where the arm bends more."""
-    fine = np.linspace(0.0, shape.arm.length, 801)
-    strain = shape.strain(fine)
-    turning = np.linalg.norm(strain[:, :3], axis=1) * (1 + strain[:, 3]) / _TURN
-    density = 60 / shape.arm.length + turning
-    measure = np.append(0.0, np.cumsum((density[1:] + density[:-1]) / 2 * np.diff(fine)))
-    count = min(int(measure[-1]) + 2, 400)
-    return np.interp(np.linspace(0.0, measure[-1], count), measure, fine)
 
 
 def look(ax: Any, shape: Shape, points: Array) -> None:
@@ -109,32 +99,23 @@ def best_view(points: Array, t: Array) -> tuple[float, float]:
     return elevation, float(azimuth)
 
 
-def _ring(shape: Shape, s: Array, radius: Array) -> Array:
-    """Return circles (N, around, 3) [m] of given radii in the cross-sections at s."""
-    phi = np.linspace(0.0, 2 * np.pi, _AROUND)
-    around = np.stack([np.zeros_like(phi), np.cos(phi), np.sin(phi)])
-    turned = np.swapaxes(shape.frame(s) @ around, 1, 2)
-    return np.asarray(shape.position(s)[:, None, :] + radius[:, None, None] * turned)
-
-
 def _body(shape: Shape, ax: Any, s: Array) -> Array:
-    arm = shape.arm
-    rings = _ring(shape, s, arm.radius.evaluate(s, arm.length)[0])
-    _skin(ax, MM * rings)
-    at = np.array([0.0, *(section.at for section in arm.sections)])
+    arm, at = shape.arm, np.array([0.0, *(section.at for section in shape.arm.sections)])
+    skin = rings(shape.poses(s), arm.radius.evaluate(s, arm.length)[0], _AROUND)
+    _skin(ax, MM * np.concatenate([skin, skin[:, :1]], axis=1))
     wider = np.where(at == 0, 1.5, 1.0)
-    discs = _ring(shape, at, wider * arm.radius.evaluate(at, arm.length)[0])
+    discs = rings(shape.poses(at), wider * arm.radius.evaluate(at, arm.length)[0], _AROUND)
     for zorder, some, alpha in ((1, discs[:1], 0.55), (3, discs[1:], 0.2)):
         faces = Poly3DCollection(
             MM * some, facecolors=(0.2, 0.24, 0.28, alpha), edgecolors=INK, lw=0.9, zorder=zorder
         )
         ax.add_collection3d(faces)
-    return np.vstack([rings.reshape(-1, 3), discs[0]])
+    return np.vstack([skin.reshape(-1, 3), discs[0]])
 
 
-def _skin(ax: Any, rings: Array) -> None:
-    """Draw the surface through rings (N, around, 3) [mm], softly lit from above."""
-    corners = [rings[:-1, :-1], rings[1:, :-1], rings[1:, 1:], rings[:-1, 1:]]
+def _skin(ax: Any, net: Array) -> None:
+    """Draw the surface through closed rings (N, around, 3) [mm], softly lit from above."""
+    corners = [net[:-1, :-1], net[1:, :-1], net[1:, 1:], net[:-1, 1:]]
     quads = np.stack(corners, axis=2).reshape(-1, 4, 3)
     normal = np.cross(quads[:, 2] - quads[:, 0], quads[:, 3] - quads[:, 1])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
@@ -146,12 +127,7 @@ def _skin(ax: Any, rings: Array) -> None:
 
 def _tendons(shape: Shape, ax: Any, s: Array) -> None:
     """Draw the tendons along u + y d, d = cos(phi) n + sin(phi) b: eqs. (5), (6)."""
-    at = np.unique([*s, *(section.at for section in shape.arm.sections)])
-    position, frame, paths = shape.position(at), shape.frame(at), []
-    for j, (i, _) in enumerate(shape.arm.tendons):
-        own = at <= shape.arm.sections[i].at
-        off = tendon_offset(shape.arm, j, at[own])
-        paths.append(MM * (position[own] + np.einsum("nij,nj->ni", frame[own, :, 1:], off)))
+    paths = [MM * path for path in tendon_paths(shape, s)]
     pulled = pulling(shape.tensions)
     slack = [path for path, on in zip(paths, pulled, strict=True) if not on]
     if slack:
@@ -171,8 +147,7 @@ def _tendons(shape: Shape, ax: Any, s: Array) -> None:
 def _shared_norm(ax: Any, tensions: Array) -> Normalize:
     """Return one scale of colours for tensions [N] and for all that the axes show already."""
     drawn = [own for own in ax.collections if own.get_cmap().name == PULL.name]
-    most = [pull_norm(tensions).vmax, *(own.norm.vmax for own in drawn)]
-    shared = Normalize(0.0, max(most))
+    shared = Normalize(0.0, max([pull_norm(tensions).vmax, *(own.norm.vmax for own in drawn)]))
     for own in drawn:
         own.set_norm(shared)
     return shared

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from planner.plots.strains import MM, SIZE
+from planner.plots.style import MM, SIZE, axes_of, labelled
 
 # Shapes that are drawn at most, evenly spread over the measurements.
 _SHAPES = 12
@@ -32,11 +32,11 @@ def plot_calibration(found: Any, ax: Axes | None = None) -> Figure | Axes:
 def _arms(found: Any, ax: Any) -> None:
     """Draw settled midlines, predicted markers as lines to the measured ones."""
     here = found.evaluation
-    present = here.present
+    present = list(here.equilibria)
     which = present[:: max(1, -(-len(present) // _SHAPES))]
     for k, i in enumerate(which):
         equilibrium, shape = here.equilibria[i], found.measured[i]
-        places, miss = shape.places, here.by_shape[i]
+        places, miss = shape.places, here.residuals[i]
         midline = MM * equilibrium.system.poses(equilibrium.states)[:, 4:]
         ax.plot(*midline.T, color=f"C{k % 10}", lw=1.2)
         predicted = MM * (places + miss[: places.size].reshape(-1, 3))
@@ -44,6 +44,7 @@ def _arms(found: Any, ax: Any) -> None:
             ax.plot(*np.array([one, other]).T, color=f"C{k % 10}", lw=0.8)
         ax.plot(*(MM * places).T, "o", ms=3, color=f"C{k % 10}")
     ax.set_aspect("equal")
+    ax.locator_params(nbins=4)
     for axis in "xyz":
         getattr(ax, f"set_{axis}label")(f"{axis} [mm]", fontsize=SIZE)
     ax.set_title("measured markers over settled arms", fontsize=SIZE)
@@ -55,10 +56,7 @@ def plot_residuals(found: Any, ax: Axes | None = None) -> Figure | Axes:
 
     In the order of measurement. Returns a new Figure, or the axes if given.
     """
-    if ax is None:
-        figure = Figure(figsize=(6.4, 4.0), layout="constrained")
-        plot_residuals(found, figure.add_subplot())
-        return figure
+    shown, ax = axes_of(ax)
     names = [shape.name for shape in found.measured]
     rows = [row for row in found.residuals if row.is_place]
     for what in dict.fromkeys(row.what for row in rows):
@@ -66,12 +64,13 @@ def plot_residuals(found: Any, ax: Axes | None = None) -> Figure | Axes:
         sizes = [MM * row.size for row in own]
         ax.plot([names.index(row.shape) for row in own], sizes, "o-", ms=4, lw=0.8, label=what)
     ax.set_xticks(range(len(names)), names, rotation=90, fontsize=SIZE)
-    ax.set_ylabel("off by [mm]", fontsize=SIZE)
+    labelled(
+        ax, y="off by [mm]", title=f"{MM * found.mean_error:.3g} mm off in the mean" * bool(rows)
+    )
     if rows:
         ax.set_ylim(bottom=0)
-        ax.set_title(f"{MM * found.mean_error:.3g} mm off in the mean", fontsize=SIZE)
-        ax.legend(fontsize=SIZE)
-    return ax
+        ax.legend(fontsize=SIZE, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    return shown  # type: ignore[no-any-return]
 
 
 def _errors(found: Any, ax: Axes) -> None:
@@ -86,6 +85,7 @@ def _errors(found: Any, ax: Axes) -> None:
     ]
     ax.set_yticks(at, labels, fontsize=SIZE)
     ax.invert_yaxis()
+    ax.margins(y=0.2)
     ax.set_xlim(-0.05, 1.05)
     ax.set_xticks([0, 1], ["lower bound", "upper bound"], fontsize=SIZE)
     ax.set_title("standard errors", fontsize=SIZE)

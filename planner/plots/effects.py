@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from planner.effect_ablation import Switch
-from planner.plots.strains import INK, SIZE
+from planner.plots.style import INK, SIZE, labelled
 
 _MATTERS, _IDLE, _COST = "#b3123f", "#9aa0a6", "#1f6fb4"
 _FLOOR = 1e-12
@@ -44,11 +44,7 @@ def plot_effects(switches: tuple[Switch, ...], accuracy: float) -> Figure:
     right.axvline(1.0, color=INK, linewidth=0.8, linestyle="--", zorder=0)
     for ax, label in ((left, "tip moves by [L]"), (right, "time of a settle, with over without")):
         ax.set_xscale("log")
-        ax.set_xlabel(label, fontsize=SIZE)
-        ax.tick_params(labelsize=SIZE - 1)
-        ax.grid(axis="x", color="#e3e5e8", linewidth=0.6)
-        ax.set_axisbelow(True)
-        ax.spines[["top", "right"]].set_visible(False)
+        labelled(ax, label, grid=True)
     return figure
 
 

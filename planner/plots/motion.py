@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from matplotlib.animation import FuncAnimation, writers
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from model.arm import Arm
@@ -24,8 +23,8 @@ from model.settle import settle
 from model.shape import Shape
 from planner.io.files import placed
 from planner.plots.arm import best_view, draw_arm, fill, fit
-from planner.plots.plan import DPI, Planned
-from planner.plots.strains import PULL, SIZE, pull_norm, pulling
+from planner.plots.plan import Planned, add_scale
+from planner.plots.style import DPI, PULL, SIZE, axes_of, pull_norm, pulling
 from planner.plots.trajectory import Moving
 
 # Of the tip over arm length: less than what is seen.
@@ -33,14 +32,6 @@ _SEEN = 1e-4
 # By the suffix of a file; the most frames of a trajectory.
 _WRITERS = {".gif": "pillow", ".mp4": "ffmpeg"}
 _MOST = 1000
-
-
-class Moved(Planned, Protocol):
-    """What is shown of a plan on the way; see planner.Plan."""
-
-    @property
-    def scene(self) -> Scene:
-        """Return the effects."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +45,7 @@ class _Step:
 
 
 def plot_motion(
-    plans: Sequence[Moved], ax: Any = None, *, frames: int = 15, fps: float = 15.0
+    plans: Sequence[Planned], ax: Any = None, *, frames: int = 15, fps: float = 15.0
 ) -> FuncAnimation:
     """Return the animation of an arm whose tensions go from zero to one plan after another.
 
@@ -77,11 +68,11 @@ def plot_motion(
     OctoplanError
         Where the arm does not settle on the way, as settle does.
     """
-    arm, scene = _checked(plans, ax)
+    arm, scene = _checked(plans)
     within("fps", fps, 0.1, 120.0)
     steps = _steps(arm, scene, plans, int(within("frames", frames, 1, 10_000)))
     titles = [f"plan {step.number} of {len(plans)}" * (len(plans) > 1) for step in steps]
-    return _animation(arm, steps, titles, ax, fps)
+    return _animation(steps, titles, ax, fps)
 
 
 def animate_trajectory(
@@ -93,7 +84,6 @@ def animate_trajectory(
 
     Raises InputError for axes that are not 3-D, and OctoplanError where the arm does not settle.
     """
-    _check_axes(ax)
     within("fps", fps, 0.1, 120.0)
     shown = motion.duration if seconds is None else within("seconds", seconds, 0.01, 3600.0)
     count = min(max(round(shown * fps), 1), _MOST) + 1
@@ -105,20 +95,25 @@ def animate_trajectory(
         _Step(motion.shape(float(t)), int(k) + 1, asked.targets[k], around.at(t).obstacles)
         for t, k in zip(times, after, strict=True)
     ]
-    return _animation(motion.arm, steps, [f"{t:.2f} s" for t in times], ax, (count - 1) / shown)
+    return _animation(steps, [f"{t:.2f} s" for t in times], ax, (count - 1) / shown)
 
 
-def _animation(
-    arm: Arm, steps: list[_Step], titles: list[str], ax: Any, fps: float
-) -> FuncAnimation:
+def _animation(steps: list[_Step], titles: list[str], ax: Any, fps: float) -> FuncAnimation:
     """Return the animation of frames, each with its title."""
+    arm = steps[0].shape.arm
     norm = pull_norm(np.concatenate([step.shape.tensions for step in steps]))
     if ax is None:
-        ax = _axes(norm)
+        figure = Figure(figsize=(6, 5.6), dpi=DPI)
+        ax = figure.add_axes((0.02, 0.13, 0.96, 0.80), projection="3d")
+        add_scale(ax, ScalarMappable(norm, PULL))
+    axes_of(ax, kind="3d")
     s = np.linspace(0.0, arm.length, 60)
     seen = [step.shape.position(s) for step in steps]
-    sights = [np.vstack([_drawn(step, ax), seen[0]]) for step in _last(steps)]
-    box = _widened(np.vstack([*seen, *sights]), arm)
+    last = {step.number: step for step in steps}.values()  # where each plan is there
+    sights = [np.vstack([_drawn(step, ax), seen[0]]) for step in last]
+    points = np.vstack([*seen, *sights])
+    width = 1.5 * float(arm.radius.evaluate(s[:1], arm.length)[0][0])
+    box = np.vstack([points, points - width, points + width])
     view = best_view(np.vstack([*seen[::5], *sights]), steps[0].shape.frame(0.0)[:, 0])
 
     def draw(index: int) -> list[Any]:
@@ -160,25 +155,19 @@ def writer_of(path: Path) -> str:
     return writer
 
 
-def _checked(plans: Sequence[Moved], ax: Any) -> tuple[Arm, Scene]:
+def _checked(plans: Sequence[Planned]) -> tuple[Arm, Scene]:
     if not plans:
         raise InputError("plans", (), "at least one Plan")
-    first = plans[0]
-    for i, other in enumerate(plans):
-        if other.arm != first.arm or other.scene != first.scene:
+    first = plans[0].shape
+    for i, other in enumerate(plan.shape for plan in plans):
+        if (other.arm, other.scene) != (first.arm, first.scene):
             raise InputError(f"plans[{i}]", "another arm or scene", "one arm and scene for all")
-    _check_axes(ax)
     return first.arm, first.scene
 
 
-def _check_axes(ax: Any) -> None:
-    if ax is not None and getattr(ax, "name", "") != "3d":
-        raise InputError("ax", ax, 'axes made with projection="3d"')
-
-
-def _steps(arm: Arm, scene: Scene, plans: Sequence[Moved], frames: int) -> list[_Step]:
+def _steps(arm: Arm, scene: Scene, plans: Sequence[Planned], frames: int) -> list[_Step]:
     """Return the frames: rest, then `frames` to each plan, slow where one ends."""
-    pulls: list[Array] = [np.zeros(arm.n_tendons), *(np.ravel(p.tensions) for p in plans)]
+    pulls: list[Array] = [np.zeros(arm.n_tendons), *(plan.shape.tensions for plan in plans)]
     shares = (1 - np.cos(np.pi * np.arange(1, frames + 1) / frames)) / 2
     things = [(plan.targets, plan.surroundings.obstacles) for plan in plans]
     found = [_Step(settle(arm, pulls[0], scene, _SEEN), 1, *things[0])]
@@ -192,24 +181,3 @@ def _steps(arm: Arm, scene: Scene, plans: Sequence[Moved], frames: int) -> list[
 def _drawn(step: _Step, ax: Any) -> Array:
     """Draw a frame; return points (N, 3) [m] that show it."""
     return draw_arm(step.shape, ax, step.targets, step.obstacles)
-
-
-def _last(steps: list[_Step]) -> list[_Step]:
-    """Return the frame at which each plan is there."""
-    return list({step.number: step for step in steps}.values())
-
-
-def _widened(points: Array, arm: Arm) -> Array:
-    """Return points (N, 3) with room for the body's thickness around them."""
-    width = 1.5 * float(arm.radius.evaluate(np.zeros(1), arm.length)[0][0])
-    return np.vstack([points, points - width, points + width])
-
-
-def _axes(norm: Normalize) -> Any:
-    figure = Figure(figsize=(6, 5.6), dpi=DPI)
-    ax: Any = figure.add_axes((0.02, 0.13, 0.96, 0.80), projection="3d")
-    place = figure.add_axes((0.3, 0.09, 0.4, 0.018))
-    bar = figure.colorbar(ScalarMappable(norm, PULL), cax=place, orientation="horizontal")
-    bar.set_label("tension [N]", fontsize=SIZE)
-    bar.ax.tick_params(labelsize=SIZE - 1)
-    return ax

@@ -16,7 +16,7 @@ from model.obstacles import HalfSpace, Obstacle
 from model.paths import Array
 from model.shape import Shape
 from planner.certificate import COMPLEMENTARY
-from planner.plots.strains import MM, SIZE
+from planner.plots.style import MM, SIZE
 
 _OBSTACLE, _WARNING = "#b5651d", "#c0182b"
 # A place nearer than this share of the arm's length is marked.

@@ -12,7 +12,7 @@ from model.errors import InputError
 from model.paths import Array
 from model.stiffness import Stiffness
 from planner.plots.arm import draw_arm, look
-from planner.plots.strains import MM, SIZE
+from planner.plots.style import MM, SIZE, axes_of
 
 _SKIN, _LINE = "#b3123f", "#7a0c2b"
 
@@ -33,10 +33,7 @@ def plot_ellipsoids(
     """
     if not found:
         raise InputError("found", (), "at least one Stiffness")
-    if ax is None:
-        figure = Figure(figsize=(6.4, 4.8), layout="constrained")
-        plot_ellipsoids(found, force, figure.add_subplot(projection="3d"))
-        return figure
+    shown, ax = axes_of(ax, (6.4, 4.8), "3d")
     shape = found[0].shape
     points = [draw_arm(shape, ax)]
     for k in found:
@@ -46,7 +43,7 @@ def plot_ellipsoids(
     held = "held tensions" if found[0].hold == "tension" else "locked lengths"
     ax.set_title(f"where {1e3 * force:g} mN push it, with {held}", fontsize=SIZE)
     look(ax, shape, np.vstack(points))
-    return ax
+    return shown
 
 
 def _surface(k: Stiffness, force: float) -> Array:

@@ -7,22 +7,15 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
 from model.arm import Arm
-from model.errors import InputError
 from model.paths import Array
 from model.shape import Shape
+from planner.plots.style import INK, MM, PULL, SIZE, axes_of, labelled, pull_norm
 
-MM = 1e3
-SIZE = 9
-PULL = LinearSegmentedColormap.from_list("pull", ["#f5b83d", "#e8622c", "#b3123f", "#4d0a3a"])
-SLACK = "#9aa0a6"
-INK = "#30343a"
 _CURVATURES = (("τ", "#8a8f98"), ("ξ", "#1f6fb4"), ("k", "#d1495b"))
 _STRETCH = "#2a8c6e"
 _COMPARABLE = 3.0
@@ -34,12 +27,7 @@ def plot_strains(shape: Shape, ax: Axes | None = None) -> Figure | Axes:
     Returns a new Figure, or the axes if given. Torsion is drawn only where there is any; a jump at
     an anchorage is a gap between two lines. Both scales have their zero at the same height.
     """
-    if ax is None:
-        figure = Figure(figsize=(6.4, 4.0), layout="constrained")
-        plot_strains(shape, figure.add_subplot())
-        return figure
-    if getattr(ax, "name", "") != "rectilinear":
-        raise InputError("ax", ax, "two-dimensional axes")
+    shown, ax = axes_of(ax)
     s, strain = broken_strains(shape)
     right: Any = ax.twinx()
     for column, (name, colour) in enumerate(_CURVATURES):
@@ -52,7 +40,7 @@ def plot_strains(shape: Shape, ax: Axes | None = None) -> Figure | Axes:
     ax.axhline(0, color=INK, lw=0.6, zorder=0.5)
     _common_zero(ax, right, strain)
     _label_strains(ax, right, MM * shape.arm.length)
-    return ax
+    return shown  # type: ignore[no-any-return]
 
 
 def broken_strains(shape: Shape) -> tuple[Array, Array]:
@@ -88,13 +76,10 @@ def _common_zero(left: Axes, right: Axes, strain: Array) -> None:
 
 def _label_strains(ax: Axes, right: Axes, length: float) -> None:
     ax.set_xlim(0, length * 1.01)
-    ax.set_xlabel("s [mm]", fontsize=SIZE)
-    ax.set_ylabel("curvature [1/m]", fontsize=SIZE)
-    right.set_ylabel("longitudinal strain q [-]", fontsize=SIZE, color=_STRETCH)
-    right.tick_params(labelsize=SIZE - 1, colors=_STRETCH)
-    ax.tick_params(labelsize=SIZE - 1)
-    for side in (ax, right):
-        side.spines["top"].set_visible(False)
+    labelled(ax, "s [mm]", "curvature [1/m]")
+    labelled(right, y="longitudinal strain q [-]")
+    right.yaxis.label.set_color(_STRETCH)
+    right.tick_params(colors=_STRETCH)
     lines = [line for line in ax.get_lines() if not str(line.get_label()).startswith("_")]
     lines += [*right.get_lines(), Line2D([], [], color=INK, lw=0.7, ls=":", label="anchorage")]
     ax.legend(
@@ -138,6 +123,7 @@ def plot_tensions(arm: Arm, tensions: Array, upper: Array, ax: Axes) -> None:
 
 def _label_tensions(arm: Arm, ax: Axes, top: float) -> None:
     n = arm.n_tendons
+    labelled(ax, y="tension [N]")
     names = [f"$T_{{{arm.tendon_name(j)[2:]}}}$" for j in range(n)]
     ax.set_xticks(
         range(n), names, fontsize=SIZE if n <= 16 else SIZE - 2, rotation=0 if n <= 16 else 90
@@ -147,19 +133,5 @@ def _label_tensions(arm: Arm, ax: Axes, top: float) -> None:
     ends = np.cumsum([len(section.angles) for section in arm.sections])[:-1]
     for end in ends:
         ax.axvline(float(end) - 0.5, color=INK, lw=0.5, ls=":")
-    ax.set_ylabel("tension [N]", fontsize=SIZE)
-    ax.tick_params(axis="y", labelsize=SIZE - 1)
     ax.tick_params(axis="x", length=0)
     ax.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))
-    for side in ("top", "right"):
-        ax.spines[side].set_visible(False)
-
-
-def pull_norm(tensions: Array) -> Normalize:
-    """Return the scale of colours for tensions [N]: from 0 to the largest."""
-    return Normalize(0.0, float(tensions.max(initial=0.0)) or 1.0)
-
-
-def pulling(tensions: Array) -> NDArray[np.bool_]:
-    """Return which tendons pull: above a thousandth of the largest tension."""
-    return np.asarray(tensions > 1e-3 * tensions.max(initial=0.0))

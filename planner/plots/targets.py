@@ -11,7 +11,7 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-u
 
 from model.paths import Array
 from model.shape import Shape
-from planner.plots.strains import MM, SIZE
+from planner.plots.style import MM, SIZE
 from planner.targets.backbone import Backbone
 from planner.targets.base import toward
 from planner.targets.bending_plane import BendingPlane

@@ -7,12 +7,10 @@ from typing import Any, Protocol
 import numpy as np
 from matplotlib.figure import Figure
 
-from model.arm import Arm
 from model.paths import Array
 from model.shape import Shape
 from planner.plots.arm import draw_arm, fit, look
-from planner.plots.plan import DPI
-from planner.plots.strains import INK, MM, SIZE
+from planner.plots.style import DPI, INK, MM, SIZE, labelled
 
 _SHOWN = 50
 # Tendons that pull less than this share of the most are left out; a colour a section, a style each.
@@ -22,10 +20,6 @@ _STYLES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
 
 class Moving(Protocol):
     """What is drawn of a motion; see planner.Trajectory."""
-
-    @property
-    def arm(self) -> Arm:
-        """Return the arm."""
 
     @property
     def question(self) -> Any:
@@ -38,10 +32,6 @@ class Moving(Protocol):
     @property
     def flat(self) -> Array:
         """Return the tensions (N, n_tendons) [N]."""
-
-    @property
-    def shapes(self) -> tuple[Shape, ...]:
-        """Return the shapes at the times."""
 
     def shape(self, t: float) -> Shape:
         """Return the shape at a time [s]."""
@@ -63,7 +53,7 @@ def plot_trajectory(motion: Moving) -> Figure:
     """Draw a motion: its last shape and where the tip goes, and tensions with their maxima."""
     figure = Figure(figsize=(10, 5.0), dpi=DPI)
     ax: Any = figure.add_axes((0.0, 0.06, 0.52, 0.86), projection="3d")
-    asked, last = motion.question, motion.shapes[-1]
+    asked, last = motion.question, motion.shape(motion.duration)
     points = draw_arm(last, ax, asked.targets[-1], asked.surroundings.at(motion.duration).obstacles)
     tips = np.array([motion.shape(t).tip for t in np.linspace(0, motion.times[-1], _SHOWN)])
     ax.plot(*(MM * tips).T, "-", color=INK, lw=1.0, label="path of the tip", zorder=8)
@@ -75,16 +65,14 @@ def plot_trajectory(motion: Moving) -> Figure:
     most = float(motion.flat.max())
     upper = np.array(asked.limits.upper)
     for j in np.flatnonzero(motion.flat.max(axis=0) > _PULLS * most):
-        section = motion.arm.tendons[j][0]
-        style = _STYLES[(j - motion.arm.tendons_of(section + 1)[0]) % len(_STYLES)]
-        name = motion.arm.tendon_name(int(j))
+        section = last.arm.tendons[j][0]
+        style = _STYLES[(j - last.arm.tendons_of(section + 1)[0]) % len(_STYLES)]
+        name = last.arm.tendon_name(int(j))
         given: dict[str, Any] = {"color": f"C{section % 10}", "ls": style, "lw": 1.4, "label": name}
         over.plot(motion.times, motion.flat[:, j], **given)
     for level in np.unique(upper[upper <= 3 * most]):
         over.axhline(level, color=INK, lw=0.8, ls="--")
-    over.set_xlabel("time [s]", fontsize=SIZE)
-    over.set_ylabel("tension [N]", fontsize=SIZE)
-    over.tick_params(labelsize=SIZE - 1)
+    labelled(over, "time [s]", "tension [N]")
     over.legend(ncol=3, frameon=False, fontsize=SIZE - 2, loc="upper left")
     figure.suptitle(motion.outcome.split(":")[0], fontsize=SIZE + 2)
     return figure

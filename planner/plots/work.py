@@ -13,7 +13,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from model.errors import InputError
 from model.paths import Array
-from planner.plots.strains import INK, SIZE
+from planner.plots.style import INK, SIZE, axes_of, labelled
 
 # Of the project's own ways: a colour each; what others offer is grey, and told by its marker.
 _OWN = (
@@ -64,10 +64,7 @@ def plot_work(
     """
     if not curves:
         raise InputError("curves", (), "at least one Curve")
-    if ax is None:
-        figure = Figure(figsize=(6.4, 4.4), layout="constrained")
-        plot_work(curves, cost, error, figure.add_subplot(), names)
-        return figure
+    shown, ax = axes_of(ax, (6.4, 4.4))
     for curve in curves:
         _draw(curve, _number(curve, curves, names), ax)
     ax.set(xscale="log", yscale="log")
@@ -76,13 +73,8 @@ def plot_work(
     if high < _FEW * low:
         ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         ax.xaxis.set_major_formatter("{x:g}")
-    ax.set_xlabel(cost, fontsize=SIZE)
-    ax.set_ylabel(error, fontsize=SIZE)
-    ax.tick_params(labelsize=SIZE - 1)
-    ax.grid(color="#e3e5e8", linewidth=0.6)
-    ax.set_axisbelow(True)
-    ax.spines[["top", "right"]].set_visible(False)
-    return ax
+    labelled(ax, cost, error, grid=True)
+    return shown  # type: ignore[no-any-return]
 
 
 def _number(curve: Curve, curves: Sequence[Curve], names: Sequence[str]) -> int:
