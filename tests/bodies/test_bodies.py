@@ -116,6 +116,13 @@ def test_a_urdf_with_its_joint_state_is_the_arm(shape: Shape) -> None:
     assert len({*named}) == len(named) == 1 + 4 * (links + 1) - 1
     masses = [float(own.attrib["value"]) for own in ET.fromstring(text).iter("mass")]
     assert sum(masses) == pytest.approx(_mass(shape.arm), rel=0.01)
+    turned = next(own.attrib for own in ET.fromstring(text).iter("inertia"))
+    solid = next(own.attrib for own in ET.fromstring(text).iter("cylinder"))
+    about, r = float(turned["izz"]) / masses[0], float(solid["radius"])
+    assert about == pytest.approx(r**2 / 2)
+    assert float(turned["ixx"]) / masses[0] == pytest.approx(
+        (3 * r**2 + float(solid["length"]) ** 2) / 12
+    )
 
 
 @each_shape

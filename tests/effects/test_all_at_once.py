@@ -154,8 +154,3 @@ def test_a_section_all_but_rigid_in_shear_is_one_without_shear() -> None:
     free = settle(arm, PULLS, Scene(*kinds), 1e-10).tip
     stiff = settle(arm, PULLS, Scene(*kinds, Shear(1e9)), 1e-10).tip
     assert np.allclose(stiff, free, rtol=0, atol=1e-10)
-
-
-def test_the_order_in_which_loads_are_named_is_none() -> None:
-    one = Scene(*LOADED, Extension())
-    assert one == Scene(Extension(), *LOADED[::-1])

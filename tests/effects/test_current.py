@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from model import Anchorage, Arm, InputError, Linear, Material, Scene, settle
+from model import Anchorage, Arm, Linear, Material, Scene, settle
 from model.effects import Current, ExactTendons, Extension, Shear
 from model.loads import growth
 from tests.effects.bars import NO_PULL, Bar, elastica
@@ -59,12 +59,6 @@ def test_a_stream_along_a_straight_arm_does_not_push(name: str, v: float) -> Non
     bar = SOFT[name]
     tip = settle(bar.arm, NO_PULL, Scene(Extension(), Current((v, 0, 0))), 1e-11).tip
     assert np.allclose(tip, [bar.length, 0, 0], rtol=0, atol=1e-15)
-
-
-def test_still_water_does_not_push() -> None:
-    arm, T = Arm.from_paper("table-4"), [[0, 0, 0.2, 0], [1.0, 0, 0, 0], [0, 3.0, 0, 0]]
-    still = settle(arm, T, Scene(Extension(), Current((0, 0, 0))), 1e-11).tip
-    assert np.allclose(still, settle(arm, T, Scene(Extension()), 1e-11).tip, rtol=0, atol=1e-11)
 
 
 def test_the_drag_is_quadratic_in_speed() -> None:
@@ -164,21 +158,6 @@ def test_the_moment_at_the_base_is_that_of_all_the_drag(more: tuple[object, ...]
     EJ = 110e3 * np.pi * 15e-3**4 / 4
     found = stretch * EJ * np.array([tau * 2 / 3, -xi, -k])  # n and b are -y and -z at the base
     assert np.allclose(found, moment, rtol=0, atol=1e-8 * np.linalg.norm(moment))
-
-
-@pytest.mark.parametrize(
-    ("values", "field"),
-    [
-        ({"velocity": (0, 1)}, "Current.velocity"),
-        ({"velocity": (0, 1, np.inf)}, "Current.velocity"),
-        ({"velocity": (0, 1, 0), "density": -1.0}, "Current.density"),
-        ({"velocity": (0, 1, 0), "coefficient": np.nan}, "Current.coefficient"),
-    ],
-)
-def test_a_stream_is_checked(values: dict[str, object], field: str) -> None:
-    with pytest.raises(InputError) as error:
-        Current(**values)  # type: ignore[arg-type]
-    assert error.value.field.startswith(field)
 
 
 def test_places_beyond_the_tip_by_rounding_are_no_less_loaded() -> None:

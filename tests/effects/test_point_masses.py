@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_bvp
 
-from model import Anchorage, Arm, InputError, Linear, Material, Scene, settle
+from model import Anchorage, Arm, Linear, Material, Scene, settle
 from model.effects import (
     Current,
-    Effect,
     ExactTendons,
     Extension,
     Friction,
@@ -116,19 +115,6 @@ def test_plans_by_lengths_and_strains_feel_masses(name: str) -> None:
     near = shape.strain(np.array([0.2, 0.2 + 1e-9]))
     assert np.linalg.norm(near[0, :3] - near[1, :3]) > 1e-3
     assert plan(ARM, TipPosition((0.2, 0.1, -0.1)), scene, 20.0, starts=2).certificate.passed
-
-
-def test_scenes_name_what_a_mass_needs() -> None:
-    with pytest.raises(InputError, match="PointMass with Weight"):
-        Scene(PointMass(0.1, 0.01))
-    with pytest.raises(InputError, match=r"PointMass\.s.*0\.31 m"):
-        settle(ARM, PULL, Scene(WATER, PointMass(0.4, 0.01)))
-    with pytest.raises(InputError, match=r"PointMass\.mass"):
-        PointMass(0.1, -1.0)
-    with pytest.raises(InputError, match="once at a place"):
-        Scene(WATER, PointMass(0.1, 0.01), PointMass(0.1, 0.02))
-    both: tuple[Effect, ...] = (PointMass(0.1, 0.01, OFF), PointMass(0.1, 0.01))
-    assert len(Scene(WATER, *both).effects) == 3
 
 
 def test_an_arm_of_one_tendon_carries_a_mass_at_its_base() -> None:

@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 from model import (
     Anchorage,
     Arm,
-    InputError,
     Linear,
     Material,
     RestCurvature,
@@ -246,18 +245,3 @@ def test_plans_of_curved_arms_are_certified_and_load_back(
     again = load_plan(found.save(f"{tmp_path}/plan.json"))
     assert again.arm == CURVED
     assert np.allclose(again.tensions, found.tensions)
-
-
-def test_equations_as_printed_are_of_a_straight_arm() -> None:
-    with pytest.raises(InputError, match="straight at rest"):
-        settle(CURVED, PULL, Scene.as_printed())
-
-
-def test_what_is_no_curvature_is_refused() -> None:
-    with pytest.raises(InputError, match="RestCurvature"):
-        replace(CURVED, rest_curvature=Linear(0, 0))  # type: ignore[arg-type]
-    with pytest.raises(InputError, match=r"RestCurvature\.n"):
-        RestCurvature(3.0)  # type: ignore[arg-type]
-    short = Sampled((0.0, 0.1, 0.2, 0.3), (0.0, 1.0, 2.0, 1.0))
-    with pytest.raises(InputError, match=r"samples from 0 to 0\.45"):
-        replace(CURVED, rest_curvature=RestCurvature(short))

@@ -2,48 +2,16 @@
 
 from __future__ import annotations
 
-import pickle
-
 import numpy as np
 import pytest
 
-from model import Arm, InputError, OctoplanError, Scene, settle
-from model.effects import ExactTendons, Extension, NeoHookean, PrintedStatics
-from model.unloaded.closed_form import strain_function
-from model.unloaded.statics import closed_statics
+from model import Arm, OctoplanError, Scene, settle
+from model.effects import Extension
 from planner import plan
 from planner.targets import BendingPlane, TipPosition
 from tests.effects.cases import EXACT, SILICONE, SWOLLEN
 
 ARM = Arm.from_paper("table-4")
-
-
-@pytest.mark.parametrize(
-    ("effects", "told"),
-    [
-        ((NeoHookean(),), "Extension"),
-        ((Extension(), NeoHookean()), "ExactTendons"),
-        ((PrintedStatics(), ExactTendons()), "reference tangent"),
-        ((Extension(), Extension()), "each effect once"),
-    ],
-)
-def test_effects_that_do_not_go_together_are_refused_with_the_reason(
-    effects: tuple, told: str
-) -> None:
-    with pytest.raises(InputError, match=told):
-        Scene(*effects)
-
-
-def test_a_scene_of_silicone_is_extension_exact_tendons_and_rubber() -> None:
-    assert Scene(NeoHookean(), ExactTendons(), Extension()) == SILICONE
-    assert pickle.loads(pickle.dumps(SILICONE)) == SILICONE
-
-
-def test_each_effect_adds_instructions_and_none_is_there_uncalled() -> None:
-    scenes = [Scene(), Scene(Extension()), EXACT, SILICONE, SWOLLEN]
-    counts = [strain_function(closed_statics(s, ARM)).n_instructions() for s in scenes]
-    assert counts == sorted(counts)
-    assert counts[1] < counts[2] / 5
 
 
 @pytest.mark.quick("silicone")

@@ -10,7 +10,7 @@ from scipy.integrate import quad
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
-from model import Anchorage, Arm, InputError, Linear, Material, Sampled, Scene, settle
+from model import Anchorage, Arm, Linear, Material, Sampled, Scene, settle
 from model.effects import Buoyancy, ExactTendons, Extension, NeoHookean, Weight
 from tests.effects.bars import NO_PULL, Bar, elastica
 
@@ -101,15 +101,6 @@ def test_a_neutrally_buoyant_arm_does_not_move(g: tuple[float, float, float]) ->
     assert np.allclose(floating, settle(arm, T, Scene(Extension()), 1e-11).tip, rtol=0, atol=1e-11)
 
 
-def test_gravity_turned_about_the_bar_turns_its_shape() -> None:
-    down = settle(CONICAL.arm, NO_PULL, Scene(Weight((0, 0, -4.0))), 1e-10).tip
-    angle = 0.7
-    g = 4.0 * np.array([0, np.sin(angle), -np.cos(angle)])
-    tip = settle(CONICAL.arm, NO_PULL, Scene(Weight(tuple(g))), 1e-10).tip
-    turned = [down[0], -down[2] * np.sin(angle), down[2] * np.cos(angle)]
-    assert np.allclose(tip, turned, rtol=0, atol=1e-13)
-
-
 BARREL_S = np.linspace(0, 0.3, 7)
 BARREL_R = np.array([8.0, 10.5, 12.0, 12.5, 11.0, 8.0, 5.0]) * 1e-3
 
@@ -137,10 +128,3 @@ def test_the_weight_of_a_barrel_bends_its_base() -> None:
     # Bending towards n = -y is positive.
     k = 900.0 * LIGHT * barrel_moment(1) / (110e3 * np.pi * BARREL_R[0] ** 4 / 4)
     assert shape.strain(0.0)[2] == pytest.approx(k, rel=1e-8)
-
-
-@pytest.mark.parametrize("bad", [(0, 0), (0, 0, np.nan), 9.81], ids=str)
-def test_gravity_is_a_vector(bad: object) -> None:
-    with pytest.raises(InputError) as error:
-        Weight(bad)  # type: ignore[arg-type]
-    assert error.value.field.startswith("Weight.g")

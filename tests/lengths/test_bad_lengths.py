@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,56 +14,106 @@ from model import Arm, InputError, Scene, UnitWarning, settle, settle_many
 from model.effects import Buoyancy, Effect, ExactTendons, Extension, Weight
 from model.stiffness import stiffness
 from model.winches import rest_lengths
+from planner import plan
+from planner.targets import TipPosition
 from tests.lengths.cases import EXACT, cylinder
-from tests.model.cases import check_refusal
+from tests.refusals import Refused, check_refusal
 
-ARM = Arm.from_paper("table-2")
+ARM, OTHER = Arm.from_paper("table-2"), Arm.from_paper("table-4")
 REST = rest_lengths(ARM)
 _NONE: list[Any] = [None]
 
 
-@pytest.mark.parametrize(
-    ("field", "allowed", "options"),
-    [
-        ("lengths[8] (T_31)", "0 or above", {"lengths": REST - 0.2}),
-        ("lengths", "12 numbers", {"lengths": REST[:5]}),
-        ("lengths", "12 numbers", {"lengths": "long"}),
-        ("lengths", "12 numbers", {"lengths": 0.3}),
-        ("lengths", "12 numbers", {"lengths": [["0.3"] * 4] * 3}),
-        ("lengths[2] (T_13)", "0 or above", {"lengths": [0.3, 0.3, np.inf, *REST[3:]]}),
-        ("lengths[0] (T_11)", "a length or a tension", {"lengths": [*_NONE, *REST[1:]]}),
-        (
-            "lengths[0] (T_11)",
-            "None or nan in place of the other",
-            {"lengths": REST, "tensions": np.zeros(12)},
-        ),
-        ("tensions", "12 numbers", {"lengths": [*_NONE, *REST[1:]], "tensions": [1.0]}),
-        ("tensions", "12 numbers", {}),
-        ("lengths", "as printed", {"lengths": REST, "scene": Scene.as_printed()}),
-        ("tendon_EA", "above 0", {"lengths": REST, "tendon_EA": -1.0}),
-        ("tendon_EA", "no lengths", {"tensions": np.zeros(12), "tendon_EA": 1.0}),
-        ("tendon_outside", "0 or a number above", {"lengths": REST, "tendon_outside": -1.0}),
-        ("tendon_outside", "no lengths", {"tensions": np.zeros(12), "tendon_outside": 1.0}),
-        ("near", "a Shape", {"lengths": REST, "near": 3}),
-        ("near", "the same", {"lengths": REST, "near": settle(cylinder((0.2,)), np.zeros(4))}),
-    ],
-)
-def test_what_is_no_length_is_refused(field: str, allowed: str, options: dict[str, Any]) -> None:
-    check_refusal(lambda: settle(ARM, **options), field, allowed)
+INCOMPRESSIBLE, PLACE = Scene(ExactTendons()), TipPosition((0.28, 0.05, 0.0))
+LENGTHS: list[tuple[str, str, dict[str, Any]]] = [
+    ("lengths[8] (T_31)", "0 or above", {"lengths": REST - 0.2}),
+    ("lengths", "12 numbers", {"lengths": REST[:5]}),
+    ("lengths", "12 numbers", {"lengths": "long"}),
+    ("lengths", "12 numbers", {"lengths": 0.3}),
+    ("lengths", "12 numbers", {"lengths": [["0.3"] * 4] * 3}),
+    ("lengths[2] (T_13)", "0 or above", {"lengths": [0.3, 0.3, np.inf, *REST[3:]]}),
+    ("lengths[0] (T_11)", "a length or a tension", {"lengths": [*_NONE, *REST[1:]]}),
+    (
+        "lengths[0] (T_11)",
+        "None or nan in place of the other",
+        {"lengths": REST, "tensions": np.zeros(12)},
+    ),
+    ("tensions", "12 numbers", {"lengths": [*_NONE, *REST[1:]], "tensions": [1.0]}),
+    ("tensions", "12 numbers", {}),
+    ("lengths", "as printed", {"lengths": REST, "scene": Scene.as_printed()}),
+    ("tendon_EA", "above 0", {"lengths": REST, "tendon_EA": -1.0}),
+    ("tendon_EA", "no lengths", {"tensions": np.zeros(12), "tendon_EA": 1.0}),
+    ("tendon_outside", "0 or a number above", {"lengths": REST, "tendon_outside": -1.0}),
+    ("tendon_outside", "no lengths", {"tensions": np.zeros(12), "tendon_outside": 1.0}),
+    ("near", "a Shape", {"lengths": REST, "near": 3}),
+    ("near", "the same", {"lengths": REST, "near": settle(cylinder((0.2,)), np.zeros(4))}),
+    # No section settles by it: the tendon is told, and not tensions.
+    (
+        "lengths[5] (T_22)",
+        "m on, beside the other lengths",
+        {
+            "lengths": np.where(np.arange(12) == 5, 0.0, REST),
+            "scene": Scene(Extension(), ExactTendons(), Weight()),
+        },
+    ),
+]
+STROKES: list[tuple[str, str, dict[str, Any]]] = [
+    ("stroke_max", "0 or a number above", {"stroke_max": -0.01}),
+    ("stroke_max", "12 numbers", {"stroke_max": [0.01] * 3}),
+    ("stroke_max", "a number, or one", {"stroke_max": "far"}),
+    ("stroke_min", "0 or a number below", {"stroke_min": 0.01}),
+    ("stroke_min", "0 or a number below", {"stroke_min": np.nan}),
+    ("stroke_min", "12 numbers", {"stroke_min": [-0.01] * 3}),
+    ("scene", "settle", {"stroke_max": 0.01, "scene": Scene.as_printed()}),
+    *(
+        ("stroke_zero", "", {"stroke_zero": zero})
+        for zero in ("curled", 3.0, [0.1] * 5, [-0.1] * 12, None, settle(OTHER, np.zeros(12)))
+    ),
+]
+REFUSED: Refused = {
+    **{
+        f"{field} {i}": (partial(settle, ARM, **options), field, allowed)
+        for i, (field, allowed, options) in enumerate(LENGTHS)
+    },
+    **{
+        f"{field} of a plan {i}": (
+            partial(plan, ARM, PLACE, **({"scene": EXACT, "tension_max": 20.0} | options)),
+            field,
+            allowed,
+        )
+        for i, (field, allowed, options) in enumerate(STROKES)
+    },
+    # Two tendons against each other cannot both be shorter than the arm that keeps its length.
+    "no shape": (
+        lambda: settle(cylinder((0.2,)), scene=INCOMPRESSIBLE, lengths=[0.19, 0.3, 0.2, 0.3]),
+        "lengths[0] (T_11)",
+        "from 0.2 m on",
+    ),
+    "nearly all length taken in": (
+        lambda: settle(cylinder((0.2,)), scene=EXACT, lengths=[1e-9] * 4),
+        "T_11",
+        "crush the arm",
+    ),
+    "a set of many": (
+        lambda: settle_many(ARM, lengths=[REST, REST - 0.2], scene=EXACT),
+        "lengths[1][8] (T_31)",
+        "",
+    ),
+    "no sets": (lambda: settle_many(ARM, lengths=3.0), "lengths", "a set of lengths"),  # type: ignore[arg-type]
+    "sets of two sizes": (
+        lambda: settle_many(ARM, [[0.0] * 12], lengths=[REST, REST]),
+        "tensions",
+        "2, as of lengths",
+    ),
+    "stiffness": (lambda: stiffness(ARM, lengths=REST[:3]), "lengths", "12 numbers"),
+}
 
 
-def test_lengths_that_no_shape_has_name_the_tendon_and_what_there_is() -> None:
-    """Two tendons against each other cannot both be shorter than the arm that keeps its length."""
-    arm = cylinder((0.2,))
-    with pytest.raises(InputError, match=r"lengths\[0\] \(T_11\).*from 0\.2 m on") as caught:
-        settle(arm, scene=Scene(ExactTendons()), lengths=[0.19, 0.3, 0.2, 0.3])
-    assert caught.value.given == 0.19
-
-
-def test_nearly_all_length_taken_in_crushes_a_linear_body() -> None:
-    arm = cylinder((0.2,))
-    with pytest.raises(InputError, match=r"T_11\).*go together, such as .* crush the arm"):
-        settle(arm, scene=EXACT, lengths=[1e-9] * 4)
+@pytest.mark.parametrize(("attempt", "field", "allowed"), REFUSED.values(), ids=REFUSED)
+def test_what_is_no_length_or_stroke_is_refused(
+    attempt: Callable[[], object], field: str, allowed: str
+) -> None:
+    check_refusal(attempt, field, allowed)
 
 
 @pytest.mark.parametrize("loads", [(), (Weight(), Buoyancy(1000.0))], ids=["unloaded", "in water"])
@@ -82,26 +134,6 @@ def test_lengths_that_crush_the_arm_name_the_tendon_and_the_least(
         settle(ARM, scene=scene, lengths=lengths)
 
 
-def test_a_length_that_no_section_settles_by_tells_the_tendon_and_not_tensions() -> None:
-    lengths = REST.copy()
-    lengths[5] = 0.0
-    with pytest.raises(InputError, match=r"T_22\).*from about .* m on, beside the other lengths"):
-        settle(ARM, scene=Scene(Extension(), ExactTendons(), Weight()), lengths=lengths)
-
-
 def test_lengths_in_millimetres_are_told() -> None:
     with pytest.warns(UnitWarning, match="lengths are all .* 1000 times too long"):
         settle(ARM, scene=EXACT, lengths=1e3 * REST)
-
-
-def test_settle_many_names_the_set() -> None:
-    with pytest.raises(InputError, match=r"lengths\[1\]\[8\] \(T_31\)"):
-        settle_many(ARM, lengths=[REST, REST - 0.2], scene=EXACT)
-    check_refusal(lambda: settle_many(ARM, lengths=3.0), "lengths", "a set of lengths")
-    check_refusal(
-        lambda: settle_many(ARM, [[0.0] * 12], lengths=[REST, REST]), "tensions", "2, as of lengths"
-    )
-
-
-def test_stiffness_by_lengths_refuses_what_settle_does() -> None:
-    check_refusal(lambda: stiffness(ARM, lengths=REST[:3]), "lengths", "12 numbers")

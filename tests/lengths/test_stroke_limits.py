@@ -13,10 +13,8 @@ from model import Arm, Scene, settle
 from model.effects import ExactTendons, Extension
 from planner import Plan, load_plan, plan
 from planner.io.scene_file import read
-from planner.outcome import Facts, sentence
 from planner.targets import BendingPlane, TipPosition
 from tests.lengths.cases import EXACT, cylinder
-from tests.model.cases import check_refusal
 
 ARM = Arm.from_paper("table-4")
 T = np.array([0.1, 0.3, 0, 0, 0, 1.2, 0, 0.5, 3.0, 0, 0, 1.5])
@@ -98,32 +96,3 @@ def test_scene_files_have_them_in_millimetres() -> None:
     options = read((rows + "stroke_min_mm = -3").encode()).options
     assert options["stroke_max"][1] == pytest.approx([9e-3] * 4)
     assert options["stroke_min"] == pytest.approx(-3e-3)
-
-
-@pytest.mark.parametrize(
-    ("field", "allowed", "limits"),
-    [
-        ("stroke_max", "0 or a number above", {"stroke_max": -0.01}),
-        ("stroke_max", "12 numbers", {"stroke_max": [0.01] * 3}),
-        ("stroke_max", "a number, or one", {"stroke_max": "far"}),
-        ("stroke_min", "0 or a number below", {"stroke_min": 0.01}),
-        ("stroke_min", "0 or a number below", {"stroke_min": np.nan}),
-        ("stroke_min", "12 numbers", {"stroke_min": [-0.01] * 3}),
-        ("scene", "settle", {"stroke_max": 0.01, "scene": Scene.as_printed()}),
-    ],
-)
-def test_what_is_no_limit_is_refused(field: str, allowed: str, limits: dict[str, Any]) -> None:
-    given: dict[str, Any] = {"scene": PAPER, **limits}
-    target = TipPosition((0.3, 0.05, 0.0))
-    check_refusal(lambda: plan(ARM, target, tension_max=20.0, **given), field, allowed)
-
-
-def test_a_shape_beyond_the_limits_of_strokes_is_not_called_the_nearest_attainable() -> None:
-    """Where nothing within the limits is found, as in water with nearly no stroke at all."""
-    arm, target = cylinder((0.2,)), BendingPlane(angle=0.0, bend=0.5, section=1)
-    tight = plan(arm, target, Scene(ExactTendons()), 20.0, stroke_max=1.9e-3)
-    certificate = replace(tight.certificate, strokes=0.05)
-    told = sentence(Facts(certificate, "soft", tight.effort, 3, 0, tuple(tight.holding()), 0.2))
-    assert "no shape within the limits of strokes is found" in told
-    assert "passes them by 10 mm" in told
-    assert "attainable" not in told

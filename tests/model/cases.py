@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
-import pytest
 from scipy.interpolate import CubicSpline, PPoly
 from scipy.spatial.transform import Rotation
 
-from model import Anchorage, Arm, InputError, Linear, Material, Sampled
+from model import Anchorage, Arm, Linear, Material, Sampled
 from model.paths import Path
 from tests.oracles import Array, Rod, RodSection, least_stretch, linear, paper_rod, sampled
 
@@ -78,14 +75,3 @@ def paper_tensions(rng: np.random.Generator, name: str) -> Array:
         T = np.ravel(rng.uniform(0, 1, (3, 4)) * np.array(MOST[name])[:, None])
         if least_stretch(paper_rod(name), T) > 0:
             return T
-
-
-def check_refusal(attempt: Callable[[], object], field: str, allowed: str) -> None:
-    """Assert that an attempt raises InputError that names the field and what is allowed."""
-    with pytest.raises(InputError) as caught:
-        attempt()
-    error = caught.value
-    assert error.field == field
-    assert allowed in error.allowed
-    assert str(error) == f"{field}: got {error.given!r}, allowed is {error.allowed}"
-    assert isinstance(error, ValueError)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import pickle
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from model import (
     Arm,
@@ -22,6 +22,7 @@ from model import (
 )
 from model.effects import Extension
 from tests.oracles import Array, paper_rod, strain
+from tests.refusals import Refused, check_refusal
 
 ARM = Arm.from_paper("table-2")
 PAPER = Scene(Extension())
@@ -34,27 +35,9 @@ def tensions(index: int, value: float) -> Array:
     return T
 
 
-@pytest.mark.parametrize("value", [-1e-9, -1.0, np.nan, np.inf, -np.inf])
-@pytest.mark.parametrize(("index", "name"), [(0, "T_11"), (4, "T_21"), (11, "T_34")])
-def test_a_tension_that_cannot_be_is_refused_by_the_name_of_its_tendon(
-    index: int, name: str, value: float
-) -> None:
-    for given_as in (tensions(index, value), tensions(index, value).reshape(3, 4)):
-        with pytest.raises(InputError, match=rf"\({name}\)") as caught:
-            settle(ARM, given_as)
-        assert caught.value.field == f"tensions[{index}] ({name})"
-        assert caught.value.given == pytest.approx(value, nan_ok=True)
-        assert "finite number, 0 or above" in caught.value.allowed
-
-
-@settings(max_examples=20, deadline=None, derandomize=True)
-@given(st.integers(0, 11), st.floats(max_value=0, exclude_max=True))
-def test_any_negative_tension_is_refused(index: int, value: float) -> None:
-    with pytest.raises(InputError, match=ARM.tendon_name(index)):
-        ARM.flat(tensions(index, value))
-
-
-WRONG = {
+NO_TENSION = "finite number, 0 or above"
+SHAPED = "12 numbers, flat or a row per section, tip first (4+4+4)"
+WRONG: dict[str, Any] = {
     "too few": np.zeros(11),
     "too many": np.zeros(13),
     "none": [],
@@ -67,24 +50,58 @@ WRONG = {
     "words": ["tight"] * 12,
     "complex numbers": [1j] * 12,
 }
+NOT_ALLOWED: Refused = {
+    **{what: (partial(settle, ARM, given), "tensions", SHAPED) for what, given in WRONG.items()},
+    **{
+        f"{name} {value}": (
+            partial(settle, ARM, tensions(index, value)),
+            f"tensions[{index}] ({name})",
+            NO_TENSION,
+        )
+        for index, name in ((0, "T_11"), (4, "T_21"), (11, "T_34"))
+        for value in (-1e-9, -1.0, np.nan, np.inf, -np.inf)
+    },
+    "in rows": (
+        lambda: settle(ARM, tensions(4, -1.0).reshape(3, 4)),
+        "tensions[4] (T_21)",
+        NO_TENSION,
+    ),
+    "a set of many": (
+        lambda: settle_many(ARM, [np.zeros(12), np.zeros(12), tensions(5, -1.0)]),
+        "tensions[2][5] (T_22)",
+        NO_TENSION,
+    ),
+    "a short set of many": (
+        lambda: settle_many(ARM, [np.zeros(12), np.zeros(11)]),
+        "tensions[1]",
+        "12 numbers",
+    ),
+    "errors by another word": (
+        lambda: settle_many(ARM, [np.zeros(12)], errors="ignore"),  # type: ignore[arg-type]
+        "errors",
+        "",
+    ),
+    **{
+        f"compiled by {how!r}": (
+            partial(settle, ARM, np.zeros(12), compile=how),
+            "compile",
+            'True, False or "auto"',
+        )
+        for how in ("try", 1, None)
+    },
+    "a scheme as printed": (
+        lambda: settle(ARM, np.zeros(12), Scene.as_printed(), scheme="gauss6"),
+        "scheme",
+        "rk6, rk8, rk4 in this scene",
+    ),
+}
 
 
-@pytest.mark.parametrize("value", WRONG.values(), ids=WRONG)
-def test_tensions_of_a_wrong_shape_are_refused_with_the_right_one(value: Any) -> None:
-    with pytest.raises(InputError) as caught:
-        settle(ARM, value)
-    assert caught.value.field == "tensions"
-    wanted = "12 numbers, flat or a row per section, tip first (4+4+4)"
-    assert caught.value.allowed == wanted
-
-
-def test_a_bad_set_among_many_is_named() -> None:
-    with pytest.raises(InputError) as caught:
-        settle_many(ARM, [np.zeros(12), np.zeros(12), tensions(5, -1.0)])
-    assert caught.value.field == "tensions[2][5] (T_22)"
-    with pytest.raises(InputError) as caught:
-        settle_many(ARM, [np.zeros(12), np.zeros(11)])
-    assert caught.value.field == "tensions[1]"
+@pytest.mark.parametrize(("attempt", "field", "allowed"), NOT_ALLOWED.values(), ids=NOT_ALLOWED)
+def test_what_is_no_tension_is_refused_by_the_name_of_its_tendon(
+    attempt: Callable[[], object], field: str, allowed: str
+) -> None:
+    check_refusal(attempt, field, allowed)
 
 
 @pytest.mark.parametrize("scene", [PAPER, Scene.as_printed()], ids=["paper", "as_printed"])
@@ -134,9 +151,3 @@ def test_errors_travel_between_processes(error: OctoplanError) -> None:
 def test_an_arm_of_which_no_error_is_known_is_not_settled(reached: float) -> None:
     """Used to be settled to nan of its length."""
     assert str(ConvergenceError(1e-8, reached, "x")) == "the arm was not settled; x"
-
-
-def test_an_error_that_was_raised_travels_too() -> None:
-    with pytest.raises(CollapsedError) as caught:
-        settle(ARM, CRUSHING, PAPER)
-    assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)

@@ -6,11 +6,10 @@ import dataclasses
 import shutil
 from typing import Any
 
-import casadi as ca
 import numpy as np
 import pytest
 
-from model import Arm, InputError, OctoplanError, Scene, settle, settle_many, tip_jacobian
+from model import Arm, OctoplanError, Scene, settle, settle_many, tip_jacobian
 from model.effects import (
     Current,
     Effect,
@@ -23,8 +22,6 @@ from model.effects import (
     Weight,
 )
 from model.errors import CompilerError
-from model.machine.compiled import kernel, kernels
-from model.machine.pieces import in_pieces
 from model.stiffness import stiffness
 from planner import plan
 from planner.targets import TipPosition
@@ -35,15 +32,15 @@ T = SETS[0]
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 
 
+FEW = (Extension(), TipLoad((0.0, 0.01, 0.0)))
+ALL = (Extension(), ExactTendons(), Weight(), Shear(), Current((0.1, 0.0, 0.0)), Friction(0.05))
+
+
 @needs_compiler
 def test_compiled_tips_have_the_digits_of_interpreted_ones() -> None:
     plain = settle_many(ARM, SETS, Scene(Extension()), accuracy=1e-8, compile=False)
     fast = settle_many(ARM, SETS, Scene(Extension()), accuracy=1e-8, compile=True)
     assert np.abs(plain.tip - fast.tip).max() < 1e-15
-
-
-FEW = (Extension(), TipLoad((0.0, 0.01, 0.0)))
-ALL = (Extension(), ExactTendons(), Weight(), Shear(), Current((0.1, 0.0, 0.0)), Friction(0.05))
 
 
 @needs_compiler
@@ -94,31 +91,6 @@ def test_compiled_plans_have_the_digits_of_interpreted_ones(scene: Scene) -> Non
     assert [p.machine_code for p in after] == [False, True]
 
 
-def test_a_long_function_in_pieces_has_the_digits_of_the_whole() -> None:
-    x, y = ca.SX.sym("x", 3), ca.SX.sym("y")
-    z = [x[0], x[1], x[2], y]
-    for k in range(900):
-        a, b = z[-1 - k % 3], z[k % len(z)]
-        z.append([a * b + 0.5, ca.fmin(a, b) - a, ca.if_else(a < b, ca.sin(a), b / 2)][k % 3])
-    f = ca.Function("lengthy", [x, y], [ca.vertcat(*z[-5:]), z[100], ca.SX(0, 1)])
-    generator = ca.CodeGenerator("lengthy.c")
-    generator.add(f)
-    assert in_pieces(generator.dump()).count("noinline") > 5
-    if shutil.which("cc") is None:
-        return
-    fast = kernel(f)
-    for point in np.random.default_rng(0).normal(size=(20, 4)):
-        for plain, found in zip(f(point[:3], point[3]), fast(point[:3], point[3]), strict=True):
-            assert np.array_equal(np.array(plain), np.array(found), equal_nan=True)
-
-
-@needs_compiler
-def test_functions_of_one_name_do_not_stand_in_for_each_other() -> None:
-    x = ca.SX.sym("x")
-    plain = [ca.Function("same", [x], [k * x]) for k in (1.0, 2.0, 1.0)]
-    assert [float(f(3.0)) for f in kernels(plain)] == [3.0, 6.0, 3.0]
-
-
 def no_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", "")
     monkeypatch.delenv("CC", raising=False)
@@ -149,12 +121,6 @@ def test_without_a_compiler_auto_goes_on_and_warns(monkeypatch: pytest.MonkeyPat
         found = settle(ARM, T, Scene(*FEW), 1e-4, compile="auto")
     assert not found.machine_code
     assert np.array_equal(found.states, settle(ARM, T, Scene(*FEW), 1e-4).states)
-
-
-@pytest.mark.parametrize("given", ["try", 1, None, np.ones(2)])
-def test_other_words_than_true_false_and_auto_are_refused(given: Any) -> None:
-    with pytest.raises(InputError, match=r'compile.*True, False or "auto"'):
-        settle(ARM, T, compile=given)
 
 
 @needs_compiler

@@ -7,7 +7,7 @@ import pytest
 
 from model import Arm, Scene, settle
 from model.effects import ExactTendons, Extension
-from model.forward import equilibrium_on, forward_map, order_of, schemes_of
+from model.forward import schemes_of
 from tests.oracles import Array
 
 SCENES = {
@@ -24,15 +24,7 @@ EACH = [
     for key, scene in SCENES.items()
     for scheme in schemes_of(scene)
 ]
-# Exponentials are rotations.
-UNIT = ("magnus2", "magnus4", "magnus6", "gauss2", "gauss4", "gauss6", "gauss8")
 EXPLICIT = {"rk4": (4, 8, 16), "rk6": (4, 8, 16), "rk8": (4, 8)}
-
-
-def drift(scene: str, scheme: str, refinement: int) -> float:
-    """Return by how much the longest quaternion differs from 1."""
-    states = equilibrium_on(forward_map(ARM, SCENES[scene], scheme, refinement), TENSIONS).poses
-    return float(np.abs(np.linalg.norm(states[:, :4], axis=1) - 1).max())
 
 
 def gap(frames: Array) -> float:
@@ -46,25 +38,6 @@ def test_frames_are_orthonormal_at_coarse_accuracy(scene: Scene, scheme: str) ->
     shape = settle(ARM, TENSIONS, scene, 1e-2, scheme)
     assert gap(shape.tip_frame[None]) <= 1e-13
     assert gap(shape.frame(np.linspace(0, ARM.length, 37))) <= 1e-13
-
-
-@pytest.mark.parametrize("scheme", UNIT)
-@pytest.mark.parametrize("refinement", [1, 16])
-def test_lie_group_schemes_keep_quaternions_at_unit_length(scheme: str, refinement: int) -> None:
-    assert drift("extension", scheme, refinement) <= 1e-14
-
-
-@pytest.mark.parametrize("scheme", EXPLICIT)
-def test_the_drift_that_the_projection_takes_away_falls_at_the_order(scheme: str) -> None:
-    drifts = np.array([drift("as_printed", scheme, refinement) for refinement in EXPLICIT[scheme]])
-    order = order_of(scheme, SCENES["as_printed"])
-    assert drifts.min() > 1e-13
-    assert np.all(np.log2(drifts[:-1] / drifts[1:]) > order - 0.3)
-
-
-def test_every_scheme_either_keeps_the_length_or_is_projected() -> None:
-    assert set(UNIT) == set(schemes_of(SCENES["extension"]))
-    assert set(EXPLICIT) == set(schemes_of(SCENES["as_printed"]))
 
 
 @pytest.mark.parametrize("scheme", EXPLICIT)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import multiprocessing
-import os
 import shutil
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -12,8 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from model.errors import CompilerError
-from model.machine.compiler import _command, compiler
+from model.machine.compiler import _command
 from model.machine.libraries import cache_folder, library
 
 pytestmark = [
@@ -43,20 +40,6 @@ def test_a_library_is_built_once_and_kept_in_the_users_cache_folder(folder: Path
     assert list(folder.iterdir()) == [first]
 
 
-def test_another_source_flag_or_preparation_is_another_library() -> None:
-    found = {
-        library(SOURCE, "-O1"),
-        library(SOURCE, "-O2"),
-        library(SOURCE.replace("42", "43"), "-O1"),
-        library(SOURCE, "-O1", _doubled),
-    }
-    assert len(found) == 4
-
-
-def _doubled(source: str) -> str:
-    return source.replace("42", "84")
-
-
 @pytest.mark.parametrize("damage", ["truncated", "poisoned", "empty", "another's"])
 def test_a_damaged_library_is_built_again_and_never_loaded(damage: str) -> None:
     path = library(SOURCE, "-O1")
@@ -75,23 +58,11 @@ def test_a_damaged_library_is_built_again_and_never_loaded(damage: str) -> None:
     assert answer(again) == 42
 
 
-def _built(name: str) -> int:
-    os.environ["XDG_CACHE_HOME"] = name
-    return answer(library(SOURCE, "-O1"))
-
-
 def test_several_may_build_the_same_at_once(folder: Path) -> None:
     with ThreadPoolExecutor(8) as pool:
         found = list(pool.map(lambda _: library(SOURCE, "-O1"), range(8)))
     assert {answer(path) for path in found} == {42}
     assert [*folder.iterdir()] == [*{*found}]
-
-
-@pytest.mark.slow
-def test_several_processes_may_build_the_same_at_once(tmp_path: Path, folder: Path) -> None:
-    with multiprocessing.get_context("spawn").Pool(4) as pool:
-        assert pool.map(_built, [str(tmp_path)] * 4, chunksize=1) == [42] * 4
-    assert len(list(folder.iterdir())) == 1
 
 
 def test_without_a_folder_that_can_be_written_it_works_and_warns(
@@ -101,17 +72,6 @@ def test_without_a_folder_that_can_be_written_it_works_and_warns(
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     with pytest.warns(RuntimeWarning, match="compiled again by each process"):
         assert answer(library(SOURCE, "-O1")) == 42
-
-
-def test_what_the_compiler_says_is_told(folder: Path) -> None:
-    with pytest.raises(CompilerError, match="undeclared"):
-        library("int answer(void) { return missing; }\n", "-O1")
-    assert not list(folder.iterdir())
-
-
-def test_the_compiler_is_the_named_one_with_its_arguments(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("CC", "cc -DGIVEN")
-    assert compiler().command == ("cc", "-DGIVEN")
 
 
 @pytest.mark.slow

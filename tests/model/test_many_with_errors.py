@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Arm, CollapsedError, InputError, Scene, settle_many
+from model import Arm, CollapsedError, Scene, settle_many
 from model.effects import Buoyancy, ExactTendons, Extension, Weight
 
 ARM = Arm.from_paper("table-4")
@@ -76,5 +76,3 @@ def test_sets_of_lengths_too() -> None:
 def test_without_it_the_first_error_is_raised() -> None:
     with pytest.raises(CollapsedError, match=r"tensions\[1\]"):
         settle_many(ARM, [GOOD[0], CRUSHING], Scene(Extension()), 1e-5)
-    with pytest.raises(InputError, match="errors: got 'ignore', allowed is"):
-        settle_many(ARM, GOOD, errors="ignore")  # type: ignore[arg-type]

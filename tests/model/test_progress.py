@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import os
 import subprocess
 import sys
@@ -11,11 +10,10 @@ import time
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
-from model import Arm, InputError, Scene, settle
-from model.progress import listening, progress_line, tell, told, with_progress
+from model import InputError, settle
+from model.progress import progress_line, tell, told, with_progress
 from octoplan import calibrate, design, plan, sweep, trajectory
 from planner.cli import main
 
@@ -94,26 +92,6 @@ def test_nothing_is_shown_where_nobody_looks_nor_soon_nor_if_unwanted(
     assert threading.active_count() == threads
 
 
-def test_calls_inside_of_a_call_go_on_in_its_line(screen: Any) -> None:
-    shown = screen(tty=True)
-
-    @with_progress
-    def inner(progress: bool | None = None) -> None:
-        tell("inner")
-        shown.wait_for("inner [00:")
-
-    with progress_line():
-        tell("outer")
-        shown.wait_for("outer [00:")
-        threads = threading.active_count()
-        inner()
-        assert threading.active_count() == threads
-    with progress_line(False):
-        tell("hidden")
-        inner(progress=True)
-    assert "hidden" not in shown.written
-
-
 def test_a_line_is_shown_on_a_terminal_that_does_not_tell_its_size(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -139,14 +117,6 @@ def test_commands_show_a_line_too(screen: Any) -> None:
 def test_all_long_calls_take_it_and_refuse_what_it_is_not(function: Any) -> None:
     with pytest.raises(InputError, match=r"None \(after 2 s"):
         function(progress="yes")
-
-
-def test_it_goes_to_the_log_too(caplog: pytest.LogCaptureFixture) -> None:
-    with caplog.at_level(logging.INFO, "model.progress"):
-        settle(Arm.from_paper("table-4"), np.zeros(12), Scene(), progress=False)
-        with listening(None):
-            tell("fits", 1, 2)
-    assert "fits: 1 of 2" in caplog.text
 
 
 _NOTEBOOK = """

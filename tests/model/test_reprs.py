@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from model import Arm, InputError, Scene, conical, settle, settle_many
+from model import Arm, Scene, conical, settle, settle_many
 from model.effects import (
     Buoyancy,
     ExactTendons,
@@ -16,7 +16,6 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from model.text import columns
 
 ARM = Arm.from_paper("table-4")
 MANY = conical(1.0, (0.02, 0.01), [(1.0 - 0.03 * i, 0.005, 0.005) for i in range(30)])
@@ -66,15 +65,6 @@ def test_silicone_takes_further_effects() -> None:
     assert Scene.silicone(swollen) == Scene(Extension(), ExactTendons(), swollen)
 
 
-def test_what_is_added_twice_or_is_no_effect_is_refused() -> None:
-    with pytest.raises(InputError, match="each effect once"):
-        Scene(Weight()) + Weight(g=(0.0, 0.0, -1.6))
-    with pytest.raises(InputError, match=r"got 9\.81, allowed is an effect"):
-        Scene() + 9.81  # type: ignore[operator]
-    with pytest.raises(InputError, match="Buoyancy with Weight"):
-        Scene.silicone(Buoyancy())
-
-
 @pytest.mark.parametrize(
     "scene", [Scene(), Scene.silicone(Weight(), Buoyancy()), Scene(Extension(), PrintedStatics())]
 )
@@ -100,15 +90,6 @@ def test_an_arm_with_many_tendons_at_a_place_has_lines_that_fit() -> None:
     shown = repr(settle(arm, np.zeros(13)))
     assert max(map(len, shown.splitlines())) <= 130
     assert "T_1,13" in shown
-
-
-def test_columns_do_not_collide() -> None:
-    rows = [["name", "a", "b"], ["a long name", "1", "-123456.7"], ["x", "22", "3"]]
-    assert columns(rows) == [
-        "name          a          b",
-        "a long name   1  -123456.7",
-        "x            22          3",
-    ]
 
 
 def test_many_shapes_tell_their_tips_and_what_is_not_settled() -> None:

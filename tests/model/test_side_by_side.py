@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from model import Arm, Scene, settle, settle_many
-from model.clearance.lines import Lines
 from model.effects import (
     Buoyancy,
     Current,
@@ -19,7 +18,6 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from model.equilibrium import continuation
 from model.errors import SnapError
 from model.paths import Array
 
@@ -58,25 +56,6 @@ def test_sets_side_by_side_are_those_settled_alone(name: str) -> None:
         assert many.error[i] == pytest.approx(alone.error, rel=1e-2, abs=1e-11)
 
 
-def test_sets_whose_loads_come_in_steps_end_on_the_same_branch(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    arm, scene, shares = Arm.from_paper("table-4"), SCENES["silicone, a mass off the axis"], []
-    newton_many = continuation.newton_many
-
-    def seen(system: object, tensions: Array, load: Array, *given: object, **how: object) -> object:
-        shares.extend(np.asarray(load).tolist())
-        return newton_many(system, tensions, load, *given, **how)  # type: ignore[arg-type]
-
-    T = sets(40, 5)
-    with monkeypatch.context() as changed:
-        changed.setattr(continuation, "newton_many", seen)
-        many = settle_many(arm, T, scene)
-    assert 3 < sum(share < 1 for share in shares) < 80
-    alone = np.array([settle(arm, row, scene).tip for row in T])
-    assert np.abs(many.tip - alone).max() < 1e-11
-
-
 def test_what_buckles_is_refused_as_it_is_alone() -> None:
     arm, scene = Arm.from_paper("table-4"), Scene(TipLoad((-1.0, 0.0, 0.0)))
     T = np.zeros((3, arm.n_tendons))
@@ -86,13 +65,3 @@ def test_what_buckles_is_refused_as_it_is_alone() -> None:
     many = settle_many(arm, T, scene, compile=True, errors="nan")
     assert many.problems == ("", str(refused.value), "")
     assert np.isnan(many.tip).all(axis=1).tolist() == [False, True, False]
-
-
-def test_centrelines_on_a_way_are_those_followed_one_by_one() -> None:
-    arm, scene = Arm.from_paper("table-4"), SCENES["silicone, a mass off the axis"]
-    ends = sets(2, 7)
-    way = ends[0] + np.linspace(0, 1, 14)[:, None] * (ends[1] - ends[0])
-    compiled, plain = (Lines(arm, scene, 2, (), how).many(way) for how in (True, False))
-    for one, other in zip(compiled, plain, strict=True):
-        assert one is not None and other is not None
-        assert one.poses == pytest.approx(other.poses, abs=1e-10)

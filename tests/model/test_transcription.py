@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import shutil
-from dataclasses import replace
-
 import casadi as ca
 import numpy as np
 import pytest
 
-from model import Arm, Linear, Material, Scene, settle
+from model import Arm, Scene, settle
 from model.effects import (
     Buoyancy,
     Current,
@@ -24,14 +21,11 @@ from model.effects import (
 )
 from model.equilibrium.forward import Collocation
 from model.equilibrium.verification import verified
-from model.rotations import exponential, half_turn
 from model.transcription.system import System, system
-from model.transcription.terms import What
 from tests.differences import Array, check_rows, fourth_order
 from tests.planner.cases import moderate
 
 ARM, PULLS = Arm.from_paper("table-4"), np.ravel(moderate())
-needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 WATER: tuple[Effect, ...] = (Weight(), Buoyancy())
 STREAM = (Current((0.0, 0.05, 0.02)), TipLoad((0.0, 1e-3, 0.0), follower=True))
 SCENES = {
@@ -104,34 +98,6 @@ def test_derivatives_of_the_equations_are_those_of_differences(name: str, scene:
     assert np.array_equal(H, H.T)
 
 
-@needs_compiler
-@pytest.mark.quick("paper in water", "rough")
-@pytest.mark.parametrize("name", SCENES)
-def test_the_equations_by_c_have_the_digits_of_interpreted_ones(name: str) -> None:
-    plain, fast = (system(ARM, SCENES[name], 2, 1, machine_code=how) for how in (False, True))
-    x, lam = somewhere(plain, 3), np.random.default_rng(4).normal(size=plain.of.n_states)
-    far = 1e300 * x  # what overflows does so in both
-    calls: tuple[What, ...] = ("value", "jacobian", "by_numbers")
-    for what in calls if name == "rough" else (*calls, "hessian"):
-        own = plain.of.equations.call(what), fast.of.equations.call(what)
-        weights = (lam,) * (what == "hessian")
-        for at in (x, far):
-            first, second = (call(at, plain.p, *weights)[0] for call in own)
-            assert np.array_equal(first, second, equal_nan=True)
-
-
-def test_another_body_in_other_loads_builds_nothing() -> None:
-    soft = replace(ARM, material=Material(5e4, 0.4, 1200.0), radius=Linear(0.0151, 0.0021))
-    for arm in (ARM, soft):
-        for weak in (1e-3, 2e-3):
-            scene = Scene(Extension(), Weight((weak, 0.0, 0.0)), TipLoad((0.0, weak / 1e3, 0.0)))
-            here = system(arm, scene, 3, 2)
-            first = system(ARM, Scene(Extension(), Weight((0.0, 0.0, 1e-3))), 3, 2)
-            assert here.of is first.of
-            assert here.of.equations is first.of.equations
-            assert not np.array_equal(here.p, first.p)
-
-
 @pytest.mark.quick(
     "bare-section-5.2", "silicone in water-table-4", "stream-section-5.2", "rough-section-5.2"
 )
@@ -149,18 +115,3 @@ def test_what_verifies_an_equilibrium_corrects_a_coarse_one(name: str, arm: str)
     assert np.linalg.norm(coarse - wanted) > 5e-7 * given.length
     assert np.linalg.norm(fine - coarse) > 5e-7 * given.length
     assert np.linalg.norm(fine - wanted) < 1e-7 * given.length
-
-
-@pytest.mark.parametrize("most", [1e-9, 0.5, np.pi, 2 * np.pi, 4 * np.pi])
-def test_a_half_turn_is_that_of_the_exponential_up_to_two_turns(most: float) -> None:
-    w, rng = ca.SX.sym("w", 3), np.random.default_rng(3)
-    ways = [half_turn(w), exponential(w, ca.SX.zeros(3))[:4]]
-    both = ca.Function("both", [w], [ca.densify(way) for way in ways])
-    for share in np.linspace(0, 1, 200):
-        axis = rng.normal(size=3)
-        turn = share * most * axis / np.linalg.norm(axis)
-        series, closed = (np.array(q).ravel() for q in both(turn))
-        angle = np.linalg.norm(turn)
-        plain = np.append(np.cos(angle / 2), np.sinc(angle / 2 / np.pi) / 2 * turn)
-        assert np.abs(series - closed).max() < 6e-14
-        assert np.abs(series - plain).max() < 6e-14

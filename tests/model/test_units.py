@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Anchorage, Arm, InputError, Linear, Material, UnitWarning, conical
+from model import Anchorage, Arm, Linear, Material, UnitWarning, conical
 from planner import plan
 from planner.cli import main
 from planner.question import check_targets
@@ -76,15 +76,6 @@ def test_usual_numbers_are_no_reason() -> None:
         conical(12.0, (0.2, 0.1), [(12.0, 0.1, 0.05)])
         check_targets(ARM, TipPosition((0.0, 0.0, 0.0)))
         check_targets(ARM, TipPosition((1.0, 0.0, 0.0)))
-
-
-def test_degrees_that_are_not_allowed_say_what_they_are_in_radians() -> None:
-    with pytest.raises(InputError, match=r"up to pi; 90 degrees are 1\.5708"):
-        BendingPlane(1.0, 90.0)
-    with pytest.raises(InputError, match=r"to pi rad; 60 degrees are 1\.0472"):
-        Fetch(Bend(60.0, 0.0), Bend(1.0, 0.0), Bend(1.0, 0.0))
-    with pytest.raises(InputError, match=r"up to pi$"):
-        BendingPlane(1.0, -1.0)
 
 
 SCENE = """

@@ -45,9 +45,8 @@ def whole(problem: Problem, p: Array) -> Twice:
 
 def all_of(of: Program, x: Array, p: Array) -> First:
     """Values and first derivatives of a program, the equations of equilibrium last."""
-    f, gradient, g, J = of.first(x, p)
-    g = np.concatenate([g[0], of.equilibrium(x, p)])
-    return First(float(f[0, 0]), gradient[0], g, np.vstack([J.T, of.inner(x, p).toarray()]))
+    f, gradient, g, J = of.evaluate(x, p)
+    return First(f, gradient, g, J.toarray())
 
 
 def dense(A: Any) -> Array:

@@ -130,3 +130,8 @@ def test_how_many_times_its_loads_an_arm_bears_is_told_with_digits(
     load_factor: float | None, words: str
 ) -> None:
     assert replace(SOUND, on_request=OnRequest(dict, lambda: load_factor)).bears == words
+
+
+def test_a_shape_on_the_brink_is_warned_of() -> None:
+    brink = replace(SOUND, stability=0.05, on_request=OnRequest(dict, lambda: 1.02))
+    assert any("stands on the brink" in told for told in brink.warnings)

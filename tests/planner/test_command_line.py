@@ -60,56 +60,6 @@ def _scene(tmp_path: Path, text: str) -> str:
     return str(path)
 
 
-def test_a_target_out_of_reach_returns_1(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
-    text = """
-    arm = { preset = "table-4" }
-    effects = { extension = true }
-    target = { type = "tip-position", position_mm = [600, 0, 0] }
-    limits = { tension_max = 20 }
-    """
-    assert main(["plan", _scene(tmp_path, text)]) == 1
-    assert "Not reached" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    ("text", "told"),
-    [
-        ("[arm]\npreset = 'table-9'", "table-2, table-4"),
-        ("[arm]\npreset = 'table-4'\nlength = 3", "length"),
-        ("[arm]\npreset = 'table-4'\n[effects]\nextention = true", "effects"),
-        ("[arm]\npreset = 'table-4'\n[target]\ntype = 'tip'", "target.type"),
-        ("[arm]\npreset = 'table-4'", "[target]"),
-        (
-            "[arm]\npreset = 'table-4'\n[target]\ntype='tip-position'\nposition_mm=[1,2,3]",
-            "tension_max",
-        ),
-        (
-            "[arm]\npreset = 'table-4'\n[target]\ntype='tip-position'\nposition_mm=[1,2]",
-            "target.position_mm: got [1, 2], allowed is a list of 3",
-        ),
-        ("[arm]\nlength_mm = 300\nradius_mm = [10, 2]", "no sections"),
-        ("[arm]\nlength_mm = 300\nradius_mm = [10]", "radius_mm"),
-        ("[arm\n", "TOML"),
-        ("", "arm"),
-        ("[arm]\npreset = 'table-4'\n[limits]\ntension_max = 'much'", "limits.tension_max"),
-    ],
-)
-def test_a_mistake_in_a_scene_file_returns_2_and_tells_where(
-    tmp_path: Path, capsys: pytest.CaptureFixture, text: str, told: str
-) -> None:
-    out = tmp_path / "out"
-    assert main(["plan", _scene(tmp_path, text), "--out", str(out)]) == 2
-    captured = capsys.readouterr()
-    assert told in captured.err
-    assert captured.out == ""
-    assert not out.exists()
-
-
-def test_a_file_that_is_not_there_is_told(capsys: pytest.CaptureFixture) -> None:
-    assert main(["plan", "nowhere.toml"]) == 2
-    assert "nowhere.toml" in capsys.readouterr().err
-
-
 def test_tensions_that_crush_the_arm_are_told(
     tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:

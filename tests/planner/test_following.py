@@ -7,11 +7,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from model import Arm, InputError, Scene, settle
+from model import Arm, Scene, settle
 from model.effects import Buoyancy, ExactTendons, Extension, Weight
 from planner import Plan, plan, plan_many
 from planner.targets import Bend, BendingPlane, Fetch, Target, TipPosition
-from tests.oracles import Array
 
 ARM, PAPER = Arm.from_paper("table-4"), Scene(Extension())
 FIRST = np.array([0, 0, 0.2, 0, 1, 0, 0, 0, 0, 2, 0, 0.0])
@@ -29,10 +28,6 @@ def followed(count: int) -> tuple[Plan, ...]:
     return tuple(plan_many(ARM, path(count), PAPER, 20.0))
 
 
-def test_every_plan_along_a_path_is_certified() -> None:
-    assert all(found.reached for found in followed(12))
-
-
 def test_a_followed_plan_is_the_optimum_that_a_search_finds() -> None:
     for target, found in zip(path(12), followed(12), strict=True):
         afresh = plan(ARM, target, PAPER, 20.0)
@@ -42,17 +37,6 @@ def test_a_followed_plan_is_the_optimum_that_a_search_finds() -> None:
 def test_a_followed_plan_needs_no_search() -> None:
     assert len(followed(12)[0].starts) > 1
     assert [len(found.starts) for found in followed(12)[1:]] == [1] * 11
-
-
-def test_a_plan_follows_over_a_long_step_too() -> None:
-    near = plan(ARM, path(12)[0], PAPER, 20.0)
-    far = plan(ARM, path(12)[-1], PAPER, 20.0, near=near)
-    assert far.reached
-
-
-def test_tendons_may_go_slack_and_tighten_on_the_way() -> None:
-    slack: list[Array] = [np.ravel(found.tensions) == 0 for found in followed(12)]
-    assert any(not np.array_equal(slack[0], other) for other in slack[1:])
 
 
 def exact_fetch() -> Fetch:
@@ -94,13 +78,6 @@ def test_a_target_beyond_the_axis_makes_the_plan_leave_its_branch_and_it_says_so
     )
 
 
-def test_a_long_step_on_one_branch_is_no_jump() -> None:
-    near = plan(ARM, path(12)[0], PAPER, 20.0)
-    far = plan(ARM, path(12)[-1], PAPER, 20.0, near=near)
-    assert far.jump == 0
-    assert "branch" not in far.outcome
-
-
 def test_a_plan_that_is_stopped_while_it_follows_is_the_one_before() -> None:
     near = followed(12)[0]
     stopped = plan(ARM, path(12)[-1], PAPER, 20.0, near=near, time_limit=1e-9)
@@ -135,7 +112,7 @@ def test_a_finer_accuracy_than_before_is_met() -> None:
     rough = plan(ARM, path(12)[0], PAPER, 20.0, accuracy=1e-3)
     fine = plan(ARM, path(12)[1], PAPER, 20.0, accuracy=1e-9, near=rough)
     assert fine.reached
-    assert fine.statement.refinement > rough.statement.refinement
+    assert rough.certificate.residual > 1e-9 >= fine.certificate.residual
 
 
 def test_loaded_arms_are_followed() -> None:
@@ -146,34 +123,6 @@ def test_loaded_arms_are_followed() -> None:
     assert len(second.starts) == 1
     assert second.effort == pytest.approx(plan(ARM, tips[1], water, 20.0).effort, rel=1e-6)
     assert first.reached
-
-
-def test_without_a_path_every_plan_is_searched_for() -> None:
-    alone = plan_many(ARM, path(12)[:2], PAPER, 20.0, path=False)
-    assert min(len(found.starts) for found in alone) > 1
-
-
-def test_no_targets_give_no_plans() -> None:
-    assert plan_many(ARM, [], PAPER) == []
-
-
-@pytest.mark.parametrize("near", ["a plan", 1, FIRST])
-def test_what_is_not_a_plan_is_refused(near: object) -> None:
-    with pytest.raises(InputError, match="near"):
-        plan(ARM, path(12)[0], PAPER, near=near)  # type: ignore[arg-type]
-
-
-def test_a_plan_for_another_arm_or_scene_is_refused() -> None:
-    other = Arm.from_paper("table-2")
-    with pytest.raises(InputError, match="near"):
-        plan(other, path(12)[0], PAPER, near=followed(12)[0])
-    with pytest.raises(InputError, match="near"):
-        plan(ARM, path(12)[0], Scene(), near=followed(12)[0])
-
-
-def test_a_target_that_is_none_is_named() -> None:
-    with pytest.raises(InputError, match=r"targets\[1\]"):
-        plan_many(ARM, [path(12)[0], "there"], PAPER)  # type: ignore[list-item]
 
 
 @pytest.mark.quick("0.1", "1e-11")

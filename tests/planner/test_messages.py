@@ -43,33 +43,6 @@ def said(capsys: pytest.CaptureFixture[str], argv: list[str], code: int = 2) -> 
     return capsys.readouterr().err.strip()
 
 
-@pytest.mark.parametrize(
-    ("argv", "told"),
-    [
-        (["schema", "scen"], '"scen" for WHAT. Choose from: "scene", "plan", "settle"'),
-        (["schema", "scen"], 'Did you mean "scene"?'),
-        (["sweep", "a.toml", "--jobs", "two"], '--jobs: unable to convert "two" into int'),
-        (["plan", "a.toml", "--out"], "--out requires an argument"),
-        (["plan"], "parameter SCENE requires an argument"),
-        (["settle", "a.toml", "--figure", "svg"], '"svg" for --figure. Choose from: "png", "pdf"'),
-        (["settle", "a.toml", "--accuracy", "3"], '"3.0" for --accuracy. Allowed is a number from'),
-        (["plan", "a.toml", "--time-limit", "0"], "--time-limit. Allowed is a number above 0"),
-        (["settle", "a.toml", "--acuracy", "1"], "option: --acuracy. Did you mean --accuracy?"),
-        (["setle", "a.toml"], 'command "setle". Did you mean "settle"?'),
-        (["settle", "a.toml", "b.toml"], "b.toml"),
-        (["a.toml"], "what to do with a.toml? For example: octoplan plan a.toml"),
-    ],
-)
-def test_arguments_are_told_with_what_is_allowed_and_where_to_read_on(
-    argv: list[str], told: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    message = said(capsys, argv)
-    assert message.startswith("octoplan: ")
-    assert message.count("\n") == 0
-    assert told in message
-    assert "--help" in message or told.startswith("what to do")
-
-
 def test_a_figure_goes_into_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scene = written(tmp_path, SCENE)
     message = said(capsys, ["settle", scene, "--figure", "pdf"])
@@ -109,25 +82,6 @@ def test_two_exports_do_not_share_a_folder(
     assert {path.name: path.read_bytes() for path in to.iterdir()} == before
 
 
-def test_a_target_out_of_reach_is_told_in_plain_words(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    scene = written(tmp_path, SCENE + REACH.replace("2.0", "1e3"))
-    assert main(["plan", scene, "--accuracy", "1e-3"]) == 1
-    shown = capsys.readouterr().out
-    assert "Not reached: the nearest attainable shape is off in tip position by" in shown
-    assert "initial guess" in shown
-
-
-def test_numbers_are_allowed_in_plain_words(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    scene = written(tmp_path, SCENE + "[target]\ntype = 'backbone'\npoints_mm = []\n")
-    assert "allowed is a list of at least 1" in said(capsys, ["plan", scene])
-    scene = written(tmp_path, SCENE + "buoyancy = { density = -1 }\n")
-    assert "density: got -1, allowed is a number of at least 0" in said(capsys, ["plan", scene])
-
-
 def test_a_scene_file_has_a_time_limit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = "time_limit_s = 0.001\n" + SCENE + REACH
     scene = written(tmp_path, text)
@@ -140,17 +94,6 @@ def test_a_scene_file_has_a_time_limit(tmp_path: Path, capsys: pytest.CaptureFix
     scene = written(tmp_path, text.replace("0.001", "-3"))
     capsys.readouterr()
     assert "time_limit_s: got -3, allowed is a number above 0" in said(capsys, ["plan", scene])
-
-
-def test_silicone_is_a_key(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from model import Scene
-    from model.effects import NeoHookean, Weight
-
-    text = SCENE.replace("extension = true", "silicone = true\nweight = {}")
-    assert load(written(tmp_path, text)).scene == Scene.silicone(Weight())
-    text = SCENE.replace("extension = true", "silicone = true\nanticlastic = true")
-    swollen = Scene.silicone(NeoHookean(anticlastic=True))
-    assert load(written(tmp_path, text)).scene == swollen
 
 
 def test_an_interrupted_sweep_says_what_is_kept(tmp_path: Path) -> None:

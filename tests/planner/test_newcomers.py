@@ -46,7 +46,7 @@ FILES: dict[str, tuple[str, str]] = {
     "no zero before the point": ("[arm]\nnu = .5", "digits on both sides of a point"),
     "a colon": ("[arm]\npreset: 'table-4'", "joined by ="),
     "a table not closed": ("[arm\npreset = 'table-4'", "line 1: not valid TOML"),
-    "a table twice": (ARM + ARM, "[arm] is there twice"),
+    "a table twice": (ARM + ARM, "twice: [arm]"),
     "an end in the middle": ("[arm]\npreset = 'table-4", "not valid TOML"),
     "an unknown preset": ("[arm]\npreset = 'table4'", 'section-5.2; did you mean "table-4"?'),
     "a preset and a length": (ARM + "length_mm = 300", "either a preset, or length_mm"),
@@ -66,7 +66,7 @@ FILES: dict[str, tuple[str, str]] = {
     ),
     "one offset": (
         OWN + "sections = [{ at_mm = 300, offset_mm = 5 }]",
-        "offset_mm: got 5, allowed is a table or a list [...]: distance of the tendons from the",
+        "offset_mm: got 5, allowed is a list [...] or a table { ... } of the keys s_mm, ",
     ),
     "a modulus past all numbers": (
         OWN + "sections = [{ at_mm = 300, offset_mm = [5, 4] }]\nE_kPa = 1e307",
@@ -133,7 +133,7 @@ FILES: dict[str, tuple[str, str]] = {
     ),
     "an accuracy of 1": ("accuracy = 1\n" + ARM, "accuracy: got 1, allowed is a number up to 0.1"),
     "limits crossed": (ARM + TARGET + LIMITS + "tension_min = 30", "T_11"),
-    "an effect by another name": (ARM + "[effects]\ngravity = true", "shear, weight, buoyancy"),
+    "an effect by another name": (ARM + "[effects]\ngravity = true", "shear, tip_load, weight"),
     "a switch in place of a table": (
         ARM + "[effects]\nweight = true",
         "effects.weight: got true, allowed is a table { ... } of the keys g",
@@ -195,6 +195,28 @@ LINES: dict[str, tuple[list[str], str]] = {
     "stiffness without tensions": (["stiffness", "mine.toml"], "tensions: missing"),
     "effects without tensions": (["effects", "mine.toml"], "tensions: missing"),
     "a scene written over": (["new", "mine.toml"], "a file that does not exist yet"),
+    "a schema misspelt": (["schema", "scen"], 'Did you mean "scene"?'),
+    "jobs in words": (["sweep", "mine.toml", "--jobs", "two"], 'unable to convert "two" into int'),
+    "no folder": (["plan", "mine.toml", "--out"], "--out requires an argument"),
+    "a figure of svg": (
+        ["settle", "mine.toml", "--figure", "svg"],
+        '"svg" for --figure. Choose from: "png", "pdf"',
+    ),
+    **{
+        f"a time limit of {limit}": (
+            ["plan", "mine.toml", "--time-limit", limit],
+            "for --time-limit. Allowed is a number above 0",
+        )
+        for limit in ("0", "-1", "nan")
+    },
+    "a time limit in words": (["plan", "mine.toml", "--time-limit", "soon"], "unable to convert"),
+    **{
+        f"an ablation to {accuracy}": (
+            ["effects", "mine.toml", f"--accuracy={accuracy}"],
+            "accuracy",
+        )
+        for accuracy in ("0", "-1", "1", "nan")
+    },
     "a schema of nothing": (
         ["schema", "tables"],
         '"tables" for WHAT. Choose from: "scene", "plan", ',

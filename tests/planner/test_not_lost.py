@@ -9,15 +9,14 @@ import pytest
 
 from model import Arm, Scene, settle
 from model.effects import Buoyancy, ExactTendons, Extension, TipLoad, Weight
-from model.equilibrium.forward import Collocation
-from planner import Limits, Plan, Statement, load_plan, plan
+from planner import Plan, Statement, load_plan, plan
 from planner.solve import search
 from planner.solve.ipopt import Solution
 from planner.solve.refine import Refined, refine
 from planner.solve.task import Task
-from planner.targets import TipPose, TipPosition
+from planner.targets import TipPosition
 from tests.planner.cases import PAPER, Array
-from tests.planner.read_targets import drawn, off, read
+from tests.planner.read_targets import off, read
 
 ARM = Arm.from_paper("table-4")
 EXACT = Scene(Extension(), ExactTendons())
@@ -148,22 +147,6 @@ def test_effort_is_not_lost_in_the_least_squares_of_a_backbone(scene: Scene, T: 
 )
 def test_what_was_not_met_is_met_with_no_more_effort(kind: str, scene: Scene, T: Array) -> None:
     assert planned(kind, scene, T).effort <= np.linalg.norm(T)
-
-
-@pytest.mark.parametrize("scene", [Scene(), PAPER], ids=["bare", "paper"])
-def test_the_mesh_of_the_search_tells_shapes_apart(scene: Scene) -> None:
-    """By second-order steps the tip was off by 1 % of the length, and turns by 0.1 rad."""
-    target = TipPose((0.3, 0.1, 0.1), tuple(map(tuple, np.eye(3))))
-    task = Task(ARM, (target,), scene, Limits.of(ARM, 20.0), Statement(), 1e-6)
-    coarse = task.coarse("exact")
-    forward = Collocation(ARM, scene, 3, coarse.refinement, (), False)
-    rng = np.random.default_rng(0)
-    for _ in range(20):
-        T = drawn(rng, ARM, scene)
-        state, shape = forward.equilibrium(T.ravel()).poses[-1], settle(ARM, T, scene, 1e-6)
-        assert np.linalg.norm(state[4:7] - shape.tip) < 1e-3 * ARM.length
-        quaternion = shape.poses(np.array([ARM.length]))[0, :4]
-        assert min(np.linalg.norm(state[:4] - s * quaternion) for s in (1, -1)) < 5e-3
 
 
 def test_a_cheaper_optimum_that_is_lost_on_finer_meshes_is_told(

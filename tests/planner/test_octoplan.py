@@ -14,12 +14,10 @@ import jsonschema
 import numpy as np
 import pytest
 
-from model import settle
 from octoplan.command_line import COMMANDS
-from planner import load_plan, stiffness
+from planner import stiffness
 from planner.cli import main
-from planner.commands.schema import schema_of
-from planner.io.scene_file import load, read
+from planner.io.scene_file import read
 from planner.io.schemas import scene_schema
 from planner.io.templates import TEMPLATES
 
@@ -60,25 +58,6 @@ def test_json_is_as_its_schema_says(
     assert set(shown) == set(top["required"])
 
 
-def test_what_plan_prints_is_what_it_writes_and_is_loaded(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = tmp_path / "out"
-    shown = _json(capsys, "plan", BENDING, "--out", str(out))
-    assert {path.name for path in out.iterdir()} == {
-        "plan.json",
-        "plan.png",
-        "plan.csv",
-        "shape.csv",
-    }
-    assert json.loads((out / "plan.json").read_text()) == shown
-    p = load_plan(out / "plan.json")
-    assert p.tensions.tolist() == shown["tensions_N"]
-    assert p.certificate.passed
-    assert p.targets == load(BENDING).targets
-    jsonschema.validate(shown, schema_of("plan"))
-
-
 def test_stiffness_is_that_of_a_script(
     tmp_path: Path, calm: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -98,15 +77,6 @@ def test_stiffness_is_shown_to_people(calm: str, capsys: pytest.CaptureFixture[s
     assert "compliance of s = 135 mm, lengths locked" in shown
     assert "softest" in shown
     assert "left slack (release=False locks them): T_13" in shown
-
-
-def test_settle_writes_a_table_of_the_shape(tmp_path: Path, calm: str) -> None:
-    assert main(["settle", calm, "--out", str(tmp_path / "out"), "--figure", "pdf"]) == 0
-    assert (tmp_path / "out" / "shape.pdf").read_bytes().startswith(b"%PDF")
-    table = np.genfromtxt(tmp_path / "out" / "shape.csv", delimiter=",", names=True)
-    q = read(CALM.encode())
-    tip = settle(q.arm, q.tensions, q.scene, 1e-4).tip
-    assert np.array_equal([table["x_m"][-1], table["y_m"][-1], table["z_m"][-1]], tip)
 
 
 def test_a_new_scene_is_planned_at_once_and_never_written_over(
@@ -133,7 +103,7 @@ def test_a_new_scene_shows_every_key_and_is_valid() -> None:
         key
         for table in tables
         for key, about in table.items()
-        if about.get("description", "").startswith("deprecated")
+        if about.get("description", "").lower().startswith("deprecated")
     }
     keys = set().union(*tables) - deprecated - {"targets", "matrix", "sections"}
     words = {

@@ -41,9 +41,11 @@ from model.effects import (
 from model.errors import FileError
 from planner import Plan, load_plan, plan, save_shape
 from planner.commands.schema import schema_of
+from planner.io.codec import value_of
 from planner.io.csv_files import shape_csv
+from planner.io.exact import exact, plain
 from planner.io.files import to_json
-from planner.io.plain import plain, value
+from planner.io.mistakes import checked
 from planner.io.saved_records import plan_record
 from planner.targets import BendingPlane, TipPosition
 from tests.planner.test_scene_files import TARGETS
@@ -107,7 +109,7 @@ def unlimited() -> Plan:
 )
 def test_values_are_read_back_to_the_last_digit(given: Any) -> None:
     through = json.loads(json.dumps(plain(given)))
-    assert value(through, "file", "there") == given
+    assert value_of(checked(through, exact(type(given)), "file")) == given
 
 
 @pytest.mark.parametrize("which", ["reached", "unlimited"])
@@ -195,7 +197,7 @@ BROKEN: dict[str, tuple[Any, str]] = {
     ),
     "arm in place of scene": (
         lambda t: _with(t, t["question"]["arm"], "question", "scene"),
-        "question.scene.kind: got Arm",
+        "question.scene.kind: got 'Arm', allowed is one of Scene",
     ),
     "a tension less": (lambda t: _without(t, "answer", "tensions", 3), "answer.tensions"),
     "a tension below 0": (lambda t: _with(t, -1.0, "answer", "tensions", 3), "answer.tensions"),
@@ -224,7 +226,7 @@ BROKEN: dict[str, tuple[Any, str]] = {
     ),
     "a multiplier more": (
         lambda t: _with(t, [0.0] * 13, "answer", "lam_x"),
-        "13 and",
+        "got 13 and",
     ),
     "a multiplier that is none": (
         lambda t: _with(t, "nan", "answer", "lam_x", 2),

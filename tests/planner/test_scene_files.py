@@ -190,7 +190,7 @@ def test_limits_and_what_is_asked_of_stiffness_are_read() -> None:
         "solver": "ipopt",
         "stability_margin": None,
         "stroke_zero": "straight",
-        "tension_max": [[1, 2, 3, 4], [5, 6, 7, 8], [9, 10, 11, 12]],
+        "tension_max": ((1, 2, 3, 4), (5, 6, 7, 8), (9, 10, 11, 12)),
         "tension_min": 0.5,
         "total_pull": 30,
     }

@@ -37,7 +37,7 @@ count = 20
 C_FILES = {"Makefile", "main.c", "scene.c", "scene.h", "test_vector.h"}
 # What each command writes: all of it, or nothing.
 COMMANDS: dict[str, tuple[list[str], set[str]]] = {
-    "plan": (["scene.toml", "--out", "out"], {"plan.csv", "plan.json", "plan.png"}),
+    "plan": (["scene.toml", "--out", "out"], {"plan.csv", "plan.json", "plan.png", "shape.csv"}),
     "settle": (["scene.toml", "--out", "out"], {"shape.csv", "shape.json", "shape.png"}),
     "stiffness": (["scene.toml", "--out", "out"], {"stiffness.json", "stiffness.png"}),
     "effects": (["scene.toml", "--out", "out"], {"effects.json", "effects.png"}),

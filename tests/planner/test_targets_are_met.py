@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from model import Arm, InputError, Scene, settle
+from model import Arm, settle
 from planner import plan
 from planner.targets import Backbone, BendingPlane, Fetch, TipPose, TipPosition
 from tests.planner.cases import PAPER, barrel_arm, bend_and_plane, figure_15, moderate, paper_tip
@@ -113,9 +113,3 @@ def test_an_arm_of_five_sections_of_three_tendons_on_a_barrel_is_planned_and_cer
         found = plan(arm, target, PAPER, 10.0)
         assert found.certificate.passed, found.outcome
     assert found.tensions.shape == (5, 3)
-
-
-def test_a_scene_as_printed_is_refused_by_name() -> None:
-    with pytest.raises(InputError, match=r"as printed.*Extension.*settle takes it") as caught:
-        plan(ARM, TipPosition((0.2, 0.1, 0.1)), Scene.as_printed(), 20.0)
-    assert caught.value.field == "scene"

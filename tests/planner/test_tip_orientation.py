@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from model import Arm, InputError, Scene, settle
+from model import Arm, Scene, settle
 from model.effects import Buoyancy, Extension, Weight
 from planner import plan
 from planner.io.saved_files import load_plan
@@ -84,19 +84,6 @@ def test_a_pose_s_residual_is_the_chord_of_the_angle_between_frames(seed: int) -
     assert twice.ravel() == pytest.approx(off)
 
 
-def test_derivatives_are_exact() -> None:
-    rng = np.random.default_rng(3)
-    target = TipPointing((0.1, 0.2, 0.3), tuple(_unit(rng)))
-    function, p = _terms(target), target.parameters(ARM)
-    x, symbol = np.concatenate([_quaternion(_frame(rng)), rng.normal(size=3)]), ca.MX.sym("x", 7)
-    r = ca.vertcat(*function(symbol, p))
-    J = np.array(ca.Function("J", [symbol], [ca.jacobian(r, symbol)])(x))
-    values = ca.Function("r", [symbol], [r])
-    steps = 1e-6 * np.eye(7)
-    by_steps = [np.array(values(x + h) - values(x - h)).ravel() / 2e-6 for h in steps]
-    assert pytest.approx(np.array(by_steps).T, abs=1e-8) == J
-
-
 @pytest.mark.quick("in water")
 @pytest.mark.parametrize(
     "scene", [PAPER, Scene(Extension(), Weight(), Buoyancy())], ids=["paper", "in water"]
@@ -132,23 +119,6 @@ def test_weights_choose_what_comes_nearer_where_both_cannot_be_had(kind: str) ->
         angles.append(found.certificate.equality[name])
     assert places[0] < 0.9 * places[1]
     assert angles[1] < 0.3 * angles[0]
-
-
-@pytest.mark.parametrize(
-    ("given", "field"),
-    [
-        (lambda: TipPointing((0, 0), (1, 0, 0)), "TipPointing.position"),
-        (lambda: TipPointing((0, 0, 0), (0, 0, 0)), "TipPointing.direction"),
-        (lambda: TipPointing((0, 0, 0), (1, 0, np.nan)), "TipPointing.direction"),
-        (lambda: TipPointing((0, 0, 0), (1, 0, 0), (1, 0)), "TipPointing.weights"),
-        (lambda: TipPointing((0, 0, 0), (1, 0, 0), 3), "TipPointing.weights"),
-        (lambda: TipPose((0, 0, 0), np.eye(3), (-1, 1)), "TipPose.weights"),
-    ],
-)
-def test_bad_input_is_named(given: Any, field: str) -> None:
-    with pytest.raises(InputError) as caught:
-        given()
-    assert caught.value.field == field
 
 
 def test_scene_files_have_them_and_plans_are_saved(tmp_path: Any) -> None:

@@ -92,7 +92,7 @@ def test_what_a_program_sees_is_what_stiffness_says(name: str, hold: Any) -> Non
         p = problem.parameters(targets, limits)
         g = problem.constraints(problem.settled(T, limits, p), p)
         assert problem.rows[1].name == "inequality" and problem.rows[0].size == 0
-        assert g[0] == pytest.approx(-np.log(share), abs=1e-7)
+        assert g[0] == pytest.approx(1 - share, abs=1e-7)
 
 
 @pytest.mark.quick("tension")

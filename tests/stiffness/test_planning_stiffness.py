@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
 
-from model import Arm, InputError, Scene, settle
+from model import Arm, Scene, settle
+from model.effects import Extension
 from planner import Plan, plan, stiffness
-from planner.measure import compliances_along, measure
-from planner.program.terms import stations_of
 from planner.targets import MinimumStiffness, Softest, Stiffest, TipPosition
 from tests.stiffness.cases import STATICS, Array
 
@@ -78,25 +76,6 @@ def test_a_matrix_is_a_lower_bound_in_all_directions() -> None:
     assert shares[0] > 0.98 * (1 - 1e-5)
 
 
-@pytest.mark.parametrize(
-    "spare",
-    [(0.1, 0.2, 0.3), (-0.1, 0.2, 0.3), (0.1, -0.2, -0.3), (0.0, -0.2, -0.1), (0.1, 0.0, -0.2)],
-    ids=str,
-)
-def test_a_matrix_that_is_not_attained_leaves_a_margin_below_0(spare: tuple[float, ...]) -> None:
-    # The bound M whose root r has r C r = 1 - diag(spare): attained where spare is 0 or above.
-    shape = least("paper").shape
-    values, vectors = np.linalg.eigh(np.linalg.inv(bound(least("paper"))))
-    half, back = ((vectors * values**power) @ vectors.T for power in (0.5, -0.5))
-    inner, turn = np.linalg.eigh(half @ np.diag(1 - np.array(spare)) @ half)
-    root = back @ (turn * np.sqrt(inner)) @ turn.T @ back
-    targets = (MinimumStiffness(root @ root, 1.0),)
-    poses = shape.poses(np.array(stations_of(ARM, targets)))
-    margin = measure(ARM, targets, poses, compliances_along(ARM, targets, shape))[2]
-    least_margin = min(float(np.min(rows)) for rows in margin.values())
-    assert (least_margin < -1e-3) == (min(spare) < 0)
-
-
 def test_the_stiffest_is_stiffer_than_any_asked_and_the_softest_softer_than_the_least() -> None:
     scene, most_pull = STATICS["paper"], 4.0
     stiffest = plan(ARM, [PLACE, Stiffest(ALONG)], scene, most_pull, starts=3)
@@ -127,19 +106,6 @@ def test_an_impossible_stiffness_is_not_reached_and_the_outcome_says_by_how_much
     assert f"short by {-lack:.3g}" in found.outcome
     stiffest = plan(ARM, [PLACE, Stiffest(ALONG)], STATICS["paper"], 1.0, starts=3)
     assert stiff(found) == pytest.approx(stiff(stiffest), rel=1e-5)
-
-
-def test_stiffness_is_not_planned_without_limits() -> None:
-    with pytest.raises(InputError) as caught:
-        plan(ARM, [PLACE, Stiffest(ALONG)], STATICS["paper"])
-    assert caught.value.field == "tension_max"
-    assert "finite" in caught.value.allowed
-
-
-def test_stiffness_is_not_planned_as_printed() -> None:
-    with pytest.raises(InputError, match="as printed") as caught:
-        plan(ARM, [PLACE, Stiffest(ALONG)], Scene.as_printed(), MOST)
-    assert caught.value.field == "scene"
 
 
 @pytest.mark.parametrize("kind", ["softest", "vector", "matrix"])
@@ -184,30 +150,6 @@ def test_lengths_held_lock_all_tendons_and_the_outcome_tells_it_with_slack_relea
     assert "locked" not in held.outcome
 
 
-BAD: list[tuple[Any, str]] = [
-    (lambda: MinimumStiffness((0, 0, 0), 1.0), "MinimumStiffness.direction"),
-    (lambda: MinimumStiffness((1, 0), 1.0), "MinimumStiffness.direction"),
-    (lambda: MinimumStiffness(((1, 2, 0), (2, 1, 0), (0, 0, 1)), 1.0), "MinimumStiffness.direc"),
-    (lambda: MinimumStiffness(((1, 1, 0), (0, 1, 0), (0, 0, 1)), 1.0), "MinimumStiffness.direc"),
-    (lambda: MinimumStiffness(ALONG, 0.0), "MinimumStiffness.value"),
-    (lambda: MinimumStiffness(ALONG, np.nan), "MinimumStiffness.value"),
-    (lambda: MinimumStiffness(ALONG, 1.0, "lengths"), "MinimumStiffness.hold"),  # type: ignore[arg-type]
-    (lambda: MinimumStiffness(ALONG, 1.0, "length", -1.0), "MinimumStiffness.tendon_EA"),
-    (lambda: MinimumStiffness(ALONG, 1.0, "tension", 5.0), "MinimumStiffness.tendon_EA"),
-    (lambda: Stiffest(ALONG, hold="length", tendon_EA=np.nan), "Stiffest.tendon_EA"),
-    (lambda: Stiffest((0, 0, 0)), "Stiffest.direction"),
-    (lambda: Softest((0, np.inf, 0)), "Softest.direction"),
-    (lambda: Softest(ALONG, hold="motor"), "Softest.hold"),  # type: ignore[arg-type]
-]
-
-
-@pytest.mark.parametrize(("make", "field"), BAD, ids=[f"{i} {row[1]}" for i, row in enumerate(BAD)])
-def test_targets_of_stiffness_are_checked(make: Any, field: str) -> None:
-    with pytest.raises(InputError) as caught:
-        make()
-    assert caught.value.field.startswith(field)
-
-
 @pytest.mark.quick("paper")
 @pytest.mark.parametrize("scene", ["paper", "silicone"])
 def test_co_contraction_keeps_the_tip_and_stiffens(scene: str) -> None:
@@ -221,17 +163,9 @@ def test_co_contraction_keeps_the_tip_and_stiffens(scene: str) -> None:
     assert np.all(np.diff(found_stiff) > 0)
 
 
-THREE = replace(ARM, sections=tuple(replace(s, angles=(0.0, 2.0, 4.0)) for s in ARM.sections))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("arm", [THREE, ARM], ids=["three tendons", "four tendons"])
-def test_locked_lengths_are_planned_stiffer_too(arm: Arm) -> None:
-    scene = STATICS["exact"]
-    start = plan(arm, PLACE, scene, MOST, starts=2)
-    wanted = 1.1 * stiff(start, "length")
-    target = MinimumStiffness(ALONG, wanted, "length")
-    found = plan(arm, [PLACE, target], scene, MOST, starts=2)
-    assert found.certificate.passed, found.outcome
-    assert off(found) < KEPT
-    assert stiff(found, "length") >= wanted * (1 - 1e-5)
+def test_a_stiffness_that_is_infinite_at_the_optimum_is_met() -> None:
+    """A straight arm with its tendons locked does not give along itself; used to take minutes."""
+    axial = MinimumStiffness((1.0, 0.0, 0.0), 0.1, "length")
+    found = plan(Arm.from_paper("table-2"), axial, Scene(Extension()), 20.0, starts=1)
+    assert found.reached
+    assert found.effort < 1e-6

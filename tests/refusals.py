@@ -1,0 +1,28 @@
+"""Refusals as tables: what is tried, the field that is named, and a part of what is told."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+
+import pytest
+
+from model import InputError
+from model.errors import FileError, as_given
+
+Refused = dict[str, tuple[Callable[[], object], str, str]]
+
+
+def check_refusal(attempt: Callable[[], object], field: str, told: str = "") -> None:
+    """Assert that an attempt raises InputError that names the field, what was given and allowed."""
+    with pytest.raises(InputError) as caught:
+        attempt()
+    error = caught.value
+    assert field in error.field
+    assert error.allowed and told in str(error)
+    if not isinstance(error, FileError):
+        assert (
+            str(error) == f"{error.field}: got {as_given(error.given)}, allowed is {error.allowed}"
+        )
+    assert isinstance(error, ValueError)
+    assert str(pickle.loads(pickle.dumps(error))) == str(error)
