@@ -33,7 +33,6 @@ import numpy as np
 from model import Arm
 from model.equilibrium.linearised import Linearised
 from model.machine.buffered import Buffered, Mapped
-from model.machine.repeated import InC
 from planner.solve import refine, search
 from planner.solve.quadratic import Quadratic
 from studies.speed.follow import path, timed_plan
@@ -88,9 +87,8 @@ def timed(clock: Clock) -> Iterator[None]:
         return patch.object(owner, name, within)
 
     with ExitStack() as stack:
-        for own in (Buffered, Mapped, InC):
+        for own in (Buffered, Mapped):
             stack.enter_context(counted(own, "__call__", "evaluation"))
-        stack.enter_context(counted(InC, "many", "evaluation"))
         stack.enter_context(counted(Quadratic, "__call__", "solver"))
         for module in (search, refine):
             stack.enter_context(counted(module, "solve", "solver"))
