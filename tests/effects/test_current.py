@@ -166,3 +166,9 @@ def test_places_beyond_the_tip_by_rounding_are_no_less_loaded() -> None:
     arm = Arm(length, Linear(0.005, 0.004), own, Material(1e5, 0.5))
     last = np.array([np.nextafter(length, 1.0)])
     assert growth(arm, Scene(Current((0.01, 0.02, 0.0), 1000.0)), last)[0] == 0.0
+
+
+def test_still_water_does_not_push() -> None:
+    arm, T = Arm.from_paper("table-4"), [[0, 0, 0.2, 0], [1.0, 0, 0, 0], [0, 3.0, 0, 0]]
+    still = settle(arm, T, Scene(Extension(), Current((0, 0, 0))), 1e-11).tip
+    assert np.allclose(still, settle(arm, T, Scene(Extension()), 1e-11).tip, rtol=0, atol=1e-11)

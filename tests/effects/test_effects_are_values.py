@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import pickle
 from dataclasses import FrozenInstanceError, fields
+from itertools import permutations
 
 import numpy as np
 import pytest
 
+from model import Scene
 from model.effects import (
     Buoyancy,
     Current,
@@ -60,3 +62,22 @@ def test_arrays_and_lists_make_the_same_values_as_tuples_and_may_change_afterwar
     assert one == other == TipLoad(FORCE)
     assert Friction(0.1, [1, -1]) == Friction(0.1, (1, -1))  # type: ignore[arg-type]
     assert Weight(np.array([0, 0, -1])) == Weight((0.0, 0.0, -1.0))  # type: ignore[arg-type]
+
+
+def test_scenes_are_equal_whatever_the_order_of_effects() -> None:
+    effects = (
+        Extension(),
+        Weight(),
+        Buoyancy(),
+        PointLoad(0.2, FORCE),
+        PointLoad(0.1, FORCE),
+        TipLoad(FORCE),
+    )
+    scenes = {Scene(*order) for order in permutations(effects)}
+    assert len(scenes) == 1
+    assert pickle.loads(pickle.dumps(Scene(*effects))) in scenes
+
+
+def test_a_scene_is_not_changed() -> None:
+    with pytest.raises((FrozenInstanceError, AttributeError)):
+        Scene().effects = ()  # type: ignore[misc]

@@ -10,9 +10,9 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from scipy.special import jv
 
-from model import Arm, Scene, SnapError, settle
-from model.effects import Extension, TipLoad, Weight
-from tests.effects.bars import NO_PULL, Bar, dead_elastica, follower_elastica
+from model import Arm, OctoplanError, Scene, SnapError, settle
+from model.effects import ExactTendons, Extension, NeoHookean, TipLoad, Weight
+from tests.effects.bars import NO_PULL, Bar, dead_elastica, elastica, follower_elastica
 from tests.effects.cases import Array
 
 BAR, CONICAL = Bar(), Bar(0.012, 0.005)
@@ -136,3 +136,40 @@ def test_a_payload_of_a_hundred_times_what_bends_the_arm_settles() -> None:
     shape = settle(Arm.from_paper("table-4"), np.full(12, 0.05), Scene(load), 1e-4)
     along = np.array(load.force) / np.linalg.norm(load.force)
     assert np.linalg.norm(shape.tip - 0.45 * along) < 0.2 * 0.45
+
+
+RANDOM = Arm.from_paper("table-4")
+HEAVY = {
+    "paper": (Extension(),),
+    "bending": (),
+    "silicone": (Extension(), ExactTendons(), NeoHookean()),
+}
+
+
+@pytest.mark.parametrize("times", [0.98, 1.5, 5.0])
+def test_pushed_a_little_off_its_axis_it_gives_way_and_does_not_snap(times: float) -> None:
+    force = times * euler(BAR) * np.array([-np.cos(0.1), np.sin(0.1)])
+    shape = settle(BAR.arm, NO_PULL, Scene(TipLoad((*force, 0))), 1e-9)
+    s = np.linspace(0, L, 7)
+    found = elastica(BAR, lambda s: force, shares=16)(s)[:2]
+    assert np.allclose(shape.position(s)[:, :2], found.T, rtol=0, atol=2e-9 * L)
+
+
+def settles_or_says_why_not(name: str, seed: int) -> bool:
+    rng = np.random.default_rng(seed)
+    T = rng.uniform(size=(3, 4)) * [[0.2], [2], [5]] * (rng.uniform(size=(3, 4)) < 0.4)
+    force = rng.normal(size=3) * 10 ** rng.uniform(-2, 1)
+    scene = Scene(*HEAVY[name], TipLoad(tuple(force), follower=bool(seed % 2)))
+    try:
+        shape = settle(RANDOM, T, scene, 1e-4)
+    except OctoplanError:
+        return False
+    assert np.linalg.norm(shape.tip) < 2 * RANDOM.length
+    return True
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", HEAVY)
+def test_no_payload_ends_in_another_error(name: str) -> None:
+    for seed in range(12):
+        settles_or_says_why_not(name, 100 + seed)

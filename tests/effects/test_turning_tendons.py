@@ -129,3 +129,10 @@ def test_offsets_by_tendon_hold_in_closed_form_too(effects: tuple[Effect, ...]) 
 
 def test_lengths_at_rest_are_those_of_the_helix() -> None:
     assert rest_lengths(_arm())[0] == pytest.approx(np.hypot(L, Y * TURN), rel=1e-12)
+
+
+def test_a_turn_that_is_nothing_changes_nothing() -> None:
+    scene = Scene(Extension(), ExactTendons(), Weight())
+    plain = settle(_arm(None), [0.5, 1.0], scene)
+    turned = settle(_arm(Linear(0.0, 0.0)), [0.5, 1.0], scene)
+    assert np.allclose(plain.tip, turned.tip, rtol=0, atol=1e-15)

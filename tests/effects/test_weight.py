@@ -128,3 +128,12 @@ def test_the_weight_of_a_barrel_bends_its_base() -> None:
     # Bending towards n = -y is positive.
     k = 900.0 * LIGHT * barrel_moment(1) / (110e3 * np.pi * BARREL_R[0] ** 4 / 4)
     assert shape.strain(0.0)[2] == pytest.approx(k, rel=1e-8)
+
+
+def test_gravity_turned_about_the_bar_turns_its_shape() -> None:
+    down = settle(CONICAL.arm, NO_PULL, Scene(Weight((0, 0, -4.0))), 1e-10).tip
+    angle = 0.7
+    g = 4.0 * np.array([0, np.sin(angle), -np.cos(angle)])
+    tip = settle(CONICAL.arm, NO_PULL, Scene(Weight(tuple(g))), 1e-10).tip
+    turned = [down[0], -down[2] * np.sin(angle), down[2] * np.cos(angle)]
+    assert np.allclose(tip, turned, rtol=0, atol=1e-13)

@@ -15,7 +15,7 @@ from model import settle, tip_jacobian
 from model.forward import explicit_map
 from planner import export
 from planner.c_code.tip_jacobian import tip_jacobian_function
-from tests.export.cases import NO_DOUBLE, SCENES, SETTLING, Library, compiled
+from tests.export.cases import BENT, NO_DOUBLE, SCENES, SETTLING, TABLE_4, Library, compiled
 
 AGREES = {"double": 1e-12, "float": 1e-5}
 # The whole map as printed takes the compiler half a minute.
@@ -162,3 +162,13 @@ def test_work_arrays_hold_one_step_where_strains_are_in_closed_form(tmp_path: Pa
         coarse, fine = (export(arm, scene, tmp_path, T, a) for a in (1e-3, 1e-9))
         assert fine.shape.s.size > coarse.shape.s.size
         assert fine.static_bytes == coarse.static_bytes < 8192
+
+
+def test_a_finer_accuracy_gives_a_finer_mesh(tmp_path: Path) -> None:
+    scene = SCENES["the paper's"][1]
+    coarse, fine = (export(TABLE_4, scene, tmp_path, BENT, a).shape for a in (1e-3, 1e-9))
+    assert coarse.s.size < fine.s.size
+    assert coarse.error <= 1e-3
+    assert fine.error <= 1e-9
+    assert f"arm_s[ARM_NODES] = {{\n    {0:.16e}" in (tmp_path / "arm.c").read_text()
+    assert f"#define ARM_NODES {fine.s.size} " in (tmp_path / "arm.h").read_text()

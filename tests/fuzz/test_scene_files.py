@@ -6,6 +6,7 @@ import signal
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ import pytest
 from model import OctoplanError, settle
 from model.time_limit import OutOfTime, time_limit
 from planner import plan
+from planner.cli import main
 from planner.io.scene_file import read
 from tests.fuzz.mutations import mutated
 
@@ -89,3 +91,19 @@ def test_a_few_hundred_files_end_in_an_answer_or_an_error_of_ours() -> None:
 def test_twenty_thousand_files_end_in_an_answer_or_an_error_of_ours(part: int) -> None:
     signal.alarm(0)
     some(range(1000 * (part + 1), 1000 * (part + 2)))
+
+
+@pytest.mark.parametrize("seed", range(7000, 7012))
+def test_the_command_line_leaves_whole_files_or_none(
+    seed: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene, out = tmp_path / "scene.toml", tmp_path / "out"
+    scene.write_bytes(mutated(seed))
+    with watched():
+        code = main(["settle", str(scene), "--out", str(out), "--accuracy", "1e-3"])
+    told = capsys.readouterr()
+    assert code in (0, 1, 2) and bool(told.err) == (code != 0)
+    left = {path.name for path in out.iterdir()} if out.is_dir() else set()
+    assert not any(name.startswith(".") for name in left)
+    assert bool(left) == (code == 0)
+    assert {path.name for path in tmp_path.iterdir()} <= {"scene.toml", "out"}

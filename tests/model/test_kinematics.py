@@ -20,9 +20,10 @@ from model.rotations import (
     inverse,
     matrices,
     matrix,
+    multiply,
     rotate,
 )
-from tests.oracles import Array, twist_matrix
+from tests.oracles import PAPER_BASE, Array, twist_matrix
 
 ANGLES = (0.0, 1e-12, 1e-6, 0.0999, 0.1001, 0.999, 1.001, 3.0, 6.5)
 AXES = np.array([[1, 0, 0], [0, -1, 0], [2, -1, 2], [-1, 3, 5]])
@@ -135,3 +136,25 @@ def test_magnus_step_of_a_constant_twist_is_exact(scheme: Magnus) -> None:
         pose = values(step(np.concatenate([spin, along]), h))
         wanted = expm(h * twist_matrix(spin, along))
         assert np.abs(homogeneous(pose) - wanted).max() <= 1e-13
+
+
+@QUICK
+@given(unit)
+def test_frames_survive_the_way_to_quaternions_and_back(a: Array) -> None:
+    frame = Rotation.from_quat(np.roll(a, -1)).as_matrix()
+    found = from_matrix(frame)
+    assert np.abs(matrices(found) - frame).max() <= 1e-14
+    assert abs(np.linalg.norm(found) - 1) <= 1e-14
+    assert found[0] >= 0
+
+
+def test_base_frame_of_the_paper_is_a_half_turn_about_the_tangent() -> None:
+    assert np.allclose(np.abs(from_matrix(PAPER_BASE)), [0, 1, 0, 0], rtol=0, atol=1e-15)
+    assert np.allclose(matrices(from_matrix(PAPER_BASE)), PAPER_BASE, rtol=0, atol=1e-15)
+
+
+def test_product_of_unit_quaternions_is_that_of_their_rotations() -> None:
+    i, j, k = np.eye(4)[1:]
+    for a, b, ab in ((i, j, k), (j, k, i), (k, i, j)):
+        assert np.array_equal(values(multiply(ca.DM(a), ca.DM(b))), ab)
+        assert np.array_equal(values(multiply(ca.DM(b), ca.DM(a))), -ab)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ctypes
+import multiprocessing
+import os
 import shutil
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -10,7 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from model.machine.compiler import _command
+from model.errors import CompilerError
+from model.machine.compiler import _command, compiler
 from model.machine.libraries import cache_folder, library
 
 pytestmark = [
@@ -81,3 +84,40 @@ def test_a_compiler_installed_by_pip_does(monkeypatch: pytest.MonkeyPatch) -> No
     assert _command("") == (sys.executable, "-m", "ziglang", "cc")
     monkeypatch.setenv("CC", " ".join(_command("")))
     assert answer(library(SOURCE, "-O1")) == 42
+
+
+def test_another_source_flag_or_preparation_is_another_library() -> None:
+    found = {
+        library(SOURCE, "-O1"),
+        library(SOURCE, "-O2"),
+        library(SOURCE.replace("42", "43"), "-O1"),
+        library(SOURCE, "-O1", _doubled),
+    }
+    assert len(found) == 4
+
+
+def _doubled(source: str) -> str:
+    return source.replace("42", "84")
+
+
+def _built(name: str) -> int:
+    os.environ["XDG_CACHE_HOME"] = name
+    return answer(library(SOURCE, "-O1"))
+
+
+@pytest.mark.slow
+def test_several_processes_may_build_the_same_at_once(tmp_path: Path, folder: Path) -> None:
+    with multiprocessing.get_context("spawn").Pool(4) as pool:
+        assert pool.map(_built, [str(tmp_path)] * 4, chunksize=1) == [42] * 4
+    assert len(list(folder.iterdir())) == 1
+
+
+def test_what_the_compiler_says_is_told(folder: Path) -> None:
+    with pytest.raises(CompilerError, match="undeclared"):
+        library("int answer(void) { return missing; }\n", "-O1")
+    assert not list(folder.iterdir())
+
+
+def test_the_compiler_is_the_named_one_with_its_arguments(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CC", "cc -DGIVEN")
+    assert compiler().command == ("cc", "-DGIVEN")

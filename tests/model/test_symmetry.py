@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from model import Arm, Scene, Shape, conical, settle
 from model.effects import Extension
-from tests.model.cases import paper_tensions
+from tests.model.cases import arm_of, mild_tensions, paper_tensions, random_rod
 from tests.oracles import Array
 
 PAPER = Scene(Extension())
@@ -95,3 +95,26 @@ def test_a_cylinder_pulled_by_one_parallel_tendon_is_an_arc() -> None:
     wanted = np.array([np.sin(angle), -(1 - np.cos(angle)), 0]) / k
     assert np.abs(shape.tip - wanted).max() <= 1e-14
     assert np.isclose(shape.tendon_lengths[0], stretch * L * (1 - k * y), rtol=1e-14)
+
+
+def turned(arm: Arm, phi: float) -> Arm:
+    """Return the arm with all tendons turned by phi about the midline."""
+    sections = (replace(x, angles=tuple(a + phi for a in x.angles)) for x in arm.sections)
+    return replace(arm, sections=tuple(sections))
+
+
+@QUICK
+@given(st.floats(-7, 7), st.integers(0, 10**6))
+def test_turning_all_tendons_turns_the_shape_about_the_base_tangent(phi: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    rod = random_rod(rng)
+    arm, T = arm_of(rod), mild_tensions(rng, rod)
+    s = np.linspace(0, arm.length, 5)
+    before, after = settle(arm, T, PAPER), settle(turned(arm, phi), T, PAPER)
+    frame = np.array(arm.base_frame)
+    turn = Rotation.from_rotvec(phi * frame[:, 0]).as_matrix()
+    roll = frame.T @ turn @ frame
+    base = np.array(arm.base_position)
+    wanted = base + (before.position(s) - base) @ turn.T
+    assert np.abs(after.position(s) - wanted).max() <= 1e-12
+    assert np.abs(after.frame(s) - turn @ before.frame(s) @ roll.T).max() <= 1e-12

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
 
-from model import Arm, Scene, settle
+from model import Arm, Linear, Material, Scene, settle
 from model.effects import (
     Buoyancy,
     Current,
@@ -21,6 +23,7 @@ from model.effects import (
 )
 from model.equilibrium.forward import Collocation
 from model.equilibrium.verification import verified
+from model.rotations import exponential, half_turn
 from model.transcription.system import System, system
 from tests.differences import Array, check_rows, fourth_order
 from tests.planner.cases import moderate
@@ -115,3 +118,30 @@ def test_what_verifies_an_equilibrium_corrects_a_coarse_one(name: str, arm: str)
     assert np.linalg.norm(coarse - wanted) > 5e-7 * given.length
     assert np.linalg.norm(fine - coarse) > 5e-7 * given.length
     assert np.linalg.norm(fine - wanted) < 1e-7 * given.length
+
+
+def test_another_body_in_other_loads_builds_nothing() -> None:
+    soft = replace(ARM, material=Material(5e4, 0.4, 1200.0), radius=Linear(0.0151, 0.0021))
+    for arm in (ARM, soft):
+        for weak in (1e-3, 2e-3):
+            scene = Scene(Extension(), Weight((weak, 0.0, 0.0)), TipLoad((0.0, weak / 1e3, 0.0)))
+            here = system(arm, scene, 3, 2)
+            first = system(ARM, Scene(Extension(), Weight((0.0, 0.0, 1e-3))), 3, 2)
+            assert here.of is first.of
+            assert here.of.equations is first.of.equations
+            assert not np.array_equal(here.p, first.p)
+
+
+@pytest.mark.parametrize("most", [1e-9, 0.5, np.pi, 2 * np.pi, 4 * np.pi])
+def test_a_half_turn_is_that_of_the_exponential_up_to_two_turns(most: float) -> None:
+    w, rng = ca.SX.sym("w", 3), np.random.default_rng(3)
+    ways = [half_turn(w), exponential(w, ca.SX.zeros(3))[:4]]
+    both = ca.Function("both", [w], [ca.densify(way) for way in ways])
+    for share in np.linspace(0, 1, 200):
+        axis = rng.normal(size=3)
+        turn = share * most * axis / np.linalg.norm(axis)
+        series, closed = (np.array(q).ravel() for q in both(turn))
+        angle = np.linalg.norm(turn)
+        plain = np.append(np.cos(angle / 2), np.sinc(angle / 2 / np.pi) / 2 * turn)
+        assert np.abs(series - closed).max() < 6e-14
+        assert np.abs(series - plain).max() < 6e-14

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from model import Anchorage, Arm, Linear, Material, Sampled, Scene, settle, settle_many
-from model.effects import Extension
+from model.effects import Extension, PrintedStatics
 from tests.model.cases import paper_tensions
 
 SCENES = {"bare": Scene(), "extension": Scene(Extension()), "as_printed": Scene.as_printed()}
@@ -119,3 +119,32 @@ def test_sections_may_have_different_numbers_of_tendons() -> None:
     assert [arm.tendon_name(j) for j in (0, 2, 3, 6)] == ["T_11", "T_13", "T_21", "T_24"]
     assert (arm.tendons_of(1), arm.tendons_of(2)) == ((0, 1, 2), (3, 4, 5, 6))
     assert np.array_equal(settle(arm, rows).tip, settle(arm, flat).tip)
+
+
+ARMS = ("table-2", "table-4", "section-5.1", "section-5.2")
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_arms_of_the_paper_are_equal_by_value(name: str) -> None:
+    first, second = Arm.from_paper(name), Arm.from_paper(name)
+    assert first is not second
+    assert first == second
+    assert hash(first) == hash(second)
+    assert all(first != Arm.from_paper(other) for other in ARMS if other != name)
+
+
+@pytest.mark.parametrize("arm", [curved(), *map(Arm.from_paper, ARMS)], ids=["curved", *ARMS])
+def test_arms_pickle(arm: Arm) -> None:
+    there = pickle.loads(pickle.dumps(arm))
+    assert there == arm
+    assert hash(there) == hash(arm)
+    assert there.tendons == arm.tendons
+
+
+def test_scenes_are_equal_by_value_and_pickle() -> None:
+    again = [Scene(), Scene(Extension()), Scene(Extension(), PrintedStatics())]
+    for scene, other in zip(SCENES.values(), again, strict=True):
+        assert scene == other
+        assert hash(scene) == hash(other)
+        assert pickle.loads(pickle.dumps(scene)) == scene
+    assert len(set(SCENES.values())) == 3

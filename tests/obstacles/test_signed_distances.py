@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
+from model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere, distances, numbers_of
 
 coal = pytest.importorskip("coal")
 trimesh = pytest.importorskip("trimesh")
@@ -104,3 +104,11 @@ def test_outlines_lie_on_the_surface(name: str) -> None:
     points, triangles = ROUND[name].outline
     assert np.abs(ROUND[name].distance(points)).max() < 1e-12
     assert triangles.max() < len(points)
+
+
+def test_many_obstacles_at_once_are_as_each_alone() -> None:
+    points = _points(20)
+    found, gradients = distances(numbers_of(list(ROUND.values())), points)
+    for k, obstacle in enumerate(ROUND.values()):
+        np.testing.assert_array_equal(found[:, k], obstacle.distance(points))
+        np.testing.assert_array_equal(gradients[:, k], obstacle.gradient(points))

@@ -68,3 +68,14 @@ def test_tensions_that_crush_the_arm_are_told(
     )
     assert main(["settle", _scene(tmp_path, text)]) == 1
     assert "crushed" in capsys.readouterr().err
+
+
+def test_a_target_out_of_reach_returns_1(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    text = """
+    arm = { preset = "table-4" }
+    effects = { extension = true }
+    target = { type = "tip-position", position_mm = [600, 0, 0] }
+    limits = { tension_max = 20 }
+    """
+    assert main(["plan", _scene(tmp_path, text)]) == 1
+    assert "Not reached" in capsys.readouterr().out

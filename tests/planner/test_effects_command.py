@@ -9,8 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from model import Arm, Scene, settle
+from model.effects import Buoyancy, Extension, Weight
 from planner.cli import main
-from planner.effect_ablation import Switch
+from planner.effect_ablation import Switch, switch_effects
+from planner.io.scene_file import read
 from planner.plots.effects import plot_effects
 from planner.problem_size import ProblemSize
 
@@ -88,3 +91,91 @@ def test_an_effect_that_does_not_settle_has_no_dot_and_the_figure_is_drawn() -> 
     figure.draw_without_rendering()
     only = plot_effects(rows[2:], 1e-6)
     only.draw_without_rendering()
+
+
+SCENES = Path(__file__).parents[2] / "studies" / "scenes"
+
+
+def _found(arm: Arm, scene: Scene) -> dict[str, Switch]:
+    pulls = [[0.3, 0.2, 0.0, 0.1]]
+    return {s.effect: s for s in switch_effects(arm, pulls, scene, 1e-5, repeats=1)}
+
+
+def test_json_holds_the_numbers_in_full(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["effects", _scene(tmp_path, BENT + ARM + IN_WATER), "--json"]) == 0
+    shown = json.loads(capsys.readouterr().out)
+    assert set(shown["versions"]) == {"octoplan", "casadi", "numpy"}
+    wanted = _found(Arm.from_paper("section-5.2"), Scene(Extension(), Weight(), Buoyancy()))
+    assert [row["effect"] for row in shown["effects"]] == list(wanted)
+    for row in shown["effects"]:
+        switch = wanted[row["effect"]]
+        assert row["tip_change"] == pytest.approx(switch.tip_change, rel=1e-12)
+        assert row["matters"] is switch.matters
+        assert row["enabled"] is switch.enabled
+        assert row["problem"] == ""
+        assert np.isfinite(row["time_factor"])
+        for key in ("sizes", "sizes_without"):
+            assert ProblemSize(**row[key]) == getattr(switch, key)
+
+
+def test_figure_and_result_are_written_whole(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "new" / "folder"
+    scene = _scene(tmp_path, BENT + ARM + IN_WATER)
+    assert main(["effects", scene, "--out", str(out), "--json", "--accuracy", "1e-3"]) == 0
+    assert {path.name for path in out.iterdir()} == {"effects.json", "effects.png"}
+    assert (out / "effects.png").stat().st_size > 10_000
+    assert json.loads((out / "effects.json").read_text()) == json.loads(capsys.readouterr().out)
+
+
+def test_a_scene_that_does_not_settle_returns_1(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = "tensions = [0, 0, 0, 0]\n" + ARM + "[effects]\nweight = { g = [-9.81, 0, 0] }\n"
+    out = tmp_path / "out"
+    assert main(["effects", _scene(tmp_path, text), "--out", str(out)]) == 1
+    captured = capsys.readouterr()
+    assert "it buckles" in captured.err
+    assert captured.out == ""
+    assert not out.exists()
+
+
+def test_no_scene_file_and_no_folder_to_write_to_return_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["effects", str(tmp_path / "nowhere.toml")]) == 2
+    assert "nowhere.toml" in capsys.readouterr().err
+    (tmp_path / "file").write_text("")
+    scene = _scene(tmp_path, "tensions = [0, 0, 0, 0]\naccuracy = 1e-2\n" + ARM)
+    assert main(["effects", scene, "--out", str(tmp_path / "file")]) == 2
+    assert "--out" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_the_payload_of_the_scene_files_is_told_effect_by_effect(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["effects", str(SCENES / "payload_in_water.toml")]) == 0
+    shown = capsys.readouterr().out
+    assert "TipLoad" in shown
+    assert "Weight and Buoyancy" in shown
+
+
+def test_the_payload_of_the_scene_files_is_settled(capsys: pytest.CaptureFixture[str]) -> None:
+    path = SCENES / "payload_in_water.toml"
+    assert main(["settle", str(path), "--json"]) == 0
+    question = read(path.read_bytes())
+    assert {Weight(), Buoyancy(), Extension()} < set(question.scene.effects)
+    tip = settle(question.arm, question.tensions, question.scene, 1e-9).tip
+    shown = json.loads(capsys.readouterr().out)
+    assert np.linalg.norm(np.array(shown["tip_m"]) - tip) < 1e-6 * question.arm.length
+
+
+def test_fewer_unknowns_are_explained(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    in_water = "[effects]\nextension = true\nweight = {}\nbuoyancy = {}\n"
+    assert main(["effects", _scene(tmp_path, BENT + ARM + in_water)]) == 0
+    shown = capsys.readouterr().out
+    row = next(re.split(r" {2,}", x) for x in shown.splitlines() if x.startswith("Buoyancy "))
+    assert int(row[4]) < 0
+    assert "Fewer unknowns with Buoyancy: a coarser mesh is as accurate there." in shown

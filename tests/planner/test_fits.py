@@ -9,7 +9,9 @@ import pytest
 
 from model import Arm, OctoplanError, Scene, settle
 from planner import Limits
+from planner.initial_guess.bend_coordinates import bend_coordinates
 from planner.initial_guess.fitting import fitted
+from planner.initial_guess.least_squares import least_squares
 from planner.targets import TipPose
 from tests.planner.cases import PAPER, Array
 
@@ -43,3 +45,39 @@ def test_fits_meet_a_pose_cheapest_first_in_ways_that_differ(scene: Scene) -> No
         assert np.all((one >= 0) & (one <= MOST))
     for i, one in enumerate(found):
         assert all(np.abs(one - other).max() > 0.01 for other in found[:i])
+
+
+def test_a_squeeze_pulls_all_tendons_of_a_section_alike_and_bends_nothing() -> None:
+    bends = bend_coordinates(ARM, frozenset(range(12)), Limits.of(ARM, MOST))
+    T = bends.tensions(np.array([[0.0] * 6 + [0.0, 2.0, -1.0]])).reshape(3, 4)
+    assert np.all(T[[0, 2]] == 0.0)
+    assert np.all(T[1] == T[1, 0]) and T[1, 0] > 0
+    assert np.linalg.norm(settle(ARM, T, PAPER).tip[1:]) < 1e-12
+
+
+def test_least_squares_finds_the_solution_of_a_linear_system_from_many_points() -> None:
+    rng = np.random.default_rng(0)
+    A, b = rng.normal(size=(5, 3)), rng.normal(size=5)
+    points, norms = least_squares(lambda U: U @ A.T - b, rng.normal(size=(7, 3)))
+    best, residual = np.linalg.lstsq(A, b, rcond=None)[:2]
+    assert np.allclose(points, best, atol=1e-5)
+    assert np.allclose(norms, np.sqrt(residual[0]), rtol=1e-8)
+
+
+def test_least_squares_follows_a_curved_valley() -> None:
+    def rosenbrock(U: Array) -> Array:
+        return np.stack([10 * (U[:, 1] - U[:, 0] ** 2), 1 - U[:, 0]], axis=1)
+
+    points, norms = least_squares(rosenbrock, np.array([[0.7, 0.2], [1.5, 2.0], [2.0, 3.0]]))
+    assert np.allclose(points, 1.0, atol=1e-4)
+    assert np.all(norms < 1e-4)
+
+
+def test_least_squares_stays_where_gaps_jump_and_do_not_depend_on_all() -> None:
+    """The slope of a jump is so steep that damping is lost in rounding beside it."""
+
+    def gaps(U: Array) -> Array:
+        return np.where(U[:, :1] + U[:, 1:2] > 0, 1e3, 1.0) * np.ones(4)
+
+    points, norms = least_squares(gaps, np.array([[0.0, 0.0, 1.0], [-1.0, 0.5, 2.0]]))
+    assert np.all(np.isfinite(points)) and np.all(norms <= 2.0)

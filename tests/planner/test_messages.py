@@ -121,3 +121,24 @@ def test_an_interrupted_sweep_says_what_is_kept(tmp_path: Path) -> None:
     assert process.returncode == 130
     kept = f"what is finished is kept in {chunks}: the same command goes on from there"
     assert told == f"octoplan: interrupted; {kept}\n"
+
+
+def test_a_target_out_of_reach_is_told_in_plain_words(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = written(tmp_path, SCENE + REACH.replace("2.0", "1e3"))
+    assert main(["plan", scene, "--accuracy", "1e-3"]) == 1
+    shown = capsys.readouterr().out
+    assert "Not reached: the nearest attainable shape is off in tip position by" in shown
+    assert "initial guess" in shown
+
+
+def test_silicone_is_a_key(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from model import Scene
+    from model.effects import NeoHookean, Weight
+
+    text = SCENE.replace("extension = true", "silicone = true\nweight = {}")
+    assert load(written(tmp_path, text)).scene == Scene.silicone(Weight())
+    text = SCENE.replace("extension = true", "silicone = true\nanticlastic = true")
+    swollen = Scene.silicone(NeoHookean(anticlastic=True))
+    assert load(written(tmp_path, text)).scene == swollen

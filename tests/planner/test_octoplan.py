@@ -14,10 +14,12 @@ import jsonschema
 import numpy as np
 import pytest
 
+from model import settle
 from octoplan.command_line import COMMANDS
-from planner import stiffness
+from planner import load_plan, stiffness
 from planner.cli import main
-from planner.io.scene_file import read
+from planner.commands.schema import schema_of
+from planner.io.scene_file import load, read
 from planner.io.schemas import scene_schema
 from planner.io.templates import TEMPLATES
 
@@ -172,3 +174,31 @@ def test_the_solver_speaks_on_stderr_if_asked_and_stdout_is_json(
     assert "model.progress: verifying" in captured.err
     assert main(["plan", BENDING, "--json"]) == 0
     assert capsys.readouterr().err == ""
+
+
+def test_what_plan_prints_is_what_it_writes_and_is_loaded(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    shown = _json(capsys, "plan", BENDING, "--out", str(out))
+    assert {path.name for path in out.iterdir()} == {
+        "plan.json",
+        "plan.png",
+        "plan.csv",
+        "shape.csv",
+    }
+    assert json.loads((out / "plan.json").read_text()) == shown
+    p = load_plan(out / "plan.json")
+    assert p.tensions.tolist() == shown["tensions_N"]
+    assert p.certificate.passed
+    assert p.targets == load(BENDING).targets
+    jsonschema.validate(shown, schema_of("plan"))
+
+
+def test_settle_writes_a_table_of_the_shape(tmp_path: Path, calm: str) -> None:
+    assert main(["settle", calm, "--out", str(tmp_path / "out"), "--figure", "pdf"]) == 0
+    assert (tmp_path / "out" / "shape.pdf").read_bytes().startswith(b"%PDF")
+    table = np.genfromtxt(tmp_path / "out" / "shape.csv", delimiter=",", names=True)
+    q = read(CALM.encode())
+    tip = settle(q.arm, q.tensions, q.scene, 1e-4).tip
+    assert np.array_equal([table["x_m"][-1], table["y_m"][-1], table["z_m"][-1]], tip)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from model import Arm, OctoplanError, Scene
+from model import Arm, InputError, OctoplanError, Scene
 from model.effects import Extension
 from planner import FailedPlan, plan_many
-from planner.targets import BendingPlane
+from planner.targets import BendingPlane, TipPosition
 
 ARM = Arm.from_paper("table-4")
 SCENE = Scene(Extension())
@@ -28,3 +28,15 @@ def test_a_bad_target_does_not_lose_the_others() -> None:
     assert lost.reason in repr(lost)
     with pytest.raises(OctoplanError, match="section: got 7"):
         _ = lost.shape
+
+
+def test_without_it_the_target_is_named() -> None:
+    with pytest.raises(InputError, match=r"targets\[0\]: section"):
+        plan_many(ARM, TARGETS[1:], SCENE, 20.0)
+    with pytest.raises(InputError, match="errors"):
+        plan_many(ARM, TARGETS, SCENE, 20.0, errors="skip")  # type: ignore[arg-type]
+
+
+def test_what_is_wrong_whatever_the_target_is_raised() -> None:
+    with pytest.raises(InputError, match="tension_max"):
+        plan_many(ARM, [TipPosition((0.3, 0.1, 0.0))], SCENE, -1.0, errors="nan")

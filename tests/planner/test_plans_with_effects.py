@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -19,8 +21,8 @@ from model.effects import (
     Weight,
 )
 from planner import Plan, plan
-from planner.targets import BendingPlane, Fetch, TipPosition
-from tests.planner.cases import Array, bend_and_plane
+from planner.targets import Backbone, BendingPlane, Fetch, TipPose, TipPosition
+from tests.planner.cases import Array, barrel_arm, bend_and_plane, moderate
 
 ARM = Arm.from_paper("table-4")
 ONE_SECTION = Arm.from_paper("section-5.2")
@@ -174,3 +176,73 @@ def test_a_point_beyond_the_arm_is_said_to_be_out_of_reach(name: str) -> None:
     for seed in range(8):
         tip = settle(ARM, drawn(seed), SCENES[name], 1e-5).tip
         assert np.linalg.norm(tip - (0.5, 0.0, 0.0)) > gap - 1e-6
+
+
+@pytest.mark.slow
+def test_five_sections_of_three_tendons_on_a_barrel_are_planned_under_loads() -> None:
+    arm = barrel_arm()
+    pulls = np.random.default_rng(2).uniform(0, 1.5, arm.n_tendons)
+    scene = Scene(Extension(), *WATER, TipLoad((0.0, 0.0, -0.01)), PointLoad(0.25, (0, 0.01, 0)))
+    point = settle(arm, pulls, scene, 1e-9).tip
+    found = plan(arm, TipPosition(tuple(point)), scene, 10.0)
+    assert found.certificate.passed, found.outcome
+    assert np.linalg.norm(found.shape.tip - point) < 1e-6 * arm.length
+    assert found.effort <= np.linalg.norm(pulls) * (1 + 1e-6)
+
+
+@pytest.mark.slow
+def test_three_prescribed_bends_in_a_current_are_made() -> None:
+    scene, bends = SCENES["current"], np.radians([[60, 90], [50, -90], [70, 30]])
+    found = plan(ARM, Fetch(*bends), scene, MAXIMUM)
+    assert found.certificate.passed, found.outcome
+    frames = settle(ARM, found.tensions, scene, 1e-9).frame(np.array([0, 0.135, 0.315, 0.45]))
+    for (angle, plane), start, end in zip(bends, frames[:-1], frames[1:], strict=True):
+        way = [np.cos(angle), -np.sin(angle) * np.sin(plane), np.sin(angle) * np.cos(plane)]
+        assert np.allclose(start.T @ end[:, 0], way, rtol=0, atol=2e-6)
+
+
+@pytest.mark.slow
+def test_a_pose_under_a_payload_is_reached() -> None:
+    scene = SCENES["payload in water"]
+    shape = settle(ARM, moderate(), scene, 1e-9)
+    found = plan(ARM, TipPose(shape.tip, shape.tip_frame), scene, MAXIMUM)
+    assert found.certificate.passed, found.outcome
+    assert np.linalg.norm(found.shape.tip - shape.tip) < 1e-6 * ARM.length
+    assert np.abs(found.shape.tip_frame - shape.tip_frame).max() < 2e-6
+
+
+@pytest.mark.slow
+def test_a_backbone_under_a_payload_is_followed() -> None:
+    scene = SCENES["payload in water"]
+    s = np.linspace(0.1, 1.0, 8) * ARM.length
+    points = settle(ARM, moderate(), scene, 1e-9).position(s)
+    found = plan(ARM, Backbone(tuple(map(tuple, points)), s=tuple(s)), scene, MAXIMUM)
+    assert found.certificate.passed, found.outcome
+    assert np.abs(found.shape.position(s) - points).max() < 1e-5 * ARM.length
+
+
+def test_what_the_unloaded_plan_gives_under_the_load_is_told_by_its_certificate() -> None:
+    target = TipPosition(tuple(settle(ARM, moderate(), Scene(Extension()), 1e-9).tip))
+    unloaded = plan(ARM, target, Scene(Extension()), MAXIMUM)
+    loaded = plan(ARM, target, SCENES["payload"], MAXIMUM)
+    assert loaded.certificate.passed, loaded.outcome
+    sagged = settle(ARM, unloaded.tensions, SCENES["payload"])
+    assert np.linalg.norm(sagged.tip - unloaded.shape.tip) > 1e-3 * ARM.length
+
+
+def test_the_same_question_under_loads_gives_the_same_digits_and_travels_by_pickle() -> None:
+    target = TipPosition(tuple(settle(ARM, drawn(1), IN_WATER, 1e-9).tip))
+    one, other = (plan(ARM, target, IN_WATER, MAXIMUM) for _ in range(2))
+    assert np.array_equal(one.tensions, other.tensions)
+    copy = pickle.loads(pickle.dumps(one))
+    assert copy == one
+    assert copy.certificate == one.certificate
+
+
+@pytest.mark.slow
+def test_a_maximum_that_holds_under_a_load_is_named() -> None:
+    found = plan(ARM, TipPosition((0.25, 0.3, 0.0)), IN_WATER, 0.2)
+    assert not found.certificate.passed
+    assert found.outcome.startswith("Not reached")
+    assert "at its maximum of 0.2 N" in found.outcome
+    assert found.certificate.bounds == 0

@@ -20,6 +20,7 @@ from planner import Plan, plan
 from planner.certificate import COMPLEMENTARY
 from planner.plots.arm import draw_arm
 from planner.plots.plan import plot_plan, plot_shape, plot_strains, save
+from planner.plots.strains import broken_strains
 from planner.plots.work import Curve, plot_work
 from planner.program.limits import Limits
 from planner.targets import Backbone, BendingPlane, Fetch, Target, TipPose, TipPosition
@@ -243,3 +244,80 @@ def test_an_arm_that_leans_is_not_drawn_as_passing_through(scene: Scene) -> None
     ax = three_d()
     draw_arm(leaning, ax, (), (rod,))
     assert legend(ax) == {"leans on it"}
+
+
+def test_a_kind_of_target_that_is_unknown_leaves_the_arm_drawn(shape: Shape) -> None:
+    ax = three_d()
+    assert np.all(np.isfinite(draw_arm(shape, ax, (object(),))))
+    assert not legend(ax) - {"passes through the far side of its base plane"}
+    assert ax.has_data()
+
+
+def test_axes_of_the_wrong_kind_are_refused_by_name(fetch: Plan) -> None:
+    for draw in (lambda ax: plot_plan(fetch, ax), lambda ax: plot_shape(fetch.shape, ax)):
+        for wrong in (Figure().add_subplot(), "axes"):
+            with pytest.raises(InputError, match="3d"):
+                draw(wrong)
+    with pytest.raises(InputError, match="two-dimensional"):
+        plot_strains(fetch.shape, three_d())
+
+
+def test_a_second_arm_in_the_same_axes_leaves_the_first_in_sight(shape: Shape) -> None:
+    ax = three_d()
+    straight = settle(shape.arm, np.zeros(12), PAPER)
+    plot_shape(straight, ax)
+    plot_shape(shape, ax)
+    assert ax.get_xlim()[1] > 1e3 * straight.tip[0]
+    assert ax.get_ylim()[0] < 1e3 * shape.position(shape.s)[:, 1].min()
+
+
+def test_curves_break_at_anchorages_with_both_sides_exact(shape: Shape) -> None:
+    s, strain = broken_strains(shape)
+    gaps = np.flatnonzero(np.isnan(strain[:, 0]))
+    assert s[gaps].tolist() == [section.at for section in shape.arm.sections[:0:-1]]
+    for gap in gaps:
+        assert np.allclose(strain[gap - 1], shape.strain(s[gap]))
+        assert np.allclose(strain[gap + 1], shape.strain(s[gap] + 1e-6), rtol=1e-3)
+    jump = np.abs(strain[gaps[0] + 1] - strain[gaps[0] - 1])
+    assert jump[1] > 40
+
+
+def test_torsion_is_drawn_only_where_there_is_any(shape: Shape) -> None:
+    ax = Figure().add_subplot()
+    plot_strains(shape, ax)
+    assert legend(ax) == {"ξ [1/m]", "k [1/m]"}
+    printed = settle(shape.arm, figure_15(), shape.scene.as_printed())
+    ax = Figure().add_subplot()
+    plot_strains(printed, ax)
+    assert "τ [1/m]" in legend(ax)
+
+
+def test_both_scales_of_strains_have_their_zero_at_one_height(shape: Shape) -> None:
+    figure = plot_strains(shape)
+    assert isinstance(figure, Figure)
+    heights = [-low / (high - low) for low, high in (ax.get_ylim() for ax in figure.axes)]
+    assert heights[0] == pytest.approx(heights[1])
+
+
+def test_an_error_while_saving_leaves_the_old_file_and_no_part(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wanted = tmp_path / "arm.png"
+    wanted.write_bytes(b"old")
+
+    def fail(file: Any, **_: Any) -> None:
+        file.write(b"half")
+        raise OSError("disk full")
+
+    figure = Figure()
+    monkeypatch.setattr(figure, "savefig", fail)
+    with pytest.raises(OSError, match="disk full"):
+        save(figure, wanted)
+    assert list(tmp_path.iterdir()) == [wanted]
+    assert wanted.read_bytes() == b"old"
+
+
+def test_paths_that_cannot_be_written_are_refused_by_name(tmp_path: Path) -> None:
+    for path in (tmp_path / "arm.jpeg", tmp_path / "arm", tmp_path / "none" / "arm.png"):
+        with pytest.raises(InputError, match="path"):
+            save(Figure(), path)

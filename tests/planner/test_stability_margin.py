@@ -6,9 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.linalg import eigvals
 
 from model import Arm, Scene, settle
 from model.effects import Extension, TipLoad, Weight
+from model.equilibrium.forward import Collocation
+from model.equilibrium.stability import least_eigenvalue, least_modes, rest_stiffness, stability
 from planner import Limits, Plan, Statement, build, load_plan, plan
 from planner.targets import TipPosition
 from tests.planner.differences import check_derivatives, whole
@@ -108,3 +111,21 @@ def test_optima_that_stand_where_the_arm_does_not_come_to_from_rest_are_left(
     shape = settle(ARM, found.tensions, scene)
     assert shape.tip == pytest.approx(tip, abs=1e-6)
     assert shape.stability > 0
+
+
+def test_modes_are_those_of_the_equations_jacobian() -> None:
+    here = Collocation(ARM, AIR, 3, 1).found(T)
+    n = here.system.of.n_states
+    J = np.array([here.times(column) for column in np.eye(n)]).T
+    B = np.zeros((n, n))
+    places = here.system.of.stages.ravel()
+    B[places, places] = rest_stiffness(here.system)[1]
+    found = eigvals(J, B)
+    finite = np.sort(found[np.isfinite(found) & (np.abs(found) < 1e6)].real)
+    values, y = least_modes(here, 2)
+    assert values == pytest.approx(finite[:2], rel=1e-8)
+    assert stability(here) == pytest.approx(finite[0], rel=1e-8)
+    assert least_eigenvalue(here) == pytest.approx(finite[0], rel=1e-8)
+    for value, mode in zip(values, y.T, strict=True):
+        gap = J @ mode - value * (B @ mode)
+        assert np.abs(gap).max() <= 1e-9 * np.abs(B @ mode).max()

@@ -150,3 +150,16 @@ def test_scene_files_have_them_and_plans_are_saved(tmp_path: Any) -> None:
 
 def _artists(figure: Any) -> list[Any]:
     return [artist for ax in figure.axes for artist in ax.get_children()]
+
+
+def test_derivatives_are_exact() -> None:
+    rng = np.random.default_rng(3)
+    target = TipPointing((0.1, 0.2, 0.3), tuple(_unit(rng)))
+    function, p = _terms(target), target.parameters(ARM)
+    x, symbol = np.concatenate([_quaternion(_frame(rng)), rng.normal(size=3)]), ca.MX.sym("x", 7)
+    r = ca.vertcat(*function(symbol, p))
+    J = np.array(ca.Function("J", [symbol], [ca.jacobian(r, symbol)])(x))
+    values = ca.Function("r", [symbol], [r])
+    steps = 1e-6 * np.eye(7)
+    by_steps = [np.array(values(x + h) - values(x - h)).ravel() / 2e-6 for h in steps]
+    assert pytest.approx(np.array(by_steps).T, abs=1e-8) == J

@@ -44,7 +44,7 @@ def test_the_nearest_point_is_no_farther_than_any_of_many_drawn(seed: int) -> No
 
 
 def test_too_much_bend_keeps_the_plane_and_bends_as_far_as_it_goes() -> None:
-    found = plan(ARM, BendingPlane(0.0, 3.0, 3), PAPER, 5.0)
+    found = plan(ARM, BendingPlane(0.0, np.pi, 3), PAPER, 5.0)
     assert not found.reached
     assert found.certificate.equality["bending plane"] < 1e-6
     assert found.tensions[2].tolist() == pytest.approx([0, 5, 0, 0])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -11,6 +12,8 @@ import pytest
 from model import Arm, Scene, settle
 from model.effects import Extension
 from planner import Plan, plan, stiffness
+from planner.measure import compliances_along, measure
+from planner.program.terms import stations_of
 from planner.targets import MinimumStiffness, Softest, Stiffest, TipPosition
 from tests.stiffness.cases import STATICS, Array
 
@@ -169,3 +172,38 @@ def test_a_stiffness_that_is_infinite_at_the_optimum_is_met() -> None:
     found = plan(Arm.from_paper("table-2"), axial, Scene(Extension()), 20.0, starts=1)
     assert found.reached
     assert found.effort < 1e-6
+
+
+THREE = replace(ARM, sections=tuple(replace(s, angles=(0.0, 2.0, 4.0)) for s in ARM.sections))
+
+
+@pytest.mark.parametrize(
+    "spare",
+    [(0.1, 0.2, 0.3), (-0.1, 0.2, 0.3), (0.1, -0.2, -0.3), (0.0, -0.2, -0.1), (0.1, 0.0, -0.2)],
+    ids=str,
+)
+def test_a_matrix_that_is_not_attained_leaves_a_margin_below_0(spare: tuple[float, ...]) -> None:
+    # The bound M whose root r has r C r = 1 - diag(spare): attained where spare is 0 or above.
+    shape = least("paper").shape
+    values, vectors = np.linalg.eigh(np.linalg.inv(bound(least("paper"))))
+    half, back = ((vectors * values**power) @ vectors.T for power in (0.5, -0.5))
+    inner, turn = np.linalg.eigh(half @ np.diag(1 - np.array(spare)) @ half)
+    root = back @ (turn * np.sqrt(inner)) @ turn.T @ back
+    targets = (MinimumStiffness(root @ root, 1.0),)
+    poses = shape.poses(np.array(stations_of(ARM, targets)))
+    margin = measure(ARM, targets, poses, compliances_along(ARM, targets, shape))[2]
+    least_margin = min(float(np.min(rows)) for rows in margin.values())
+    assert (least_margin < -1e-3) == (min(spare) < 0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("arm", [THREE, ARM], ids=["three tendons", "four tendons"])
+def test_locked_lengths_are_planned_stiffer_too(arm: Arm) -> None:
+    scene = STATICS["exact"]
+    start = plan(arm, PLACE, scene, MOST, starts=2)
+    wanted = 1.1 * stiff(start, "length")
+    target = MinimumStiffness(ALONG, wanted, "length")
+    found = plan(arm, [PLACE, target], scene, MOST, starts=2)
+    assert found.certificate.passed, found.outcome
+    assert off(found) < KEPT
+    assert stiff(found, "length") >= wanted * (1 - 1e-5)

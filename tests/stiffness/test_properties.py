@@ -247,3 +247,41 @@ def test_pulled_silicone_gives_way_as_finite_elements_do(plane: str) -> None:
         assert gaps["paper"] > 0.05
     else:
         assert gaps["paper"] > gaps["nh"]
+
+
+def test_slack_tendons_are_named_and_can_be_released() -> None:
+    some = T * (np.arange(12) % 3 > 0)
+    scene = STATICS["exact"]
+    held, released = (stiffness(ARM, some, scene, "length", release=r) for r in (False, True))
+    names = tuple(ARM.tendon_name(j) for j in range(0, 12, 3))
+    assert held.slack == released.slack == names == ("T_11", "T_14", "T_23", "T_32")
+    assert held.locked == tuple(range(12))
+    assert released.locked == tuple(np.flatnonzero(some).tolist())
+    assert not released.tension_response[::3].any()
+    assert held.tension_response[::3].any()
+    softer = scaled(ARM, released.compliance - held.compliance)
+    size = np.abs(scaled(ARM, held.compliance)).max()
+    assert np.linalg.eigvalsh((softer + softer.T) / 2)[0] > -1e-9 * size
+    assert softer.trace() > 0
+
+
+@EACH
+def test_pulling_a_tendon_shortens_it(scene: Scene) -> None:
+    k = stiffness(ARM, T, scene, "length", accuracy=1e-9)
+    values = np.linalg.eigvalsh((k.length_tension + k.length_tension.T) / 2)
+    assert values[-1] < 1e-9 * np.abs(values).max()
+
+
+def test_poses_and_lengths_per_tension_are_there_where_tensions_hold() -> None:
+    locked, free = (
+        stiffness(THREE, PULLS, STATICS["exact"], hold) for hold in ("length", "tension")
+    )
+    assert np.allclose(free.length_tension, locked.length_tension, rtol=1e-9, atol=0)
+    assert np.allclose(free.pose_length, locked.pose_length, rtol=1e-6, atol=0)
+
+
+def test_stiffness_is_the_inverse_of_compliance() -> None:
+    k = stiffness(ARM, T, STATICS["paper"])
+    size = sizes(ARM)
+    product = (k.stiffness @ k.compliance) / size[:, None] * size
+    assert np.allclose(product.T, np.eye(6), rtol=0, atol=1e-6)
