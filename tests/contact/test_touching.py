@@ -1,0 +1,47 @@
+"""An arm that touches something is one on which the forces of contact are put as loads."""
+
+import numpy as np
+import pytest
+
+from model import Arm, Scene, settle
+from model.effects import Contact, ExactTendons, Extension, PointLoad, Weight
+from model.obstacles import Capsule, Obstacle, Sphere
+from tests.contact.cases import bar
+
+# Without friction on a round bar the force's line meets the midline: a dead load there does the
+# same, whatever presses. Of the arms that settle so none knows an obstacle.
+ARM = bar(0.3, 0.006, 2e5)
+ROD = Capsule((0.2, -0.1, -0.07), (0.2, 0.1, -0.07), 0.05)
+LOADS = {
+    "by tendons": (0.4, (Extension(), ExactTendons())),
+    "hanging": (0.4, (Extension(), ExactTendons(), Weight((0.0, 0.0, -0.05)))),
+    "bending only": (0.4, ()),
+}
+
+
+@pytest.mark.parametrize(("pull", "effects"), LOADS.values(), ids=LOADS)
+def test_forces_of_contact_put_as_point_loads_hold_the_arm_where_it_is(
+    pull: float, effects: tuple
+) -> None:
+    T = np.array([0.0, pull, 0.0, 0.0])
+    shape = settle(ARM, T, Scene(*effects, Contact(ROD)), 1e-9)
+    assert len(shape.contacts) == 1
+    pressed = [PointLoad(own.s, tuple(own.force)) for own in shape.contacts]
+    same = settle(ARM, T, Scene(*effects, *pressed), 1e-9)
+    s = np.linspace(0, ARM.length, 7)
+    assert np.abs(shape.position(s) - same.position(s)).max() < 1e-8 * ARM.length
+    free = settle(ARM, T, Scene(*effects), 1e-9)
+    assert np.abs(shape.tip - free.tip).max() > 1e-2 * ARM.length
+
+
+@pytest.mark.parametrize("obstacle", [ROD, Sphere((0.2, 0.01, -0.07), 0.05)], ids=["rod", "ball"])
+def test_what_is_touched_is_not_entered_and_pushes_outwards(obstacle: Obstacle) -> None:
+    arm: Arm = ARM
+    shape = settle(arm, [0, 0.4, 0, 0], Scene(Extension(), ExactTendons(), Contact(obstacle)))
+    s = np.linspace(0, arm.length, 601)
+    assert (obstacle.distance(shape.position(s)) - 0.006).min() > -1e-6 * arm.length
+    for own in shape.contacts:
+        x = shape.position(own.s)
+        assert obstacle.distance(x[None])[0] - 0.006 == pytest.approx(0, abs=1e-6 * arm.length)
+        outwards = obstacle.gradient(x[None])[0]
+        assert own.force == pytest.approx(np.linalg.norm(own.force) * outwards, rel=1e-5, abs=1e-7)
