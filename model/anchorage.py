@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from msgspec import Meta
 
-from model.checks import finite_array, kind, positive
 from model.errors import InputError
 from model.paths import Path
 from model.quantities import Angle, AnglePaths, Length, LengthPaths
 from model.units import warn_of_angles
+from model.value import value
 
 QUARTERS = (0.0, np.pi / 2, np.pi, 3 * np.pi / 2)
 
 
-@dataclass(frozen=True)
+@value
 class Anchorage:
     """A cross-section where tendons end, and the way that these take to it from the base.
 
@@ -42,28 +40,11 @@ class Anchorage:
     turn: AnglePaths | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "at", positive("Anchorage.at", self.at))
-        angles = finite_array("Anchorage.angles", self.angles, (None,))
-        if angles.size == 0:
-            raise InputError("Anchorage.angles", self.angles, "at least one tendon")
-        warn_of_angles("Anchorage.angles", angles.tolist(), usual=2)
-        object.__setattr__(self, "angles", tuple(angles.tolist()))
-        object.__setattr__(self, "offset", self._checked("offset", self.offset))
-        if self.turn is not None:
-            object.__setattr__(self, "turn", self._checked("turn", self.turn))
-
-    def _checked(self, name: str, given: Any) -> Path | tuple[Path, ...]:
-        """Return a path, or as many as there are tendons."""
-        field, allowed = f"Anchorage.{name}", "a Linear or a Sampled path"
-        if not isinstance(given, Sequence):
-            kind(field, given, Path, f"{allowed}, or a tuple with one for each tendon")
-            path: Path = given
-            return path
-        for j, own in enumerate(given):
-            kind(f"{field}[{j}]", own, Path, allowed)
-        if len(given) != len(self.angles):
-            raise InputError(field, f"{len(given)} paths", f"one for each of {len(self.angles)}")
-        return tuple(given)
+        warn_of_angles("Anchorage.angles", self.angles, usual=2)
+        for name, own in (("offset", self.offset), ("turn", self.turn)):
+            if isinstance(own, tuple) and len(own) != len(self.angles):
+                allowed = f"one for each of {len(self.angles)} tendons"
+                raise InputError(f"Anchorage.{name}", f"{len(own)} paths", allowed)
 
     @property
     def offsets(self) -> tuple[Path, ...]:

@@ -3,32 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from msgspec import Meta
 
 from model.anchorage import Anchorage
 from model.arm_text import arm_text
-from model.checks import finite_array, kind, positive
 from model.errors import InputError
-from model.frozen import remembers_hash
 from model.material import Material
 from model.paths import Array, Linear, Path
 from model.presets import PAPER_ARMS
-from model.quantities import Length, LengthPath, Place
+from model.quantities import Frame, Length, LengthPath, Place
 from model.rest_curvature import RestCurvature
 from model.tendon_order import TendonOrder
 from model.text import in_notebook
 from model.units import warn_of_length
+from model.value import value
 
 PAPER_FRAME = ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0))
 
 
-@remembers_hash
-@dataclass(frozen=True)
+@value
 class Arm:
     """A tendon-driven arm, clamped at its base.
 
@@ -59,38 +58,20 @@ class Arm:
 
     length: Length
     radius: LengthPath
-    sections: tuple[Anchorage, ...]
+    sections: Annotated[tuple[Anchorage, ...], Meta(min_length=1)]
     material: Material = field(default_factory=Material)
-    base_frame: tuple[tuple[float, ...], ...] = PAPER_FRAME
+    base_frame: Frame = PAPER_FRAME
     base_position: Place = (0.0, 0.0, 0.0)
     hull: LengthPath | None = None
     rest_curvature: RestCurvature | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "length", positive("Arm.length", self.length))
         warn_of_length("Arm.length", self.length)
-        kind("Arm.radius", self.radius, Path, "a Linear or a Sampled path")
-        kind("Arm.material", self.material, Material, "a Material")
-        if self.hull is not None:
-            kind("Arm.hull", self.hull, Path, "a Linear or a Sampled path")
         if self.rest_curvature is not None:
-            kind("Arm.rest_curvature", self.rest_curvature, RestCurvature, "a RestCurvature")
             for path in (self.rest_curvature.n, self.rest_curvature.b):
                 path.evaluate(np.array([0.0, self.length]), self.length)
-        kind("Arm.sections", self.sections, Sequence, "a tuple of Anchorage, tip to base")
-        for i, section in enumerate(self.sections):
-            kind(f"Arm.sections[{i}]", section, Anchorage, "an Anchorage")
-        object.__setattr__(self, "sections", tuple(self.sections))
-        if not self.sections:
-            raise InputError("Arm.sections", (), "at least one Anchorage")
         self._check_order()
         self._check_radii()
-        frame = finite_array("Arm.base_frame", self.base_frame, (3, 3))
-        if not np.allclose(frame.T @ frame, np.eye(3), atol=1e-9) or np.linalg.det(frame) < 0:
-            raise InputError("Arm.base_frame", self.base_frame, "a right-handed orthonormal frame")
-        position = finite_array("Arm.base_position", self.base_position, (3,))
-        object.__setattr__(self, "base_frame", tuple(tuple(row) for row in frame.tolist()))
-        object.__setattr__(self, "base_position", tuple(position.tolist()))
 
     def _check_order(self) -> None:
         ends = [section.at for section in self.sections]

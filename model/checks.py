@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal, get_args, get_origin
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,17 +42,38 @@ def numbers(field: str, value: Any, allowed: str) -> NDArray[np.float64]:
     return array.astype(float)
 
 
-def kind(field: str, value: Any, wanted: type, allowed: str) -> None:
-    """Refuse a value that is not of a type; a class is not one of its values."""
+# What values of a type are like, in messages.
+SUCH: dict[Any, str] = {bool: "True or False", str: "text"}
+
+
+def such(kind: Any) -> str:
+    """Return what values of a type are like, in words."""
+    if kind in SUCH:
+        return SUCH[kind]
+    if get_origin(kind) is Literal:
+        return " or ".join(
+            f'"{own}"' if isinstance(own, str) else f"{own}" for own in get_args(kind)
+        )
+    return f"a{'n' * (kind.__name__[0] in 'AEIO')} {kind.__name__}"
+
+
+def kind(field: str, value: Any, wanted: Any, allowed: str = "") -> Any:
+    """Return a value that is of a type; InputError for others, among them classes themselves."""
     if isinstance(value, type) or not isinstance(value, wanted):
-        raise InputError(field, value, allowed)
+        raise InputError(field, value, allowed or such(wanted))
+    return value
+
+
+def finite(field: str, value: Any) -> float:
+    """Return value as a finite float."""
+    if type(value) is float and -LARGEST <= value <= LARGEST:
+        return value
+    return float(finite_array(field, value, ()))
 
 
 def positive(field: str, value: Any) -> float:
     """Return value as a finite float above zero, and not next to it."""
-    if type(value) is float and SMALLEST <= value <= LARGEST:
-        return value
-    number = float(finite_array(field, value, ()))
+    number = finite(field, value)
     if number <= 0:
         raise InputError(field, value, "a number above 0")
     if number < SMALLEST:
@@ -62,7 +83,7 @@ def positive(field: str, value: Any) -> float:
 
 def not_negative(field: str, value: Any) -> float:
     """Return value as a finite float, zero or above."""
-    number = float(finite_array(field, value, ()))
+    number = finite(field, value)
     if number < 0:
         raise InputError(field, value, "0 or a number above it")
     return number
@@ -70,9 +91,7 @@ def not_negative(field: str, value: Any) -> float:
 
 def within(field: str, value: Any, low: float, high: float) -> float:
     """Return value as a float in [low, high]."""
-    if type(value) is float and low <= value <= high:
-        return value
-    number = float(finite_array(field, value, ()))
+    number = finite(field, value)
     if not low <= number <= high:
         raise InputError(field, value, f"a number from {low:g} to {high:g}")
     return number
@@ -87,6 +106,19 @@ def unit_vector(field: str, value: Any) -> tuple[float, ...]:
         raise InputError(field, value, "a vector that is not 0")
     is_unit = abs(np.linalg.norm(given) - 1) < _ROUNDING
     return tuple((given if is_unit else scaled / length).tolist())
+
+
+def orthonormal(
+    field: str, value: Any, rounding: float = 1e-9, right_handed: bool = True
+) -> tuple[tuple[float, ...], ...]:
+    """Return an orthonormal frame (3, 3), by columns, as nested tuples."""
+    frame = finite_array(field, value, (3, 3))
+    square = np.clip(frame, -2, 2)
+    is_one = np.allclose(square.T @ square, np.eye(3), atol=rounding)
+    if not is_one or (right_handed and np.linalg.det(square) < 0):
+        allowed = "a right-handed orthonormal frame" if right_handed else "an orthonormal frame"
+        raise InputError(field, value, allowed)
+    return tuple(map(tuple, frame.tolist()))
 
 
 def vector(field: str, value: Any) -> tuple[float, ...]:

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
-from typing import Protocol, runtime_checkable
+from typing import Annotated, Protocol, runtime_checkable
 
 import casadi as ca
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
-from model.checks import finite_array
+from model.checks import SUCH, finite_array
 from model.errors import InputError
+from model.value import value
 
 Array = NDArray[np.float64]
 
@@ -30,7 +31,10 @@ class Path(Protocol):
         """Return the arc lengths [m] where the function is less smooth than elsewhere."""
 
 
-@dataclass(frozen=True)
+SUCH[Path] = "a Linear or a Sampled path"
+
+
+@value
 class Linear:
     """Linear in s, eqs. (5) and (7).
 
@@ -43,11 +47,6 @@ class Linear:
     base: float
     end: float
 
-    def __post_init__(self) -> None:
-        ends = finite_array("Linear", (self.base, self.end), (2,))
-        object.__setattr__(self, "base", float(ends[0]))
-        object.__setattr__(self, "end", float(ends[1]))
-
     def evaluate(self, s: Array, span: float) -> tuple[Array, Array, Array]:
         """See Path.evaluate."""
         slope = (self.end - self.base) / span
@@ -58,7 +57,7 @@ class Linear:
         return ()
 
 
-@dataclass(frozen=True)
+@value
 class Sampled:
     """A cubic spline (not-a-knot) through samples.
 
@@ -70,18 +69,13 @@ class Sampled:
         The values there [m].
     """
 
-    s: tuple[float, ...]
+    s: Annotated[tuple[float, ...], Meta(min_length=4)]
     values: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        s = finite_array("Sampled.s", self.s, (None,))
-        values = finite_array("Sampled.values", self.values, (s.size,))
-        if s.size < 4:
-            raise InputError("Sampled.s", s.size, "at least 4 samples")
-        if np.any(np.diff(s) <= 0):
+        finite_array("Sampled.values", self.values, (len(self.s),))
+        if np.any(np.diff(self.s) <= 0):
             raise InputError("Sampled.s", self.s, "strictly increasing arc lengths")
-        object.__setattr__(self, "s", tuple(s.tolist()))
-        object.__setattr__(self, "values", tuple(values.tolist()))
 
     def evaluate(self, s: Array, span: float) -> tuple[Array, Array, Array]:
         """See Path.evaluate; raises InputError where the samples do not cover [0, span]."""

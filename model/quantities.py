@@ -6,11 +6,14 @@ schema and documentation from the annotations, so that an argument is said once,
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 
+from model.checks import SUCH, orthonormal, unit_vector
 from model.paths import Path
+from model.value import Rule
 
 
 def unit(name: str, **bounds: Any) -> Meta:
@@ -24,6 +27,11 @@ Sign = Literal[1, -1]
 Count = Annotated[int, Meta(ge=0)]
 Corners = Annotated[tuple[int, ...], Meta(min_length=3, max_length=3)]
 Vector = Annotated[tuple[float, ...], Meta(min_length=3, max_length=3)]
+Direction = Annotated[Vector, Rule(unit_vector)]
+Matrix = Annotated[tuple[Vector, ...], Meta(min_length=3, max_length=3)]
+Frame = Annotated[Matrix, Rule(orthonormal)]
+Axes = Annotated[Matrix, Rule(partial(orthonormal, right_handed=False))]
+SUCH[Sign] = "1 (pulling in) or -1 (paying out)"
 
 Length = Annotated[Positive, unit("mm")]
 ArcLength = Annotated[NotNegative, unit("mm")]

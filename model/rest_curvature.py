@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from model.checks import kind
-from model.paths import Linear, Path
+from model.paths import Linear
 from model.quantities import CurvaturePath
+from model.value import value
 
 STRAIGHT = Linear(0.0, 0.0)
 
 
-@dataclass(frozen=True)
+@value
 class RestCurvature:
     """Curvature of the midline without tensions and loads, as functions of arc length.
 
@@ -27,7 +25,3 @@ class RestCurvature:
 
     n: CurvaturePath = STRAIGHT
     b: CurvaturePath = STRAIGHT
-
-    def __post_init__(self) -> None:
-        for name in ("n", "b"):
-            kind(f"RestCurvature.{name}", getattr(self, name), Path, "a Linear or a Sampled path")

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TypeVar
 
+from model.checks import kind
 from model.effects import (
     Contact,
     Effect,
@@ -16,16 +16,15 @@ from model.effects import (
     PrintedStatics,
 )
 from model.errors import InputError
-from model.frozen import remembers_hash
 from model.text import in_notebook
+from model.value import value
 
 E = TypeVar("E", bound=Effect)
 # Of a line, in characters.
 _WIDTH = 88
 
 
-@remembers_hash
-@dataclass(frozen=True, init=False)
+@value(init=False)
 class Scene:
     """What is simulated: nothing but bending, and each effect that is named.
 
@@ -42,8 +41,7 @@ class Scene:
 
     def __init__(self, *effects: Effect) -> None:
         for i, effect in enumerate(effects):
-            if not isinstance(effect, Effect):
-                raise InputError(f"Scene effect {i + 1}", effect, "an effect such as Extension()")
+            kind(f"Scene effect {i + 1}", effect, Effect)
         kinds = [type(effect).__name__ for effect in effects]
         places = [_place(effect) for effect in effects]
         if len({*places}) < len(places):
@@ -144,10 +142,10 @@ _CONTRADICTS = {
 
 
 def _check_together(kinds: list[str]) -> None:
-    for kind in kinds:
-        for other, reason in _NEEDS.get(kind, ()):
+    for effect in kinds:
+        for other, reason in _NEEDS.get(effect, ()):
             if other not in kinds:
-                raise InputError("Scene", kind, f"{kind} with {other}: {reason}")
-        for other, reason in _CONTRADICTS.get(kind, ()):
+                raise InputError("Scene", effect, f"{effect} with {other}: {reason}")
+        for other, reason in _CONTRADICTS.get(effect, ()):
             if other in kinds:
-                raise InputError("Scene", f"{kind} and {other}", f"one of them: {reason}")
+                raise InputError("Scene", f"{effect} and {other}", f"one of them: {reason}")

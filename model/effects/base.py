@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from model.checks import SUCH
+from model.value import value
 
 
-@dataclass(frozen=True)
+@value
 class Effect:
     """Base of all effects. An effect that is not in the scene leaves no trace in its equations."""
+
+
+SUCH[Effect] = "an effect such as Extension()"

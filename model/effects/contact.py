@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from model.checks import kind, not_negative
 from model.effects.base import Effect
 from model.obstacles.base import Convex
 from model.quantities import NotNegative
+from model.value import value
 
 
-@dataclass(frozen=True)
+@value
 class Contact(Effect):
     """A rigid obstacle that the arm's surface may not enter, and that presses it back.
 
@@ -44,8 +42,3 @@ class Contact(Effect):
 
     obstacle: Convex
     friction: NotNegative = 0.0
-
-    def __post_init__(self) -> None:
-        allowed = "a convex obstacle such as Capsule(start, end, radius); a Mesh is none"
-        kind("Contact.obstacle", self.obstacle, Convex, allowed)
-        object.__setattr__(self, "friction", not_negative("Contact.friction", self.friction))

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from model.checks import not_negative, vector
 from model.effects.base import Effect
 from model.quantities import Density, NotNegative, Velocity
+from model.value import value
 
 
-@dataclass(frozen=True)
+@value
 class Current(Effect):
     """A steady stream pushes across the arm: ``rho C R |v_n| v_n`` per unit deformed length.
 
@@ -33,9 +31,3 @@ class Current(Effect):
     velocity: Velocity
     density: Density = 1000.0
     coefficient: NotNegative = 1.1
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "velocity", vector("Current.velocity", self.velocity))
-        object.__setattr__(self, "density", not_negative("Current.density", self.density))
-        coefficient = not_negative("Current.coefficient", self.coefficient)
-        object.__setattr__(self, "coefficient", coefficient)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from model.effects.base import Effect
-from model.errors import InputError
+from model.value import value
 from model.warn import warn
 
 
-@dataclass(frozen=True)
+@value
 class ExactTendons(Effect):
     """Moment and force balance with the unit tangent of the tendon, ``c / |c|``.
 
@@ -31,8 +31,6 @@ class ExactTendons(Effect):
     robust: bool = field(default=False, compare=False, repr=False)
 
     def __post_init__(self) -> None:
-        if not isinstance(self.robust, bool):
-            raise InputError("ExactTendons.robust", self.robust, "True or False")
         if self.robust:
             told = "ExactTendons(robust=) has no effect: sections take the steps that they need"
             warn(told, DeprecationWarning)

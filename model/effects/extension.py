@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from model.effects.base import Effect
+from model.value import value
 
 
-@dataclass(frozen=True)
+@value
 class Extension(Effect):
     """The arm shortens under its tendons: E A q = t . (-sum T c + F), eqs. (3b) and (9a).
 

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Annotated
 
-import numpy as np
+from msgspec import Meta
 
-from model.checks import finite_array, not_negative
 from model.effects.base import Effect
-from model.errors import InputError
 from model.quantities import NotNegative, Sign
+from model.value import value
 
 
-@dataclass(frozen=True)
+@value
 class Friction(Effect):
     """Coulomb friction: ``dT/ds = -direction mu T |d(c/|c|)/ds|`` from the motor to the anchorage.
 
@@ -32,15 +31,4 @@ class Friction(Effect):
     """
 
     mu: NotNegative
-    direction: Sign | tuple[Sign, ...] = 1
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "mu", not_negative("Friction.mu", self.mu))
-        one = isinstance(self.direction, int)
-        given = (self.direction,) if one else self.direction
-        signs = finite_array("Friction.direction", given, (None,))
-        if signs.size == 0 or not np.all(np.isin(signs, (-1, 1))):
-            allowed = "1 (pulling in) or -1 (paying out), for all tendons or for each"
-            raise InputError("Friction.direction", self.direction, allowed)
-        kept = tuple(int(sign) for sign in signs)
-        object.__setattr__(self, "direction", kept[0] if one else kept)
+    direction: Sign | Annotated[tuple[Sign, ...], Meta(min_length=1)] = 1

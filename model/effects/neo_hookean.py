@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from model.effects.base import Effect
-from model.errors import InputError
+from model.value import value
 
 
-@dataclass(frozen=True)
+@value
 class NeoHookean(Effect):
     """Neo-Hookean body of constant volume; needs Extension and ExactTendons.
 
@@ -29,7 +27,3 @@ class NeoHookean(Effect):
     """
 
     anticlastic: bool = False
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.anticlastic, bool):
-            raise InputError("NeoHookean.anticlastic", self.anticlastic, "True or False")

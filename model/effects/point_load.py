@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from model.checks import not_negative, vector
 from model.effects.base import Effect
 from model.quantities import ArcLength, Force
+from model.value import value
 
 
-@dataclass(frozen=True)
+@value
 class PointLoad(Effect):
     """A dead force on the midline at arc length s; a scene may have several, at different places.
 
@@ -27,7 +25,3 @@ class PointLoad(Effect):
 
     s: ArcLength
     force: Force
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "s", not_negative("PointLoad.s", self.s))
-        object.__setattr__(self, "force", vector("PointLoad.force", self.force))

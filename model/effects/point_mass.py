@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from model.checks import not_negative, vector
 from model.effects.base import Effect
 from model.quantities import ArcLength, Mass, Place
+from model.value import value
 
 
-@dataclass(frozen=True)
+@value
 class PointMass(Effect):
     """The weight of a mass that a cross-section carries, off the midline; needs Weight.
 
@@ -30,9 +28,3 @@ class PointMass(Effect):
     s: ArcLength
     mass: Mass
     offset: Place | None = None
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "s", not_negative("PointMass.s", self.s))
-        object.__setattr__(self, "mass", not_negative("PointMass.mass", self.mass))
-        if self.offset is not None:
-            object.__setattr__(self, "offset", vector("PointMass.offset", self.offset))

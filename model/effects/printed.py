@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from model.effects.base import Effect
+from model.value import value
 
 
-@dataclass(frozen=True)
+@value
 class PrintedStatics(Effect):
     """Equations (10) and (11) exactly as printed, for reproducing the paper and nothing else.
 

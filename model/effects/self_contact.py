@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from model.effects.base import Effect
+from model.value import value
 
 
-@dataclass(frozen=True)
+@value
 class SelfContact(Effect):
     """Parts of the arm that meet press each other apart, without friction.
 

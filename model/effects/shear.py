@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from model.checks import positive
 from model.effects.base import Effect
 from model.quantities import Positive
+from model.value import value
 
 
-@dataclass(frozen=True)
+@value
 class Shear(Effect):
     """Sections slide against each other: nu gains (F_n, F_b) / (G A k_s).
 
@@ -24,6 +22,3 @@ class Shear(Effect):
     """
 
     k_s: Positive = 1.0
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "k_s", positive("Shear.k_s", self.k_s))

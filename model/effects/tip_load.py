@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from model.checks import vector
 from model.effects.base import Effect
-from model.errors import InputError
 from model.quantities import Force, Moment
+from model.value import value
 
 
-@dataclass(frozen=True)
+@value
 class TipLoad(Effect):
     """A force and a moment on the tip: dead in the base frame, or following the tip.
 
@@ -32,9 +29,3 @@ class TipLoad(Effect):
     force: Force = (0.0, 0.0, 0.0)
     moment: Moment = (0.0, 0.0, 0.0)
     follower: bool = False
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "force", vector("TipLoad.force", self.force))
-        object.__setattr__(self, "moment", vector("TipLoad.moment", self.moment))
-        if not isinstance(self.follower, bool):
-            raise InputError("TipLoad.follower", self.follower, "True or False")

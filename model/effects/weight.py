@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from model.checks import not_negative, vector
 from model.effects.base import Effect
 from model.quantities import Acceleration, Density
+from model.value import value
 
 
-@dataclass(frozen=True)
+@value
 class Weight(Effect):
     """The arm's own weight, rho A(s) g per unit reference length, with the material's density.
 
@@ -26,11 +24,8 @@ class Weight(Effect):
 
     g: Acceleration = (0.0, 0.0, -9.81)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "g", vector("Weight.g", self.g))
 
-
-@dataclass(frozen=True)
+@value
 class Buoyancy(Effect):
     """The weight of the fluid that the arm displaces, taken off: (rho - rho_fluid) A(s) g.
 
@@ -44,6 +39,3 @@ class Buoyancy(Effect):
     """
 
     density: Density = 1000.0
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "density", not_negative("Buoyancy.density", self.density))

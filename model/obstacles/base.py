@@ -24,7 +24,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from model.checks import numbers
+from model.checks import SUCH, numbers
 from model.errors import InputError
 from model.machine.buffered import Mapped
 from model.paths import Array
@@ -103,6 +103,10 @@ class Convex(Obstacle):
     def moved(self, by: tuple[float, ...]) -> Obstacle:
         """See Obstacle.moved."""
         return Translated(self, by)
+
+
+SUCH[Obstacle] = "an obstacle such as a Sphere"
+SUCH[Convex] = "a convex obstacle such as Capsule(start, end, radius); a Mesh is none"
 
 
 @dataclass(frozen=True)

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 
-from model.checks import finite_array, positive, vector
-from model.errors import InputError
 from model.obstacles.base import Convex, rounded
 from model.paths import Array
-from model.quantities import Place, Sizes
+from model.quantities import Axes, Place, Sizes
+from model.value import value
 
 _ALONG_BASE = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
-@dataclass(frozen=True)
+@value
 class Box(Convex):
     """A box.
 
@@ -32,16 +30,7 @@ class Box(Convex):
 
     center: Place
     size: Sizes
-    frame: tuple[tuple[float, ...], ...] = _ALONG_BASE
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "center", vector("Box.center", self.center))
-        size = [positive("Box.size", value) for value in vector("Box.size", self.size)]
-        object.__setattr__(self, "size", tuple(size))
-        frame = finite_array("Box.frame", self.frame, (3, 3))
-        if not np.allclose(frame.T @ frame, np.eye(3), atol=1e-9):
-            raise InputError("Box.frame", self.frame, "an orthonormal frame")
-        object.__setattr__(self, "frame", tuple(tuple(row) for row in frame.tolist()))
+    frame: Axes = _ALONG_BASE
 
     @property
     def numbers(self) -> Array:

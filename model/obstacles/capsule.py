@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from model.checks import positive, vector
 from model.errors import InputError
 from model.obstacles.base import Convex, axes_with, rounded
 from model.obstacles.outlines import swept
 from model.paths import Array
 from model.quantities import Length, Place
+from model.value import value
 
 
-@dataclass(frozen=True)
+@value
 class Capsule(Convex):
     """All points within a radius of a line segment.
 
@@ -31,9 +29,6 @@ class Capsule(Convex):
     radius: Length
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "start", vector("Capsule.start", self.start))
-        object.__setattr__(self, "end", vector("Capsule.end", self.end))
-        object.__setattr__(self, "radius", positive("Capsule.radius", self.radius))
         if self.start == self.end:
             raise InputError("Capsule.end", self.end, "a point apart from the start; or a Sphere")
 

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from model.checks import unit_vector, vector
 from model.obstacles.base import ENDLESS, Convex, axes_with, rounded
 from model.paths import Array
-from model.quantities import Place, Vector
+from model.quantities import Direction, Place
+from model.value import value
 
 # How far from the point a figure shows the plane [m].
 _SHOWN = 0.15
 
 
-@dataclass(frozen=True)
+@value
 class HalfSpace(Convex):
     """All that is behind a plane: a wall, a floor, a table.
 
@@ -28,11 +26,7 @@ class HalfSpace(Convex):
     """
 
     point: Place
-    normal: Vector
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "point", vector("HalfSpace.point", self.point))
-        object.__setattr__(self, "normal", unit_vector("HalfSpace.normal", self.normal))
+    normal: Direction
 
     @property
     def numbers(self) -> Array:

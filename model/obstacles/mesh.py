@@ -2,27 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from msgspec import Meta
 
-from model.checks import finite_array, vector
+from model.checks import orthonormal, vector
 from model.errors import FileError, InputError
 from model.extras import needed
 from model.obstacles.base import ENDLESS, Obstacle, axes_with, rounded
 from model.obstacles.triangles import Triangles, check_closed, volume
 from model.paths import Array
-from model.quantities import Corners
+from model.quantities import Corners, Vector
 from model.units import warn_of_width
+from model.value import value
 
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}
 _ALONG_BASE = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
-@dataclass(frozen=True, repr=False)
+@value(repr=False)
 class Mesh(Obstacle):
     """A body by the triangles of its surface, which is closed; it need not be convex.
 
@@ -37,22 +38,17 @@ class Mesh(Obstacle):
         The corners of each triangle, counter-clockwise from outside, from 0.
     """
 
-    vertices: tuple[tuple[float, ...], ...]
-    faces: tuple[Corners, ...]
+    vertices: tuple[Vector, ...]
+    faces: Annotated[tuple[Corners, ...], Meta(min_length=4)]
 
     def __post_init__(self) -> None:
-        vertices = finite_array("Mesh.vertices", self.vertices, (None, 3))
-        faces = finite_array("Mesh.faces", self.faces, (None, 3))
-        if len(faces) < 4 or not np.array_equal(faces, faces.astype(int)):
-            raise InputError("Mesh.faces", f"{len(faces)} rows", "4 or more, of whole numbers")
+        vertices, faces = np.array(self.vertices), np.array(self.faces)
         if faces.min() < 0 or faces.max() >= len(vertices):
             told = f"numbers of vertices, from 0 to {len(vertices) - 1}"
             worst = faces.min() if faces.min() < 0 else faces.max()
             raise InputError("Mesh.faces", int(worst), told)
-        check_closed(vertices, faces.astype(np.int64))
+        check_closed(vertices, faces)
         warn_of_width("the mesh", float(np.ptp(vertices, axis=0).max()))
-        object.__setattr__(self, "vertices", tuple(map(tuple, vertices.tolist())))
-        object.__setattr__(self, "faces", tuple(map(tuple, faces.astype(int).tolist())))
 
     @classmethod
     def read(
@@ -75,9 +71,7 @@ class Mesh(Obstacle):
         """
         if unit not in UNITS:
             raise InputError("unit", unit, f"one of {', '.join(UNITS)}: files of meshes have none")
-        axes = finite_array("frame", frame, (3, 3))
-        if not np.allclose(axes.T @ axes, np.eye(3), atol=1e-9) or np.linalg.det(axes) < 0:
-            raise InputError("frame", frame, "a right-handed orthonormal frame")
+        axes = np.array(orthonormal("frame", frame))
         trimesh = needed("trimesh", "mesh")
         try:
             found: Any = trimesh.load(path, force="mesh")
@@ -141,7 +135,7 @@ class Mesh(Obstacle):
         return TranslatedMesh(self, by)
 
 
-@dataclass(frozen=True)
+@value
 class TranslatedMesh(Obstacle):
     """A mesh after a translation (3,) [m]; it is searched as the mesh itself."""
 

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from model.checks import finite_array, vector
 from model.errors import InputError
 from model.obstacles.base import Obstacle
 from model.paths import Array
+from model.quantities import Vector
+from model.value import value
 
 
-@dataclass(frozen=True)
+@value
 class Moving:
     """An obstacle that moves without turning; for motions, as plans have no time.
 
@@ -30,19 +29,14 @@ class Moving:
 
     obstacle: Obstacle
     times: tuple[float, ...]
-    path: tuple[tuple[float, ...], ...]
+    path: tuple[Vector, ...]
 
     def __post_init__(self) -> None:
-        if not isinstance(self.obstacle, Obstacle):
-            raise InputError("Moving.obstacle", self.obstacle, "an obstacle such as a Sphere")
-        times = finite_array("Moving.times", self.times, (None,))
-        if times.size < 2 or np.diff(times).min() <= 0:
+        if len(self.times) < 2 or np.diff(self.times).min() <= 0:
             raise InputError("Moving.times", self.times, "two times or more that increase [s]")
-        object.__setattr__(self, "times", tuple(times.tolist()))
-        if not isinstance(self.path, Sequence | np.ndarray) or len(self.path) != times.size:
-            raise InputError("Moving.path", self.path, f"{times.size} places, one for each time")
-        places = tuple(vector(f"Moving.path[{i}]", own) for i, own in enumerate(self.path))
-        object.__setattr__(self, "path", places)
+        if len(self.path) != len(self.times):
+            allowed = f"{len(self.times)} places, one for each time"
+            raise InputError("Moving.path", self.path, allowed)
 
     def moved(self, t: Any) -> Array:
         """Return how far it has moved (..., 3) [m] at times (...) [s]."""

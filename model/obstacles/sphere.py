@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from model.checks import positive, vector
 from model.obstacles.base import Convex, rounded
 from model.obstacles.outlines import swept
 from model.paths import Array
 from model.quantities import Length, Place
+from model.value import value
 
 
-@dataclass(frozen=True)
+@value
 class Sphere(Convex):
     """A ball.
 
@@ -27,10 +25,6 @@ class Sphere(Convex):
 
     center: Place
     radius: Length
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "center", vector("Sphere.center", self.center))
-        object.__setattr__(self, "radius", positive("Sphere.radius", self.radius))
 
     @property
     def numbers(self) -> Array:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
 from model import Arm, InputError
-from model.checks import finite_array, not_negative
 from model.paths import Array
-from model.quantities import ArcLength, Vector
+from model.quantities import ArcLength, Direction
+from model.value import value
 from planner.targets import Softest, Stiffest
 from planner.targets.base import Free, Terms, View
 
@@ -18,7 +17,7 @@ from planner.targets.base import Free, Terms, View
 STATIONS = 9
 
 
-@dataclass(frozen=True)
+@value
 class Making:
     """Limits of what can be made.
 
@@ -35,10 +34,6 @@ class Making:
     wall: ArcLength = 0.0
     radius: ArcLength = 0.0
     spacing: ArcLength = 0.0
-
-    def __post_init__(self) -> None:
-        for name in ("wall", "radius", "spacing"):
-            object.__setattr__(self, name, not_negative(f"Making.{name}", getattr(self, name)))
 
     def room(self, arm: Arm) -> Array:
         """Return what is left of each limit over the arm's length (n,): 0 or above can be made."""
@@ -66,7 +61,7 @@ class Making:
         return {name: room / arm.length for name, room in rooms.items()}
 
 
-@dataclass(frozen=True)
+@value
 class Reach(Free):
     """The farthest place of the tip along a direction (3,), base frame, within the tension limits.
 
@@ -78,14 +73,7 @@ class Reach(Free):
         In the base frame.
     """
 
-    direction: Vector
-
-    def __post_init__(self) -> None:
-        given = finite_array("Reach.direction", self.direction, (3,))
-        size = float(np.linalg.norm(given))
-        if not size > 0:
-            raise InputError("Reach.direction", self.direction, "a vector, not 0")
-        object.__setattr__(self, "direction", tuple((given / size).tolist()))
+    direction: Direction
 
     def parameters(self, arm: Arm) -> Array:
         """See Target.parameters: the direction."""

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from dataclasses import replace
+from functools import partial
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
 from model import Arm, InputError
-from model.checks import finite_array, not_negative, positive
+from model.checks import SUCH, orthonormal
 from model.paths import Array
+from model.quantities import Matrix, NotNegative, Positive, Vector
+from model.value import Rule, value
 
-_ORTHONORMAL = 1e-3
 # Markers farther from the base than this, in arm lengths and offsets, cannot be on the arm; of an
 # arm that moves markers are not all this near to the base.
 _FAR, _TINY = 1.5, 1 / 300
@@ -22,18 +24,22 @@ class Point(NamedTuple):
     """A marker: arc length [m], offset in the local frame (t, n, b) [m], place [m] if seen."""
 
     s: float
-    offset: tuple[float, ...]
-    place: tuple[float, ...] | None
+    offset: Vector
+    place: Vector | None
 
 
 class MeasuredFrame(NamedTuple):
     """A frame at an arc length [m]: columns t, n, b in the base frame (3, 3), row by row."""
 
     s: float
-    matrix: tuple[tuple[float, ...], ...]
+    matrix: Annotated[Matrix, Rule(partial(orthonormal, rounding=1e-3))]
 
 
-@dataclass(frozen=True)
+SUCH[Point] = "(s, (o_t, o_n, o_b), (x, y, z)), all in m"
+SUCH[MeasuredFrame] = "(s, matrix (3, 3))"
+
+
+@value
 class Measured:
     """One measured shape, in SI units and the coordinates in which the arm's base is given.
 
@@ -72,34 +78,19 @@ class Measured:
     """
 
     tensions: Any = None
-    points: Sequence[Any] = ()
-    frames: Sequence[Any] = ()
-    tip: Any = None
-    lengths: Any = None
-    strokes: Any = None
+    points: tuple[Point, ...] = ()
+    frames: tuple[MeasuredFrame, ...] = ()
+    tip: Vector | None = None
+    lengths: tuple[float, ...] | None = None
+    strokes: tuple[float, ...] | None = None
     session: str = ""
     name: str = ""
-    std: float = 1e-3
-    angle_std: float = 1e-2
-    tension_std: float = 0.0
-    length_std: float | None = None
+    std: Positive = 1e-3
+    angle_std: Positive = 1e-2
+    tension_std: NotNegative = 0.0
+    length_std: Positive | None = None
 
     def __post_init__(self) -> None:
-        kept: dict[str, Any] = {
-            "points": tuple(_point(i, given) for i, given in enumerate(self.points)),
-            "frames": tuple(_frame(i, given) for i, given in enumerate(self.frames)),
-            "tension_std": not_negative("Measured.tension_std", self.tension_std),
-        }
-        for name in ("tip", "lengths", "strokes"):
-            given = getattr(self, name)
-            if given is not None:
-                size = (3 if name == "tip" else None,)
-                kept[name] = tuple(finite_array(f"Measured.{name}", given, size).tolist())
-        for name in ("std", "angle_std", "length_std"):
-            if name != "length_std" or self.length_std is not None:
-                kept[name] = positive(f"Measured.{name}", getattr(self, name))
-        for name, value in kept.items():
-            object.__setattr__(self, name, value)
         if self.tensions is None and (self.lengths is None) == (self.strokes is None):
             allowed = "tensions, or else lengths or strokes (one of both), that the arm settles by"
             raise InputError(f"Measured {self.name}".rstrip(), None, allowed)
@@ -157,8 +148,8 @@ class Measured:
         flat = None
         if not self.by_length:
             flat = tuple(arm.flat(self.tensions, f"{name}: tensions").tolist())
-        for what, rows in (("points", self.points), ("frames", self.frames)):
-            for i, row in enumerate(rows):
+        for what in ("points", "frames"):
+            for i, row in enumerate(getattr(self, what)):
                 if not 0 <= row.s <= arm.length * (1 + 1e-12):
                     allowed = f"on the arm, 0 to {arm.length:g} m{_in_mm(row.s / arm.length)}"
                     raise InputError(f"{name}: {what}[{i}].s", row.s, allowed)
@@ -168,32 +159,6 @@ class Measured:
         for what in ("lengths", "strokes"):
             _check_runs(arm, f"{name}: {what}", getattr(self, what))
         return replace(self, tensions=flat, name=name)
-
-
-def _point(i: int, given: Any) -> Point:
-    where = f"Measured.points[{i}]"
-    s, offset, place = _row(where, given, 3, "(s, (o_t, o_n, o_b), (x, y, z)), all in m")
-    return Point(
-        float(finite_array(f"{where}.s", s, ())),
-        tuple(finite_array(f"{where}.offset", offset, (3,)).tolist()),
-        None if place is None else tuple(finite_array(f"{where}.place", place, (3,)).tolist()),
-    )
-
-
-def _frame(i: int, given: Any) -> MeasuredFrame:
-    where = f"Measured.frames[{i}]"
-    s, matrix = _row(where, given, 2, "(s, matrix (3, 3))")
-    R = finite_array(where, matrix, (3, 3))
-    if np.abs(R.T @ R - np.eye(3)).max() > _ORTHONORMAL or np.linalg.det(R) < 0:
-        raise InputError(where, matrix, "a right-handed orthonormal frame, columns t, n, b")
-    return MeasuredFrame(float(finite_array(f"{where}.s", s, ())), tuple(map(tuple, R.tolist())))
-
-
-def _row(where: str, given: Any, size: int, allowed: str) -> Sequence[Any]:
-    row = tuple(given) if isinstance(given, Sequence) else ()
-    if len(row) != size:
-        raise InputError(where, given, allowed)
-    return row
 
 
 def _check_place(arm: Arm, where: str, place: Array, offset: Array) -> None:

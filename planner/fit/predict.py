@@ -23,7 +23,7 @@ from model.paths import Array
 from model.progress import told
 from planner.fit.fitted import Fitted
 from planner.fit.least_squares import fit
-from planner.fit.measured import Measured
+from planner.fit.measured import Measured, Point
 from planner.fit.residuals import Evaluation, Residual, UnsettledShapeError, mean_distance
 
 _ORIGIN = (0.0, 0.0, 0.0)
@@ -86,7 +86,7 @@ def predict(
 ) -> Prediction:
     """See Calibration.predict."""
     flat = tuple(of.given_arm.flat(tensions).tolist())
-    markers = [(s, offset, _ORIGIN) for s, offset in points]
+    markers = tuple(Point(s, offset, _ORIGIN) for s, offset in points)
     shape = Measured(flat, markers, tip=_ORIGIN, session=session, name="the shape asked for")
     there = of.experiment([shape]).from_rest(of.array)
     for reason in there.lost.values():

@@ -7,14 +7,14 @@ import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from model import Arm, InputError, Scene, UnitWarning
-from model.checks import finite_array
 from model.loads import check_loads
 from model.paths import Array
+from model.value import Rule, value
 from planner.io.annotations import UNITS
 from planner.io.key_paths import changed, checked_key, steps, unit_of, value_at
 from planner.io.scene_file import arm_in, checked_table, scene_in, scene_table
@@ -26,7 +26,16 @@ _MODEL, MM = ("arm.", "effects."), UNITS["mm"]
 _STEP = 2e-8
 
 
-@dataclass(frozen=True)
+def _each_once(name: str, keys: str | tuple[str, ...]) -> str | tuple[str, ...]:
+    """Return keys of which none is another, a single one by itself."""
+    if not keys:
+        raise InputError(name, keys, "a key path such as arm.E_kPa, or several")
+    if isinstance(keys, tuple) and len(set(keys)) < len(keys):
+        raise InputError(name, keys, "each key once")
+    return keys[0] if isinstance(keys, tuple) and len(keys) == 1 else keys
+
+
+@value
 class Unknown:
     """A number to be estimated or chosen, in the unit of its key.
 
@@ -45,32 +54,21 @@ class Unknown:
         The measurements that it belongs to, by their session; all unless given.
     """
 
-    key: str | tuple[str, ...]
+    key: Annotated[str | tuple[str, ...], Rule(_each_once)]
     lower: float
     upper: float
     prior: tuple[float, float] | None = None
     session: str | None = None
 
     def __post_init__(self) -> None:
-        keys = (self.key,) if isinstance(self.key, str) else tuple(self.key)
-        if not keys or not all(isinstance(key, str) for key in keys):
-            raise InputError("Unknown.key", self.key, "a key path such as arm.E_kPa, or several")
-        if len(set(keys)) < len(keys):
-            raise InputError("Unknown.key", self.key, "each key once")
-        low, high = finite_array(f"{self.name}: bounds", (self.lower, self.upper), (2,)).tolist()
+        low, high = self.lower, self.upper
         if not low < high:
-            raise InputError(f"{self.name}: upper", self.upper, f"above lower, {self.lower:g}")
-        prior = self.prior
-        if prior is not None:
-            mean, std = prior = tuple(finite_array(f"{self.name}: prior", prior, (2,)).tolist())
+            raise InputError(f"{self.name}: upper", high, f"above lower, {low:g}")
+        if self.prior is not None:
+            mean, std = self.prior
             if not (std > 0 and low <= mean <= high):
                 allowed = f"a mean within the bounds, {low:g} to {high:g}, and a standard deviation"
                 raise InputError(f"{self.name}: prior", self.prior, f"{allowed} above 0")
-        if not (self.session is None or isinstance(self.session, str)):
-            raise InputError(f"{self.name}: session", self.session, "the name of a session")
-        kept = {"key": keys[0] if len(keys) == 1 else keys, "lower": low, "upper": high}
-        for name, value in (kept | {"prior": prior}).items():
-            object.__setattr__(self, name, value)
 
     @property
     def keys(self) -> tuple[str, ...]:
@@ -80,8 +78,7 @@ class Unknown:
     @property
     def name(self) -> str:
         """Keys, and the session where it belongs to one."""
-        keys = self.key if isinstance(self.key, tuple | list) else (self.key,)
-        return " = ".join(map(str, keys)) + (f" [{self.session}]" if self.session else "")
+        return " = ".join(self.keys) + (f" [{self.session}]" if self.session else "")
 
     @property
     def range(self) -> float:

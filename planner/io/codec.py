@@ -186,7 +186,7 @@ def type_in_file(hint: Any, unit: str = "") -> Any:
 def _bounds(meta: Any, unit: str) -> Iterator[tuple[str, Any]]:
     """Yield the bounds of an annotation, those of numbers in a unit."""
     for key in (*_BOUNDS, *_LENGTHS):
-        own = getattr(meta, key)
+        own = getattr(meta, key, None)
         if own is not None:
             yield key, number_in(own, unit) if key in _BOUNDS else own
 

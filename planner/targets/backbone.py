@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable
-from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated
 
 import casadi as ca
 import numpy as np
@@ -15,10 +14,11 @@ from model.checks import finite_array
 from model.errors import InputError
 from model.paths import Array
 from model.quantities import Length, NotNegative, Place
+from model.value import value
 from planner.targets.base import Free, Terms, View, check_near
 
 
-@dataclass(frozen=True)
+@value
 class Backbone(Free):
     """Pass as near as the limits allow to points, in the sense of weighted least squares.
 
@@ -38,23 +38,13 @@ class Backbone(Free):
     weights: tuple[NotNegative, ...] | None = None
 
     def __post_init__(self) -> None:
-        points = finite_array("Backbone.points", self.points, (None, 3))
-        m = len(points)
-        if m == 0:
-            raise InputError("Backbone.points", self.points, "at least one point")
-        object.__setattr__(self, "points", tuple(tuple(row) for row in points.tolist()))
         for name in ("s", "weights"):
-            self._freeze(name, m)
-        if self.weights is not None and (min(self.weights) < 0 or max(self.weights) == 0):
+            if getattr(self, name) is not None:
+                finite_array(f"Backbone.{name}", getattr(self, name), (len(self.points),))
+        if self.weights is not None and max(self.weights) == 0:
             raise InputError("Backbone.weights", self.weights, "0 or above, not all 0")
-        if self.s is not None and (min(self.s) <= 0 or np.any(np.diff(self.s) <= 0)):
+        if self.s is not None and np.any(np.diff(self.s) <= 0):
             raise InputError("Backbone.s", self.s, "increasing arc lengths above 0 m")
-
-    def _freeze(self, name: str, m: int) -> None:
-        given: Any = getattr(self, name)
-        if given is not None:
-            values = finite_array(f"Backbone.{name}", given, (m,))
-            object.__setattr__(self, name, tuple(values.tolist()))
 
     def check(self, arm: Arm) -> None:
         """See Target.check."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping
-from dataclasses import dataclass
 from typing import Annotated
 
 import casadi as ca
@@ -11,15 +10,14 @@ import numpy as np
 from msgspec import Meta
 
 from model.arm import Arm
-from model.checks import finite_array
-from model.errors import InputError
 from model.paths import Array
 from model.quantities import Angle, unit
-from model.units import likely_degrees, warn_of_angles
+from model.units import warn_of_angles
+from model.value import value
 from planner.targets.base import Free, Terms, View, toward
 
 
-@dataclass(frozen=True)
+@value
 class BendingPlane(Free):
     """Bend by an angle in a plane, pulling tendons of one section only.
 
@@ -42,12 +40,7 @@ class BendingPlane(Free):
     section: Annotated[int, Meta(ge=1)] = 1
 
     def __post_init__(self) -> None:
-        angle = float(finite_array("BendingPlane.angle", self.angle, ()))
-        bend = float(finite_array("BendingPlane.bend", self.bend, ()))
-        if not 0 < bend <= np.pi:
-            allowed = f"an angle in rad above 0, up to pi{likely_degrees(bend)}"
-            raise InputError("BendingPlane.bend", self.bend, allowed)
-        warn_of_angles("BendingPlane.angle", [angle])
+        warn_of_angles("BendingPlane.angle", [self.angle])
 
     def check(self, arm: Arm) -> None:
         """See Target.check."""

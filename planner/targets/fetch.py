@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Annotated, NamedTuple
 
@@ -11,11 +10,11 @@ import casadi as ca
 import numpy as np
 
 from model.arm import Arm
-from model.checks import finite_array
 from model.errors import InputError
 from model.paths import Array
 from model.quantities import Angle, Place, unit
-from model.units import likely_degrees, warn_of_angles
+from model.units import warn_of_angles
+from model.value import value
 from planner.targets.base import Free, Terms, View, check_near, toward
 
 
@@ -39,7 +38,7 @@ def stretches(arm: Arm) -> tuple[float, float, float, float]:
     return 0.0, arm.sections[first].at, arm.sections[second].at, arm.sections[0].at
 
 
-@dataclass(frozen=True)
+@value
 class Fetch(Free):
     """Three prescribed bends; `Fetch.reach(...)` is the form that brings the tip to a mouth.
 
@@ -60,12 +59,7 @@ class Fetch(Free):
 
     def __post_init__(self) -> None:
         for name in ("proximal", "medial", "distal"):
-            angle, plane = finite_array(f"Fetch.{name}", getattr(self, name), (2,)).tolist()
-            if not 0 <= angle <= np.pi:
-                allowed = f"a bend from 0 to pi rad{likely_degrees(angle)}"
-                raise InputError(f"Fetch.{name}", angle, allowed)
-            warn_of_angles(f"Fetch.{name} plane", [plane])
-            object.__setattr__(self, name, Bend(angle, plane))
+            warn_of_angles(f"Fetch.{name} plane", [getattr(self, name).plane])
 
     @staticmethod
     def reach(
@@ -112,7 +106,7 @@ class Fetch(Free):
         return np.array(arm.base_position) + arm.length * toward(arm, self.proximal.plane)
 
 
-@dataclass(frozen=True)
+@value
 class FetchReach(Free):
     """Bring the tip as near to a mouth as the limits allow, through three bends.
 
@@ -132,18 +126,13 @@ class FetchReach(Free):
     plane: Angle | None = None
 
     def __post_init__(self) -> None:
-        mouth = finite_array("Fetch.reach mouth", self.mouth, (3,))
-        if not 0 <= float(finite_array("Fetch.reach bend", self.bend, ())) < np.pi:
-            raise InputError("Fetch.reach bend", self.bend, "an angle from 0 up to, not with, pi")
         if self.plane is not None:
-            plane = float(finite_array("Fetch.reach plane", self.plane, ()))
-            warn_of_angles("Fetch.reach plane", [plane])
-        object.__setattr__(self, "mouth", tuple(mouth.tolist()))
+            warn_of_angles("FetchReach.plane", [self.plane])
 
     def check(self, arm: Arm) -> None:
         """See Target.check."""
         stretches(arm)
-        check_near(arm, "Fetch.reach mouth", self.mouth)
+        check_near(arm, "FetchReach.mouth", self.mouth)
 
     def structure(self, arm: Arm) -> Hashable:
         """See Target.structure."""

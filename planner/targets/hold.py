@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Hashable
-from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
 from model.arm import Arm
-from model.checks import finite_array, kind, not_negative
 from model.errors import InputError
 from model.obstacles.base import Convex
 from model.paths import Array
 from model.quantities import NotNegative
+from model.value import value
 from planner.targets.base import Free, Terms, View
 
 WRENCH = "balance of the held wrench"
@@ -21,7 +20,7 @@ WRENCH = "balance of the held wrench"
 LEVER = 0.1
 
 
-@dataclass(frozen=True)
+@value
 class Hold(Free):
     """Contact forces with which the arm can balance a wrench on an object.
 
@@ -47,16 +46,11 @@ class Hold(Free):
     friction: NotNegative = 0.0
 
     def __post_init__(self) -> None:
-        allowed = "a convex obstacle such as Capsule(start, end, radius); a Mesh is none"
-        kind("Hold.obstacle", self.obstacle, Convex, allowed)
-        given = finite_array("Hold.wrench", self.wrench, (None,))
-        if given.size not in (3, 6):
+        if len(self.wrench) not in (3, 6):
             allowed = "a force (3,) [N], or force and moment (6,) [N, N m]"
             raise InputError("Hold.wrench", self.wrench, allowed)
-        if not np.any(given):
+        if not any(self.wrench):
             raise InputError("Hold.wrench", self.wrench, "a force or moment that is not 0")
-        object.__setattr__(self, "wrench", tuple(given.tolist()))
-        object.__setattr__(self, "friction", not_negative("Hold.friction", self.friction))
 
     def size(self, arm: Arm) -> float:
         """Return how large the wrench is [N], moments over a tenth of the arm's length."""

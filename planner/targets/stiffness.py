@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Hashable
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cache
-from typing import Any
+from typing import Annotated, Any
 
 import casadi as ca
 import numpy as np
 
 from model.arm import Arm
-from model.checks import finite_array, positive, unit_vector
+from model.checks import finite_array, unit_vector
 from model.errors import InputError
 from model.paths import Array
-from model.quantities import Stiffness, Tension, Vector
-from model.stiffness import HOLDS, Hold
+from model.quantities import Direction, Stiffness, Tension
+from model.stiffness import Hold
+from model.value import Rule, value
 from planner.targets.base import OVER_WANTED, ComplianceRequest, Free, Terms, View
 
 SHARE = f"stiffness{OVER_WANTED}"
 
 
-@dataclass(frozen=True)
+@value
 class _Directed(Free):
     """What is said of the tip's stiffness along a direction.
 
@@ -29,13 +30,11 @@ class _Directed(Free):
     across it and to turn: 1 / (d . C d) with the compliance C of model.stiffness.
     """
 
-    direction: Vector
+    direction: Direction
     hold: Hold = field(default="tension", kw_only=True)
     tendon_EA: Tension | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        field = f"{type(self).__name__}.direction"
-        object.__setattr__(self, "direction", unit_vector(field, self.direction))
         _check_hold(type(self).__name__, self.hold, self.tendon_EA)
 
     def structure(self, arm: Arm) -> Hashable:
@@ -63,7 +62,7 @@ class _Directed(Free):
         return None
 
 
-@dataclass(frozen=True)
+@value
 class Stiffest(_Directed):
     """The tip as stiff along a direction as the limits allow; effort no longer matters.
 
@@ -84,7 +83,7 @@ class Stiffest(_Directed):
         return Terms(objective={"compliance": _log_compliance(view, p)})
 
 
-@dataclass(frozen=True)
+@value
 class Softest(_Directed):
     """The tip as soft along a direction as the limits allow; see Stiffest.
 
@@ -103,7 +102,17 @@ class Softest(_Directed):
         return Terms(objective={"stiffness": -_log_compliance(view, p)})
 
 
-@dataclass(frozen=True)
+def _direction_or_matrix(name: str, given: Any) -> tuple[Any, ...]:
+    """Return a direction (3,), or a symmetric positive definite matrix (3, 3), row by row."""
+    if np.ndim(given) != 2:
+        return unit_vector(name, given)
+    matrix = finite_array(name, given, (3, 3))
+    if not np.allclose(matrix, matrix.T) or np.linalg.eigvalsh(matrix)[0] <= 0:
+        raise InputError(name, given, "a direction, or a symmetric positive definite matrix")
+    return tuple(map(tuple, matrix.tolist()))
+
+
+@value
 class MinimumStiffness(Free):
     """The tip at least so stiff: against forces along a direction, or against all of them.
 
@@ -122,24 +131,12 @@ class MinimumStiffness(Free):
         Stiffness E A of the tendons themselves, with their lengths held [N]; see stiffness.
     """
 
-    direction: Any
+    direction: Annotated[Any, Rule(_direction_or_matrix)]
     value: Stiffness
     hold: Hold = "tension"
     tendon_EA: Tension | None = None
 
     def __post_init__(self) -> None:
-        field = "MinimumStiffness.direction"
-        kept: Any
-        if np.ndim(self.direction) == 2:
-            given = finite_array(field, self.direction, (3, 3))
-            if not np.allclose(given, given.T) or np.linalg.eigvalsh(given)[0] <= 0:
-                allowed = "a direction, or a symmetric positive definite matrix"
-                raise InputError(field, self.direction, allowed)
-            kept = tuple(map(tuple, given.tolist()))
-        else:
-            kept = unit_vector(field, self.direction)
-        object.__setattr__(self, "direction", kept)
-        object.__setattr__(self, "value", positive("MinimumStiffness.value", self.value))
         _check_hold("MinimumStiffness", self.hold, self.tendon_EA)
 
     def structure(self, arm: Arm) -> Hashable:
@@ -204,11 +201,6 @@ def rest_compliance(arm: Arm) -> float:
     return float(np.trapezoid((arm.length - s) ** 2 / EJ, s))
 
 
-def _check_hold(name: str, hold: Any, tendon_EA: Any) -> None:
-    if hold not in HOLDS:
-        raise InputError(f"{name}.hold", hold, '"tension" or "length"')
-    if tendon_EA is None:
-        return
-    positive(f"{name}.tendon_EA", tendon_EA)
-    if hold == "tension":
+def _check_hold(name: str, hold: Hold, tendon_EA: float | None) -> None:
+    if tendon_EA is not None and hold == "tension":
         raise InputError(f"{name}.tendon_EA", tendon_EA, 'None, unless hold is "length"')

@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping
-from dataclasses import dataclass
-from typing import Any
+from functools import partial
+from typing import Annotated
 
 import casadi as ca
 import numpy as np
 
 from model.arm import Arm
-from model.checks import finite_array, positive, unit_vector
-from model.errors import InputError
+from model.checks import orthonormal
 from model.paths import Array
-from model.quantities import Place, Positive, Vector
+from model.quantities import Direction, Matrix, Place, Positive
 from model.rotations import from_matrix
+from model.value import Rule, value
 from planner.targets.base import Free, Terms, View, check_near
 
 POSITION, DIRECTION, ROTATION = "tip position", "tip direction", "tip rotation"
 
 
-@dataclass(frozen=True)
+@value
 class TipPosition(Free):
     """The tip at a point.
 
@@ -31,10 +31,6 @@ class TipPosition(Free):
     """
 
     position: Place
-
-    def __post_init__(self) -> None:
-        point = finite_array("TipPosition.position", self.position, (3,))
-        object.__setattr__(self, "position", tuple(point.tolist()))
 
     def check(self, arm: Arm) -> None:
         """See Target.check."""
@@ -57,20 +53,11 @@ class TipPosition(Free):
         return np.array(self.position)
 
 
-@dataclass(frozen=True)
+@value
 class _Oriented(Free):
     """The tip at a point and oriented somehow, with weights between the two."""
 
     position: Place
-
-    def _check(self, weights: Any) -> None:
-        """Freeze position and weights; InputError that names them."""
-        name = type(self).__name__
-        point = finite_array(f"{name}.position", self.position, (3,))
-        object.__setattr__(self, "position", tuple(point.tolist()))
-        pair = finite_array(f"{name}.weights", weights, (2,))
-        kept = tuple(positive(f"{name}.weights", own) for own in pair.tolist())
-        object.__setattr__(self, "weights", kept)
 
     def check(self, arm: Arm) -> None:
         """See Target.check."""
@@ -81,7 +68,7 @@ class _Oriented(Free):
         return np.array(self.position)
 
 
-@dataclass(frozen=True)
+@value
 class TipPointing(_Oriented):
     """The tip at a point, its tangent along a direction; how it rolls about that is free.
 
@@ -99,12 +86,8 @@ class TipPointing(_Oriented):
         between the directions [rad].
     """
 
-    direction: Vector
+    direction: Direction
     weights: tuple[Positive, Positive] = (1.0, 1.0)
-
-    def __post_init__(self) -> None:
-        self._check(self.weights)
-        object.__setattr__(self, "direction", unit_vector("TipPointing.direction", self.direction))
 
     def structure(self, arm: Arm) -> Hashable:
         """See Target.structure."""
@@ -135,7 +118,7 @@ class TipPointing(_Oriented):
         return {POSITION: np.array(self.position), DIRECTION: np.array(self.direction)}
 
 
-@dataclass(frozen=True)
+@value
 class TipPose(_Oriented):
     """The tip at a point with a frame.
 
@@ -151,16 +134,8 @@ class TipPose(_Oriented):
         the rotation between the frames [rad].
     """
 
-    frame: tuple[tuple[float, ...], ...]
+    frame: Annotated[Matrix, Rule(partial(orthonormal, rounding=1e-6))]
     weights: tuple[Positive, Positive] = (1.0, 1.0)
-
-    def __post_init__(self) -> None:
-        self._check(self.weights)
-        frame = finite_array("TipPose.frame", self.frame, (3, 3))
-        square = np.clip(frame, -2, 2)
-        if not np.allclose(square.T @ square, np.eye(3), atol=1e-6) or np.linalg.det(square) < 0:
-            raise InputError("TipPose.frame", self.frame, "a right-handed orthonormal frame")
-        object.__setattr__(self, "frame", tuple(tuple(row) for row in frame.tolist()))
 
     def structure(self, arm: Arm) -> Hashable:
         """See Target.structure."""

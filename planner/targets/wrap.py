@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 
@@ -11,12 +11,12 @@ import casadi as ca
 import numpy as np
 
 from model.arm import Arm
-from model.checks import kind, not_negative, positive
 from model.errors import InputError
 from model.obstacles import HalfSpace
 from model.obstacles.base import SIZE, Convex, with_gradient
 from model.paths import Array
 from model.quantities import ArcLength, Length, Positive
+from model.value import value
 from planner.targets.base import OVER_WANTED, Free, Terms, View
 
 NEAR, CLEAR, TURNS = "nearness along the obstacle", "gap to the obstacle", f"turns{OVER_WANTED}"
@@ -26,7 +26,7 @@ PLACES = 17
 _TINY = 1e-24
 
 
-@dataclass(frozen=True)
+@value
 class Wrap(Free):
     """A part of the arm along an obstacle, for a contact length or so many turns round it.
 
@@ -67,17 +67,9 @@ class Wrap(Free):
     tolerance: Positive = 0.25
 
     def __post_init__(self) -> None:
-        allowed = "a convex obstacle such as Capsule(start, end, radius); a Mesh is none"
-        kind("Wrap.obstacle", self.obstacle, Convex, allowed)
         if (self.turns is None) == (self.length is None):
             given = "neither" if self.turns is None else "both"
             raise InputError("Wrap", given, "turns, or the length of the part in m")
-        for name in ("turns", "length"):
-            if getattr(self, name) is not None:
-                object.__setattr__(self, name, positive(f"Wrap.{name}", getattr(self, name)))
-        if self.start is not None:
-            object.__setattr__(self, "start", not_negative("Wrap.start", self.start))
-        object.__setattr__(self, "tolerance", positive("Wrap.tolerance", self.tolerance))
         if self.turns is not None and isinstance(self.obstacle, HalfSpace):
             raise InputError("Wrap.turns", self.turns, "a length: there are no turns round a plane")
 

@@ -82,8 +82,7 @@ NO_VECTORS: dict[str, tuple[Any, str]] = {
 IN_OR_OUT = "1 (pulling in) or -1 (paying out)"
 DIRECTIONS: list[tuple[Any, str]] = [
     *((x, IN_OR_OUT) for x in (0, 2, (1, 0), (), (1, 0.5))),
-    *(((1, NAN), "finite"), (1.0, "shape n"), (((1,), (-1,)), "shape n")),
-    *((x, "numbers of shape n") for x in ("in", True)),
+    *((x, IN_OR_OUT) for x in ((1, NAN), 1.0, ((1,), (-1,)), "in", True)),
 ]
 VALUES: Refused = {
     **{f"{f}, below 0": (partial(make, -1e-9), f, told) for f, (make, told) in NUMBERS.items()},

@@ -48,7 +48,7 @@ MESHES: list[tuple[Any, Any, str]] = [
     (CORNERS, FACES + 1, "numbers of vertices"),
     (CORNERS, FACES - 1, "numbers of vertices"),
     (CORNERS, FACES + 0.5, "whole numbers"),
-    (CORNERS, FACES[:2], "4 or more"),
+    (CORNERS, FACES[:2], "at least 4"),
     (CORNERS[:, :2], FACES, "nx3"),
     (0 * CORNERS, FACES, "have an area"),
 ]

@@ -80,7 +80,7 @@ PLANS: Refused = {
     ),
     "mouth out of sight": (
         lambda: plan(LONG, Fetch.reach((0, 0, 1e6)), PAPER, 1.0),
-        "Fetch.reach mouth",
+        "FetchReach.mouth",
         "",
     ),
     "frame out of this world": (lambda: TipPose((0, 0, 0), 1e25 * np.eye(3)), "TipPose.frame", ""),
@@ -110,7 +110,7 @@ PLANS: Refused = {
         "",
     ),
     "a bend of a fetch beyond pi": (lambda: Fetch((4, 0), (1, 0), (1, 0)), "Fetch.proximal", ""),
-    "least bend of pi": (lambda: Fetch.reach((0, 0, 0), np.pi), "Fetch.reach bend", ""),
+    "least bend of pi": (lambda: Fetch.reach((0, 0, 0), np.pi), "FetchReach.bend", ""),
     "two tip positions": (
         lambda: plan(LONG, [TIP, TipPosition((0.2, 0.1, 0.0))], PAPER, 1.0),
         "tip position",
