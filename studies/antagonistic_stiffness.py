@@ -43,7 +43,7 @@ from model.stiffness import HOLDS
 from planner import Limits, Plan, plan, stiffness
 from planner.plots.stiffness import plot_ellipsoids
 from planner.targets import Bend, BendingPlane, Fetch, MinimumStiffness, Target, TipPosition
-from studies.panels import INK, STATICS, lettered
+from studies.reporting import INK, STATICS, lettered
 
 REFERENCE = Path(__file__).parents[1] / "tests" / "data" / "fem_reference.json"
 SCENES = {

@@ -36,7 +36,7 @@ from model.effects import Extension
 from model.obstacles import Capsule, Obstacle, Sphere
 from planner import Plan, plan
 from planner.targets import TipPosition
-from studies.interrupts import keep_finished
+from studies.reporting import keep_finished
 
 Array = NDArray[np.float64]
 MAXIMUM, SCENE = 20.0, Scene(Extension())

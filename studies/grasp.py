@@ -52,7 +52,7 @@ from model.paths import Array
 from planner import Plan, plan
 from planner.contact.remarks import curvature_along
 from planner.targets import Wrap
-from studies.panels import lettered
+from studies.reporting import lettered
 
 ARM, STATICS = Arm.from_paper("table-4"), Scene.silicone()
 L = ARM.length

@@ -31,7 +31,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from planner import sweep
-from studies.panels import lettered
+from studies.reporting import lettered
 
 MOST = (0.6, 5.0, 15.0)
 SCENE = """\

@@ -35,7 +35,7 @@ from planner.program.problem import build
 from planner.solve.ipopt import solve
 from planner.targets import TipPosition
 from studies.baselines import ScipyArm
-from studies.interrupts import keep_finished
+from studies.reporting import keep_finished
 
 Array = NDArray[np.float64]
 MAXIMUM = 20.0

@@ -31,7 +31,7 @@ from planner import Limits, Statement, plan
 from planner.solve.search import Search
 from planner.solve.task import Task
 from planner.targets import Target, TipPose, TipPosition
-from studies.reachable import ARM, MAXIMUM, draw, off
+from studies.planner_suite import ARM, MAXIMUM, draw, off
 
 KINDS = ("tip", "pose", "turned", "plane", "fetch", "backbone")
 _FAR, _STRONG = (1.02, 1.4), (1.5, 4.0)

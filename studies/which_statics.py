@@ -29,7 +29,7 @@ from matplotlib.figure import Figure
 
 from model import Anchorage, Arm, Linear, Scene, settle
 from model.effects import ExactTendons, Extension, NeoHookean
-from studies.panels import GRID, STATICS
+from studies.reporting import GRID, STATICS
 
 REFERENCE = Path(__file__).parents[1] / "tests" / "data" / "fem_reference.json"
 SCENES = {

@@ -38,21 +38,29 @@ from matplotlib.figure import Figure
 
 from model.forward import SCHEMES
 from planner.plots.work import Curve, legend_below, plot_work
-from studies.panels import lettered
-from studies.speed.timing import machine
-from studies.speed.work_precision import silicone
-from studies.speed.work_precision.curves import Measured, Size
-from studies.speed.work_precision.planning import plans, reachable, statics
-from studies.speed.work_precision.settling import (
+from studies.reporting import lettered
+from studies.speed.planning_curves import (
+    SCENES,
+    STAGES,
+    orders,
+    planning_in_silicone,
+    plans,
+    reachable,
+    settling_in_silicone,
+    stages_name,
+    statics,
+)
+from studies.speed.settling_curves import (
     EXACT,
     EXPLICIT,
     PAPER,
     WEIGHT,
+    Measured,
+    Size,
     jacobians,
     settling,
 )
-from studies.speed.work_precision.silicone import SCENES, STAGES, orders, planning
-from studies.speed.work_precision.silicone import name as stages_name
+from studies.speed.timing import machine
 
 NAMES = SCHEMES
 TIP = "verified tip error [L]"
@@ -163,7 +171,10 @@ def in_silicone(size: Size, rng: np.random.Generator, out: Path) -> None:
     """Print and draw settling and planning in silicone."""
     panels = {}
     for which in SCENES:
-        for title, measure in (("settling", silicone.settling), ("plan of a tip", planning)):
+        for title, measure in (
+            ("settling", settling_in_silicone),
+            ("plan of a tip", planning_in_silicone),
+        ):
             curves = measure(which, size, rng)
             panels[f"{title}, {which}"] = curves
             table(f"{title}, {which}", [curve.by_time() for curve in curves], "ms")

@@ -41,7 +41,7 @@ from model.effects import (
     Weight,
 )
 from planner.effect_ablation import Switch, switch_on
-from studies.panels import lettered
+from studies.reporting import lettered
 
 PAPER = Scene(Extension())
 _COLOURS = ("#1f6fb4", "#e8912c")

@@ -54,6 +54,7 @@ def test_gap_and_force_are_complementary(name: str) -> None:
     gaps = _gaps(shape, ROD, name == "silicone")
     assert gaps.min() > -1e-8
     assert gaps.min() < 1e-5
+    assert shape.contacts
     for touch in shape.contacts:
         out = shape.position(touch.s) - touch.point
         assert abs(touch.gap) < 1e-12

@@ -40,6 +40,7 @@ def test_what_is_touched_is_not_entered_and_pushes_outwards(obstacle: Obstacle) 
     shape = settle(arm, [0, 0.4, 0, 0], Scene(Extension(), ExactTendons(), Contact(obstacle)))
     s = np.linspace(0, arm.length, 601)
     assert (obstacle.distance(shape.position(s)) - 0.006).min() > -1e-6 * arm.length
+    assert shape.contacts
     for own in shape.contacts:
         x = shape.position(own.s)
         assert obstacle.distance(x[None])[0] - 0.006 == pytest.approx(0, abs=1e-6 * arm.length)

@@ -1,8 +1,10 @@
-"""What the figures of studies have in common: letters of panels, one look for all axes."""
+"""How studies report: one look for all figures, and what was finished at Ctrl-C."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from string import ascii_lowercase
 
 from matplotlib.axes import Axes
@@ -24,3 +26,12 @@ def lettered(panels: Iterable[tuple[Axes, str]]) -> None:
         ax.grid(color=GRID, linewidth=0.6)
         ax.set_axisbelow(True)
         ax.spines[["top", "right"]].set_visible(False)
+
+
+@contextmanager
+def keep_finished() -> Iterator[None]:
+    """Leave the block at Ctrl-C and go on after it, with what was finished, and say so."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        print("interrupted: what follows is of what was finished", file=sys.stderr)

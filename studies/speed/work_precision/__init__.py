@@ -1,1 +1,0 @@
-"""What studies.speed.accuracy measures: error over time, by way and setting."""
