@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import cache
 from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
@@ -46,6 +46,11 @@ def is_of_project(kind: Any) -> bool:
 def is_union(kind: Any) -> bool:
     """Return whether a type is a choice of types."""
     return get_origin(kind) in (Union, UnionType)
+
+
+def choice(kinds: Iterable[Any]) -> Any:
+    """Return the type of what is of one of several types."""
+    return Union[tuple(kinds)]  # noqa: UP007  (of types that are made here)
 
 
 def metas(kind: Any) -> Iterator[Meta]:

@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable, Container, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Annotated, Any, Literal, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, get_args, get_origin
 
 import msgspec
 import numpy as np
@@ -26,6 +26,7 @@ from planner.io.annotations import (
     UNITS,
     about_type,
     attributes_told,
+    choice,
     hints_of,
     is_union,
     quantity,
@@ -170,7 +171,7 @@ def type_in_file(hint: Any, unit: str = "") -> Any:
         # Of all tendons of a section, or a list with one for each.
         return list[float | list[float] | samples(unit)] | samples(unit)  # type: ignore[misc]
     if is_union(hint):
-        return Union[tuple(type_in_file(own, unit) for own in inside)]  # noqa: UP007
+        return choice(type_in_file(own, unit) for own in inside)
     if origin is tuple and inside[-1] is Ellipsis:
         return tuple[type_in_file(inside[0], unit), ...]  # type: ignore[misc]
     if origin is tuple or hasattr(hint, "_fields"):

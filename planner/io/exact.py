@@ -23,10 +23,9 @@ from model.errors import InputError
 from model.paths import Array, Linear, Path, Sampled
 from model.scene import Scene
 from planner.avoidance.rows import Apart, Avoidance, Place
-from planner.io.annotations import arguments, hints_of, is_of_project, is_union
+from planner.io.annotations import arguments, choice, hints_of, is_of_project, is_union
 from planner.io.codec import READ, WRITE, read, struct
 from planner.io.files import versions
-from planner.io.obstacle_tables import choice
 from planner.targets import Target
 
 KINDS: dict[str, Any] = {

@@ -39,6 +39,12 @@ class Kind(NamedTuple):
         return isinstance(self.type, type) and issubclass(self.type, msgspec.Struct)
 
     @property
+    def size(self) -> int | None:
+        """How long a list has to be; None of one of any length, and of what is none."""
+        items = get_args(self.type) if get_origin(self.type) is tuple else (...,)
+        return None if items[-1] is Ellipsis else len(items)
+
+    @property
     def tag(self) -> tuple[str, str] | None:
         """The key by which a table is told from others, and what it holds."""
         config = self.type.__struct_config__ if self.is_table else None
@@ -63,12 +69,12 @@ def value_at(table: Any, path: list[Step]) -> Any:
 
 def kinds_at(root: Any, table: Any, path: list[Step]) -> list[Kind]:
     """Return the types that are allowed at a path; a table's type chooses among tagged ones."""
-    kinds, seen = list(_alternatives(root)), table
+    kinds, seen = list(alternatives(root)), table
     for step in path:
-        inside = [_inside(kind, step) for kind in _chosen(kinds, seen)]
-        kinds = [kind for own in inside for kind in _alternatives(own)]
+        inside = [type_inside(kind, step) for kind in chosen(kinds, seen)]
+        kinds = [kind for own in inside for kind in alternatives(own)]
         seen = value_at(seen, [step])
-    return _chosen(kinds, seen)
+    return chosen(kinds, seen)
 
 
 def type_at(table: Any, path: list[Step], root: Any = SceneTable) -> Any:
@@ -86,28 +92,28 @@ def places(root: Any, key: str) -> list[str]:
 
 
 def _places(root: Any, key: str, path: str) -> Iterator[str]:
-    for kind in _alternatives(root):
+    for kind in alternatives(root):
         if key in kind.keys:
             yield path
         for name in kind.keys:
             yield from _places(hints_of(kind.type)[name], key, f"{path}.{name}" if path else name)
 
 
-def _alternatives(kind: Any) -> Iterator[Kind]:
+def alternatives(kind: Any) -> Iterator[Kind]:
     """Yield the members of a union, each with its bounds."""
     if is_union(kind):
         for own in get_args(kind):
-            yield from _alternatives(own)
+            yield from alternatives(own)
     elif get_origin(kind) is Annotated:
         bounds = {key: getattr(meta, key) for meta in metas(kind) for key in _BOUNDS}
         found = {key: own for key, own in bounds.items() if own is not None}
-        for inner, more in _alternatives(kind.__origin__):
+        for inner, more in alternatives(kind.__origin__):
             yield Kind(inner, more | found)
     elif kind is not type(None):
         yield Kind(kind, {})
 
 
-def _inside(kind: Kind, step: Step) -> Any:
+def type_inside(kind: Kind, step: Step) -> Any:
     """Return the type of a table's key or a list's item."""
     if isinstance(step, str) and step in kind.keys:
         return hints_of(kind.type)[step]
@@ -117,7 +123,7 @@ def _inside(kind: Kind, step: Step) -> Any:
     return type(None)
 
 
-def _chosen(kinds: list[Kind], table: Any) -> list[Kind]:
+def chosen(kinds: list[Kind], table: Any) -> list[Kind]:
     """Return the types, of tagged ones that alone whose tag the table has, if one has it."""
     if not isinstance(table, dict):
         return kinds

@@ -11,14 +11,15 @@ import operator
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, Literal, get_args, get_origin
+from itertools import chain
+from typing import Any, Literal, NamedTuple, get_args, get_origin
 
 import msgspec
 import numpy as np
 
 from model.errors import FileError, InputError, as_given, shortened
-from planner.io.annotations import SI, UNITS, about_type, suffix
-from planner.io.key_paths import Kind, hint, kinds_at, places, steps, type_at, value_at
+from planner.io.annotations import SI, UNITS, about_type, choice, suffix
+from planner.io.key_paths import Kind, alternatives, chosen, hint, places, steps, type_inside
 
 _LONG = 60
 _WORDS: dict[Any, str] = {
@@ -39,8 +40,8 @@ def checked(table: Any, kind: Any, name: str) -> Any:
     """Return what a file holds as a table of a kind; FileError where a key is missing or wrong."""
     try:
         return msgspec.convert(table, kind)
-    except msgspec.ValidationError as reason:
-        raise mistake(reason, name, table, kind) from None
+    except msgspec.ValidationError:
+        raise _mistake(name, table, kind) from None
 
 
 @contextmanager
@@ -54,37 +55,68 @@ def told_in(name: str, where: str) -> Iterator[None]:
         raise FileError.of(reason, name, where) from None
 
 
-def mistake(reason: msgspec.ValidationError, name: str, table: Any, root: Any) -> FileError:
-    """Return what is wrong with a table as an error that names the file, the key and its like.
+class _Part(NamedTuple):
+    """A part of what a file holds: its path, value and types, and that of the key that it is in."""
 
-    Parameters
-    ----------
-    reason : msgspec.ValidationError
-        Of which the path alone is asked for.
-    name : str
-        Of the file.
-    table : Any
-        What the file holds.
-    root : type
-        What it should hold.
+    path: str
+    value: Any
+    kinds: list[Kind]
+    key: Any
+
+
+def _mistake(name: str, table: Any, root: Any) -> FileError:
+    """Return what is wrong with what a file holds, which is not of its type `root`.
+
+    The error names the file, the key and its like.
     """
-    path = str(reason).partition(" - at `$")[2].rstrip("`").lstrip(".")
-    kinds, given = kinds_at(root, table, steps(path)), value_at(table, steps(path))
-    tables = [kind for kind in kinds if kind.is_table]
-    if isinstance(given, dict) and tables:
-        return _wrong_keys(name, path, given, tables, root)
-    if not kinds:  # what tells tables apart
-        tags = [own.tag[1] for own in kinds_at(root, table, steps(path)[:-1]) if own.tag]
-        kinds = [Kind(Literal[tuple(tags)], {})]
+    path, given, kinds, key = _wrong_part(_part("", table, root, root))
+    if isinstance(given, dict) and any(kind.is_table for kind in kinds):
+        return _wrong_keys(name, path, given, [kind for kind in kinds if kind.is_table], root)
     allowed = " or ".join(dict.fromkeys(_words(kind, given) for kind in kinds))
-    if any(_is_list(kind) for kind in kinds):
-        about = about_type(type_at(table, steps(path), root))
-        allowed = f"{allowed}: {about}" if about else allowed
-    choices = [
-        own for kind in kinds if get_origin(kind.type) is Literal for own in get_args(kind.type)
-    ]
-    told = f"got {shown(given)}, allowed is {allowed}{hint(given, choices)}"
+    if any(_is_list(kind) for kind in kinds) and about_type(key):
+        allowed = f"{allowed}: {about_type(key)}"
+    options = (get_args(kind.type) for kind in kinds if get_origin(kind.type) is Literal)
+    told = f"got {shown(given)}, allowed is {allowed}{hint(given, [*chain(*options)])}"
     return FileError(name, path or "the file", told)
+
+
+def _part(path: str, value: Any, kind: Any, key: Any) -> _Part:
+    return _Part(path.removeprefix("."), value, chosen([*alternatives(kind)], value), key)
+
+
+def _wrong_part(whole: _Part) -> _Part:
+    """Return the innermost part that alone makes a value be not of its type.
+
+    That is the value itself where its parts are allowed: a number out of bounds, a list of another
+    length, a table of which keys are missing or not known.
+    """
+    path, value, kinds, key = whole
+    items: Any = ()
+    if isinstance(value, dict):
+        tags = [own.tag for own in kinds if own.tag]
+        tag = tags[0][0] if tags else None
+        if tag in value and (tag, value[tag]) not in tags:
+            known: Any = Literal[tuple(own for _, own in tags)]
+            return _part(f"{path}.{tag}", value[tag], known, known)
+        named = {tag, *chain(*(own.keys for own in kinds))}
+        items = value.items() if named >= value.keys() and (tag is None or tag in value) else ()
+    elif isinstance(value, list) and any(own.size in (None, len(value)) for own in kinds):
+        items = enumerate(value)
+    for step, own in items:
+        inside = [type_inside(of, step) for of in kinds]
+        if any(of is not type(None) for of in inside) and not _fits(own, choice(inside)):
+            where = f"{path}[{step}]" if isinstance(step, int) else f"{path}.{step}"
+            of_key = key if isinstance(step, int) else choice(inside)
+            return _wrong_part(_part(where, own, choice(inside), of_key))
+    return whole
+
+
+def _fits(value: Any, kind: Any) -> bool:
+    try:
+        msgspec.convert(value, kind)
+    except msgspec.ValidationError:
+        return False
+    return True
 
 
 def shown(value: Any) -> str:
@@ -104,9 +136,8 @@ def _words(kind: Kind, given: Any) -> str:
     if get_origin(kind.type) is Literal:
         return f"one of {', '.join(map(str, get_args(kind.type)))}"
     if _is_list(kind):
-        items = get_args(kind.type)
-        if get_origin(kind.type) is tuple and items[-1] is not Ellipsis:
-            return f"a list of {len(items)}"
+        if kind.size is not None:
+            return f"a list of {kind.size}"
         least = kind.bounds.get("min_length", 0)
         is_short = isinstance(given, list) and len(given) < least
         return f"a list of at least {least}" if is_short else "a list [...]"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Annotated, Any, Literal, Union
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from msgspec import Meta, structs
@@ -14,7 +14,7 @@ from model.effects import Contact
 from model.errors import InputError
 from model.obstacles import Box, Mesh, Moving, Obstacle
 from model.obstacles.base import Convex
-from planner.io.annotations import quantity
+from planner.io.annotations import choice, quantity
 from planner.io.arm_tables import VECTOR, Numbers, frame, frame_form
 from planner.io.codec import (
     READ,
@@ -42,11 +42,6 @@ def public(module: Any, kind: Any = object) -> list[Any]:
 def tag_of(kind: type) -> str:
     """Return by which type the tables of a class are told: tip-position of TipPosition."""
     return re.sub(r"(?<!^)(?=[A-Z])", "-", kind.__name__).lower()
-
-
-def choice(tables: list[type[Table]]) -> Any:
-    """Return the type of what is one of several tables."""
-    return Union[tuple(tables)]  # noqa: UP007  (of types that are made here)
 
 
 def _vertices(given: list[Numbers] | None, position: Numbers, t: Numbers, n: Numbers) -> Any:

@@ -23,10 +23,9 @@ from planner.fit.fitted import Start
 from planner.fit.least_squares import Loss
 from planner.fit.measured import Measured
 from planner.fit.unknowns import Unknown
-from planner.io.annotations import arguments, hints_of
+from planner.io.annotations import arguments, choice, hints_of
 from planner.io.codec import READ, struct
 from planner.io.exact import Number, exact, exact_choices, fields_of, plain
-from planner.io.obstacle_tables import choice
 from planner.io.records import Floats, Matrix, Record, Rows, Schema, record_of, simple
 from planner.program.limits import Limits
 from planner.solve.search_result import SearchResult

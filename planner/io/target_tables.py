@@ -9,10 +9,10 @@ from msgspec import Meta
 
 import planner.targets
 from model.errors import InputError
-from planner.io.annotations import quantity
+from planner.io.annotations import choice, quantity
 from planner.io.arm_tables import VECTOR, Numbers, frame_form
 from planner.io.codec import Form, table
-from planner.io.obstacle_tables import choice, public, tag_of
+from planner.io.obstacle_tables import public, tag_of
 from planner.targets import Bend, Hold, MinimumStiffness, Softest, Stiffest, Target, TipPose
 
 
