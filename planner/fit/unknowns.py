@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import warnings
 from collections.abc import Callable, Iterable, Sequence
@@ -145,9 +146,12 @@ class Parameters:
         if not unknown.lower <= start <= unknown.upper:
             has = f"{start:g} {self.unit(unknown)}".rstrip()
             allowed = f"bounds that hold what arm or scene has, {has}"
-            for factor, how in ((1e3, "large"), (1e-3, "small")):
-                if unknown.lower <= factor * start <= unknown.upper:
-                    allowed += f"; are they 1000 times too {how}? Check the unit"
+            slips = {1e-3: "are they 1000 times too large", 1e3: "are they 1000 times too small"}
+            slips |= {math.degrees(1): "are they in radians"} if has.endswith("deg") else {}
+            for factor, slip in slips.items():
+                low, high = factor * unknown.lower, factor * unknown.upper
+                if low <= start <= high:
+                    allowed += f"; {slip}? Then give {low:g} to {high:g}"
             raise InputError(unknown.name, (unknown.lower, unknown.upper), allowed)
 
     def _check_key(self, key: str) -> None:

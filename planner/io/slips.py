@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Iterable
 from typing import Any
 
 from model.errors import FileError
@@ -33,23 +34,35 @@ def check_modulus(E_kPa: float, name: str) -> None:
 
 def warn_of_slips(raw: dict[str, Any]) -> None:
     """Warn of likely slips in what a scene file holds, with UnitWarning."""
-    for path in _FLUIDS:
-        value = value_at(raw, steps(path))
-        if value is not None and _WATER[0] <= value <= _WATER[1]:
-            told = f"{path} is {value:g} kg/m3, a thousandth of that of water"
-            _warn(told, f"if g/cm3 were meant, give {1e3 * value:g} (kg/m3)")
+    held = [(path, value_at(raw, steps(path))) for path in _FLUIDS]
+    held += [(path, value) for path, unit, value in measured("", raw) if unit == "deg"]
     judged: tuple[str, ...] = ()
-    for path, unit, value in measured("", raw):
-        held = value if isinstance(value, list) else [value]
-        numbers = [own for own in held if isinstance(own, int | float)]
-        if unit != "deg" or not numbers or path.startswith(judged):
-            continue
-        judged = (*judged, f"{path}[")
-        if any(map(_is_fraction_of_pi, numbers)) and all(abs(own) < 7 for own in numbers):
-            several = " of which some are fractions" if isinstance(value, list) else " a fraction"
-            told = f"a key in degrees holds {', '.join(f'{own:g}' for own in numbers)},{several}"
-            meant = ", ".join(f"{_degrees(own):g}" for own in numbers)
-            _warn(f"{told} of pi ({path})", f"if radians were meant, give {meant} (degrees)")
+    for path, value in held:
+        if not path.startswith(judged):
+            warn_of_slip(path, value)
+            judged = (*judged, f"{path}[") if isinstance(value, list) else judged
+
+
+def warn_of_slip(path: str, value: Any) -> None:
+    """Warn of a value, or of several, at a key path, that are likely slips; with UnitWarning."""
+    held = value if isinstance(value, list) else [value]
+    numbers = [own for own in held if isinstance(own, int | float)]
+    if not numbers:
+        return
+    if path in _FLUIDS and all(_WATER[0] <= own <= _WATER[1] for own in numbers):
+        told = f"{path} is {_listed(numbers)} kg/m3, a thousandth of that of water"
+        _warn(told, f"if g/cm3 were meant, give {_listed([1e3 * own for own in numbers])} (kg/m3)")
+    key = next(own for own in reversed(steps(path)) if isinstance(own, str))
+    small = all(abs(own) < 7 for own in numbers)
+    if key.endswith("_deg") and small and any(map(_is_fraction_of_pi, numbers)):
+        several = " of which some are fractions" if isinstance(value, list) else " a fraction"
+        told = f"a key in degrees holds {_listed(numbers)},{several} of pi ({path})"
+        meant = _listed(map(_degrees, numbers))
+        _warn(told, f"if radians were meant, give {meant} (degrees)")
+
+
+def _listed(numbers: Iterable[float]) -> str:
+    return ", ".join(f"{own:g}" for own in numbers)
 
 
 def _warn(told: str, meant: str) -> None:

@@ -20,6 +20,7 @@ from planner.io.scene_file import (
     question_of,
     text_of,
 )
+from planner.io.slips import warn_of_slip
 from planner.sweeps.axes import Axis, values_of
 from planner.sweeps.definition import Sweep
 from planner.sweeps.tables import MOST_POINTS, AxisTable, SweepFile, SweepTable
@@ -105,6 +106,7 @@ def _axes(table: SweepTable, scene: dict[str, Any], scene_name: str, name: str) 
                 raise FileError(name, where, told) from None
             with told_in(name, where):
                 _check_compute(asked, table.compute)
+        warn_of_slip(axis.key, axis.values.tolist())
         axes.append(axis)
     if table.draws is not None and not any(axis.drawn for axis in axes):
         raise FileError(name, "sweep.draws", "got draws, and no axis with a distribution")

@@ -12,14 +12,19 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from model import Arm, InputError, Scene
-from model.effects import Effect
+from model.effects import Effect, PrintedStatics
+from model.obstacles import Moving
 from planner.io.codec import table, table_of, value_of
 from planner.io.exact import exact, identity, plain
 from planner.io.files import to_json
+from planner.io.key_paths import changed
 from planner.io.mistakes import checked
 from planner.io.obstacle_tables import ObstacleTable
 from planner.io.scene_file import question_of, scene_table
 from planner.io.schemas import scene_schema
+from planner.sweeps.file import sweep_of
+from planner.sweeps.objects import sweep_table
+from planner.targets import TipPosition
 from tests.io.values import EFFECTS, OBSTACLES, TARGETS, arms, scenes, values_of
 
 ARM = Arm.from_paper("table-4")
@@ -51,6 +56,15 @@ def read_again(raw: dict[str, Any]) -> Any:
     return question_of(table)
 
 
+def swept(arm: Arm, scene: Scene, **more: Any) -> Any:
+    """Return the question at the point of a sweep of one point, which its schema allows."""
+    axes = {"arm.nu": [arm.material.nu]}
+    sweep = sweep_of(sweep_table(arm, axes, scene, **more))
+    SCHEMA.validate(json.loads(json.dumps(sweep.scene)))
+    (point,) = sweep.points(0)
+    return question_of(changed(sweep.scene, sweep.keys, point))
+
+
 def check_plain(own: Any) -> None:
     """Check that a value in a saved file is read as the same to the last bit."""
     again = value_of(checked(json.loads(to_json(plain(own))), exact(type(own)), "file"))
@@ -70,6 +84,8 @@ def test_a_target_is_written_and_read_again(kind: type, data: st.DataObject) -> 
         return
     (found,) = read_again(scene_table(ARM, target=target)).targets
     assert same(plain(found), plain(target))
+    (found,) = swept(ARM, Scene(), target=target, tension_max=5.0).targets
+    assert same(plain(found), plain(target))
 
 
 @pytest.mark.parametrize("kind", OBSTACLES, ids=lambda kind: kind.__name__)
@@ -80,6 +96,23 @@ def test_an_obstacle_is_written_and_read_again(kind: type, data: st.DataObject) 
     check_plain(obstacle)
     found = value_of(checked(table_of(obstacle), ObstacleTable, "file"))
     assert same(plain(found), plain(obstacle))
+    target = TipPosition((0.3, 0.1, -0.1))
+    given: dict[str, Any] = {"tension_max": 5.0, "obstacles": [obstacle]}
+    if isinstance(obstacle, Moving):
+        with pytest.raises(InputError, match="Moving only in a trajectory"):
+            swept(ARM, Scene(), target=target, **given)
+        given["waypoints"] = [table_of(target)]
+    else:
+        given["target"] = target
+    try:
+        questions = [read_again(scene_table(ARM, **given))]
+        questions += [swept(ARM, Scene(), **given)] if "target" in given else []
+    except InputError as reason:
+        assert "obstacles" in str(reason)  # it is in the way of the base or the target
+        return
+    for question in questions:
+        (found,) = question.options["obstacles"]
+        assert same(plain(found), plain(obstacle))
 
 
 @FEW
@@ -96,9 +129,14 @@ def test_many_scenes_are_written_and_read_again(scene: Scene) -> None:
 
 
 def check_scene(scene: Scene) -> None:
-    """Check that a scene is read again, in a file and in a plan."""
+    """Check that a scene is read again, in a file, in a plan and in a sweep."""
     check_plain(scene)
     assert same(plain(read_again(scene_table(ARM, scene)).scene), plain(scene))
+    if scene.has(PrintedStatics):
+        with pytest.raises(InputError, match="without as_printed"):
+            swept(ARM, scene, tensions=[0.0] * 12)
+        return
+    assert same(plain(swept(ARM, scene, tensions=[0.0] * 12).scene), plain(scene))
 
 
 @pytest.mark.parametrize("kind", EFFECTS, ids=lambda kind: kind.__name__)
@@ -124,7 +162,10 @@ _GRAVITY = tuple(kind() for kind in EFFECTS if kind.__name__ == "Weight")
 @given(arm=arms())
 def test_an_arm_is_written_and_read_again(arm: Arm) -> None:
     check_plain(arm)
-    found = read_again(scene_table(arm, Scene(*_GRAVITY))).arm
+    scene = Scene(*_GRAVITY)
+    found = read_again(scene_table(arm, scene)).arm
+    assert same(plain(found), plain(arm))
+    found = swept(arm, scene, tensions=[0.0] * arm.n_tendons).arm
     assert same(plain(found), plain(arm))
 
 

@@ -6,9 +6,13 @@ import warnings
 
 import pytest
 
-from model import UnitWarning
+from model import Arm, InputError, Scene, UnitWarning
+from model.effects import Buoyancy, Weight
 from model.errors import FileError
+from planner.fit.unknowns import Parameters, Unknown
 from planner.io.scene_file import read
+from planner.sweeps.file import sweep_of
+from planner.sweeps.objects import sweep_table
 
 OWN = """
 [arm]
@@ -55,3 +59,41 @@ def test_a_modulus_in_megapascals_is_refused(E: str, meant: str) -> None:
         read((OWN % ("[0]", f"E_kPa = {E}")).encode())
     assert caught.value.where == "arm.E_kPa"
     assert f"give {meant} if" in caught.value.problem
+
+
+def axis_warned(key: str, values: list[float]) -> list[str]:
+    """Return what is told of an axis of a sweep."""
+    arm, scene = Arm.from_paper("table-4"), Scene.silicone(Weight(), Buoyancy())
+    raw = sweep_table(arm, {key: values}, scene, tensions=[0.0] * 12)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        sweep_of(raw)
+    return list(dict.fromkeys(str(own.message) for own in told))
+
+
+def test_slips_along_the_axes_of_sweeps_are_told() -> None:
+    (told,) = axis_warned("arm.sections[0].angles_deg[1]", [1.4, 1.5708])
+    assert told.endswith("if radians were meant, give 80.2141, 90 (degrees)")
+    (told,) = axis_warned("effects.buoyancy.density", [0.95, 1.0])
+    assert told.endswith("if g/cm3 were meant, give 950, 1000 (kg/m3)")
+    told_of_arm = axis_warned("arm.density", [1.07])
+    assert all(own.endswith("if g/cm3 were meant, give 1070 (kg/m3)") for own in told_of_arm)
+    assert told_of_arm
+    assert not axis_warned("arm.sections[0].angles_deg[1]", [80.0, 90.0])
+    with pytest.raises(FileError, match=r"give 60 if megapascals"):
+        axis_warned("arm.E_kPa", [0.06, 0.07])
+
+
+@pytest.mark.parametrize(
+    ("unknown", "told"),
+    [
+        (Unknown("arm.E_kPa", 0.05, 0.5), "Then give 50 to 500"),
+        (Unknown("arm.E_kPa", 5e4, 5e5), "Then give 50 to 500"),
+        (Unknown("arm.density", 0.9, 1.1), "Then give 900 to 1100"),
+        (Unknown("arm.sections[0].angles_deg[1]", 1.5, 1.6), "in radians? Then give 85.9437 to"),
+    ],
+)
+def test_slips_in_the_bounds_of_unknowns_are_told(unknown: Unknown, told: str) -> None:
+    with pytest.raises(InputError) as caught:
+        Parameters.of(Arm.from_paper("table-4"), Scene(), [unknown])
+    assert told in str(caught.value)

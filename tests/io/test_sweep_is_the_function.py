@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,8 @@ from model.effects import (
     Weight,
 )
 from model.obstacles import Sphere
-from planner import sweep
+from planner import plan, stiffness, sweep
+from planner.targets import TipPosition
 
 ARM = Arm.from_paper("table-2")
 
@@ -74,3 +76,39 @@ def test_a_sweep_of_one_point_is_a_settle(seed: int) -> None:
         return
     assert found.settled.values.all(), found.outcome.values
     assert found.tip.values[0] == pytest.approx(alone.tip, abs=2e-6 * ARM.length)
+
+
+@pytest.mark.parametrize("seed", range(100, 120))
+@pytest.mark.quick("100", "107")
+def test_a_sweep_of_one_point_is_a_stiffness(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    scene, T = random_scene(rng), _tensions(rng)
+    given: dict[str, Any] = {"tensions": T, "compute": "stiffness", "progress": False}
+    found = sweep(ARM, scene=scene, axes={"arm.nu": [0.5]}, **given)
+    try:
+        alone = stiffness(ARM, T, scene)
+        compliance = alone.compliance
+    except OctoplanError as reason:
+        assert str(reason)[:40] in str(found.outcome.values[0])
+        return
+    assert bool(found.stable.values[0]) == alone.stable
+    error = np.abs(found.compliance.values[0] - compliance).max()
+    assert error <= 1e-4 * np.abs(compliance).max()
+
+
+@pytest.mark.parametrize("seed", range(200, 220))
+@pytest.mark.quick("201")
+def test_a_sweep_of_one_point_is_a_plan(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    scene = random_scene(rng)
+    target = TipPosition(tuple(settle(ARM, _tensions(rng), Scene.silicone()).tip.tolist()))
+    given: dict[str, Any] = {"tension_max": 4.0, "accuracy": 1e-5, "progress": False}
+    try:
+        alone = plan(ARM, target, scene, **given)
+    except OctoplanError as reason:
+        with pytest.raises(InputError, match=re.escape(str(reason).partition(":")[0])):
+            sweep(ARM, scene=scene, target=target, axes={"arm.nu": [0.5]}, **given)
+        return
+    found = sweep(ARM, scene=scene, target=target, axes={"arm.nu": [0.5]}, **given)
+    assert found.outcome.values[0] == alone.outcome
+    assert found.tensions.values[0] == pytest.approx(np.ravel(alone.tensions), abs=1e-6)
