@@ -12,25 +12,33 @@ by Newton steps, of least norm in combinations of tensions that no length feels.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol, TypeVar
 
 import numpy as np
 
 from model.arm import Arm
+from model.contact.forward import Touching, TouchingMap
 from model.equilibrium.complementarity import ROUNDING, least
+from model.equilibrium.equilibrium import Collocated, Equilibrium
+from model.equilibrium.forward import Collocation
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import newton
 from model.errors import CollapsedError, UnsettledSectionError
+from model.forward import ForwardMap, equilibrium_on
 from model.least_energy.program import STAGES, LeastEnergy, Minimum
+from model.loads import is_loaded
 from model.paths import Array
 from model.scene import Scene
 from model.shortest import refuse, unknown_least
 from model.time_limit import check_time
 from model.transcription.system import system
 from model.unloaded.tendon_lengths import Lengths, tendon_lengths
-from model.winches import Winches, arm_compliance
+from model.winches import Winches, slackened
 
+# What lengths may be off over the arm's length on meshes that are not the last one.
+_ON_THE_WAY = 1e-9
 # Newton steps; that one is the last which changes tensions by no more than this share, or which
 # will leave no more than this share of rounding, as its error goes by the square.
 _STEPS, _LAST, _SQUARE = 30, 1e-5, 0.1
@@ -67,12 +75,6 @@ def least_by_lengths(program: LeastEnergy, winches: Winches) -> Minimum | None:
     if found is None and program.conservative:
         refuse(program, winches)
     return found
-
-
-def slackened(tensions: Array, left: Array, winches: Winches, arm: Arm) -> Array:
-    """Return tensions of an interior point, 0 of tendons that have more left than they pull."""
-    slack = winches.held & (arm_compliance(arm) * tensions < left)
-    return np.where(slack, 0.0, tensions)
 
 
 _At = TypeVar("_At", bound=AtLengths)
@@ -112,10 +114,6 @@ class UnloadedLengths:
         if found is None:
             raise self._crushed or unknown_least(arm, winches)
         return found.tensions
-
-    def at(self, tensions: Array) -> Lengths:
-        """Return the lengths of the tendons under tensions."""
-        return self._lengths(tensions)
 
     def _beside(self, at: Lengths, tensions: Array) -> Lengths | None:
         try:
@@ -211,3 +209,85 @@ def _stepped(at: _At, tensions: Array, beside: Callable[[_At, Array], _At | None
         if found is not None:
             return found
     return None
+
+
+@dataclass(frozen=True, eq=False)
+class GivenLengths:
+    """Lengths that winches leave, of some tendons or all.
+
+    Attributes
+    ----------
+    near : (n_tendons,)
+        Tensions to begin with.
+    """
+
+    arm: Arm
+    scene: Scene
+    winches: Winches
+    machine_code: bool = False
+    near: Array | None = None
+
+    def on(self, forward: ForwardMap, near: Equilibrium | None) -> Equilibrium:
+        """Return the equilibrium on the mesh of a forward map, near that of another if given.
+
+        Raises InputError where no shape has the lengths.
+        """
+        if not (is_loaded(self.scene) and isinstance(forward, Collocation)):
+            return equilibrium_on(forward, self._unloaded)
+        return _of(forward, self._loaded(forward, near))
+
+    def finished(self, forward: ForwardMap, found: Equilibrium) -> Equilibrium:
+        """Return an equilibrium that is accepted, its tensions found to rounding."""
+        here = found.states
+        if here is None or not (is_loaded(self.scene) and isinstance(forward, Collocation)):
+            return found
+        tight = tightened(here, self.winches, _beside(forward), self.arm)
+        return found if tight is None else _of(forward, tight)
+
+    def _loaded(self, forward: Collocation, near: Equilibrium | None) -> Linearised:
+        winches, begun, beside = self.winches, None, _beside(forward)
+        if near is not None and near.states is not None:
+            T = np.where(winches.held, near.tensions, winches.tensions)
+            if isinstance(forward, TouchingMap):
+                begun = forward.equilibrium(T, near).here
+            else:
+                begun = forward.near(T, near.states)
+        found = begun and tightened(begun, winches, beside, self.arm, _ON_THE_WAY)
+        if found is not None:
+            return found
+        begun = self._from_rest(forward)
+        found = begun and tightened(begun, winches, beside, self.arm, _ON_THE_WAY)
+        if found is None:
+            free = forward.found(winches.tensions)
+            found = followed(free, winches, beside, self.arm)
+        if found is None:
+            raise unknown_least(self.arm, winches)
+        return found
+
+    def _from_rest(self, forward: Collocation) -> Linearised | None:
+        """Return the equilibrium under about the tensions by lengths; None if none is found."""
+        if isinstance(forward, TouchingMap):
+            return forward.by_lengths(self.winches)
+        program = LeastEnergy(forward.system)
+        least = least_by_lengths(program, self.winches)
+        if least is None:
+            return None
+        left = self.winches.lacks(program.lengths(least), least.tensions)
+        T = slackened(least.tensions, left, self.winches, self.arm)
+        return newton(forward.system, T, 1.0, program.states(least))
+
+    @cached_property
+    def _unloaded(self) -> Array:
+        """Tensions of the arm without loads, found once: no mesh is asked for."""
+        lengths = UnloadedLengths(self.arm, self.scene, self.winches, self.machine_code)
+        return lengths.tensions(self.near)
+
+
+def _of(forward: Collocation, here: Linearised) -> Equilibrium:
+    own = Touching if isinstance(forward, TouchingMap) else Collocated
+    return own(here, forward.refinement)
+
+
+def _beside(forward: Collocation) -> Callable[[Linearised, Array], Linearised | None]:
+    """Return what leads from an equilibrium to that under tensions near its own."""
+    return forward.beside if isinstance(forward, TouchingMap) else equilibrium_beside

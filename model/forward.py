@@ -5,9 +5,8 @@ from __future__ import annotations
 import copyreg
 from functools import lru_cache
 from itertools import zip_longest
-from typing import Any, Protocol
+from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from model.arm import Arm
@@ -15,7 +14,6 @@ from model.contact.forward import TouchingMap
 from model.effects import Friction, PrintedStatics
 from model.equilibrium.equilibrium import Equilibrium
 from model.equilibrium.forward import Collocation, collocation_order
-from model.equilibrium.linearised import Linearised
 from model.errors import InputError
 from model.integrators.magnus import MAGNUS2, MAGNUS4, MAGNUS6
 from model.integrators.runge_kutta import RK4, RK6, RK8
@@ -24,7 +22,6 @@ from model.mesh import graded
 from model.mesh_refinement import IMPLICIT, ROUNDING
 from model.paths import Array
 from model.scene import Scene
-from model.stations import Counts
 from model.unloaded.closed_form import ClosedForm
 from model.unloaded.geometry import Geometry, geometry_on_mesh
 from model.unloaded.marched import March, Marched
@@ -39,20 +36,7 @@ PRINTED = {scheme.name: scheme for scheme in (RK6, RK8, RK4)}
 SCHEMES = (*CLOSED_FORMS, *COLLOCATIONS, *PRINTED)
 
 
-class ExplicitMap(March, Protocol):
-    """A march of which CasADi has the derivatives: `function` takes tensions to poses and 1 + q.
-
-    `stretch_active` sections cross at the arc lengths `stretch_at`.
-    """
-
-    stretch_active: Counts
-
-    @property
-    def function(self) -> ca.Function:
-        """Tensions (n_tendons,) -> poses (7, S + 1), 1 + q (1, K)."""
-
-
-ForwardMap = Collocation | ExplicitMap
+ForwardMap = Collocation | March
 
 
 @lru_cache(maxsize=64)
@@ -84,7 +68,6 @@ def check_scheme(scene: Scene, scheme: str | None) -> str:
     return scheme or allowed[0]
 
 
-@lru_cache(maxsize=64)
 def forward_map(
     arm: Arm,
     scene: Scene,
@@ -143,7 +126,7 @@ def explicit_map(
     refinement: int,
     at: tuple[float, ...] = (),
     machine_code: bool = False,
-) -> ExplicitMap:
+) -> March:
     """Return the forward map of a scene in closed form or as printed; see forward_map.
 
     CasADi cannot differentiate its `function` where its kernels are compiled.
@@ -156,7 +139,7 @@ def explicit_map(
     return ClosedForm(arm, scene, places, magnus, machine_code, refinement)
 
 
-def _reduced(march: ExplicitMap) -> tuple[Any, ...]:
+def _reduced(march: March) -> tuple[Any, ...]:
     """Return how a march is built again from numbers, as a pickle has it."""
     of = march.arm, march.scene, march.name, march.refinement
     return explicit_map, (*of, (), march.machine_code)
@@ -209,7 +192,7 @@ def maps_of(arm: Arm, scene: Scene, scheme: str | None, machine_code: bool) -> M
 
 
 def equilibrium_on(
-    forward: ForwardMap, tensions: Array, near: Linearised | None = None
+    forward: ForwardMap, tensions: Array, near: Equilibrium | None = None
 ) -> Equilibrium:
     """Return the equilibrium under tensions (n_tendons,) on the mesh of a forward map.
 

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from model.arm import Arm
-from model.equilibrium.equilibrium import stretch_of
+from model.equilibrium.equilibrium import check_stretch, stretch_of
 from model.equilibrium.linearised import Linearised
 from model.errors import ConvergenceError, OctoplanError, UnsettledSectionError
 from model.forward import COLLOCATIONS, check_scheme, collocation_map, explicit_map, order_of
@@ -21,7 +21,7 @@ from model.shapes import Problems, Shapes
 from model.time_limit import check_time
 from model.transcription.layout import POSE
 from model.unloaded.marched import Marched
-from model.unloaded.stretch import LEAST_STRETCH, check_stretch
+from model.unloaded.sections import LEAST_STRETCH
 from model.winches import pulls
 
 # Sets of a loaded arm that are settled side by side: factors of more would fill the memory.

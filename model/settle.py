@@ -5,18 +5,20 @@ from __future__ import annotations
 import logging
 import math
 import time
-from contextlib import nullcontext
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from model.arm import Arm
+from model.by_lengths import GivenLengths
 from model.checks import kind, positive
 from model.contact.forward import Touching
 from model.contact.self_contact import pressed_on_itself
 from model.effects import PrintedStatics, SelfContact
-from model.equilibrium.equilibrium import Equilibrium
+from model.equilibrium.equilibrium import Equilibrium, check_sections, check_stretch
 from model.errors import (
     CollapsedError,
     ConvergenceError,
@@ -27,7 +29,7 @@ from model.errors import (
     UnsettledContactError,
     UnsettledSectionError,
 )
-from model.forward import ForwardMap, Maps, maps_of
+from model.forward import Maps, equilibrium_on, maps_of
 from model.loads import check_loads, contacts, is_loaded, without_friction
 from model.machine.compiled import Compile, checked_compile
 from model.mesh_refinement import (
@@ -36,7 +38,6 @@ from model.mesh_refinement import (
     first_pair,
     next_refinement,
 )
-from model.on_mesh import GivenLengths, GivenTensions, OnMesh
 from model.paths import Array
 from model.progress import with_progress
 from model.remarks import sharp
@@ -45,7 +46,6 @@ from model.shape import Shape
 from model.shortest import UnknownLeastError, too_short
 from model.time_limit import OutOfTime, check_time, limited, unless
 from model.units import warn_of_lengths
-from model.unloaded.stretch import check_sections, check_stretch
 from model.warn import called_by_a_script, warn
 from model.winches import Winches
 
@@ -179,13 +179,11 @@ def _checked(
     begin = _near(near, arm, scene)
     machine_code = checked_compile(compile)
     given = _given(arm, scene, tensions, lengths, tendon_EA, tendon_outside)
-    if isinstance(given, GivenLengths):
-        given = replace(
-            given, machine_code=machine_code, near=None if begin is None else begin.tensions
-        )
     maps = maps_of(arm, scene, scheme, machine_code)
-    if isinstance(given, GivenTensions):
+    if not isinstance(given, GivenLengths):
         return _settled(maps, given, accuracy, begin)
+    near_by = None if begin is None else begin.tensions
+    given = replace(given, machine_code=machine_code, near=near_by)
     try:
         return _settled(maps, given, accuracy, begin)
     except (CollapsedError, UnsettledSectionError, UnknownLeastError) as problem:
@@ -218,15 +216,15 @@ def _on_itself(arm: Arm, tensions: Any, scene: Scene, accuracy: float, machine_c
         alike = near is not None and is_loaded(loaded) and is_loaded(near.scene)
         begin = near.equilibrium if near is not None and alike else None
         maps = maps_of(arm, loaded, None, machine_code)
-        return _settled(maps, GivenTensions(T), close, begin)
+        return _settled(maps, T, close, begin)
 
     return pressed_on_itself(arm.flat(tensions), alone, at)
 
 
 def _given(
     arm: Arm, scene: Scene, tensions: Any, lengths: Any, EA: Any, outside: Any
-) -> GivenTensions | GivenLengths:
-    """Return what holds the tendons; InputError."""
+) -> Array | GivenLengths:
+    """Return what holds the tendons, tensions (n_tendons,) or lengths; InputError."""
     if lengths is not None:
         if scene.has(PrintedStatics):
             raise InputError("lengths", "given as printed", "tensions in a scene as printed")
@@ -239,7 +237,7 @@ def _given(
     for name, value in (("tendon_EA", EA), ("tendon_outside", outside)):
         if value:
             raise InputError(name, value, "none where no lengths are given")
-    return GivenTensions(arm.flat(tensions))
+    return arm.flat(tensions)
 
 
 def _near(near: Any, arm: Arm, scene: Scene) -> Equilibrium | None:
@@ -254,7 +252,7 @@ def _near(near: Any, arm: Arm, scene: Scene) -> Equilibrium | None:
 
 def _settled(
     maps: Maps,
-    given: GivenTensions | GivenLengths,
+    given: Array | GivenLengths,
     accuracy: float,
     near: Equilibrium | None,
 ) -> Shape:
@@ -268,8 +266,12 @@ def _settled(
         check_time()
         forward = maps.on(refinement)
         try:
-            found = _soon(given, forward, near) if maps.contacts else given.on(forward, near)
-            check_sections(found.equilibrium)
+            with _before_long() if maps.contacts else nullcontext():
+                if isinstance(given, GivenLengths):
+                    here = given.on(forward, near)
+                else:
+                    here = equilibrium_on(forward, given, near)
+            check_sections(here)
         except (SnapError, UnsettledContactError, UnsettledSectionError) as problem:
             in_closed_form = isinstance(problem, UnsettledSectionError) and maps.by_sections
             slow = bool(maps.contacts) and time.process_time() - begun > _PATIENCE
@@ -278,7 +280,6 @@ def _settled(
             # Nor does a coarser one that did bear the loads tell how accurate a finer one is.
             refinement, before = next_refinement(refinement, np.inf, accuracy, maps.order), None
             continue
-        here = found.equilibrium
         if isinstance(here, Touching):
             begun = time.process_time()
             snaps = (*snaps, *here.snaps)
@@ -292,10 +293,11 @@ def _settled(
             error = estimate(gap / L, before[0], refinement, maps.least_order, maps.rounding)
             LOG.debug("%s, mesh %d: estimated tip error %.1e of L", maps.scheme, refinement, error)
             if error <= accuracy:
-                found = given.finished(forward, found)
-                check_stretch(found.equilibrium)
-                held = given.winches, found.left, snaps
-                return Shape(maps.arm, maps.scene, error, found.equilibrium, *held)
+                winches = None
+                if isinstance(given, GivenLengths):
+                    here, winches = given.finished(forward, here), given.winches
+                check_stretch(here)
+                return Shape(maps.arm, maps.scene, error, here, winches, snaps)
         before, last = (refinement, tip), refinement
         finer = fine if last == coarse else 0
         refinement = finer or next_refinement(last, error, accuracy, maps.least_order)
@@ -303,14 +305,13 @@ def _settled(
     raise ConvergenceError(accuracy, error, "ask for less accuracy or a smoother arm")
 
 
-def _soon(
-    given: GivenTensions | GivenLengths, forward: ForwardMap, near: Equilibrium | None
-) -> OnMesh:
-    """Return the equilibrium with contact on a mesh, one that is found before long."""
+@contextmanager
+def _before_long() -> Iterator[None]:
+    """Let an equilibrium with contact be found before long, or not at all."""
     end = time.process_time() + _PATIENCE
     try:
         with unless(lambda: time.process_time() > end):
-            return given.on(forward, near)
+            yield
     except OutOfTime:
         check_time()
         raise UnsettledContactError(1.0, f"none is found within {_PATIENCE:g} s") from None

@@ -53,8 +53,6 @@ class Shape:
         The equations and their solution on the mesh that is accurate enough: what is read off.
     winches : Winches or None
         What held the tendons, if lengths were given.
-    left : (n_tendons,) or None
-        What is left then of tendons held by length, beyond their paths [m]; nan of others.
     snaps : tuple of float
         With contact, at which shares of tensions and loads the arm jumped on its way from rest.
     on_itself : tuple of Touch
@@ -67,7 +65,6 @@ class Shape:
     error: float
     equilibrium: Equilibrium
     winches: Winches | None = None
-    left: Array | None = None
     snaps: tuple[float, ...] = ()
     on_itself: tuple[Touch, ...] = ()
 
@@ -95,6 +92,17 @@ class Shape:
     def states(self) -> Array:
         """Poses (quaternion, position [m]) at the nodes of the mesh (S + 1, 7)."""
         return self.equilibrium.poses
+
+    @cached_property
+    def left(self) -> Array | None:
+        """What is left of tendons held by length beyond their paths (n_tendons,), else nan [m].
+
+        None if no lengths were given.
+        """
+        if self.winches is None:
+            return None
+        left = self.winches.lacks(self.tendon_lengths, self.tensions)
+        return np.where(self.winches.held, left, np.nan)
 
     @property
     def slack(self) -> NDArray[np.bool_]:

@@ -172,3 +172,9 @@ def least_compliance(arm: Arm) -> float:
     It regularises what lengths do not determine: a share of the arm's own, below what matters.
     """
     return _LEAST_COMPLIANCE * arm_compliance(arm)
+
+
+def slackened(tensions: Array, left: Array, winches: Winches, arm: Arm) -> Array:
+    """Return tensions of an interior point, 0 of tendons that have more left than they pull."""
+    slack = winches.held & (arm_compliance(arm) * tensions < left)
+    return np.where(slack, 0.0, tensions)

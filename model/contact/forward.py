@@ -73,21 +73,17 @@ class TouchingMap(Collocation):
         self._rest = self.without_loads(np.zeros(arm.n_tendons))
         check_outside(self.system, self._rest)
 
-    def from_touching(self, tensions: Array, near: Equilibrium | None) -> Touching:
+    def equilibrium(self, tensions: Array, near: Equilibrium | None = None) -> Touching:
         """Return the equilibrium under tensions from rest, or from another; see led."""
         known = near if isinstance(near, Collocated) else None
         before = tensions if near is None else near.tensions
         way = self.led(tensions, before, known)
         return Touching(way.settled.here, self.refinement, way.snaps, way.before)
 
-    def equilibrium(self, tensions: Array, near: Linearised | None = None) -> Collocated:
-        """See Collocation.equilibrium; raises UnsettledContactError."""
-        known = None if near is None else Collocated(near, self.refinement)
-        return self.from_touching(tensions, known)
-
     def found(self, tensions: Array, known: Linearised | None = None) -> Linearised:
         """Return the equilibrium under tensions, near one that another mesh has, if any does."""
-        return self.equilibrium(tensions, known).here
+        near = None if known is None else Collocated(known, self.refinement)
+        return self.equilibrium(tensions, near).here
 
     def led(
         self, tensions: Array, before: Array, known: Collocated | None, jumps: bool = True

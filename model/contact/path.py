@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from model.by_lengths import slackened
 from model.contact.gaps import least_gaps
 from model.contact.history import History
 from model.contact.newton import newton
@@ -33,7 +32,7 @@ from model.paths import Array
 from model.progress import tell
 from model.time_limit import check_time
 from model.transcription.system import System
-from model.winches import Winches, rest_lengths
+from model.winches import Winches, rest_lengths, slackened
 
 # First and least steps in the share of tensions and loads; the longest and the least with friction:
 # where a point rolls, that is not to count as slip.

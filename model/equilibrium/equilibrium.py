@@ -1,10 +1,12 @@
-"""An arm in equilibrium on one mesh, as a value: what a settled shape holds and reads."""
+"""An arm in equilibrium on one mesh, as a value: what a settled shape holds and reads.
+
+By collocation, or marched along the arm where nothing couples its cross-sections.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 
@@ -12,101 +14,26 @@ from model.cross_section.reported import reported
 from model.equilibrium.dense import poses_and_strains
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.sliding import pulls
+from model.errors import CollapsedError, UnsettledSectionError
 from model.mesh import Mesh
 from model.paths import Array
 from model.transcription.collocation import gauss
 from model.transcription.kernel import Places
 from model.transcription.system import System
-
-
-class Equilibrium(Protocol):
-    """See Collocated, and model.unloaded.marched.Marched where nothing couples the sections.
-
-    Attributes
-    ----------
-    tensions : (n_tendons,)
-        [N].
-    mesh : Mesh
-        N elements.
-    poses : (N + 1, 7)
-        Quaternions and positions [m] at its nodes.
-    stretch_at, stretch : (K,)
-        Arc lengths [m], and 1 + q there.
-    bend : float
-        Curvature times the body's radius, at most, where the equations are evaluated.
-    lengths : (n_tendons,)
-        Of the tendons [m].
-    refinement : int
-        Of the mesh.
-    scheme : str
-        By which it was found.
-    machine_code : bool
-        Whether by compiled kernels.
-    """
-
-    @property
-    def tensions(self) -> Array:
-        """See the class."""
-
-    @property
-    def mesh(self) -> Mesh:
-        """See the class."""
-
-    @property
-    def poses(self) -> Array:
-        """See the class."""
-
-    @property
-    def stretch_at(self) -> Array:
-        """See the class."""
-
-    @property
-    def stretch(self) -> Array:
-        """See the class."""
-
-    @property
-    def bend(self) -> float:
-        """See the class."""
-
-    @property
-    def lengths(self) -> Array:
-        """See the class."""
-
-    @property
-    def refinement(self) -> int:
-        """See the class."""
-
-    @property
-    def scheme(self) -> str:
-        """See the class."""
-
-    @property
-    def machine_code(self) -> bool:
-        """See the class."""
-
-    @property
-    def states(self) -> Linearised | None:
-        """What equilibria on other meshes begin with; None where there are no unknowns."""
-
-    def at(self, s: Array) -> tuple[Array, Array]:
-        """Return poses (K, 7) and strains at arc lengths s (K,) [m].
-
-        Strains (K, 4) are tau, xi, k, q; with nu_n, nu_b (K, 6) where sections may slide.
-        """
-
-    def tensions_at(self, s: Array, place: Places, tendon: Places) -> Array:
-        """Return the tensions (P,) of tendons where they cross arc lengths s[place] [N]."""
+from model.unloaded.marched import Marched
+from model.unloaded.sections import LEAST_STRETCH
 
 
 @dataclass(frozen=True, eq=False)
 class Collocated:
-    """An equilibrium by collocation; see Equilibrium.
+    """An equilibrium by collocation.
 
     Attributes
     ----------
     here : Linearised
         The equations, linearised there on demand.
     refinement : int
+        Of the mesh.
     """
 
     here: Linearised
@@ -119,38 +46,38 @@ class Collocated:
 
     @property
     def states(self) -> Linearised:
-        """See Equilibrium."""
+        """What equilibria on other meshes begin with."""
         return self.here
 
     @property
     def tensions(self) -> Array:
-        """See Equilibrium."""
+        """The tensions (n_tendons,) [N]."""
         return self.here.tensions
 
     @property
     def mesh(self) -> Mesh:
-        """See Equilibrium."""
+        """The mesh of N elements."""
         return self.system.mesh
 
     @property
     def poses(self) -> Array:
-        """See Equilibrium."""
+        """Quaternions and positions [m] at the nodes (N + 1, 7)."""
         return self.system.poses(self.here.states)
 
     @property
     def stretch_at(self) -> Array:
-        """See Equilibrium: those of the stages, then of both ends of the elements."""
+        """Arc lengths (K,) of the stages, then of both ends of the elements [m]."""
         s = self.mesh.s
         return np.concatenate([self.system.s, s[:-1], s[1:]])
 
     @cached_property
     def stretch(self) -> Array:
-        """See Equilibrium."""
+        """The stretch 1 + q (K,) at `stretch_at`."""
         return stretch_of(self.system, self.here.states)
 
     @property
     def bend(self) -> float:
-        """See Equilibrium: at the stages."""
+        """Curvature times the body's radius, at most, at the stages."""
         arm, at = self.system.arm, self.system.s
         rows = reported(self.system.of.form.law, self.system.strains(self.here.states))
         curvature = np.hypot(rows[:, 1], rows[:, 2])
@@ -158,21 +85,24 @@ class Collocated:
 
     @property
     def lengths(self) -> Array:
-        """See Equilibrium: as the equations have them, to which winches hold the tendons."""
+        """Lengths of the tendons (n_tendons,) as the equations have them [m]."""
         return self.here.lengths
 
     @property
     def scheme(self) -> str:
-        """See Equilibrium."""
+        """The name of the scheme."""
         return f"gauss{2 * self.system.of.form.stages}"
 
     @property
     def machine_code(self) -> bool:
-        """See Equilibrium."""
+        """Whether it is found by compiled kernels."""
         return self.system.of.form.machine_code
 
     def at(self, s: Array) -> tuple[Array, Array]:
-        """See Equilibrium: between the nodes by an element that ends there."""
+        """Return poses (K, 7) and strains at arc lengths s (K,) [m], by elements that end there.
+
+        Strains (K, 4) are tau, xi, k, q; with nu_n, nu_b (K, 6) where sections may shear.
+        """
         poses, v = poses_and_strains(self.system, self.here.x, s)
         nodes = np.minimum(np.searchsorted(self.mesh.s, s), self.mesh.steps)
         exact = (self.mesh.s[nodes] == s)[:, None]
@@ -180,7 +110,10 @@ class Collocated:
         return np.where(exact, self.poses[nodes], poses), strains
 
     def tensions_at(self, s: Array, place: Places, tendon: Places) -> Array:
-        """See Equilibrium: with friction they fall along the arm."""
+        """Return the tensions (P,) of tendons where they cross arc lengths s[place] [N].
+
+        With friction they fall along the arm.
+        """
         return pulls(self.system, self.here.x, s, place, tendon)
 
 
@@ -192,3 +125,27 @@ def stretch_of(system: System, states: Array) -> Array:
     inside = stages.reshape(*sets, of.elements, -1)
     ends = [inside @ gauss(of.form.stages).at(x) for x in (0.0, 1.0)]
     return np.asarray(np.concatenate([stages, *ends], axis=-1))
+
+
+Equilibrium = Collocated | Marched
+
+
+def check_sections(at: Equilibrium, which: str = "") -> None:
+    """Refuse an equilibrium whose 1 + q is not a number where a section has no equilibrium.
+
+    `which` says which of many it is. Raises UnsettledSectionError.
+    """
+    if np.isnan(at.stretch.min()):
+        lost = int(np.argmax(np.isnan(at.stretch)))
+        raise UnsettledSectionError(float(at.stretch_at[lost]), which)
+
+
+def check_stretch(at: Equilibrium, which: str = "") -> None:
+    """Refuse an equilibrium whose 1 + q is not above 0 somewhere.
+
+    Raises CollapsedError, and as check_sections does.
+    """
+    check_sections(at, which)
+    worst = int(at.stretch.argmin())
+    if not at.stretch[worst] > LEAST_STRETCH:
+        raise CollapsedError(float(at.stretch_at[worst]), float(at.stretch[worst]), which)

@@ -8,7 +8,7 @@ import numpy as np
 
 from model.arm import Arm
 from model.equilibrium.continuation import by_load_steps, near
-from model.equilibrium.equilibrium import Collocated
+from model.equilibrium.equilibrium import Collocated, Equilibrium
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import NEAR, newton_many
 from model.errors import OctoplanError, SnapError, UnsettledSectionError
@@ -68,9 +68,10 @@ class Collocation:
         self.system, self.mesh = stated, stated.mesh
         self.machine_code = stated.of.form.machine_code
 
-    def equilibrium(self, tensions: Array, near: Linearised | None = None) -> Collocated:
-        """Return what `found` does, as a value."""
-        return Collocated(self.found(tensions, near), self.refinement)
+    def equilibrium(self, tensions: Array, near: Equilibrium | None = None) -> Collocated:
+        """Return the equilibrium under tensions, near that of another mesh if given."""
+        known = None if near is None else near.states
+        return Collocated(self.found(tensions, known), self.refinement)
 
     def found(self, tensions: Array, known: Linearised | None = None) -> Linearised:
         """Return the equilibrium under tensions, near one that another mesh has, if any does."""

@@ -27,7 +27,7 @@ STEPS = 14
 # factorisation is its own, as the next one would be its square.
 SETTLED, LEFT = 1e-10, 1e-13
 # A step counts as safe if it is so much smaller than the last; below SMALL rounding may be felt.
-CONTRACTION, SMALL = 0.25, 1e-3
+CONTRACTION, SMALL = 0.5, 1e-3
 # The farthest that one step turns a frame, as a change of its quaternion; from guesses by another
 # mesh.
 TURN, NEAR = 0.3, 0.02

@@ -31,6 +31,8 @@ from model.unloaded.statics import ClosedStatics, closed_statics
 
 # Arms at a time.
 _ARMS, _ALL = 1024, slice(None)
+# So few steps are one list of operations, which CasADi runs sooner than a function time and again.
+_WRITTEN_OUT = 64
 
 
 @lru_cache(maxsize=24)
@@ -95,7 +97,9 @@ class _Steps:
     def along(self, count: int) -> Buffered:
         """Return the same for so many steps one after another: the poses after each."""
         if count not in self._along:
-            self._along[count] = Buffered(self._step.mapaccum(count))
+            march = self._step.mapaccum(count)
+            few = count <= _WRITTEN_OUT and self._step.is_a("SXFunction")
+            self._along[count] = Buffered(march.expand() if few else march)
         return self._along[count]
 
 
@@ -131,6 +135,7 @@ class ClosedForm:
         self.name, self.refinement, self.machine_code = scheme.name, refinement, machine_code
         self.stretch_at, self.stretch_active = places.at, places.active
         self.maps, self.data = places.maps, places.data(arm)
+        self._radius = 2 * np.sqrt(self.data[:, 1] / self.data[:, 0])
         self._base, self._h, self._statics = places.base, places.h, closed_statics(scene, arm)
         self._solver = section_solver(self._statics, machine_code)
         self._flat, self._pull = self.maps.reshape(-1, arm.n_tendons), self.maps.shape[:2]
@@ -176,8 +181,7 @@ class ClosedForm:
 
     def bend(self, strains: Array) -> float:
         """See March.bend, by the radius that E J and E A are of."""
-        bend = np.hypot(strains[:, 0], strains[:, 1]) * 2
-        bend *= np.sqrt(self.data[:, 1] / self.data[:, 0])
+        bend = np.hypot(strains[:, 0], strains[:, 1]) * self._radius
         if isinstance(self._statics, EnergyStatics):  # whose curvatures are per reference length
             bend /= self._along(strains)
         return float(bend.max())

@@ -29,8 +29,10 @@ from model.stations import Counts, stations
 from model.transcription.system import System
 from model.unloaded.energy_statics import EnergyStatics
 from model.unloaded.statics import ClosedStatics, closed_statics
-from model.unloaded.stretch import LEAST_STRETCH
 
+# Exact tendons keep a crushed section from turning inside out: what is left of its length then is
+# the width that keeps their roots smooth (see model.cross_section.law), and no shape.
+LEAST_STRETCH = 1e-7
 # Steps at most; of so many sections those in equilibrium are left out of further ones.
 _STEPS, _MANY = 40, 256
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from model import Arm, InputError, OctoplanError, Scene, settle
 from model.by_lengths import equilibrium_beside, tightened
 from model.equilibrium.by_numbers import ByNumbers, by_numbers
-from model.equilibrium.equilibrium import Collocated
+from model.equilibrium.equilibrium import Collocated, check_stretch
 from model.equilibrium.forward import Collocation
 from model.equilibrium.linearised import Linearised, linearised
 from model.equilibrium.newton import CLOSE, newton_many
@@ -29,7 +29,6 @@ from model.paths import Array
 from model.transcription.layout import POSE
 from model.transcription.neighbours import NumberDerivatives, keep_sign, landmarks, moved_mesh
 from model.transcription.system import System, system
-from model.unloaded.stretch import check_stretch
 from model.winches import Winches, rest_lengths
 from planner.fit.measured import Measured
 from planner.fit.unknowns import MM, Parameters

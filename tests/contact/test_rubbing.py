@@ -160,7 +160,7 @@ def strip(refinement: int) -> Capstan:
         TouchingMap(arm, Scene(*own, Contact(cylinder, friction=mu)), 3, refinement)
         for mu in (0.0, MU)
     )
-    rest = smooth.from_touching(NONE, None)
+    rest = smooth.equilibrium(NONE)
     here = rough.led(np.full(4, PULL), NONE, rest).settled.here
     system, states = here.system, here.states
     touches = Touches.of(system)
