@@ -1,7 +1,8 @@
 """The mechanics of tendon-driven arms: arms, scenes, and the shapes that they settle to."""
 
-from model.anchorage import Anchorage
+from model.anchorage import Anchorage, Material, RestCurvature
 from model.arm import Arm, conical
+from model.compliance import LengthResponse, length_response
 from model.errors import (
     CollapsedError,
     ConvergenceError,
@@ -10,16 +11,12 @@ from model.errors import (
     ShapeWarning,
     SnapError,
 )
-from model.jacobian import tip_jacobian
-from model.length_response import LengthResponse, length_response
-from model.many import settle_many
-from model.material import Material
+from model.many import Shapes, settle_many
 from model.paths import Linear, Sampled
-from model.rest_curvature import RestCurvature
 from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
-from model.shapes import Shapes
+from model.stiffness import tip_jacobian
 from model.units import UnitWarning
 from octoplan_packages import warn_of_hidden
 

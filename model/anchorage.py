@@ -1,4 +1,4 @@
-"""Where tendons end, and the way that they take there."""
+"""What an arm is put together from: its material, its curvature at rest, and where tendons end."""
 
 from __future__ import annotations
 
@@ -8,9 +8,18 @@ import numpy as np
 from msgspec import Meta
 
 from model.errors import InputError
-from model.paths import Path
-from model.quantities import Angle, AnglePaths, Length, LengthPaths
-from model.units import warn_of_angles
+from model.paths import Linear, Path
+from model.quantities import (
+    Angle,
+    AnglePaths,
+    CurvaturePath,
+    Length,
+    LengthPaths,
+    Modulus,
+    Positive,
+    unit,
+)
+from model.units import warn_of_angles, warn_of_density, warn_of_modulus
 from model.value import value
 
 QUARTERS = (0.0, np.pi / 2, np.pi, 3 * np.pi / 2)
@@ -65,3 +74,52 @@ class Anchorage:
 
     def _each(self, given: Path | tuple[Path, ...]) -> tuple[Path, ...]:
         return given if isinstance(given, tuple) else (given,) * len(self.angles)
+
+
+STRAIGHT = Linear(0.0, 0.0)
+
+
+@value
+class RestCurvature:
+    """Curvature of the midline without tensions and loads, as functions of arc length.
+
+    The body resists what curvature differs from it by: K (omega - omega_0) in eq. (7). It turns no
+    frame about t, so that a curve in space is one whose curvature changes its direction.
+
+    Attributes
+    ----------
+    n, b : Path
+        About n and about b on [0, L] [1/m]; 0 unless given. An arm bent towards n alone has a
+        positive curvature about b, one bent towards b a negative one about n.
+    """
+
+    n: CurvaturePath = STRAIGHT
+    b: CurvaturePath = STRAIGHT
+
+
+@value
+class Material:
+    """An isotropic elastic material; the default is the silicone of tables 2 and 4.
+
+    Attributes
+    ----------
+    E : float
+        Young's modulus [Pa].
+    nu : float
+        Poisson's ratio, in (-1, 0.5].
+    density : float
+        [kg/m3].
+    """
+
+    E: Modulus = 110e3
+    nu: Annotated[float, Meta(gt=-1, le=0.5)] = 0.5
+    density: Annotated[Positive, unit("kg/m3")] = 1080.0
+
+    def __post_init__(self) -> None:
+        warn_of_modulus("Material.E", self.E)
+        warn_of_density("Material.density", self.density)
+
+    @property
+    def G(self) -> float:
+        """Shear modulus E / (2 (1 + nu)) [Pa]."""
+        return self.E / (2 * (1 + self.nu))

@@ -20,7 +20,6 @@ import numpy as np
 
 from model.arm import Arm
 from model.contact.forward import Touching, TouchingMap
-from model.equilibrium.complementarity import ROUNDING, least
 from model.equilibrium.equilibrium import Collocated, Equilibrium
 from model.equilibrium.forward import Collocation
 from model.equilibrium.linearised import Linearised
@@ -34,8 +33,8 @@ from model.scene import Scene
 from model.shortest import refuse, unknown_least
 from model.time_limit import check_time
 from model.transcription.system import system
-from model.unloaded.tendon_lengths import Lengths, tendon_lengths
-from model.winches import Winches, slackened
+from model.unloaded.marched import Lengths, tendon_lengths
+from model.winches import ROUNDING, Winches, least, slackened
 
 # What lengths may be off over the arm's length on meshes that are not the last one.
 _ON_THE_WAY = 1e-9

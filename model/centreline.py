@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.arm import Arm
-from model.cross_section.law import CrossSection
-from model.cross_section.reported import kinematics
+from model.cross_section.law import CrossSection, kinematics
 from model.effects import NeoHookean
 from model.equilibrium.forward import STAGES
 from model.machine.buffered import Mapped

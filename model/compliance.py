@@ -1,4 +1,4 @@
-"""Compliances of a settled shape, on a mesh that is fine enough, and stiffness of its sections."""
+"""Compliances of a settled shape on a mesh that is fine enough, and its response to lengths."""
 
 from __future__ import annotations
 
@@ -7,20 +7,22 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from model.cross_section import cross_section_of
-from model.cross_section.reported import strains_of
+from model.cross_section.law import strains_of
 from model.cross_section.sections import Sections
 from model.equilibrium.forward import STAGES
 from model.equilibrium.sensitivities import Sensitivities
 from model.errors import ConvergenceError
 from model.forward import by_collocation, explicit_map
 from model.loads import is_loaded
-from model.mesh_refinement import FINEST, REFINEMENTS, estimate, next_refinement
+from model.mesh import FINEST, REFINEMENTS, estimate, next_refinement
 from model.paths import Array
 from model.shape import Shape
 from model.time_limit import check_time
 from model.unloaded.march_derivative import MarchDerivative
+from model.winches import least_compliance, pulls
 
 Response = Sensitivities | MarchDerivative
 _ORDER, _SCHEME = 2 * STAGES, "magnus6"
@@ -118,3 +120,47 @@ def section_stiffness(shape: Shape, s: Array) -> Array:
     diagonal = np.einsum("nii->ni", jacobian)
     axial = diagonal[:, 3:4] if law.extension else np.full((s.size, 1), np.inf)
     return np.hstack([diagonal[:, :3], axial])
+
+
+@dataclass(frozen=True, eq=False)
+class LengthResponse:
+    """The derivatives of a shape by what winches leave of its tendons, the others held as they are.
+
+    Attributes
+    ----------
+    taut : (n_tendons,)
+        Whether a winch holds the tendon, and it pulls: the others have columns of zeros.
+    tension : (n_tendons, n_tendons)
+        Tensions per metre of each tendon that is paid out [N/m].
+    tip : (3, n_tendons)
+        Displacement of the tip [-].
+    rotation : (3, n_tendons)
+        Rotation of the tip [rad/m], base frame.
+    """
+
+    taut: NDArray[np.bool_]
+    tension: Array
+    tip: Array
+    rotation: Array
+
+
+def length_response(shape: Shape) -> LengthResponse:
+    """Return how a shape changes with the lengths of its taut tendons.
+
+    By the implicit function theorem: with l(T) the lengths at equilibrium, taut tendons keep
+    length + stretch T - l(T) = 0. Of a shape by tensions all tendons that pull are taken as held.
+    Slack tendons stay slack and taut ones taut: it holds for changes that are small enough.
+    """
+    found, T = sensitivities(shape, shape.arm.length, shape.refinement), shape.tensions
+    pulling = pulls(shape.arm, T)
+    winches = shape.winches
+    held = np.ones(T.size, dtype=bool) if winches is None else winches.held
+    stretch = np.zeros(T.size) if winches is None else winches.stretch
+    longer = 1 + T / (np.inf if winches is None else winches.tendon_EA)
+    taut = np.flatnonzero(held & pulling)
+    own = stretch[taut] + least_compliance(shape.arm)
+    M = np.diag(own) - found.length_tension[np.ix_(taut, taut)]
+    tension = np.zeros((T.size, T.size))
+    tension[np.ix_(taut, taut)] = -np.linalg.solve(M, np.diag(longer[taut]))
+    pose = found.pose_tension @ tension
+    return LengthResponse(held & pulling, tension, pose[:3], pose[3:])

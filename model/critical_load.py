@@ -9,7 +9,7 @@ import numpy as np
 
 from model.arm import Arm
 from model.checks import positive
-from model.equilibrium.continuation import follow
+from model.equilibrium.newton import follow
 from model.errors import InputError
 from model.forward import collocation_map
 from model.loads import check_loads, is_loaded

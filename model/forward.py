@@ -18,12 +18,10 @@ from model.errors import InputError
 from model.integrators.magnus import MAGNUS2, MAGNUS4, MAGNUS6
 from model.integrators.runge_kutta import RK4, RK6, RK8
 from model.loads import contacts, is_loaded
-from model.mesh import graded
-from model.mesh_refinement import IMPLICIT, ROUNDING
+from model.mesh import IMPLICIT, ROUNDING, graded
 from model.paths import Array
 from model.scene import Scene
-from model.unloaded.closed_form import ClosedForm
-from model.unloaded.geometry import Geometry, geometry_on_mesh
+from model.unloaded.closed_form import ClosedForm, Geometry, geometry_on_mesh
 from model.unloaded.marched import March, Marched
 from model.unloaded.printed import PrintedMap
 from model.unloaded.statics import closed_statics

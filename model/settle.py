@@ -32,7 +32,7 @@ from model.errors import (
 from model.forward import Maps, equilibrium_on, maps_of
 from model.loads import check_loads, contacts, is_loaded, without_friction
 from model.machine.compiled import Compile, checked_compile
-from model.mesh_refinement import (
+from model.mesh import (
     checked_accuracy,
     estimate,
     first_pair,
@@ -40,13 +40,11 @@ from model.mesh_refinement import (
 )
 from model.paths import Array
 from model.progress import with_progress
-from model.remarks import sharp
 from model.scene import Scene
-from model.shape import Shape
+from model.shape import Shape, sharp
 from model.shortest import UnknownLeastError, too_short
 from model.time_limit import OutOfTime, check_time, limited, unless
-from model.units import warn_of_lengths
-from model.warn import called_by_a_script, warn
+from model.units import called_by_a_script, warn, warn_of_lengths
 from model.winches import Winches
 
 LOG = logging.getLogger(__name__)

@@ -1,11 +1,12 @@
-"""Stiffness of a settled arm: what a small force or moment on its midline does."""
+"""Stiffness of a settled arm, what a small force or moment does, and the Jacobian of its tip."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, Literal
 
+import casadi as ca
 import numpy as np
 
 from model.arm import Arm
@@ -13,15 +14,20 @@ from model.checks import finite_array, kind, positive, within
 from model.compliance import Response, compliance_of, section_stiffness, sensitivities
 from model.effects import PrintedStatics
 from model.errors import InputError, SingularError
-from model.loads import check_loads
+from model.forward import explicit_map
+from model.loads import check_loads, is_loaded
+from model.machine.buffered import Buffered
 from model.machine.compiled import Compile
 from model.paths import Array
-from model.report import compliance_text, tendon_table
+from model.rotations import small_turns
 from model.scene import Scene
-from model.settle import ACCURACY, settle
+from model.settle import ACCURACY, checked_scene, settle
 from model.shape import Shape
-from model.text import in_notebook
+from model.text import compliance_text, in_notebook, tendon_table
 from model.time_limit import limited
+from model.unloaded.closed_form import ClosedForm
+from model.unloaded.march_derivative import MarchDerivative
+from model.unloaded.marched import Marched
 from model.winches import checked_EA, least_compliance, pulls
 
 Hold = Literal["tension", "length"]
@@ -263,3 +269,38 @@ def _checked(
     if isinstance(place, str):
         raise InputError("at", at, f'"tip", or an arc length up to {arm.length:g} m')
     return scene, within("at", place, 1e-6 * arm.length, arm.length)
+
+
+def tip_jacobian(
+    arm: Arm,
+    tensions: Any,
+    scene: Scene | None = None,
+    accuracy: float = ACCURACY,
+    compile: Compile = False,  # noqa: A002  (the name that scripts use)
+) -> Array:
+    """Return how the tip moves [m/N] and rotates [rad/N] per tension (6, n_tendons), base frame.
+
+    Exact for the shape on the mesh that settles it to the accuracy. Under loads derivatives come
+    from the stiffness, whose mesh is refined until it is as accurate. `compile` is that of settle.
+
+    Raises as settle does, and CompilerError.
+    """
+    scene = checked_scene(arm, scene)
+    if is_loaded(scene):
+        return stiffness(arm, tensions, scene, accuracy=accuracy, compile=compile).pose_tension
+    shape = settle(arm, tensions, scene, accuracy, compile=compile)
+    here = shape.equilibrium
+    assert isinstance(here, Marched)
+    if isinstance(here.march, ClosedForm):
+        return MarchDerivative(here.march, shape.tensions, here.mesh.steps).pose_tension
+    return _printed(arm, scene, here.scheme, here.refinement)(shape.tensions)[0].T
+
+
+@lru_cache(maxsize=16)
+def _printed(arm: Arm, scene: Scene, scheme: str, refinement: int) -> Buffered:
+    """Return tensions -> the Jacobian of the tip: CasADi's of the equations as printed."""
+    T = ca.MX.sym("T", arm.n_tendons)
+    pose = explicit_map(arm, scene, scheme, refinement).function(T)[0][:, -1]
+    jacobian = ca.jacobian(pose, T)
+    found = ca.vertcat(jacobian[4:, :], small_turns()(pose[:4]) @ jacobian[:4, :])
+    return Buffered(ca.Function("tip_jacobian", [T], [ca.densify(found)]))

@@ -8,7 +8,10 @@ import io
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
+
 from model.errors import OctoplanError
+from model.paths import Array, Path
 
 # Tendons in a line of a table; lines of a table in a repr.
 _ACROSS, MOST_LINES = 6, 12
@@ -139,3 +142,95 @@ def _is_number(cell: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+def arm_text(
+    length: float,
+    radius: Path,
+    material: str,
+    sections: Sequence[tuple[float, Sequence[Path], Sequence[float]]],
+) -> str:
+    """Return a table of an arm, a line an anchorage section.
+
+    Parameters
+    ----------
+    length : float
+        [m].
+    radius : Path
+        Of the body.
+    material : str
+        In words.
+    sections : sequence of (at, offsets, angles)
+        Arc length [m], distances of the tendons from the midline, their angles [rad]; tip first.
+    """
+    cells = [["  section", "at [mm]", "offset [mm]"]]
+    angles = ["tendons at [deg]"]
+    for i, (at, offsets, own) in enumerate(sections):
+        ends = ", ".join(_ends(offset, at) for offset in offsets)
+        cells.append([f"  {i + 1}", f"{1e3 * at:g}", ends])
+        angles.append(" ".join(f"{angle:.4g}" for angle in np.degrees(own)))
+    rows = [f"{line}   {told}" for line, told in zip(columns(cells), angles, strict=True)]
+    tendons = sum(len(own) for _, _, own in sections)
+    head = f"Arm of {1e3 * length:g} mm, radius {_ends(radius, length)} mm, {tendons} tendons"
+    return "\n".join([f"{head}; {material}", *shortened_lines(rows)])
+
+
+def _ends(path: Path, span: float) -> str:
+    """Return a function of arc length by its values at base and end [mm]."""
+    base, end = 1e3 * path.evaluate(np.array([0.0, span]), span)[0]
+    return f"{base:.4g}" if base == end else f"{base:.4g} to {end:.4g}"
+
+
+# Arc length of each anchorage [m] and the names of its tendons, see Arm.tendons_by_section.
+BySection = Sequence[tuple[float, Sequence[str]]]
+
+
+def tendon_table(title: str, by_section: BySection, values: Array) -> str:
+    """Return a table of a number for each tendon, a line a section."""
+    return "\n".join([title, *tendon_lines(by_section, np.ravel(values).tolist())])
+
+
+def shape_text(
+    tables: Sequence[str], tip: Array, frame: Array, error: float, remarks: Sequence[str] = ()
+) -> str:
+    """Return tables of the tendons, then where the tip is [m], its frame, the estimated error.
+
+    Last come remarks, a sentence each.
+    """
+    place = "  ".join(f"{1e3 * x:.4f}" for x in tip)
+    rows = "\n".join("  " + " ".join(f"{x:9.5f}" for x in row) for row in frame)
+    return "\n\n".join(
+        [
+            *tables,
+            f"tip [mm]  {place}",
+            f"tip frame (columns t, n, b)\n{rows}",
+            f"estimated tip error [L]  {error:.1e}",
+            *(f"beware: {remark}" for remark in remarks),
+        ]
+    )
+
+
+def compliance_text(place: str, held: str, C: Array, axes: Array, directions: Array) -> str:
+    """Return a compliance against forces as people read it.
+
+    Parameters
+    ----------
+    place, held : str
+        Which point it is, and what holds the tendons, in words.
+    C : (3, 3)
+        Displacement per force [m/N].
+    axes, directions : (3,), (3, 3)
+        Its half axes [m/N], largest first, and their directions as columns.
+    """
+    rows = [["[mm/N]", "force x", "force y", "force z"]]
+    rows += [
+        [f"  {axis} moves by", *(f"{1e3 * value:.4g}" for value in row)]
+        for axis, row in zip("xyz", C, strict=True)
+    ]
+    names = ["  softest", "  between", "  stiffest"]
+    along = [
+        [name, f"{1e3 * axis:.4g}", "along [" + ", ".join(f"{x + 0.0:.3f}" for x in way) + "]"]
+        for name, axis, way in zip(names, axes, np.round(directions, 3).T, strict=True)
+    ]
+    table = columns([["principal axes", "[mm/N]"], *along])
+    return "\n".join([f"compliance of {place}, {held}", *columns(rows), "", *table])

@@ -7,9 +7,34 @@ told once at the line that gave them. `warnings.simplefilter("ignore", UnitWarni
 from __future__ import annotations
 
 import math
+import sys
+import warnings
 from collections.abc import Iterable
+from types import FrameType
 
-from model.warn import warn
+_OURS = frozenset({"model", "planner", "octoplan", "octoplan_packages"})
+
+
+# What stands between a script and what it calls.
+_BETWEEN = frozenset({"model.progress", "model.settle", "model.units"})
+
+
+def called_by_a_script() -> bool:
+    """Return whether a public call is a script's, and no part of another call of ours."""
+    frame: FrameType | None = sys._getframe(1)
+    while frame is not None and frame.f_globals.get("__name__", "") in _BETWEEN:
+        frame = frame.f_back
+    return frame is None or frame.f_globals.get("__name__", "").split(".")[0] not in _OURS
+
+
+def warn(message: str, category: type[Warning]) -> None:
+    """Warn as of the nearest line that is not this project's."""
+    frame: FrameType | None = sys._getframe(1)
+    level = 2
+    while frame is not None and frame.f_globals.get("__name__", "").split(".")[0] in _OURS:
+        frame, level = frame.f_back, level + 1
+    warnings.warn(message, category, stacklevel=level)
+
 
 # Lengths of arms [m], moduli [Pa]: nothing that is driven by tendons is outside of these.
 _SHORT, _LONG = 2e-3, 30.0

@@ -13,16 +13,16 @@ from model.centreline import Centreline
 from model.clearance import KINDS, Clearance, clearances
 from model.contact.stability import held_stability
 from model.effects import PrintedStatics
-from model.equilibrium.continuation import Followed, follow_on
 from model.equilibrium.forward import STAGES, Collocation
-from model.equilibrium.integration_step import SCHEME
+from model.equilibrium.integration import SCHEME
 from model.equilibrium.linearised import Linearised
+from model.equilibrium.newton import Followed, follow_on
 from model.equilibrium.stability import least_eigenvalue, stability, stands
 from model.equilibrium.verification import verified
 from model.errors import OctoplanError
 from model.forward import by_collocation
 from model.loads import contacts, is_loaded
-from model.mesh_refinement import FINEST_ACCURACY
+from model.mesh import FINEST_ACCURACY
 from model.obstacles import distances, numbers_of
 from model.paths import Array
 from model.progress import tell

@@ -9,8 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 from model import InputError, OctoplanError, UnitWarning
-from model.errors import CompilerError, TimeLimitError, shortened
-from model.extras import MissingExtraError
+from model.errors import CompilerError, MissingExtraError, TimeLimitError, shortened
 from model.progress import progress_line, tell
 from model.time_limit import OutOfTime, time_limit
 from planner.commands.answer import (

@@ -10,11 +10,11 @@ import numpy as np
 
 from model.arm import Arm
 from model.errors import InputError, OctoplanError
+from model.many import Errors
 from model.paths import Array
 from model.scene import Scene
 from model.settle import checked_scene
 from model.shape import Shape
-from model.shapes import Errors
 from planner.certificate import Certificate
 from planner.plan import Plan, plan
 from planner.program.limits import Limits

@@ -15,7 +15,7 @@ from model.checks import kind, not_negative, positive
 from model.errors import InputError
 from model.loads import contacts, is_loaded
 from model.machine.compiled import Compile, checked_compile
-from model.mesh_refinement import checked_accuracy
+from model.mesh import checked_accuracy
 from model.obstacles import check_obstacles
 from model.paths import Array
 from model.progress import with_progress

@@ -9,8 +9,7 @@ import numpy as np
 from model import Arm, OctoplanError, Shape
 from model.effects import PrintedStatics
 from model.paths import Array
-from model.report import shape_text, tendon_table
-from model.text import columns
+from model.text import columns, shape_text, tendon_table
 from model.time_limit import OutOfTime
 from planner.answer import Answer
 from planner.effect_ablation import Switch

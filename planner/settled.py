@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from model.arm import Arm
-from model.mesh_refinement import FINEST_ACCURACY
+from model.mesh import FINEST_ACCURACY
 from model.paths import Array
 from model.scene import Scene
 from model.settle import settle

@@ -35,7 +35,7 @@ class LengthError:
 
 
 def length_error(shape: Shape) -> LengthError:
-    """Return how the tip of a shape answers to wrong lengths; see model.length_response."""
+    """Return how the tip of a shape answers to wrong lengths; see model.compliance."""
     found = length_response(shape)
     taut = np.flatnonzero(found.taut)
     names = tuple(shape.arm.tendon_name(int(j)) for j in taut)

@@ -5,7 +5,7 @@ wrenches and strains as unknowns, ipopt) meet a tip, how often the program in th
 the arm settled at each step, by SciPy's SLSQP and trust-constr; and how often is it the best?
 
 Assumptions: tips of settled shapes (studies.tip_targets), table 4, maxima of 20 N, the planner's
-first initial guesses. The program in the tensions alone has exact derivatives (model.jacobian);
+first initial guesses. The program in the tensions alone has exact derivatives (model.stiffness);
 meshes of both are those of the search, shapes of SciPy's are settled to 1e-4. Met is what is within
 1e-3 of the length of the tip when it is settled; best is what takes no more than 1 % more effort
 than the least of all. Times are the processor's, medians over all solves, met or not.
@@ -31,8 +31,8 @@ import numpy as np
 from scipy.optimize import Bounds, NonlinearConstraint, minimize
 
 from model import Arm, OctoplanError, Scene, settle
-from model.jacobian import tip_jacobian
 from model.paths import Array
+from model.stiffness import tip_jacobian
 from planner import Limits, Statement
 from planner.solve.search import Search
 from planner.solve.task import Task

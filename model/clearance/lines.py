@@ -19,7 +19,7 @@ from model.loads import is_loaded
 from model.paths import Array
 from model.scene import Scene
 from model.transcription.collocation import gauss
-from model.unloaded.tendon_lengths import tendon_lengths
+from model.unloaded.marched import tendon_lengths
 
 # Closed forms whose nodes in a step are the stages of an element.
 _SCHEME = "magnus6"

@@ -9,8 +9,8 @@ import numpy as np
 from model.equilibrium.dense import poses_and_strains
 from model.equilibrium.linearised import Linearised
 from model.paths import Array
-from model.transcription.contact_friction import BEFORE, FRICTION
 from model.transcription.system import System
+from model.transcription.touch import BEFORE, FRICTION
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,9 +21,9 @@ from model.contact.places import Place, Places, mesh_with, point
 from model.contact.sharp import Question, Settled, sharpened
 from model.contact.stability import held_stands
 from model.contact.touches import Mask, Touches, forces
-from model.equilibrium.continuation import is_near
 from model.equilibrium.forward import carried_strains
 from model.equilibrium.linearised import Linearised
+from model.equilibrium.newton import is_near
 from model.errors import SnapError, UnsettledContactError
 from model.least_energy.program import LeastEnergy, Minimum
 from model.loads import contacts, without_friction

@@ -21,7 +21,7 @@ from model.contact.history import History
 from model.contact.touches import Touches
 from model.equilibrium.linearised import Linearised
 from model.paths import Array
-from model.transcription.contact_friction import BEFORE, FRICTION
+from model.transcription.touch import BEFORE, FRICTION
 
 # Equilibria on a way, and at which shares of it they are.
 Way = Sequence[tuple[Linearised, float]]

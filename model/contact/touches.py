@@ -10,10 +10,8 @@ from numpy.typing import NDArray
 
 from model.paths import Array
 from model.rotations import matrices
-from model.transcription.contact_friction import BEFORE, FRICTION
-from model.transcription.contact_friction import TOLD as FRICTION_TOLD
 from model.transcription.system import System
-from model.transcription.touch import PRESSURE, TOLD, TOUCH
+from model.transcription.touch import BEFORE, FRICTION, FRICTION_TOLD, PRESSURE, TOLD, TOUCH
 
 Mask = NDArray[np.bool_]
 

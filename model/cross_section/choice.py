@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from functools import lru_cache
 
-from model.cross_section.exact import ExactSection
+from model.cross_section.energy import ExactSection, RubberSection
 from model.cross_section.law import CrossSection
 from model.cross_section.paper import PaperSection
-from model.cross_section.rubber import RubberSection
 from model.effects import ExactTendons, Extension, NeoHookean, Shear
 from model.scene import Scene
 

@@ -76,3 +76,57 @@ class EnergySection:
     def run(self, v: ca.SX, path: ca.SX) -> ca.SX:
         """See CrossSection.run: the tangent."""
         return self.tangent(v, path)
+
+
+@dataclass(frozen=True)
+class ExactSection(EnergySection):
+    """EA (lambda - 1)^2 / 2 + EJ (kappa_n^2 + kappa_b^2) / 2 + GI kappa_t^2 / 2, and shear.
+
+    Tendons run along c = nu + y' d + y kappa x d.
+    """
+
+    def energy(self, v: ca.SX, body: ca.SX) -> ca.SX:
+        """See EnergySection.energy."""
+        kappa, nu = self.twist(v)
+        EA, EJ, GI, GA = ca.vertsplit(body)
+        bend = EJ * ca.sumsqr(kappa[1:]) + GI * kappa[0] ** 2
+        return (EA * (nu[0] - 1) ** 2 + bend + GA * ca.sumsqr(nu[1:])) / 2
+
+
+@dataclass(frozen=True)
+class RubberSection(EnergySection):
+    """EA (l^2 + 2/l - 3) / 6 + EJ (1 + 2/l^3) / (6 l) kappa^2 + GI kappa_t^2 / (2 l), l = lambda.
+
+    The section and its tendons' offsets shrink by l^(-1/2): c = nu + l^(-1/2) (y' d + y kappa x d).
+
+    Attributes
+    ----------
+    anticlastic : bool
+        Whether tendons shift with the section that swells on the inside of a bend.
+    """
+
+    anticlastic: bool = field(default=False, kw_only=True)
+
+    def energy(self, v: ca.SX, body: ca.SX) -> ca.SX:
+        """See EnergySection.energy."""
+        kappa, nu = self.twist(v)
+        EA, EJ, GI, GA = ca.vertsplit(body)
+        stretch = nu[0]
+        bend = EJ * ca.sumsqr(kappa[1:]) / 2 * (1 + 2 / stretch**3) / (3 * stretch)
+        twist = GI * kappa[0] ** 2 / (2 * stretch)
+        along = EA / 6 * (stretch**2 + 2 / stretch - 3)
+        return along + bend + twist + GA * ca.sumsqr(nu[1:]) / 2
+
+    def width(self, stretch: ca.SX) -> ca.SX:
+        """See EnergySection.width: the volume is constant."""
+        return 1 / ca.sqrt(stretch)
+
+    def drawn(self, bend: ca.SX, nu: ca.SX, w: ca.SX, path: ca.SX) -> ca.SX:
+        """See EnergySection.drawn."""
+        c = super().drawn(bend, nu, w, path)
+        if self.anticlastic:
+            Y, _ = offset(path)
+            inward = bend[2] * Y[1] - bend[1] * Y[2]
+            across = bend[2] * Y[2] + bend[1] * Y[1]
+            c[0] -= (inward**2 - across**2) / (4 * nu[0])
+        return c

@@ -8,9 +8,14 @@ forces that do work on the strains after the curvatures.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Protocol
 
 import casadi as ca
+import numpy as np
+
+from model.machine.buffered import Mapped
+from model.paths import Array
 
 # Keeps the length of a tendon differentiable where it has none left, wide enough for the rounding
 # of its square (1e-16) to be small beside it.
@@ -132,3 +137,43 @@ def turning_rate(law: CrossSection, v: ca.SX, rate: ca.SX, path: ca.SX, change: 
     unit, moved = c / length, moved / length
     across = moved - unit * ca.dot(unit, moved) + ca.cross(law.twist(v)[0], unit)
     return ca.sqrt(ca.sumsqr(across) + _STILL)
+
+
+def reported(law: CrossSection, v: Array) -> Array:
+    """Return tau, xi, k, q (N, 4), with shear nu_n, nu_b (N, 6), of a law's strains v (N, n).
+
+    Curvature per unit deformed length [1/m], eq. (1).
+    """
+    return _reported(law)(v)[0]
+
+
+def strains_of(law: CrossSection, rows: Array) -> Array:
+    """Return a law's strains (N, n) of tau, xi, k, q, and nu_n, nu_b if given (N, 4 or 6)."""
+    padded = np.hstack([rows, np.zeros((len(rows), 6 - rows.shape[1]))])
+    return _strains(law)(padded)[0]
+
+
+def kinematics(law: CrossSection, v: Array) -> tuple[Array, Array]:
+    """Return kappa and nu (N, 3) per unit reference length of a law's strains v (N, n)."""
+    (found,) = _twist(law)(v)
+    return found[:, :3], found[:, 3:]
+
+
+@lru_cache(maxsize=32)
+def _twist(law: CrossSection) -> Mapped:
+    v = ca.SX.sym("v", size(law))
+    return Mapped(ca.Function("twist", [v], [ca.densify(ca.vertcat(*law.twist(v)))]))
+
+
+@lru_cache(maxsize=32)
+def _reported(law: CrossSection) -> Mapped:
+    v = ca.SX.sym("v", size(law))
+    rows = ca.vertcat(law.reported(v), law.twist(v)[1][1:] if law.shear else ca.SX(0, 1))
+    return Mapped(ca.Function("reported", [v], [ca.densify(rows)]))
+
+
+@lru_cache(maxsize=32)
+def _strains(law: CrossSection) -> Mapped:
+    e = ca.SX.sym("e", 6)
+    kappa, nu = (1 + e[3]) * e[:3], ca.vertcat(1 + e[3], e[4:])
+    return Mapped(ca.Function("strains", [e], [ca.densify(law.strains(kappa, nu))]))

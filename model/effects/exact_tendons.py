@@ -6,7 +6,7 @@ from dataclasses import field
 
 from model.effects.base import Effect
 from model.value import value
-from model.warn import warn
+from model.units import warn
 
 
 @value

@@ -1,8 +1,9 @@
-"""Poses and strains of an equilibrium anywhere along the arm: a part of an element, solved alone.
+"""Poses, strains and tensions of an equilibrium anywhere along the arm.
 
 From a node on, where pose and wrench are known, the equations of a shorter element say where it
 ends; at its end the cross-section's law gives the strains. So what is read off between the nodes is
-as accurate as what is read off at them.
+as accurate as what is read off at them. Tensions are the same all along but for friction; see
+model.transcription.friction.
 """
 
 from __future__ import annotations
@@ -14,15 +15,16 @@ import numpy as np
 
 from model.cross_section.law import forces, moments
 from model.cross_section.sections import Sections
-from model.equilibrium.sliding import pulls
-from model.loads import beyond
+from model.effects import Friction
+from model.loads import beyond, directions
 from model.machine.buffered import Mapped
 from model.paths import Array
 from model.rotations import matrices
 from model.stations import Counts
 from model.transcription.collocation import gauss
 from model.transcription.element import Form, element
-from model.transcription.kernel import Kernel
+from model.transcription.friction import turning_function
+from model.transcription.kernel import Kernel, Places
 from model.transcription.layout import POSE
 from model.transcription.numbers import element_numbers
 from model.transcription.system import System
@@ -177,7 +179,7 @@ class _Parts:
         return sections.solve(first, wrench, self._pulls(sections))
 
     def _pulls(self, sections: Sections) -> Array:
-        return pulls(self.system, self.x, sections.s, sections.place, sections.tendon)
+        return sliding_tensions(self.system, self.x, sections.s, sections.place, sections.tendon)
 
     def _sections(self, s: Array, active: Counts) -> Sections:
         system = self.system
@@ -189,3 +191,41 @@ class _Parts:
         of = self.system.of
         stages = self.states[of.stages].reshape(-1, of.form.stages, of.form.strains)[self.step]
         return np.asarray(gauss(of.form.stages).at(x) @ stages)
+
+
+def sliding_tensions(at: System, x: Array, s: Array, place: Places, tendon: Places) -> Array:
+    """Return the tensions (P,) of tendons where they cross arc lengths s[place], unknowns x."""
+    T, of = x[tendon], at.of
+    if not of.form.friction:
+        return np.asarray(T)
+    m, (k, j) = of.form.stages, of.passages
+    h, node = np.diff(at.mesh.s), of.first + of.turned
+    inside = of.inside[:, k] + of.first
+    y = np.vstack(
+        [np.full(k.size, x[of.n_tendons]), x[j], x[node[k, j]], x[node[k + 1, j]], x[inside]]
+    )
+    numbers = at.p[of.equations.numbers_of("sliding_tendon")].reshape(k.size, -1).T
+    rates = np.zeros((at.mesh.steps, of.n_tendons, m))
+    rates[k, j] = np.array(turning_function(of.form.law, m).map(k.size)(y, numbers)).T
+    element = np.clip(np.searchsorted(at.mesh.s, s[place]) - 1, 0, at.mesh.steps - 1)
+    share = (s[place] - at.mesh.s[element]) / h[element]
+    powers = np.arange(1, m + 1)
+    weights = share[:, None] ** powers / powers @ gauss(m).powers
+    grows = h[element] * (weights * rates[element, tendon]).sum(axis=1)
+    turned = x[node[element, tendon]] + grows
+    return np.asarray(T * np.exp(-x[of.n_tendons] * coefficients(at)[tendon] * turned))
+
+
+def coefficients(at: System) -> Array:
+    """Return direction times coefficient of friction of each tendon (n_tendons,)."""
+    friction = at.scene.find(Friction)
+    assert friction is not None
+    return np.asarray(friction.mu * np.array(directions(at.arm, friction)))
+
+
+def kink_angles(at: System, x: Array) -> Array:
+    """Return the angle by which each tendon turns at each kink, with a minus (P,) [rad]."""
+    of = at.of
+    (term,) = (term for term in of.equations.terms if term.kernel.name == "kink")
+    c = at.p[of.equations.numbers_of("kink")].reshape(term.count, -1).T
+    return np.asarray(np.array(term.kernel.value.map(term.count)(x[term.unknowns], c))[0])

@@ -10,10 +10,9 @@ from functools import cached_property
 
 import numpy as np
 
-from model.cross_section.reported import reported
-from model.equilibrium.dense import poses_and_strains
+from model.cross_section.law import reported
+from model.equilibrium.dense import poses_and_strains, sliding_tensions
 from model.equilibrium.linearised import Linearised
-from model.equilibrium.sliding import pulls
 from model.errors import CollapsedError, UnsettledSectionError
 from model.mesh import Mesh
 from model.paths import Array
@@ -114,7 +113,7 @@ class Collocated:
 
         With friction they fall along the arm.
         """
-        return pulls(self.system, self.here.x, s, place, tendon)
+        return sliding_tensions(self.system, self.here.x, s, place, tendon)
 
 
 def stretch_of(system: System, states: Array) -> Array:

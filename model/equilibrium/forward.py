@@ -7,10 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from model.arm import Arm
-from model.equilibrium.continuation import by_load_steps, near
 from model.equilibrium.equilibrium import Collocated, Equilibrium
 from model.equilibrium.linearised import Linearised
-from model.equilibrium.newton import NEAR, newton_many
+from model.equilibrium.newton import NEAR, by_load_steps, near, newton_many
 from model.errors import OctoplanError, SnapError, UnsettledSectionError
 from model.loads import is_loaded
 from model.paths import Array

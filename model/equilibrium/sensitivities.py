@@ -1,19 +1,26 @@
-"""How an equilibrium answers to a force and moment on its midline, and to its tendons.
+"""How an equilibrium answers to forces on its midline, to its tendons, and to its own numbers.
 
-By the implicit function theorem through the equations of equilibrium: one factorisation, and a
-right-hand side for each of a force's and a moment's components and for each tension.
+By the implicit function theorem through the equations of equilibrium g(x, p) = 0: one
+factorisation, and a right-hand side for each component of a force and a moment, for each tension,
+and for each number theta of arm and scene, dx = - (dg/dx)^-1 dg/dp dp/dtheta.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from model.equilibrium.linearised import Linearised
+from model.cross_section.law import kinematics
+from model.equilibrium.dense import poses_and_strains
+from model.equilibrium.linearised import Index, Linearised
 from model.equilibrium.stability import stands, turns
 from model.paths import Array
+from model.rotations import matrices
+from model.transcription.layout import POSE
+from model.transcription.neighbours import NumberDerivatives
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,3 +78,91 @@ class Sensitivities:
         places = of.nodes[self.node]
         q = self.here.states[places[:4]]
         return np.vstack([moved[places[4:7]], 4 * turns(q[None, :])[0].T @ moved[places[:4]]])
+
+
+@dataclass(frozen=True, eq=False)
+class ByNumbers:
+    """The derivatives of an equilibrium by K numbers of arm and scene.
+
+    Attributes
+    ----------
+    here : Linearised
+        The equilibrium.
+    jacobian : NumberDerivatives
+        Of the numbers of its equations.
+    tensions : (n_tendons, K)
+        Of its tensions [N].
+    moved : (n_states, K)
+        `right`, where it was worked out beforehand, with those of other equilibria.
+    """
+
+    here: Linearised
+    jacobian: NumberDerivatives
+    tensions: Array
+    moved: Array | None = None
+
+    @cached_property
+    def right(self) -> Array:
+        """Of the residuals at states that stay (n_states, K)."""
+        if self.moved is not None:
+            return self.moved
+        at = self.here.system
+        (found,) = at.of.equations.moved_by_numbers(self.here.x[None], at.p, self.jacobian.p)
+        return np.asarray(found)
+
+    @cached_property
+    def states(self) -> Array:
+        """Of the states (n_states, K)."""
+        found = -self.here.solve(np.asfortranarray(self.right))
+        return found + self.here.by_tensions @ self.tensions if self.tensions.any() else found
+
+    def poses(self, nodes: Index) -> Array:
+        """Displacement [m] and rotation [rad] at the arc lengths of nodes (n, 6, K), base frame."""
+        places = self.here.system.of.nodes[nodes, :POSE]
+        found = displaced(self.here.states[places], self.states[places])
+        shifts = self.jacobian.s[nodes]
+        if shifts.any():
+            found -= along(self.here, nodes)[:, :, None] * shifts[:, None, :]
+        return np.asarray(found)
+
+    @cached_property
+    def lengths(self) -> Array:
+        """Of the lengths of the tendons (n_tendons, K) [m]."""
+        jacobian = self.here.system.length_jacobian(self.here.x)
+        return np.asarray(jacobian @ self.states + self.direct_lengths)
+
+    @cached_property
+    def direct_lengths(self) -> Array:
+        """Of the lengths of the tendons in a shape that stays (n_tendons, K) [m]."""
+        at, change = self.here.system, self.jacobian.lengths
+        (found,) = at.of.lengths.moved_by_numbers(self.here.x[None], at.length_numbers, change)
+        return np.asarray(found)
+
+
+def by_numbers(
+    heres: Sequence[Linearised], jacobian: NumberDerivatives, tensions: Sequence[Array]
+) -> list[ByNumbers]:
+    """Return the derivatives of equilibria of one system, worked out side by side."""
+    if not heres:
+        return []
+    system = heres[0].system
+    x = np.array([here.x for here in heres])
+    right = system.of.equations.moved_by_numbers(x, system.p, jacobian.p)
+    rows = zip(heres, tensions, right, strict=True)
+    return [ByNumbers(here, jacobian, T, moved) for here, T, moved in rows]
+
+
+def displaced(poses: Array, moved: Array) -> Array:
+    """Return displacement and rotation (n, 6, K) of poses (n, 7) that move so (n, 7, K)."""
+    turned = 4 * turns(poses[:, :4]).transpose(0, 2, 1)
+    return np.concatenate([moved[:, 4:], turned @ moved[:, :4]], axis=1)
+
+
+def along(here: Linearised, nodes: Index) -> Array:
+    """Return how poses move along the arm at nodes (n, 6): u' [-], rotation [rad/m], base frame."""
+    system = here.system
+    poses, v = poses_and_strains(system, here.x, system.mesh.s[nodes])
+    kappa, nu = kinematics(system.of.form.law, v)
+    local = np.stack([nu, kappa], axis=1)
+    found = np.einsum("nij,nkj->nki", matrices(poses[:, :4]), local)
+    return np.asarray(found.reshape(-1, 6))

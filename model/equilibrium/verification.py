@@ -13,12 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from model.equilibrium.integration import Integration
-from model.equilibrium.integration_step import SCHEME
+from model.equilibrium.dense import kink_angles
+from model.equilibrium.integration import SCHEME, Integration
 from model.equilibrium.linearised import Linearised
-from model.equilibrium.sliding import kink_angles
 from model.errors import ConvergenceError
-from model.mesh_refinement import estimate
+from model.mesh import estimate
 from model.paths import Array
 from model.time_limit import check_time
 from model.transcription.layout import POSE

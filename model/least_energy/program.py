@@ -27,11 +27,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from model.cross_section.energy import EnergySection
-from model.cross_section.exact import ExactSection
-from model.cross_section.law import CrossSection
-from model.cross_section.reported import kinematics as strain_kinematics
-from model.cross_section.reported import reported, strains_of
+from model.cross_section.energy import EnergySection, ExactSection
+from model.cross_section.law import CrossSection, reported, strains_of
+from model.cross_section.law import kinematics as strain_kinematics
 from model.cross_section.sections import body_numbers
 from model.effects import Current, Friction, NeoHookean, TipLoad
 from model.least_energy.kernels import (
@@ -42,10 +40,10 @@ from model.least_energy.kernels import (
     off_midline,
 )
 from model.loads import beyond, contacts, levers
-from model.log_capture import logged
 from model.machine.buffered import Buffered
 from model.obstacles import numbers_of
 from model.paths import Array
+from model.progress import logged
 from model.scene import Scene
 from model.stations import base_pose, stations, tendon_paths
 from model.transcription.collocation import gauss

@@ -16,8 +16,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from model.machine.libraries import library
-from model.machine.pieces import cut
+from model.machine.libraries import cut, library
 from model.paths import Array
 
 # Sets side by side in C, and by NumPy: intermediate numbers stay in the processor's cache.

@@ -12,9 +12,8 @@ from weakref import WeakKeyDictionary
 import casadi as ca
 
 from model.errors import CompilerError, InputError
-from model.machine.libraries import library
-from model.machine.pieces import in_pieces
-from model.warn import warn
+from model.machine.libraries import in_pieces, library
+from model.units import warn
 
 Compile = bool | Literal["auto"]
 # More takes the compiler several times as long, for code that is a tenth faster.

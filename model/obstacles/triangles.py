@@ -15,8 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from model.errors import InputError
-from model.extras import needed
+from model.errors import InputError, needed
 from model.paths import Array
 
 Faces = NDArray[np.int64]

@@ -17,12 +17,11 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from model.transcription.contact_friction import contact_friction
 from model.transcription.element import Form, body, clamp, element, lever, run, tendon, tip
 from model.transcription.friction import body_rates, idle_tendon, kink, motor, sliding_tendon
 from model.transcription.kernel import Places
 from model.transcription.terms import Equations, Term
-from model.transcription.touch import no_touch, pressure, touch
+from model.transcription.touch import contact_friction, no_touch, pressure, touch
 
 POSE = 7
 

@@ -22,12 +22,10 @@ from model.stations import (
     tendon_paths,
 )
 from model.transcription.collocation import gauss
-from model.transcription.contact_friction import BEFORE
-from model.transcription.contact_friction import TOLD as FRICTION_TOLD
 from model.transcription.element import Form
 from model.transcription.kernel import Places
 from model.transcription.layout import Layout
-from model.transcription.touch import TOLD
+from model.transcription.touch import BEFORE, FRICTION_TOLD, TOLD
 
 # What slip is weighted with in contact friction, over the stiffness E J / L^3 of the base.
 _RESISTS = 10.0

@@ -19,15 +19,14 @@ from functools import cached_property, lru_cache
 import casadi as ca
 import numpy as np
 
-from model.cross_section.law import CrossSection, forces, moments, size
-from model.cross_section.reported import reported, strains_of
+from model.cross_section.law import CrossSection, forces, moments, reported, size, strains_of
 from model.cross_section.sections import Sections
 from model.integrators.magnus import Magnus
 from model.machine.buffered import Buffered, Mapped
 from model.machine.compiled import kernel
 from model.paths import Array
+from model.rotations import compose, conjugate, exponential, matrix, multiply
 from model.unloaded.closed_form import ClosedForm
-from model.unloaded.step_twist import adjoint_function, step_jacobian
 
 _ROUNDING = 4 * np.finfo(float).eps
 
@@ -184,3 +183,42 @@ def _step_twists(scheme: Magnus, steps: int, machine_code: bool) -> Buffered:
     seen = ca.densify(adjoint_function()(g) @ local)
     twists = ca.Function("twists", [g, e, h], [seen], {"cse": True})
     return Buffered(kernel(twists, machine_code).map(steps))
+
+
+def step_jacobian(scheme: Magnus, twists: list[ca.SX], h: ca.SX, e: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Return the pose (7,) of a step, and the derivatives (6, n) of its z against e (n,).
+
+    `twists` (6,) at the scheme's nodes are expressions of e.
+    """
+    omega = scheme.expansion(twists, h)
+    pose, jacobian = _exponential_jacobian()(omega)
+    return pose, ca.densify(jacobian @ ca.jacobian(omega, e))
+
+
+@lru_cache(maxsize=1)
+def _exponential_jacobian() -> ca.Function:
+    """Return Omega (6,) -> exp(Omega) (7,), derivatives of z against Omega (6, 6)."""
+    omega = ca.SX.sym("omega", 6)
+    pose = exponential(omega[:3], omega[3:])
+    columns = []
+    for change in ca.horzsplit(ca.jacobian(pose, omega)):
+        rotation = 2 * multiply(change[:4], conjugate(pose[:4]))[1:]
+        columns.append(ca.vertcat(rotation, change[4:] - ca.cross(rotation, pose[4:])))
+    return ca.Function("jacobian", [omega], [pose, ca.horzcat(*columns)], {"cse": True})
+
+
+@lru_cache(maxsize=8)
+def adjoint_function() -> ca.Function:
+    """Return pose -> (6, 6), the map of local twists to spatial ones."""
+    g = ca.SX.sym("g", 7)
+    R = matrix(g[:4])
+    return ca.Function(
+        "adjoint", [g], [ca.densify(ca.blockcat([[R, ca.SX(3, 3)], [ca.skew(g[4:]) @ R, R]]))]
+    )
+
+
+@lru_cache(maxsize=1)
+def chain_function() -> ca.Function:
+    """Return (pose, relative pose) -> the pose after it."""
+    g, h = ca.SX.sym("g", 7), ca.SX.sym("h", 7)
+    return ca.Function("chain", [g, h], [compose(g, h)])

@@ -1,7 +1,7 @@
 """The strains of cross-sections under tensions alone, in numbers: one solver for any tension.
 
 Without loads the wrench of body and tendons vanishes at each cross-section by itself. The paper's
-balance is linear in its strains; with an energy steps of model.unloaded.energy_statics are taken by
+balance is linear in its strains; with an energy steps of model.unloaded.statics are taken by
 all cross-sections that are not in equilibrium yet: four to seven for ordinary tensions, thirty for
 a thousand times as much.
 """
@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from model.arm import Arm
 from model.cross_section import cross_section_of
-from model.cross_section.law import CrossSection
-from model.cross_section.reported import reported, strains_of
+from model.cross_section.law import CrossSection, reported, strains_of
 from model.cross_section.sections import Sections
 from model.effects import ExactTendons, Extension, NeoHookean
 from model.errors import UnsettledSectionError
@@ -27,8 +26,7 @@ from model.paths import Array
 from model.scene import Scene
 from model.stations import Counts, stations
 from model.transcription.system import System
-from model.unloaded.energy_statics import EnergyStatics
-from model.unloaded.statics import ClosedStatics, closed_statics
+from model.unloaded.statics import ClosedStatics, EnergyStatics, closed_statics
 
 # Exact tendons keep a crushed section from turning inside out: what is left of its length then is
 # the width that keeps their roots smooth (see model.cross_section.law), and no shape.

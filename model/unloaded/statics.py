@@ -15,13 +15,223 @@ import numpy as np
 
 from model.arm import Arm
 from model.cross_section import cross_section_of
-from model.cross_section.energy import EnergySection
-from model.cross_section.law import CrossSection, join
+from model.cross_section.energy import EnergySection, RubberSection
+from model.cross_section.law import TINY, CrossSection, join, less_rest
 from model.cross_section.paper import PaperSection, resultants
 from model.paths import Array
 from model.scene import Scene
 from model.stations import Stations, crossing, sides, tendon_paths
-from model.unloaded.energy_statics import EnergyStatics
+
+# Where the strains are to be an expression of the tensions, so many steps are written out: enough
+# for ordinary ones. Numbers take as many as they need; see model.unloaded.sections.
+_STEPS = 10
+# Of a neo-Hookean body at rest, the least stiffness that a step is taken with: the energy is not
+# convex everywhere. That of a linear body is, and at least as stiff as without tendons.
+_LEAST = 0.1
+# What of its stretch a step may take from a neo-Hookean body, add to it, and bend it by (curvature
+# times radius): 4 to 7 steps do where an arm curls up, 30 at a thousand times that tension.
+_SHRINKS, _GROWS, _BENDS = 0.3, 2.0, 1.0
+# Under a root that is compared with 1, where it may vanish; no less than single precision has.
+_SMALL = 1e-30
+
+
+@dataclass(frozen=True)
+class EnergyStatics:
+    """See ClosedStatics: `pull` are the tensions, `data` is of the body, then y_i, then y_i'.
+
+    Attributes
+    ----------
+    law : EnergySection
+    row, cos, sin
+        Which of the offsets y_i each tendon has, and its direction (n, b).
+    settled : float
+        A section is in equilibrium where the last step is below it, relative to its strains.
+    """
+
+    law: EnergySection
+    row: tuple[int, ...]
+    cos: tuple[float, ...]
+    sin: tuple[float, ...]
+    settled: float = 1e-9
+
+    @property
+    def n_pull(self) -> int:
+        """The size of pull: a tension for each tendon."""
+        return len(self.row)
+
+    @property
+    def each_alone(self) -> bool:
+        """Whether pull are the tensions of the tendons that cross: they are."""
+        return True
+
+    @property
+    def n_data(self) -> int:
+        """The size of data."""
+        return self._first + 2 * (max(self.row) + 1)
+
+    @property
+    def _first(self) -> int:
+        """Place of the offsets among the data."""
+        return 3 + 2 * self.law.curved
+
+    @property
+    def is_rubber(self) -> bool:
+        """Whether the section shrinks as it stretches."""
+        return isinstance(self.law, RubberSection)
+
+    def pulls(self, arm: Arm, at: Stations) -> Array:
+        """See ClosedStatics.pulls: 1 for a tendon that crosses."""
+        return np.asarray(crossing(arm, at)[:, :, None] * np.eye(arm.n_tendons))
+
+    def data(self, at: Stations) -> Array:
+        """See ClosedStatics.data."""
+        return np.vstack([at.body, at.rest, at.y, at.y_rate])
+
+    def offset(self, j: int, data: ca.SX) -> ca.SX:
+        """Return the offset of tendon j and its derivative (2,)."""
+        i = self._first + self.row[j]
+        return ca.vertcat(data[i], data[i + (self.n_data - self._first) // 2])
+
+    def wrench(self, v: ca.SX, pull: ca.SX, data: ca.SX) -> ca.SX:
+        """See ClosedStatics.wrench: the gradient of the energy."""
+        found = self.law.body(v, self._body(data))
+        for j, side in enumerate(zip(self.cos, self.sin, strict=True)):
+            path = ca.vec(ca.vertcat(*side) @ self.offset(j, data).T)
+            found += pull[j] * self.law.tendon(v, path)
+        return found
+
+    def solve(self, pull: ca.SX, data: ca.SX) -> ca.SX:
+        """See ClosedStatics.solve: a fixed number of steps."""
+        u, w = self.begun(pull, data)
+        for _ in range(_STEPS):
+            u, w, size, v = self.step(u, w, pull, data)
+        return ca.if_else(size < self.settled, v, np.nan)
+
+    @property
+    def begun(self) -> ca.Function:
+        """(pull, data) -> u and w to begin with; see step."""
+        return _begun(self)
+
+    @property
+    def step(self) -> ca.Function:
+        """(u, w, pull, data) -> u and w after a step, its size, the strains v there.
+
+        w (1 or 2, n_pull) are the tendons' unit vectors; the size counts curvatures by the radius.
+        """
+        return _newton(self)
+
+    def straight(self, pull: ca.SX, data: ca.SX) -> ca.SX:
+        """Return the strains to begin with: the curvature at rest."""
+        rest = data[3:5] if self.law.curved else ca.SX.zeros(2)
+        if not self.law.extension:
+            return rest
+        stretch = 1 / ca.sqrt(1 + 2 * ca.sum1(pull) / data[0]) if self.is_rubber else ca.SX(1)
+        return ca.vertcat(rest * self.law.width(stretch), stretch)
+
+    def strains(self, u: ca.SX) -> ca.SX:
+        """Return the strains v of u = (w kappa, lambda), w the section's width; see drawn."""
+        return ca.vertcat(u[:2] / self.law.width(u[2]), u[2]) if self.law.extension else u
+
+    def body_energy(self, u: ca.SX, data: ca.SX) -> ca.SX:
+        """Return the energy of the body at u."""
+        body = self._body(data)
+        return self.law.energy(less_rest(self.law, self.strains(u), body), body[:4])
+
+    def _body(self, data: ca.SX) -> ca.SX:
+        """Return what the law takes of the body."""
+        return ca.vertcat(data[:3], 0, data[3 : self._first])
+
+    def tangent(self, j: int, u: ca.SX, data: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Return what of the tangent of tendon j depends on u, and the square of the rest.
+
+        In the frame of t, d and t x d, where without torsion a tendon stays in the plane of t, d.
+        """
+        cos, sin = self.cos[j], self.sin[j]
+        bend = ca.vertcat(0, u[0] * cos + u[1] * sin, u[1] * cos - u[0] * sin)
+        nu = ca.vertcat(u[2] if self.law.extension else ca.SX(1), 0, 0)
+        y, y_rate = ca.vertsplit(self.offset(j, data))
+        c = self.law.drawn(bend, nu, self.law.width(nu[0]), ca.vertcat(y, 0, y_rate, 0))
+        moving = [i for i in range(3) if ca.depends_on(c[i], u)]
+        still = [i for i in range(3) if i not in moving]
+        return c[moving], ca.sumsqr(c[still]) + TINY
+
+
+@lru_cache(maxsize=24)
+def _begun(statics: EnergyStatics) -> ca.Function:
+    pull, data = ca.SX.sym("pull", statics.n_pull), ca.SX.sym("data", statics.n_data)
+    w = ca.SX.zeros(1 + statics.is_rubber, statics.n_pull)
+    begun = [ca.densify(statics.straight(pull, data)), ca.vec(w)]
+    return ca.Function("begun", [pull, data], begun, {"cse": True})
+
+
+@lru_cache(maxsize=24)
+def _newton(statics: EnergyStatics) -> ca.Function:
+    """See EnergyStatics.step; w is one column."""
+    extension, rubber = statics.law.extension, statics.is_rubber
+    u, W = ca.SX.sym("u", 2 + extension), ca.SX.sym("w", (1 + rubber) * statics.n_pull)
+    w = ca.reshape(W, 1 + rubber, statics.n_pull)
+    pull, data = ca.SX.sym("pull", statics.n_pull), ca.SX.sym("data", statics.n_data)
+    hessian, slope = ca.hessian(statics.body_energy(u, data), u)
+    tendons = [_Tendon(*statics.tangent(j, u, data), u, w[:, j]) for j in range(w.shape[1])]
+    for j, tendon in enumerate(tendons):
+        slope += pull[j] * tendon.slope
+        hessian += pull[j] * tendon.curvature
+    stiff = ca.vertcat(data[1], data[1], data[0])[: u.numel()] * (_LEAST if rubber else 1.0)
+    step = _solve_symmetric(hessian, -slope, stiff)
+    radius = 2 * ca.sqrt(data[1] / data[0])
+    size = radius * ca.norm_inf(step[:2]) / (1 + radius * ca.norm_inf(u[:2]))
+    if extension:
+        size = ca.fmax(size, ca.fabs(step[2]))
+    if rubber:
+        change = ca.fmax(-step[2] / _SHRINKS, step[2] / _GROWS)
+        change = ca.fmax(change, radius * ca.norm_inf(step[:2]) / _BENDS)
+        step = step / ca.fmax(1, change / u[2])
+    turned = ca.horzcat(*(tendon.turned(step) for tendon in tendons))
+    after = u + step
+    found = [after, ca.vec(turned), size, ca.densify(statics.strains(after))]
+    return ca.Function("newton", [u, W, pull, data], found, {"cse": True})
+
+
+class _Tendon:
+    """A tendon of 1 N: its tangent c at u, and what Newton's method needs of |c|."""
+
+    def __init__(self, c: ca.SX, rest: ca.SX, u: ca.SX, w: ca.SX) -> None:
+        self.c, self.w, self.length = c, w, ca.sqrt(ca.sumsqr(c) + rest)
+        self.unit, self.along = c / self.length, ca.jacobian(c, u)
+        self.slope = self.along.T @ self.unit
+        across = ca.SX.eye(c.numel()) - (w @ self.unit.T + self.unit @ w.T) / 2
+        held = ca.SX.sym("w", c.numel())
+        bent = ca.substitute(ca.jacobian(self.along.T @ held, u), held, w)
+        self.curvature = self.along.T @ (across / self.length) @ self.along + bent
+
+    def turned(self, step: ca.SX) -> ca.SX:
+        """Return w after a step of the strains, within the unit ball."""
+        moved = self.along @ step
+        w = (self.c + moved - self.w * ca.dot(self.unit, moved)) / self.length
+        size = ca.fabs(w) if w.numel() == 1 else ca.sqrt(ca.sumsqr(w) + _SMALL)
+        return w / ca.fmax(1, size)
+
+
+def _solve_symmetric(A: ca.SX, right: ca.SX, least: ca.SX) -> ca.SX:
+    """Return A^-1 right for a small symmetric A (n, n) and right (n,), by A = L D L^T.
+
+    Pivots below `least` (n,) are raised to it.
+    """
+    n = A.shape[0]
+    L, D = ca.SX.eye(n), [ca.SX(0)] * n
+    for j in range(n):
+        D[j] = A[j, j] - sum((L[j, k] ** 2 * D[k] for k in range(j)), ca.SX(0))
+        D[j] = ca.fmax(D[j], least[j])
+        for i in range(j + 1, n):
+            inner = sum((L[i, k] * L[j, k] * D[k] for k in range(j)), ca.SX(0))
+            L[i, j] = (A[i, j] - inner) / D[j]
+    x = ca.vertsplit(right)
+    for i in range(n):
+        x[i] -= sum((L[i, k] * x[k] for k in range(i)), ca.SX(0))
+    x = [row / d for row, d in zip(x, D, strict=True)]
+    for i in reversed(range(n)):
+        x[i] -= sum((L[k, i] * x[k] for k in range(i + 1, n)), ca.SX(0))
+    return ca.vertcat(*x)
 
 
 class ClosedStatics(Protocol):

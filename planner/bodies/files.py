@@ -9,8 +9,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from model.checks import within
-from model.errors import InputError
-from model.extras import needed
+from model.errors import InputError, needed
 from model.shape import Shape
 from planner.bodies.mjcf import mjcf
 from planner.bodies.surface import surface

@@ -14,10 +14,8 @@ from model.forward import explicit_map
 from model.paths import Array
 from model.shape import Shape
 from model.stations import base_pose, stations
-from model.unloaded.closed_form import ClosedForm, march_function, strain_function
-from model.unloaded.energy_statics import EnergyStatics
-from model.unloaded.geometry import nodes_of
-from model.unloaded.statics import ClosedStatics, closed_statics
+from model.unloaded.closed_form import ClosedForm, march_function, nodes_of, strain_function
+from model.unloaded.statics import ClosedStatics, EnergyStatics, closed_statics
 from planner.c_code.hessian_step import own_step
 from planner.c_code.pulls import TERMS, PullPolynomials
 from planner.c_code.source import CSource, Precision, frame_function, numbers, whole_numbers

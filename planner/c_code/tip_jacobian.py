@@ -23,8 +23,8 @@ from model.unloaded.closed_form import (
     strain_function,
     twist,
 )
+from model.unloaded.march_derivative import adjoint_function, step_jacobian
 from model.unloaded.statics import ClosedStatics
-from model.unloaded.step_twist import adjoint_function, step_jacobian
 from planner.c_code.pulls import TERMS
 
 S = TypeVar("S", ca.SX, ca.MX)

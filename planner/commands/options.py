@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from model import InputError
 from model.checks import positive
 from model.errors import FileError
-from model.mesh_refinement import FINEST_ACCURACY, LOOSEST, checked_accuracy
+from model.mesh import FINEST_ACCURACY, LOOSEST, checked_accuracy
 from model.time_limit import shorten
 from planner.io.files import why
 from planner.io.scene_file import Question, load

@@ -15,7 +15,7 @@ from model.equilibrium.forward import STAGES, collocation_order
 from model.errors import OctoplanError, SnapError, TimeLimitError
 from model.loads import contacts
 from model.machine.compiled import Compile, checked_compile
-from model.mesh_refinement import checked_accuracy, estimate
+from model.mesh import checked_accuracy, estimate
 from model.paths import Array
 from model.progress import tell, with_progress
 from model.settle import checked_scene

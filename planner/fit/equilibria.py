@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 
 from model import Arm, InputError, OctoplanError, Scene, settle
 from model.by_lengths import equilibrium_beside, tightened
-from model.equilibrium.by_numbers import ByNumbers, by_numbers
 from model.equilibrium.equilibrium import Collocated, check_stretch
 from model.equilibrium.forward import Collocation
 from model.equilibrium.linearised import Linearised, linearised
 from model.equilibrium.newton import CLOSE, newton_many
+from model.equilibrium.sensitivities import ByNumbers, by_numbers
 from model.mesh import Mesh
 from model.paths import Array
 from model.transcription.layout import POSE

@@ -11,8 +11,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from model import OctoplanError
-from model.equilibrium.by_numbers import ByNumbers, along, displaced
 from model.equilibrium.linearised import Linearised
+from model.equilibrium.sensitivities import ByNumbers, along, displaced
 from model.paths import Array
 from model.rotations import matrices
 from planner.fit.equilibria import FRAME, Family, Setting

@@ -9,13 +9,10 @@ import numpy as np
 from msgspec import Meta
 from scipy.spatial.transform import Rotation
 
-from model.anchorage import Anchorage
-from model.arm import PAPER_FRAME, Arm
+from model.anchorage import Anchorage, Material, RestCurvature
+from model.arm import PAPER_ARMS, PAPER_FRAME, Arm
 from model.errors import InputError
-from model.material import Material
-from model.presets import PAPER_ARMS
 from model.quantities import Vector
-from model.rest_curvature import RestCurvature
 from planner.io.annotations import arguments, hints_of, quantity, suffix, unit_of_type
 from planner.io.codec import (
     READ,

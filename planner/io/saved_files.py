@@ -12,7 +12,7 @@ import numpy as np
 from model.checks import not_negative
 from model.errors import FileError
 from model.loads import check_loads, contacts
-from model.mesh_refinement import checked_accuracy
+from model.mesh import checked_accuracy
 from planner.avoidance.asked import surroundings
 from planner.fit.calibration import Calibration
 from planner.fit.least_squares import Weights

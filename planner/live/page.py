@@ -18,8 +18,7 @@ from typing import Any
 import numpy as np
 
 from model.effects import Effect
-from model.errors import InputError, OctoplanError
-from model.extras import needed
+from model.errors import InputError, OctoplanError, needed
 from model.obstacles import Obstacle
 from planner.io.files import to_json
 from planner.io.saved_records import plan_record

@@ -16,10 +16,9 @@ import numpy as np
 
 from model.equilibrium.stability import rest_stiffness
 from model.paths import Array
-from model.transcription.kernel import Kernel, Places
+from model.transcription.kernel import Kernel, Places, mode
 from model.transcription.layout import Layout
 from model.transcription.system import System
-from model.transcription.tangent import mode
 from model.transcription.terms import Term
 
 

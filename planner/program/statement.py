@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta
 
 from model.errors import InputError
-from model.mesh_refinement import FINEST
+from model.mesh import FINEST
 from model.quantities import Count
 from planner.program.effort import Norm
 

@@ -15,10 +15,9 @@ import numpy as np
 from model.cross_section.law import CrossSection, size
 from model.paths import Array
 from model.transcription.element import run
-from model.transcription.kernel import Kernel, Places
+from model.transcription.kernel import Kernel, Places, tangent
 from model.transcription.layout import Layout
 from model.transcription.system import System
-from model.transcription.tangent import tangent
 from model.transcription.terms import Term
 from planner.program.modes import mode_numbers, mode_size, mode_terms
 from planner.targets.base import ComplianceRequest

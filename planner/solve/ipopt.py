@@ -14,9 +14,9 @@ from weakref import WeakKeyDictionary
 import casadi as ca
 import numpy as np
 
-from model.log_capture import logged
 from model.machine.buffered import Buffered
 from model.paths import Array
+from model.progress import logged
 from planner.program.problem import Bounds, Problem
 from planner.program.program import Program
 from planner.program.statement import Solver

@@ -13,7 +13,7 @@ import numpy as np
 from model.effects import Friction
 from model.equilibrium.forward import STAGES, collocation_order
 from model.errors import OctoplanError
-from model.mesh_refinement import next_refinement
+from model.mesh import next_refinement
 from model.paths import Array
 from model.shape import Shape
 from model.time_limit import check_time

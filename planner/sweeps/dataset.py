@@ -21,8 +21,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from model.errors import InputError
-from model.extras import needed
+from model.errors import InputError, needed
 from model.progress import tell
 from model.time_limit import check_time
 from planner.io.files import staged, versions, why

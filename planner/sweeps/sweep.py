@@ -11,8 +11,7 @@ from typing import Any
 
 from model.arm import Arm
 from model.checks import positive
-from model.errors import InputError
-from model.extras import needed
+from model.errors import InputError, needed
 from model.progress import tell, with_progress
 from model.time_limit import check_time
 from planner.sweeps.chunk_files import ChunkFiles, ChunksInMemory, folder_of

@@ -13,8 +13,7 @@ from collections.abc import Iterable, Iterator
 from itertools import islice
 from typing import Any
 
-from model.errors import InputError, OctoplanError
-from model.extras import needed
+from model.errors import InputError, OctoplanError, needed
 from model.time_limit import end as end_of_limit
 from model.time_limit import until
 from planner.io.files import versions

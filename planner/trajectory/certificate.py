@@ -8,7 +8,7 @@ import numpy as np
 
 from model.errors import OctoplanError
 from model.loads import contacts, is_loaded
-from model.mesh_refinement import FINEST_ACCURACY
+from model.mesh import FINEST_ACCURACY
 from model.paths import Array
 from model.settle import settle
 from model.shape import Shape

@@ -14,7 +14,7 @@ from model.clearance import clearances
 from model.errors import InputError
 from model.loads import contacts
 from model.machine.compiled import Compile, checked_compile
-from model.mesh_refinement import checked_accuracy
+from model.mesh import checked_accuracy
 from model.paths import Array
 from model.progress import with_progress
 from model.scene import Scene

@@ -44,7 +44,7 @@ from model.effects import (
     Weight,
 )
 from model.forward import equilibrium_on, forward_map, schemes_of
-from model.mesh_refinement import REFINEMENTS
+from model.mesh import REFINEMENTS
 from model.paths import Array
 from studies import draws
 from studies.speed.timing import calls_for, seconds

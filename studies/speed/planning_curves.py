@@ -16,7 +16,7 @@ import numpy as np
 from model import Arm, OctoplanError, Scene, settle
 from model.effects import Buoyancy, ExactTendons, Extension, Weight
 from model.forward import by_collocation
-from model.mesh_refinement import REFINEMENTS
+from model.mesh import REFINEMENTS
 from model.paths import Array
 from planner import plan
 from planner.plots.work import Curve

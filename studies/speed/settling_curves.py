@@ -18,7 +18,7 @@ from model import Arm, OctoplanError, Scene, settle, tip_jacobian
 from model.effects import ExactTendons, Extension
 from model.forward import CLOSED_FORMS, ForwardMap, equilibrium_on, forward_map, schemes_of
 from model.loads import is_loaded
-from model.mesh_refinement import REFINEMENTS
+from model.mesh import REFINEMENTS
 from model.paths import Array
 from planner.c_code.tip_jacobian import tip_jacobian_function
 from planner.plots.work import Curve

@@ -9,7 +9,6 @@ import pytest
 
 from model import Anchorage, Arm, CollapsedError, InputError, Linear, Scene, settle, settle_many
 from model.effects import Buoyancy, ExactTendons, Extension, Friction, Weight
-from model.equilibrium import continuation
 from model.errors import UnsettledSectionError
 from tests.hard_cases.families.stiff_friction import Member, planar
 
@@ -66,7 +65,7 @@ def test_loads_on_sections_without_a_tendons_length_are_not_followed_for_minutes
     """Used to take thousands of load steps, each as long as a tendon is that has no length left."""
     steps, T = [], np.zeros((3, 4))
     T[place], T[2, 2] = 16.0, 20.0
-    monkeypatch.setattr(continuation, "tell", lambda *said: steps.append(said))
+    monkeypatch.setattr("model.equilibrium.newton.tell", lambda *said: steps.append(said))
     with pytest.raises(UnsettledSectionError, match="lower the tensions that cross it"):
         settle(ARM, T, Scene.silicone(Weight(), Buoyancy(1000.0)))
     assert 0 < len(steps) < 100

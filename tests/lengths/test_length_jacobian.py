@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from model import Anchorage, Arm, Linear, Material, Scene
-from model.unloaded.tendon_lengths import tendon_lengths
+from model.unloaded.marched import tendon_lengths
 from tests.lengths.cases import PAPER, SCENES
 
 _SCENES = {"paper": PAPER["paper"], **{k: SCENES[k] for k in ("inextensible", "exact", "silicone")}}

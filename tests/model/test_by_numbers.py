@@ -22,9 +22,9 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from model.equilibrium.by_numbers import ByNumbers
 from model.equilibrium.forward import STAGES, Collocation
 from model.equilibrium.linearised import Linearised
+from model.equilibrium.sensitivities import ByNumbers
 from model.rotations import matrices
 from model.transcription.neighbours import Neighbour, number_derivatives
 from tests.differences import fourth_order

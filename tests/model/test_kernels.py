@@ -7,9 +7,8 @@ import pytest
 from model import Scene
 from model.effects import Current, ExactTendons, Extension, Friction, Shear, TipLoad, Weight
 from model.transcription.element import clamp, element, tendon
-from model.transcription.kernel import Kernel, Steps
+from model.transcription.kernel import Kernel, Steps, Tangent, tangent
 from model.transcription.system import form_of
-from model.transcription.tangent import Tangent, tangent
 
 LOADED = {
     "paper": Scene(Extension(), Weight()),

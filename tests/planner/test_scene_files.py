@@ -15,9 +15,9 @@ import pytest
 import model.effects
 import planner.targets
 from model import Anchorage, Arm, Linear, Material, RestCurvature, Sampled
+from model.arm import PAPER_ARMS
 from model.effects import Effect
 from model.errors import FileError
-from model.presets import PAPER_ARMS
 from planner.io.arm_tables import ArmTable, Preset
 from planner.io.scene_file import load, read
 from planner.io.schemas import SceneTable, scene_schema

@@ -9,7 +9,7 @@ import pytest
 
 from model import Anchorage, Arm, Linear, Scene, SnapError, settle
 from model.cross_section import cross_section_of
-from model.cross_section.reported import strains_of
+from model.cross_section.law import strains_of
 from model.cross_section.sections import Sections
 from model.effects import Effect, Extension, TipLoad, Weight
 from model.equilibrium.linearised import Linearised

@@ -11,7 +11,7 @@ import xarray
 import planner
 from model import Arm, InputError, Material, Scene, settle
 from model.effects import Extension, TipLoad
-from model.extras import MissingExtraError
+from model.errors import MissingExtraError
 from planner.cli import main
 from planner.targets import TipPosition
 from tests.sweeps.cases import DRAWN, GRID, STIFFNESS, tensions, written
