@@ -222,7 +222,7 @@ class Arm:
         wide = hull[0] > own[0]
         return tuple(np.where(wide, b, a) for a, b in zip(own, hull, strict=True))  # type: ignore[return-value]
 
-    @cached_property
+    @property
     def anchorages(self) -> tuple[float, ...]:
         """Arc lengths of the anchorages, from the tip to the base [m]."""
         return tuple(section.at for section in self.sections)

@@ -37,7 +37,6 @@ SCHEMES = (*CLOSED_FORMS, *COLLOCATIONS, *PRINTED)
 ForwardMap = Collocation | March
 
 
-@lru_cache(maxsize=64)
 def schemes_of(scene: Scene) -> tuple[str, ...]:
     """Return the names of the schemes that can carry a scene.
 

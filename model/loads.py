@@ -89,7 +89,6 @@ class Acting(NamedTuple):
     kind: str
 
 
-@lru_cache(maxsize=256)
 def acting(scene: Scene) -> tuple[Acting, ...]:
     """Return the scene's point loads, and the weights of its point masses."""
     found, weight = list[Acting](), scene.find(Weight)

@@ -6,7 +6,6 @@ import bisect
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -92,7 +91,6 @@ def graded(
     return with_nodes(arm, np.concatenate(nodes))
 
 
-@lru_cache(maxsize=16)
 def _weights(arm: Arm, at: tuple[float, ...], taper: Path) -> tuple[Array, Array, Array]:
     """Return the breaks, places between each two, and what the steps between these weigh.
 
@@ -105,7 +103,6 @@ def _weights(arm: Arm, at: tuple[float, ...], taper: Path) -> tuple[Array, Array
     return breaks, fine, weight
 
 
-@lru_cache(maxsize=64)
 def roughly(radius: Path) -> Path:
     """Return the taper of a radius to a tenth of what it grows by, as an exponent.
 
@@ -149,7 +146,6 @@ def checked_accuracy(accuracy: Any) -> float:
     return within("accuracy", accuracy, FINEST_ACCURACY, LOOSEST)
 
 
-@lru_cache(maxsize=64)
 def first_pair(accuracy: float, order: int) -> tuple[int, int]:
     """Return the two refinements to begin with, one about twice the other.
 
@@ -180,6 +176,5 @@ def next_refinement(refinement: int, error: float, accuracy: float, order: int) 
     return finer[min(bisect.bisect_left(finer, refinement * more), len(finer) - 1)]
 
 
-@lru_cache(maxsize=64)
 def _finer(refinement: int) -> list[int]:
     return [r for r in REFINEMENTS if refinement < r <= 4 * refinement]

@@ -7,7 +7,6 @@ A rotation is a quaternion (w, x, y, z); a pose is (7,): the quaternion that tur
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 
 import casadi as ca
 import numpy as np
@@ -29,7 +28,6 @@ def conjugate(q: ca.SX) -> ca.SX:
     return ca.vertcat(q[0], -q[1:])
 
 
-@lru_cache(maxsize=1)
 def turning() -> ca.Function:
     """Return q -> the changes of q (4, 3) by small turns about the base frame's axes.
 
@@ -40,7 +38,6 @@ def turning() -> ca.Function:
     return ca.Function("turning", [q], [ca.densify(ca.horzcat(*columns))])
 
 
-@lru_cache(maxsize=1)
 def small_turns() -> ca.Function:
     """Return q -> the small turns (3, 4) [rad] that changes of q are; undoes turning."""
     q = ca.SX.sym("q", 4)

@@ -92,7 +92,7 @@ class Shape:
         """Poses (quaternion, position [m]) at the nodes of the mesh (S + 1, 7)."""
         return self.equilibrium.poses
 
-    @cached_property
+    @property
     def left(self) -> Array | None:
         """What is left of tendons held by length beyond their paths (n_tendons,), else nan [m].
 
@@ -115,7 +115,7 @@ class Shape:
             none &= ~(self.left <= _LEFT * self.arm.length)
         return self.arm.by_section(none.astype(float)) > 0
 
-    @cached_property
+    @property
     def undetermined(self) -> tuple[str, ...]:
         """Names of the tendons that may pull otherwise while the lengths are the same; see settle.
 
@@ -224,7 +224,7 @@ class Shape:
         found[tendons] = self.equilibrium.tensions_at(*given)
         return found
 
-    @cached_property
+    @property
     def tendon_lengths(self) -> Array:
         """Length of each tendon from base to anchorage (n_tendons,) [m], tendon order.
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,7 +69,6 @@ def stations(arm: Arm, s: Array, active: Counts) -> Stations:
     )
 
 
-@lru_cache(maxsize=64)
 def sides(arm: Arm) -> tuple[Array, Array]:
     """Return cosine and sine of the angle of each tendon."""
     phi = np.array([angle for _, angle in arm.tendons])
@@ -136,7 +134,6 @@ def base_pose(arm: Arm) -> Array:
     return np.array([*_turned_by(arm.base_frame), *arm.base_position])
 
 
-@lru_cache(maxsize=64)
 def _turned_by(frame: tuple[tuple[float, ...], ...]) -> tuple[float, ...]:
     """Return the quaternion of a frame."""
     return tuple(from_matrix(np.array(frame)).tolist())

@@ -72,7 +72,7 @@ class Stiffness:
     refinement: int
     error: float
 
-    @cached_property
+    @property
     def stiffness(self) -> Array:
         """Force [N] and moment [N m] per displacement [m] and rotation [rad] (6, 6).
 

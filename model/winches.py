@@ -6,7 +6,7 @@ And Newton steps of tensions that cannot push, to the least ones where they are 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -59,7 +59,7 @@ class Winches:
     tendon_EA: float = np.inf
     outside: float = 0.0
 
-    @cached_property
+    @property
     def stretch(self) -> Array:
         """By how much each tendon is longer for each newton (n_tendons,) [m/N]."""
         return np.asarray(np.where(self.held, (self.lengths + self.outside) / self.tendon_EA, 0.0))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 from model.cross_section.energy import ExactSection, RubberSection
 from model.cross_section.law import CrossSection
 from model.cross_section.paper import PaperSection
@@ -11,7 +9,6 @@ from model.effects import ExactTendons, Extension, NeoHookean, Shear
 from model.scene import Scene
 
 
-@lru_cache(maxsize=256)
 def cross_section_of(scene: Scene, curved: bool = False, torsion: bool = True) -> CrossSection:
     """Return the law of a scene's cross-sections; without loads none of them is twisted.
 

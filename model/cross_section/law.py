@@ -139,41 +139,46 @@ def turning_rate(law: CrossSection, v: ca.SX, rate: ca.SX, path: ca.SX, change: 
     return ca.sqrt(ca.sumsqr(across) + _STILL)
 
 
+@lru_cache(maxsize=128)
+def mapped(
+    kernel_of: Callable[[CrossSection], ca.Function], law: CrossSection, machine_code: bool = False
+) -> Mapped:
+    """Return a kernel of a law for many cross-sections or tendons at once, made once."""
+    return Mapped(kernel_of(law), machine_code)
+
+
 def reported(law: CrossSection, v: Array) -> Array:
     """Return tau, xi, k, q (N, 4), with shear nu_n, nu_b (N, 6), of a law's strains v (N, n).
 
     Curvature per unit deformed length [1/m], eq. (1).
     """
-    return _reported(law)(v)[0]
+    return mapped(_reported, law)(v)[0]
 
 
 def strains_of(law: CrossSection, rows: Array) -> Array:
     """Return a law's strains (N, n) of tau, xi, k, q, and nu_n, nu_b if given (N, 4 or 6)."""
     padded = np.hstack([rows, np.zeros((len(rows), 6 - rows.shape[1]))])
-    return _strains(law)(padded)[0]
+    return mapped(_strains, law)(padded)[0]
 
 
 def kinematics(law: CrossSection, v: Array) -> tuple[Array, Array]:
     """Return kappa and nu (N, 3) per unit reference length of a law's strains v (N, n)."""
-    (found,) = _twist(law)(v)
+    (found,) = mapped(_twist, law)(v)
     return found[:, :3], found[:, 3:]
 
 
-@lru_cache(maxsize=32)
-def _twist(law: CrossSection) -> Mapped:
+def _twist(law: CrossSection) -> ca.Function:
     v = ca.SX.sym("v", size(law))
-    return Mapped(ca.Function("twist", [v], [ca.densify(ca.vertcat(*law.twist(v)))]))
+    return ca.Function("twist", [v], [ca.densify(ca.vertcat(*law.twist(v)))])
 
 
-@lru_cache(maxsize=32)
-def _reported(law: CrossSection) -> Mapped:
+def _reported(law: CrossSection) -> ca.Function:
     v = ca.SX.sym("v", size(law))
     rows = ca.vertcat(law.reported(v), law.twist(v)[1][1:] if law.shear else ca.SX(0, 1))
-    return Mapped(ca.Function("reported", [v], [ca.densify(rows)]))
+    return ca.Function("reported", [v], [ca.densify(rows)])
 
 
-@lru_cache(maxsize=32)
-def _strains(law: CrossSection) -> Mapped:
+def _strains(law: CrossSection) -> ca.Function:
     e = ca.SX.sym("e", 6)
     kappa, nu = (1 + e[3]) * e[:3], ca.vertcat(1 + e[3], e[4:])
-    return Mapped(ca.Function("strains", [e], [ca.densify(law.strains(kappa, nu))]))
+    return ca.Function("strains", [e], [ca.densify(law.strains(kappa, nu))])

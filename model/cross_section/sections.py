@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
 from model.arm import Arm
-from model.cross_section.law import CrossSection, body_size, size, turning_rate
+from model.cross_section.law import CrossSection, body_size, mapped, size, turning_rate
 from model.effects import Shear
-from model.machine.buffered import Buffered
-from model.machine.compiled import kernel
 from model.paths import Array
 from model.scene import Scene
 from model.stations import (
@@ -87,16 +85,16 @@ class Sections:
         These are (N, n, n); `tensions` (P,) are those of the crossings.
         """
         N, n = v.shape
-        (found,) = self._mapped(body_kernel, N)(v.ravel(), self.body.ravel("F"))
+        found = self._mapped(body_kernel, v, self.body.T)
         if self.place.size:
-            call = self._mapped(tendon_kernel, self.place.size)
-            (rows,) = call(v[self.place].ravel(), self.paths.ravel("F"))
+            rows = self._mapped(tendon_kernel, v[self.place], self.paths.T)
             first = np.flatnonzero(np.diff(self.place, prepend=-1))
             found[self.place[first]] += np.add.reduceat(rows * tensions[:, None], first)
         return found[:, :n], found[:, n:].reshape(N, n, n).transpose(0, 2, 1)
 
-    def _mapped(self, kernel_of: Callable[[CrossSection], ca.Function], N: int) -> Buffered:
-        return _mapped(kernel_of, self.law, N, self.machine_code)
+    def _mapped(self, kernel_of: Callable[[CrossSection], ca.Function], *given: Array) -> Array:
+        """Return what a kernel of the law has of arguments (N, n), a row each."""
+        return mapped(kernel_of, self.law, self.machine_code)(*given)[0]
 
     def pulls(self, tensions: Array) -> Array:
         """Return the tensions of the crossings (P,) of constant tensions (n_tendons,)."""
@@ -119,8 +117,8 @@ class Sections:
         """
         if not self.place.size:
             return np.zeros(0), np.zeros((0, v.shape[1]))
-        given = (v[self.place].T, rate[self.place].T, self.paths, self.path_rates)
-        (found,) = self._mapped(_turning, self.place.size)(*(part.ravel("F") for part in given))
+        given = (v[self.place], rate[self.place], self.paths.T, self.path_rates.T)
+        found = self._mapped(_turning, *given)
         return found[:, 0], found[:, 1:]
 
     def by_tensions(self, v: Array, jacobian: Array) -> Array:
@@ -136,9 +134,8 @@ class Sections:
         """Return the wrench per newton of each crossing's tendon (P, n) at strains v (N, n)."""
         if not self.place.size:
             return np.zeros((0, v.shape[1]))
-        call = self._mapped(tendon_kernel, self.place.size)
-        (found,) = call(v[self.place].ravel(), self.paths.ravel("F"))
-        return np.asarray(found[:, : v.shape[1]])
+        found = self._mapped(tendon_kernel, v[self.place], self.paths.T)
+        return found[:, : v.shape[1]]
 
     def length_jacobian(self, v: Array, weights: Array) -> tuple[Array, Array]:
         """Return the lengths (n_tendons,) [m], and their Jacobian in the strains (n_tendons, N, n).
@@ -148,8 +145,8 @@ class Sections:
         jacobian = np.zeros((self._n_tendons, *v.shape))
         if not self.place.size:
             return np.zeros(self._n_tendons), jacobian
-        call, weight = self._mapped(_run, self.place.size), weights[self.place]
-        (found,) = call(v[self.place].ravel(), self.paths.ravel("F"))
+        weight = weights[self.place]
+        found = self._mapped(_run, v[self.place], self.paths.T)
         jacobian[self.tendon, self.place] = found[:, 1:] * weight[:, None]
         lengths = np.bincount(self.tendon, found[:, 0] * weight, self._n_tendons)
         return np.asarray(lengths, dtype=float), jacobian
@@ -167,13 +164,9 @@ class Sections:
         """Return the length of tendon per length of arm (P,) at each crossing, strains v (N, n)."""
         if not self.place.size:
             return np.zeros(0)
-        (found,) = self._mapped(_speed, self.place.size)(
-            v[self.place].ravel(), self.paths.ravel("F")
-        )
-        return found[:, 0]
+        return self._mapped(_speed, v[self.place], self.paths.T)[:, 0]
 
 
-@lru_cache(maxsize=32)
 def _turning(law: CrossSection) -> ca.Function:
     """Return strains, rates, path, its rate -> |d(c/|c|)/ds| of a tendon, then its derivatives."""
     v, rate = ca.SX.sym("v", size(law)), ca.SX.sym("rate", size(law))
@@ -183,40 +176,28 @@ def _turning(law: CrossSection) -> ca.Function:
     return ca.Function("turning", [v, rate, path, change], [both], {"cse": True})
 
 
-@lru_cache(maxsize=32)
 def _speed(law: CrossSection) -> ca.Function:
     """Return strains, path -> |u_c'| of a tendon."""
     v, path = ca.SX.sym("v", size(law)), ca.SX.sym("path", 4)
     return ca.Function("speed", [v, path], [ca.norm_2(law.run(v, path))], {"cse": True})
 
 
-@lru_cache(maxsize=32)
 def _run(law: CrossSection) -> ca.Function:
     """Return strains, path -> |u_c'| of a tendon, then its derivatives."""
     v, path = ca.SX.sym("v", size(law)), ca.SX.sym("path", 4)
     return _with_jacobian("run", v, path, ca.norm_2(law.run(v, path)))
 
 
-@lru_cache(maxsize=32)
 def body_kernel(law: CrossSection) -> ca.Function:
     """Return strains, body numbers -> wrench of the body, then its derivatives column by column."""
     v, numbers = ca.SX.sym("v", size(law)), ca.SX.sym("body", body_size(law))
     return _with_jacobian("body", v, numbers, law.body(v, numbers))
 
 
-@lru_cache(maxsize=32)
 def tendon_kernel(law: CrossSection) -> ca.Function:
     """Return strains, path -> wrench of a tendon per newton, then its Jacobian column by column."""
     v, path = ca.SX.sym("v", size(law)), ca.SX.sym("path", 4)
     return _with_jacobian("tendon", v, path, law.tendon(v, path))
-
-
-@lru_cache(maxsize=64)
-def _mapped(
-    kernel_of: Callable[[CrossSection], ca.Function], law: CrossSection, N: int, machine_code: bool
-) -> Buffered:
-    """Return a kernel of a law for N cross-sections or crossings at once; a row for each."""
-    return Buffered(kernel(kernel_of(law), machine_code).map(N))
 
 
 def _with_jacobian(name: str, v: ca.SX, numbers: ca.SX, wrench: ca.SX) -> ca.Function:

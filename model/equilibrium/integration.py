@@ -306,7 +306,6 @@ class _Part:
         return np.asarray(found.reshape(self.at.x.size * self.N, -1))
 
 
-@lru_cache(maxsize=1)
 def _powers() -> Array:
     """Return the coefficients of the polynomials that are 1 at one of the scheme's nodes."""
     return np.asarray(np.linalg.inv(np.vander(SCHEME.samples, increasing=True)))

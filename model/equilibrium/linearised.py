@@ -115,7 +115,7 @@ class Linearised:
         """The states (n_states,)."""
         return self.x[self.system.of.first :]
 
-    @cached_property
+    @property
     def band(self) -> Band:
         """The places of the nonzeros."""
         return band(self.system.of)
@@ -180,7 +180,7 @@ class Linearised:
         """How the states move with the tensions (n_states, n_tendons)."""
         return self.by_parameters[:, :-1]
 
-    @cached_property
+    @property
     def by_load(self) -> Array:
         """How the states move with the load factor (n_states,); nan where that is not known."""
         if self.near:
@@ -203,7 +203,7 @@ class Linearised:
         """How these change with the states (n_tendons, n_states)."""
         return self.near.length_jacobian if self.near else self.system.length_jacobian(self.x)
 
-    @cached_property
+    @property
     def length_tension(self) -> Array:
         """How these change with the tensions (n_tendons, n_tendons) [m/N]."""
         return np.asarray(self.length_jacobian @ self.by_tensions)

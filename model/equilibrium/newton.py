@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from contextlib import suppress
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -162,16 +161,19 @@ def _steps(system: System, x: Array, here: Sequence[Solution]) -> Array:
 
 
 class _Measures(NamedTuple):
-    """Places of strains (n,) and quaternions (m,) among the states; what strains are counted in."""
+    """Places of strains (n,) and quaternions (m,) among the states, and units of the strains.
+
+    Curvatures are counted in 1 / L.
+    """
 
     stages: Places
     frames: Places
     scale: Array
 
 
-@lru_cache(maxsize=64)
 def _measures(of: Layout, length: float) -> _Measures:
-    scale = np.tile(strain_scale(of, length), of.elements * of.form.stages)
+    curvatures = np.arange(of.form.strains) < 2 + of.form.law.torsion
+    scale = np.tile(np.where(curvatures, 1 / length, 1.0), of.elements * of.form.stages)
     return _Measures(of.stages.ravel(), of.nodes[:, :4].ravel(), scale)
 
 
@@ -180,12 +182,6 @@ def step_size(system: System, change: Array, states: Array) -> float:
     at = _measures(system.of, system.arm.length)
     moved = np.abs(change[at.stages]) / (at.scale + np.abs(states[at.stages]))
     return max(float(moved.max()), float(np.abs(change[at.frames]).max()))
-
-
-@lru_cache(maxsize=64)
-def strain_scale(of: Layout, length: float) -> Array:
-    """Return what strains (strains,) are counted in: curvatures in 1 / L."""
-    return np.where(np.arange(of.form.strains) < 2 + of.form.law.torsion, 1 / length, 1.0)
 
 
 # The least step in the load factor over what is reached; before the first step, over a millionth.

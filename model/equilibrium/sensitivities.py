@@ -42,12 +42,12 @@ class Sensitivities:
     def _by_wrench(self) -> Array:
         return -self.here.solve(self.here.system.by_wrench(self.here.x, self.node))
 
-    @cached_property
+    @property
     def pose_wrench(self) -> Array:
         """Displacement [m] and rotation [rad] per force [N] and moment [N m] (6, 6), base frame."""
         return self._pose(self._by_wrench)
 
-    @cached_property
+    @property
     def pose_tension(self) -> Array:
         """The same per newton in each tendon at its motor (6, n_tendons)."""
         return self._pose(self.here.by_tensions)
@@ -57,7 +57,7 @@ class Sensitivities:
         """The lengths of the tendons (n_tendons,) [m]."""
         return self.here.lengths
 
-    @cached_property
+    @property
     def length_wrench(self) -> Array:
         """Lengths of the tendons per force and moment (n_tendons, 6)."""
         return np.asarray(self.here.length_jacobian @ self._by_wrench)
@@ -67,7 +67,7 @@ class Sensitivities:
         """Lengths of the tendons per newton (n_tendons, n_tendons) [m/N]."""
         return self.here.length_tension
 
-    @cached_property
+    @property
     def stable(self) -> bool:
         """Whether the equilibrium stands, tensions held."""
         return stands(self.here)
@@ -101,7 +101,7 @@ class ByNumbers:
     tensions: Array
     moved: Array | None = None
 
-    @cached_property
+    @property
     def right(self) -> Array:
         """Of the residuals at states that stay (n_states, K)."""
         if self.moved is not None:
@@ -125,13 +125,13 @@ class ByNumbers:
             found -= along(self.here, nodes)[:, :, None] * shifts[:, None, :]
         return np.asarray(found)
 
-    @cached_property
+    @property
     def lengths(self) -> Array:
         """Of the lengths of the tendons (n_tendons, K) [m]."""
         jacobian = self.here.system.length_jacobian(self.here.x)
         return np.asarray(jacobian @ self.states + self.direct_lengths)
 
-    @cached_property
+    @property
     def direct_lengths(self) -> Array:
         """Of the lengths of the tendons in a shape that stays (n_tendons, K) [m]."""
         at, change = self.here.system, self.jacobian.lengths

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import pairwise
 
 import casadi as ca
@@ -37,7 +36,7 @@ class Magnus:
     order: int
     nodes: tuple[float, ...]
 
-    @cached_property
+    @property
     def weights(self) -> Array:
         """The weights (order / 2,) of its nodes in an integral over [0, 1]."""
         return np.polynomial.legendre.leggauss(len(self.nodes))[1] / 2

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import casadi as ca
 
 from model.cross_section.energy import EnergySection
@@ -16,7 +14,6 @@ from model.transcription.kernel import Kernel
 from model.transcription.layout import POSE
 
 
-@lru_cache(maxsize=32)
 def body_energy(law: EnergySection) -> Kernel:
     """Return the kernel of a stage's energy: strains; weight [m], numbers of the body -> [N m]."""
     v, c = ca.SX.sym("v", size(law)), ca.SX.sym("c", 1 + body_size(law))
@@ -24,7 +21,6 @@ def body_energy(law: EnergySection) -> Kernel:
     return Kernel("body_energy", v, c, c[0] * energy)
 
 
-@lru_cache(maxsize=32)
 def dead_loads(law: CrossSection, m: int) -> Kernel:
     """Return the kernel of less the work of dead loads on an element.
 
@@ -41,21 +37,18 @@ def dead_loads(law: CrossSection, m: int) -> Kernel:
     return Kernel("dead_loads", ca.vertcat(q, ca.vec(v)), ca.vertcat(h, ca.vec(dead)), value)
 
 
-@lru_cache(maxsize=1)
 def off_midline() -> Kernel:
     """Return the kernel of less the work of a dead force off the midline: q; offset, force."""
     q, c = ca.SX.sym("q", 4), ca.SX.sym("c", 6)
     return Kernel("off_midline", q, c, -ca.dot(unit_matrix(q) @ c[:3], c[3:]))
 
 
-@lru_cache(maxsize=32)
 def kinematics(law: CrossSection, m: int) -> Kernel:
     """Return the kernel of an element's kinematics: the residuals of the pose at its end."""
     whole = element(Form(law, m, loaded=False))
     return Kernel("kinematics", whole.y, whole.c, whole.r[-POSE:])
 
 
-@lru_cache(maxsize=1)
 def node_gap() -> Kernel:
     """Return the kernel of the gap at a node: u; the obstacle's numbers, the arm's radius."""
     u, c = ca.SX.sym("u", 3), ca.SX.sym("c", SIZE + 1)

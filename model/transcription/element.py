@@ -233,14 +233,12 @@ def run(law: CrossSection) -> Kernel:
     return Kernel("run", v, numbers, numbers[4] * length)
 
 
-@lru_cache(maxsize=1)
 def clamp() -> Kernel:
     """Return the kernel of the base: pose there; that of the clamp -> their difference."""
     g, clamped = ca.SX.sym("g", 7), ca.SX.sym("clamped", 7)
     return Kernel("clamp", g, clamped, g - clamped)
 
 
-@lru_cache(maxsize=1)
 def lever() -> Kernel:
     """Return the kernel of a force off the midline: load factor, q -> less its moment.
 
@@ -253,7 +251,6 @@ def lever() -> Kernel:
     return Kernel("lever", ca.vertcat(load, q), ca.vertcat(offset, force), -moment)
 
 
-@lru_cache(maxsize=8)
 def tip(form: Form) -> Kernel:
     """Return the kernel of the tip: load factor, q, M, F there -> what vanishes of M and F.
 

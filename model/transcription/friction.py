@@ -141,21 +141,18 @@ def kink(law: CrossSection, m: int) -> Kernel:
     return Kernel("kink", y, ca.vertcat(h, path), -2 * ca.asin(half))
 
 
-@lru_cache(maxsize=1)
 def motor() -> Kernel:
     """Return the kernel of a tendon at its motor, where it has not turned yet: Theta = 0."""
     turned = ca.SX.sym("turned")
     return Kernel("motor", turned, ca.SX(0, 1), turned)
 
 
-@lru_cache(maxsize=1)
 def idle_tendon() -> Kernel:
     """Return the kernel of a tendon beyond its end: it turns no further there."""
     before, after = ca.SX.sym("before"), ca.SX.sym("after")
     return Kernel("idle_tendon", ca.vertcat(before, after), ca.SX(0, 1), after - before)
 
 
-@lru_cache(maxsize=16)
 def hermite(m: int, x: float, derivative: int = 0) -> tuple[Array, Array]:
     """Return the weights (m,) of values and of slopes at the Gauss nodes for the value at x.
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import replace
-from functools import cached_property, lru_cache, partial
+from functools import lru_cache, partial
 from typing import Any
 
 import casadi as ca
@@ -31,7 +31,6 @@ from model.transcription.numbers import numbers
 from model.transcription.terms import What
 
 
-@lru_cache(maxsize=256)
 def form_of(
     scene: Scene,
     curved: bool,
@@ -100,7 +99,7 @@ class System:
         vars(found).update(vars(self))
         return found
 
-    @cached_property
+    @property
     def base(self) -> Array:
         """The pose (7,) that the base is clamped at, as part of the numbers."""
         return self.p[self.of.equations.numbers_of("clamp")]

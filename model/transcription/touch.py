@@ -95,7 +95,6 @@ def _gap(
     return gap, gap_slope, along, normal
 
 
-@lru_cache(maxsize=1)
 def no_touch() -> Kernel:
     """Return the kernel of the base, which touches nothing: P or p there."""
     P = ca.SX.sym("P")

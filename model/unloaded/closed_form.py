@@ -118,7 +118,6 @@ _ARMS, _ALL = 1024, slice(None)
 _WRITTEN_OUT = 64
 
 
-@lru_cache(maxsize=24)
 def strain_function(statics: ClosedStatics) -> ca.Function:
     """Return (pull, data) -> (tau, xi, k, q) at one cross-section; tau is 0."""
     pull, data = ca.SX.sym("pull", statics.n_pull), ca.SX.sym("data", statics.n_data)
@@ -141,7 +140,6 @@ def pull_at(
     return ca.reshape(maps @ T, -1, s.size), ca.DM(statics.data(at))
 
 
-@lru_cache(maxsize=24)
 def step_function(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
     """Return (pull (n_pull, m), data (n_data, m), h) -> relative pose of a step (7,), 1 + q (m,).
 
@@ -149,13 +147,13 @@ def step_function(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
     """
     m, h = len(scheme.nodes), ca.SX.sym("h")
     pull, data = ca.SX.sym("pull", statics.n_pull, m), ca.SX.sym("data", statics.n_data, m)
-    strains = [strain_function(statics)(pull[:, i], data[:, i]) for i in range(m)]
-    step = scheme.step([twist(strain) for strain in strains], h)
-    stretch = ca.vertcat(*(1 + strain[3] for strain in strains))
+    strain = strain_function(statics)
+    strains = [strain(pull[:, i], data[:, i]) for i in range(m)]
+    step = scheme.step([twist(one) for one in strains], h)
+    stretch = ca.vertcat(*(1 + one[3] for one in strains))
     return ca.Function("step", [pull, data, h], [step, stretch], {"cse": True})
 
 
-@lru_cache(maxsize=24)
 def march_function(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
     """Return (pose, pull, data, h) -> pose across a step, 1 + q; see step_function."""
     step = step_function(statics, scheme)

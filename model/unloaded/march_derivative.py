@@ -13,29 +13,34 @@ and a force at the place. Sources: see model.integrators.magnus.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
 
-from model.cross_section.law import CrossSection, forces, moments, reported, size, strains_of
-from model.cross_section.sections import Sections
+from model.cross_section.law import (
+    CrossSection,
+    forces,
+    mapped,
+    moments,
+    reported,
+    size,
+    strains_of,
+)
 from model.integrators.magnus import Magnus
-from model.machine.buffered import Buffered, Mapped
+from model.machine.buffered import Buffered
 from model.machine.compiled import kernel
 from model.paths import Array
-from model.rotations import compose, conjugate, exponential, matrix, multiply
+from model.rotations import conjugate, exponential, matrix, multiply
 from model.unloaded.closed_form import ClosedForm
 
 _ROUNDING = 4 * np.finfo(float).eps
 
 
-@dataclass(frozen=True, eq=False)
 class MarchDerivative:
     """See model.equilibrium.sensitivities.Sensitivities, which has the same for arms with loads.
 
-    Attributes
+    Parameters
     ----------
     march : ClosedForm
     tensions : (n_tendons,)
@@ -44,16 +49,30 @@ class MarchDerivative:
         The node of its mesh that is pushed and watched.
     """
 
-    march: ClosedForm
-    tensions: Array
-    node: int
+    def __init__(self, march: ClosedForm, tensions: Array, node: int) -> None:
+        self.march, self.tensions, self.node = march, tensions, node
+        self._at = at = march.sections
+        h, weights, law = np.diff(march.mesh.s), march.scheme.weights, at.law
+        m, count = len(weights), h.size * len(weights)
+        plain = march.strains(tensions)
+        poses = march.poses(plain)
+        self._weights, self._point = np.outer(h, weights).ravel(), poses[node, 4:]
+        self._v = v = strains_of(law, reported(march.law, plain[:count]))
+        self._stiffness = at.wrench(v, at.pulls(tensions))[1]
+        twist, slopes = mapped(_kinematics, law)(v)
+        call = _step_twists(march.scheme, h.size, march.machine_code)
+        (z,) = call(poses[:-1].ravel(), twist.ravel(), h)
+        # Z transposed (P, 6 of kappa and nu, 6 of z), 0 beyond the node.
+        self._twists = z.reshape(count, 6, 6)
+        self._twists[node * m :] = 0.0
+        self._moved = slopes.reshape(count, -1, 6) @ self._twists
 
-    @cached_property
+    @property
     def pose_tension(self) -> Array:
         """Displacement [m] and rotation [rad] per newton in each tendon (6, n_tendons)."""
         return self._pose(self._by_tensions)
 
-    @cached_property
+    @property
     def pose_wrench(self) -> Array:
         """The same per force [N] and moment [N m] at the node (6, 6), base frame."""
         return self._pose(self._by_wrench)
@@ -61,19 +80,20 @@ class MarchDerivative:
     @property
     def lengths(self) -> Array:
         """The lengths of the tendons (n_tendons,) [m]."""
-        return self._lengths[0]
+        return self._at.lengths(self._v, self._weights)
 
-    @cached_property
+    @property
     def length_wrench(self) -> Array:
         """Lengths of the tendons per force and moment (n_tendons, 6)."""
-        return np.asarray(np.einsum("tpn,pnk->tk", self._lengths[1], self._by_wrench))
+        return np.asarray(self._length_jacobian @ self._by_wrench.reshape(-1, 6))
 
-    @cached_property
+    @property
     def length_tension(self) -> Array:
         """Lengths of the tendons per newton (n_tendons, n_tendons) [m/N]."""
-        return np.asarray(np.einsum("tpn,pnk->tk", self._lengths[1], self._by_tensions))
+        by_tensions = self._by_tensions.reshape(-1, self.tensions.size)
+        return np.asarray(self._length_jacobian @ by_tensions)
 
-    @cached_property
+    @property
     def stable(self) -> bool:
         """Whether each cross-section is at a minimum of its energy, tensions held."""
         K = self._stiffness
@@ -82,82 +102,30 @@ class MarchDerivative:
         return bool(np.all(values[:, 0] > -_ROUNDING * values[:, -1]))
 
     @property
-    def _count(self) -> int:
-        """The nodes P of all steps."""
-        return self.march.mesh.steps * len(self.march.scheme.nodes)
-
-    @property
-    def _law(self) -> CrossSection:
-        """The law of sections that wrenches twist."""
-        return self._sections.law
-
-    @cached_property
-    def _plain(self) -> Array:
-        """The strains (P, n) of the march's own law, which is not twisted."""
-        return self.march.strains(self.tensions)
-
-    @cached_property
-    def _strains(self) -> Array:
-        return strains_of(self._law, reported(self.march.law, self._plain[: self._count]))
-
-    @property
-    def _sections(self) -> Sections:
-        return self.march.sections
-
-    @cached_property
-    def _stiffness(self) -> Array:
-        """K of the module (P, n, n)."""
-        return self._sections.wrench(self._strains, self._sections.pulls(self.tensions))[1]
-
-    @cached_property
-    def _weights(self) -> Array:
-        """W of the module (P,) [m]."""
-        return np.outer(np.diff(self.march.mesh.s), self.march.scheme.weights).ravel()
-
-    @cached_property
-    def _poses(self) -> Array:
-        return self.march.poses(self._plain)
-
-    @cached_property
-    def _twists(self) -> Array:
-        """Z of the module, transposed (P, 6 of kappa and nu, 6 of z), 0 beyond the node."""
-        at, m = self.march, len(self.march.scheme.nodes)
-        twist = _kinematics(self._law)(self._strains)[0]
-        call = _step_twists(at.scheme, at.mesh.steps, at.machine_code)
-        (found,) = call(self._poses[:-1].ravel(), twist.ravel(), np.diff(at.mesh.s))
-        found = found.reshape(self._count, 6, 6)
-        found[self.node * m :] = 0.0
-        return np.asarray(found)
-
-    @cached_property
-    def _moved(self) -> Array:
-        """How the twist z answers to strains (P, n, 6)."""
-        slopes = _kinematics(self._law)(self._strains)[1]
-        return np.asarray(slopes.reshape(self._count, -1, 6) @ self._twists)
-
-    @cached_property
     def _by_tensions(self) -> Array:
-        return self._sections.by_tensions(self._strains, self._stiffness)
+        """How strains change with the tensions (P, n, n_tendons)."""
+        return self._at.by_tensions(self._v, self._stiffness)
 
-    @cached_property
+    @property
     def _by_wrench(self) -> Array:
         """How strains change with a force and moment at the node (P, n, 6)."""
-        law, point = self._law, self._poses[self.node, 4:]
-        about_base = np.block([[_skew(point), np.eye(3)], [np.eye(3), np.zeros((3, 3))]])
+        law, turned = self._at.law, _skew(self._point)
+        about_base = np.block([[turned, np.eye(3)], [np.eye(3), np.zeros((3, 3))]])
         local = self._twists @ about_base / self._weights[:, None, None]
         own = [*moments(law), *(3 + k for k in forces(law))]
         return np.asarray(np.linalg.solve(self._stiffness, local[:, own]))
 
-    @cached_property
-    def _lengths(self) -> tuple[Array, Array]:
-        return self._sections.length_jacobian(self._strains, self._weights)
+    @property
+    def _length_jacobian(self) -> Array:
+        """How lengths change with the strains (n_tendons, P n)."""
+        jacobian = self._at.length_jacobian(self._v, self._weights)[1]
+        return jacobian.reshape(self.tensions.size, -1)
 
     def _pose(self, strains: Array) -> Array:
         """Return displacement and rotation (6, k) of the node that changes of strains are."""
         moved = self._moved.reshape(-1, 6)
         z = moved.T @ strains.reshape(len(moved), -1)
-        point = self._poses[self.node, 4:]
-        return np.vstack([z[3:] - _skew(point) @ z[:3], z[:3]])
+        return np.vstack([z[3:] - _skew(self._point) @ z[:3], z[:3]])
 
 
 def _skew(v: Array) -> Array:
@@ -165,13 +133,12 @@ def _skew(v: Array) -> Array:
     return np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
 
 
-@lru_cache(maxsize=24)
-def _kinematics(law: CrossSection) -> Mapped:
+def _kinematics(law: CrossSection) -> ca.Function:
     """Return strains -> kappa and nu (6,), and their derivatives by the strains (6, n)."""
     v = ca.SX.sym("v", size(law))
     twist = ca.densify(ca.vertcat(*law.twist(v)))
     slopes = ca.vec(ca.densify(ca.jacobian(twist, v)))
-    return Mapped(ca.Function("kinematics", [v], [twist, slopes], {"cse": True}))
+    return ca.Function("kinematics", [v], [twist, slopes], {"cse": True})
 
 
 @lru_cache(maxsize=24)
@@ -195,7 +162,6 @@ def step_jacobian(scheme: Magnus, twists: list[ca.SX], h: ca.SX, e: ca.SX) -> tu
     return pose, ca.densify(jacobian @ ca.jacobian(omega, e))
 
 
-@lru_cache(maxsize=1)
 def _exponential_jacobian() -> ca.Function:
     """Return Omega (6,) -> exp(Omega) (7,), derivatives of z against Omega (6, 6)."""
     omega = ca.SX.sym("omega", 6)
@@ -207,7 +173,6 @@ def _exponential_jacobian() -> ca.Function:
     return ca.Function("jacobian", [omega], [pose, ca.horzcat(*columns)], {"cse": True})
 
 
-@lru_cache(maxsize=8)
 def adjoint_function() -> ca.Function:
     """Return pose -> (6, 6), the map of local twists to spatial ones."""
     g = ca.SX.sym("g", 7)
@@ -215,10 +180,3 @@ def adjoint_function() -> ca.Function:
     return ca.Function(
         "adjoint", [g], [ca.densify(ca.blockcat([[R, ca.SX(3, 3)], [ca.skew(g[4:]) @ R, R]]))]
     )
-
-
-@lru_cache(maxsize=1)
-def chain_function() -> ca.Function:
-    """Return (pose, relative pose) -> the pose after it."""
-    g, h = ca.SX.sym("g", 7), ca.SX.sym("h", 7)
-    return ca.Function("chain", [g, h], [compose(g, h)])

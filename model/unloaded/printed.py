@@ -11,7 +11,6 @@ scheme: whatever reads them divides by it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
 
 import casadi as ca
 import numpy as np
@@ -80,7 +79,6 @@ def _slope(extension: bool, x: ca.SX, d: ca.SX) -> ca.SX:
     return ca.vertcat(turn, moved, strain_rate(x[7:], sums, sums_rate, body, body_rate))
 
 
-@lru_cache(maxsize=8)
 def step_function(extension: bool, scheme: RungeKutta) -> ca.Function:
     """Return (x, numbers (18, m) at the scheme's samples, h) -> x after a step."""
     x, h, d = ca.SX.sym("x", _N), ca.SX.sym("h"), ca.SX.sym("d", 18, len(scheme.samples))
@@ -89,7 +87,6 @@ def step_function(extension: bool, scheme: RungeKutta) -> ca.Function:
     return ca.Function("step", [x, d, h], [after], {"cse": True})
 
 
-@lru_cache(maxsize=2)
 def _read_function(extension: bool) -> ca.Function:
     """Return (tau, xi, k; numbers (18,)) -> (tau, xi, k, q)."""
     strain, d = ca.SX.sym("strain", 3), ca.SX.sym("d", 18)
@@ -97,14 +94,12 @@ def _read_function(extension: bool) -> ca.Function:
     return ca.Function("read", [strain, d], [ca.vertcat(strain, q)])
 
 
-@lru_cache(maxsize=1)
 def _jump_function() -> ca.Function:
     """Return (strains, numbers (18, 2) on the tip side and on the base side) -> strains there."""
     strain, d = ca.SX.sym("strain", 3), ca.SX.sym("d", 18, 2)
     return ca.Function("jump", [strain, d], [strain + strain_jump(d[:6, 0], d[:6, 1], d[12:15, 1])])
 
 
-@lru_cache(maxsize=1)
 def _rates_of_resultants() -> ca.Function:
     path, rate = ca.SX.sym("path", 4), ca.SX.sym("rate", 4)
     found = ca.jtimes(ca.vertcat(*resultants(path[0], path[1])), path, rate)

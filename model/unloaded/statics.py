@@ -7,7 +7,6 @@ by itself and none is twisted: its strains follow from the tensions alone.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import Protocol
 
 import casadi as ca
@@ -102,9 +101,9 @@ class EnergyStatics:
 
     def solve(self, pull: ca.SX, data: ca.SX) -> ca.SX:
         """See ClosedStatics.solve: a fixed number of steps."""
-        u, w = self.begun(pull, data)
+        (u, w), step = self.begun(pull, data), self.step
         for _ in range(_STEPS):
-            u, w, size, v = self.step(u, w, pull, data)
+            u, w, size, v = step(u, w, pull, data)
         return ca.if_else(size < self.settled, v, np.nan)
 
     @property
@@ -156,7 +155,6 @@ class EnergyStatics:
         return c[moving], ca.sumsqr(c[still]) + TINY
 
 
-@lru_cache(maxsize=24)
 def _begun(statics: EnergyStatics) -> ca.Function:
     pull, data = ca.SX.sym("pull", statics.n_pull), ca.SX.sym("data", statics.n_data)
     w = ca.SX.zeros(1 + statics.is_rubber, statics.n_pull)
@@ -164,7 +162,6 @@ def _begun(statics: EnergyStatics) -> ca.Function:
     return ca.Function("begun", [pull, data], begun, {"cse": True})
 
 
-@lru_cache(maxsize=24)
 def _newton(statics: EnergyStatics) -> ca.Function:
     """See EnergyStatics.step; w is one column."""
     extension, rubber = statics.law.extension, statics.is_rubber
@@ -274,7 +271,6 @@ class ClosedStatics(Protocol):
         """Return the strains v where the wrench vanishes, NaN where there are none."""
 
 
-@lru_cache(maxsize=256)
 def closed_statics(scene: Scene, arm: Arm) -> ClosedStatics:
     """Return the statics of a scene without loads, for an arm's tendons."""
     law = cross_section_of(scene, arm.is_curved, torsion=False)

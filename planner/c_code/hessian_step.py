@@ -42,7 +42,8 @@ def own_step(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
     along = ca.jacobian(omega, e)
     bent = ca.substitute([ca.hessian(ca.dot(work, omega), e)[0]], [work], [gradient])[0]
     by_strains, nodes = gradient.T @ along, range(m)
-    strains = [strain_function(statics)(pull[:, i], data[:, i])[1:] for i in nodes]
+    strain = strain_function(statics)
+    strains = [strain(pull[:, i], data[:, i])[1:] for i in nodes]
     given = [(strains[i], pull[:, i], data[:, i]) for i in nodes]
     jacobian = [strain_jacobian(statics)(*of) for of in given]
     parts = [slice(3 * i, 3 * i + 3) for i in nodes]

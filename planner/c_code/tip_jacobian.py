@@ -58,7 +58,8 @@ def twist_step(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
     x = ca.SX.sym("x", 7 + 6 * n * TERMS)
     pull, data = ca.SX.sym("pull", n, m), ca.SX.sym("data", statics.n_data, m)
     basis, e = ca.SX.sym("basis", TERMS, m), ca.SX.sym("e", 3 * m)
-    strains = [strain_function(statics)(pull[:, i], data[:, i])[1:] for i in range(m)]
+    strain = strain_function(statics)
+    strains = [strain(pull[:, i], data[:, i])[1:] for i in range(m)]
     pose, local = step_jacobian(scheme, [twist(ca.vertcat(0, v)) for v in ca.vertsplit(e, 3)], h, e)
     seen = adjoint_function()(x[:7]) @ local
     parts = []
