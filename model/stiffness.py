@@ -16,7 +16,6 @@ from model.effects import PrintedStatics
 from model.errors import InputError, SingularError
 from model.forward import explicit_map
 from model.loads import check_loads, is_loaded
-from model.machine.buffered import Buffered
 from model.machine.compiled import Compile
 from model.paths import Array
 from model.rotations import small_turns
@@ -293,14 +292,15 @@ def tip_jacobian(
     assert isinstance(here, Marched)
     if isinstance(here.march, ClosedForm):
         return MarchDerivative(here.march, shape.tensions, here.mesh.steps).pose_tension
-    return _printed(arm, scene, here.scheme, here.refinement)(shape.tensions)[0].T
+    function = tip_jacobian_function(arm, scene, here.scheme, here.refinement)
+    return np.array(function(shape.tensions))
 
 
-@lru_cache(maxsize=16)
-def _printed(arm: Arm, scene: Scene, scheme: str, refinement: int) -> Buffered:
-    """Return tensions -> the Jacobian of the tip: CasADi's of the equations as printed."""
+@lru_cache(maxsize=64)
+def tip_jacobian_function(arm: Arm, scene: Scene, scheme: str, refinement: int) -> ca.Function:
+    """Return tensions (n,) -> displacement [m/N] and rotation [rad/N] of the tip (6, n)."""
     T = ca.MX.sym("T", arm.n_tendons)
     pose = explicit_map(arm, scene, scheme, refinement).function(T)[0][:, -1]
     jacobian = ca.jacobian(pose, T)
     found = ca.vertcat(jacobian[4:, :], small_turns()(pose[:4]) @ jacobian[:4, :])
-    return Buffered(ca.Function("tip_jacobian", [T], [ca.densify(found)]))
+    return ca.Function("tip_jacobian", [T], [ca.densify(found)])

@@ -26,7 +26,7 @@ from model.rotations import compose
 from model.scene import Scene
 from model.stations import Counts, base_pose, stations
 from model.unloaded.sections import section_solver
-from model.unloaded.statics import ClosedStatics, EnergyStatics, closed_statics
+from model.unloaded.statics import ClosedStatics, EnergyStatics, balance_function, closed_statics
 
 # E A, E J and G I come first among the data of a cross-section.
 _BODY = 3
@@ -118,50 +118,6 @@ _ARMS, _ALL = 1024, slice(None)
 _WRITTEN_OUT = 64
 
 
-def strain_function(statics: ClosedStatics) -> ca.Function:
-    """Return (pull, data) -> (tau, xi, k, q) at one cross-section; tau is 0."""
-    pull, data = ca.SX.sym("pull", statics.n_pull), ca.SX.sym("data", statics.n_data)
-    strain = statics.law.reported(statics.solve(pull, data))
-    return ca.Function("strain", [pull, data], [ca.densify(strain)], {"cse": True})
-
-
-def twist(strain: ca.SX) -> ca.SX:
-    """Return (kappa, nu) per unit reference length from (tau, xi, k, q), eq. (1)."""
-    stretch = 1 + strain[3]
-    return ca.vertcat(stretch * strain[:3], stretch, 0, 0)
-
-
-def pull_at(
-    arm: Arm, statics: ClosedStatics, s: Array, active: Counts, T: ca.MX
-) -> tuple[ca.MX, ca.DM]:
-    """Return pull (n_pull, N) of tensions (n_tendons,), and data (n_data, N), at s (N,)."""
-    at = stations(arm, s, active)
-    maps = ca.sparsify(ca.DM(statics.pulls(arm, at).reshape(-1, arm.n_tendons)))
-    return ca.reshape(maps @ T, -1, s.size), ca.DM(statics.data(at))
-
-
-def step_function(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
-    """Return (pull (n_pull, m), data (n_data, m), h) -> relative pose of a step (7,), 1 + q (m,).
-
-    Columns are the scheme's nodes in the step.
-    """
-    m, h = len(scheme.nodes), ca.SX.sym("h")
-    pull, data = ca.SX.sym("pull", statics.n_pull, m), ca.SX.sym("data", statics.n_data, m)
-    strain = strain_function(statics)
-    strains = [strain(pull[:, i], data[:, i]) for i in range(m)]
-    step = scheme.step([twist(one) for one in strains], h)
-    stretch = ca.vertcat(*(1 + one[3] for one in strains))
-    return ca.Function("step", [pull, data, h], [step, stretch], {"cse": True})
-
-
-def march_function(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
-    """Return (pose, pull, data, h) -> pose across a step, 1 + q; see step_function."""
-    step = step_function(statics, scheme)
-    g, *given = ca.SX.sym("g", 7), *step.sx_in()
-    relative, stretch = step(*given)
-    return ca.Function("march", [g, *given], [compose(g, relative), stretch], {"cse": True})
-
-
 class _Steps:
     """(pose, strains at the nodes of a step, h) -> pose across it, of a structure, any numbers."""
 
@@ -173,13 +129,13 @@ class _Steps:
         after = compose(g, scheme.step(twists, h))
         step = ca.Function("marched", [g, v, h], [after], {"cse": True})
         self.many = Mapped(step, machine_code)
-        self._step, self._along = kernel(step, machine_code), dict[int, Buffered]()
+        self.step, self._along = kernel(step, machine_code), dict[int, Buffered]()
 
     def along(self, count: int) -> Buffered:
         """Return the same for so many steps one after another: the poses after each."""
         if count not in self._along:
-            march = self._step.mapaccum(count)
-            few = count <= _WRITTEN_OUT and self._step.is_a("SXFunction")
+            march = self.step.mapaccum(count)
+            few = count <= _WRITTEN_OUT and self.step.is_a("SXFunction")
             self._along[count] = Buffered(march.expand() if few else march)
         return self._along[count]
 
@@ -241,19 +197,16 @@ class ClosedForm:
     @cached_property
     def function(self) -> ca.Function:
         """The map as a function that CasADi differentiates; see the class."""
-        arm, mesh, n = self.arm, self.mesh, self.mesh.steps * len(self.scheme.nodes)
-        statics = closed_statics(self.scene, arm)
-        T = ca.MX.sym("T", arm.n_tendons)
-        s, active = self.stretch_at, self.stretch_active
-        inner, ends = (pull_at(arm, statics, s[i], active[i], T) for i in (np.s_[:n], np.s_[n:]))
-        march = kernel(march_function(statics, self.scheme), self.machine_code)
-        poses, stretch = march.mapaccum(mesh.steps)(
-            base_pose(arm), *inner, ca.DM(np.diff(mesh.s)).T
-        )
-        at = kernel(strain_function(statics), self.machine_code).map(s.size - n)
-        everywhere = ca.horzcat(ca.reshape(stretch, 1, -1), 1 + at(*ends)[3, :])
-        nodes = ca.horzcat(self._base, poses)
-        return ca.Function("closed_form", [T], [ca.densify(nodes), ca.densify(everywhere)])
+        law, T = self.law, ca.MX.sym("T", self.arm.n_tendons)
+        K, n_pull = self._pull
+        pull = ca.reshape(ca.sparsify(ca.DM(self._flat)) @ T, n_pull, K)
+        balance = kernel(balance_function(self._statics), self.machine_code)
+        v = balance.map(K)(pull, ca.DM(self.data.T))
+        inner = ca.reshape(v[:, : self.mesh.steps * len(self.scheme.nodes)], -1, self.mesh.steps)
+        march = self._steps.step.mapaccum(self.mesh.steps)
+        nodes = ca.horzcat(self._base, march(self._base, inner, ca.DM(self._h).T))
+        along = v[2, :] - law.along_at_rest if law.extension else 0 * v[0, :]
+        return ca.Function("closed_form", [T], [ca.densify(nodes), ca.densify(1 + along)])
 
     def run(self, tensions: Array) -> tuple[Array, Array, Array]:
         """See March.run: poses (S + 1, 7), 1 + q (K,) and strains of the law."""

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from functools import lru_cache
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,7 +25,7 @@ from model.paths import Array
 from model.scene import Scene
 from model.stations import Counts, stations
 from model.transcription.system import System
-from model.unloaded.statics import ClosedStatics, EnergyStatics, closed_statics
+from model.unloaded.statics import ClosedStatics, EnergyStatics, balance_function, closed_statics
 
 # Exact tendons keep a crushed section from turning inside out: what is left of its length then is
 # the width that keeps their roots smooth (see model.cross_section.law), and no shape.
@@ -53,8 +52,7 @@ class SectionSolver:
             self._tolerance, begin = statics.settled, statics.begun
             self._step = Mapped(statics.step, machine_code)
         else:
-            pull, data = ca.SX.sym("pull", statics.n_pull), ca.SX.sym("data", statics.n_data)
-            begin = ca.Function("balance", [pull, data], [statics.solve(pull, data)], {"cse": True})
+            begin = balance_function(statics)
         self._begin = Mapped(begin, machine_code)
 
     def __call__(self, pull: Array, data: Array) -> Array:

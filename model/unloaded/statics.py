@@ -281,6 +281,13 @@ def closed_statics(scene: Scene, arm: Arm) -> ClosedStatics:
     return EnergyStatics(law, arm.offset_of, tuple(cos.tolist()), tuple(sin.tolist()))
 
 
+def balance_function(statics: ClosedStatics) -> ca.Function:
+    """Return (pull, data) -> strains of a cross-section, as an expression of these."""
+    pull, data = ca.SX.sym("pull", statics.n_pull), ca.SX.sym("data", statics.n_data)
+    v = ca.densify(statics.solve(pull, data))
+    return ca.Function("balance", [pull, data], [v], {"cse": True})
+
+
 @dataclass(frozen=True)
 class PaperStatics:
     """The paper's balance, linear in the strains; `pull` are the six resultants of the tendons.

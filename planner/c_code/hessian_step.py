@@ -19,11 +19,10 @@ import casadi as ca
 from model.cross_section.law import size
 from model.integrators.magnus import Magnus
 from model.rotations import compose, exponential, inverse
-from model.unloaded.closed_form import strain_function, twist
 from model.unloaded.march_derivative import adjoint_function
 from model.unloaded.statics import ClosedStatics
 from planner.c_code.pulls import TERMS
-from planner.c_code.tip_jacobian import strain_jacobian
+from planner.c_code.tip_jacobian import strain_function, strain_jacobian, twist
 
 
 @lru_cache(maxsize=64)

@@ -12,14 +12,15 @@ import numpy as np
 
 from model.forward import explicit_map
 from model.paths import Array
+from model.rotations import compose
 from model.shape import Shape
 from model.stations import base_pose, stations
-from model.unloaded.closed_form import ClosedForm, march_function, nodes_of, strain_function
+from model.unloaded.closed_form import ClosedForm, nodes_of
 from model.unloaded.statics import ClosedStatics, EnergyStatics, closed_statics
 from planner.c_code.hessian_step import own_step
 from planner.c_code.pulls import TERMS, PullPolynomials
 from planner.c_code.source import CSource, Precision, frame_function, numbers, whole_numbers
-from planner.c_code.tip_jacobian import shifts_and_turns, twist_step
+from planner.c_code.tip_jacobian import shifts_and_turns, strain_function, twist, twist_step
 
 # Steps of Newton's method end in rounding at about 1e-6; they shrink by squares before.
 _SETTLED_FLOAT = 1e-4
@@ -91,8 +92,10 @@ def _functions(
     coefficients = ca.reshape(c, statics.n_pull, TERMS)
     pull, cse = coefficients @ basis, {"cse": True}
     carried = [ca.vec(ca.densify(column)) for column in polynomials.carried(T)]
-    pose, stretch = march_function(statics, scheme)(g, pull, data, h)
-    end = 1 + strain_function(statics)(pull[:, 0], data[:, 0])[3]
+    strain = strain_function(statics)
+    strains = [strain(pull[:, i], data[:, i]) for i in range(m)]
+    pose = compose(g, scheme.step([twist(one) for one in strains], h))
+    stretch, end = ca.vertcat(*(1 + one[3] for one in strains)), 1 + strains[0][3]
     twists = twist_step(statics, scheme)(x, pull, data, h, basis)
     return (
         ca.Function("carried", [T], [ca.horzcat(*carried)]).expand(),

@@ -13,21 +13,27 @@ from typing import TypeVar
 
 import casadi as ca
 
-from model.arm import Arm
 from model.cross_section.law import size
-from model.forward import explicit_map
 from model.integrators.magnus import Magnus
-from model.rotations import compose, small_turns
-from model.scene import Scene
-from model.unloaded.closed_form import (
-    strain_function,
-    twist,
-)
+from model.rotations import compose
 from model.unloaded.march_derivative import adjoint_function, step_jacobian
 from model.unloaded.statics import ClosedStatics
 from planner.c_code.pulls import TERMS
 
 S = TypeVar("S", ca.SX, ca.MX)
+
+
+def strain_function(statics: ClosedStatics) -> ca.Function:
+    """Return (pull, data) -> (tau, xi, k, q) at one cross-section; tau is 0."""
+    pull, data = ca.SX.sym("pull", statics.n_pull), ca.SX.sym("data", statics.n_data)
+    strain = statics.law.reported(statics.solve(pull, data))
+    return ca.Function("strain", [pull, data], [ca.densify(strain)], {"cse": True})
+
+
+def twist(strain: ca.SX) -> ca.SX:
+    """Return (kappa, nu) per unit reference length from (tau, xi, k, q), eq. (1)."""
+    stretch = 1 + strain[3]
+    return ca.vertcat(stretch * strain[:3], stretch, 0, 0)
 
 
 @lru_cache(maxsize=64)
@@ -70,16 +76,6 @@ def twist_step(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
     after = ca.vertcat(compose(x[:7], pose), x[7:] + ca.vec(ca.horzcat(*grown)))
     after = ca.substitute([after], [e], [ca.vertcat(*strains)])[0]
     return ca.Function("step", [x, pull, data, h, basis], [after], {"cse": True})
-
-
-@lru_cache(maxsize=64)
-def tip_jacobian_function(arm: Arm, scene: Scene, scheme: str, refinement: int) -> ca.Function:
-    """Return tensions (n,) -> displacement [m/N] and rotation [rad/N] of the tip (6, n)."""
-    T = ca.MX.sym("T", arm.n_tendons)
-    pose = explicit_map(arm, scene, scheme, refinement).function(T)[0][:, -1]
-    jacobian = ca.jacobian(pose, T)
-    found = ca.vertcat(jacobian[4:, :], small_turns()(pose[:4]) @ jacobian[:4, :])
-    return ca.Function("tip_jacobian", [T], [ca.densify(found)])
 
 
 def shifts_and_turns(pose: S, twists: S) -> S:

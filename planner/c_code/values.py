@@ -6,9 +6,9 @@ import numpy as np
 
 from model.rotations import matrices
 from model.shape import Shape
+from model.stiffness import tip_jacobian_function
 from planner.c_code.source import CSource, Precision, numbers
 from planner.c_code.steps import steps_source
-from planner.c_code.tip_jacobian import tip_jacobian_function
 from planner.c_code.whole import whole_source
 from planner.io.files import versions
 

@@ -8,8 +8,8 @@ from model.effects import ExactTendons
 from model.errors import InputError
 from model.forward import explicit_map
 from model.shape import Shape
+from model.stiffness import tip_jacobian_function
 from planner.c_code.source import CSource, Precision, frame_function, work_of
-from planner.c_code.tip_jacobian import tip_jacobian_function
 
 
 def whole_source(shape: Shape, precision: Precision) -> CSource:

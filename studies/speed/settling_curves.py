@@ -20,7 +20,7 @@ from model.forward import CLOSED_FORMS, ForwardMap, equilibrium_on, forward_map,
 from model.loads import is_loaded
 from model.mesh import REFINEMENTS
 from model.paths import Array
-from planner.c_code.tip_jacobian import tip_jacobian_function
+from model.stiffness import tip_jacobian_function
 from planner.plots.work import Curve
 from studies import draws
 from studies.baselines import ScipyArm, ScipyLoadedArm

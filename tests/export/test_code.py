@@ -13,8 +13,8 @@ import pytest
 
 from model import settle, tip_jacobian
 from model.forward import explicit_map
+from model.stiffness import tip_jacobian_function
 from planner import export
-from planner.c_code.tip_jacobian import tip_jacobian_function
 from tests.export.cases import BENT, NO_DOUBLE, SCENES, SETTLING, TABLE_4, Library, compiled
 
 AGREES = {"double": 1e-12, "float": 1e-5}
