@@ -86,11 +86,11 @@ class TendonOrder:
         flat_vector = all(np.ndim(v) == 0 for v in values) and flat.size == self._first[-1]
         if not (by_section or flat_vector):
             raise InputError(name, _sizes(values, rows), self._shapes)
-        for j, value in enumerate(flat):
-            if not 0 <= value <= LARGEST:
+        for j, tension in enumerate(flat):
+            if not 0 <= tension <= LARGEST:
                 raise InputError(
                     f"{name}[{j}] ({self.name(j)})",
-                    float(value),
+                    float(tension),
                     f"a finite number, 0 or above, up to {LARGEST:g}",
                 )
         return flat

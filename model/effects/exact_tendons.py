@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import field
 
 from model.effects.base import Effect
-from model.value import value
 from model.units import warn
+from model.value import value
 
 
 @value

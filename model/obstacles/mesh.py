@@ -10,8 +10,7 @@ import numpy as np
 from msgspec import Meta
 
 from model.checks import orthonormal, vector
-from model.errors import FileError, InputError
-from model.errors import needed
+from model.errors import FileError, InputError, needed
 from model.obstacles.base import ENDLESS, Obstacle, axes_with, rounded
 from model.obstacles.triangles import Triangles, check_closed, volume
 from model.paths import Array
