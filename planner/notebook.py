@@ -1,4 +1,4 @@
-"""Values as notebooks show them: arms and results with figures, the others as tables."""
+"""How values are drawn, and what notebooks show of them: results with figures, others as tables."""
 
 from __future__ import annotations
 
@@ -44,17 +44,21 @@ def _shape(shape: Shape, ax: Any = None) -> Any:
 
 
 def _plan(plan: Plan, ax: Any = None) -> Any:
-    return plan.plot(ax)
+    from planner.plots.plan import plot_plan
+
+    return plot_plan(plan, ax)
 
 
 def _stiffness(k: Stiffness, ax: Any = None) -> Any:
-    from planner.plots.stiffness import plot_ellipsoids
+    from planner.plots.results import plot_ellipsoids
 
     return plot_ellipsoids([k], force_to_show(k), ax)
 
 
 def _trajectory(motion: Trajectory, ax: Any = None) -> Any:
-    return motion.plot()
+    from planner.plots.motion import plot_trajectory
+
+    return plot_trajectory(motion)
 
 
 def _scene_table(scene: Scene) -> str:

@@ -22,7 +22,7 @@ from model.progress import with_progress
 from model.scene import Scene
 from model.settle import checked_scene
 from model.shape import Shape
-from model.text import in_notebook
+from model.text import in_notebook, plotted
 from model.time_limit import time_limit
 from planner.answer import Answer
 from planner.avoidance.asked import Surroundings, surroundings
@@ -104,9 +104,7 @@ class Plan(Answer):
 
     def plot(self, ax: Any = None) -> Any:
         """Draw the arm in 3-D with its tendons, tensions and target; see planner.plots.plan."""
-        from planner.plots.plan import plot_plan
-
-        return plot_plan(self, ax)
+        return plotted(self, ax)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

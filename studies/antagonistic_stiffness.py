@@ -41,7 +41,7 @@ from model.effects import ExactTendons, Extension, NeoHookean
 from model.paths import Array
 from model.stiffness import HOLDS
 from planner import Limits, Plan, plan, stiffness
-from planner.plots.stiffness import plot_ellipsoids
+from planner.plots.results import plot_ellipsoids
 from planner.targets import Bend, BendingPlane, Fetch, MinimumStiffness, Target, TipPosition
 from studies.reporting import INK, STATICS, lettered
 

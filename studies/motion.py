@@ -34,8 +34,8 @@ from model import Arm, Scene
 from model.effects import Extension
 from model.obstacles import Box, Capsule, Sphere
 from planner import Trajectory, trajectory
+from planner.plots.motion import plot_trajectory
 from planner.plots.plan import save
-from planner.plots.trajectory import plot_trajectory
 from planner.targets import Fetch, Target, TipPosition
 
 SCENE, MAXIMUM = Scene(Extension()), 13.0

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from model.arm import Arm
 from model.paths import Array
 from model.rotations import matrices
-from model.shape import Shape
 from model.stations import tendon_offset
 
 
@@ -45,15 +44,22 @@ def rings(poses: Array, radius: Array, around: int) -> Array:
     return np.asarray(poses[:, None, 4:] + radius[:, None, None] * turned)
 
 
-def tendon_paths(shape: Shape, s: Array) -> list[Array]:
-    """Return the tendons (N_j, 3) [m] along u + y d, eqs. (5), (6), at s and at their ends."""
-    at = np.unique([*s, *(section.at for section in shape.arm.sections)])
-    place, frame, paths = shape.position(at), shape.frame(at), []
-    for j, (i, _) in enumerate(shape.arm.tendons):
-        own = at <= shape.arm.sections[i].at
-        off = tendon_offset(shape.arm, j, at[own])
-        paths.append(place[own] + np.einsum("nij,nj->ni", frame[own, :, 1:], off))
-    return paths
+def tendon_lines(arm: Arm, s: Array, poses: Array) -> list[Array]:
+    """Return the tendons (N_j, 3) [m] along u + y d, eqs. (5), (6), from the midline's poses.
+
+    At those of the arc lengths `s` (along,) [m] that are not beyond their anchorages.
+    """
+    place, across, lines = poses[:, 4:], matrices(poses[:, :4])[:, :, 1:], []
+    for j, (i, _) in enumerate(arm.tendons):
+        own = s <= arm.sections[i].at
+        off = tendon_offset(arm, j, s[own])
+        lines.append(place[own] + np.einsum("nij,nj->ni", across[own], off))
+    return lines
+
+
+def along(arm: Arm, count: int) -> Array:
+    """Return arc lengths [m] from base to tip, evenly spread, and the anchorages among them."""
+    return np.union1d(np.linspace(0.0, arm.length, count), [own.at for own in arm.sections])
 
 
 def _faces(along: int, around: int) -> NDArray[np.int64]:

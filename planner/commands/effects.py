@@ -28,6 +28,6 @@ def effects(
 
 
 def _draw(switches: tuple[Switch, ...], accuracy: float) -> Any:
-    from planner.plots.effects import plot_effects
+    from planner.plots.results import plot_effects
 
     return plot_effects(switches, accuracy)

@@ -22,6 +22,6 @@ def stiffness(scene: SceneFile, /, *, options: SceneOptions | None = None) -> An
 
 
 def _draw(k: Stiffness) -> Any:
-    from planner.plots.stiffness import plot_ellipsoids
+    from planner.plots.results import plot_ellipsoids
 
     return plot_ellipsoids([k], force_to_show(k))

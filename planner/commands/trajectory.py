@@ -62,6 +62,6 @@ def _text(result: Trajectory) -> str:
 
 
 def _draw(result: Trajectory) -> Any:
-    from planner.plots.trajectory import plot_trajectory
+    from planner.plots.motion import plot_trajectory
 
     return plot_trajectory(result)

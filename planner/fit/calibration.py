@@ -105,6 +105,6 @@ class Calibration(Fitted):
 
         Residuals alone in `ax`, if it is given. Returns a new Figure, or the axes.
         """
-        from planner.plots.calibration import plot_calibration
+        from planner.plots.results import plot_calibration
 
         return plot_calibration(self, ax=ax)

@@ -13,7 +13,7 @@ from model.obstacles import Obstacle
 from model.paths import Array
 from model.rotations import from_matrix
 from model.shape import Shape
-from planner.bodies.surface import surface, tendon_paths
+from planner.bodies.surface import along, surface, tendon_lines
 from planner.plan import Plan
 
 Colour = tuple[int, int, int]
@@ -76,16 +76,17 @@ class Picture:
 
 def picture(shape: Shape, most: Array) -> Picture:
     """Return the picture of a shape; tendons at `most` (n_tendons,) [N] have the last colour."""
-    arm, s = shape.arm, np.linspace(0.0, shape.arm.length, _ALONG)
-    vertices, faces = surface(arm, s, shape.poses(s), _AROUND)
+    arm, s = shape.arm, along(shape.arm, _ALONG)
+    poses = shape.poses(s)
+    vertices, faces = surface(arm, s, poses, _AROUND)
     pieces, colours = [], []
-    paths = tendon_paths(shape, s)
-    for path, T, limit in zip(paths, shape.tensions, most, strict=True):
-        pieces.append(np.stack([path[:-1], path[1:]], axis=1))
+    lines = tendon_lines(arm, s, poses)
+    for line, T, limit in zip(lines, shape.tensions, most, strict=True):
+        pieces.append(np.stack([line[:-1], line[1:]], axis=1))
         colour = np.array(tension_colour(float(T), float(limit)), np.uint8)
         colours.append(np.broadcast_to(colour, pieces[-1].shape))
-    ends = np.array([path[-1] for path in paths])
-    out = ends - shape.position(np.array([arm.sections[i].at for i, _ in arm.tendons]))
+    ends = np.array([line[-1] for line in lines])
+    out = ends - poses[np.searchsorted(s, [arm.sections[i].at for i, _ in arm.tendons]), 4:]
     aside = out / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-12)
     return Picture(vertices, faces, np.vstack(pieces), np.vstack(colours), ends, aside)
 

@@ -1,7 +1,8 @@
-"""The three-dimensional panel of a figure: the body, its tendons, and what was asked of it."""
+"""The three-dimensional panel of a figure: the body, its tendons, targets and obstacles."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import product
 from typing import Any
 
@@ -14,13 +15,16 @@ from mpl_toolkits.mplot3d.art3d import (  # type: ignore[import-untyped]
 )
 from mpl_toolkits.mplot3d.proj3d import proj_transform  # type: ignore[import-untyped]
 
-from model.clearance import Clearance
+from model.arm import Arm
+from model.clearance import Clearance, clearance
+from model.clearance.nearest import ITSELF
+from model.effects import SelfContact
 from model.loads import contacts
-from model.obstacles import Obstacle
+from model.obstacles import HalfSpace, Obstacle
 from model.paths import Array
 from model.shape import Shape
-from planner.bodies.surface import rings, tendon_paths
-from planner.plots.obstacles import draw_obstacles, mark_nearest
+from planner.bodies.surface import along, rings, tendon_lines
+from planner.certificate import COMPLEMENTARY
 from planner.plots.style import INK, MM, PULL, SIZE, SLACK, pull_norm, pulling
 from planner.plots.targets import draw_target
 
@@ -29,6 +33,9 @@ _LIGHT = np.array([-0.35, -0.45, 0.82])
 _ALONG, _AROUND = 161, 32
 _FLAT = 0.3
 _ROOM = 0.084, 0.080
+_OBSTACLE, _WARNING = "#b5651d", "#c0182b"
+# A place nearer than this share of the arm's length is marked.
+_NEAR = 0.02
 
 
 def draw_arm(
@@ -47,15 +54,63 @@ def draw_arm(
     """
     ax.computed_zorder = False
     fresh = not ax.has_data()
-    s = np.linspace(0.0, shape.arm.length, _ALONG)
+    s = along(shape.arm, _ALONG)
+    poses = shape.poses(s)
     obstacles = (*obstacles, *(contact.obstacle for contact in contacts(shape.scene)))
     things = draw_obstacles(obstacles, ax)
-    skin = _body(shape, ax, s)
+    skin = _body(shape.arm, ax, s, poses)
     goals = [draw_target(target, ax, shape) for target in targets]
     mark_nearest(shape, obstacles, ax, nearest)
-    _tendons(shape, ax, s)
+    _tendons(shape, ax, tendon_lines(shape.arm, s, poses))
     fit(ax, np.vstack([skin, things, *goals]), fresh)
-    return np.vstack([shape.position(s), *goals])
+    return np.vstack([poses[:, 4:], *goals])
+
+
+def draw_obstacles(obstacles: Sequence[Obstacle], ax: Any) -> Array:
+    """Draw obstacles in 3-D axes, in mm; return points (N, 3) [m] that have to be in sight."""
+    seen = [np.empty((0, 3))]
+    for obstacle in obstacles:
+        points, triangles = obstacle.outline
+        faces = MM * points[triangles]
+        ax.add_collection3d(
+            Poly3DCollection(faces, facecolors=_OBSTACLE, alpha=0.28, lw=0, zorder=1)
+        )
+        if not isinstance(obstacle, HalfSpace):
+            seen.append(points)
+    return np.vstack(seen)
+
+
+def mark_nearest(
+    shape: Shape, obstacles: Sequence[Obstacle], ax: Any, nearest: Clearance | None = None
+) -> None:
+    """Mark where the arm is nearest to what it can meet, in red where it passes through.
+
+    `nearest` is what a certificate says of it; otherwise it is looked for. What the arm leans on
+    is met by contact, see Shape.contacts: there it touches.
+    """
+    held = [contact.obstacle for contact in contacts(shape.scene)]
+    touching = [touch for touch in shape.contacts if touch.gap >= -COMPLEMENTARY]
+    if touching:
+        points = MM * np.array([touch.point for touch in touching])
+        _mark(points, "leans on it", _OBSTACLE, ax, mfc=_OBSTACLE, ms=SIZE / 2)
+    free = [obstacle for obstacle in obstacles if obstacle not in held]
+    found = clearance(shape, free) if nearest is None else nearest
+    pressed = [touch for touch in shape.contacts if touch.gap < -COMPLEMENTARY]
+    if pressed:
+        deepest = min(pressed, key=lambda touch: touch.gap)
+        found = Clearance(deepest.gap, type(deepest.obstacle).__name__, (deepest.s,))
+    if found.what == ITSELF and (shape.on_itself or shape.scene.has(SelfContact)):
+        return
+    through = found.gap < 0
+    if not (through or (free and found.gap < _NEAR * shape.arm.length)):
+        return
+    told = f"passes through {found.what}" if through else f"{1e3 * found.gap:.2g} mm clear"
+    points = MM * shape.position(np.array(found.s))
+    _mark(points, told, _WARNING if through else _OBSTACLE, ax, mfc="none", ms=SIZE)
+
+
+def _mark(points: Array, told: str, colour: str, ax: Any, **style: Any) -> None:
+    ax.plot(*points.T, "o", ls="", label=told, color=colour, mew=1.8, zorder=9, **style)
 
 
 def look(ax: Any, shape: Shape, points: Array) -> None:
@@ -99,12 +154,13 @@ def best_view(points: Array, t: Array) -> tuple[float, float]:
     return elevation, float(azimuth)
 
 
-def _body(shape: Shape, ax: Any, s: Array) -> Array:
-    arm, at = shape.arm, np.array([0.0, *(section.at for section in shape.arm.sections)])
-    skin = rings(shape.poses(s), arm.radius.evaluate(s, arm.length)[0], _AROUND)
+def _body(arm: Arm, ax: Any, s: Array, poses: Array) -> Array:
+    """Draw the surface, a disc at the base and one at each anchorage; return points (N, 3) [m]."""
+    radius = arm.radius.evaluate(s, arm.length)[0]
+    skin = rings(poses, radius, _AROUND)
     _skin(ax, MM * np.concatenate([skin, skin[:, :1]], axis=1))
-    wider = np.where(at == 0, 1.5, 1.0)
-    discs = rings(shape.poses(at), wider * arm.radius.evaluate(at, arm.length)[0], _AROUND)
+    at = np.searchsorted(s, [0.0, *(section.at for section in arm.sections)])
+    discs = rings(poses[at], np.where(at == 0, 1.5, 1.0) * radius[at], _AROUND)
     for zorder, some, alpha in ((1, discs[:1], 0.55), (3, discs[1:], 0.2)):
         faces = Poly3DCollection(
             MM * some, facecolors=(0.2, 0.24, 0.28, alpha), edgecolors=INK, lw=0.9, zorder=zorder
@@ -125,16 +181,15 @@ def _skin(ax: Any, net: Array) -> None:
     ax.add_collection3d(skin)
 
 
-def _tendons(shape: Shape, ax: Any, s: Array) -> None:
-    """Draw the tendons along u + y d, d = cos(phi) n + sin(phi) b: eqs. (5), (6)."""
-    paths = [MM * path for path in tendon_paths(shape, s)]
+def _tendons(shape: Shape, ax: Any, lines: list[Array]) -> None:
+    """Draw the tendons (N_j, 3) [m]: those that pull in the colour of their tension."""
     pulled = pulling(shape.tensions)
-    slack = [path for path, on in zip(paths, pulled, strict=True) if not on]
+    slack = [MM * line for line, on in zip(lines, pulled, strict=True) if not on]
     if slack:
         ax.add_collection3d(Line3DCollection(slack, colors=SLACK, lw=0.6, zorder=4))
     if pulled.any():
         tight = Line3DCollection(
-            [path for path, on in zip(paths, pulled, strict=True) if on],
+            [MM * line for line, on in zip(lines, pulled, strict=True) if on],
             cmap=PULL,
             norm=_shared_norm(ax, shape.tensions),
             lw=2.0,

@@ -1,4 +1,4 @@
-"""The arm on its way from rest through plans, as an animation."""
+"""Motions: tensions over time with the path of the tip, and the arm on its way as an animation."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from matplotlib.animation import FuncAnimation, writers
@@ -22,16 +22,52 @@ from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
 from planner.io.files import placed
-from planner.plots.arm import best_view, draw_arm, fill, fit
-from planner.plots.plan import Planned, add_scale
-from planner.plots.style import DPI, PULL, SIZE, axes_of, pull_norm, pulling
-from planner.plots.trajectory import Moving
+from planner.plan import Plan
+from planner.plots.arm import best_view, draw_arm, fill, fit, look
+from planner.plots.plan import add_scale
+from planner.plots.style import DPI, INK, MM, PULL, SIZE, axes_of, labelled, pull_norm, pulling
 
 # Of the tip over arm length: less than what is seen.
 _SEEN = 1e-4
 # By the suffix of a file; the most frames of a trajectory.
 _WRITERS = {".gif": "pillow", ".mp4": "ffmpeg"}
 _MOST = 1000
+# Places of the tip's path.
+_SHOWN = 50
+# Tendons that pull less than this share of the most are left out; a colour a section, a style each.
+_PULLS = 1e-3
+_STYLES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
+
+
+class Moving(Protocol):
+    """What is drawn of a motion; see planner.Trajectory."""
+
+    @property
+    def question(self) -> Any:
+        """Return what was asked."""
+
+    @property
+    def times(self) -> Array:
+        """Return the times (N,) [s]."""
+
+    @property
+    def flat(self) -> Array:
+        """Return the tensions (N, n_tendons) [N]."""
+
+    def shape(self, t: float) -> Shape:
+        """Return the shape at a time [s]."""
+
+    @property
+    def duration(self) -> float:
+        """Return how long it takes [s]."""
+
+    @property
+    def stops(self) -> tuple[int, ...]:
+        """Return at which of the times each target is met."""
+
+    @property
+    def outcome(self) -> str:
+        """Return what happened, in words."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,8 +80,37 @@ class _Step:
     obstacles: tuple[Obstacle, ...]
 
 
+def plot_trajectory(motion: Moving) -> Figure:
+    """Draw a motion: its last shape and where the tip goes, and tensions with their maxima."""
+    figure = Figure(figsize=(10, 5.0), dpi=DPI)
+    ax: Any = figure.add_axes((0.0, 0.06, 0.52, 0.86), projection="3d")
+    asked, last = motion.question, motion.shape(motion.duration)
+    points = draw_arm(last, ax, asked.targets[-1], asked.surroundings.at(motion.duration).obstacles)
+    tips = np.array([motion.shape(t).tip for t in np.linspace(0, motion.times[-1], _SHOWN)])
+    ax.plot(*(MM * tips).T, "-", color=INK, lw=1.0, label="path of the tip", zorder=8)
+    seen = np.vstack([points, tips])
+    fit(ax, seen, fresh=False)
+    look(ax, last, seen)
+    ax.legend(loc="upper left", frameon=False, fontsize=SIZE)
+    over = figure.add_axes((0.60, 0.14, 0.37, 0.74))
+    most = float(motion.flat.max())
+    upper = np.array(asked.limits.upper)
+    for j in np.flatnonzero(motion.flat.max(axis=0) > _PULLS * most):
+        section = last.arm.tendons[j][0]
+        style = _STYLES[(j - last.arm.tendons_of(section + 1)[0]) % len(_STYLES)]
+        name = last.arm.tendon_name(int(j))
+        given: dict[str, Any] = {"color": f"C{section % 10}", "ls": style, "lw": 1.4, "label": name}
+        over.plot(motion.times, motion.flat[:, j], **given)
+    for level in np.unique(upper[upper <= 3 * most]):
+        over.axhline(level, color=INK, lw=0.8, ls="--")
+    labelled(over, "time [s]", "tension [N]")
+    over.legend(ncol=3, frameon=False, fontsize=SIZE - 2, loc="upper left")
+    figure.suptitle(motion.outcome.split(":")[0], fontsize=SIZE + 2)
+    return figure
+
+
 def plot_motion(
-    plans: Sequence[Planned], ax: Any = None, *, frames: int = 15, fps: float = 15.0
+    plans: Sequence[Plan], ax: Any = None, *, frames: int = 15, fps: float = 15.0
 ) -> FuncAnimation:
     """Return the animation of an arm whose tensions go from zero to one plan after another.
 
@@ -155,7 +220,7 @@ def writer_of(path: Path) -> str:
     return writer
 
 
-def _checked(plans: Sequence[Planned]) -> tuple[Arm, Scene]:
+def _checked(plans: Sequence[Plan]) -> tuple[Arm, Scene]:
     if not plans:
         raise InputError("plans", (), "at least one Plan")
     first = plans[0].shape
@@ -165,7 +230,7 @@ def _checked(plans: Sequence[Planned]) -> tuple[Arm, Scene]:
     return first.arm, first.scene
 
 
-def _steps(arm: Arm, scene: Scene, plans: Sequence[Planned], frames: int) -> list[_Step]:
+def _steps(arm: Arm, scene: Scene, plans: Sequence[Plan], frames: int) -> list[_Step]:
     """Return the frames: rest, then `frames` to each plan, slow where one ends."""
     pulls: list[Array] = [np.zeros(arm.n_tendons), *(plan.shape.tensions for plan in plans)]
     shares = (1 - np.cos(np.pi * np.arange(1, frames + 1) / frames)) / 2

@@ -1,64 +1,34 @@
-"""Figures of plans and shapes. Only planner/plots knows matplotlib."""
+"""Figures of plans and shapes: the arm in space, strains along it, and its tensions."""
 
 from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 
+from model.arm import Arm
 from model.errors import InputError
 from model.paths import Array
 from model.shape import Shape
-from planner.avoidance.asked import Surroundings
-from planner.certificate import Certificate
 from planner.io.files import placed
+from planner.plan import Plan
 from planner.plots.arm import draw_arm, look
-from planner.plots.strains import plot_strains, plot_tensions
-from planner.plots.style import DPI, SIZE, axes_of
-from planner.program.limits import Limits
-from planner.targets.base import Target
+from planner.plots.style import DPI, INK, MM, PULL, SIZE, axes_of, labelled, pull_norm
 
-__all__ = ["plot_plan", "plot_shape", "plot_strains", "save"]
-
-
-class Planned(Protocol):
-    """What is drawn of a plan."""
-
-    @property
-    def shape(self) -> Shape:
-        """Return the settled shape."""
-
-    @property
-    def targets(self) -> tuple[Target, ...]:
-        """Return what was asked."""
-
-    @property
-    def surroundings(self) -> Surroundings:
-        """Return what the arm was to keep clear of."""
-
-    @property
-    def limits(self) -> Limits:
-        """Return the limits of the tensions."""
-
-    @property
-    def outcome(self) -> str:
-        """Return what happened, in words."""
-
-    @property
-    def certificate(self) -> Certificate:
-        """Return what the check of the tensions found."""
-
-    @property
-    def effort(self) -> float:
-        """Return the norm of the tensions [N]."""
+_CURVATURES = (("τ", "#8a8f98"), ("ξ", "#1f6fb4"), ("k", "#d1495b"))
+_STRETCH = "#2a8c6e"
+_COMPARABLE = 3.0
 
 
-def plot_plan(plan: Planned, ax: Any = None) -> Figure | Axes:
+def plot_plan(plan: Plan, ax: Any = None) -> Figure | Axes:
     """Draw a plan: the arm with its target in 3-D, strains along it, and tensions.
 
     With 3-D axes given, draws the arm and the target in them and returns them; colours are those
@@ -78,7 +48,7 @@ def plot_plan(plan: Planned, ax: Any = None) -> Figure | Axes:
     return figure
 
 
-def plot_together(plans: Sequence[Planned]) -> Figure:
+def plot_together(plans: Sequence[Plan]) -> Figure:
     """Draw the arms of several plans with their targets in one 3-D figure."""
     figure, ax = _alone()
     points = [draw_plan(plan, ax) for plan in plans]
@@ -96,7 +66,7 @@ def plot_shape(shape: Shape, ax: Any = None) -> Figure | Axes:
     return figure
 
 
-def draw_plan(plan: Planned, ax: Any) -> Array:
+def draw_plan(plan: Plan, ax: Any) -> Array:
     """Draw the arm of a plan with its targets and obstacles; return points (N, 3) [m] of them."""
     found = plan.certificate.on_request.clearances.values()
     nearest = min(found, key=lambda clear: clear.gap, default=None)
@@ -144,3 +114,119 @@ def add_scale(ax: Any, pulled: Any) -> None:
     bar.set_label("tension [N]", fontsize=SIZE)
     bar.ax.tick_params(labelsize=SIZE - 1)
     bar.outline.set_visible(False)
+
+
+def plot_strains(shape: Shape, ax: Axes | None = None) -> Figure | Axes:
+    """Draw curvatures [1/m] and longitudinal strain [-] along the arm, as in figure 12.
+
+    Returns a new Figure, or the axes if given. Torsion is drawn only where there is any; a jump at
+    an anchorage is a gap between two lines. Both scales have their zero at the same height.
+    """
+    shown, ax = axes_of(ax)
+    s, strain = broken_strains(shape)
+    right: Any = ax.twinx()
+    for column, (name, colour) in enumerate(_CURVATURES):
+        values = strain[:, column]
+        if column or np.nanmax(np.abs(values)) > 1e-6 / shape.arm.length:
+            ax.plot(MM * s, values, color=colour, lw=1.6, label=f"{name} [1/m]")
+    right.plot(MM * s, strain[:, 3], color=_STRETCH, lw=1.6, ls=(0, (5, 1.5)), label="q [-]")
+    for section in shape.arm.sections:
+        ax.axvline(MM * section.at, color=INK, lw=0.7, ls=":", zorder=0.5)
+    ax.axhline(0, color=INK, lw=0.6, zorder=0.5)
+    _common_zero(ax, right, strain)
+    _label_strains(ax, right, MM * shape.arm.length)
+    return shown  # type: ignore[no-any-return]
+
+
+def broken_strains(shape: Shape) -> tuple[Array, Array]:
+    """Return arc lengths (N,) [m] and strains (N, 4), with NaN between the sides of an anchorage.
+
+    Shape.strain gives the base side at an anchorage; the tip side is read a billionth of L beyond.
+    """
+    L = shape.arm.length
+    ends = sorted({0.0, L, *(section.at for section in shape.arm.sections)})
+    rows = []
+    for start, end in pairwise(ends):
+        if end - start > 1e-6 * L:
+            inside = np.linspace(start, end, max(20, round(300 * (end - start) / L)))
+            inside[0] += 1e-9 * L if start > 0 else 0.0
+            rows.append(np.column_stack([inside, shape.strain(inside)]))
+            rows.append(np.array([[end, *[np.nan] * 4]]))
+    table = np.concatenate(rows[:-1])
+    return table[:, 0], table[:, 1:]
+
+
+def _common_zero(left: Axes, right: Axes, strain: Array) -> None:
+    """Set both vertical ranges so that the zeros are at one height, with some air around."""
+    ranges = []
+    for values in (strain[:, :3], strain[:, 3]):
+        low, high = min(np.nanmin(values), 0.0), max(np.nanmax(values), 0.0)
+        size = high - low
+        ranges.append((low / size, high / size, size) if size > 1e-12 else (0.0, 0.0, 1.0))
+    low, high = min(r[0] for r in ranges) - 0.06, max(r[1] for r in ranges) + 0.06
+    for ax, (_, _, size) in zip((left, right), ranges, strict=True):
+        ax.set_ylim(low * size, high * size)
+        ax.yaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 2.5, 5, 10]))
+
+
+def _label_strains(ax: Axes, right: Axes, length: float) -> None:
+    ax.set_xlim(0, length * 1.01)
+    labelled(ax, "s [mm]", "curvature [1/m]")
+    labelled(right, y="longitudinal strain q [-]")
+    right.yaxis.label.set_color(_STRETCH)
+    right.tick_params(colors=_STRETCH)
+    lines = [line for line in ax.get_lines() if not str(line.get_label()).startswith("_")]
+    lines += [*right.get_lines(), Line2D([], [], color=INK, lw=0.7, ls=":", label="anchorage")]
+    ax.legend(
+        handles=lines,
+        loc="lower center",
+        bbox_to_anchor=(0.5, 1.0),
+        ncol=len(lines),
+        frameon=False,
+        fontsize=SIZE,
+        handlelength=1.6,
+        columnspacing=1.4,
+    )
+
+
+def plot_tensions(arm: Arm, tensions: Array, upper: Array, ax: Axes) -> None:
+    """Draw tensions (n,) [N] as bars by tendon name, with their maxima where comparable."""
+    n, most = tensions.size, float(tensions.max())
+    colours = PULL(pull_norm(tensions)(tensions))
+    ax.bar(np.arange(n), tensions, width=0.7, color=colours)
+    near = np.isfinite(upper) & (upper <= _COMPARABLE * most if most > 0 else True)
+    if near.any():
+        at = np.flatnonzero(near)
+        ax.hlines(upper[at], at - 0.42, at + 0.42, color=INK, lw=1.2, label="maximum")
+        ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=SIZE)
+    top = max(most, float(upper[near].max(initial=0.0))) or 1.0
+    if n <= 16:
+        for j, tension in enumerate(tensions.tolist()):
+            if tension <= 0.02 * top:
+                continue
+            ax.annotate(
+                f"{tension:.{2 if n > 8 else 3}g}",
+                (j, tension),
+                (0, 2),
+                textcoords="offset points",
+                ha="center",
+                va="bottom",
+                fontsize=SIZE - (1.7 if n > 8 else 1),
+            )
+    _label_tensions(arm, ax, top)
+
+
+def _label_tensions(arm: Arm, ax: Axes, top: float) -> None:
+    n = arm.n_tendons
+    labelled(ax, y="tension [N]")
+    names = [f"$T_{{{arm.tendon_name(j)[2:]}}}$" for j in range(n)]
+    ax.set_xticks(
+        range(n), names, fontsize=SIZE if n <= 16 else SIZE - 2, rotation=0 if n <= 16 else 90
+    )
+    ax.set_xlim(-0.6, n - 0.4)
+    ax.set_ylim(0, 1.15 * top)
+    ends = np.cumsum([len(section.angles) for section in arm.sections])[:-1]
+    for end in ends:
+        ax.axvline(float(end) - 0.5, color=INK, lw=0.5, ls=":")
+    ax.tick_params(axis="x", length=0)
+    ax.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))

@@ -18,7 +18,7 @@ from model.paths import Array
 from model.settle import settle
 from model.shape import Shape
 from model.stiffness import stiffness
-from model.text import in_notebook
+from model.text import in_notebook, plotted
 from planner.io.files import write_named
 from planner.trajectory.certificate import SAMPLED, MotionCertificate, certify_motion
 from planner.trajectory.question import GRAVITY, QUASI_STATIC, Question
@@ -175,10 +175,8 @@ class Trajectory:
         return write_named(path, ".csv", self.csv)
 
     def plot(self) -> Any:
-        """Draw the motion; see planner.plots.trajectory."""
-        from planner.plots.trajectory import plot_trajectory
-
-        return plot_trajectory(self)
+        """Draw the motion; see planner.plots.motion."""
+        return plotted(self)
 
     def _repr_html_(self) -> str:
         return in_notebook(self)

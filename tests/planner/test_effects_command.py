@@ -14,7 +14,7 @@ from model.effects import Buoyancy, Extension, Weight
 from planner.cli import main
 from planner.effect_ablation import Switch, switch_effects
 from planner.io.scene_file import read
-from planner.plots.effects import plot_effects
+from planner.plots.results import plot_effects
 from planner.problem_size import ProblemSize
 
 ARM = "[arm]\npreset = 'section-5.2'\n"

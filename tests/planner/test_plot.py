@@ -19,8 +19,7 @@ from model.obstacles import Capsule
 from planner import Plan, plan
 from planner.certificate import COMPLEMENTARY
 from planner.plots.arm import draw_arm
-from planner.plots.plan import plot_plan, plot_shape, plot_strains, save
-from planner.plots.strains import broken_strains
+from planner.plots.plan import broken_strains, plot_plan, plot_shape, plot_strains, save
 from planner.plots.work import Curve, plot_work
 from planner.program.limits import Limits
 from planner.targets import Backbone, BendingPlane, Fetch, Target, TipPose, TipPosition
