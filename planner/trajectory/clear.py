@@ -62,7 +62,7 @@ def _corrected(question: Question, before: Waypoints, lines: Lines) -> list[Wayp
             line, asked = lines(T), question.wider.at(float(instants[k]))
             if line is not None:
                 rows = updated(None, watched_places(line, asked), line, asked)
-                ways.append(Waypoint((), T, rows, shares[k] * way.share, True))
+                ways.append(Waypoint((), T, rows, shares[k] * way.share))
                 way, changed = replace(way, share=(1 - shares[k]) * way.share), True
         if unverified[k]:
             line, asked = lines(way.tensions), question.wider.at(float(timed.starts[k + 1]))

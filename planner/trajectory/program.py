@@ -28,7 +28,7 @@ from model.time_limit import check_time
 from planner.program.problem import Bounds, Problem
 from planner.program.program import Program
 from planner.solve.ipopt import (
-    NEAR,
+    COLD,
     WARM,
     Options,
     Solution,
@@ -45,8 +45,8 @@ Counts = NDArray[np.int64]
 _WEIGHT = 3e-3
 # The least effort and time that count, and what durations of a guess have to spare, of the longest.
 _LEAST, _SPARE = 1e-3, 0.1
-# From the waypoints by themselves; from the optimum for other defects. No guess is cheaper.
-_FIRST = NEAR | {"mu_init": 1e-3}
+# From the waypoints by themselves, where no guess is cheaper; from the optimum for other defects.
+_FIRST = COLD | {"max_iter": 300}
 _AGAIN = WARM | {"tol": 1e-8, "constr_viol_tol": 1e-9, "mu_init": 1e-8}
 _functions: WeakKeyDictionary[Program, dict[str, ca.Function]] = WeakKeyDictionary()
 
@@ -201,19 +201,19 @@ class MotionProgram:
         lams = ca.vertsplit(lam, [*rows, lam.numel()])
         of = [functions(stop.program) for stop in stops]
         each = list(zip(of, xs, ps, strict=False))
-        values = [own["values"](a, b) for own, a, b in each]
         slopes = [effort * own["grad_f"](a, b)[1] for own, a, b in each]
         first = ca.diagcat(*(own["jac_g"](a, b)[1] for own, a, b in each))
         weighted = zip(each, lams, strict=False)
         second = [own["hess_lag"](a, b, effort * sigma, mu) for (own, a, b), mu in weighted]
-        f = effort * sum(own for own, _ in values) + time * ca.sum1(xs[-1])
-        g = ca.vertcat(*(own for _, own in values), ca.mtimes(coupled, x))
+        f = effort * sum(own["f"](a, b) for own, a, b in each) + time * ca.sum1(xs[-1])
+        g = ca.vertcat(*(own["g"](a, b) for own, a, b in each), ca.mtimes(coupled, x))
         return nlp_solver(
             {"x": x, "p": p, "f": f, "g": g},
             named(
                 (x, p, sigma, lam),
-                (f, ca.vertcat(*slopes, time * ca.MX.ones(M))),
-                (g, ca.vertcat(ca.horzcat(first, ca.MX(rows[-1], M)), coupled)),
+                # ipopt asks for values apart.
+                (ca.MX(1, 1), ca.vertcat(*slopes, time * ca.MX.ones(M))),
+                (ca.MX(*g.shape), ca.vertcat(ca.horzcat(first, ca.MX(rows[-1], M)), coupled)),
                 ca.diagcat(*second, ca.MX(M, M)),
             ),
             way,
@@ -230,6 +230,7 @@ def functions(program: Program) -> dict[str, ca.Function]:
     """Return a waypoint's program as functions: values and derivatives."""
     if program not in _functions:
         of = program.symbols
-        values = ca.Function("values", [of.x, of.p], [of.f, of.g])
-        _functions[program] = {"values": values, **derivatives(of)}
+        at = [of.x, of.p]
+        values = {"f": ca.Function("f", at, [of.f]), "g": ca.Function("g", at, [of.g])}
+        _functions[program] = values | derivatives(of)
     return _functions[program]

@@ -1,14 +1,16 @@
 """From targets to tensions at the waypoints of a motion: one program over all of them.
 
-It begins at the optima of the waypoints by themselves, each found from the one before, the first
-from the plan for its target. The mesh is coarse. What targets measure on it is off from that of the
-settled arm by a defect, which changes little from one optimum to the next: bounds are shifted by
-it, and the program is solved again, warm, until the settled arm meets them (deferred correction).
+It begins at an optimum of each target by itself. Those along a path are followed, each from the one
+before, and compared with plans, which are the best of several optima: where the two differ the
+path has left the better branch, and is followed anew from the plan. The mesh is coarse. What
+targets measure on it is off from that of the settled arm by a defect, which changes little from one
+optimum to the next: bounds are shifted by it, and the program is solved again, warm, until the
+settled arm meets them (deferred correction).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,6 +29,7 @@ from planner.program.problem import build, units
 from planner.settled import settled
 from planner.solve.ipopt import Solution, solve
 from planner.solve.task import allowed
+from planner.solve.warm_start import jump
 from planner.targets.base import Target
 from planner.trajectory.program import Coupling, MotionProgram, Stop
 from planner.trajectory.question import Question
@@ -42,14 +45,13 @@ class Waypoint:
     """A place of a motion: the targets there, if any, tensions (n_tendons,) [N], inequalities.
 
     `share` is that of the time between two targets in which the arm goes there from the waypoint
-    before; `placed` says that the tensions are of a motion already.
+    before.
     """
 
     targets: tuple[Target, ...]
     tensions: Array
     avoidance: Avoidance | None = None
     share: float = 1.0
-    placed: bool = False
 
     @property
     def stated(self) -> tuple[Target, ...]:
@@ -70,8 +72,7 @@ class Waypoints:
             refinement=1 if question.scene.has(Extension) else 2,
             wound=question.limits.strokes is not None or bool(np.isfinite(question.rates.pace)),
         )
-        T, rows = np.ravel(first.tensions), first.avoidance
-        self.met = self.solve([Waypoint(targets, T, rows) for targets in question.targets])
+        self.met = self.solve(self._alone(first))
 
     def solve(self, ways: Sequence[Waypoint]) -> bool:
         """Put optimal tensions in place of those of waypoints; return whether there are any.
@@ -132,24 +133,24 @@ class Waypoints:
     def _optimum(self) -> Solution | None:
         """Move the waypoints to the optimum; None without one, or where the arm does not stand."""
         stops = [self._stop(way) for way in self.ways]
-        program, solution = MotionProgram(stops, self._coupling(), self._guess(stops)), None
+        limits = self.question.limits
+        pairs = zip(stops, self.ways, strict=True)
+        guess = [stop.problem.guess(way.tensions, limits, stop.p) for stop, way in pairs]
+        program, solution = MotionProgram(stops, self._coupling(), guess), None
         for k in range(_CORRECTED):
             tell("program over the waypoints", k, _CORRECTED)
             solution = program.solve(stops, solution)
             if not (solution.met and solution.finite):
                 return None
             x = program.waypoints(solution.x)
-            tensions = [
-                s.problem.tensions(own, self.question.limits)
-                for s, own in zip(stops, x, strict=True)
-            ]
-            pairs = list(zip(stops, x, tensions, strict=True))
-            if not k and not all(stop.problem.stability(own, T) > 0 for stop, own, T in pairs):
+            tensions = [s.problem.tensions(own, limits) for s, own in zip(stops, x, strict=True)]
+            triples = list(zip(stops, x, tensions, strict=True))
+            if not k and not all(stop.problem.stability(own, T) > 0 for stop, own, T in triples):
                 return None
-            pairs_of = zip(self.ways, tensions, strict=True)
-            self.ways = [replace(way, tensions=T, placed=True) for way, T in pairs_of]
+            moved = zip(self.ways, tensions, strict=True)
+            self.ways = [replace(way, tensions=T) for way, T in moved]
             try:
-                stops = [self._corrected(stop, own, T) for stop, own, T in pairs]
+                stops = [self._corrected(stop, own, T) for stop, own, T in triples]
             except OctoplanError:
                 break
             worst = max(_violation(*own) for own in zip(stops, x, strict=True))
@@ -172,33 +173,50 @@ class Waypoints:
         p = problem.parameters(way.stated, asked.limits)
         return Stop(problem, way.stated, p, (lbx, ubx, lbg, ubg))
 
-    def _guess(self, stops: Sequence[Stop]) -> list[Array]:
-        """Return unknowns of the waypoints; of those that are new the optimum of each by itself."""
-        guesses = list[Array]()
-        for k, (stop, way) in enumerate(zip(stops, self.ways, strict=True)):
-            x = stop.problem.guess(way.tensions, self.question.limits, stop.p)
-            if not way.placed:
-                before = k and stops[k - 1].problem is stop.problem
-                x = self._alone(k, stop, guesses[-1] if before else x)
-            guesses.append(x)
-        return guesses
+    def _alone(self, first: Plan) -> list[Waypoint]:
+        """Return an optimum of each target by itself, beginning with the plan for the first.
 
-    def _alone(self, k: int, stop: Stop, near: Array) -> Array:
-        """Return the optimum of a waypoint by itself.
-
-        It begins near the one before or at the straight arm, whichever is nearer to the targets;
-        then at the other; then at the plan for the targets.
+        From a plan targets are followed as far as one optimum leads, up to the last, found by
+        bisection, at which it is that of the plan; the next is planned.
         """
-        limits = self.question.limits
-        straight = stop.problem.guess(np.array(limits.lower), limits, stop.p)
-        for x in sorted((near, straight), key=lambda x: _violation(stop, x)):
+        targets, plans = self.question.targets, {0: first}
+        ways = list[Waypoint]()
+
+        def planned(k: int) -> Waypoint:
+            plans[k] = plan = plans.get(k) or self._planned(k)
+            return Waypoint(targets[k], np.ravel(plan.tensions), plan.avoidance)
+
+        while len(ways) < len(targets):
+            tell("waypoints", len(ways), len(targets))
+            low = len(ways)
+            ways += self._followed(planned(low), targets[low + 1 :])
+            high, k = len(ways), len(ways) - 1
+            while k > low:
+                if jump(ways[k].tensions, planned(k).tensions):
+                    high = k
+                else:
+                    low = k
+                k = (low + high) // 2
+            del ways[high:]
+        return ways
+
+    def _followed(
+        self, first: Waypoint, targets: Sequence[tuple[Target, ...]]
+    ) -> Iterator[Waypoint]:
+        """Yield a waypoint, and those of further targets as far as its optimum leads."""
+        limits, way, stop = self.question.limits, first, self._stop(first)
+        x = stop.problem.guess(way.tensions, limits, stop.p)
+        yield way
+        for own in targets:
+            before, stop = stop, self._stop(replace(way, targets=own))
+            if stop.problem is not before.problem:
+                x = stop.problem.guess(way.tensions, limits, stop.p)
             found = solve(stop.problem, x, stop.p, stop.bounds)
-            if found.met and found.finite:
-                return found.x
-        plan = self._planned(sum(bool(way.targets) for way in self.ways[:k]))
-        x = stop.problem.guess(np.ravel(plan.tensions), limits, stop.p)
-        found = solve(stop.problem, x, stop.p, stop.bounds)
-        return found.x if found.met and found.finite else x
+            if not (found.met and found.finite):
+                return
+            T, x = stop.problem.tensions(found.x, limits), found.x
+            way = replace(way, targets=own, tensions=T)
+            yield way
 
     def _coupling(self) -> Coupling:
         """Return what couples the waypoints."""
