@@ -26,10 +26,9 @@ from model.text import in_notebook, plotted
 from model.time_limit import time_limit
 from planner.answer import Answer
 from planner.avoidance.asked import Surroundings, surroundings
-from planner.contact.checks import check_contact, check_holds
 from planner.contact.grasp import Grip, grips_of
 from planner.contact.load_path import from_rest, is_same, rubs, settled_along
-from planner.contact.search import ContactSearch, optimality_of
+from planner.contact.search import ContactSearch, check_contact, check_holds, optimality_of
 from planner.contact.wrapping import (
     beside,
     beside_contacts,

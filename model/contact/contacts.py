@@ -6,10 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from model.contact.friction import History
 from model.contact.gaps import along
-from model.contact.history import History
-from model.contact.places import SAME
-from model.contact.touches import Touches, frictions, resultants, second
+from model.contact.touches import SAME, Touches, frictions, resultants, second
 from model.equilibrium.linearised import Linearised
 from model.loads import contacts
 from model.obstacles import distances, numbers_of
@@ -65,17 +64,17 @@ def touches_of(here: Linearised, history: History | None = None) -> tuple[Touch,
     size = resultants(system, states, touches)
     bodies, places = contacts(system.scene), system.poses(states)[:, 4:]
     tangential = frictions(system, states, touches)
-    slipped = 0 * places if history is None else places - history.places(s)
-    distance, normals = distances(numbers_of([own.obstacle for own in bodies]), places)
+    slipped = 0 * places if history is None else places - history.positions(s)
+    distance, normals = distances(numbers_of([body.obstacle for body in bodies]), places)
     # Strains may jump at a node, and with them the radius of a body that swells.
     sides = [np.minimum(s[nodes] + side * length, length) for side in (0.0, SAME)]
     gaps = np.min([along(system, here.x, side, numbers)[:, 0] for side in sides], axis=0)
-    found = []
+    read_off = []
     for k, j, gap in zip(nodes, numbers, gaps.tolist(), strict=True):
         obstacle, normal = bodies[j].obstacle, normals[k, j]
         slip = (slipped[k] - normal * float(normal @ slipped[k])) * (bodies[j].friction > 0)
         force = size[k, j] * normal + tangential[k, j]
         point = places[k] - distance[k, j] * normal
         where = (obstacle, float(s[k]), force, gap, point, float(p[k, j]))
-        found.append(Touch(*where, tangential[k, j], slip))
-    return tuple(found)
+        read_off.append(Touch(*where, tangential[k, j], slip))
+    return tuple(read_off)

@@ -3,31 +3,33 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
 from model.arm import Arm
+from model.contact.friction import History
 from model.contact.gaps import check_outside, least_gaps
-from model.contact.history import History
-from model.contact.meshes import mesh_with_contact
 from model.contact.newton import newton
-from model.contact.path import Followed, by_lengths, close, follow
-from model.contact.places import places_of
-from model.contact.sharp import Question, Settled, sharpened, with_places
+from model.contact.path import Continuation, by_lengths, close, follow
+from model.contact.sharp import Request, Settled, sharpened, with_places
+from model.contact.touches import places_of
 from model.equilibrium.equilibrium import Collocated, Equilibrium
 from model.equilibrium.forward import Collocation
 from model.equilibrium.linearised import Linearised
 from model.errors import InputError, SnapError, UnsettledContactError
-from model.loads import without_friction
+from model.loads import contacts, growth, places, without_friction
+from model.mesh import Mesh, graded
+from model.obstacles import numbers_of
 from model.paths import Array
 from model.scene import Scene
 from model.transcription.neighbours import landmarks
 from model.transcription.system import System
 from model.winches import Winches
 
-# The farthest that frames turn to an equilibrium that counts as nearby [rad].
-_NEARBY = 0.6
+# Elements of a mesh over those of one without contact, and how long the longest may be: a share of
+# the arm's length, or of obstacle and arm together, but no shorter than a share of the length.
+_FINER, _LONGEST, _SHORTEST = 2, 1 / 16, 1 / 100
 # From rest meshes that are finer begin with the equilibrium on the coarsest.
 _COARSE = 2
 
@@ -75,48 +77,46 @@ class TouchingMap(Collocation):
 
     def equilibrium(self, tensions: Array, near: Equilibrium | None = None) -> Touching:
         """Return the equilibrium under tensions from rest, or from another; see led."""
-        known = near if isinstance(near, Collocated) else None
-        before = tensions if near is None else near.tensions
-        way = self.led(tensions, before, known)
-        return Touching(way.settled.here, self.refinement, way.snaps, way.before)
+        end = self.led(tensions, near if isinstance(near, Collocated) else None)
+        return Touching(end.settled.here, self.refinement, end.snaps, end.before)
 
     def found(self, tensions: Array, known: Linearised | None = None) -> Linearised:
         """Return the equilibrium under tensions, near one that another mesh has, if any does."""
         near = None if known is None else Collocated(known, self.refinement)
         return self.equilibrium(tensions, near).here
 
-    def led(
-        self, tensions: Array, before: Array, known: Collocated | None, jumps: bool = True
-    ) -> Followed:
-        """Return the equilibrium that the arm comes to, and how.
+    def led(self, tensions: Array, near: Collocated | None, jumps: bool = True) -> Continuation:
+        """Return the equilibrium that the arm comes to from another one or from rest, and how.
 
-        From rest, or from what is `known`, which is an equilibrium under the tensions `before`.
-        With friction it acts against the steps from what is known; an arm without that history has
-        none as long as it touches nothing: else InputError. Raises UnsettledContactError where none
-        is found, SnapError where it would jump unless it may.
+        Friction acts against the steps from there; an arm without that history has an equilibrium
+        as long as it touches nothing: else InputError. Raises UnsettledContactError where none is
+        found, SnapError where it would jump unless it may.
         """
-        of, frictional = self._question(tensions), self.system.of.form.contact_friction
-        if known is None:
-            if frictional:
-                return self._untouched(tensions)
-            if self.refinement > _COARSE:
-                way = self._of(self.system.scene, 1).led(tensions, tensions, None)
-                found = sharpened(of, way.settled.here, way.settled.places)
-                if found is not None and close(way.settled.here, found.here, _NEARBY):
-                    return replace(way, settled=found)
-            rest = Linearised(self.system, self.system.x(0 * tensions, 0.0, self._rest))
-            return follow(of, 0 * tensions, 0.0, Settled(rest, ()))
-        there, places = known.here, places_of(known.system)
-        stays = np.array_equal(tensions, before)
-        if frictional:
-            past = known.history if isinstance(known, Touching) and stays else None
-            of = replace(of, history=past or History(there))
-        if stays or not frictional:
-            found = sharpened(of, there, places)
-            if found is not None and close(there, found.here, _NEARBY):
-                last = None if of.history is None else of.history.here
-                return Followed(found, (), found.here if last is there else last)
-        return follow(of, before, 1.0, Settled(there, places), jumps)
+        request, rubs = self._request(tensions), self.system.of.form.contact_friction
+        if near is None:
+            return self._untouched(tensions) if rubs else self._from_rest(request)
+        before, places = near.here, places_of(near.system)
+        stays = np.array_equal(tensions, before.tensions)
+        if rubs:
+            past = near.history if isinstance(near, Touching) and stays else None
+            request = replace(request, history=past or History(before))
+        if stays or not rubs:
+            there = sharpened(request, before, places)
+            if there is not None and close(before, there.here):
+                path = ((request.history.before, 0.0), (there.here, 1.0)) if request.history else ()
+                return Continuation(there, (), path)
+        return follow(request, before.tensions, 1.0, Settled(before, places), jumps)
+
+    def _from_rest(self, request: Request) -> Continuation:
+        """Return the equilibrium from rest without friction, on fine meshes from the coarsest."""
+        T = request.tensions
+        if self.refinement > _COARSE:
+            coarse = self._of(self.system.scene, 1).led(T, None)
+            there = sharpened(request, coarse.settled.here, coarse.settled.places)
+            if there is not None and close(coarse.settled.here, there.here):
+                return replace(coarse, settled=there)
+        rest = Linearised(self.system, self.system.x(0 * T, 0.0, self._rest))
+        return follow(request, 0 * T, 0.0, Settled(rest, ()))
 
     def with_nodes(self, here: Linearised, below: float) -> Linearised:
         """Return an equilibrium on a mesh with nodes where gaps are least, and `below` that.
@@ -125,38 +125,36 @@ class TouchingMap(Collocation):
         """
         places = places_of(here.system)
         near = [s for _, s in least_gaps(here.system, here.x, places, below)]
-        of = self._question(here.tensions)
-        of = replace(of, fixed=np.union1d(self._fixed, near))
-        found = with_places(of, here, places) if near else here
-        return here if found is None else found
+        request = self._request(here.tensions)
+        request = replace(request, fixed=np.union1d(self._fixed, near))
+        there = with_places(request, here, places) if near else here
+        return here if there is None else there
 
     def by_lengths(self, winches: Winches) -> Linearised | None:
         """Return the equilibrium about where winches hold the tendons; None if none is found."""
-        found = by_lengths(self._question(winches.tensions), winches)
+        found = by_lengths(self._request(winches.tensions), winches)
         return None if found is None else found.here
 
     def beside(self, at: Linearised, tensions: Array) -> Linearised | None:
         """Return the equilibrium under tensions near those of another; None where it jumps."""
         try:
-            known = Collocated(at, self.refinement)
-            return self.led(tensions, at.tensions, known, False).settled.here
+            return self.led(tensions, Collocated(at, self.refinement), False).settled.here
         except (SnapError, UnsettledContactError):
             return None
 
-    def _untouched(self, tensions: Array) -> Followed:
+    def _untouched(self, tensions: Array) -> Continuation:
         """Return the equilibrium of an arm from rest that touches nothing; InputError else."""
-        way = self._smooth.led(tensions, tensions, None)
-        here = way.settled.here
-        if way.settled.places:
+        end = self._smooth.led(tensions, None)
+        if end.settled.places:
             allowed = (
                 "the shape of the same arm that it moved from: friction acts against the motion "
                 "before, and an arm without history has none"
             )
             raise InputError("near", None, allowed)
-        found = newton(self.system, tensions, 1.0, self.carried(tensions, here))
-        if found is None:
+        there = newton(self.system, tensions, 1.0, self.carried(tensions, end.settled.here))
+        if there is None:
             raise UnsettledContactError(1.0, "none is found on a mesh with friction")
-        return Followed(Settled(found, ()), way.snaps, found)
+        return Continuation(Settled(there, ()), end.snaps, ((there, 0.0), (there, 1.0)))
 
     @cached_property
     def _smooth(self) -> TouchingMap:
@@ -167,5 +165,19 @@ class TouchingMap(Collocation):
         stages, at, machine_code = self._form
         return TouchingMap(self.system.arm, scene, stages, refinement, at, machine_code)
 
-    def _question(self, tensions: Array) -> Question:
-        return Question(self.system, self._fixed, tensions)
+    def _request(self, tensions: Array) -> Request:
+        return Request(self.system, self._fixed, tensions)
+
+
+def mesh_with_contact(arm: Arm, scene: Scene, refinement: int, at: tuple[float, ...]) -> Mesh:
+    """Return the mesh of a refinement that has the arc lengths `at` as nodes."""
+    own = (*at, *places(arm, scene))
+    return graded(arm, _FINER * refinement, own, partial(_density, arm, scene))
+
+
+def _density(arm: Arm, scene: Scene, s: Array) -> Array:
+    """Return how fast solutions may grow, or contact may change, at s (N,) [1/m]."""
+    bodies = numbers_of([contact.obstacle for contact in contacts(scene)])
+    small = float((bodies[:, 15] + bodies[:, 12:15].min(axis=1)).min())
+    wide = np.maximum(small + arm.outer_radius(s)[0], _SHORTEST * arm.length)
+    return np.maximum(growth(arm, scene, s), 0.75 / np.minimum(wide, _LONGEST * arm.length))

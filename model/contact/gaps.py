@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from model.centreline import Centreline
-from model.contact.places import SAME, Places
+from model.contact.touches import SAME, Places
 from model.cross_section.law import CrossSection, size
 from model.equilibrium.dense import poses_and_strains
 from model.equilibrium.linearised import Index
@@ -80,13 +80,13 @@ def _along(law: CrossSection, machine_code: bool) -> Mapped:
 
 def gaps_along(system: System, states: Array) -> tuple[Array, Array]:
     """Return arc lengths (n,) beyond the base, and the gaps there (n, K) [m]."""
-    line, shares = Centreline.at_states(system, states), np.arange(1, _SAMPLES + 1) / _SAMPLES
+    line, fractions = Centreline.at_states(system, states), np.arange(1, _SAMPLES + 1) / _SAMPLES
     element = np.repeat(np.arange(system.mesh.steps), _SAMPLES)
-    share = np.tile(shares, system.mesh.steps)
-    points = line.moved(element, np.zeros(element.size), share)[0]
+    fraction = np.tile(fractions, system.mesh.steps)
+    points = line.moved(element, np.zeros(element.size), fraction)[0]
     bodies = numbers_of([contact.obstacle for contact in contacts(system.scene)])
-    s = system.mesh.s[element] + share * np.diff(system.mesh.s)[element]
-    return s, distances(bodies, points)[0] - line.radius(element, share)[:, None]
+    s = system.mesh.s[element] + fraction * np.diff(system.mesh.s)[element]
+    return s, distances(bodies, points)[0] - line.radius(element, fraction)[:, None]
 
 
 def least_gaps(
@@ -111,9 +111,11 @@ def least_gaps(
     at, reach, most = s[k], reach[k], system.arm.length
     for _ in range(_NARROWED):
         ends = np.maximum(at - reach, THROUGH * most), np.minimum(at + reach, most)
-        looks = np.linspace(*ends, _AMONG, axis=1)
-        gaps = along(system, x, looks.ravel(), np.repeat(j, _AMONG))[:, 0].reshape(looks.shape)
-        at = np.take_along_axis(looks, gaps.argmin(axis=1)[:, None], axis=1)[:, 0]
+        stations = np.linspace(*ends, _AMONG, axis=1)
+        gaps = along(system, x, stations.ravel(), np.repeat(j, _AMONG))[:, 0].reshape(
+            stations.shape
+        )
+        at = np.take_along_axis(stations, gaps.argmin(axis=1)[:, None], axis=1)[:, 0]
         reach = (ends[1] - ends[0]) / (_AMONG - 1)
     low = gaps.min(axis=1) < below * most
     return sorted(set(zip(j[low].tolist(), at[low].tolist(), strict=True)))
@@ -124,12 +126,12 @@ def check_outside(system: System, states: Array) -> None:
     s, gap = gaps_along(system, states)
     inside = np.flatnonzero(gap.min(axis=0) < -THROUGH * system.arm.length)
     if inside.size:
-        own = [contact.obstacle for contact in contacts(system.scene)]
+        bodies = [contact.obstacle for contact in contacts(system.scene)]
         deepest = zip(inside, gap[:, inside].argmin(axis=0), strict=True)
-        told = [
-            f"{-1e3 * gap[k, j]:.3g} mm inside{f' of {own[j]}' if j > inside[0] else ''}"
+        where = [
+            f"{-1e3 * gap[k, j]:.3g} mm inside{f' of {bodies[j]}' if j > inside[0] else ''}"
             f" at s = {s[k]:.4g} m"
             for j, k in deepest
         ]
-        allowed = f"one that the arm at rest is clear of; it is {', and '.join(told)}"
-        raise InputError("Contact.obstacle", own[inside[0]], allowed)
+        allowed = f"one that the arm at rest is clear of; it is {', and '.join(where)}"
+        raise InputError("Contact.obstacle", bodies[inside[0]], allowed)

@@ -24,13 +24,12 @@ from model.transcription.collocation import gauss
 from model.transcription.system import System
 from model.transcription.touch import TOUCH
 
-# Steps: with what touches given, with friction, where each may bring some places from sticking to
-# slip or back, and with complementary nodes, which need not be as close.
-_STEPS, _WITH_FRICTION, _COMPLEMENTARY = 20, 30, 9
-_SETTLED, _ABOUT = 1e-11, 1e-6
+# Steps at most, each of which may bring some places from sticking to slip or back, or other nodes
+# into touch; the size of the last one.
+_STEPS, _CONVERGED = 30, 1e-11
 # How much a change of friction counts as one of strains: rounding in them is that of forces of the
 # whole arm. Forces [N] below the second are rounding.
-_FELT, _ROUNDING = 1e-2, 1e-13
+_FRICTION, _ROUNDING = 1e-2, 1e-13
 
 
 def newton(
@@ -38,29 +37,27 @@ def newton(
 ) -> Linearised | None:
     """Return the equilibrium near given states; None if steps do not lead to one.
 
-    With what the system is told of touching, or with complementary forces and gaps at the nodes.
-    Steps that turn frames far are shortened.
+    With the touches that are set on the system, or with complementary forces and gaps at the nodes.
+    Steps that rotate frames far are shortened.
     """
-    last, settled, kept = 0.0, _ABOUT if complementary else _SETTLED, None
-    rubs = system.of.form.contact_friction
-    steps = _WITH_FRICTION if rubs else _STEPS
-    for _ in range(_COMPLEMENTARY if complementary else steps):
+    last, kept = 0.0, None
+    for _ in range(_STEPS):
         check_time()
         system = _active(system, states) if complementary else system
-        told = _widened(system, states)
-        same = kept is not None and np.array_equal(kept.system.p, told.p)
-        here = Linearised(told, told.x(tensions, load, states), kept if same else None)
+        widened = _widened(system, states)
+        same = kept is not None and np.array_equal(kept.system.p, widened.p)
+        here = Linearised(widened, widened.x(tensions, load, states), kept if same else None)
         change = here.newton_step()
         if change is None:
             return None
         turn = float(np.abs(change[system.of.nodes[:, :4]]).max())
         states = states + min(1.0, TURN / max(turn, TURN)) * change
         size = max(step_size(system, change, states), _rubbed(system, change, states))
-        if turn <= TURN and (size < settled or size**2 < settled * last):
-            told = _widened(system, states)
-            return Linearised(told, told.x(tensions, load, states))
+        if turn <= TURN and (size < _CONVERGED or size**2 < _CONVERGED * last):
+            widened = _widened(system, states)
+            return Linearised(widened, widened.x(tensions, load, states))
         contracts = size < (KEPT * last if last else CLOSE)
-        kept = (here.near or here) if contracts and not rubs else None
+        kept = (here.near or here) if contracts and not system.of.form.contact_friction else None
         last = size
     return None
 
@@ -75,7 +72,7 @@ def _active(system: System, states: Array) -> System:
     deepest = (gap < 0) & (gap <= wide[:-2]) & (gap <= wide[2:])
     touches, before = Touches.none(*gap.shape), Touches.of(system).point[1:]
     touches.point[1:] = np.where(before, forces(system, states)[1:] > 0, deepest)
-    return touches.told(system)
+    return touches.on(system)
 
 
 def _widened(system: System, states: Array) -> System:
@@ -90,12 +87,12 @@ def _widened(system: System, states: Array) -> System:
     stretch = states[of.stages[:, i]].reshape(of.elements, -1)
     before, beyond = stretch @ method.at(1.0), np.roll(stretch @ method.at(0.0), -1)
     beyond[-1] = before[-1]
-    found = copy.copy(system)
-    found.p = system.p.copy()
-    rows = found.p[of.equations.numbers_of("touch")].reshape(of.elements, -1, TOUCH)
+    widened = copy.copy(system)
+    widened.p = system.p.copy()
+    rows = widened.p[of.equations.numbers_of("touch")].reshape(of.elements, -1, TOUCH)
     radius = np.asarray(system.arm.outer_radius(system.mesh.s[1:])[0])
     rows[:, :, SIZE] = (radius * np.sqrt(np.maximum(before / beyond, 1.0)))[:, None]
-    return found
+    return widened
 
 
 def _rubbed(system: System, change: Array, states: Array) -> float:
@@ -108,4 +105,4 @@ def _rubbed(system: System, change: Array, states: Array) -> float:
     of, h = system.of, float(np.diff(system.mesh.s).mean())
     most = np.abs(states[of.touches[:, :, 0]]).max()
     size = max(np.abs(change[of.friction_forces]).max(), h * np.abs(change[of.tractions]).max())
-    return float(size / max(most, _ROUNDING)) * _FELT
+    return float(size / max(most, _ROUNDING)) * _FRICTION

@@ -1,4 +1,4 @@
-"""Equilibria with contact at places that move along the arm until they are where it touches.
+"""Equilibria with contact at places that are refined until they are where the arm touches.
 
 With places given the equations are solved by Newton's method. Then points move to where the gap is
 least, ends of parts that lie to where the gap's second derivative is 0 beyond; of an arm that
@@ -8,16 +8,25 @@ the arm passes through it between places there are new ones.
 
 from __future__ import annotations
 
-from collections import Counter
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from model.contact.friction import History
 from model.contact.gaps import along, least_gaps
-from model.contact.history import History
 from model.contact.newton import newton
-from model.contact.places import SAME, Place, Places, mesh_with, point, touches_at
-from model.contact.touches import Touches, forces, resultants, second
+from model.contact.touches import (
+    SAME,
+    Place,
+    Places,
+    Touches,
+    forces,
+    mesh_with,
+    point,
+    resultants,
+    second,
+    touches_at,
+)
 from model.effects import NeoHookean, Shear
 from model.equilibrium.forward import Collocation
 from model.equilibrium.linearised import Linearised
@@ -26,8 +35,8 @@ from model.mesh import Mesh
 from model.paths import Array
 from model.transcription.system import System
 
-# How often places move, come or go; how often the same ones may come again; rounding of these.
-_ROUNDS, _AGAIN, _DIGITS = 30, 2, 8
+# How often places move, come or go.
+_ROUNDS = 30
 # How far off points and ends may be, over the arm's length.
 _POINT, _END = 1e-8, 1e-10
 # gap'' [1/m] that counts as flat, and what points move by instead, over 1 / L: to lesser gaps.
@@ -35,13 +44,13 @@ _FLAT, _BENT = 1e-3, 4.0
 # Over an element: how far from an end derivatives are taken, half the length of a part that was a
 # point and how far points move from corners at most, and parts that are points.
 _ASIDE, _BORN, _SHORT = 0.05, 0.3, 0.02
-# Of the largest force, what is rounding, and what pulls so hard that places need not be found.
+# Of the largest force, what is rounding, and what pulls so hard that places need not be refined.
 _ROUNDING, _PULLED = 1e-9, 1e-2
 
 
 @dataclass(frozen=True, eq=False)
-class Question:
-    """What is asked for.
+class Request:
+    """The equilibrium that is wanted.
 
     Attributes
     ----------
@@ -66,10 +75,10 @@ class Question:
         """Return the equations on another mesh."""
         base = self.base
         form = base.of.form.stages, True, base.of.form.machine_code, pressed
-        found = System(base.arm, base.scene, mesh, *form)
-        if self.history is not None and found.of.form.contact_friction:
-            self.history.told(found)
-        return found
+        system = System(base.arm, base.scene, mesh, *form)
+        if self.history is not None and system.of.form.contact_friction:
+            self.history.set_on(system)
+        return system
 
     @property
     def corners(self) -> tuple[float, ...]:
@@ -89,33 +98,25 @@ class Settled:
     places: Places
 
 
-def sharpened(of: Question, here: Linearised, places: Places) -> Settled | None:
-    """Return the equilibrium near one of which places are known about; None if none is found."""
-    seen, roots, last = Counter[Places](), dict[tuple[int, int], _Root](), places
+def sharpened(request: Request, near: Linearised, places: Places) -> Settled | None:
+    """Return the equilibrium near one of which places are known about; None if there is none."""
     for _ in range(_ROUNDS):
-        found = with_places(of, here, places)
-        if found is None:
+        here = with_places(request, near, places)
+        if here is None:
             return None
-        here, last, force = found, places, forces(found.system, found.states)
+        force = forces(here.system, here.states)
+        refined = places
         if force.min() >= -_PULLED * force.max():
-            places = _moved(of, here, places, roots)
-        if places == last:
-            places = _exchanged(of, here, places)
-            if places == last:
-                return Settled(here, places)
-            roots, rounded = {}, tuple(_rounded(own, of.base.arm.length) for own in places)
-            seen[rounded] += 1
-            if seen[rounded] > _AGAIN:
-                return None
+            refined = _refined(request, here, places)
+        if refined == places:
+            refined = _exchanged(request, here, places)
+        if refined == places:
+            return Settled(here, places)
+        near, places = here, refined
     return None
 
 
-def _rounded(own: Place, length: float) -> Place:
-    start, end = (round(s / length, _DIGITS) for s in (own.start, own.end))
-    return Place(own.obstacle, start, end)
-
-
-def with_places(of: Question, here: Linearised, places: Places) -> Linearised | None:
+def with_places(of: Request, here: Linearised, places: Places) -> Linearised | None:
     """Return the equilibrium that touches at given places, near another one."""
     scene, mesh = of.base.scene, mesh_with(of.base, of.fixed, places)
     if mesh is None:
@@ -128,11 +129,11 @@ def with_places(of: Question, here: Linearised, places: Places) -> Linearised | 
         nodes = [mesh.node(p.start) for p in free]
         flat = _BENT / of.base.arm.length
         touches.curve[nodes, j] = np.where(curve > _FLAT, curve, flat)
-    system = touches.told(of.on(mesh, bool(touches.lies.any())))
+    system = touches.on(of.on(mesh, bool(touches.lies.any())))
     return newton(system, of.tensions, of.load, _carried(of, here, system, touches))
 
 
-def _carried(of: Question, here: Linearised, system: System, touches: Touches) -> Array:
+def _carried(of: Request, here: Linearised, system: System, touches: Touches) -> Array:
     """Return states to begin with on another mesh: forces are those of the nodes nearest."""
     before, states = here.system, Collocation.on(system).carried(of.tensions, here).copy()
     old, new, s = before.of, system.of, before.mesh.s
@@ -153,77 +154,68 @@ def _carried(of: Question, here: Linearised, system: System, touches: Touches) -
     return states
 
 
-def _moved(
-    of: Question, here: Linearised, places: Places, roots: dict[tuple[int, int], _Root]
-) -> Places:
-    """Return the places where an equilibrium says that they are; the same where they are found."""
-    found = list[Place]()
-    for i, place in enumerate(places):
-        if place.lies:
-            ends = [_end(of, here, place, side) for side in (-1, 1)]
+def _refined(of: Request, here: Linearised, places: Places) -> Places:
+    """Return the places where an equilibrium says that they are; the same where they are right."""
+    refined, L = list[Place](), of.base.arm.length
+    least = 0.0 if of.base.scene.has(Shear) else _SHORT * np.diff(here.system.mesh.s).max()
+    for place in places:
+        if not place.lies:
+            start = end = place.start + _point_shift(of, here, place)
         else:
-            ends = [_point(of, here, place)]
-        at = [place.start, place.end][: len(ends)]
-        for k, (f, shift, most) in enumerate(ends):
-            root = roots.setdefault((i, k), _Root())
-            close = (_END if place.lies else _POINT) * of.base.arm.length
-            if abs(shift) > close and not root.is_jump(at[k], f, close):
-                after = root.next(at[k], f, shift, most)
-                at[k] = after if place.lies else _up_to_corner(of, at[k], after)
-        first, last = at[0], min(at[-1], of.base.arm.length)
-        least = 0.0 if of.base.scene.has(Shear) else _SHORT * np.diff(here.system.mesh.s).max()
-        if place.lies and last - first < least:
-            first = last = (first + last) / 2
-        found.append(Place(place.obstacle, min(first, last), last))
-    return _joined(found, here.system.mesh)
+            start = place.start + _end_shift(of, here, place, -1)
+            end = min(place.end + _end_shift(of, here, place, 1), L)
+            if end - start < least:
+                start = end = (start + end) / 2
+        refined.append(Place(place.obstacle, start, end))
+    return _joined(refined, here.system.mesh)
 
 
-def _up_to_corner(of: Question, s: float, after: float) -> float:
-    """Return where a point goes that passes no corner."""
-    passed = [own for own in of.corners if min(s, after) < own < max(s, after)]
-    return passed[0] if passed else after
-
-
-def _point(of: Question, here: Linearised, place: Place) -> tuple[float, float, float]:
-    """Return gap' at a point, how far on the gap is least, and how far it may move."""
+def _point_shift(of: Request, here: Linearised, place: Place) -> float:
+    """Return how far on the gap is least, up to the next corner; 0 where that is close."""
     system, s, j = here.system, place.start, place.obstacle
     node, h = system.mesh.node(s), float(np.diff(system.mesh.s).max())
     if s in of.corners:
         _, slope, curve = along(system, here.x, np.array([s]), np.array([j]))[0]
-        return slope, -min(slope / max(curve, _FLAT), _BORN * h) * (slope > _ROUNDING), h
-    shift = float(system.mesh.s[node] + second(system, here.states)[node, j]) - s
-    return -float(Touches.of(system).curve[node, j]) * shift, shift, h / 2
+        shift = -min(slope / max(curve, _FLAT), _BORN * h) * (slope > _ROUNDING)
+    else:
+        shift = float(system.mesh.s[node] + second(system, here.states)[node, j]) - s
+    shift = min(max(shift, -h / 2), h / 2)
+    passed = [at - s for at in of.corners if 0 < (at - s) * np.sign(shift) < abs(shift)]
+    shift = passed[0] if passed else shift
+    return shift if abs(shift) > _POINT * of.base.arm.length else 0.0
 
 
-def _end(of: Question, here: Linearised, place: Place, side: int) -> tuple[float, float, float]:
-    """Return what is 0 at the end of a part, how far on it is, and how far the end may move.
+def _end_shift(of: Request, here: Linearised, place: Place, side: int) -> float:
+    """Return how far on an end of a part is; 0 where that is close.
 
-    gap'' of the free arm beyond; with friction that inside of the part, which changes the stretch
-    there and so what curvature lies on the obstacle. Of an arm that shears gap' beyond.
+    There gap'' of the free arm beyond is 0; with friction that inside of the part, which changes
+    the stretch there and so what curvature lies on the obstacle. Of an arm that shears gap' beyond.
     """
     system, L = here.system, of.base.arm.length
     s = place.end if side > 0 else place.start
     node = system.mesh.node(s)
     beyond = node + side
     if s >= L * (1 - SAME) or not 0 <= beyond < system.mesh.s.size:
-        return 0.0, 0.0, 0.0
+        return 0.0
     h, j = abs(float(system.mesh.s[beyond]) - s), place.obstacle
     most = min(0.8 * h, 0.35 * (place.end - place.start))
     # What is known at a node is on its base side.
     within = contacts(system.scene)[j].friction > 0 and not system.scene.has(Shear)
     at = s + SAME * L * ((side > 0) != within)
-    looks = np.array([at, s + side * _ASIDE * h, s + 2 * side * _ASIDE * h])
-    _, slope, curve = along(system, here.x, looks, np.full(3, j)).T
+    stations = np.array([at, s + side * _ASIDE * h, s + 2 * side * _ASIDE * h])
+    _, slope, curve = along(system, here.x, stations, np.full(3, j)).T
     if system.scene.has(Shear):
         f, rate = float(slope[0] - curve[0] * (at - s)), float(curve[0])
-        return f, -f / rate if rate > 0 else side * h * float(np.sign(f)), most
-    rate = float(curve[2] - curve[1]) / (side * _ASIDE * h)
-    f = float(curve[0]) - rate * (at - s)
-    # A part is too long where the free arm leaves with gap'' > 0, as if it were pulled there.
-    return f, -side * float(np.sign(f)) * abs(f / rate if rate else h), most
+        shift = -f / rate if rate > 0 else side * h * float(np.sign(f))
+    else:
+        rate = float(curve[2] - curve[1]) / (side * _ASIDE * h)
+        f = float(curve[0]) - rate * (at - s)
+        # A part is too long where the free arm leaves with gap'' > 0, as if it were pulled there.
+        shift = -side * float(np.sign(f)) * abs(f / rate if rate else h)
+    return min(max(shift, -most), most) if abs(shift) > _END * L else 0.0
 
 
-def _exchanged(of: Question, here: Linearised, places: Places) -> Places:
+def _exchanged(of: Request, here: Linearised, places: Places) -> Places:
     """Return the places after some came or went; the same if none did."""
     system, states, touches = here.system, here.states, Touches.of(here.system)
     force, pressed = forces(system, states), resultants(system, states, touches)
@@ -259,7 +251,7 @@ def _rounding(system: System, pressed: Array) -> Array:
     return np.asarray(np.maximum(last, _ROUNDING * pressed.max(initial=0.0)))
 
 
-def _touching(of: Question, here: Linearised, place: Place) -> list[Place]:
+def _touching(of: Request, here: Linearised, place: Place) -> list[Place]:
     """Return what becomes of a point: a part, where the arm bends into the obstacle about it."""
     system, s, j = here.system, place.start, place.obstacle
     L, h = of.base.arm.length, float(np.diff(system.mesh.s)[system.mesh.node(s) - 1])
@@ -278,46 +270,13 @@ def _touching(of: Question, here: Linearised, place: Place) -> list[Place]:
 
 def _joined(places: list[Place], mesh: Mesh) -> Places:
     """Return places in order, points next to a part that lies on the same obstacle within it."""
-    found = list[Place]()
+    joined = list[Place]()
     for place in sorted(places):
-        last = found[-1] if found else None
+        last = joined[-1] if joined else None
         if last is not None and last.obstacle == place.obstacle and (last.lies or place.lies):
             k = mesh.node(last.end)
             if place.start - last.end <= (mesh.s[min(k + 1, mesh.steps)] - mesh.s[k]) / 10:
-                found[-1] = replace(last, end=max(place.end, last.end))
+                joined[-1] = replace(last, end=max(place.end, last.end))
                 continue
-        found.append(place)
-    return tuple(found)
-
-
-@dataclass
-class _Root:
-    """The search for one root, from value to value: Newton's, or secant steps between signs.
-
-    Attributes
-    ----------
-    values : list of (s, f)
-        In the order they came.
-    """
-
-    values: list[tuple[float, float]] = field(default_factory=list)
-
-    def next(self, s: float, f: float, shift: float, most: float) -> float:
-        """Return where to look next, after f at s; `shift` is Newton's step, `most` the longest."""
-        self.values.append((s, f))
-        if len(self.values) > 1:
-            before, last = self.values[-2]
-            if abs(f) > 0.3 * abs(last) and f != last and s != before:
-                secant = -f * (s - before) / (f - last)
-                shift = secant if secant * shift > 0 or f * last < 0 else shift
-        shift = min(max(shift, -most), most)
-        other = [own for own in self.values if own[1] * f < 0 and (own[0] - s) * shift > 0]
-        if other:
-            wall, value = min(other, key=lambda own: abs(own[0] - s))
-            if abs(shift) > 0.98 * abs(wall - s):
-                shift = f / (f - value) * (wall - s)
-        return s + shift
-
-    def is_jump(self, s: float, f: float, near: float) -> bool:
-        """Return whether the function jumps across 0 as near to s, as where an obstacle ends."""
-        return any(value * f < 0 and abs(at - s) < near for at, value in self.values)
+        joined.append(place)
+    return tuple(joined)

@@ -9,7 +9,6 @@ would snap or let go on the way.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,10 +29,9 @@ from planner.program.terms import stations_of
 from planner.solve.task import Task
 from planner.targets.hold import Hold
 
-# Programs at most; steps of tensions, over what bends the arm by 1 rad, at first and at least, of
-# one that is the last, and of one that is if it is no shorter than the one before by half; how much
-# of the violation of targets a step has to make up for.
-_ROUNDS, _FIRST, _LEAST, _STAYS, _NEARLY, _LESS = 25, 2.0, 1e-3, 1e-7, 1e-6, 0.9
+# Programs at most; steps of tensions, over what bends the arm by 1 rad, at first, at least, and of
+# one that is the last; how much of the violation of targets a step has to make up for.
+_ROUNDS, _FIRST, _LEAST, _CONVERGED, _LESS = 25, 2.0, 1e-3, 1e-6, 0.9
 # By how much better than what is asked the arm is to stand, as long as steps are long.
 _CLOSE = 1 - 1e-6
 # Gaps that are nearly closed, over the length: programs have nodes there, that tell them.
@@ -50,8 +48,8 @@ class Optimum:
         The equilibrium.
     steps : LoadPath
         Tensions by which the arm was led there, its own last.
-    lacks : float
-        What targets lack; 0 where they are met.
+    violation : float
+        Of targets; 0 where they are met.
     optimality : Optimality
     least : float
         The stability that it was held to; 0 where it only stands.
@@ -59,7 +57,7 @@ class Optimum:
 
     here: Linearised
     steps: LoadPath
-    lacks: float
+    violation: float
     optimality: Optimality
     least: float
 
@@ -84,31 +82,25 @@ class Exchange:
 
     def settled(self, tensions: Array, near: Linearised | None = None) -> Linearised:
         """Return the equilibrium from rest, or next to another; raises what settling does."""
-        if near is None:
-            return self.map.led(tensions, tensions, None).settled.here
-        known = Collocated(near, self.map.refinement)
-        return self.map.led(tensions, near.tensions, known, jumps=False).settled.here
+        begin = None if near is None else Collocated(near, self.map.refinement)
+        return self.map.led(tensions, begin, jumps=False).settled.here
 
     def along(self, load_path: LoadPath) -> Linearised:
         """Return the equilibrium at the end of a load path; raises what settling does."""
-        *_, here = self._way(load_path)
-        return here
-
-    def _way(self, load_path: LoadPath) -> Iterator[Linearised]:
         here = None
         for T in load_path:
             check_time()
             here = self.settled(np.array(T), here)
-            yield here
+        assert here is not None
+        return here
 
     def optimum(self, here: Linearised, least: float = 0.0) -> Optimum | None:
         """Return the optimum that programs lead to from an equilibrium; None if they lead nowhere.
 
-        With a stability of at least so much. Where targets cannot be met from there that which
-        lacks least.
+        With a stability of at least so much. Where targets cannot be met from there the one that
+        violates them least.
         """
-        box, steps, lacked, last = _FIRST, [here.tensions], np.inf, None
-        before = np.inf
+        box, steps, before, last = _FIRST, [here.tensions], np.inf, None
         for _ in range(_ROUNDS):
             check_time()
             here = self.map.with_nodes(here, _NEAR)
@@ -117,23 +109,21 @@ class Exchange:
             point = program.solve(z, box=box, near=last)
             if not point.met:
                 point = program.solve(z, slacks=True, box=box)
-            lacks = program.lacking(point.z)
-            step = program.tensions(point.z) - here.tensions
+            violation = program.slack(point.x)
+            step = program.tensions(point.x) - here.tensions
             size = float(np.abs(step).max()) / program.force
-            stays = size < _STAYS or (size < _NEARLY and size > before / 2)
-            stays |= bool(lacks and lacks > _LESS * lacked and size < _LEAST)
-            if point.met and stays:
-                z[program.tangential] = point.z[program.tangential]
-                path = tuple(tuple(T.tolist()) for T in steps)
-                return Optimum(here, path, lacks, program.optimality(z), least)
-            there = self._led(here, step) if point.met else None
+            there = self._stepped(here, step) if point.met else None
             if there is None:
                 box = min(box, size) / 4
                 if box < _LEAST:
                     return None
                 continue
-            here, lacked, last, before = there, lacks, point, size
+            stays = size < _LEAST and bool(violation) and violation > _LESS * before
+            here, before, last = there, violation, point
             steps.append(here.tensions)
+            if size < _CONVERGED or stays:
+                path = tuple(tuple(T.tolist()) for T in steps)
+                return Optimum(here, path, violation, self.optimality(here, least), least)
         return None
 
     def optimality(self, here: Linearised, least: float) -> Optimality:
@@ -142,12 +132,16 @@ class Exchange:
         program = self._program(here, least)
         return program.optimality(self.unknowns(program, here))
 
-    def _led(self, here: Linearised, step: Array) -> Linearised | None:
+    def _stepped(self, here: Linearised, step: Array) -> Linearised | None:
         """Return the equilibrium a step of tensions further; None where the arm snaps."""
         try:
             return self.settled(here.tensions + step, here)
         except OctoplanError:
             return None
+
+    @property
+    def _holds(self) -> list[Hold]:
+        return [target for target in self.task.targets if isinstance(target, Hold)]
 
     def _program(self, here: Linearised, least: float = 0.0) -> Program:
         task = self.task
@@ -157,22 +151,22 @@ class Exchange:
         """Return the program's unknowns at an equilibrium, tangential forces the best ones."""
         z = program.guess(here.tensions, here.states)
         places = program.structure.tangential
-        for i, hold in enumerate(own for own in self.task.targets if isinstance(own, Hold)):
+        for i, hold in enumerate(self._holds):
             touches = touches_of(here)
             nodes = [here.system.mesh.node(t.s) for t in touches if t.obstacle == hold.obstacle]
-            own = places[i, np.array(nodes, dtype=int) - 1]
-            z[own] = Grasp.of(self.task.arm, touches, hold).best() / program.z_unit[own]
+            columns = places[i, np.array(nodes, dtype=int) - 1]
+            z[columns] = Grasp.of(self.task.arm, touches, hold).best() / program.z_unit[columns]
         return z
 
-    def lacking(self, here: Linearised) -> float:
+    def wrench_left(self, here: Linearised) -> float:
         """Return what is left of the wrenches of holds, over their sizes."""
-        found = 0.0
-        for hold in (own for own in self.task.targets if isinstance(own, Hold)):
+        left = 0.0
+        for hold in self._holds:
             grasp = Grasp.of(self.task.arm, touches_of(here), hold)
-            left = grasp.scaled(grasp.left(grasp.best()))
-            found += float(np.linalg.norm(left)) / hold.size(self.task.arm)
-        return found
+            wrench = grasp.scaled(grasp.left(grasp.best()))
+            left += float(np.linalg.norm(wrench)) / hold.size(self.task.arm)
+        return left
 
-    def stands(self, own: Optimum) -> bool:
-        """Return whether an optimum stands as well as is asked."""
-        return own.stability >= max(self.task.statement.margin * _CLOSE, 0.0)
+    def is_stable(self, optimum: Optimum) -> bool:
+        """Return whether an optimum is as stable as is asked."""
+        return optimum.stability >= max(self.task.statement.margin * _CLOSE, 0.0)

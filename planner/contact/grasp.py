@@ -119,22 +119,13 @@ class Grasp:
         return float(max(np.abs(self.wrench[:3]).max(), self.normal.max(initial=0.0)))
 
     def best(self) -> Array:
-        """Return the tangential forces (k, 3) [N] in their cones that leave least of the wrench.
-
-        A quadratic program with second-order cones.
-        """
+        """Return the tangential forces (k, 3) [N] in their cones that leave least of the wrench."""
         k, unit = len(self.normal), self._unit
         most = self.friction * np.maximum(self.normal, 0.0) / unit
         if not most.any():
             return np.zeros((k, 3))
-        A = self._columns
-        still = self.scaled(self.left(np.zeros((k, 3)))) / unit
-        rows, offsets = np.zeros((k, 3, 2 * k)), np.zeros((k, 3))
-        rows[:, 1:] = -np.eye(2 * k).reshape(k, 2, 2 * k)
-        offsets[:, 0] = most
-        H = A.T @ A + _COST * np.eye(2 * k)
-        found = _conic(H, A.T @ still, rows.reshape(-1, 2 * k), offsets.ravel(), [3] * k)
-        z = (np.zeros(2 * k) if found is None else found).reshape(k, 2)
+        x = self._cone_program(np.eye(2 * k + 2)[-1], self.friction, np.inf)
+        z = np.zeros((k, 2)) if x is None else x[:-2].reshape(k, 2)
         sizes = np.linalg.norm(z, axis=1)
         z *= np.minimum(1.0, most / np.maximum(sizes, 1e-300))[:, None]
         return np.asarray(unit * np.einsum("kij,kj->ki", self.bases, z))
@@ -144,32 +135,33 @@ class Grasp:
 
         Infinite where none below 10 does.
         """
+        x = self._cone_program(np.eye(2 * len(self.normal) + 2)[-2], _ROUGHEST, accuracy)
+        return np.inf if x is None else float(max(x[-2], 0.0))
+
+    def _cone_program(self, cost: Array, friction: float, left: float) -> Array | None:
+        """Return (z, mu, t) of least cost . (z, mu, t), mu and t up to `friction` and `left` [N].
+
+        Scaled tangential forces z are within cones of mu, and leave t of the wrench. None where
+        there are none. By clarabel (Goulart and Chen, arXiv:2405.12762, 2024).
+        """
         k, unit, A = len(self.normal), self._unit, self._columns
-        still, m, n = self.scaled(self.left(np.zeros((k, 3)))) / unit, len(A), 2 * k + 1
-        rows, offsets = np.zeros((3 * k + m + 3, n)), np.zeros(3 * k + m + 3)
-        cones = rows[: 3 * k].reshape(k, 3, n)
-        cones[:, 0, -1] = -np.maximum(self.normal, 0.0) / unit
-        cones[:, 1:, :-1] = -np.eye(2 * k).reshape(k, 2, 2 * k)
-        rows[3 * k + 1 : -2, :-1], offsets[3 * k + 1 : -2] = -A, still
-        offsets[3 * k] = accuracy / unit
-        rows[-2:, -1], offsets[-2:] = [-1.0, 1.0], [0.0, _ROUGHEST]
-        found = _conic(np.zeros((n, n)), np.eye(n)[-1], rows, offsets, [3] * k + [m + 1, 1, 1])
-        return np.inf if found is None else float(max(found[-1], 0.0))
-
-
-def _conic(H: Array, g: Array, rows: Array, offsets: Array, cones: list[int]) -> Array | None:
-    """Return x of least x . H x / 2 + g . x with offsets - rows x in second-order cones of sizes.
-
-    None where there is none. By clarabel (Goulart and Chen, arXiv:2405.12762, 2024).
-    """
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = _SHARP
-    kinds = [clarabel.SecondOrderConeT(n) if n > 1 else clarabel.NonnegativeConeT(1) for n in cones]
-    given = csc_array(np.triu(H)), g, csc_array(rows), offsets, kinds, settings
-    found = clarabel.DefaultSolver(*given).solve()
-    solved = str(found.status) in ("Solved", "AlmostSolved", "InsufficientProgress")
-    return np.array(found.x) if solved else None
+        still, n = self.scaled(self.left(np.zeros((k, 3)))) / unit, 2 * k + 2
+        cones, balance, eye = np.zeros((k, 3, n)), np.zeros((1 + still.size, n)), np.eye(n)
+        cones[:, 0, -2] = -np.maximum(self.normal, 0.0) / unit
+        cones[:, 1:, :-2] = -np.eye(2 * k).reshape(k, 2, 2 * k)
+        balance[0, -1], balance[1:, :-2] = -1.0, -A
+        most = min(left / unit, 2 * float(np.linalg.norm(still)))
+        rows = np.vstack([cones.reshape(-1, n), balance, eye[-2:], -eye[-2:-1]])
+        offsets = np.concatenate([np.zeros(3 * k + 1), still, [friction, most, 0.0]])
+        kinds = [clarabel.SecondOrderConeT(3)] * k
+        kinds += [clarabel.SecondOrderConeT(len(balance)), clarabel.NonnegativeConeT(3)]
+        settings = clarabel.DefaultSettings()
+        settings.verbose = False
+        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = _SHARP
+        H = csc_array(np.diag(np.append(np.full(2 * k, _COST), [0.0, 0.0])))
+        found = clarabel.DefaultSolver(H, cost, csc_array(rows), offsets, kinds, settings).solve()
+        solved = str(found.status) in ("Solved", "AlmostSolved", "InsufficientProgress")
+        return np.array(found.x) if solved else None
 
 
 def axes_across(normals: Array) -> Array:

@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TypeVar
-
-import numpy as np
-
 from model.arm import Arm
-from model.errors import InputError, OctoplanError
+from model.errors import InputError
 from model.loads import contacts, without_friction
 from model.paths import Array
 from model.scene import Scene
@@ -17,9 +12,8 @@ from model.shape import Shape
 
 # Tensions on the path to an equilibrium, in order.
 LoadPath = tuple[tuple[float, ...], ...]
-# How accurately shapes on the path are settled; the least step, as a share of a straight line.
-_ON_THE_PATH, _LEAST = 1e-4, 1 / 64
-S = TypeVar("S")
+# How accurately shapes on the path are settled.
+_ON_THE_PATH = 1e-4
 
 
 def rubs(scene: Scene) -> bool:
@@ -63,41 +57,9 @@ def settled_along(
     """
     if not load_path and not rubs(scene):
         return settle(arm, tensions, scene, accuracy, compile=machine_code)
-
-    def at(T: Array, near: Shape, fine: float) -> Shape | None:
-        try:
-            found = settle(arm, T, scene, fine, compile=machine_code, near=near)
-        except OctoplanError:
-            return None
-        return None if found.snaps else found
-
-    first, *others = (*load_path, tensions)
     rough = min(_ON_THE_PATH, accuracy) if rubs(scene) else _ON_THE_PATH
+    first, *others = load_path or (tensions,)
     near = settle(arm, first, without_friction(scene), rough, compile=machine_code)
     for T in others:
-        there = followed(np.asarray(T), near, lambda T, n: at(T, n, rough))
-        near = there or settle(arm, T, scene, rough, compile=machine_code, near=near)
-    last = at(tensions, near, accuracy)
-    return last or settle(arm, tensions, scene, accuracy, compile=machine_code, near=near)
-
-
-def followed(
-    tensions: Array,
-    near: S,
-    step: Callable[[Array, S], S | None],
-) -> S | None:
-    """Return where an equilibrium under other tensions goes in a straight line; None if it jumps.
-
-    `step` returns the equilibrium near another, None where it is too far. Anything with tensions.
-    """
-    before, at, size = np.ravel(near.tensions), 0.0, 1.0  # type: ignore[attr-defined]
-    while at < 1:
-        share = min(at + size, 1.0)
-        found = step(before + share * (tensions - before), near)
-        if found is not None:
-            near, at, size = found, share, 2 * size
-        elif size <= _LEAST:
-            return None
-        else:
-            size = min(size, 1 - at) / 2
-    return near
+        near = settle(arm, T, scene, rough, compile=machine_code, near=near)
+    return settle(arm, tensions, scene, accuracy, compile=machine_code, near=near)

@@ -16,7 +16,7 @@ is that of the arm itself once places stay.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -45,23 +45,6 @@ from planner.targets.wrap import CLEAR
 
 # Rows and bounds that hold, in scaled units.
 _ACTIVE = 1e-6
-
-
-@dataclass(frozen=True, eq=False)
-class Point:
-    """Where the solver stopped."""
-
-    found: Solution
-
-    @property
-    def z(self) -> Array:
-        """Unknowns (n_z,)."""
-        return self.found.x
-
-    @property
-    def met(self) -> bool:
-        """Whether the solver believes in the point."""
-        return self.found.met and self.found.finite
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,8 +235,8 @@ class Program:
         eps: float = np.inf,
         slacks: bool = False,
         box: float = np.inf,
-        near: Point | None = None,
-    ) -> Point:
+        near: Solution | None = None,
+    ) -> Solution:
         """Return where ipopt comes to from unknowns z, tensions within a box around them [1].
 
         Its points are a little inside of bounds: of a `sharp` program the solution is corrected,
@@ -264,13 +247,15 @@ class Program:
         low[:n] = np.maximum(low[:n], np.minimum(z[:n] - box, high[:n]))
         high[:n] = np.minimum(high[:n], np.maximum(z[:n] + box, low[:n]))
         bounds, p = (low, high, g_low, g_high), self.parameters(slacks)
-        if near is not None and near.found.x.shape == z.shape and near.found.g.shape == g_low.shape:
-            found = self._corrected(z, near.found, p, bounds)
-            if found is not None:
-                return Point(found)
-        found = solved(self.functions.solver, z, p, bounds)
-        corrected = self._corrected(found.x, found, p, bounds) if self.sharp and found.met else None
-        return Point(found if corrected is None else corrected)
+        if near is not None and near.x.shape == z.shape and near.g.shape == g_low.shape:
+            corrected = self._corrected(z, near, p, bounds)
+            if corrected is not None:
+                return corrected
+        solution = solved(self.functions.solver, z, p, bounds)
+        solution = replace(solution, met=solution.met and solution.finite)
+        sharp = self.sharp and solution.met
+        corrected = self._corrected(solution.x, solution, p, bounds) if sharp else None
+        return solution if corrected is None else corrected
 
     def _corrected(self, z: Array, near: Solution, p: Array, bounds: Bounds) -> Solution | None:
         """Return the solution with what is active in one nearby as equations.
@@ -287,8 +272,8 @@ class Program:
         kept = _kept(found.x, found.lam_x, low, high) and _kept(found.g, found.lam_g, g_low, g_high)
         return found if found.met and found.finite and kept else None
 
-    def lacking(self, z: Array) -> float:
-        """Return what targets and wrenches lack at unknowns: the sum of slacks."""
+    def slack(self, z: Array) -> float:
+        """Return by how much targets and wrenches are violated at unknowns: the sum of slacks."""
         return float(np.abs(z[self.structure.n_y :]).sum())
 
     def optimality(self, z: Array) -> Optimality:

@@ -9,6 +9,7 @@ import numpy as np
 from model.arm import Arm
 from model.effects import Extension
 from model.errors import OctoplanError
+from model.obstacles import Obstacle
 from model.paths import Array
 from model.scene import Scene
 from model.settle import settle
@@ -63,8 +64,8 @@ def _curvatures(wrap: Wrap, shape: Shape, limits: Limits) -> str:
     bent = _bend_towards(wrap, shape, float(s[k]))
     where = f"at {1e3 * s[k]:.4g} mm, where the gap is {1e3 * gaps[k]:.3g} mm"
     along = _part_along(wrap, shape, s, gaps)
-    lacks = curvature_along(wrap, shape, s, wrap.tolerance) - most
-    if is_most and _too_tight(lacks, s, wrap.tolerance * radius):
+    short = curvature_along(wrap, shape, s, wrap.tolerance) - most
+    if is_most and _too_tight(short, s, wrap.tolerance * radius):
         worst = int(np.argmax(asked - most))
         found = f"it asks for {asked[worst]:.3g} /m, the limits allow {most[worst]:.3g} /m"
         place = f"at {1e3 * s[worst]:.4g} mm, in the direction of the shape found"
@@ -78,14 +79,14 @@ def _curvatures(wrap: Wrap, shape: Shape, limits: Limits) -> str:
     return f"In the shape found {less}: {cause}. {along}"
 
 
-def _too_tight(lacks: Array, s: Array, slack: Array) -> bool:
-    """Return whether curvature lacks (k,) [1/m] more than gaps within slack (k,) [m] allow.
+def _too_tight(short: Array, s: Array, slack: Array) -> bool:
+    """Return whether curvature is short (k,) [1/m] by more than gaps within slack (k,) [m] allow.
 
     On a stretch of length l an arc that is flatter by c than what it lies along leaves it by c l^2
     / 8 at its ends or in its middle.
     """
     for i in range(s.size - 1):
-        least = np.minimum.accumulate(lacks[i:])[1:]
+        least = np.minimum.accumulate(short[i:])[1:]
         if (least * (s[i + 1 :] - s[i]) ** 2 / 8 > slack.max()).any():
             return True
     return False
@@ -100,13 +101,20 @@ def _part_along(wrap: Wrap, shape: Shape, s: Array, gaps: Array) -> str:
     if not runs.size or (longest := runs[np.argmax(np.diff(runs))])[0] == longest[1]:
         return "In that shape no part of it lies along the obstacle."
     first, last = longest
-    places = np.linspace(s[first], s[last], _LOOKS)
-    normals = wrap.obstacle.gradient(shape.position(places))
-    half = np.linalg.norm(np.diff(normals, axis=0), axis=1) / 2
-    turns = 2 * np.arcsin(np.minimum(half, 1.0)).sum() / (2 * np.pi)
+    turns = turned(shape, wrap.obstacle, np.linspace(s[first], s[last], _LOOKS))[-1]
     where = f"{1e3 * s[first]:.4g} to {1e3 * s[last]:.4g} mm"
     size = f"a length of {1e3 * (s[last] - s[first]):.3g} mm or {turns:.2g} turns"
     return f"In that shape the part from {where} lies along the obstacle, {size}."
+
+
+def turned(shape: Shape, obstacle: Obstacle, s: Array) -> Array:
+    """Return the turns round an obstacle from the first of arc lengths (n,) [m] to each (n,).
+
+    By how much the obstacle's normal rotates along the arm, over 2 pi.
+    """
+    normals = obstacle.gradient(shape.position(s))
+    half = np.linalg.norm(np.diff(normals, axis=0), axis=1) / 2
+    return np.append(0.0, np.cumsum(np.arcsin(np.minimum(half, 1.0)) / np.pi))
 
 
 def curvature_along(wrap: Wrap, shape: Shape, s: Array, gap: float = 0.0) -> Array:

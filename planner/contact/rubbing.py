@@ -16,7 +16,7 @@ from scipy.linalg import qr
 from scipy.optimize import lsq_linear, minimize
 
 from model.contact.forward import TouchingMap
-from model.contact.rubbed import led
+from model.contact.friction import path_sensitivities
 from model.equilibrium.equilibrium import Collocated
 from model.equilibrium.forward import STAGES
 from model.equilibrium.linearised import Linearised
@@ -47,15 +47,16 @@ class Sliding:
         mesh = (STAGES, _MESH, self.stations, task.machine_code)
         self._map = TouchingMap(arm, task.scene, *mesh)
         smooth, T = TouchingMap(arm, without_friction(task.scene), *mesh), np.array(begin[0])
-        known: Collocated = smooth.equilibrium(T)
+        begin_at: Collocated = smooth.equilibrium(T)
         for after in map(np.array, begin[1:]):
-            known, T = Collocated(self._at(after, T, known), _MESH), after
-        self.begin, self._known = T, known
+            begin_at, T = Collocated(self._at(after, begin_at)[0], _MESH), after
+        self.begin, self._begin_at = T, begin_at
         self._last: tuple[Array, tuple[Array, Array, int]] | None = None
 
-    def _at(self, tensions: Array, before: Array, known: Collocated) -> Linearised:
-        way = self._map.led(tensions, before, known, False)
-        return led(way.way) if way.way else way.settled.here
+    def _at(self, tensions: Array, before: Collocated) -> tuple[Linearised, Array]:
+        """Return the equilibrium that a straight line of tensions leads to, and its dx/dT."""
+        end = self._map.led(tensions, before, False)
+        return end.settled.here, path_sensitivities(end.path)
 
     @cached_property
     def _terms(self) -> ca.Function:
@@ -74,7 +75,7 @@ class Sliding:
             return self._last[1]
         check_time()
         try:
-            here = self._at(tensions, self.begin, self._known)
+            here, by_tensions = self._at(tensions, self._begin_at)
         except OctoplanError:
             if self._last is None:
                 raise
@@ -83,12 +84,12 @@ class Sliding:
         system = here.system
         nodes = [system.mesh.node(s) for s in self.stations]
         places = system.of.nodes[nodes, :POSE]
-        given = [target.parameters(self.task.arm) for target in self.task.targets]
-        own = [np.array(v) for v in self._terms(here.states[places].T, np.concatenate(given))]
-        J = np.vstack(own[2:]) @ here.by_tensions[places.ravel()]
-        found = np.vstack(own[:2]).ravel(), J, own[0].size
-        self._last = tensions.copy(), found
-        return found
+        numbers = [target.parameters(self.task.arm) for target in self.task.targets]
+        parts = [np.array(v) for v in self._terms(here.states[places].T, np.concatenate(numbers))]
+        J = np.vstack(parts[2:]) @ by_tensions[places.ravel()]
+        rows = np.vstack(parts[:2]).ravel(), J, parts[0].size
+        self._last = tensions.copy(), rows
+        return rows
 
     def solve(self, start: Array) -> Array:
         """Return the tensions that steps lead to.
@@ -105,8 +106,8 @@ class Sliding:
         def part(kind: str, k: int) -> dict[str, object]:
             def own(x: Array) -> Array:
                 values, J, n = self.rows(unit * x)
-                found = (values, unit * J)[k]
-                return found[apart] if kind == "eq" else found[n:]
+                solution = (values, unit * J)[k]
+                return solution[apart] if kind == "eq" else solution[n:]
 
             return {"type": kind, "fun": own} if k == 0 else {"jac": own}
 
@@ -117,7 +118,7 @@ class Sliding:
         bounds = list(
             zip(np.array(allowed.lower) / unit, np.array(allowed.upper) / unit, strict=True)
         )
-        found = minimize(
+        solution = minimize(
             lambda x: (x @ x / 2, x),
             start / unit,
             jac=True,
@@ -126,9 +127,9 @@ class Sliding:
             method="SLSQP",
             options={"ftol": 1e-14, "maxiter": 60},
         )
-        return np.asarray(np.clip(unit * found.x, allowed.lower, allowed.upper))
+        return np.asarray(np.clip(unit * solution.x, allowed.lower, allowed.upper))
 
-    def lacks(self, tensions: Array) -> float:
+    def violation(self, tensions: Array) -> float:
         """Return by how much targets are missed."""
         values, _, n = self.rows(tensions)
         return float(np.abs(values[:n]).max(initial=0) + np.maximum(-values[n:], 0).max(initial=0))
@@ -140,14 +141,14 @@ class Sliding:
         low = np.flatnonzero(tensions <= np.array(allowed.lower) + _ACTIVE * unit)
         high = np.flatnonzero(tensions >= np.array(allowed.upper) - _ACTIVE * unit)
         tight, eye = n + np.flatnonzero(values[n:] < _ACTIVE), np.eye(tensions.size)
-        held = np.vstack([unit * J[:n], -unit * J[tight], -eye[low], eye[high]])
-        least = np.append(np.full(n, -np.inf), np.zeros(len(held) - n))
-        x, lam = tensions / unit, np.zeros(len(held))
+        active = np.vstack([unit * J[:n], -unit * J[tight], -eye[low], eye[high]])
+        least = np.append(np.full(n, -np.inf), np.zeros(len(active) - n))
+        x, lam = tensions / unit, np.zeros(len(active))
         with np.errstate(invalid="ignore"):
-            lam = lsq_linear(held.T, -x, (least, np.inf)).x
-        off = np.abs(x + held.T @ lam).max() / (1 + np.abs(lam).max(initial=0.0))
+            lam = lsq_linear(active.T, -x, (least, np.inf)).x
+        off = np.abs(x + active.T @ lam).max() / (1 + np.abs(lam).max(initial=0.0))
         ends = n + tight.size
-        return float(off), lam[ends:] @ held[ends:]
+        return float(off), lam[ends:] @ active[ends:]
 
 
 def against_friction(
@@ -163,13 +164,13 @@ def against_friction(
             for share in SLID[: task.starts]:
                 try:
                     T = sliding.solve(np.maximum(start + share * (smooth - start), low))
-                    lacks = sliding.lacks(T)
+                    violation = sliding.violation(T)
                 except OctoplanError:
                     continue
-                met = lacks < task.accuracy
+                met = violation < task.accuracy
                 trials.append(Trial(float(np.linalg.norm(T)), met, 0))
-                if best is None or (not met, lacks * (not met), np.linalg.norm(T)) < best[0]:
-                    best = (not met, lacks * (not met), np.linalg.norm(T)), T
+                if best is None or (not met, violation * (not met), np.linalg.norm(T)) < best[0]:
+                    best = (not met, violation * (not met), np.linalg.norm(T)), T
         except OutOfTime:
             stopped = True
         if best is None:

@@ -3,27 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from math import isfinite
 from time import monotonic
 
 import numpy as np
 
+from model.contact.forward import TouchingMap
+from model.equilibrium.forward import STAGES, Collocation
 from model.equilibrium.linearised import Linearised
-from model.errors import OctoplanError
-from model.loads import without_friction
+from model.errors import InputError, OctoplanError
+from model.loads import contacts, is_loaded, without_friction
 from model.paths import Array
 from model.progress import tell
+from model.scene import Scene
 from model.shape import Shape
 from model.time_limit import OutOfTime, check_time, end, time_limit
 from planner.contact.exchange import Exchange, Optimum
-from planner.contact.guesses import guesses
 from planner.contact.load_path import LoadPath, rubs
+from planner.contact.program import Program
 from planner.contact.rubbing import Sliding, against_friction
+from planner.initial_guess.bend_coordinates import bend_coordinates
+from planner.initial_guess.guesses import initial_guesses
+from planner.initial_guess.many_places import many_places
 from planner.program.limits import natural_tensions
 from planner.program.statement import Mode
+from planner.program.terms import compliance_requests, stations_of
 from planner.solve.search_result import SearchResult, Trial
 from planner.solve.task import Task
+from planner.targets.base import Target
+from planner.targets.hold import Hold
+from planner.targets.wrap import Wrap
 
 # Meshes on which optima are searched for, and the best is found; which are one, by their efforts.
 ROUGH, FINE, _SAME = 1, 2, 1e-3
@@ -33,6 +44,39 @@ _SEARCHED = 0.6
 _FLOOR = 1e-2
 # How far the tip may be from where a load path leads, over the arm's length.
 _ELSEWHERE = 1e-2
+# Products of forces and gaps that are allowed, one after the other; the mesh.
+_RELAXED, _MESH = (1e-1, 1e-3), 3
+# Bends towards targets, in natural tensions, and towards what is held, harder and harder.
+_BENDS, _HARDER = (0.3, 1.0, 2.0), 0.25 * 1.5 ** np.arange(8)
+# Arms that are drawn, and those that are tried, no deeper in what they hold, over their length.
+_DRAWN, _TRIED, _DEEP = 3000, 8, 0.2
+
+
+def check_contact(task: Task, avoids: bool) -> None:
+    """Raise InputError for what is not stated in scenes with contact."""
+    if compliance_requests(task.targets):
+        raise InputError("target", "a stiffness", "shapes alone, in a scene with contact")
+    if task.statement.norm != "2":
+        raise InputError("norm", task.statement.norm, '"2", in a scene with contact')
+    if rubs(task.scene) and any(isinstance(target, Hold | Wrap) for target in task.targets):
+        allowed = "places and poses alone where contacts have friction; 0 for holds and wraps"
+        raise InputError("Contact.friction", "above 0", allowed)
+    if avoids:
+        allowed = "none in a scene with contact: there they are effects"
+        raise InputError("obstacles", "given", allowed)
+    if task.limits.strokes is not None:
+        raise InputError("stroke_max", "given", "none in a scene with contact")
+    # Refuses an arm that is inside of an obstacle at rest, which every start would meet.
+    TouchingMap(task.arm, task.scene, STAGES, ROUGH)
+
+
+def check_holds(targets: tuple[Target, ...], scene: Scene) -> None:
+    """Raise InputError for what is held and is no contact of the scene."""
+    bodies = [contact.obstacle for contact in contacts(scene)]
+    for target in targets:
+        if isinstance(target, Hold) and target.obstacle not in bodies:
+            allowed = "an obstacle that the scene has as a Contact"
+            raise InputError("Hold.obstacle", target.obstacle, allowed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,12 +142,14 @@ class ContactSearch:
         close = _SAME * float(np.max(natural_tensions(self.task.arm)))
         for tried, (before, T) in enumerate(self._begun(rough), 1):
             tell("initial guesses", tried - 1, self.task.most)
-            known = [own for begun, own in ends if np.abs(begun - T).max() < close]
-            own = known[0] if known else self._from(rough, (*before, tuple(T.tolist())))
-            ends.append((T, own))
-            if own is not None:
-                self.found.append(own)
-            met = sorted(one.optimum.effort for one in self.found if not one.optimum.lacks)
+            tried_before = [local for begin, local in ends if np.abs(begin - T).max() < close]
+            local = (
+                tried_before[0] if tried_before else self._from(rough, (*before, tuple(T.tolist())))
+            )
+            ends.append((T, local))
+            if local is not None:
+                self.found.append(local)
+            met = sorted(one.optimum.effort for one in self.found if not one.optimum.violation)
             agreed = len(met) > 1 and met[1] < met[0] * (1 + _SAME)
             followed = self.begin is not None and tried == len(met) == 1
             if followed or (agreed and self.task.starts is None) or tried == self.task.most:
@@ -121,22 +167,24 @@ class ContactSearch:
             here = rough.along(load_path)
         except OctoplanError:
             return None
-        margin, own = self.task.statement.margin, rough.optimum(here)
-        snaps = own is None or (not own.lacks and not rough.stands(own))
-        held = rough.optimum(here, max(margin, _FLOOR)) if snaps else None
-        own = held if held is not None else own
-        return None if own is None else Local(own, load_path[:-1])
+        margin, optimum = self.task.statement.margin, rough.optimum(here)
+        snaps = optimum is None or (not optimum.violation and not rough.is_stable(optimum))
+        stable = rough.optimum(here, max(margin, _FLOOR)) if snaps else None
+        optimum = stable if stable is not None else optimum
+        return None if optimum is None else Local(optimum, load_path[:-1])
 
     def _best(self) -> Local | None:
         """Return the best optimum on the fine mesh to which a load path leads."""
-        order = sorted(self.found, key=lambda own: (own.optimum.lacks, own.optimum.effort))
+        order = sorted(
+            self.found, key=lambda local: (local.optimum.violation, local.optimum.effort)
+        )
         fine = Exchange(self.task, FINE) if order else None
         for rough in order:
             assert fine is not None
             for path in rough.load_paths():
-                own = self._on_fine(fine, rough, path)
-                if own is not None:
-                    return own
+                local = self._on_fine(fine, rough, path)
+                if local is not None:
+                    return local
         return order[0] if order else None
 
     def _on_fine(self, fine: Exchange, rough: Local, path: LoadPath) -> Local | None:
@@ -144,30 +192,32 @@ class ContactSearch:
         old, far = rough.optimum, _ELSEWHERE * self.task.arm.length
         try:
             start = fine.along((*path, old.steps[-1]))
-            own = fine.optimum(start, old.least) if _apart(start, old.here) < far else None
-            if own is None or bool(own.lacks) != bool(old.lacks):
+            optimum = fine.optimum(start, old.least) if _apart(start, old.here) < far else None
+            if optimum is None or bool(optimum.violation) != bool(old.violation):
                 return None
-            there = fine.along((*path, own.steps[-1]))
+            there = fine.along((*path, optimum.steps[-1]))
         except OctoplanError:
             return None
-        return Local(own, path) if _apart(there, own.here) < far else None
+        return Local(optimum, path) if _apart(there, optimum.here) < far else None
 
     def _result(self, best: Local | None, stopped: bool) -> SearchResult:
         """Return what is told of the best; of where the search began where there is none."""
-        ends = [own.optimum for own in self.found]
-        trials = tuple(Trial(own.effort, not own.lacks, 0) for own in ends)
-        exact = best is not None and not best.optimum.lacks
+        ends = [local.optimum for local in self.found]
+        trials = tuple(Trial(optimum.effort, not optimum.violation, 0) for optimum in ends)
+        exact = best is not None and not best.optimum.violation
         mode: Mode = "exact" if exact else "nearest"
         statement = self.task.statement.but(mode=mode, refinement=FINE)
         if best is None:
             *way, last = self.begin or (self.task.allowed.lower,)
             T = self.task.arm.by_section(np.array(last))
             return SearchResult(statement, T, (), (), trials, stopped, load_path=tuple(way))
-        own = best.optimum
-        lam_g = (own.optimality.lam_stability,) if own.least else ()
-        statement = statement.but(modes=int(own.least > 0), floor=own.least or statement.floor)
-        T = self.task.arm.by_section(np.clip(own.here.tensions, *self._limits))
-        lam_x = tuple(own.optimality.lam_bounds.tolist())
+        optimum = best.optimum
+        lam_g = (optimum.optimality.lam_stability,) if optimum.least else ()
+        statement = statement.but(
+            modes=int(optimum.least > 0), floor=optimum.least or statement.floor
+        )
+        T = self.task.arm.by_section(np.clip(optimum.here.tensions, *self._limits))
+        lam_x = tuple(optimum.optimality.lam_bounds.tolist())
         return SearchResult(statement, T, lam_x, lam_g, trials, stopped, load_path=best.before)
 
     @property
@@ -194,3 +244,95 @@ def optimality_of(task: Task, tensions: Array, shape: Shape, load_path: LoadPath
         return fine.optimality(here, task.statement.least * task.statement.modes).residual
     except OctoplanError:
         return np.inf
+
+
+def guesses(task: Task, exchange: Exchange) -> Iterator[Array]:
+    """Yield tensions (n_tendons,) [N], the likeliest first."""
+    towards = _towards(task)
+    if any(isinstance(target, Hold) for target in task.targets):
+        yield from _pressing(task, exchange, towards)
+        return
+    yield from _relaxed(task)
+    yield from (share * own for own in towards for share in _BENDS)
+
+
+def _relaxed(task: Task) -> Iterator[Array]:
+    """Yield the tensions of optima by complementarity, from the guesses of a free arm."""
+    smooth = without_friction(task.scene)
+    form = (STAGES, _MESH, stations_of(task.arm, task.targets), True, task.machine_code)
+    free = Collocation(task.arm, smooth, *form)
+    program = Program(free.system, task.targets, task.allowed)
+    asked = task.arm, task.simple.scene, task.targets, task.allowed, task.machine_code
+    for T in initial_guesses(*asked, is_loaded(task.simple.scene)):
+        check_time()
+        with suppress(OctoplanError):
+            z = program.guess(T, free.without_loads(T))
+            for eps in _RELAXED:
+                point = program.solve(z, eps)
+                if not point.met:
+                    break
+                z = point.x
+            else:
+                yield program.tensions(z)
+
+
+def _pressing(task: Task, exchange: Exchange, towards: list[Array]) -> Iterator[Array]:
+    """Yield tensions of arms that press on what they hold."""
+    low, high = np.array(task.allowed.lower), np.array(task.allowed.upper)
+    holds = [target for target in task.targets if isinstance(target, Hold)]
+    yield from (
+        _pressed(exchange, [np.clip(c * natural, low, high) for c in _HARDER])
+        for natural in towards
+    )
+    for hold in holds:
+        yield from _reaching(task, hold)
+
+
+def _pressed(exchange: Exchange, row: list[Array]) -> Array:
+    """Return those of growing tensions that leave least of the wrenches, up to where it snaps."""
+    trials, here = [(np.inf, row[0])], None
+    with suppress(OctoplanError):
+        for T in row:
+            check_time()
+            here = exchange.settled(T, here)
+            trials.append((exchange.wrench_left(here), T))
+    return min(trials, key=lambda trial: trial[0])[1]
+
+
+def _reaching(task: Task, hold: Hold) -> list[Array]:
+    """Return tensions of arms without loads that free would reach into what is held.
+
+    First those that would be pressed apart from it along what balances the wrench, within the cone
+    of friction; of these the least tensions first.
+    """
+    arm, body = task.arm, hold.obstacle
+    tendons = frozenset(j for j in range(arm.n_tendons) if task.allowed.upper[j] > 0)
+    bends = bend_coordinates(arm, tendons, task.allowed)
+    tensions = bends.tensions(bends.draw(_DRAWN))
+    points, radius = many_places(arm, task.simple.scene, tensions, task.machine_code)
+    gap = body.distance(points.reshape(-1, 3)).reshape(points.shape[:2]) - radius
+    gap[np.isnan(gap)] = np.inf
+    deepest = gap.argmin(axis=1)
+    depth = -gap[np.arange(_DRAWN), deepest]
+    reach = np.flatnonzero((depth > 0) & (depth < _DEEP * arm.length))
+    force = np.array(hold.wrench[:3])
+    against = body.gradient(points[reach, deepest[reach]]) @ force if reach.size else np.zeros(0)
+    against = against / max(float(np.linalg.norm(force)), 1e-300)
+    effort = np.linalg.norm(tensions[reach], axis=1)
+    within = np.minimum(against, 1 / np.hypot(1.0, hold.friction)).round(1)
+    return [tensions[i] for i in reach[np.lexsort((effort, -within))][:_TRIED]]
+
+
+def _towards(task: Task) -> list[Array]:
+    """Return the natural tensions of the tendons on the sides of what targets are about."""
+    arm, tensions = task.arm, list[Array]()
+    natural = np.minimum(natural_tensions(arm), np.array(task.allowed.upper))
+    frame = np.array(arm.base_frame)
+    angles = np.array([phi for _, phi in arm.tendons])
+    for target in task.targets:
+        point = target.guess_towards(arm)
+        if point is not None:
+            n, b = (point - np.array(arm.base_position)) @ frame[:, 1:]
+            along = (np.cos(angles) * n + np.sin(angles) * b) / max(np.hypot(n, b), 1e-12)
+            tensions.append(natural * np.maximum(along, 0.0))
+    return tensions

@@ -15,19 +15,18 @@ from model.effects import Contact
 from model.errors import InputError
 from model.loads import contacts
 from model.obstacles import Obstacle
-from model.paths import Array
 from model.scene import Scene
-from model.shape import Shape
 from model.time_limit import OutOfTime, end
 from planner.answer import Answer
 from planner.avoidance.asked import Surroundings
+from planner.contact.remarks import turned
 from planner.solve.task import Task
 from planner.targets.base import Target
 from planner.targets.wrap import Wrap
 
 # Plans with which a part's length is found, how much longer than is thought they make it, and what
-# is to spare.
-_ROUNDS, _LONGER, _SPARE = 4, 0.03, 5e-3
+# is to spare; arc lengths at which turns are taken.
+_ROUNDS, _LONGER, _SPARE, _SAMPLES = 4, 0.03, 5e-3, 201
 # The share of a time limit for plans beside what the arm may lean on.
 _SHARE = 0.25
 P = TypeVar("P", bound=Answer)
@@ -97,26 +96,15 @@ def with_turns(
         if found.mode != "exact" or found.stopped:
             break
         try:
-            s, turns = turns_beyond(found.shape, wrap.obstacle, arm.length - length)
+            s = np.linspace(arm.length - length, arm.length, _SAMPLES)
+            turns = turned(found.shape, wrap.obstacle, s)
         except OutOfTime:
             break
-        if turns[0] >= wrap.turns:
-            start = float(np.interp(-wrap.turns, -turns, s))
+        if turns[-1] >= wrap.turns:
+            start = float(np.interp(turns[-1] - wrap.turns, turns, s))
             break
-        if turns[0] <= 0:
+        if turns[-1] <= 0:
             break
-        start = max(arm.length - length * wrap.turns / float(turns[0]), 0.0)
+        start = max(arm.length - length * wrap.turns / float(turns[-1]), 0.0)
     length = min((arm.length - start) * (1 + _SPARE), arm.length)
     return planned(stated(replace(wrap, start=arm.length - length)), found)
-
-
-def turns_beyond(shape: Shape, obstacle: Obstacle, start: float) -> tuple[Array, Array]:
-    """Return arc lengths (n,) from a start to the tip [m], and the turns from each on (n,).
-
-    By how much the obstacle's normal rotates along the arm up to the tip, over 2 pi.
-    """
-    s = np.linspace(start, shape.arm.length, 201)
-    normals = obstacle.gradient(shape.position(s))
-    half = np.linalg.norm(np.diff(normals, axis=0), axis=1) / 2
-    turns = 2 * np.arcsin(np.minimum(half, 1.0)) / (2 * np.pi)
-    return s, np.append(np.cumsum(turns[::-1])[::-1], 0.0)

@@ -10,8 +10,8 @@ from scipy.optimize import root
 
 from model import Arm, Scene, Shape, settle
 from model.contact.forward import Touching, TouchingMap
-from model.contact.path import Followed
-from model.contact.rubbed import led
+from model.contact.friction import path_sensitivities
+from model.contact.path import Continuation
 from model.contact.touches import Touches, forces, frictions, resultants
 from model.effects import Contact, Effect, ExactTendons, Extension, NeoHookean, TipLoad
 from model.equilibrium.forward import STAGES
@@ -161,7 +161,7 @@ def strip(refinement: int) -> Capstan:
         for mu in (0.0, MU)
     )
     rest = smooth.equilibrium(NONE)
-    here = rough.led(np.full(4, PULL), NONE, rest).settled.here
+    here = rough.led(np.full(4, PULL), rest).settled.here
     system, states = here.system, here.states
     touches = Touches.of(system)
     k = np.flatnonzero((touches.held | touches.inside)[:, 0])
@@ -285,15 +285,16 @@ def test_a_place_that_slips_moves_with_tensions_as_all_of_its_way_does() -> None
     rough, smooth = (TouchingMap(arm, own, STAGES, 1) for own in (scene, without_friction(scene)))
     rest = smooth.equilibrium(NONE)
 
-    def way(tensions: np.ndarray) -> Followed:
-        return rough.led(tensions, NONE, rest, False)
+    def way(tensions: np.ndarray) -> Continuation:
+        return rough.led(tensions, rest, False)
 
     def tip(here: Linearised) -> np.ndarray:
         return here.states[here.system.of.nodes[-1, 4:7]]
 
-    found, h = led(way(T).way), 1e-5
+    here, h = way(T).settled.here, 1e-5
+    by_tensions = path_sensitivities(way(T).path)
     for k in range(2):
         ends = [tip(way(T + sign * h * np.eye(4)[k]).settled.here) for sign in (1, -1)]
         slope = (ends[0] - ends[1]) / (2 * h)
-        off = found.by_tensions[found.system.of.nodes[-1, 4:7], k] - slope
+        off = by_tensions[here.system.of.nodes[-1, 4:7], k] - slope
         assert np.abs(off).max() < 0.02 * np.abs(slope).max()
