@@ -19,6 +19,7 @@ from model import (
     settle_many,
 )
 from model.effects import Effect, ExactTendons, Extension, Friction, TipLoad, Weight
+from model.stations import stations, tendon_path_rates
 from model.winches import rest_lengths
 
 L, R, Y, E, NU = 0.2, 0.01, 0.006, 150e3, 0.5
@@ -136,3 +137,18 @@ def test_a_turn_that_is_nothing_changes_nothing() -> None:
     plain = settle(_arm(None), [0.5, 1.0], scene)
     turned = settle(_arm(Linear(0.0, 0.0)), [0.5, 1.0], scene)
     assert np.allclose(plain.tip, turned.tip, rtol=0, atol=1e-15)
+
+
+def test_rates_of_a_path_that_tapers_and_turns_are_those_of_its_closed_form() -> None:
+    # Y = y (cos, sin)(ANGLE + phi): Y'' has y' phi' twice, which friction's bends are made of.
+    a, b, c = Y, -0.4 * Y / L, TURN / L
+    anchorage = Anchorage(L, Linear(Y, 0.6 * Y), (ANGLE, ANGLE + 1.0), TURNING)
+    arm = Arm(L, Linear(R, R), (anchorage,), Material(E, NU))
+    s = np.array([0.03, 0.11])
+    at = stations(arm, s, np.ones(2, dtype=int))
+    found = tendon_path_rates(arm, at, np.arange(2), np.zeros(2, dtype=int)).reshape(2, 2, -1)
+    path = (a + b * s) * np.exp(1j * (ANGLE + c * s))
+    rate = b * np.exp(1j * (ANGLE + c * s)) + 1j * c * path
+    curve = 2j * b * c * np.exp(1j * (ANGLE + c * s)) - c**2 * path
+    for own, wanted in zip(found, (rate, curve), strict=True):
+        assert np.allclose(own, [wanted.real, wanted.imag], rtol=1e-12, atol=1e-15)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from model import Anchorage, Arm, Linear, Material, Scene, settle
-from model.effects import ExactTendons, Friction, TipLoad
+from model.effects import ExactTendons, Extension, Friction, TipLoad
 from model.winches import rest_lengths
 from tests.lengths.cases import EXACT, check_complementary, cylinder
 
@@ -137,3 +137,21 @@ def test_lengths_at_rest_take_no_tension_at_all() -> None:
     arm = Arm.from_paper("table-2")
     shape = settle(arm, scene=Scene(ExactTendons()), lengths=rest_lengths(arm))
     assert not shape.tensions.any()
+
+
+@pytest.mark.parametrize("scene", [Scene(Extension()), EXACT], ids=["paper", "exact"])
+def test_a_tendon_is_as_long_as_the_curve_through_its_holes(scene: Scene) -> None:
+    """Chords between u + y (n cos + b sin), where offsets taper: twice as many err by a quarter."""
+    arm, T = Arm.from_paper("table-4"), np.zeros(12)
+    T[[2, 5, 10]] = 0.3, 1.0, 2.0
+    shape = settle(arm, T, scene, 1e-10)
+    for j, ((section, angle), path) in enumerate(zip(arm.tendons, arm.offset_of, strict=True)):
+        end, sums = arm.sections[section].at, []
+        for count in (400, 800):
+            s = np.linspace(0, end, count + 1)
+            y = arm.offset_paths[path][1].evaluate(s, end)[0][:, None]
+            _, n, b = np.moveaxis(shape.frame(s), 2, 0)
+            x = shape.position(s) + y * (n * np.cos(angle) + b * np.sin(angle))
+            sums.append(np.linalg.norm(np.diff(x, axis=0), axis=1).sum())
+        length = sums[1] + (sums[1] - sums[0]) / 3
+        assert shape.tendon_lengths.ravel()[j] == pytest.approx(length, abs=2e-8 * arm.length)
