@@ -1,5 +1,7 @@
 """Contact forces that balance a wrench on an object."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from planner import plan
 from planner.io.saved_files import load_plan
 from planner.plan import HeldPlan
 from planner.targets import Hold
+from planner.targets.hold import WRENCH
 from tests.contact.cases import bar
 
 ARM = bar(0.3, 0.006, 2e5)
@@ -112,3 +115,18 @@ def test_a_hold_whose_friction_is_just_enough_is_an_optimum_at_the_edge_of_its_c
     p = plan(ARM, Hold(ROD, wrench(ASIDE), 0.28), SCENE, 50.0, starts=1)
     assert p.reached, p.outcome
     assert p.effort > 0.582
+
+
+def test_a_moment_that_no_force_at_a_point_has_is_left_over_a_tenth_of_the_arm(
+    held: HeldPlan,
+) -> None:
+    [grip] = held.grips
+    force, center = -grip.normal - grip.tangential, np.array([0.2, 0.0, -0.04])
+    radial = (grip.point - center) / np.linalg.norm(grip.point - center)
+    for more in (0.0, 1e-4):
+        moment = np.cross(grip.point - center, force) + more * radial
+        asked = Hold(ROD, (*force.tolist(), *moment.tolist()), FRICTION)
+        found = replace(held, targets=(asked,)).certificate
+        size = np.linalg.norm([*force, *moment / (0.1 * ARM.length)])
+        left = more / (0.1 * ARM.length) * np.abs(radial).max() / size
+        assert found.equality[WRENCH] == pytest.approx(left, rel=1e-4, abs=1e-6)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from model import Arm
-from planner import plan
+from planner import Limits, plan
 from planner.certificate import COMPLEMENTARY, KKT_TOLERANCE, STABILITY_TOLERANCE
 from planner.on_request import OnRequest
 from planner.targets import TipPosition
@@ -38,11 +38,18 @@ def test_a_tension_changed_by_a_thousandth_fails(j: int) -> None:
     assert "Not certified" in spoilt.outcome
 
 
-def test_a_tension_above_its_maximum_fails() -> None:
-    from planner import Limits
-
-    tight = replace(PLAN, limits=Limits.of(ARM, PLAN.tensions.max() * 0.999))
-    assert any("limit" in failure for failure in tight.certificate.failures)
+@pytest.mark.parametrize(
+    "limits",
+    [
+        Limits.of(ARM, PLAN.tensions.max() * 0.999),
+        Limits.of(ARM, 20.0, PLAN.tensions.ravel() + 1e-9),
+        Limits.of(ARM, 20.0, total=PLAN.tensions.sum() * 0.999),
+    ],
+    ids=["above a maximum", "below a minimum", "above the total"],
+)
+def test_tensions_outside_of_their_limits_fail(limits: Limits) -> None:
+    tight = replace(PLAN, limits=limits)
+    assert any("tension limit violated" in failure for failure in tight.certificate.failures)
 
 
 def test_a_plan_that_meets_its_target_with_needless_effort_fails_as_not_optimal() -> None:
@@ -103,6 +110,8 @@ def test_each_check_fails_just_above_its_tolerance_and_passes_just_below(name: s
 
 def test_a_limit_may_not_be_passed_by_any_amount() -> None:
     assert not replace(SOUND, bounds=1e-15).passed
+    assert replace(SOUND, stability=0.0).passed
+    assert not replace(SOUND, stability=-1e-12).passed
     near = replace(SOUND, gaps_asked={"a ball": 0.0019}, least_gaps={"a ball": 0.002})
     assert not near.passed
 
