@@ -13,12 +13,12 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
-from model import Arm, InputError, Scene
+from model import Arm, Scene
 from model.errors import FileError
 from planner.fit.calibrate import calibrate
 from planner.fit.calibration import Calibration
@@ -28,10 +28,10 @@ from planner.fit.making import Objective
 from planner.fit.measured import Measured
 from planner.fit.unknowns import MM, Unknown
 from planner.io.codec import in_si, value_of
+from planner.io.mistakes import told_in
 from planner.io.scene_file import converted, decoded, scene_beside, text_of
 from planner.io.scene_tables import CalibrationFile, DesignFile, PointTable, UnknownTable
 
-R = TypeVar("R")
 _UNKNOWNS = """
 [[unknowns]]
 key = "arm.E_kPa"
@@ -89,34 +89,19 @@ def run_design(path: str | Path) -> Design:
         raise FileError(name, "limits", told)
     unknowns, most = _unknowns(file.unknowns, name), asked.options.get("tension_max", math.inf)
 
-    def run() -> Design:
+    with told_in(name, ""):
         objective: Objective = "effort" if file.objective is None else value_of(file.objective)
         tasks, making = [value_of(own) for own in file.tasks], value_of(file.making)
         given = asked.arm, tasks, unknowns, asked.scene, most
         return design(*given, making=making, objective=objective)
 
-    return _within(name, "", run)
-
 
 def _unknowns(tables: Sequence[UnknownTable], name: str) -> tuple[Unknown, ...]:
-    def unknown(own: UnknownTable) -> Unknown:
-        key = tuple(own.key) if isinstance(own.key, list) else own.key
-        return Unknown(key, own.lower, own.upper, own.prior, own.session)
-
-    return tuple(
-        _within(name, f"unknowns[{i}]", lambda own=own: unknown(own))  # type: ignore[misc]
-        for i, own in enumerate(tables)
-    )
-
-
-def _within(name: str, where: str, function: Callable[[], R]) -> R:
-    """Return what a function does; what is wrong is told with the file and the place in it."""
-    try:
-        return function()
-    except FileError:
-        raise
-    except InputError as reason:
-        raise FileError.of(reason, name, where) from None
+    found = []
+    for i, own in enumerate(tables):
+        with told_in(name, f"unknowns[{i}]"):
+            found.append(Unknown(own.key, own.lower, own.upper, own.prior, own.session))
+    return tuple(found)
 
 
 def load_shapes(
@@ -135,10 +120,11 @@ def load_shapes(
     rows = [(line, row) for line, row in enumerate(reader, 2) if any(row)]
     if not rows:
         raise FileError(name, "", "no shapes; a line of names, then a shape a line")
-    return tuple(
-        _within(name, f"line {line}", lambda line=line, row=row: columns.shape(line, row))  # type: ignore[misc]
-        for line, row in rows
-    )
+    found = []
+    for line, row in rows:
+        with told_in(name, f"line {line}"):
+            found.append(columns.shape(line, row))
+    return tuple(found)
 
 
 class _Columns:

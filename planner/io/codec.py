@@ -236,7 +236,7 @@ def read(hint: Any, value: Any, key: str = "", unit: str | None = "") -> Any:
         inner = unit if unit is None else unit_of_type(hint) or unit
         return read(inside[0], value, key, inner)
     if is_union(hint):
-        return read(_chosen(inside, value), value, key, unit)
+        return read(_chosen(inside, value, unit), value, key, unit)
     if type(value) in READ:
         return value_of(value)
     if hint is float and isinstance(value, str):
@@ -253,10 +253,13 @@ def read(hint: Any, value: Any, key: str = "", unit: str | None = "") -> Any:
     return in_si(value, unit)
 
 
-def _chosen(kinds: tuple[Any, ...], value: Any) -> Any:
-    """Return which of several annotations a value is of: lists of paths hold lists or samples."""
+def _chosen(kinds: tuple[Any, ...], value: Any, unit: str | None) -> Any:
+    """Return which of several annotations a value is of: lists of paths hold lists or samples.
+
+    In SI units paths are no lists.
+    """
     if Path in kinds and isinstance(value, list | tuple):
-        several = any(not isinstance(own, float | int) for own in value)
+        several = unit is None or any(not isinstance(own, float | int) for own in value)
         return next((own for own in kinds if several and own is not Path), Path)
     is_list = isinstance(value, list | tuple)
     fitting = [own for own in kinds if own is not type(None) and _is_list(own) == is_list]

@@ -9,7 +9,7 @@ import platform
 import secrets
 import shutil
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from pathlib import Path
@@ -220,9 +220,11 @@ def to_json(values: Any) -> bytes:
 
 
 def _item(value: Any) -> Any:
-    """Return a number of NumPy's as one of Python's."""
-    if isinstance(value, np.generic):
-        return value.item()
+    """Return numbers of NumPy's as Python's, mappings as dicts."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return dict(value)
     raise TypeError(f"{type(value).__name__} is nothing that JSON can hold")
 
 

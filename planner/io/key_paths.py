@@ -39,6 +39,11 @@ class Kind(NamedTuple):
         return isinstance(self.type, type) and issubclass(self.type, msgspec.Struct)
 
     @property
+    def takes_any_key(self) -> bool:
+        """Whether a table may have further keys: those of other versions."""
+        return self.is_table and not self.type.__struct_config__.forbid_unknown_fields
+
+    @property
     def size(self) -> int | None:
         """How long a list has to be; None of one of any length, and of what is none."""
         items = get_args(self.type) if get_origin(self.type) is tuple else (...,)

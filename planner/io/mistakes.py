@@ -99,7 +99,8 @@ def _wrong_part(whole: _Part) -> _Part:
             known: Any = Literal[tuple(own for _, own in tags)]
             return _part(f"{path}.{tag}", value[tag], known, known)
         named = {tag, *chain(*(own.keys for own in kinds))}
-        items = value.items() if named >= value.keys() and (tag is None or tag in value) else ()
+        all_known = named >= value.keys() or any(own.takes_any_key for own in kinds)
+        items = value.items() if all_known and (tag is None or tag in value) else ()
     elif isinstance(value, list) and any(own.size in (None, len(value)) for own in kinds):
         items = enumerate(value)
     for step, own in items:
@@ -157,7 +158,8 @@ def _wrong_keys(
     known = list(
         dict.fromkeys([*(tag[0] for tag in tags), *(k for own in tables for k in own.keys)])
     )
-    unknown = next((key for key in given if key not in known), None)
+    strict = not any(own.takes_any_key for own in tables)
+    unknown = next((key for key in given if strict and key not in known), None)
     where = f"{path}.".removeprefix(".")
     if unknown is not None:
         elsewhere = places(root, unknown)
@@ -235,7 +237,9 @@ def as_written(reason: InputError, name: str, key: str, part: Any) -> FileError:
     named = [own for own in found if asked in _names(own[0].removeprefix(key))]
     if not named and len(found) != 1:
         return FileError.of(reason, name, key)
-    path, unit, own = (named or found)[0]
+    # Of the same value in several places that one which the field's indices tell.
+    indices = re.findall(r"\[\d+\]", reason.field)
+    path, unit, own = max(named or found, key=lambda own: all(i in own[0] for i in indices))
     return FileError(name, path, f"got {shown(own)}, allowed is {_in(unit, reason.allowed)}")
 
 

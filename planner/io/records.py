@@ -7,7 +7,6 @@ for the unit at its end; what is not, is handed over by name.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Annotated, Any, Literal, TypeVar, get_args, get_type_hints
 
 import msgspec
@@ -41,9 +40,9 @@ def record_of(kind: type[R], of: Any, **others: Any) -> R:
     found = {"schema": schema, "versions": versions()}
     for key in kind.__struct_fields__:
         if key in others:
-            found[key] = simple(others[key])
+            found[key] = others[key]
         elif key not in ("schema", "versions"):
-            found[key] = simple(getattr(of, _attribute(of, key)))
+            found[key] = getattr(of, _attribute(of, key))
     return kind(**found)
 
 
@@ -55,17 +54,6 @@ def _attribute(of: Any, key: str) -> str:
         for unit in _UNITS
         if key.endswith(unit) and hasattr(of, key.removesuffix(unit))
     )
-
-
-def simple(value: Any) -> Any:
-    """Return arrays as lists, numbers of NumPy's as Python's, what is not finite as None."""
-    if isinstance(value, np.ndarray | np.generic):
-        return simple(value.tolist())
-    if isinstance(value, Mapping):
-        return {key: simple(own) for key, own in value.items()}
-    if isinstance(value, list | tuple):
-        return [simple(own) for own in value]
-    return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
 # Shapes, stiffness, motions, effects, exports, sweeps
@@ -197,8 +185,7 @@ class EffectsRecord(Record, kw_only=True):
 def effects_record(switches: Any, accuracy: float) -> EffectsRecord:
     """Return the record of a scene's switched effects."""
     names = EffectRecord.__struct_fields__
-    rows = [EffectRecord(**{name: simple(getattr(own, name)) for name in names})
-            for own in switches]  # fmt: skip
+    rows = [EffectRecord(**{name: getattr(own, name) for name in names}) for own in switches]
     for row in rows:
         row.time_factor = None if row.problem else row.time_factor
     return record_of(EffectsRecord, None, accuracy=accuracy, effects=rows)

@@ -26,7 +26,7 @@ from planner.fit.unknowns import Unknown
 from planner.io.annotations import arguments, choice, hints_of
 from planner.io.codec import READ, struct
 from planner.io.exact import Number, exact, exact_choices, fields_of, plain
-from planner.io.records import Floats, Matrix, Record, Rows, Schema, record_of, simple
+from planner.io.records import Floats, Matrix, Record, Rows, Schema, record_of
 from planner.program.limits import Limits
 from planner.solve.search_result import SearchResult
 from planner.targets import Target
@@ -116,7 +116,7 @@ def plan_record(plan: Any) -> PlanRecord:
     """
     certificate = plan.certificate
     keys = CertificateRecord.__struct_fields__
-    told = {key: simple(getattr(certificate, _RENAMED.get(key, key))) for key in keys}
+    told = {key: getattr(certificate, _RENAMED.get(key, key)) for key in keys}
     found = fields_of(plan, [own for own in arguments(SearchResult) if hasattr(plan, own)])
     avoidance = None if plan.avoidance is None else plain(plan.avoidance)
     return record_of(
@@ -226,7 +226,7 @@ def calibration_record(of: Any) -> CalibrationRecord:
     rows = zip(of.unknowns, of.values, of.std.tolist(), strict=True)
     fit = {"loss": of.weights.loss, "absolute_std": of.weights.absolute}
     named = ("values", "noise", "refinement", "stages", "error", "astray", "left_out", "stopped")
-    fit |= {name: simple(getattr(of, name)) for name in named}
+    fit |= {name: getattr(of, name) for name in named}
     return record_of(
         CalibrationRecord,
         of,

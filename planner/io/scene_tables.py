@@ -184,7 +184,9 @@ SceneKey = Annotated[
 class UnknownTable(Table, frozen=True):
     """A number to be found; see planner.Unknown."""
 
-    key: Annotated[str | list[str], Meta(description="key path in the scene file, or several")]
+    key: Annotated[
+        str | tuple[str, ...], Meta(description="key path in the scene file, or several")
+    ]
     lower: Annotated[float, Meta(description="in the key's unit")]
     upper: Annotated[float, Meta(description="in the key's unit")]
     prior: Annotated[

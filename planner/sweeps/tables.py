@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from msgspec import Meta
 
 from model.quantities import Positive
 from planner.io.codec import Table
+from planner.io.scene_tables import SceneKey
 
 Compute = Literal["settle", "plan", "stiffness"]
 Distribution = Literal["uniform", "normal", "log-uniform"]
@@ -49,7 +50,5 @@ class SweepTable(Table, frozen=True):
 class SweepFile(Table, frozen=True):
     """A sweep file: a scene, by its file or as a table, and the sweep."""
 
-    scene: Annotated[
-        str | dict[str, Any], Meta(description="a scene file, from this file's folder; or a table")
-    ]
+    scene: SceneKey
     sweep: SweepTable

@@ -327,3 +327,16 @@ def test_a_plan_of_another_version_is_refused_with_what_to_do(tmp_path: Path) ->
     path.write_text('{"schema": "octoplan plan 2", "question": {}}')
     with pytest.raises(FileError, match="another version of octoplan wrote it: load it there"):
         load_plan(path)
+
+
+def test_a_list_for_a_function_of_arc_length_is_told(reached: Plan, tmp_path: Path) -> None:
+    path = reached.save(tmp_path / "plan.json")
+    table = json.loads(path.read_text())
+    table["question"]["arm"]["sections"][0]["offset"] = []
+    path.write_text(json.dumps(table))
+    with pytest.raises(FileError, match=r"question\.arm: Anchorage\.offset: got '0 paths'"):
+        load_plan(path)
+    del table["question"]
+    path.write_text(json.dumps(table))
+    with pytest.raises(FileError, match=r"question: missing; the file needs it"):
+        load_plan(path)

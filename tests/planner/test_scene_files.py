@@ -232,3 +232,11 @@ def test_what_the_schema_refuses_is_refused(text: str) -> None:
         jsonschema.validate(tomllib.loads(text), SCHEMA)
     with pytest.raises(FileError):
         read(text.encode())
+
+
+def test_of_two_places_of_one_value_the_one_that_is_wrong_is_told() -> None:
+    rows = ", ".join(f"{{ at_mm = {at}, offset_mm = [5, 3] }}" for at in (300, 200, 200))
+    text = f"[arm]\nlength_mm = 300\nradius_mm = [10, 5]\nsections = [{rows}]"
+    with pytest.raises(FileError) as caught:
+        read(text.encode())
+    assert caught.value.where == "arm.sections[2].at_mm"
