@@ -1,20 +1,17 @@
 """Are numbers of an arm recovered from noisy markers, and do their intervals say how well?
 
 Question: of random hanging arms in random scenes whose markers are measured with noise, how often
-does a 95 % interval hold the true number; and where one unknown trades with others, is that told?
+do the 68 and 95 % intervals hold the true numbers, and the joint regions all of them at once? Where
+one unknown trades with others, and where a marker is far off in one shape, is that told?
 
 Assumptions: cones of 0.1 to 0.4 m with one or two sections of two to four tendons; exact tendons
-or the paper's, linear or neo-Hookean, with weight or without; five shapes of three markers, noise
-of 0.1 to 2 mm, the same for all and unknown to the fit, which begins up to 15 % off. Unknowns:
-modulus, offset and angle of the tendons at the tip section's base, a marker's offset, and density
-under weight. The same once more with what all tensions are multiplied by as a further unknown: only
-modulus, and density under weight, can make up for that.
+or the paper's, linear or neo-Hookean; weight, water or a payload or none of them; shapes of three
+markers, noise of 0.1 to 2 mm, the same for all and unknown to the fit, which begins up to 15 % off;
+one to eight of the unknowns of `UNKNOWNS`. Trades: modulus, density under weight, and what all
+tensions are multiplied by, without a payload. Outliers: one marker in one of eight shapes is 30
+standard deviations off; the loss is soft-L1.
 
-Command: python -m studies.recovery [--arms 100] [--seed 0]
-
-Answer: of 600 arms (seeds 0 to 5, each hundred 93.1 to 97.1 %) 95.7 % of the 2704 intervals hold
-the truth, 95 % within the half percent that so many tell; with the unit of tension unknown too,
-what it trades with is named for all 600.
+Command: python -m studies.recovery [--arms 200] [--seed 0] [--cases 40]
 """
 
 from __future__ import annotations
@@ -24,11 +21,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import f as fisher
 
 from model import Anchorage, Arm, Linear, Material, OctoplanError, Scene, settle
-from model.effects import Effect, ExactTendons, Extension, NeoHookean, Weight
-from model.paths import Array
-from planner import Calibration, Measured, Unknown, calibrate
+from model.effects import (
+    Buoyancy,
+    Effect,
+    ExactTendons,
+    Extension,
+    NeoHookean,
+    PointMass,
+    Weight,
+)
+from planner import Measured, Unknown, calibrate
 
 DOWN = ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))
 LAWS: tuple[tuple[Effect, ...], ...] = (
@@ -36,16 +41,62 @@ LAWS: tuple[tuple[Effect, ...], ...] = (
     (Extension(), ExactTendons()),
     (Extension(), ExactTendons(), NeoHookean()),
 )
-SHAPES, MARKERS = 5, (0.35, 0.7, 1.0)
+LOADS: tuple[tuple[Effect, ...], ...] = ((), (Weight(),), (Weight(), Buoyancy(1000.0)))
+LEVELS = (0.68, 0.95)
+SHAPES, MARKERS, OUTLIER = 5, (0.35, 0.7, 1.0), 30.0
 MM = 1e3
 
 
 @dataclass(frozen=True)
 class Recovered:
-    """A random arm: which intervals hold the truth, by unknown, and whether trades are named."""
+    """By level, whether the intervals (K,) of a random arm hold the truth, and its region."""
 
-    held: tuple[bool, ...]
-    named: bool
+    intervals: tuple[tuple[bool, ...], ...]
+    regions: tuple[bool, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Question:
+    """A random arm, its scene, the noise of its markers [m], and the numbers to be recovered."""
+
+    arm: Arm
+    scene: Scene
+    noise: float
+    truth: dict[str, float]
+
+    def unknowns(self, keys: Sequence[str]) -> list[Unknown]:
+        """Return unknowns with bounds that hold the truth and where fits begin."""
+        turns = {key: 40.0 if "deg" in key else 20.0 for key in keys if key not in _SCALED}
+        rows = [(key, self.truth[key]) for key in keys]
+        reach = [turns.get(key, 0.6 * abs(x)) for key, x in rows]
+        return [Unknown(key, x - r, x + r) for (key, x), r in zip(rows, reach, strict=True)]
+
+    def guess(self, keys: Sequence[str], rng: np.random.Generator) -> tuple[Arm, Scene]:
+        """Return arm and scene with modulus, density and payload off by up to 15 %."""
+        off = 1 + rng.uniform(-0.15, 0.15, 3)
+        own = self.arm.material
+        E = own.E * (off[0] if "arm.E_kPa" in keys else 1.0)
+        density = own.density * (off[1] if "arm.density" in keys else 1.0)
+        lighter = off[2] if MASS in keys else 1.0
+        effects = [
+            replace(effect, mass=lighter * effect.mass) if isinstance(effect, PointMass) else effect
+            for effect in self.scene.effects
+        ]
+        material = replace(own, E=E, density=density)
+        return replace(self.arm, material=material), Scene(*effects)
+
+
+# Bounds of these are 60 % to either side of the truth; of the others, in deg and mm, fixed.
+MASS = "effects.point_masses[0].mass_g"
+_SCALED = (
+    "arm.E_kPa",
+    "arm.density",
+    "arm.sections[0].offset_mm[0]",
+    "points[1].offset_mm[2]",
+    "points[0].s_mm",
+    "tension_scale[0]",
+    MASS,
+)
 
 
 def arm_of(rng: np.random.Generator) -> Arm:
@@ -63,11 +114,13 @@ def arm_of(rng: np.random.Generator) -> Arm:
     return Arm(L, radius, tuple(sections), material, DOWN)
 
 
-def shapes_of(arm: Arm, scene: Scene, noise: float, rng: np.random.Generator) -> list[Measured]:
+def shapes_of(
+    arm: Arm, scene: Scene, noise: float, rng: np.random.Generator, count: int = SHAPES
+) -> list[Measured]:
     """Return what markers of an arm show under random tensions that bend it by some 1 rad."""
     found, R = list[Measured](), arm.radius.evaluate(np.zeros(1), arm.length)[0][0]
     usual = arm.material.E * np.pi * R**3 / (2 * arm.length)
-    while len(found) < SHAPES:
+    while len(found) < count:
         T = usual * rng.uniform(0, 1, arm.n_tendons) ** 3
         try:
             shape = settle(arm, T, scene, accuracy=1e-7)
@@ -82,60 +135,97 @@ def shapes_of(arm: Arm, scene: Scene, noise: float, rng: np.random.Generator) ->
     return found
 
 
-def unknowns_of(arm: Arm, scene: Scene, truth: Array) -> list[Unknown]:
-    """Return the unknowns, with bounds that hold the truth and where the fit begins."""
-    keys = [
-        "arm.E_kPa",
-        "arm.sections[0].offset_mm[0]",
-        "arm.sections[0].angles_deg[0]",
-        "points[1].offset_mm[2]",
-        *["arm.density"] * scene.has(Weight),
-    ]
-    reach = np.where([key.endswith("angles_deg[0]") for key in keys], 40.0, 0.6 * np.abs(truth))
-    return [Unknown(k, x - r, x + r) for k, x, r in zip(keys, truth, reach, strict=True)]
+def question(rng: np.random.Generator, payload: bool = True) -> Question:
+    """Return a random arm, and the true values of what may be unknown of it."""
+    arm, law = arm_of(rng), LAWS[int(rng.integers(len(LAWS)))]
+    loads = LOADS[int(rng.integers(len(LOADS)))]
+    R = arm.radius.evaluate(np.zeros(1), arm.length)[0][0]
+    if loads and payload and rng.integers(2):
+        body = np.pi * R**2 * arm.length * arm.material.density
+        loads = (*loads, PointMass(0.6 * arm.length, 0.1 * body))
+    scene, tip = Scene(*law, *loads), arm.sections[0]
+    base = float(tip.offset.evaluate(np.zeros(1), tip.at)[0][0])  # type: ignore[union-attr]
+    truth = {
+        "arm.E_kPa": arm.material.E / 1e3,
+        "arm.sections[0].offset_mm[0]": MM * base,
+        "arm.sections[0].angles_deg[0]": float(np.degrees(tip.angles[0])),
+        "points[1].offset_mm[2]": MM * R,
+        "points[0].s_mm": MM * MARKERS[0] * arm.length,
+        "arm.base_rotation_deg[1]": 0.0,
+        "arm.base_position_mm[2]": 0.0,
+        "tension_scale[0]": 1.0,
+    }
+    if loads:
+        truth["arm.density"] = arm.material.density
+    if scene.has(PointMass):
+        truth[MASS] = MM * next(own.mass for own in loads if isinstance(own, PointMass))
+    return Question(arm, scene, 10 ** rng.uniform(-4, -2.7), truth)
 
 
 def recovered(seed: int) -> Recovered:
     """Return what a calibration makes of a random arm."""
     rng = np.random.default_rng(seed)
-    arm, law = arm_of(rng), LAWS[int(rng.integers(len(LAWS)))]
-    scene = Scene(*law, *[Weight()] * int(rng.integers(2)))
-    noise = 10 ** rng.uniform(-4, -2.7)
-    measured = shapes_of(arm, scene, noise, rng)
-    tip, R = arm.sections[0], arm.radius.evaluate(np.zeros(1), arm.length)[0][0]
-    base = float(tip.offset.evaluate(np.zeros(1), tip.at)[0][0])  # type: ignore[union-attr]
-    truth = [arm.material.E / 1e3, MM * base, np.degrees(tip.angles[0]), MM * R]
-    truth += [arm.material.density] * scene.has(Weight)
-    unknowns = unknowns_of(arm, scene, np.array(truth))
-    off = 1 + rng.uniform(-0.15, 0.15, 2)
-    material = replace(arm.material, E=arm.material.E * off[0])
-    guess = replace(arm, material=replace(material, density=arm.material.density * off[1]))
-    found = calibrate(guess, scene, measured, unknowns)
-    inside = found.interval()
-    held = tuple((inside[:, 0] <= truth) & (truth <= inside[:, 1]))
-    scale = Unknown(tuple(f"tension_scale[{j}]" for j in range(arm.n_tendons)), 0.5, 2.0)
-    more = calibrate(found.arm, scene, measured, [*unknowns, scale])
-    return Recovered(held, names_trade(more, scene))
+    of = question(rng)
+    count = int(rng.integers(1, 9))
+    keys = rng.permutation(list(of.truth))[:count].tolist()
+    measured = shapes_of(of.arm, of.scene, of.noise, rng)
+    found = calibrate(*of.guess(keys, rng), measured, of.unknowns(keys))
+    off = (found.array - [of.truth[key] for key in keys]) / found.std
+    correlation = found.covariance / np.outer(found.std, found.std)
+    distance = off @ np.linalg.solve(correlation, off) / off.size
+    freedom = found.degrees_of_freedom
+    return Recovered(
+        tuple(tuple((np.abs(off) <= found.quantile(p)).tolist()) for p in LEVELS),
+        tuple(bool(distance <= fisher.ppf(p, off.size, freedom)) for p in LEVELS),
+    )
 
 
-def names_trade(found: Calibration, scene: Scene) -> bool:
-    """Return whether modulus, scale of tension, and density under weight are told to trade."""
-    wanted = {"arm.E_kPa", *["arm.density"] * scene.has(Weight)}
+def trade_told(seed: int) -> bool:
+    """Return whether it is told that modulus and density trade with the unit of tension."""
+    rng = np.random.default_rng(seed)
+    of = question(rng, payload=False)
+    wanted = {"arm.E_kPa", *{"arm.density"} & set(of.truth)}
+    keys = [*wanted, "arm.sections[0].offset_mm[0]", "points[1].offset_mm[2]"]
+    scale = Unknown(tuple(f"tension_scale[{j}]" for j in range(of.arm.n_tendons)), 0.5, 2.0)
+    measured = shapes_of(of.arm, of.scene, of.noise, rng)
+    found = calibrate(of.arm, of.scene, measured, [*of.unknowns(keys), scale])
     names = {name for own in found.unidentified if np.isinf(own.std) for name in own.names}
-    return wanted <= names and any(name.startswith("tension_scale") for name in names)
+    return wanted <= names and scale.name in names
+
+
+def outlier_told(seed: int) -> bool:
+    """Return whether the shape of which a marker is far off is named."""
+    rng = np.random.default_rng(seed)
+    of = question(rng)
+    keys = [key for key in ("arm.E_kPa", "arm.density") if key in of.truth]
+    measured = shapes_of(of.arm, of.scene, of.noise, rng, 8)
+    which, away = int(rng.integers(8)), rng.normal(size=3)
+    wrong, far = measured[which], OUTLIER * of.noise * away / np.linalg.norm(away)
+    (s, offset, place), *points = wrong.points
+    measured[which] = replace(wrong, points=[(s, offset, np.array(place) + far), *points])
+    found = calibrate(*of.guess(keys, rng), measured, of.unknowns(keys), loss="soft_l1")
+    return wrong.name in found.outcome
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Print the share of intervals that hold the truth, and of trades that are named."""
+    """Print how many intervals and regions hold the truth, and what is told."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--arms", type=int, default=20)
+    parser.add_argument("--arms", type=int, default=200)
+    parser.add_argument("--cases", type=int, default=40, help="trades, and outliers")
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args(argv)
-    found = [recovered(1000 * args.seed + i) for i in range(args.arms)]
-    held = [own for row in found for own in row.held]
-    print(f"95 % intervals that hold the truth: {100 * np.mean(held):.1f} % of {len(held)}")
-    named = sum(row.named for row in found)
-    print(f"trades with the unit of tension named: {named} of {len(found)}")
+    first = 1000 * args.seed
+    found = [recovered(first + i) for i in range(args.arms)]
+    for k, level in enumerate(LEVELS):
+        held = [own for row in found for own in row.intervals[k]]
+        regions = np.mean([row.regions[k] for row in found])
+        print(
+            f"{100 * level:.0f} %: {100 * np.mean(held):.1f} % of {len(held)} intervals hold the "
+            f"truth, {100 * regions:.1f} % of {len(found)} regions"
+        )
+    for what, told in (("trades with the unit of tension", trade_told), ("outliers", outlier_told)):
+        count = sum(told(first + i) for i in range(args.cases))
+        print(f"{what} told: {count} of {args.cases}")
 
 
 if __name__ == "__main__":

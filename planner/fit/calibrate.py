@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import get_args
 
 import numpy as np
 
@@ -22,8 +23,8 @@ from model.settle import checked_scene
 from model.time_limit import OutOfTime
 from model.time_limit import time_limit as within
 from planner.fit.calibration import Calibration
-from planner.fit.fitted import Start, point_table
-from planner.fit.least_squares import LOSSES, Fit, Loss, Weights, fit
+from planner.fit.fitted import Start, parameters_of
+from planner.fit.least_squares import Fit, Loss, fit
 from planner.fit.measured import Measured, check_scale
 from planner.fit.residuals import Evaluation, Experiment, UnsettledShapeError
 from planner.fit.unknowns import Parameters, Unknown
@@ -100,16 +101,15 @@ def calibrate(
         If `compile` is True, and there is no compiler or it fails.
     """
     scene = supported_scene(arm, scene)
-    if loss not in LOSSES:
-        raise InputError("loss", loss, ", ".join(LOSSES))
+    if loss not in get_args(Loss):
+        raise InputError("loss", loss, ", ".join(get_args(Loss)))
     if not (isinstance(starts, int) and 1 <= starts <= 1000):
         raise InputError("starts", starts, "a whole number from 1 to 1000")
     shapes = _checked(arm, measured)
-    sessions = sorted({shape.session for shape in shapes} - {""})
-    parameters = Parameters.of(arm, scene, unknowns, point_table(shapes), sessions)
+    parameters = parameters_of(arm, scene, unknowns, shapes)
     _check_enough(shapes, parameters)
-    weights, machine_code = Weights(loss, bool(absolute_std)), checked_compile(compile)
-    search = _Search(parameters, shapes, weights, checked_accuracy(accuracy), machine_code)
+    counted, machine_code = (loss, bool(absolute_std)), checked_compile(compile)
+    search = _Search(parameters, shapes, *counted, checked_accuracy(accuracy), machine_code)
     stopped = False
     try:
         with within(time_limit):
@@ -128,7 +128,7 @@ def calibrate(
         parameters.unknowns,
         tuple(here.values.tolist()),
         best.noise,
-        weights,
+        *counted,
         refinement,
         search.error,
         tuple(search.starts),
@@ -193,7 +193,8 @@ class _Search:
 
     parameters: Parameters
     shapes: tuple[Measured, ...]
-    weights: Weights
+    loss: Loss
+    absolute_std: bool
     accuracy: float
     machine_code: bool
     best: Fit | None = None
@@ -283,7 +284,7 @@ class _Search:
         if not start.equilibria:
             first, why = next(iter(start.lost.items()))
             raise UnsettledShapeError(self.shapes[first].name, why)
-        best = fit(start, self.weights, tolerance)
+        best = fit(start, self.loss, self.absolute_std, tolerance)
         all_refused = len(best.refused) == len(best.evaluation.equilibria)
         return best if all_refused else self._without(best, best.refused, tolerance)
 

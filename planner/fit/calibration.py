@@ -1,23 +1,41 @@
-"""A calibrated arm: what it predicts, plans of it, and what to measure next."""
+"""A calibrated arm: what it predicts, how well it predicts shapes left out, what to measure next.
+
+Which shapes to measure next (D-optimal): what one adds to the logarithm of the determinant of the
+information matrix,
+
+    1/2 log det(I + J M^-1 J^T),    J of its residuals over the noise, M the information so far.
+
+Source: Atkinson, Donev, Tobias, "Optimum Experimental Designs, with SAS" (2007), chapter 11.
+The bounds count as a uniform distribution, so that M is regular.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 
+from model import InputError
+from model.paths import Array
+from model.progress import told
 from model.text import in_notebook
 from planner.fit.fitted import Fitted
-from planner.fit.measured import Measured
-from planner.fit.predict import Candidate, LeftOut, Prediction, leave_out, predict, ranked
-from planner.fit.report import outcome
-from planner.fit.residuals import Residual
+from planner.fit.least_squares import fit
+from planner.fit.measured import Measured, Point
+from planner.fit.residuals import Evaluation, Residual, UnsettledShapeError, mean_distance
 from planner.io.files import to_json, write_named
 from planner.io.saved_records import calibration_record
 from planner.plan import Plan, plan
+
+_ORIGIN = (0.0, 0.0, 0.0)
+# The variance of a uniform distribution from 0 to 1, inverted.
+_UNIFORM = 12.0
+# Singular values of what a shape leaves to others, below which it alone tells an unknown.
+_ALONE = 1e-3
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -44,14 +62,94 @@ class CalibratedPlan(Plan):
         return f"{super().outcome} By the calibration, {sure}, {missed}."
 
 
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """The tip and points of a shape, with bands for what would be measured there.
+
+    Attributes
+    ----------
+    tip : (3,)
+        [m].
+    std : (3, 3)
+        Covariance matrix of the tip by the standard errors of the unknowns [m2]: how sure the
+        calibrated arm's tip is, if the model is right.
+    places : (P, 3)
+        Of the points [m]; the tip unless points were given.
+    covariance : (P, 3, 3)
+        Of what would be measured: that of the unknowns, carried to the points, and the model error.
+    model_error : (P,)
+        Standard deviation of a coordinate by which fits without a shape miss it at such an arc
+        length [m].
+    freedom : float
+        Degrees of freedom of the model error: as many as shapes, less what the unknowns take of
+        them, as what a shape's markers are missed by has one cause; inf where standard deviations
+        hold as given.
+    """
+
+    tip: Array
+    std: Array
+    places: Array
+    covariance: Array
+    model_error: Array
+    freedom: float
+
+    @property
+    def tip_std(self) -> float:
+        """One standard deviation of the tip's distance from where it is predicted [m]."""
+        return float(np.sqrt(np.trace(self.std)))
+
+    def band(self, level: float = 0.95) -> Array:
+        """Return the half widths of the band by coordinate (P, 3) [m]."""
+        spread = np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
+        return np.asarray(scipy.special.stdtrit(self.freedom, (1 + level) / 2) * spread)
+
+    def holds(self, places: Any, level: float = 0.95) -> Array:
+        """Return whether measured places (P, 3) [m] lie in the points' ellipsoids (P,)."""
+        off = (np.asarray(places, dtype=float) - self.places)[:, :, None]
+        size = (off * np.linalg.solve(self.covariance, off)).sum(axis=(1, 2))
+        return np.asarray(size <= 3 * scipy.special.fdtri(3, self.freedom, level))
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """Shapes that were left out, as the others predict them.
+
+    Attributes
+    ----------
+    residuals : tuple of Residual
+        Of all shapes, each by the fit without it.
+    values : tuple of tuple of float
+        Of the unknowns, by fit.
+    held : tuple of bool
+        Whether each marker lies in its 95 % band.
+    """
+
+    residuals: tuple[Residual, ...]
+    values: tuple[tuple[float, ...], ...]
+    held: tuple[bool, ...]
+
+    @property
+    def mean_error(self) -> float:
+        """Mean distance of markers and tips from where they are predicted [m]."""
+        return mean_distance(self.residuals)
+
+
+class Candidate(NamedTuple):
+    """A shape that could be measured.
+
+    Its `place` among the candidates, tensions [N], what it tells [nats], and by what factor the
+    standard errors (K,) shrink; a shape that does not settle tells nothing.
+    """
+
+    place: int
+    tensions: tuple[float, ...]
+    gain: float
+    shrink: tuple[float, ...]
+
+
 @dataclass(frozen=True)
 class Calibration(Fitted):
     """A calibrated arm; see Fitted for what it holds."""
-
-    @property
-    def outcome(self) -> str:
-        """What was found, how well it is known, and what to try."""
-        return outcome(self)
 
     def predict(
         self, tensions: Any, points: Sequence[tuple[float, Any]] = (), session: str = ""
@@ -60,38 +158,139 @@ class Calibration(Fitted):
 
         The band of the tip alone unless points are given.
         """
-        return predict(self, tensions, points, session)
+        flat = tuple(self.given_arm.flat(tensions).tolist())
+        markers = tuple(Point(s, offset, _ORIGIN) for s, offset in points)
+        shape = Measured(flat, markers, tip=_ORIGIN, session=session, name="the shape asked for")
+        there = self.experiment([shape]).from_rest(self.array)
+        for reason in there.lost.values():
+            raise UnsettledShapeError(shape.name, reason)
+        return self._predicted(there, len(markers) or 1)
 
     def plan(self, targets: Any, **options: Any) -> Plan:
         """Return a plan of the calibrated arm, whose outcome tells how sure its tip is.
 
         Arguments are those of `plan`; the scene is the calibrated one.
         """
-        found = plan(self.arm, targets, self.scene, **options)
-        told = self.predict(found.tensions)
-        measured = float(np.sqrt(np.trace(told.covariance[0])))
-        own = {field.name: getattr(found, field.name) for field in fields(found)}
-        return CalibratedPlan(**own, tip_std=told.tip_std, measured_std=measured)
+        planned = plan(self.arm, targets, self.scene, **options)
+        predicted = self.predict(planned.tensions)
+        measured = float(np.sqrt(np.trace(predicted.covariance[0])))
+        own = {field.name: getattr(planned, field.name) for field in fields(planned)}
+        return CalibratedPlan(**own, tip_std=predicted.tip_std, measured_std=measured)
 
     def next(self, candidates: Sequence[Any], session: str = "") -> tuple[Candidate, ...]:
         """Return sets of tensions, best first, by what measuring them tells of the unknowns.
 
         The markers are those of the session's first shape, or of the first; see Candidate.
         """
-        return ranked(self, candidates, session)
+        sets = list(candidates)
+        if not sets:
+            raise InputError("candidates", candidates, "at least one set of tensions")
+        sessions = {shape.session for shape in self.measured}
+        if session and session not in sessions:
+            raise InputError("session", session, ", ".join(sorted(sessions - {""})) or "none")
+        like = next((m for m in self.measured if m.session == session), self.measured[0])
+        shapes = []
+        for i, T in enumerate(sets):
+            name = f"candidates[{i}]"
+            flat = tuple(self.given_arm.flat(T, name).tolist())
+            shapes.append(replace(like, tensions=flat, session=session, name=name))
+        there = self.experiment(shapes).from_rest(self.array)
+        J = np.vstack(list(self.jacobians.values()))
+        M = J.T @ J + _UNIFORM * np.eye(J.shape[1])
+        before, rows = np.diag(np.linalg.inv(M)), list[Candidate]()
+        for i, shape in enumerate(shapes):
+            gain, shrink = 0.0, np.ones(len(before))
+            if i not in there.lost:
+                own = there.whitening[i] @ there.jacobians[i] * self.parameters.range / self.noise
+                more = M + own.T @ own
+                gain = float(np.linalg.slogdet(more)[1] - np.linalg.slogdet(M)[1]) / 2
+                shrink = np.sqrt(np.diag(np.linalg.inv(more)) / before)
+            rows.append(Candidate(i, shape.tensions, gain, tuple(shrink.tolist())))
+        return tuple(sorted(rows, key=lambda own: -own.gain))
 
     def leave_out(self, groups: Sequence[Any] | None = None) -> LeftOut:
         """Return how well shapes are predicted by fits without them.
 
         One by one, or all shapes with the same label of `groups` (one for each shape) together.
         """
-        return leave_out(self, groups)
+        labels = list(range(len(self.measured))) if groups is None else list(groups)
+        if len(labels) != len(self.measured):
+            allowed = f"a label for each of {len(self.measured)} shapes"
+            raise InputError("groups", len(labels), allowed)
+        if len(set(labels)) < 2:
+            raise InputError("groups", labels, "two labels or more: some shapes have to stay")
+        whole, values, held = self.evaluation, list[tuple[float, ...]](), list[bool]()
+        rows = dict[int, tuple[Residual, ...]]()
+        for label in told("shapes left out", list(dict.fromkeys(labels))):
+            kept = whole.only([i for i in whole.equilibria if labels[i] != label])
+            refit = fit(kept, self.loss, self.absolute_std)
+            at = refit.evaluation.values
+            values.append(tuple(at.tolist()))
+            without = replace(self, values=values[-1], noise=refit.noise, known=refit.evaluation)
+            for i in (i for i in whole.equilibria if labels[i] == label):
+                there = whole.only([i]).near(at)
+                if there.lost:
+                    there = there.experiment.from_rest(at).only([i])
+                if there.equilibria:
+                    rows[i] = there.named()
+                    places = self.measured[i].places
+                    held += without._predicted(there, len(places)).holds(places).tolist()
+        residuals = tuple(row for i in sorted(rows) for row in rows[i])
+        return LeftOut(residuals, tuple(values), tuple(held))
 
     def errors(self, measured: Sequence[Measured]) -> tuple[Residual, ...]:
         """Return what is predicted less what was measured of other shapes of this arm."""
         names = [m.name or f"measured[{i}]" for i, m in enumerate(measured)]
         shapes = [m.checked(self.given_arm, n) for m, n in zip(measured, names, strict=True)]
         return self.experiment(shapes).from_rest(self.array).named()
+
+    def _predicted(self, there: Evaluation, count: int) -> Prediction:
+        """Return the prediction of the one shape of an evaluation, bands of its first places."""
+        ((i, miss),) = there.residuals.items()
+        shape = there.experiment.shapes[i]
+        n = len(shape.places)
+        J = (there.jacobians[i][: 3 * n] * self.parameters.range).reshape(n, 3, -1)
+        places = miss[: 3 * n].reshape(n, 3) + shape.places
+        covariance = self.information.covariance
+        sure = J @ np.where(np.isfinite(covariance), covariance, 0.0) @ J.transpose(0, 2, 1)
+        error = self._model_error(shape.arc_lengths(self.arm))[:count]
+        band = sure[:count] + error[:, None, None] ** 2 * np.eye(3)
+        # What a shape's markers are missed by has one cause.
+        left = self.degrees_of_freedom / sum(own.size for own in self.explained)
+        freedom = np.inf if self.absolute_std else max(min(left, 1.0) * len(self.explained), 1.0)
+        return Prediction(places[-1], sure[-1], places[:count], band, error, freedom)
+
+    def _model_error(self, s: Array) -> Array:
+        """Return the standard deviation of a coordinate at arc lengths s (N,) [m].
+
+        By marker what fits without a shape miss of it, between markers in proportion; without
+        markers the noise of the measurements.
+        """
+        shapes = {i: self.measured[i] for i in self.jacobians}
+        at = np.concatenate([shape.arc_lengths(self.arm) for shape in shapes.values()])
+        if not at.size:
+            return np.full(s.size, self.noise * np.mean([shape.std for shape in self.measured]))
+        missed = self._deleted_residuals()
+        rows = [missed[i][: shape.places.size].reshape(-1, 3) for i, shape in shapes.items()]
+        squares = np.square(np.vstack(rows)).mean(axis=1)
+        nodes = np.unique(np.round(at, 9))
+        by_node = [np.sqrt(np.mean(squares[np.isclose(at, node)])) for node in nodes]
+        return np.asarray(np.interp(s, nodes, by_node))
+
+    def _deleted_residuals(self) -> dict[int, Array]:
+        """Return the residuals (size,) of each shape by a fit without it, to first order.
+
+        (I - H_ii)^-1 r_i with H = J (J^T J)^-1 J^T by blocks of shapes: residuals of one shape have
+        the same causes, which no single number's leverage tells. Source: Cook and Weisberg,
+        "Residuals and Influence in Regression" (1982), 4.2.
+        """
+        J = np.vstack(list(self.jacobians.values()))
+        inverse, missed = np.linalg.pinv(J.T @ J, hermitian=True), dict[int, Array]()
+        for i, own in self.jacobians.items():
+            kept, whitening = np.eye(len(own)) - own @ inverse @ own.T, self.evaluation.whitening[i]
+            deleted = np.linalg.pinv(kept, _ALONE) @ (whitening @ self.evaluation.residuals[i])
+            missed[i] = np.asarray(np.linalg.solve(whitening, deleted))
+        return missed
 
     def save(self, path: str | Path) -> Path:
         """Write the calibration to a .json file, which `load_calibration` reads."""

@@ -20,7 +20,8 @@ from model.paths import Array
 # identifiable; and the standard deviation along one, over the bounds' range, above which it is
 # badly so.
 _ZERO, _WIDE = 1e-7, 0.5
-# Parts of a direction that are left out of it, over the largest.
+# Parts of a direction that are left out of it, over the largest: where the data tell it badly, and
+# where they do not tell it, where only rounding is.
 _SMALL, _INVOLVED = 0.1, 1e-3
 
 
@@ -109,7 +110,8 @@ def direction(
 ) -> Direction:
     """Return a direction v (K,), counted in the ranges of the bounds, in the keys' units."""
     order = np.argsort(-np.abs(v))
-    kept = [int(k) for k in order if abs(v[k]) >= _SMALL * abs(v[order[0]])]
+    least = _SMALL if np.isfinite(std) else _INVOLVED
+    kept = [int(k) for k in order if abs(v[k]) >= least * abs(v[order[0]])]
     changes = [float(0.1 * v[k] / v[kept[0]] * ranges[k]) for k in kept]
     return Direction(
         tuple(names[k] for k in kept), tuple(changes), tuple(units[k] for k in kept), std

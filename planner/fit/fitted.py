@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -13,15 +13,22 @@ import scipy
 from model import Arm, Scene
 from model.equilibrium.forward import STAGES
 from model.paths import Array
+from model.text import counted
 from planner.fit.covariance import Direction, Information, direction, information
-from planner.fit.least_squares import Weights, prior_residuals
+from planner.fit.least_squares import Loss, counted_by
 from planner.fit.measured import Measured
 from planner.fit.residuals import Evaluation, Experiment, Residual, mean_distance
 from planner.fit.unknowns import Parameters, Unknown
 
-_AT_BOUND, _UNMOVED, _UNLIKE = 1e-6, 0.9, 3.0
+# Standard error over that of the prior above which the data say nothing; residuals of a shape over
+# those of the median shape above which it is unlike the others.
+_UNMOVED, _UNLIKE = 0.9, 3.0
 # Markers that are off by such a share of the arm's length in the mean are not explained at all.
 _UNREACHED = 0.1
+# How near misfits are of starts that came to one optimum.
+_SAME = 1e-3
+# Tensions over the arm's E A that crush it: they are likely in another unit.
+_CRUSHING = 10.0
 
 
 class Start(NamedTuple):
@@ -50,7 +57,10 @@ class Fitted:
         Of the unknowns, in the units of their keys.
     noise : float
         What the standard deviations of the measurements are multiplied by.
-    weights : Weights
+    loss : str
+        Of residuals over the noise; see calibrate.
+    absolute_std : bool
+        Whether standard deviations of the measurements hold as they were given.
     refinement, stages : int
         Of the mesh.
     error : float
@@ -75,7 +85,8 @@ class Fitted:
     unknowns: tuple[Unknown, ...]
     values: tuple[float, ...]
     noise: float
-    weights: Weights
+    loss: Loss
+    absolute_std: bool
     refinement: int
     error: float
     starts: tuple[Start, ...]
@@ -128,7 +139,7 @@ class Fitted:
     def quantile(self, level: float) -> float:
         """Return how many standard errors an interval reaches to either side."""
         half = (1 + level) / 2
-        if self.weights.absolute:
+        if self.absolute_std:
             return float(scipy.special.ndtri(half))
         return float(scipy.special.stdtrit(self.degrees_of_freedom, half))
 
@@ -156,8 +167,7 @@ class Fitted:
     @property
     def at_bounds(self) -> tuple[str, ...]:
         """Names of the unknowns that are at a bound."""
-        share = self.parameters.shares(self.array)
-        ends = np.minimum(share, 1 - share) < _AT_BOUND
+        ends = self.parameters.at_bounds(self.array)
         return tuple(own.name for own, end in zip(self.unknowns, ends, strict=True) if end)
 
     @property
@@ -203,12 +213,76 @@ class Fitted:
                 by_name.setdefault(residual.shape, []).append(residual.size)
         return tuple(name for name, sizes in by_name.items() if np.mean(sizes) > far)
 
+    @property
+    def outcome(self) -> str:
+        """What was found, how well it is known, and what to try."""
+        size = sum(shape.size for shape in self.measured)
+        counts = [(len(self.measured), "shape"), (size, "number"), (len(self.unknowns), "unknown")]
+        found = f"residuals are {self.noise:.3g} times the standard deviations given"
+        if np.isfinite(self.mean_error):
+            found = f"markers are {1e3 * self.mean_error:.3g} mm off in the mean"
+        lines = [f"{', '.join(counted(n, what) for n, what in counts)}: {found}."]
+        if self.stopped:
+            lines.append("Stopped at the time limit: the values are the best so far.")
+        lines += [f"{line[0].upper()}{line[1:]}." for line in map(str, self.unidentified)]
+        if self.at_bounds:
+            lines.append(f"At a bound: {', '.join(self.at_bounds)}; widen it, or doubt the model.")
+        if self.at_priors:
+            lines.append(f"The data say no more than the prior of {', '.join(self.at_priors)}.")
+        lines += [f"{name} is left out: {why}." for name, why in self.left_out]
+        lines += self._far()
+        if self.astray:
+            lines.append(
+                f"The fit had {', '.join(self.astray)} on a branch that the arm does not take from "
+                "rest; it was begun again from there. Check for another optimum with more starts."
+            )
+        return " ".join([*lines, *self._starts()])
+
+    def _far(self) -> list[str]:
+        """Return which shapes are not reached, and which not as well as others."""
+        lines, far = [], self.unreached
+        unlike = [name for name in self.unlike if name not in far]
+        if far:
+            lines.append(
+                f"No values within the bounds reach {', '.join(far)}: markers are off by more than "
+                "a tenth of the arm's length; check tensions and markers there, units, the order "
+                "of the tendons, and the bounds."
+            )
+            most = max((max(shape.tensions or (0.0,)) for shape in self.measured), default=0.0)
+            radius = self.given_arm.radius.evaluate(np.zeros(1), self.given_arm.length)[0][0]
+            stiff = self.given_arm.material.E * np.pi * radius**2
+            if most > _CRUSHING * stiff:
+                lines.append(
+                    f"Tensions of up to {most:g} N are {most / stiff:.3g} times the arm's E A at "
+                    f"its base, {stiff:.3g} N: are they in mN?"
+                )
+        if unlike:
+            lines.append(
+                f"No values within the bounds reach {', '.join(unlike)} as well as the others: "
+                "check tensions and markers there, or fit with a robust loss."
+            )
+        return lines
+
+    def _starts(self) -> list[str]:
+        """Return how many of several starts came to the optimum."""
+        if len(self.starts) == 1:
+            return []
+        best = min(start.misfit for start in self.starts)
+        there = [start for start in self.starts if start.misfit <= best + _SAME * abs(best) + _SAME]
+        lost = sum(start.found is None for start in self.starts)
+        others = len(self.starts) - len(there) - lost
+        line = f"{len(there)} of {len(self.starts)} starts came to this optimum"
+        line += f", {others} to worse ones" if others else ""
+        line += f", {lost} to no shapes that settle" if lost else ""
+        given = self.starts[0]
+        if given not in there and given.found is not None:
+            line += "; the given values lead to a worse one: it is another basin"
+        return [f"{line}."]
+
     @cached_property
     def parameters(self) -> Parameters:
         """The unknowns with what they are numbers of."""
-        sessions = sorted({shape.session for shape in self.measured} - {""})
-        points = point_table(self.measured)
-        return Parameters.of(self.given_arm, self.given_scene, self.unknowns, points, sessions)
+        return parameters_of(self.given_arm, self.given_scene, self.unknowns, self.measured)
 
     @cached_property
     def evaluation(self) -> Evaluation:
@@ -228,7 +302,7 @@ class Fitted:
     @cached_property
     def information(self) -> Information:
         """What data and priors say of the unknowns, from bound to bound."""
-        prior = prior_residuals(self.parameters, self.array)[1]
+        prior = self.parameters.priors(self.array)[1]
         return information(np.vstack([*self.jacobians.values(), prior]))
 
     @cached_property
@@ -236,13 +310,20 @@ class Fitted:
         """Derivatives of the residuals of shapes over the noise by unknowns from 0 to 1."""
         here, rows = self.evaluation, {}
         for i, J in here.jacobians.items():
-            counted = np.sqrt(self.weights.of(here.whitening[i] @ here.residuals[i] / self.noise))
+            r = here.whitening[i] @ here.residuals[i] / self.noise
             J = here.whitening[i] @ J * self.parameters.range / self.noise
-            rows[i] = J * counted[:, None]
+            rows[i] = J * np.sqrt(counted_by(self.loss, r))[:, None]
         return rows
 
 
-def point_table(shapes: Sequence[Measured]) -> list[dict[str, object]]:
-    """Return s_mm and offset_mm of each point, of the first of the shapes that have most."""
+def parameters_of(
+    arm: Arm, scene: Scene, unknowns: Iterable[Unknown], shapes: Sequence[Measured]
+) -> Parameters:
+    """Return unknowns with the keys of arm, scene and markers, those of the shape that has most.
+
+    InputError for unknown keys and sessions, and for bounds that do not fit.
+    """
     most: Sequence[Any] = max((shape.points for shape in shapes), key=len, default=())
-    return [{"s_mm": 1e3 * p.s, "offset_mm": [1e3 * x for x in p.offset]} for p in most]
+    points = [{"s_mm": 1e3 * p.s, "offset_mm": [1e3 * x for x in p.offset]} for p in most]
+    sessions = sorted({shape.session for shape in shapes} - {""})
+    return Parameters.of(arm, scene, unknowns, points, sessions)

@@ -20,11 +20,10 @@ from model import InputError
 from model.paths import Array
 from model.time_limit import check_time
 from planner.fit.residuals import Evaluation
-from planner.fit.unknowns import Parameters
+from planner.fit.unknowns import AT_BOUND
 
 LOG = logging.getLogger(__name__)
 Loss = Literal["linear", "huber", "soft_l1", "cauchy"]
-LOSSES = ("linear", "huber", "soft_l1", "cauchy")
 Rho = tuple[Array, Array, Array]
 # rho(z), rho', rho'' of squared residuals z over the noise; scipy.optimize.least_squares.
 _RHO: dict[str, Callable[[Array], Rho]] = {
@@ -39,29 +38,13 @@ _RHO: dict[str, Callable[[Array], Rho]] = {
 }
 # The least noise, over the standard deviations given, and how often shapes are settled at most.
 _LEAST_NOISE, _MOST = 1e-9, 100
-# The last step, over the unknowns from 0 to 1, and the gradient of the log-likelihood there; how
-# near a bound an unknown is at it.
-_STEP, _GRADIENT, _AT_BOUND = 1e-7, 1e-9, 1e-6
+# The last step, over the unknowns from 0 to 1, and the gradient of the log-likelihood there.
+_STEP, _GRADIENT = 1e-7, 1e-9
 
 
-@dataclass(frozen=True)
-class Weights:
-    """How residuals are counted.
-
-    Attributes
-    ----------
-    loss : str
-        Of residuals over the noise.
-    absolute : bool
-        Whether standard deviations hold as given.
-    """
-
-    loss: Loss = "linear"
-    absolute: bool = False
-
-    def of(self, r: Array) -> Array:
-        """Return how much residuals over the noise count against those of a square: rho'."""
-        return np.asarray(_RHO[self.loss](np.square(r))[1])
+def counted_by(loss: Loss, r: Array) -> Array:
+    """Return how much residuals over the noise count against those of a square: rho'."""
+    return np.asarray(_RHO[loss](np.square(r))[1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,24 +133,15 @@ class Fit:
     refused: tuple[int, ...]
 
 
-def prior_residuals(parameters: Parameters, values: Array) -> tuple[Array, Array]:
-    """Return residuals (m,) of priors, and their derivatives (m, K) by the unknowns from 0 to 1."""
-    rows = [(k, *own.prior) for k, own in enumerate(parameters.unknowns) if own.prior]
-    which = [k for k, *_ in rows]
-    mean, std = np.array([row[1:] for row in rows]).reshape(-1, 2).T
-    slopes = np.diag(parameters.range)[which] / std[:, None]
-    return (values[which] - mean) / std, slopes
-
-
-def fit(start: Evaluation, weights: Weights, tolerance: float = 1e-6) -> Fit:
+def fit(start: Evaluation, loss: Loss, absolute: bool, tolerance: float = 1e-6) -> Fit:
     """Return the optimum that an evaluation leads to, of the shapes that it has.
 
-    To about a `tolerance` in the logarithm of the likelihood. The noise of a robust loss is that of
-    Cauchy's, which bounds what outliers add to it.
+    To about a `tolerance` in the logarithm of the likelihood. Unless standard deviations hold as
+    given (`absolute`), the noise of a robust loss is that of Cauchy's, which bounds what outliers
+    add to it.
     """
-    loss, noise = weights.loss, 1.0 if weights.absolute else None
-    if loss in ("linear", "cauchy") or weights.absolute:
-        return _descent(start, loss, noise, tolerance)
+    if loss in ("linear", "cauchy") or absolute:
+        return _descent(start, loss, 1.0 if absolute else None, tolerance)
     robust = _descent(start, "cauchy", None, tolerance)
     if robust.refused:
         return robust
@@ -176,7 +150,7 @@ def fit(start: Evaluation, weights: Weights, tolerance: float = 1e-6) -> Fit:
 
 def _descent(start: Evaluation, loss: Loss, noise: float | None, tolerance: float) -> Fit:
     steps, parameters = _Steps(start), start.experiment.parameters
-    free = max(steps.size - sum(own.prior is None for own in parameters.unknowns), 1)
+    free = max(steps.size + steps.priors - len(parameters.unknowns), 1)
     likelihood = Likelihood(loss, free, steps.size, noise)
 
     def stop_at_the_optimum(z: Array) -> None:
@@ -208,8 +182,8 @@ class _Steps:
     ----------
     best : Evaluation
         The shapes at the last step that was taken.
-    size : int
-        Number of residuals of data.
+    size, priors : int
+        Number of residuals of data, and of priors, which come last.
     refused : tuple of int
         Shapes that could not be followed since then.
     """
@@ -219,6 +193,7 @@ class _Steps:
         self._parameters, self._whitening = start.experiment.parameters, start.whitening
         self._at = np.clip(self._parameters.shares(start.values), 0.0, 1.0)
         self.size = sum(map(len, start.residuals.values()))
+        self.priors = self._parameters.priors(start.values)[0].size
         self.refused: tuple[int, ...] = ()
 
     def residuals(self, z: Array) -> Array:
@@ -231,18 +206,17 @@ class _Steps:
             except InputError:
                 here = None
             if here is None or here.lost:
-                priors = sum(own.prior is not None for own in self._parameters.unknowns)
-                return np.full(self.size + priors, np.inf)
+                return np.full(self.size + self.priors, np.inf)
             self._last, self._at = here, z.copy()
-        rows = [self._whitening[i] @ miss for i, miss in self._last.residuals.items()]
-        return np.concatenate([*rows, prior_residuals(self._parameters, self._last.values)[0]])
+        rows = [self._whitening[i] @ r for i, r in self._last.residuals.items()]
+        return np.concatenate([*rows, self._parameters.priors(self._last.values)[0]])
 
     def jacobian(self, z: Array) -> Array:
         """Return their derivatives (n, K); the step that led here is taken."""
         self.best, self.refused = self._last, ()
-        rows = [self._whitening[i] @ J for i, J in self.best.jacobians.items()]
-        rows = [own * self._parameters.range for own in rows]
-        return np.vstack([*rows, prior_residuals(self._parameters, self.best.values)[1]])
+        scale = self._parameters.range
+        rows = [self._whitening[i] @ J * scale for i, J in self.best.jacobians.items()]
+        return np.vstack([*rows, self._parameters.priors(self.best.values)[1]])
 
     def gain(self, z: Array, likelihood: Likelihood) -> float:
         """Return what the linearisation says can be gained of the logarithm of the likelihood.
@@ -255,6 +229,6 @@ class _Steps:
         counted = np.sqrt(likelihood.rho(np.square(r))[1])
         J, r = counted[:, None] * self.jacobian(z), counted * r
         slope = J.T @ r
-        free = J[:, np.where(slope > 0, z, 1 - z) > _AT_BOUND]
+        free = J[:, np.where(slope > 0, z, 1 - z) > AT_BOUND]
         explained = free @ np.linalg.lstsq(free, r, rcond=None)[0]
         return float(explained @ explained) / 2

@@ -119,6 +119,11 @@ class Measured:
         """What `places` are of: "points[i]", "tip"."""
         return [f"points[{i}]" for i, _ in self.seen] + ["tip"] * (self.tip is not None)
 
+    def arc_lengths(self, arm: Arm) -> Array:
+        """Return where `places` are along the arm (n,) [m]."""
+        tip = [arm.length] * (self.tip is not None)
+        return np.array([*(point.s for _, point in self.seen), *tip])
+
     @property
     def numbers(self) -> Array:
         """All that was measured (size,): places, frames as 0, lengths, strokes."""

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from model import Arm, InputError, Scene, UnitWarning
 from model.loads import check_loads
@@ -23,8 +24,8 @@ from planner.io.scene_tables import whole
 
 _SENSOR = re.compile(r"points\[\d+\]\.(s_mm|offset_mm\[[012]\])|tension_scale\[\d+\]")
 _MODEL, MM = ("arm.", "effects."), UNITS["mm"]
-# Steps of difference quotients, over the bounds' range.
-_STEP = 2e-8
+# Steps of difference quotients, over the bounds' range; how near a bound an unknown is at it.
+_STEP, AT_BOUND = 2e-8, 1e-6
 
 
 def _each_once(name: str, keys: str | tuple[str, ...]) -> str | tuple[str, ...]:
@@ -200,6 +201,18 @@ class Parameters:
     def shares(self, values: Array) -> Array:
         """Return where values (K,) are between their bounds, from 0 to 1."""
         return np.asarray((values - self.lower) / self.range)
+
+    def at_bounds(self, values: Array) -> NDArray[np.bool_]:
+        """Return which unknowns are at a bound (K,)."""
+        shares = self.shares(values)
+        return np.asarray(np.minimum(shares, 1 - shares) < AT_BOUND)
+
+    def priors(self, values: Array) -> tuple[Array, Array]:
+        """Return residuals (m,) of priors, and their derivatives (m, K) by unknowns from 0 to 1."""
+        rows = [(k, *own.prior) for k, own in enumerate(self.unknowns) if own.prior]
+        which = [k for k, *_ in rows]
+        mean, std = np.array([row[1:] for row in rows]).reshape(-1, 2).T
+        return (values[which] - mean) / std, np.diag(self.range)[which] / std[:, None]
 
     def table_at(self, values: Array, session: str = "") -> dict[str, Any]:
         """Return the table with values (K,) of the unknowns that belong to a session."""

@@ -15,7 +15,6 @@ from model.loads import check_loads, contacts
 from model.mesh import checked_accuracy
 from planner.avoidance.asked import surroundings
 from planner.fit.calibration import Calibration
-from planner.fit.least_squares import Weights
 from planner.io.codec import read, value_of
 from planner.io.files import read_file, why
 from planner.io.mistakes import checked, shown, told_in
@@ -164,16 +163,8 @@ def load_calibration(path: str | Path) -> Calibration:
         shapes = tuple(own.checked(arm, own.name) for own in map(value_of, asked.measured))
     if len(fit.values) != len(unknowns) or not np.all(np.isfinite(fit.values)):
         raise FileError(name, "fit.values", f"{len(unknowns)} finite numbers are needed")
-    own = {key: getattr(fit, key) for key in fit.__struct_fields__}
-    weights = Weights(own.pop("loss"), own.pop("absolute_std"))
+    own = {key: read(Any, getattr(fit, key)) for key in fit.__struct_fields__}
     with told_in(name, "fit"):
-        found = Calibration(
-            arm,
-            scene,
-            shapes,
-            unknowns,
-            weights=weights,
-            **{k: read(Any, x) for k, x in own.items()},
-        )
+        found = Calibration(arm, scene, shapes, unknowns, **own)
         found.parameters  # noqa: B018  (checks keys and sessions)
     return found

@@ -224,9 +224,7 @@ class CalibrationRecord(Record, kw_only=True):
 def calibration_record(of: Any) -> CalibrationRecord:
     """Return the record of a Calibration."""
     rows = zip(of.unknowns, of.values, of.std.tolist(), strict=True)
-    fit = {"loss": of.weights.loss, "absolute_std": of.weights.absolute}
-    named = ("values", "noise", "refinement", "stages", "error", "astray", "left_out", "stopped")
-    fit |= {name: getattr(of, name) for name in named}
+    fit = {name: getattr(of, name) for name in FitRecord.__struct_fields__}
     return record_of(
         CalibrationRecord,
         of,
@@ -246,7 +244,7 @@ def calibration_record(of: Any) -> CalibrationRecord:
             "measured": plain(of.measured),
             "unknowns": plain(of.unknowns),
         },
-        fit=FitRecord(**fit, starts=[fields_of(own) for own in of.starts]),
+        fit=FitRecord(**fit | {"starts": [fields_of(own) for own in of.starts]}),
     )
 
 
