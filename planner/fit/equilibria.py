@@ -22,7 +22,7 @@ from model.by_lengths import equilibrium_beside, tightened
 from model.equilibrium.equilibrium import Collocated, check_stretch
 from model.equilibrium.forward import Collocation
 from model.equilibrium.linearised import Linearised, linearised
-from model.equilibrium.newton import CLOSE, newton_many
+from model.equilibrium.newton import newton_many
 from model.equilibrium.sensitivities import ByNumbers, by_numbers
 from model.mesh import Mesh
 from model.paths import Array
@@ -205,8 +205,8 @@ class Setting:
     ) -> list[Reached]:
         """Return some shapes near their equilibria before a change (K,) of the unknowns.
 
-        Newton's method begins where their derivatives say that they are now, with the factors that
-        they had if that is close. Where the mesh is another it begins with the strains on that.
+        Newton's method begins where their derivatives say that they are now; where the mesh is
+        another, with the strains on that.
         """
         shapes = [self.family.shapes[i] for i in which]
         T = np.array(
@@ -217,23 +217,12 @@ class Setting:
                 for shape, by in zip(shapes, before, strict=True)
             ]
         )
-        kept: list[Linearised | None] = [None] * len(shapes)
         if self.system.of is before[0].here.system.of:
-            ahead = [by.states @ change for by in before]
-            guesses = [by.here.states + own for by, own in zip(before, ahead, strict=True)]
-            turns = np.abs(np.array(ahead)[:, self.system.of.nodes[:, :4].ravel()]).max(axis=1)
-            kept = [by.here if t < CLOSE else None for by, t in zip(before, turns, strict=True)]
+            guesses = [by.here.states + by.states @ change for by in before]
         else:
             on = Collocation.on(self.system)
             guesses = [on.carried(own, by.here) for own, by in zip(T, before, strict=True)]
-        given = self.system, T, 1.0, np.array(guesses)
-        # Factors of other numbers serve steps, not derivatives.
-        heres = [own and own.refreshed for own in newton_many(*given, kept=kept).solutions]
-        lost = [i for i, own in enumerate(heres) if own is None and kept[i]]
-        if lost:
-            again = newton_many(self.system, T[lost], 1.0, given[-1][lost]).solutions
-            for i, end in zip(lost, again, strict=True):
-                heres[i] = end
+        heres = newton_many(self.system, T, 1.0, np.array(guesses)).solutions
         jumps = OctoplanError("it jumps")
         return [self._held(shape, here or jumps) for shape, here in zip(shapes, heres, strict=True)]
 
