@@ -46,7 +46,7 @@ SMALL: dict[str, tuple[str, str, tuple[str, ...]]] = {
         "all                3   100.0%      0      100.0%",
         (),
     ),
-    "recovery": ("--arms 1", "intervals that hold the truth", ()),
+    "recovery": ("--arms 1 --cases 1", "intervals hold the truth", ()),
     "solvers": ("--targets 1 --guesses 1 --scenes paper", "multiple shooting, ipopt", ()),
     "speed accuracy": (
         "--cases 1 --repeats 1 --targets 1 --finest 1 --settings 1",
