@@ -107,7 +107,7 @@ class Around:
         """Return the best of what is led around."""
         mode, task = found.statement.mode, self.task
         optima = [np.ravel(found.tensions)]
-        optima += [task.tensions(s) for _, s in sorted(search.met, key=lambda item: item[1].f)]
+        optima += [task.tensions(solution) for solution in search.met]
         optima = _distinct(optima)[:_OPTIMA]
         possible = mode == "nearest" or self.asked.allows(task.arm, task.targets)
         best, clear = None, list[Array]()

@@ -162,17 +162,16 @@ class Problem:
         T = x[: self.arm.n_tendons] * units(self.arm, limits)
         return np.clip(T, limits.lower, limits.upper)
 
-    def guess(self, tensions: Array, limits: Limits, p: Array) -> Array:
-        """Return the unknowns for tensions: the arm under its loads where it soon settles.
+    def guess(self, tensions: Array, limits: Limits, p: Array, soon: bool = False) -> Array:
+        """Return the unknowns for tensions: the arm without its loads, no equilibrium under them.
 
-        Else the arm without its loads, which need not be an equilibrium.
+        Under its loads where that `soon` settles, by Newton's method from there.
         """
-        system, unloaded = self.forward.system, self.forward.without_loads(tensions)
-        states = unloaded
-        if is_loaded(self.scene):
+        system, states = self.forward.system, self.forward.without_loads(tensions)
+        if soon and is_loaded(self.scene):
             try:
-                here = newton(system, tensions, 1.0, unloaded)
-                states = unloaded if here is None else here.states
+                here = newton(system, tensions, 1.0, states)
+                states = states if here is None else here.states
             except (OctoplanError, np.linalg.LinAlgError):
                 pass
         return self.closed(self.free(tensions, limits), states, p)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 from weakref import WeakKeyDictionary
 
 import casadi as ca
@@ -38,11 +38,13 @@ _QUIET: Options = {
     "constr_viol_tol": 1e-8,
     "bound_relax_factor": 0.0,
     "obj_scaling_factor": MAGNIFIED,
+    # Matrices are scaled already, and of a band.
+    "mumps_permuting_scaling": 0,
+    "mumps_scaling": 0,
+    "mumps_pivot_order": 0,
 }
 # What takes longer is lost: another initial guess is cheaper.
 COLD: Options = {"max_iter": 60, "mu_init": 0.1, "bound_push": 5e-3, "bound_frac": 5e-3}
-# Least squares of what cannot be met take longer, and there is no cheaper way.
-PATIENT: Options = {"max_iter": 200}
 # Of several programs side by side, where no other guess is cheaper.
 NEAR: Options = COLD | {"max_iter": 300, "mu_init": 1e-2}
 WARM: Options = {
@@ -59,6 +61,20 @@ WARM: Options = {
     "acceptable_constr_viol_tol": 1e-9,
     "acceptable_iter": 4,
     "max_iter": 40,
+}
+Purpose = Literal["search", "near", "polish"]
+_FOR: dict[Purpose, Options] = {
+    # What is found is polished. A barrier parameter that follows the iterates takes a quarter fewer
+    # of them; steps that lead ten times farther from equilibrium than the guess are cut.
+    "search": COLD
+    | {"mu_strategy": "adaptive", "theta_max_fact": 10.0, "tol": 1e-6, "constr_viol_tol": 1e-6},
+    "near": WARM,
+    # Bounds that hold are fixed, others are far: there is no barrier left to follow.
+    "polish": WARM | {"mu_init": 1e-9, "tol": 1e-8, "constr_viol_tol": 1e-10},
+}
+# Least squares of what cannot be met take longer, to more digits, and there is no cheaper way.
+_LEAST: dict[Purpose, Options] = {
+    purpose: (COLD if purpose == "search" else WARM) | {"max_iter": 200} for purpose in _FOR
 }
 STOPPED = {
     "Infeasible_Problem_Detected": "no tensions within the limits meet the target near this guess",
@@ -101,21 +117,18 @@ class Solution:
 
 
 _WATCH = Watch()
-_solvers: WeakKeyDictionary[Program, dict[tuple[bool, bool], Buffered]] = WeakKeyDictionary()
+_solvers: WeakKeyDictionary[Program, dict[tuple[Purpose, bool], Buffered]] = WeakKeyDictionary()
 
 
-def solver(problem: Problem, warm: bool, talks: bool = False) -> Buffered:
-    """Return ipopt for a problem's program, for a cold start or a warm one, built once."""
+def solver(problem: Problem, purpose: Purpose, talks: bool = False) -> Buffered:
+    """Return ipopt for a problem's program and a purpose, built once."""
     program = problem.program
     built = _solvers.setdefault(program, {})
-    if (warm, talks) not in built:
-        stated = program.symbols
-        way = WARM if warm else COLD
-        if problem.statement.mode != "exact":
-            way = way | PATIENT
-        relaxed = _relaxed(stated, program.outer_rows[0].size)
-        built[warm, talks] = nlp_solver(*relaxed, way, talks)
-    return built[warm, talks]
+    if (purpose, talks) not in built:
+        options = (_FOR if problem.statement.mode == "exact" else _LEAST)[purpose]
+        relaxed = _relaxed(program.symbols, program.outer_rows[0].size)
+        built[purpose, talks] = nlp_solver(*relaxed, options, talks)
+    return built[purpose, talks]
 
 
 def nlp_solver(
@@ -196,13 +209,14 @@ def solve(
     p: Array,
     bounds: Bounds,
     multipliers: tuple[Array, Array] | None = None,
+    purpose: Purpose = "search",
 ) -> Solution:
-    """Solve from x; with multipliers (lam_x, lam_g) it is a warm start."""
+    """Solve from x; warm from multipliers (lam_x, lam_g) where the purpose is not a search."""
     (lbx, ubx, lbg, ubg), n, m = bounds, x.size, problem.program.outer_rows[0].size
     lam_x, lam_g = multipliers or (np.zeros(n), np.zeros(lbg.size))
     none, t = np.zeros(m), -RELAXED * lam_g[:m]
     relaxed = np.append(lbx, none - np.inf), np.append(ubx, none + np.inf), lbg, ubg
-    run = solver(problem, multipliers is not None, LOG.isEnabledFor(logging.DEBUG))
+    run = solver(problem, purpose, LOG.isEnabledFor(logging.DEBUG))
     found = solved(run, np.append(x, t), p, relaxed, (np.append(lam_x, none), lam_g))
     t = found.x[n:]
     f, g = found.f - float(t @ t) / 2, found.g + RELAXED * np.pad(t, (0, found.g.size - m))

@@ -132,15 +132,16 @@ def polish(
     """
     n = problem.arm.n_tendons
     lbx, ubx, lbg, ubg = bounds
-    x, lam = solution.x[:n], solution.lam_x[:n] * MAGNIFIED
-    at_low, at_high = x - lbx[:n] < -lam, ubx[:n] - x < lam
+    x, pull = solution.x[:n], solution.lam_x[:n] * MAGNIFIED
+    at_low, at_high = x - lbx[:n] < -pull, ubx[:n] - x < pull
     even, begun = lbx[:n] == ubx[:n], solution
     for _ in range(_RELEASED):
         low, high = lbx.copy(), ubx.copy()
         high[:n] = np.where(at_low, lbx[:n], ubx[:n])
         low[:n] = np.where(at_high & ~at_low, ubx[:n], lbx[:n])
         guess = np.clip(solution.x, low, high)
-        found = solve(problem, guess, p, (low, high, lbg, ubg), (solution.lam_x, solution.lam_g))
+        lam = solution.lam_x, solution.lam_g
+        found = solve(problem, guess, p, (low, high, lbg, ubg), lam, "polish")
         if not (found.met and found.finite):
             if not (at_low | at_high).any():
                 last = found if warm else solve(problem, solution.x, p, bounds)

@@ -11,8 +11,8 @@ unknowns, held to a margin.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
-from itertools import islice
+from dataclasses import dataclass, field, replace
+from itertools import chain, islice
 
 import numpy as np
 
@@ -36,19 +36,16 @@ from planner.targets.base import Target
 
 # Guesses that have to agree, and one more where as many lead nowhere, or all to near misses.
 _AGREED = 2
-# Of guesses that come by effort, so many that lead to dearer optima are enough, too.
-_DEARER = 3
-# Guesses from which the targets are not met before slacks tell how near they can be had.
-_MISSED = 3
+# Of guesses that come by effort, so many that lead to dearer optima are enough, too; and so many
+# from which the targets are not met before slacks tell how near they can be had.
+_ENOUGH = 3
 # Least squares that are so small are met but for the effort in them.
 _MET = 1e-6
 # Optima that are held to the stability margin, and what they are held to, where the arm comes to
 # another shape from rest.
 _HELD, _FLOORS = 4, (0.01, 0.1, 0.3)
-# By so much of the effort the coarse mesh may be off.
-_BLURRED = 0.01
-# Of the margin, what the coarse mesh may lack.
-_SLACK = 1e-3
+# Of the margin, and of the effort, what the coarse mesh may be off by.
+_COARSE = 1e-3
 # Scaled unknowns of one optimum differ by no more.
 _SAME = 1e-4
 _PHASES: dict[Mode, str] = {
@@ -58,28 +55,53 @@ _PHASES: dict[Mode, str] = {
 }
 
 
-class Search:
-    """One planning question and the steps that answer it.
+@dataclass(eq=False)
+class _Reading:
+    """One way to read the targets, and what became of the guesses that were tried.
 
     Attributes
     ----------
+    guesses : iterator of (n_tendons,)
+        Those that are left.
     trials : list of Trial
-        One for each initial guess, of the last reading of the targets.
+        One for each initial guess.
     met : list of (Statement, Solution)
         Optima that are as stable as they have to be.
     unstable : list of (Statement, Solution)
         Others.
     """
 
+    mode: Mode
+    guesses: Iterator[Array]
+    trials: list[Trial] = field(default_factory=list)
+    met: list[tuple[Statement, Solution]] = field(default_factory=list)
+    unstable: list[tuple[Statement, Solution]] = field(default_factory=list)
+
+    @property
+    def optima(self) -> list[tuple[Statement, Solution]]:
+        """All of them, by their objectives."""
+        return sorted([*self.met, *self.unstable], key=_objective)
+
+
+class Search:
+    """One planning question and the steps that answer it."""
+
     def __init__(self, task: Task) -> None:
         self.task = task
-        self.trials: list[Trial] = []
-        self.met: list[tuple[Statement, Solution]] = []
-        self.unstable: list[tuple[Statement, Solution]] = []
+        self._now = _Reading("exact", iter(()))
         self._last: tuple[Statement, Solution] | None = None
         self._margin = task.statement.margin
-        self._mode: Mode = "exact"
         self._by_effort = conditions(task.arm, task.targets) > POINT
+
+    @property
+    def trials(self) -> list[Trial]:
+        """One for each initial guess, of the last reading of the targets."""
+        return self._now.trials
+
+    @property
+    def met(self) -> list[Solution]:
+        """Optima that are as stable as they have to be, of the same, by their objectives."""
+        return [solution for _, solution in sorted(self._now.met, key=_objective)]
 
     def run(self, seconds: float | None = None) -> SearchResult:
         """Return the best optimum from the guesses it takes, or the best so far after so long."""
@@ -90,12 +112,32 @@ class Search:
             return self._so_far()
 
     def _run(self) -> SearchResult:
-        unstable = False
+        """Return the best optimum of the first reading of the targets that has one.
+
+        Where few guesses meet the targets exactly it is first seen how near they can be had: if
+        that is a near miss, exact shapes are looked for from there, and from more guesses.
+        """
+        unstable, missed = False, None
         for mode in self._readings():
-            found = self._read(mode)
+            self._now = here = _Reading(mode, self.guesses())
+            hasty = mode == "exact" and self.task.starts is None
+            self._try(_ENOUGH if hasty else None)
+            if hasty and not here.optima:
+                missed = here
+                continue
+            if missed is not None and here.optima and here.optima[0][1].f <= _MET:
+                nearly = self.task.tensions(here.optima[0][1])
+                missed.guesses = chain([nearly], missed.guesses)
+                self._now, missed = missed, None
+                found = self._finished()
+                if found is not None:
+                    return found
+                unstable |= bool(self._now.unstable)
+                self._now = here
+            found = self._finished()
             if found is not None:
                 return replace(found, unstable=unstable)
-            unstable |= bool(self.unstable)
+            unstable |= bool(here.unstable)
         return replace(self._so_far(stopped=False), unstable=unstable)
 
     def _readings(self) -> Iterator[Mode]:
@@ -107,21 +149,11 @@ class Search:
             yield "closest"
         yield "nearest"
 
-    def _read(self, mode: Mode) -> SearchResult | None:
+    def _finished(self) -> SearchResult | None:
         """Return the best optimum of a reading of the targets, None where there is none."""
-        self.trials, self.met, self.unstable, self._mode = [], [], [], mode
-        statement = self.task.coarse(mode)
-        most = _MISSED if mode == "exact" and self.task.starts is None else self.task.most
-        guesses = self.guesses()
-        self._try(islice(guesses, most), statement)
-        if mode == "exact" and not self.met and not self.unstable:
-            near = self._nearly()
-            if near is None:
-                return None
-            self._try(iter([near]), statement)
-        self._try(guesses, statement)
+        self._try()
         found = self._best()
-        if found is None and self.unstable and self.task.best_margin:
+        if found is None and self._now.unstable and self.task.best_margin:
             found = self._without_margin()
         return found
 
@@ -129,7 +161,8 @@ class Search:
         """Return the best optimum that is stable at all, where its margin cannot be had."""
         stated = self.task.statement.but(margin=0.0)
         self.task, self._margin = replace(self.task, statement=stated, best_margin=False), 0.0
-        known, self.met, self.unstable = [*self.met, *self.unstable], [], []
+        known, here = [*self._now.met, *self._now.unstable], self._now
+        self._now = replace(here, met=[], unstable=[])
         for statement, solution in known:
             self._sort(statement.but(margin=0.0), solution)
         return self._best()
@@ -145,21 +178,21 @@ class Search:
         task, scene = self.task, self.task.simple.scene
         return task.arm, scene, task.targets, task.allowed, task.machine_code
 
-    def _try(self, guesses: Iterator[Array], statement: Statement) -> None:
-        """Solve from guesses until enough of them agree."""
-        for T in guesses:
+    def _try(self, most: int | None = None) -> None:
+        """Solve from guesses until enough of them agree, or from so many."""
+        here, statement = self._now, self.task.coarse(self._now.mode)
+        for T in islice(here.guesses, most):
             if self._enough():
                 return
-            tell(_PHASES[statement.mode], len(self.trials), self.task.most)
+            tell(_PHASES[here.mode], len(here.trials), self.task.most)
             self._keep(statement, self.solve(statement, T))
 
     def solve(self, statement: Statement, T: Array, near: bool = False) -> Solution:
         """Return what tensions (n_tendons,) [N] lead to; an optimum near them if that is wanted."""
         problem, p = self.task.problem(statement), self.task.parameters(statement, SEARCHED)
-        x = problem.guess(T, self.task.allowed, p)
-        bounds = self.task.bounds(statement)
+        x, bounds = problem.guess(T, self.task.allowed, p, near), self.task.bounds(statement)
         none = np.zeros(bounds[0].size), np.zeros(bounds[2].size)
-        solution = solve(problem, x, p, bounds, none) if near else None
+        solution = solve(problem, x, p, bounds, none, "near") if near else None
         if solution is None and self.task.statement.solver == "fatrop":
             solution = by_stages(problem, x, p, bounds)
         if solution is None or not solution.met:
@@ -168,7 +201,7 @@ class Search:
         return solution
 
     def _keep(self, statement: Statement, solution: Solution) -> None:
-        self.trials.append(Trial(solution.f, solution.met, solution.iterations))
+        self._now.trials.append(Trial(solution.f, solution.met, solution.iterations))
         if not solution.finite:
             return
         self._last = statement, solution
@@ -177,24 +210,22 @@ class Search:
 
     def _sort(self, statement: Statement, solution: Solution) -> None:
         """Keep an optimum with those that are as stable as they have to be, or with the others."""
-        kinds = self.met, self.unstable
-        for kind in kinds:
-            if any(_is_same(solution, other) for _, other in kind):
-                return
+        if any(_is_same(solution, other) for _, other in self._now.optima):
+            return
         T = self.task.tensions(solution)
         least = self.task.problem(statement).stability(solution.x, T)
-        stable = least >= self._margin - _SLACK * (self._margin > 0)
-        kinds[not stable].append((statement, solution))
+        stable = least >= self._margin - _COARSE * (self._margin > 0)
+        (self._now.met if stable else self._now.unstable).append((statement, solution))
 
     def from_tensions(
         self, mode: Mode, T: Array, near: bool
     ) -> tuple[Task, Statement, Solution] | None:
         """Return the optimum that tensions lead to, as stable as it has to be, and its task."""
-        statement = self.task.coarse(mode)
+        statement, self._now = self.task.coarse(mode), _Reading(mode, iter(()))
         self._keep(statement, self.solve(statement, T, near))
-        if self.met:
-            return self.task, *self.met[0]
-        for before, solution in self.unstable:
+        if self._now.met:
+            return self.task, *self._now.met[0]
+        for before, solution in self._now.unstable:
             for floor in self._floors():
                 held = self._with_mode(before, solution.x, floor)
                 if held is not None:
@@ -213,40 +244,23 @@ class Search:
         """
         if self.task.starts is not None:
             return False
-        efforts = [trial.objective for trial in self.trials if trial.met]
+        trials, exact = self.trials, self._now.mode == "exact"
+        efforts = [trial.objective for trial in trials if trial.met]
         if not self._by_effort:
-            hard = len(self.trials) >= 2 * len(efforts) or self._mode != "exact"
-            return agreed(self.trials) >= _AGREED + hard
+            hard = len(trials) >= 2 * len(efforts) or not exact
+            return agreed(trials) >= _AGREED + hard
         since = len(efforts) - 1 - int(np.argmin(efforts)) if efforts else 0
-        dearer = self._mode == "exact" and since >= _DEARER
-        return agreed(self.trials) >= _AGREED or dearer
-
-    def _nearly(self) -> Array | None:
-        """Return tensions that nearly meet the targets, of least squares; None if none do."""
-        other = Search(self.task)
-        for mode in self._readings():
-            if mode == "exact":
-                continue
-            statement = self.task.coarse(mode)
-            other.trials, other.met, other._mode = [], [], mode
-            other._try(other.guesses(), statement)
-            found = [s for _, s in (*other.met, *other.unstable)]
-            best = min(found, key=lambda s: s.f, default=None)
-            if best is not None and best.f <= _MET:
-                return self.task.tensions(best)
-        return None
+        return agreed(trials) >= _AGREED or (exact and since >= _ENOUGH)
 
     def _best(self) -> SearchResult | None:
         """Return the best optimum that is stable, and not lost on a finer mesh."""
         lost = None
-        for statement, solution in sorted(self.met, key=_objective):
-            fine = self._held(solution.f) if self.unstable else None
+        for statement, solution in sorted(self._now.met, key=_objective):
+            fine = self._held(solution.f) if self._now.unstable else None
             fine = fine or refine(self.task, statement, solution)
             if fine is not None:
-                here, cheaper = fine.solution.f, 0.0
-                if lost is not None and here > lost:
-                    cheaper = 1 - float(np.sqrt(lost / here))
-                return replace(self._result(fine), lost=cheaper if cheaper > _BLURRED else 0.0)
+                cheaper = 0.0 if lost is None else 1 - float(np.sqrt(lost / fine.solution.f))
+                return replace(self._result(fine), lost=cheaper if cheaper > 10 * _COARSE else 0.0)
             lost = solution.f if lost is None else lost
         held = self._held(np.inf)
         return None if held is None else self._result(held)
@@ -257,13 +271,13 @@ class Search:
         Next to optima that are not stable; where no stable one is known, from the initial guesses
         too: with the least stable mode among its unknowns the program has optima elsewhere.
         """
-        different = {float(f"{s.f:.3g}"): (st, s) for st, s in self.unstable if s.f < limit}
+        different = {float(f"{s.f:.3g}"): (st, s) for st, s in self._now.unstable if s.f < limit}
         beside = [different[f] for f in sorted(different)[:_HELD]]
         for before, solution in beside:
             found = self._refined_with_mode(before, solution.x, limit)
             if found is not None:
                 return found
-        if not beside or self.met or self.task.best_margin:
+        if not beside or self._now.met or self.task.best_margin:
             return None
         statement = beside[0][0]
         problem, p = self.task.problem(statement), self.task.parameters(statement, SEARCHED)
@@ -304,12 +318,12 @@ class Search:
         check_time()
         if not (found.met and found.finite):
             return None
-        stable = problem.stability(found.x, task.tensions(found)) >= floor - _SLACK * floor
+        stable = problem.stability(found.x, task.tensions(found)) >= floor - _COARSE * floor
         return (statement, found) if stable else None
 
     def _so_far(self, stopped: bool = True) -> SearchResult:
         """Return the best that was seen: of optima that of least effort, else what came last."""
-        best = min(self.met, key=_objective, default=self._last)
+        best = min(self._now.met, key=_objective, default=self._last)
         if best is None:
             *_, T = islice(drawn_arms(*self._asked), 2)
             statement = self.task.coarse("nearest")

@@ -135,7 +135,7 @@ class Waypoints:
         stops = [self._stop(way) for way in self.ways]
         limits = self.question.limits
         pairs = zip(stops, self.ways, strict=True)
-        guess = [stop.problem.guess(way.tensions, limits, stop.p) for stop, way in pairs]
+        guess = [stop.problem.guess(way.tensions, limits, stop.p, True) for stop, way in pairs]
         program, solution = MotionProgram(stops, self._coupling(), guess), None
         for k in range(_CORRECTED):
             tell("program over the waypoints", k, _CORRECTED)
@@ -205,12 +205,12 @@ class Waypoints:
     ) -> Iterator[Waypoint]:
         """Yield a waypoint, and those of further targets as far as its optimum leads."""
         limits, way, stop = self.question.limits, first, self._stop(first)
-        x = stop.problem.guess(way.tensions, limits, stop.p)
+        x = stop.problem.guess(way.tensions, limits, stop.p, True)
         yield way
         for own in targets:
             before, stop = stop, self._stop(replace(way, targets=own))
             if stop.problem is not before.problem:
-                x = stop.problem.guess(way.tensions, limits, stop.p)
+                x = stop.problem.guess(way.tensions, limits, stop.p, True)
             found = solve(stop.problem, x, stop.p, stop.bounds)
             if not (found.met and found.finite):
                 return
