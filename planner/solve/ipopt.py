@@ -70,7 +70,7 @@ _FOR: dict[Purpose, Options] = {
     | {"mu_strategy": "adaptive", "theta_max_fact": 10.0, "tol": 1e-6, "constr_viol_tol": 1e-6},
     "near": WARM,
     # Bounds that hold are fixed, others are far: there is no barrier left to follow.
-    "polish": WARM | {"mu_init": 1e-9, "tol": 1e-8, "constr_viol_tol": 1e-10},
+    "polish": WARM | {"mu_init": 1e-8},
 }
 # Least squares of what cannot be met take longer, to more digits, and there is no cheaper way.
 _LEAST: dict[Purpose, Options] = {
