@@ -132,8 +132,8 @@ class TouchingMap(Collocation):
 
     def by_lengths(self, winches: Winches) -> Linearised | None:
         """Return the equilibrium about where winches hold the tendons; None if none is found."""
-        found = by_lengths(self._request(winches.tensions), winches)
-        return None if found is None else found.here
+        settled = by_lengths(self._request(winches.tensions), winches)
+        return None if settled is None else settled.here
 
     def beside(self, at: Linearised, tensions: Array) -> Linearised | None:
         """Return the equilibrium under tensions near those of another; None where it jumps."""
@@ -171,8 +171,8 @@ class TouchingMap(Collocation):
 
 def mesh_with_contact(arm: Arm, scene: Scene, refinement: int, at: tuple[float, ...]) -> Mesh:
     """Return the mesh of a refinement that has the arc lengths `at` as nodes."""
-    own = (*at, *places(arm, scene))
-    return graded(arm, _FINER * refinement, own, partial(_density, arm, scene))
+    nodes = (*at, *places(arm, scene))
+    return graded(arm, _FINER * refinement, nodes, partial(_density, arm, scene))
 
 
 def _density(arm: Arm, scene: Scene, s: Array) -> Array:

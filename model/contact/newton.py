@@ -1,7 +1,7 @@
 """Newton's method on the equations of equilibrium with contact.
 
-What touches is given; or at the nodes forces and gaps are complementary, f >= 0, gap >= 0, f gap =
-0, of which each step takes gap = 0 where the one before pressed, or was deepest inside.
+What touches is prescribed; or at the nodes forces and gaps are complementary, f >= 0, gap >= 0,
+f gap = 0, of which each step takes gap = 0 where the one before pressed, or was deepest inside.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def newton(
 
 
 def _active(system: System, states: Array) -> System:
-    """Return equations told which nodes touch: those that press, and the deepest inside."""
+    """Return equations with nodes that touch: those that press, and the deepest inside."""
     line = Centreline.at_states(system, states)
     bodies = numbers_of([contact.obstacle for contact in contacts(system.scene)])
     at = np.arange(system.mesh.steps)

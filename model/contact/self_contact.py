@@ -193,8 +193,10 @@ def pressed_on_itself(tensions: Array, scene: Scene, settle: Settle) -> Shape:
         after = min(1.0, factor + step)
         there = path.step(state, after)
         if there is not None and path.slips(there, after):
-            told = "parts that press on each other slip past each other sideways; a little tension "
-            raise UnsettledContactError(after, told + "across decides to which side")
+            sentence = (
+                "parts that press on each other slip past each other sideways; a little tension "
+            )
+            raise UnsettledContactError(after, sentence + "across decides to which side")
         if there is not None:
             state, factor, step = there, after, min(2 * step, _FIRST)
         elif step > _LEAST:
@@ -262,8 +264,8 @@ class _LoadPath:
             nonlocal last
             check_time()
             now = tuple(
-                Pair(arm.length * np.clip([own[3], 1 - own[4]], _ALONG, 1), self._force * own[:3])
-                for own in z.reshape(-1, 5)
+                Pair(arm.length * np.clip([row[3], 1 - row[4]], _ALONG, 1), self._force * row[:3])
+                for row in z.reshape(-1, 5)
             )
             shape = self._settle(factor * self.tensions, loaded_by(arm, self.scene, now), last[0])
             last = shape, now
@@ -325,7 +327,7 @@ class _LoadPath:
         )
 
     def _is_new(self, pair: Pair, pairs: Sequence[Pair], shape: Shape) -> bool:
-        """Return whether a pair of cross-sections inside of each other is none of those known."""
+        """Return whether a pair of cross-sections inside of each other is a new one."""
         L = shape.arm.length
-        known = any(np.abs(other.s - pair.s).max() < _OTHER * L for other in pairs)
-        return not known and pair.balls(shape)[3] < -_THROUGH * L
+        is_old = any(np.abs(other.s - pair.s).max() < _OTHER * L for other in pairs)
+        return not is_old and pair.balls(shape)[3] < -_THROUGH * L

@@ -99,7 +99,7 @@ class Settled:
 
 
 def sharpened(request: Request, near: Linearised, places: Places) -> Settled | None:
-    """Return the equilibrium near one of which places are known about; None if there is none."""
+    """Return the equilibrium near one whose places are about right; None if there is none."""
     for _ in range(_ROUNDS):
         here = with_places(request, near, places)
         if here is None:
@@ -199,7 +199,7 @@ def _end_shift(of: Request, here: Linearised, place: Place, side: int) -> float:
         return 0.0
     h, j = abs(float(system.mesh.s[beyond]) - s), place.obstacle
     most = min(0.8 * h, 0.35 * (place.end - place.start))
-    # What is known at a node is on its base side.
+    # Values at a node are those on its base side.
     within = contacts(system.scene)[j].friction > 0 and not system.scene.has(Shear)
     at = s + SAME * L * ((side > 0) != within)
     stations = np.array([at, s + side * _ASIDE * h, s + 2 * side * _ASIDE * h])

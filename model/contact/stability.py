@@ -1,4 +1,4 @@
-"""Whether an arm in contact stands: its energy's Hessian where what touches stays shut.
+"""Whether an arm in contact is stable: its energy's Hessian with its contacts closed.
 
 Of the directions in which the arm can move with its contacts: with these as equations the inverse
 of the Jacobian, in the strains, is that of the Hessian there, and 0 across. So the eigenvalues of
@@ -24,7 +24,7 @@ _BASIS, _ROUGH, _RESTARTS = 32, 1e-2, 30
 
 
 def held_stands(here: Linearised) -> bool:
-    """Return whether an equilibrium is stable while what touches stays shut."""
+    """Return whether an equilibrium is stable with its contacts closed."""
     try:
         return _extreme(here, "SR", _ROUGH) > -_NONE
     except SingularError:

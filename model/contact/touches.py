@@ -1,4 +1,4 @@
-"""Where the arm touches, the mesh that has these places as nodes, and what its kernels are told.
+"""Where the arm touches, the mesh that has these places as nodes, and the flags of its kernels.
 
 A place is a point, where the gap is least; the tip, where it may fall on; or a part that lies on
 its obstacle from start to end, where the gap's second derivative vanishes: the moment in the arm is
@@ -88,7 +88,7 @@ class Touches:
 
     @classmethod
     def of(cls, system: System) -> Touches:
-        """Return those that a system is told of."""
+        """Return those that are set on a system."""
         of = system.of
         touches = cls.none(of.elements, of.form.contacts)
         rows = system.p[of.equations.numbers_of("touch")].reshape(of.elements, -1, TOUCH)
@@ -96,8 +96,8 @@ class Touches:
         touches.point[1:], touches.end[1:] = (held > 0) & (end == 0), end > 0
         touches.inside[1:], touches.curve[1:] = inside > 0, curve
         if of.form.pressed:
-            own = system.p[of.equations.numbers_of("pressure")]
-            touches.lies[:] = own.reshape(of.elements, -1, PRESSURE)[:, :, -1] > 0
+            elements = system.p[of.equations.numbers_of("pressure")]
+            touches.lies[:] = elements.reshape(of.elements, -1, PRESSURE)[:, :, -1] > 0
         return touches
 
     @property
@@ -116,7 +116,7 @@ class Touches:
         return self.end | self.inside
 
     def on(self, system: System) -> System:
-        """Return a system whose kernels of contact are told of these touches."""
+        """Return a system with these touches set."""
         changed, of = copy.copy(system), system.of
         changed.p = system.p.copy()
         rows = changed.p[of.equations.numbers_of("touch")].reshape(-1, TOUCH)
@@ -244,7 +244,7 @@ def touches_at(mesh: Mesh, places: Places, obstacles: int, sheared: bool) -> Tou
 
 
 def places_of(system: System) -> Places:
-    """Return the places that equations of equilibrium are told of."""
+    """Return the places that are set on a system."""
     s, touches, places = system.mesh.s, Touches.of(system), list[Place]()
     for j in range(touches.point.shape[1]):
         places += [point(j, at) for at in s[touches.point[:, j]].tolist()]

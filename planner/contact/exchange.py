@@ -1,8 +1,8 @@
 """From tensions to an optimum of the arm in contact: programs on what touches, one after another.
 
-The arm is settled; the program is solved with what touches told, to the optimum on these contacts
-and no farther than a box of tensions; the arm is led there, and what touches then is told the next
-one. Places where it touches become nodes each time, so that the optimum is that of the arm itself
+The arm is settled; the program is solved with what touches set, to the optimum on these contacts
+and no farther than a box of tensions; the arm is led there, and what touches then is set in the
+next. Places where it touches become nodes each time, so that the optimum is that of the arm itself
 (an exchange method; Hettich and Kortanek, SIAM Review 35, 1993). The box shrinks where the arm
 would snap or let go on the way.
 """
@@ -32,7 +32,7 @@ from planner.targets.hold import Hold
 # Programs at most; steps of tensions, over what bends the arm by 1 rad, at first, at least, and of
 # one that is the last; how much of the violation of targets a step has to make up for.
 _ROUNDS, _FIRST, _LEAST, _CONVERGED, _LESS = 25, 2.0, 1e-3, 1e-6, 0.9
-# By how much better than what is asked the arm is to stand, as long as steps are long.
+# The share of a stability margin that an optimum has to have.
 _CLOSE = 1 - 1e-6
 # Gaps that are nearly closed, over the length: programs have nodes there, that tell them.
 _NEAR = 1e-3
@@ -52,7 +52,7 @@ class Optimum:
         Of targets; 0 where they are met.
     optimality : Optimality
     least : float
-        The stability that it was held to; 0 where it only stands.
+        The stability that it was constrained to; 0 without.
     """
 
     here: Linearised

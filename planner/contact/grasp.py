@@ -73,10 +73,10 @@ class Grasp:
     @classmethod
     def of(cls, arm: Arm, contacts: Iterable[Touch], hold: Hold) -> Grasp:
         """Return that of what a settled arm leans on."""
-        own = [touch for touch in contacts if touch.obstacle == hold.obstacle]
-        points = np.array([touch.point for touch in own]).reshape(-1, 3)
-        forces = np.array([touch.force for touch in own]).reshape(-1, 3)
-        normals = hold.obstacle.gradient(points) if own else points
+        touches = [touch for touch in contacts if touch.obstacle == hold.obstacle]
+        points = np.array([touch.point for touch in touches]).reshape(-1, 3)
+        forces = np.array([touch.force for touch in touches]).reshape(-1, 3)
+        normals = hold.obstacle.gradient(points) if touches else points
         out = (forces * normals).sum(axis=1)
         centre = hold.obstacle.numbers[:3]
         lever = LEVER * arm.length
@@ -86,12 +86,12 @@ class Grasp:
     @cached_property
     def bases(self) -> Array:
         """Two directions across each normal (k, 3, 2)."""
-        found = np.zeros((len(self.normal), 3, 2))
+        bases = np.zeros((len(self.normal), 3, 2))
         for i, (n, axis) in enumerate(zip(self.normals, axes_across(self.normals), strict=True)):
             a = np.cross(n, axis)
             a /= np.linalg.norm(a)
-            found[i] = np.column_stack([a, np.cross(n, a)])
-        return found
+            bases[i] = np.column_stack([a, np.cross(n, a)])
+        return bases
 
     def left(self, tangential: Array) -> Array:
         """Return the wrench that is left with tangential forces (k, 3): 0 if they balance."""
@@ -103,16 +103,16 @@ class Grasp:
 
     def scaled(self, wrench: Array) -> Array:
         """Return a wrench with moments over the lever [N]."""
-        found = wrench.copy()
-        found[3:] /= self.lever
-        return np.asarray(found)
+        scaled = wrench.copy()
+        scaled[3:] /= self.lever
+        return np.asarray(scaled)
 
     @property
     def _columns(self) -> Array:
         """What unit tangential forces along the bases add to the wrench (3 or 6, 2 k) [N]."""
-        found = self.bases.transpose(0, 2, 1).reshape(-1, 3)
-        moments = np.cross(np.repeat(self.points, 2, axis=0), found) / self.lever
-        return np.hstack([found, moments]).T[: self.wrench.size]
+        units = self.bases.transpose(0, 2, 1).reshape(-1, 3)
+        moments = np.cross(np.repeat(self.points, 2, axis=0), units) / self.lever
+        return np.hstack([units, moments]).T[: self.wrench.size]
 
     @property
     def _unit(self) -> float:
@@ -159,9 +159,11 @@ class Grasp:
         settings.verbose = False
         settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = _SHARP
         H = csc_array(np.diag(np.append(np.full(2 * k, _COST), [0.0, 0.0])))
-        found = clarabel.DefaultSolver(H, cost, csc_array(rows), offsets, kinds, settings).solve()
-        solved = str(found.status) in ("Solved", "AlmostSolved", "InsufficientProgress")
-        return np.array(found.x) if solved else None
+        solution = clarabel.DefaultSolver(
+            H, cost, csc_array(rows), offsets, kinds, settings
+        ).solve()
+        solved = str(solution.status) in ("Solved", "AlmostSolved", "InsufficientProgress")
+        return np.array(solution.x) if solved else None
 
 
 def axes_across(normals: Array) -> Array:
@@ -174,7 +176,7 @@ def grips_of(shape: Shape, hold: Hold) -> tuple[Grip, ...]:
     grasp, centre = Grasp.of(shape.arm, shape.contacts, hold), hold.obstacle.numbers[:3]
     pressed = -grasp.normal[:, None] * grasp.normals
     parts = zip(grasp.points + centre, pressed, grasp.best(), strict=True)
-    return tuple(Grip(hold.obstacle, *own) for own in parts)
+    return tuple(Grip(hold.obstacle, *forces) for forces in parts)
 
 
 def left_of(arm: Arm, shape: Shape, hold: Hold) -> Array:

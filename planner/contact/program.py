@@ -9,7 +9,7 @@
                 lower <= T <= upper, sum T <= total pull.
 
 It is solved with eps to 0 on a mesh that knows nothing of the contacts (Scholtes, SIAM J. Optim.
-11, 2001). On a mesh with nodes where a settled arm touches, what touches is told, and the rows of
+11, 2001). On a mesh with nodes where a settled arm touches, what touches is set, and the rows of
 these nodes are gap = 0, gap' = 0 with the place's shift along the arm as a state: then its optimum
 is that of the arm itself once places stay.
 """
@@ -267,10 +267,12 @@ class Program:
             _active(near.x, near.lam_x, low, high),
             _active(near.g, near.lam_g, g_low, g_high),
         )
-        held = *on_x, *on_g
-        found = solved(self.functions.warm, z, p, held, (near.lam_x, near.lam_g))
-        kept = _kept(found.x, found.lam_x, low, high) and _kept(found.g, found.lam_g, g_low, g_high)
-        return found if found.met and found.finite and kept else None
+        active = *on_x, *on_g
+        solution = solved(self.functions.warm, z, p, active, (near.lam_x, near.lam_g))
+        kept = _kept(solution.x, solution.lam_x, low, high) and _kept(
+            solution.g, solution.lam_g, g_low, g_high
+        )
+        return solution if solution.met and solution.finite and kept else None
 
     def slack(self, z: Array) -> float:
         """Return by how much targets and wrenches are violated at unknowns: the sum of slacks."""
@@ -282,9 +284,9 @@ class Program:
         The equations are eliminated; the multipliers of what holds leave least of the gradient.
         """
         at, f, n = self.structure, self.functions, self.system.of.n_tendons
-        own = f.first(z, self.parameters(False))
-        gradient, values = own[0].ravel(), own[1].ravel()
-        J = csc_array((own[2].ravel(), *f.places), (f.n_g, z.size))
+        values_at = f.first(z, self.parameters(False))
+        gradient, values = values_at[0].ravel(), values_at[1].ravel()
+        J = csc_array((values_at[2].ravel(), *f.places), (f.n_g, z.size))
         low, high, g_low, g_high = self.bounds(np.inf, False)
         outer = np.append(np.arange(n), np.ravel(at.tangential))
         outer = outer[low[outer] < high[outer]]
@@ -309,16 +311,16 @@ class Program:
             (units[bounded][z[bounded] > high[bounded] - _ACTIVE], 0.0),
             (-units[bounded][z[bounded] < low[bounded] + _ACTIVE], 0.0),
         ]
-        held = np.vstack([own for own, _ in parts])
-        least = np.concatenate([np.full(len(own), bound) for own, bound in parts])
-        slope, lam = reduced(gradient[None])[0], np.zeros(len(held))
-        M = reduced(held)
+        active = np.vstack([block for block, _ in parts])
+        least = np.concatenate([np.full(len(block), bound) for block, bound in parts])
+        slope, lam = reduced(gradient[None])[0], np.zeros(len(active))
+        M = reduced(active)
         if lam.size:
             with np.errstate(invalid="ignore"):
                 lam = lsq_linear(M.T, -slope, (least, np.inf)).x
         off = float(np.abs(slope + M.T @ lam).max()) / (1 + float(np.abs(lam).max(initial=0.0)))
-        ends = sum(len(own) for own, _ in parts[:3])
-        pushed = lam[ends:] @ held[ends:]
+        ends = sum(len(block) for block, _ in parts[:3])
+        pushed = lam[ends:] @ active[ends:]
         return Optimality(off, pushed[:n], float(pushed[at.n_y - 1]) if at.modes else 0.0)
 
 

@@ -35,13 +35,13 @@ def remarks(
     Each begins with a space. `missed` says whether a search that came to its end missed targets:
     of what is merely not certified, or not found in time, curvatures tell nothing.
     """
-    told = list[str]()
+    sentences = list[str]()
     for target in targets:
         if isinstance(target, Wrap) and missed:
-            told.append(_curvatures(target, shape, limits))
+            sentences.append(_curvatures(target, shape, limits))
         if isinstance(target, Hold):
-            told.append(_grip(target, shape, accuracy))
-    return "".join(f" {own}" for own in told if own)
+            sentences.append(_grip(target, shape, accuracy))
+    return "".join(f" {sentence}" for sentence in sentences if sentence)
 
 
 def _curvatures(wrap: Wrap, shape: Shape, limits: Limits) -> str:
@@ -127,7 +127,7 @@ def curvature_along(wrap: Wrap, shape: Shape, s: Array, gap: float = 0.0) -> Arr
     points, radius = shape.position(s), arm.outer_radius(s)[0]
     normals = body.gradient(points)
     near = points + ((1 + gap) * radius - body.distance(points))[:, None] * normals
-    t = np.array([shape.frame(float(own))[:, 0] for own in s])
+    t = np.array([shape.frame(float(at))[:, 0] for at in s])
     t -= (t * normals).sum(axis=1)[:, None] * normals
     t /= np.maximum(np.linalg.norm(t, axis=1), 1e-12)[:, None]
     ends = [body.gradient(near + sign * _STEP * t) for sign in (1, -1)]
@@ -152,9 +152,9 @@ def attainable_curvature(arm: Arm, scene: Scene, limits: Limits, s: Array) -> tu
     strong = _STRONG * natural_tensions(arm)
     upper = np.minimum(np.array(limits.upper), strong)
     is_most = limits.total is None and bool((np.array(limits.upper) <= strong).all())
-    lower, phi = np.array(limits.lower), np.array([own for _, own in arm.tendons])
+    lower, phi = np.array(limits.lower), np.array([tendon_angle for _, tendon_angle in arm.tendons])
     free = Scene(Extension()) if scene.has(Extension) else Scene()
-    found = [np.zeros(s.size)]
+    curvatures = [np.zeros(s.size)]
     for pull in _sides(phi):
         T = np.where(pull, upper, lower)
         if limits.total is not None:
@@ -166,8 +166,8 @@ def attainable_curvature(arm: Arm, scene: Scene, limits: Limits, s: Array) -> tu
             # So strong a pull leaves no shape: a weaker one may bend the arm more than others do.
             is_most = False
             continue
-        found.append(np.hypot(strains[:, 1], strains[:, 2]))
-    return np.asarray(np.max(found, axis=0)), is_most
+        curvatures.append(np.hypot(strains[:, 1], strains[:, 2]))
+    return np.asarray(np.max(curvatures, axis=0)), is_most
 
 
 def _sides(phi: Array) -> Array:
@@ -185,7 +185,7 @@ def _grip(hold: Hold, shape: Shape, accuracy: float) -> str:
     if np.linalg.norm(grasp.scaled(left)) <= 10 * accuracy * size:
         needed = min(grasp.needed_friction(10 * accuracy * size), hold.friction)
         return f"The wrench is held with friction from {needed:.3g} on, {hold.friction:g} given."
-    force = ", ".join(f"{own:.3g}" for own in left[:3])
-    moment = ", ".join(f"{own:.3g}" for own in left[3:])
+    force = ", ".join(f"{component:.3g}" for component in left[:3])
+    moment = ", ".join(f"{component:.3g}" for component in left[3:])
     more = f" and a moment ({moment}) N m" if moment else ""
     return f"Of the wrench a force ({force}) N{more} is left; more friction or tension may hold it."

@@ -104,12 +104,12 @@ class Sliding:
         apart = order[: sizes.size][sizes > _DEPENDENT * sizes.max(initial=0.0)]
 
         def part(kind: str, k: int) -> dict[str, object]:
-            def own(x: Array) -> Array:
+            def evaluated(x: Array) -> Array:
                 values, J, n = self.rows(unit * x)
                 solution = (values, unit * J)[k]
                 return solution[apart] if kind == "eq" else solution[n:]
 
-            return {"type": kind, "fun": own} if k == 0 else {"jac": own}
+            return {"type": kind, "fun": evaluated} if k == 0 else {"jac": evaluated}
 
         rows = [part(kind, 0) | part(kind, 1) for kind in ("eq", "ineq")]
         if allowed.total is not None:

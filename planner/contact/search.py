@@ -130,9 +130,9 @@ class ContactSearch:
         smooth, T = replace(self.task, scene=scene, starts=1), np.array(self.begin[-1])
         with time_limit(seconds):
             for begin in (self.begin, None):
-                found = ContactSearch(smooth, begin).run(None)
-                T = np.ravel(found.tensions)
-                if found.statement.mode == "exact" or found.stopped:
+                smooth_plan = ContactSearch(smooth, begin).run(None)
+                T = np.ravel(smooth_plan.tensions)
+                if smooth_plan.statement.mode == "exact" or smooth_plan.stopped:
                     break
             return against_friction(self.task, self.begin, T, None)
 
@@ -253,7 +253,7 @@ def guesses(task: Task, exchange: Exchange) -> Iterator[Array]:
         yield from _pressing(task, exchange, towards)
         return
     yield from _relaxed(task)
-    yield from (share * own for own in towards for share in _BENDS)
+    yield from (share * tensions for tensions in towards for share in _BENDS)
 
 
 def _relaxed(task: Task) -> Iterator[Array]:
@@ -262,8 +262,8 @@ def _relaxed(task: Task) -> Iterator[Array]:
     form = (STAGES, _MESH, stations_of(task.arm, task.targets), True, task.machine_code)
     free = Collocation(task.arm, smooth, *form)
     program = Program(free.system, task.targets, task.allowed)
-    asked = task.arm, task.simple.scene, task.targets, task.allowed, task.machine_code
-    for T in initial_guesses(*asked, is_loaded(task.simple.scene)):
+    question = task.arm, task.simple.scene, task.targets, task.allowed, task.machine_code
+    for T in initial_guesses(*question, is_loaded(task.simple.scene)):
         check_time()
         with suppress(OctoplanError):
             z = program.guess(T, free.without_loads(T))

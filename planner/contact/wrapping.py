@@ -38,8 +38,8 @@ def beside(targets: Iterable[Target], scene: Scene) -> tuple[Obstacle, ...]:
     Raises InputError where the scene has others as contacts.
     """
     touched = [contact.obstacle for contact in contacts(scene)]
-    found = [own.obstacle for own in targets if isinstance(own, Wrap)]
-    free = tuple(obstacle for obstacle in found if obstacle not in touched)
+    obstacles = [wrap.obstacle for wrap in targets if isinstance(wrap, Wrap)]
+    free = tuple(obstacle for obstacle in obstacles if obstacle not in touched)
     if free and touched:
         allowed = "an obstacle that is a Contact of the scene, which has others"
         raise InputError("Wrap.obstacle", free[0], allowed)
@@ -51,7 +51,7 @@ def beside_contacts(task: Task, around: Surroundings) -> tuple[Task, Surrounding
 
     The same ones where there is nothing to lean on.
     """
-    bodies = tuple(own.obstacle for own in contacts(task.scene))
+    bodies = tuple(contact.obstacle for contact in contacts(task.scene))
     if not bodies:
         return task, around
     effects = (e for e in task.scene.effects if not isinstance(e, Contact))
@@ -66,10 +66,10 @@ def share_left() -> float | None:
 
 def open_wrap(targets: Iterable[Target]) -> Wrap | None:
     """Return the wrap whose part a plan has to find; InputError for several."""
-    found = [own for own in targets if isinstance(own, Wrap) and own.is_open]
-    if len(found) > 1:
-        raise InputError("target", found, "one Wrap by turns, others with where they begin")
-    return found[0] if found else None
+    wraps = [wrap for wrap in targets if isinstance(wrap, Wrap) and wrap.is_open]
+    if len(wraps) > 1:
+        raise InputError("target", wraps, "one Wrap by turns, others with where they begin")
+    return wraps[0] if wraps else None
 
 
 def with_turns(
@@ -85,19 +85,19 @@ def with_turns(
     for what of that part takes the turns, which are an inequality.
     """
 
-    def stated(own: Wrap) -> tuple[Target, ...]:
-        return tuple(own if target is wrap else target for target in targets)
+    def stated(part: Wrap) -> tuple[Target, ...]:
+        return tuple(part if target is wrap else target for target in targets)
 
     assert wrap.turns is not None
-    start, found = wrap.part(arm)[0], None
+    start, before = wrap.part(arm)[0], None
     for _ in range(_ROUNDS):
         length = min((arm.length - start) * (1 + _LONGER), arm.length)
-        found = measured(stated(replace(wrap, turns=None, length=length)), found)
-        if found.mode != "exact" or found.stopped:
+        before = measured(stated(replace(wrap, turns=None, length=length)), before)
+        if before.mode != "exact" or before.stopped:
             break
         try:
             s = np.linspace(arm.length - length, arm.length, _SAMPLES)
-            turns = turned(found.shape, wrap.obstacle, s)
+            turns = turned(before.shape, wrap.obstacle, s)
         except OutOfTime:
             break
         if turns[-1] >= wrap.turns:
@@ -107,4 +107,4 @@ def with_turns(
             break
         start = max(arm.length - length * wrap.turns / float(turns[-1]), 0.0)
     length = min((arm.length - start) * (1 + _SPARE), arm.length)
-    return planned(stated(replace(wrap, start=arm.length - length)), found)
+    return planned(stated(replace(wrap, start=arm.length - length)), before)
