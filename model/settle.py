@@ -43,7 +43,7 @@ from model.progress import with_progress
 from model.scene import Scene
 from model.shape import Shape, sharp
 from model.shortest import UnknownLeastError, too_short
-from model.time_limit import OutOfTime, check_time, limited, unless
+from model.time_limit import PATIENCE, OutOfTime, check_time, limited, unless
 from model.units import called_by_a_script, warn, warn_of_lengths
 from model.winches import Winches
 
@@ -55,8 +55,6 @@ _COARSE = 16
 _ROUGHLY = 1e-3
 # How accurate shapes are that press on themselves.
 _CLOSE = 1e-9
-# How long an equilibrium with contact may take on a mesh, in processor time [s].
-_PATIENCE = 20.0
 
 
 @with_progress
@@ -272,7 +270,7 @@ def _settled(
             check_sections(here)
         except (SnapError, UnsettledContactError, UnsettledSectionError) as problem:
             in_closed_form = isinstance(problem, UnsettledSectionError) and maps.by_sections
-            slow = bool(maps.contacts) and time.process_time() - begun > _PATIENCE
+            slow = bool(maps.contacts) and time.process_time() - begun > PATIENCE
             if refinement >= _COARSE or in_closed_form or slow:
                 raise
             # Nor does a coarser one that did bear the loads tell how accurate a finer one is.
@@ -306,13 +304,13 @@ def _settled(
 @contextmanager
 def _before_long() -> Iterator[None]:
     """Let an equilibrium with contact be found before long, or not at all."""
-    end = time.process_time() + _PATIENCE
+    end = time.process_time() + PATIENCE
     try:
         with unless(lambda: time.process_time() > end):
             yield
     except OutOfTime:
         check_time()
-        raise UnsettledContactError(1.0, f"none is found within {_PATIENCE:g} s") from None
+        raise UnsettledContactError(1.0, f"none is found within {PATIENCE:g} s") from None
 
 
 def checked_scene(arm: Arm, scene: Scene | None, contact: bool = False) -> Scene:

@@ -10,6 +10,8 @@ from contextvars import ContextVar
 
 from model.errors import TimeLimitError
 
+# How long what leads to no progress may take, in processor time [s].
+PATIENCE = 20.0
 _end: ContextVar[float] = ContextVar("end", default=math.inf)
 _ended: ContextVar[Callable[[], bool] | None] = ContextVar("ended", default=None)
 

@@ -9,6 +9,7 @@ each other within one.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -25,7 +26,7 @@ from model.paths import Array
 from model.progress import tell
 from model.scene import Scene
 from model.shape import Shape
-from model.time_limit import check_time
+from model.time_limit import PATIENCE, OutOfTime, check_time, unless
 
 # First and least step in the load factor of the tensions; arc lengths at which gaps are sampled.
 _FIRST, _LEAST, _SAMPLES = 0.25, 1 / 1024, 200
@@ -186,6 +187,19 @@ def pressed_on_itself(tensions: Array, scene: Scene, settle: Settle) -> Shape:
     Raises UnsettledContactError where none is found, and what `settle` does.
     """
     path = _LoadPath(tensions, scene, settle)
+    try:
+        with unless(path.is_late):
+            state = _followed(path)
+    except OutOfTime:
+        check_time()
+        late = f"none is found within {PATIENCE:g} s"
+        raise UnsettledContactError(path.factor, late) from None
+    touches = [touch for pair in state.pairs for touch in pair.touches(state.shape)]
+    return replace(state.shape, on_itself=tuple(sorted(touches, key=lambda touch: touch.s)))
+
+
+def _followed(path: _LoadPath) -> _State:
+    """Return the equilibrium at the end of a load path; raises what pressed_on_itself does."""
     state, factor, step = path.begin(), 0.0, _FIRST
     while factor < 1:
         check_time()
@@ -199,12 +213,12 @@ def pressed_on_itself(tensions: Array, scene: Scene, settle: Settle) -> Shape:
             raise UnsettledContactError(after, sentence + "across decides to which side")
         if there is not None:
             state, factor, step = there, after, min(2 * step, _FIRST)
+            path.reach(factor)
         elif step > _LEAST:
             step /= 2
         else:
             raise UnsettledContactError(factor, "where it presses on itself is not found")
-    touches = [touch for pair in state.pairs for touch in pair.touches(state.shape)]
-    return replace(state.shape, on_itself=tuple(sorted(touches, key=lambda touch: touch.s)))
+    return state
 
 
 class _LoadPath:
@@ -212,6 +226,15 @@ class _LoadPath:
 
     def __init__(self, tensions: Array, scene: Scene, settle: Settle) -> None:
         self.tensions, self.scene, self._settle = tensions, scene, settle
+        self.reach(0.0)
+
+    def reach(self, factor: float) -> None:
+        """Note the load factor that is reached, and when."""
+        self.factor, self._reached = factor, time.process_time()
+
+    def is_late(self) -> bool:
+        """Whether the last progress is too long ago."""
+        return time.process_time() > self._reached + PATIENCE
 
     def begin(self) -> _State:
         """Return the arm without tensions; raises UnsettledContactError if it meets itself."""

@@ -16,6 +16,7 @@ import numpy as np
 from model.contact.contacts import touches_of
 from model.contact.forward import TouchingMap
 from model.contact.stability import held_stability
+from model.contact.touches import Touches, forces
 from model.equilibrium.equilibrium import Collocated
 from model.equilibrium.forward import STAGES
 from model.equilibrium.linearised import Linearised
@@ -25,6 +26,7 @@ from model.time_limit import check_time
 from planner.contact.grasp import Grasp
 from planner.contact.load_path import LoadPath
 from planner.contact.program import Optimality, Program
+from planner.program.limits import natural_tensions
 from planner.program.terms import stations_of
 from planner.solve.task import Task
 from planner.targets.hold import Hold
@@ -34,6 +36,8 @@ from planner.targets.hold import Hold
 _ROUNDS, _FIRST, _LEAST, _CONVERGED, _LESS = 25, 2.0, 1e-3, 1e-6, 0.9
 # The share of a stability margin that an optimum has to have.
 _CLOSE = 1 - 1e-6
+# Forces that do not press, over what bends the arm by 1 rad.
+_PRESSED = 1e-8
 # Gaps that are nearly closed, over the length: programs have nodes there, that tell them.
 _NEAR = 1e-3
 
@@ -98,13 +102,13 @@ class Exchange:
         """Return the optimum that programs lead to from an equilibrium; None if they lead nowhere.
 
         With a stability of at least so much. Where targets cannot be met from there the one that
-        violates them least.
+        violates them least. An optimum whose contacts do not press is one without them, too.
         """
-        box, steps, before, last = _FIRST, [here.tensions], np.inf, None
+        box, steps, before, last, free = _FIRST, [here.tensions], np.inf, None, False
         for _ in range(_ROUNDS):
             check_time()
             here = self.map.with_nodes(here, _NEAR)
-            program = self._program(here, least)
+            program = self._program(self._released(here) if free else here, least)
             z = self.unknowns(program, here)
             point = program.solve(z, box=box, near=last)
             if not point.met:
@@ -121,7 +125,9 @@ class Exchange:
             stays = size < _LEAST and bool(violation) and violation > _LESS * before
             here, before, last = there, violation, point
             steps.append(here.tensions)
-            if size < _CONVERGED or stays:
+            if size < _CONVERGED and not free and self._released(here) is not here:
+                free, last = True, None
+            elif size < _CONVERGED or stays:
                 path = tuple(tuple(T.tolist()) for T in steps)
                 return Optimum(here, path, violation, self.optimality(here, least), least)
         return None
@@ -131,6 +137,16 @@ class Exchange:
         here = self.map.with_nodes(here, _NEAR)
         program = self._program(here, least)
         return program.optimality(self.unknowns(program, here))
+
+    def _released(self, here: Linearised) -> Linearised:
+        """Return an equilibrium whose points that do not press count as free; itself without."""
+        touches, force = Touches.of(here.system), forces(here.system, here.states)
+        least = _PRESSED * float(np.max(natural_tensions(self.task.arm)))
+        light = touches.point & (force <= least)
+        if not light.any():
+            return here
+        touches.point[light], touches.curve[light] = False, 0.0
+        return Linearised(touches.on(here.system), here.x)
 
     def _stepped(self, here: Linearised, step: Array) -> Linearised | None:
         """Return the equilibrium a step of tensions further; None where the arm snaps."""

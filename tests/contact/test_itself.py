@@ -70,6 +70,12 @@ def test_what_would_slip_past_itself_sideways_is_refused() -> None:
         settle(ARM, curled(3.0), SCENE, compile=True)
 
 
+def test_what_makes_no_progress_ends_with_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("model.contact.self_contact.PATIENCE", -1.0)
+    with pytest.raises(UnsettledContactError, match="is found within"):
+        settle(ARM, curled(3.0), SCENE)
+
+
 @pytest.mark.slow
 def test_coils_side_by_side_are_complementary_and_balanced_by_numpy_alone() -> None:
     shape = settle(ARM, curled(3.5, 0.105), SCENE, compile=True)
