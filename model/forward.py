@@ -132,8 +132,9 @@ def explicit_map(
         mesh = graded(arm, refinement, at)
         return PrintedMap(arm, scene, mesh, PRINTED[scheme], machine_code, refinement)
     magnus = CLOSED_FORMS[scheme]
-    places = geometry_on_mesh(Geometry(arm), closed_statics(scene, arm), magnus, refinement, at)
-    return ClosedForm(arm, scene, places, magnus, machine_code, refinement)
+    statics = closed_statics(scene, arm)
+    places = geometry_on_mesh(Geometry(arm), statics, magnus, refinement, at)
+    return ClosedForm(arm, scene, statics, places, magnus, machine_code, refinement)
 
 
 def _reduced(march: March) -> tuple[Any, ...]:

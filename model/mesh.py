@@ -6,6 +6,7 @@ import bisect
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -103,6 +104,7 @@ def _weights(arm: Arm, at: tuple[float, ...], taper: Path) -> tuple[Array, Array
     return breaks, fine, weight
 
 
+@lru_cache(maxsize=64)
 def roughly(radius: Path) -> Path:
     """Return the taper of a radius to a tenth of what it grows by, as an exponent.
 

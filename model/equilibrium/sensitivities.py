@@ -42,7 +42,7 @@ class Sensitivities:
     def _by_wrench(self) -> Array:
         return -self.here.solve(self.here.system.by_wrench(self.here.x, self.node))
 
-    @property
+    @cached_property
     def pose_wrench(self) -> Array:
         """Displacement [m] and rotation [rad] per force [N] and moment [N m] (6, 6), base frame."""
         return self._pose(self._by_wrench)

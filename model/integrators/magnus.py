@@ -14,7 +14,6 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 
-from model.paths import Array
 from model.rotations import exponential
 
 Bracket = Callable[[ca.SX, ca.SX], ca.SX]
@@ -30,16 +29,14 @@ class Magnus:
     order : int
     nodes : (order / 2,)
         Gauss-Legendre nodes on [0, 1].
+    weights : (order / 2,)
+        Of the nodes in an integral over [0, 1].
     """
 
     name: str
     order: int
     nodes: tuple[float, ...]
-
-    @property
-    def weights(self) -> Array:
-        """The weights (order / 2,) of its nodes in an integral over [0, 1]."""
-        return np.polynomial.legendre.leggauss(len(self.nodes))[1] / 2
+    weights: tuple[float, ...]
 
     def step(self, twists: list[ca.SX], h: ca.SX) -> ca.SX:
         """Return the pose (7,) across a step of length h [m].
@@ -126,8 +123,9 @@ _BERNOULLI = (1.0, -1 / 2, 1 / 12, 0.0, -1 / 720, 0.0, 1 / 30240)
 
 
 def _scheme(order: int) -> Magnus:
-    nodes, _ = np.polynomial.legendre.leggauss(order // 2)
-    return Magnus(f"magnus{order}", order, tuple(((nodes + 1) / 2).tolist()))
+    nodes, weights = np.polynomial.legendre.leggauss(order // 2)
+    both = tuple(((nodes + 1) / 2).tolist()), tuple((weights / 2).tolist())
+    return Magnus(f"magnus{order}", order, *both)
 
 
 MAGNUS2, MAGNUS4, MAGNUS6 = (_scheme(order) for order in (2, 4, 6))

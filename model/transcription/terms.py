@@ -221,10 +221,7 @@ class Many:
             numbers = p[part.numbers : part.numbers + term.n_numbers]
             numbers = numbers.reshape(term.count, term.kernel.c.numel())
             found.append(call(y, numbers)[0].reshape(len(x), part.places.size))
-        values, whole = np.concatenate(found, axis=1), np.empty((len(x), self._add.shape[0]))
-        for row, own in zip(whole, values, strict=True):
-            row[:] = self._add @ own
-        return whole
+        return np.ascontiguousarray((self._add @ np.concatenate(found, axis=1).T).T)
 
 
 def _own(part: _Part, given: list[ca.MX]) -> list[ca.MX]:

@@ -26,7 +26,7 @@ from model.rotations import compose
 from model.scene import Scene
 from model.stations import Counts, base_pose, stations
 from model.unloaded.sections import section_solver
-from model.unloaded.statics import ClosedStatics, EnergyStatics, balance_function, closed_statics
+from model.unloaded.statics import ClosedStatics, EnergyStatics, balance_function
 
 # E A, E J and G I come first among the data of a cross-section.
 _BODY = 3
@@ -163,6 +163,7 @@ class ClosedForm:
         self,
         arm: Arm,
         scene: Scene,
+        statics: ClosedStatics,
         places: GeometryOnMesh,
         scheme: Magnus,
         machine_code: bool = False,
@@ -173,7 +174,7 @@ class ClosedForm:
         self.stretch_at, self.stretch_active = places.at, places.active
         self.maps, self.data = places.maps, places.data(arm)
         self._radius = 2 * np.sqrt(self.data[:, 1] / self.data[:, 0])
-        self._base, self._h, self._statics = places.base, places.h, closed_statics(scene, arm)
+        self._base, self._h, self._statics = places.base, places.h, statics
         self._solver = section_solver(self._statics, machine_code)
         self._flat, self._pull = self.maps.reshape(-1, arm.n_tendons), self.maps.shape[:2]
         self._steps = _steps(self._statics.law, scheme, machine_code)

@@ -13,7 +13,7 @@ and a force at the place. Sources: see model.integrators.magnus.
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
@@ -72,7 +72,7 @@ class MarchDerivative:
         """Displacement [m] and rotation [rad] per newton in each tendon (6, n_tendons)."""
         return self._pose(self._by_tensions)
 
-    @property
+    @cached_property
     def pose_wrench(self) -> Array:
         """The same per force [N] and moment [N m] at the node (6, 6), base frame."""
         return self._pose(self._by_wrench)
