@@ -1,7 +1,7 @@
 """Tensions by the lengths that winches leave: the least energy, then Newton's method.
 
 The minimum of the energy under rows of lengths tells which tendons are taut, and about how hard
-they pull; see model.least_energy.program. With the lengths of the equilibrium as a function of the
+they pull; see model.least_energy. With the lengths of the equilibrium as a function of the
 tensions, l(T), those of taut tendons are then found to rounding:
 
     length + stretch T - l(T) = 0 of taut tendons, T = 0 and length - l(T) > 0 of slack ones,
@@ -26,7 +26,7 @@ from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import newton
 from model.errors import CollapsedError, UnsettledSectionError
 from model.forward import ForwardMap, equilibrium_on
-from model.least_energy.program import STAGES, LeastEnergy, Minimum
+from model.least_energy import STAGES, LeastEnergy, Minimum
 from model.loads import is_loaded
 from model.paths import Array
 from model.scene import Scene

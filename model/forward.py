@@ -15,8 +15,7 @@ from model.effects import Friction, PrintedStatics
 from model.equilibrium.equilibrium import Equilibrium
 from model.equilibrium.forward import Collocation, collocation_order
 from model.errors import InputError
-from model.integrators.magnus import MAGNUS2, MAGNUS4, MAGNUS6
-from model.integrators.runge_kutta import RK4, RK6, RK8
+from model.integrators import MAGNUS2, MAGNUS4, MAGNUS6, RK4, RK6, RK8
 from model.loads import contacts, is_loaded
 from model.mesh import IMPLICIT, ROUNDING, graded
 from model.paths import Array

@@ -15,7 +15,7 @@ import numpy as np
 
 from model.arm import Arm
 from model.errors import CollapsedError, InputError, OctoplanError
-from model.least_energy.program import LeastEnergy
+from model.least_energy import LeastEnergy
 from model.paths import Array
 from model.winches import Winches, arm_compliance, rest_lengths
 

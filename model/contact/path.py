@@ -26,7 +26,7 @@ from model.contact.touches import Mask, Place, Places, Touches, forces, mesh_wit
 from model.equilibrium.forward import carried_strains
 from model.equilibrium.linearised import Linearised
 from model.errors import SnapError, UnsettledContactError
-from model.least_energy.program import LeastEnergy, Minimum
+from model.least_energy import LeastEnergy, Minimum
 from model.loads import contacts, without_friction
 from model.obstacles import distances, numbers_of
 from model.paths import Array

@@ -1,10 +1,14 @@
-"""Contact with something rigid."""
+"""Contact with something rigid and with the arm itself, and friction of tendons in their sheaths."""
 
 from __future__ import annotations
 
+from typing import Annotated
+
+from msgspec import Meta
+
 from model.effects.base import Effect
 from model.obstacles.base import Convex
-from model.quantities import NotNegative
+from model.quantities import NotNegative, Sign
 from model.value import value
 
 
@@ -42,3 +46,43 @@ class Contact(Effect):
 
     obstacle: Convex
     friction: NotNegative = 0.0
+
+
+@value
+class SelfContact(Effect):
+    """Parts of the arm that meet press each other apart, without friction.
+
+    The surface is that of balls of the arm's radius along its midline, as for clearances and
+    contact: the gap between the places s1 < s2 is the distance of the midlines less both radii. Of
+    places between which the arm has turned by half a turn, so that they are farther along than
+    their own thickness, gap >= 0, force >= 0, gap times force = 0. The forces are equal and
+    opposite, along the line that joins the midlines, at pairs of points where the gap is least. A
+    neo-Hookean body swells where it is shortened; that it is squeezed where it presses is left out.
+
+    `settle` states it, `Shape.contacts` has both forces of each pair. It goes with all statics and
+    dead loads, but not with Contact, Friction or PrintedStatics; plans, stiffness, motions and
+    tendons held by length do not state it and refuse it.
+    """
+
+
+@value
+class Friction(Effect):
+    """Coulomb friction: ``dT/ds = -direction mu T |d(c/|c|)/ds|`` from the motor to the anchorage.
+
+    On a circular arc of angle theta, T(L) = T(0) exp(-mu theta) while pulling in. All tendons
+    slide; where a section's tendons end, those that go on are bent sharply and lose exp(-mu
+    angle) there. Adds to the paper's scene torsion, the moment at the nodes, the angle that each
+    tendon has turned there, and the rates of the strains: the most expensive effect. Without it a
+    tendon is as tight at its end as at its motor: at mu = 0.2 a bend of 180 degrees costs half the
+    tension.
+
+    Attributes
+    ----------
+    mu : float
+        Coefficient of friction.
+    direction : int or tuple of int
+        1 while the motor pulls in, -1 while it pays out; one for all tendons or one for each.
+    """
+
+    mu: NotNegative
+    direction: Sign | Annotated[tuple[Sign, ...], Meta(min_length=1)] = 1

@@ -21,7 +21,7 @@ from model.cross_section.law import join, size
 from model.cross_section.sections import Sections
 from model.effects import Current
 from model.equilibrium.dense import coefficients, sliding_tensions
-from model.integrators.runge_kutta import RK8
+from model.integrators import RK8
 from model.loads import beyond, is_loaded
 from model.machine.buffered import Mapped
 from model.obstacles.base import SIZE, with_gradient

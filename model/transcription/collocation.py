@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from model.cross_section.law import Name
-from model.integrators.magnus import Bracket, expansion, series
+from model.integrators import Bracket, expansion, series
 from model.paths import Array
 
 

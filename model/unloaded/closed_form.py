@@ -17,7 +17,7 @@ from model.arm import Arm
 from model.cross_section import cross_section_of
 from model.cross_section.law import CrossSection, reported, size
 from model.cross_section.sections import Sections
-from model.integrators.magnus import Magnus
+from model.integrators import Magnus
 from model.machine.buffered import Buffered, Mapped
 from model.machine.compiled import kernel
 from model.mesh import Mesh, graded, roughly

@@ -8,7 +8,7 @@ of z by kappa and nu at a step's nodes, and W the nodes' weights in an integral 
 
 where twist' are those of kappa and nu by the strains v, and K of the cross-section's wrench. The
 first is the chain rule, the second the principle of virtual work with the same Z: w is a moment
-and a force at the place. Sources: see model.integrators.magnus.
+and a force at the place. Sources: see model.integrators.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from model.cross_section.law import (
     size,
     strains_of,
 )
-from model.integrators.magnus import Magnus
+from model.integrators import Magnus
 from model.machine.buffered import Buffered
 from model.machine.compiled import kernel
 from model.paths import Array

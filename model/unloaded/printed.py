@@ -18,7 +18,7 @@ import numpy as np
 from model.arm import Arm
 from model.cross_section.paper import PaperSection, resultants
 from model.effects import Extension
-from model.integrators.runge_kutta import RungeKutta
+from model.integrators import RungeKutta
 from model.machine.buffered import Mapped
 from model.machine.compiled import kernel
 from model.mesh import Mesh

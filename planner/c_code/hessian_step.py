@@ -17,7 +17,7 @@ from functools import lru_cache
 import casadi as ca
 
 from model.cross_section.law import size
-from model.integrators.magnus import Magnus
+from model.integrators import Magnus
 from model.rotations import compose, exponential, inverse
 from model.unloaded.march_derivative import adjoint_function
 from model.unloaded.statics import ClosedStatics

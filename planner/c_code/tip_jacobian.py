@@ -14,7 +14,7 @@ from typing import TypeVar
 import casadi as ca
 
 from model.cross_section.law import size
-from model.integrators.magnus import Magnus
+from model.integrators import Magnus
 from model.rotations import compose
 from model.unloaded.march_derivative import adjoint_function, step_jacobian
 from model.unloaded.statics import ClosedStatics

@@ -19,7 +19,7 @@ from model.effects import (
     Weight,
 )
 from model.errors import ConvergenceError, InputError, UnsettledContactError
-from model.least_energy.program import LeastEnergy
+from model.least_energy import LeastEnergy
 from model.obstacles import Box, Capsule, HalfSpace, Sphere
 from model.stiffness import stiffness
 from model.transcription.system import system

@@ -11,7 +11,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
-from model.integrators.magnus import MAGNUS2, MAGNUS4, MAGNUS6, Magnus
+from model.integrators import MAGNUS2, MAGNUS4, MAGNUS6, Magnus
 from model.rotations import (
     IDENTITY,
     compose,

@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from model import Arm
-from model.integrators.runge_kutta import RK6
+from model.integrators import RK6
 from model.mesh import graded
 from model.unloaded.printed import section_numbers, step_function
 from tests.oracles import (

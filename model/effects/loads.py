@@ -1,0 +1,144 @@
+"""Loads: weight and buoyancy, forces and masses at places along the arm, and streams."""
+
+from __future__ import annotations
+
+from model.effects.base import Effect
+from model.quantities import (
+    Acceleration,
+    ArcLength,
+    Density,
+    Force,
+    Mass,
+    Moment,
+    NotNegative,
+    Place,
+    Velocity,
+)
+from model.value import value
+
+
+@value
+class Weight(Effect):
+    """The arm's own weight, rho A(s) g per unit reference length, with the material's density.
+
+    F(s) is the weight of what lies beyond s, M' = -u' x F. Adds to the paper's scene torsion and
+    the moment at the nodes, and couples the cross-sections in one system of equations. Without it
+    the tip of table 2 under figure 11(b) is 4 cm off even in water, and half an arm's length in
+    air.
+
+    Attributes
+    ----------
+    g : (3,)
+        Acceleration of gravity in the base frame [m/s2].
+    """
+
+    g: Acceleration = (0.0, 0.0, -9.81)
+
+
+@value
+class Buoyancy(Effect):
+    """The weight of the fluid that the arm displaces, taken off: (rho - rho_fluid) A(s) g.
+
+    Needs Weight, whose g it acts against; adds no state, unknown or time to it. Without it an arm
+    in water hangs like one in air, 13 times too heavy for the silicone of the paper.
+
+    Attributes
+    ----------
+    density : float
+        Of the fluid [kg/m3].
+    """
+
+    density: Density = 1000.0
+
+
+@value
+class TipLoad(Effect):
+    """A force and a moment on the tip: dead in the base frame, or following the tip.
+
+    F(L) = force and M(L) = moment, in the base frame or, with `follower`, in the tip's (boundary
+    conditions of F' = -f, M' = -u' x F). Adds to the paper's scene torsion and the moment at the
+    nodes, a follower the force there as well. Without it a payload is not felt: 2 mN (0.2 g) move
+    the tips of the paper's figures by 5 to 10 mm.
+
+    Attributes
+    ----------
+    force : (3,)
+        [N].
+    moment : (3,)
+        [N m].
+    follower : bool
+        Whether force and moment turn with the tip frame (t, n, b).
+    """
+
+    force: Force = (0.0, 0.0, 0.0)
+    moment: Moment = (0.0, 0.0, 0.0)
+    follower: bool = False
+
+
+@value
+class PointLoad(Effect):
+    """A dead force on the midline at arc length s; a scene may have several, at different places.
+
+    The force in the arm jumps there, F(s-) = F(s+) + force, the moment does not. Adds to the
+    paper's scene torsion, the moment at the nodes, and a node at s. Without it what the arm leans
+    on is not felt.
+
+    Attributes
+    ----------
+    s : float
+        From the base [m]; has to lie on the arm.
+    force : (3,)
+        In the base frame [N].
+    """
+
+    s: ArcLength
+    force: Force
+
+
+@value
+class PointMass(Effect):
+    """The weight of a mass that a cross-section carries, off the midline; needs Weight.
+
+    The force in the arm jumps by m g there, and the moment by (R o) x m g: o turns with the frame R
+    of the cross-section. What fluid the mass displaces is left out. Adds a node at s to a scene
+    with weight, and off the midline a moment there. Without it what the arm carries is not felt.
+
+    Attributes
+    ----------
+    s : float
+        From the base [m]; has to lie on the arm.
+    mass : float
+        [kg].
+    offset : (3,)
+        From the midline in the local frame (t, n, b) [m]; on it unless given.
+    """
+
+    s: ArcLength
+    mass: Mass
+    offset: Place | None = None
+
+
+@value
+class Current(Effect):
+    """A steady stream pushes across the arm: ``rho C R |v_n| v_n`` per unit deformed length.
+
+    v_n is the part of the stream's velocity that is normal to the arm's tangent t, so the load
+    depends on the shape (Morison's drag term). Adds to the paper's scene torsion, and moment and
+    force at the nodes, and couples the cross-sections in one system of equations.
+    Without it an arm in flowing water
+    stands as in still water: 0.1 m/s move the tips of the paper's figures by 12 to 18 mm.
+
+    Attributes
+    ----------
+    velocity : (3,)
+        Of the stream, in the base frame [m/s].
+    density : float
+        Of the fluid [kg/m3].
+    coefficient : float
+        Drag coefficient of a cylinder across the stream, about 1.1 at the Reynolds numbers of an
+        arm in water.
+    """
+
+    velocity: Velocity
+    density: Density = 1000.0
+    coefficient: NotNegative = 1.1

@@ -1,1 +1,0 @@
-"""Steps along the arm: Magnus expansions for poses, explicit Runge-Kutta schemes for rates."""

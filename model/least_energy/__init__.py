@@ -1,1 +1,0 @@
-"""Equilibria as least potential energy under rows that hold lengths of tendons and gaps."""

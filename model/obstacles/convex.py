@@ -1,0 +1,145 @@
+"""Convex obstacles by their signed distance: spheres, capsules, boxes and half spaces."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+
+from model.errors import InputError
+from model.obstacles.base import ENDLESS, Convex, axes_with, rounded
+from model.obstacles.outlines import swept
+from model.paths import Array
+from model.quantities import Axes, Direction, Length, Place, Sizes
+from model.value import value
+
+
+@value
+class Sphere(Convex):
+    """A ball.
+
+    Attributes
+    ----------
+    center : (3,)
+        In the base frame [m].
+    radius : float
+        [m].
+    """
+
+    center: Place
+    radius: Length
+
+    @property
+    def numbers(self) -> Array:
+        """See Convex.numbers: a point in a layer."""
+        return rounded(np.array(self.center), np.eye(3), np.zeros(3), self.radius)
+
+    @property
+    def outline(self) -> tuple[Array, Array]:
+        """See Obstacle.outline."""
+        center = np.array(self.center)
+        return swept(center, center, self.radius)
+
+
+@value
+class Capsule(Convex):
+    """All points within a radius of a line segment.
+
+    Attributes
+    ----------
+    start, end : (3,)
+        Of the segment, in the base frame [m].
+    radius : float
+        [m].
+    """
+
+    start: Place
+    end: Place
+    radius: Length
+
+    def __post_init__(self) -> None:
+        if self.start == self.end:
+            raise InputError("Capsule.end", self.end, "a point apart from the start; or a Sphere")
+
+    @property
+    def numbers(self) -> Array:
+        """See Convex.numbers: a box of no width in a layer."""
+        a, b = np.array(self.start), np.array(self.end)
+        half = np.array([np.linalg.norm(b - a) / 2, 0.0, 0.0])
+        return rounded((a + b) / 2, axes_with(b - a), half, self.radius)
+
+    @property
+    def outline(self) -> tuple[Array, Array]:
+        """See Obstacle.outline."""
+        return swept(np.array(self.start), np.array(self.end), self.radius)
+
+
+_ALONG_BASE = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+@value
+class Box(Convex):
+    """A box.
+
+    Attributes
+    ----------
+    center : (3,)
+        In the base frame [m].
+    size : (3,)
+        Lengths of its edges [m].
+    frame : (3, 3)
+        Columns are the directions of the edges; those of the coordinates unless given.
+    """
+
+    center: Place
+    size: Sizes
+    frame: Axes = _ALONG_BASE
+
+    @property
+    def numbers(self) -> Array:
+        """See Convex.numbers."""
+        half = np.array(self.size) / 2
+        return rounded(np.array(self.center), np.array(self.frame), half)
+
+    @property
+    def outline(self) -> tuple[Array, Array]:
+        """See Obstacle.outline."""
+        signs = np.array(list(product((-1, 1), repeat=3)))
+        corners = np.array(self.center) + signs * np.array(self.size) / 2 @ np.array(self.frame).T
+        sides = [(0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5)]
+        triangles = [half for a, b, c, d in sides for half in ((a, b, c), (a, c, d))]
+        return corners, np.array(triangles)
+
+
+# How far from the point a figure shows the plane [m].
+_SHOWN = 0.15
+
+
+@value
+class HalfSpace(Convex):
+    """All that is behind a plane: a wall, a floor, a table.
+
+    Attributes
+    ----------
+    point : (3,)
+        On the plane, in the base frame [m].
+    normal : (3,)
+        Out of the body, towards the free side; of any length but 0.
+    """
+
+    point: Place
+    normal: Direction
+
+    @property
+    def numbers(self) -> Array:
+        """See Convex.numbers: a box without end, but for one side."""
+        half = np.array([0.0, ENDLESS, ENDLESS])
+        axes = axes_with(np.array(self.normal))
+        return rounded(np.array(self.point), axes, half, is_open=True)
+
+    @property
+    def outline(self) -> tuple[Array, Array]:
+        """See Obstacle.outline: a square of the plane."""
+        axes = axes_with(np.array(self.normal))
+        corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * _SHOWN
+        return np.array(self.point) + corners @ axes[:, 1:].T, np.array([(0, 1, 2), (0, 2, 3)])
