@@ -1,4 +1,4 @@
-"""Contact with something rigid and with the arm itself, and friction of tendons in their sheaths."""
+"""Contact with something rigid and with the arm itself, and friction of sliding tendons."""
 
 from __future__ import annotations
 
