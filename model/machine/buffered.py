@@ -73,8 +73,7 @@ class Mapped:
         if count and by_columns and self._columns is not None:
             return self._columns(*given)
         if 0 < count <= self._most:
-            whole = slice(0, count)
-            rows = [v if len(v) == count else part_of(v, count, whole) for v in given]
+            rows = [v if len(v) == count else part_of(v, count, slice(count)) for v in given]
             found = self._sized(count)(*[v.ravel() for v in rows])
             return [result.reshape(count, -1) for result in found]
         results = [np.empty((count, f.numel_out(i))) for i in range(f.n_out())]

@@ -132,11 +132,13 @@ class _Steps:
         self.step, self._along = kernel(step, machine_code), dict[int, Buffered]()
 
     def along(self, count: int) -> Buffered:
-        """Return the same for so many steps one after another: the poses after each."""
+        """Return the same for so many steps one after another: the poses at all nodes."""
         if count not in self._along:
             march = self.step.mapaccum(count)
+            g, *given = march.mx_in()
+            nodes = ca.Function("marched", [g, *given], [ca.horzcat(g, march(g, *given))])
             few = count <= _WRITTEN_OUT and self.step.is_a("SXFunction")
-            self._along[count] = Buffered(march.expand() if few else march)
+            self._along[count] = Buffered(nodes.expand() if few else nodes)
         return self._along[count]
 
 
@@ -255,17 +257,14 @@ class ClosedForm:
     def poses(self, v: Array) -> Array:
         """Return the poses at the nodes (S + 1, 7) of strains at `stretch_at` (K, n)."""
         inner = v[: self.mesh.steps * len(self.scheme.nodes)]
-        found = np.empty((self.mesh.steps + 1, 7))
-        found[0] = self._base
-        (found[1:],) = self._march(self._base, inner.ravel(), self._h)
-        return found
+        return self._march(self._base, inner.ravel(), self._h)[0]
 
     def _along(self, v: Array) -> Array:
         """Return 1 + q (..., K) of strains (..., K, n); NaN where these are none."""
         law = self._statics.law
         if not law.extension:
             return 1 + 0 * v[..., 0]
-        return 1 + (v[..., 2] - law.along_at_rest)
+        return np.asarray(v[..., 2] + (1.0 - law.along_at_rest))
 
     def dense(self, tensions: Array, poses: Array, s: Array) -> tuple[Array, Array]:
         """Return poses (N, 7) and strains (N, 4) at arc lengths s, a step from the nodes below."""
