@@ -58,7 +58,7 @@ class Mapped:
     """
 
     # Sets at a time, of scalar functions and of others; sizes that maps are kept of.
-    _many, _few, _kept = 256, 64, 20
+    _many, _few, _kept = 512, 64, 20
 
     def __init__(self, function: ca.Function, machine_code: bool = False) -> None:
         self._function = function
@@ -73,7 +73,7 @@ class Mapped:
         if count and by_columns and self._columns is not None:
             return self._columns(*given)
         if 0 < count <= self._most:
-            rows = [v if len(v) == count else part_of(v, count, slice(count)) for v in given]
+            rows = [v if len(v) == count else part_of(v, count, slice(0, count)) for v in given]
             found = self._sized(count)(*[v.ravel() for v in rows])
             return [result.reshape(count, -1) for result in found]
         results = [np.empty((count, f.numel_out(i))) for i in range(f.n_out())]
