@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +21,7 @@ from model.paths import Array
 from model.shape import Shape
 from model.time_limit import check_time
 from model.unloaded.march_derivative import MarchDerivative
+from model.unloaded.marched import Marched
 from model.winches import least_compliance, pulls
 
 Response = Sensitivities | MarchDerivative
@@ -81,20 +81,18 @@ def sensitivities(shape: Shape, at: float, refinement: int) -> Response:
     arm, scene, T = shape.arm, shape.scene, shape.tensions
     if not is_loaded(scene):
         given = arm, scene, _SCHEME, refinement, (at,), shape.machine_code
-        march: Any = explicit_map(*given)
-        return MarchDerivative(march, T, march.mesh.node(at))
+        here = Marched.under(explicit_map(*given), T)
+        return MarchDerivative(here, here.mesh.node(at))
     forward = by_collocation(arm, scene, STAGES, refinement, (at,), True, shape.machine_code)
     return Sensitivities(forward.found(T, shape.known), forward.mesh.node(at))
 
 
 def at_nodes(shape: Shape, nodes: Sequence[int]) -> list[Response]:
     """Return the sensitivities of a shape at nodes of its own mesh."""
-    known = shape.known
-    if known is not None:
-        return [Sensitivities(known, node) for node in nodes]
-    given = shape.arm, shape.scene, shape.scheme, shape.refinement, (), shape.machine_code
-    march: Any = explicit_map(*given)
-    return [MarchDerivative(march, shape.tensions, node) for node in nodes]
+    here = shape.equilibrium
+    if isinstance(here, Marched):
+        return [MarchDerivative(here, node) for node in nodes]
+    return [Sensitivities(here.states, node) for node in nodes]
 
 
 def _first_pair(shape: Shape, accuracy: float) -> tuple[int, int]:

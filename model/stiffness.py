@@ -291,7 +291,7 @@ def tip_jacobian(
     here = shape.equilibrium
     assert isinstance(here, Marched)
     if isinstance(here.march, ClosedForm):
-        return MarchDerivative(here.march, shape.tensions, here.mesh.steps).pose_tension
+        return MarchDerivative(here, here.mesh.steps).pose_tension
     function = tip_jacobian_function(arm, scene, here.scheme, here.refinement)
     return np.array(function(shape.tensions))
 

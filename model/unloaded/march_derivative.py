@@ -33,6 +33,7 @@ from model.machine.compiled import kernel
 from model.paths import Array
 from model.rotations import conjugate, exponential, matrix, multiply
 from model.unloaded.closed_form import ClosedForm
+from model.unloaded.marched import Marched
 
 _ROUNDING = 4 * np.finfo(float).eps
 
@@ -42,23 +43,23 @@ class MarchDerivative:
 
     Parameters
     ----------
-    march : ClosedForm
-    tensions : (n_tendons,)
-        [N].
+    here : Marched
+        The equilibrium, in closed form.
     node : int
         The node of its mesh that is pushed and watched.
     """
 
-    def __init__(self, march: ClosedForm, tensions: Array, node: int) -> None:
-        self.march, self.tensions, self.node = march, tensions, node
-        self._at = at = march.sections
+    def __init__(self, here: Marched, node: int) -> None:
+        march = here.march
+        assert isinstance(march, ClosedForm)
+        self.tensions, self._at = here.tensions, march.sections
+        at = self._at
         h, weights, law = np.diff(march.mesh.s), march.scheme.weights, at.law
         m, count = len(weights), h.size * len(weights)
-        plain = march.strains(tensions)
-        poses = march.poses(plain)
+        poses, v = here.poses, here.strains[:count]
         self._weights, self._point = np.outer(h, weights).ravel(), poses[node, 4:]
-        self._v = v = strains_of(law, reported(march.law, plain[:count]))
-        self._stiffness = at.wrench(v, at.pulls(tensions))[1]
+        v = v if law == march.law else strains_of(law, reported(march.law, v))
+        self._v, self._stiffness = v, at.wrench(v, at.pulls(self.tensions))[1]
         twist, slopes = mapped(_kinematics, law)(v)
         call = _step_twists(march.scheme, h.size, march.machine_code)
         (z,) = call(poses[:-1].ravel(), twist.ravel(), h)

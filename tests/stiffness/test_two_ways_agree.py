@@ -1,7 +1,5 @@
 """Without loads, twists of a march answer as the equations of equilibrium do."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -10,6 +8,7 @@ from model.effects import ExactTendons, Extension
 from model.equilibrium.sensitivities import Sensitivities
 from model.forward import by_collocation, explicit_map
 from model.unloaded.march_derivative import MarchDerivative
+from model.unloaded.marched import Marched
 
 SCENES = {
     "bare": Scene(),
@@ -30,10 +29,10 @@ def test_virtual_work_agrees_with_implicit_functions(scene: str, at: float) -> N
     for refinement in (2, 4):
         here = by_collocation(arm, SCENES[scene], 3, refinement, (at,), True).found(tensions)
         node = here.system.mesh.node(at)
-        march: Any = explicit_map(arm, SCENES[scene], "magnus6", refinement, (at,))
+        march = explicit_map(arm, SCENES[scene], "magnus6", refinement, (at,))
         ways = (
             Sensitivities(here, node),
-            MarchDerivative(march, tensions, march.mesh.node(at)),
+            MarchDerivative(Marched.under(march, tensions), march.mesh.node(at)),
         )
         values = [[getattr(way, what) for way in ways] for what in WHAT]
         gaps.append(max(np.abs(a - b).max() / np.abs(a).max() for a, b in values))
