@@ -205,13 +205,16 @@ class Fitted:
     def unreached(self) -> tuple[str, ...]:
         """Names of shapes that no values within the bounds come near.
 
-        Their markers are off by more than a tenth of the arm's length in the mean.
+        Their markers, or lengths or strokes of their tendons, are off by more than a tenth of the
+        arm's length in the mean.
         """
-        far, by_name = _UNREACHED * self.given_arm.length, dict[str, list[float]]()
-        for residual in self.residuals:
-            if residual.is_place:
-                by_name.setdefault(residual.shape, []).append(residual.size)
-        return tuple(name for name, sizes in by_name.items() if np.mean(sizes) > far)
+        far, sizes = _UNREACHED * self.given_arm.length, dict[tuple[str, str], list[float]]()
+        for own in self.residuals:
+            if not own.what.startswith("frames"):
+                kind = "places" if own.is_place else own.what.partition("[")[0]
+                sizes.setdefault((own.shape, kind), []).append(own.size)
+        rows = [name for (name, _), of_kind in sizes.items() if np.mean(of_kind) > far]
+        return tuple(dict.fromkeys(rows))
 
     @property
     def outcome(self) -> str:
@@ -244,9 +247,9 @@ class Fitted:
         unlike = [name for name in self.unlike if name not in far]
         if far:
             lines.append(
-                f"No values within the bounds reach {', '.join(far)}: markers are off by more than "
-                "a tenth of the arm's length; check tensions and markers there, units, the order "
-                "of the tendons, and the bounds."
+                f"No values within the bounds reach {', '.join(far)}: markers or lengths are off "
+                "by more than a tenth of the arm's length; check tensions and markers there, "
+                "units, the order of the tendons, and the bounds. " + self._farthest(far)
             )
             most = max((max(shape.tensions or (0.0,)) for shape in self.measured), default=0.0)
             radius = self.given_arm.radius.evaluate(np.zeros(1), self.given_arm.length)[0][0]
@@ -259,9 +262,22 @@ class Fitted:
         if unlike:
             lines.append(
                 f"No values within the bounds reach {', '.join(unlike)} as well as the others: "
-                "check tensions and markers there, or fit with a robust loss."
+                "check tensions and markers there, or fit with a robust loss. "
+                + self._farthest(unlike)
             )
         return lines
+
+    def _farthest(self, names: Sequence[str]) -> str:
+        """Return which marker, length or stroke of some shapes is farthest off."""
+        rows = [
+            own
+            for own in self.residuals
+            if own.shape in names and not own.what.startswith("frames")
+        ]
+        if not rows:
+            return "Frames are off."
+        worst = max(rows, key=lambda own: own.size)
+        return f"Farthest off is {worst.what} of {worst.shape}, by {1e3 * worst.size:.3g} mm."
 
     def _starts(self) -> list[str]:
         """Return how many of several starts came to the optimum."""

@@ -14,6 +14,7 @@ from model.checks import SUCH, orthonormal
 from model.paths import Array
 from model.quantities import Matrix, NotNegative, Positive, Vector
 from model.value import Rule, value
+from model.winches import rest_lengths
 
 # Markers farther from the base than this, in arm lengths and offsets, cannot be on the arm; of an
 # arm that moves markers are not all this near to the base.
@@ -163,6 +164,7 @@ class Measured:
             _check_place(arm, f"{name}: {what}", place, np.array(offset))
         for what in ("lengths", "strokes"):
             _check_runs(arm, f"{name}: {what}", getattr(self, what))
+        _check_strokes(arm, f"{name}: strokes", self.strokes)
         return replace(self, tensions=flat, name=name)
 
 
@@ -190,6 +192,17 @@ def _check_runs(arm: Arm, where: str, lengths: Sequence[float] | None) -> None:
     if abs(lengths[most]) > 3 * arm.length:
         allowed = f"lengths of tendons in m{_in_mm(abs(lengths[most]) / arm.length)}"
         raise InputError(f"{where}, {arm.tendon_name(most)}", lengths[most], allowed)
+
+
+def _check_strokes(arm: Arm, where: str, strokes: Sequence[float] | None) -> None:
+    """Refuse what takes in more of a tendon than there is of it."""
+    if strokes is None:
+        return
+    rest = rest_lengths(arm)
+    most = int(np.argmax(np.array(strokes) - rest))
+    if strokes[most] > rest[most]:
+        allowed = f"less than the tendon's length at rest, {rest[most]:.3g} m; is it in mm?"
+        raise InputError(f"{where}, {arm.tendon_name(most)}", strokes[most], allowed)
 
 
 def check_scale(arm: Arm, shapes: Sequence[Measured]) -> None:

@@ -29,6 +29,8 @@ E = Unknown("arm.E_kPa", 50, 300)
         ({"points": [(0.1, (0, 0, 0))]}, "all in m"),
         ({"points": []}, "points, frames, a tip"),
         ({"lengths": [0.2, 0.2]}, "one of each of 3"),
+        ({"lengths": [0.2, 196.0, 0.2]}, "lengths, T_12: got 196.0.*is it in mm"),
+        ({"strokes": [0.0, 0.3, 0.0]}, "strokes, T_12: got 0.3.*at rest, 0.2 m; is it in mm"),
         ({"tip": (0, 0, -200.0)}, "tip.*is it in mm"),
         ({"frames": [(0.1, [[1, 0, 0], [0, 1, 0], [0, 0, 2]])]}, "orthonormal"),
         ({"tensions": [1.0, 2.0]}, "3 numbers"),
@@ -96,7 +98,8 @@ def test_a_place_that_nothing_reaches_is_named_and_bounds_are_told() -> None:
     shapes.append(replace(GOOD, points=[(*POINT[:2], (0.1, 0.1, 0.0))], name="far"))
     found = calibrate(small_arm(), HANGING, shapes, [E])
     assert found.unlike == ("far",)
-    assert "far: markers are off" in found.outcome
+    assert "far: markers or lengths are off" in found.outcome
+    assert "Farthest off is points[0] of far, by" in found.outcome
     assert found.at_bounds == ("arm.E_kPa",)
     assert "At a bound" in found.outcome
 
@@ -105,8 +108,15 @@ def test_shapes_out_of_reach_are_named_without_others_to_compare_them_with() -> 
     far = replace(GOOD, points=[(*POINT[:2], (0.1, 0.1, 0.0))], name="far")
     found = calibrate(small_arm(), HANGING, [far], [E])
     assert found.unreached == ("far",)
-    assert "No values within the bounds reach far: markers are off by more than" in found.outcome
+    assert "No values within the bounds reach far: markers or lengths are off by" in found.outcome
     assert "mN" not in found.outcome
+
+
+def test_strokes_that_no_shape_has_are_told_by_shape_and_column() -> None:
+    off = replace(GOOD, strokes=[0.0, 0.15, 0.0], name="odd")
+    found = calibrate(small_arm(), HANGING, [off], [E])
+    assert found.unreached == ("odd",)
+    assert "Farthest off is strokes[1] of odd, by" in found.outcome
 
 
 def test_tensions_in_the_wrong_unit_are_told() -> None:
