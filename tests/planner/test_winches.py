@@ -161,3 +161,16 @@ def test_tendons_that_pull_by_rounding_alone_are_slack(tension: float) -> None:
     assert length_error(shape).names == ("T_11", "T_22")
     assert "T_12" in stiffness(ARM, tensions, SCENE, hold="length").slack
     assert settle_many(ARM, [tensions], SCENE).slack.sum() == 10
+
+
+def test_a_tendon_is_slack_below_what_shortens_all_by_1e_8_of_the_arm() -> None:
+    """By the straight arm's compliance, the integral of y2/EJ + 1/EA of each tendon, in sum."""
+    C = 0.0
+    for section in ARM.sections:
+        s = np.linspace(0, section.at, 4001)
+        R, y = ARM.radius.evaluate(s, ARM.length)[0], section.offset.evaluate(s, section.at)[0]
+        EJ = ARM.material.E * np.pi * R**4 / 4
+        C += len(section.angles) * np.trapezoid((y**2 + R**2 / 4) / EJ, s)
+    for factor, slack in ((0.99, True), (1.01, False)):
+        tensions = [0.5, factor * 1e-8 * ARM.length / C, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0]
+        assert settle(ARM, tensions, SCENE).slack.ravel()[1] == slack
