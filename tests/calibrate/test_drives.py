@@ -205,3 +205,12 @@ def test_the_figure_shows_arms_residuals_and_standard_errors(sure: Calibration) 
         shape.name for shape in sure.measured
     ]
     assert "arm.E_kPa" in errors.get_yticklabels()[0].get_text()
+
+
+@pytest.mark.parametrize("own", [None, 5e-4])
+def test_each_number_has_the_standard_deviation_of_its_kind(own: float | None) -> None:
+    place, turned = (0.1, 0.0, 0.0), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    given = {"points": [(0.1, (0, 0, 0), place)], "frames": [(0.1, turned)], "tip": place}
+    lengths = {"lengths": [0.1, 0.2, 0.3], "std": 2e-3, "angle_std": 0.03, "length_std": own}
+    shape = Measured(tensions=[0.0] * 3, **given, **lengths)
+    assert shape.stds.tolist() == [2e-3] * 6 + [0.03] * 3 + [own or 2e-3] * 3
