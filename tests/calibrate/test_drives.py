@@ -39,6 +39,7 @@ def _by_length(kind: str, noise: float = 0.0, seed: int = 0) -> list[Measured]:
     return shapes
 
 
+@pytest.mark.quick("strokes")
 @pytest.mark.parametrize("kind", ["lengths", "strokes"])
 def test_shapes_by_encoders_alone_tell_where_tendons_are(kind: str) -> None:
     true = small_arm()
@@ -58,6 +59,7 @@ def test_a_droop_is_a_shape_without_tensions() -> None:
     assert found.values == pytest.approx((120.0,), rel=1e-5)
 
 
+@pytest.mark.quick("tensions", "lengths")
 @pytest.mark.parametrize("kind", ["tensions", "lengths", "strokes"])
 def test_derivatives_of_residuals_are_those_of_differences(kind: str) -> None:
     shapes = _by_length(kind) if kind != "tensions" else synthetic(small_arm(), HANGING, 0.0, 0)
@@ -87,6 +89,7 @@ def _longer(arm: Arm) -> Arm:
     return replace(arm, length=0.21)
 
 
+@pytest.mark.quick("tensions")
 @pytest.mark.parametrize("by", ["tensions", "lengths"])
 def test_noise_of_what_drives_shapes_is_carried_to_standard_errors(by: str) -> None:
     """Draws of noise of load cells, or encoders, scatter the values as much as is told."""

@@ -193,6 +193,7 @@ def test_a_load_that_is_too_much_is_a_row_with_its_reason(load: TipLoad, told: s
     assert row.states_added == 7
 
 
+@pytest.mark.slow
 def test_a_scene_that_does_not_settle_itself_is_an_error() -> None:
     with pytest.raises(SnapError):
         switch_effects(ARM, NO_PULL, Scene(Extension(), UPRIGHT), repeats=1)

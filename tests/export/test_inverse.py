@@ -174,7 +174,7 @@ CASES = {
 }
 
 
-@pytest.mark.quick("single precision", "bending alone")
+@pytest.mark.quick("single precision")
 @pytest.mark.parametrize("name", CASES)
 def test_other_arms_and_numbers_agree_with_their_test_vectors(name: str, tmp_path: Path) -> None:
     arm, scene, T, precision, accuracy = CASES[name]

@@ -47,15 +47,6 @@ LENGTHS: list[tuple[str, str, dict[str, Any]]] = [
     ("tendon_outside", "no lengths", {"tensions": np.zeros(12), "tendon_outside": 1.0}),
     ("near", "a Shape", {"lengths": REST, "near": 3}),
     ("near", "the same", {"lengths": REST, "near": settle(cylinder((0.2,)), np.zeros(4))}),
-    # No section settles by it: the tendon is told, and not tensions.
-    (
-        "lengths[5] (T_22)",
-        "m on, beside the other lengths",
-        {
-            "lengths": np.where(np.arange(12) == 5, 0.0, REST),
-            "scene": Scene(Extension(), ExactTendons(), Weight()),
-        },
-    ),
 ]
 STROKES: list[tuple[str, str, dict[str, Any]]] = [
     ("stroke_max", "0 or a number above", {"stroke_max": -0.01}),
@@ -116,6 +107,7 @@ def test_what_is_no_length_or_stroke_is_refused(
     check_refusal(attempt, field, allowed)
 
 
+@pytest.mark.quick("unloaded")
 @pytest.mark.parametrize("loads", [(), (Weight(), Buoyancy(1000.0))], ids=["unloaded", "in water"])
 def test_lengths_that_crush_the_arm_name_the_tendon_and_the_least(
     loads: tuple[Effect, ...],
@@ -137,3 +129,10 @@ def test_lengths_that_crush_the_arm_name_the_tendon_and_the_least(
 def test_lengths_in_millimetres_are_told() -> None:
     with pytest.warns(UnitWarning, match="lengths are all .* 1000 times too long"):
         settle(ARM, scene=EXACT, lengths=1e3 * REST)
+
+
+@pytest.mark.slow
+def test_a_length_that_no_section_settles_by_tells_the_tendon_and_not_tensions() -> None:
+    lengths, scene = np.where(np.arange(12) == 5, 0.0, REST), Scene(*EXACT.effects, Weight())
+    attempt = partial(settle, ARM, scene=scene, lengths=lengths)
+    check_refusal(attempt, "lengths[5] (T_22)", "m on, beside the other lengths")

@@ -28,6 +28,7 @@ def test_a_good_plan_passes_by_an_integrator_that_did_not_make_it() -> None:
     assert certificate.kkt < 1e-8
 
 
+@pytest.mark.quick("0", "5", "10")
 @pytest.mark.parametrize("j", range(12))
 def test_a_tension_changed_by_a_thousandth_fails(j: int) -> None:
     T = PLAN.tensions.ravel().copy()

@@ -91,7 +91,7 @@ def test_ctrl_c_ends_a_plan_and_leaves_the_next_one_alone(delay: float) -> None:
     assert done.stdout.strip() == "interrupted True", done.stderr[-2000:]
 
 
-@pytest.mark.quick("paper")
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", ["paper", "water"])
 def test_plans_are_the_same_to_the_last_digit_in_two_processes(scene: str) -> None:
     code = (

@@ -96,6 +96,7 @@ def test_two_jobs_find_what_one_finds(tmp_path: Path) -> None:
     assert one.identical(two)
 
 
+@pytest.mark.slow
 def test_plans_depend_neither_on_jobs_nor_on_the_plans_before(tmp_path: Path) -> None:
     axis = (
         '[[sweep.axes]]\nkey = "target.position_mm[1]"\nvalues = [140.0, 150.0, 900.0]\nname = "y"'

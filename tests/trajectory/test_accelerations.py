@@ -112,6 +112,7 @@ def test_the_tip_on_a_circle_is_between_bounds() -> None:
     assert law.times[-1] <= radius * turn / np.sqrt(most * radius) + 2.0 * np.sqrt(radius / most)
 
 
+@pytest.mark.quick("paper")
 @pytest.mark.parametrize("scene", [SCENE, Scene.silicone()], ids=["paper", "silicone"])
 def test_a_quasi_static_motion_accelerates_its_tip_by_a_tenth_of_gravity(scene: Scene) -> None:
     tr = trajectory(ARM, TARGETS, scene, 20.0, quasi_static=True)

@@ -56,6 +56,7 @@ def test_a_motion_keeps_clear_of_a_ball_that_passes(free: Trajectory) -> None:
     np.testing.assert_allclose(tr.times[list(tr.stops)], TIMES)
 
 
+@pytest.mark.slow
 def test_a_motion_of_limited_accelerations_keeps_clear_of_a_ball_that_passes() -> None:
     limits = {"stroke_rate_max": 0.05, "stroke_acceleration_max": 0.2}
     free = trajectory(ARM, TARGETS, SCENE, 20.0, **limits)  # type: ignore[arg-type]
