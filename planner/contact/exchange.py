@@ -17,7 +17,7 @@ from model.contact.contacts import touches_of
 from model.contact.forward import TouchingMap
 from model.contact.stability import held_stability
 from model.contact.touches import Touches, forces
-from model.equilibrium.equilibrium import Collocated
+from model.equilibrium.equilibrium import Collocated, check_stretch
 from model.equilibrium.forward import STAGES
 from model.equilibrium.linearised import Linearised
 from model.errors import OctoplanError
@@ -87,7 +87,9 @@ class Exchange:
     def settled(self, tensions: Array, near: Linearised | None = None) -> Linearised:
         """Return the equilibrium from rest, or next to another; raises what settling does."""
         begin = None if near is None else Collocated(near, self.map.refinement)
-        return self.map.led(tensions, begin, jumps=False).settled.here
+        here = self.map.led(tensions, begin, jumps=False).settled.here
+        check_stretch(Collocated(here, self.map.refinement))
+        return here
 
     def along(self, load_path: LoadPath) -> Linearised:
         """Return the equilibrium at the end of a load path; raises what settling does."""

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from model import Scene, Shape, settle
+from model import Arm, Scene, Shape, settle
 from model.effects import Contact, ExactTendons, Extension, Weight
 from model.errors import InputError
-from model.obstacles import HalfSpace, Sphere
+from model.obstacles import Box, HalfSpace, Sphere
 from planner import Plan, plan, trajectory
 from planner.targets import TipPosition
 from tests.contact.bodies import distance
@@ -58,6 +58,34 @@ def test_a_motion_leads_through_contact_and_is_certified_on_its_way(first: Plan)
     for touch in shape.contacts:
         assert touch.force @ (shape.position(touch.s) - touch.point) >= 0
         assert abs(touch.gap) < 1e-8 * ARM.length
+
+
+BOX = Box(
+    (0.15457, 0.03246, 0.03502),
+    (0.0598, 0.02974, 0.02081),
+    (
+        (0.18293298329188432, 0.5863243602212709, -0.7891509793664634),
+        (-0.7150168013842498, -0.47156847441085603, -0.5161144714886938),
+        (-0.674749210716224, 0.6586705690653979, 0.3329663407686993),
+    ),
+)
+
+
+def test_a_plan_that_begins_in_contact_lets_go_where_nothing_has_to_press() -> None:
+    """It ended where the arm touched without pressing, for more effort, and was not certified."""
+    arm, target = Arm.from_paper("table-2"), TipPosition((0.29957, 0.010395, 0.023342))
+    p = plan(arm, target, Scene(Extension(), Contact(BOX)), 3.0, starts=1)
+    assert p.reached, p.outcome
+    assert not p.shape.contacts
+    free = plan(arm, target, Scene(Extension()), 3.0)
+    assert p.effort == pytest.approx(free.effort, rel=1e-6)
+
+
+def test_a_plan_in_contact_passes_no_arm_that_is_crushed() -> None:
+    """Tensions that crush the arm were its optimum, and its outcome was an error."""
+    target = TipPosition((0.29957, 0.010395, 0.023342))
+    p = plan(Arm.from_paper("table-4"), target, Scene(Extension(), Contact(BOX)), 3.0, starts=1)
+    assert p.reached, p.outcome
 
 
 def test_what_is_not_stated_with_contact_is_refused() -> None:
