@@ -6,9 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model import Arm
+from model import Arm, settle
 from planner import Limits, plan
 from planner.certificate import COMPLEMENTARY, KKT_TOLERANCE, STABILITY_TOLERANCE
+from planner.certify import certify
 from planner.on_request import OnRequest
 from planner.targets import TipPosition
 from tests.planner.cases import PAPER, moderate, paper_tip
@@ -111,6 +112,7 @@ def test_each_check_fails_just_above_its_tolerance_and_passes_just_below(name: s
 
 def test_a_limit_may_not_be_passed_by_any_amount() -> None:
     assert not replace(SOUND, bounds=1e-15).passed
+    assert not replace(SOUND, inequality={"least stiffness": -1e-5}).attained
     assert replace(SOUND, stability=0.0).passed
     assert not replace(SOUND, stability=-1e-12).passed
     near = replace(SOUND, gaps_asked={"a ball": 0.0019}, least_gaps={"a ball": 0.002})
@@ -145,3 +147,12 @@ def test_how_many_times_its_loads_an_arm_bears_is_told_with_digits(
 def test_a_shape_on_the_brink_is_warned_of() -> None:
     brink = replace(SOUND, stability=0.05, on_request=OnRequest(dict, lambda: 1.02))
     assert any("stands on the brink" in told for told in brink.warnings)
+
+
+def test_the_tip_of_a_shape_is_held_against_that_of_the_check() -> None:
+    rough, sharp = (settle(ARM, PLAN.tensions, PAPER, own) for own in (1e-2, 1e-11))
+    asked = ARM, PLAN.targets, PLAN.limits, PLAN.tensions.ravel()
+    found = certify(asked[0], PAPER, *asked[1:], lambda: rough, 0.0, 1e-6)
+    apart = np.linalg.norm(rough.tip - sharp.tip) / ARM.length
+    assert apart > 1e-6
+    assert found.agreement == pytest.approx(apart, rel=1e-2)

@@ -149,3 +149,12 @@ def test_what_an_inequality_lacks_and_whether_the_shape_is_the_nearest_are_told(
     told = sentence(Facts(missed, "nearest", 1.0, 3, 2, (), 0.45))
     assert "the nearest attainable shape is off in" in told
     assert "least bend (short by 0.1)" in told
+
+
+def test_the_best_of_one_guess_is_not_called_the_nearest_attainable_and_angles_are_in_degrees() -> (
+    None
+):
+    missed = Certificate({"bend": 0.1}, {}, {}, 0.0, units={"bend": "rad"})
+    told = sentence(Facts(missed, "nearest", 1.0, 3, 1, (), 0.45))
+    assert "the nearest shape found is off in bend by 5.73 deg" in told
+    assert "more starts may find a nearer one" in told

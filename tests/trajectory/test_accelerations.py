@@ -13,7 +13,7 @@ from model.effects import Extension
 from planner import trajectory
 from planner.targets import TipPosition
 from planner.trajectory.question import Rates
-from planner.trajectory.time_law import Stretch, fastest
+from planner.trajectory.time_law import Stretch, TimeLaw, fastest
 
 ARM, SCENE = Arm.from_paper("table-4"), Scene(Extension())
 TARGETS = [TipPosition((0.32, 0.08, -0.1)), TipPosition((0.3, 0.12, -0.12))]
@@ -154,3 +154,18 @@ def test_accelerations_of_the_tip_that_are_none_are_refused(
 ) -> None:
     with pytest.raises(InputError, match=field):
         trajectory(ARM, TARGETS, SCENE, 20.0, **given)  # type: ignore[arg-type]
+
+
+def test_four_times_an_acceleration_takes_twice_the_time_and_four_times_a_rate_four_times() -> None:
+    """Half of the way at a share of 1 /s2, half back to rest, of strokes of 3 m by the share."""
+    stretch = Stretch(np.array([[1.5, 0.0, 0.0, 0.0], [1.5, 0.0, 0.0, 0.0]]))
+    law, way = TimeLaw(np.array([0.0, 1, 2]), np.array([0, 0.5, 1]), np.array([0.0, 1, 0])), [0.0]
+    rate, acceleration, _ = law.largest(stretch)
+    assert (rate, acceleration) == pytest.approx((3.0, 3.0))
+    for rates, times in (
+        (Rates((np.inf,), acceleration=0.75), 2.0),
+        (Rates((np.inf,), stroke=0.75), 4.0),
+    ):
+        assert law.used(stretch, np.array(way), rates) == pytest.approx(times)
+        slower = law.slower(times).largest(stretch)
+        assert slower == pytest.approx((rate / times, acceleration / times**2, 0.0))
