@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable
 from typing import Any
 
@@ -14,6 +13,7 @@ from model.effects import PrintedStatics
 from model.errors import InputError
 from model.paths import Array
 from model.scene import Scene
+from model.units import warn
 from planner.program.effort import check_norm
 from planner.program.limits import Limits
 from planner.program.statement import Statement, check_solver
@@ -60,7 +60,7 @@ def warn_of_form(form: Any) -> None:
     if form not in _FORMS:
         raise InputError("form", form, f"{', '.join(_FORMS)}; it is deprecated and has no effect")
     told = "form has no effect: there is one program; solver= tells what solves it"
-    warnings.warn(told, DeprecationWarning, stacklevel=3)
+    warn(told, DeprecationWarning)
 
 
 def stated(limits: Limits, norm: Any, solver: Any, margin: Any) -> Statement:

@@ -88,8 +88,11 @@ def measured(browser: Any, session: Session, seconds: float, picture: Path | Non
     viewer.goto(f"http://localhost:{port}")
     viewer.get_by_text("not verified").or_(viewer.get_by_text("effort")).wait_for(timeout=_WAIT)
     if picture:
-        drag(page, seconds / 2 + 0.2)
+        dragging = threading.Thread(target=drag, args=(page, seconds))
+        dragging.start()
+        viewer.wait_for_timeout(500 * seconds)
         viewer.screenshot(path=picture.with_stem(f"{picture.stem}_dragged"))
+        dragging.join()
     page.drawn.clear()
     page.delays.clear()
     late = drag(page, seconds)

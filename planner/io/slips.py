@@ -7,12 +7,11 @@ refused, as no shape of such an arm under tendons settles.
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Iterable
 from typing import Any
 
 from model.errors import FileError
-from model.units import UnitWarning
+from model.units import UnitWarning, warn
 from planner.io.key_paths import steps, value_at
 from planner.io.mistakes import measured
 
@@ -51,22 +50,19 @@ def warn_of_slip(path: str, value: Any) -> None:
         return
     if path in _FLUIDS and all(_WATER[0] <= own <= _WATER[1] for own in numbers):
         told = f"{path} is {_listed(numbers)} kg/m3, a thousandth of that of water"
-        _warn(told, f"if g/cm3 were meant, give {_listed([1e3 * own for own in numbers])} (kg/m3)")
+        meant = f"if g/cm3 were meant, give {_listed([1e3 * own for own in numbers])} (kg/m3)"
+        warn(f"{told}; {meant}", UnitWarning)
     key = next(own for own in reversed(steps(path)) if isinstance(own, str))
     small = all(abs(own) < 7 for own in numbers)
     if key.endswith("_deg") and small and any(map(_is_fraction_of_pi, numbers)):
         several = " of which some are fractions" if isinstance(value, list) else " a fraction"
         told = f"a key in degrees holds {_listed(numbers)},{several} of pi ({path})"
-        meant = _listed(map(_degrees, numbers))
-        _warn(told, f"if radians were meant, give {meant} (degrees)")
+        meant = f"if radians were meant, give {_listed(map(_degrees, numbers))} (degrees)"
+        warn(f"{told}; {meant}", UnitWarning)
 
 
 def _listed(numbers: Iterable[float]) -> str:
     return ", ".join(f"{own:g}" for own in numbers)
-
-
-def _warn(told: str, meant: str) -> None:
-    warnings.warn(f"{told}; {meant}", UnitWarning, stacklevel=3)
 
 
 def _is_fraction_of_pi(degrees: float) -> bool:

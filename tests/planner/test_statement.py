@@ -73,8 +73,9 @@ def test_derivatives_of_the_program_in_stages_are_those_of_differences() -> None
 
 
 def test_the_form_is_deprecated_and_changes_nothing() -> None:
-    with pytest.warns(DeprecationWarning, match="form has no effect"):
+    with pytest.warns(DeprecationWarning, match="form has no effect") as told:
         found = plan(ARM, TARGET, PAPER, 20.0, form="condensed")
+    assert told[0].filename == __file__, "at the caller's line"
     assert np.array_equal(found.tensions, plan(ARM, TARGET, PAPER, 20.0).tensions)
     with pytest.raises(InputError, match="form"):
         plan(ARM, TARGET, PAPER, 20.0, form="direct")
