@@ -217,3 +217,7 @@ def test_each_number_has_the_standard_deviation_of_its_kind(own: float | None) -
     lengths = {"lengths": [0.1, 0.2, 0.3], "std": 2e-3, "angle_std": 0.03, "length_std": own}
     shape = Measured(tensions=[0.0] * 3, **given, **lengths)
     assert shape.stds.tolist() == [2e-3] * 6 + [0.03] * 3 + [own or 2e-3] * 3
+
+
+def test_unknowns_are_taken_off_the_degrees_of_freedom(sure: Calibration) -> None:
+    assert sure.degrees_of_freedom == sum(own.numbers.size for own in sure.measured) - 2
