@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
+import scipy
 
 from model.contact.touches import Touches
 from model.equilibrium.dense import poses_and_strains
@@ -75,7 +75,7 @@ def _by_history(before: Linearised, earlier: Array, here: Linearised, by_step: A
     if not nodes.size:
         return np.zeros_like(by_step)
     s, positions = system.mesh.s[nodes], before.system.of.nodes[:, 4:7]
-    were = make_interp_spline(before.system.mesh.s, earlier[positions])(s)
+    were = scipy.interpolate.make_interp_spline(before.system.mesh.s, earlier[positions])(s)
     by_before = _by_positions(here, nodes.tolist())
     by_history = by_before @ were.reshape(3 * nodes.size, -1)
     point, j = np.nonzero(touches.point[nodes])

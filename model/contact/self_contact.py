@@ -14,8 +14,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from scipy.linalg import null_space
-from scipy.optimize import approx_fprime, root
 
 from model.arm import Arm
 from model.contact.contacts import Touch
@@ -304,10 +304,12 @@ class _LoadPath:
         )
 
         def jacobian(z: Array) -> Array:
-            return np.asarray(approx_fprime(z, residual, _DIFFERENCE))
+            return np.asarray(scipy.optimize.approx_fprime(z, residual, _DIFFERENCE))
 
         options = {"xtol": 1e-11, "factor": 0.1, "col_deriv": False}
-        solution = root(residual, z.ravel(), jac=jacobian, method="hybr", options=options)
+        solution = scipy.optimize.root(
+            residual, z.ravel(), jac=jacobian, method="hybr", options=options
+        )
         z = solution.x.reshape(-1, 5)
         z[:, 4] *= z[:, 4] > _ROOT
         off = np.abs(residual(z.ravel())).max()
