@@ -26,7 +26,7 @@ from planner.plan import Plan, plan
 from planner.program.limits import Limits
 from planner.program.problem import Problem, build
 from planner.program.statement import Statement
-from planner.solve.search_result import Trial
+from planner.solve.task import Trial
 from planner.sweeps.sweep import sweep
 from planner.trajectory.motion import trajectory
 from planner.trajectory.result import Trajectory

@@ -22,16 +22,13 @@ from planner.contact.remarks import remarks
 from planner.measure import remark_on_slack
 from planner.mirror import mirror_images
 from planner.outcome import Facts, sentence
-from planner.program.defect import defect
-from planner.program.effort import effort
 from planner.program.limits import Limits
 from planner.program.optimality import optimality
 from planner.program.problem import Problem, build, units
 from planner.program.program import STABILITY, STROKES
-from planner.program.statement import Mode, Statement
-from planner.settled import settled
-from planner.solve.search_result import SearchResult, Trial, agreed
-from planner.solve.task import Task, allowed
+from planner.program.statement import Mode, Statement, effort
+from planner.solve.refine import defect, settled
+from planner.solve.task import SearchResult, Task, Trial, agreed, allowed
 from planner.targets.base import Target
 from planner.tendon_lengths import strokes
 

@@ -31,10 +31,9 @@ from model.settle import settle
 from model.shape import Shape
 from model.time_limit import OutOfTime
 from planner.avoidance.asked import NOTHING, Surroundings
-from planner.certificate import MOST_LOADS, Certificate
+from planner.certificate import MOST_LOADS, Certificate, OnRequest
 from planner.contact.grasp import left_of
 from planner.measure import compliances_along, measure, measured_units
-from planner.on_request import OnRequest
 from planner.program.limits import Limits
 from planner.program.terms import stations_of
 from planner.targets.base import Target

@@ -15,8 +15,8 @@ from model.paths import Array
 from model.shape import Shape
 from model.stiffness import stiffness
 from model.winches import pulls
-from planner.program.same import Same
 from planner.program.terms import (
+    Same,
     compliance_requests,
     directions_function,
     term_names,

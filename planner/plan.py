@@ -1,4 +1,4 @@
-"""A plan: what is asked, checked; searched or followed; and the answer with what it can do."""
+"""A plan: what is asked, checked; followed from a plan nearby or searched; and what it can do."""
 
 from __future__ import annotations
 
@@ -25,7 +25,10 @@ from model.shape import Shape
 from model.text import in_notebook, plotted
 from model.time_limit import time_limit
 from planner.answer import Answer
+from planner.avoidance.around import Around
 from planner.avoidance.asked import Surroundings, surroundings
+from planner.avoidance.clear import keeping, line_of
+from planner.avoidance.rows import Avoidance
 from planner.contact.grasp import Grip, grips_of
 from planner.contact.load_path import from_rest, is_same, rubs, settled_along
 from planner.contact.search import ContactSearch, check_contact, check_holds, optimality_of
@@ -36,7 +39,6 @@ from planner.contact.wrapping import (
     share_left,
     with_turns,
 )
-from planner.following import searched
 from planner.io.files import to_json, write_named
 from planner.io.saved_records import plan_record
 from planner.program.program import STABILITY
@@ -51,7 +53,9 @@ from planner.question import (
     warn_of_form,
 )
 from planner.report import plan_summary, plan_text
-from planner.solve.task import Task
+from planner.solve.search import Search
+from planner.solve.task import SearchResult, Task
+from planner.solve.warm_start import jump, warm_start
 from planner.targets.base import Target
 from planner.targets.hold import Hold
 from planner.targets.wrap import Wrap
@@ -321,3 +325,42 @@ def _check_near(near: Plan, task: Task) -> None:
     kind("near", near, Plan, "a Plan for the same arm and scene, or None")
     if near.arm != task.arm or not is_same(near.scene, task.scene):
         raise InputError("near", "a plan for another arm or scene", "one for the same")
+
+
+def searched(
+    task: Task, around: Surroundings, near: Answer | None, seconds: float | None
+) -> tuple[SearchResult, Avoidance | None]:
+    """Return what a plan that is near leads to, or the best from all starts."""
+    if near is None:
+        if around:
+            return Around(task, around).run(seconds)
+        return Search(task).run(seconds), None
+    with time_limit(seconds):
+        kept = _kept_clear(near, task, around)
+        if kept is not None:
+            return kept, near.avoidance
+        followed = warm_start(near, near.targets, task)
+        avoidance, left = None, not followed
+        if around and not (followed and followed.stopped):
+            led = Around(task, around)
+            found, avoidance = led.run(seconds, followed)
+            left = led.searched
+        else:
+            found = followed or Search(task).run()
+    if not left or found.stopped or found.statement.mode != "exact":
+        return found, avoidance
+    return replace(found, jump=jump(near.tensions, found.tensions)), avoidance
+
+
+def _kept_clear(near: Answer, task: Task, around: Surroundings) -> SearchResult | None:
+    """Return what a plan among the same obstacles leads to by the inequalities of its program.
+
+    None where that does not keep clear, or leaves its branch.
+    """
+    if near.avoidance is None or near.surroundings != around:
+        return None
+    found = warm_start(near, near.stated, keeping(task, near.avoidance))
+    if found is None or found.stopped or found.jump:
+        return None
+    line = line_of(task, found.statement, np.ravel(found.tensions), finished=True)
+    return found if line is not None and around.keeps(line) else None

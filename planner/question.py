@@ -14,9 +14,8 @@ from model.errors import InputError
 from model.paths import Array
 from model.scene import Scene
 from model.units import warn
-from planner.program.effort import check_norm
 from planner.program.limits import Limits
-from planner.program.statement import Statement, check_solver
+from planner.program.statement import Statement, check_norm, check_solver
 from planner.program.terms import compliance_requests
 from planner.targets.base import Target
 

@@ -30,8 +30,7 @@ from planner.program.statement import Mode, Statement
 from planner.solve.ipopt import Solution
 from planner.solve.refine import Refined, refine
 from planner.solve.search import Search
-from planner.solve.search_result import SearchResult, Trial
-from planner.solve.task import Task
+from planner.solve.task import SearchResult, Task, Trial
 
 # Optima that are led around, and those of other guesses that are enough.
 _OPTIMA, _ENOUGH = 8, 2

@@ -12,7 +12,7 @@ from model.errors import OctoplanError
 from model.paths import Array
 from planner.avoidance.rows import Avoidance
 from planner.program.statement import Statement
-from planner.settled import settled
+from planner.solve.refine import settled
 from planner.solve.task import Task
 
 

@@ -11,9 +11,7 @@ from model.paths import Array
 from planner.avoidance.asked import Surroundings
 from planner.avoidance.clear import line_of
 from planner.avoidance.places import near_places
-from planner.initial_guess.bend_coordinates import bend_coordinates
-from planner.initial_guess.many_places import many_places
-from planner.initial_guess.residuals import residuals
+from planner.initial_guess.many_arms import bend_coordinates, many_places, residuals
 from planner.solve.task import Task
 
 # Arms that are drawn, so many looked at together, the most that are looked at closely, and given.

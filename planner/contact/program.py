@@ -34,10 +34,9 @@ from model.transcription.system import System
 from model.transcription.touch import TOUCH
 from planner.contact.rows import NEAREST, Structure, functions
 from planner.program.limits import Limits, natural_tensions
-from planner.program.modes import mode_numbers, mode_size
 from planner.program.problem import Bounds
-from planner.program.same import Same
-from planner.program.terms import stations_of
+from planner.program.states import mode_numbers, mode_size
+from planner.program.terms import Same, stations_of
 from planner.solve.ipopt import Solution, solved
 from planner.targets.base import Target
 from planner.targets.hold import LEVER, Hold

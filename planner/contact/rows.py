@@ -19,9 +19,8 @@ from model.transcription.kernel import Kernel, Places
 from model.transcription.layout import POSE, Layout
 from model.transcription.terms import Equations, Term
 from model.transcription.touch import TOUCH, gap_function
-from planner.program.modes import mode_terms
-from planner.program.same import Same
-from planner.program.terms import term_names, terms_function
+from planner.program.states import mode_terms
+from planner.program.terms import Same, term_names, terms_function
 from planner.solve.ipopt import COLD, WARM, named, nlp_solver
 from planner.targets.base import Target
 

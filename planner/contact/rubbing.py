@@ -28,8 +28,7 @@ from model.transcription.layout import POSE
 from planner.contact.load_path import LoadPath
 from planner.program.limits import natural_tensions
 from planner.program.terms import stations_of, terms_function
-from planner.solve.search_result import SearchResult, Trial
-from planner.solve.task import Task
+from planner.solve.task import SearchResult, Task, Trial
 
 # What is taken of the way to tensions without friction, and beyond.
 SLID = (1.0, 1.5, 2.5)

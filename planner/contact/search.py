@@ -24,14 +24,12 @@ from planner.contact.exchange import Exchange, Optimum
 from planner.contact.load_path import LoadPath, rubs
 from planner.contact.program import Program
 from planner.contact.rubbing import Sliding, against_friction
-from planner.initial_guess.bend_coordinates import bend_coordinates
 from planner.initial_guess.guesses import initial_guesses
-from planner.initial_guess.many_places import many_places
+from planner.initial_guess.many_arms import bend_coordinates, many_places
 from planner.program.limits import natural_tensions
 from planner.program.statement import Mode
 from planner.program.terms import compliance_requests, stations_of
-from planner.solve.search_result import SearchResult, Trial
-from planner.solve.task import Task
+from planner.solve.task import SearchResult, Task, Trial
 from planner.targets.base import Target
 from planner.targets.hold import Hold
 from planner.targets.wrap import Wrap

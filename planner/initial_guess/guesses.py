@@ -12,9 +12,8 @@ import numpy as np
 from model.arm import Arm
 from model.paths import Array
 from model.scene import Scene
-from planner.initial_guess.bend_coordinates import bend_coordinates
 from planner.initial_guess.fitting import fitted
-from planner.initial_guess.residuals import residuals
+from planner.initial_guess.many_arms import bend_coordinates, residuals
 from planner.program.limits import Limits
 from planner.program.problem import units
 from planner.program.terms import term_names

@@ -13,9 +13,9 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from planner.effect_ablation import ProblemSize
 from planner.io.annotations import arguments
 from planner.io.files import versions
-from planner.problem_size import ProblemSize
 from planner.tendon_lengths import strokes
 
 POINTS, _SECTIONS = 101, 21

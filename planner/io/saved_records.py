@@ -28,7 +28,7 @@ from planner.io.codec import READ, struct
 from planner.io.exact import Number, exact, exact_choices, fields_of, plain
 from planner.io.records import Floats, Matrix, Record, Rows, Schema, record_of
 from planner.program.limits import Limits
-from planner.solve.search_result import SearchResult
+from planner.solve.task import SearchResult
 from planner.targets import Target
 from planner.tendon_lengths import length_error
 

@@ -20,10 +20,9 @@ from model.winches import least_compliance, rest_lengths
 from planner.program.limits import Limits, natural_tensions
 from planner.program.objective import Rows
 from planner.program.program import STABILITY, STROKES, factorised, program
-from planner.program.same import Same
 from planner.program.statement import Statement
 from planner.program.states import States, Stations
-from planner.program.terms import compliance_requests, stations_of
+from planner.program.terms import Same, compliance_requests, stations_of
 from planner.targets.base import Target
 
 Bounds = tuple[Array, Array, Array, Array]
@@ -107,7 +106,7 @@ class Problem:
     ) -> Array:
         """Return the parameters for targets of this structure, limits and weight of effort.
 
-        And for a defect of the mesh, none unless given; see planner.program.defect.
+        And for a defect of the mesh, none unless given; see planner.solve.refine.
         """
         unit, states = units(self.arm, limits), self.states
         numbers = np.concatenate([target.parameters(self.arm) for target in targets])

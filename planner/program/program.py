@@ -27,12 +27,10 @@ from model.paths import Array
 from model.transcription.layout import POSE, Layout
 from model.transcription.terms import Equations
 from planner.program.objective import Rows, objective_of
-from planner.program.parts import Parts
-from planner.program.same import Same
 from planner.program.statement import Statement
 from planner.program.states import Blocks, Stations
-from planner.program.symbols import Symbols
-from planner.program.terms import compliance_requests
+from planner.program.symbols import Parts, Symbols
+from planner.program.terms import Same, compliance_requests
 from planner.targets.base import Target
 
 Index = NDArray[np.int32]
@@ -60,7 +58,7 @@ class Program:
     """The program of a structure with the states as unknowns: multiple shooting, all in one.
 
     Unknowns are scaled: tensions, peak, lack, load factor, states, responses. Parameters are those
-    of planner.program.parts.
+    of planner.program.symbols.
 
     Attributes
     ----------

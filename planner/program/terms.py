@@ -4,12 +4,26 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from typing import Any
 
 import casadi as ca
 
 from model.arm import Arm
-from planner.program.same import Same
 from planner.targets.base import ComplianceRequest, Target, Terms, View
+
+
+class Same:
+    """A value that a cache takes for equal to all others: its structure is compared instead."""
+
+    def __init__(self, value: Any) -> None:
+        self.value = value
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Same)
+
+    def __hash__(self) -> int:
+        return 0
+
 
 HIGH_PRIORITY, LOW_PRIORITY = 1e2, 3e-4
 # Of inequalities that may lack nothing.

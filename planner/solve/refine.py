@@ -1,30 +1,40 @@
 """From an optimum of a coarse mesh to one whose settled shape is as accurate as asked, warm.
 
-The mesh's defect is corrected for, see planner.program.defect; only where it is large the mesh is
-made finer.
+A program on a coarse mesh has its optimum at a shape whose poses are off by the mesh's error d.
+With d, which the shape settled to the accuracy asked for tells, added to what the program measures
+(poses at the stations, compliances, eigenvalues, lengths), it is solved once more, warm; then the
+settled shape meets the targets. d changes little from one solution to the next, so that one or two
+corrections do. What is left of the mesh's error is in derivatives: the effort is off by its square.
+Only where d is large the mesh is made finer.
+
+Source: Stetter, "The defect correction principle and discretization methods", Numer. Math. 29
+(1978).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
+from model.arm import Arm
 from model.effects import Friction
 from model.equilibrium.forward import STAGES, collocation_order
 from model.errors import OctoplanError
-from model.mesh import next_refinement
+from model.mesh import FINEST_ACCURACY, next_refinement
 from model.paths import Array
+from model.scene import Scene
+from model.settle import settle
 from model.shape import Shape
 from model.time_limit import check_time
-from planner.program.defect import defect, size
+from planner.measure import compliances_along
 from planner.program.optimality import multipliers
 from planner.program.problem import Bounds, Problem
 from planner.program.statement import Statement
-from planner.settled import settled
 from planner.solve.ipopt import MAGNIFIED, Solution, solve
-from planner.solve.search_result import SearchResult, Trial
-from planner.solve.task import Task
+from planner.solve.task import SearchResult, Task, Trial
+from planner.targets.base import Target
 
 # Corrections and meshes that are tried; the part of the accuracy that a defect may be off by, and
 # what rounding leaves of it.
@@ -80,12 +90,12 @@ def _refined(
         T = problem.tensions(solution.x, task.allowed)
         shape = settled(task.arm, T, task.scene, task.accuracy, task.machine_code)
         found = defect(problem, solution.x, task.targets, shape)
-        if known is not None and size(problem, found - known) <= max(
+        if known is not None and _defect_size(problem, found - known) <= max(
             task.accuracy / _SHARE, _ROUNDING
         ):
             stated = statement.but(solver=solution.solver, iterations=solution.iterations)
             return Refined(stated, solution, T, shape)
-        rough = size(problem, found)
+        rough = _defect_size(problem, found)
         if not rough <= _ELSEWHERE:
             return None
         known = found
@@ -161,3 +171,43 @@ def polish(
             break
         at_low, at_high = at_low & ~wrong, at_high & ~wrong
     return solution
+
+
+def defect(problem: Problem, x: Array, targets: tuple[Target, ...], shape: Shape) -> Array:
+    """Return what is measured of the shape less what is of unknowns x: see Program.measured."""
+    blocks, here = problem.program.blocks, problem.poses(x)
+    there = shape.poses(np.array(problem.stations))
+    there[:, :4] *= np.where((there * here)[:, :4].sum(axis=1) < 0, -1.0, 1.0)[:, None]
+    softer = compliances_along(problem.arm, targets, shape)
+    softer = softer - problem.compliances(x, problem.directions(targets))
+    parts = [(there - here).ravel(), softer]
+    if blocks.modes:
+        parts.append(shape.stability - x[blocks.eigenvalues])
+    if blocks.wound:
+        parts.append(shape.tendon_lengths / problem.arm.length - x[blocks.lengths])
+    return np.concatenate(parts)
+
+
+def _defect_size(problem: Problem, defect: Array) -> float:
+    """Return the largest part of a defect, lengths over the arm's, angles in rad."""
+    poses, compliances, modes, lengths = problem.program.measured
+    L = problem.arm.length
+    each = [
+        np.tile([1.0] * 4 + [L] * 3, poses // 7),
+        np.full(compliances, L / problem.states.force),
+    ]
+    scale = np.concatenate([*each, np.ones(modes + lengths)])
+    return float(np.abs(defect / scale).max(initial=0.0))
+
+
+def settled(arm: Arm, tensions: Array, scene: Scene, accuracy: float, machine_code: bool) -> Shape:
+    """Return the shape of a plan of an accuracy, a digit more accurate; raises what settle does."""
+    flat, sharper = np.ravel(tensions), max(accuracy / 10, FINEST_ACCURACY)
+    return _settled(arm, tuple(flat.tolist()), scene, sharper, machine_code)
+
+
+@lru_cache(maxsize=8)
+def _settled(
+    arm: Arm, tensions: tuple[float, ...], scene: Scene, accuracy: float, machine_code: bool
+) -> Shape:
+    return settle(arm, tensions, scene, accuracy, compile=machine_code)

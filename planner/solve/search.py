@@ -30,8 +30,7 @@ from planner.program.statement import Mode, Statement
 from planner.solve.fatrop import solve as by_stages
 from planner.solve.ipopt import Solution, solve
 from planner.solve.refine import Refined, refine
-from planner.solve.search_result import SearchResult, Trial, agreed
-from planner.solve.task import Task
+from planner.solve.task import SearchResult, Task, Trial, agreed
 from planner.targets.base import Target
 
 # Guesses that have to agree, and one more where as many lead nowhere, or all to near misses.

@@ -1,7 +1,8 @@
-"""A planning question with its answer still open, and the programs that state it."""
+"""A planning question with its answer still open, the programs that state it, and the answer."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -10,6 +11,7 @@ import numpy as np
 from model.arm import Arm
 from model.effects import Extension
 from model.paths import Array
+from model.quantities import Count
 from model.scene import Scene
 from planner.program.limits import Limits
 from planner.program.problem import REGULARISATION, Bounds, Problem, build, units
@@ -126,3 +128,44 @@ def allowed(arm: Arm, targets: tuple[Target, ...], limits: Limits) -> Limits:
     """Return the limits, with tendons that a target does not let pull held at their minima."""
     tendons = frozenset.intersection(*(target.tendons(arm) for target in targets))
     return limits.restricted(tendons)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One initial guess and what became of it: the objective reached, and whether it was met."""
+
+    objective: float
+    met: bool
+    iterations: Count
+
+
+@dataclass(frozen=True, eq=False)
+class SearchResult:
+    """What a search ends with: how the question was stated, tensions, multipliers, starts.
+
+    `stopped` says that the time limit ended it, `jump` by how much the tensions differ from those
+    of the optimum that was to be followed, over their norm, where its branch was left, `lost` by
+    what share of the effort the coarse mesh had a cheaper optimum that no fine mesh has;
+    `in_the_way` is the obstacle that a plan without obstacles comes nearest to, where only
+    obstacles keep the targets from being met; `unstable` says that only shapes less stable than
+    asked meet them; `load_path` are tensions on that of an arm in contact.
+    """
+
+    statement: Statement
+    tensions: Array
+    lam_x: tuple[float, ...]
+    lam_g: tuple[float, ...]
+    starts: tuple[Trial, ...]
+    stopped: bool = False
+    jump: float = 0.0
+    lost: float = 0.0
+    in_the_way: str = ""
+    unstable: bool = False
+    load_path: tuple[tuple[float, ...], ...] = ()
+
+
+def agreed(starts: Sequence[Trial]) -> int:
+    """Return how many starts ended at the best objective, to a thousandth."""
+    best = min((start.objective for start in starts if start.met), default=float("inf"))
+    near = best + 1e-3 * abs(best) + 1e-12
+    return sum(start.met and start.objective <= near for start in starts)

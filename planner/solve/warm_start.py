@@ -17,13 +17,11 @@ from model.errors import OctoplanError
 from model.paths import Array
 from model.time_limit import OutOfTime, check_time
 from planner.answer import Answer
-from planner.program.defect import defect
 from planner.program.limits import Limits
 from planner.program.problem import Bounds, Problem, units
 from planner.solve.ipopt import Solution
-from planner.solve.refine import polish, refine, with_multipliers
-from planner.solve.search_result import SearchResult, Trial
-from planner.solve.task import Task, allowed
+from planner.solve.refine import defect, polish, refine, with_multipliers
+from planner.solve.task import SearchResult, Task, Trial, allowed
 from planner.targets.base import Target
 
 # By so much, over their norm, tensions may change from one target to the next; where more is asked

@@ -23,11 +23,10 @@ from model.progress import tell
 from model.time_limit import OutOfTime
 from planner.avoidance.rows import Avoidance
 from planner.plan import Plan
-from planner.program.defect import defect
 from planner.program.objective import STRETCH
 from planner.program.problem import build, units
-from planner.settled import settled
 from planner.solve.ipopt import Solution, solve
+from planner.solve.refine import defect, settled
 from planner.solve.task import allowed
 from planner.solve.warm_start import jump
 from planner.targets.base import Target

@@ -34,7 +34,6 @@ from model import Arm
 from model.equilibrium.linearised import Linearised
 from model.machine.buffered import Buffered, Mapped
 from planner.solve import refine, search
-from planner.solve.quadratic import Quadratic
 from studies.speed.follow import path, timed_plan
 from studies.tip_targets import SCENES
 
@@ -89,7 +88,6 @@ def timed(clock: Clock) -> Iterator[None]:
     with ExitStack() as stack:
         for own in (Buffered, Mapped):
             stack.enter_context(counted(own, "__call__", "evaluation"))
-        stack.enter_context(counted(Quadratic, "__call__", "solver"))
         for module in (search, refine):
             stack.enter_context(counted(module, "solve", "solver"))
         stack.enter_context(counted(Linearised, "solve", "linear algebra"))

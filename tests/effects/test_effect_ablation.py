@@ -20,8 +20,7 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from planner.effect_ablation import Switch, switch_effects, switch_on
-from planner.problem_size import problem_size
+from planner.effect_ablation import Switch, problem_size, switch_effects, switch_on
 from tests.effects.cases import EXACT, SILICONE
 
 ARM = Arm.from_paper("table-4")

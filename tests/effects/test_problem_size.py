@@ -21,7 +21,7 @@ from model.effects import (
 from model.forward import collocation_map
 from model.mesh import graded
 from model.transcription.system import System
-from planner.problem_size import ProblemSize, problem_size
+from planner.effect_ablation import ProblemSize, problem_size
 from tests.effects.cases import EXACT, SILICONE, SWOLLEN
 
 ARM = Arm.from_paper("table-4")

@@ -8,9 +8,8 @@ import pytest
 
 from model import Arm, settle
 from planner import Limits, plan
-from planner.certificate import COMPLEMENTARY, KKT_TOLERANCE, STABILITY_TOLERANCE
+from planner.certificate import COMPLEMENTARY, KKT_TOLERANCE, STABILITY_TOLERANCE, OnRequest
 from planner.certify import certify
-from planner.on_request import OnRequest
 from planner.targets import TipPosition
 from tests.planner.cases import PAPER, moderate, paper_tip
 

@@ -12,10 +12,9 @@ import pytest
 from model import Arm, Scene, settle
 from model.effects import Buoyancy, Extension, Weight
 from planner.cli import main
-from planner.effect_ablation import Switch, switch_effects
+from planner.effect_ablation import ProblemSize, Switch, switch_effects
 from planner.io.scene_file import read
 from planner.plots.results import plot_effects
-from planner.problem_size import ProblemSize
 
 ARM = "[arm]\npreset = 'section-5.2'\n"
 BENT = "tensions = [[0.3, 0.2, 0.0, 0.1]]\naccuracy = 1e-5\n"

@@ -9,9 +9,8 @@ import pytest
 
 from model import Arm, OctoplanError, Scene, settle
 from planner import Limits
-from planner.initial_guess.bend_coordinates import bend_coordinates
-from planner.initial_guess.fitting import fitted
-from planner.initial_guess.least_squares import least_squares
+from planner.initial_guess.fitting import fitted, least_squares
+from planner.initial_guess.many_arms import bend_coordinates
 from planner.targets import TipPose
 from tests.planner.cases import PAPER, Array
 

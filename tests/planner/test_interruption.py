@@ -17,7 +17,7 @@ from model.equilibrium.forward import Collocation
 from model.equilibrium.newton import newton
 from model.time_limit import OutOfTime, time_limit
 from planner import cli, plan
-from planner.initial_guess.least_squares import least_squares
+from planner.initial_guess.fitting import least_squares
 from planner.sweeps import points
 from planner.targets import TipPosition
 from tests.oracles import Array

@@ -6,7 +6,7 @@ import pickle
 
 from model.clearance import Clearance
 from model.clearance.nearest import ITSELF
-from planner.on_request import OnRequest
+from planner.certificate import OnRequest
 
 
 def test_each_is_found_when_it_is_asked_for_and_once() -> None:

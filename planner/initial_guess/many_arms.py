@@ -1,15 +1,96 @@
-"""The bends of the sections, two numbers for each, and their squeezes: and tensions for them."""
+"""Many arms in one sweep over a coarse mesh: tensions by the bends of sections, what they miss.
+
+A section has two bends and a squeeze. Without loads; also where the arms are between their nodes.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
+import casadi as ca
 import numpy as np
 
 from model.arm import Arm
+from model.forward import explicit_map, schemes_of
+from model.machine.buffered import Mapped
 from model.paths import Array
+from model.rotations import matrices
+from model.scene import Scene
 from planner.program.limits import Limits, natural_tensions
+from planner.program.terms import Same, compliance_requests, stations_of, terms_function
+from planner.targets.base import Target
+
+_FEASIBLE = 0.05
+# No shape is farther off; what is no number is.
+_FAR = 1e3
+
+
+def residuals(
+    arm: Arm, scene: Scene, targets: tuple[Target, ...], tensions: Array, machine_code: bool
+) -> Array:
+    """Return what tensions (m, n_tendons) [N] are off by, in a scene without loads (m, k).
+
+    The targets' residuals, what inequalities lack, and last by how much the arm is crushed.
+    Whether it is stiff enough is left out: as if it gave way just as much as is wanted.
+    """
+    scheme, at = "magnus4" if "magnus4" in schemes_of(scene) else "rk4", stations_of(arm, targets)
+    forward = explicit_map(arm, scene, scheme, 1, at, machine_code)
+    structure = tuple(target.structure(arm) for target in targets)
+    numbers = np.concatenate([target.parameters(arm) for target in targets])
+    poses, least = forward.many(tensions, [forward.mesh.node(s) for s in at])
+    seen = poses.reshape(len(tensions), -1)
+    off_by = _off_by(arm, structure, Same(targets))
+    (gaps,) = off_by(seen, np.tile(numbers, (len(tensions), 1)))
+    crushed = _bounded(_FEASIBLE - least, 0.0)
+    return np.hstack([_bounded(gaps, -_FAR), 10 * crushed[:, None]])
+
+
+def _bounded(values: Array, low: float) -> Array:
+    return np.asarray(np.where(np.isnan(values), _FAR, np.clip(values, low, _FAR)))
+
+
+@lru_cache(maxsize=16)
+def _off_by(arm: Arm, structure: tuple[object, ...], given: Same) -> Mapped:
+    """Return (poses (7 K,), target numbers) -> residuals (k,), as one list of instructions."""
+    terms = terms_function(arm, given.value)
+    poses, numbers = (ca.MX.sym("given", *terms.size_in(i)) for i in range(2))
+    requests = compliance_requests(given.value)
+    compliances = ca.vertcat(
+        ca.DM(0, 1), *(ca.vec(ca.DM.eye(request.width)) for request in requests)
+    )
+    equality, soft_residual, inequality, _ = terms(poses, numbers, compliances)
+    gaps = ca.densify(ca.vertcat(equality, soft_residual, ca.fmin(inequality, 0)))
+    function = ca.Function("gaps", [poses, numbers], [gaps])
+    own = function.sx_in()
+    return Mapped(ca.Function("gaps", own, function.call(own), {"cse": True}))
+
+
+# Where between two nodes an arm is looked at.
+_SHARES = (0.25, 0.5, 0.75, 1.0)
+
+
+def many_places(arm: Arm, scene: Scene, tensions: Array, machine_code: bool) -> tuple[Array, Array]:
+    """Return places (m, K, 3) of an arm under tensions (m, n_tendons), and radii (K,) there [m].
+
+    Between the nodes they are on cubics.
+    """
+    m = len(tensions)
+    scheme = "magnus6" if "magnus6" in schemes_of(scene) else "rk4"
+    forward = explicit_map(arm, scene, scheme, 1, (), machine_code)
+    poses, _ = forward.many(tensions, range(forward.mesh.steps + 1))
+    u, t = poses[:, :, 4:], matrices(poses[:, :, :4].reshape(-1, 4))[:, :, 0].reshape(m, -1, 3)
+    h = np.diff(forward.mesh.s)
+    parts, places = [], []
+    for x in _SHARES:
+        rise, size = x * x * (3 - 2 * x), np.linalg.norm(np.diff(u, axis=1), axis=2)[..., None]
+        ends = (1 - rise) * u[:, :-1] + rise * u[:, 1:]
+        slopes = x * (1 - x) ** 2 * t[:, :-1] - x * x * (1 - x) * t[:, 1:]
+        parts.append(ends + size * slopes)
+        places.append(forward.mesh.s[:-1] + x * h)
+    radius = arm.radius.evaluate(np.concatenate(places), arm.length)[0]
+    return np.concatenate(parts, axis=1), radius
+
 
 # At the tip and at the base, in units of what bends the arm by about 1 rad. A slender tip takes
 # many: it saturates. The best plans for poses and fetches of a slender arm are between these.
