@@ -139,7 +139,9 @@ def _solved(D: Interval, right: Interval) -> Interval:
     r = np.einsum("kij,kj->ki", np.abs(C), np.where(good[:, None], right.radius, 0.0))
     size = np.einsum("kij,kj->ki", E, np.abs(x)) + r
     size += 1e-12 * np.abs(x) + 1e-300
-    off = np.linalg.solve(np.eye(n) - E, size[..., None])[..., 0]
+    within = np.eye(n) - E
+    good &= np.linalg.det(within) > 0
+    off = np.linalg.solve(np.where(good[:, None, None], within, np.eye(n)), size[..., None])[..., 0]
     good &= off.min(axis=1) > 0
     off = np.where(good[:, None], off, np.nan)
     return Interval(x - off, x + off)

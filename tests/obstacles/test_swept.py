@@ -204,3 +204,11 @@ def test_an_arm_that_jumps_on_its_way_is_not_verified() -> None:
 def test_motions_as_printed_are_refused_and_not_cleared_for_another_shape() -> None:
     with pytest.raises(InputError, match="motions as printed are not cleared"):
         Lines(ARM, Scene.as_printed(), 2, (), False)
+
+
+def test_a_way_of_which_nothing_can_be_proven_is_told_as_not_verified() -> None:
+    rng, scene = np.random.default_rng(508), Scene(Extension(), ExactTendons())
+    rng.integers(5), rng.choice([2, 6, 15])
+    T = [rng.uniform(0, 15, 12) * (rng.random(12) < 0.4) for _ in range(2)]
+    _, moving = _way(scene, np.array(T))
+    assert closest(moving, 1, around(ARM, BASE, [])).bound[0] == -np.inf
