@@ -44,8 +44,8 @@ _FLAT, _BENT = 1e-3, 4.0
 # Over an element: how far from an end derivatives are taken, half the length of a part that was a
 # point and how far points move from corners at most, and parts that are points.
 _ASIDE, _BORN, _SHORT = 0.05, 0.3, 0.02
-# Of the largest force, what is rounding, and what pulls so hard that places need not be refined.
-_ROUNDING, _PULLED = 1e-9, 1e-2
+# Of the largest force, what is rounding.
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,10 +104,7 @@ def sharpened(request: Request, near: Linearised, places: Places) -> Settled | N
         here = with_places(request, near, places)
         if here is None:
             return None
-        force = forces(here.system, here.states)
-        refined = places
-        if force.min() >= -_PULLED * force.max():
-            refined = _refined(request, here, places)
+        refined = _refined(request, here, places)
         if refined == places:
             refined = _exchanged(request, here, places)
         if refined == places:

@@ -46,3 +46,18 @@ def test_what_is_touched_is_not_entered_and_pushes_outwards(obstacle: Obstacle) 
         assert obstacle.distance(x[None])[0] - 0.006 == pytest.approx(0, abs=1e-6 * arm.length)
         outwards = obstacle.gradient(x[None])[0]
         assert own.force == pytest.approx(np.linalg.norm(own.force) * outwards, rel=1e-5, abs=1e-7)
+
+
+def test_a_part_that_lies_off_the_point_where_it_began_is_found() -> None:
+    """It was given up, and begun again at one of its ends, for as long as it pulled there."""
+    scene = Scene(Extension(), ExactTendons(), Weight(), Contact(ROD))
+    shape = settle(ARM, [0, 0.2, 0, 0], scene, 1e-9)
+    ends = [min(own.s for own in shape.contacts), max(own.s for own in shape.contacts)]
+    assert np.diff(ends) > 0.02 * ARM.length
+    lies, s = np.linspace(*ends, 101), np.linspace(0, ARM.length, 1001)
+    assert np.abs(ROD.distance(shape.position(lies)) - 0.006).max() < 1e-9 * ARM.length
+    assert (ROD.distance(shape.position(s)) - 0.006).min() > -1e-9 * ARM.length
+    assert all(own.force[2] > 0 for own in shape.contacts)
+    middle = shape.strain(np.mean(ends))
+    # The body's axis is bent as the rod's surface and its own radius bend it, where it lies.
+    assert np.linalg.norm(middle[:3]) == pytest.approx(1 / 0.056, rel=2e-2)
