@@ -17,10 +17,12 @@ from planner.sweeps.variables import VARIABLES
 
 Point = tuple[Any, ...]
 Box = tuple[slice, ...]
-# A chunk is what an interruption loses: a plan, or so many other points, or so many of those that
-# are settled together. Many chunks are as many files.
-_PLANS, _POINTS, _TOGETHER = 1, 16, 1000
-_FEWEST, _MOST = 64, 10_000
+# A chunk is what an interruption loses: a plan, or up to so many other points, or so many of those
+# that are settled together, all in milliseconds; fewer where so many chunks would not be had, which
+# workers share.
+_PLANS, _POINTS, _TOGETHER = (1, 1), (16, 64), (1000, 16)
+# Many chunks are as many files.
+_MOST_CHUNKS = 10_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,11 +77,10 @@ class Sweep:
     @cached_property
     def chunk(self) -> tuple[int, ...]:
         """How many values of each dimension make a chunk; the last one may have fewer."""
-        if self.compute == "plan":
-            most = _PLANS
-        else:
-            most = min(math.ceil(self.size / _FEWEST), _TOGETHER if self.together else _POINTS)
-        return box_sizes(tuple(self.dims.values()), max(most, math.ceil(self.size / _MOST)))
+        others = _PLANS if self.compute == "plan" else _POINTS
+        points, chunks = _TOGETHER if self.together else others
+        most = min(math.ceil(self.size / chunks), points)
+        return box_sizes(tuple(self.dims.values()), max(most, math.ceil(self.size / _MOST_CHUNKS)))
 
     @property
     def chunks(self) -> int:

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from model import InputError, OctoplanError, settle, settle_many
-from model.paths import Array
 from model.progress import listening
 from model.stiffness import stiffness
 from model.time_limit import OutOfTime, check_time, limited
@@ -45,8 +44,10 @@ class Job:
 def computed(job: Job, points: Sequence[Point]) -> Rows:
     """Return what is computed at points; one that fails is a row that says so."""
     with listening(None):
-        parts = _together(job, points) if job.together else [_row(job, point) for point in points]
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+        if job.together:
+            return _together(job, points)
+        rows = [_row(job, point) for point in points]
+    return {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
 
 
 def _row(job: Job, point: Point) -> Rows:
@@ -114,38 +115,23 @@ _COMPUTE: dict[Compute, Callable[[Question], dict[str, Any]]] = {
 }
 
 
-def _together(job: Job, points: Sequence[Point]) -> list[Rows]:
-    """Return rows of sets of tensions of one arm, which are settled at once."""
+def _together(job: Job, points: Sequence[Point]) -> Rows:
+    """Return what is computed at sets of tensions of one arm, which are settled at once."""
     question = question_of(job.scene, job.name)
     T = np.repeat(question.arm.flat(question.tensions)[None], len(points), axis=0)
     T[:, [_column(question, key) for key in job.keys]] = points
-    return _halved(job, points, question, T)
-
-
-def _halved(job: Job, points: Sequence[Point], question: Question, T: Array) -> list[Rows]:
-    """Settle sets of tensions at once; where one fails, each half on its own."""
-    if len(points) == 1:
-        return [_row(job, points[0])]
     given = (question.arm, T, question.scene, question.accuracy)
-    try:
-        many = settle_many(*given, compile=question.compile)
-    except OctoplanError:
-        check_time()
-        middle = len(points) // 2
-        halves = slice(None, middle), slice(middle, None)
-        return [row for own in halves for row in _halved(job, points[own], question, T[own])]
-    rows = blank(job.compute, job.tendons, len(points), len(SETTLED))
-    return [
-        rows
-        | {
-            "tip": many.tip,
-            "tip_frame": many.tip_frame,
-            "tensions": T,
-            "error": many.error,
-            "settled": np.ones(len(points), bool),
-            "outcome": np.full(len(points), SETTLED),
-        }
-    ]
+    many = settle_many(*given, compile=question.compile, errors="nan")
+    failed = {i: _row(job, points[i]) for i, told in enumerate(many.problems) if told}
+    width = max([len(SETTLED), *(row["outcome"].dtype.itemsize // 4 for row in failed.values())])
+    rows = blank(job.compute, job.tendons, len(points), width)
+    shapes = {name: getattr(many, name) for name in ("tip", "tip_frame", "error")}
+    rows |= shapes | {"tensions": T}
+    rows["settled"][:], rows["outcome"][:] = True, SETTLED
+    for i, row in failed.items():
+        for name, values in row.items():
+            rows[name][i] = values[0]
+    return rows
 
 
 def _column(question: Question, key: str) -> int:

@@ -1,6 +1,7 @@
 """What sweeps find: the numbers of single calls, whoever works, and rows for what fails."""
 
 import json
+import math
 import sys
 from pathlib import Path
 
@@ -9,10 +10,11 @@ import pytest
 import xarray
 
 import planner
-from model import Arm, InputError, Material, Scene, settle
+from model import Arm, InputError, Material, OctoplanError, Scene, settle
 from model.effects import Extension, TipLoad
 from model.errors import MissingExtraError
 from planner.cli import main
+from planner.sweeps.file import load_sweep
 from planner.targets import TipPosition
 from tests.sweeps.cases import DRAWN, GRID, STIFFNESS, tensions, written
 
@@ -134,6 +136,29 @@ def test_a_point_that_fails_is_a_row_that_says_why(tmp_path: Path, axes: str) ->
     others = data.drop_sel({"tensions[0][2]": [500.0]})
     assert others.settled.all()
     assert np.isfinite(others.tip).all()
+
+
+def test_points_that_fail_among_others_of_their_chunk_are_as_settle_has_them(
+    tmp_path: Path,
+) -> None:
+    low_to_crushing = 'distribution = "uniform"\nlow = 0.0\nhigh = 16.0\n'
+    axes = f'[[sweep.axes]]\nkey = "tensions[0][2]"\n{low_to_crushing}'
+    path = written(tmp_path, axes, more="draws = 64")
+    assert math.prod(load_sweep(path).chunk) > 1
+    data = planner.sweep(path)
+    assert 5 < data.settled.sum() < 60
+    for i in range(64):
+        T, row = tensions(), data.isel(draw=i)
+        T[0, 2] = row["tensions[0][2]"]
+        try:
+            shape = settle(ARM, T, SCENE)
+        except OctoplanError as reason:
+            assert row.outcome == f"Failed: {reason}"
+            assert not row.settled
+            assert np.isnan([row.error, *row.tip, *row.tensions]).all()
+        else:
+            assert row.outcome == "Settled."
+            np.testing.assert_allclose(row.tip, shape.tip, atol=1e-12)
 
 
 @pytest.mark.quick("settle-.zarr", "stiffness-.nc")
