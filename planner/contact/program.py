@@ -22,7 +22,6 @@ from typing import Any
 import numpy as np
 from scipy.optimize import lsq_linear
 from scipy.sparse import csc_array
-from scipy.sparse.linalg import splu
 
 from model.contact.touches import Touches, pressure_shares
 from model.equilibrium.linearised import Linearised
@@ -35,6 +34,7 @@ from model.transcription.touch import TOUCH
 from planner.contact.rows import NEAREST, Structure, functions
 from planner.program.limits import Limits, natural_tensions
 from planner.program.problem import Bounds
+from planner.program.program import factorised
 from planner.program.states import mode_numbers, mode_size
 from planner.program.terms import Same, stations_of
 from planner.solve.ipopt import Solution, solved
@@ -293,7 +293,7 @@ class Program:
         square = np.append(
             np.arange(self.system.of.n_states), np.arange(f.first_mode, f.equations.n_g)
         )
-        by_outer = -splu(csc_array(J[square][:, inner])).solve(J[square][:, outer].toarray())
+        by_outer = -factorised(csc_array(J[square][:, inner])).solve(J[square][:, outer].toarray())
 
         def reduced(rows: Any) -> Array:
             return np.asarray(rows[:, outer] + rows[:, inner] @ by_outer)

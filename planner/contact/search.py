@@ -163,11 +163,11 @@ class ContactSearch:
         """Return the optimum that a load path leads to; None where the arm comes to no rest."""
         try:
             here = rough.along(load_path)
+            margin, optimum = self.task.statement.margin, rough.optimum(here)
+            snaps = optimum is None or (not optimum.violation and not rough.is_stable(optimum))
+            stable = rough.optimum(here, max(margin, _FLOOR)) if snaps else None
         except OctoplanError:
             return None
-        margin, optimum = self.task.statement.margin, rough.optimum(here)
-        snaps = optimum is None or (not optimum.violation and not rough.is_stable(optimum))
-        stable = rough.optimum(here, max(margin, _FLOOR)) if snaps else None
         optimum = stable if stable is not None else optimum
         return None if optimum is None else Local(optimum, load_path[:-1])
 

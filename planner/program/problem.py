@@ -164,16 +164,22 @@ class Problem:
     def guess(self, tensions: Array, limits: Limits, p: Array, soon: bool = False) -> Array:
         """Return the unknowns for tensions: the arm without its loads, no equilibrium under them.
 
-        Under its loads where that `soon` settles, by Newton's method from there.
+        Under its loads where that `soon` settles, by Newton's method from there. The straight arm
+        where tensions leave a cross-section no equilibrium, or the arm no stiffness.
         """
-        system, states = self.forward.system, self.forward.without_loads(tensions)
-        if soon and is_loaded(self.scene):
-            try:
-                here = newton(system, tensions, 1.0, states)
-                states = states if here is None else here.states
-            except (OctoplanError, np.linalg.LinAlgError):
-                pass
-        return self.closed(self.free(tensions, limits), states, p)
+        system, free = self.forward.system, self.free(tensions, limits)
+        try:
+            states = self.forward.without_loads(tensions)
+            if soon and is_loaded(self.scene):
+                try:
+                    here = newton(system, tensions, 1.0, states)
+                    states = states if here is None else here.states
+                except (OctoplanError, np.linalg.LinAlgError):
+                    pass
+            return self.closed(free, states, p)
+        except (OctoplanError, np.linalg.LinAlgError):
+            straight = self.forward.without_loads(np.zeros(self.arm.n_tendons))
+            return self.closed(free, straight, p)
 
     def settled(
         self, tensions: Array, limits: Limits, p: Array, near: Linearised | None = None

@@ -10,6 +10,8 @@ import pytest
 from model import Arm, Scene, settle
 from model.effects import Buoyancy, ExactTendons, Extension, TipLoad, Weight
 from model.equilibrium.forward import Collocation
+from model.errors import UnsettledSectionError
+from model.obstacles import HalfSpace
 from planner import Limits, Plan, Statement, load_plan, plan
 from planner.solve import search
 from planner.solve.ipopt import Solution
@@ -209,3 +211,22 @@ def test_the_mesh_of_the_search_tells_shapes_apart(scene: Scene) -> None:
         assert np.linalg.norm(state[4:7] - shape.tip) < 1e-3 * ARM.length
         quaternion = shape.poses(np.array([ARM.length]))[0, :4]
         assert min(np.linalg.norm(state[:4] - s * quaternion) for s in (1, -1)) < 5e-3
+
+
+def test_plans_begin_at_the_straight_arm_where_a_cross_section_has_no_equilibrium(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Plans among obstacles ended in an UnsettledSectionError."""
+    without_loads = Collocation.without_loads
+
+    def refused(self: Collocation, tensions: Array) -> Array:
+        if tensions.any():
+            raise UnsettledSectionError(0.1)
+        return without_loads(self, tensions)
+
+    monkeypatch.setattr(Collocation, "without_loads", refused)
+    kept = HalfSpace((0.0, 0.0, -0.2), (0.0, 0.0, 1.0))
+    target = TipPosition((0.28, 0.12, -0.12))
+    found = plan(ARM, target, Scene.silicone(), 20.0, starts=1, obstacles=[kept])
+    assert found.reached
+    assert found.certificate.passed
