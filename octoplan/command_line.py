@@ -31,7 +31,12 @@ COMMANDS = {
     "mesh or links.",
     "schema": "Print the JSON Schema of scene files, or of what a command prints.",
 }
-"""Each command with what it does: the function of its name in the module of its name."""
+"""Each command with what it does: the function of its name in planner/commands."""
+# The module of each, but for those in `scenes`.
+_MODULES = {
+    "export": "export",
+    **dict.fromkeys(("new", "sweep", "calibrate", "design", "schema"), "files"),
+}
 EXIT_CODES = """\
 Exit codes:
   0    certified, settled or written
@@ -58,7 +63,7 @@ def app() -> App:
         default_parameter=Parameter(negative=(), show_default=False),
     )
     for place, (name, sentence) in enumerate(COMMANDS.items()):
-        path = f"planner.commands.{name}:{name}"
+        path = f"planner.commands.{_MODULES.get(name, 'scenes')}:{name}"
         line.command(path, name=name, help=sentence, sort_key=place)
     line.register_install_completion_command(help="Install completion for the shell that is used.")
     return line

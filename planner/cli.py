@@ -22,11 +22,10 @@ from planner.commands.answer import (
     OutputError,
     deliver,
     discard,
+    ended_from_outside,
     say,
 )
-from planner.commands.app import UsageError, parse
-from planner.commands.ending import ended_from_outside
-from planner.commands.options import GRACE, Options
+from planner.commands.options import GRACE, Options, UsageError, parse
 
 # Of messages, in characters.
 _LONG = 2000

@@ -1,1 +1,1 @@
-"""The commands of `octoplan`, a file each: a function whose parameters are the command's."""
+"""The commands of `octoplan`: functions whose parameters are those of the command line."""

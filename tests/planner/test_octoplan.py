@@ -18,9 +18,8 @@ from model import settle
 from octoplan.command_line import COMMANDS
 from planner import load_plan, stiffness
 from planner.cli import main
-from planner.commands.schema import schema_of
 from planner.io.scene_file import load, read
-from planner.io.schemas import scene_schema
+from planner.io.schemas import scene_schema, schema_of
 from planner.io.templates import TEMPLATES
 
 TEMPLATE = TEMPLATES["plan"]

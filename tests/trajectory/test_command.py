@@ -9,7 +9,7 @@ import jsonschema
 import pytest
 
 from planner.cli import main
-from planner.commands.schema import schema_of
+from planner.io.schemas import schema_of
 
 FILE = """
 [arm]

@@ -1,0 +1,190 @@
+"""Commands for other files than scenes: new, sweep, calibrate, design, schema."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from cyclopts import Parameter
+
+from model import InputError, OctoplanError
+from model.time_limit import OutOfTime, time_limit
+from planner.commands.answer import NOT_REACHED, OK, Answer
+from planner.commands.options import FileOptions, Options
+from planner.fit.calibration import Calibration
+from planner.fit.designed import Design
+from planner.fit.files import load_asked, run_design
+from planner.io.files import to_json, why, write_new
+from planner.io.records import SweepRecord, sweep_record
+from planner.io.saved_records import calibration_record, design_record
+from planner.io.schemas import SCHEMAS, schema_of
+from planner.io.templates import first_files
+from planner.sweeps.file import load_sweep
+from planner.sweeps.sweep import written
+
+Kind = Literal["plan", "trajectory", "sweep", "calibrate", "design"]
+_NEXT = {
+    "plan": "plan {} --out out",
+    "trajectory": "trajectory {} --out out",
+    "sweep": "sweep {}",
+    "calibrate": "calibrate {} --out out",
+    "design": "design {} --out out",
+}
+
+
+def new(
+    file: Annotated[Path | None, Parameter(help="scene.toml unless given, or KIND.toml")] = None,
+    /,
+    *,
+    kind: Kind = "plan",
+) -> Answer:
+    """Write a commented file to start from, that runs as it is; never over one that is there.
+
+    Parameters
+    ----------
+    kind
+        The command that it is for.
+    """
+    path = file or Path("scene.toml" if kind == "plan" else f"{kind}.toml")
+    if path.suffix.lower() != ".toml":
+        raise InputError("FILE", str(path), "a file name that ends in .toml")
+    contents = first_files(kind, path.name)
+    try:
+        write_new(path.parent, {name: text.encode() for name, text in contents.items()})
+    except FileExistsError as reason:
+        raise InputError("FILE", str(reason.filename), "a file that does not exist yet") from None
+    except (OSError, ValueError) as reason:
+        allowed = f"a file that can be written: {why(reason)}"
+        raise InputError("FILE", str(path), allowed) from None
+    written = " and ".join(str(path.with_name(name)) for name in contents)
+    verb = "is" if len(contents) == 1 else "are"
+    text = f"{written} {verb} written; next: octoplan {_NEXT[kind].format(path)}"
+    return Answer(OK, lambda: text)
+
+
+_SHOWN = 3
+
+
+def sweep(
+    file: Annotated[Path, Parameter(help="sweep file, SWEEP.toml")],
+    /,
+    *,
+    out: Path | None = None,
+    jobs: int = 1,
+    scheduler: str | None = None,
+    options: Options | None = None,
+) -> Answer:
+    """Find shapes, plans or stiffness at many values of a scene, and go on where it was killed.
+
+    Stopped by --time-limit, the same command goes on too.
+
+    Parameters
+    ----------
+    out
+        The Dataset, .nc (NetCDF) or .zarr; unless given, beside the sweep file as .nc.
+    jobs
+        Processes; -1 is all processors (1).
+    scheduler
+        tcp://HOST:PORT of a Dask scheduler, whose workers work on it.
+    """
+    options = options or Options()
+    to = file.with_suffix(".nc") if out is None else out
+    try:
+        with time_limit(options.time_limit):
+            wanted = load_sweep(file)
+            result = written(wanted, to, jobs=jobs, scheduler=scheduler)
+    except OutOfTime:
+        kept = "what is finished is kept: start the sweep again, and it goes on"
+        limit = f"the time limit of {options.time_limit:g} s was reached"
+        raise OctoplanError(f"{limit}; {kept}") from None
+    record = sweep_record(wanted, result, to)
+    return Answer(OK, lambda: _sweep_text(record), record)
+
+
+def _sweep_text(record: SweepRecord) -> str:
+    dims = " x ".join(f"{name} ({size})" for name, size in record.dims.items())
+    word = "reached" if record.compute == "plan" else "settled"
+    lines = [
+        "finished by an earlier run, not run again; remove the file to run it"
+    ] * record.earlier
+    lines += [f"{record.file}: {dims}", f"  {record.met} of {record.points} points {word}"]
+    shown = list(record.failures.items())[:_SHOWN]
+    lines += [f"  {count} x such as: {told}" for told, count in shown]
+    others = len(record.failures) - len(shown)
+    return "\n".join(lines + [f"  and {others} other kinds"] * (others > 0))
+
+
+def calibrate(
+    file: Annotated[Path, Parameter(help="calibration file, FILE.toml")],
+    /,
+    *,
+    leave_out: bool = False,
+    options: FileOptions | None = None,
+) -> Answer:
+    """Find numbers of an arm from measured shapes.
+
+    Parameters
+    ----------
+    leave_out
+        Also tell how well fits predict shapes left out.
+    """
+    result = load_asked(file).run()
+
+    record = calibration_record(result)
+    return Answer(
+        OK, lambda: _calibration_text(result, leave_out), record, "calibration", result.plot
+    )
+
+
+def _calibration_text(result: Calibration, leave_out: bool) -> str:
+    width = max(len(own.name) for own in result.unknowns)
+    rows = zip(result.unknowns, result.values, result.std, strict=True)
+    lines = [
+        f"  {own.name:<{width}}  {value:.6g} +- {std:.2g} {result.parameters.unit(own)}".rstrip()
+        for own, value, std in rows
+    ]
+    if leave_out:
+        error = 1e3 * result.leave_out().mean_error
+        lines.append(f"  shapes left out are predicted to {error:.3g} mm in the mean")
+    return "\n".join([result.outcome, *lines])
+
+
+def design(
+    file: Annotated[Path, Parameter(help="design file, FILE.toml")],
+    /,
+    *,
+    options: FileOptions | None = None,
+) -> Answer:
+    """Find the arm for which several tasks take least effort."""
+    result = run_design(file)
+    code = OK if result.feasible else NOT_REACHED
+    record = design_record(result)
+    return Answer(
+        code, lambda: _design_text(result), record, "design", lambda: _draw_design(result)
+    )
+
+
+def _design_text(result: Design) -> str:
+    width = max(len(own.name) for own in result.unknowns)
+    rows = zip(result.unknowns, result.values, result.parameters.start, strict=True)
+    lines = [
+        f"  {own.name:<{width}}  {value:.5g} (was {old:.5g}) {result.parameters.unit(own)}".rstrip()
+        for own, value, old in rows
+    ]
+    efforts = ", ".join(f"{own.effort:.4g}" for own in result.plans)
+    return "\n".join([result.outcome, *lines, f"  efforts of the tasks [N]: {efforts}"])
+
+
+def _draw_design(result: Design) -> Any:
+    from planner.plots.plan import plot_together
+
+    return plot_together(result.plans)
+
+
+_WHAT = Parameter(choices=SCHEMAS, help="scene unless given")
+
+
+def schema(what: Annotated[str, _WHAT] = "scene", /) -> Answer:
+    """Print the JSON Schema of files, or of what a command prints with --json."""
+    # It is JSON for people too.
+    return Answer(OK, lambda: to_json(schema_of(what)).decode())
