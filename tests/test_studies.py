@@ -40,7 +40,7 @@ SMALL: dict[str, tuple[str, str, tuple[str, ...]]] = {
         ("maps.png",),
     ),
     "measured_plane": ("", "standard deviation", ("measured_plane.png",)),
-    "motion": ("--longer --waypoints 5", "least time over the bound 1.0", ("motion.png",)),
+    "motion": ("--longer --waypoints 5", "least time over the bound 1.00", ("motion.png",)),
     "planner_suite": (
         "--targets 3 --best-of 0 --jobs 1",
         "all                3   100.0%      0      100.0%",
