@@ -34,6 +34,9 @@ class Touch:
         Between the arm's surface and the obstacle [m].
     point : (3,)
         Of the obstacle's surface, where they touch [m].
+    normal : (3,)
+        Out of the obstacle, towards the arm's midline; a unit vector. At an edge or a corner, where
+        the surface has no normal, it is this alone that tells along what the arm presses.
     pressure : float
         Force per unit reference length there [N/m]; 0 where the arm touches at a point.
     friction : (3,)
@@ -48,6 +51,7 @@ class Touch:
     force: Array
     gap: float
     point: Array
+    normal: Array
     pressure: float = 0.0
     friction: Array = field(default_factory=lambda: np.zeros(3))
     slip: Array = field(default_factory=lambda: np.zeros(3))
@@ -75,6 +79,6 @@ def touches_of(here: Linearised, history: History | None = None) -> tuple[Touch,
         slip = (slipped[k] - normal * float(normal @ slipped[k])) * (bodies[j].friction > 0)
         force = size[k, j] * normal + tangential[k, j]
         point = places[k] - distance[k, j] * normal
-        where = (obstacle, float(s[k]), force, gap, point, float(p[k, j]))
+        where = (obstacle, float(s[k]), force, gap, point, normal, float(p[k, j]))
         read_off.append(Touch(*where, tangential[k, j], slip))
     return tuple(read_off)

@@ -127,8 +127,8 @@ class Pair:
         below, beyond = (Sphere(tuple(ball.centre.tolist()), ball.radius) for ball in (near, far))
         surfaces = near.centre + near.radius * n, far.centre - far.radius * n
         return (
-            Touch(beyond, float(self.s[0]), -self.force, gap, surfaces[1]),
-            Touch(below, float(self.s[1]), self.force.copy(), gap, surfaces[0]),
+            Touch(beyond, float(self.s[0]), -self.force, gap, surfaces[1], -n),
+            Touch(below, float(self.s[1]), self.force.copy(), gap, surfaces[0], n),
         )
 
 

@@ -76,7 +76,7 @@ class Grasp:
         touches = [touch for touch in contacts if touch.obstacle == hold.obstacle]
         points = np.array([touch.point for touch in touches]).reshape(-1, 3)
         forces = np.array([touch.force for touch in touches]).reshape(-1, 3)
-        normals = hold.obstacle.gradient(points) if touches else points
+        normals = np.array([touch.normal for touch in touches]).reshape(-1, 3)
         out = (forces * normals).sum(axis=1)
         centre = hold.obstacle.numbers[:3]
         lever = LEVER * arm.length

@@ -8,8 +8,9 @@ import pytest
 from model import Scene, settle
 from model.effects import Contact, ExactTendons, Extension
 from model.errors import InputError
-from model.obstacles import Capsule, Sphere
+from model.obstacles import Box, Capsule, Sphere
 from planner import plan
+from planner.contact.grasp import grips_of, left_of
 from planner.io.saved_files import load_plan
 from planner.plan import HeldPlan
 from planner.targets import Hold
@@ -130,3 +131,22 @@ def test_a_moment_that_no_force_at_a_point_has_is_left_over_a_tenth_of_the_arm(
         size = np.linalg.norm([*force, *moment / (0.1 * ARM.length)])
         left = more / (0.1 * ARM.length) * np.abs(radial).max() / size
         assert found.equality[WRENCH] == pytest.approx(left, rel=1e-4, abs=1e-6)
+
+
+def test_what_is_pressed_at_an_edge_balances_just_that_force() -> None:
+    """Normals were those of the surface there, which an edge has none of: forces were lost."""
+    box = Box((0.18, 0.0, -0.05), (0.04, 0.2, 0.04))
+    shape = settle(
+        ARM, [0.0, 0.6, 0.0, 0.0], Scene(Extension(), ExactTendons(), Contact(box)), 1e-8
+    )
+    [touch] = shape.contacts
+    x, _, z = touch.point - np.array(box.center)
+    assert abs(x) == pytest.approx(0.02, abs=1e-9)
+    assert z == pytest.approx(0.02, abs=1e-9)
+    direction = touch.force / np.linalg.norm(touch.force)
+    assert 0.01 < abs(direction[0]) < 0.99
+    np.testing.assert_allclose(touch.normal, direction, atol=1e-9)
+    hold = Hold(box, tuple(touch.force.tolist()), 0.0)
+    np.testing.assert_allclose(left_of(ARM, shape, hold), 0.0, atol=1e-12)
+    [grip] = grips_of(shape, hold)
+    np.testing.assert_allclose(grip.normal, -touch.force, atol=1e-12)
