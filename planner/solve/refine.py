@@ -22,6 +22,7 @@ from model.arm import Arm
 from model.effects import Friction
 from model.equilibrium.forward import STAGES, collocation_order
 from model.errors import OctoplanError
+from model.loads import is_loaded
 from model.mesh import FINEST_ACCURACY, next_refinement
 from model.paths import Array
 from model.scene import Scene
@@ -105,7 +106,7 @@ def _refined(
             if not finer:
                 return None
             statement = statement.but(refinement=finer)
-            solution = carried(task, problem, statement, solution)
+            solution = settled_on(task, problem, statement, solution)
             problem = task.problem(statement)
             known = defect(problem, solution.x, task.targets, shape)
         p, bounds = task.parameters(statement, defect=known), task.bounds(statement)
@@ -115,10 +116,14 @@ def _refined(
     return None
 
 
-def carried(task: Task, problem: Problem, statement: Statement, solution: Solution) -> Solution:
-    """Return a solution as a guess on another mesh, with its multipliers."""
+def settled_on(task: Task, problem: Problem, statement: Statement, solution: Solution) -> Solution:
+    """Return a solution on another mesh, in equilibrium there, with its multipliers.
+
+    Strains that are interpolated alone are in none, and the defect would be theirs.
+    """
     other, p = task.problem(statement), task.parameters(statement)
-    x = other.carried(solution.x, problem, task.allowed, p)
+    T = problem.tensions(solution.x, task.allowed)
+    x = other.settled(T, task.allowed, p, problem.known(solution.x))
     return with_multipliers(other, replace(solution, x=x).free(problem), x, p)
 
 
@@ -201,8 +206,13 @@ def _defect_size(problem: Problem, defect: Array) -> float:
 
 
 def settled(arm: Arm, tensions: Array, scene: Scene, accuracy: float, machine_code: bool) -> Shape:
-    """Return the shape of a plan of an accuracy, a digit more accurate; raises what settle does."""
-    flat, sharper = np.ravel(tensions), max(accuracy / 10, FINEST_ACCURACY)
+    """Return the shape of a plan of an accuracy, a digit more accurate; raises what settle does.
+
+    Without loads three digits: the error of a shape is there that of the tip's place alone, and
+    its frame, which targets measure too, may be off by a hundred times as much.
+    """
+    digits = 10 if is_loaded(scene) else 1000
+    flat, sharper = np.ravel(tensions), max(accuracy / digits, FINEST_ACCURACY)
     return _settled(arm, tuple(flat.tolist()), scene, sharper, machine_code)
 
 
