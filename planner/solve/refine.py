@@ -208,10 +208,10 @@ def _defect_size(problem: Problem, defect: Array) -> float:
 def settled(arm: Arm, tensions: Array, scene: Scene, accuracy: float, machine_code: bool) -> Shape:
     """Return the shape of a plan of an accuracy, a digit more accurate; raises what settle does.
 
-    Without loads three digits: the error of a shape is there that of the tip's place alone, and
-    its frame, which targets measure too, may be off by a hundred times as much.
+    Without loads two digits: the error of a shape is there that of the tip's place alone, and its
+    frame, which targets measure too, may be off by more.
     """
-    digits = 10 if is_loaded(scene) else 1000
+    digits = 10 if is_loaded(scene) else 100
     flat, sharper = np.ravel(tensions), max(accuracy / digits, FINEST_ACCURACY)
     return _settled(arm, tuple(flat.tolist()), scene, sharper, machine_code)
 
