@@ -216,8 +216,8 @@ class Step(NamedTuple):
 def least(M: Array, w: Array, z: Array, rounding: float) -> Step:
     """Return z >= 0 (n,) after a Newton step to w = 0, w (n,) changing with z as M (n, n) says.
 
-    Of the z that w does not tell apart, but for its `rounding`, those of least norm. A step that
-    would lead below 0 ends there; what is at 0 and would go below stays.
+    In the null space of M, directions that change w by less than `rounding` among it, z is of least
+    norm. A step that would lead below 0 ends there; components at 0 that would go below stay.
     """
     if not z.size:
         return Step(z, True, True)

@@ -150,7 +150,7 @@ def contact_friction(law: CrossSection, m: int) -> Kernel:
 
     Unknowns: the strains of the element before, q, u, P, p or x of the node (see touch), p and tau
     of the node before and of that beyond, Q, tau; tau as components in the arm's frames. Numbers:
-    see FRICTION. Rows: what it adds to M and F, and what vanishes for Q and tau.
+    see FRICTION. Rows: its contributions to M and F, and the residuals of Q and tau.
     """
     v, q, u = ca.SX.sym("v", size(law), m), ca.SX.sym("q", 4), ca.SX.sym("u", 3)
     own, near = ca.SX.sym("own", 2), ca.SX.sym("near", 4, 2)
