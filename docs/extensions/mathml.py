@@ -6,6 +6,7 @@ Loaded by conf.py; latex2mathml translates.
 from __future__ import annotations
 
 from typing import Any
+from xml.etree import ElementTree
 
 from docutils import nodes
 from latex2mathml.converter import convert
@@ -13,10 +14,38 @@ from sphinx.application import Sphinx
 from sphinx.util.math import get_node_equation_number
 from sphinx.writers.html5 import HTML5Translator
 
+MATHML = "http://www.w3.org/1998/Math/MathML"
+ElementTree.register_namespace("", MATHML)
+
+
+def translated(text: str, display: str = "inline") -> str:
+    """Return a formula as MathML, its signs placed and spaced as by TeX.
+
+    A prime is raised by the font, not by a superscript too; a minus that no term is before is a
+    sign; there are no spaces around bars and strokes.
+    """
+    tree = ElementTree.fromstring(convert(text, display=display))
+    for part in list(tree.iter()):
+        if len(part) and part[-1].text == "\u2032":
+            prime = part[-1]
+            prime.tag = f"{{{MATHML}}}mo"
+            prime.set("form", "postfix")
+            if len(part) == 3:
+                below = ElementTree.Element(f"{{{MATHML}}}msub")
+                below.extend(part[:2])
+                part[:2] = [below]
+            part.tag = f"{{{MATHML}}}mrow"
+        for before, sign in zip([None, *part], part, strict=False):
+            if sign.text in {"|", "/", "\u2016"}:
+                sign.attrib |= {"lspace": "0", "rspace": "0"}
+            if sign.text == "\u2212" and (before is None or before.text in {"=", "(", ","}):
+                sign.set("form", "prefix")
+    return ElementTree.tostring(tree, encoding="unicode")
+
 
 def inline(translator: HTML5Translator, node: nodes.math) -> None:
     """Write a formula in a line."""
-    translator.body.append(convert(node.astext()))
+    translator.body.append(translated(node.astext()))
     raise nodes.SkipNode
 
 
@@ -31,7 +60,7 @@ def block(translator: HTML5Translator, node: nodes.math_block) -> None:
     text = node.astext().strip()
     if r"\\" in text:
         text = rf"\begin{{split}}{text}\end{{split}}"
-    translator.body.append(convert(text, display="block") + "</div>\n")
+    translator.body.append(translated(text, "block") + "</div>\n")
     raise nodes.SkipNode
 
 

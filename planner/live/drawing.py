@@ -21,17 +21,17 @@ Colour = tuple[int, int, int]
 _ALONG, _AROUND = 61, 24
 # Of a slack tendon, of one at the least, and of one at the most tension, red green blue.
 SLACK, LOW, HIGH = (128, 134, 145), (240, 150, 20), (200, 0, 60)
-_BODY, _ELLIPSOID, _OBSTACLE, _BASE = (70, 130, 195), (90, 160, 90), (190, 105, 30), (70, 78, 90)
+_BODY, _ELLIPSOID, _OBSTACLE, _BASE = (35, 95, 170), (90, 160, 90), (190, 105, 30), (70, 78, 90)
 # The width of a tendon, and the ellipsoid's longest half axis, over the arm's length.
-_THICK, _LARGEST = 7e-3, 0.15
+_THICK, _LARGEST = 5e-3, 0.15
 # The base plate over the arm's radius there, and its thickness over the arm's length.
 _PLATE, _PLATE_THICK = 2.4, 0.02
 # How far below the base the floor is, and how wide, in arm lengths; lines of the grid [m].
 _FLOOR, _WIDE, _LINE = 0.6, 1.6, 0.05
 # How far from the arm the names of its tendons are, in arm lengths.
-_ASIDE = 0.045
+_ASIDE = 0.065
 # Where the camera is from the arm's middle, in arm lengths.
-_VIEW = np.array([0.45, -0.95, 0.42])
+_VIEW = np.array([0.3, -0.75, 0.2])
 
 
 @dataclass(frozen=True)
@@ -166,7 +166,7 @@ def draw_arm(server: Any, shape: Shape, most: Array, labels: bool) -> None:
     """Draw an arm and its tendons; `most` (n_tendons,) are those of the last colour [N]."""
     seen, scene, arm = picture(shape, most), server.scene, shape.arm
     with server.atomic():
-        scene.add_mesh_simple("/body", seen.vertices, seen.faces, color=_BODY, opacity=0.4)
+        scene.add_mesh_simple("/body", seen.vertices, seen.faces, color=_BODY, opacity=0.45)
         thickness = _THICK * arm.length
         scene.add_line_segments("/tendons", seen.tendons, seen.colours, thickness=thickness)
         places = seen.ends + _ASIDE * arm.length * seen.aside

@@ -1,5 +1,7 @@
 """Plans and motions of an arm in contact: targets, rates, complementarity, and the way."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -38,6 +40,15 @@ def test_a_tip_is_brought_to_a_place_on_the_floor_that_carries_the_arm(first: Pl
     assert first.effort < np.hypot(1.0, 0.5) + 1e-6
     assert "Reached" in first.outcome
     assert "complementarity" in str(first.certificate)
+
+
+def test_a_force_across_a_gap_is_no_contact(first: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
+    touches = tuple(replace(touch, gap=1e-3) for touch in first.shape.contacts)
+    monkeypatch.setattr(Shape, "contacts", touches)
+    pressed = max(float(np.linalg.norm(touch.force)) for touch in touches)
+    spoilt = replace(first, starts=first.starts).certificate
+    assert spoilt.complementarity == pytest.approx(1e-3 * pressed)
+    assert not spoilt.passed
 
 
 def test_a_motion_leads_through_contact_and_is_certified_on_its_way(first: Plan) -> None:
