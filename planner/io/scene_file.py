@@ -23,11 +23,10 @@ from model.winches import Winches, rest_lengths
 from planner.avoidance.asked import surroundings
 from planner.io.arm_tables import ArmTable, arm_of
 from planner.io.codec import arguments_of, in_si, table_of, value_of, written
-from planner.io.effect_tables import EffectsTable, scene_of
 from planner.io.files import read_file, why
 from planner.io.key_paths import steps, value_at
 from planner.io.mistakes import as_written, checked, no_toml
-from planner.io.obstacle_tables import inlined
+from planner.io.object_tables import EffectsTable, inlined, scene_of
 from planner.io.scene_tables import (
     LimitsTable,
     SceneTable,

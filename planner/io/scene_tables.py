@@ -13,9 +13,13 @@ from planner.fit.making import Making, Reach
 from planner.io.annotations import quantity
 from planner.io.arm_tables import VECTOR, ArmTable
 from planner.io.codec import Accuracy, Table, Tensions, table
-from planner.io.effect_tables import EffectsTable
-from planner.io.obstacle_tables import ObstacleTable, inlined
-from planner.io.target_tables import ObjectiveTable, TargetTable
+from planner.io.object_tables import (
+    EffectsTable,
+    ObjectiveTable,
+    ObstacleTable,
+    TargetTable,
+    inlined,
+)
 
 Hold = Literal["tension", "length"]
 TendonEA = Annotated[Positive | None, quantity("stiffness E A of tendons of held length", "N")]

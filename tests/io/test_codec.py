@@ -19,7 +19,7 @@ from planner.io.exact import exact, identity, plain
 from planner.io.files import to_json
 from planner.io.key_paths import changed
 from planner.io.mistakes import checked
-from planner.io.obstacle_tables import ObstacleTable
+from planner.io.object_tables import ObstacleTable
 from planner.io.scene_file import question_of, scene_table
 from planner.io.schemas import scene_schema
 from planner.sweeps.file import sweep_of

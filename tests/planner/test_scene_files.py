@@ -19,9 +19,9 @@ from model.arm import PAPER_ARMS
 from model.effects import Effect
 from model.errors import FileError
 from planner.io.arm_tables import ArmTable, Preset
+from planner.io.object_tables import TargetTable
 from planner.io.scene_file import load, read
 from planner.io.schemas import SceneTable, scene_schema
-from planner.io.target_tables import TargetTable
 from planner.targets import (
     Backbone,
     Bend,

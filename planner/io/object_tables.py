@@ -1,0 +1,283 @@
+"""The obstacles, effects and targets of a scene file, each a key or a table of its own."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_type_hints
+
+import numpy as np
+from msgspec import Meta, structs
+
+import model.effects
+import model.obstacles
+import planner.targets
+from model.effects import Contact, Effect, PointLoad, PointMass, PrintedStatics
+from model.errors import InputError
+from model.obstacles import Box, Mesh, Moving, Obstacle
+from model.obstacles.base import Convex
+from model.scene import Scene
+from planner.io.annotations import arguments, attributes_told, choice, quantity, sentence
+from planner.io.arm_tables import VECTOR, Numbers, frame, frame_form
+from planner.io.codec import (
+    READ,
+    TABLES,
+    WRITE,
+    Form,
+    Table,
+    fields_of,
+    in_si,
+    struct,
+    table,
+    table_of,
+    value_of,
+    written,
+)
+from planner.targets import Bend, Hold, MinimumStiffness, Softest, Stiffest, Target, TipPose
+
+
+def public(module: Any, kind: Any = object) -> list[Any]:
+    """Return the classes that a package exports, of a kind but not that itself."""
+    found = (getattr(module, name) for name in module.__all__)
+    return [
+        own for own in found if isinstance(own, type) and issubclass(own, kind) and own is not kind
+    ]
+
+
+def tag_of(kind: type) -> str:
+    """Return by which type the tables of a class are told: tip-position of TipPosition."""
+    return re.sub(r"(?<!^)(?=[A-Z])", "-", kind.__name__).lower()
+
+
+def _vertices(given: list[Numbers] | None, position: Numbers, t: Numbers, n: Numbers) -> Any:
+    axes, origin = np.array(frame(t, n)), np.array(in_si(position, "mm"))
+    places = np.array(in_si(given or [], "mm")).reshape(-1, 3)
+    return tuple(map(tuple, (places @ axes.T + origin).tolist()))
+
+
+_EDGES = frame_form("along its first edge", "along its second edge", (1, 0, 0), (0, 1, 0))
+_AXES = frame_form("its own x axis", "its own y axis", (1, 0, 0), (0, 1, 0))
+_OWN_PLACES = quantity("along its own axes", "mm")
+_VERTICES = Form(
+    {
+        "vertices_mm": (Annotated[list[VECTOR] | None, _OWN_PLACES], None),
+        "position_mm": (Annotated[VECTOR, quantity("of its own origin", "mm")], (0, 0, 0)),
+        **_AXES.keys,
+    },
+    _vertices,
+    lambda own: {"vertices_mm": written(own, "mm")},
+)
+_FILE: dict[str, tuple[Any, Any]] = {
+    "file": (
+        Annotated[
+            str | None,
+            Meta(description=".stl, .obj, .ply or .off, from where the scene file is"),
+        ],
+        None,
+    ),
+    "unit": (Annotated[Literal["mm", "cm", "m", "in"], Meta(description="of the file")], "mm"),
+}
+_OBSTACLE_FORMS: dict[Any, dict[str, Any]] = {
+    Box: {"frame": _EDGES},
+    Mesh: {"vertices": _VERTICES, "more": _FILE},
+}
+_KINDS = public(model.obstacles, Obstacle)
+_SHAPES = {kind: table(kind, tag=tag_of(kind), **_OBSTACLE_FORMS.get(kind, {})) for kind in _KINDS}
+
+
+def inlined(given: Any, folder: Path) -> Any:
+    """Return the table of an obstacle with the numbers of its file, looked for from a folder.
+
+    Raises InputError for both or neither of them, FileError for a file that cannot be read.
+    """
+    if not isinstance(given, _SHAPES[Mesh]):
+        return given
+    mesh: Any = given
+    numbers = (mesh.vertices_mm is not None, mesh.faces is not None)
+    if numbers != ((mesh.file is None,) * 2):
+        there = [key for key in ("file", "vertices_mm", "faces") if getattr(mesh, key) is not None]
+        raise InputError("file", there, "a file, or vertices_mm and faces in its place")
+    if mesh.file is None:
+        return mesh
+    found = Mesh.read(folder / mesh.file, mesh.unit)
+    corners = [tuple(own) for own in written(found.vertices, "mm")]
+    faces = [(a, b, c) for a, b, c in found.faces]
+    return structs.replace(mesh, file=None, vertices_mm=corners, faces=faces)
+
+
+def _with_key(
+    shape: type[Table], prefix: str, key: str, held: tuple[Any, Any], read: Any
+) -> type[Table]:
+    """Return the table of an obstacle that has one key more, and how that is read with it."""
+    name, tag = f"{prefix}{shape.__name__}", str(shape.__struct_config__.tag)
+    made: type[Table] = struct(name, [(key, *held)], shape.__doc__, tag, shape)
+    READ[made] = lambda given: read(READ[shape](given), getattr(given, key))
+    return made
+
+
+def _avoided(obstacle: Obstacle, rows: Any) -> Obstacle | Moving:
+    if rows is None:
+        return obstacle
+    return Moving(obstacle, tuple(row[0] for row in rows), in_si([row[1:] for row in rows], "mm"))
+
+
+_ROWS = "time [s] and how far it has moved by then along x, y, z [mm], row by row"
+_PATH = (
+    Annotated[tuple[tuple[float, float, float, float], ...] | None, Meta(description=_ROWS)],
+    None,
+)
+_FRICTION = next(own[1:] for own in fields_of(Contact, {"obstacle"}))
+_CONVEX = [_SHAPES[kind] for kind in _KINDS if issubclass(kind, Convex)]
+# What is wrapped round or held; what is kept clear of, and may move in motions; what is leant on.
+TABLES[Convex] = choice(_CONVEX)
+ObstacleTable: Any = choice(
+    [_with_key(own, "Avoided", "path_s_mm", _PATH, _avoided) for own in _SHAPES.values()]
+)
+TABLES[Contact] = choice(
+    [_with_key(own, "Contact", "friction", _FRICTION, Contact) for own in _CONVEX]
+)
+
+
+def _moving(own: Moving) -> dict[str, Any]:
+    rows = zip(own.times, written(own.path, "mm"), strict=True)
+    return {**table_of(own.obstacle), "path_s_mm": [[t, *x] for t, x in rows]}
+
+
+WRITE[Moving] = _moving
+WRITE[Contact] = lambda own: {**table_of(own.obstacle), "friction": own.friction}
+
+
+# Keys that enable several effects at once.
+BUNDLES = {"silicone": Scene.silicone(), "as_printed": Scene.as_printed()}
+_SILICONE = "what a real silicone arm calls for: extension, exact_tendons and neo_hookean"
+_SEVERAL = (PointLoad, PointMass, Contact)
+_EFFECTS: list[type[Effect]] = public(model.effects, Effect)
+# What has no arguments but switches is a switch, with these beside it.
+_SWITCHES = [own for own in _EFFECTS if {*get_type_hints(own).values()} <= {bool}]
+
+
+def _key(kind: type[Effect]) -> str:
+    """Return the key of an effect: tip_load of TipLoad, point_loads of PointLoad."""
+    if kind is PrintedStatics:
+        return "as_printed"
+    words = re.sub(r"(?<!^)(?=[A-Z])", "_", kind.__name__).lower()
+    plural = "es" if words.endswith("s") else "s"
+    return words + plural * (kind in _SEVERAL)
+
+
+KEYS = {kind: _key(kind) for kind in _EFFECTS}
+
+
+def _fields() -> list[Any]:
+    found: list[Any] = [("silicone", Annotated[bool, Meta(description=_SILICONE)], False)]
+    kind: Any
+    for kind, key in KEYS.items():
+        about = Meta(description=sentence(kind))
+        if kind in _SWITCHES:
+            found.append((key, Annotated[bool | None, about], None))
+            for name, own in attributes_told(kind).items():
+                found.append((name, Annotated[bool, Meta(description=own)], False))
+            WRITE[kind] = _switch_keys
+            continue
+        of: Any = TABLES.get(kind) or table(kind)
+        several: Any = tuple[of, ...]
+        held: tuple[Any, Any] = (several, ()) if kind in _SEVERAL else (of | None, None)
+        found.append((key, Annotated[held[0], about], held[1]))
+    return found
+
+
+def _switch_keys(own: Effect) -> dict[str, Any]:
+    return {KEYS[type(own)]: True, **{name: getattr(own, name) for name in arguments(type(own))}}
+
+
+EffectsTable: Any = struct(
+    "EffectsTable",
+    _fields(),
+    "The effects enabled; nothing but bending is simulated unless named here.",
+)
+
+
+def scene_of(given: Any) -> Scene:
+    """Return the scene of a table; raises InputError that names a key, or an effect's field."""
+    implied = {
+        type(own) for key, of in BUNDLES.items() if getattr(given, key) for own in of.effects
+    }
+    found: list[Effect] = []
+    for kind, key in KEYS.items():
+        own = getattr(given, key)
+        if kind in _SWITCHES:
+            found += _switched(given, kind, kind in implied if own is None else own)
+            continue
+        several = own if isinstance(own, tuple) else () if own is None else (own,)
+        found += map(value_of, several)
+    return Scene(*found)
+
+
+def _switched(given: Any, kind: Any, on: bool) -> list[Effect]:
+    """Return an effect that is a switch if it is on, with the switches that are its arguments."""
+    more = {name: getattr(given, name) for name in arguments(kind)}
+    if any(more.values()) and not on:
+        name = next(name for name, own in more.items() if own)
+        allowed = f"{name} = true with silicone = true or {KEYS[kind]} = true only"
+        raise InputError(name, True, allowed)
+    return [kind(**more)] * on
+
+
+def _effects_table(scene: Scene) -> dict[str, Any]:
+    found: dict[str, Any] = {"extension": False}
+    for effect in scene.effects:
+        kind, own = type(effect), table_of(effect)
+        if kind in _SWITCHES:
+            found |= own
+        elif kind in _SEVERAL:
+            found.setdefault(KEYS[kind], []).append(own)
+        else:
+            found[KEYS[kind]] = own
+    return found
+
+
+WRITE[Scene] = _effects_table
+
+
+def _stiffness(direction: Numbers | None, matrix: Any) -> Any:
+    if (direction is None) == (matrix is None):
+        given = "neither" if matrix is None else "both"
+        raise InputError("minimum-stiffness", given, "a direction, or a matrix")
+    return matrix if direction is None else direction
+
+
+def _stiffness_keys(own: Any) -> dict[str, Any]:
+    return {"matrix" if np.ndim(own) == 2 else "direction": np.array(own).tolist()}
+
+
+_MATRIX = "symmetric and positive definite, in place of a direction"
+_AGAINST: dict[str, tuple[Any, Any]] = {
+    "direction": (Annotated[VECTOR | None, Meta(description="in the base frame")], None),
+    "matrix": (Annotated[tuple[VECTOR, VECTOR, VECTOR] | None, Meta(description=_MATRIX)], None),
+}
+_ON_OBJECT = quantity("on the object, base frame", "N")
+_ABOUT = quantity("about its centre; taken up elsewhere without", "N m")
+_WRENCH: dict[str, Any] = {
+    "force": (Annotated[VECTOR, _ON_OBJECT],),
+    "moment": (Annotated[VECTOR | None, _ABOUT], None),
+}
+
+
+def _wrench_keys(own: Numbers) -> dict[str, Any]:
+    return {"force": list(own[:3])} | ({"moment": list(own[3:])} if own[3:] else {})
+
+
+_TARGET_FORMS: dict[Any, dict[str, Any]] = {
+    TipPose: {"frame": frame_form("t wanted at the tip", "n wanted at the tip, across t")},
+    MinimumStiffness: {"direction": Form(_AGAINST, _stiffness, _stiffness_keys)},
+    Hold: {"wrench": Form(_WRENCH, lambda force, moment: (*force, *(moment or ())), _wrench_keys)},
+}
+# What a target is made of, or states itself with, is no target.
+_PARTS = {Target, Bend, planner.targets.Terms, planner.targets.View}
+_TABLES = {
+    kind: table(kind, tag=tag_of(kind), **_TARGET_FORMS.get(kind, {}))
+    for kind in public(planner.targets)
+    if kind not in _PARTS
+}
+TargetTable: Any = choice(list(_TABLES.values()))
+ObjectiveTable: Any = choice([_TABLES[Stiffest], _TABLES[Softest]])
