@@ -18,10 +18,11 @@ from planner.io.files import to_json, why, write_new
 from planner.io.records import SweepRecord, sweep_record
 from planner.io.saved_records import calibration_record, design_record
 from planner.io.schemas import SCHEMAS, schema_of
-from planner.io.templates import first_files
 from planner.sweeps.file import load_sweep
 from planner.sweeps.sweep import written
 
+# A commented file for each kind, that runs as it is.
+TEMPLATES = Path(__file__).with_name("templates")
 Kind = Literal["plan", "trajectory", "sweep", "calibrate", "design"]
 _NEXT = {
     "plan": "plan {} --out out",
@@ -48,7 +49,7 @@ def new(
     path = file or Path("scene.toml" if kind == "plan" else f"{kind}.toml")
     if path.suffix.lower() != ".toml":
         raise InputError("FILE", str(path), "a file name that ends in .toml")
-    contents = first_files(kind, path.name)
+    contents = _first_files(kind, path.name)
     try:
         write_new(path.parent, {name: text.encode() for name, text in contents.items()})
     except FileExistsError as reason:
@@ -60,6 +61,17 @@ def new(
     verb = "is" if len(contents) == 1 else "are"
     text = f"{written} {verb} written; next: octoplan {_NEXT[kind].format(path)}"
     return Answer(OK, lambda: text)
+
+
+def _first_files(kind: Kind, name: str) -> dict[str, str]:
+    """Return the files to start from: one of a kind by its name, and what it needs beside it."""
+    text, shapes = (
+        (TEMPLATES / own).read_text("utf-8") for own in (f"{kind}.toml", "calibrate_shapes.csv")
+    )
+    if kind != "calibrate":
+        return {name: text}
+    beside = f"{name.removesuffix('.toml')}_shapes.csv"
+    return {name: text.replace("calibrate_shapes.csv", beside), beside: shapes}
 
 
 _SHOWN = 3

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
 from planner.cli import main
-from planner.io.templates import TEMPLATES
+from planner.commands.files import Kind
 
 
-@pytest.mark.parametrize("kind", TEMPLATES)
+@pytest.mark.parametrize("kind", get_args(Kind))
 @pytest.mark.quick("sweep", "calibrate")
 def test_a_first_file_runs_as_written(
     kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -18,11 +18,11 @@ from model import settle
 from octoplan.command_line import COMMANDS
 from planner import load_plan, stiffness
 from planner.cli import main
+from planner.commands.files import TEMPLATES
 from planner.io.scene_file import load, read
 from planner.io.schemas import scene_schema, schema_of
-from planner.io.templates import TEMPLATES
 
-TEMPLATE = TEMPLATES["plan"]
+TEMPLATE = (TEMPLATES / "plan.toml").read_text()
 
 ROOT = Path(__file__).parents[2]
 SCENES = ROOT / "studies" / "scenes"
