@@ -32,7 +32,7 @@ from pathlib import Path
 import psutil
 import xarray
 
-from planner.sweeps.chunk_files import folder_of
+from planner.sweeps.store import folder_of
 from studies.maps import SCENE, axis, workspace
 
 ROOT = Path(__file__).parents[1]

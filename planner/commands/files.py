@@ -18,7 +18,7 @@ from planner.io.files import to_json, why, write_new
 from planner.io.records import SweepRecord, sweep_record
 from planner.io.saved_records import calibration_record, design_record
 from planner.io.schemas import SCHEMAS, schema_of
-from planner.sweeps.file import load_sweep
+from planner.sweeps.definition import load_sweep
 from planner.sweeps.sweep import written
 
 # A commented file for each kind, that runs as it is.

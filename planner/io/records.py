@@ -225,6 +225,7 @@ class SweepRecord(Record, kw_only=True):
 
 def sweep_record(sweep: Any, written: Any, file: Any) -> SweepRecord:
     """Return the record of a sweep that is written to a file."""
-    told = {"file": str(file), "dims": sweep.dims, "points": sweep.size}
+    told = {"file": str(file), "compute": sweep.job.compute, "dims": sweep.dims}
+    told["points"] = sweep.size
     rest = {name: getattr(written, name) for name in ("met", "failures", "earlier")}
     return record_of(SweepRecord, sweep, **told, **rest)

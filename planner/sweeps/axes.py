@@ -4,14 +4,41 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
 from model.errors import InputError
 from model.paths import Array
-from planner.sweeps.tables import AxisTable
+from model.quantities import Positive
+from planner.io.codec import Table
+
+Distribution = Literal["uniform", "normal", "log-uniform"]
+Values = Annotated[list[float | int | str | bool], Meta(min_length=1)]
+MOST_POINTS = 10_000_000
+Count = Annotated[int, Meta(ge=1, le=MOST_POINTS)]
+
+
+class AxisTable(Table, frozen=True):
+    """A value of the scene that varies: by `values`, by start, stop and count, or drawn."""
+
+    key: Annotated[str, Meta(description="key path of the scene's value: tensions[0][2]")]
+    name: Annotated[str | None, Meta(description="in the Dataset; the key unless given")] = None
+    values: Annotated[
+        Values | None,
+        Meta(description="a grid: these values"),
+    ] = None
+    start: Annotated[float | None, Meta(description="a grid: the first of count values")] = None
+    stop: Annotated[float | None, Meta(description="a grid: the last of them")] = None
+    count: Annotated[Count | None, Meta(description="a grid: how many, evenly spaced")] = None
+    distribution: Annotated[Distribution | None, Meta(description="drawn at random")] = None
+    low: Annotated[float | None, Meta(description="the least that is drawn")] = None
+    high: Annotated[float | None, Meta(description="the most that is drawn")] = None
+    mean: Annotated[float | None, Meta(description="of a normal distribution")] = None
+    sd: Annotated[Positive | None, Meta(description="standard deviation of a normal one")] = None
+
 
 # By the kind of an axis, the keys that it must have and those that it may have.
 _KINDS: dict[str | None, tuple[set[str], set[str]]] = {

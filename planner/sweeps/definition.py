@@ -1,22 +1,66 @@
-"""What a sweep computes: its points, cut into chunks that are boxes of the grid of all points."""
+"""What a sweep computes: its file, or objects in place of one, and its points cut into chunks.
+
+All of it is checked before anything runs.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from pathlib import Path
+from typing import Annotated, Any
 
 import numpy as np
+from msgspec import Meta
 
+from model import InputError
+from model.arm import Arm
+from model.checks import kind
+from model.effects import PrintedStatics
+from model.errors import FileError
+from model.loads import check_loads, is_loaded
+from model.scene import Scene
+from planner.io.codec import Table, written
 from planner.io.exact import identity
-from planner.sweeps.axes import Axis
-from planner.sweeps.tables import Compute
-from planner.sweeps.variables import VARIABLES
+from planner.io.key_paths import changed, checked_key, unit_of
+from planner.io.mistakes import told_in
+from planner.io.scene_file import (
+    Question,
+    converted,
+    decoded,
+    filled,
+    question_of,
+    scene_table,
+    text_of,
+)
+from planner.io.scene_tables import SceneKey
+from planner.io.slips import warn_of_slip
+from planner.sweeps.axes import MOST_POINTS, Axis, AxisTable, Count, values_of
+from planner.sweeps.points import RESERVED, VARIABLES, Compute, Job, Point
+from planner.targets.base import Target
 
-Point = tuple[Any, ...]
-Box = tuple[slice, ...]
+
+class SweepTable(Table, frozen=True):
+    """What to find, and where: all grids by all others, and drawn values jointly with them."""
+
+    compute: Compute
+    axes: Annotated[tuple[AxisTable, ...], Meta(min_length=1, description="what varies")]
+    draws: Annotated[
+        Count | None, Meta(description="how many times the drawn values are drawn, together")
+    ] = None
+    seed: Annotated[int, Meta(ge=0, description="of the drawn values")] = 0
+
+
+class SweepFile(Table, frozen=True):
+    """A sweep file: a scene, by its file or as a table, and the sweep."""
+
+    scene: SceneKey
+    sweep: SweepTable
+
+
 # A chunk is what an interruption loses: a plan, or up to so many other points, or so many of those
 # that are settled together, all in milliseconds; fewer where so many chunks would not be had, which
 # workers share.
@@ -31,37 +75,20 @@ class Sweep:
 
     Attributes
     ----------
-    compute
+    job : Job
         What is computed at each point.
-    scene : dict
-        The scene with its defaults, as its file would hold it.
-    name : str
-        Of the file that the scene is from: others that it names are looked for from its folder.
     axes : tuple of Axis
         Grids first, in the file's order, then what is drawn.
     draws : int
         How many draws there are at each point of the grids; 0 where nothing is drawn.
-    tendons : tuple of str
-        Names of the tendons.
-    together : bool
-        Whether only tensions vary of shapes in closed form, which are settled many at a time.
     texts : dict of str
         The sweep file and, where it names one, the scene file.
     """
 
-    compute: Compute
-    scene: dict[str, Any]
-    name: str
+    job: Job
     axes: tuple[Axis, ...]
     draws: int
-    tendons: tuple[str, ...]
-    together: bool
     texts: dict[str, str]
-
-    @property
-    def keys(self) -> tuple[str, ...]:
-        """Key paths of what varies; a point is a value for each."""
-        return tuple(axis.key for axis in self.axes)
 
     @property
     def dims(self) -> dict[str, int]:
@@ -75,35 +102,23 @@ class Sweep:
         return math.prod(self.dims.values())
 
     @cached_property
-    def chunk(self) -> tuple[int, ...]:
-        """How many values of each dimension make a chunk; the last one may have fewer."""
-        others = _PLANS if self.compute == "plan" else _POINTS
-        points, chunks = _TOGETHER if self.together else others
-        most = min(math.ceil(self.size / chunks), points)
-        return box_sizes(tuple(self.dims.values()), max(most, math.ceil(self.size / _MOST_CHUNKS)))
+    def chunk(self) -> int:
+        """How many neighbouring points make a chunk; the last one may have fewer."""
+        others = _PLANS if self.job.compute == "plan" else _POINTS
+        points, chunks = _TOGETHER if self.job.together else others
+        return max(min(-(-self.size // chunks), points), -(-self.size // _MOST_CHUNKS))
 
     @property
     def chunks(self) -> int:
         """How many chunks there are."""
-        return math.prod(self.counts)
-
-    @property
-    def counts(self) -> tuple[int, ...]:
-        """How many chunks lie along each dimension."""
-        return tuple(-(-n // m) for n, m in zip(self.dims.values(), self.chunk, strict=True))
-
-    def box(self, chunk: int) -> Box:
-        """Return which values of each dimension make a chunk."""
-        places = np.unravel_index(chunk, self.counts)
-        begins = [int(i) * m for i, m in zip(places, self.chunk, strict=True)]
-        ends = zip(begins, self.chunk, self.dims.values(), strict=True)
-        return tuple(slice(begin, min(begin + m, n)) for begin, m, n in ends)
+        return -(-self.size // self.chunk)
 
     def points(self, chunk: int) -> list[Point]:
         """Return the points of a chunk, the last dimension fastest: a value for each axis."""
-        boxes = dict(zip(self.dims, self.box(chunk), strict=True))
-        places = np.meshgrid(*(np.arange(b.start, b.stop) for b in boxes.values()), indexing="ij")
-        along = {dim: place.ravel() for dim, place in zip(boxes, places, strict=True)}
+        first = chunk * self.chunk
+        numbers = np.arange(first, min(first + self.chunk, self.size))
+        places = np.unravel_index(numbers, tuple(self.dims.values()))
+        along = dict(zip(self.dims, places, strict=True))
         columns = (
             axis.values[along["draw" if axis.drawn else axis.name]].tolist() for axis in self.axes
         )
@@ -113,14 +128,165 @@ class Sweep:
     def identity(self) -> str:
         """A hash of all that the numbers depend on: scene, values, versions."""
         axes = [(axis.key, axis.name, axis.values) for axis in self.axes]
-        kept = list(VARIABLES[self.compute])
-        return identity(self.compute, kept, self.scene, axes, self.draws, self.chunk)
+        kept, job = list(VARIABLES[self.job.compute]), self.job
+        return identity(job.compute, kept, job.scene, axes, self.draws, self.chunk)
 
 
-def box_sizes(sizes: Sequence[int], most: int) -> tuple[int, ...]:
-    """Return the sizes of a box inside a grid that holds up to `most` neighbouring points."""
-    box = []
-    for size in reversed(sizes):
-        box.append(min(size, most))
-        most = max(most // box[-1], 1)
-    return tuple(reversed(box))
+# Sweep files
+
+_SUCH = """
+
+scene = "scene.toml"
+[sweep]
+compute = "settle"
+[[sweep.axes]]
+key = "arm.E_kPa"
+values = [100.0, 120.0]"""
+# What both NetCDF and the files of a Zarr folder can be named.
+_NAME, _LONGEST = re.compile(r"\w([^/\\\x00-\x1f\x7f]*\S)?"), 200
+
+
+def load_sweep(path: str | Path, time_limit: float | None = None) -> Sweep:
+    """Return what a sweep file asks; a time limit of each point [s] goes before the scene's.
+
+    Raises
+    ------
+    FileError
+        With the file, the key's path, what is there and what is allowed: nothing has run then.
+    """
+    path = Path(path)
+    text = text_of(path)
+    return _sweep(decoded(text, str(path)), path, time_limit, {"sweep": text.decode()})
+
+
+def sweep_of(table: dict[str, Any], time_limit: float | None = None) -> Sweep:
+    """Return what a sweep file would ask that held a table, its scene in it; see load_sweep."""
+    return _sweep(table, Path("sweep"), time_limit, {})
+
+
+def _sweep(
+    raw: dict[str, Any], path: Path, time_limit: float | None, texts: dict[str, str]
+) -> Sweep:
+    name = str(path)
+    needed = f"a sweep file is such as {_SUCH}"
+    file: SweepFile = converted(raw, SweepFile, "sweep", name, needed)
+    scene, scene_name, prefix = file.scene, name, "scene."
+    if isinstance(scene, str):
+        beside = path.parent / scene
+        text = text_of(beside)
+        scene_name, prefix = str(beside), ""
+        scene, texts["scene"] = decoded(text, scene_name), text.decode(errors="replace")
+    try:
+        scene = filled(scene, scene_name)
+        asked = question_of(scene, scene_name)
+    except FileError as reason:
+        raise FileError(reason.path, f"{prefix}{reason.where}", reason.problem) from None
+    scene |= {} if time_limit is None else {"time_limit_s": time_limit}
+    with told_in(name, "sweep.compute"):
+        _check_compute(asked, file.sweep.compute)
+    axes = _axes(file.sweep, scene, scene_name, name)
+    closed = file.sweep.compute == "settle" and not is_loaded(asked.scene) and not asked.winches
+    together = closed and all(axis.key.startswith("tensions") for axis in axes)
+    tendons = tuple(asked.arm.tendon_name(j) for j in range(asked.arm.n_tendons))
+    keys = tuple(axis.key for axis in axes)
+    job = Job(file.sweep.compute, scene, scene_name, keys, tendons, together)
+    sweep = Sweep(job, axes, file.sweep.draws or 0, texts)
+    if sweep.size > MOST_POINTS:
+        allowed = f"{sweep.size} points; allowed is up to {MOST_POINTS}"
+        raise FileError(name, "sweep.axes", allowed)
+    return sweep
+
+
+def _axes(table: SweepTable, scene: dict[str, Any], scene_name: str, name: str) -> tuple[Axis, ...]:
+    """Return the axes, grids first; FileError for values that the scene does not allow."""
+    axes: list[Axis] = []
+    for i, own in enumerate(table.axes):
+        where = f"sweep.axes[{i}]"
+        with told_in(name, where):
+            axis = _axis(own, table, scene)
+        if any(axis.key == other.key or axis.name == other.name for other in axes):
+            told = f"got {axis.name!r}, which another axis is; allowed is each key once"
+            raise FileError(name, where, told)
+        for value in axis.extremes:
+            try:
+                asked = question_of(changed(scene, [axis.key], [value]), scene_name)
+            except FileError as reason:
+                told = f"{axis.key} = {value!r}: {reason.where}: {reason.problem}"
+                raise FileError(name, where, told) from None
+            with told_in(name, where):
+                _check_compute(asked, table.compute)
+        warn_of_slip(axis.key, axis.values.tolist())
+        axes.append(axis)
+    if table.draws is not None and not any(axis.drawn for axis in axes):
+        raise FileError(name, "sweep.draws", "got draws, and no axis with a distribution")
+    return tuple(sorted(axes, key=lambda axis: axis.drawn))
+
+
+def _axis(own: AxisTable, table: SweepTable, scene: dict[str, Any]) -> Axis:
+    key = checked_key(scene, own.key)
+    name = key if own.name is None else own.name
+    if name in RESERVED or not _NAME.fullmatch(name) or len(name.encode()) > _LONGEST:
+        allowed = (
+            "a name without / and \\ that begins with a letter, a digit or _, of up to "
+            f"{_LONGEST} bytes, and none of {', '.join(sorted(RESERVED))}"
+        )
+        raise InputError("name", name, allowed)
+    values = values_of(own, table.draws, table.seed)
+    return Axis(key, name, values, unit_of(scene, key), own.distribution is not None)
+
+
+def _check_compute(asked: Question, compute: str) -> None:
+    """Raise InputError, naming it, for what a scene has that a sweep does not take.
+
+    Or lacks: a plan needs targets and limits, the others tensions or lengths.
+    """
+    if asked.scene.has(PrintedStatics):
+        raise InputError("compute", f"{compute} as printed", "a scene without as_printed")
+    if compute == "plan":
+        if not asked.targets or "tension_max" not in asked.options:
+            raise InputError("compute", "plan", "plan for a scene with [target] and [limits]")
+    elif asked.tensions is None and not asked.winches:
+        told = f"{compute} for a scene with tensions, lengths_mm or strokes_mm"
+        raise InputError("compute", compute, told)
+    if compute != "settle":
+        check_loads(asked.arm, asked.scene, contact=True)
+
+
+# Sweeps of objects
+
+
+def sweep_table(
+    arm: Arm,
+    axes: Mapping[str, Any] | None,
+    scene: Scene | None = None,
+    target: Target | Iterable[Target] | None = None,
+    *,
+    tensions: Any = None,
+    tension_max: Any = None,
+    compute: str | None = None,
+    draws: int | None = None,
+    seed: int = 0,
+    **keys: Any,
+) -> dict[str, Any]:
+    """Return what a sweep file would hold, as TOML is decoded; see planner.sweep.
+
+    Raises InputError for what is no Arm or Scene, and a target that has no keys in scene files.
+    """
+    kind("arm", arm, Arm, "an Arm, or the path of a sweep file")
+    kind("scene", scene or Scene(), Scene, "a Scene, such as Scene()")
+    if not isinstance(axes, Mapping) or not axes:
+        told = 'values by key, such as {"arm.E_kPa": [100.0, 120.0]}'
+        raise InputError("axes", axes, told)
+    given = {"tensions": tensions, "tension_max": tension_max}
+    table = scene_table(arm, scene, target, **given, **keys)
+    own: dict[str, Any] = {
+        "compute": compute or ("settle" if target is None else "plan"),
+        "axes": [_axis_table(key, values) for key, values in axes.items()],
+        "seed": seed,
+    }
+    return {"scene": table, "sweep": own | ({} if draws is None else {"draws": draws})}
+
+
+def _axis_table(key: str, values: Any) -> dict[str, Any]:
+    own = written(values)
+    return {"key": key, **own} if isinstance(values, Mapping) else {"key": key, "values": own}

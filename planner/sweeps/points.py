@@ -1,13 +1,14 @@
-"""What is computed at the points of a sweep, each on its own: none depends on another."""
+"""What is computed at the points of a sweep, each on its own, and the arrays that it is kept in."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from model import InputError, OctoplanError, settle, settle_many
 from model.progress import listening
@@ -16,29 +17,124 @@ from model.time_limit import OutOfTime, check_time, limited
 from planner.io.key_paths import changed
 from planner.io.scene_file import Question, question_of
 from planner.plan import plan
-from planner.sweeps.definition import Point, Sweep
-from planner.sweeps.tables import Compute
-from planner.sweeps.variables import Rows, blank
+
+Compute = Literal["settle", "plan", "stiffness"]
+Point = tuple[Any, ...]
+Rows = dict[str, NDArray[Any]]
+"""What was computed at some points: each variable by its name, a row for each point."""
+
+LABELS = {
+    "xyz": ["x", "y", "z"],
+    "column": ["t", "n", "b"],
+    "displacement": ["x", "y", "z", "rotation_x", "rotation_y", "rotation_z"],
+    "wrench": ["F_x", "F_y", "F_z", "M_x", "M_y", "M_z"],
+}
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A quantity of a point.
+
+    Attributes
+    ----------
+    dims : tuple of str
+        Its own dimensions, beside those that the points lie along.
+    units, about : str
+    blank : float, bool or str
+        What it is where it was not computed.
+    """
+
+    dims: tuple[str, ...]
+    units: str
+    about: str
+    blank: Any = np.nan
+
+    def sizes(self, tendons: int) -> tuple[int, ...]:
+        """Return the sizes of its own dimensions."""
+        return tuple(tendons if dim == "tendon" else len(LABELS[dim]) for dim in self.dims)
+
+
+_SHAPE = {
+    "tip": Variable(("xyz",), "m", "position of the tip in the base frame"),
+    "tip_frame": Variable(("xyz", "column"), "1", "frame of the tip: columns t, n, b"),
+    "tensions": Variable(("tendon",), "N", "tensions in tendon order"),
+    "error": Variable((), "1", "estimated tip error over arm length"),
+    "outcome": Variable((), "", "what happened", ""),
+}
+_SETTLED = {
+    "settled": Variable((), "1", "whether the arm was settled as accurately as asked", False)
+}
+VARIABLES: Mapping[Compute, Mapping[str, Variable]] = {
+    "settle": {**_SHAPE, **_SETTLED},
+    "plan": {
+        **_SHAPE,
+        "effort": Variable((), "N", "norm of the tensions that was made least"),
+        "reached": Variable((), "1", "whether the targets are met, by the certificate", False),
+    },
+    "stiffness": {
+        **_SHAPE,
+        **_SETTLED,
+        "compliance": Variable(
+            ("displacement", "wrench"),
+            "m/N, m/(N m), rad/N, rad/(N m)",
+            "displacement [m] and rotation [rad] per force [N] and moment [N m], base frame",
+        ),
+        "stable": Variable((), "1", "whether the shape is stable under held tensions", False),
+    },
+}
+RESERVED = {"draw", "tendon", "zarr.json", *LABELS, *(n for own in VARIABLES.values() for n in own)}
+"""Names in a Dataset that no axis can have."""
+
+
+def success(compute: Compute) -> str:
+    """Return the variable that tells whether a point is as wanted."""
+    return "reached" if compute == "plan" else "settled"
+
+
+def blank(compute: Compute, tendons: int, points: int, width: int = 0) -> Rows:
+    """Return rows in which nothing is computed yet, their texts `width` characters wide."""
+    return {
+        name: np.full((points, *variable.sizes(tendons)), variable.blank, dtype_of(variable, width))
+        for name, variable in VARIABLES[compute].items()
+    }
+
+
+def dtype_of(variable: Variable, width: int) -> np.dtype[Any]:
+    """Return the type of a variable's array, whose texts are `width` characters wide."""
+    return np.dtype(f"U{max(width, 1)}" if variable.blank == "" else type(variable.blank))
+
+
+# Points
 
 SETTLED = "Settled."
 
 
 @dataclass(frozen=True)
 class Job:
-    """What is the same for all points of a sweep, as workers need it; see Sweep."""
+    """What is the same for all points of a sweep, as workers need it.
+
+    Attributes
+    ----------
+    compute
+        What is computed at each point.
+    scene : dict
+        The scene with its defaults, as its file would hold it.
+    name : str
+        Of the file that the scene is from: others that it names are looked for from its folder.
+    keys : tuple of str
+        Key paths of what varies; a point is a value for each.
+    tendons : tuple of str
+        Names of the tendons.
+    together : bool
+        Whether only tensions vary of shapes in closed form, which are settled many at a time.
+    """
 
     compute: Compute
     scene: dict[str, Any]
     name: str
     keys: tuple[str, ...]
-    tendons: int
+    tendons: tuple[str, ...]
     together: bool
-
-    @classmethod
-    def of(cls, sweep: Sweep) -> Job:
-        """Return the job of a sweep."""
-        own = (sweep.compute, sweep.scene, sweep.name, sweep.keys)
-        return cls(*own, len(sweep.tendons), sweep.together)
 
 
 def computed(job: Job, points: Sequence[Point]) -> Rows:
@@ -55,8 +151,8 @@ def _row(job: Job, point: Point) -> Rows:
     values: dict[str, Any] = {}
     try:
         question = question_of(changed(job.scene, job.keys, point), job.name)
-        if question.arm.n_tendons != job.tendons:
-            allowed = f"{job.tendons}, as the scene's own arm has"
+        if question.arm.n_tendons != len(job.tendons):
+            allowed = f"{len(job.tendons)}, as the scene's own arm has"
             raise InputError("number of tendons", question.arm.n_tendons, allowed)
         values = _COMPUTE[job.compute](question)
     except OutOfTime:
@@ -67,7 +163,7 @@ def _row(job: Job, point: Point) -> Rows:
         values["outcome"] = f"Failed: {type(reason).__name__}: {reason}"
     # A point that the time limit of the whole sweep has cut short is computed another time.
     check_time()
-    row = blank(job.compute, job.tendons, 1, len(values["outcome"]))
+    row = blank(job.compute, len(job.tendons), 1, len(values["outcome"]))
     for name, value in values.items():
         row[name][0] = value
     return row
@@ -124,7 +220,7 @@ def _together(job: Job, points: Sequence[Point]) -> Rows:
     many = settle_many(*given, compile=question.compile, errors="nan")
     failed = {i: _row(job, points[i]) for i, told in enumerate(many.problems) if told}
     width = max([len(SETTLED), *(row["outcome"].dtype.itemsize // 4 for row in failed.values())])
-    rows = blank(job.compute, job.tendons, len(points), width)
+    rows = blank(job.compute, len(job.tendons), len(points), width)
     shapes = {name: getattr(many, name) for name in ("tip", "tip_frame", "error")}
     rows |= shapes | {"tensions": T}
     rows["settled"][:], rows["outcome"][:] = True, SETTLED

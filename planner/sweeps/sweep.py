@@ -14,11 +14,18 @@ from model.checks import positive
 from model.errors import InputError, needed
 from model.progress import tell, with_progress
 from model.time_limit import check_time
-from planner.sweeps.chunk_files import ChunkFiles, ChunksInMemory, folder_of
-from planner.sweeps.dataset import attributes_in, check_store, gathered, in_order, opened, save
-from planner.sweeps.definition import Sweep
-from planner.sweeps.file import load_sweep, sweep_of
-from planner.sweeps.objects import sweep_table
+from planner.sweeps.definition import Sweep, load_sweep, sweep_of, sweep_table
+from planner.sweeps.store import (
+    ChunkFiles,
+    ChunksInMemory,
+    attributes_in,
+    check_store,
+    folder_of,
+    gathered,
+    in_order,
+    opened,
+    save,
+)
 from planner.sweeps.workers import on_cluster, on_machine
 
 _log = logging.getLogger("planner.sweeps")
@@ -47,7 +54,7 @@ def sweep(
     Parameters
     ----------
     asked : path or Arm
-        The sweep file, see planner.sweeps.tables; or an arm, with `axes` and what follows.
+        The sweep file, see planner.sweeps.definition; or an arm, with `axes` and what follows.
     out : path
         Where to write the Dataset, .nc or .zarr. Memory does not grow with the number of points
         then, and what is returned reads its numbers from there when they are looked at. Without,

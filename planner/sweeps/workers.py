@@ -17,9 +17,8 @@ from model.errors import InputError, OctoplanError, needed
 from model.time_limit import end as end_of_limit
 from model.time_limit import until
 from planner.io.files import versions
-from planner.sweeps.definition import Point, Sweep
-from planner.sweeps.points import Job, computed
-from planner.sweeps.variables import Rows
+from planner.sweeps.definition import Sweep
+from planner.sweeps.points import Job, Point, Rows, computed
 
 Computed = Iterator[tuple[int, Rows]]
 # Chunks under way for each thread of a cluster, and seconds until it has to have a worker.
@@ -68,7 +67,7 @@ def on_machine(sweep: Sweep, chunks: Iterable[int], jobs: int) -> Computed:
     """Yield what processes of this machine compute; in this one for one job. WorkersLostError."""
     joblib = needed("joblib", "sweep")
     broken = needed("joblib.externals.loky.process_executor", "sweep").BrokenProcessPool
-    left, job, end = dict.fromkeys(chunks), Job.of(sweep), end_of_limit()
+    left, job, end = dict.fromkeys(chunks), sweep.job, end_of_limit()
     work = (joblib.delayed(_one)(job, chunk, sweep.points(chunk), end) for chunk in list(left))
     alone = {} if jobs == 1 else {"initializer": _end_with, "initargs": (os.getpid(),)}
     pool = joblib.Parallel(jobs, return_as="generator_unordered", batch_size=1, **alone)
@@ -106,7 +105,7 @@ def on_cluster(sweep: Sweep, chunks: Iterable[int], scheduler: str) -> Computed:
     and again; VersionsError.
     """
     distributed = needed("distributed", "cluster")
-    left, job, own = dict.fromkeys(chunks), Job.of(sweep), versions()
+    left, job, own = dict.fromkeys(chunks), sweep.job, versions()
     with _client(scheduler) as client:
         tasks = (
             client.submit(_for_others, own, job, chunk, sweep.points(chunk), pure=False)

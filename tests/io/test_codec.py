@@ -22,8 +22,7 @@ from planner.io.mistakes import checked
 from planner.io.object_tables import ObstacleTable
 from planner.io.scene_file import question_of, scene_table
 from planner.io.schemas import scene_schema
-from planner.sweeps.file import sweep_of
-from planner.sweeps.objects import sweep_table
+from planner.sweeps.definition import sweep_of, sweep_table
 from planner.targets import TipPosition
 from tests.io.values import EFFECTS, OBSTACLES, TARGETS, arms, scenes, values_of
 
@@ -60,9 +59,9 @@ def swept(arm: Arm, scene: Scene, **more: Any) -> Any:
     """Return the question at the point of a sweep of one point, which its schema allows."""
     axes = {"arm.nu": [arm.material.nu]}
     sweep = sweep_of(sweep_table(arm, axes, scene, **more))
-    SCHEMA.validate(json.loads(json.dumps(sweep.scene)))
+    SCHEMA.validate(json.loads(json.dumps(sweep.job.scene)))
     (point,) = sweep.points(0)
-    return question_of(changed(sweep.scene, sweep.keys, point))
+    return question_of(changed(sweep.job.scene, sweep.job.keys, point))
 
 
 def check_plain(own: Any) -> None:

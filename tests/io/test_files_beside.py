@@ -15,7 +15,7 @@ from model.obstacles import Box, Mesh, Moving, Sphere
 from planner import plan, sweep
 from planner.io.csv_files import plan_csv
 from planner.io.scene_file import filled, load, question_of, scene_table
-from planner.sweeps.file import load_sweep
+from planner.sweeps.definition import load_sweep
 from planner.targets import TipPosition
 
 ARM = Arm.from_paper("table-2")
@@ -51,7 +51,7 @@ def test_a_mesh_of_a_swept_scene_is_found_from_its_folder_and_identifies_the_swe
     (tmp_path / "deep" / "body.off").write_text(BODY.format(10))
     (tmp_path / "sweep.toml").write_text(SWEEP)
     asked = load_sweep(tmp_path / "sweep.toml")
-    (found,) = question_of(asked.scene).options["obstacles"]
+    (found,) = question_of(asked.job.scene).options["obstacles"]
     assert np.array(found.vertices) == pytest.approx(np.array(TETRAHEDRON.vertices))
     assert load(tmp_path / "deep" / "scene.toml").options["obstacles"] == [found]
     (tmp_path / "deep" / "body.off").write_text(BODY.format(11))

@@ -11,8 +11,7 @@ from model.effects import Buoyancy, Weight
 from model.errors import FileError
 from planner.fit.unknowns import Parameters, Unknown
 from planner.io.scene_file import read
-from planner.sweeps.file import sweep_of
-from planner.sweeps.objects import sweep_table
+from planner.sweeps.definition import sweep_of, sweep_table
 
 OWN = """
 [arm]

@@ -20,7 +20,7 @@ from planner import export, load_plan
 from planner.cli import main
 from planner.io.files import abandon, staged, write_together, write_whole
 from planner.io.scene_file import load, read
-from planner.sweeps.file import load_sweep
+from planner.sweeps.definition import load_sweep
 
 SCENE = """
 tensions = [[0.5, 0, 0, 0], [0, 0, 1, 0], [2, 0, 0, 0]]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from model.errors import FileError
-from planner.sweeps.file import load_sweep
+from planner.sweeps.definition import load_sweep
 from tests.sweeps.cases import DRAWN, GRID, STIFFNESS, written
 
 

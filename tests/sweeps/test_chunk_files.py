@@ -12,9 +12,9 @@ from model import InputError
 from planner import sweep
 from planner.cli import main
 from planner.io.files import abandon, remembered, told_kept
-from planner.sweeps.chunk_files import ChunkFiles, FullDiskError, folder_of
-from planner.sweeps.file import load_sweep
-from planner.sweeps.variables import Rows, blank
+from planner.sweeps.definition import load_sweep
+from planner.sweeps.points import Rows, blank
+from planner.sweeps.store import ChunkFiles, FullDiskError, folder_of
 from tests.sweeps.cases import GRID, written
 
 

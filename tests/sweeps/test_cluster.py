@@ -11,8 +11,7 @@ from pathlib import Path
 import pytest
 
 import planner
-from planner.sweeps.file import load_sweep
-from planner.sweeps.points import Job
+from planner.sweeps.definition import load_sweep
 from planner.sweeps.workers import VersionsError, WorkersLostError, _for_others, on_cluster
 from tests.sweeps.cases import DRAWN, GRID, STIFFNESS, written
 
@@ -50,7 +49,7 @@ def _dask(what: str) -> list[str]:
 def test_a_worker_with_other_versions_is_refused(tmp_path: Path) -> None:
     asked = load_sweep(written(tmp_path, GRID))
     with pytest.raises(VersionsError, match="install alike"):
-        _for_others({"octoplan": "0"}, Job.of(asked), 0, asked.points(0))
+        _for_others({"octoplan": "0"}, asked.job, 0, asked.points(0))
 
 
 def _killing(

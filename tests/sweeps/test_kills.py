@@ -13,8 +13,8 @@ import xarray
 
 import planner
 from model import InputError
-from planner.sweeps.chunk_files import folder_of
 from planner.sweeps.definition import Sweep
+from planner.sweeps.store import folder_of
 from planner.sweeps.workers import WorkersLostError
 from tests.sweeps.cases import DRAWN, GRID, STIFFNESS, written
 

@@ -1,0 +1,298 @@
+"""Where a sweep is kept: each chunk that is finished as a file, all of them as an xarray Dataset.
+
+A chunk's file is there whole or not at all, in a folder beside the sweep's output. Its name holds
+the sweep's identity and the chunk's number; which files are there is all that is known of an
+earlier run. Dask reads, block by block, what xarray writes, so that memory holds a block only.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+import shutil
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+from zipfile import BadZipFile
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from model.errors import InputError, OctoplanError, needed
+from model.progress import tell
+from model.time_limit import check_time
+from planner.io.files import keep_folder, staged, versions, why
+from planner.sweeps.definition import Sweep
+from planner.sweeps.points import LABELS, VARIABLES, Rows, Variable, dtype_of, success
+
+
+class FullDiskError(OctoplanError):
+    """What a sweep has computed cannot be written.
+
+    Attributes
+    ----------
+    path : str
+        What could not be written.
+    reason : str
+        Why, in the system's words.
+    """
+
+    def __init__(self, path: str, reason: str) -> None:
+        self.path, self.reason = path, reason
+        super().__init__(
+            f"{path} cannot be written: {reason}; what is finished is kept: start the sweep again "
+            "once it can, and it goes on"
+        )
+
+    def __reduce__(self) -> tuple[type, tuple[str, str]]:
+        return type(self), (self.path, self.reason)
+
+
+def folder_of(out: Path) -> Path:
+    """Return the folder of the chunks of a sweep that is to be written to a path."""
+    return out.with_name(f"{out.name}.chunks")
+
+
+@dataclass(frozen=True)
+class ChunkFiles:
+    """The chunks of a sweep that are finished, as files.
+
+    Attributes
+    ----------
+    folder : Path
+        Made with the first of them.
+    sweep : Sweep
+    """
+
+    folder: Path
+    sweep: Sweep
+
+    def __post_init__(self) -> None:
+        """Raise InputError where the folder is another sweep's."""
+        there = self.folder.glob("*.npz")
+        if not all(path.name.startswith(self._prefix) for path in there):
+            allowed = (
+                "chunks of this same sweep: these are of another, or of another version; "
+                "name another output, or remove it"
+            )
+            raise InputError("out", str(self.folder), allowed)
+        keep_folder(self.folder)
+
+    @property
+    def left(self) -> list[int]:
+        """The chunks that are not finished."""
+        there = {path.name for path in self.folder.glob("*.npz")}
+        return [i for i in range(self.sweep.chunks) if self._path(i).name not in there]
+
+    def write(self, chunk: int, rows: Rows) -> None:
+        """Keep a chunk; it is on the disk when this returns. Raises FullDiskError."""
+        path = self._path(chunk)
+        part = path.with_suffix(f".{os.getpid()}.part")
+        try:
+            self.folder.mkdir(exist_ok=True)
+            with part.open("wb") as stream:
+                np.savez(stream, allow_pickle=False, **rows)
+                stream.flush()
+                os.fsync(stream.fileno())
+            part.replace(path)
+        except OSError as reason:
+            with suppress(OSError):
+                part.unlink(missing_ok=True)
+                self.folder.rmdir()  # where nothing was kept
+            raise FullDiskError(str(path), why(reason)) from None
+
+    def read(self, chunk: int, name: str) -> NDArray[Any]:
+        """Return a variable of a chunk that is finished; InputError where its file was spoilt."""
+        path = self._path(chunk)
+        try:
+            with np.load(path, allow_pickle=False) as stored:
+                return np.asarray(stored[name])
+        except (OSError, ValueError, KeyError, EOFError, BadZipFile):
+            allowed = "a chunk as it was written: remove it, start again, and it is computed anew"
+            raise InputError("out", str(path), allowed) from None
+
+    def remove(self) -> None:
+        """Remove all chunks, whose sweep is written."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def _path(self, chunk: int) -> Path:
+        return self.folder / f"{self._prefix}{chunk:06d}.npz"
+
+    @property
+    def _prefix(self) -> str:
+        return f"{self.sweep.identity[:16]}-"
+
+
+class ChunksInMemory(dict[int, Rows]):
+    """The chunks of a sweep that is not written."""
+
+    write = dict.__setitem__
+
+    def read(self, chunk: int, name: str) -> NDArray[Any]:
+        """Return a variable of a chunk."""
+        return self[chunk][name]
+
+
+# The Dataset
+
+# What a variable of a chunk is read by.
+Read = Callable[[int, str], NDArray[Any]]
+# Points that are read and written at a time, and lie together in a Zarr folder.
+_BLOCK = 1000
+_ENGINES = {".nc": "h5netcdf", ".zarr": "zarr"}
+_NUMBER = re.compile(r"-?\d[\d.]*(e[+-]?\d+)?")
+
+
+def gathered(sweep: Sweep, read: Read) -> Any:
+    """Return the Dataset of a sweep, all of whose chunks can be read; it is read when looked at."""
+    xarray = needed("xarray", "sweep")
+    summary, width = _summary(sweep, read)
+    variables, coords = dict[str, Any](), dict[str, Any]()
+    for name, own in VARIABLES[sweep.job.compute].items():
+        units = {"units": own.units} if own.units else {}
+        array = _array(sweep, read, name, own, width)
+        variables[name] = ((*sweep.dims, *own.dims), array, {**units, "long_name": own.about})
+    for axis in sweep.axes:
+        attributes = {"key": axis.key, **({"units": axis.unit} if axis.unit else {})}
+        coords[axis.name] = (("draw" if axis.drawn else axis.name,), axis.values, attributes)
+    used = {dim for own in VARIABLES[sweep.job.compute].values() for dim in own.dims}
+    labels = {**LABELS, "tendon": list(sweep.job.tendons)}
+    coords |= {dim: ((dim,), text, {}) for dim, text in labels.items() if dim in used}
+    numbers = {f"{name}_version": number for name, number in versions().items()}
+    texts = {f"{name}_file": text for name, text in sweep.texts.items()}
+    computed = {"compute": sweep.job.compute, "identity": sweep.identity}
+    resolved = {"scene": msgspec.json.encode(sweep.job.scene).decode()}
+    made = {"title": "octoplan sweep", **computed, **numbers, **texts, **resolved, **summary}
+    return xarray.Dataset(variables, coords, made)
+
+
+def _array(sweep: Sweep, read: Read, name: str, own: Variable, width: int) -> Any:
+    """Return a variable as an array of Dask's, of blocks of neighbouring points."""
+    points, kind = tuple(sweep.dims.values()), dtype_of(own, width)
+    shape = (*points, *own.sizes(len(sweep.job.tendons)))
+    box = (*box_sizes(points, _BLOCK), *shape[len(points) :])
+    array = needed("dask.array", "sweep")
+    chunks = array.core.normalize_chunks(box, shape)
+    block = partial(_block, sweep, read, name, kind, shape, box)
+    like = np.empty((0,) * len(shape), kind)
+    return array.map_blocks(block, chunks=chunks, dtype=kind, meta=like)
+
+
+def box_sizes(sizes: Sequence[int], most: int) -> tuple[int, ...]:
+    """Return the sizes of a box inside a grid that holds up to `most` neighbouring points."""
+    box = []
+    for size in reversed(sizes):
+        box.append(min(size, most))
+        most = max(most // box[-1], 1)
+    return tuple(reversed(box))
+
+
+def _block(
+    sweep: Sweep,
+    read: Read,
+    name: str,
+    kind: np.dtype[Any],
+    shape: tuple[int, ...],
+    box: tuple[int, ...],
+    block_id: tuple[int, ...],
+) -> NDArray[Any]:
+    """Return a variable at the points of a block, from the chunks that hold them."""
+    check_time()
+    begin = [i * m for i, m in zip(block_id, box, strict=True)]
+    sizes = [min(m, n - b) for m, n, b in zip(box, shape, begin, strict=True)]
+    along = len(sweep.dims)
+    first = int(np.ravel_multi_index(begin[:along], shape[:along]))
+    last = first + math.prod(sizes[:along])
+    chunks = range(first // sweep.chunk, (last - 1) // sweep.chunk + 1)
+    found = np.concatenate([read(chunk, name) for chunk in chunks])
+    skipped = chunks[0] * sweep.chunk
+    tell("chunks gathered", chunks[-1] + 1, sweep.chunks)
+    return found[first - skipped : last - skipped].astype(kind).reshape(sizes)
+
+
+def save(data: Any, path: Path) -> None:
+    """Write a Dataset to a path, whole or not at all; raises FullDiskError."""
+    suffix = path.suffix.lower()
+    try:
+        with staged(path.parent) as folder, in_order():
+            new = folder / f"new{suffix}"
+            if suffix == ".nc":
+                data.to_netcdf(new, engine="h5netcdf")
+            else:
+                # Texts are no settled part of Zarr's format 3 yet.
+                data.to_zarr(new, zarr_format=2, consolidated=True)
+            if path.is_dir():
+                # A folder cannot take the place of another at once.
+                path.replace(folder / "old")
+            new.replace(path)
+    except OSError as reason:
+        raise FullDiskError(str(path), why(reason)) from None
+
+
+@contextmanager
+def in_order() -> Iterator[None]:
+    """Let Dask compute block after block, so that memory holds one.
+
+    xarray would load all of distributed to see whether a cluster writes.
+    """
+    dask, name = needed("dask", "sweep"), "distributed"
+    hidden = {} if name in sys.modules else {name: None}
+    with dask.config.set(scheduler=dask.get), patch.dict(sys.modules, hidden):
+        yield
+
+
+def check_store(path: Path) -> None:
+    """Refuse a path that cannot be written, before anything runs; MissingExtraError, InputError."""
+    suffix = path.suffix.lower()
+    if suffix not in _ENGINES:
+        raise InputError("out", str(path), "a name that ends in .nc (NetCDF) or .zarr (Zarr)")
+    if not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
+        raise InputError("out", str(path), "a name in a folder that is there and can be written to")
+    if path.exists() and path.is_dir() != (suffix == ".zarr"):
+        what = "a folder of Zarr, not a file" if suffix == ".zarr" else "a file, not a folder"
+        raise InputError("out", str(path), what)
+    packages = {"h5netcdf": "sweep", "h5py": "sweep"} if suffix == ".nc" else {"zarr": "zarr"}
+    for package, extra in packages.items():
+        needed(package, extra)
+
+
+def opened(path: Path) -> Any:
+    """Return a Dataset whose numbers are read from its file when they are looked at."""
+    xarray = needed("xarray", "sweep")
+    return xarray.open_dataset(path, engine=_ENGINES[path.suffix.lower()])
+
+
+def attributes_in(path: Path) -> dict[str, Any]:
+    """Return the attributes of the Dataset at a path; none where there is none."""
+    if not path.exists():
+        return {}
+    try:
+        with opened(path) as data:
+            return dict(data.attrs)
+    except (OSError, ValueError, KeyError):
+        return {}
+
+
+def _summary(sweep: Sweep, read: Read) -> tuple[dict[str, Any], int]:
+    """Return what became of the points, as attributes, and how long the longest outcome is.
+
+    Of outcomes that differ by their numbers alone the first is counted with the others.
+    """
+    met, width, kinds = 0, 1, dict[str, tuple[str, int]]()
+    for chunk in range(sweep.chunks):
+        good, outcomes = read(chunk, success(sweep.job.compute)), read(chunk, "outcome")
+        met += int(good.sum())
+        width = max(width, outcomes.dtype.itemsize // 4)
+        for outcome in outcomes[~good].tolist():
+            example, count = kinds.get(kind := _NUMBER.sub("#", outcome), (outcome, 0))
+            kinds[kind] = (example, count + 1)
+    failures = dict(sorted(kinds.values(), key=lambda item: -item[1]))
+    return {"met": met, "failures": json.dumps(failures)}, width
