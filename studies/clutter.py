@@ -6,7 +6,7 @@ wrongly, and how much longer does it take than without obstacles? Of random tips
 least effort reach through the arm's own body or from behind its base plane, how many of these can
 be reached otherwise, and what does that cost?
 
-Assumptions: tips are those of settled shapes, see studies.tip_targets. Obstacles have radii of 10
+Assumptions: tips are those of settled shapes, see studies.draws. Obstacles have radii of 10
 to 40 mm and are about the arm: around places of that shape or of the plan without obstacles, within
 60 mm or so; a plan is wrong if it is certified and one of 20 000 places of its midline is nearer to
 an obstacle than the arm's radius there. Times are of the processor, of one process, certificates
@@ -31,35 +31,17 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from model import Arm, CollapsedError, Scene, Shape, settle
+from model import Arm, Scene, Shape
 from model.effects import Extension
 from model.obstacles import Capsule, Obstacle, Sphere
 from planner import Plan, plan
 from planner.targets import TipPosition
+from studies import draws
 from studies.reporting import keep_finished
 
 Array = NDArray[np.float64]
 MAXIMUM, SCENE = 20.0, Scene(Extension())
 _SIZES, _SPREAD, _ROOM = (0.01, 0.04), 0.06, 1e-3
-
-
-def shapes(arm: Arm, rng: np.random.Generator, count: int) -> list[Shape]:
-    """Return settled shapes under tensions of the three distributions of studies.tip_targets."""
-    found: list[Shape] = []
-    while len(found) < count:
-        kind, T = len(found) % 3, rng.uniform(size=(3, 4))
-        if kind == 0:
-            T *= np.array([1.0, 20.0, 20.0])[:, None] * (rng.uniform(size=(3, 4)) < 0.5)
-        elif kind == 1:
-            own = rng.integers(4, size=3)
-            T *= np.array([0.6, 5.0, 15.0])[:, None] * (np.arange(4) == own[:, None])
-        else:
-            T *= np.array([0.5, 4.0, 13.0])[:, None]
-        try:
-            found.append(settle(arm, T, SCENE))
-        except CollapsedError:
-            continue
-    return found
 
 
 def gap(shape: Shape, obstacles: Sequence[Obstacle], count: int = 20_000) -> float:
@@ -154,9 +136,10 @@ def main(argv: Sequence[str] | None = None) -> None:
     arm, rng = Arm.from_paper("table-4"), np.random.default_rng(args.seed)
     timed(arm, np.array([0.3, 0.1, 0.1]), obstacles=[Sphere((0.2, 0.05, 0.05), 0.02)])
     for count in args.obstacles:
-        among_obstacles(arm, shapes(arm, rng, args.targets), count, rng)
+        found = [draws.shape(arm, SCENE, rng, i % 3) for i in range(args.targets)]
+        among_obstacles(arm, found, count, rng)
     if args.itself:
-        around_itself(arm, shapes(arm, rng, args.itself))
+        around_itself(arm, [draws.shape(arm, SCENE, rng, i % 3) for i in range(args.itself)])
 
 
 if __name__ == "__main__":

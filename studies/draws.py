@@ -7,10 +7,17 @@ from itertools import islice
 
 import numpy as np
 
-from model import Arm, CollapsedError, Scene, conical, settle
-from model.effects import Extension
+from model import Arm, CollapsedError, OctoplanError, Scene, Shape, conical, settle
+from model.effects import Buoyancy, Extension, Weight
 from model.paths import Array
 
+# The most that a tendon pulls in plans [N], and the scenes that they are drawn in.
+MAXIMUM = 20.0
+SCENES = {
+    "paper": Scene(Extension()),
+    "silicone": Scene.silicone(),
+    "silicone-in-water": Scene.silicone(Weight(), Buoyancy()),
+}
 # The share of what would crush the arm that all tendons at their most would pull.
 _SHARE = 0.8
 
@@ -59,3 +66,25 @@ def many_sections(n: int) -> Arm:
     offsets = [(base + (tip - base) * at / L) / 2 for at in ends]
     anchorages = [(at, base / 2, offset) for at, offset in zip(ends, offsets, strict=True)]
     return conical(L, (base, tip), anchorages)
+
+
+def shape(arm: Arm, scene: Scene, rng: np.random.Generator, kind: int) -> Shape:
+    """Return a settled shape of the arm of table 4 or 2 under random tensions.
+
+    Of kind 0 each tendon is slack or pulls up to 1, 20, 20 N, tip section first; of kind 1 one
+    tendon a section pulls; of kind 2 all do, up to 0.5, 4, 13 N. Tensions that the arm does not
+    bear are drawn again.
+    """
+    while True:
+        if kind == 0:
+            scale = np.array([1.0, 20.0, 20.0])[:, None]
+            T = rng.uniform(size=(3, 4)) * scale * (rng.uniform(size=(3, 4)) < 0.5)
+        elif kind == 1:
+            T = np.zeros((3, 4))
+            T[np.arange(3), rng.integers(4, size=3)] = rng.uniform(size=3) * [0.6, 5.0, 15.0]
+        else:
+            T = rng.uniform(size=(3, 4)) * np.array([0.5, 4.0, 13.0])[:, None]
+        try:
+            return settle(arm, T, scene)
+        except OctoplanError:
+            continue

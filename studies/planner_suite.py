@@ -14,7 +14,7 @@ Times are the processor's, as shifted geometric means (shift 0.1 s), as benchmar
 have it.
 
 Command: python -m studies.planner_suite [--targets 1000] [--best-of 10] [--jobs 2] [--seed 0]
-[--case NUMBER] [--out out]
+[--kinds NAME ...] [--case NUMBER] [--out out]
 
 Answer: of 300 (seed 4711, best of 2 starts) 98.3 % are reached and certified, none is wrong, 98.6 %
 of the efforts are within 1 % of the best known, in 0.25 s and from 3.3 starts. The five that are
@@ -116,14 +116,15 @@ def written(scene: Scene) -> str:
     return f"Scene({', '.join(repr(effect) for effect in scene.effects)})"
 
 
-def run(job: tuple[int, int, int]) -> Case:
-    """Draw a target and plan it; a job is a number, the seed, and how many starts to hold against.
+def run(job: tuple[int, int, int, Sequence[str]]) -> Case:
+    """Draw a target and plan it.
 
-    The seed of a case is its number, so that it is the same wherever it is run.
+    A job is a number, the seed, how many starts to hold against, and the kinds of targets. The seed
+    of a case is its number, so that it is the same wherever it is run.
     """
-    number, seed, best_of = job
+    number, seed, best_of, kinds = job
     rng = np.random.default_rng([seed, number])
-    kind = list(READ)[number % len(READ)]
+    kind = kinds[number % len(kinds)]
     weights = np.array([weight for weight, _ in SCENES.values()], dtype=float)
     name = str(rng.choice(list(SCENES), p=weights / weights.sum()))
     scene = SCENES[name][1]
@@ -202,13 +203,14 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--best-of", type=int, default=10)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--kinds", nargs="*", choices=READ, default=list(READ))
     parser.add_argument("--case", type=int, help="print this one as a script, and no table")
     parser.add_argument("--out", type=Path, default=Path("out"))
     args = parser.parse_args(argv)
     if args.case is not None:
-        print(run((args.case, args.seed, args.best_of)).again(), end="")
+        print(run((args.case, args.seed, args.best_of, args.kinds)).again(), end="")
         return
-    jobs = [(i, args.seed, args.best_of) for i in range(args.targets)]
+    jobs = [(i, args.seed, args.best_of, args.kinds) for i in range(args.targets)]
     cases: list[Case] = []
     pool = ProcessPoolExecutor(args.jobs)
     with keep_finished():

@@ -4,7 +4,7 @@ Question: from the same initial guesses, how often does the planner's program (t
 wrenches and strains as unknowns, ipopt) meet a tip, how often the program in the tensions alone,
 the arm settled at each step, by SciPy's SLSQP and trust-constr; and how often is it the best?
 
-Assumptions: tips of settled shapes (studies.tip_targets), table 4, maxima of 20 N, the planner's
+Assumptions: tips of settled shapes (studies.draws), table 4, maxima of 20 N, the planner's
 first initial guesses. The program in the tensions alone has exact derivatives (model.stiffness);
 meshes of both are those of the search, shapes of SciPy's are settled to 1e-4. Met is what is within
 1e-3 of the length of the tip when it is settled; best is what takes no more than 1 % more effort
@@ -37,7 +37,7 @@ from planner import Limits, Statement
 from planner.solve.search import Search
 from planner.solve.task import Task
 from planner.targets import TipPosition
-from studies.tip_targets import MAXIMUM, SCENES, draw
+from studies.draws import MAXIMUM, SCENES, shape
 
 _ROUGH, _MET, _BEST, _STEPS = 1e-4, 1e-3, 1.01, 100
 Solver = Callable[[Search, Array, Array], Array | None]
@@ -104,7 +104,7 @@ def compare(name: str, scene: Scene, targets: int, guesses: int, seed: int) -> N
     arm, rng = Arm.from_paper("table-4"), np.random.default_rng(seed)
     rows: dict[str, list[tuple[bool, bool, float]]] = defaultdict(list)
     for i in range(targets):
-        tip = draw(arm, scene, rng, i % 3)
+        tip = shape(arm, scene, rng, i % 3).tip
         limits, target = Limits.of(arm, MAXIMUM), (TipPosition(tuple(tip)),)
         search = Search(Task(arm, target, scene, limits, Statement(), 1e-6))
         begins = list(islice(search.guesses(), guesses))

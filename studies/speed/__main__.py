@@ -2,12 +2,13 @@
 
 settle    settles and tip Jacobians, alone, in batches and under loads, against SciPy
 plan      certified plans, cold, along a path and of many sections, against SciPy
-knob      whether `settle` keeps to the accuracy that is asked for, and at what price
+knob      whether `settle` keeps to the accuracy that is asked for
 accuracy  what accuracy costs, by integrator and mesh
 effects   what each effect does to shapes, and what it costs
 follow    plans that follow a moving target
-floors    what a re-plan and its certificate consist of
 fit       calibrations against SciPy's least squares
+sweep     sweeps on two processes, killed and gone on with, and their memory
+live      pictures a second of the live page while its target is dragged
 
 `python -m studies.speed COMMAND --help` tells the options of one.
 """
@@ -18,7 +19,7 @@ import argparse
 from collections.abc import Sequence
 from importlib import import_module
 
-COMMANDS = ("settle", "plan", "knob", "accuracy", "effects", "follow", "floors", "fit")
+COMMANDS = ("settle", "plan", "knob", "accuracy", "effects", "follow", "fit", "sweep", "live")
 
 
 def main(argv: Sequence[str] | None = None) -> None:

@@ -1,185 +1,296 @@
 """What does accuracy cost: by which integrator, on which mesh, and against what users have today?
 
-Question: how does the error fall with the time and with the number of cross-sections looked at,
-for settling, for the tip Jacobian and for a whole plan; does `settle` choose well; and what does
-the accuracy of a plan buy, and that of the statics?
+Question: how does the error fall with the time, for settling, for the tip Jacobian and for a whole
+plan; and does `settle` choose well?
 
 Assumptions: the arm of table 4, random tensions that it bears (studies.draws), the paper's scene,
-one with weight in water, and one with exact tendons, which are those of SoRoMoX; and silicone, in
-air without loads and in water, by the one statement of a loaded arm with 1 to 4 stages. Errors are
-verified: tips against a settle of 1e-11 by another scheme, over L; Jacobians relative to the exact
-one, tensions scaled by what each tendon is to pull; plans by the distance of the tip from its
-target, and by effort above the best that was found by any way. Times are the processor's. Points
-are medians over tensions and repeats, bars their quartiles, crosses failures; stars are what
-`settle`, `tip_jacobian` and `plan` choose by themselves, for accuracies of 1e-2 to 1e-10. A plan
-includes its certificate, SLSQP nothing of the kind; it starts once, from moderate tensions.
+one with weight in water, one with exact tendons, which are those of SoRoMoX, and silicone, in air
+without loads and in water. Errors are verified: tips against a settle of 1e-11, by another scheme
+where there is one, over L; Jacobians relative to the exact one, tensions scaled by what each tendon
+is to pull; plans by the distance of the tip from its target. Times are the processor's. Points are
+medians over tensions and repeats, bars their quartiles; stars are what `settle`, `tip_jacobian` and
+`plan` choose by themselves, for accuracies of 1e-2 to 1e-10. A plan includes its certificate.
 
-Command: python -m studies.speed accuracy [--cases 3] [--repeats 20] [--targets 5] [--out out]
+Command: python -m studies.speed accuracy [--figures NAME ...] [--cases 3] [--repeats 20]
+[--out out]
 
 Answer: of the paper's statics the sixth-order Magnus way is the cheapest for every error below
 1e-6, the fourth-order one as cheap above, and both some 40 to 60 times cheaper than SciPy's DOP853;
 `settle` pays two to three single maps of it, as it verifies and wraps. Each digit costs 1.3 times
-the time. Collocation with m stages is of order 2 m, and three stages are the cheapest below 1e-5,
-without loads four below 1e-6: settles of silicone in water take 11 ms to 2e-8, SciPy's shooting or
-collocation about a second to 1e-6. A plan takes as long for 1e-2 as for 1e-9, as its search is on a
-coarse mesh and most of its time, and in silicone at most two and a half times as long; SLSQP from
-one start pays four times that for 1e-4 and thirteen times for 1e-9, at two percent more effort in
-the median. What the statics leave out matters more than any mesh: a tenth of L here.
+the time. Collocation with m stages, gauss2m, is of order 2 m; three stages are the cheapest below
+1e-5, without loads four below 1e-6: settles of silicone in water take 11 ms to 2e-8, SciPy's
+shooting about a second to 1e-6. A plan takes as long for 1e-2 as for 1e-7, as its search is on a
+coarse mesh and most of its time, for 1e-10 some twice as long.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from model.forward import SCHEMES
-from planner.plots.work import Curve, legend_below, plot_work
+from model import Arm, OctoplanError, Scene, settle, tip_jacobian
+from model.effects import Buoyancy, ExactTendons, Extension, Weight
+from model.forward import CLOSED_FORMS, SCHEMES, ForwardMap, equilibrium_on, forward_map, schemes_of
+from model.loads import is_loaded
+from model.mesh import REFINEMENTS
+from model.paths import Array
+from model.stiffness import tip_jacobian_function
+from planner import plan
+from planner.targets import TipPosition
+from studies import draws
+from studies.baselines import ScipyArm, ScipyLoadedArm, ScipySiliconeArm, soromox_tip
 from studies.reporting import lettered
-from studies.speed.planning_curves import (
-    SCENES,
-    STAGES,
-    orders,
-    planning_in_silicone,
-    plans,
-    reachable,
-    settling_in_silicone,
-    stages_name,
-    statics,
-)
-from studies.speed.settling_curves import (
-    EXACT,
-    EXPLICIT,
-    PAPER,
-    WEIGHT,
-    Measured,
-    Size,
-    jacobians,
-    settling,
-)
-from studies.speed.timing import machine
+from studies.speed.timing import calls_for, machine, seconds, timed, while_budget
 
-NAMES = SCHEMES
+ARM = Arm.from_paper("table-4")
+DOWN, NOTHING = np.array([0.0, 0.0, -9.81]), np.zeros(3)
+PAPER, EXACT = Scene(Extension()), Scene(Extension(), ExactTendons())
+WATER = Scene(Extension(), Weight(), Buoyancy(1000.0))
+SILICONE, IN_WATER = Scene.silicone(), Scene.silicone(Weight(), Buoyancy(1000.0))
+KNOB = tuple(10.0**-n for n in range(2, 11))
+RTOLS = tuple(10.0**-n for n in range(2, 12))
+FAILURES = (OctoplanError, RuntimeError, ArithmeticError, np.linalg.LinAlgError)
+# Errors below are those of what they are held against.
+_FINE = 1e-10
+_COLOURS = dict(zip(SCHEMES, [f"C{i}" for i in range(10)], strict=False))
+_STYLES: dict[str, dict[str, Any]] = {
+    "own": {"marker": "o", "markersize": 4},
+    "choice": {"marker": "*", "markersize": 9, "linestyle": ""},
+    "other": {"marker": "s", "markersize": 4, "linestyle": "--", "color": "0.5"},
+}
+# What a setting makes of a case, by the case's number; how far off that is.
+Work = Callable[[int], Any]
+Error = Callable[[int, Any], float]
+
+
+@dataclass(frozen=True)
+class Size:
+    """How much is measured.
+
+    Attributes
+    ----------
+    cases : int
+        Random sets of tensions.
+    repeats : int
+        Measurements of each time, at most: fewer where they take longer than `budget`.
+    finest : int
+        The finest mesh.
+    settings : int
+        Of accuracies and tolerances, how many at most.
+    budget : float
+        Processor time [s] after which a setting is measured no more, once each case was.
+    """
+
+    cases: int
+    repeats: int
+    finest: int
+    settings: int
+    budget: float = 1.0
+
+    @property
+    def meshes(self) -> list[int]:
+        """The refinements that are tried."""
+        return [refinement for refinement in REFINEMENTS if refinement <= self.finest]
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One way to do a work: "own", "choice" (what is chosen by itself) or "other".
+
+    Attributes
+    ----------
+    times, errors : list of (3,)
+        Quartiles by setting, times in ms.
+    failed : list of int
+        The settings that did not do all cases.
+    """
+
+    name: str
+    kind: str
+    times: list[Array] = field(default_factory=list)
+    errors: list[Array] = field(default_factory=list)
+    failed: list[int] = field(default_factory=list)
+
+
+def measured(name: str, kind: str, works: Iterable[Work], error: Error, size: Size) -> Curve:
+    """Return the curve of a way whose settings get finer and finer, up to rounding."""
+    curve = Curve(name, kind)
+    for number, work in enumerate(works):
+        try:
+            found = [timed(partial(work, i)) for i in range(size.cases)]
+        except FAILURES:
+            curve.failed.append(number)
+            continue
+        # The first call builds; where the others are long enough they are the measurement.
+        times = [taken for taken, _ in found[1:]]
+        if sum(times) < size.budget:
+            many = calls_for(partial(work, 0))
+            turns = while_budget(size.cases, size.repeats, size.budget)
+            times = [seconds(partial(work, k % size.cases), many) for k in turns]
+        errors = [error(i, value) for i, (_, value) in enumerate(found)]
+        curve.times.append(1e3 * np.percentile(times, [25, 50, 75]))
+        curve.errors.append(np.percentile(errors, [25, 50, 75]))
+        if kind == "own" and curve.errors[-1][1] < _FINE:
+            break
+    return curve
+
+
+def settling(scene: Scene, size: Size, rng: np.random.Generator) -> list[Curve]:
+    """Return every scheme on every mesh, the knob's choices, and what others have, for a scene."""
+    T = draws.rows(ARM, rng, size.cases)
+    scheme = None if is_loaded(scene) else schemes_of(scene)[1]
+    true = [settle(ARM, row, scene, 1e-11, scheme).tip for row in T]
+
+    def off(i: int, tip: Array) -> float:
+        return math.dist(tip, true[i]) / ARM.length
+
+    curves = []
+    for name in CLOSED_FORMS if scene == EXACT else schemes_of(scene):
+        maps = (forward_map(ARM, scene, name, refinement) for refinement in size.meshes)
+        curves.append(measured(name, "own", (partial(_tip, own, T) for own in maps), off, size))
+    chosen = (partial(_settled, scene, T, a) for a in KNOB[: size.settings])
+    curves.append(measured("settle's choice", "choice", chosen, off, size))
+    for name, tip, settings in others(scene):
+        works = (partial(_by_others, tip, T, own) for own in settings[: size.settings])
+        curves.append(measured(name, "other", works, off, size))
+    return curves
+
+
+def others(scene: Scene) -> list[tuple[str, Callable[[Array, float], Array], tuple[float, ...]]]:
+    """Return name, (tensions, setting) -> tip, and settings of what others have for a scene."""
+    if scene == PAPER:
+        return [("SciPy DOP853", lambda T, r: ScipyArm(ARM).tip(T, "DOP853", r), RTOLS)]
+    if scene == EXACT:
+        if find_spec("soromox") is None:
+            print('SoRoMoX is not installed (pip install -e ".[soromox]"): left out')
+            return []
+        tips = {order: soromox_tip(ARM, order) for order in (0, 2, 4, 6, 8)}
+        return [("SoRoMoX, order 0 to 8", lambda T, n: tips[int(n)](T), tuple(map(float, tips)))]
+    if scene == WATER:
+        loaded = ScipyLoadedArm(ARM, NOTHING, DOWN, 1000.0)
+        ways = {"SciPy shooting": loaded.shoot, "SciPy solve_bvp": loaded.collocate}
+        return [(name, way, RTOLS[:7]) for name, way in ways.items()]
+    silicone = ScipySiliconeArm(ARM, NOTHING, DOWN if is_loaded(scene) else NOTHING, 1000.0)
+    return [("SciPy shooting", silicone.shoot, RTOLS[:8:2])]
+
+
+def _tip(forward: ForwardMap, T: Array, i: int) -> Array:
+    return equilibrium_on(forward, T[i]).poses[-1, 4:]
+
+
+def _settled(scene: Scene, T: Array, accuracy: float, i: int) -> Array:
+    return settle(ARM, T[i], scene, accuracy).tip
+
+
+def _by_others(tip: Callable[[Array, float], Array], T: Array, setting: float, i: int) -> Array:
+    return tip(T[i], setting)
+
+
+def jacobians(size: Size, rng: np.random.Generator) -> list[Curve]:
+    """Return the tip Jacobian by scheme and mesh, the knob's choices, and differences by SciPy."""
+    T, scale = draws.rows(ARM, rng, size.cases), draws.most(ARM)
+    true = [tip_jacobian(ARM, row, PAPER, 1e-11)[:3] * scale for row in T]
+
+    def off(i: int, J: Array) -> float:
+        change = np.asarray(J)[:3] * scale - true[i]
+        return float(np.linalg.norm(change) / np.linalg.norm(true[i]))
+
+    def own(name: str, refinement: int) -> Work:
+        function = tip_jacobian_function(ARM, PAPER, name, refinement)
+        return lambda i: np.array(function(T[i]))
+
+    def choice(accuracy: float, machine_code: bool) -> Work:
+        return lambda i: tip_jacobian(ARM, T[i], PAPER, accuracy, compile=machine_code)
+
+    def differences(rtol: float, central: bool) -> Work:
+        step = max(rtol, 1e-12) ** (1 / 3) / 10 if central else rtol**0.5 / 10
+        return lambda i: ScipyArm(ARM).tip_jacobian(T[i], rtol, step * scale, central)
+
+    curves = [
+        measured(name, "own", (own(name, n) for n in size.meshes), off, size)
+        for name in CLOSED_FORMS
+    ]
+    for compiled in (False, True):
+        name, knob = "tip_jacobian's choice" + ", compiled" * compiled, KNOB[: size.settings]
+        curves.append(measured(name, "choice", (choice(a, compiled) for a in knob), off, size))
+    for central in (False, True):
+        name, rtols = f"SciPy DOP853, {'central' if central else 'forward'}", RTOLS[1:]
+        works = (differences(rtol, central) for rtol in rtols[: size.settings])
+        curves.append(measured(name, "other", works, off, size))
+    return curves
+
+
+def plans(size: Size, rng: np.random.Generator) -> list[Curve]:
+    """Return what `plan` chooses for a tip in silicone, and in silicone in water."""
+    curves, T = [], draws.rows(ARM, rng, size.cases)
+    for name, scene in (("plan, silicone", SILICONE), ("plan, silicone in water", IN_WATER)):
+        points = [settle(ARM, row, scene, 1e-9).tip for row in T]
+
+        def off(i: int, tensions: Array, scene: Scene = scene, points: Any = points) -> float:
+            return math.dist(settle(ARM, tensions, scene, 1e-11).tip, points[i]) / ARM.length
+
+        works = (partial(_planned, scene, points, a) for a in KNOB[: size.settings])
+        curves.append(measured(name, "choice", works, off, size))
+    return curves
+
+
+def _planned(scene: Scene, points: list[Array], accuracy: float, i: int) -> Array:
+    found = plan(ARM, TipPosition(tuple(points[i])), scene, draws.MAXIMUM, accuracy=accuracy)
+    if not found.reached:
+        raise RuntimeError(found.outcome)
+    return np.ravel(found.tensions)
+
+
 TIP = "verified tip error [L]"
-# Of the two ways of SciPy to settle silicone, printed only.
-_SLOWER = "SciPy solve_bvp"
-# Of all that is measured, and printed, the figures show what is best, chosen, or what users have.
-SHOWN = (
-    *("magnus6", "magnus4", "gauss6", "gauss4", "settle's choice"),
-    *("tip_jacobian's choice", "tip_jacobian's choice, compiled"),
-    *("SciPy DOP853", "SciPy shooting", "SciPy solve_bvp"),
-    *("SciPy DOP853, forward", "SciPy DOP853, central", "SoRoMoX, order 0 to 8"),
-)
+Panel = tuple[str, str, Callable[[Size, np.random.Generator], list[Curve]]]
+# The panels of each figure: title, what its error is, and what is measured.
+FIGURES: dict[str, tuple[Panel, ...]] = {
+    "accuracy_cost": (
+        ("settling", TIP, partial(settling, PAPER)),
+        ("tip Jacobian by 12 tensions", "verified error of the Jacobian", jacobians),
+    ),
+    "accuracy_cost_scenes": (
+        ("weight in water", TIP, partial(settling, WATER)),
+        ("exact tendons", TIP, partial(settling, EXACT)),
+    ),
+    "accuracy_cost_silicone": (
+        ("settling, silicone", TIP, partial(settling, SILICONE)),
+        ("settling, silicone in water", TIP, partial(settling, IN_WATER)),
+        ("plan of a tip", "tip off its target [L]", plans),
+    ),
+}
 
 
-def shown(curves: Sequence[Measured]) -> list[Curve]:
-    """Return the curves over time that a panel shows."""
-    return [curve.by_time() for curve in curves if curve.name in SHOWN]
+def draw(ax: Axes, curves: Sequence[Curve], error: str) -> None:
+    """Draw errors over times with quartiles; a scheme has one colour in all panels."""
+    for number, curve in enumerate(own for own in curves if own.times):
+        x, y = np.array(curve.times).T, np.maximum(np.array(curve.errors).T, 1e-13)
+        colour = {"color": _COLOURS.get(curve.name, f"{0.1 * number:.1f}")}
+        style = colour | {"label": curve.name, "lw": 1.2, "elinewidth": 0.6} | _STYLES[curve.kind]
+        arms = [np.maximum([z[1] - z[0], z[2] - z[1]], 0.0) for z in (x, y)]
+        ax.errorbar(x[1], y[1], xerr=arms[0], yerr=arms[1], **style)
+    ax.set(xscale="log", yscale="log", xlabel="time [ms]", ylabel=error)
+    ax.legend(fontsize="x-small", frameon=False)
 
 
-def draw_times(panels: dict[str, tuple[list[Measured], str]]) -> Figure:
-    """Return a figure of errors over time, a panel for each (curves, label of the error)."""
-    figure = Figure(figsize=(9.6, 4.8), layout="constrained")
-    axes = figure.subplots(1, len(panels))
-    for ax, (curves, error) in zip(axes, panels.values(), strict=True):
-        plot_work(shown(curves), "time [ms]", error, ax, NAMES)
-    lettered(zip(axes, panels, strict=True))
-    legend_below(figure, axes.tolist(), 4)
-    return figure
-
-
-def draw_planning(gaps: list[Curve], efforts: list[Curve], by_statics: list[Curve]) -> Figure:
-    """Return the figure of plans, and of statics, over time."""
-    figure = Figure(figsize=(9.6, 4.2), layout="constrained")
-    panels = figure.subplots(1, 3)
-    curves = (
-        (by_statics, "time [ms]", "tip off the neo-Hookean one [L]"),
-        (gaps, "time [s]", "tip off its target [L]"),
-        (efforts, "time [s]", "effort above the best found"),
-    )
-    for ax, (lines, cost, error) in zip(panels, curves, strict=True):
-        plot_work(lines, cost, error, ax)
-    lettered(zip(panels, ("statics", "plan of a tip", "plan of a tip"), strict=True))
-    legend_below(figure, panels.tolist(), 4)
-    return figure
-
-
-def draw_silicone(panels: dict[str, list[Measured]]) -> Figure:
-    """Return the figure of settling, above, and of planning in silicone over time."""
-    figure = Figure(figsize=(9.6, 8.0), layout="constrained")
-    axes = figure.subplots(2, 2).ravel()
-    own = [stages_name(m) for m in STAGES]
-    for ax, (title, curves) in zip(axes, panels.items(), strict=True):
-        error = "tip off its target [L]" if "plan" in title else TIP
-        drawn = [curve.by_time() for curve in curves if curve.name != _SLOWER]
-        plot_work(drawn, "time [ms]", error, ax, own)
-    lettered(zip(axes, panels, strict=True))
-    legend_below(figure, axes.tolist(), 4)
-    return figure
-
-
-def table(title: str, curves: Sequence[Curve], unit: str) -> None:
-    """Print medians: for each way its settings as (cost, error)."""
-    print(f"\n{title}: cost [{unit}] and error, medians")
+def report(title: str, curves: Sequence[Curve]) -> None:
+    """Print medians: for each way its settings as (time, error)."""
+    print(f"\n{title}: time [ms] and error, medians")
     for curve in curves:
-        pairs = zip(curve.cost[:, 1], curve.error[:, 1], strict=True)
-        text = "  ".join(f"{cost:.3g} {error:.1e}" for cost, error in pairs)
-        lost = f"  ({curve.failed.size} failed)" if curve.failed.size else ""
+        pairs = zip(curve.times, curve.errors, strict=True)
+        text = "  ".join(f"{cost[1]:.3g} {error[1]:.1e}" for cost, error in pairs)
+        lost = f"  ({len(curve.failed)} failed)" if curve.failed else ""
         print(f"  {curve.name:<34}{text}{lost}", flush=True)
-
-
-def settled(size: Size, rng: np.random.Generator, out: Path) -> None:
-    """Print and draw settling, and the tip Jacobian."""
-    panels = {
-        "settling": settling(PAPER, size, rng),
-        "settling with weight in water": settling(WEIGHT[0], size, rng),
-        "settling with exact tendons": settling(EXACT, size, rng, EXPLICIT),
-        "tip Jacobian": jacobians(size, rng),
-    }
-    for title, curves in panels.items():
-        table(title, [curve.by_time() for curve in curves], "ms")
-    paper, loaded, exact, jacobian = panels.values()
-    figures = {
-        "accuracy_cost": {
-            "settling": (paper, TIP),
-            "tip Jacobian by 12 tensions": (jacobian, "verified error of the Jacobian"),
-        },
-        "accuracy_cost_scenes": {
-            "weight in water": (loaded, TIP),
-            "exact tendons": (exact, TIP),
-        },
-    }
-    for name, shared in figures.items():
-        draw_times(shared).savefig(out / f"{name}.png", dpi=110)
-
-
-def planned(size: Size, rng: np.random.Generator, out: Path, targets: int) -> None:
-    """Print and draw plans, and what the statics leave out."""
-    by_statics = statics(size, rng)
-    table("statics, tip off the neo-Hookean one", by_statics, "ms")
-    gaps, efforts = plans(reachable(targets, rng), size, rng)
-    table("plans, tip off its target", gaps, "s")
-    table("plans, effort above the best found", efforts, "s")
-    figure = draw_planning(gaps, efforts, by_statics)
-    figure.savefig(out / "accuracy_cost_plans.png", dpi=110)
-
-
-def in_silicone(size: Size, rng: np.random.Generator, out: Path) -> None:
-    """Print and draw settling and planning in silicone."""
-    panels = {}
-    for which in SCENES:
-        for title, measure in (
-            ("settling", settling_in_silicone),
-            ("plan of a tip", planning_in_silicone),
-        ):
-            curves = measure(which, size, rng)
-            panels[f"{title}, {which}"] = curves
-            table(f"{title}, {which}", [curve.by_time() for curve in curves], "ms")
-            print("  " + "; ".join(orders(curves)))
-    draw_silicone(panels).savefig(out / "accuracy_cost_silicone.png", dpi=110)
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -187,9 +298,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(
         prog="python -m studies.speed accuracy", description=__doc__.splitlines()[0]
     )
+    parser.add_argument("--figures", nargs="*", choices=FIGURES, default=list(FIGURES))
     parser.add_argument("--cases", type=int, default=3, help="random sets of tensions")
     parser.add_argument("--repeats", type=int, default=20)
-    parser.add_argument("--targets", type=int, default=5)
     parser.add_argument("--finest", type=int, default=256, help="the finest mesh")
     parser.add_argument("--settings", type=int, default=20, help="accuracies, at most")
     parser.add_argument("--seed", type=int, default=0)
@@ -198,6 +309,12 @@ def main(argv: Sequence[str] | None = None) -> None:
     print(machine("soromox"))
     size = Size(args.cases, args.repeats, args.finest, args.settings)
     args.out.mkdir(parents=True, exist_ok=True)
-    settled(size, np.random.default_rng(args.seed), args.out)
-    planned(size, np.random.default_rng(args.seed), args.out, args.targets)
-    in_silicone(size, np.random.default_rng(args.seed), args.out)
+    for name in args.figures:
+        figure = Figure(figsize=(4.8 * len(FIGURES[name]), 4.6), layout="constrained")
+        panels = figure.subplots(1, len(FIGURES[name]))
+        for ax, (title, error, measure) in zip(panels, FIGURES[name], strict=True):
+            curves = measure(size, np.random.default_rng(args.seed))
+            report(title, curves)
+            draw(ax, curves, error)
+        lettered(zip(panels, (title for title, _, _ in FIGURES[name]), strict=True))
+        figure.savefig(args.out / f"{name}.png", dpi=110)

@@ -19,11 +19,9 @@ against SciPy interpreted 84 times.
 from __future__ import annotations
 
 import argparse
-import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -32,6 +30,7 @@ from model import Anchorage, Arm, settle
 from model.paths import Array
 from planner import Measured, calibrate
 from studies.calibration import BODY, LINEAR, shapes
+from studies.speed.timing import timed
 
 AGAIN = 4
 
@@ -64,13 +63,6 @@ def by_scipy(arm: Arm, measured: Sequence[Measured], compile: bool) -> Array:  #
     return np.array([body.E / 1e3, body.density]) * found
 
 
-def spent(work: Callable[[], Any]) -> tuple[float, Any]:
-    """Return the processor time of a call [s], and what it returned."""
-    begin = time.process_time()
-    found = work()
-    return time.process_time() - begin, found
-
-
 def main(argv: Sequence[str] | None = None) -> None:
     """Print both times, interpreted and compiled."""
     parser = argparse.ArgumentParser(
@@ -89,8 +81,8 @@ def main(argv: Sequence[str] | None = None) -> None:
 
         own()
         settle(arm, measured[0].tensions, LINEAR, compile=compiled)
-        theirs, other = spent(lambda on=compiled: by_scipy(arm, measured, on))  # type: ignore[misc]
-        ours = [spent(own) for _ in range(args.repeats)]
+        theirs, other = timed(lambda on=compiled: by_scipy(arm, measured, on))  # type: ignore[misc]
+        ours = [timed(own) for _ in range(args.repeats)]
         median, found = float(np.median([t for t, _ in ours])), ours[-1][1]
         print(
             f"{'compiled' if compiled else 'interpreted'}: SciPy {theirs:.2f} s, calibrate "

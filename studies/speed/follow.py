@@ -2,7 +2,7 @@
 
 Question: how long do a re-plan and its certificate take after a step of the target of 2 mm, along
 random smooth paths inside of the reach, by machine code; is every step certified or honestly
-refused; do the tensions drift; and how long do cold plans take, in loaded scenes too?
+refused; and do the tensions drift?
 
 Assumptions: table 4, maxima 20 N, accuracy 1e-6. Paths are tips of shapes whose tensions swing, so
 that all of them are in reach; half of the steps go ahead, half the same way back, so that what
@@ -11,31 +11,29 @@ is not certified. Times are the processor's; other work on the machine still len
 the fastest tenth is told too.
 
 Command: python -m studies.speed follow [--steps 10000] [--scenes paper silicone-in-water]
-[--cold 100] [--seed 0]
+[--seed 0]
 
 Answer (processor time, two cores, several other processes): of 1000 steps in the paper's scene all
 are certified, to residuals of 5e-8 at most; one leaves its branch. Where the way back is on the
 branch of the way ahead, 95 % of the steps, tensions come back to 1.7e-7 of their norm. A re-plan
-takes 15 ms and its certificate 3.4 (medians; 99 % of both together in 48), a cold certified plan
-57 ms; all of 20 are certified.
+takes 15 ms and its certificate 3.4 (medians; 99 % of both together in 48).
 """
 
 from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import islice
 
 import numpy as np
 
 from model import Arm, Scene, settle
-from model.loads import is_loaded
 from model.paths import Array
 from planner import plan
 from planner.plan import Plan
 from planner.targets import TipPosition
-from studies.tip_targets import MAXIMUM, SCENES, draw
+from studies.draws import MAXIMUM, SCENES
 
 _STEP, _ROUGH = 2e-3, 1e-7
 # How fast tensions swing, and how far at most [N], tip section first.
@@ -62,15 +60,12 @@ def path(arm: Arm, scene: Scene, rng: np.random.Generator) -> Iterator[Array]:
         yield tip
 
 
-def timed_plan(
-    arm: Arm, scene: Scene, tip: Array, near: Plan | None, check: bool = True
-) -> tuple[Plan, float, float]:
-    """Return a plan, and the time of it and of its certificate, if it is to be found [s]."""
+def timed_plan(arm: Arm, scene: Scene, tip: Array, near: Plan | None) -> tuple[Plan, float, float]:
+    """Return a plan, and the time of it and of its certificate [s]."""
     began = time.process_time()
     p = plan(arm, TipPosition(tip), scene, MAXIMUM, near=near, compile=True)
     planned = time.process_time()
-    if check:
-        p.certificate  # noqa: B018  (found when it is asked for)
+    p.certificate  # noqa: B018  (found when it is asked for)
     return p, planned - began, time.process_time() - planned
 
 
@@ -117,21 +112,6 @@ def walk(name: str, steps: int, rng: np.random.Generator) -> None:
         print(f"  refused: {why}")
 
 
-def cold(name: str, targets: int, rng: np.random.Generator) -> None:
-    """Print the time of cold certified plans."""
-    arm, scene = Arm.from_paper("table-4"), SCENES[name]
-    # Slack tendons beside those at 20 N roll the arm up; with loads that takes minutes to settle.
-    kinds = (1, 2) if is_loaded(scene) else (0, 1, 2)
-    tips = [draw(arm, scene, rng, kinds[k % len(kinds)]) for k in range(targets)]
-    timed_plan(arm, scene, tips[0], None)
-    both, solved = [], 0
-    for tip in tips:
-        p, planned, checked = timed_plan(arm, scene, tip, None)
-        both.append(planned + checked)
-        solved += p.reached
-    print(told(f"{name}: cold certified plan", both) + f"   {solved} of {targets} certified")
-
-
 def main(argv: Sequence[str] | None = None) -> None:
     """Run the study and print its table."""
     parser = argparse.ArgumentParser(
@@ -139,13 +119,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("--steps", type=int, default=200)
     parser.add_argument("--scenes", nargs="*", choices=SCENES, default=["paper"])
-    parser.add_argument("--cold", type=int, default=10)
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args(argv)
     print(f"{'ms of the processor':<44}{'10 %':>8}{'median':>8}{'99 %':>8}")
-    parts: list[Callable[[np.random.Generator], None]] = []
     for name in args.scenes:
-        parts.append(lambda rng, name=name: walk(name, args.steps, rng))  # type: ignore[misc]
-        parts.append(lambda rng, name=name: cold(name, args.cold, rng))  # type: ignore[misc]
-    for part in parts:
-        part(np.random.default_rng(args.seed))
+        walk(name, args.steps, np.random.default_rng(args.seed))

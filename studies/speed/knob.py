@@ -1,24 +1,21 @@
-"""Does `settle` keep its word, and at what price?
+"""Does `settle` keep its word?
 
 Question: over random arms, scenes and accuracies, is the tip within the accuracy that was asked and
-within the error that is stated; and how long does it take, over the cheapest single map that would
-have been good enough?
+within the error that is stated? What that costs is the question of the study accuracy.
 
 Assumptions: a case is an arm of the paper, tensions, a scene and an accuracy. Verified against a
-settle of 1e-11, or the tightest that is reached, by another scheme where there is one. The price
-list of a case is every scheme on every mesh, each as a single forward map.
+settle of 1e-11, or the tightest that is reached, by another scheme where there is one.
 
 Command: python -m studies.speed knob [--cases 300]
 
-Answer: of 300 random settles none misses what was asked, the worst is at a third of it; a third
-cost less than twice the cheapest single map that is as good, the median 2.4 times.
+Answer: of 300 random settles none misses what was asked, the worst is at a third of it.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -43,11 +40,9 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from model.forward import equilibrium_on, forward_map, schemes_of
-from model.mesh import REFINEMENTS
+from model.forward import schemes_of
 from model.paths import Array
 from studies import draws
-from studies.speed.timing import calls_for, seconds
 
 ARMS = ("table-2", "table-4")
 Draw = Callable[[np.random.Generator, Arm], tuple[Effect, ...]]
@@ -92,11 +87,7 @@ class Case:
     Attributes
     ----------
     stated, true : float
-        What settle says of its error, and what it is.
-    price, cheapest : float
-        Time of the settle, and of the cheapest entry of the price list as good as asked [s].
-    entry : str
-        The scheme and refinement of that entry.
+        What settle says of its error, and what it is; infinite where it ends in an error.
     """
 
     arm: str
@@ -104,18 +95,14 @@ class Case:
     scene: Scene
     T: Array
     asked: float
-    stated: float = np.nan
-    true: float = np.nan
-    chosen: str = ""
-    price: float = np.nan
-    cheapest: float = np.nan
-    entry: str = ""
+    stated: float
+    true: float
+    chosen: str
 
     def __str__(self) -> str:
         return (
             f"{self.arm}, {self.scene_name}: asked {self.asked:.2e}, stated {self.stated:.2e}, "
-            f"true {self.true:.2e}, {self.chosen} in {1e3 * self.price:.3g} ms, cheapest "
-            f"{self.entry} in {1e3 * self.cheapest:.3g} ms"
+            f"true {self.true:.2e}, {self.chosen}"
         )
 
     def again(self) -> str:
@@ -124,8 +111,8 @@ class Case:
         return f'settle(Arm.from_paper("{self.arm}"), [{T}], {self.scene!r}, {self.asked!r})'
 
 
-def run(count: int, rng: np.random.Generator, priced: bool = True) -> list[Case]:
-    """Settle `count` random cases, as many of each arm and scene, and price them.
+def run(count: int, rng: np.random.Generator) -> list[Case]:
+    """Settle `count` random cases, as many of each arm and scene.
 
     Loads are drawn anew for every third case of a scene only, as each builds its own functions.
     """
@@ -143,23 +130,23 @@ def run(count: int, rng: np.random.Generator, priced: bool = True) -> list[Case]
             except (SnapError, CollapsedError):
                 scene = Scene(*SCENES[kind](rng, arm))
                 continue
-            case = settled(Case(name, kind, scene, T, asked), arm, true)
-            cases.append(priced_case(case, arm, true) if priced and case.true < np.inf else case)
+            cases.append(Case(name, kind, scene, T, asked, *settled(arm, T, scene, asked, true)))
             if len(cases) % 3 == 0:
                 scene = Scene(*SCENES[kind](rng, arm))
         found += cases
     return found
 
 
-def settled(case: Case, arm: Arm, true: Array) -> Case:
-    """Return the case with what settle makes of it."""
+def settled(
+    arm: Arm, T: Array, scene: Scene, asked: float, true: Array
+) -> tuple[float, float, str]:
+    """Return the stated error of a settle, the true one, and by which scheme and mesh it was."""
     try:
-        shape = settle(arm, case.T, case.scene, case.asked)
+        shape = settle(arm, T, scene, asked)
     except OctoplanError as problem:
-        return replace(case, true=np.inf, chosen=f"{type(problem).__name__}: {problem}")
+        return np.nan, np.inf, f"{type(problem).__name__}: {problem}"
     error = float(np.linalg.norm(shape.tip - true)) / arm.length
-    chosen = f"{shape.scheme} {shape.refinement}"
-    return replace(case, stated=shape.error, true=error, chosen=chosen)
+    return shape.error, error, f"{shape.scheme} {shape.refinement}"
 
 
 def tightest(arm: Arm, T: Array, scene: Scene) -> Array:
@@ -173,67 +160,15 @@ def tightest(arm: Arm, T: Array, scene: Scene) -> Array:
     raise last
 
 
-def priced_case(case: Case, arm: Arm, true: Array) -> Case:
-    """Return the case with the times of its settle and of the cheapest entry that is good enough.
-
-    Of each scheme the coarsest mesh that is good enough is timed, as finer ones cost more.
-    """
-    T, scene, accuracy = case.T, case.scene, case.asked
-
-    def work() -> object:
-        return settle(arm, T, scene, accuracy)
-
-    entries = {}
-    for scheme in schemes_of(scene):
-        for refinement in REFINEMENTS:
-            forward = forward_map(arm, scene, scheme, refinement)
-            try:
-                tip = equilibrium_on(forward, T).poses[-1, 4:]
-            except (OctoplanError, RuntimeError):
-                continue
-            if np.linalg.norm(tip - true) <= accuracy * arm.length:
-                entries[f"{scheme} {refinement}"] = lambda forward=forward: equilibrium_on(
-                    forward, T
-                )
-                break
-    price, cheapest, entry = cheapest_of(work, entries)
-    return replace(case, price=price, cheapest=cheapest, entry=entry)
-
-
-def cheapest_of(
-    work: Callable[[], object], entries: dict[str, Callable[[], object]]
-) -> tuple[float, float, str]:
-    """Return the time of a work, and time and name of the cheapest entry, measured in turn.
-
-    The least of several times is what a work takes where nothing else loads the machine.
-    """
-    calls = {name: calls_for(entry) for name, entry in entries.items()}
-    first = {name: seconds(entry, calls[name]) for name, entry in entries.items()}
-    near = sorted(first, key=lambda name: first[name])[:3]
-    least, own, mine = dict.fromkeys(near, np.inf), np.inf, calls_for(work)
-    for _ in range(7):
-        own = min(own, seconds(work, mine))
-        for name in near:
-            least[name] = min(least[name], seconds(entries[name], calls[name]))
-    best = min(least, key=lambda name: least[name])
-    return own, least[best], best
-
-
 def report(cases: list[Case], worst: int = 5) -> None:
-    """Print how many cases keep to what was asked, at what price, and the worst of them."""
+    """Print how many cases keep to what was asked, and the worst of them."""
     off = np.array([case.true / case.asked for case in cases])
     stated = np.mean([case.true <= case.stated for case in cases])
-    dear = np.array([case.price / case.cheapest for case in cases])
     print(f"knob: {len(cases)} random cases over {len(ARMS)} arms and {len(SCENES)} scenes")
     print(
         f"  error within what was asked      {np.mean(off <= 1):8.1%}, at most {max(off):.2f} times"
     )
     print(f"  error within what was stated     {stated:8.1%}")
-    if np.isfinite(dear).any():
-        price = f"{np.nanmean(dear <= 2):8.1%}, median {np.nanmedian(dear):.2f} times"
-        print(f"  within twice the cheapest entry  {price}")
-        for i in np.argsort(-np.nan_to_num(dear))[:worst]:
-            print(f"    {dear[i]:.1f} times: {cases[i]}")
     for i in np.argsort(-off)[:worst]:
         print(f"    error {off[i]:.2f} of what was asked: {cases[i]}")
     for i in np.flatnonzero(off > 1):

@@ -1,15 +1,16 @@
 """How fast are certified plans, side by side with what users have today?
 
 Question: how many times as long does SciPy take for a cold plan (SLSQP with differences over
-DOP853, from random starts until one succeeds); how much sooner is a plan near the one before than a
+DOP853, from random starts until one succeeds); how long does a plan take in each scene; how much
+sooner is a plan near the one before than a
 cold one; how does the time grow with the number of sections; and how long is the first plan of a
 process?
 
-Assumptions: table 4, the paper's scene, reachable tips (studies.tip_targets). Certificates count
-for ours. Both sides run in turn in one process, by processor time; a measurement is the median with
-its quartiles.
+Assumptions: table 4, the paper's scene unless told, reachable tips (studies.draws). Certificates
+count for ours. Both sides run in turn in one process, by processor time; a measurement is the
+median with its quartiles.
 
-Command: python -m studies.speed plan [--rows cold path sections first] [--plans 20]
+Command: python -m studies.speed plan [--rows cold scenes path sections first] [--plans 20]
 
 Answer: cold certified plans 48 times as fast, plans along a path 11 times as fast as the cold ones.
 A plan grows as n^1.3 with the sections.
@@ -25,17 +26,15 @@ from functools import partial
 
 import numpy as np
 
-from model import Arm, OctoplanError, settle
+from model import Arm, OctoplanError, Scene, settle
 from model.paths import Array
 from planner import Plan, plan
 from planner.targets import TipPosition
 from studies import draws
 from studies.baselines import ScipyArm
-from studies.speed.settle import PAPER
 from studies.speed.timing import Parts, Row, Spread, counted, power, print_rows, seconds, timed
-from studies.tip_targets import MAXIMUM, draw
 
-_SCIPY_STARTS = 10
+PAPER, _SCIPY_STARTS = draws.SCENES["paper"], 10
 _FIRST = """
 import time
 begin = time.perf_counter()
@@ -50,10 +49,14 @@ print(time.perf_counter() - begin)
 
 
 def planned(
-    arm: Arm, point: Array, upper: float | Array = MAXIMUM, near: Plan | None = None
+    arm: Arm,
+    point: Array,
+    upper: float | Array = draws.MAXIMUM,
+    near: Plan | None = None,
+    scene: Scene = PAPER,
 ) -> Plan:
     """Return the plan of a tip position, with its certificate."""
-    found = plan(arm, TipPosition(tuple(point)), PAPER, upper, near=near)
+    found = plan(arm, TipPosition(tuple(point)), scene, upper, near=near)
     _ = found.certificate
     return found
 
@@ -62,13 +65,13 @@ def cold_rows(plans: int, rng: np.random.Generator) -> list[Row]:
     """Return cold, certified plans against SLSQP from random starts until one leads there."""
     arm = Arm.from_paper("table-4")
     scipy, found, ours, theirs = ScipyArm(arm), [], [], []
-    points = [draw(arm, PAPER, rng, i % 3) for i in range(plans)]
+    points = [draws.shape(arm, PAPER, rng, i % 3).tip for i in range(plans)]
     planned(arm, points[0])
     for point in points:
         starts = rng.uniform(size=(_SCIPY_STARTS, 12)) * np.repeat([0.1, 0.5, 1.5], 4)
 
         own, mine = timed(partial(planned, arm, point))
-        other, (_, solved) = timed(partial(scipy.plan_tip_from, point, MAXIMUM, starts))
+        other, (_, solved) = timed(partial(scipy.plan_tip_from, point, draws.MAXIMUM, starts))
         ours.append(mine.reached)
         theirs.append(solved)
         found.append(other / own)
@@ -77,6 +80,19 @@ def cold_rows(plans: int, rng: np.random.Generator) -> list[Row]:
         Row("plan of a tip, certified", "SLSQP, differences, DOP853", "300", f"{Spread.of(found)}"),
         Row(f"  solved of {plans}, ours and SciPy's", "", "no fewer", shares),
     ]
+
+
+def scene_rows(plans: int, rng: np.random.Generator) -> list[Row]:
+    """Return the time of cold, certified plans in each scene, and how many are certified."""
+    arm, rows = Arm.from_paper("table-4"), []
+    for name, scene in draws.SCENES.items():
+        points = [draws.shape(arm, scene, rng, i % 3).tip for i in range(plans)]
+        planned(arm, points[0], scene=scene)
+        found = [timed(partial(planned, arm, point, scene=scene)) for point in points]
+        good = sum(own.reached for _, own in found)
+        took = Spread.of([seconds for seconds, _ in found])
+        rows.append(Row(f"{name}: a certified plan [s]", "", "", f"{took}; {good} of {plans}"))
+    return rows
 
 
 def warm_row(points: int, rng: np.random.Generator) -> Row:
@@ -131,6 +147,7 @@ def tables(args: argparse.Namespace) -> Parts:
     """Return the parts of the table by name; each is measured when it is called."""
     return {
         "cold": lambda rng: cold_rows(args.plans, rng),
+        "scenes": lambda rng: scene_rows(args.plans, rng),
         "path": lambda rng: [warm_row(args.points, rng)],
         "sections": lambda rng: [growth_of_plan(args.sections, args.arms, rng)],
         "first": lambda rng: [first_row(args.processes)],

@@ -12,7 +12,7 @@ from matplotlib import pyplot
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
-from model import Arm, InputError, Scene, Shape, settle
+from model import Arm, Scene, Shape, settle
 from model.clearance import clearance
 from model.effects import Contact, ExactTendons, Extension
 from model.obstacles import Capsule
@@ -20,7 +20,6 @@ from planner import Plan, plan
 from planner.certificate import COMPLEMENTARY
 from planner.plots.arm import draw_arm
 from planner.plots.plan import broken_strains, plot_plan, plot_shape, plot_strains, save
-from planner.plots.work import Curve, plot_work
 from planner.program.limits import Limits
 from planner.targets import Backbone, BendingPlane, Fetch, Target, TipPose, TipPosition
 from tests.planner.cases import PAPER, barrel_arm, figure_15
@@ -207,18 +206,6 @@ def test_a_figure_of_a_plan_is_1100_pixels_wide_and_small(fetch: Plan, tmp_path:
     assert len(written) < 300_000
 
 
-def test_a_work_precision_diagram_shows_quartiles_and_failures() -> None:
-    rows = np.array([[1.0, 2.0, 3.0], [2.0, 4.0, 6.0]])
-    figure = plot_work([Curve("a", rows, rows[::-1], np.array([5.0]))], "time [ms]", "error")
-    assert isinstance(figure, Figure)
-    ax = figure.axes[0]
-    assert ax.get_xscale() == ax.get_yscale() == "log"
-    crosses = [line for line in ax.lines if line.get_marker() == "x"]
-    assert crosses[0].get_xdata().tolist() == [5.0]
-    with pytest.raises(InputError, match="at least one Curve"):
-        plot_work([], "time [ms]", "error")
-
-
 def test_two_plans_in_one_axes_have_one_scale_of_colours(shape: Shape) -> None:
     """The second scale used to end at its own largest tension."""
     ax = three_d()
@@ -250,15 +237,6 @@ def test_a_kind_of_target_that_is_unknown_leaves_the_arm_drawn(shape: Shape) -> 
     assert np.all(np.isfinite(draw_arm(shape, ax, (object(),))))
     assert not legend(ax) - {"passes through the far side of its base plane"}
     assert ax.has_data()
-
-
-def test_axes_of_the_wrong_kind_are_refused_by_name(fetch: Plan) -> None:
-    for draw in (lambda ax: plot_plan(fetch, ax), lambda ax: plot_shape(fetch.shape, ax)):
-        for wrong in (Figure().add_subplot(), "axes"):
-            with pytest.raises(InputError, match="3d"):
-                draw(wrong)
-    with pytest.raises(InputError, match="two-dimensional"):
-        plot_strains(fetch.shape, three_d())
 
 
 def test_a_second_arm_in_the_same_axes_leaves_the_first_in_sight(shape: Shape) -> None:
@@ -314,9 +292,3 @@ def test_an_error_while_saving_leaves_the_old_file_and_no_part(
         save(figure, wanted)
     assert list(tmp_path.iterdir()) == [wanted]
     assert wanted.read_bytes() == b"old"
-
-
-def test_paths_that_cannot_be_written_are_refused_by_name(tmp_path: Path) -> None:
-    for path in (tmp_path / "arm.jpeg", tmp_path / "arm", tmp_path / "none" / "arm.png"):
-        with pytest.raises(InputError, match="path"):
-            save(Figure(), path)

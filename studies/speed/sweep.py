@@ -1,27 +1,24 @@
-"""What do two processes gain in a sweep, does it survive being killed, and how much memory is it?
+"""What do two processes gain in a sweep, and how much memory does it take?
 
-Question: how much faster are plans on two processes than on one; does a sweep that is killed at
-random and started again end in the same numbers; does memory grow with the number of points?
+Question: how much faster are plans on two processes than on one; does memory grow with the number
+of points?
 
 Assumptions: the arm of table 4, extension, no loads; plans for tips drawn in a box of 200 by 300 by
 300 mm beyond the arm's middle; settles under tensions drawn in all twelve tendons. Work is the time
 on the processors, in all processes; with other programs on the same processors, times are longer
 and less is gained. Memory is the peak of the process that was started.
 
-Command: python -m studies.sweeping [--plans 2000] [--kills 10] [--settles 10000 100000]
-[--out out]
+Command: python -m studies.speed sweep [--plans 2000] [--settles 10000 100000] [--out out]
 
 Answer: two processes do 1000 plans 1.84 times as fast as one, 102 s against 188 s, where nothing
-else runs; 2000 plans are 304 s of work for one and for two, who share them to within 1 %.
-Killed ten times at random, and its workers four times besides, the sweep ends in the same Dataset.
-10 000 settles take 160 MB, 100 000 169 MB, 300 000 166 MB.
+else runs; 2000 plans are 304 s of work for one and for two, who share them to within 1 %. Both end
+in the same Dataset. 10 000 settles take 160 MB, 100 000 169 MB, 300 000 166 MB.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
-import random
 import resource
 import subprocess
 import sys
@@ -29,13 +26,11 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-import psutil
 import xarray
 
-from planner.sweeps.store import folder_of
 from studies.maps import SCENE, axis, workspace
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 _BOX = {"x": (150.0, 350.0), "y": (-150.0, 150.0), "z": (-150.0, 150.0)}
 _PEAK = (
     "import resource, sys; from planner.cli import main; main(sys.argv[1:]); "
@@ -53,13 +48,6 @@ def plans(number: int) -> str:
     return SCENE + head + "".join(axes)
 
 
-def _start(file: Path, out: Path, jobs: int) -> subprocess.Popen[bytes]:
-    # What is left of a killed sweep may keep a pipe open: nobody listens.
-    nobody = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    command = ["-m", "planner.cli", *_words(file, out, jobs)]
-    return subprocess.Popen([sys.executable, *command], cwd=ROOT, env=_alone(), **nobody)
-
-
 def _words(file: Path, out: Path, jobs: int) -> list[str]:
     return ["sweep", str(file), "--out", str(out), "--jobs", str(jobs)]
 
@@ -71,37 +59,10 @@ def _alone() -> dict[str, str]:
 def timed(file: Path, out: Path, jobs: int) -> tuple[float, float]:
     """Run a sweep; return how long it takes and how much work it is [s]."""
     before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-    _start(file, out, jobs).wait()
+    command = [sys.executable, "-m", "planner.cli", *_words(file, out, jobs)]
+    subprocess.run(command, cwd=ROOT, env=_alone(), capture_output=True, check=True)
     after, wall = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter() - begin
     return wall, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-
-
-def killed(file: Path, out: Path, kills: int, wall: float) -> int:
-    """Run a sweep of two workers, kill it again and again; return how often it was hit."""
-    rng, done = random.Random(1), 0
-    while True:
-        process = _start(file, out, 2)
-        if done < kills:
-            finished = _finished(out)
-            while process.poll() is None and _finished(out) <= finished:
-                time.sleep(0.05)
-            time.sleep(rng.uniform(0, wall / (kills + 1)))
-        if done == kills or process.poll() is not None:
-            process.wait()
-            return done
-        workers = psutil.Process(process.pid).children()
-        if workers and rng.random() < 0.3:
-            # The sweep ends with a sentence; what is finished is kept.
-            rng.choice(workers).kill()
-            time.sleep(1.0)
-        process.kill()
-        process.wait()
-        done += 1
-
-
-def _finished(out: Path) -> int:
-    """Return how many chunks of a sweep are finished."""
-    return len(list(folder_of(out).glob("*.npz")))
 
 
 def peak(file: Path, out: Path) -> float:
@@ -113,29 +74,24 @@ def peak(file: Path, out: Path) -> float:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(
+        prog="python -m studies.speed sweep", description=__doc__.splitlines()[0]
+    )
     parser.add_argument("--plans", type=int, default=2000)
-    parser.add_argument("--kills", type=int, default=10)
     parser.add_argument("--settles", type=int, nargs="*", default=[10_000, 100_000])
     parser.add_argument("--out", type=Path, default=Path("out"))
     args = parser.parse_args(argv)
     args.out.mkdir(parents=True, exist_ok=True)
     file = args.out.resolve() / "plans.toml"
     file.write_text(plans(args.plans))
-    outs = [file.with_name(f"plans_{name}.nc") for name in ("one", "two", "killed")]
+    outs = [file.with_name(f"plans_{name}.nc") for name in ("one", "two")]
     print(f"{args.plans} plans; load {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors")
-    (one, work), (two, both) = (timed(file, out, j) for out, j in zip(outs, (1, 2), strict=False))
+    (one, work), (two, both) = (timed(file, out, j) for out, j in zip(outs, (1, 2), strict=True))
     print(f"  one process   {one:8.1f} s, work {work:8.1f} s")
     print(f"  two           {two:8.1f} s, work {both:8.1f} s: {one / two:.2f} times as fast")
-    hits = killed(file, outs[2], args.kills, two)
-    data = [xarray.load_dataset(out) for out in outs]
-    same = all(data[0].identical(other) for other in data[1:])
-    print(f"  killed {hits} times, {int(data[0].reached.sum())} reached: identical: {same}")
+    same = xarray.load_dataset(outs[0]).identical(xarray.load_dataset(outs[1]))
+    print(f"  identical: {same}")
     for number in args.settles:
         file = file.with_name("settles.toml")
         file.write_text(workspace(number))
         print(f"{number} settles: {peak(file, file.with_name('settles.nc')):.0f} MB")
-
-
-if __name__ == "__main__":
-    main()

@@ -8,7 +8,7 @@ is let go, and the arm is there once it misses it by less than a thousandth of i
 time: other work on the machine counts, and a browser without a graphics card takes most of a
 processor.
 
-    python -m studies.live [--seconds S] [--scene SCENE.toml] [--screenshots DIR] [--compile]
+    python -m studies.speed live [--seconds S] [--scene SCENE.toml] [--screenshots DIR] [--compile]
 
 Needs the extra [live], playwright and chromium.
 """
@@ -20,6 +20,7 @@ import shutil
 import socket
 import threading
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,7 @@ from planner.live.handles import handle_of
 from planner.live.page import Page
 from planner.live.session import Session
 
-_SCENE = Path(__file__).parent / "scenes" / "around_a_ball.toml"
+_SCENE = Path(__file__).parents[1] / "scenes" / "around_a_ball.toml"
 # Of the page [pixels]; of the circle [m], turns and moves a second.
 _SIZE, _RADIUS, _TURNS, _MOVES = (1100, 700), 0.03, 0.4, 60
 _OPTIONS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
@@ -105,14 +106,16 @@ def measured(browser: Any, session: Session, seconds: float, picture: Path | Non
     return f"{(len(page.drawn) - 1) / spread:8.1f} {median:8.0f} {worst:8.0f} {late:8.2f}"
 
 
-def main() -> None:
+def main(argv: Sequence[str] | None = None) -> None:
     """Print pictures a second, their delays, and when the arm is there."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(
+        prog="python -m studies.speed live", description=__doc__.splitlines()[0]
+    )
     parser.add_argument("--seconds", type=float, default=5.0)
     parser.add_argument("--scene", type=Path, default=_SCENE)
     parser.add_argument("--screenshots", type=Path, metavar="DIR")
     parser.add_argument("--compile", action="store_true")
-    args = parser.parse_args()
+    args = parser.parse_args(argv)
     from playwright.sync_api import sync_playwright
 
     asked = load(args.scene)
@@ -134,7 +137,3 @@ def main() -> None:
             picture = args.screenshots / f"{name}.png" if args.screenshots else None
             print(f"{name:18s} {measured(browser, session, args.seconds, picture)}", flush=True)
         browser.close()
-
-
-if __name__ == "__main__":
-    main()
