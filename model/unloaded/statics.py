@@ -24,9 +24,10 @@ from model.stations import Stations, crossing, sides, tendon_paths
 # Where the strains are to be an expression of the tensions, so many steps are written out: enough
 # for ordinary ones. Numbers take as many as they need; see model.unloaded.sections.
 _STEPS = 10
-# Of a neo-Hookean body at rest, the least stiffness that a step is taken with: the energy is not
-# convex everywhere. That of a linear body is, and at least as stiff as without tendons.
-_LEAST = 0.1
+# The energy of a neo-Hookean body is not convex everywhere: the least pivot of its Hessian that a
+# step is taken with, over the body's stiffness at rest. That of a linear body is convex, and at
+# least as stiff as without tendons.
+_LEAST = 1e-3
 # What of its stretch a step may take from a neo-Hookean body, add to it, and bend it by (curvature
 # times radius): 4 to 7 steps do where an arm curls up, 30 at a thousand times that tension.
 _SHRINKS, _GROWS, _BENDS = 0.3, 2.0, 1.0
