@@ -20,8 +20,7 @@ import numpy as np
 from model.contact.friction import History, Path
 from model.contact.gaps import least_gaps
 from model.contact.newton import newton
-from model.contact.sharp import Request, Settled, sharpened
-from model.contact.stability import held_stands
+from model.contact.sharp import Request, Settled, angle_between, sharpened, stable, turned
 from model.contact.touches import Mask, Place, Places, Touches, forces, mesh_with, point
 from model.equilibrium.forward import carried_strains
 from model.equilibrium.linearised import Linearised
@@ -114,15 +113,7 @@ def by_lengths(request: Request, winches: Winches) -> Settled | None:
 
 def close(one: Linearised, other: Linearised) -> bool:
     """Return whether no frame turns far between two equilibria, be they on two meshes."""
-    a, b = one.system, other.system
-    before, after = a.poses(one.states), b.poses(other.states)
-    there = np.array([np.interp(b.mesh.s, a.mesh.s, column) for column in before[:, :4].T]).T
-    return _turned(there / np.linalg.norm(there, axis=1)[:, None], after[:, :4]) < _CLOSE
-
-
-def _turned(before: Array, after: Array) -> float:
-    """Return the largest angle between frames by their unit quaternions (n, 4) [rad]."""
-    return 2 * float(np.arccos(np.clip(np.abs((before * after).sum(axis=1)).min(), 0, 1)))
+    return turned(one, other) < _CLOSE
 
 
 def _stepped(
@@ -167,7 +158,7 @@ def _by_newton(at: Callable[[float], Request], start: Settled) -> Settled | None
         if after is None or _passes(system, near.states, after.states):
             return None
         before, now = (system.poses(here.states)[:, :4] for here in (near, after))
-        return after if _turned(before, now) < _TURN else None
+        return after if angle_between(before, now) < _TURN else None
 
     path = _stepped(solve, Linearised(system, system.x(begin.tensions, begin.load, states)), _STEPS)
     if path is None:
@@ -189,9 +180,9 @@ def _passes(system: System, before: Array, after: Array) -> bool:
 def _refined(request: Request, rough: Linearised, places: Places) -> Settled | None:
     """Return the stable equilibrium at refined places near one with forces at nodes, if any."""
     solution = sharpened(request, rough, places)
-    if solution is None or not close(rough, solution.here) or not held_stands(solution.here):
+    if solution is None or not close(rough, solution.here):
         return None
-    return solution
+    return stable(request, solution)
 
 
 def _by_energy(
@@ -211,7 +202,7 @@ def _by_energy(
     def solve(factor: float, near: Minimum) -> Minimum | None:
         there = least(factor, near)
         frames = [program.nodes(own)[:, :4] for own in (near, there or near)]
-        return there if _turned(*frames) < _TURN else None
+        return there if angle_between(*frames) < _TURN else None
 
     def over(before: float, factor: float, near: Minimum) -> Minimum:
         there = least(factor, near)

@@ -26,9 +26,28 @@ _BASIS, _ROUGH, _RESTARTS = 32, 1e-2, 30
 def held_stands(here: Linearised) -> bool:
     """Return whether an equilibrium is stable with its contacts closed."""
     try:
-        return _extreme(here, "SR", _ROUGH) > -_NONE
+        return _extreme(here, "SR", _ROUGH)[0] > -_NONE
     except SingularError:
         return False
+
+
+def unstable_mode(here: Linearised) -> tuple[float, Array] | None:
+    """Return the least eigenvalue where it is below 0, and the strains of its mode.
+
+    The strains (N stages, strains) rotate a frame by some 1 rad. None where an equilibrium is
+    stable, or its Jacobian singular.
+    """
+    try:
+        value, vector = _extreme(here, "SR", _ROUGH)
+    except SingularError:
+        return None
+    if value > -_NONE:
+        return None
+    of, (weight, stiff) = here.system.of, rest_stiffness(here.system)
+    mode = (vector / np.sqrt(weight * stiff)).reshape(of.stages.shape)
+    bends = mode[:, : 2 + of.form.law.torsion]
+    turns = weight.reshape(mode.shape)[:, :1] * np.abs(bends)
+    return 1 / value, np.asarray(mode / turns.sum(axis=0).max())
 
 
 def held_stability(here: Linearised) -> float:
@@ -37,14 +56,19 @@ def held_stability(here: Linearised) -> float:
     Of a Hessian that is not symmetric the least real part. 0 where the arm is about to buckle.
     """
     try:
-        low = _extreme(here, "SR")
-        return 1 / (low if low < -_NONE else _extreme(here, "LR"))
+        low, _ = _extreme(here, "SR")
+        return 1 / (low if low < -_NONE else _extreme(here, "LR")[0])
     except SingularError:
         return 0.0
 
 
-def _extreme(here: Linearised, which: Literal["SR", "LR"], tol: float = 1e-8) -> float:
-    """Return the least or largest eigenvalue of the inverse of the scaled Hessian, by Arnoldi's."""
+def _extreme(
+    here: Linearised, which: Literal["SR", "LR"], tol: float = 1e-8
+) -> tuple[float, Array]:
+    """Return the least or largest eigenvalue of the inverse of the scaled Hessian, its vector (n,).
+
+    By Arnoldi's method.
+    """
     of = here.system.of
     stages, n = np.ravel(of.stages), of.stages.size
     weight, stiff = rest_stiffness(here.system)
@@ -59,7 +83,8 @@ def _extreme(here: Linearised, which: Literal["SR", "LR"], tol: float = 1e-8) ->
     start = np.random.default_rng(0).standard_normal(n)
     given = {"v0": start, "ncv": min(_BASIS, n - 1), "tol": tol, "maxiter": _RESTARTS}
     try:
-        values = eigs(operator, 1, which=which, return_eigenvectors=False, **given)
+        values, vectors = eigs(operator, 1, which=which, **given)
     except ArpackNoConvergence:  # as where many eigenvalues are one
-        values = np.linalg.eigvals(inverse(np.eye(n)))
-    return float(values.real.min() if which == "SR" else values.real.max())
+        values, vectors = np.linalg.eig(inverse(np.eye(n)))
+    k = int(np.argmin(values.real) if which == "SR" else np.argmax(values.real))
+    return float(values[k].real), vectors[:, k].real

@@ -5,8 +5,12 @@ import pytest
 
 from model import Arm, Scene, settle
 from model.effects import Contact, ExactTendons, Extension, PointLoad, Weight
-from model.obstacles import Capsule, Obstacle, Sphere
+from model.obstacles import Box, Capsule, Obstacle, Sphere
+from tests.contact.bodies import distance
 from tests.contact.cases import bar
+from tests.contact.checks import imbalance
+from tests.contact.queries import Query
+from tests.oracles import Rod, RodSection, linear
 
 # Without friction on a round bar the force's line meets the midline: a dead load there does the
 # same, whatever presses. Of the arms that settle so none knows an obstacle.
@@ -61,3 +65,30 @@ def test_a_part_that_lies_off_the_point_where_it_began_is_found() -> None:
     middle = shape.strain(np.mean(ends))
     # The body's axis is bent as the rod's surface and its own radius bend it, where it lies.
     assert np.linalg.norm(middle[:3]) == pytest.approx(1 / 0.056, rel=2e-2)
+
+
+@pytest.mark.parametrize("accuracy", [1e-6, 1e-8])
+def test_an_arm_that_no_edge_holds_in_its_plane_falls_aside_onto_a_second_one(
+    accuracy: float,
+) -> None:
+    """The equilibrium in the plane of the pull is unstable; none was found, after half a minute."""
+    box = Box((0.18, 0, -0.05), (0.04, 0.2, 0.04))
+    scene = Scene(Extension(), ExactTendons(), Contact(box))
+    shape = settle(ARM, [0, 1.2, 0, 0], scene, accuracy)
+    assert [np.linalg.norm(own.force) for own in shape.contacts] == pytest.approx(
+        [0.03417317, 0.00256589], rel=1e-5
+    )
+    for own, edge in zip(shape.contacts, (-0.03, -0.07), strict=True):
+        assert own.point[[0, 2]] == pytest.approx([0.2, edge], abs=1e-9)
+        assert np.cross(own.force, shape.position(own.s) - own.point) == pytest.approx(
+            np.zeros(3), abs=1e-9
+        )
+    assert abs(shape.tip[1]) > 0.1 * ARM.length
+    assert shape.stability > 0.1
+    s = np.linspace(0, ARM.length, 2001)
+    assert (distance(box, shape.position(s)) - 0.006).min() > -1e-8 * ARM.length
+    angles = tuple(phi for _, phi in ARM.tendons)
+    section = RodSection(0.3, linear(0.003, 0.003, 0.3), angles)
+    rod = Rod(0.3, linear(0.006, 0.006, 0.3), (section,), 2e5, 0.5)
+    asked = Query(ARM, scene, np.ravel(shape.tensions), (box,), rod, np.zeros(3), rubber=False)
+    assert imbalance(asked, shape) < 1e-5
