@@ -17,7 +17,7 @@ from model.errors import InputError
 from model.paths import Array, Linear, Path
 from model.quantities import Frame, Length, LengthPath, Place
 from model.text import arm_text, in_notebook
-from model.units import warn_of_length
+from model.units import length_text, warn_of_length
 from model.value import value
 
 Row = tuple[float, float, float]
@@ -122,6 +122,14 @@ def _sizes(values: Any, rows: Sequence[Array]) -> str:
 PAPER_FRAME = ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0))
 
 
+def _evaluated(field: str, path: Path, s: Array, span: float) -> Array:
+    """Return the values of a path of an arm (n,); InputError that names its field."""
+    try:
+        return path.evaluate(s, span)[0]
+    except InputError as reason:
+        raise InputError(f"{field}.s", reason.given, reason.allowed) from None
+
+
 @value
 class Arm:
     """A tendon-driven arm, clamped at its base.
@@ -163,39 +171,44 @@ class Arm:
     def __post_init__(self) -> None:
         warn_of_length("Arm.length", self.length)
         if self.rest_curvature is not None:
-            for path in (self.rest_curvature.n, self.rest_curvature.b):
-                path.evaluate(np.array([0.0, self.length]), self.length)
+            for axis in ("n", "b"):
+                path, ends = getattr(self.rest_curvature, axis), np.array([0.0, self.length])
+                _evaluated(f"Arm.rest_curvature.{axis}", path, ends, self.length)
         self._check_order()
         self._check_radii()
 
     def _check_order(self) -> None:
         ends = [section.at for section in self.sections]
         if ends[0] > self.length * (1 + 1e-12):
-            raise InputError("Arm.sections[0].at", ends[0], f"up to the length {self.length:g} m")
+            raise InputError(
+                "Arm.sections[0].at", ends[0], f"up to the length {length_text(self.length)}"
+            )
         for i, (outer, inner) in enumerate(pairwise(ends)):
             if inner >= outer:
                 raise InputError(
-                    f"Arm.sections[{i + 1}].at", inner, f"below {outer:g} m, tip to base"
+                    f"Arm.sections[{i + 1}].at", inner, f"below {length_text(outer)}, tip to base"
                 )
 
     def _check_radii(self) -> None:
         s = np.linspace(0.0, self.length, 401)
-        radius = self.radius.evaluate(s, self.length)[0]
+        radius = _evaluated("Arm.radius", self.radius, s, self.length)
         if radius.min() <= 0:
             at = s[np.argmin(radius)]
-            raise InputError("Arm.radius", float(radius.min()), f"above 0 m; see s = {at:.4g} m")
+            raise InputError(
+                "Arm.radius", float(radius.min()), f"above 0; see s = {length_text(at)}"
+            )
         for i, path in self.offset_paths:
             section = self.sections[i]
             s = np.linspace(0.0, section.at, 401)
-            offset = np.abs(path.evaluate(s, section.at)[0])
-            room = (self.hull or self.radius).evaluate(s, self.length)[0]
+            offset = np.abs(_evaluated(f"Arm.sections[{i}].offset", path, s, section.at))
+            room = _evaluated("Arm.hull", self.hull or self.radius, s, self.length)
             worst = int(np.argmax(offset - room))
             if offset[worst] > room[worst] * (1 + 1e-9):
                 raise InputError(
                     f"Arm.sections[{i}].offset",
                     float(offset[worst]),
                     f"up to the radius of the {'hull' if self.hull else 'body'}, "
-                    f"{room[worst]:.4g} m at s = {s[worst]:.4g} m",
+                    f"{length_text(room[worst])} at s = {length_text(s[worst])}",
                 )
 
     @classmethod

@@ -26,6 +26,7 @@ from model.effects import (
 from model.errors import InputError
 from model.paths import Array
 from model.scene import Scene
+from model.units import length_text
 
 _LOADS = (Contact, Current, Friction, PointLoad, PointMass, Shear, TipLoad, Weight)
 _NAMES = tuple(kind.__name__ for kind in _LOADS)
@@ -69,9 +70,8 @@ def check_loads(arm: Arm, scene: Scene, contact: bool = False) -> None:
         raise InputError("Anchorage.turn", "tendons that turn", allowed)
     for load in acting(scene):
         if load.s > arm.length * (1 + 1e-12):
-            raise InputError(
-                f"{load.kind}.s", load.s, f"from 0 to the arm's length, {arm.length:g} m"
-            )
+            allowed = f"from 0 to the arm's length, {length_text(arm.length)}"
+            raise InputError(f"{load.kind}.s", load.s, allowed)
     friction = scene.find(Friction)
     if friction:
         directions(arm, friction)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from model.checks import SUCH, finite_array
 from model.errors import InputError
+from model.units import length_text
 from model.value import value
 
 Array = NDArray[np.float64]
@@ -80,7 +81,9 @@ class Sampled:
     def evaluate(self, s: Array, span: float) -> tuple[Array, Array, Array]:
         """See Path.evaluate; raises InputError where the samples do not cover [0, span]."""
         if self.s[0] > 1e-12 * span or self.s[-1] < span * (1 - 1e-12):
-            raise InputError("Sampled.s", (self.s[0], self.s[-1]), f"samples from 0 to {span:g} m")
+            raise InputError(
+                "Sampled.s", (self.s[0], self.s[-1]), f"samples from 0 to {length_text(span)}"
+            )
         rows = np.array(_spline(self)(np.clip(s, self.s[0], self.s[-1])[None, :]))
         return rows[0], rows[1], rows[2]
 

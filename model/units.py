@@ -9,7 +9,9 @@ from __future__ import annotations
 import math
 import sys
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from types import FrameType
 
 _OURS = frozenset({"model", "planner", "octoplan", "octoplan_packages"})
@@ -34,6 +36,24 @@ def warn(message: str, category: type[Warning]) -> None:
     while frame is not None and frame.f_globals.get("__name__", "").split(".")[0] in _OURS:
         frame, level = frame.f_back, level + 1
     warnings.warn(message, category, stacklevel=level)
+
+
+_SENTENCES_IN_MM = ContextVar("sentences tell lengths in mm", default=False)
+
+
+@contextmanager
+def millimetres() -> Iterator[None]:
+    """Let sentences inside the block tell lengths in mm, as the files do that they are about."""
+    token = _SENTENCES_IN_MM.set(True)
+    try:
+        yield
+    finally:
+        _SENTENCES_IN_MM.reset(token)
+
+
+def length_text(metres: float) -> str:
+    """Return a length as a sentence tells it: in m, or as `millimetres` wants it."""
+    return f"{1e3 * metres:.6g} mm" if _SENTENCES_IN_MM.get() else f"{metres:.6g} m"
 
 
 # Lengths of arms [m], moduli [Pa]: nothing that is driven by tendons is outside of these.

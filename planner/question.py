@@ -11,7 +11,6 @@ from model.arm import Arm
 from model.checks import within
 from model.effects import PrintedStatics
 from model.errors import InputError
-from model.paths import Array
 from model.scene import Scene
 from model.units import warn
 from planner.program.limits import Limits
@@ -86,16 +85,16 @@ def check_targets(arm: Arm, target: Target | Iterable[Target]) -> tuple[Target, 
     targets = tuple(target) if isinstance(target, tuple | list) else (target,)
     if not targets:
         raise InputError("target", target, "at least one target")
-    prescribed: dict[str, Array] = {}
-    for t in targets:
+    prescribed = dict[str, int]()
+    for i, t in enumerate(targets):
         if not hasattr(t, "terms"):
             raise InputError("target", t, "a target such as TipPosition(...)")
         t.check(arm)
-        for name, value in t.prescribed(arm).items():
+        for name in t.prescribed(arm):
             if name in prescribed:
-                allowed = f"one target for it, not two: another has {prescribed[name].tolist()}"
-                raise InputError(f"target: {name}", value.tolist(), allowed)
-            prescribed[name] = value
+                allowed = f"one target for it, not two: targets[{prescribed[name]}] prescribes it"
+                raise InputError(f"targets[{i}]", f"another {name}", allowed)
+            prescribed[name] = i
     if not frozenset.intersection(*(t.tendons(arm) for t in targets)):
         raise InputError(
             "target", targets, "targets that leave some tendon to pull for all of them"

@@ -107,14 +107,14 @@ ARMS: Refused = {
     "sample not a number": (lambda: Sampled((0, 1, 2, NAN), FLAT4), "Sampled.s", "finite"),
     "radius sampled short of the tip": (
         lambda: Arm(0.3, Sampled((0, 0.1, 0.2, 0.29), (0.01,) * 4), ONE),
-        "Sampled.s",
+        "Arm.radius.s",
         "samples from 0 to 0.3 m",
     ),
     "offset sampled from above the base": (
         lambda: Arm(
             0.3, Linear(0.01, 0.01), (Anchorage(0.2, Sampled((0.01, 0.1, 0.15, 0.2), FLAT4)),)
         ),
-        "Sampled.s",
+        "Arm.sections[0].offset.s",
         "samples from 0 to 0.2 m",
     ),
 }

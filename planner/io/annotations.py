@@ -91,6 +91,10 @@ def sentence(kind: Any) -> str:
     return re.split(r"\. (?=[A-Z])", told)[0].removesuffix(".")
 
 
+# How keys end, and the units of their numbers.
+ENDS = {"": "", **{suffix(unit): unit for unit in UNITS}}
+
+
 @cache
 def attributes_told(kind: Any) -> dict[str, str]:
     """Return what the docstring of a class says of each of its attributes."""

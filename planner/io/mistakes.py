@@ -1,8 +1,7 @@
 """Mistakes in files, told in plain words: where, what is there, and what is allowed.
 
-What a table may not hold by its type (`mistake`), what a TOML parser does not understand
-(`no_toml`), and what a class refuses in SI units, told by the file's own key, number and unit
-(`as_written`).
+What a table may not hold by its type (`checked`), what a TOML parser does not understand
+(`no_toml`), and what a class refuses, at the key of its argument (`as_written`).
 """
 
 from __future__ import annotations
@@ -18,8 +17,10 @@ import msgspec
 import numpy as np
 
 from model.errors import FileError, InputError, as_given, shortened
-from planner.io.annotations import SI, UNITS, about_type, choice, suffix
-from planner.io.key_paths import Kind, alternatives, chosen, hint, places, steps, type_inside
+from planner.io.annotations import ENDS, about_type, choice
+from planner.io.codec import in_si
+from planner.io.key_paths import Kind, Step, alternatives, chosen, hint, places, steps, type_inside
+from planner.io.object_tables import KEYS
 
 _LONG = 60
 _WORDS: dict[Any, str] = {
@@ -216,71 +217,60 @@ def no_toml(reason: str, text: bytes, name: str) -> FileError:
     return FileError(name, f"line {number}", told)
 
 
-_NUMBER = r"-?\d+(?:\.\d*)?(?:e[+-]?\d+)?"
-_SUFFIXES = {suffix(unit): unit for unit in SI}
-
-
 def as_written(reason: InputError, name: str, key: str, part: Any) -> FileError:
-    """Return what a class refuses as an error of the file that said so, in the unit of its key.
+    """Return what a class refuses as an error of the file that said so, at the argument's key.
 
     Parameters
     ----------
     reason : InputError
-        Of a value in SI units.
+        Its field names an argument: Arm.sections[0].at.
     name, key : str
         The file, and the path of the part of it that was built.
     part : Any
         What the file holds there.
     """
-    asked = re.sub(r"\[\d+\]", "", reason.field).replace(" ", ".").rpartition(".")[2]
-    found = [own for own in measured(key, part) if _is(own[2], own[1], reason.given)]
-    named = [own for own in found if asked in _names(own[0].removeprefix(key))]
-    if not named and len(found) != 1:
+    if not _FIELD.fullmatch(reason.field):
         return FileError.of(reason, name, key)
-    # Of the same value in several places that one which the field's indices tell.
-    indices = re.findall(r"\[\d+\]", reason.field)
-    path, unit, own = max(named or found, key=lambda own: all(i in own[0] for i in indices))
-    return FileError(name, path, f"got {shown(own)}, allowed is {_in(unit, reason.allowed)}")
+    names = steps(reason.field)
+    if names[0] in _EFFECTS:
+        names[0] = _EFFECTS[names[0]]
+    elif names[0] == key or str(names[0])[0].isupper():  # the part, or the class it is built as
+        del names[0]
+    matches = [own for own in _arguments(key, part, names) if own[0] != key]
+    if not matches:
+        return FileError.of(reason, name, key)
+    # Of several effects of a kind, the first that has this value.
+    fitting = (own for own in matches if len(matches) == 1 or _is_same(own, reason.given))
+    path, unit, value = next(fitting, matches[0])
+    given = shown(value if unit or isinstance(reason.given, tuple) else reason.given)
+    return FileError(name, path, f"got {given}, allowed is {reason.allowed}")
 
 
-def _names(path: str) -> set[str]:
-    """Return the keys of a path without their units."""
-    keys = [own for own in steps(path) if isinstance(own, str)]
-    return {own.removesuffix(end) for own in keys for end in _SUFFIXES}
+_FIELD = re.compile(r"[\w.\[\]]+")
+_EFFECTS: dict[Step, str] = {kind.__name__: key for kind, key in KEYS.items()}
 
 
-def measured(path: str, value: Any, unit: str = "") -> Iterator[tuple[str, str, Any]]:
-    """Yield path, unit and value of keys that name a unit, and of what is in their lists."""
-    if isinstance(value, dict):
-        for key, own in value.items():
-            named = next((of for end, of in _SUFFIXES.items() if key.endswith(end)), "")
-            yield from measured(f"{path}.{key}".removeprefix("."), own, named)
-        return
-    if unit and isinstance(value, int | float | list):
+def _is_same(written: tuple[str, str, Any], given: Any) -> bool:
+    """Return whether a number that a file holds, or a list of them, is a value in SI units."""
+    _, unit, value = written
+    a, b = np.array(in_si(value, unit)), np.array(given)
+    return {a.dtype.kind, b.dtype.kind} <= {"i", "f"} and np.array_equal(a, b, equal_nan=True)
+
+
+def _arguments(
+    path: str, value: Any, names: list[Step], unit: str = ""
+) -> Iterator[tuple[str, str, Any]]:
+    """Yield path, unit and value of the keys that the names of an argument lead to."""
+    if not names:
         yield path, unit, value
-    for i, own in enumerate(value if isinstance(value, list) else ()):
-        yield from measured(f"{path}[{i}]", own, unit)
-
-
-def _is(own: Any, unit: str, given: Any) -> bool:
-    """Whether a value of the file is the one that was given, or a list of which it is the ends."""
-    try:
-        wanted = np.asarray(given, dtype=float)
-        with np.errstate(over="ignore"):
-            found = UNITS[unit] * np.asarray(own, dtype=float)
-    except (TypeError, ValueError):
-        return False
-    if found.size and found.ndim and wanted.shape == (2,) != found.shape:
-        found = found[[0, -1]]
-    return found.shape == wanted.shape and np.allclose(found, wanted, 1e-9, 0, equal_nan=True)
-
-
-def _in(unit: str, allowed: str) -> str:
-    """Return one of our sentences with its lengths, angles or moduli in the unit of a key."""
-
-    def other(found: re.Match[str]) -> str:
-        numbers = [f"{float(own) / UNITS[unit]:.6g}" for own in re.findall(_NUMBER, found[0])]
-        told = f"[{', '.join(numbers)}]" if found[0].startswith("[") else numbers[0]
-        return f"{told} {unit}"
-
-    return re.sub(rf"\[{_NUMBER}(?:, {_NUMBER})*\]|{_NUMBER} {SI[unit]}\b", other, allowed)
+    elif isinstance(value, dict):
+        for end, unit in ENDS.items():
+            key = f"{names[0]}{end}"
+            if key in value:
+                yield from _arguments(f"{path}.{key}", value[key], names[1:], unit)
+    elif isinstance(value, list):
+        which, rest = range(len(value)), names
+        if isinstance(names[0], int):
+            which, rest = range(len(value))[names[0] : names[0] + 1], names[1:]
+        for i in which:
+            yield from _arguments(f"{path}[{i}]", value[i], rest, unit)

@@ -18,7 +18,7 @@ from model.effects import SelfContact
 from model.errors import FileError
 from model.loads import check_loads
 from model.machine.compiled import Compile
-from model.units import warn_of_strokes
+from model.units import length_text, millimetres, warn_of_strokes
 from model.winches import Winches, rest_lengths
 from planner.avoidance.asked import surroundings
 from planner.io.arm_tables import ArmTable, arm_of
@@ -156,7 +156,8 @@ _TARGETS = ("target", "targets")
 def _built(raw: dict[str, Any], name: str, key: str, build: Callable[[Any], R], of: Any) -> R:
     """Return what is built from a table; an error is told with the file and the table's key."""
     try:
-        return build(of)
+        with millimetres():
+            return build(of)
     except InputError as reason:
         raise as_written(reason, name, key, value_at(raw, steps(key))) from None
 
@@ -258,7 +259,7 @@ def _stiffness(arm: Arm, table: StiffnessTable) -> dict[str, Any]:
     if found["at"] is None:
         found["at"] = "tip"
     elif found["at"] > arm.length:
-        allowed = f"up to the arm's length, {arm.length:g} m"
+        allowed = f"up to the arm's length, {length_text(arm.length)}"
         raise InputError("at", found["at"], allowed)
     if table.tendon_EA is not None and table.hold != "length":
         raise InputError("tendon_EA", table.tendon_EA, 'none, unless hold is "length"')

@@ -7,13 +7,12 @@ refused, as no shape of such an arm under tendons settles.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from model.errors import FileError
 from model.units import UnitWarning, warn
 from planner.io.key_paths import steps, value_at
-from planner.io.mistakes import measured
 
 # Of fractions of pi that people round to 3.14, over pi / 12.
 _ROUNDED = 7e-3
@@ -34,12 +33,21 @@ def check_modulus(E_kPa: float, name: str) -> None:
 def warn_of_slips(raw: dict[str, Any]) -> None:
     """Warn of likely slips in what a scene file holds, with UnitWarning."""
     held = [(path, value_at(raw, steps(path))) for path in _FLUIDS]
-    held += [(path, value) for path, unit, value in measured("", raw) if unit == "deg"]
-    judged: tuple[str, ...] = ()
-    for path, value in held:
-        if not path.startswith(judged):
-            warn_of_slip(path, value)
-            judged = (*judged, f"{path}[") if isinstance(value, list) else judged
+    for path, value in [*held, *_angles("", raw)]:
+        warn_of_slip(path, value)
+
+
+def _angles(path: str, value: Any) -> Iterator[tuple[str, Any]]:
+    """Yield path and value of the keys in degrees, down to those in tables."""
+    if isinstance(value, dict):
+        for key, inside in value.items():
+            if key.endswith("_deg"):
+                yield f"{path}{key}", inside
+            else:
+                yield from _angles(f"{path}{key}.", inside)
+    elif isinstance(value, list):
+        for i, inside in enumerate(value):
+            yield from _angles(f"{path.removesuffix('.')}[{i}].", inside)
 
 
 def warn_of_slip(path: str, value: Any) -> None:

@@ -14,6 +14,7 @@ from model.checks import finite_array
 from model.errors import InputError
 from model.paths import Array
 from model.quantities import Length, NotNegative, Place
+from model.units import length_text
 from model.value import value
 from planner.targets.base import Free, Terms, View, check_near
 
@@ -50,7 +51,9 @@ class Backbone(Free):
         """See Target.check."""
         check_near(arm, "Backbone.points", self.points)
         if self.s is not None and self.s[-1] > arm.length * (1 + 1e-12):
-            raise InputError("Backbone.s", self.s[-1], f"up to the arm's length, {arm.length:g} m")
+            raise InputError(
+                "Backbone.s", self.s[-1], f"up to the arm's length, {length_text(arm.length)}"
+            )
         if min(np.diff(self.stations(arm), prepend=0.0)) < 1e-6 * arm.length:
             raise InputError("Backbone.points", self.points, "points apart from each other")
 

@@ -16,6 +16,7 @@ from model.obstacles import HalfSpace
 from model.obstacles.base import SIZE, Convex, with_gradient
 from model.paths import Array
 from model.quantities import ArcLength, Length, Positive
+from model.units import length_text
 from model.value import value
 from planner.targets.base import OVER_WANTED, Free, Terms, View
 
@@ -111,10 +112,10 @@ class Wrap(Free):
         """See Target.check."""
         L = arm.length
         if self.start is not None and self.start >= L:
-            raise InputError("Wrap.start", self.start, f"below the arm's length, {L:g} m")
+            raise InputError("Wrap.start", self.start, f"below the arm's length, {length_text(L)}")
         start, end = self.part(arm)
         if start < 0 or end > L * (1 + 1e-12):
-            allowed = f"a part of the arm, which is {L:g} m long"
+            allowed = f"a part of the arm, which is {length_text(L)} long"
             raise InputError("Wrap.length", self.length, allowed)
         if self.turns is not None and self.start is None and start <= 0:
             most = L / (2 * np.pi * (self._wide + float(arm.outer_radius(np.array([L]))[0][0])))

@@ -151,8 +151,14 @@ REFUSED: dict[str, tuple[str, str]] = {
         "weight = { g = [0, -9.81] }",
         "effects.weight.g: got [0, -9.81], allowed is a list of 3",
     ),
-    "a vector not finite": ("tip_load = { moment = [0, nan, 0] }", "effects: TipLoad.moment"),
-    "a velocity not finite": ("current = { velocity = [0, inf, 0] }", "effects: Current.velocity"),
+    "a vector not finite": (
+        "tip_load = { moment = [0, nan, 0] }",
+        "effects.tip_load.moment: got [0, nan, 0]",
+    ),
+    "a velocity not finite": (
+        "current = { velocity = [0, inf, 0] }",
+        "effects.current.velocity: got [0, inf, 0]",
+    ),
     "a place before the base": (
         "point_loads = [{ s_mm = -1, force = [0, 0, 1] }]",
         "effects.point_loads[0].s_mm: got -1",
@@ -163,7 +169,7 @@ REFUSED: dict[str, tuple[str, str]] = {
     ),
     "buoyancy without weight": ("buoyancy = {}", "Buoyancy with Weight"),
     "rubber without extension": ("exact_tendons = true\nneo_hookean = true", "with Extension"),
-    "shift without rubber": ("anticlastic = true", "effects: anticlastic"),
+    "shift without rubber": ("anticlastic = true", "effects.anticlastic"),
     "a load as printed": ("as_printed = true\nweight = {}", "written without loads"),
     "a place beyond the arm": (
         "point_loads = [{ s_mm = 310.1, force = [0, 0, 1] }]",
@@ -171,7 +177,7 @@ REFUSED: dict[str, tuple[str, str]] = {
     ),
     "directions of another arm": (
         "friction = { mu = 0.1, direction = [1, -1] }",
-        "effects: Friction.direction",
+        "effects.friction.direction: got [1, -1]",
     ),
 }
 

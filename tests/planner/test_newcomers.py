@@ -57,7 +57,7 @@ FILES: dict[str, tuple[str, str]] = {
     ),
     "tendons outside of the body": (
         OWN + "sections = [{ at_mm = 300, offset_mm = [5, 8] }]",
-        "arm.sections[0].offset_mm[1]: got 8, allowed is up to the radius of the body, "
+        "arm.sections[0].offset_mm: got [5, 8], allowed is up to the radius of the body, "
         "5 mm at s = 300 mm",
     ),
     "no offset": (
@@ -102,7 +102,7 @@ FILES: dict[str, tuple[str, str]] = {
     ),
     "a point beyond the arm": (
         ARM + "[target]\ntype = 'backbone'\ns_mm = [100, 500]\npoints_mm = [[1, 2, 3], [4, 5, 6]]",
-        "target.s_mm[1]: got 500, allowed is up to the arm's length, 450 mm",
+        "target.s_mm: got [100, 500], allowed is up to the arm's length, 450 mm",
     ),
     "a load beyond the arm": (
         ARM + "[effects]\npoint_loads = [{ s_mm = 500, force = [0, 0, 1] }]",
@@ -110,7 +110,7 @@ FILES: dict[str, tuple[str, str]] = {
     ),
     "a radius that ends in nothing": (
         OWN.replace("5]", "0]") + "sections = [{ at_mm = 300, offset_mm = [5, 0] }]",
-        "arm.radius_mm[1]: got 0, allowed is above 0 mm; see s = 300 mm",
+        "arm.radius_mm: got [10, 0], allowed is above 0; see s = 300 mm",
     ),
     "samples that end too early": (
         "[arm]\nlength_mm = 300\nsections = [{ at_mm = 300, offset_mm = [5, 4] }]\n"
@@ -119,8 +119,8 @@ FILES: dict[str, tuple[str, str]] = {
     ),
     "two targets that contradict": (
         ARM + TARGET.replace("[target]", "[[targets]]") + TARGET.replace("[target]", "[[targets]]"),
-        "targets[0].position_mm: got [200, 150, -200], allowed is one target for it, not two: "
-        "another has [200, 150, -200] mm",
+        "targets[1]: got 'another tip position', allowed is one target for it, not two: "
+        "targets[0] prescribes it",
     ),
     "a section that is not there": (
         ARM + "[target]\ntype = 'bending-plane'\nangle_deg = 1\nbend_deg = 2\nsection = 4",
