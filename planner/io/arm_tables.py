@@ -14,18 +14,8 @@ from model.arm import PAPER_ARMS, PAPER_FRAME, Arm
 from model.errors import InputError
 from model.quantities import Vector
 from planner.io.annotations import arguments, hints_of, quantity, suffix, unit_of_type
-from planner.io.codec import (
-    READ,
-    TABLES,
-    Form,
-    Table,
-    arguments_of,
-    fields_of,
-    read,
-    table,
-    table_of,
-    type_in_file,
-)
+from planner.io.codec import READ, Form, Table, arguments_of, read, table_of
+from planner.io.tables import TABLES, fields_of, table, type_in_file
 
 Frame = tuple[tuple[float, ...], ...]
 Numbers = tuple[float, ...]

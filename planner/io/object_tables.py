@@ -19,20 +19,8 @@ from model.obstacles.base import Convex
 from model.scene import Scene
 from planner.io.annotations import arguments, attributes_told, choice, quantity, sentence
 from planner.io.arm_tables import VECTOR, Numbers, frame, frame_form
-from planner.io.codec import (
-    READ,
-    TABLES,
-    WRITE,
-    Form,
-    Table,
-    fields_of,
-    in_si,
-    struct,
-    table,
-    table_of,
-    value_of,
-    written,
-)
+from planner.io.codec import READ, WRITE, Form, Table, in_si, table_of, value_of, written
+from planner.io.tables import TABLES, fields_of, struct, table
 from planner.targets import Bend, Hold, MinimumStiffness, Softest, Stiffest, Target, TipPose
 
 
@@ -279,5 +267,6 @@ _TABLES = {
     for kind in public(planner.targets)
     if kind not in _PARTS
 }
+TARGETS = tuple(_TABLES)
 TargetTable: Any = choice(list(_TABLES.values()))
 ObjectiveTable: Any = choice([_TABLES[Stiffest], _TABLES[Softest]])

@@ -17,23 +17,24 @@ from model.errors import OctoplanError
 from model.obstacles import Moving, Obstacle
 from model.scene import Scene
 from model.time_limit import OutOfTime
-from planner.avoidance.rows import Avoidance
+from planner.avoidance.rows import Apart, Avoidance, Place
 from planner.certificate import Certificate
 from planner.fit.fitted import Start
 from planner.fit.least_squares import Loss
 from planner.fit.measured import Measured
 from planner.fit.unknowns import Unknown
 from planner.io.annotations import arguments, choice, hints_of
-from planner.io.codec import READ, struct
-from planner.io.exact import Number, exact, exact_choices, fields_of, plain
+from planner.io.codec import READ, WRITE, attributes_of, plain
+from planner.io.object_tables import TARGETS
 from planner.io.records import Floats, Matrix, Record, Rows, Schema, record_of
+from planner.io.tables import Number, exact, exact_choices, struct
 from planner.program.limits import Limits
 from planner.solve.task import SearchResult
-from planner.targets import Target
 from planner.tendon_lengths import length_error
 
+WRITE |= dict.fromkeys((Avoidance, Apart, Place))
 ObstacleKind: Any = choice([*exact_choices(Obstacle), exact(Moving)])
-TargetKind: Any = choice(exact_choices(Target))
+TargetKind: Any = choice(map(exact, TARGETS))
 ArmKind: Any = exact(Arm)
 SceneKind: Any = exact(Scene)
 LimitsKind: Any = exact(Limits, placed=True)
@@ -117,7 +118,7 @@ def plan_record(plan: Any) -> PlanRecord:
     certificate = plan.certificate
     keys = CertificateRecord.__struct_fields__
     told = {key: getattr(certificate, _RENAMED.get(key, key)) for key in keys}
-    found = fields_of(plan, [own for own in arguments(SearchResult) if hasattr(plan, own)])
+    found = attributes_of(plan, [x for x in arguments(SearchResult) if hasattr(plan, x)])
     avoidance = None if plan.avoidance is None else plain(plan.avoidance)
     return record_of(
         PlanRecord,
@@ -244,7 +245,9 @@ def calibration_record(of: Any) -> CalibrationRecord:
             "measured": plain(of.measured),
             "unknowns": plain(of.unknowns),
         },
-        fit=FitRecord(**fit | {"starts": [fields_of(own) for own in of.starts]}),
+        fit=FitRecord(
+            **fit | {"starts": [attributes_of(own, arguments(Start)) for own in of.starts]}
+        ),
     )
 
 

@@ -12,7 +12,7 @@ from model.quantities import NotNegative, Positive
 from planner.fit.making import Making, Reach
 from planner.io.annotations import quantity
 from planner.io.arm_tables import VECTOR, ArmTable
-from planner.io.codec import Accuracy, Table, Tensions, table
+from planner.io.codec import Table
 from planner.io.object_tables import (
     EffectsTable,
     ObjectiveTable,
@@ -20,6 +20,7 @@ from planner.io.object_tables import (
     TargetTable,
     inlined,
 )
+from planner.io.tables import Accuracy, Tensions, table
 
 Hold = Literal["tension", "length"]
 TendonEA = Annotated[Positive | None, quantity("stiffness E A of tendons of held length", "N")]

@@ -23,8 +23,7 @@ from model.effects import PrintedStatics
 from model.errors import FileError
 from model.loads import check_loads, is_loaded
 from model.scene import Scene
-from planner.io.codec import Table, written
-from planner.io.exact import identity
+from planner.io.codec import Table, identity, written
 from planner.io.key_paths import changed, checked_key, unit_of
 from planner.io.mistakes import told_in
 from planner.io.scene_file import (

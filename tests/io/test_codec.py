@@ -14,14 +14,14 @@ from hypothesis import strategies as st
 from model import Arm, InputError, Scene
 from model.effects import Effect, PrintedStatics
 from model.obstacles import Moving
-from planner.io.codec import table, table_of, value_of
-from planner.io.exact import exact, identity, plain
+from planner.io.codec import identity, plain, table_of, value_of
 from planner.io.files import to_json
 from planner.io.key_paths import changed
 from planner.io.mistakes import checked
 from planner.io.object_tables import ObstacleTable
 from planner.io.scene_file import question_of, scene_table
 from planner.io.schemas import scene_schema
+from planner.io.tables import exact, table
 from planner.sweeps.definition import sweep_of, sweep_table
 from planner.targets import TipPosition
 from tests.io.values import EFFECTS, OBSTACLES, TARGETS, arms, scenes, values_of

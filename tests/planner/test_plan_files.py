@@ -40,13 +40,13 @@ from model.effects import (
 )
 from model.errors import FileError
 from planner import Plan, load_plan, plan, save_shape
-from planner.io.codec import value_of
+from planner.io.codec import plain, value_of
 from planner.io.csv_files import shape_csv
-from planner.io.exact import exact, plain
 from planner.io.files import to_json
 from planner.io.mistakes import checked
 from planner.io.saved_records import plan_record
 from planner.io.schemas import schema_of
+from planner.io.tables import exact
 from planner.targets import BendingPlane, TipPosition
 from tests.planner.test_scene_files import TARGETS
 

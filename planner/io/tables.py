@@ -1,0 +1,225 @@
+"""The types of what files hold, derived from the classes of the project themselves.
+
+`table` returns the msgspec struct of a class as people write it: a key for each argument, with the
+unit that its annotation names at the end of the key, its bounds, its default, and what the class's
+docstring says of it. An argument whose annotation says not how it is written needs a `Form`;
+without it the import fails and names it. `exact` returns that of the same class where every bit
+counts, as saved plans and calibrations have it: SI numbers under the arguments' own names, and the
+class beside them as `kind`. None as the unit stands for the exact form.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Container, Iterator, Mapping
+from functools import cache
+from typing import Annotated, Any, Literal, get_args, get_origin
+
+import msgspec
+from msgspec import UNSET, Meta, UnsetType
+
+from model.effects import ExactTendons
+from model.paths import Array, Linear, Path, Sampled
+from planner.io.annotations import (
+    SI,
+    about_type,
+    attributes_told,
+    choice,
+    hints_of,
+    is_of_project,
+    is_union,
+    quantity,
+    suffix,
+    unit_of_type,
+)
+from planner.io.codec import (
+    KEYS,
+    PLACED,
+    READ,
+    WRITE,
+    Form,
+    Table,
+    arguments_of,
+    keys_of,
+    number_in,
+    read_exact,
+    sample_keys,
+    written,
+)
+
+_BOUNDS = ("gt", "ge", "lt", "le")
+_LENGTHS = ("min_length", "max_length")
+
+Accuracy = Annotated[float, Meta(ge=1e-12, le=0.1)]
+Tensions = list[list[float] | float]
+# Numbers in the exact form: those that JSON has none for go by name.
+Number = float | Literal["inf", "-inf", "nan"]
+# What stands for a class in the keys of others: a table, or a choice of several.
+TABLES: dict[Any, Any] = {}
+
+
+@cache
+def samples(unit: str) -> type[Table]:
+    """Return the table of a function of arc length by samples, whose values have a unit."""
+    about = ("arc lengths from the base", "mm"), ("the values there", unit)
+    fields = [
+        (key, Annotated[list[float], quantity(*own, min_length=4)])
+        for key, own in zip(sample_keys(unit), about, strict=True)
+    ]
+    name = {"mm": "Length", "deg": "Angle", "1/m": "Curvature"}[unit]
+    doc = "A function of arc length by samples; a cubic spline passes through them."
+    made: type[Table] = struct(f"{name}Samples", fields, doc)
+    return made
+
+
+def struct(
+    name: str,
+    fields: list[Any],
+    doc: str | None = "",
+    tag: str | None = None,
+    base: type[msgspec.Struct] = Table,
+    **config: Any,
+) -> Any:
+    """Return the struct of fields, (name, type) or (name, type, default)."""
+    config = {"kw_only": True, "frozen": True, **config}
+    space = {"__doc__": doc}
+    return msgspec.defstruct(name, fields, bases=(base,), namespace=space, tag=tag, **config)
+
+
+def table(
+    kind: Any, *, tag: str | None = None, more: Mapping[str, Any] | None = None, **forms: Form
+) -> type[Table]:
+    """Return the table by which a class is written; TypeError for arguments without a key.
+
+    Parameters
+    ----------
+    kind : type
+        Whose arguments the keys are; all may be left out where there are keys `more`.
+    tag : str
+        By which its `type` tells it from others.
+    more : mapping
+        Keys that are no arguments, with their types and defaults.
+    **forms : Form
+        Arguments that are written in another way.
+    """
+    fields: list[Any] = [(key, *own) for key, own in (more or {}).items()]
+    own_keys: dict[str, str] = {}
+    for name, type_, default in fields_of(kind, skip=forms):
+        own_keys[name] = name + suffix(unit_of_type(type_))
+        left_out = default is inspect.Parameter.empty and more is not None
+        held = (type_ | None, None) if left_out else (type_, default)
+        fields.append(
+            (own_keys[name], *(own for own in held if own is not inspect.Parameter.empty))
+        )
+    for form in forms.values():
+        fields += [(key, type_, *default) for key, (type_, *default) in form.keys.items()]
+    made: type[Table] = struct(f"{kind.__name__}Table", fields, f"See {kind.__name__}.", tag)
+    KEYS[made] = own_keys, hints_of(kind), forms
+    READ[made] = lambda given: kind(**arguments_of(given, made))
+    WRITE[kind] = lambda value: keys_of(value, made)
+    return made
+
+
+def fields_of(kind: Any, skip: Container[str] = ()) -> Iterator[tuple[str, Any, Any]]:
+    """Yield name, type in files and default there of each argument of a class."""
+    told = attributes_told(kind)
+    for name, own in inspect.signature(kind).parameters.items():
+        if name in skip:
+            continue
+        hint, default = hints_of(kind)[name], own.default
+        unit = unit_of_type(hint)
+        try:
+            held = type_in_file(hint)
+        except TypeError as reason:
+            raise TypeError(f"{kind.__name__}.{name} has no key: {reason}") from None
+        about = told.get(name, "").replace(f"[{SI.get(unit)}]", f"[{unit}]")
+        about += f"; {about_type(hint)}" if about_type(hint) else ""
+        if default is not inspect.Parameter.empty:
+            default = _hashable(written(default, unit))
+        yield name, Annotated[held, Meta(description=about, extra={"unit": unit})], default
+
+
+def _hashable(value: Any) -> Any:
+    return tuple(map(_hashable, value)) if isinstance(value, list) else value
+
+
+def type_in_file(hint: Any, unit: str | None = "") -> Any:
+    """Return the type of what a key holds for an annotation; TypeError for what has none."""
+    origin, inside = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        inner, *more = inside
+        unit = unit if unit is None else unit_of_type(hint) or unit
+        held = type_in_file(inner, unit)
+        bounds = {key: own for meta in more for key, own in _bounds(meta, unit)}
+        size = bounds.get("max_length", 0)
+        if size and bounds.get("min_length") == size:
+            return tuple[(get_args(held)[0],) * size]  # type: ignore[misc]
+        return Annotated[held, Meta(**bounds)] if bounds and held != Number else held
+    if hint is float:
+        return Number if unit is None else float
+    if hint == Array:
+        return list[type_in_file(float, unit)]  # type: ignore[misc]
+    if unit is not None and hint is Path:
+        return list[float] | samples(unit)
+    if unit is not None and is_union(hint) and Path in inside and type(None) not in inside:
+        # Of all tendons of a section, or a list with one for each.
+        return list[float | list[float] | samples(unit)] | samples(unit)  # type: ignore[misc]
+    if is_union(hint):
+        return choice(type_in_file(own, unit) for own in inside)
+    if origin is tuple and inside[-1] is Ellipsis:
+        return tuple[type_in_file(inside[0], unit), ...]  # type: ignore[misc]
+    if origin is tuple or hasattr(hint, "_fields"):
+        inside = inside or tuple(hints_of(hint).values())
+        return tuple[tuple(type_in_file(own, unit) for own in inside)]  # type: ignore[misc]
+    if isinstance(origin, type) and issubclass(origin, Mapping):
+        return dict[str, type_in_file(inside[1], unit)]  # type: ignore[misc]
+    if unit is None and is_of_project(hint):
+        return choice(exact_choices(hint))
+    if hint in TABLES:
+        return TABLES[hint]
+    if hint in (float, int, bool, str, type(None)) or origin is Literal or unit is None:
+        return hint
+    raise TypeError(f"{hint} is nothing that files hold")
+
+
+def _bounds(meta: Any, unit: str | None) -> Iterator[tuple[str, Any]]:
+    """Yield the bounds of an annotation, those of numbers in a unit."""
+    for key in (*_BOUNDS, *_LENGTHS):
+        own = getattr(meta, key, None)
+        if own is not None:
+            yield key, number_in(own, unit or "") if key in _BOUNDS else own
+
+
+# The exact form
+
+# Keys of earlier versions whose values have no effect.
+_EARLIER: dict[Any, list[Any]] = {ExactTendons: [("careful", bool, False)]}
+
+
+@cache
+def exact(kind: Any, *, placed: bool = False) -> Any:
+    """Return the table of a class in the exact form; what has a default may be left out.
+
+    It tells the class as `kind`, unless the place where it stands tells that; then keys that are
+    not known are those of other versions.
+    """
+    if placed:
+        PLACED.add(kind)
+    fields: list[Any] = list(_EARLIER.get(kind, ()))
+    for name, argument in inspect.signature(kind).parameters.items():
+        held = type_in_file(hints_of(kind)[name], None)
+        is_needed = argument.default is inspect.Parameter.empty
+        fields.append((name, held) if is_needed else (name, held | UnsetType, UNSET))
+    tag = None if placed else kind.__name__
+    about = (kind.__doc__ or "").partition("\n")[0]
+    strict = {"tag_field": None if placed else "kind", "forbid_unknown_fields": not placed}
+    made = struct(f"Exact{kind.__name__}", fields, about, tag, msgspec.Struct, **strict)
+    READ[made] = lambda table: read_exact(kind, table)
+    return made
+
+
+def exact_choices(kind: Any) -> list[Any]:
+    """Return the exact tables of a class's values: its own, or those of all that derive from it."""
+    kinds = [kind] if kind in WRITE else [own for own in WRITE if issubclass(own, kind)]
+    kinds = [Linear, Sampled] if kind is Path else kinds
+    return list(map(exact, kinds)) or [exact(kind, placed=True)]
