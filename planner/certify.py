@@ -16,8 +16,8 @@ from model.effects import PrintedStatics
 from model.equilibrium.forward import STAGES, Collocation
 from model.equilibrium.integration import SCHEME
 from model.equilibrium.linearised import Linearised
-from model.equilibrium.newton import Followed, follow_on
-from model.equilibrium.stability import least_eigenvalue, stability, stands
+from model.equilibrium.newton import LEAST_STEP, Followed, follow_on
+from model.equilibrium.stability import stability
 from model.equilibrium.verification import verified
 from model.errors import OctoplanError
 from model.forward import by_collocation
@@ -46,8 +46,6 @@ _SHARPER, _PRINTED = 1e-2, "rk8"
 # what wrenches lack there is corrected to first order. Where that leaves the tip's pose farther off
 # than so many times what is asked of it, from that of the shape.
 _COARSER, _LEAST, _CLOSE = 2, 2, 10
-# Relative error of the factor of the loads at which an arm yields.
-_YIELDS = 0.01
 # Where along the arm gaps are looked at.
 _LOOKS = 2001
 _LATE = "the time limit was reached before it was verified"
@@ -164,18 +162,7 @@ def _integrated(shape: Shape, stations: tuple[float, ...], accuracy: float) -> C
             break
     places = [forward.mesh.node(s) for s in stations]
     line = partial(Centreline.at_states, forward.system, found.here.states)
-    return poses[places], poses[-1, 4:], found.error, _stability(shape, found.here), line
-
-
-def _stability(shape: Shape, here: Linearised) -> float:
-    """Return the stability of an equilibrium that is verified.
-
-    Whether it stands does not take a fine mesh, how well it does takes one.
-    """
-    if not is_loaded(shape.scene):
-        return stability(here)
-    rough = _rough(shape)
-    return least_eigenvalue(here) if stands(rough) else stability(rough)
+    return poses[places], poses[-1, 4:], found.error, stability(found.here), line
 
 
 def _rough(shape: Shape) -> Linearised:
@@ -215,7 +202,7 @@ def _load_factor(shape: Shape) -> float | None:
     """
     if not is_loaded(shape.scene) or contacts(shape.scene):
         return None
-    end = follow_on(Followed(_rough(shape), 1.0, ""), MOST_LOADS, _YIELDS)
+    end = follow_on(Followed(_rough(shape), 1.0, ""), MOST_LOADS, LEAST_STEP)
     return end.load if end.why else np.inf
 
 

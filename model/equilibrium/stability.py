@@ -136,20 +136,16 @@ def _block_places(of: Layout) -> _Blocks:
 
 
 def stability(here: Linearised) -> float:
-    """Return the least eigenvalue of the scaled Hessian of the energy; below 0 it does not stand.
+    """Return the least eigenvalue of the scaled Hessian of the energy; below 0 it is unstable.
 
-    Of a Hessian that is not symmetric, the least real part. 0 where the arm is about to yield.
+    Of a Hessian that is not symmetric, a real part. 0 where the arm is about to yield.
     """
     if not is_loaded(here.system.scene):
         return _by_sections(here)
     try:
-        H = energy_hessian(here)
+        return least_eigenvalue(here) if stands(here) else float(least_modes(here, 1)[0][0])
     except (SingularError, np.linalg.LinAlgError):
         return 0.0
-    even = (H + H.T) / 2
-    if np.abs(H - even).max() <= _SYMMETRIC * np.abs(H).max():
-        return float(np.linalg.eigvalsh(even)[0])
-    return float(np.linalg.eigvals(H).real.min())
 
 
 def _by_sections(here: Linearised) -> float:
@@ -172,9 +168,8 @@ def least_of_sections(sections: Sections, jacobian: Array, of: slice = _ALL) -> 
 def least_eigenvalue(here: Linearised) -> float:
     """Return the least eigenvalue of an equilibrium that stands, by Arnoldi's method.
 
-    That of `stability`, on a fine mesh in a tenth of the time. With friction and no loads nearly
-    all eigenvalues are one and the method is slow: then that of the whole matrix, while it is
-    small.
+    With friction and no loads nearly all eigenvalues are one and the method is slow: then that of
+    the whole matrix, while it is small.
     """
     of = here.system.of
     places, n = np.ravel(of.stages), of.stages.size
@@ -191,7 +186,7 @@ def least_eigenvalue(here: Linearised) -> float:
     try:
         value = eigs(operator, 1, return_eigenvectors=False, **asked)[0]
     except ArpackNoConvergence:  # as where many eigenvalues are one
-        return stability(here)
+        return float(np.linalg.eigvals(energy_hessian(here)).real.min())
     return float((1 / value).real)
 
 

@@ -11,7 +11,7 @@ from model.arm import Arm
 from model.equilibrium.forward import STAGES, Collocation
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import newton
-from model.equilibrium.stability import least_eigenvalue, least_modes, stability, stands
+from model.equilibrium.stability import least_modes, stability
 from model.errors import OctoplanError
 from model.loads import is_loaded
 from model.paths import Array
@@ -193,8 +193,7 @@ class Problem:
 
     def carried(self, x: Array, of: Problem, limits: Limits, p: Array) -> Array:
         """Return the unknowns of this mesh for unknowns x of the same problem on another."""
-        T = of.tensions(x, limits)
-        states = self.forward.carried(T, of.known(x))
+        states = self.forward.carried(of.tensions(x, limits), of.known(x, limits))
         return self.closed(x[: of.n_free], states, p)
 
     def closed(self, a: Array, states: Array, p: Array) -> Array:
@@ -240,11 +239,10 @@ class Problem:
         n = self.forward.system.of.n_states
         return np.asarray(x[self.program.blocks.states] * self.states.scale[1 : 1 + n])
 
-    def known(self, x: Array) -> Linearised:
-        """Return the equations at the states in unknowns x; the tensions are left out."""
+    def known(self, x: Array, limits: Limits) -> Linearised:
+        """Return the equations at the tensions and states in unknowns x."""
         system = self.forward.system
-        none = np.zeros(system.of.n_tendons)
-        return Linearised(system, system.x(none, 1.0, self.states_of(x)))
+        return Linearised(system, system.x(self.tensions(x, limits), 1.0, self.states_of(x)))
 
     def poses(self, x: Array) -> Array:
         """Return the poses (K, 7) at the stations, in unknowns x."""
@@ -279,9 +277,7 @@ class Problem:
             return np.inf
         system = self.forward.system
         try:
-            here = Linearised(system, system.x(tensions, 1.0, self.states_of(x)))
-            fine = stands(here)
-            return least_eigenvalue(here) if fine else stability(here)
+            return stability(Linearised(system, system.x(tensions, 1.0, self.states_of(x))))
         except (OctoplanError, np.linalg.LinAlgError):
             return -np.inf
 

@@ -123,7 +123,7 @@ def settled_on(task: Task, problem: Problem, statement: Statement, solution: Sol
     """
     other, p = task.problem(statement), task.parameters(statement)
     T = problem.tensions(solution.x, task.allowed)
-    x = other.settled(T, task.allowed, p, problem.known(solution.x))
+    x = other.settled(T, task.allowed, p, problem.known(solution.x, task.allowed))
     return with_multipliers(other, replace(solution, x=x).free(problem), x, p)
 
 

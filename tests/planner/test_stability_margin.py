@@ -48,6 +48,23 @@ def test_a_margin_is_held_and_costs_effort() -> None:
     assert held.shape.stability >= stability + 0.1 - 1e-3
 
 
+def test_unknowns_are_carried_to_another_mesh_as_they_are() -> None:
+    """Their states are an equilibrium under their tensions, whatever these are."""
+    limits, accuracies = Limits.of(ARM, 20.0), []
+    coarse, fine = (build(ARM, (TARGET,), AIR, Statement(refinement=k)) for k in (2, 4))
+    p, q = (problem.parameters((TARGET,), limits) for problem in (coarse, fine))
+    x = coarse.settled(T, limits, p)
+    held = build(ARM, (TARGET,), AIR, Statement(refinement=2, modes=1))
+    moded = held.carried(x, coarse, limits, held.parameters((TARGET,), limits))
+    np.testing.assert_array_equal(held.states_of(moded), coarse.states_of(x))
+    y = fine.carried(x, coarse, limits, q)
+    for problem, unknowns, numbers in ((coarse, x, p), (fine, y, q)):
+        balance = problem.constraints(unknowns, numbers)[problem.n_outer :]
+        accuracies.append(float(np.abs(balance).max()))
+    assert accuracies[0] < 1e-8
+    assert accuracies[1] < 1e-2
+
+
 @pytest.mark.slow
 def test_a_margin_that_no_shape_has_is_said_to_lack() -> None:
     found = hanging(1.0)

@@ -98,6 +98,9 @@ def test_the_bare_arm_is_named_where_no_scene_is_given() -> None:
     assert "Statics" not in plan(ARM, TARGET, PAPER, 20.0).outcome
 
 
+TIP_IN_AIR = TipPosition((0.20, 0.15, -0.20))
+
+
 def test_under_loads_a_margin_of_stability_is_had_by_default_or_its_lack_is_told() -> None:
     scene = Scene.silicone(Weight())
     T = np.array([0.0, 0.02, 0.01, 0.0, 0.3, 0.1, 0.0, 0.0, 0.5, 0.0, 0.0, 0.2])
@@ -108,9 +111,19 @@ def test_under_loads_a_margin_of_stability_is_had_by_default_or_its_lack_is_told
 
 def test_a_tip_in_air_that_unstable_arms_meet_for_less_is_met_by_a_stable_one() -> None:
     """Used to be said to be out of reach, as the optimum without the margin is not stable."""
-    found = plan(ARM, TipPosition((0.20, 0.15, -0.20)), Scene.silicone(Weight()))
-    assert found.reached and 0.0 < found.certificate.stability < 0.1
-    assert "stands on the brink" in found.outcome and "out of reach" not in found.outcome
+    found = plan(ARM, TIP_IN_AIR, Scene.silicone(Weight()), 20.0)
+    assert found.certificate.passed
+    assert found.certificate.stability >= 0.1 - 1e-4
+    assert found.certificate.load_factor == np.inf
+    assert found.effort < 3.79
+    assert "brink" not in found.outcome
+
+
+def test_where_the_margin_cannot_be_had_a_plan_says_that_it_stands_on_the_brink() -> None:
+    found = plan(ARM, TIP_IN_AIR, Scene.silicone(Weight()), 20.0, total_pull=8.4)
+    assert found.certificate.passed
+    assert 0.0 < found.certificate.stability < 0.1
+    assert "stands on the brink: it yields at 1.00 times its loads" in found.outcome
 
 
 @pytest.mark.parametrize("norm", ["2", "1", "inf"])
