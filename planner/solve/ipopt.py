@@ -108,8 +108,11 @@ _QUIET: Options = {
 }
 # What takes longer is lost: another initial guess is cheaper.
 COLD: Options = {"max_iter": 60, "mu_init": 0.1, "bound_push": 5e-3, "bound_frac": 5e-3}
+# What is found is polished. A barrier parameter that follows the iterates takes a quarter fewer of
+# them.
+_ROUGH: Options = {"mu_strategy": "adaptive", "tol": 1e-6, "constr_viol_tol": 1e-6}
 # Of several programs side by side, where no other guess is cheaper.
-NEAR: Options = COLD | {"max_iter": 300, "mu_init": 1e-2}
+TOGETHER: Options = COLD | _ROUGH | {"max_iter": 300}
 WARM: Options = {
     "mu_init": 1e-6,
     "warm_start_init_point": "yes",
@@ -125,12 +128,12 @@ WARM: Options = {
     "acceptable_iter": 4,
     "max_iter": 40,
 }
-Purpose = Literal["search", "near", "polish"]
+Purpose = Literal["search", "follow", "near", "polish"]
 _FOR: dict[Purpose, Options] = {
-    # What is found is polished. A barrier parameter that follows the iterates takes a quarter fewer
-    # of them; steps that lead ten times farther from equilibrium than the guess are cut.
-    "search": COLD
-    | {"mu_strategy": "adaptive", "theta_max_fact": 10.0, "tol": 1e-6, "constr_viol_tol": 1e-6},
+    # Steps that lead ten times farther from equilibrium than the guess are cut.
+    "search": COLD | _ROUGH | {"theta_max_fact": 10.0},
+    # From the optimum for another target.
+    "follow": WARM | _ROUGH,
     "near": WARM,
     # Bounds that hold are fixed, others are far: there is no barrier left to follow.
     "polish": WARM | {"mu_init": 1e-8},

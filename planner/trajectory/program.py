@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from weakref import WeakKeyDictionary
 
 import casadi as ca
@@ -22,21 +23,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array, vstack
 
-from model.machine.buffered import Buffered
 from model.paths import Array
 from model.time_limit import check_time
 from planner.program.problem import Bounds, Problem
 from planner.program.program import Program
-from planner.solve.ipopt import (
-    COLD,
-    WARM,
-    Options,
-    Solution,
-    derivatives,
-    named,
-    nlp_solver,
-    solved,
-)
+from planner.solve.ipopt import TOGETHER, WARM, Solution, derivatives
+from planner.solve.side_by_side import Part, SideBySide, joined
 from planner.targets.base import Target
 
 Counts = NDArray[np.int64]
@@ -45,8 +37,7 @@ Counts = NDArray[np.int64]
 _WEIGHT = 3e-3
 # The least effort and time that count, and what durations of a guess have to spare, of the longest.
 _LEAST, _SPARE = 1e-3, 0.1
-# From the waypoints by themselves, where no guess is cheaper; from the optimum for other defects.
-_FIRST = COLD | {"max_iter": 300}
+# From the optimum for other defects.
 _AGAIN = WARM | {"tol": 1e-8, "constr_viol_tol": 1e-9, "mu_init": 1e-8}
 _functions: WeakKeyDictionary[Program, dict[str, ca.Function]] = WeakKeyDictionary()
 
@@ -127,24 +118,19 @@ class MotionProgram:
         """Return the optimum, warm from that for other numbers of the waypoints if there is one."""
         matrix, most = self._coupled()
         M = self.least.size
-        lbx, ubx, lbg, ubg = (
-            np.concatenate(parts) for parts in zip(*(stop.bounds for stop in stops), strict=True)
-        )
-        bounds = (
-            np.concatenate([lbx, self.least / self.unit]),
-            np.concatenate([ubx, np.full(M, np.inf)]),
-            np.concatenate([lbg, np.full(most.size, -np.inf)]),
-            np.concatenate([ubg, most]),
-        )
-        p = np.concatenate([stop.p for stop in stops])
+        common = self.least / self.unit, np.full(M, np.inf)
+        coupled = np.full(most.size, -np.inf), most
+        bounds = joined([stop.bounds for stop in stops], common, coupled)
+        p = np.concatenate([self.weights, matrix.data, *(stop.p for stop in stops)])
+        places = tuple(matrix.indptr.tolist()), tuple(matrix.indices.tolist())
+        program = _stated(tuple(stop.program for stop in stops), M, most.size, places)
         if before is not None:
-            known, run = (before.lam_x, before.lam_g), self._solver(matrix, _AGAIN)
-            solution = solved(run, before.x, p, bounds, known)
+            known = before.lam_x, before.lam_g
+            solution = program.solve(_AGAIN, before.x, p, bounds, known)
             check_time()
             if solution.met:
                 return solution
-        start = self.x if before is None else before.x
-        solution = solved(self._solver(matrix, _FIRST), start, p, bounds)
+        solution = program.solve(TOGETHER, self.x if before is None else before.x, p, bounds)
         check_time()
         return solution
 
@@ -184,46 +170,47 @@ class MotionProgram:
             begin = np.concatenate([start, np.zeros(rows[1:].size)])
             parts += [moved - pace, -moved - pace]
             most += [begin, -begin]
-        return csc_array(vstack(parts)), np.concatenate(most)
-
-    def _solver(self, matrix: csc_array, way: Options) -> Buffered:
-        """Return what solves the program, of whose linear rows the matrix is given."""
-        stops, M, (effort, time) = self.stops, self.least.size, self.weights
-        rows = np.cumsum([0, *(stop.bounds[2].size for stop in stops)]).tolist()
-        sizes = np.cumsum([0, *(stop.p.size for stop in stops)]).tolist()
+        matrix = csc_array(vstack(parts))
         matrix.sort_indices()
-        m, n = matrix.shape
-        places = ca.Sparsity(m, n, matrix.indptr.tolist(), matrix.indices.tolist())
-        coupled = ca.DM(places, matrix.data)
-        x, p = ca.MX.sym("x", matrix.shape[1]), ca.MX.sym("p", sizes[-1])
-        sigma, lam = ca.MX.sym("sigma"), ca.MX.sym("lam", rows[-1] + matrix.shape[0])
-        xs, ps = ca.vertsplit(x, [*self.ends, x.numel()]), ca.vertsplit(p, sizes)
-        lams = ca.vertsplit(lam, [*rows, lam.numel()])
-        of = [functions(stop.program) for stop in stops]
-        each = list(zip(of, xs, ps, strict=False))
-        slopes = [effort * own["grad_f"](a, b)[1] for own, a, b in each]
-        first = ca.diagcat(*(own["jac_g"](a, b)[1] for own, a, b in each))
-        weighted = zip(each, lams, strict=False)
-        second = [own["hess_lag"](a, b, effort * sigma, mu) for (own, a, b), mu in weighted]
-        f = effort * sum(own["f"](a, b) for own, a, b in each) + time * ca.sum1(xs[-1])
-        g = ca.vertcat(*(own["g"](a, b) for own, a, b in each), ca.mtimes(coupled, x))
-        return nlp_solver(
-            {"x": x, "p": p, "f": f, "g": g},
-            named(
-                (x, p, sigma, lam),
-                # ipopt asks for values apart.
-                (ca.MX(1, 1), ca.vertcat(*slopes, time * ca.MX.ones(M))),
-                (ca.MX(*g.shape), ca.vertcat(ca.horzcat(first, ca.MX(rows[-1], M)), coupled)),
-                ca.diagcat(*second, ca.MX(M, M)),
-            ),
-            way,
-        )
+        return matrix, np.concatenate(most)
 
 
 def _entries(shape: tuple[int, int], *entries: tuple[Counts, Counts, Array]) -> csc_array:
     """Return the sparse matrix of entries: rows, columns, values of one shape each."""
     row, column, value = (np.concatenate([np.ravel(own[i]) for own in entries]) for i in range(3))
     return csc_array((value, (row, column)), shape=shape)
+
+
+@lru_cache(maxsize=4)
+def _stated(
+    programs: tuple[Program, ...], M: int, coupled: int, places: tuple[tuple[int, ...], ...]
+) -> SideBySide:
+    """Return the program of waypoints and M durations, with so many linear rows that couple them.
+
+    Parameters are the weights of effort and time, the matrix of these rows, of which the places of
+    nonzeros are given, and the parameters of each waypoint.
+    """
+    sizes = [own.size for own in programs]
+    rows = [sum(row.size for row in own.rows) for own in programs]
+    of = {own: functions(own) for own in programs}
+    n_p = [2, len(places[1]), *(own.parts.size for own in programs)]
+
+    def state(at: SideBySide) -> tuple[list[Part], Part]:
+        weights, nonzeros, *ps = ca.vertsplit(at.p, np.cumsum([0, *n_p]).tolist())
+        effort, time = ca.vertsplit(weights)
+        matrix = ca.MX(ca.Sparsity(coupled, sum(sizes) + M, *map(list, places)), nonzeros)
+        parts, none = [], ca.MX(M, M)
+        for own, x, p, lam in zip(programs, at.unknowns, ps, at.multipliers, strict=False):
+            f, g = of[own]["f"](x, p), of[own]["g"](x, p)
+            gradient = ca.vertcat(effort * of[own]["grad_f"](x, p)[1], ca.MX(M, 1))
+            J = ca.horzcat(of[own]["jac_g"](x, p)[1], ca.MX(g.numel(), M))
+            H = of[own]["hess_lag"](x, p, effort * at.sigma, lam)
+            parts.append(Part(effort * f, gradient, g, J, ca.diagcat(H, none)))
+        durations = at.unknowns[-1]
+        slope = time * ca.MX.ones(M)
+        return parts, Part(time * ca.sum1(durations), slope, matrix @ at.x, matrix, none)
+
+    return SideBySide(sizes, rows, M, coupled, sum(n_p), state)
 
 
 def functions(program: Program) -> dict[str, ca.Function]:

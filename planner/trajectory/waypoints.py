@@ -60,7 +60,7 @@ class Waypoint:
 
 
 class Waypoints:
-    """The waypoints of a motion; `ways` are the best so far, `met` whether that is an optimum."""
+    """The waypoints of a motion; `ways` are the best so far."""
 
     def __init__(self, question: Question) -> None:
         self.question = question
@@ -71,7 +71,7 @@ class Waypoints:
             refinement=1 if question.scene.has(Extension) else 2,
             wound=question.limits.strokes is not None or bool(np.isfinite(question.rates.pace)),
         )
-        self.met = self.solve(self._alone(first))
+        self.solve(self._alone(first))
 
     def solve(self, ways: Sequence[Waypoint]) -> bool:
         """Put optimal tensions in place of those of waypoints; return whether there are any.
@@ -204,16 +204,19 @@ class Waypoints:
     ) -> Iterator[Waypoint]:
         """Yield a waypoint, and those of further targets as far as its optimum leads."""
         limits, way, stop = self.question.limits, first, self._stop(first)
-        x = stop.problem.guess(way.tensions, limits, stop.p, True)
+        optimum: Solution | None = None
         yield way
         for own in targets:
             before, stop = stop, self._stop(replace(way, targets=own))
-            if stop.problem is not before.problem:
+            if optimum is None or stop.problem is not before.problem:
                 x = stop.problem.guess(way.tensions, limits, stop.p, True)
-            found = solve(stop.problem, x, stop.p, stop.bounds)
-            if not (found.met and found.finite):
+                optimum = solve(stop.problem, x, stop.p, stop.bounds)
+            else:
+                known = optimum.lam_x, optimum.lam_g
+                optimum = solve(stop.problem, optimum.x, stop.p, stop.bounds, known, "follow")
+            if not (optimum.met and optimum.finite):
                 return
-            T, x = stop.problem.tensions(found.x, limits), found.x
+            T = stop.problem.tensions(optimum.x, limits)
             way = replace(way, targets=own, tensions=T)
             yield way
 

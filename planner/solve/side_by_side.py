@@ -1,0 +1,135 @@
+"""Several programs solved as one: each has unknowns of its own, and all have some in common.
+
+    minimise    sum f_k(x_k, z) + f_0(z)
+    subject to  g_k(x_k, z) within bounds           the constraints of each program
+                c(x_1, ..., x_N, z) within bounds   the constraints that couple them
+
+The unknowns are x_1, ..., x_N, z, the rows those of the programs, then c. Jacobian and Hessian are
+block-diagonal but for the columns of z and the rows of c.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from model.machine.buffered import Buffered
+from model.paths import Array
+from planner.program.problem import Bounds
+from planner.solve.ipopt import Options, Solution, named, nlp_solver, solved
+
+
+class Part(NamedTuple):
+    """Objective and constraints of one program, with derivatives by its unknowns (x_k, z).
+
+    Of the coupling, objective and Hessian are of z, and the Jacobian is by all unknowns.
+    """
+
+    f: ca.MX
+    gradient: ca.MX
+    g: ca.MX
+    jacobian: ca.MX
+    hessian: ca.MX
+
+
+class SideBySide:
+    """N programs as one, in CasADi's symbols.
+
+    Attributes
+    ----------
+    x, p, sigma, lam : casadi.MX
+        Unknowns, parameters, and the weights of objective and constraints in the Hessian.
+    ends : list of int
+        Where the unknowns of each program begin, and those in common.
+    """
+
+    def __init__(
+        self,
+        sizes: Sequence[int],
+        rows: Sequence[int],
+        common: int,
+        coupled: int,
+        n_p: int,
+        state: Callable[[SideBySide], tuple[Sequence[Part], Part]],
+    ) -> None:
+        self.ends = np.cumsum([0, *sizes]).tolist()
+        self._rows = np.cumsum([0, *rows]).tolist()
+        self.x = ca.MX.sym("x", self.ends[-1] + common)
+        self.p, self.sigma = ca.MX.sym("p", n_p), ca.MX.sym("sigma")
+        self.lam = ca.MX.sym("lam", self._rows[-1] + coupled)
+        parts, coupling = state(self)
+        self._nlp, self.derivatives = self._stated(parts, coupling)
+        self.values = ca.Function("values", [self.x, self.p], [self._nlp["f"], self._nlp["g"]])
+        self._solvers = dict[tuple[tuple[str, object], ...], Buffered]()
+
+    @property
+    def unknowns(self) -> list[ca.MX]:
+        """Those of each program, then those in common."""
+        return list(ca.vertsplit(self.x, [*self.ends, self.x.numel()]))
+
+    @property
+    def multipliers(self) -> list[ca.MX]:
+        """Those of the constraints of each program, then of the coupling."""
+        return list(ca.vertsplit(self.lam, [*self._rows, self.lam.numel()]))
+
+    def split(self, x: Array) -> list[Array]:
+        """Return the unknowns (size,) of each program, then those in common."""
+        return np.split(x, self.ends[1:])
+
+    def _stated(
+        self, parts: Sequence[Part], coupling: Part
+    ) -> tuple[dict[str, ca.MX], dict[str, ca.Function]]:
+        """Return the program as CasADi's solvers take it, and its derivatives."""
+        f, gradient, g, jacobian, hessian = zip(*parts, strict=True)
+        n, common = self.ends[-1], self.x.numel() - self.ends[-1]
+        ends = [[0, own.numel() - common, own.numel()] for own in gradient]
+        gradients = zip(*map(ca.vertsplit, gradient, ends), strict=True)
+        jacobians = zip(*map(ca.horzsplit, jacobian, ends), strict=True)
+        blocks = map(ca.blocksplit, hessian, ends, ends)
+        hessians = zip(*([*top, *bottom] for top, bottom in blocks), strict=True)
+        by_own, by_common = gradients
+        slope = ca.vertcat(*by_own, coupling.gradient + sum(by_common))
+        by_own, by_common = jacobians
+        J = ca.vertcat(ca.horzcat(ca.diagcat(*by_own), ca.vertcat(*by_common)), coupling.jacobian)
+        by_own, across, _, by_common = hessians
+        H = ca.horzcat(ca.diagcat(*by_own), ca.vertcat(*across))
+        corner = ca.horzcat(ca.MX(common, n), coupling.hessian + sum(by_common))
+        nlp = {
+            "x": self.x,
+            "p": self.p,
+            "f": ca.MX(coupling.f + sum(f)),
+            "g": ca.vertcat(*g, coupling.g),
+        }
+        # ipopt asks for values apart.
+        return nlp, named(
+            (self.x, self.p, self.sigma, self.lam),
+            (ca.MX(1, 1), ca.densify(slope)),
+            (ca.MX(*nlp["g"].shape), J),
+            ca.triu(ca.vertcat(H, corner)),
+        )
+
+    def solve(
+        self,
+        way: Options,
+        x: Array,
+        p: Array,
+        bounds: Bounds,
+        multipliers: tuple[Array, Array] | None = None,
+    ) -> Solution:
+        """Return what ipopt makes of unknowns x, by options that go with cold or warm starts."""
+        key = tuple(way.items())
+        if key not in self._solvers:
+            self._solvers[key] = nlp_solver(self._nlp, self.derivatives, way)
+        return solved(self._solvers[key], x, p, bounds, multipliers)
+
+
+def joined(
+    each: Sequence[Bounds], common: tuple[Array, Array], coupled: tuple[Array, Array]
+) -> Bounds:
+    """Return the bounds of all from those of each, of the unknowns in common and the coupling."""
+    lbx, ubx, lbg, ubg = (list(own) for own in zip(*each, strict=True))
+    pairs = (lbx, common[0]), (ubx, common[1]), (lbg, coupled[0]), (ubg, coupled[1])
+    return tuple(np.concatenate([*own, last]) for own, last in pairs)  # type: ignore[return-value]
