@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
-
 import numpy as np
 import pytest
 
@@ -20,7 +18,7 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from planner.effect_ablation import Switch, problem_size, switch_effects, switch_on
+from planner.effect_ablation import Switch, switch_effects, switch_on
 from tests.effects.cases import EXACT, SILICONE
 
 ARM = Arm.from_paper("table-4")
@@ -198,18 +196,6 @@ def test_a_scene_that_does_not_settle_itself_is_an_error() -> None:
         switch_effects(ARM, NO_PULL, Scene(Extension(), UPRIGHT), repeats=1)
 
 
-def test_sizes_are_those_of_the_scenes_with_and_without(in_water: dict[str, Switch]) -> None:
-    whole = problem_size(ARM, IN_WATER)
-    for name, other in WITHOUT.items():
-        assert (in_water[name].sizes, in_water[name].sizes_without) == (
-            whole,
-            problem_size(ARM, other),
-        )
-    for name, more in WITH.items():
-        richer = problem_size(ARM, Scene(*IN_WATER.effects, *more))
-        assert (in_water[name].sizes, in_water[name].sizes_without) == (richer, whole)
-
-
 def test_no_gravity_is_told_as_states_wasted() -> None:
     switch = switched(Scene(Extension(), Weight((0.0, 0.0, 0.0))))["Weight"]
     assert switch.enabled
@@ -219,28 +205,7 @@ def test_no_gravity_is_told_as_states_wasted() -> None:
     assert switch.sizes.unknowns > switch.sizes_without.unknowns == 0
 
 
-@pytest.mark.slow
-def test_an_arm_that_buckles_out_of_water_is_a_row_with_its_reason() -> None:
-    standing = Scene(Extension(), UPRIGHT, Buoyancy())
-    with pytest.raises(SnapError) as reason:
-        settle(ARM, NO_PULL, Scene(Extension(), UPRIGHT))
-    found = {s.effect: s for s in switch_effects(ARM, NO_PULL, standing, 1e-4, repeats=1)}
-    row = found["Buoyancy"]
-    assert np.isnan(row.tip_change)
-    assert np.isnan(row.time_factor)
-    assert row.matters
-    assert row.problem == str(reason.value)
-    assert found["Extension"].problem == ""
-
-
 def test_several_effects_switched_on_together_are_named_by_the_first() -> None:
     row = switch_on(ARM, BENT, PAPER, (Weight(), Buoyancy()), 1e-4, repeats=1)
     assert row.effect == "Weight and Buoyancy"
     assert row.tip_change == pytest.approx(tip_change(PAPER, IN_WATER, 1e-4), rel=1e-12)
-
-
-def test_a_switch_travels_by_pickle(in_water: dict[str, Switch]) -> None:
-    for switch in in_water.values():
-        copy = pickle.loads(pickle.dumps(switch))
-        assert copy == switch
-        assert copy.states_added == switch.states_added

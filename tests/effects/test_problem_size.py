@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from model import Arm, Scene
-from model.arm import conical
 from model.effects import (
     Buoyancy,
     Current,
@@ -18,9 +17,7 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from model.forward import collocation_map
 from model.mesh import graded
-from model.transcription.system import System
 from planner.effect_ablation import ProblemSize, problem_size
 from tests.effects.cases import EXACT, SILICONE, SWOLLEN
 
@@ -100,74 +97,6 @@ def test_a_load_adds_the_states_that_it_says_and_as_many_constraints_as_unknowns
     # With friction the strains' rates are unknown too.
     stage = strains * (2 if name in ANGLES else 1)
     check_total(found, node, stage, graded(ARM, 1, POINTS.get(name, ())).steps)
-
-
-@pytest.mark.parametrize(
-    ("loads", "richer"),
-    [
-        ("weight", (Buoyancy(),)),
-        ("tip load", (Weight(G),)),
-        ("current", (TipLoad(F, follower=True),)),
-        ("follower", (Current((0.0, 0.0, -1e-4)),)),
-        ("friction", (Weight(G), TipLoad(F))),
-    ],
-    ids=[
-        "buoyancy on weight",
-        "weight on a tip load",
-        "follower on a current",
-        "current on a follower",
-        "dead loads on friction",
-    ],
-)
-def test_what_others_have_added_is_not_added_again(loads: str, richer: tuple[Effect, ...]) -> None:
-    alone = problem_size(ARM, over(PAPER, *LOADS[loads]))
-    together = problem_size(ARM, over(PAPER, *LOADS[loads], *richer))
-    assert together.states == alone.states
-    assert (together.unknowns, together.constraints) == (alone.unknowns, alone.constraints)
-
-
-def stated(scene: Scene, arm: Arm = ARM) -> System:
-    """The equations of a loaded scene on the coarsest mesh."""
-    return collocation_map(arm, scene, "gauss6", 1).system
-
-
-def test_buoyancy_is_a_number_and_no_instruction() -> None:
-    assert problem_size(ARM, over(PAPER, Weight(G), Buoyancy())) == problem_size(
-        ARM, over(PAPER, Weight(G))
-    )
-
-
-def test_an_anchorage_short_of_the_tip_leaves_elements_without_tendons() -> None:
-    arm = conical(0.3, (12e-3, 8e-3), [(0.25, 2e-3, 1e-3)])
-    here = stated(over(PAPER, TipLoad(F)), arm)
-    stage, _ = here.of.crossings
-    beyond = np.setdiff1d(np.arange(here.s.size), stage)
-    assert beyond.size > 0
-    assert np.array_equal(beyond, np.flatnonzero(here.s > 0.25))
-    found = problem_size(arm, over(PAPER, TipLoad(F)))
-    check_total(found, POSE + MOMENT, 4, here.mesh.steps)
-
-
-@pytest.mark.parametrize(
-    ("places", "parts"),
-    [((0.2,), 1), ((0.2, 0.3), 2), ((0.0,), 0), ((0.45,), 0), ((0.315,), 0), ((0.135, 0.2), 1)],
-    ids=[
-        "one",
-        "two",
-        "at the base",
-        "at the tip",
-        "at an anchorage",
-        "one of two at an anchorage",
-    ],
-)
-def test_each_point_load_between_anchorages_parts_the_arm(
-    places: tuple[float, ...], parts: int
-) -> None:
-    scene = over(PAPER, *(PointLoad(s, (0.0, 0.0, 0.0)) for s in places))
-    mesh = stated(scene).mesh
-    assert set(places) <= set(mesh.s)
-    assert np.array_equal(mesh.s, graded(ARM, 1, places[-parts:] if parts else ()).s)
-    check_total(problem_size(ARM, scene), POSE + MOMENT, 4, mesh.steps)
 
 
 def test_heavier_loads_call_for_more_elements_and_no_more_states() -> None:

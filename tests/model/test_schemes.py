@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
-import casadi as ca
 import numpy as np
 import pytest
 
-from model import Arm, InputError, Scene, settle
+from model import InputError, Scene, settle
 from model.effects import Extension, Weight
-from model.forward import check_scheme, explicit_map, schemes_of
+from model.forward import check_scheme, schemes_of
 from tests.effects.cases import RODS, fem_arm, fem_cases, name_of
-from tests.model.cases import arm_of, mild_tensions, paper_tensions, random_rod
-from tests.oracles import Array, poses
+from tests.model.cases import arm_of, mild_tensions, random_rod
+from tests.oracles import poses
 
 PAPER = Scene(Extension())
 ALL = schemes_of(PAPER)
@@ -45,14 +44,6 @@ def test_rubber_settles_to_an_independent_rod_code(case: Case, rod: str, scheme:
     assert np.linalg.norm(tip[:2] - case["rods"][rod]["tip"]) < 1e-6
 
 
-CASES = [
-    pytest.param(scene, scheme, id=f"{key}-{scheme}")
-    for key, scene in {"paper": PAPER, "as_printed": Scene.as_printed(), "nh": RODS["nh"]}.items()
-    for scheme in schemes_of(scene)
-    if not scheme.startswith("gauss")
-]
-
-
 @pytest.mark.parametrize("scheme", ["rk6", "magnus6"])
 def test_with_loads_only_collocation_is_allowed(scheme: str) -> None:
     scene = Scene(Extension(), Weight())
@@ -68,26 +59,3 @@ def test_as_printed_strains_are_integrated() -> None:
     for scheme in ALL:
         with pytest.raises(InputError, match="rk6, rk8, rk4 in this scene"):
             check_scheme(Scene.as_printed(), scheme)
-
-
-def jacobian(function: ca.Function, T: Array) -> Array:
-    """Return the Jacobian by central differences of order 6."""
-    h, weights = 1e-3, np.array([-1, 9, -45, 45, -9, 1]) / 60
-    columns = []
-    for direction in np.eye(T.size):
-        ends = [np.array(function(T + j * h * direction)) for j in (-3, -2, -1, 1, 2, 3)]
-        columns.append(np.tensordot(weights, ends, axes=1).ravel() / h)
-    return np.array(columns).T
-
-
-@pytest.mark.quick("paper-magnus6", "as_printed-rk8", "nh-magnus4", "nh-magnus2")
-@pytest.mark.parametrize(("scene", "scheme"), CASES)
-def test_the_jacobian_of_the_tip_is_that_of_finite_differences(scene: Scene, scheme: str) -> None:
-    forward = explicit_map(Arm.from_paper("table-2"), scene, scheme, 8)
-    T = ca.MX.sym("T", 12)
-    tip = forward.function(T)[0][:, -1]
-    found = ca.Function("found", [T], [ca.jacobian(tip, T)])
-    at = 0.2 + 0.3 * paper_tensions(np.random.default_rng(1), "table-2")
-    exact, wanted = np.array(found(at)), jacobian(ca.Function("tip", [T], [tip]), at)
-    assert np.all(np.isfinite(exact))
-    assert np.abs(exact - wanted).max() <= 1e-10 * np.abs(wanted).max()

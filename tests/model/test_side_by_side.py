@@ -57,7 +57,7 @@ def test_sets_side_by_side_are_those_settled_alone(name: str) -> None:
 
 
 def test_what_buckles_is_refused_as_it_is_alone() -> None:
-    arm, scene = Arm.from_paper("table-4"), Scene(TipLoad((-0.05, 0.0, 0.0)))
+    arm, scene = Arm.from_paper("section-5.2"), Scene(TipLoad((-0.5, 0.0, 0.0)))
     T = np.zeros((3, arm.n_tendons))
     T[[0, 2], 1] = 0.3
     with pytest.raises(SnapError) as refused:

@@ -23,7 +23,6 @@ from model.effects import (
 )
 from model.equilibrium.forward import Collocation
 from model.equilibrium.verification import verified
-from model.rotations import exponential, half_turn
 from model.transcription.system import System, system
 from tests.differences import Array, check_rows, fourth_order
 from tests.planner.cases import moderate
@@ -130,18 +129,3 @@ def test_another_body_in_other_loads_builds_nothing() -> None:
             assert here.of is first.of
             assert here.of.equations is first.of.equations
             assert not np.array_equal(here.p, first.p)
-
-
-@pytest.mark.parametrize("most", [1e-9, 0.5, np.pi, 2 * np.pi, 4 * np.pi])
-def test_a_half_turn_is_that_of_the_exponential_up_to_two_turns(most: float) -> None:
-    w, rng = ca.SX.sym("w", 3), np.random.default_rng(3)
-    ways = [half_turn(w), exponential(w, ca.SX.zeros(3))[:4]]
-    both = ca.Function("both", [w], [ca.densify(way) for way in ways])
-    for share in np.linspace(0, 1, 200):
-        axis = rng.normal(size=3)
-        turn = share * most * axis / np.linalg.norm(axis)
-        series, closed = (np.array(q).ravel() for q in both(turn))
-        angle = np.linalg.norm(turn)
-        plain = np.append(np.cos(angle / 2), np.sinc(angle / 2 / np.pi) / 2 * turn)
-        assert np.abs(series - closed).max() < 6e-14
-        assert np.abs(series - plain).max() < 6e-14

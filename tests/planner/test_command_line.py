@@ -17,24 +17,6 @@ def test_a_plan_is_shown_as_a_table_with_its_certificate(capsys: pytest.CaptureF
     assert "certificate: PASSED" in shown
 
 
-def test_a_plan_for_machines_is_json_in_si_units(capsys: pytest.CaptureFixture) -> None:
-    assert main(["plan", str(SCENES / "bending_135.toml"), "--json"]) == 0
-    result = json.loads(capsys.readouterr().out)
-    assert result["certified"]
-    assert len(result["tensions_N"]) == 3
-    assert result["certificate"]["passed"]
-
-
-def test_result_and_figure_are_written_whole(tmp_path: Path) -> None:
-    assert main(["plan", str(SCENES / "bending_135.toml"), "--out", str(tmp_path / "new")]) == 0
-    assert {path.name for path in (tmp_path / "new").iterdir()} == {
-        "plan.json",
-        "plan.png",
-        "plan.csv",
-        "shape.csv",
-    }
-
-
 def test_given_tensions_are_settled(capsys: pytest.CaptureFixture) -> None:
     assert main(["settle", str(SCENES / "figure_15.toml"), "--json", "--accuracy", "1e-9"]) == 0
     tip = json.loads(capsys.readouterr().out)["tip_m"]

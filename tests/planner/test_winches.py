@@ -114,12 +114,11 @@ def test_what_is_wrong_in_a_scene_file_is_told(tmp_path: Path, text: str, told: 
 def test_units_of_strokes_and_lengths_that_are_likely_others_are_told(tmp_path: Path) -> None:
     with pytest.warns(UnitWarning, match="strokes_mm .* if metres were meant"):
         load(scene_file(tmp_path, f"strokes_mm = {[0.005] * 12}"))
-    asked = load(scene_file(tmp_path, f"lengths_mm = {rest_lengths(ARM).tolist()}"))
     with (
         pytest.warns(UnitWarning, match="lengths are all .* if metres were meant"),
         pytest.raises(InputError, match="T_11"),
     ):
-        settle(asked.arm, asked.tensions, asked.scene, **asked.winches)
+        settle(Arm.from_paper("section-5.2"), scene=Scene(), lengths=[2.7e-4] * 4)
     with pytest.warns(UnitWarning, match="stroke_max .* if metres were meant"):
         Limits.of(ARM, 20.0).with_strokes(ARM, 2e-5)
     with pytest.warns(UnitWarning, match="stroke_min .* 1000 times too much"):

@@ -8,16 +8,11 @@ import numpy as np
 import pytest
 
 from model import Anchorage, Arm, Linear, Scene, SnapError, settle
-from model.cross_section import cross_section_of
-from model.cross_section.law import strains_of
-from model.cross_section.sections import Sections
 from model.effects import Effect, Extension, TipLoad, Weight
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.stability import stability, stands
-from model.errors import OctoplanError
 from model.transcription.system import system
 from planner import stiffness
-from tests.model.cases import MOST
 from tests.stiffness.cases import STATICS, with_effects
 
 # Two tendons against each other, outside of the body, held by discs.
@@ -46,35 +41,6 @@ def test_swelling_that_takes_tendons_inwards_makes_the_straight_arm_unstable(
     assert k.section(0.1)[1] == pytest.approx(bending, rel=1e-9)
     assert k.stable == (bending > 0)
     assert bending > 0 or (scene == "anticlastic" and stretch < 0.7)
-
-
-def least_eigenvalue(arm: Arm, T: Any, scene: Scene) -> float:
-    """The least eigenvalue of d(wrench) / d(strain), over E J and E A of the section, anywhere."""
-    shape, law = settle(arm, T, scene, 1e-4), cross_section_of(scene)
-    s = np.linspace(0.0, arm.length, 9)
-    active = (np.array([section.at for section in arm.sections])[:, None] >= s).sum(axis=0)
-    sections = Sections(arm, scene, law, s, active)
-    v = strains_of(law, shape.strains(s))
-    _, jacobian = sections.wrench(v, sections.pulls(shape.tensions))
-    EA, EJ = sections.body[:2]
-    size = np.sqrt(np.stack([*[EJ] * 3, *[EA] * law.extension], axis=1))
-    scaled = (jacobian + jacobian.transpose(0, 2, 1)) / 2 / size[:, :, None] / size[:, None, :]
-    return float(np.linalg.eigvalsh(scaled).min())
-
-
-@pytest.mark.quick("table-4-bare", "table-2-paper", "table-4-exact")
-@pytest.mark.parametrize("scene", ["bare", "paper", "exact"])
-@pytest.mark.parametrize("name", ["table-2", "table-4"])
-def test_a_linear_body_only_gains_stiffness_from_its_tendons(name: str, scene: str) -> None:
-    # 1/(1 + nu) = 2/3 is the body's own G I / E J.
-    rng, arm = np.random.default_rng(0), Arm.from_paper(name)
-    for _ in range(12):
-        T = rng.uniform(size=(3, 4)) * np.array(MOST[name])[:, None] * 10 ** rng.uniform(-1, 0.5)
-        try:
-            assert least_eigenvalue(arm, T, STATICS[scene]) > 2 / 3 - 1e-9
-        except OctoplanError:
-            continue
-        assert stiffness(arm, T, STATICS[scene], accuracy=1e-4).stable
 
 
 # A column, its second moment of area, Euler's load, and the weight per length that buckles it:
