@@ -9,6 +9,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +49,11 @@ class Answer:
     tables: Mapping[str, Callable[[], bytes]] = field(default_factory=dict)
 
 
+def figure(module: str, function: str, *given: Any) -> Callable[[], Any]:
+    """Return what draws a figure by a function of planner.plots, which is loaded only then."""
+    return lambda: getattr(import_module(f"planner.plots.{module}"), function)(*given)
+
+
 class OutputError(OctoplanError):
     """Standard output takes nothing."""
 
@@ -72,9 +78,7 @@ def _write(folder: Path, answer: Answer, kind: str) -> None:
     files = {name: content() for name, content in answer.tables.items()}
     files[f"{answer.name}.json"] = to_json(answer.record)
     if answer.draw is not None:
-        from planner.plots.plan import drawn
-
-        files[f"{answer.name}.{kind}"] = drawn(answer.draw(), kind)
+        files[f"{answer.name}.{kind}"] = figure("plan", "drawn", answer.draw(), kind)()
     write_together(folder, files)
 
 

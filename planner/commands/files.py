@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
 from model import InputError, OctoplanError
 from model.time_limit import OutOfTime, time_limit
-from planner.commands.answer import NOT_REACHED, OK, Answer
+from planner.commands.answer import NOT_REACHED, OK, Answer, figure
 from planner.commands.options import FileOptions, Options
 from planner.fit.calibration import Calibration
 from planner.fit.designed import Design
-from planner.fit.files import load_asked, run_design
 from planner.io.files import to_json, why, write_new
+from planner.io.fit_files import load_asked, run_design
 from planner.io.records import SweepRecord, sweep_record
 from planner.io.saved_records import calibration_record, design_record
 from planner.io.schemas import SCHEMAS, schema_of
@@ -104,12 +104,12 @@ def sweep(
     try:
         with time_limit(options.time_limit):
             wanted = load_sweep(file)
-            result = written(wanted, to, jobs=jobs, scheduler=scheduler)
+            attributes, is_earlier = written(wanted, to, jobs=jobs, scheduler=scheduler)
     except OutOfTime:
         kept = "what is finished is kept: start the sweep again, and it goes on"
         limit = f"the time limit of {options.time_limit:g} s was reached"
         raise OctoplanError(f"{limit}; {kept}") from None
-    record = sweep_record(wanted, result, to)
+    record = sweep_record(wanted, attributes, to, is_earlier)
     return Answer(OK, lambda: _sweep_text(record), record)
 
 
@@ -172,7 +172,11 @@ def design(
     code = OK if result.feasible else NOT_REACHED
     record = design_record(result)
     return Answer(
-        code, lambda: _design_text(result), record, "design", lambda: _draw_design(result)
+        code,
+        lambda: _design_text(result),
+        record,
+        "design",
+        figure("plan", "plot_together", result.plans),
     )
 
 
@@ -185,12 +189,6 @@ def _design_text(result: Design) -> str:
     ]
     efforts = ", ".join(f"{own.effort:.4g}" for own in result.plans)
     return "\n".join([result.outcome, *lines, f"  efforts of the tasks [N]: {efforts}"])
-
-
-def _draw_design(result: Design) -> Any:
-    from planner.plots.plan import plot_together
-
-    return plot_together(result.plans)
 
 
 _WHAT = Parameter(choices=SCHEMAS, help="scene unless given")

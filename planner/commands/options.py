@@ -13,7 +13,7 @@ from cyclopts import CycloptsError, Parameter
 from model import InputError, OctoplanError
 from model.checks import positive
 from model.errors import FileError
-from model.mesh import FINEST_ACCURACY, LOOSEST, checked_accuracy
+from model.mesh import checked_accuracy
 from model.time_limit import shorten
 from octoplan.command_line import COMMANDS, app, printed
 from planner.io.files import why
@@ -25,19 +25,17 @@ FigureKind = Literal["png", "pdf"]
 FIGURES: tuple[FigureKind, ...] = get_args(FigureKind)
 
 
-def _checked_accuracy(_: Any, value: float | None) -> None:
-    try:
-        checked_accuracy(FINEST_ACCURACY if value is None else value)
-    except InputError:
-        allowed = f"Allowed is a number from {FINEST_ACCURACY:g} to {LOOSEST:g}."
-        raise ValueError(allowed) from None
+def _held_to(check: Callable[[Any], Any], **more: Any) -> Parameter:
+    """Return the parameter of an option that a check of ours refuses by InputError."""
 
+    def validate(_: Any, value: Any) -> None:
+        try:
+            if value is not None:
+                check(value)
+        except InputError as reason:
+            raise ValueError(f"Allowed is {reason.allowed}.") from None
 
-def _checked_seconds(_: Any, value: float | None) -> None:
-    try:
-        positive("--time-limit", 1.0 if value is None else value)
-    except InputError:
-        raise ValueError("Allowed is a number above 0.") from None
+    return Parameter(validator=validate, **more)
 
 
 def _checked_folder(_: Any, folder: Path | None) -> None:
@@ -50,9 +48,9 @@ def _checked_folder(_: Any, folder: Path | None) -> None:
 
 SceneFile = Annotated[Path, Parameter(help="Scene file, SCENE.toml.")]
 Folder = Annotated[Path, Parameter(validator=_checked_folder)]
-Seconds = Annotated[float, Parameter(validator=_checked_seconds)]
+Seconds = Annotated[float, _held_to(partial(positive, "--time-limit"))]
 _ACCURACY = "Tip error over arm length; else the scene's."
-Accuracy = Annotated[float, Parameter(validator=_checked_accuracy, help=_ACCURACY)]
+Accuracy = Annotated[float, _held_to(checked_accuracy, help=_ACCURACY)]
 
 
 @Parameter(name="*")

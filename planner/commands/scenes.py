@@ -6,14 +6,13 @@ import sys
 from dataclasses import replace
 from typing import Any
 
-from model import OctoplanError, Shape
+from model import OctoplanError
 from model import settle as find_shape
 from model.errors import FileError
-from model.stiffness import Stiffness
 from model.stiffness import stiffness as find_stiffness
 from model.time_limit import OutOfTime
 from planner import plan as find_plan
-from planner.commands.answer import NOT_REACHED, OK, Answer
+from planner.commands.answer import NOT_REACHED, OK, Answer, figure
 from planner.commands.options import (
     Accuracy,
     FileOptions,
@@ -24,7 +23,7 @@ from planner.commands.options import (
     plan_arguments,
     tensions_of,
 )
-from planner.effect_ablation import Switch, switch_effects
+from planner.effect_ablation import switch_effects
 from planner.io.csv_files import plan_csv, shape_csv
 from planner.io.records import effects_record, shape_record, stiffness_record, trajectory_record
 from planner.io.saved_records import plan_record
@@ -51,7 +50,7 @@ def plan(scene: SceneFile, /, *, options: SceneOptions | None = None) -> Answer:
         lambda: str(result),
         plan_record(result),
         "plan",
-        lambda: _draw_plan(result),
+        figure("plan", "plot_plan", result),
         {"plan.csv": lambda: plan_csv(result), "shape.csv": lambda: _shape_csv(result)},
     )
 
@@ -62,12 +61,6 @@ def _shape_csv(result: Plan) -> bytes:
         return shape_csv(result.shape)
     except (OctoplanError, OutOfTime):
         return b""
-
-
-def _draw_plan(result: Plan) -> Any:
-    from planner.plots.plan import plot_plan
-
-    return plot_plan(result)
 
 
 _WAYPOINTS = """[[waypoints]] tables, such as type = "tip-position", position_mm = [250, 0, -150]"""
@@ -104,7 +97,7 @@ def trajectory(scene: SceneFile, /, *, options: SceneOptions | None = None) -> A
         lambda: _trajectory_text(result),
         trajectory_record(result),
         "trajectory",
-        lambda: _draw_trajectory(result),
+        figure("motion", "plot_trajectory", result),
         {"trajectory.csv": lambda: result.csv},
     )
 
@@ -120,12 +113,6 @@ def _trajectory_text(result: Trajectory) -> str:
     return "\n".join([result.outcome, "", f"{head}  [N]", *rows, "", str(result.certificate)])
 
 
-def _draw_trajectory(result: Trajectory) -> Any:
-    from planner.plots.motion import plot_trajectory
-
-    return plot_trajectory(result)
-
-
 def settle(scene: SceneFile, /, *, options: SceneOptions | None = None) -> Answer:
     """Find the shape under the scene's tensions or lengths."""
     options = options or SceneOptions()
@@ -137,15 +124,9 @@ def settle(scene: SceneFile, /, *, options: SceneOptions | None = None) -> Answe
         lambda: settled_text(shape),
         shape_record(shape),
         "shape",
-        lambda: _draw_shape(shape),
+        figure("plan", "plot_shape", shape),
         {"shape.csv": lambda: shape_csv(shape)},
     )
-
-
-def _draw_shape(shape: Shape) -> Any:
-    from planner.plots.plan import plot_shape
-
-    return plot_shape(shape)
 
 
 def stiffness(scene: SceneFile, /, *, options: SceneOptions | None = None) -> Answer:
@@ -154,13 +135,8 @@ def stiffness(scene: SceneFile, /, *, options: SceneOptions | None = None) -> An
     question = options.asked(scene)
     given = {**question.stiffness, "compile": question.compile, **held(question, scene)}
     k = find_stiffness(question.arm, scene=question.scene, accuracy=question.accuracy, **given)
-    return Answer(OK, lambda: repr(k), stiffness_record(k), "stiffness", lambda: _draw_stiffness(k))
-
-
-def _draw_stiffness(k: Stiffness) -> Any:
-    from planner.plots.results import plot_ellipsoids
-
-    return plot_ellipsoids([k], force_to_show(k))
+    ellipsoids = figure("results", "plot_ellipsoids", [k], force_to_show(k))
+    return Answer(OK, lambda: repr(k), stiffness_record(k), "stiffness", ellipsoids)
 
 
 def effects(
@@ -175,14 +151,8 @@ def effects(
         lambda: switch_table(switches, accuracy),
         effects_record(switches, accuracy),
         "effects",
-        lambda: _draw_effects(switches, accuracy),
+        figure("results", "plot_effects", switches, accuracy),
     )
-
-
-def _draw_effects(switches: tuple[Switch, ...], accuracy: float) -> Any:
-    from planner.plots.results import plot_effects
-
-    return plot_effects(switches, accuracy)
 
 
 def live(

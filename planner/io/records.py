@@ -223,9 +223,15 @@ class SweepRecord(Record, kw_only=True):
     earlier: Annotated[bool, Meta(description="whether an earlier run had found it all")] = False
 
 
-def sweep_record(sweep: Any, written: Any, file: Any) -> SweepRecord:
-    """Return the record of a sweep that is written to a file."""
-    told = {"file": str(file), "compute": sweep.job.compute, "dims": sweep.dims}
-    told["points"] = sweep.size
-    rest = {name: getattr(written, name) for name in ("met", "failures", "earlier")}
-    return record_of(SweepRecord, sweep, **told, **rest)
+def sweep_record(sweep: Any, attributes: dict[str, Any], file: Any, earlier: bool) -> SweepRecord:
+    """Return the record of a sweep whose Dataset, with these attributes, is written to a file."""
+    return record_of(
+        SweepRecord,
+        sweep,
+        file=str(file),
+        compute=sweep.job.compute,
+        points=sweep.size,
+        met=int(attributes["met"]),
+        failures=msgspec.json.decode(attributes["failures"]),
+        earlier=earlier,
+    )

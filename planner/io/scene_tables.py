@@ -1,4 +1,4 @@
-"""A whole scene file, table by table; and files that vary or fit one: calibrations and designs."""
+"""A whole scene file, table by table."""
 
 from __future__ import annotations
 
@@ -9,23 +9,19 @@ import msgspec
 from msgspec import Meta, structs
 
 from model.quantities import NotNegative, Positive
-from planner.fit.making import Making, Reach
 from planner.io.annotations import quantity
-from planner.io.arm_tables import VECTOR, ArmTable
+from planner.io.arm_tables import ArmTable
 from planner.io.codec import Table
 from planner.io.object_tables import (
     EffectsTable,
-    ObjectiveTable,
     ObstacleTable,
     TargetTable,
     inlined,
 )
-from planner.io.tables import Accuracy, Tensions, table
+from planner.io.tables import Accuracy, Tensions
 
 Hold = Literal["tension", "length"]
 TendonEA = Annotated[Positive | None, quantity("stiffness E A of tendons of held length", "N")]
-MakingTable: Any = table(Making)
-ReachTable: Any = table(Reach, tag="reach")
 
 
 class LimitsTable(Table, frozen=True):
@@ -184,58 +180,3 @@ def _lists(value: Any) -> Any:
 SceneKey = Annotated[
     str | dict[str, Any], Meta(description="a scene file, from this file's folder; or a table")
 ]
-
-
-class UnknownTable(Table, frozen=True):
-    """A number to be found; see planner.Unknown."""
-
-    key: Annotated[
-        str | tuple[str, ...], Meta(description="key path in the scene file, or several")
-    ]
-    lower: Annotated[float, Meta(description="in the key's unit")]
-    upper: Annotated[float, Meta(description="in the key's unit")]
-    prior: Annotated[
-        tuple[float, float] | None, Meta(description="mean and standard deviation known beforehand")
-    ] = None
-    session: Annotated[str | None, Meta(description="the shapes that it belongs to")] = None
-
-
-class PointTable(Table, frozen=True):
-    """A marker on the arm, by its name in the columns of the measured shapes."""
-
-    name: str
-    s_mm: Annotated[NotNegative, quantity("arc length from the base", "mm")]
-    offset_mm: Annotated[VECTOR, quantity("from the midline in the local frame t, n, b", "mm")] = (
-        0.0,
-        0.0,
-        0.0,
-    )
-
-
-class CalibrationFile(Table, frozen=True):
-    """A calibration file: a scene, measured shapes, and what is unknown."""
-
-    scene: SceneKey
-    measured: Annotated[str, Meta(description="a CSV file of shapes, from this file's folder")]
-    unknowns: Annotated[tuple[UnknownTable, ...], Meta(min_length=1)]
-    points: Annotated[tuple[PointTable, ...], Meta(description="the markers")] = ()
-    std_mm: Annotated[Positive, quantity("standard deviation of places", "mm")] = 1.0
-    absolute_std: Annotated[bool, Meta(description="whether that holds as it is")] = False
-    loss: Annotated[
-        Literal["linear", "huber", "soft_l1", "cauchy"], Meta(description="robust unless linear")
-    ] = "linear"
-    starts: Annotated[int, Meta(ge=1, le=1000, description="how many fits begin")] = 1
-    accuracy: Annotated[Accuracy, Meta(description="tip error over arm length")] = 1e-5
-
-
-class DesignFile(Table, frozen=True):
-    """A design file: a scene, tasks, and what of the arm is unknown."""
-
-    scene: SceneKey
-    tasks: Annotated[tuple[TargetTable, ...], Meta(min_length=1, description="a target each")]
-    unknowns: Annotated[tuple[UnknownTable, ...], Meta(min_length=1)]
-    making: MakingTable = MakingTable()
-    objective: Annotated[
-        ObjectiveTable | ReachTable | None,
-        Meta(description="what is best while all tasks are met; the least effort unless given"),
-    ] = None

@@ -6,6 +6,7 @@ from typing import Any
 
 import msgspec
 
+from planner.io.fit_files import CalibrationFile, DesignFile
 from planner.io.records import (
     EffectsRecord,
     ExportRecord,
@@ -15,7 +16,7 @@ from planner.io.records import (
     TrajectoryRecord,
 )
 from planner.io.saved_records import CalibrationRecord, DesignRecord, PlanRecord
-from planner.io.scene_tables import CalibrationFile, DesignFile, SceneTable
+from planner.io.scene_tables import SceneTable
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import logging
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -101,7 +99,8 @@ def sweep(
     else:
         wanted = load_sweep(asked, seconds)
     if out is not None:
-        if written(wanted, out, jobs=jobs, scheduler=scheduler).earlier:
+        _, is_earlier = written(wanted, out, jobs=jobs, scheduler=scheduler)
+        if is_earlier:
             _log.info("%s holds this sweep already; it is not run again", out)
         return opened(Path(out))
     _check(jobs)
@@ -111,42 +110,23 @@ def sweep(
         return gathered(wanted, chunks.read).load()
 
 
-@dataclass(frozen=True)
-class Written:
-    """What became of a sweep that is written.
-
-    Attributes
-    ----------
-    met : int
-        Points that settled, or whose targets are reached.
-    failures : dict of str to int
-        One outcome of each kind of the others and how many there are, the most frequent first.
-    earlier : bool
-        Whether an earlier run has written it.
-    """
-
-    met: int
-    failures: dict[str, int]
-    earlier: bool
-
-
 def written(
     wanted: Sweep, out: str | Path, *, jobs: int = 1, scheduler: str | None = None
-) -> Written:
-    """Write what a sweep computes, unless it is there already."""
+) -> tuple[dict[str, Any], bool]:
+    """Write what a sweep computes; return the Dataset's attributes, and whether it was there."""
     path = Path(out)
     _check(jobs)
     check_store(path)
     attributes = attributes_in(path)
-    earlier = attributes.get("identity") == wanted.identity
+    is_earlier = attributes.get("identity") == wanted.identity
     chunks = ChunkFiles(folder_of(path), wanted)
-    if not earlier:
+    if not is_earlier:
         _compute(wanted, chunks.left, chunks, jobs, scheduler)
         data = gathered(wanted, chunks.read)
         attributes = data.attrs
         save(data, path)
     chunks.remove()
-    return Written(int(attributes["met"]), json.loads(attributes["failures"]), earlier)
+    return attributes, is_earlier
 
 
 def _check(jobs: int) -> None:

@@ -11,7 +11,7 @@ import pytest
 from model.errors import FileError
 from planner import Unknown, calibrate, load_calibration
 from planner.cli import main
-from planner.fit.files import load_asked
+from planner.io.fit_files import load_asked
 from tests.calibrate.cases import HANGING, MARKERS, PULLS, small_arm, synthetic
 
 SCENE = """

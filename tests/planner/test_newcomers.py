@@ -205,9 +205,13 @@ LINES: dict[str, tuple[list[str], str]] = {
     **{
         f"a time limit of {limit}": (
             ["plan", "mine.toml", "--time-limit", limit],
-            "for --time-limit. Allowed is a number above 0",
+            f"for --time-limit. Allowed is {allowed}",
         )
-        for limit in ("0", "-1", "nan")
+        for limit, allowed in {
+            "0": "a number above 0",
+            "-1": "a number above 0",
+            "nan": "finite numbers",
+        }.items()
     },
     "a time limit in words": (["plan", "mine.toml", "--time-limit", "soon"], "unable to convert"),
     **{

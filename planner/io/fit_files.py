@@ -16,21 +16,28 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
+
+from msgspec import Meta
 
 from model import Arm, Scene
 from model.errors import FileError
+from model.quantities import NotNegative, Positive
 from planner.fit.calibrate import calibrate
 from planner.fit.calibration import Calibration
 from planner.fit.design import design
 from planner.fit.designed import Design
-from planner.fit.making import Objective
+from planner.fit.making import Making, Objective, Reach
 from planner.fit.measured import Measured
 from planner.fit.unknowns import MM, Unknown
-from planner.io.codec import in_si, value_of
+from planner.io.annotations import quantity
+from planner.io.arm_tables import VECTOR
+from planner.io.codec import Table, in_si, value_of
 from planner.io.mistakes import told_in
+from planner.io.object_tables import ObjectiveTable, TargetTable
 from planner.io.scene_file import converted, decoded, scene_beside, text_of
-from planner.io.scene_tables import CalibrationFile, DesignFile, PointTable, UnknownTable
+from planner.io.scene_tables import SceneKey
+from planner.io.tables import Accuracy, table
 
 _UNKNOWNS = """
 [[unknowns]]
@@ -44,6 +51,52 @@ scene = "scene.toml"
 [[tasks]]
 type = "tip-position"
 position_mm = [200.0, 150.0, -200.0]{_UNKNOWNS.replace("E_kPa", "radius_mm[1]")}"""
+
+
+MakingTable: Any = table(Making)
+ReachTable: Any = table(Reach, tag="reach")
+UnknownTable: Any = table(Unknown)
+
+
+class PointTable(Table, frozen=True):
+    """A marker on the arm, by its name in the columns of the measured shapes."""
+
+    name: str
+    s_mm: Annotated[NotNegative, quantity("arc length from the base", "mm")]
+    offset_mm: Annotated[VECTOR, quantity("from the midline in the local frame t, n, b", "mm")] = (
+        0.0,
+        0.0,
+        0.0,
+    )
+
+
+class CalibrationFile(Table, frozen=True):
+    """A calibration file: a scene, measured shapes, and what is unknown."""
+
+    scene: SceneKey
+    measured: Annotated[str, Meta(description="a CSV file of shapes, from this file's folder")]
+    unknowns: Annotated[tuple[UnknownTable, ...], Meta(min_length=1)]
+    points: Annotated[tuple[PointTable, ...], Meta(description="the markers")] = ()
+    std_mm: Annotated[Positive, quantity("standard deviation of places", "mm")] = 1.0
+    absolute_std: Annotated[bool, Meta(description="whether that holds as it is")] = False
+    loss: Annotated[
+        Literal["linear", "huber", "soft_l1", "cauchy"], Meta(description="robust unless linear")
+    ] = "linear"
+    starts: Annotated[int, Meta(ge=1, le=1000, description="how many fits begin")] = 1
+    accuracy: Annotated[Accuracy, Meta(description="tip error over arm length")] = 1e-5
+
+
+class DesignFile(Table, frozen=True):
+    """A design file: a scene, tasks, and what of the arm is unknown."""
+
+    scene: SceneKey
+    tasks: Annotated[tuple[TargetTable, ...], Meta(min_length=1, description="a target each")]
+    unknowns: Annotated[tuple[UnknownTable, ...], Meta(min_length=1)]
+    making: MakingTable = MakingTable()
+    objective: Annotated[
+        ObjectiveTable | ReachTable | None,
+        Meta(description="what is best while all tasks are met; the least effort unless given"),
+    ] = None
 
 
 @dataclass(frozen=True)
@@ -96,11 +149,11 @@ def run_design(path: str | Path) -> Design:
         return design(*given, making=making, objective=objective)
 
 
-def _unknowns(tables: Sequence[UnknownTable], name: str) -> tuple[Unknown, ...]:
+def _unknowns(tables: Sequence[Any], name: str) -> tuple[Unknown, ...]:
     found = []
     for i, own in enumerate(tables):
         with told_in(name, f"unknowns[{i}]"):
-            found.append(Unknown(own.key, own.lower, own.upper, own.prior, own.session))
+            found.append(value_of(own))
     return tuple(found)
 
 
