@@ -6,14 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from model import Anchorage, Arm, Linear, Material, Scene, settle
+from model import Arm, Scene, settle
 from model.effects import Buoyancy, Contact, Effect, ExactTendons, Extension, NeoHookean, Weight
 from model.errors import OctoplanError
 from model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
 from tests.contact.bodies import distance
-from tests.oracles import Array, Rod, RodSection, linear, paper_rod
+from tests.oracles import Array, Rod, paper_rod
+from tests.random_arms import DENSITY, random_arm, random_pulls
 
-DENSITY, WATER, G = 1080.0, 1000.0, 9.81
+WATER, G = 1000.0, 9.81
 _LOOKS = 300
 
 
@@ -31,35 +32,6 @@ class Query:
     rod: Rod
     heaviness: Array
     rubber: bool
-
-
-def _arm(rng: np.random.Generator) -> tuple[Arm, Rod]:
-    """Return an arm of the paper's, or one of 1 to 4 anchorages, 5 cm to 1 m long."""
-    kind = rng.choice(["table-2", "table-4", "any", "any"])
-    if kind != "any":
-        return Arm.from_paper(kind), paper_rod(kind)
-    L = float(np.exp(rng.uniform(np.log(0.05), np.log(1.0))))
-    base = L * rng.uniform(0.02, 0.06)
-    tip = base * rng.uniform(0.2, 1.0)
-    E, nu = float(np.exp(rng.uniform(np.log(5e4), np.log(2e6)))), float(rng.uniform(0.3, 0.5))
-    ends = [L, *np.sort(L * rng.uniform(0.15, 0.9, rng.integers(0, 4)))[::-1].tolist()]
-    sections, own = [], []
-    for at in ends:
-        share = rng.uniform(0.4, 0.95)
-        first, last = share * base, share * (base + (tip - base) * at / L)
-        angles = tuple(rng.uniform(0, 2 * np.pi, rng.integers(2, 6)).tolist())
-        sections.append(Anchorage(at, Linear(first, last), angles))
-        own.append(RodSection(at, linear(first, last, at), angles))
-    arm = Arm(L, Linear(base, tip), tuple(sections), Material(E, nu, DENSITY))
-    return arm, Rod(L, linear(base, tip, L), tuple(own), E, nu)
-
-
-def _tensions(arm: Arm, rng: np.random.Generator) -> Array:
-    """Return tensions (n_tendons,), each of which bends the arm by up to a rad or two."""
-    at = np.array([arm.sections[i].at for i, _ in arm.tendons])
-    radius = arm.radius.evaluate(at, arm.length)[0]
-    unit = arm.material.E * np.pi * radius**3 / 4 / at
-    return np.asarray(unit * rng.uniform(0, 1.5, at.size) * (rng.uniform(size=at.size) < 0.5))
 
 
 def _unit(rng: np.random.Generator) -> Array:
@@ -95,14 +67,17 @@ def query(seed: int) -> Query:
     """
     rng = np.random.default_rng(seed)
     while True:
-        arm, rod = _arm(rng)
+        name = rng.choice(["table-2", "table-4", "any", "any"])
+        arm, rod = (
+            random_arm(rng, 1.0, 4, 5) if name == "any" else (Arm.from_paper(name), paper_rod(name))
+        )
         kind = rng.choice(["paper", "exact", "exact", "silicone"])
         effects: list[Effect] = [Extension()]
         effects += [ExactTendons()] * (kind != "paper") + [NeoHookean()] * (kind == "silicone")
         heavy = rng.uniform() < 0.3
         if heavy:
             effects += [Weight((0.0, 0.0, -G)), Buoyancy(WATER)]
-        T = _tensions(arm, rng)
+        T = random_pulls(arm, rng, 1.5)
         try:
             free = settle(arm, T, Scene(*effects), 1e-3)
         except OctoplanError:

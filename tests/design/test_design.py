@@ -41,7 +41,10 @@ def _tips(scene: Scene = PAPER) -> list[TipPosition]:
     ("objective", "scene"),
     [
         ("effort", PAPER),
-        (Stiffest((0, 0.3, 1)), Scene(Extension(), Weight((0, 0, -3.0)))),
+        pytest.param(
+            *(Stiffest((0, 0.3, 1)), Scene(Extension(), Weight((0, 0, -3.0)))),
+            marks=pytest.mark.slow,
+        ),
         (Reach((0, 1, 0)), PAPER),
     ],
 )

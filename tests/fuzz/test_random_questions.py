@@ -9,16 +9,17 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from model import Anchorage, Arm, Linear, Material, OctoplanError, Scene, Shape, settle
+from model import Arm, OctoplanError, Scene, Shape, settle
 from model.effects import Buoyancy, Current, Effect, ExactTendons, Extension, TipLoad, Weight
 from planner import Plan, plan
 from planner.targets import Backbone, BendingPlane, Fetch, Target, TipPose, TipPosition
 from planner.targets.fetch import Bend, stretches
 from tests.effects.energy_rod import EnergyRod
 from tests.effects.spatial import LoadedRod, Loads
-from tests.oracles import Array, Rod, RodSection, linear
+from tests.oracles import Array, Rod
+from tests.random_arms import DENSITY, random_arm, random_pulls
 
-DENSITY, WATER, G = 1080.0, 1000.0, 9.81
+WATER, G = 1000.0, 9.81
 # Of arms with so many anchorages or more this share are asked to fetch.
 _FETCHES, _SHARE_OF_FETCHES = 3, 0.25
 
@@ -34,36 +35,6 @@ class Question:
     loads: Loads
     statics: str
     drawn: Array
-
-
-def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
-
-
-def arm_of(rng: np.random.Generator) -> tuple[Arm, Rod]:
-    """Return an arm of 1 to 5 anchorages with 2 to 6 tendons at any angles, 5 cm to 2 m long."""
-    L = log_uniform(rng, 0.05, 2.0)
-    base = L * rng.uniform(0.02, 0.06)
-    tip = base * rng.uniform(0.2, 1.0)
-    E, nu = log_uniform(rng, 5e4, 2e6), float(rng.uniform(0.3, 0.5))
-    ends = [L, *np.sort(L * rng.uniform(0.15, 0.9, rng.integers(0, 5)))[::-1]]
-    sections, own = [], []
-    for at in map(float, ends):
-        share = rng.uniform(0.4, 0.95)
-        first, last = share * base, share * (base + (tip - base) * at / L)
-        angles = tuple(rng.uniform(0, 2 * np.pi, rng.integers(2, 7)).tolist())
-        sections.append(Anchorage(at, Linear(first, last), angles))
-        own.append(RodSection(at, linear(first, last, at), angles))
-    arm = Arm(L, Linear(base, tip), tuple(sections), Material(E, nu, DENSITY))
-    return arm, Rod(L, linear(base, tip, L), tuple(own), E, nu)
-
-
-def pulls(arm: Arm, rng: np.random.Generator) -> Array:
-    """Return tensions (n_tendons,) of which each that pulls bends the arm by up to a rad or so."""
-    at = np.array([arm.sections[i].at for i, _ in arm.tendons])
-    radius = arm.radius.evaluate(at, arm.length)[0]
-    unit = arm.material.E * np.pi * radius**3 / 4 / at
-    return np.asarray(unit * rng.uniform(size=at.size) * (rng.uniform(size=at.size) < 0.5))
 
 
 STATICS: dict[str, tuple[Effect, ...]] = {
@@ -113,7 +84,7 @@ def bent_by_the_outer_tendons(
     arm: Arm, scene: Scene, rng: np.random.Generator
 ) -> BendingPlane | None:
     """Return a plane and a bend that the tendons that end at the tip reach."""
-    T = pulls(arm, rng)
+    T = random_pulls(arm, rng, 1.0)
     T[len(arm.sections[0].angles) :] = 0.0
     try:
         return plane_of(settle(arm, T, scene))
@@ -153,9 +124,9 @@ def question(seed: int) -> Question:
     """Return the question of a seed; arms that do not bear what is drawn are drawn again."""
     rng = np.random.default_rng(seed)
     while True:
-        arm, rod = arm_of(rng)
+        arm, rod = random_arm(rng, 2.0, 5, 6)
         scene, loads, statics = scene_of(arm, rng)
-        T = pulls(arm, rng)
+        T = random_pulls(arm, rng, 1.0)
         try:
             shape = settle(arm, T, scene)
         except OctoplanError:

@@ -87,10 +87,8 @@ def legend(ax: Any) -> set[str]:
 
 @pytest.mark.quick(
     "position-table-2",
-    "pose-table-2",
     "backbone-table-2",
     "plane-table-2",
-    "bends-table-2",
     "reach in a plane-table-2",
 )
 @pytest.mark.parametrize("name", ["table-2", "table-4"])

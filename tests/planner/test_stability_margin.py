@@ -84,12 +84,14 @@ def test_a_plan_tells_how_well_it_stands_and_is_loaded_with_its_margin(tmp_path:
 
 
 def test_what_a_column_bears_is_its_buckling_load() -> None:
-    straight = plan(ARM, TipPosition((ARM.length, 0.0, 0.0)), Scene(TipLoad((-1e-3, 0, 0))), 20.0)
+    arm, push = Arm.from_paper("section-5.2"), 1e-2
+    end = TipPosition((arm.length, 0.0, 0.0))
+    straight = plan(arm, end, Scene(TipLoad((-push, 0, 0))), 20.0)
     stability, bears = straight.certificate.stability, straight.certificate.load_factor
     assert straight.reached
     assert bears == np.inf or bears == pytest.approx(1 / (1 - stability), rel=0.03)
-    heavy = TipLoad((-1e-3 / (1 - stability) / 2, 0, 0))
-    found = plan(ARM, TipPosition((ARM.length, 0.0, 0.0)), Scene(heavy), 20.0)
+    heavy = TipLoad((-push / (1 - stability) / 2, 0, 0))
+    found = plan(arm, end, Scene(heavy), 20.0)
     assert found.certificate.load_factor == pytest.approx(2.0, rel=0.03)
     assert "yields at 2" in found.outcome or "yields at 1.9" in found.outcome
 
