@@ -21,8 +21,8 @@ from model import Arm, InputError, OctoplanError, Scene, settle
 from model.by_lengths import equilibrium_beside, tightened
 from model.equilibrium.equilibrium import Collocated, check_stretch
 from model.equilibrium.forward import Collocation
-from model.equilibrium.linearised import Linearised, linearised
-from model.equilibrium.newton import newton_many
+from model.equilibrium.linearised import Linearised, with_jacobians
+from model.equilibrium.newton import CLOSE, newton_many
 from model.equilibrium.sensitivities import ByNumbers, by_numbers
 from model.mesh import Mesh
 from model.paths import Array
@@ -37,6 +37,8 @@ Index = NDArray[np.int64]
 Reached = Linearised | OctoplanError
 # Tip error over arm length of the shapes by lengths whose tensions are then corrected.
 _ROUGHLY = 1e-4
+# How many times larger than elsewhere the last steps of Newton's method are.
+_LOOSER = 1e3
 # In place of a point's number.
 TIP, FRAME = -1, -2
 
@@ -201,28 +203,36 @@ class Setting:
         ]
 
     def near(
-        self, which: Sequence[int], before: Sequence[ByNumbers], change: Array
+        self, which: Sequence[int], before: Sequence[Linearised], ahead: Array, more: Array
     ) -> list[Reached]:
-        """Return some shapes near their equilibria before a change (K,) of the unknowns.
+        """Return some shapes near their equilibria at other values of the unknowns.
 
-        Newton's method begins where their derivatives say that they are now; where the mesh is
-        another, with the strains on that.
+        Newton's method begins where their derivatives say that they are now: states farther by
+        `ahead` (N, n_states), tensions of those by lengths higher by `more` (N, n_tendons); where
+        the mesh is another, with the strains on that.
         """
-        shapes = [self.family.shapes[i] for i in which]
+        shapes, of = [self.family.shapes[i] for i in which], self.system.of
+        rows = zip(shapes, before, more, strict=True)
         T = np.array(
             [
-                np.maximum(by.here.tensions + by.tensions @ change, 0.0)
+                np.maximum(here.tensions + change, 0.0)
                 if shape.by_length
                 else self._tensions(shape)
-                for shape, by in zip(shapes, before, strict=True)
+                for shape, here, change in rows
             ]
         )
-        if self.system.of is before[0].here.system.of:
-            guesses = [by.here.states + by.states @ change for by in before]
+        kept: list[Linearised | None] = [None] * len(T)
+        if of is before[0].system.of:
+            guesses = np.array([here.states for here in before]) + ahead
+            turns = np.abs(ahead[:, of.nodes[:, :4].ravel()]).max(axis=1)
+            kept = [
+                here if turn < CLOSE else None for here, turn in zip(before, turns, strict=True)
+            ]
         else:
             on = Collocation.on(self.system)
-            guesses = [on.carried(own, by.here) for own, by in zip(T, before, strict=True)]
-        heres = newton_many(self.system, T, 1.0, np.array(guesses)).solutions
+            pairs = zip(T, before, strict=True)
+            guesses = np.array([on.carried(tensions, here) for tensions, here in pairs])
+        heres = newton_many(self.system, T, 1.0, guesses, kept=kept, looser=_LOOSER).solutions
         jumps = OctoplanError("it jumps")
         return [self._held(shape, here or jumps) for shape, here in zip(shapes, heres, strict=True)]
 
@@ -230,7 +240,7 @@ class Setting:
         """Return the derivatives of equilibria of some shapes, and of their tensions."""
         numbers, found = self.derivatives, list[ByNumbers]()
         jacobian = NumberDerivatives(numbers.p, numbers.lengths, numbers.nodes)
-        fresh = linearised(self.system, np.array([here.x for here in heres]))
+        fresh = with_jacobians(heres)
         still = np.zeros((self.system.of.n_tendons, len(self.values)))
         for i, by in zip(which, by_numbers(fresh, jacobian, [still] * len(fresh)), strict=True):
             shape, tensions = self.family.shapes[i], still

@@ -40,6 +40,9 @@ _RHO: dict[str, Callable[[Array], Rho]] = {
 _LEAST_NOISE, _MOST = 1e-9, 100
 # The last step, over the unknowns from 0 to 1, and the gradient of the log-likelihood there.
 _STEP, _GRADIENT = 1e-7, 1e-9
+# Derivatives serve elsewhere if they tell changes up to so much, over the root of the tolerance: by
+# what they are off there the logarithm of the likelihood changes by less than the tolerance.
+_AS_TOLD = 0.5
 
 
 def counted_by(loss: Loss, r: Array) -> Array:
@@ -149,7 +152,7 @@ def fit(start: Evaluation, loss: Loss, absolute: bool, tolerance: float = 1e-6) 
 
 
 def _descent(start: Evaluation, loss: Loss, noise: float | None, tolerance: float) -> Fit:
-    steps, parameters = _Steps(start), start.experiment.parameters
+    steps, parameters = _Steps(start, tolerance), start.experiment.parameters
     free = max(steps.size + steps.priors - len(parameters.unknowns), 1)
     likelihood = Likelihood(loss, free, steps.size, noise)
 
@@ -188,20 +191,22 @@ class _Steps:
         Shapes that could not be followed since then.
     """
 
-    def __init__(self, start: Evaluation) -> None:
-        self.best = self._last = start
+    def __init__(self, start: Evaluation, tolerance: float) -> None:
+        self.best = self._last = self._differentiated = start
         self._parameters, self._whitening = start.experiment.parameters, start.whitening
         self._at = np.clip(self._parameters.shares(start.values), 0.0, 1.0)
         self.size = sum(map(len, start.residuals.values()))
         self.priors = self._parameters.priors(start.values)[0].size
         self.refused: tuple[int, ...] = ()
+        self._as_told = _AS_TOLD * np.sqrt(tolerance)
+        self._linear: tuple[Array, Array, Array] | None = None
 
     def residuals(self, z: Array) -> Array:
         """Return the residuals of data and priors; infinite where a shape cannot be followed."""
         if not np.array_equal(z, self._at):
             check_time()
             try:
-                here = self.best.near(self._parameters.from_shares(z))
+                here = self._differentiated.near(self._parameters.from_shares(z))
                 self.refused = tuple(here.lost) or self.refused
             except InputError:
                 here = None
@@ -212,11 +217,22 @@ class _Steps:
         return np.concatenate([*rows, self._parameters.priors(self._last.values)[0]])
 
     def jacobian(self, z: Array) -> Array:
-        """Return their derivatives (n, K); the step that led here is taken."""
+        """Return their derivatives (n, K); the step that led here is taken.
+
+        Those where shapes were differentiated last do where residuals have changed as these said.
+        """
+        r = self.residuals(z)
         self.best, self.refused = self._last, ()
-        scale = self._parameters.range
+        if self._linear is not None:
+            at, before, J = self._linear
+            told = J @ (z - at)
+            if np.linalg.norm(r - before - told) <= self._as_told * np.linalg.norm(told):
+                return J
+        scale, self._differentiated = self._parameters.range, self.best
         rows = [self._whitening[i] @ J * scale for i, J in self.best.jacobians.items()]
-        return np.vstack([*rows, self._parameters.priors(self.best.values)[1]])
+        J = np.vstack([*rows, self._parameters.priors(self.best.values)[1]])
+        self._linear = self._at, r, J
+        return J
 
     def gain(self, z: Array, likelihood: Likelihood) -> float:
         """Return what the linearisation says can be gained of the logarithm of the likelihood.

@@ -19,6 +19,9 @@ from planner.fit.equilibria import FRAME, Family, Setting
 from planner.fit.measured import Measured
 from planner.fit.unknowns import Parameters
 
+# In how many steps shapes are followed to other values that one step does not lead to.
+_STEPS = (2, 6)
+
 
 class UnsettledShapeError(OctoplanError):
     """A shape does not settle at given values of the unknowns."""
@@ -133,14 +136,32 @@ class Evaluation:
         """Return the shapes that this has at other values, on the same branches.
 
         On the meshes of this experiment or of another one of the same shapes; those that do not
-        lead to an equilibrium nearby are `lost`.
+        lead to an equilibrium nearby, in a few steps, are `lost`.
         """
         experiment = experiment or self.experiment
+        there = self._in_one_step(values, experiment)
+        if experiment is not self.experiment:
+            return there
+        for steps in _STEPS if there.lost else ():
+            left = self.only(list(there.lost))
+            for share in np.arange(1, steps) / steps:
+                left = left._in_one_step(self.values + share * (values - self.values), experiment)
+            last = left._in_one_step(values, experiment)
+            there = Evaluation.of(
+                experiment,
+                values,
+                there.settings,
+                {**there.lost, **there.equilibria, **last.equilibria},
+            )
+            if not there.lost:
+                break
+        return there
+
+    def _in_one_step(self, values: Array, experiment: Experiment) -> Evaluation:
         settings = {name: own.at(values) for name, own in experiment.families.items()}
         reached: dict[int, Linearised | OctoplanError] = {}
         for name, own in self._sensed.items():
-            given = own.which, own.derivatives, values - self.values
-            ends = settings[name].near(*given)
+            ends = settings[name].near(own.which, own.heres, *own.ahead(values - self.values))
             reached |= zip(self._numbers(name), ends, strict=True)
         return Evaluation.of(experiment, values, settings, reached)
 
@@ -244,6 +265,17 @@ class Sensed:
     def derivatives(self) -> list[ByNumbers]:
         """Derivatives of the equilibria by the unknowns."""
         return self.setting.differentiated(self.which, self.heres)
+
+    def ahead(self, change: Array) -> tuple[Array, Array]:
+        """Return by how much states (N, n_states) and tensions (N, n_tendons) are to change.
+
+        To first order in a change (K,) of the unknowns.
+        """
+        if not change.any():
+            of, n = self.setting.system.of, len(self.heres)
+            return np.zeros((n, of.n_states)), np.zeros((n, of.n_tendons))
+        states = np.array([by.states @ change for by in self.derivatives])
+        return states, np.array([by.tensions @ change for by in self.derivatives])
 
     @cached_property
     def jacobians(self) -> list[Array]:
