@@ -265,25 +265,11 @@ class Search:
         return None if held is None else self._result(held)
 
     def _held(self, limit: float) -> Refined | None:
-        """Return an optimum held to stability, of those that cost less than a limit.
-
-        Next to optima that are not stable; where no stable one is known, from the initial guesses
-        too: with the least stable mode among its unknowns the program has optima elsewhere.
-        """
+        """Return an optimum held to stability, near unstable ones that cost less than a limit."""
         different = {float(f"{s.f:.3g}"): (st, s) for st, s in self._now.unstable if s.f < limit}
         beside = [different[f] for f in sorted(different)[:_HELD]]
         for before, solution in beside:
             found = self._refined_with_mode(before, solution.x, limit)
-            if found is not None:
-                return found
-        if not beside or self._now.met or self.task.best_margin:
-            return None
-        statement = beside[0][0]
-        problem, p = self.task.problem(statement), self.task.parameters(statement, SEARCHED)
-        for k, T in enumerate(self.guesses()):
-            tell("stable trials", k, self.task.most)
-            x = problem.guess(T, self.task.allowed, p)
-            found = self._refined_with_mode(statement, x, limit)
             if found is not None:
                 return found
         return None

@@ -56,7 +56,7 @@ def ended(command: str, number: signal.Signals, after: float, folder: Path) -> i
         (folder / "out").mkdir(exist_ok=True)
     argv, files = COMMANDS[command]
     begun = folder / "begun"
-    begin = f"import sys; sys.path.insert(0, {str(ROOT)!r}); import octoplan; "
+    begin = f"import sys; sys.path.insert(0, {str(ROOT)!r}); import octoplan; octoplan.main; "
     begin += f"open({str(begun)!r}, 'w').close(); "
     process = subprocess.Popen(
         [sys.executable, "-c", begin + "sys.exit(octoplan.main())", command, *argv],
