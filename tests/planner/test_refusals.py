@@ -113,12 +113,12 @@ PLANS: Refused = {
     "least bend of pi": (lambda: Fetch.reach((0, 0, 0), np.pi), "FetchReach.bend", ""),
     "two tip positions": (
         lambda: plan(LONG, [TIP, TipPosition((0.2, 0.1, 0.0))], PAPER, 1.0),
-        "tip position",
-        "",
+        "targets[1]",
+        "one target for it",
     ),
     "planes by two sections": (
         lambda: plan(LONG, [BendingPlane(0, 1, 1), BendingPlane(1, 1, 2)], PAPER, 1.0),
-        "bending plane",
+        "targets[1]",
         "",
     ),
     "no target": (lambda: plan(LONG, [], PAPER, 1.0), "target", ""),
