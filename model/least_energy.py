@@ -9,8 +9,10 @@ over poses at the nodes, strains at the Gauss stages of the elements between the
 tendons of compliance c_j stretch. Its local minima are the stable equilibria. Its multipliers are
 the tensions of tendons that are held by length, 0 of slack ones, and the forces of contact.
 
-What has no potential (the paper's tangent, followers, currents, friction of tendons) is held as
-dead generalised forces on the strains: those which the equations of equilibrium lack at the minimum
+Lengths are in units of the arm's, forces in those that bend it, E J / L^2 of its base.
+
+Nonconservative forces (the paper's tangent, followers, currents, friction of tendons) are held as
+dead generalised forces on the strains: the residuals of the equations of equilibrium at the minimum
 before. The minimum is sought again until these stay.
 
 Sources: Nocedal and Wright, Numerical Optimization (2006), chapter 19; Waechter and Biegler, Math.
@@ -51,10 +53,15 @@ from model.winches import Winches
 
 
 def body_energy(law: EnergySection) -> Kernel:
-    """Return the kernel of a stage's energy: strains; weight [m], numbers of the body -> [N m]."""
-    v, c = ca.SX.sym("v", size(law)), ca.SX.sym("c", 1 + body_size(law))
-    energy = law.energy(less_rest(law, v, c[1:]), c[1:5])
-    return Kernel("body_energy", v, c, c[0] * energy)
+    """Return the kernel of a stage's energy less the work of dead generalised forces.
+
+    Strains; weight, numbers of the body, less the forces.
+    """
+    n = body_size(law)
+    v, weight, body = ca.SX.sym("v", size(law)), ca.SX.sym("weight"), ca.SX.sym("body", n)
+    forces = ca.SX.sym("forces", size(law))
+    energy = law.energy(less_rest(law, v, body), body[:4]) + ca.dot(forces, v)
+    return Kernel("body_energy", v, ca.vertcat(weight, body, forces), weight * energy)
 
 
 def dead_loads(law: CrossSection, m: int) -> Kernel:
@@ -86,10 +93,25 @@ def kinematics(law: CrossSection, m: int) -> Kernel:
 
 
 def node_gap() -> Kernel:
-    """Return the kernel of the gap at a node: u; the obstacle's numbers, the arm's radius."""
-    u, c = ca.SX.sym("u", 3), ca.SX.sym("c", SIZE + 1)
-    distance, _ = with_gradient()(u, c[:SIZE])
-    return Kernel("node_gap", u, c, distance - c[SIZE])
+    """Return the kernel of the gap at a node: u; the obstacle's numbers, the arm's radius, L [m].
+
+    The obstacle's are in metres, what else there is in units of L.
+    """
+    u, c = ca.SX.sym("u", 3), ca.SX.sym("c", SIZE + 2)
+    distance, _ = with_gradient()(c[SIZE + 1] * u, c[:SIZE])
+    return Kernel("node_gap", u, c, distance / c[SIZE + 1] - c[SIZE])
+
+
+def stretched() -> Kernel:
+    """Return the kernel of a tendon's energy: by how much it is longer; its stiffness."""
+    e, c = ca.SX.sym("e"), ca.SX.sym("c")
+    return Kernel("stretched", e, c, c * e**2 / 2)
+
+
+def longer() -> Kernel:
+    """Return the kernel of what a tendon's stretch adds to its row: less the stretch."""
+    e = ca.SX.sym("e")
+    return Kernel("longer", e, ca.SX(0, 1), -e)
 
 
 LOG = logging.getLogger(__name__)
@@ -103,7 +125,7 @@ _IPOPT: dict[str, Any] = {
     "bound_relax_factor": 0.0,
     "mu_strategy": "adaptive",
 }
-# What has no potential is found anew so often, until no frame turns by more than this.
+# Nonconservative forces are updated so often, until no frame turns by more than this.
 _ROUNDS, _STAYS = 12, 1e-3
 
 
@@ -114,19 +136,19 @@ class Minimum:
     Attributes
     ----------
     x : (n,)
-        Scaled unknowns.
+        Unknowns in the units of the program: states, then what tendons stretch by.
     tensions : (n_tendons,)
         Those that are held, and the multipliers of lengths [N].
     forces : (N, K)
         Of each of K obstacles on each node but the base [N], 0 or above.
-    lacking : (N stages, strains)
-        Generalised forces that have no potential, of moments and forces.
+    nonconservative : (N stages, strains)
+        Generalised forces that have no potential, less moments and forces [N m], [N].
     """
 
     x: Array
     tensions: Array
     forces: Array
-    lacking: Array
+    nonconservative: Array
 
 
 class LeastEnergy:
@@ -136,51 +158,41 @@ class LeastEnergy:
     ----------
     system : System
         The equations of equilibrium on the same mesh.
-    radii : (N,)
-        Of the body at the nodes but the base [m], with which gaps are taken.
+    of : Layout
+        Of the states of the program, poses and strains.
+    conservative : bool
+        Whether all forces have a potential.
+    force_unit : float
+        What bends the arm, E J / L^2 of its base [N].
     """
 
     def __init__(self, system: System) -> None:
         self.system, arm, scene, mesh = system, system.arm, system.scene, system.mesh
-        own = system.of.form
+        own, m, L = system.of.form, system.of.form.stages, arm.length
         law = own.law if isinstance(own.law, EnergySection) else _with_energy(own.law)
-        form, m = Form(law, own.stages, loaded=False), own.stages
-        self.of = of = layout(form, system.of.ends, mesh.steps, system.of.levers)
-        self._K = len(contacts(scene))
-        self.conservative = law == own.law and not _has_none(scene)
-        h, L = np.diff(mesh.s), arm.length
-        at = stations(arm, system.s, np.repeat(mesh.active, m))
-        stage, tendon = of.crossings
-        weights = np.outer(h, gauss(m).b).ravel()
-        self._weights, self._tendon = weights[stage], tendon
-        self._paths = tendon_paths(arm, at, stage, tendon)
-        self._body = np.vstack([weights, body_numbers(arm, scene, at)])
-        dead = beyond(arm, scene, system.s, np.repeat(mesh.s[1:], m)).reshape(3, mesh.steps, m)
-        self._dead, self._levers = (
-            dead.transpose(2, 0, 1).reshape(-1, mesh.steps),
-            levers(scene)[1].T,
+        self.of = of = layout(
+            Form(law, m, loaded=False), system.of.ends, mesh.steps, system.of.levers
         )
-        self._h = h[None]
-        self._bodies = (
-            np.tile(numbers_of([c.obstacle for c in contacts(scene)]).T, mesh.steps)
-            if self._K
-            else None
-        )
-        self.radii = np.asarray(arm.outer_radius(mesh.s[1:])[0])
-        bends = 2 + law.torsion
-        self._x_unit = np.ones(of.n_states)
-        self._x_unit[of.nodes[:, 4:]] = L
-        self._x_unit[of.stages[:, :bends]] = 1 / L
+        self.conservative = law == own.law and _is_conservative(scene)
         radius = float(arm.radius.evaluate(np.zeros(1), L)[0][0])
-        self._unit = float(arm.material.E * np.pi * radius**4 / 4) / L
-        self._g_unit = np.ones(POSE * mesh.steps + of.n_tendons + mesh.steps * self._K)
-        self._g_unit[: POSE * mesh.steps].reshape(-1, POSE)[:, 4:] = L
-        self._g_unit[POSE * mesh.steps :] = L
-
-    @property
-    def force_unit(self) -> float:
-        """What bends the arm, E J / L^2 of its base [N]."""
-        return self._unit / self.system.arm.length
+        self.force_unit = F = float(arm.material.E * np.pi * radius**4 / 4) / L**2
+        self._unit = np.ones(of.n_states)
+        self._unit[of.nodes[:, 4:]] = L
+        self._unit[of.stages[:, : 2 + law.torsion]] = 1 / L
+        self._bodies = [contact.obstacle for contact in contacts(scene)]
+        self._radii = np.asarray(arm.outer_radius(mesh.s[1:])[0])
+        at = stations(arm, system.s, np.repeat(mesh.active, m))
+        self._stage, self._tendon = of.crossings
+        self._h = np.diff(mesh.s)[None] / L
+        self._weights = np.outer(self._h, gauss(m).b).ravel()
+        stiff = [F, F * L**2, F * L**2, F, *[1 / L] * (2 * law.curved)]
+        self._body = body_numbers(arm, scene, at) / np.array(stiff)[:, None]
+        self._paths = tendon_paths(arm, at, self._stage, self._tendon) / np.array(
+            [[L], [L], [1], [1]]
+        )
+        dead = beyond(arm, scene, system.s, np.repeat(mesh.s[1:], m)).reshape(3, mesh.steps, m)
+        self._dead = dead.transpose(2, 0, 1).reshape(-1, mesh.steps) / F
+        self._levers = levers(scene)[1].T / np.repeat([L, F], 3)[:, None]
 
     def at_rest(self) -> Minimum:
         """Return the arm without tensions and loads, to begin with."""
@@ -188,25 +200,30 @@ class LeastEnergy:
         i = 2 + law.torsion
         v[:, i : i + 1] = law.along_at_rest
         if law.curved:
-            v[:, i - 2 : i] = self._body[-2:].T
-        return self.at(v, np.zeros(self.of.n_tendons))
+            v[:, i - 2 : i] = self._body[-2:].T / self.system.arm.length
+        return self._at(v, np.zeros(self.of.n_tendons))
 
     def near(self, tensions: Array, strains: Array) -> Minimum:
         """Return where to begin near strains of the equations' law (N stages, strains)."""
         law, own = self.of.form.law, self.system.of.form.law
-        v = strains if law == own else strains_of(law, reported(own, strains))
-        return self.at(v, tensions)
+        return self._at(
+            strains if law == own else strains_of(law, reported(own, strains)), tensions
+        )
 
-    def at(self, v: Array, tensions: Array) -> Minimum:
+    def _at(self, v: Array, tensions: Array) -> Minimum:
         """Return where to begin at strains of the energy's law (N stages, strains)."""
         x = np.zeros(self.of.n_states)
         x[self.of.stages], x[self.of.nodes] = v, self.system.marched(self._of_system(v))
-        forces = np.zeros((self.system.mesh.steps, self._K))
-        return Minimum(np.append(x / self._x_unit, 0 * tensions), tensions, forces, 0 * v)
+        forces = np.zeros((self.system.mesh.steps, len(self._bodies)))
+        return Minimum(np.append(x / self._unit, 0 * tensions), tensions, forces, 0 * v)
+
+    def _states(self, here: Minimum) -> Array:
+        """Return the states of the program (n_states,) in SI units."""
+        return here.x[: self.of.n_states] * self._unit
 
     def strains(self, here: Minimum) -> Array:
         """Return the strains of the equations' law (N stages, strains)."""
-        return self._of_system((here.x[: self.of.n_states] * self._x_unit)[self.of.stages])
+        return self._of_system(self._states(here)[self.of.stages])
 
     def _of_system(self, v: Array) -> Array:
         law, own = self.of.form.law, self.system.of.form.law
@@ -218,23 +235,22 @@ class LeastEnergy:
 
     def lengths(self, here: Minimum) -> Array:
         """Return the lengths of the tendons (n_tendons,) [m]."""
-        x = self.system.x(here.tensions, 1.0, self.states(here))
-        return self.system.lengths(x)
+        return self.system.lengths(self.system.x(here.tensions, 1.0, self.states(here)))
 
     def nodes(self, here: Minimum) -> Array:
         """Return the poses at the nodes (N + 1, 7)."""
-        return (here.x[: self.of.n_states] * self._x_unit)[self.of.nodes]
+        return self._states(here)[self.of.nodes]
 
-    def _radii(self, near: Minimum) -> Array:
+    def _swollen(self, near: Minimum) -> Array:
         """Return the larger radii (N,) of both sides of the nodes but the base [m]."""
-        law = self.of.form.law
         if not self.system.scene.has(NeoHookean):
-            return self.radii
-        v, method = (near.x[: self.of.n_states] * self._x_unit)[self.of.stages], gauss(STAGES)
-        stretch = strain_kinematics(law, v)[1][:, 0].reshape(self.system.mesh.steps, -1)
+            return self._radii
+        v, method = self._states(near)[self.of.stages], gauss(self.of.form.stages)
+        stretch = strain_kinematics(self.of.form.law, v)[1][:, 0]
+        stretch = stretch.reshape(self.system.mesh.steps, -1)
         before, beyond = stretch @ method.at(1.0), np.roll(stretch @ method.at(0.0), -1)
         beyond[-1] = before[-1]
-        return np.asarray(self.radii / np.sqrt(np.minimum(before, beyond)))
+        return np.asarray(self._radii / np.sqrt(np.minimum(before, beyond)))
 
     def least(
         self,
@@ -246,144 +262,131 @@ class LeastEnergy:
     ) -> Minimum | None:
         """Return the least energy near a start; None where none is found.
 
-        Under `tensions` (n_tendons,) of the tendons that no winch holds, and a load factor. What
-        has no potential is found anew in so many `rounds` at most.
+        Under `tensions` (n_tendons,) of the tendons that no winch holds, and a load factor.
+        Nonconservative forces are updated in so many `rounds` at most.
         """
-        if self.conservative:
-            return self._minimum(near, tensions, load, winches)
         here = near
-        for _ in range(rounds):
-            found = self._minimum(here, tensions, load, winches)
-            if found is None:
-                return None
-            states = self.states(found, load)
-            off = self.system.residual(self.system.x(found.tensions, load, states))
-            turned = np.abs(self.nodes(found)[:, :4] - self.nodes(here)[:, :4]).max()
-            here = replace(found, lacking=found.lacking + off[self.system.of.stages])
+        for _ in range(1 if self.conservative else rounds):
+            after = self._minimum(here, tensions, load, winches)
+            if after is None or self.conservative:
+                return after
+            residual = self.system.residual(
+                self.system.x(after.tensions, load, self.states(after, load))
+            )
+            turned = np.abs(self.nodes(after)[:, :4] - self.nodes(here)[:, :4]).max()
+            forces = after.nonconservative + residual[self.system.of.stages]
+            here = replace(after, nonconservative=forces)
             if turned < _STAYS:
-                return here
+                break
         return here
 
     def _minimum(
         self, near: Minimum, tensions: Array, load: float, winches: Winches | None
     ) -> Minimum | None:
-        of, L, K, N = self.of, self.system.arm.length, self._K, self.system.mesh.steps
-        nT, first = of.n_tendons, POSE * N
-        stretch = np.zeros(nT) if winches is None else winches.stretch
-        stiff = np.divide(1.0, stretch, out=np.zeros(nT), where=stretch > 0)
-        pulls = (self._weights * tensions[self._tendon])[None]
-        numbers = [
-            self._body,
-            np.vstack([self._paths, pulls]),
+        of, F, L, K = self.of, self.force_unit, self.system.arm.length, len(self._bodies)
+        n, nT, poses, inf = of.n_states, of.n_tendons, POSE * of.elements, np.inf
+        held = np.zeros(nT, dtype=bool) if winches is None else winches.held
+        stretch = np.zeros(nT) if winches is None else winches.stretch * F / L
+        stretches = stretch > 0
+        forces = (near.nonconservative * self._unit[of.stages]).T / F
+        energy = [
+            np.vstack([self._weights, self._body, forces]),
+            np.vstack([self._paths, self._weights[self._stage] * tensions[self._tendon] / F]),
             np.vstack([self._h, load * self._dead]),
+            self._levers * np.repeat([1.0, load], 3)[:, None],
+            np.divide(1.0, stretch, out=np.zeros(nT), where=stretches),
         ]
-        if self._levers.size:
-            numbers.append(self._levers * np.repeat([1.0, load], 3)[:, None])
-        rows = [self._h, np.vstack([self._paths, self._weights[None]])]
-        if self._bodies is not None:
-            rows.append(np.vstack([self._bodies, np.repeat(self._radii(near), K)]))
-        forces = np.zeros(of.n_states)
-        forces[of.stages] = near.lacking * self._body[:1].T
-        parts = [
-            self._x_unit,
-            np.array([1 / self._unit]),
-            self._g_unit,
-            stiff,
-            forces,
-            *(a.ravel("F") for a in (*numbers, *rows)),
-        ]
-        low, high = np.full(of.n_states + nT, -np.inf), np.full(of.n_states + nT, np.inf)
-        low[:POSE] = high[:POSE] = base_pose(self.system.arm) / self._x_unit[:POSE]
-        low[of.n_states :], high[of.n_states :] = 0.0, np.where(stiff > 0, np.inf, 0.0)
-        most = (
-            np.full(nT, np.inf)
-            if winches is None
-            else np.where(winches.held, winches.lengths / L, np.inf)
-        )
-        g_low = np.concatenate([np.zeros(first), np.full(nT, -np.inf), np.zeros(N * K)])
-        g_high = np.concatenate([np.zeros(first), most, np.full(N * K, np.inf)])
-        solver = _solver(of, K)
-        bounds = low, high, g_low, g_high
+        rows = [self._h, np.vstack([self._paths, self._weights[self._stage]])]
+        if K:
+            bodies = np.tile(numbers_of(self._bodies).T, of.elements)
+            radii = np.repeat(self._swollen(near) / L, K)
+            rows.append(np.vstack([bodies, radii, np.full(radii.size, L)]))
+        low, high = np.full(n + nT, -inf), np.full(n + nT, inf)
+        low[:POSE] = high[:POSE] = base_pose(self.system.arm) / self._unit[:POSE]
+        low[n:], high[n:] = 0.0, np.where(stretches, inf, 0.0)
+        lengths = np.full(nT, inf) if winches is None else np.where(held, winches.lengths / L, inf)
+        gaps, solver = np.zeros(of.elements * K), _solver(of, K)
+        g_low = np.concatenate([np.zeros(poses), np.full(nT, -inf), gaps])
+        g_high = np.concatenate([np.zeros(poses), lengths, gaps + inf])
+        p = np.concatenate([np.ravel(part, "F") for part in (*energy, *rows)])
         with logged(LOG):
-            found = solver(
-                near.x, np.concatenate(parts), *bounds, np.zeros(low.size), np.zeros(g_low.size)
+            x, _, _, _, lam, _ = (
+                part.ravel()
+                for part in solver(
+                    near.x, p, low, high, g_low, g_high, np.zeros(n + nT), np.zeros(g_low.size)
+                )
             )
-        x, lam = found[0].ravel(), found[4].ravel()
         stats = solver.stats()
         LOG.debug(
             "least energy: %s after %d iterations", stats["return_status"], stats["iter_count"]
         )
         if stats["return_status"] not in ("Solve_Succeeded", "Solved_To_Acceptable_Level"):
             return None
-        force = self.force_unit
-        pulled = np.maximum(force * lam[first : first + nT], 0.0)
-        pressed = np.maximum(-force * lam[first + nT :], 0.0).reshape(N, K)
-        return Minimum(x, tensions + pulled, pressed, near.lacking)
+        pulled = np.maximum(F * lam[poses : poses + nT], 0.0)
+        pressed = np.maximum(-F * lam[poses + nT :], 0.0).reshape(of.elements, K)
+        return replace(near, x=x, tensions=tensions + pulled, forces=pressed)
 
 
 def _with_energy(law: CrossSection) -> EnergySection:
     return ExactSection(law.extension, law.torsion, law.shear, law.curved)
 
 
-def _has_none(scene: Scene) -> bool:
-    """Return whether something in a scene has no potential."""
+def _is_conservative(scene: Scene) -> bool:
+    """Return whether all loads of a scene have a potential."""
     tip = scene.find(TipLoad)
     turns = tip is not None and (tip.follower or any(tip.moment))
-    return turns or scene.has(Current) or scene.has(Friction)
+    return not (turns or scene.has(Current) or scene.has(Friction))
+
+
+def _energy(of: Layout) -> Equations:
+    """Return the energy of a structure: of its states, then what tendons stretch by."""
+    law, m, n, nodes, v = of.form.law, of.form.stages, of.n_states, of.nodes, of.stages.T
+    assert isinstance(law, EnergySection)
+    terms = [
+        (body_energy(law), v),
+        (run(law), v[:, of.crossings[0]]),
+        (dead_loads(law, m), np.vstack([nodes[:-1, :4].T, of.inside])),
+        (off_midline(), nodes[list(of.levers), :4].T),
+        (stretched(), n + np.arange(of.n_tendons)[None]),
+    ]
+    row = [Term(kernel, y, np.zeros((1, y.shape[1]), np.int64)) for kernel, y in terms]
+    return Equations(n + of.n_tendons, 1, row)
+
+
+def _rows(of: Layout, obstacles: int) -> Equations:
+    """Return the rows: poses at the ends of elements, lengths of tendons, gaps at nodes."""
+    law, nodes, (stage, tendon) = of.form.law, of.nodes, of.crossings
+    n, N, tendons = of.n_states, of.elements, np.arange(of.n_tendons)[None]
+    poses = np.arange(POSE * N).reshape(N, POSE).T
+    lengths, gaps = POSE * N + tendons, POSE * N + tendons.size + np.arange(N * obstacles)[None]
+    places = np.vstack([nodes[:-1].T, of.inside, nodes[1:].T])
+    terms = [
+        Term(kinematics(law, of.form.stages), places, poses),
+        Term(run(law), of.stages.T[:, stage], lengths[:, tendon]),
+        Term(longer(), n + tendons, lengths),
+        Term(node_gap(), np.repeat(nodes[1:, 4:], obstacles, axis=0).T, gaps),
+    ]
+    return Equations(n + tendons.size, POSE * N + tendons.size + gaps.size, terms)
 
 
 @lru_cache(maxsize=32)
 def _solver(of: Layout, obstacles: int) -> Buffered:
     """Return ipopt for a structure, numbers left open.
 
-    It takes x0, p, lbx, ubx, lbg, ubg, lam_x0, lam_g0. Unknowns are scaled
-    states, then what tendons stretch over the arm's length.
+    It takes x0, p, lbx, ubx, lbg, ubg, lam_x0, lam_g0; p are the numbers of energy and rows.
     """
-    law, m, N, n, nT = of.form.law, of.form.stages, of.elements, of.n_states, of.n_tendons
-    assert isinstance(law, EnergySection)
-    nodes, v, (stage, tendon) = of.nodes, of.stages.T, of.crossings
-    first = POSE * N
-    terms = [
-        (body_energy(law), v),
-        (run(law), v[:, stage]),
-        (dead_loads(law, m), np.vstack([nodes[:-1, :4].T, of.inside])),
-        (off_midline(), nodes[list(of.levers), :4].T),
-    ]
-    f = Equations(n, 1, [Term(k, y, np.zeros((1, y.shape[1]), np.int64)) for k, y in terms])
-    poses = np.arange(first).reshape(N, POSE).T
-    gaps = first + nT + np.arange(N * obstacles)[None]
-    g = Equations(
-        n,
-        first + nT + N * obstacles,
-        [
-            Term(kinematics(law, m), np.vstack([nodes[:-1].T, of.inside, nodes[1:].T]), poses),
-            Term(run(law), v[:, stage], first + tendon[None]),
-            Term(node_gap(), np.repeat(nodes[1:, 4:], obstacles, axis=0).T, gaps),
-        ],
+    f, g = _energy(of), _rows(of, obstacles)
+    z, p, lam = (
+        ca.MX.sym(*sized) for sized in (("z", f.n_x), ("p", f.n_p + g.n_p), ("lam", g.n_g))
     )
-    sizes = (n, 1, g.n_g, nT, n, f.n_p, g.n_p)
-    z, p = ca.MX.sym("z", n + nT), ca.MX.sym("p", sum(sizes))
-    unit, f_unit, g_unit, stiff, dead, pf, pg = ca.vertsplit(p, np.cumsum([0, *sizes]).tolist())
-    L = g_unit[first]
-    x, e = z[:n] * unit, z[n:] * L
-    value = f_unit * (f.value(x, pf) + ca.dot(stiff, e**2) / 2 + ca.dot(dead, x))
-    longer = ca.vertcat(ca.MX.zeros(first), e, ca.MX.zeros(N * obstacles))
-    rows = (g.value(x, pg) - longer) / g_unit
-    (by_f, at_f), (by_g, at_g) = f.jacobian, g.jacobian
-    sigma, lam = ca.MX.sym("sigma"), ca.MX.sym("lam", g.n_g)
+    sigma, pf, pg = ca.MX.sym("sigma"), p[: f.n_p], p[f.n_p :]
+    value, rows = f.value(z, pf), g.value(z, pg)
 
-    def scaled(values: ca.MX, places: ca.Sparsity, by_row: ca.MX, by_column: ca.MX) -> ca.MX:
-        i, j = places.get_triplet()
-        return ca.MX(places, values * ca.vec(by_row[i]) * ca.vec(by_column[j]))
+    def matrix(derivative: tuple[ca.Function, ca.Sparsity], *given: ca.MX) -> ca.MX:
+        return ca.MX(derivative[1], derivative[0](*given))
 
-    gradient = scaled(by_f(x, pf), at_f, f_unit, unit).T + f_unit * dead * unit
-    gradient = ca.densify(ca.vertcat(gradient, f_unit * stiff * e * L))
-    places = ca.Sparsity.triplet(g.n_g, nT, list(range(first, first + nT)), list(range(nT)))
-    J = ca.horzcat(scaled(by_g(x, pg), at_g, 1 / g_unit, unit), -ca.DM(places, 1.0))
-    (of_f, in_f), (of_g, in_g) = f.hessian, g.hessian
-    H = scaled(of_f(x, pf, sigma * f_unit), in_f, unit, unit)
-    H += scaled(of_g(x, pg, lam / g_unit), in_g, unit, unit)
-    H = ca.triu(ca.diagcat(H, ca.diag(sigma * f_unit * stiff * L**2)))
+    gradient, J = ca.densify(matrix(f.jacobian, z, pf)).T, matrix(g.jacobian, z, pg)
+    H = ca.triu(matrix(f.hessian, z, pf, sigma) + matrix(g.hessian, z, pg, lam))
     options: dict[str, Any] = {
         "print_time": False,
         "show_eval_warnings": False,
