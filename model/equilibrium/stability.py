@@ -10,7 +10,7 @@ spread along the tendons are held as they are.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -20,7 +20,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
 from model.cross_section.law import CrossSection, moments
-from model.cross_section.sections import Sections, body_numbers
+from model.cross_section.sections import body_numbers
 from model.equilibrium.linearised import Index, Linearised, band
 from model.errors import SingularError
 from model.loads import is_loaded
@@ -33,12 +33,11 @@ from model.unloaded.sections import unloaded_sections
 
 # What a Hessian may be unsymmetric by for it not to matter.
 _SYMMETRIC = 1e-3
-_ALL = slice(None)
-# What eigenvalues may all be above, and how many vectors Arnoldi's method takes for each mode, and
-# for the least eigenvalue alone.
-_BELOW, _VECTORS, _FEW_VECTORS = (-1.0, -4.0, -16.0, -64.0), 40, 20
-# Of Arnoldi's method, where a matrix of no more rows is the alternative.
-_RESTARTS, _SMALL = 10, 1000
+# Of Arnoldi's method, vectors for each mode and restarts; and the tolerance of an eigenvalue alone,
+# whose error is the square of that where the Hessian is symmetric.
+_VECTORS, _RESTARTS, _CLOSE = 40, 10, 1e-6
+# No eigenvalue is looked for below this one.
+_LOWEST = -1e6
 
 
 def stands(here: Linearised) -> bool:
@@ -138,12 +137,12 @@ def _block_places(of: Layout) -> _Blocks:
 def stability(here: Linearised) -> float:
     """Return the least eigenvalue of the scaled Hessian of the energy; below 0 it is unstable.
 
-    Of a Hessian that is not symmetric, a real part. 0 where the arm is about to yield.
+    Of a Hessian that is not symmetric, a real part. 0 where the arm is about to buckle.
     """
     if not is_loaded(here.system.scene):
         return _by_sections(here)
     try:
-        return least_eigenvalue(here) if stands(here) else float(least_modes(here, 1)[0][0])
+        return float(_least(here, 1, _CLOSE)[0][0])
     except (SingularError, np.linalg.LinAlgError):
         return 0.0
 
@@ -152,99 +151,65 @@ def _by_sections(here: Linearised) -> float:
     """Return the stability without loads, where no wrench couples the cross-sections."""
     at, sections = here.system, unloaded_sections(here.system).sections
     _, jacobian = sections.wrench(at.strains(here.states), sections.pulls(here.tensions))
-    return least_of_sections(sections, jacobian)
-
-
-def least_of_sections(sections: Sections, jacobian: Array, of: slice = _ALL) -> float:
-    """Return the least eigenvalue of the scaled Jacobians (N, n, n) of cross-sections' wrenches."""
-    root = np.sqrt(_at_rest(sections.law, sections.body[:, of]).T)
-    H = jacobian[of] / root[:, :, None] / root[:, None, :]
+    root = np.sqrt(_at_rest(sections.law, sections.body).T)
+    H = jacobian / root[:, :, None] / root[:, None, :]
     even = (H + H.transpose(0, 2, 1)) / 2
     if np.abs(H - even).max() <= _SYMMETRIC * np.abs(H).max():
         return float(np.linalg.eigvalsh(even).min())
     return float(np.linalg.eigvals(H).real.min())
 
 
-def least_eigenvalue(here: Linearised) -> float:
-    """Return the least eigenvalue of an equilibrium that stands, by Arnoldi's method.
-
-    With friction and no loads nearly all eigenvalues are one and the method is slow: then that of
-    the whole matrix, while it is small.
-    """
-    of = here.system.of
-    places, n = np.ravel(of.stages), of.stages.size
-    _, stiff = rest_stiffness(here.system)
-    right = np.zeros(of.n_states)
-
-    def inverse(bends: Array) -> Array:
-        right[places] = stiff * np.ravel(bends)
-        return here.solve(right)[places]
-
-    operator = LinearOperator((n, n), matvec=inverse, dtype=float)
-    restarts, tol = (_RESTARTS, 1e-8) if n <= _SMALL else (None, 1e-5)
-    asked = {"v0": np.ones(n), "ncv": _FEW_VECTORS, "tol": tol, "maxiter": restarts}
-    try:
-        value = eigs(operator, 1, return_eigenvectors=False, **asked)[0]
-    except ArpackNoConvergence:  # as where many eigenvalues are one
-        return float(np.linalg.eigvals(energy_hessian(here)).real.min())
-    return float((1 / value).real)
-
-
 def least_modes(here: Linearised, count: int) -> tuple[Array, Array]:
-    """Return the least eigenvalues (count,), and how the states move in their modes.
+    """Return the least eigenvalues (count,), and the changes of the states in their modes.
 
     Modes are (n_states, count): the changes y of the states with J y = lambda B y, where J is the
-    equations' Jacobian and B the stiffness of the body at rest, at the stages: those that are
-    nearest to a number below them, by Arnoldi's method, or else of the whole matrix. Of what is
-    complex the real parts count. Raises SingularError.
+    equations' Jacobian and B the stiffness of the body at rest, at the stages. Of what is complex
+    the real parts count. Raises SingularError.
+    """
+    values, bends, near = _least(here, count, 0.0)
+    return values, near(bends)
+
+
+def _least(
+    here: Linearised, count: int, tolerance: float
+) -> tuple[Array, Array, Callable[[Array], Array]]:
+    """Return the least eigenvalues, their modes at the stages (n, count), and what spreads these.
+
+    Those that are nearest to a number below them, by Arnoldi's method on the inverse of the
+    equations with so much less stiffness; or of the whole matrix where many eigenvalues are one.
     """
     _, stiff = rest_stiffness(here.system)
     below, shifted = _shifted(here, stiff)
     places, n = np.ravel(here.system.of.stages), stiff.size
 
-    def near(bends: Array) -> Array:
+    def inverse(bends: Array) -> Array:
         right = np.zeros((here.system.of.n_states, *bends.shape[1:]))
         right[places] = (stiff * bends.T).T
         return shifted.solve(right)
 
-    operator = LinearOperator((n, n), matvec=lambda bends: near(bends)[places], dtype=float)
-    asked = {"v0": np.ones(n), "ncv": min(_VECTORS * count, n), "maxiter": _RESTARTS}
+    operator = LinearOperator((n, n), matvec=lambda bends: inverse(bends)[places], dtype=float)
+    given = {"v0": np.ones(n), "ncv": min(_VECTORS * count, n), "maxiter": _RESTARTS}
     try:
-        found, vectors = eigs(operator, count, **asked)
-    except ArpackNoConvergence:  # as where many eigenvalues are one
-        found, vectors = np.linalg.eig(near(np.eye(n))[places])
-    order = np.argsort(-found.real)[:count]
-    values, bends = 1 / found[order].real, vectors[:, order].real
-    return values + below, near(bends) * values
+        values, vectors = eigs(operator, count, tol=tolerance, **given)
+    except ArpackNoConvergence:
+        values, vectors = np.linalg.eig(inverse(np.eye(n))[places])
+    order = np.argsort(-values.real)[:count]
+    values, bends = 1 / values[order].real, vectors[:, order].real
+    return values + below, bends * values, inverse
 
 
 def _shifted(here: Linearised, stiff: Array) -> tuple[float, Linearised]:
     """Return a number below all eigenvalues, and the equations with so much less stiffness."""
-    at, of = here.band, here.system.of
-    own = np.zeros(of.n_states)
-    own[np.ravel(of.stages)] = stiff
+    at, of, below, shifted = here.band, here.system.of, 0.0, here
     diagonal = np.flatnonzero(at.rows == at.columns - of.first)
-    for below in _BELOW:
+    at_rest = np.zeros(of.n_states)
+    at_rest[np.ravel(of.stages)] = stiff
+    while not stands(shifted) and below > _LOWEST:
+        below = min(4 * below, -1.0)
         nonzeros = here.nonzeros.copy()
-        nonzeros[diagonal] -= below * own[at.rows[diagonal]]
+        nonzeros[diagonal] -= below * at_rest[at.rows[diagonal]]
         shifted = Linearised(here.system, here.x, jacobian=nonzeros)
-        if stands(shifted):
-            break
     return below, shifted
-
-
-def energy_hessian(here: Linearised) -> Array:
-    """Return the scaled Hessian in the strains of all stages (n, n), base to tip.
-
-    The inverse of it is part of that of the equations' Jacobian.
-    """
-    of = here.system.of
-    places, n = np.ravel(of.stages), of.stages.size
-    unit = np.zeros((of.n_states, n), order="F")
-    unit[places, np.arange(n)] = 1.0
-    weight, stiff = rest_stiffness(here.system)
-    reduced = np.linalg.inv(here.solve(unit)[places])
-    return np.asarray(reduced * np.sqrt(weight / stiff)[:, None] / np.sqrt(weight * stiff))
 
 
 @lru_cache(maxsize=32)
