@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -13,7 +14,7 @@ from planner.commands.answer import NOT_REACHED, OK, Answer, figure
 from planner.commands.options import FileOptions, Options
 from planner.fit.calibration import Calibration
 from planner.fit.designed import Design
-from planner.io.files import to_json, why, write_new
+from planner.io.files import to_json, write_together
 from planner.io.fit_files import load_asked, run_design
 from planner.io.records import SweepRecord, sweep_record
 from planner.io.saved_records import calibration_record, design_record
@@ -50,13 +51,12 @@ def new(
     if path.suffix.lower() != ".toml":
         raise InputError("FILE", str(path), "a file name that ends in .toml")
     contents = _first_files(kind, path.name)
-    try:
-        write_new(path.parent, {name: text.encode() for name, text in contents.items()})
-    except FileExistsError as reason:
-        raise InputError("FILE", str(reason.filename), "a file that does not exist yet") from None
-    except (OSError, ValueError) as reason:
-        allowed = f"a file that can be written: {why(reason)}"
-        raise InputError("FILE", str(path), allowed) from None
+    for there in map(path.with_name, contents):
+        if os.path.lexists(there):
+            raise InputError("FILE", str(there), "a file that does not exist yet")
+    if not path.parent.is_dir():
+        raise InputError("FILE", str(path), "a file in a folder that is there")
+    write_together(path.parent, {name: text.encode() for name, text in contents.items()})
     written = " and ".join(str(path.with_name(name)) for name in contents)
     verb = "is" if len(contents) == 1 else "are"
     text = f"{written} {verb} written; next: octoplan {_NEXT[kind].format(path)}"

@@ -10,14 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from model import Shape
+from model import Arm, Shape
 from model.checks import within
-from model.effects import PrintedStatics
-from model.errors import OctoplanError
-from model.time_limit import OutOfTime
 from planner.io.codec import number_in
 from planner.io.files import write_named
-from planner.io.records import POINTS
+from planner.io.records import POINTS, of_shape
 
 _FRAME = [f"{column}_{axis}" for column in "tnb" for axis in "xyz"]
 SHAPE_COLUMNS = ("s_m", "x_m", "y_m", "z_m", *_FRAME, "tau_1_m", "xi_1_m", "k_1_m", "q")
@@ -60,14 +57,9 @@ def plan_csv(plan: Any) -> bytes:
     slack. Lengths and strokes are empty where the statics have none, or the tensions do not settle.
     """
     arm, tensions = plan.arm, np.ravel(plan.tensions).tolist()
-    none = [""] * arm.n_tendons
-    lengths, strokes, slack = none, none, [T <= 0 for T in tensions]
-    try:
-        slack = plan.shape.slack.ravel().tolist()
-        if not plan.scene.has(PrintedStatics):
-            lengths, strokes = _mm(plan.lengths), _mm(plan.strokes)
-    except (OctoplanError, OutOfTime):
-        pass
+    shape = of_shape(plan)
+    slack = [T <= 0 for T in tensions] if shape["slack"] is None else shape["slack"].ravel()
+    lengths, strokes = _mm(arm, shape["lengths_m"]), _mm(arm, shape["strokes_m"])
     states = ["slack" if own else "taut" for own in slack]
     names = [arm.tendon_name(j) for j in range(arm.n_tendons)]
     sections = [section + 1 for section, _ in arm.tendons]
@@ -75,5 +67,7 @@ def plan_csv(plan: Any) -> bytes:
     return _lines(PLAN_COLUMNS, rows)
 
 
-def _mm(lengths: Any) -> list[Any]:
-    return [number_in(own, "mm") for own in np.ravel(lengths).tolist()]
+def _mm(arm: Arm, lengths: Any) -> list[Any]:
+    """Return lengths of tendons [m] in mm; empty cells for none."""
+    none = [""] * arm.n_tendons
+    return none if lengths is None else [number_in(x, "mm") for x in np.ravel(lengths).tolist()]

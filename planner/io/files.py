@@ -138,49 +138,28 @@ def write_whole(path: Path, content: bytes) -> None:
 def write_together(folder: Path, contents: dict[str, bytes]) -> None:
     """Write files into a folder, which is made if need be: all of them, or on an error none.
 
-    They are staged in a folder inside it first, so that a full disk spoils nothing; what was there
-    before is put back where one of them cannot take its place. Raises FileError.
+    They are staged in a folder inside it first, so that a full disk spoils nothing; a folder in the
+    place of one of them is refused before. Raises FileError.
     """
+    is_new = not folder.exists()
     try:
-        _write_staged(folder, contents)
-    except (OSError, ValueError) as reason:
-        told = f"no file was written in this folder: {why(reason)}"
-        raise FileError(str(folder), "", told) from None
-
-
-def _write_staged(folder: Path, contents: dict[str, bytes]) -> None:
-    new = not folder.exists()
-    folder.mkdir(parents=True, exist_ok=True)
-    try:
+        folder.mkdir(parents=True, exist_ok=True)
         with staged(folder) as here:
             for name, content in contents.items():
+                if (folder / name).is_dir():
+                    raise IsADirectoryError(errno.EISDIR, f"{name} in it is a folder")
                 (here / name).write_bytes(content)
-            _take_places(here, folder, list(contents))
+            for name in contents:
+                (here / name).replace(folder / name)
             keep(f"{', '.join(contents)} in {folder} are written")
-    except BaseException:
-        if new:
-            with suppress(OSError):
+    except BaseException as reason:
+        if is_new:
+            with suppress(OSError, ValueError):
                 folder.rmdir()
-        raise
-
-
-def _take_places(here: Path, folder: Path, names: list[str]) -> None:
-    before: dict[str, bytes | None] = {}
-    try:
-        for name in names:
-            path = folder / name
-            if path.is_dir():
-                raise IsADirectoryError(errno.EISDIR, f"{name} in it is a folder")
-            old = path.read_bytes() if path.is_file() else None
-            (here / name).replace(path)
-            before[name] = old
-    except BaseException:
-        for name, content in before.items():
-            if content is None:
-                (folder / name).unlink()
-            else:
-                (folder / name).write_bytes(content)
-        raise
+        if not isinstance(reason, OSError | ValueError):
+            raise
+        told = f"no file was written in this folder: {why(reason)}"
+        raise FileError(str(folder), "", told) from None
 
 
 def write_named(path: str | Path, suffix: str, content: bytes) -> Path:
@@ -231,20 +210,3 @@ def _item(value: Any) -> Any:
 def versions() -> dict[str, str]:
     """Return the versions of what computes."""
     return {"octoplan": version("octoplan"), "casadi": version("casadi"), "numpy": version("numpy")}
-
-
-def write_new(folder: Path, contents: dict[str, bytes]) -> None:
-    """Write files that are not there yet into a folder; FileExistsError, OSError or ValueError.
-
-    On an error none of them is left.
-    """
-    made: list[Path] = []
-    try:
-        for name, content in contents.items():
-            with (folder / name).open("xb") as stream:
-                made.append(folder / name)
-                stream.write(content)
-    except BaseException:
-        for path in made:
-            path.unlink(missing_ok=True)
-        raise

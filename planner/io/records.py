@@ -13,10 +13,13 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from model.effects import PrintedStatics
+from model.errors import OctoplanError
+from model.time_limit import OutOfTime
 from planner.effect_ablation import ProblemSize
 from planner.io.annotations import arguments
 from planner.io.files import versions
-from planner.tendon_lengths import strokes
+from planner.tendon_lengths import length_error, strokes
 
 POINTS, _SECTIONS = 101, 21
 _UNITS = ("_m_per_N", "_N_m2", "_m", "_N", "_s")
@@ -85,6 +88,26 @@ def shape_record(shape: Any) -> ShapeRecord:
         "slack": shape.slack.ravel(),
     }
     return record_of(ShapeRecord, shape, **along, **held)
+
+
+def of_shape(plan: Any) -> dict[str, Any]:
+    """Return what depends on a plan's shape: None where the tensions do not settle.
+
+    Lengths are None where there are none: as printed.
+    """
+    keys = ("tip_m", "tip_frame", "slack", "lengths_m", "strokes_m", "tip_error_per_length")
+    found: dict[str, Any] = dict.fromkeys(keys)
+    try:
+        shape = plan.shape
+        found |= {"tip_m": shape.tip, "tip_frame": shape.tip_frame, "slack": shape.slack}
+        if not plan.scene.has(PrintedStatics):
+            error = length_error(shape)
+            per_length = dict(zip(error.names, error.each.tolist(), strict=True))
+            lengths = {"lengths_m": plan.lengths, "strokes_m": plan.strokes}
+            found |= {**lengths, "tip_error_per_length": per_length}
+    except (OctoplanError, OutOfTime):
+        pass
+    return found
 
 
 class StiffnessRecord(Record, kw_only=True):

@@ -163,7 +163,8 @@ def load_calibration(path: str | Path) -> Calibration:
         shapes = tuple(own.checked(arm, own.name) for own in map(value_of, asked.measured))
     if len(fit.values) != len(unknowns) or not np.all(np.isfinite(fit.values)):
         raise FileError(name, "fit.values", f"{len(unknowns)} finite numbers are needed")
-    own = {key: read(Any, getattr(fit, key)) for key in fit.__struct_fields__}
+    kept = {key: getattr(fit, key) for key in fit.__struct_fields__}
+    own = {key: read(Any, x) for key, x in kept.items() if x is not msgspec.UNSET}
     with told_in(name, "fit"):
         found = Calibration(arm, scene, shapes, unknowns, **own)
         found.parameters  # noqa: B018  (checks keys and sessions)

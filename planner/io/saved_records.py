@@ -12,25 +12,20 @@ import numpy as np
 from msgspec import Meta
 
 from model.arm import Arm
-from model.effects import PrintedStatics
-from model.errors import OctoplanError
 from model.obstacles import Moving, Obstacle
 from model.scene import Scene
-from model.time_limit import OutOfTime
 from planner.avoidance.rows import Apart, Avoidance, Place
 from planner.certificate import Certificate
-from planner.fit.fitted import Start
-from planner.fit.least_squares import Loss
+from planner.fit.fitted import Fitted, Start
 from planner.fit.measured import Measured
 from planner.fit.unknowns import Unknown
 from planner.io.annotations import arguments, choice, hints_of
 from planner.io.codec import READ, WRITE, attributes_of, plain
 from planner.io.object_tables import TARGETS
-from planner.io.records import Floats, Matrix, Record, Rows, Schema, record_of
+from planner.io.records import Floats, Matrix, Record, Rows, Schema, of_shape, record_of
 from planner.io.tables import Number, exact, exact_choices, struct
 from planner.program.limits import Limits
 from planner.solve.task import SearchResult
-from planner.tendon_lengths import length_error
 
 WRITE |= dict.fromkeys((Avoidance, Apart, Place))
 ObstacleKind: Any = choice([*exact_choices(Obstacle), exact(Moving)])
@@ -40,7 +35,6 @@ SceneKind: Any = exact(Scene)
 LimitsKind: Any = exact(Limits, placed=True)
 ShapeKind: Any = exact(Measured, placed=True)
 UnknownKind: Any = exact(Unknown, placed=True)
-StartKind: Any = exact(Start, placed=True)
 
 
 class QuestionRecord(msgspec.Struct, kw_only=True):
@@ -125,7 +119,7 @@ def plan_record(plan: Any) -> PlanRecord:
         plan,
         certified=certificate.passed,
         tendons=[plan.arm.tendon_name(j) for j in range(plan.arm.n_tendons)],
-        **_shape_of(plan),
+        **{key: own for key, own in of_shape(plan).items() if key != "slack"},
         certificate=CertificateRecord(**told),
         question=QuestionRecord(
             **{name: plain(getattr(plan, name)) for name in ("arm", "scene", "targets")},
@@ -142,25 +136,6 @@ def plan_record(plan: Any) -> PlanRecord:
             "avoidance": avoidance,
         },
     )
-
-
-def _shape_of(plan: Any) -> dict[str, Any]:
-    """Return what depends on the shape: None where the tensions do not settle.
-
-    Lengths are None where there are none: as printed.
-    """
-    keys = ("tip_m", "tip_frame", "lengths_m", "strokes_m", "tip_error_per_length")
-    found: dict[str, Any] = dict.fromkeys(keys)
-    try:
-        found |= {"tip_m": plan.shape.tip, "tip_frame": plan.shape.tip_frame}
-        if not plan.scene.has(PrintedStatics):
-            error = length_error(plan.shape)
-            per_length = dict(zip(error.names, error.each.tolist(), strict=True))
-            lengths = {"lengths_m": plan.lengths, "strokes_m": plan.strokes}
-            found |= {**lengths, "tip_error_per_length": per_length}
-    except (OctoplanError, OutOfTime):
-        pass
-    return found
 
 
 # Calibrations and designs
@@ -192,20 +167,15 @@ class CalibrationQuestion(msgspec.Struct, kw_only=True):
     unknowns: list[UnknownKind]
 
 
-class FitRecord(msgspec.Struct, kw_only=True):
-    """How residuals were counted and what was found; the values are loaded from here."""
-
-    values: Floats
-    noise: float
-    loss: Loss
-    absolute_std: bool
-    refinement: int
-    error: float
-    starts: list[StartKind]
-    astray: list[str]
-    stages: int
-    left_out: list[tuple[str, str]] = []
-    stopped: bool = False
+_ASKED = ("given_arm", "given_scene", "measured", "unknowns")
+_NOT_KEPT = (*_ASKED, "machine_code", "known")
+_FIT = tuple(name for name in arguments(Fitted) if name not in _NOT_KEPT)
+# How residuals were counted and what was found; the values are loaded from here.
+FitRecord: Any = struct(
+    "FitRecord",
+    [("starts", list[exact(Start, placed=True)])],  # type: ignore[misc]
+    base=exact(Fitted, placed=True, names=tuple(name for name in _FIT if name != "starts")),
+)
 
 
 class CalibrationRecord(Record, kw_only=True):
@@ -225,7 +195,6 @@ class CalibrationRecord(Record, kw_only=True):
 def calibration_record(of: Any) -> CalibrationRecord:
     """Return the record of a Calibration."""
     rows = zip(of.unknowns, of.values, of.std.tolist(), strict=True)
-    fit = {name: getattr(of, name) for name in FitRecord.__struct_fields__}
     return record_of(
         CalibrationRecord,
         of,
@@ -245,9 +214,7 @@ def calibration_record(of: Any) -> CalibrationRecord:
             "measured": plain(of.measured),
             "unknowns": plain(of.unknowns),
         },
-        fit=FitRecord(
-            **fit | {"starts": [attributes_of(own, arguments(Start)) for own in of.starts]}
-        ),
+        fit=attributes_of(of, _FIT),
     )
 
 

@@ -197,16 +197,18 @@ _EARLIER: dict[Any, list[Any]] = {ExactTendons: [("careful", bool, False)]}
 
 
 @cache
-def exact(kind: Any, *, placed: bool = False) -> Any:
-    """Return the table of a class in the exact form; what has a default may be left out.
+def exact(kind: Any, *, placed: bool = False, names: tuple[str, ...] = ()) -> Any:
+    """Return the table of a class in the exact form, or of arguments of these names alone.
 
-    It tells the class as `kind`, unless the place where it stands tells that; then keys that are
-    not known are those of other versions.
+    What has a default may be left out. It tells the class as `kind`, unless the place where it
+    stands tells that; then keys that are not known are those of other versions.
     """
     if placed:
         PLACED.add(kind)
     fields: list[Any] = list(_EARLIER.get(kind, ()))
     for name, argument in inspect.signature(kind).parameters.items():
+        if names and name not in names:
+            continue
         held = type_in_file(hints_of(kind)[name], None)
         is_needed = argument.default is inspect.Parameter.empty
         fields.append((name, held) if is_needed else (name, held | UnsetType, UNSET))
