@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from planner.measure import remark_on_slack
 from planner.mirror import mirror_images
 from planner.outcome import Facts, sentence
 from planner.program.limits import Limits
-from planner.program.optimality import optimality
+from planner.program.optimality import Point
 from planner.program.problem import Problem, build, units
 from planner.program.program import STABILITY, STROKES
 from planner.program.statement import Mode, Statement, effort
@@ -31,6 +31,19 @@ from planner.solve.refine import defect, settled
 from planner.solve.task import SearchResult, Task, Trial, agreed, allowed
 from planner.targets.base import Target
 from planner.tendon_lengths import strokes
+
+
+class Optimum(NamedTuple):
+    """Tensions in equilibrium as a point of their program: unknowns and multipliers of all.
+
+    With the defect of the program's mesh there, and the residual of the first-order conditions.
+    """
+
+    x: Array
+    lam_x: Array
+    lam_g: Array
+    defect: Array
+    residual: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +154,7 @@ class Answer:
         T = np.ravel(self.tensions)
         asked = (self.arm, self.scene, self.targets, self.limits)
         more = (self.statement.margin, self.surroundings)
-        return certify(*asked, T, lambda: self.shape, self._kkt(T), self.accuracy, *more)
+        return certify(*asked, T, lambda: self.shape, self._kkt(), self.accuracy, *more)
 
     @property
     def mode(self) -> Mode:
@@ -242,21 +255,30 @@ class Answer:
         lam_g = np.array(self.lam_g)[: names.size]
         return lam_g[names == name] if lam_g.size == names.size else np.zeros(0)
 
-    def _kkt(self, T: Array) -> float:
+    @cached_property
+    def optimum(self) -> Optimum | None:
+        """The tensions as a point of their program; None where multipliers are of another one.
+
+        Raises what settling does.
+        """
         problem = self._problem()
-        limits = allowed(self.arm, self.targets, self.limits)
-        bounds = problem.free_bounds(limits)
+        n, m = problem.n_free, problem.n_outer
         # Files of earlier versions have the multipliers of equilibrium last.
-        lam_x = np.array(self.lam_x)[: problem.n_free]
-        lam_g = np.array(self.lam_g)[: problem.n_outer]
-        if lam_x.size != problem.n_free or lam_g.size != problem.n_outer:
-            return np.inf
+        lam_x, lam_g = np.array(self.lam_x)[:n], np.array(self.lam_g)[:m]
+        if lam_x.size != n or lam_g.size != m:
+            return None
+        limits = allowed(self.arm, self.targets, self.limits)
+        p = problem.parameters(self.stated, limits)
+        x = problem.settled(np.ravel(self.tensions), limits, p, self.shape.known)
+        off = defect(problem, x, self.stated, self.shape)
+        point = Point(problem, x, problem.parameters(self.stated, limits, defect=off))
+        residual = point.residual(lam_x, lam_g, problem.bounds(limits))
+        lam_x = np.append(lam_x, np.zeros(x.size - n))
+        return Optimum(x, lam_x, point.all_multipliers(lam_g), off, residual)
+
+    def _kkt(self) -> float:
         try:
-            p = problem.parameters(self.stated, limits)
-            x = problem.settled(T, limits, p, self.shape.known)
-            off = defect(problem, x, self.stated, self.shape)
-            p = problem.parameters(self.stated, limits, defect=off)
-            return optimality(problem, x, p, lam_x, lam_g, bounds).worst
+            return np.inf if self.optimum is None else self.optimum.residual
         except (OctoplanError, np.linalg.LinAlgError):
             return np.inf
 

@@ -145,8 +145,9 @@ class HeldPlan(Plan):
         """See Answer._rows: beside limits of tensions stability alone holds."""
         return np.array(self.lam_g[-1:] if name == STABILITY and self.statement.modes else ())
 
-    def _kkt(self, T: Array) -> float:
+    def _kkt(self) -> float:
         asked = (self.arm, self.targets, self.scene, self.limits, self.statement, self.accuracy)
+        T = np.ravel(self.tensions)
         return optimality_of(Task(*asked, self.machine_code), T, self.shape, self.load_path)
 
 
@@ -339,7 +340,7 @@ def searched(
         kept = _kept_clear(near, task, around)
         if kept is not None:
             return kept, near.avoidance
-        followed = warm_start(near, near.targets, task)
+        followed = warm_start(near, task)
         avoidance, left = None, not followed
         if around and not (followed and followed.stopped):
             led = Around(task, around)
@@ -359,7 +360,7 @@ def _kept_clear(near: Answer, task: Task, around: Surroundings) -> SearchResult 
     """
     if near.avoidance is None or near.surroundings != around:
         return None
-    found = warm_start(near, near.stated, keeping(task, near.avoidance))
+    found = warm_start(near, keeping(task, near.avoidance))
     if found is None or found.stopped or found.jump:
         return None
     line = line_of(task, found.statement, np.ravel(found.tensions), finished=True)

@@ -268,8 +268,8 @@ def _part(
     n); the chain rule takes them to (x, z).
     """
     program, (numbers, by_z, curved) = problem.program, closed
-    own, equations, K = program.symbols, program.equations.in_numbers, by_z.size2()
-    whole, scale = ca.DM(program.whole(p)), ca.DM(p[program.parts.row_scale])
+    own, equations, K = program, program.equations.in_numbers, by_z.size2()
+    whole, scale = ca.DM(program.scale_at(p)), ca.DM(p[program.parts.row_scale])
     given, m, n = [own.x, own.p], own.outer.numel(), program.size
     first = [own.f, own.gradient, own.outer, own.outer_jacobian]
     f, gradient, outer, outer_J = ca.Function("outer", given, first)(x, ca.DM(p))

@@ -17,7 +17,6 @@ are three readings of them, tried in this order:
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import pairwise
 from typing import TypeVar
 
@@ -26,14 +25,11 @@ import numpy as np
 
 from model.arm import Arm
 from model.stations import base_pose
-from model.transcription.layout import POSE
-from model.transcription.terms import Equations
 from planner.avoidance.rows import Avoidance
 from planner.program.statement import Statement, smooth_norm
 from planner.program.terms import (
     HIGH_PRIORITY,
     LOW_PRIORITY,
-    Same,
     compliance_requests,
     directions_function,
     equality_weights,
@@ -43,66 +39,6 @@ from planner.program.terms import (
     terms_function,
 )
 from planner.targets.base import Target
-
-
-@dataclass(frozen=True, eq=False)
-class Gaps:
-    """How much farther off than they have to be places are, over L, of poses (7, K) at stations.
-
-    Attributes
-    ----------
-    equations : Equations or None
-        See Avoidance.gaps; None where nothing is to be kept clear of.
-    base : (7,)
-        The pose that the arm is clamped at.
-    """
-
-    equations: Equations | None
-    base: ca.DM
-    length: float
-
-    @classmethod
-    def of(
-        cls, arm: Arm, avoidance: Avoidance | None, stations: tuple[float, ...], machine_code: bool
-    ) -> Gaps:
-        """Return the gaps of inequalities; CasADi cannot differentiate compiled ones."""
-        found = avoidance.gaps(arm, stations, machine_code) if avoidance else None
-        return cls(found, ca.DM(base_pose(arm)), arm.length)
-
-    @property
-    def size(self) -> int:
-        """How many there are."""
-        return self.equations.n_g if self.equations else 0
-
-    @property
-    def n_numbers(self) -> int:
-        """How many numbers they take."""
-        return self.equations.n_p if self.equations else 0
-
-    def value(self, poses: ca.MX, p: ca.MX) -> ca.MX:
-        """Return the gaps (m,)."""
-        if self.equations is None:
-            return ca.MX(0, 1)
-        return self.equations.value(self._all(poses), p) / self.length
-
-    def jacobian(self, poses: ca.MX, p: ca.MX) -> ca.MX:
-        """Return their derivatives by the poses, column by column (m, 7 K)."""
-        if self.equations is None:
-            return ca.MX(0, poses.numel())
-        function, places = self.equations.jacobian
-        return ca.MX(places, function(self._all(poses), p))[:, POSE:] / self.length
-
-    def second(self, poses: ca.MX, p: ca.MX, weights: ca.MX) -> ca.MX:
-        """Return the Hessian (7 K, 7 K) of weights (m,) . gaps."""
-        if self.equations is None:
-            return ca.MX(poses.numel(), poses.numel())
-        function, places = self.equations.hessian
-        nonzeros = function(self._all(poses), p, weights)
-        return ca.MX(places, nonzeros)[POSE:, POSE:] / self.length
-
-    def _all(self, poses: ca.MX) -> ca.MX:
-        return ca.vertcat(self.base, ca.vec(poses))
-
 
 STRETCH, LEAST_STRETCH = "stretch", 1e-3
 S = TypeVar("S", ca.SX, ca.MX)
@@ -116,25 +52,6 @@ class Rows:
     size: int
     lower: float
     upper: float
-
-
-def objective_of(
-    arm: Arm, targets: tuple[Target, ...], statement: Statement, thin: int
-) -> Objective:
-    """Return what targets and a statement make of a shape with so many slim places.
-
-    Built once for all targets of one structure, and for all meshes.
-    """
-    structure = tuple(target.structure(arm) for target in targets)
-    told = Statement(norm=statement.norm, mode=statement.mode, limited=statement.limited)
-    return _built(arm, structure, Same(targets), told, thin)
-
-
-@lru_cache(maxsize=24)
-def _built(
-    arm: Arm, structure: tuple[object, ...], targets: Same, statement: Statement, thin: int
-) -> Objective:
-    return Objective(arm, targets.value, statement, thin)
 
 
 class Objective:
@@ -166,14 +83,18 @@ class Objective:
     ) -> None:
         self.statement, self.requests = statement, compliance_requests(targets)
         stations = stations_of(arm, targets)
-        self._clear = arm, targets, stations
-        # What keeps clear changes its structure often, and is a part of its own: see gaps.
+        kept = [target for target in targets if isinstance(target, Avoidance)]
+        # CasADi cannot differentiate compiled kernels.
+        self._arm, self._gaps = arm, kept[0].gaps(arm, stations, False) if kept else None
         targets = tuple(target for target in targets if not isinstance(target, Avoidance))
         self.seen = [stations.index(s) for s in stations_of(arm, targets)]
-        self.terms = terms_function(arm, targets)
-        self.directions, gaps = directions_function(arm, targets), self.gaps()
+        self.terms, self.directions = (
+            terms_function(arm, targets),
+            directions_function(arm, targets),
+        )
         self.n_own = self.terms.size1_in(1)
-        self.n_numbers = self.n_own + gaps.n_numbers + 3
+        n_gaps, n_gap_numbers = (self._gaps.n_g, self._gaps.n_p) if self._gaps else (0, 0)
+        self.n_numbers = self.n_own + n_gap_numbers + 3
         n, K = arm.n_tendons, self.terms.size2_in(0)
         T, poses, least = ca.MX.sym("T", n), ca.MX.sym("poses", 7, K), ca.MX.sym("least", thin)
         p = ca.MX.sym("p", self.n_numbers)
@@ -182,30 +103,29 @@ class Objective:
         lack = ca.MX.sym("lack", len(soft))
         f, blocks, peak = self._stated(arm, targets, soft, (T, lack, p, poses, least, compliances))
         self.rows = tuple(Rows(name, g.numel(), lo, hi) for name, g, lo, hi in blocks)
-        self.before_gaps = self.rows[0].size + self.rows[1].size
-        self.rows = (*self.rows[:2], Rows("clear", gaps.size, 0.0, np.inf), *self.rows[2:])
+        self.rows = (*self.rows[:2], Rows("clear", n_gaps, 0.0, np.inf), *self.rows[2:])
         self.n_peak, self.n_lack = peak.numel(), lack.numel()
         self.lack_rows = [self.rows[0].size + row for row in soft]
         g = ca.vertcat(*(g for _, g, _, _ in blocks))
         given = [T, peak, lack, p, poses, least, compliances]
         self.function = ca.Function("objective", given, [f, g])
 
-    def gaps(self, machine_code: bool = False) -> Gaps:
-        """Return the inequalities that keep clear, whose rows come after `before_gaps` others."""
-        arm, targets, stations = self._clear
-        kept = [target for target in targets if isinstance(target, Avoidance)]
-        return Gaps.of(arm, kept[0] if kept else None, stations, machine_code)
+    def gaps(self, poses: ca.MX, p: ca.MX) -> ca.MX:
+        """Return how much farther off than they have to be places are, over L.
 
-    def with_gaps(self, rows: S, gaps: S) -> S:
-        """Return rows (m, ...) of `function` and those of the gaps in their places."""
-        k = self.before_gaps
-        return ca.vertcat(rows[:k, :], gaps, rows[k:, :])
+        Of poses (7, K) at all stations, and of the numbers of the objective.
+        """
+        if self._gaps is None:
+            return ca.MX(0, 1)
+        arm = self._arm
+        all_poses = ca.vertcat(ca.DM(base_pose(arm)), ca.vec(poses))
+        return self._gaps.value(all_poses, p[self.n_own : -3]) / arm.length
 
-    def without_gaps(self, rows: ca.MX, count: int) -> tuple[ca.MX, ca.MX]:
-        """Return rows (m,) without so many gaps, and the gaps; undoes with_gaps."""
-        k = self.before_gaps
+    def with_gaps(self, rows: ca.MX, gaps: ca.MX) -> ca.MX:
+        """Return rows (m,) of `function` and those of the gaps in their places."""
+        k = self.rows[0].size + self.rows[1].size
         # Of a single row CasADi would read one index as that of a column.
-        return ca.vertcat(rows[:k, :], rows[k + count :, :]), rows[k : k + count, :]
+        return ca.vertcat(rows[:k, :], gaps, rows[k:, :])
 
     def _stated(
         self, arm: Arm, targets: tuple[Target, ...], soft_rows: list[int], given: tuple[ca.MX, ...]

@@ -1,81 +1,97 @@
-"""Whether a point is an optimum: multipliers of the equilibrium, residuals of optimality.
+"""Whether a point is an optimum: multipliers, residuals of the first-order conditions.
 
 With unknowns (a, S), a before the states, equations of equilibrium c(a, S) = 0 with a square and
-regular Jacobian c_S, and the multipliers lam of all other constraints g, those of c follow:
+regular Jacobian c_S, a function r of both has, along the equilibrium, the derivative
 
-    c_S^T mu = -(f_S + g_S^T lam)            then the Lagrangian's gradient in S is 0.
+    dr/da = r_a + mu^T c_a,    c_S^T mu = -r_S.
+
+So the states are eliminated of the objective and of all other constraints; and with multipliers lam
+of the latter those of the equations are mu of the Lagrangian.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from model.paths import Array
 from planner.program.problem import Bounds, Problem
-from planner.program.program import Evaluated, factorised
+from planner.program.program import factorised
 
 # The farthest from its bound that a multiplier counts with.
 _ROOM = 1e3
 # Under what stationarity is measured against: multipliers of 0 leave no scale.
 _LEAST_SCALE = 1e-2
+# Constraints and bounds that are as near are active, in scaled units.
+_ACTIVE = 1e-7
 
 
-@dataclass(frozen=True)
-class Optimality:
-    """How far a point is from the first-order conditions, in scaled quantities.
+class Point:
+    """Unknowns x in equilibrium, and the first-order conditions there.
 
-    Attributes
-    ----------
-    stationarity : largest component of the Lagrangian's gradient
-    feasibility : largest violation of a constraint or a bound
-    complementarity : largest product of a multiplier and the distance to its bound
+    Multipliers lam_x (n_free,) of the unknowns before the states and lam_g (n_outer,) of the
+    constraints besides equilibrium are of CasADi's signs: below 0 at a lower bound.
     """
 
-    stationarity: float
-    feasibility: float
-    complementarity: float
+    def __init__(self, problem: Problem, x: Array, p: Array) -> None:
+        self.x, self.p, self._n, self._m = x, p, problem.n_free, problem.n_outer
+        self._here = problem.program.evaluate(x, p)
+        self._inner = self._here.jacobian[self._m :].tocsc()
+        self._factors = factorised(self._inner[:, self._n + 1 :])
 
-    @property
-    def worst(self) -> float:
-        """The largest of the three, NaN counting as infinite."""
-        worst = max(self.stationarity, self.feasibility, self.complementarity)
+    @cached_property
+    def _reduced(self) -> Array:
+        """Derivatives by a, along the equilibrium, of the objective and of each constraint."""
+        n, rows = self._n, self._here.jacobian[: self._m].toarray()
+        rows = np.vstack([self._here.gradient, rows])
+        mu = self._factors.solve(np.ascontiguousarray(-rows[:, n + 1 :].T), "T")
+        return np.asarray(rows[:, :n] + (self._inner[:, :n].T @ mu).T)
+
+    def all_multipliers(self, lam_g: Array) -> Array:
+        """Return the multipliers of all constraints, from those besides equilibrium."""
+        slope = self._here.gradient + self._here.jacobian[: self._m].T @ lam_g
+        return np.concatenate([lam_g, self._factors.solve(-slope[self._n + 1 :], "T")])
+
+    def slope(self, lam_g: Array) -> Array:
+        """Return the Lagrangian's gradient in a (n_free,), without the multipliers of bounds."""
+        return np.asarray(self._reduced[0] + lam_g @ self._reduced[1:])
+
+    def multipliers(self, bounds: Bounds) -> tuple[Array, Array, Array]:
+        """Return lam_x and lam_g that leave least of the Lagrangian's gradient, and the rest.
+
+        Where constraints depend on each other there are many such; 0 of what is not active.
+        """
+        above, below = self._room(bounds)
+        low, high = above <= _ACTIVE, below <= _ACTIVE
+        active, lam = np.flatnonzero(low | high), np.zeros(low.size)
+        rows = np.vstack([np.eye(self._n), self._reduced[1:]])[active]
+        ends = np.where(low[active], -np.inf, 0.0), np.where(high[active], np.inf, 0.0)
+        if active.size:
+            lam[active] = lsq_linear(rows.T, -self._reduced[0], ends, "bvls").x
+        return lam[: self._n], lam[self._n :], self._reduced[0] + rows.T @ lam[active]
+
+    def residual(self, lam_x: Array, lam_g: Array, bounds: Bounds) -> float:
+        """Return how far the point is from the first-order conditions, scaled.
+
+        The largest of: a component of the Lagrangian's gradient; a violation of a constraint or a
+        bound; the product of a multiplier and the distance to its bound. NaN counts as infinite.
+        """
+        above, below = self._room(bounds)
+        lam, rest = np.append(lam_x, lam_g), self.slope(lam_g) + lam_x
+        scale = _LEAST_SCALE + _most(self._here.gradient[: self._n]) + _most(lam_g)
+        room = np.minimum(np.abs(np.where(lam < 0, above, below)), _ROOM)
+        violation = np.maximum(-np.minimum(above, below), 0.0)
+        worst = _most(np.concatenate([rest / scale, violation, lam * room / scale]))
         return worst if np.isfinite(worst) else np.inf
 
-
-def multipliers(problem: Problem, here: Evaluated, lam_g: Array) -> tuple[Array, Array]:
-    """Return the multipliers of all constraints at a point, and the Lagrangian's gradient in a.
-
-    `lam_g` are those of the constraints besides equilibrium. The gradient (n_free,) is without the
-    multipliers of bounds, which are its negative where a bound is met.
-    """
-    n, m = problem.n_free, problem.n_outer
-    slope, inner = here.gradient + here.jacobian[:m].T @ lam_g, here.jacobian[m:].tocsc()
-    mu = factorised(inner[:, n + 1 :]).solve(-slope[n + 1 :], "T")
-    return np.concatenate([lam_g, mu]), slope[:n] + inner[:, :n].T @ mu
-
-
-def optimality(
-    problem: Problem, x: Array, p: Array, lam_x: Array, lam_g: Array, bounds: Bounds
-) -> Optimality:
-    """Return the residuals of the first-order conditions at x, which is in equilibrium.
-
-    Multipliers in CasADi's convention, and bounds, are those without states and equilibrium.
-    """
-    n = problem.n_free
-    lbx, ubx, lbg, ubg = bounds
-    here = problem.program.evaluate(x, p)
-    _, slope = multipliers(problem, here, lam_g)
-    values, lam = np.concatenate([x[:n], here.g[: lam_g.size]]), np.concatenate([lam_x, lam_g])
-    scale = _LEAST_SCALE + _most(here.gradient[:n]) + _most(lam_g)
-    above, below = values - np.concatenate([lbx, lbg]), np.concatenate([ubx, ubg]) - values
-    room = np.abs(np.where(lam < 0, above, below))
-    return Optimality(
-        _most(slope + lam_x) / scale,
-        max(0.0, -float(np.minimum(above, below).min(initial=0.0))),
-        _most(lam * np.minimum(room, _ROOM)) / scale,
-    )
+    def _room(self, bounds: Bounds) -> tuple[Array, Array]:
+        """Return how far unknowns before the states and constraints are above and below bounds."""
+        lbx, ubx, lbg, ubg = bounds
+        values = np.append(self.x[: self._n], self._here.g[: self._m])
+        n, m = self._n, self._m
+        return values - np.append(lbx[:n], lbg[:m]), np.append(ubx[:n], ubg[:m]) - values
 
 
 def _most(values: Array) -> float:

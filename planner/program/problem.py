@@ -145,11 +145,6 @@ class Problem:
             lbg[at], ubg[at] = (rest - most) / self.arm.length, (rest - least) / self.arm.length
         return lbx, ubx, lbg, ubg
 
-    def free_bounds(self, limits: Limits) -> Bounds:
-        """Return the bounds without those of states and equilibrium."""
-        lbx, ubx, lbg, ubg = self.bounds(limits)
-        return lbx[: self.n_free], ubx[: self.n_free], lbg[: self.n_outer], ubg[: self.n_outer]
-
     def free(self, tensions: Array, limits: Limits) -> Array:
         """Return the unknowns before the states for tensions; nothing lacks yet."""
         unit = units(self.arm, limits)

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable
 from functools import cached_property, lru_cache
+from itertools import accumulate, pairwise
 from typing import NamedTuple
 
 import casadi as ca
@@ -24,17 +25,56 @@ from model.arm import Arm
 from model.errors import SingularError
 from model.machine.buffered import Buffered
 from model.paths import Array
+from model.transcription.collocation import gauss
+from model.transcription.kernel import Places
 from model.transcription.layout import POSE, Layout
 from model.transcription.terms import Equations
-from planner.program.objective import Rows, objective_of
+from planner.program.objective import Objective, Rows, split
 from planner.program.statement import Statement
 from planner.program.states import Blocks, Stations
-from planner.program.symbols import Parts, Symbols
 from planner.program.terms import Same, compliance_requests
 from planner.targets.base import Target
 
 Index = NDArray[np.int32]
 STABILITY, STROKES = "stability", "strokes"
+
+
+class Parts(NamedTuple):
+    """Where the parts of the parameters are.
+
+    Attributes
+    ----------
+    given : slice
+        Numbers of the objective.
+    unit : slice
+        What one unit of each tension is worth [N].
+    force : slice
+        Of the responses.
+    numbers : slice
+        Of the equations.
+    scale, row_scale : slice
+        What one unit of each unknown from the load factor on, and of each equation, is worth.
+    defect : slice
+        By how much what is measured on the mesh is off, see planner.solve.refine.
+    """
+
+    given: slice
+    unit: slice
+    force: slice
+    numbers: slice
+    scale: slice
+    row_scale: slice
+    defect: slice
+
+    @classmethod
+    def of(cls, sizes: tuple[int, ...]) -> Parts:
+        """Return the parts of given sizes, one after the other."""
+        return cls(*(slice(a, b) for a, b in pairwise([0, *accumulate(sizes)])))
+
+    @property
+    def size(self) -> int:
+        """How many parameters there are."""
+        return int(self.defect.stop)
 
 
 class Evaluated(NamedTuple):
@@ -57,8 +97,8 @@ def factorised(matrix: csc_array) -> SuperLU:
 class Program:
     """The program of a structure with the states as unknowns: multiple shooting, all in one.
 
-    Unknowns are scaled: tensions, peak, lack, load factor, states, responses. Parameters are those
-    of planner.program.symbols.
+    Unknowns are scaled: tensions, peak, lack, load factor, states, responses. In CasADi's symbols,
+    as its solvers take it, and as functions of numbers.
 
     Attributes
     ----------
@@ -66,6 +106,10 @@ class Program:
         How many unknowns there are, and how many come before the load factor.
     rows, outer_rows : tuple of Rows
         What the rows of the constraints are, in order; and those besides equilibrium.
+    x, p, f, outer : casadi.MX
+        Unknowns, parameters, objective, constraints besides the equations of equilibrium.
+    sigma, outer_lam, lam : casadi.MX
+        Weights of the objective, of the constraints besides equilibrium, and of all.
     """
 
     def __init__(
@@ -76,7 +120,7 @@ class Program:
         blocks: Callable[[int], Blocks],
         seen: Stations,
     ) -> None:
-        self.objective = objective_of(arm, targets, statement, len(seen.slim))
+        self.objective = Objective(arm, targets, statement, len(seen.slim))
         n = arm.n_tendons
         self.n_free = n + self.objective.n_peak + self.objective.n_lack
         self.blocks, self._seen = blocks(self.n_free), seen
@@ -88,6 +132,10 @@ class Program:
         self.rows = (*self.outer_rows, Rows("equilibrium", self.blocks.n_rows, 0.0, 0.0))
         own = (1, self.equations.n_p, self.blocks.size, self.blocks.n_rows, sum(self.measured))
         self.parts = Parts.of((self.objective.n_numbers, n, *own))
+        self.x, self.p = ca.MX.sym("x", self.size), ca.MX.sym("p", self.parts.size)
+        self.sigma = ca.MX.sym("sigma")
+        self.outer_lam = ca.MX.sym("lam", sum(row.size for row in self.outer_rows))
+        self.lam = ca.MX.sym("lam", self.outer_lam.numel() + self.blocks.n_rows)
 
     @property
     def measured(self) -> tuple[int, int, int, int]:
@@ -97,21 +145,97 @@ class Program:
         return POSE * len(self._seen.nodes), compliances, blocks.modes, wound
 
     @cached_property
-    def symbols(self) -> Symbols:
-        """The program in symbols, as CasADi's solvers take it."""
-        return Symbols(
-            self.objective, self.blocks, self._seen, self.equations, self.parts, self.measured
-        )
+    def _stated(self) -> tuple[ca.MX, ca.MX]:
+        """The objective, and the constraints besides equilibrium."""
+        of, first, objective = self.blocks.of, self.blocks.states.start, self.objective
+        n, n_peak, K = of.n_tendons, objective.n_peak, len(self._seen.nodes)
+        off, softer, eigenvalues, lengths = split(self.p[self.parts.defect], self.measured)
+        x, given = self.x, self.p[self.parts.given]
+        places = first + of.nodes[list(self._seen.nodes), :POSE]
+        poses = ca.reshape(self._at(places.ravel()) + off, POSE, K)
+        thin = ca.vertcat(ca.MX(0, 1), *(self._stretch(k, end) for k, end in self._seen.slim))
+        tensions = x[:n] * self.p[self.parts.unit]
+        parts = (tensions, x[n : n + n_peak], x[n + n_peak : self.n_free], given)
+        compliances = self._compliances(given) + softer
+        f, g = objective.function.call([*parts, poses[:, objective.seen], thin, compliances], True)
+        g = objective.with_gaps(g, objective.gaps(poses, given))
+        eigenvalues += x[self.blocks.eigenvalues]
+        return f, ca.vertcat(g, eigenvalues, x[self.blocks.lengths] + lengths)
+
+    @property
+    def f(self) -> ca.MX:
+        """The objective."""
+        return self._stated[0]
+
+    @property
+    def outer(self) -> ca.MX:
+        """The constraints besides the equations of equilibrium."""
+        return self._stated[1]
+
+    @cached_property
+    def gradient(self) -> ca.MX:
+        """The gradient of f."""
+        return ca.densify(ca.gradient(self.f, self.x))
+
+    @cached_property
+    def outer_jacobian(self) -> ca.MX:
+        """The Jacobian of the constraints besides equilibrium."""
+        return ca.jacobian(self.outer, self.x)
+
+    @cached_property
+    def outer_hessian(self) -> ca.MX:
+        """The Hessian of sigma f + outer_lam . outer."""
+        weighted = self.sigma * self.f + ca.dot(self.outer_lam, self.outer)
+        return ca.hessian(weighted, self.x)[0]
+
+    @cached_property
+    def g(self) -> ca.MX:
+        """All constraints; the equations of equilibrium come last."""
+        own = self.equations.value(self.x * self.scale, self.p[self.parts.numbers])
+        return ca.vertcat(self.outer, own / self.p[self.parts.row_scale])
+
+    @cached_property
+    def jacobian(self) -> ca.MX:
+        """The Jacobian of g."""
+        function, places = self.equations.jacobian
+        scale, row_scale = self.scale, self.p[self.parts.row_scale]
+        nonzeros = function(self.x * scale, self.p[self.parts.numbers])
+        row, column = places.row(), places.get_col()
+        J = ca.MX(places, nonzeros * scale[column] / row_scale[row])
+        return ca.vertcat(self.outer_jacobian, J)
+
+    @cached_property
+    def hessian(self) -> ca.MX:
+        """The Hessian of sigma f + lam . g."""
+        function, places = self.equations.hessian
+        scale, row_scale = self.scale, self.p[self.parts.row_scale]
+        m = self.outer.numel()
+        nonzeros = function(self.x * scale, self.p[self.parts.numbers], self.lam[m:] / row_scale)
+        row, column = places.row(), places.get_col()
+        given = [self.x, self.p, self.sigma]
+        outer = ca.Function("outer", [*given, self.outer_lam], [self.outer_hessian])
+        own = outer(*given, self.lam[:m])
+        return own + ca.MX(places, nonzeros * scale[column] * scale[row])
+
+    @property
+    def scale(self) -> ca.MX:
+        """What one unit of each unknown is worth."""
+        unit, scale = self.p[self.parts.unit], self.p[self.parts.scale]
+        return ca.vertcat(unit, ca.MX.ones(self.n_free - unit.numel()), scale)
+
+    def scale_at(self, p: Array) -> Array:
+        """Return what one unit of each unknown is worth (size,)."""
+        unit, scale = p[self.parts.unit], p[self.parts.scale]
+        return np.concatenate([unit, np.ones(self.n_free - unit.size), scale])
 
     @cached_property
     def _function(self) -> tuple[Buffered, tuple[Index, Index]]:
         """x, p -> f, its gradient, g, nonzeros of its Jacobian; and where these are."""
-        of = self.symbols
-        found = [of.f, of.gradient, of.g, of.jacobian.nz[:]]
-        dense = [ca.densify(own) for own in found]
-        own = of.jacobian.sparsity()
+        values = [self.f, self.gradient, self.g, self.jacobian.nz[:]]
+        dense = [ca.densify(own) for own in values]
+        own = self.jacobian.sparsity()
         places = np.array(own.row(), np.int32), np.array(own.colind(), np.int32)
-        return Buffered(ca.Function("program", [of.x, of.p], dense)), places
+        return Buffered(ca.Function("program", [self.x, self.p], dense)), places
 
     def evaluate(self, x: Array, p: Array) -> Evaluated:
         """Return objective and constraints at unknowns x, with derivatives."""
@@ -120,10 +244,30 @@ class Program:
         J = csc_array((nonzeros, *places), shape=(g.size, x.size))
         return Evaluated(float(f[0]), gradient, g, J)
 
-    def whole(self, p: Array) -> Array:
-        """Return what one unit of each unknown is worth (size,)."""
-        unit, scale = p[self.parts.unit], p[self.parts.scale]
-        return np.concatenate([unit, np.ones(self.n_free - unit.size), scale])
+    def _at(self, places: Places) -> ca.MX:
+        """Return the unknowns at places behind those that come before the states, in SI."""
+        scale = self.parts.scale.start - self.n_free + places
+        return self.x[places.tolist()] * self.p[scale.tolist()]
+
+    def _stretch(self, element: int, end: int) -> ca.MX:
+        """Return 1 + q at an end of an element, by the polynomial through its stages."""
+        of, m = self.blocks.of, self.blocks.of.form.stages
+        stages = element * m + np.arange(m)
+        places = self.blocks.states.start + of.stages[stages, 2 + of.form.law.torsion]
+        weights = ca.DM(gauss(m).at(float(end)))
+        return ca.dot(weights, self._at(places)) + 1 - of.form.law.along_at_rest
+
+    def _compliances(self, given: ca.MX) -> ca.MX:
+        """Return the compliances along the requests' directions, column by column."""
+        of, compliances, k = self.blocks.of, [ca.MX(0, 1)], 0
+        tip, force = of.first + of.nodes[-1, 4:POSE], self.p[self.parts.force]
+        directions = self.objective.directions.call([given[: self.objective.n_own]])
+        for request, D in zip(self.objective.requests, directions, strict=True):
+            starts = [self.blocks.response(k + i).start for i in range(request.width)]
+            moved = ca.horzcat(*(self._at(start + tip) for start in starts))
+            compliances.append(ca.vec(D.T @ moved / force))
+            k += request.width
+        return ca.vertcat(*compliances)
 
 
 def program(

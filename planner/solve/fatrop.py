@@ -21,7 +21,6 @@ from model.machine.buffered import Buffered
 from model.paths import Array
 from model.transcription.kernel import Places
 from model.transcription.layout import POSE
-from model.transcription.terms import Equations, Term
 from planner.program.problem import Bounds, Problem
 from planner.program.program import Program
 from planner.solve.ipopt import MAGNIFIED, Solution
@@ -33,14 +32,20 @@ _OPTIONS = {"print_level": 0, "tol": 1e-6, "mu_init": 0.1, "max_iter": 30}
 class Stages:
     """A program with its unknowns z and its rows stage by stage.
 
+    A stage sees copies of what is the same all along, and of the next node. Rows, linear in z, tie
+    them; as they hold from the first iterate on, all else may be evaluated at the first copies, and
+    its derivatives be put at those of the stage.
+
     Attributes
     ----------
     possible : bool
-        Whether every row, and every product of two unknowns, is of one stage.
+        Whether every row besides equilibrium is of one stage.
     unknown : (n_z,)
         The unknown of the program that each one is.
     origin : (size,)
         Where each unknown of the program is first.
+    order : (n_rows,)
+        Stage by stage the rows of the program and those that tie copies.
     """
 
     def __init__(self, program: Program) -> None:
@@ -52,74 +57,39 @@ class Stages:
         copies = part >= self.same + self.step
         self.unknown = part + np.where(part < self.same, 0, k * self.step) + POSE * copies
         all_of = np.arange(program.size)
-        self.stage, _ = self._split(all_of)
+        stage, self.place = np.divmod(all_of - self.same, self.step)
+        self.stage = np.where(all_of < self.same, -1, stage)
+        self.place = np.where(all_of < self.same, all_of, self.same + self.place)
         self.origin = self._seen(all_of, np.maximum(self.stage, 0))
-        self.possible = not (program.blocks.n_answers or of.form.friction) and self._is_banded()
-
-    def _split(self, unknowns: Places) -> tuple[Places, Places]:
-        """Return the stages of unknowns of the program, -1 for all stages, and places there."""
-        stage, place = np.divmod(unknowns - self.same, self.step)
-        same = unknowns < self.same
-        return np.where(same, -1, stage), np.where(same, unknowns, self.same + place)
+        # Stages of rows, and the first in each that give x_{k+1}; then those that tie copies.
+        J, m = program.jacobian.sparsity(), program.outer.numel()
+        row, column = np.array(J.row()), np.array(J.get_col())
+        outer = np.zeros(m, dtype=np.int64)
+        np.maximum.at(outer, row[row < m], self.stage[column[row < m]])
+        k, part = np.divmod(np.arange(program.blocks.n_rows), self.step)
+        gives = (part < POSE) & (k > 0)
+        ties = np.delete(np.arange(self.same + self.node), self.same + np.arange(POSE))
+        self._of_row = np.concatenate([outer, k - gives])
+        stage = np.concatenate([self._of_row, np.repeat(np.arange(self.count), ties.size), [0]])
+        own = np.where(gives, self.same + part, self.width), np.tile(ties, self.count)
+        place = np.concatenate([np.full(m, self.width), *own, [self.width]])
+        self.order, self._ties = np.lexsort([place, stage]), ties
+        near = self.stage[column] - self._of_row[row]
+        fits = np.where(row < m, near == 0, near <= 1) | (self.stage[column] < 0)
+        self.possible = not (program.blocks.n_answers or of.form.friction) and bool(fits.all())
 
     def _seen(self, unknowns: Places, stage: Places) -> Places:
         """Return where stages see unknowns of the program, their own or those of the next node."""
-        own, place = self._split(unknowns)
+        place = self.place[unknowns]
         beyond = np.where(place < self.same + POSE, self.width, self.step - POSE)
-        return stage * self.width + place + np.where(own > stage, beyond, 0)
-
-    def _is_banded(self) -> bool:
-        """Return whether rows besides equilibrium, and products in them, are of one stage each."""
-        J, H = (
-            own.sparsity() for own in (self._outer_jacobian, self.program.symbols.outer_hessian)
-        )
-        of_row, of_column = self.outer[J.row()], self.stage[J.get_col()]
-        first, second = self.stage[H.row()], self.stage[H.get_col()]
-        return bool(np.all(np.maximum(of_column, 0) == of_row) and np.all(first == second))
-
-    @property
-    def _outer_jacobian(self) -> ca.MX:
-        return self.program.symbols.outer_jacobian
-
-    @cached_property
-    def outer(self) -> Places:
-        """The stage of each row besides equilibrium."""
-        J = self._outer_jacobian.sparsity()
-        found = np.zeros(J.size1(), dtype=np.int64)
-        np.maximum.at(found, J.row(), self.stage[J.get_col()])
-        return found
-
-    @cached_property
-    def order(self) -> Places:
-        """Stage by stage the rows of the program and those that tie copies.
-
-        Of each stage those come first that give x_{k+1}.
-        """
-        k, part = np.divmod(np.arange(self.program.blocks.n_rows), self.step)
-        gives = (part < POSE) & (k > 0)
-        after = self.width
-        stage: list[Places] = [
-            self.outer,
-            k - gives,
-            np.repeat(np.arange(self.count), self._ties.size),
-        ]
-        place: list[Places] = [0 * self.outer + after, np.where(gives, self.same + part, after)]
-        place += [np.tile(self._ties, self.count), np.array([after])]
-        return np.lexsort([np.concatenate(place), np.append(np.concatenate(stage), 0)])
-
-    @property
-    def _ties(self) -> Places:
-        """Places in a stage of the states that are copies: all but the pose."""
-        return np.delete(np.arange(self.same + self.node), self.same + np.arange(POSE))
+        return stage * self.width + place + np.where(self.stage[unknowns] > stage, beyond, 0)
 
     @cached_property
     def tied(self) -> ca.DM:
         """The matrix of the rows that tie copies, and the load factor last."""
-        k, j = (
-            own.ravel() for own in np.meshgrid(np.arange(self.count), self._ties, indexing="ij")
-        )
-        here = np.where(j < self.same, j, j + self.step - POSE) + k * self.width
-        places = np.concatenate([(k + 1) * self.width + j, here, [self.same - 1]])
+        j, k = (own.ravel() for own in np.meshgrid(self._ties, np.arange(self.count)))
+        copy = np.where(j < self.same, j, j + self.step - POSE) + k * self.width
+        places = np.concatenate([(k + 1) * self.width + j, copy, [self.same - 1]])
         rows = np.concatenate([np.arange(k.size), np.arange(k.size), [k.size]])
         values = ca.DM(np.repeat([1.0, -1.0, 1.0], [k.size, k.size, 1]))
         size = k.size + 1, self.unknown.size
@@ -128,49 +98,38 @@ class Stages:
     @cached_property
     def solver(self) -> Buffered:
         """Fatrop, of z, parameters and bounds; multipliers to begin with are of no use to it."""
-        program, of = self.program, self.program.symbols
-        z, p, sigma = ca.MX.sym("z", self.unknown.size), of.p, of.sigma
-        lam = ca.MX.sym("lam", self.order.size)
-        n, m, at = self.origin.size, self.outer.size, self.origin.tolist()
-        first = ca.Function("first", [of.x, p], [of.f, of.gradient, of.outer, of.outer_jacobian])
-        second = ca.Function("second", [of.x, p, sigma, of.outer_lam], [of.outer_hessian])
-        chosen = ca.DM(ca.Sparsity.triplet(n, self.unknown.size, list(range(n)), at), 1.0)
-        f, gradient, outer, J = first(z[at], p)
-        equations, numbers = self._equations(), p[program.parts.numbers]
-        whole, row_scale = of.whole[self.unknown.tolist()], p[program.parts.row_scale]
-        g = ca.vertcat(outer, equations.value(z * whole, numbers) / row_scale, self.tied @ z)
-        nonzeros, places = equations.jacobian
-        row, column = places.row(), places.get_col()
-        inner = nonzeros(z * whole, numbers) * whole[column] / row_scale[row]
-        J = ca.vertcat(J @ chosen, ca.MX(places, inner), self.tied)
-        weights = lam[np.argsort(self.order).tolist()]
-        nonzeros, places = equations.hessian
-        row, column = places.row(), places.get_col()
-        inner = nonzeros(z * whole, numbers, weights[m : m + row_scale.numel()] / row_scale)
-        H = chosen.T @ second(z[at], p, MAGNIFIED * sigma, weights[:m]) @ chosen
-        rows = self.order.tolist()
+        of, n, rows = self.program, self.unknown.size, self.order.tolist()
+        z, p, sigma, lam = ca.MX.sym("z", n), of.p, of.sigma, ca.MX.sym("lam", len(rows))
+        program = ca.Function(
+            "program", [of.x, p, sigma, of.lam], [of.f, of.gradient, of.g, of.jacobian, of.hessian]
+        )
+        weights = lam[np.argsort(self.order)[: of.lam.numel()].tolist()]
+        given = z[self.origin.tolist()], p, MAGNIFIED * sigma, weights
+        f, gradient, g, J, H = program.call(given, True, False)
+        row, column = np.array(J.row()), np.array(J.sparsity().get_col())
+        J = _placed(J, row, self._seen(column, self._of_row[row]), (row.max() + 1, n))
+        row, column = np.array(H.row()), np.array(H.sparsity().get_col())
+        pair = np.sort(self.stage[[row, column]], axis=0)
+        first = np.maximum(np.where(pair[0] < 0, pair[1], pair[0]), 0)
+        H = _placed(H, self._seen(row, first), self._seen(column, first), (n, n))
+        at = self.origin.tolist()
+        chosen = ca.DM(ca.Sparsity.triplet(len(at), n, list(range(len(at))), at), 1.0)
+        equal = [r.lower == r.upper for r in self.program.rows for _ in range(r.size)]
+        equal += [True] * (len(rows) - len(equal))
         return _fatrop(
-            {"x": z, "p": p, "f": MAGNIFIED * f, "g": g[rows]},
+            {"x": z, "p": p, "f": MAGNIFIED * f, "g": ca.vertcat(g, self.tied @ z)[rows]},
             (sigma, lam),
             # What is handed over by its nonzeros has to be dense.
-            (ca.densify(MAGNIFIED * (chosen.T @ gradient)), J[rows, :]),
-            H + ca.MX(places, inner * whole[column] * whole[row]),
-            self._equalities()[self.order].tolist(),
+            (ca.densify(MAGNIFIED * (chosen.T @ gradient)), ca.vertcat(J, self.tied)[rows, :]),
+            H,
+            [equal[row] for row in rows],
         )
 
-    def _equations(self) -> Equations:
-        """Return equilibrium in the unknowns z, each term in those of its stage."""
-        blocks, terms = self.program.blocks, []
-        for term in blocks.terms():
-            stage, _ = self._split(term.unknowns)
-            first = np.where(stage < 0, self.count, stage).min(axis=0)
-            terms.append(Term(term.kernel, self._seen(term.unknowns, first), term.rows))
-        return Equations(self.unknown.size, blocks.n_rows, terms, blocks.of.form.machine_code)
 
-    def _equalities(self) -> Places:
-        """Return which rows are equalities."""
-        outer = [np.full(r.size, r.lower == r.upper) for r in self.program.outer_rows]
-        return np.concatenate([*outer, np.full(self.order.size - self.outer.size, True)])
+def _placed(matrix: ca.MX, rows: Places, columns: Places, size: tuple[int, int]) -> ca.MX:
+    """Return a matrix of a size with the nonzeros of another at other places."""
+    places, index = ca.Sparsity.triplet(*size, rows.tolist(), columns.tolist(), False)
+    return ca.MX(places, matrix.nz[index])
 
 
 @lru_cache(maxsize=16)

@@ -29,8 +29,9 @@ from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
 from model.time_limit import check_time
+from planner.certificate import KKT_TOLERANCE
 from planner.measure import compliances_along
-from planner.program.optimality import multipliers
+from planner.program.optimality import Point
 from planner.program.problem import Bounds, Problem
 from planner.program.statement import Statement
 from planner.solve.ipopt import MAGNIFIED, Solution, solve
@@ -38,12 +39,13 @@ from planner.solve.task import SearchResult, Task, Trial
 from planner.targets.base import Target
 
 # Corrections and meshes that are tried; the part of the accuracy that a defect may be off by, and
-# what rounding leaves of it.
-_CORRECTIONS, _SHARE, _ROUNDING = 8, 100, 1e-12
+# of what optimality is held to; that in least squares, whose gradient it changes; what rounding
+# leaves of it.
+_CORRECTIONS, _PART, _SMALL_PART, _ROUNDING = 8, 3, 100, 1e-12
 # Defects above this, over L, ask for a finer mesh; what is farther off comes to another shape.
 _ROUGH, _ELSEWHERE = 1e-3, 0.1
-# How often bounds that turn out not to hold are let go.
-_RELEASED = 4
+# How often bounds that turn out not to hold are let go, and what gradient is left at an optimum.
+_RELEASED, _OPTIMAL = 4, 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,9 +93,9 @@ def _refined(
         T = problem.tensions(solution.x, task.allowed)
         shape = settled(task.arm, T, task.scene, task.accuracy, task.machine_code)
         found = defect(problem, solution.x, task.targets, shape)
-        if known is not None and _defect_size(problem, found - known) <= max(
-            task.accuracy / _SHARE, _ROUNDING
-        ):
+        part = _PART if statement.mode == "exact" else _SMALL_PART
+        enough = max(min(task.accuracy, KKT_TOLERANCE) / part, _ROUNDING)
+        if known is not None and _defect_size(problem, found - known) <= enough:
             stated = statement.but(solver=solution.solver, iterations=solution.iterations)
             return Refined(stated, solution, T, shape)
         rough = _defect_size(problem, found)
@@ -129,8 +131,8 @@ def settled_on(task: Task, problem: Problem, statement: Statement, solution: Sol
 
 def with_multipliers(problem: Problem, free: Solution, x: Array, p: Array) -> Solution:
     """Return unknowns x with the multipliers that a solution without states has."""
-    lam_g, _ = multipliers(problem, problem.program.evaluate(x, p), free.lam_g)
     lam_x = np.concatenate([free.lam_x, np.zeros(x.size - problem.n_free)])
+    lam_g = Point(problem, x, p).all_multipliers(free.lam_g)
     return replace(free, x=x, lam_x=lam_x, lam_g=lam_g)
 
 
@@ -140,10 +142,10 @@ def polish(
     """Return the optimum to the last digits: tensions at their bounds are there exactly.
 
     An interior-point method stops a little inside of them. Those whose multipliers exceed their
-    distance are fixed there, and the program is solved once more, warm; multipliers of the wrong
-    sign tell which are let go again. All are where too few are left to meet the targets; where even
-    that leads nowhere it is solved afresh, unless the start is to stay `warm`, and if that fails
-    the last optimum is kept.
+    distance are fixed there, and the program is solved once more, warm. Where no multipliers make
+    that an optimum those of the wrong sign tell which are let go again. All are where too few are
+    left to meet the targets; where even that leads nowhere it is solved afresh, unless the start is
+    to stay `warm`, and if that fails the last optimum is kept.
     """
     n = problem.arm.n_tendons
     lbx, ubx, lbg, ubg = bounds
@@ -163,16 +165,23 @@ def polish(
                 return last if last.met or solution is begun else solution
             at_low[:] = at_high[:] = False
             continue
-        held = at_low | at_high | even
-        _, slope = multipliers(
-            problem, problem.program.evaluate(found.x, p), found.lam_g[: problem.n_outer]
+        point = Point(problem, found.x, p)
+        lam_x, lam_g, rest = point.multipliers(bounds)
+        optimal = bool(np.abs(rest).max() <= _OPTIMAL)
+        if not optimal:
+            lam_g = found.lam_g[: problem.n_outer]
+            lam_x = found.lam_x[: problem.n_free].copy()
+            held = at_low | at_high | even
+            lam_x[:n] = np.where(held, -point.slope(lam_g)[:n], lam_x[:n])
+        solution = replace(
+            found,
+            lam_x=np.append(lam_x, np.zeros(found.x.size - lam_x.size)),
+            lam_g=point.all_multipliers(lam_g),
+            iterations=solution.iterations + found.iterations,
+            solver=solution.solver,
         )
-        lam_x = found.lam_x.copy()
-        lam_x[:n] = np.where(held, -slope[:n], lam_x[:n])
-        count = solution.iterations + found.iterations
-        solution = replace(found, lam_x=lam_x, iterations=count, solver=solution.solver)
         wrong = ~even & ((at_low & (lam_x[:n] > 0)) | (at_high & (lam_x[:n] < 0)))
-        if not wrong.any():
+        if optimal or not wrong.any():
             break
         at_low, at_high = at_low & ~wrong, at_high & ~wrong
     return solution

@@ -16,12 +16,11 @@ import numpy as np
 from model.errors import OctoplanError
 from model.paths import Array
 from model.time_limit import OutOfTime, check_time
-from planner.answer import Answer
-from planner.program.limits import Limits
+from planner.answer import Answer, Optimum
 from planner.program.problem import Bounds, Problem, units
 from planner.solve.ipopt import Solution
-from planner.solve.refine import defect, polish, refine, with_multipliers
-from planner.solve.task import SearchResult, Task, Trial, allowed
+from planner.solve.refine import polish, refine
+from planner.solve.task import SearchResult, Task, Trial
 from planner.targets.base import Target
 
 # By so much, over their norm, tensions may change from one target to the next; where more is asked
@@ -32,28 +31,31 @@ _LEAST_STEP = 1 / 64
 _SLACK = 1e-5
 
 
-def warm_start(near: Answer, stated: tuple[Target, ...], task: Task) -> SearchResult | None:
+def warm_start(near: Answer, task: Task) -> SearchResult | None:
     """Return the optimum that a plan leads to, None where it cannot be followed.
 
-    `stated` are its targets, of the same structure as the task's. Minima of the tensions may be
-    others; maxima are the same. It is also None where the plan does not reach its targets, and
-    where the optimum is less stable than it has to be.
+    Its targets are of the same structure as the task's. Minima of the tensions may be others;
+    maxima are the same. It is also None where the plan does not reach its targets, and where the
+    optimum is less stable than it has to be.
     """
     limits, margin = task.limits, task.statement.margin
     alike = near.statement.margin == margin and replace(near.limits, lower=limits.lower) == limits
     if near.statement.mode != "exact" or not alike:
         return None
-    if _structure(stated, task) != _structure(task.targets, task):
+    if _structure(near.stated, task) != _structure(task.targets, task):
         return None
     statement = near.statement.but(iterations=0)
     problem = task.problem(statement)
     try:
-        start = _start(problem, near, stated, allowed(task.arm, stated, limits))
-        moved = None if start is None else _moved(problem, *start, near, stated, task)
+        try:
+            start = near.optimum
+        except (OctoplanError, np.linalg.LinAlgError):
+            return None
+        moved = None if start is None else _moved(problem, start, near, task)
         if start is None or moved is None:
             return None
         found, apart = moved
-        fine = refine(task, statement, found, start[1])
+        fine = refine(task, statement, found, start.defect)
         if fine is None:
             return None
         last = task.problem(fine.statement)
@@ -77,39 +79,18 @@ def _structure(targets: tuple[Target, ...], task: Task) -> tuple[object, ...]:
     return tuple((target.structure(task.arm), target.tendons(task.arm)) for target in targets)
 
 
-def _start(
-    problem: Problem, near: Answer, stated: tuple[Target, ...], limits: Limits
-) -> tuple[Solution, Array] | None:
-    """Return a plan as a solution of the program and its defect, None if it is of another."""
-    lam_x, lam_g = np.array(near.lam_x), np.array(near.lam_g)
-    if lam_x.size != problem.n_free or lam_g.size != problem.n_outer:
-        return None
-    p = problem.parameters(stated, limits)
-    try:
-        x = problem.settled(np.ravel(near.tensions), limits, p, near.shape.known)
-        off = defect(problem, x, stated, near.shape)
-        p = problem.parameters(stated, limits, defect=off)
-        free = Solution(x, lam_x, lam_g, 0, np.zeros(0), True, "", 0)
-        return with_multipliers(problem, free, x, p), off
-    except (OctoplanError, np.linalg.LinAlgError):
-        return None
-
-
 def _moved(
-    problem: Problem,
-    start: Solution,
-    off: Array,
-    near: Answer,
-    stated: tuple[Target, ...],
-    task: Task,
+    problem: Problem, optimum: Optimum, near: Answer, task: Task
 ) -> tuple[Solution, float] | None:
     """Return the optimum for a task, by steps in target numbers and minima from one nearby.
 
     And by how much the tensions jump, 0 where they change little by little.
     """
     limits, n = task.allowed, problem.arm.n_tendons
+    x, lam_x, lam_g, off, _ = optimum
+    start = Solution(x, lam_x, lam_g, 0, np.zeros(0), True, "", 0)
     first, last = (
-        problem.parameters(which, limits, defect=off) for which in (stated, task.targets)
+        problem.parameters(which, limits, defect=off) for which in (near.stated, task.targets)
     )
     lbx, ubx, lbg, ubg = problem.bounds(limits)
     unit = units(problem.arm, limits)

@@ -216,8 +216,7 @@ def _stated(
 def functions(program: Program) -> dict[str, ca.Function]:
     """Return a waypoint's program as functions: values and derivatives."""
     if program not in _functions:
-        of = program.symbols
-        at = [of.x, of.p]
-        values = {"f": ca.Function("f", at, [of.f]), "g": ca.Function("g", at, [of.g])}
-        _functions[program] = values | derivatives(of)
+        at = [program.x, program.p]
+        values = {name: ca.Function(name, at, [getattr(program, name)]) for name in "fg"}
+        _functions[program] = values | derivatives(program)
     return _functions[program]

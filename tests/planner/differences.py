@@ -32,10 +32,8 @@ class Twice(NamedTuple):
 def whole(problem: Problem, p: Array) -> Twice:
     """The program with the states among its unknowns."""
 
-    of, stated = problem.program, problem.program.symbols
-    hessian = ca.Function(
-        "hessian", [stated.x, stated.p, stated.sigma, stated.lam], [stated.hessian]
-    )
+    of = problem.program
+    hessian = ca.Function("hessian", [of.x, of.p, of.sigma, of.lam], [of.hessian])
 
     def second(x: Array, sigma: float, lam: Array) -> Array:
         return dense(hessian(x, p, sigma, lam))

@@ -79,12 +79,11 @@ def check_derivatives(arm: Arm, scene: Scene, mode: Any, modes: int = 0) -> None
     statement = Statement(mode=mode, refinement=1, modes=modes)
     problem = build(arm, targets, scene, statement)
     of, sigma, rng = problem.program, 0.7, np.random.default_rng(5)
-    stated = of.symbols
-    f, g, x, p = stated.f, stated.g, stated.x, stated.p
+    f, g, x, p = of.f, of.g, of.x, of.p
     theirs = ca.Function("first", [x, p], [f, ca.gradient(f, x), g, ca.jacobian(g, x)])
-    lagrangian = stated.sigma * f + ca.dot(stated.lam, g)
-    given = [x, p, stated.sigma, stated.lam]
-    second = ca.Function("second", given, [stated.hessian, ca.hessian(lagrangian, x)[0]])
+    lagrangian = of.sigma * f + ca.dot(of.lam, g)
+    given = [x, p, of.sigma, of.lam]
+    second = ca.Function("second", given, [of.hessian, ca.hessian(lagrangian, x)[0]])
     at = problem.parameters(targets, limits)
     here = problem.guess(rng.uniform(0, 0.3, arm.n_tendons), limits, at)
     here = here + 1e-2 * rng.normal(size=here.size)

@@ -60,12 +60,18 @@ def test_derivatives_of_the_program_in_stages_are_those_of_differences() -> None
     of, rng = stages(problem.program), np.random.default_rng(0)
     solver = of.solver.function
     first, second = (solver.get_function(f"nlp_{own}") for own in ("jac_g", "hess_l"))
-    z, way = x[of.unknown], rng.normal(size=of.unknown.size)
+    # Copies of an unknown change together, and what they add up to counts.
+    z, way = x[of.unknown], rng.normal(size=x.size)[of.unknown]
     lam, h = rng.normal(size=of.order.size), 1e-6
     ends = [z + h * way, z - h * way]
     g = [flat(first(own, p)[0]) for own in ends]
-    slopes = [flat(second(own, p, 0.7, lam)[0]) for own in ends]
-    changes = (np.array(first(z, p)[1]) @ way, np.array(second(z, p, 0.7, lam)[1]) @ way)
+
+    def together(values: Any) -> Array:
+        return np.bincount(of.unknown, flat(values))
+
+    slopes = [together(second(own, p, 0.7, lam)[0]) for own in ends]
+    bends = together(np.array(second(z, p, 0.7, lam)[1]) @ way)
+    changes = (np.array(first(z, p)[1]) @ way, bends)
     for change, (after, before) in zip(changes, (g, slopes), strict=True):
         assert np.allclose(change, (after - before) / 2 / h, atol=1e-6 * np.abs(change).max())
     known = problem.constraints(x, p)
