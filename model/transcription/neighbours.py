@@ -18,23 +18,9 @@ from model.loads import places
 from model.mesh import Mesh
 from model.paths import Array
 from model.scene import Scene
-from model.transcription.numbers import numbers
 from model.transcription.system import System
 
 _SAME = 1e-9
-
-
-@dataclass(frozen=True)
-class Neighbour:
-    """An arm in a scene near another, with its weight in the difference quotient of a number.
-
-    `at` are arc lengths [m] of nodes that move as something else does than the arm's own places.
-    """
-
-    weight: float
-    arm: Arm
-    scene: Scene
-    at: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,25 +42,24 @@ class NumberDerivatives:
     s: Array
 
 
-def number_derivatives(
-    system: System, stencils: Sequence[Sequence[Neighbour]], at: tuple[float, ...] = ()
-) -> NumberDerivatives:
-    """Return the derivatives of a system's numbers, each by a sum of weights times neighbours'.
+def neighbour(
+    system: System,
+    arm: Arm,
+    scene: Scene,
+    before: Sequence[float] = (),
+    after: Sequence[float] = (),
+) -> System:
+    """Return the equations of an arm in a scene near those of another, node by node.
 
-    `at` are the arc lengths of the system's nodes of which neighbours have theirs.
+    Nodes that were at the arc lengths `before` are now at `after` [m]. Raises what moved_mesh does.
     """
-    size = system.p.size, system.length_numbers.size, system.mesh.s.size
-    found = tuple(np.zeros((n, len(stencils))) for n in size)
-    here = landmarks(system.arm, system.scene, at)
-    for k, stencil in enumerate(stencils):
-        for near in stencil:
-            there = landmarks(near.arm, near.scene, near.at)
-            mesh = moved_mesh(system.mesh, here, there)
-            own = numbers(near.arm, near.scene, mesh, system.of)
-            keep_sign(own.p[system.of.equations.numbers_of("clamp")], system.base)
-            for whole, part in zip(found, (own.p, own.lengths, mesh.s), strict=True):
-                whole[:, k] += near.weight * part
-    return NumberDerivatives(*found)
+    old, form = landmarks(system.arm, system.scene, before), system.of.form
+    mesh = moved_mesh(system.mesh, old, landmarks(arm, scene, after))
+    found = System(arm, scene, mesh, form.stages, form.loaded, form.machine_code)
+    # A quaternion has either sign.
+    if found.base[:4] @ system.base[:4] < 0:
+        found.base[:4] *= -1
+    return found
 
 
 def moved_mesh(mesh: Mesh, old: Array, new: Array) -> Mesh:
@@ -99,12 +84,6 @@ def moved_mesh(mesh: Mesh, old: Array, new: Array) -> Mesh:
             raise InputError("a place along the arm", float(old[:-1][wrong][0]), allowed)
     kept = np.concatenate([[True], apart])
     return Mesh(np.interp(mesh.s, old[kept], moved[kept]), mesh.active)
-
-
-def keep_sign(pose: Array, near: Array) -> None:
-    """Give the quaternion of a pose (7,), which has either sign, that of another nearby."""
-    if pose[:4] @ near[:4] < 0:
-        pose[:4] *= -1
 
 
 def landmarks(arm: Arm, scene: Scene, at: Sequence[float] = ()) -> Array:

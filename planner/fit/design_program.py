@@ -22,12 +22,12 @@ import casadi as ca
 import numpy as np
 
 from model.arm import Arm
-from model.equilibrium.forward import STAGES, Collocation
+from model.equilibrium.forward import Collocation
 from model.errors import InputError
 from model.paths import Array
 from model.scene import Scene
 from model.time_limit import check_time
-from model.transcription.neighbours import landmarks, moved_mesh
+from model.transcription.neighbours import neighbour
 from model.transcription.system import System
 from model.winches import least_compliance
 from planner.fit.making import Making, Objective, Reach
@@ -107,11 +107,9 @@ class Program:
 
     def system(self, i: int, arm: Arm, scene: Scene) -> System:
         """Return the equations of a task's arm, on nodes that move along with it."""
-        of, targets = self.problems[i].forward.system, self.tasks[i]
-        before = landmarks(of.arm, of.scene, stations_of(of.arm, targets))
-        after = landmarks(arm, scene, stations_of(arm, targets))
-        mesh = moved_mesh(of.mesh, before, after)
-        return System(arm, scene, mesh, STAGES, of.of.form.loaded)
+        of = self.problems[i].forward.system
+        ends = (stations_of(own, self.tasks[i]) for own in (of.arm, arm))
+        return neighbour(of, arm, scene, *ends)
 
     def numbers(self, values: Array) -> list[Array]:
         """Return the numbers of each task's equations, and last what room is left to the making.

@@ -24,10 +24,9 @@ from model.equilibrium.forward import Collocation
 from model.equilibrium.linearised import Linearised, with_jacobians
 from model.equilibrium.newton import CLOSE, newton_many
 from model.equilibrium.sensitivities import ByNumbers, by_numbers
-from model.mesh import Mesh
 from model.paths import Array
 from model.transcription.layout import POSE
-from model.transcription.neighbours import NumberDerivatives, keep_sign, landmarks, moved_mesh
+from model.transcription.neighbours import NumberDerivatives, neighbour
 from model.transcription.system import System, system
 from model.winches import Winches, rest_lengths
 from planner.fit.measured import Measured
@@ -88,7 +87,7 @@ class Family:
         self.point = np.array([row[1] for row in rows], dtype=np.int64)
         self._s = np.array([row[2] for row in rows], dtype=float)
         self._offsets = np.array([row[3] for row in rows], dtype=float).reshape(-1, 3)
-        self._first: tuple[Mesh, Array, Array] | None = None
+        self._first: tuple[System, tuple[float, ...]] | None = None
 
     def at(self, values: Array) -> Setting:
         """Return the equations at values (K,) of the unknowns; InputError where no arm can be.
@@ -100,29 +99,26 @@ class Family:
         if s.size and not 0 <= s.min() <= s.max() <= arm.length * (1 + 1e-12):
             raise InputError("points", np.unique(s).tolist(), f"on the arm, 0 to {arm.length:g} m")
         at = tuple(np.unique(np.minimum(s, arm.length)).tolist())
-        marks, (refinement, stages, machine_code) = landmarks(arm, scene, at), self.mesh
+        refinement, stages, machine_code = self.mesh
         if self._first is not None:
-            mesh, old, base = self._first
             try:
-                stated = self._stated(arm, scene, moved_mesh(mesh, old, marks), base)
+                stated = neighbour(self._first[0], arm, scene, self._first[1], at)
             except InputError:
                 self._first = None
         if self._first is None:
             stated = system(arm, scene, stages, refinement, at, True, machine_code)
-            self._first = stated.mesh, marks, stated.base
+            self._first = stated, at
         return Setting(self, values, stated, self._numbers(stated, table))
 
     def derivatives(self, here: Setting) -> Numbers:
         """Return the derivatives of numbers by the unknowns (K,), on nodes that move along."""
         old = here.system
-        marks = landmarks(old.arm, old.scene)
 
         def numbers(values: Array) -> Numbers:
             table, (arm, scene) = self._of(values)
             stated = old
             if (arm, scene) != (old.arm, old.scene):
-                mesh = moved_mesh(old.mesh, marks, landmarks(arm, scene))
-                stated = self._stated(arm, scene, mesh, old.base)
+                stated = neighbour(old, arm, scene)
             return self._numbers(stated, table)
 
         given = numbers, here.numbers, here.values, self.session
@@ -131,12 +127,6 @@ class Family:
     def _of(self, values: Array) -> tuple[dict[str, Any], tuple[Arm, Scene]]:
         table = self.parameters.table_at(values, self.session)
         return table, self.parameters.built(values, self.session)
-
-    def _stated(self, arm: Arm, scene: Scene, mesh: Mesh, base: Array) -> System:
-        _, stages, machine_code = self.mesh
-        stated = System(arm, scene, mesh, stages, machine_code=machine_code)
-        keep_sign(stated.base, base)
-        return stated
 
     def _shift(self, table: dict[str, Any], key: str, size: tuple[int, ...] = ()) -> Array:
         """Return by how much a key of the points looked at is off what it is said to be [m]."""

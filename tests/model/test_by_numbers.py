@@ -26,7 +26,7 @@ from model.equilibrium.forward import STAGES, Collocation
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.sensitivities import ByNumbers
 from model.rotations import matrices
-from model.transcription.neighbours import Neighbour, number_derivatives
+from model.transcription.neighbours import NumberDerivatives, neighbour
 from tests.differences import fourth_order
 
 Array = NDArray[np.float64]
@@ -151,13 +151,18 @@ def test_shapes_move_with_a_number_as_shapes_settled_afresh_do(
     (arm, scene), h = change(_arm(), scene, 0.0), 1e-3
     forward = Collocation(arm, scene, STAGES, 6 if scene.has(Friction) else 4, (S,))
     here = Linearised(forward.system, forward.found(T).x)
-    ends = [Neighbour(sign / 2e-5, *change(arm, scene, sign * 1e-5)) for sign in (1, -1)]
-    jacobian = number_derivatives(forward.system, [ends])
+    high, low = (neighbour(forward.system, *change(arm, scene, h)) for h in (1e-5, -1e-5))
+    columns = [
+        (high.p, low.p),
+        (high.length_numbers, low.length_numbers),
+        (high.mesh.s, low.mesh.s),
+    ]
+    jacobian = NumberDerivatives(*((above - below)[:, None] / 2e-5 for above, below in columns))
     by = ByNumbers(here, jacobian, np.zeros((T.size, 1)))
     moved = by.poses(np.array([forward.mesh.node(S)]))[0, :, 0]
     frame = forward.system.poses(here.states)[forward.mesh.node(S)]
-    columns = np.cross(moved[3:], matrices(frame[:4]).T).ravel()
-    found = np.concatenate([moved[:3], columns, by.lengths[:, 0]])
+    turned = np.cross(moved[3:], matrices(frame[:4]).T).ravel()
+    found = np.concatenate([moved[:3], turned, by.lengths[:, 0]])
     wanted = fourth_order(lambda x: _seen(*change(arm, scene, x)), h)
     assert np.abs(found - wanted).max() <= 1e-6 * np.abs(wanted).max()
 
@@ -170,4 +175,4 @@ def test_places_that_coincide_do_not_part() -> None:
 
     forward = Collocation(arm, LOADED, STAGES, 2)
     with pytest.raises(InputError, match="tie their keys"):
-        number_derivatives(forward.system, [[Neighbour(1.0, longer(1e-5), LOADED)]])
+        neighbour(forward.system, longer(1e-5), LOADED)
