@@ -22,9 +22,8 @@ from model.paths import Array
 from model.progress import tell
 from model.time_limit import OutOfTime, time_limit
 from planner.avoidance.asked import Surroundings, told
-from planner.avoidance.clear import keeping, line_of
-from planner.avoidance.clear_guesses import clear_arms
-from planner.avoidance.places import lasting, near_places, updated, watched_places
+from planner.avoidance.clear import clear_arms, keeping, line_of
+from planner.avoidance.places import near_places, updated, watched_places
 from planner.avoidance.rows import Avoidance
 from planner.program.statement import Mode, Statement
 from planner.solve.ipopt import Solution
@@ -155,7 +154,7 @@ class Around:
             if line is None:
                 return None
             near = (watched_places if clear is None else near_places)(line, self.asked)
-            enough = lasting(avoidance, self.task.arm, self.asked)
+            enough = avoidance is None or all(row.is_lasting for row in avoidance.rows)
             if clear is not None and enough and all(place.gap >= self._enough for place in near):
                 return clear
             avoidance = updated(avoidance, near, line, self.asked)

@@ -15,7 +15,6 @@ from model.clearance import clearances
 from model.clearance.nearest import BASE, ITSELF, OBSTACLES, Clearance
 from model.errors import InputError
 from model.obstacles import Moving, Obstacle, check_obstacles
-from model.obstacles.base import Convex
 from model.obstacles.bodies import Bodies
 from model.paths import Array
 from planner.targets.base import Target
@@ -46,11 +45,6 @@ class Surroundings:
 
     def __bool__(self) -> bool:
         return bool(self.obstacles) or self.of_itself or bool(self.moving)
-
-    @property
-    def has_parts(self) -> bool:
-        """Whether some obstacle is kept clear of part by part, as it has no numbers of its own."""
-        return not all(isinstance(own, Convex) for own in self.obstacles)
 
     def at(self, t: float) -> Surroundings:
         """Return the surroundings at a time [s], where nothing moves."""

@@ -1,7 +1,11 @@
-"""The inequalities of a plan among obstacles, and the midline that they are looked for along."""
+"""Tasks with inequalities that keep clear, the midline that these are looked for along, clear arms.
+
+Arms that touch nothing are drawn at random: where to begin on the other side of obstacles.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -9,11 +13,18 @@ import numpy as np
 from model.centreline import Centreline
 from model.equilibrium.forward import STAGES, Collocation
 from model.errors import OctoplanError
+from model.obstacles.bodies import Bodies
 from model.paths import Array
+from planner.avoidance.asked import Surroundings
+from planner.avoidance.places import near_places
 from planner.avoidance.rows import Avoidance
+from planner.initial_guess.many_arms import bend_coordinates, many_places, residuals
 from planner.program.statement import Statement
 from planner.solve.refine import settled
 from planner.solve.task import Task
+
+# Arms that are drawn, so many looked at together, the most that are looked at closely, and given.
+_DRAWN, _TOGETHER, _LOOKED_AT, _MOST = 6000, 200, 40, 6
 
 
 def keeping(task: Task, avoidance: Avoidance | None) -> Task:
@@ -42,3 +53,34 @@ def line_of(
         return Centreline.at_states(forward.system, forward.found(T, near).states)
     except (OctoplanError, np.linalg.LinAlgError):
         return None
+
+
+def clear_arms(task: Task, asked: Surroundings) -> list[Array]:
+    """Return tensions of arms that touch nothing, the nearest to the targets first."""
+    task, found = task.simple, list[Array]()
+    for k, T in enumerate(_likely_clear(task, asked)):
+        line = line_of(task, task.coarse("exact"), T)
+        if line is not None and all(near.gap >= 0 for near in near_places(line, asked)):
+            found.append(T)
+        if len(found) == _MOST or k == _LOOKED_AT:
+            break
+    return found
+
+
+def _likely_clear(task: Task, asked: Surroundings) -> Iterator[Array]:
+    """Yield tensions of arms that touch no obstacle, the nearest to the targets first.
+
+    Looked at on the coarsest mesh, for a scene without loads, so that some may touch after all.
+    """
+    arm, targets, limits = task.arm, task.targets, task.allowed
+    tendons = frozenset.intersection(*(target.tendons(arm) for target in targets))
+    bends = bend_coordinates(arm, tendons, limits)
+    tensions = bends.tensions(bends.draw(_DRAWN))
+    off = residuals(arm, task.scene, targets, tensions, task.machine_code)
+    order = np.argsort(np.linalg.norm(off, axis=1), kind="stable")
+    bodies = Bodies(asked.obstacles)
+    for some in np.split(order, np.arange(_TOGETHER, _DRAWN, _TOGETHER)):
+        points, radius = many_places(arm, task.scene, tensions[some], task.machine_code)
+        found = bodies.at(points[:, :, None])[0]
+        clear = (found - radius[:, None] >= asked.clearance).all(axis=(1, 2))
+        yield from (tensions[i] for i in some[clear])

@@ -11,10 +11,10 @@ import numpy as np
 from model.arm import Arm
 from model.centreline import Centreline
 from model.clearance.nearest import base_plane
-from model.obstacles import numbers_of
 from model.obstacles.base import Convex
 from model.obstacles.bodies import Bodies
 from model.paths import Array
+from model.rotations import matrices
 from planner.avoidance.asked import Surroundings
 from planner.avoidance.rows import Apart, Avoidance, Place, cubic, element_of, grid
 
@@ -41,11 +41,14 @@ class Near:
         Another arc length [m], or the numbers of a convex body, or of the part that is nearest.
     gap : float
         Between the surfaces [m].
+    is_part : bool
+        Whether the body is a part of a mesh.
     """
 
     s: float
     other: float | Array
     gap: float
+    is_part: bool = False
 
 
 def watched_places(line: Centreline, asked: Surroundings) -> list[Near]:
@@ -97,9 +100,11 @@ def _of_bodies(
         k = gap.argmin(axis=1)
         best, least = s[rows, k], gap[rows, k]
         low, high = s[rows, np.maximum(k - 1, 0)], s[rows, np.minimum(k + 1, _AROUND - 1)]
-    places = line.at(best)[0]
-    parts = [bodies.obstacles[b].nearest_part(x) for b, x in zip(body, places, strict=True)]
-    return [Near(float(s), p, float(g)) for s, p, g in zip(best, parts, least, strict=True)]
+    obstacles = [bodies.obstacles[b] for b in body]
+    return [
+        Near(float(s), own.nearest_part(x), float(gap), not isinstance(own, Convex))
+        for s, own, x, gap in zip(best, obstacles, line.at(best)[0], least, strict=True)
+    ]
 
 
 def _of_pairs(line: Centreline, sampled: _Sampled, most: float) -> list[Near]:
@@ -128,53 +133,24 @@ def _of_pairs(line: Centreline, sampled: _Sampled, most: float) -> list[Near]:
 def updated(
     before: Avoidance | None, near: Sequence[Near], line: Centreline, asked: Surroundings
 ) -> Avoidance:
-    """Return inequalities at places that are near, and those from before where these are not."""
+    """Return inequalities at places that are near, and those from before where these are not.
+
+    Of parts of meshes not more than some between two stations.
+    """
     margin = asked.clearance + asked.spare(line.arm)
-    rows = [_row(line, place.s, place.other, margin) for place in near]
+    rows = [_row(line, own.s, own.other, margin, own.is_part) for own in near]
     for row in before.rows if before else ():
-        if (
-            _lasts(row, line.arm, asked)
-            and not _crowded(row, rows, line.arm, asked)
-            and not any(_alike(line, row, other) for other in rows)
-        ):
-            own = row.other.s if isinstance(row.other, Place) else np.array(row.other)
-            rows.append(_row(line, row.place.s, own, margin))
+        k = element_of(line.arm, row.place.s)
+        beside = sum(element_of(line.arm, own.place.s) == k for own in rows) if row.is_part else 0
+        is_new = not any(_alike(line.arm, row, own) for own in rows)
+        if row.is_lasting and beside < _PARTS and is_new:
+            other = row.other.s if isinstance(row.other, Place) else np.array(row.other)
+            rows.append(_row(line, row.place.s, other, margin, row.is_part))
     return Avoidance(tuple(rows))
 
 
-def _crowded(row: Apart, rows: list[Apart], arm: Arm, asked: Surroundings) -> bool:
-    """Return whether an older row of a mesh's part is one of too many between two stations."""
-    if isinstance(row.other, Place) or not asked.has_parts or row.other in _whole(arm, asked):
-        return False
-    k = element_of(arm, row.place.s)
-    return sum(element_of(arm, own.place.s) == k for own in rows) >= _PARTS
-
-
-def lasting(avoidance: Avoidance | None, arm: Arm, asked: Surroundings) -> bool:
-    """Return whether no inequality keeps off more than what is asked."""
-    return avoidance is None or all(_lasts(row, arm, asked) for row in avoidance.rows)
-
-
-def _lasts(row: Apart, arm: Arm, asked: Surroundings) -> bool:
-    """Return whether a row is kept once the arm is elsewhere.
-
-    That of a place inside of a mesh is not, as it keeps off more; of others parts are flat.
-    """
-    if isinstance(row.other, Place) or not row.other[14]:
-        return True
-    return not asked.has_parts or row.other in _whole(arm, asked)
-
-
-def _whole(arm: Arm, asked: Surroundings) -> set[tuple[float, ...]]:
-    """Return the numbers of all that is kept clear of as a whole, not part by part."""
-    convex: list[Convex] = [own for own in asked.obstacles if isinstance(own, Convex)]
-    convex += [base_plane(arm)] * asked.of_itself
-    return {tuple(own.tolist()) for own in numbers_of(convex)}
-
-
-def _alike(line: Centreline, row: Apart, other: Apart) -> bool:
+def _alike(arm: Arm, row: Apart, other: Apart) -> bool:
     """Return whether two rows keep the same apart at about the same place."""
-    arm = line.arm
     pairs = [(row.place, other.place)]
     if isinstance(row.other, Place) and isinstance(other.other, Place):
         pairs.append((row.other, other.other))
@@ -188,13 +164,13 @@ def _alike(line: Centreline, row: Apart, other: Apart) -> bool:
     return True
 
 
-def _row(line: Centreline, s: float, other: float | Array, margin: float) -> Apart:
+def _row(line: Centreline, s: float, other: float | Array, margin: float, is_part: bool) -> Apart:
     """Return the inequality of a place and a body, or of two places."""
     place, radius = _place(line, s)
     if isinstance(other, float):
         second, own = _place(line, other)
         return Apart(place, second, radius + own + margin)
-    return Apart(place, tuple(other.tolist()), radius + margin)
+    return Apart(place, tuple(other.tolist()), radius + margin, is_part)
 
 
 def _place(line: Centreline, s: float) -> tuple[Place, float]:
@@ -203,12 +179,7 @@ def _place(line: Centreline, s: float) -> tuple[Place, float]:
     length = line.length(nodes[k], nodes[k + 1])
     at = [int(np.argmin(np.abs(line.s - nodes[i]))) for i in (k, k + 1)]
     w = cubic(line.arm, s, length)
-    ends = np.vstack([np.vstack([pose[4:], _tangent(pose)]) for pose in line.poses[at]])
+    poses = line.poses[at]
+    ends = np.stack([poses[:, 4:], matrices(poses[:, :4])[:, :, 0]], axis=1).reshape(-1, 3)
     point, radius = line.at(np.array([s]))
     return Place(float(s), length, tuple((point[0] - w @ ends).tolist())), float(radius[0])
-
-
-def _tangent(pose: Array) -> Array:
-    """Return the tangent (3,) of a pose (7,)."""
-    w, x, y, z = pose[:4]
-    return np.array([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)])

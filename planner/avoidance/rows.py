@@ -63,11 +63,22 @@ class Apart:
         Another place, or the numbers of a body; see model.obstacles.
     keep : float
         The least distance of the midline there [m].
+    is_part : bool
+        Whether the body is a part of a mesh, next to others.
     """
 
     place: Place
     other: Place | tuple[float, ...]
     keep: float
+    is_part: bool = False
+
+    @property
+    def is_lasting(self) -> bool:
+        """Whether it keeps off no more than what is asked once the arm is elsewhere.
+
+        That of a place inside of a mesh keeps off more; of others parts are flat.
+        """
+        return isinstance(self.other, Place) or not (self.is_part and self.other[14])
 
 
 @dataclass(frozen=True)
