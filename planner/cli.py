@@ -77,8 +77,8 @@ def _warned() -> Iterator[None]:
         try:
             yield
         finally:
-            for told in dict.fromkeys(str(own.message) for own in caught):
-                sys.stderr.write(f"octoplan: beware: {shortened(told, _LONG)}\n")
+            for text in dict.fromkeys(str(item.message) for item in caught):
+                sys.stderr.write(f"octoplan: beware: {shortened(text, _LONG)}\n")
 
 
 @contextmanager

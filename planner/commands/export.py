@@ -62,8 +62,8 @@ def export(
     question, name = options.loaded(scene, accuracy), c_name(scene)
     if what == "map":
         tensions = tensions_of(question, scene)
-        given = (question.arm, question.scene, to, tensions, question.accuracy)
-        result = export_map(*given, precision, name)
+        arguments = (question.arm, question.scene, to, tensions, question.accuracy)
+        result = export_map(*arguments, precision, name)
     elif what == "plan":
         check_plannable(question, scene)
         given_plan = plan_arguments(question, options)
@@ -82,11 +82,11 @@ def _bodies(
     """Write the arm as it settles under the scene's tensions, by its lengths, or by its plan."""
     if question.tensions is None and not question.winches and question.targets:
         check_plannable(question, scene)
-        given = plan_arguments(question, options)
-        shape = plan(question.arm, question.targets, question.scene, **given).shape
+        arguments = plan_arguments(question, options)
+        shape = plan(question.arm, question.targets, question.scene, **arguments).shape
     else:
-        given = {"accuracy": question.accuracy, "compile": question.compile}
-        shape = settle(question.arm, scene=question.scene, **given, **held(question, scene))
+        arguments = {"accuracy": question.accuracy, "compile": question.compile}
+        shape = settle(question.arm, scene=question.scene, **arguments, **held(question, scene))
     name = c_name(scene)
     files = export_shape(shape, to, what, name, links)
     text = f"{', '.join(file.name for file in files)} in {to}"

@@ -66,7 +66,7 @@ def new(
 def _first_files(kind: Kind, name: str) -> dict[str, str]:
     """Return the files to start from: one of a kind by its name, and what it needs beside it."""
     text, shapes = (
-        (TEMPLATES / own).read_text("utf-8") for own in (f"{kind}.toml", "calibrate_shapes.csv")
+        (TEMPLATES / item).read_text("utf-8") for item in (f"{kind}.toml", "calibrate_shapes.csv")
     )
     if kind != "calibrate":
         return {name: text}
@@ -121,7 +121,7 @@ def _sweep_text(record: SweepRecord) -> str:
     ] * record.earlier
     lines += [f"{record.file}: {dims}", f"  {record.met} of {record.points} points {word}"]
     shown = list(record.failures.items())[:_SHOWN]
-    lines += [f"  {count} x such as: {told}" for told, count in shown]
+    lines += [f"  {count} x such as: {text}" for text, count in shown]
     others = len(record.failures) - len(shown)
     return "\n".join(lines + [f"  and {others} other kinds"] * (others > 0))
 
@@ -149,11 +149,11 @@ def calibrate(
 
 
 def _calibration_text(result: Calibration, leave_out: bool) -> str:
-    width = max(len(own.name) for own in result.unknowns)
+    width = max(len(item.name) for item in result.unknowns)
     rows = zip(result.unknowns, result.values, result.std, strict=True)
     lines = [
-        f"  {own.name:<{width}}  {value:.6g} +- {std:.2g} {result.parameters.unit(own)}".rstrip()
-        for own, value, std in rows
+        f"  {item.name:<{width}}  {value:.6g} +- {std:.2g} {result.parameters.unit(item)}".rstrip()
+        for item, value, std in rows
     ]
     if leave_out:
         error = 1e3 * result.leave_out().mean_error
@@ -181,13 +181,13 @@ def design(
 
 
 def _design_text(result: Design) -> str:
-    width = max(len(own.name) for own in result.unknowns)
+    width = max(len(item.name) for item in result.unknowns)
     rows = zip(result.unknowns, result.values, result.parameters.start, strict=True)
     lines = [
         f"  {own.name:<{width}}  {value:.5g} (was {old:.5g}) {result.parameters.unit(own)}".rstrip()
         for own, value, old in rows
     ]
-    efforts = ", ".join(f"{own.effort:.4g}" for own in result.plans)
+    efforts = ", ".join(f"{item.effort:.4g}" for item in result.plans)
     return "\n".join([result.outcome, *lines, f"  efforts of the tasks [N]: {efforts}"])
 
 

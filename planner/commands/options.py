@@ -185,7 +185,7 @@ def parse(argv: Sequence[str]) -> tuple[Callable[[], Any], Options]:
             argv, exit_on_error=False, print_error=False, verbose=False
         )
     except CycloptsError as reason:
-        command = next((own for own in argv if own in COMMANDS), "")
+        command = next((item for item in argv if item in COMMANDS), "")
         where = " ".join(["octoplan", command]).strip()
         raise UsageError(f"{reason} (see {where} --help)") from None
     if call.__name__ not in COMMANDS:

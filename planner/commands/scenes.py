@@ -43,8 +43,8 @@ def plan(scene: SceneFile, /, *, options: SceneOptions | None = None) -> Answer:
     options = options or SceneOptions()
     question = options.asked(scene)
     check_plannable(question, scene)
-    given = (question.arm, question.targets, question.scene)
-    result = find_plan(*given, **plan_arguments(question, options))
+    arguments = (question.arm, question.targets, question.scene)
+    result = find_plan(*arguments, **plan_arguments(question, options))
     return Answer(
         OK if result.certificate.passed else NOT_REACHED,
         lambda: str(result),
@@ -82,13 +82,13 @@ def trajectory(scene: SceneFile, /, *, options: SceneOptions | None = None) -> A
     question = options.asked(scene)
     needed = {
         "waypoints": (question.waypoints, _WAYPOINTS),
-        "motion": (any(own is not None for own in question.motion.values()), _MOTION),
+        "motion": (any(item is not None for item in question.motion.values()), _MOTION),
         "limits": ("tension_max" in question.options, "a [limits] table with tension_max (N)"),
     }
     for key, (there, such) in needed.items():
         if not there:
             raise FileError(str(scene), key, f"missing; needed is {such}")
-    taken = {key: own for key, own in question.options.items() if key in _TRAJECTORY_KEYS}
+    taken = {key: item for key, item in question.options.items() if key in _TRAJECTORY_KEYS}
     more: dict[str, Any] = {"accuracy": question.accuracy, "compile": question.compile}
     ways = list(question.waypoints)
     result = find_trajectory(question.arm, ways, question.scene, **more, **taken, **question.motion)
@@ -107,7 +107,7 @@ def _trajectory_text(result: Trajectory) -> str:
         f"{result.arm.tendon_name(j):>7}" for j in range(result.arm.n_tendons)
     )
     rows = [
-        f"{t:9.4g}  " + " ".join(f"{own:7.3g}" for own in T)
+        f"{t:9.4g}  " + " ".join(f"{item:7.3g}" for item in T)
         for t, T in zip(result.times, result.flat, strict=True)
     ]
     return "\n".join([result.outcome, "", f"{head}  [N]", *rows, "", str(result.certificate)])
@@ -117,8 +117,12 @@ def settle(scene: SceneFile, /, *, options: SceneOptions | None = None) -> Answe
     """Find the shape under the scene's tensions or lengths."""
     options = options or SceneOptions()
     question = options.asked(scene)
-    given = {"accuracy": question.accuracy, "compile": question.compile, **held(question, scene)}
-    shape = find_shape(question.arm, scene=question.scene, **given)
+    arguments = {
+        "accuracy": question.accuracy,
+        "compile": question.compile,
+        **held(question, scene),
+    }
+    shape = find_shape(question.arm, scene=question.scene, **arguments)
     return Answer(
         OK,
         lambda: settled_text(shape),
@@ -133,8 +137,8 @@ def stiffness(scene: SceneFile, /, *, options: SceneOptions | None = None) -> An
     """Find the compliance that the scene's [stiffness] table asks for."""
     options = options or SceneOptions()
     question = options.asked(scene)
-    given = {**question.stiffness, "compile": question.compile, **held(question, scene)}
-    k = find_stiffness(question.arm, scene=question.scene, accuracy=question.accuracy, **given)
+    arguments = {**question.stiffness, "compile": question.compile, **held(question, scene)}
+    k = find_stiffness(question.arm, scene=question.scene, accuracy=question.accuracy, **arguments)
     ellipsoids = figure("results", "plot_ellipsoids", [k], force_to_show(k))
     return Answer(OK, lambda: repr(k), stiffness_record(k), "stiffness", ellipsoids)
 
@@ -182,9 +186,9 @@ def live(
     if accuracy is not None:
         question = replace(question, accuracy=accuracy)
     machine_code = compile or question.compile
-    given = question.options | {"accuracy": question.accuracy, "compile": machine_code}
+    arguments = question.options | {"accuracy": question.accuracy, "compile": machine_code}
     handle = handle_of(question.arm, question.targets)
-    page = Page(Session(question.arm, question.scene, handle, given), host, port)
+    page = Page(Session(question.arm, question.scene, handle, arguments), host, port)
     sys.stderr.write(f"octoplan: http://{host}:{port} (ends with the last browser)\n")
     page.wait()
     page.end()

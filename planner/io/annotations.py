@@ -56,28 +56,28 @@ def choice(kinds: Iterable[Any]) -> Any:
 def metas(kind: Any) -> Iterator[Meta]:
     """Yield what annotations a type carries, from the outside in."""
     if get_origin(kind) is Annotated:
-        yield from (own for own in kind.__metadata__[::-1] if isinstance(own, Meta))
+        yield from (item for item in kind.__metadata__[::-1] if isinstance(item, Meta))
         yield from metas(kind.__origin__)
     elif is_union(kind) or get_origin(kind) in (tuple, list):
-        for own in get_args(kind):
-            yield from metas(own)
+        for item in get_args(kind):
+            yield from metas(item)
 
 
 def unit_of_type(kind: Any) -> str:
     """Return the unit that the annotations of a type name; empty without one."""
-    named = (own.extra["unit"] for own in metas(kind) if own.extra and own.extra.get("unit"))
+    named = (item.extra["unit"] for item in metas(kind) if item.extra and item.extra.get("unit"))
     return next(named, "")
 
 
 def about_type(kind: Any) -> str:
     """Return what the annotations of a key's type say that it holds."""
-    return next((own.description for own in metas(kind) if own.description), "")
+    return next((item.description for item in metas(kind) if item.description), "")
 
 
 def quantity(about: str, unit: str = "", **bounds: Any) -> Meta:
     """Return the annotation of a key: what it holds, and its unit."""
-    told = f"{about} [{unit}]".strip() if unit else about
-    return Meta(description=told, extra={"unit": unit}, **bounds)
+    text = f"{about} [{unit}]".strip() if unit else about
+    return Meta(description=text, extra={"unit": unit}, **bounds)
 
 
 def suffix(unit: str) -> str:
@@ -87,8 +87,8 @@ def suffix(unit: str) -> str:
 
 def sentence(kind: Any) -> str:
     """Return the first sentence of a class's docstring, as it stands behind a key."""
-    told = " ".join((inspect.getdoc(kind) or "").split("\n\n")[0].split())
-    return re.split(r"\. (?=[A-Z])", told)[0].removesuffix(".")
+    text = " ".join((inspect.getdoc(kind) or "").split("\n\n")[0].split())
+    return re.split(r"\. (?=[A-Z])", text)[0].removesuffix(".")
 
 
 # How keys end, and the units of their numbers.
@@ -98,7 +98,7 @@ ENDS = {"": "", **{suffix(unit): unit for unit in UNITS}}
 @cache
 def attributes_told(kind: Any) -> dict[str, str]:
     """Return what the docstring of a class says of each of its attributes."""
-    found: dict[str, str] = {}
+    result: dict[str, str] = {}
     names: list[str] = []
     _, _, rest = (inspect.getdoc(kind) or "").partition("Attributes\n----------\n")
     for line in rest.splitlines():
@@ -106,5 +106,5 @@ def attributes_told(kind: Any) -> dict[str, str]:
             names = line.partition(" : ")[0].split(", ")
             continue
         for name in names:
-            found[name] = f"{found.get(name, '')} {line.strip()}".strip()
-    return {name: own.removesuffix(".") for name, own in found.items()}
+            result[name] = f"{result.get(name, '')} {line.strip()}".strip()
+    return {name: item.removesuffix(".") for name, item in result.items()}

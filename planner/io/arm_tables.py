@@ -31,9 +31,9 @@ def frame(tangent: Numbers, normal: Numbers) -> Frame:
     Vectors may be rounded to three digits; InputError for what is not orthonormal then.
     """
     t, n = np.array(tangent), np.array(normal)
-    for key, given in (("tangent", t), ("normal", n)):
-        if not abs(np.linalg.norm(given) - 1) < _ROUNDED:
-            raise InputError(key, given.tolist(), "a vector of length 1")
+    for key, vector in (("tangent", t), ("normal", n)):
+        if not abs(np.linalg.norm(vector) - 1) < _ROUNDED:
+            raise InputError(key, vector.tolist(), "a vector of length 1")
     if not abs(t @ n) < _ROUNDED:
         raise InputError("normal", n.tolist(), f"a vector at right angles to {t.tolist()}, tangent")
     t = t / np.linalg.norm(t)
@@ -51,10 +51,10 @@ def columns_of(matrix: Frame) -> dict[str, Any]:
 
 def frame_form(tangent: str, normal: str, *default: Numbers) -> Form:
     """Return how a frame is written: by two of its columns (t, n, b), told what they are."""
-    told = {"tangent": tangent, "normal": normal}
+    about = {"tangent": tangent, "normal": normal}
     keys: dict[str, Any] = {
-        key: (Annotated[VECTOR, Meta(description=f"{own}, of length 1")], *default[i : i + 1])
-        for i, (key, own) in enumerate(told.items())
+        key: (Annotated[VECTOR, Meta(description=f"{item}, of length 1")], *default[i : i + 1])
+        for i, (key, item) in enumerate(about.items())
     }
     return Form(keys, frame, columns_of)
 
@@ -86,7 +86,7 @@ _BASE = Form(
         "base_rotation_deg": (Annotated[VECTOR, _ROTATION], (0.0, 0.0, 0.0)),
     },
     _base,
-    lambda own: {"base_frame": columns_of(own)},
+    lambda item: {"base_frame": columns_of(item)},
 )
 
 
@@ -123,19 +123,19 @@ ArmTable: Any = table(
 
 def arm_of(given: Any) -> Arm:
     """Return the arm of a table; raises InputError that names a key, or a field of Arm."""
-    own = {key: getattr(given, key) for key in ("length_mm", "radius_mm", "sections")}
-    missing = [key for key, value in own.items() if not value]
-    if given.preset is not None and len(missing) < len(own):
+    required = {key: getattr(given, key) for key in ("length_mm", "radius_mm", "sections")}
+    missing = [key for key, value in required.items() if not value]
+    if given.preset is not None and len(missing) < len(required):
         allowed = "either a preset, or length_mm, radius_mm and sections of an arm of your own"
         raise InputError("preset", given.preset, allowed)
     if given.preset is None and missing:
         allowed = f"a preset ({', '.join(PAPER_ARMS)}), or length_mm, radius_mm and sections"
         raise InputError("arm", f"no {', no '.join(missing)}", allowed)
-    found = arguments_of(given)
+    result = arguments_of(given)
     if given.preset is not None:
         like = Arm.from_paper(given.preset)
-        found |= {"length": like.length, "radius": like.radius, "sections": like.sections}
-    return Arm(**found)
+        result |= {"length": like.length, "radius": like.radius, "sections": like.sections}
+    return Arm(**result)
 
 
 READ[ArmTable] = arm_of

@@ -73,13 +73,13 @@ def arguments_of(given: Table, kind: type[Table] | None = None) -> dict[str, Any
     """
     kind = kind or type(given)
     keys, hints, forms = KEYS.get(kind) or (_without_units(kind), None, {})
-    found = {
+    result = {
         name: read(hints[name] if hints else hints_of(kind)[key], getattr(given, key), key)
         for name, key in keys.items()
     }
     for name, form in forms.items():
-        found[name] = form.read(*(getattr(given, key) for key in form.keys))
-    return found
+        result[name] = form.read(*(getattr(given, key) for key in form.keys))
+    return result
 
 
 @cache
@@ -114,7 +114,7 @@ def read(hint: Any, value: Any, key: str = "", unit: str | None = "") -> Any:
         each = inside[:1] if not inside or inside[-1] is Ellipsis or origin is list else inside
         each = tuple(hints_of(hint).values()) if hasattr(hint, "_fields") else each
         of = each if len(each) == len(value) else (each or (Any,))[:1] * len(value)
-        return tuple(read(own, one, key, unit) for own, one in zip(of, value, strict=True))
+        return tuple(read(item, one, key, unit) for item, one in zip(of, value, strict=True))
     return in_si(value, unit)
 
 
@@ -124,11 +124,11 @@ def _chosen(kinds: tuple[Any, ...], value: Any, unit: str | None) -> Any:
     In SI units paths are no lists.
     """
     if Path in kinds and isinstance(value, list | tuple):
-        several = unit is None or any(not isinstance(own, float | int) for own in value)
-        return next((own for own in kinds if several and own is not Path), Path)
+        several = unit is None or any(not isinstance(item, float | int) for item in value)
+        return next((item for item in kinds if several and item is not Path), Path)
     is_list = isinstance(value, list | tuple)
-    fitting = [own for own in kinds if own is not type(None) and _is_list(own) == is_list]
-    return next(iter(fitting), next(own for own in kinds if own is not type(None)))
+    fitting = [item for item in kinds if item is not type(None) and _is_list(item) == is_list]
+    return next(iter(fitting), next(item for item in kinds if item is not type(None)))
 
 
 def _is_list(kind: Any) -> bool:
@@ -139,7 +139,7 @@ def _is_list(kind: Any) -> bool:
 def in_si(value: Any, unit: str | None) -> Any:
     """Return a number in a unit, or numbers in lists, in SI's; what is no number as it is."""
     if isinstance(value, list | tuple):
-        return tuple(in_si(own, unit) for own in value)
+        return tuple(in_si(item, unit) for item in value)
     if unit in UNITS and isinstance(value, int | float) and not isinstance(value, bool):
         return value * UNITS[unit]
     return value
@@ -147,22 +147,22 @@ def in_si(value: Any, unit: str | None) -> Any:
 
 def _read_path(value: Any, key: str, unit: str | None) -> Path:
     if isinstance(value, Table):
-        s, values = (getattr(value, own) for own in value.__struct_fields__)
+        s, values = (getattr(value, item) for item in value.__struct_fields__)
         return Sampled(in_si(s, "mm"), in_si(values, unit))
     if len(value) != 2:
         end = "tip" if unit == "1/m" else "end"
-        keys = ", ".join(f"{own} = [...]" for own in sample_keys(unit or ""))
+        keys = ", ".join(f"{item} = [...]" for item in sample_keys(unit or ""))
         raise InputError(key, value, f"[base, {end}] or {{ {keys} }}")
     return Linear(*in_si(value, unit))
 
 
 def read_exact(kind: Any, table: Any) -> Any:
     """Return the value of a class that a table in the exact form holds."""
-    found = {name: getattr(table, name) for name in arguments(kind)}
-    own = {
-        key: read(hints_of(kind)[key], x, unit=None) for key, x in found.items() if x is not UNSET
+    present = {name: getattr(table, name) for name in arguments(kind)}
+    values = {
+        key: read(hints_of(kind)[key], x, unit=None) for key, x in present.items() if x is not UNSET
     }
-    return Scene(*own["effects"]) if kind is Scene else kind(**own)
+    return Scene(*values["effects"]) if kind is Scene else kind(**values)
 
 
 # Writing
@@ -175,21 +175,21 @@ def table_of(value: Any) -> dict[str, Any]:
     """
     write = WRITE.get(type(value))
     if write is None:
-        known = ", ".join(sorted(kind.__name__ for kind in WRITE if WRITE[kind]))
-        raise InputError("to write", value, f"one of {known}: others have no keys")
-    return {key: own for key, own in write(value).items() if own is not None}
+        allowed = ", ".join(sorted(kind.__name__ for kind in WRITE if WRITE[kind]))
+        raise InputError("to write", value, f"one of {allowed}: others have no keys")
+    return {key: item for key, item in write(value).items() if item is not None}
 
 
 def keys_of(value: Any, kind: type[Table]) -> dict[str, Any]:
     """Return the keys of a table of a value's class."""
     keys, hints, forms = KEYS[kind]
     tag = kind.__struct_config__.tag
-    found: dict[str, Any] = {} if tag is None else {"type": tag}
+    result: dict[str, Any] = {} if tag is None else {"type": tag}
     for name, key in keys.items():
-        found[key] = written(getattr(value, name), unit_of_type(hints[name]))
+        result[key] = written(getattr(value, name), unit_of_type(hints[name]))
     for name, form in forms.items():
-        found |= form.write(getattr(value, name))
-    return found
+        result |= form.write(getattr(value, name))
+    return result
 
 
 def written(value: Any, unit: str | None = "") -> Any:
@@ -206,11 +206,11 @@ def written(value: Any, unit: str | None = "") -> Any:
         kind = {} if type(value) in PLACED else {"kind": type(value).__name__}
         return kind | attributes_of(value, arguments(type(value)))
     if isinstance(value, list | tuple | range):
-        return [written(own, unit) for own in value]
+        return [written(item, unit) for item in value]
     if isinstance(value, dict):
-        return {key: written(own, unit) for key, own in value.items()}
+        return {key: written(item, unit) for key, item in value.items()}
     if unit is None:
-        raise InputError("to save", value, f"one of {', '.join(own.__name__ for own in WRITE)}")
+        raise InputError("to save", value, f"one of {', '.join(item.__name__ for item in WRITE)}")
     if isinstance(value, Linear):
         return written((value.base, value.end), unit)
     if isinstance(value, Sampled):
@@ -225,12 +225,12 @@ def number_in(value: float, unit: str) -> float:
         return value
     size = UNITS[unit]
     for digits in (15, 16, 17):
-        found = float(f"{value / size:.{digits}g}")
-        if found * size == value:
-            return found
+        result = float(f"{value / size:.{digits}g}")
+        if result * size == value:
+            return result
     near = value / size
     others = (near, math.nextafter(near, math.inf), math.nextafter(near, -math.inf))
-    return next((own for own in others if own * size == value), near)
+    return next((item for item in others if item * size == value), near)
 
 
 def plain(value: Any) -> Any:
@@ -248,5 +248,5 @@ def identity(*values: Any) -> str:
 
     It is the same in every process, and for equal values.
     """
-    told = json.dumps([plain(values), versions()], sort_keys=True)
-    return hashlib.sha256(told.encode()).hexdigest()
+    text = json.dumps([plain(values), versions()], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()

@@ -60,7 +60,7 @@ def plan_csv(plan: Any) -> bytes:
     shape = of_shape(plan)
     slack = [T <= 0 for T in tensions] if shape["slack"] is None else shape["slack"].ravel()
     lengths, strokes = _mm(arm, shape["lengths_m"]), _mm(arm, shape["strokes_m"])
-    states = ["slack" if own else "taut" for own in slack]
+    states = ["slack" if item else "taut" for item in slack]
     names = [arm.tendon_name(j) for j in range(arm.n_tendons)]
     sections = [section + 1 for section, _ in arm.tendons]
     rows = zip(sections, names, tensions, lengths, strokes, states, strict=True)

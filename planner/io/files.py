@@ -75,12 +75,12 @@ def keep(what: str) -> None:
 
 def told_kept() -> str:
     """Return what is kept of a command's work, in words."""
-    told = [
+    text = [
         f"what is finished is kept in {folder}: the same command goes on from there"
         for folder in _folders
         if any(folder.glob("*.npz"))
     ]
-    return "; ".join([*told, *(_kept or ())]) or "nothing was written"
+    return "; ".join([*text, *(_kept or ())]) or "nothing was written"
 
 
 def keep_folder(folder: Path) -> None:
@@ -158,8 +158,8 @@ def write_together(folder: Path, contents: dict[str, bytes]) -> None:
                 folder.rmdir()
         if not isinstance(reason, OSError | ValueError):
             raise
-        told = f"no file was written in this folder: {why(reason)}"
-        raise FileError(str(folder), "", told) from None
+        text = f"no file was written in this folder: {why(reason)}"
+        raise FileError(str(folder), "", text) from None
 
 
 def write_named(path: str | Path, suffix: str, content: bytes) -> Path:
@@ -189,8 +189,8 @@ def read_file(path: Path) -> bytes:
 
 def why(reason: OSError | ValueError) -> str:
     """Return why a file cannot be read or written, in the system's words."""
-    told = reason.strerror if isinstance(reason, OSError) else None
-    return (told or str(reason)).lower()
+    text = reason.strerror if isinstance(reason, OSError) else None
+    return (text or str(reason)).lower()
 
 
 def to_json(values: Any) -> bytes:

@@ -119,16 +119,16 @@ def load_asked(path: str | Path) -> Asked:
     path = Path(path)
     name, needed = str(path), f"a calibration file is such as {_SUCH}"
     file = converted(decoded(text_of(path), name), CalibrationFile, "unknowns", name, needed)
-    asked = scene_beside(file.scene, path)
+    question = scene_beside(file.scene, path)
     names = [point.name for point in file.points]
     if len(set(names)) < len(names):
         raise FileError(name, "points", f"got {', '.join(names)}; allowed is each name once")
     shapes = load_shapes(
-        path.parent / file.measured, asked.arm, file.points, in_si(file.std_mm, "mm")
+        path.parent / file.measured, question.arm, file.points, in_si(file.std_mm, "mm")
     )
     kept = ("loss", "absolute_std", "starts", "accuracy")
     options = {key: getattr(file, key) for key in kept}
-    return Asked(asked.arm, asked.scene, shapes, _unknowns(file.unknowns, name), options)
+    return Asked(question.arm, question.scene, shapes, _unknowns(file.unknowns, name), options)
 
 
 def run_design(path: str | Path) -> Design:
@@ -136,25 +136,25 @@ def run_design(path: str | Path) -> Design:
     path = Path(path)
     name, needed = str(path), f"a design file is such as {_DESIGN}"
     file = converted(decoded(text_of(path), name), DesignFile, "tasks", name, needed)
-    asked = scene_beside(file.scene, path)
-    if asked.options.get("tension_min") or asked.options.get("total_pull"):
-        told = "got tension_min or total_pull, allowed is tension_max alone in a design"
-        raise FileError(name, "limits", told)
-    unknowns, most = _unknowns(file.unknowns, name), asked.options.get("tension_max", math.inf)
+    question = scene_beside(file.scene, path)
+    if question.options.get("tension_min") or question.options.get("total_pull"):
+        text = "got tension_min or total_pull, allowed is tension_max alone in a design"
+        raise FileError(name, "limits", text)
+    unknowns, most = _unknowns(file.unknowns, name), question.options.get("tension_max", math.inf)
 
     with told_in(name, ""):
         objective: Objective = "effort" if file.objective is None else value_of(file.objective)
-        tasks, making = [value_of(own) for own in file.tasks], value_of(file.making)
-        given = asked.arm, tasks, unknowns, asked.scene, most
-        return design(*given, making=making, objective=objective)
+        tasks, making = [value_of(item) for item in file.tasks], value_of(file.making)
+        arguments = question.arm, tasks, unknowns, question.scene, most
+        return design(*arguments, making=making, objective=objective)
 
 
 def _unknowns(tables: Sequence[Any], name: str) -> tuple[Unknown, ...]:
-    found = []
-    for i, own in enumerate(tables):
+    result = []
+    for i, item in enumerate(tables):
         with told_in(name, f"unknowns[{i}]"):
-            found.append(value_of(own))
-    return tuple(found)
+            result.append(value_of(item))
+    return tuple(result)
 
 
 def load_shapes(
@@ -165,19 +165,19 @@ def load_shapes(
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as reason:
-        told = getattr(reason, "strerror", None) or str(reason)
-        raise FileError(name, "", f"{told.lower()}; a CSV file of shapes is wanted") from None
+        message = getattr(reason, "strerror", None) or str(reason)
+        raise FileError(name, "", f"{message.lower()}; a CSV file of shapes is wanted") from None
     reader = csv.reader(text.splitlines())
     header = [cell.strip() for cell in next(reader, [])]
     columns = _Columns(name, arm, points, std, header)
     rows = [(line, row) for line, row in enumerate(reader, 2) if any(row)]
     if not rows:
         raise FileError(name, "", "no shapes; a line of names, then a shape a line")
-    found = []
+    result = []
     for line, row in rows:
         with told_in(name, f"line {line}"):
-            found.append(columns.shape(line, row))
-    return tuple(found)
+            result.append(columns.shape(line, row))
+    return tuple(result)
 
 
 class _Columns:
@@ -192,10 +192,10 @@ class _Columns:
         self.places = {what: [f"{what}_{x}_mm" for x in "xyz"] for what in self._seen}
         self.runs = {k: [f"{k}_{tendon}_mm" for tendon in tendons] for k in ("length", "stroke")}
         groups = [*self.places.values(), *self.runs.values()]
-        known = ["name", "session", *self.tensions, *(own for group in groups for own in group)]
+        names = ["name", "session", *self.tensions, *(item for group in groups for item in group)]
         for column in header:
-            if column not in known or header.count(column) > 1:
-                allowed = f"columns, each once, of {', '.join(known)}"
+            if column not in names or header.count(column) > 1:
+                allowed = f"columns, each once, of {', '.join(names)}"
                 raise FileError(name, "line 1", f"got {column!r}, allowed are {allowed}")
         for column in self.tensions:
             if column not in header:
@@ -209,14 +209,16 @@ class _Columns:
         """Return the shape of a row."""
         where = f"line {line}"
         if len(row) != len(self.header):
-            told = f"{len(row)} cells; the header has {len(self.header)}"
-            raise FileError(self.name, where, told)
+            text = f"{len(row)} cells; the header has {len(self.header)}"
+            raise FileError(self.name, where, text)
         cells = dict(zip(self.header, (cell.strip() for cell in row), strict=True))
 
         def values(columns: list[str], scale: float = MM) -> list[float] | None:
-            given = [cells.get(column, "") for column in columns]
-            pairs = zip(columns, given, strict=True)
-            return [scale * self._number(where, *own) for own in pairs] if any(given) else None
+            arguments = [cells.get(column, "") for column in columns]
+            pairs = zip(columns, arguments, strict=True)
+            return (
+                [scale * self._number(where, *item) for item in pairs] if any(arguments) else None
+            )
 
         tensions = values(self.tensions, 1.0)
         if tensions is None:

@@ -58,8 +58,8 @@ class Kind(NamedTuple):
 
 def steps(path: str) -> list[Step]:
     """Return the keys and indices of a path such as "effects.point_loads[0].s_mm"."""
-    found = re.findall(r"([^.\[\]]+)|\[(\d+)\]", path)
-    return [key or int(index) for key, index in found]
+    result = re.findall(r"([^.\[\]]+)|\[(\d+)\]", path)
+    return [key or int(index) for key, index in result]
 
 
 def value_at(table: Any, path: list[Step]) -> Any:
@@ -77,7 +77,7 @@ def kinds_at(root: Any, table: Any, path: list[Step]) -> list[Kind]:
     kinds, seen = list(alternatives(root)), table
     for step in path:
         inside = [type_inside(kind, step) for kind in chosen(kinds, seen)]
-        kinds = [kind for own in inside for kind in alternatives(own)]
+        kinds = [kind for item in inside for kind in alternatives(item)]
         seen = value_at(seen, [step])
     return chosen(kinds, seen)
 
@@ -88,7 +88,7 @@ def type_at(table: Any, path: list[Step], root: Any = SceneTable) -> Any:
     if last < 0:
         return None
     kinds, key = kinds_at(root, table, path[:last]), str(path[last])
-    return next((hints_of(own.type)[key] for own in kinds if key in own.keys), None)
+    return next((hints_of(item.type)[key] for item in kinds if key in item.keys), None)
 
 
 def places(root: Any, key: str) -> list[str]:
@@ -107,13 +107,13 @@ def _places(root: Any, key: str, path: str) -> Iterator[str]:
 def alternatives(kind: Any) -> Iterator[Kind]:
     """Yield the members of a union, each with its bounds."""
     if is_union(kind):
-        for own in get_args(kind):
-            yield from alternatives(own)
+        for item in get_args(kind):
+            yield from alternatives(item)
     elif get_origin(kind) is Annotated:
         bounds = {key: getattr(meta, key) for meta in metas(kind) for key in _BOUNDS}
-        found = {key: own for key, own in bounds.items() if own is not None}
+        result = {key: item for key, item in bounds.items() if item is not None}
         for inner, more in alternatives(kind.__origin__):
-            yield Kind(inner, more | found)
+            yield Kind(inner, more | result)
     elif kind is not type(None):
         yield Kind(kind, {})
 
@@ -132,7 +132,7 @@ def chosen(kinds: list[Kind], table: Any) -> list[Kind]:
     """Return the types, of tagged ones that alone whose tag the table has, if one has it."""
     if not isinstance(table, dict):
         return kinds
-    return [own for own in kinds if own.tag and table.get(own.tag[0]) == own.tag[1]] or kinds
+    return [item for item in kinds if item.tag and table.get(item.tag[0]) == item.tag[1]] or kinds
 
 
 def hint(given: Any, known: Sequence[Any]) -> str:
@@ -153,16 +153,16 @@ def checked_key(scene: dict[str, Any], key: str) -> str:
     value: Any = scene
     path = steps(key)
     for i, step in enumerate(path):
-        told = _refused(value, step, _shown(path[:i]) or "the scene")
-        if told:
-            raise InputError("key", key, told)
+        text = _refused(value, step, _shown(path[:i]) or "the scene")
+        if text:
+            raise InputError("key", key, text)
         value = value[step]
     if isinstance(value, dict | list):
-        inside = [f"{key}.{own}" for own in value] if isinstance(value, dict) else None
+        inside = [f"{key}.{item}" for item in value] if isinstance(value, dict) else None
         inside = inside or [f"{key}[{i}]" for i in range(len(value))]
-        told = ", ".join(inside) or "none in it"
-        raise InputError("key", key, f"a single value, not all of {key}: {told}")
-    kinds = [own.type for own in kinds_at(SceneTable, scene, path)]
+        text = ", ".join(inside) or "none in it"
+        raise InputError("key", key, f"a single value, not all of {key}: {text}")
+    kinds = [item.type for item in kinds_at(SceneTable, scene, path)]
     if value is None and not any(k in _SCALARS or get_origin(k) is Literal for k in kinds):
         raise InputError("key", key, f"a value that the scene has; give it {key} first")
     return key
@@ -174,8 +174,10 @@ _SCALARS = (float, int, str, bool)
 def _refused(value: Any, step: Step, here: str) -> str:
     """Return why a step leads nowhere; empty where it leads on."""
     if isinstance(value, dict):
-        known = list(value)
-        return "" if step in value else f"in {here} one of {', '.join(known)}{hint(step, known)}"
+        allowed = list(value)
+        return (
+            "" if step in value else f"in {here} one of {', '.join(allowed)}{hint(step, allowed)}"
+        )
     if isinstance(value, list):
         if isinstance(step, int) and step < len(value):
             return ""
@@ -195,14 +197,14 @@ def _shown(path: Sequence[Step]) -> str:
 
 def changed(scene: dict[str, Any], keys: Sequence[str], values: Sequence[Any]) -> dict[str, Any]:
     """Return a scene with other values at key paths; what is not on these is that of the given."""
-    new, own = dict(scene), set[int]()
+    new, copied = dict(scene), set[int]()
     for key, value in zip(keys, values, strict=True):
         *path, last = steps(key)
         place: Any = new
         for step in path:
-            if id(place[step]) not in own:
+            if id(place[step]) not in copied:
                 place[step] = copy.copy(place[step])
-                own.add(id(place[step]))
+                copied.add(id(place[step]))
             place = place[step]
         place[last] = value
     return new

@@ -70,15 +70,15 @@ def _mistake(name: str, table: Any, root: Any) -> FileError:
 
     The error names the file, the key and its like.
     """
-    path, given, kinds, key = _wrong_part(_part("", table, root, root))
-    if isinstance(given, dict) and any(kind.is_table for kind in kinds):
-        return _wrong_keys(name, path, given, [kind for kind in kinds if kind.is_table], root)
-    allowed = " or ".join(dict.fromkeys(_words(kind, given) for kind in kinds))
+    path, value, kinds, key = _wrong_part(_part("", table, root, root))
+    if isinstance(value, dict) and any(kind.is_table for kind in kinds):
+        return _wrong_keys(name, path, value, [kind for kind in kinds if kind.is_table], root)
+    allowed = " or ".join(dict.fromkeys(_words(kind, value) for kind in kinds))
     if any(_is_list(kind) for kind in kinds) and about_type(key):
         allowed = f"{allowed}: {about_type(key)}"
     options = (get_args(kind.type) for kind in kinds if get_origin(kind.type) is Literal)
-    told = f"got {shown(given)}, allowed is {allowed}{hint(given, [*chain(*options)])}"
-    return FileError(name, path or "the file", told)
+    text = f"got {shown(value)}, allowed is {allowed}{hint(value, [*chain(*options)])}"
+    return FileError(name, path or "the file", text)
 
 
 def _part(path: str, value: Any, kind: Any, key: Any) -> _Part:
@@ -94,22 +94,22 @@ def _wrong_part(whole: _Part) -> _Part:
     path, value, kinds, key = whole
     items: Any = ()
     if isinstance(value, dict):
-        tags = [own.tag for own in kinds if own.tag]
+        tags = [item.tag for item in kinds if item.tag]
         tag = tags[0][0] if tags else None
         if tag in value and (tag, value[tag]) not in tags:
-            known: Any = Literal[tuple(own for _, own in tags)]
-            return _part(f"{path}.{tag}", value[tag], known, known)
-        named = {tag, *chain(*(own.keys for own in kinds))}
-        all_known = named >= value.keys() or any(own.takes_any_key for own in kinds)
+            allowed: Any = Literal[tuple(item for _, item in tags)]
+            return _part(f"{path}.{tag}", value[tag], allowed, allowed)
+        named = {tag, *chain(*(item.keys for item in kinds))}
+        all_known = named >= value.keys() or any(item.takes_any_key for item in kinds)
         items = value.items() if all_known and (tag is None or tag in value) else ()
-    elif isinstance(value, list) and any(own.size in (None, len(value)) for own in kinds):
+    elif isinstance(value, list) and any(item.size in (None, len(value)) for item in kinds):
         items = enumerate(value)
-    for step, own in items:
+    for step, item in items:
         inside = [type_inside(of, step) for of in kinds]
-        if any(of is not type(None) for of in inside) and not _fits(own, choice(inside)):
+        if any(of is not type(None) for of in inside) and not _fits(item, choice(inside)):
             where = f"{path}[{step}]" if isinstance(step, int) else f"{path}.{step}"
             of_key = key if isinstance(step, int) else choice(inside)
-            return _wrong_part(_part(where, own, choice(inside), of_key))
+            return _wrong_part(_part(where, item, choice(inside), of_key))
     return whole
 
 
@@ -143,24 +143,24 @@ def _words(kind: Kind, given: Any) -> str:
         least = kind.bounds.get("min_length", 0)
         is_short = isinstance(given, list) and len(given) < least
         return f"a list of at least {least}" if is_short else "a list [...]"
-    found = _WORDS.get(kind.type, "something else")
+    result = _WORDS.get(kind.type, "something else")
     for key, bound in kind.bounds.items():
         holds, words = _SIGNS[key]
         if isinstance(given, int | float) and not holds(given, bound):
-            found += f" {words} {bound if isinstance(bound, int) else f'{bound:g}'}"
-    return found
+            result += f" {words} {bound if isinstance(bound, int) else f'{bound:g}'}"
+    return result
 
 
 def _wrong_keys(
     name: str, path: str, given: dict[str, Any], tables: list[Kind], root: Any
 ) -> FileError:
     """Return which key of a table is not known, or missing."""
-    tags = [own.tag for own in tables if own.tag]
-    known = list(
-        dict.fromkeys([*(tag[0] for tag in tags), *(k for own in tables for k in own.keys)])
+    tags = [item.tag for item in tables if item.tag]
+    allowed = list(
+        dict.fromkeys([*(tag[0] for tag in tags), *(k for item in tables for k in item.keys)])
     )
-    strict = not any(own.takes_any_key for own in tables)
-    unknown = next((key for key in given if strict and key not in known), None)
+    strict = not any(item.takes_any_key for item in tables)
+    unknown = next((key for key in given if strict and key not in allowed), None)
     where = f"{path}.".removeprefix(".")
     if unknown is not None:
         elsewhere = places(root, unknown)
@@ -169,16 +169,16 @@ def _wrong_keys(
         elif len(elsewhere) == 1:
             more = f"; it belongs in [{elsewhere[0]}]"
         else:
-            more = hint(unknown, known)
-        told = f"no such key{more} (known here: {', '.join(known)})"
-        return FileError(name, f"{where}{shortened(unknown)}", told)
+            more = hint(unknown, allowed)
+        text = f"no such key{more} (known here: {', '.join(allowed)})"
+        return FileError(name, f"{where}{shortened(unknown)}", text)
     if tags and given.get(tags[0][0]) is None:
-        told = f"missing, allowed is one of {', '.join(tag[1] for tag in tags)}"
-        return FileError(name, f"{where}{tags[0][0]}", told)
-    required = (f for own in tables for f in msgspec.structs.fields(own.type) if f.required)
-    missing = next((own.name for own in required if own.name not in given), "")
-    told = f"missing; {f'[{path}]' if path else 'the file'} needs it"
-    return FileError(name, f"{where}{missing}", told)
+        text = f"missing, allowed is one of {', '.join(tag[1] for tag in tags)}"
+        return FileError(name, f"{where}{tags[0][0]}", text)
+    required = (f for item in tables for f in msgspec.structs.fields(item.type) if f.required)
+    missing = next((item.name for item in required if item.name not in given), "")
+    text = f"missing; {f'[{path}]' if path else 'the file'} needs it"
+    return FileError(name, f"{where}{missing}", text)
 
 
 _REMEDIES = (
@@ -212,9 +212,9 @@ def no_toml(reason: str, text: bytes, name: str) -> FileError:
         return FileError(name, "", f"this is not valid TOML: {reason}")
     lines = text.decode(errors="replace").splitlines()[int(number) - 1 : int(number)]
     line = lines[0].strip() if lines else ""
-    remedy = next((f"; {told}" for wrong, told in _REMEDIES if re.search(wrong, line)), "")
-    told = f"not valid TOML: {words[:1].lower()}{words[1:]}: {shortened(line)}{remedy}"
-    return FileError(name, f"line {number}", told)
+    remedy = next((f"; {message}" for wrong, message in _REMEDIES if re.search(wrong, line)), "")
+    message = f"not valid TOML: {words[:1].lower()}{words[1:]}: {shortened(line)}{remedy}"
+    return FileError(name, f"line {number}", message)
 
 
 def as_written(reason: InputError, name: str, key: str, part: Any) -> FileError:
@@ -236,14 +236,14 @@ def as_written(reason: InputError, name: str, key: str, part: Any) -> FileError:
         names[0] = _EFFECTS[names[0]]
     elif names[0] == key or str(names[0])[0].isupper():  # the part, or the class it is built as
         del names[0]
-    matches = [own for own in _arguments(key, part, names) if own[0] != key]
+    matches = [item for item in _arguments(key, part, names) if item[0] != key]
     if not matches:
         return FileError.of(reason, name, key)
     # Of several effects of a kind, the first that has this value.
-    fitting = (own for own in matches if len(matches) == 1 or _is_same(own, reason.given))
+    fitting = (item for item in matches if len(matches) == 1 or _is_same(item, reason.given))
     path, unit, value = next(fitting, matches[0])
-    given = shown(value if unit or isinstance(reason.given, tuple) else reason.given)
-    return FileError(name, path, f"got {given}, allowed is {reason.allowed}")
+    held = shown(value if unit or isinstance(reason.given, tuple) else reason.given)
+    return FileError(name, path, f"got {held}, allowed is {reason.allowed}")
 
 
 _FIELD = re.compile(r"[\w.\[\]]+")

@@ -26,9 +26,11 @@ from planner.targets import Bend, Hold, MinimumStiffness, Softest, Stiffest, Tar
 
 def public(module: Any, kind: Any = object) -> list[Any]:
     """Return the classes that a package exports, of a kind but not that itself."""
-    found = (getattr(module, name) for name in module.__all__)
+    exported = (getattr(module, name) for name in module.__all__)
     return [
-        own for own in found if isinstance(own, type) and issubclass(own, kind) and own is not kind
+        item
+        for item in exported
+        if isinstance(item, type) and issubclass(item, kind) and item is not kind
     ]
 
 
@@ -53,7 +55,7 @@ _VERTICES = Form(
         **_AXES.keys,
     },
     _vertices,
-    lambda own: {"vertices_mm": written(own, "mm")},
+    lambda item: {"vertices_mm": written(item, "mm")},
 )
 _FILE: dict[str, tuple[Any, Any]] = {
     "file": (
@@ -87,9 +89,9 @@ def inlined(given: Any, folder: Path) -> Any:
         raise InputError("file", there, "a file, or vertices_mm and faces in its place")
     if mesh.file is None:
         return mesh
-    found = Mesh.read(folder / mesh.file, mesh.unit)
-    corners = [tuple(own) for own in written(found.vertices, "mm")]
-    faces = [(a, b, c) for a, b, c in found.faces]
+    result = Mesh.read(folder / mesh.file, mesh.unit)
+    corners = [tuple(item) for item in written(result.vertices, "mm")]
+    faces = [(a, b, c) for a, b, c in result.faces]
     return structs.replace(mesh, file=None, vertices_mm=corners, faces=faces)
 
 
@@ -99,7 +101,7 @@ def _with_key(
     """Return the table of an obstacle that has one key more, and how that is read with it."""
     name, tag = f"{prefix}{shape.__name__}", str(shape.__struct_config__.tag)
     made: type[Table] = struct(name, [(key, *held)], shape.__doc__, tag, shape)
-    READ[made] = lambda given: read(READ[shape](given), getattr(given, key))
+    READ[made] = lambda table: read(READ[shape](table), getattr(table, key))
     return made
 
 
@@ -114,15 +116,15 @@ _PATH = (
     Annotated[tuple[tuple[float, float, float, float], ...] | None, Meta(description=_ROWS)],
     None,
 )
-_FRICTION = next(own[1:] for own in fields_of(Contact, {"obstacle"}))
+_FRICTION = next(item[1:] for item in fields_of(Contact, {"obstacle"}))
 _CONVEX = [_SHAPES[kind] for kind in _KINDS if issubclass(kind, Convex)]
 # What is wrapped round or held; what is kept clear of, and may move in motions; what is leant on.
 TABLES[Convex] = choice(_CONVEX)
 ObstacleTable: Any = choice(
-    [_with_key(own, "Avoided", "path_s_mm", _PATH, _avoided) for own in _SHAPES.values()]
+    [_with_key(item, "Avoided", "path_s_mm", _PATH, _avoided) for item in _SHAPES.values()]
 )
 TABLES[Contact] = choice(
-    [_with_key(own, "Contact", "friction", _FRICTION, Contact) for own in _CONVEX]
+    [_with_key(item, "Contact", "friction", _FRICTION, Contact) for item in _CONVEX]
 )
 
 
@@ -132,7 +134,7 @@ def _moving(own: Moving) -> dict[str, Any]:
 
 
 WRITE[Moving] = _moving
-WRITE[Contact] = lambda own: {**table_of(own.obstacle), "friction": own.friction}
+WRITE[Contact] = lambda item: {**table_of(item.obstacle), "friction": item.friction}
 
 
 # Keys that enable several effects at once.
@@ -141,7 +143,7 @@ _SILICONE = "what a real silicone arm calls for: extension, exact_tendons and ne
 _SEVERAL = (PointLoad, PointMass, Contact)
 _EFFECTS: list[type[Effect]] = public(model.effects, Effect)
 # What has no arguments but switches is a switch, with these beside it.
-_SWITCHES = [own for own in _EFFECTS if {*get_type_hints(own).values()} <= {bool}]
+_SWITCHES = [item for item in _EFFECTS if {*get_type_hints(item).values()} <= {bool}]
 
 
 def _key(kind: type[Effect]) -> str:
@@ -157,21 +159,21 @@ KEYS = {kind: _key(kind) for kind in _EFFECTS}
 
 
 def _fields() -> list[Any]:
-    found: list[Any] = [("silicone", Annotated[bool, Meta(description=_SILICONE)], False)]
+    result: list[Any] = [("silicone", Annotated[bool, Meta(description=_SILICONE)], False)]
     kind: Any
     for kind, key in KEYS.items():
         about = Meta(description=sentence(kind))
         if kind in _SWITCHES:
-            found.append((key, Annotated[bool | None, about], None))
-            for name, own in attributes_told(kind).items():
-                found.append((name, Annotated[bool, Meta(description=own)], False))
+            result.append((key, Annotated[bool | None, about], None))
+            for name, item in attributes_told(kind).items():
+                result.append((name, Annotated[bool, Meta(description=item)], False))
             WRITE[kind] = _switch_keys
             continue
         of: Any = TABLES.get(kind) or table(kind)
         several: Any = tuple[of, ...]
         held: tuple[Any, Any] = (several, ()) if kind in _SEVERAL else (of | None, None)
-        found.append((key, Annotated[held[0], about], held[1]))
-    return found
+        result.append((key, Annotated[held[0], about], held[1]))
+    return result
 
 
 def _switch_keys(own: Effect) -> dict[str, Any]:
@@ -188,40 +190,40 @@ EffectsTable: Any = struct(
 def scene_of(given: Any) -> Scene:
     """Return the scene of a table; raises InputError that names a key, or an effect's field."""
     implied = {
-        type(own) for key, of in BUNDLES.items() if getattr(given, key) for own in of.effects
+        type(item) for key, of in BUNDLES.items() if getattr(given, key) for item in of.effects
     }
-    found: list[Effect] = []
+    result: list[Effect] = []
     for kind, key in KEYS.items():
-        own = getattr(given, key)
+        item = getattr(given, key)
         if kind in _SWITCHES:
-            found += _switched(given, kind, kind in implied if own is None else own)
+            result += _switched(given, kind, kind in implied if item is None else item)
             continue
-        several = own if isinstance(own, tuple) else () if own is None else (own,)
-        found += map(value_of, several)
-    return Scene(*found)
+        several = item if isinstance(item, tuple) else () if item is None else (item,)
+        result += map(value_of, several)
+    return Scene(*result)
 
 
 def _switched(given: Any, kind: Any, on: bool) -> list[Effect]:
     """Return an effect that is a switch if it is on, with the switches that are its arguments."""
     more = {name: getattr(given, name) for name in arguments(kind)}
     if any(more.values()) and not on:
-        name = next(name for name, own in more.items() if own)
+        name = next(name for name, item in more.items() if item)
         allowed = f"{name} = true with silicone = true or {KEYS[kind]} = true only"
         raise InputError(name, True, allowed)
     return [kind(**more)] * on
 
 
 def _effects_table(scene: Scene) -> dict[str, Any]:
-    found: dict[str, Any] = {"extension": False}
+    result: dict[str, Any] = {"extension": False}
     for effect in scene.effects:
-        kind, own = type(effect), table_of(effect)
+        kind, item = type(effect), table_of(effect)
         if kind in _SWITCHES:
-            found |= own
+            result |= item
         elif kind in _SEVERAL:
-            found.setdefault(KEYS[kind], []).append(own)
+            result.setdefault(KEYS[kind], []).append(item)
         else:
-            found[KEYS[kind]] = own
-    return found
+            result[KEYS[kind]] = item
+    return result
 
 
 WRITE[Scene] = _effects_table
@@ -229,8 +231,8 @@ WRITE[Scene] = _effects_table
 
 def _stiffness(direction: Numbers | None, matrix: Any) -> Any:
     if (direction is None) == (matrix is None):
-        given = "neither" if matrix is None else "both"
-        raise InputError("minimum-stiffness", given, "a direction, or a matrix")
+        inputs = "neither" if matrix is None else "both"
+        raise InputError("minimum-stiffness", inputs, "a direction, or a matrix")
     return matrix if direction is None else direction
 
 

@@ -40,13 +40,13 @@ class Record(msgspec.Struct, kw_only=True):
 def record_of(kind: type[R], of: Any, **others: Any) -> R:
     """Return the record of a result, whose attributes its keys name; others by name."""
     (schema,) = get_args(get_type_hints(kind)["schema"])
-    found = {"schema": schema, "versions": versions()}
+    result = {"schema": schema, "versions": versions()}
     for key in kind.__struct_fields__:
         if key in others:
-            found[key] = others[key]
+            result[key] = others[key]
         elif key not in ("schema", "versions"):
-            found[key] = getattr(of, _attribute(of, key))
-    return kind(**found)
+            result[key] = getattr(of, _attribute(of, key))
+    return kind(**result)
 
 
 def _attribute(of: Any, key: str) -> str:
@@ -96,18 +96,18 @@ def of_shape(plan: Any) -> dict[str, Any]:
     Lengths are None where there are none: as printed.
     """
     keys = ("tip_m", "tip_frame", "slack", "lengths_m", "strokes_m", "tip_error_per_length")
-    found: dict[str, Any] = dict.fromkeys(keys)
+    result: dict[str, Any] = dict.fromkeys(keys)
     try:
         shape = plan.shape
-        found |= {"tip_m": shape.tip, "tip_frame": shape.tip_frame, "slack": shape.slack}
+        result |= {"tip_m": shape.tip, "tip_frame": shape.tip_frame, "slack": shape.slack}
         if not plan.scene.has(PrintedStatics):
             error = length_error(shape)
             per_length = dict(zip(error.names, error.each.tolist(), strict=True))
             lengths = {"lengths_m": plan.lengths, "strokes_m": plan.strokes}
-            found |= {**lengths, "tip_error_per_length": per_length}
+            result |= {**lengths, "tip_error_per_length": per_length}
     except (OctoplanError, OutOfTime):
         pass
-    return found
+    return result
 
 
 class StiffnessRecord(Record, kw_only=True):
@@ -208,7 +208,7 @@ class EffectsRecord(Record, kw_only=True):
 def effects_record(switches: Any, accuracy: float) -> EffectsRecord:
     """Return the record of a scene's switched effects."""
     names = EffectRecord.__struct_fields__
-    rows = [EffectRecord(**{name: getattr(own, name) for name in names}) for own in switches]
+    rows = [EffectRecord(**{name: getattr(item, name) for name in names}) for item in switches]
     for row in rows:
         row.time_factor = None if row.problem else row.time_factor
     return record_of(EffectsRecord, None, accuracy=accuracy, effects=rows)
@@ -226,8 +226,8 @@ class ExportRecord(Record, kw_only=True):
 
 def export_record(files: Any, shape: Any, static_bytes: int = 0) -> ExportRecord:
     """Return the record of a map, or of a settled arm, that is written for other programs."""
-    told = {"files": list(map(str, files)), "nodes": shape.s.size, "static_bytes": static_bytes}
-    return record_of(ExportRecord, shape, **told)
+    values = {"files": list(map(str, files)), "nodes": shape.s.size, "static_bytes": static_bytes}
+    return record_of(ExportRecord, shape, **values)
 
 
 class SweepRecord(Record, kw_only=True):

@@ -56,15 +56,15 @@ def _record(name: str, kind: Any, what: str) -> Any:
         raise FileError(name, "", f"this is not valid JSON: {reason}") from None
     if not isinstance(table, dict):
         raise FileError(name, "the file", f"got {shown(table)}, allowed is a {what} that was saved")
-    wanted, found = f"octoplan {what} {_VERSION}", table.get("schema")
-    if found == wanted:
+    wanted, result = f"octoplan {what} {_VERSION}", table.get("schema")
+    if result == wanted:
         return checked(table, kind, name)
-    told = f"got {shown(found)}, allowed is one of {wanted}"
-    if found is None:
-        told = f'missing; a saved {what} has schema = "{wanted}"'
-    elif isinstance(found, str) and found.startswith(f"octoplan {what} "):
-        told += "; another version of octoplan wrote it: load it there, or find it again here"
-    raise FileError(name, "schema", told)
+    message = f"got {shown(result)}, allowed is one of {wanted}"
+    if result is None:
+        message = f'missing; a saved {what} has schema = "{wanted}"'
+    elif isinstance(result, str) and result.startswith(f"octoplan {what} "):
+        message += "; another version of octoplan wrote it: load it there, or find it again here"
+    raise FileError(name, "schema", message)
 
 
 def load_plan(path: str | Path) -> Plan:
@@ -83,23 +83,23 @@ def load_plan(path: str | Path) -> Plan:
     question, answer = saved.question, saved.answer
     task = _task(name, question, answer)
     with told_in(name, "answer"):
-        found, avoidance = value_of(answer), read(Any, answer.avoidance)
+        result, avoidance = value_of(answer), read(Any, answer.avoidance)
     with told_in(name, "answer.tensions"):
-        found = replace(found, tensions=task.arm.by_section(task.arm.flat(found.tensions)))
+        result = replace(result, tensions=task.arm.by_section(task.arm.flat(result.tensions)))
     for key in ("jump", "lost"):
         with told_in(name, f"answer.{key}"):
-            not_negative(key, getattr(found, key))
-    for i, T in enumerate(found.load_path):
+            not_negative(key, getattr(result, key))
+    for i, T in enumerate(result.load_path):
         with told_in(name, f"answer.load_path[{i}]"):
             task.arm.flat(T)
     with told_in(name, "question.obstacles"):
-        given = (read(Any, question.obstacles), question.clearance, question.self_clearance)
-        around = surroundings(task.arm, task.targets, *given)
+        arguments = (read(Any, question.obstacles), question.clearance, question.self_clearance)
+        around = surroundings(task.arm, task.targets, *arguments)
     more: dict[str, Any] = {"surroundings": around, "avoidance": avoidance}
     if contacts(task.scene):
-        plan: Plan = HeldPlan.of(task, found, load_path=found.load_path, **more)
+        plan: Plan = HeldPlan.of(task, result, load_path=result.load_path, **more)
     else:
-        plan = Plan.of(task, found, **more)
+        plan = Plan.of(task, result, **more)
     _check_multipliers(plan, name)
     return plan
 
@@ -113,11 +113,13 @@ def _task(name: str, question: QuestionRecord, answer: Any) -> Task:
         check_loads(arm, scene, contact=True)
         check_planned(scene)
     with told_in(name, "question.limits"):
-        own: Limits = value_of(question.limits)
-        least, most = own.strokes or (None, None)
-        limits = Limits.of(arm, own.upper, own.lower, own.total).with_strokes(arm, most, least)
-        if own.stroke_zero is not None:
-            limits = replace(limits, stroke_zero=zeroed_at(arm, scene, own.stroke_zero))
+        saved: Limits = value_of(question.limits)
+        least, most = saved.strokes or (None, None)
+        limits = Limits.of(arm, saved.upper, saved.lower, saved.total).with_strokes(
+            arm, most, least
+        )
+        if saved.stroke_zero is not None:
+            limits = replace(limits, stroke_zero=zeroed_at(arm, scene, saved.stroke_zero))
     with told_in(name, "question.targets"):
         targets = check_targets(arm, read(Any, question.targets))
     with told_in(name, "question.accuracy"):
@@ -127,8 +129,8 @@ def _task(name: str, question: QuestionRecord, answer: Any) -> Task:
         checked_margin(statement.margin)
     for key, has in (("limited", limits.total), ("wound", limits.strokes)):
         if getattr(statement, key) != (has is not None):
-            told = f"got {shown(getattr(statement, key))}, question.limits tell otherwise"
-            raise FileError(name, f"answer.statement.{key}", told)
+            text = f"got {shown(getattr(statement, key))}, question.limits tell otherwise"
+            raise FileError(name, f"answer.statement.{key}", text)
     return Task(arm, targets, scene, limits, statement, accuracy)
 
 
@@ -141,8 +143,8 @@ def _check_multipliers(plan: Plan, name: str) -> None:
         problem = build(plan.arm, plan.stated, plan.scene, plan.statement.but(refinement=1))
         wanted = problem.n_free, problem.n_outer
     if any(sizes) and sizes != wanted:
-        told = "got {} and {} numbers, allowed are {} and {}, or none".format(*sizes, *wanted)
-        raise FileError(name, "answer.lam_x and answer.lam_g", told)
+        text = "got {} and {} numbers, allowed are {} and {}, or none".format(*sizes, *wanted)
+        raise FileError(name, "answer.lam_x and answer.lam_g", text)
     for where, lam in (("answer.lam_x", plan.lam_x), ("answer.lam_g", plan.lam_g)):
         if not np.all(np.isfinite(lam)):
             raise FileError(name, where, "allowed are finite numbers")
@@ -156,16 +158,16 @@ def load_calibration(path: str | Path) -> Calibration:
     """
     name = str(path)
     saved = _record(name, SavedCalibration, "calibration")
-    asked, fit = saved.question, saved.fit
+    question, fit = saved.question, saved.fit
     with told_in(name, "question"):
-        arm, scene = value_of(asked.arm), value_of(asked.scene)
-        unknowns = tuple(map(value_of, asked.unknowns))
-        shapes = tuple(own.checked(arm, own.name) for own in map(value_of, asked.measured))
+        arm, scene = value_of(question.arm), value_of(question.scene)
+        unknowns = tuple(map(value_of, question.unknowns))
+        shapes = tuple(item.checked(arm, item.name) for item in map(value_of, question.measured))
     if len(fit.values) != len(unknowns) or not np.all(np.isfinite(fit.values)):
         raise FileError(name, "fit.values", f"{len(unknowns)} finite numbers are needed")
     kept = {key: getattr(fit, key) for key in fit.__struct_fields__}
-    own = {key: read(Any, x) for key, x in kept.items() if x is not msgspec.UNSET}
+    values = {key: read(Any, x) for key, x in kept.items() if x is not msgspec.UNSET}
     with told_in(name, "fit"):
-        found = Calibration(arm, scene, shapes, unknowns, **own)
-        found.parameters  # noqa: B018  (checks keys and sessions)
-    return found
+        result = Calibration(arm, scene, shapes, unknowns, **values)
+        result.parameters  # noqa: B018  (checks keys and sessions)
+    return result

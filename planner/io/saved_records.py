@@ -111,16 +111,16 @@ def plan_record(plan: Any) -> PlanRecord:
     """
     certificate = plan.certificate
     keys = CertificateRecord.__struct_fields__
-    told = {key: getattr(certificate, _RENAMED.get(key, key)) for key in keys}
-    found = attributes_of(plan, [x for x in arguments(SearchResult) if hasattr(plan, x)])
+    checks = {key: getattr(certificate, _RENAMED.get(key, key)) for key in keys}
+    result = attributes_of(plan, [x for x in arguments(SearchResult) if hasattr(plan, x)])
     avoidance = None if plan.avoidance is None else plain(plan.avoidance)
     return record_of(
         PlanRecord,
         plan,
         certified=certificate.passed,
         tendons=[plan.arm.tendon_name(j) for j in range(plan.arm.n_tendons)],
-        **{key: own for key, own in of_shape(plan).items() if key != "slack"},
-        certificate=CertificateRecord(**told),
+        **{key: item for key, item in of_shape(plan).items() if key != "slack"},
+        certificate=CertificateRecord(**checks),
         question=QuestionRecord(
             **{name: plain(getattr(plan, name)) for name in ("arm", "scene", "targets")},
             limits=plain(plan.limits),
@@ -131,7 +131,7 @@ def plan_record(plan: Any) -> PlanRecord:
         ),
         answer={
             "load_path": [],
-            **found,
+            **result,
             "tensions": plain(np.ravel(plan.tensions)),
             "avoidance": avoidance,
         },
@@ -199,13 +199,13 @@ def calibration_record(of: Any) -> CalibrationRecord:
         CalibrationRecord,
         of,
         values=[
-            ValueRecord(name=own.name, value=x, std=plain(std), unit=of.parameters.unit(own))
-            for own, x, std in rows
+            ValueRecord(name=item.name, value=x, std=plain(std), unit=of.parameters.unit(item))
+            for item, x, std in rows
         ],
         unidentified=list(map(str, of.unidentified)),
         residuals=[
-            ResidualRecord(shape=own.shape, what=own.what, miss=list(own.miss))
-            for own in of.residuals
+            ResidualRecord(shape=item.shape, what=item.what, miss=list(item.miss))
+            for item in of.residuals
         ],
         scene=_scene_of(of),
         question={
@@ -256,7 +256,7 @@ def design_record(of: Any) -> DesignRecord:
         DesignRecord,
         of,
         objective="effort" if of.objective == "effort" else type(of.objective).__name__,
-        values=[DesignedRecord(name=own.name, value=x, before=old) for own, x, old in rows],
+        values=[DesignedRecord(name=item.name, value=x, before=old) for item, x, old in rows],
         scene=_scene_of(of),
-        plans=[plan_record(own) for own in of.plans],
+        plans=[plan_record(item) for item in of.plans],
     )

@@ -137,8 +137,8 @@ def question_of(raw: dict[str, Any], name: str = "scene") -> Question:
     targets, ways = (_targets(build, arm, table, *keys) for keys in (_TARGETS, ("waypoints",)))
     if targets:
         build("targets", partial(check_targets, arm), targets)
-    told = {"norm": str(table.norm), "solver": table.solver}
-    options: dict[str, Any] = {**told, "stability_margin": table.stability_margin}
+    solved = {"norm": str(table.norm), "solver": table.solver}
+    options: dict[str, Any] = {**solved, "stability_margin": table.stability_margin}
     options |= _surroundings(build, arm, (*targets, *ways), table, Path(name).parent)
     if table.limits is not None:
         options |= build("limits", partial(_limits, arm), table.limits)
@@ -166,15 +166,15 @@ def _targets(
     build: Callable[..., Any], arm: Arm, table: SceneTable, *keys: str
 ) -> tuple[Target, ...]:
     """Return the targets under keys that hold one or several, each checked."""
-    found = []
+    result = []
     for key in keys:
         held = getattr(table, key)
         several = isinstance(held, tuple)
-        for i, own in enumerate(held if several else [] if held is None else [held]):
+        for i, item in enumerate(held if several else [] if held is None else [held]):
             where = f"{key}[{i}]" if several else key
-            found.append(build(where, value_of, own))
-            build(where, lambda _, target=found[-1]: target.check(arm), None)
-    return tuple(found)
+            result.append(build(where, value_of, item))
+            build(where, lambda _, target=result[-1]: target.check(arm), None)
+    return tuple(result)
 
 
 def _winches_key(table: SceneTable) -> str:
@@ -188,23 +188,23 @@ def _surroundings(
 
     Their files are looked for from a folder `at`.
     """
-    found = [
-        build(f"obstacles[{i}]", lambda given: value_of(inlined(given, at)), own)
-        for i, own in enumerate(table.obstacles)
+    result = [
+        build(f"obstacles[{i}]", lambda of: value_of(inlined(of, at)), item)
+        for i, item in enumerate(table.obstacles)
     ]
     clear, alone = in_si(table.clearance_mm, "mm"), table.self_clearance
-    key, moves = "obstacles" if found else "clearance_mm", bool(table.waypoints)
-    asked = build(key, lambda own: surroundings(arm, targets, own, clear, alone, moves), found)
-    keywords = {"obstacles": found, "clearance": clear, "self_clearance": alone}
-    return keywords if asked else {}
+    key, moves = "obstacles" if result else "clearance_mm", bool(table.waypoints)
+    around = build(key, lambda item: surroundings(arm, targets, item, clear, alone, moves), result)
+    keywords = {"obstacles": result, "clearance": clear, "self_clearance": alone}
+    return keywords if around else {}
 
 
 def _instead(path: Path) -> str:
     """Return what to name in place of a file that cannot be read."""
     others: dict[str, str] = {}
     with suppress(OSError, ValueError):
-        found = (other for other in path.parent.glob("*.toml") if other.is_file())
-        others = {other.stem: other.name for other in found}
+        result = (other for other in path.parent.glob("*.toml") if other.is_file())
+        others = {other.stem: other.name for other in result}
     near = difflib.get_close_matches(path.stem, others, 1)
     if near:
         return f'did you mean "{path.with_name(others[near[0]])}"?'
@@ -248,22 +248,22 @@ def checked_table(raw: dict[str, Any], name: str) -> SceneTable:
 
 def _limits(arm: Arm, table: LimitsTable) -> dict[str, Any]:
     """Return the limits as plan takes them, checked."""
-    found = {key: own for key, own in arguments_of(table).items() if own is not None}
-    limits = Limits.of(arm, found["tension_max"], found["tension_min"], found.get("total_pull"))
-    limits.with_strokes(arm, found.get("stroke_max"), found.get("stroke_min"))
-    return found
+    result = {key: item for key, item in arguments_of(table).items() if item is not None}
+    limits = Limits.of(arm, result["tension_max"], result["tension_min"], result.get("total_pull"))
+    limits.with_strokes(arm, result.get("stroke_max"), result.get("stroke_min"))
+    return result
 
 
 def _stiffness(arm: Arm, table: StiffnessTable) -> dict[str, Any]:
-    found = arguments_of(table)
-    if found["at"] is None:
-        found["at"] = "tip"
-    elif found["at"] > arm.length:
+    result = arguments_of(table)
+    if result["at"] is None:
+        result["at"] = "tip"
+    elif result["at"] > arm.length:
         allowed = f"up to the arm's length, {length_text(arm.length)}"
-        raise InputError("at", found["at"], allowed)
+        raise InputError("at", result["at"], allowed)
     if table.tendon_EA is not None and table.hold != "length":
         raise InputError("tendon_EA", table.tendon_EA, 'none, unless hold is "length"')
-    return found
+    return result
 
 
 # Winches
@@ -279,8 +279,8 @@ def _winches(arm: Arm, table: SceneTable) -> dict[str, Any]:
     if table.lengths_mm is not None and table.strokes_mm is not None:
         raise InputError("strokes_mm", "given beside lengths_mm", "one of the two")
     if table.stiffness.tendon_EA is not None:
-        own = table.stiffness.tendon_EA
-        raise InputError("stiffness.tendon_EA", own, "tendon_EA at the top, beside lengths")
+        item = table.stiffness.tendon_EA
+        raise InputError("stiffness.tendon_EA", item, "tendon_EA at the top, beside lengths")
     left = table.lengths_mm if table.strokes_mm is None else _left(arm, table.strokes_mm)
     lengths, outside = in_si(left, "mm"), in_si(table.tendon_outside_mm, "mm")
     Winches.of(arm, table.tensions, lengths, table.tendon_EA, outside)
@@ -293,12 +293,12 @@ def _left(arm: Arm, strokes: list[Any]) -> list[float]:
     Raises InputError for strokes of another form, and for more than there is of a tendon.
     """
     arm.flat([np.zeros(np.shape(row)).tolist() for row in strokes], "strokes")
-    flat = [own for row in strokes for own in np.ravel(row)]
+    flat = [item for row in strokes for item in np.ravel(row)]
     taken, rest = np.array(in_si(flat, "mm"), dtype=float), rest_lengths(arm)
     for j in np.flatnonzero(np.isinf(taken) | (taken >= rest)):
-        field, given = f"strokes[{j}] ({arm.tendon_name(int(j))})", f"{1e3 * taken[j]:g} mm"
+        field, stroke = f"strokes[{j}] ({arm.tendon_name(int(j))})", f"{1e3 * taken[j]:g} mm"
         allowed = f"below {1e3 * rest[j]:.6g} mm, its length at rest, and negative where paid out"
-        raise InputError(field, given, allowed)
+        raise InputError(field, stroke, allowed)
     warn_of_strokes("strokes_mm", (taken / arm.length).tolist())
     return [*(1e3 * (rest - taken)).tolist()]
 
@@ -320,15 +320,15 @@ def scene_table(
     Further keys are those of scene files; arrays, and objects of ours in them such as obstacles,
     are written. Raises InputError for what has no keys.
     """
-    more = {key: own for key, own in keys.items() if own is not None}
+    more = {key: item for key, item in keys.items() if item is not None}
     table: dict[str, Any] = {"arm": table_of(arm), "effects": table_of(scene or Scene())}
     table |= written(more)
     if tensions is not None:
         table["tensions"] = written(tensions)
     if target is not None:
         several = isinstance(target, tuple | list)
-        found = [table_of(own) for own in (target if several else [target])]  # type: ignore[union-attr]
-        table |= {"targets": found} if several else {"target": found[0]}
+        result = [table_of(item) for item in (target if several else [target])]  # type: ignore[union-attr]
+        table |= {"targets": result} if several else {"target": result[0]}
     if tension_max is not None:
         table["limits"] = {"tension_max": written(tension_max)} | table.get("limits", {})
     return table

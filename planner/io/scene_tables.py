@@ -164,15 +164,15 @@ def whole(table: SceneTable, folder: Path) -> dict[str, Any]:
 
     Files of meshes, looked for from a folder, are numbers in it.
     """
-    obstacles = tuple(inlined(own, folder) for own in table.obstacles)
+    obstacles = tuple(inlined(item, folder) for item in table.obstacles)
     full = structs.replace(table, obstacles=obstacles)
     return dict(_lists(msgspec.to_builtins(full)))
 
 
 def _lists(value: Any) -> Any:
     if isinstance(value, dict):
-        return {key: _lists(own) for key, own in value.items()}
-    return [_lists(own) for own in value] if isinstance(value, list | tuple) else value
+        return {key: _lists(item) for key, item in value.items()}
+    return [_lists(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 # Files that name a scene, and say what of it varies.

@@ -26,8 +26,8 @@ def check_modulus(E_kPa: float, name: str) -> None:
     if E_kPa < _SOFTEST:
         unit, factor = ("megapascals", 1e3) if 1e3 * E_kPa >= _SOFTEST else ("gigapascals", 1e6)
         meant = f"give {factor * E_kPa:g} if {unit} were meant (kPa)"
-        told = f"got {E_kPa:g}, softer than any elastomer; allowed is {_SOFTEST:g} kPa or more"
-        raise FileError(name, "arm.E_kPa", f"{told}: {meant}")
+        text = f"got {E_kPa:g}, softer than any elastomer; allowed is {_SOFTEST:g} kPa or more"
+        raise FileError(name, "arm.E_kPa", f"{text}: {meant}")
 
 
 def warn_of_slips(raw: dict[str, Any]) -> None:
@@ -53,24 +53,24 @@ def _angles(path: str, value: Any) -> Iterator[tuple[str, Any]]:
 def warn_of_slip(path: str, value: Any) -> None:
     """Warn of a value, or of several, at a key path, that are likely slips; with UnitWarning."""
     held = value if isinstance(value, list) else [value]
-    numbers = [own for own in held if isinstance(own, int | float)]
+    numbers = [item for item in held if isinstance(item, int | float)]
     if not numbers:
         return
-    if path in _FLUIDS and all(_WATER[0] <= own <= _WATER[1] for own in numbers):
-        told = f"{path} is {_listed(numbers)} kg/m3, a thousandth of that of water"
-        meant = f"if g/cm3 were meant, give {_listed([1e3 * own for own in numbers])} (kg/m3)"
-        warn(f"{told}; {meant}", UnitWarning)
-    key = next(own for own in reversed(steps(path)) if isinstance(own, str))
-    small = all(abs(own) < 7 for own in numbers)
+    if path in _FLUIDS and all(_WATER[0] <= item <= _WATER[1] for item in numbers):
+        text = f"{path} is {_listed(numbers)} kg/m3, a thousandth of that of water"
+        meant = f"if g/cm3 were meant, give {_listed([1e3 * item for item in numbers])} (kg/m3)"
+        warn(f"{text}; {meant}", UnitWarning)
+    key = next(item for item in reversed(steps(path)) if isinstance(item, str))
+    small = all(abs(item) < 7 for item in numbers)
     if key.endswith("_deg") and small and any(map(_is_fraction_of_pi, numbers)):
         several = " of which some are fractions" if isinstance(value, list) else " a fraction"
-        told = f"a key in degrees holds {_listed(numbers)},{several} of pi ({path})"
+        text = f"a key in degrees holds {_listed(numbers)},{several} of pi ({path})"
         meant = f"if radians were meant, give {_listed(map(_degrees, numbers))} (degrees)"
-        warn(f"{told}; {meant}", UnitWarning)
+        warn(f"{text}; {meant}", UnitWarning)
 
 
 def _listed(numbers: Iterable[float]) -> str:
-    return ", ".join(f"{own:g}" for own in numbers)
+    return ", ".join(f"{item:g}" for item in numbers)
 
 
 def _is_fraction_of_pi(degrees: float) -> bool:

@@ -63,8 +63,8 @@ def samples(unit: str) -> type[Table]:
     """Return the table of a function of arc length by samples, whose values have a unit."""
     about = ("arc lengths from the base", "mm"), ("the values there", unit)
     fields = [
-        (key, Annotated[list[float], quantity(*own, min_length=4)])
-        for key, own in zip(sample_keys(unit), about, strict=True)
+        (key, Annotated[list[float], quantity(*item, min_length=4)])
+        for key, item in zip(sample_keys(unit), about, strict=True)
     ]
     name = {"mm": "Length", "deg": "Angle", "1/m": "Curvature"}[unit]
     doc = "A function of arc length by samples; a cubic spline passes through them."
@@ -102,37 +102,37 @@ def table(
     **forms : Form
         Arguments that are written in another way.
     """
-    fields: list[Any] = [(key, *own) for key, own in (more or {}).items()]
+    fields: list[Any] = [(key, *item) for key, item in (more or {}).items()]
     own_keys: dict[str, str] = {}
     for name, type_, default in fields_of(kind, skip=forms):
         own_keys[name] = name + suffix(unit_of_type(type_))
         left_out = default is inspect.Parameter.empty and more is not None
         held = (type_ | None, None) if left_out else (type_, default)
         fields.append(
-            (own_keys[name], *(own for own in held if own is not inspect.Parameter.empty))
+            (own_keys[name], *(item for item in held if item is not inspect.Parameter.empty))
         )
     for form in forms.values():
         fields += [(key, type_, *default) for key, (type_, *default) in form.keys.items()]
     made: type[Table] = struct(f"{kind.__name__}Table", fields, f"See {kind.__name__}.", tag)
     KEYS[made] = own_keys, hints_of(kind), forms
-    READ[made] = lambda given: kind(**arguments_of(given, made))
+    READ[made] = lambda arguments: kind(**arguments_of(arguments, made))
     WRITE[kind] = lambda value: keys_of(value, made)
     return made
 
 
 def fields_of(kind: Any, skip: Container[str] = ()) -> Iterator[tuple[str, Any, Any]]:
     """Yield name, type in files and default there of each argument of a class."""
-    told = attributes_told(kind)
-    for name, own in inspect.signature(kind).parameters.items():
+    descriptions = attributes_told(kind)
+    for name, argument in inspect.signature(kind).parameters.items():
         if name in skip:
             continue
-        hint, default = hints_of(kind)[name], own.default
+        hint, default = hints_of(kind)[name], argument.default
         unit = unit_of_type(hint)
         try:
             held = type_in_file(hint)
         except TypeError as reason:
             raise TypeError(f"{kind.__name__}.{name} has no key: {reason}") from None
-        about = told.get(name, "").replace(f"[{SI.get(unit)}]", f"[{unit}]")
+        about = descriptions.get(name, "").replace(f"[{SI.get(unit)}]", f"[{unit}]")
         about += f"; {about_type(hint)}" if about_type(hint) else ""
         if default is not inspect.Parameter.empty:
             default = _hashable(written(default, unit))
@@ -150,7 +150,7 @@ def type_in_file(hint: Any, unit: str | None = "") -> Any:
         inner, *more = inside
         unit = unit if unit is None else unit_of_type(hint) or unit
         held = type_in_file(inner, unit)
-        bounds = {key: own for meta in more for key, own in _bounds(meta, unit)}
+        bounds = {key: item for meta in more for key, item in _bounds(meta, unit)}
         size = bounds.get("max_length", 0)
         if size and bounds.get("min_length") == size:
             return tuple[(get_args(held)[0],) * size]  # type: ignore[misc]
@@ -165,12 +165,12 @@ def type_in_file(hint: Any, unit: str | None = "") -> Any:
         # Of all tendons of a section, or a list with one for each.
         return list[float | list[float] | samples(unit)] | samples(unit)  # type: ignore[misc]
     if is_union(hint):
-        return choice(type_in_file(own, unit) for own in inside)
+        return choice(type_in_file(item, unit) for item in inside)
     if origin is tuple and inside[-1] is Ellipsis:
         return tuple[type_in_file(inside[0], unit), ...]  # type: ignore[misc]
     if origin is tuple or hasattr(hint, "_fields"):
         inside = inside or tuple(hints_of(hint).values())
-        return tuple[tuple(type_in_file(own, unit) for own in inside)]  # type: ignore[misc]
+        return tuple[tuple(type_in_file(item, unit) for item in inside)]  # type: ignore[misc]
     if isinstance(origin, type) and issubclass(origin, Mapping):
         return dict[str, type_in_file(inside[1], unit)]  # type: ignore[misc]
     if unit is None and is_of_project(hint):
@@ -185,9 +185,9 @@ def type_in_file(hint: Any, unit: str | None = "") -> Any:
 def _bounds(meta: Any, unit: str | None) -> Iterator[tuple[str, Any]]:
     """Yield the bounds of an annotation, those of numbers in a unit."""
     for key in (*_BOUNDS, *_LENGTHS):
-        own = getattr(meta, key, None)
-        if own is not None:
-            yield key, number_in(own, unit or "") if key in _BOUNDS else own
+        item = getattr(meta, key, None)
+        if item is not None:
+            yield key, number_in(item, unit or "") if key in _BOUNDS else item
 
 
 # The exact form
@@ -222,6 +222,6 @@ def exact(kind: Any, *, placed: bool = False, names: tuple[str, ...] = ()) -> An
 
 def exact_choices(kind: Any) -> list[Any]:
     """Return the exact tables of a class's values: its own, or those of all that derive from it."""
-    kinds = [kind] if kind in WRITE else [own for own in WRITE if issubclass(own, kind)]
+    kinds = [kind] if kind in WRITE else [item for item in WRITE if issubclass(item, kind)]
     kinds = [Linear, Sampled] if kind is Path else kinds
     return list(map(exact, kinds)) or [exact(kind, placed=True)]

@@ -84,21 +84,21 @@ class Axis:
 
 def values_of(table: AxisTable, draws: int | None, seed: int) -> NDArray[Any]:
     """Return the values of an axis; InputError that names the key for what does not go together."""
-    own = {key: getattr(table, key) for key in table.__struct_fields__[2:]}
-    given = {key: own for key, own in own.items() if own is not None}
-    kind = given.pop("distribution", None)
-    if kind is None and given.keys() == {"values"}:
-        return _of_a_kind(given["values"])
+    cells = {key: getattr(table, key) for key in table.__struct_fields__[2:]}
+    arguments = {key: item for key, item in cells.items() if item is not None}
+    kind = arguments.pop("distribution", None)
+    if kind is None and arguments.keys() == {"values"}:
+        return _of_a_kind(arguments["values"])
     must, may = _KINDS[kind]
-    if not must <= given.keys() <= must | may:
+    if not must <= arguments.keys() <= must | may:
         more = f" (and, to cut it off, {', '.join(sorted(may))})" if may else ""
         allowed = f"{', '.join(sorted(must))}{more} with {kind}" if kind else _ANY
-        raise InputError("axis", sorted(given), allowed)
+        raise InputError("axis", sorted(arguments), allowed)
     if kind is None:
-        return np.linspace(given["start"], given["stop"], given["count"])
+        return np.linspace(arguments["start"], arguments["stop"], arguments["count"])
     if draws is None:
         raise InputError("distribution", kind, "draws = N in [sweep] with it: how many to draw")
-    low, high = given.get("low", -np.inf), given.get("high", np.inf)
+    low, high = arguments.get("low", -np.inf), arguments.get("high", np.inf)
     if not low < high:
         raise InputError("high", high, f"above low, which is {low:g}")
     if kind == "log-uniform" and low <= 0:
@@ -107,7 +107,7 @@ def values_of(table: AxisTable, draws: int | None, seed: int) -> NDArray[Any]:
     own_seed = int.from_bytes(hashlib.sha256(table.key.encode()).digest()[:8], "little")
     shares = np.random.default_rng((seed, own_seed)).random(draws)
     if kind == "normal":
-        return _normal(given["mean"], given["sd"], (low, high), shares)
+        return _normal(arguments["mean"], arguments["sd"], (low, high), shares)
     if kind == "uniform":
         return np.asarray(low + (high - low) * shares)
     return np.asarray(low * np.exp(np.log(high / low) * shares))

@@ -177,16 +177,18 @@ def _sweep(
         scene, texts["scene"] = decoded(text, scene_name), text.decode(errors="replace")
     try:
         scene = filled(scene, scene_name)
-        asked = question_of(scene, scene_name)
+        question = question_of(scene, scene_name)
     except FileError as reason:
         raise FileError(reason.path, f"{prefix}{reason.where}", reason.problem) from None
     scene |= {} if time_limit is None else {"time_limit_s": time_limit}
     with told_in(name, "sweep.compute"):
-        _check_compute(asked, file.sweep.compute)
+        _check_compute(question, file.sweep.compute)
     axes = _axes(file.sweep, scene, scene_name, name)
-    closed = file.sweep.compute == "settle" and not is_loaded(asked.scene) and not asked.winches
+    closed = (
+        file.sweep.compute == "settle" and not is_loaded(question.scene) and not question.winches
+    )
     together = closed and all(axis.key.startswith("tensions") for axis in axes)
-    tendons = tuple(asked.arm.tendon_name(j) for j in range(asked.arm.n_tendons))
+    tendons = tuple(question.arm.tendon_name(j) for j in range(question.arm.n_tendons))
     keys = tuple(axis.key for axis in axes)
     job = Job(file.sweep.compute, scene, scene_name, keys, tendons, together)
     sweep = Sweep(job, axes, file.sweep.draws or 0, texts)
@@ -199,21 +201,21 @@ def _sweep(
 def _axes(table: SweepTable, scene: dict[str, Any], scene_name: str, name: str) -> tuple[Axis, ...]:
     """Return the axes, grids first; FileError for values that the scene does not allow."""
     axes: list[Axis] = []
-    for i, own in enumerate(table.axes):
+    for i, item in enumerate(table.axes):
         where = f"sweep.axes[{i}]"
         with told_in(name, where):
-            axis = _axis(own, table, scene)
+            axis = _axis(item, table, scene)
         if any(axis.key == other.key or axis.name == other.name for other in axes):
-            told = f"got {axis.name!r}, which another axis is; allowed is each key once"
-            raise FileError(name, where, told)
+            text = f"got {axis.name!r}, which another axis is; allowed is each key once"
+            raise FileError(name, where, text)
         for value in axis.extremes:
             try:
-                asked = question_of(changed(scene, [axis.key], [value]), scene_name)
+                question = question_of(changed(scene, [axis.key], [value]), scene_name)
             except FileError as reason:
-                told = f"{axis.key} = {value!r}: {reason.where}: {reason.problem}"
-                raise FileError(name, where, told) from None
+                text = f"{axis.key} = {value!r}: {reason.where}: {reason.problem}"
+                raise FileError(name, where, text) from None
             with told_in(name, where):
-                _check_compute(asked, table.compute)
+                _check_compute(question, table.compute)
         warn_of_slip(axis.key, axis.values.tolist())
         axes.append(axis)
     if table.draws is not None and not any(axis.drawn for axis in axes):
@@ -245,8 +247,8 @@ def _check_compute(asked: Question, compute: str) -> None:
         if not asked.targets or "tension_max" not in asked.options:
             raise InputError("compute", "plan", "plan for a scene with [target] and [limits]")
     elif asked.tensions is None and not asked.winches:
-        told = f"{compute} for a scene with tensions, lengths_mm or strokes_mm"
-        raise InputError("compute", compute, told)
+        text = f"{compute} for a scene with tensions, lengths_mm or strokes_mm"
+        raise InputError("compute", compute, text)
     if compute != "settle":
         check_loads(asked.arm, asked.scene, contact=True)
 
@@ -274,18 +276,18 @@ def sweep_table(
     kind("arm", arm, Arm, "an Arm, or the path of a sweep file")
     kind("scene", scene or Scene(), Scene, "a Scene, such as Scene()")
     if not isinstance(axes, Mapping) or not axes:
-        told = 'values by key, such as {"arm.E_kPa": [100.0, 120.0]}'
-        raise InputError("axes", axes, told)
-    given = {"tensions": tensions, "tension_max": tension_max}
-    table = scene_table(arm, scene, target, **given, **keys)
-    own: dict[str, Any] = {
+        text = 'values by key, such as {"arm.E_kPa": [100.0, 120.0]}'
+        raise InputError("axes", axes, text)
+    arguments = {"tensions": tensions, "tension_max": tension_max}
+    table = scene_table(arm, scene, target, **arguments, **keys)
+    asked: dict[str, Any] = {
         "compute": compute or ("settle" if target is None else "plan"),
         "axes": [_axis_table(key, values) for key, values in axes.items()],
         "seed": seed,
     }
-    return {"scene": table, "sweep": own | ({} if draws is None else {"draws": draws})}
+    return {"scene": table, "sweep": asked | ({} if draws is None else {"draws": draws})}
 
 
 def _axis_table(key: str, values: Any) -> dict[str, Any]:
-    own = written(values)
-    return {"key": key, **own} if isinstance(values, Mapping) else {"key": key, "values": own}
+    grid = written(values)
+    return {"key": key, **grid} if isinstance(values, Mapping) else {"key": key, "values": grid}

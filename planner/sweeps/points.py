@@ -82,7 +82,13 @@ VARIABLES: Mapping[Compute, Mapping[str, Variable]] = {
         "stable": Variable((), "1", "whether the shape is stable under held tensions", False),
     },
 }
-RESERVED = {"draw", "tendon", "zarr.json", *LABELS, *(n for own in VARIABLES.values() for n in own)}
+RESERVED = {
+    "draw",
+    "tendon",
+    "zarr.json",
+    *LABELS,
+    *(n for item in VARIABLES.values() for n in item),
+}
 """Names in a Dataset that no axis can have."""
 
 
@@ -170,9 +176,9 @@ def _row(job: Job, point: Point) -> Rows:
 
 
 def _settle(question: Question) -> dict[str, Any]:
-    given = (question.arm, question.tensions, question.scene, question.accuracy)
+    arguments = (question.arm, question.tensions, question.scene, question.accuracy)
     with limited(question.time_limit):
-        shape = settle(*given, compile=question.compile, **question.winches)
+        shape = settle(*arguments, compile=question.compile, **question.winches)
     return _shape(shape) | {"settled": True, "outcome": SETTLED}
 
 
@@ -193,11 +199,11 @@ def _plan(question: Question) -> dict[str, Any]:
 
 def _stiffness(question: Question) -> dict[str, Any]:
     options = {**question.stiffness, **question.winches, "compile": question.compile}
-    given = (question.arm, question.tensions, question.scene)
+    arguments = (question.arm, question.tensions, question.scene)
     with limited(question.time_limit):
-        result = stiffness(*given, accuracy=question.accuracy, **options)
-        found = {"stable": result.stable, "compliance": result.compliance}
-    return _shape(result.shape) | found | {"settled": True, "outcome": SETTLED}
+        result = stiffness(*arguments, accuracy=question.accuracy, **options)
+        results = {"stable": result.stable, "compliance": result.compliance}
+    return _shape(result.shape) | results | {"settled": True, "outcome": SETTLED}
 
 
 def _shape(shape: Any) -> dict[str, Any]:
@@ -216,9 +222,9 @@ def _together(job: Job, points: Sequence[Point]) -> Rows:
     question = question_of(job.scene, job.name)
     T = np.repeat(question.arm.flat(question.tensions)[None], len(points), axis=0)
     T[:, [_column(question, key) for key in job.keys]] = points
-    given = (question.arm, T, question.scene, question.accuracy)
-    many = settle_many(*given, compile=question.compile, errors="nan")
-    failed = {i: _row(job, points[i]) for i, told in enumerate(many.problems) if told}
+    arguments = (question.arm, T, question.scene, question.accuracy)
+    many = settle_many(*arguments, compile=question.compile, errors="nan")
+    failed = {i: _row(job, points[i]) for i, text in enumerate(many.problems) if text}
     width = max([len(SETTLED), *(row["outcome"].dtype.itemsize // 4 for row in failed.values())])
     rows = blank(job.compute, len(job.tendons), len(points), width)
     shapes = {name: getattr(many, name) for name in ("tip", "tip_frame", "error")}
@@ -232,7 +238,7 @@ def _together(job: Job, points: Sequence[Point]) -> Rows:
 
 def _column(question: Question, key: str) -> int:
     """Return which tendon, in tendon order, has its tension at a key path."""
-    given = question.tensions
-    zeros = [[0.0] * len(row) if isinstance(row, list) else 0.0 for row in given]
+    tensions = question.tensions
+    zeros = [[0.0] * len(row) if isinstance(row, list) else 0.0 for row in tensions]
     marked = changed({"tensions": zeros}, [key], [1.0])["tensions"]
     return int(np.argmax(question.arm.flat(marked)))

@@ -156,14 +156,14 @@ def gathered(sweep: Sweep, read: Read) -> Any:
     xarray = needed("xarray", "sweep")
     summary, width = _summary(sweep, read)
     variables, coords = dict[str, Any](), dict[str, Any]()
-    for name, own in VARIABLES[sweep.job.compute].items():
-        units = {"units": own.units} if own.units else {}
-        array = _array(sweep, read, name, own, width)
-        variables[name] = ((*sweep.dims, *own.dims), array, {**units, "long_name": own.about})
+    for name, item in VARIABLES[sweep.job.compute].items():
+        units = {"units": item.units} if item.units else {}
+        array = _array(sweep, read, name, item, width)
+        variables[name] = ((*sweep.dims, *item.dims), array, {**units, "long_name": item.about})
     for axis in sweep.axes:
         attributes = {"key": axis.key, **({"units": axis.unit} if axis.unit else {})}
         coords[axis.name] = (("draw" if axis.drawn else axis.name,), axis.values, attributes)
-    used = {dim for own in VARIABLES[sweep.job.compute].values() for dim in own.dims}
+    used = {dim for item in VARIABLES[sweep.job.compute].values() for dim in item.dims}
     labels = {**LABELS, "tendon": list(sweep.job.tendons)}
     coords |= {dim: ((dim,), text, {}) for dim, text in labels.items() if dim in used}
     numbers = {f"{name}_version": number for name, number in versions().items()}
@@ -212,10 +212,10 @@ def _block(
     first = int(np.ravel_multi_index(begin[:along], shape[:along]))
     last = first + math.prod(sizes[:along])
     chunks = range(first // sweep.chunk, (last - 1) // sweep.chunk + 1)
-    found = np.concatenate([read(chunk, name) for chunk in chunks])
+    result = np.concatenate([read(chunk, name) for chunk in chunks])
     skipped = chunks[0] * sweep.chunk
     tell("chunks gathered", chunks[-1] + 1, sweep.chunks)
-    return found[first - skipped : last - skipped].astype(kind).reshape(sizes)
+    return result[first - skipped : last - skipped].astype(kind).reshape(sizes)
 
 
 def save(data: Any, path: Path) -> None:

@@ -94,8 +94,8 @@ def sweep(
     if isinstance(asked, Arm):
         wanted = sweep_of(sweep_table(asked, axes, **others), seconds)
     elif axes is not None or others:
-        given = ", ".join([*(["axes"] if axes is not None else []), *others])
-        raise InputError(given, "given beside a sweep file", "with an Arm in place of the file")
+        surplus = ", ".join([*(["axes"] if axes is not None else []), *others])
+        raise InputError(surplus, "given beside a sweep file", "with an Arm in place of the file")
     else:
         wanted = load_sweep(asked, seconds)
     if out is not None:

@@ -105,10 +105,10 @@ def on_cluster(sweep: Sweep, chunks: Iterable[int], scheduler: str) -> Computed:
     and again; VersionsError.
     """
     distributed = needed("distributed", "cluster")
-    left, job, own = dict.fromkeys(chunks), sweep.job, versions()
+    left, job, same = dict.fromkeys(chunks), sweep.job, versions()
     with _client(scheduler) as client:
         tasks = (
-            client.submit(_for_others, own, job, chunk, sweep.points(chunk), pure=False)
+            client.submit(_for_others, same, job, chunk, sweep.points(chunk), pure=False)
             for chunk in list(left)
         )
         first = islice(tasks, _AHEAD * sum(client.nthreads().values()))
