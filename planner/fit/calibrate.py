@@ -119,14 +119,14 @@ def calibrate(
     best = search.best
     if best is None:
         raise TimeLimitError(time_limit or 0.0)
-    here = best.evaluation
-    refinement, stages, _ = here.experiment.mesh
+    evaluation = best.evaluation
+    refinement, stages, _ = evaluation.experiment.mesh
     return Calibration(
         arm,
         scene,
         shapes,
         parameters.unknowns,
-        tuple(here.values.tolist()),
+        tuple(evaluation.values.tolist()),
         best.noise,
         *counted,
         refinement,
@@ -137,7 +137,7 @@ def calibrate(
         stopped,
         machine_code,
         stages,
-        here,
+        evaluation,
     )
 
 
@@ -152,17 +152,17 @@ def supported_scene(arm: Arm, scene: Scene | None) -> Scene:
 
 
 def _checked(arm: Arm, measured: Iterable[Measured]) -> tuple[Measured, ...]:
-    given = tuple(measured)
-    if not given:
-        raise InputError("measured", given, "at least one shape")
-    for i, shape in enumerate(given):
+    shapes = tuple(measured)
+    if not shapes:
+        raise InputError("measured", shapes, "at least one shape")
+    for i, shape in enumerate(shapes):
         kind(f"measured[{i}]", shape, Measured, "a Measured")
-    names = [shape.name or f"measured[{i}]" for i, shape in enumerate(given)]
+    names = [shape.name or f"measured[{i}]" for i, shape in enumerate(shapes)]
     for name in names:
         if names.count(name) > 1:
             raise InputError("Measured.name", name, "each name once")
-    check_scale(arm, given)
-    return tuple(shape.checked(arm, name) for shape, name in zip(given, names, strict=True))
+    check_scale(arm, shapes)
+    return tuple(shape.checked(arm, name) for shape, name in zip(shapes, names, strict=True))
 
 
 def _check_enough(shapes: Sequence[Measured], parameters: Parameters) -> None:
@@ -210,14 +210,14 @@ class _Search:
         for i, values in enumerate(spread):
             tell("fits", i, len(spread))
             try:
-                found = self._fit(self._on(*_COARSE).from_rest(values))
+                optimum = self._fit(self._on(*_COARSE).from_rest(values))
             except (UnsettledShapeError, InputError) as reason:
                 problems.append(reason)
                 self.starts.append(Start(tuple(values.tolist()), None, float("inf"), str(reason)))
                 continue
-            end = tuple(found.evaluation.values.tolist())
-            self.starts.append(Start(tuple(values.tolist()), end, found.cost))
-            self.best = min(self.best or found, found, key=lambda own: own.cost)
+            end = tuple(optimum.evaluation.values.tolist())
+            self.starts.append(Start(tuple(values.tolist()), end, optimum.cost))
+            self.best = min(self.best or optimum, optimum, key=lambda fitted: fitted.cost)
         if self.best is None:
             raise problems[-1]
         self.best = self._from_rest(self.best)
@@ -247,15 +247,15 @@ class _Search:
         those that jump again are left out.
         """
         for again in range(_ROUNDS + 1):
-            here = best.evaluation
-            rest = here.experiment.from_rest(here.values)
-            either = {*here.equilibria, *rest.equilibria}
-            apart = [i for i in sorted(either) if not _gap(here, rest, i) <= _ASTRAY]
+            followed = best.evaluation
+            rest = followed.experiment.from_rest(followed.values)
+            either = {*followed.equilibria, *rest.equilibria}
+            apart = [i for i in sorted(either) if not _gap(followed, rest, i) <= _ASTRAY]
             if not apart:
                 break
             if again == _ROUNDS:
                 return self._without(best, apart)
-            self.astray |= {self.shapes[i].name: None for i in apart if i in here.equilibria}
+            self.astray |= {self.shapes[i].name: None for i in apart if i in followed.equilibria}
             best = self._fit(rest)
         return best
 
@@ -303,7 +303,9 @@ class _Search:
 
 def _gap(one: Evaluation, other: Evaluation, i: int) -> float:
     """Return how far apart the tips of a shape are in two evaluations, over the arm's length."""
-    heres = [own.equilibria.get(i) for own in (one, other)]
-    tips = [here.system.poses(here.states)[-1, 4:] for here in heres if here]
+    pair = [evaluation.equilibria.get(i) for evaluation in (one, other)]
+    tips = [
+        equilibrium.system.poses(equilibrium.states)[-1, 4:] for equilibrium in pair if equilibrium
+    ]
     length = one.experiment.parameters.arm.length
     return float(np.linalg.norm(tips[0] - tips[1])) / length if len(tips) == 2 else float("inf")

@@ -174,8 +174,8 @@ class Calibration(Fitted):
         planned = plan(self.arm, targets, self.scene, **options)
         predicted = self.predict(planned.tensions)
         measured = float(np.sqrt(np.trace(predicted.covariance[0])))
-        own = {field.name: getattr(planned, field.name) for field in fields(planned)}
-        return CalibratedPlan(**own, tip_std=predicted.tip_std, measured_std=measured)
+        parts = {field.name: getattr(planned, field.name) for field in fields(planned)}
+        return CalibratedPlan(**parts, tip_std=predicted.tip_std, measured_std=measured)
 
     def next(self, candidates: Sequence[Any], session: str = "") -> tuple[Candidate, ...]:
         """Return sets of tensions, best first, by what measuring them tells of the unknowns.
@@ -201,12 +201,14 @@ class Calibration(Fitted):
         for i, shape in enumerate(shapes):
             gain, shrink = 0.0, np.ones(len(before))
             if i not in there.lost:
-                own = there.whitening[i] @ there.jacobians[i] * self.parameters.range / self.noise
-                more = M + own.T @ own
+                scaled = (
+                    there.whitening[i] @ there.jacobians[i] * self.parameters.range / self.noise
+                )
+                more = M + scaled.T @ scaled
                 gain = float(np.linalg.slogdet(more)[1] - np.linalg.slogdet(M)[1]) / 2
                 shrink = np.sqrt(np.diag(np.linalg.inv(more)) / before)
             rows.append(Candidate(i, shape.tensions, gain, tuple(shrink.tolist())))
-        return tuple(sorted(rows, key=lambda own: -own.gain))
+        return tuple(sorted(rows, key=lambda candidate: -candidate.gain))
 
     def leave_out(self, groups: Sequence[Any] | None = None) -> LeftOut:
         """Return how well shapes are predicted by fits without them.
@@ -256,7 +258,7 @@ class Calibration(Fitted):
         error = self._model_error(shape.arc_lengths(self.arm))[:count]
         band = sure[:count] + error[:, None, None] ** 2 * np.eye(3)
         # What a shape's markers are missed by has one cause.
-        left = self.degrees_of_freedom / sum(own.size for own in self.explained)
+        left = self.degrees_of_freedom / sum(shape.size for shape in self.explained)
         freedom = np.inf if self.absolute_std else max(min(left, 1.0) * len(self.explained), 1.0)
         return Prediction(places[-1], sure[-1], places[:count], band, error, freedom)
 
@@ -286,8 +288,8 @@ class Calibration(Fitted):
         """
         J = np.vstack(list(self.jacobians.values()))
         inverse, missed = np.linalg.pinv(J.T @ J, hermitian=True), dict[int, Array]()
-        for i, own in self.jacobians.items():
-            kept, whitening = np.eye(len(own)) - own @ inverse @ own.T, self.evaluation.whitening[i]
+        for i, J_i in self.jacobians.items():
+            kept, whitening = np.eye(len(J_i)) - J_i @ inverse @ J_i.T, self.evaluation.whitening[i]
             deleted = np.linalg.pinv(kept, _ALONE) @ (whitening @ self.evaluation.residuals[i])
             missed[i] = np.asarray(np.linalg.solve(whitening, deleted))
         return missed

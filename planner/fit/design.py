@@ -115,7 +115,7 @@ def design(
     best, reaches = search.best, None
     if isinstance(objective, Reach):
         at_first = program.solve(parameters.start, _tensions(before), fixed=True)
-        reaches = tuple(tuple(own.tensions[-1].tolist()) for own in (at_first, best))
+        reaches = tuple(tuple(optimum.tensions[-1].tolist()) for optimum in (at_first, best))
     designed = parameters.built(best.values)[0]
     return Design(
         arm,
@@ -129,7 +129,7 @@ def design(
         making,
         objective,
         reaches,  # type: ignore[arg-type]
-        tuple(own.objective for own in search.optima if own.cost[0] == best.cost[0]),
+        tuple(optimum.objective for optimum in search.optima if optimum.cost[0] == best.cost[0]),
         stopped,
     )
 
@@ -155,12 +155,12 @@ class _Search:
     @property
     def optima(self) -> list[Optimum]:
         """Those that were found."""
-        return [own for own in self._tried.values() if own is not None]
+        return [optimum for optimum in self._tried.values() if optimum is not None]
 
     @property
     def best(self) -> Optimum:
         """The best of them."""
-        return min(self.optima, key=lambda own: own.cost)
+        return min(self.optima, key=lambda optimum: optimum.cost)
 
     def plans(self, arm: Arm, scene: Scene) -> tuple[Plan, ...]:
         """Return the plans of all tasks, each by itself the best for the objective."""
@@ -172,8 +172,8 @@ class _Search:
 
     def run(self, before: Sequence[Plan], begins: int, seed: int) -> None:
         """Begin with the given arm and its plans, others, and the best ones at their other ends."""
-        own = self.program.parameters
-        first, *others = own.multistart(begins, seed)
+        parameters = self.program.parameters
+        first, *others = parameters.multistart(begins, seed)
         self._tried[first.tobytes()] = self.program.solve(first, _tensions(before))
         for i, values in enumerate(others, 1):
             tell("arms begun with", i, begins)
@@ -184,25 +184,25 @@ class _Search:
 
     def _begin(self, values: Array) -> None:
         """Add the optimum that values lead to; none from an arm that cannot be."""
-        found = None
+        optimum = None
         try:
             arm, scene = self.program.parameters.built(values)
             if self.program.making.room(arm).min() >= 0:
-                found = self.program.solve(values, _tensions(self.plans(arm, scene)))
+                optimum = self.program.solve(values, _tensions(self.plans(arm, scene)))
         except OctoplanError as reason:
             LOG.debug("no optimum: %s", reason)
-        self._tried[values.tobytes()] = found
+        self._tried[values.tobytes()] = optimum
 
     def _other_ends(self) -> list[Array]:
         """Return the best values with each unknown that is at a bound at the other one."""
-        own = self.program.parameters
-        shares, ends = own.shares(self.best.values), list[Array]()
-        for k in np.flatnonzero(np.minimum(shares, 1 - shares) < AT_BOUND):
-            other = np.round(shares, 6)
+        parameters = self.program.parameters
+        fractions, ends = parameters.fractions(self.best.values), list[Array]()
+        for k in np.flatnonzero(np.minimum(fractions, 1 - fractions) < AT_BOUND):
+            other = np.round(fractions, 6)
             other[k] = 1.0 - np.round(other[k])
-            ends.append(own.from_shares(other))
+            ends.append(parameters.from_fractions(other))
         return ends
 
 
 def _tensions(plans: Sequence[Plan]) -> Array:
-    return np.array([np.ravel(own.tensions) for own in plans])
+    return np.array([np.ravel(plan.tensions) for plan in plans])

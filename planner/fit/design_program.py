@@ -136,7 +136,7 @@ class Program:
             p[problem.program.parts.numbers] = numbers[i]
             states = Collocation.on(self.system(i, arm, scene)).found(T).states
             parts.append(problem.closed(problem.free(T, self.limits), states, p))
-        return np.concatenate([*parts, self.parameters.shares(values)])
+        return np.concatenate([*parts, self.parameters.fractions(values)])
 
     def solve(self, values: Array, tensions: Array, fixed: bool = False) -> Optimum:
         """Return the optimum that an arm and its plans lead to, numbers of the arm `fixed` or not.
@@ -157,8 +157,8 @@ class Program:
         gradient, J = (
             self.stated.derivatives[name](solution.x, [])[1] for name in ("grad_f", "jac_g")
         )
-        by_shares = np.array(gradient + J.T @ ca.DM(solution.lam_g)).ravel()[-self.K :]
-        return np.asarray(self.worth * by_shares / self.parameters.range)
+        by_fractions = np.array(gradient + J.T @ ca.DM(solution.lam_g)).ravel()[-self.K :]
+        return np.asarray(self.worth * by_fractions / self.parameters.range)
 
     def _followed(
         self, values: Array, tensions: Array, fixed: bool
@@ -182,17 +182,17 @@ class Program:
         pairs = zip(self.problems, each, strict=True)
         T = np.array([problem.tensions(own, self.limits) for problem, own in pairs])
         missed = float(off) if np.isfinite(off) else np.inf
-        values = self.parameters.from_shares(np.clip(z, 0.0, 1.0))
+        values = self.parameters.from_fractions(np.clip(z, 0.0, 1.0))
         return Optimum(values, T, steps, missed, self.worth * float(f[0]))
 
     def all_numbers(self, z: Array) -> Array:
         """Return all numbers (n,) at z; raises InputError where no such arm can be."""
         check_time()
-        return np.concatenate(self.numbers(self.parameters.from_shares(z)))
+        return np.concatenate(self.numbers(self.parameters.from_fractions(z)))
 
     def first_derivatives(self, z: Array) -> Array:
         """Return their derivatives (n, K) by z."""
-        values = self.parameters.from_shares(z)
+        values = self.parameters.from_fractions(z)
         parts = self.parameters.derivatives(self.numbers, self.numbers(values), values)
         return np.vstack(parts) * self.parameters.range
 

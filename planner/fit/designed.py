@@ -105,8 +105,10 @@ class Design:
         along = np.array(self.objective.direction)
         if T is not None:
             return float(settle(arm, T, self.scene).tip @ along)
-        answers = [stiffness(arm, own.tensions, self.scene).compliance[:3, :3] for own in plans]
-        return float(np.exp(-np.mean([np.log(along @ C @ along) for C in answers])))
+        compliances = [
+            stiffness(arm, plan.tensions, self.scene).compliance[:3, :3] for plan in plans
+        ]
+        return float(np.exp(-np.mean([np.log(along @ C @ along) for C in compliances])))
 
     @property
     def gain(self) -> float:
@@ -130,38 +132,40 @@ class Design:
             raise InputError("design", self.objective, "a design for the least effort")
         if not self.feasible:
             raise InputError("design", "tasks that are not met", "a design that meets all tasks")
-        tasks, limits = [own.targets for own in self.plans], self.plans[0].limits
+        tasks, limits = [plan.targets for plan in self.plans], self.plans[0].limits
         program = Program(self.parameters, tasks, limits, self.making)
-        T = np.array([np.ravel(own.tensions) for own in self.plans])
+        T = np.array([np.ravel(plan.tensions) for plan in self.plans])
         return program.sensitivity(self.array, T) / self.effort
 
     @property
     def outcome(self) -> str:
         """What was found, and where that is not enough which task and which limit hold it."""
-        told = [self._told()]
-        for i, own in enumerate(self.plans):
-            if not own.certificate.passed:
-                told.append(f"Task {i} is not met: {own.outcome}{self._held(own)}")
+        lines = [self._told()]
+        for i, plan in enumerate(self.plans):
+            if not plan.certificate.passed:
+                lines.append(f"Task {i} is not met: {plan.outcome}{self._held(plan)}")
         limits = self.making.binding(self.arm)
         if limits:
-            told.append(f"At a limit of what can be made: {', '.join(limits)}.")
+            lines.append(f"At a limit of what can be made: {', '.join(limits)}.")
         rows = zip(self.unknowns, self.values, strict=True)
-        ends = [own.name for own, x in rows if _at_end(own, x)]
+        ends = [unknown.name for unknown, x in rows if _at_end(unknown, x)]
         if ends:
-            told.append(f"At a bound: {', '.join(ends)}.")
+            lines.append(f"At a bound: {', '.join(ends)}.")
         others = [x for x in self.optima if x > min(self.optima) + _OTHER * abs(min(self.optima))]
         if others:
             count = f"{len(others)} of {counted(len(self.optima), 'arm')} begun with"
-            told.append(f"{count} came to worse optima: there may be better ones; begin with more.")
+            lines.append(
+                f"{count} came to worse optima: there may be better ones; begin with more."
+            )
         if self.stopped:
-            told.append("Stopped at the time limit: not all arms were begun with.")
-        return " ".join(told)
+            lines.append("Stopped at the time limit: not all arms were begun with.")
+        return " ".join(lines)
 
-    def _held(self, own: Plan) -> str:
+    def _held(self, plan: Plan) -> str:
         """Return which tension limits a plan is at."""
-        T, upper = np.ravel(own.tensions), np.array(own.limits.upper)
+        T, upper = np.ravel(plan.tensions), np.array(plan.limits.upper)
         at = np.flatnonzero(upper * (1 - AT_BOUND) <= T)
-        names = ", ".join(own.arm.tendon_name(int(j)) for j in at)
+        names = ", ".join(plan.arm.tendon_name(int(j)) for j in at)
         return f" At the tension limit: {names}." if names else ""
 
     def _told(self) -> str:
@@ -189,12 +193,12 @@ _WORDS: dict[type, tuple[str, str]] = {
 
 
 def _met(plans: Sequence[Plan]) -> bool:
-    return all(own.certificate.passed for own in plans)
+    return all(plan.certificate.passed for plan in plans)
 
 
 def _total(plans: Sequence[Plan]) -> float:
-    return float(np.linalg.norm([own.effort for own in plans]))
+    return float(np.linalg.norm([plan.effort for plan in plans]))
 
 
-def _at_end(own: Unknown, value: float) -> bool:
-    return min(value - own.lower, own.upper - value) < AT_BOUND * own.range
+def _at_end(unknown: Unknown, value: float) -> bool:
+    return min(value - unknown.lower, unknown.upper - value) < AT_BOUND * unknown.range

@@ -110,9 +110,9 @@ class Family:
             self._first = stated, at
         return Setting(self, values, stated, self._numbers(stated, table))
 
-    def derivatives(self, here: Setting) -> Numbers:
+    def derivatives(self, setting: Setting) -> Numbers:
         """Return the derivatives of numbers by the unknowns (K,), on nodes that move along."""
-        old = here.system
+        old = setting.system
 
         def numbers(values: Array) -> Numbers:
             table, (arm, scene) = self._of(values)
@@ -121,8 +121,8 @@ class Family:
                 stated = neighbour(old, arm, scene)
             return self._numbers(stated, table)
 
-        given = numbers, here.numbers, here.values, self.session
-        return Numbers(*self.parameters.derivatives(*given))
+        arguments = numbers, setting.numbers, setting.values, self.session
+        return Numbers(*self.parameters.derivatives(*arguments))
 
     def _of(self, values: Array) -> tuple[dict[str, Any], tuple[Arm, Scene]]:
         table = self.parameters.table_at(values, self.session)
@@ -130,10 +130,10 @@ class Family:
 
     def _shift(self, table: dict[str, Any], key: str, size: tuple[int, ...] = ()) -> Array:
         """Return by how much a key of the points looked at is off what it is said to be [m]."""
-        found = np.zeros((self.point.size, *size))
-        for i, (own, said) in enumerate(zip(table["points"], self._said, strict=True)):
-            found[self.point == i] = MM * (np.array(own[key]) - said[key])
-        return found
+        shift = np.zeros((self.point.size, *size))
+        for i, (now, said) in enumerate(zip(table["points"], self._said, strict=True)):
+            shift[self.point == i] = MM * (np.array(now[key]) - said[key])
+        return shift
 
     def _looked_at(self, arm: Arm, table: dict[str, Any]) -> Array:
         s = np.where(self.point == TIP, arm.length, self._s)
@@ -205,32 +205,40 @@ class Setting:
         rows = zip(shapes, before, more, strict=True)
         T = np.array(
             [
-                np.maximum(here.tensions + change, 0.0)
+                np.maximum(equilibrium.tensions + change, 0.0)
                 if shape.by_length
                 else self._tensions(shape)
-                for shape, here, change in rows
+                for shape, equilibrium, change in rows
             ]
         )
         kept: list[Linearised | None] = [None] * len(T)
         if of is before[0].system.of:
-            guesses = np.array([here.states for here in before]) + ahead
+            guesses = np.array([equilibrium.states for equilibrium in before]) + ahead
             turns = np.abs(ahead[:, of.nodes[:, :4].ravel()]).max(axis=1)
             kept = [
-                here if turn < CLOSE else None for here, turn in zip(before, turns, strict=True)
+                equilibrium if turn < CLOSE else None
+                for equilibrium, turn in zip(before, turns, strict=True)
             ]
         else:
             on = Collocation.on(self.system)
             pairs = zip(T, before, strict=True)
-            guesses = np.array([on.carried(tensions, here) for tensions, here in pairs])
-        heres = newton_many(self.system, T, 1.0, guesses, kept=kept, looser=_LOOSER).solutions
+            guesses = np.array(
+                [on.carried(tensions, equilibrium) for tensions, equilibrium in pairs]
+            )
+        solutions = newton_many(self.system, T, 1.0, guesses, kept=kept, looser=_LOOSER).solutions
         jumps = OctoplanError("it jumps")
-        return [self._held(shape, here or jumps) for shape, here in zip(shapes, heres, strict=True)]
+        return [
+            self._held(shape, equilibrium or jumps)
+            for shape, equilibrium in zip(shapes, solutions, strict=True)
+        ]
 
-    def differentiated(self, which: Sequence[int], heres: Sequence[Linearised]) -> list[ByNumbers]:
+    def differentiated(
+        self, which: Sequence[int], equilibria: Sequence[Linearised]
+    ) -> list[ByNumbers]:
         """Return the derivatives of equilibria of some shapes, and of their tensions."""
-        numbers, found = self.derivatives, list[ByNumbers]()
+        numbers, derivatives = self.derivatives, list[ByNumbers]()
         jacobian = NumberDerivatives(numbers.p, numbers.lengths, numbers.nodes)
-        fresh = with_jacobians(heres)
+        fresh = with_jacobians(equilibria)
         still = np.zeros((self.system.of.n_tendons, len(self.values)))
         for i, by in zip(which, by_numbers(fresh, jacobian, [still] * len(fresh)), strict=True):
             shape, tensions = self.family.shapes[i], still
@@ -239,15 +247,17 @@ class Setting:
                 tensions = self.tensions_by_lengths(by.here) @ (left - by.lengths)
             else:
                 tensions = np.array(shape.tensions)[:, None] * numbers.scale
-            found.append(ByNumbers(by.here, by.jacobian, tensions, by.moved))
-        return found
+            derivatives.append(ByNumbers(by.here, by.jacobian, tensions, by.moved))
+        return derivatives
 
     @staticmethod
-    def tensions_by_lengths(here: Linearised) -> Array:
+    def tensions_by_lengths(equilibrium: Linearised) -> Array:
         """Return how tensions change with the lengths that winches leave (n_tendons, n_tendons)."""
-        taut = here.tensions > 0
+        taut = equilibrium.tensions > 0
         inverse = np.zeros((taut.size, taut.size))
-        inverse[np.ix_(taut, taut)] = np.linalg.pinv(here.length_tension[np.ix_(taut, taut)], 1e-9)
+        inverse[np.ix_(taut, taut)] = np.linalg.pinv(
+            equilibrium.length_tension[np.ix_(taut, taut)], 1e-9
+        )
         return inverse
 
     def _left(self, shape: Measured) -> Array:
@@ -268,20 +278,20 @@ class Setting:
 
     def _settled(self, tensions: Array) -> list[Reached]:
         """Return the equilibria under tensions (N, n_tendons) from rest, or why there is none."""
-        found = Collocation.on(self.system).from_rest_many(tensions)
-        for i, here in enumerate(found):
-            if isinstance(here, Linearised):
+        ends = Collocation.on(self.system).from_rest_many(tensions)
+        for i, end in enumerate(ends):
+            if isinstance(end, Linearised):
                 try:
-                    check_stretch(Collocated(here, 0))
+                    check_stretch(Collocated(end, 0))
                 except OctoplanError as reason:
-                    found[i] = reason
-        return found
+                    ends[i] = reason
+        return ends
 
-    def _held(self, shape: Measured, here: Reached) -> Reached:
+    def _held(self, shape: Measured, equilibrium: Reached) -> Reached:
         """Return the equilibrium of a shape by lengths with tensions under which they hold."""
-        if isinstance(here, OctoplanError) or not shape.by_length:
-            return here
+        if isinstance(equilibrium, OctoplanError) or not shape.by_length:
+            return equilibrium
         n = self.system.arm.n_tendons
         winches = Winches(np.ones(n, dtype=bool), self._left(shape), np.zeros(n))
-        found = tightened(here, winches, equilibrium_beside, self.system.arm)
-        return found or OctoplanError("no shape near its lengths is found")
+        held = tightened(equilibrium, winches, equilibrium_beside, self.system.arm)
+        return held or OctoplanError("no shape near its lengths is found")

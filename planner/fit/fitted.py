@@ -99,7 +99,7 @@ class Fitted:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the numbers; what was worked out of them does not travel."""
-        state = {own.name: getattr(self, own.name) for own in fields(self)}
+        state = {item.name: getattr(self, item.name) for item in fields(self)}
         return state | {"known": None}
 
     @cached_property
@@ -168,13 +168,17 @@ class Fitted:
     def at_bounds(self) -> tuple[str, ...]:
         """Names of the unknowns that are at a bound."""
         ends = self.parameters.at_bounds(self.array)
-        return tuple(own.name for own, end in zip(self.unknowns, ends, strict=True) if end)
+        return tuple(unknown.name for unknown, end in zip(self.unknowns, ends, strict=True) if end)
 
     @property
     def at_priors(self) -> tuple[str, ...]:
         """Names of the unknowns of which the data say no more than their priors."""
         rows = zip(self.unknowns, self.std, strict=True)
-        return tuple(own.name for own, std in rows if own.prior and std > _UNMOVED * own.prior[1])
+        return tuple(
+            unknown.name
+            for unknown, std in rows
+            if unknown.prior and std > _UNMOVED * unknown.prior[1]
+        )
 
     @property
     def residuals(self) -> tuple[Residual, ...]:
@@ -193,10 +197,10 @@ class Fitted:
         Their residuals over the noise are, in the mean, more than three times those of the median
         shape, and more than noise; no values within the bounds bring them nearer.
         """
-        here = self.evaluation
+        evaluation = self.evaluation
         sizes = {
-            i: float(np.sqrt(np.mean(np.square(here.whitening[i] @ miss / self.noise))))
-            for i, miss in here.residuals.items()
+            i: float(np.sqrt(np.mean(np.square(evaluation.whitening[i] @ miss / self.noise))))
+            for i, miss in evaluation.residuals.items()
         }
         far = max(_UNLIKE * float(np.median(list(sizes.values()))), 1.0)
         return tuple(self.measured[i].name for i, size in sizes.items() if size > far)
@@ -209,10 +213,10 @@ class Fitted:
         arm's length in the mean.
         """
         far, sizes = _UNREACHED * self.given_arm.length, dict[tuple[str, str], list[float]]()
-        for own in self.residuals:
-            if not own.what.startswith("frames"):
-                kind = "places" if own.is_place else own.what.partition("[")[0]
-                sizes.setdefault((own.shape, kind), []).append(own.size)
+        for residual in self.residuals:
+            if not residual.what.startswith("frames"):
+                kind = "places" if residual.is_place else residual.what.partition("[")[0]
+                sizes.setdefault((residual.shape, kind), []).append(residual.size)
         rows = [name for (name, _), of_kind in sizes.items() if np.mean(of_kind) > far]
         return tuple(dict.fromkeys(rows))
 
@@ -221,10 +225,10 @@ class Fitted:
         """What was found, how well it is known, and what to try."""
         size = sum(shape.size for shape in self.measured)
         counts = [(len(self.measured), "shape"), (size, "number"), (len(self.unknowns), "unknown")]
-        found = f"residuals are {self.noise:.3g} times the standard deviations given"
+        error = f"residuals are {self.noise:.3g} times the standard deviations given"
         if np.isfinite(self.mean_error):
-            found = f"markers are {1e3 * self.mean_error:.3g} mm off in the mean"
-        lines = [f"{', '.join(counted(n, what) for n, what in counts)}: {found}."]
+            error = f"markers are {1e3 * self.mean_error:.3g} mm off in the mean"
+        lines = [f"{', '.join(counted(n, what) for n, what in counts)}: {error}."]
         if self.stopped:
             lines.append("Stopped at the time limit: the values are the best so far.")
         lines += [f"{line[0].upper()}{line[1:]}." for line in map(str, self.unidentified)]
@@ -270,13 +274,13 @@ class Fitted:
     def _farthest(self, names: Sequence[str]) -> str:
         """Return which marker, length or stroke of some shapes is farthest off."""
         rows = [
-            own
-            for own in self.residuals
-            if own.shape in names and not own.what.startswith("frames")
+            residual
+            for residual in self.residuals
+            if residual.shape in names and not residual.what.startswith("frames")
         ]
         if not rows:
             return "Frames are off."
-        worst = max(rows, key=lambda own: own.size)
+        worst = max(rows, key=lambda residual: residual.size)
         return f"Farthest off is {worst.what} of {worst.shape}, by {1e3 * worst.size:.3g} mm."
 
     def _starts(self) -> list[str]:
@@ -290,8 +294,8 @@ class Fitted:
         line = f"{len(there)} of {len(self.starts)} starts came to this optimum"
         line += f", {others} to worse ones" if others else ""
         line += f", {lost} to no shapes that settle" if lost else ""
-        given = self.starts[0]
-        if given not in there and given.found is not None:
+        first = self.starts[0]
+        if first not in there and first.found is not None:
             line += "; the given values lead to a worse one: it is another basin"
         return [f"{line}."]
 
@@ -307,8 +311,8 @@ class Fitted:
             return self.known
         names = [name for name, _ in self.left_out]
         kept = [i for i, shape in enumerate(self.measured) if shape.name not in names]
-        here = self.experiment(self.measured).from_rest(self.array)
-        return here.only([i for i in kept if i in here.equilibria])
+        rest = self.experiment(self.measured).from_rest(self.array)
+        return rest.only([i for i in kept if i in rest.equilibria])
 
     def experiment(self, shapes: Sequence[Measured]) -> Experiment:
         """Return shapes with the unknowns of this calibration."""
@@ -324,10 +328,10 @@ class Fitted:
     @cached_property
     def jacobians(self) -> dict[int, Array]:
         """Derivatives of the residuals of shapes over the noise by unknowns from 0 to 1."""
-        here, rows = self.evaluation, {}
-        for i, J in here.jacobians.items():
-            r = here.whitening[i] @ here.residuals[i] / self.noise
-            J = here.whitening[i] @ J * self.parameters.range / self.noise
+        evaluation, rows = self.evaluation, {}
+        for i, J in evaluation.jacobians.items():
+            r = evaluation.whitening[i] @ evaluation.residuals[i] / self.noise
+            J = evaluation.whitening[i] @ J * self.parameters.range / self.noise
             rows[i] = J * np.sqrt(counted_by(self.loss, r))[:, None]
         return rows
 

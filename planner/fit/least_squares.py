@@ -42,7 +42,7 @@ _LEAST_NOISE, _MOST = 1e-9, 100
 _STEP, _GRADIENT = 1e-7, 1e-9
 # Derivatives serve elsewhere if they tell changes up to so much, over the root of the tolerance: by
 # what they are off there the logarithm of the likelihood changes by less than the tolerance.
-_AS_TOLD = 0.5
+_TRUSTED = 0.5
 
 
 def counted_by(loss: Loss, r: Array) -> Array:
@@ -100,10 +100,10 @@ class Likelihood:
         rows = np.array(_RHO["linear"](z))
         data = z[: self.size]
         noise = self.noise_of(np.sqrt(data))
-        own = _RHO[self.loss](data / noise**2)
+        terms = _RHO[self.loss](data / noise**2)
         scale = np.log(noise / _LEAST_NOISE)  # above 0, so that changes are small beside it
         constant = 2 * self.free * _expected(self.loss) * scale / max(self.size, 1)
-        rows[:, : self.size] = own[0] + constant, own[1] / noise**2, own[2] / noise**4
+        rows[:, : self.size] = terms[0] + constant, terms[1] / noise**2, terms[2] / noise**4
         return rows
 
 
@@ -160,9 +160,9 @@ def _descent(start: Evaluation, loss: Loss, noise: float | None, tolerance: floa
         if steps.gain(z, likelihood) <= tolerance:
             raise StopIteration
 
-    found = scipy.optimize.least_squares(
+    result = scipy.optimize.least_squares(
         steps.residuals,
-        np.clip(parameters.shares(start.values), 0.0, 1.0),
+        np.clip(parameters.fractions(start.values), 0.0, 1.0),
         steps.jacobian,
         bounds=(0.0, 1.0),
         loss=likelihood.rho,
@@ -173,9 +173,9 @@ def _descent(start: Evaluation, loss: Loss, noise: float | None, tolerance: floa
         max_nfev=_MOST,
         callback=stop_at_the_optimum,
     )
-    LOG.debug("%s: %s after %d evaluations", loss, found.message, found.nfev)
-    noise = likelihood.noise_of(steps.residuals(found.x)[: steps.size])
-    return Fit(steps.best, noise, float(found.cost), steps.refused)
+    LOG.debug("%s: %s after %d evaluations", loss, result.message, result.nfev)
+    noise = likelihood.noise_of(steps.residuals(result.x)[: steps.size])
+    return Fit(steps.best, noise, float(result.cost), steps.refused)
 
 
 class _Steps:
@@ -194,11 +194,11 @@ class _Steps:
     def __init__(self, start: Evaluation, tolerance: float) -> None:
         self.best = self._last = self._differentiated = start
         self._parameters, self._whitening = start.experiment.parameters, start.whitening
-        self._at = np.clip(self._parameters.shares(start.values), 0.0, 1.0)
+        self._at = np.clip(self._parameters.fractions(start.values), 0.0, 1.0)
         self.size = sum(map(len, start.residuals.values()))
         self.priors = self._parameters.priors(start.values)[0].size
         self.refused: tuple[int, ...] = ()
-        self._as_told = _AS_TOLD * np.sqrt(tolerance)
+        self._trusted = _TRUSTED * np.sqrt(tolerance)
         self._linear: tuple[Array, Array, Array] | None = None
 
     def residuals(self, z: Array) -> Array:
@@ -206,13 +206,13 @@ class _Steps:
         if not np.array_equal(z, self._at):
             check_time()
             try:
-                here = self._differentiated.near(self._parameters.from_shares(z))
-                self.refused = tuple(here.lost) or self.refused
+                evaluation = self._differentiated.near(self._parameters.from_fractions(z))
+                self.refused = tuple(evaluation.lost) or self.refused
             except InputError:
-                here = None
-            if here is None or here.lost:
+                evaluation = None
+            if evaluation is None or evaluation.lost:
                 return np.full(self.size + self.priors, np.inf)
-            self._last, self._at = here, z.copy()
+            self._last, self._at = evaluation, z.copy()
         rows = [self._whitening[i] @ r for i, r in self._last.residuals.items()]
         return np.concatenate([*rows, self._parameters.priors(self._last.values)[0]])
 
@@ -225,8 +225,8 @@ class _Steps:
         self.best, self.refused = self._last, ()
         if self._linear is not None:
             at, before, J = self._linear
-            told = J @ (z - at)
-            if np.linalg.norm(r - before - told) <= self._as_told * np.linalg.norm(told):
+            predicted = J @ (z - at)
+            if np.linalg.norm(r - before - predicted) <= self._trusted * np.linalg.norm(predicted):
                 return J
         scale, self._differentiated = self._parameters.range, self.best
         rows = [self._whitening[i] @ J * scale for i, J in self.best.jacobians.items()]

@@ -91,13 +91,13 @@ class Reach(Free):
 Objective = Literal["effort"] | Stiffest | Softest | Reach
 
 
-def checked_objective(given: Any) -> Objective:
+def checked_objective(objective: Any) -> Objective:
     """Return what a design makes best, or raise InputError."""
-    if given == "effort" or isinstance(given, Reach):
-        return given  # type: ignore[no-any-return]
-    if not isinstance(given, Stiffest | Softest):
+    if objective == "effort" or isinstance(objective, Reach):
+        return objective  # type: ignore[no-any-return]
+    if not isinstance(objective, Stiffest | Softest):
         allowed = '"effort", Stiffest(direction), Softest(direction) or Reach(direction)'
-        raise InputError("objective", given, allowed)
-    if given.hold != "tension":
-        raise InputError("objective", given, 'hold="tension": a stiffness with tensions held')
-    return given
+        raise InputError("objective", objective, allowed)
+    if objective.hold != "tension":
+        raise InputError("objective", objective, 'hold="tension": a stiffness with tensions held')
+    return objective

@@ -74,11 +74,13 @@ class Experiment:
     ) -> None:
         self.parameters, self.shapes = parameters, tuple(shapes)
         self.mesh = refinement, stages, machine_code
-        own = {unknown.session for unknown in parameters.unknowns}
+        sessions = {unknown.session for unknown in parameters.unknowns}
         #: Which shapes are of each session that has an arm of its own; "" is all others'.
         self.members: dict[str, list[int]] = {}
         for i, shape in enumerate(self.shapes):
-            self.members.setdefault(shape.session if shape.session in own else "", []).append(i)
+            self.members.setdefault(shape.session if shape.session in sessions else "", []).append(
+                i
+            )
         self.families = {
             name: Family(parameters, name, [self.shapes[i] for i in which], *self.mesh)
             for name, which in self.members.items()
@@ -89,7 +91,7 @@ class Experiment:
 
         InputError where no such arm can be; shapes that have no equilibrium are `lost`.
         """
-        settings = {name: own.at(values) for name, own in self.families.items()}
+        settings = {name: family.at(values) for name, family in self.families.items()}
         reached: dict[int, Linearised | OctoplanError] = {}
         for name, which in self.members.items():
             reached |= zip(which, settings[name].from_rest(), strict=True)
@@ -128,9 +130,9 @@ class Evaluation:
     ) -> Evaluation:
         """Return the evaluation of equilibria, or of why there is none, by shape."""
         rows = dict(sorted(reached.items()))
-        found = {i: here for i, here in rows.items() if isinstance(here, Linearised)}
-        lost = {i: here for i, here in rows.items() if isinstance(here, OctoplanError)}
-        return cls(experiment, values, settings, found, lost)
+        equilibria = {i: end for i, end in rows.items() if isinstance(end, Linearised)}
+        lost = {i: end for i, end in rows.items() if isinstance(end, OctoplanError)}
+        return cls(experiment, values, settings, equilibria, lost)
 
     def near(self, values: Array, experiment: Experiment | None = None) -> Evaluation:
         """Return the shapes that this has at other values, on the same branches.
@@ -158,16 +160,18 @@ class Evaluation:
         return there
 
     def _in_one_step(self, values: Array, experiment: Experiment) -> Evaluation:
-        settings = {name: own.at(values) for name, own in experiment.families.items()}
+        settings = {name: family.at(values) for name, family in experiment.families.items()}
         reached: dict[int, Linearised | OctoplanError] = {}
-        for name, own in self._sensed.items():
-            ends = settings[name].near(own.which, own.heres, *own.ahead(values - self.values))
+        for name, sensed in self._sensed.items():
+            ends = settings[name].near(
+                sensed.which, sensed.equilibria, *sensed.ahead(values - self.values)
+            )
             reached |= zip(self._numbers(name), ends, strict=True)
         return Evaluation.of(experiment, values, settings, reached)
 
     def only(self, kept: Sequence[int]) -> Evaluation:
         """Return the evaluation with all but some shapes left out."""
-        equilibria = {i: here for i, here in self.equilibria.items() if i in kept}
+        equilibria = {i: equilibrium for i, equilibrium in self.equilibria.items() if i in kept}
         return Evaluation(self.experiment, self.values, self.settings, equilibria, {})
 
     def _numbers(self, session: str) -> list[int]:
@@ -176,19 +180,19 @@ class Evaluation:
 
     @cached_property
     def _sensed(self) -> dict[str, Sensed]:
-        found = {}
+        by_session = {}
         for name, members in self.experiment.members.items():
             which = [k for k, i in enumerate(members) if i in self.equilibria]
             if which:
-                heres = [self.equilibria[members[k]] for k in which]
-                found[name] = Sensed(self.settings[name], which, heres)
-        return found
+                equilibria = [self.equilibria[members[k]] for k in which]
+                by_session[name] = Sensed(self.settings[name], which, equilibria)
+        return by_session
 
     def _by_shape(self, what: str) -> dict[int, Array]:
         rows = {
             i: row
-            for name, own in self._sensed.items()
-            for i, row in zip(self._numbers(name), getattr(own, what), strict=True)
+            for name, sensed in self._sensed.items()
+            for i, row in zip(self._numbers(name), getattr(sensed, what), strict=True)
         }
         return dict(sorted(rows.items()))
 
@@ -229,14 +233,16 @@ def _parts(shape: Measured, miss: Array) -> list[tuple[str, list[float]]]:
 class Sensed:
     """What sensors show of some shapes of a session, worked out for all at once."""
 
-    def __init__(self, setting: Setting, which: Sequence[int], heres: Sequence[Linearised]) -> None:
-        self.setting, self.which, self.heres = setting, list(which), list(heres)
+    def __init__(
+        self, setting: Setting, which: Sequence[int], equilibria: Sequence[Linearised]
+    ) -> None:
+        self.setting, self.which, self.equilibria = setting, list(which), list(equilibria)
         self.shapes = [setting.family.shapes[k] for k in which]
         order = {k: i for i, k in enumerate(which)}
         rows = [m for m, k in enumerate(setting.family.shape.tolist()) if k in order]
         self._shape = np.array([order[setting.family.shape[m]] for m in rows], dtype=np.int64)
         self._rows, self._turns = rows, setting.family.point[rows] == FRAME
-        self._poses = self._at(np.array([here.states for here in heres]))
+        self._poses = self._at(np.array([own.states for own in equilibria]))
         self._arms = np.einsum(
             "mij,mj->mi", matrices(self._poses[:, :4]), setting.numbers.offsets[rows]
         )
@@ -248,23 +254,25 @@ class Sensed:
     @cached_property
     def _shown(self) -> Array:
         """Places [m], and rotation vectors from measured frames [rad] (M, 3)."""
-        found = self._poses[:, 4:] + self._arms
+        shown = self._poses[:, 4:] + self._arms
         seen = np.array([R for shape in self.shapes for _, R in shape.frames]).reshape(-1, 3, 3)
         turned = matrices(self._poses[self._turns, :4]) @ seen.transpose(0, 2, 1)
-        found[self._turns] = Rotation.from_matrix(turned).as_rotvec() if len(turned) else 0.0
-        return np.asarray(found)
+        shown[self._turns] = Rotation.from_matrix(turned).as_rotvec() if len(turned) else 0.0
+        return np.asarray(shown)
 
     @cached_property
     def residuals(self) -> list[Array]:
         """Predictions less measurements of each shape (size,), [m] and [rad]."""
-        heres, rest = self.heres, self.setting.numbers.rest
-        shown = self._stacked(self._shown, lambda k: heres[k].lengths, rest)
-        return [np.asarray(own - m.numbers) for own, m in zip(shown, self.shapes, strict=True)]
+        equilibria, rest = self.equilibria, self.setting.numbers.rest
+        shown = self._stacked(self._shown, lambda k: equilibria[k].lengths, rest)
+        return [
+            np.asarray(values - m.numbers) for values, m in zip(shown, self.shapes, strict=True)
+        ]
 
     @cached_property
     def derivatives(self) -> list[ByNumbers]:
         """Derivatives of the equilibria by the unknowns."""
-        return self.setting.differentiated(self.which, self.heres)
+        return self.setting.differentiated(self.which, self.equilibria)
 
     def ahead(self, change: Array) -> tuple[Array, Array]:
         """Return by how much states (N, n_states) and tensions (N, n_tendons) are to change.
@@ -272,7 +280,7 @@ class Sensed:
         To first order in a change (K,) of the unknowns.
         """
         if not change.any():
-            of, n = self.setting.system.of, len(self.heres)
+            of, n = self.setting.system.of, len(self.equilibria)
             return np.zeros((n, of.n_states)), np.zeros((n, of.n_tendons))
         states = np.array([by.states @ change for by in self.derivatives])
         return states, np.array([by.tensions @ change for by in self.derivatives])
@@ -300,25 +308,25 @@ class Sensed:
         """
         if not any(shape.by_length or shape.tension_std for shape in self.shapes):
             return [np.diag(1 / shape.stds) for shape in self.shapes]
-        moved = self._at(np.array([here.by_tensions for here in self.heres]))
+        moved = self._at(np.array([equilibrium.by_tensions for equilibrium in self.equilibria]))
         rows = self._by_motion(displaced(self._poses, moved))
-        by_tensions = self._stacked(rows, lambda k: self.heres[k].length_tension, 0.0)
-        found = []
-        for shape, here, J in zip(self.shapes, self.heres, by_tensions, strict=True):
+        by_tensions = self._stacked(rows, lambda k: self.equilibria[k].length_tension, 0.0)
+        whitening = []
+        for shape, equilibrium, J in zip(self.shapes, self.equilibria, by_tensions, strict=True):
             inputs = shape.tension_std * np.diag(self.setting.numbers.scale)
             if shape.by_length:
                 std = shape.length_std or shape.std
-                inputs = std * self.setting.tensions_by_lengths(here)
+                inputs = std * self.setting.tensions_by_lengths(equilibrium)
             variance = np.diag(np.square(shape.stds)) + (J @ inputs) @ (J @ inputs).T
-            found.append(np.linalg.inv(np.linalg.cholesky(variance)))
-        return found
+            whitening.append(np.linalg.inv(np.linalg.cholesky(variance)))
+        return whitening
 
     def _by_motion(self, moved: Array) -> Array:
         """Return how what is shown changes (M, 3, K) with displacements and rotations (M, 6, K)."""
-        found: Array = moved[:, :3] + np.cross(moved[:, 3:], self._arms[:, :, None], axis=1)
+        rows: Array = moved[:, :3] + np.cross(moved[:, 3:], self._arms[:, :, None], axis=1)
         turns = self._turns
-        found[turns] = _log_slopes(self._shown[turns]) @ moved[turns, 3:]
-        return np.asarray(found)
+        rows[turns] = _log_slopes(self._shown[turns]) @ moved[turns, 3:]
+        return np.asarray(rows)
 
     def _stacked(
         self, rows: Array, lengths: Callable[[int], Array], rest: Array | float

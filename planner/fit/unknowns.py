@@ -121,16 +121,16 @@ class Parameters:
         sessions: Sequence[str] = (),
     ) -> Parameters:
         """Return the parameters; InputError for unknown keys, sessions, and bounds that misfit."""
-        given = tuple(unknowns)
-        if not given or not all(isinstance(unknown, Unknown) for unknown in given):
+        checked = tuple(unknowns)
+        if not checked or not all(isinstance(unknown, Unknown) for unknown in checked):
             allowed = 'at least one, such as Unknown("arm.E_kPa", 50, 1000)'
-            raise InputError("unknowns", given, allowed)
+            raise InputError("unknowns", checked, allowed)
         table = whole(checked_table(scene_table(arm, scene), "scene"), Path())
         table |= {"points": list(points), "tension_scale": [1.0] * arm.n_tendons}
-        parameters = cls(table, given, arm, scene)
-        for unknown in given:
+        parameters = cls(table, checked, arm, scene)
+        for unknown in checked:
             parameters._check(unknown, sessions)
-        pairs = [(key, unknown.session) for unknown in given for key in unknown.keys]
+        pairs = [(key, unknown.session) for unknown in checked for key in unknown.keys]
         for key, session in pairs:
             others = [of for name, of in pairs if name == key]
             if len(others) > 1 and (None in others or others.count(session) > 1):
@@ -194,22 +194,22 @@ class Parameters:
         """From lower to upper bounds (K,)."""
         return np.array([unknown.range for unknown in self.unknowns])
 
-    def from_shares(self, shares: Array) -> Array:
-        """Return the values (K,) at shares of the bounds' ranges, 0 at the lower bound."""
-        return np.asarray(self.lower + self.range * shares)
+    def from_fractions(self, fractions: Array) -> Array:
+        """Return the values (K,) at fractions of the bounds' ranges, 0 at the lower bound."""
+        return np.asarray(self.lower + self.range * fractions)
 
-    def shares(self, values: Array) -> Array:
+    def fractions(self, values: Array) -> Array:
         """Return where values (K,) are between their bounds, from 0 to 1."""
         return np.asarray((values - self.lower) / self.range)
 
     def at_bounds(self, values: Array) -> NDArray[np.bool_]:
         """Return which unknowns are at a bound (K,)."""
-        shares = self.shares(values)
-        return np.asarray(np.minimum(shares, 1 - shares) < AT_BOUND)
+        fractions = self.fractions(values)
+        return np.asarray(np.minimum(fractions, 1 - fractions) < AT_BOUND)
 
     def priors(self, values: Array) -> tuple[Array, Array]:
         """Return residuals (m,) of priors, and their derivatives (m, K) by unknowns from 0 to 1."""
-        rows = [(k, *own.prior) for k, own in enumerate(self.unknowns) if own.prior]
+        rows = [(k, *unknown.prior) for k, unknown in enumerate(self.unknowns) if unknown.prior]
         which = [k for k, *_ in rows]
         mean, std = np.array([row[1:] for row in rows]).reshape(-1, 2).T
         return (values[which] - mean) / std, np.diag(self.range)[which] / std[:, None]
@@ -226,13 +226,13 @@ class Parameters:
 
     def built(self, values: Array, session: str = "") -> tuple[Arm, Scene]:
         """Return arm and scene of values (K,); InputError where no such arm can be."""
-        table, given = self.table_at(values, session), self.table
+        table, original = self.table_at(values, session), self.table
         with warnings.catch_warnings():
             # Nobody gave these numbers: on its way a search passes any of them.
             warnings.simplefilter("ignore", UnitWarning)
             # Tables that no unknown is in are those given.
-            arm = self.arm if table["arm"] is given["arm"] else arm_in(table["arm"])
-            same = table["effects"] is given["effects"]
+            arm = self.arm if table["arm"] is original["arm"] else arm_in(table["arm"])
+            same = table["effects"] is original["effects"]
             scene = self.scene if same else scene_in(table["effects"])
         check_loads(arm, scene)
         return arm, scene
@@ -240,7 +240,7 @@ class Parameters:
     def derivatives(
         self,
         function: Callable[[Array], Sequence[Array]],
-        here: Sequence[Array],
+        at_values: Sequence[Array],
         values: Array,
         session: str = "",
     ) -> list[Array]:
@@ -250,13 +250,13 @@ class Parameters:
         unknowns by low powers, and not settled for, they are good to seven digits or more.
         """
         columns = []
-        steps = np.where(self.shares(values) < 0.5, _STEP, -_STEP) * self.range
+        steps = np.where(self.fractions(values) < 0.5, _STEP, -_STEP) * self.range
         for k, unknown in enumerate(self.unknowns):
             if not unknown.belongs(session):
-                columns.append([np.zeros_like(part) for part in here])
+                columns.append([np.zeros_like(part) for part in at_values])
                 continue
             there = function(values + steps * (np.arange(len(values)) == k))
-            columns.append([(b - a) / steps[k] for a, b in zip(here, there, strict=True)])
+            columns.append([(b - a) / steps[k] for a, b in zip(at_values, there, strict=True)])
         return [np.stack(parts, axis=-1) for parts in zip(*columns, strict=True)]
 
     def multistart(self, count: int, seed: int) -> list[Array]:
@@ -266,4 +266,4 @@ class Parameters:
         from scipy.stats import qmc  # takes as long to load as all else that a plan needs
 
         draws = qmc.Halton(len(self.unknowns), seed=seed).random(count - 1)
-        return [self.start, *map(self.from_shares, draws)]
+        return [self.start, *map(self.from_fractions, draws)]

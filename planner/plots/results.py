@@ -88,7 +88,7 @@ def _errors(found: Any, ax: Axes) -> None:
     of = found.parameters
     std = np.where(np.isfinite(found.std), found.std, np.nan) / of.range
     at = np.arange(len(found.values))
-    ax.errorbar(of.shares(found.array), at, xerr=std, fmt="o", ms=4, capsize=3)
+    ax.errorbar(of.fractions(found.array), at, xerr=std, fmt="o", ms=4, capsize=3)
     labels = [
         f"{own.name}\n{value:.4g} +- {error:.2g} {of.unit(own)}".rstrip()
         for own, value, error in zip(found.unknowns, found.values, found.std, strict=True)

@@ -97,7 +97,7 @@ class MotionCertificate:
     def reached(self) -> tuple[bool, ...]:
         """Which targets are met."""
         pairs = zip(self.residuals, self.inequalities, strict=True)
-        return tuple(own <= self.tolerance and least >= -self.tolerance for own, least in pairs)
+        return tuple(size <= self.tolerance and least >= -self.tolerance for size, least in pairs)
 
     @property
     def failures(self) -> tuple[str, ...]:
@@ -105,20 +105,20 @@ class MotionCertificate:
         if self.problem:
             return (self.problem,)
         missed = [i for i, met in enumerate(self.reached) if not met]
-        found = [f"target {i} is off by {self.residuals[i]:.2g}" for i in missed[:3]]
+        sentences = [f"target {i} is off by {self.residuals[i]:.2g}" for i in missed[:3]]
         if self.bounds > 0:
-            found.append(f"a tension limit is violated by {self.bounds:.2g} N")
+            sentences.append(f"a tension limit is violated by {self.bounds:.2g} N")
         for name, _, words, allowed in _RATIOS:
             if getattr(self, name) > 1 + allowed:
-                found.append(f"{words} is {getattr(self, name):.4g} times its limit")
-        found += self.contact
+                sentences.append(f"{words} is {getattr(self, name):.4g} times its limit")
+        sentences += self.contact
         if self.jumps:
             places = ", ".join(map(str, self.jumps))
-            found.append(f"the arm jumps on its way to waypoint {places}")
+            sentences.append(f"the arm jumps on its way to waypoint {places}")
         if self.clearance < 0:
             short = f"{-1e3 * self.clearance:.3g} mm less than asked at {self.nearest:.4g} s"
-            found.append(f"the arm is clear by {short}, or that is not verified")
-        return tuple(found)
+            sentences.append(f"the arm is clear by {short}, or that is not verified")
+        return tuple(sentences)
 
     @property
     def passed(self) -> bool:
@@ -134,8 +134,8 @@ class MotionCertificate:
             "clearance less asked [mm]": 1e3 * self.clearance,
             "verified at steps of [mm]": 1e3 * self.step,
         }
-        told = [(name, f"{value:.2e}") for name, value in numbers.items()]
-        return [("targets met", f"{sum(self.reached)} of {len(self.reached)}"), *told]
+        rows = [(name, f"{value:.2e}") for name, value in numbers.items()]
+        return [("targets met", f"{sum(self.reached)} of {len(self.reached)}"), *rows]
 
     def _repr_html_(self) -> str:
         return in_notebook(self)
@@ -161,19 +161,19 @@ def certify_motion(question: Question, way: Timed, met: tuple[int, ...]) -> Moti
         return _touching(question, way, met, limits)
     try:
         pairs = zip(question.targets, met, strict=True)
-        measured = [_measured(question, own, way.tensions[stop]) for own, stop in pairs]
+        measured = [_measured(question, targets, way.tensions[stop]) for targets, stop in pairs]
         stroke_rate, stroke_acceleration, tip = _paces(question, way)
     except OctoplanError as reason:
         return replace(limits, problem=str(reason))
     limits = replace(limits, stroke_rate=stroke_rate, stroke_acceleration=stroke_acceleration)
     if question.surroundings:
-        found = between(question.lines(), way, question.surroundings)
-        k = int(np.argmin(found.bound))
+        kept = between(question.lines(), way, question.surroundings)
+        k = int(np.argmin(kept.bound))
         limits = replace(
             limits,
-            clearance=float(found.bound[k]),
-            nearest=float(found.when[k]),
-            step=found.step if is_loaded(question.scene) else 0.0,
+            clearance=float(kept.bound[k]),
+            nearest=float(kept.when[k]),
+            step=kept.step if is_loaded(question.scene) else 0.0,
         )
     return replace(
         limits,
@@ -189,28 +189,28 @@ def _touching(
 ) -> MotionCertificate:
     """Return the certificate of a motion in contact, of which limits and rates are checked."""
     try:
-        found, jumps = certified_touching(question, way.tensions, met)
+        certificates, jumps = certified_touching(question, way.tensions, met)
     except OctoplanError as reason:
         return replace(limits, problem=str(reason))
-    sizes = [[*own.equality.values(), *own.soft_residual.values()] for own in found]
-    problem = next((own.problem for own in found if own.problem), "")
+    sizes = [[*one.equality.values(), *one.soft_residual.values()] for one in certificates]
+    problem = next((one.problem for one in certificates if one.problem), "")
     return replace(
         limits,
-        residuals=tuple(max(own, default=0.0) for own in sizes),
-        inequalities=tuple(min(own.inequality.values(), default=0.0) for own in found),
+        residuals=tuple(max(one, default=0.0) for one in sizes),
+        inequalities=tuple(min(one.inequality.values(), default=0.0) for one in certificates),
         tolerance=question.accuracy,
         contact=tuple(
-            f"at target {i} {why}" for i, own in enumerate(found) for why in _of_contact(own)
+            f"at target {i} {why}" for i, one in enumerate(certificates) for why in _of_contact(one)
         ),
         jumps=jumps,
         problem=problem,
     )
 
 
-def _of_contact(found: Certificate) -> tuple[str, ...]:
+def _of_contact(certificate: Certificate) -> tuple[str, ...]:
     """Return what fails at a waypoint besides its targets and limits of tensions."""
-    kept = replace(found, equality={}, soft_residual={}, inequality={}, bounds=0.0)
-    return () if found.problem else kept.failures
+    kept = replace(certificate, equality={}, soft_residual={}, inequality={}, bounds=0.0)
+    return () if certificate.problem else kept.failures
 
 
 def _measured(question: Question, targets: tuple[Target, ...], T: Array) -> tuple[float, float]:

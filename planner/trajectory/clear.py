@@ -39,8 +39,8 @@ def cleared(question: Question) -> Waypoints:
         return waypoints
     lines = question.lines()
     for _ in range(_ROUNDS):
-        ways = _corrected(question, waypoints, lines)
-        if ways is None or not waypoints.solve(ways):
+        corrected = _corrected(question, waypoints, lines)
+        if corrected is None or not waypoints.solve(corrected):
             break
     return waypoints
 
@@ -54,34 +54,38 @@ def _corrected(question: Question, before: Waypoints, lines: Lines) -> list[Wayp
         return None
     way_there = between(lines, timed, question.surroundings)
     bounds, instants = way_there.bound, way_there.when
-    shares = (instants - timed.starts[:-1]) / np.diff(timed.starts)
-    ways, changed = list[Waypoint](), False
-    for k, way in enumerate(before.ways):
-        if bounds[k] < 0 and _INSIDE < shares[k] < 1 - _INSIDE:
+    fractions = (instants - timed.starts[:-1]) / np.diff(timed.starts)
+    waypoints, changed = list[Waypoint](), False
+    for k, waypoint in enumerate(before.waypoints):
+        if bounds[k] < 0 and _INSIDE < fractions[k] < 1 - _INSIDE:
             T = timed.at(instants[k : k + 1])[0]
-            line, asked = lines(T), question.wider.at(float(instants[k]))
+            line, surroundings = lines(T), question.wider.at(float(instants[k]))
             if line is not None:
-                rows = updated(None, watched_places(line, asked), line, asked)
-                ways.append(Waypoint((), T, rows, shares[k] * way.share))
-                way, changed = replace(way, share=(1 - shares[k]) * way.share), True
+                rows = updated(None, watched_places(line, surroundings), line, surroundings)
+                waypoints.append(Waypoint((), T, rows, fractions[k] * waypoint.fraction))
+                left = (1 - fractions[k]) * waypoint.fraction
+                waypoint, changed = replace(waypoint, fraction=left), True
         if unverified[k]:
-            line, asked = lines(way.tensions), question.wider.at(float(timed.starts[k + 1]))
-            if line is not None and not asked.keeps(line):
-                rows = updated(_still(way.avoidance, asked), near_places(line, asked), line, asked)
-                way, changed = replace(way, avoidance=rows), True
-        ways.append(way)
-    return ways if changed else None
+            line = lines(waypoint.tensions)
+            surroundings = question.wider.at(float(timed.starts[k + 1]))
+            if line is not None and not surroundings.keeps(line):
+                kept = _still(waypoint.avoidance, surroundings)
+                near = near_places(line, surroundings)
+                rows = updated(kept, near, line, surroundings)
+                waypoint, changed = replace(waypoint, avoidance=rows), True
+        waypoints.append(waypoint)
+    return waypoints if changed else None
 
 
-def _still(avoidance: Avoidance | None, asked: Surroundings) -> Avoidance | None:
+def _still(avoidance: Avoidance | None, surroundings: Surroundings) -> Avoidance | None:
     """Return inequalities without those of obstacles that have moved on."""
     if avoidance is None or not isinstance(
-        (*asked.obstacles, None)[-1], Translated | TranslatedMesh
+        (*surroundings.obstacles, None)[-1], Translated | TranslatedMesh
     ):
         return avoidance
-    convex = [own for own in asked.obstacles if isinstance(own, Convex)]
-    there = {tuple(own.tolist()) for own in numbers_of(convex)}
-    rows = (row for row in avoidance.rows if isinstance(row.other, Place) or row.other in there)
+    convex = [obstacle for obstacle in surroundings.obstacles if isinstance(obstacle, Convex)]
+    numbers = {tuple(obstacle.tolist()) for obstacle in numbers_of(convex)}
+    rows = (row for row in avoidance.rows if isinstance(row.other, Place) or row.other in numbers)
     return replace(avoidance, rows=tuple(rows))
 
 
@@ -104,41 +108,42 @@ class Between:
     step: float
 
 
-def between(lines: Lines, way: Timed, asked: Surroundings) -> Between:
+def between(lines: Lines, way: Timed, surroundings: Surroundings) -> Between:
     """Return how clear an arm stays from each waypoint to the next."""
-    which, low, high = _parts(way, asked)
+    which, low, high = _parts(way, surroundings)
     durations = np.diff(way.starts)
 
-    def tensions(part: Counts, share: Array) -> Array:
-        k, u = which[part], low[part] + share * (high - low)[part]
-        if asked.moving:
+    def tensions(part: Counts, fraction: Array) -> Array:
+        k, u = which[part], low[part] + fraction * (high - low)[part]
+        if surroundings.moving:
             return way.at(way.starts[k] + u * durations[k])
         return np.asarray(way.tensions[k] + u[:, None] * np.diff(way.tensions, axis=0)[k])
 
     moving, all_parts = Moving(lines, tensions), np.arange(which.size)
-    kinds, bodies = list(asked.least), [*asked.obstacles, *(own.obstacle for own in asked.moving)]
+    kinds = list(surroundings.least)
+    bodies = [*surroundings.obstacles, *(one.obstacle for one in surroundings.moving)]
     ends = way.starts[which, None] + durations[which, None] * np.stack([low, high], axis=1)
     shift = np.zeros((which.size, 2, len(bodies), 3))
-    for i, own in enumerate(asked.moving, start=len(asked.obstacles)):
-        shift[:, :, i] = own.moved(ends)
-    uneven = _uneven(tensions, all_parts) if asked.moving else None
-    kinds = [*[OBSTACLES] * bool(bodies), *(own for own in kinds if own != OBSTACLES)]
-    found = []
+    for i, one in enumerate(surroundings.moving, start=len(surroundings.obstacles)):
+        shift[:, :, i] = one.moved(ends)
+    uneven = _uneven(tensions, all_parts) if surroundings.moving else None
+    kinds = [*[OBSTACLES] * bool(bodies), *(one for one in kinds if one != OBSTACLES)]
+    nearest = []
     for kind in kinds:
-        near = around(lines.arm, kind, bodies, asked.clearance)
+        near = around(lines.arm, kind, bodies, surroundings.clearance)
         if kind == OBSTACLES:
             near = replace(near, moved=shift, uneven=uneven)
-        found.append(closest(moving, which.size, near))
-    bounds = np.array([own.bound for own in found])
+        nearest.append(closest(moving, which.size, near))
+    bounds = np.array([one.bound for one in nearest])
     least = bounds.argmin(axis=0), all_parts
-    bound, seen = bounds[least], np.array([own.share for own in found])[least]
+    bound, seen = bounds[least], np.array([one.share for one in nearest])[least]
     first = np.lexsort((bound, which))[np.searchsorted(which, np.arange(durations.size))]
-    share = low[first] + seen[first] * (high - low)[first]
-    when = share * durations
-    if not asked.moving:
-        each = zip(share, way.laws, strict=True)
+    fraction = low[first] + seen[first] * (high - low)[first]
+    when = fraction * durations
+    if not surroundings.moving:
+        each = zip(fraction, way.laws, strict=True)
         when = np.array([np.interp(u, law.shares, law.times) for u, law in each])
-    step = max(float(own.step.max()) for own in found)
+    step = max(float(one.step.max()) for one in nearest)
     return Between(bound[first], way.starts[:-1] + when, step)
 
 
@@ -148,22 +153,22 @@ def _uneven(tensions: Tensions, parts: Counts) -> Array:
     It is a parabola, which is farthest from the line between its ends halfway.
     """
     start, half, end = (tensions(parts, np.full(parts.size, u)) for u in (0.0, 0.5, 1.0))
-    way = np.linalg.norm(end - start, axis=1)
+    length = np.linalg.norm(end - start, axis=1)
     off = np.linalg.norm(half - (start + end) / 2, axis=1)
-    return np.asarray(off / np.maximum(way, 1e-300))
+    return np.asarray(off / np.maximum(length, 1e-300))
 
 
-def _parts(way: Timed, asked: Surroundings) -> tuple[Counts, Array, Array]:
+def _parts(way: Timed, surroundings: Surroundings) -> tuple[Counts, Array, Array]:
     """Return parts of stretches on which obstacles and arm move steadily: which, shares (P,).
 
     Shares are those of the time. Where nothing but the arm moves, its pace does not matter.
     """
-    breaks = np.array(sorted({t for own in asked.moving for t in own.times}))
+    breaks = np.array(sorted({t for one in surroundings.moving for t in one.times}))
     which, low, high = [], [], []
     for k, (start, end) in enumerate(pairwise(way.starts)):
         law, inside = way.laws[k], breaks[(breaks > start) & (breaks < end)]
-        own = law.times[1:-1] / law.times[-1] if asked.moving else []
-        cuts = [(inside - start) / (end - start), own, [0.0, 1.0]]
+        knots = law.times[1:-1] / law.times[-1] if surroundings.moving else []
+        cuts = [(inside - start) / (end - start), knots, [0.0, 1.0]]
         parts = np.unique(np.concatenate(cuts))
         which += [k] * (parts.size - 1)
         low.append(parts[:-1])

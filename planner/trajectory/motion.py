@@ -125,28 +125,28 @@ def trajectory(
     seconds = None if time_limit is None else positive("time_limit", time_limit)
     scene = checked_scene(arm, scene, contact=True)
     check_planned(scene)
-    path, own = waypoints_of(targets, waypoints)
-    times = own if times is None else times
+    path, file_times = waypoints_of(targets, waypoints)
+    times = file_times if times is None else times
     strokes = (stroke_max, stroke_min)
     limits = checked_limits(arm, tension_max, tension_min, total_pull, strokes)
     limits = replace(limits, stroke_zero=zeroed_at(arm, scene, stroke_zero))
-    asked = _checked(arm, path)
+    sequence = _checked(arm, path)
     tip = _tip_acceleration(quasi_static, tip_acceleration_max)
     rates = Rates.of(arm, rate_max, stroke_rate_max, stroke_acceleration_max, tip)
-    instants = checked_times(times, len(asked))
+    instants = checked_times(times, len(sequence))
     if instants is None and not rates.limited:
         allowed = (
             "rate_max [N/s], a limit of strokes [m/s, m/s2] or of the tip's acceleration [m/s2] "
             "for the least time, or times [s]"
         )
         raise InputError("times", None, allowed)
-    every: tuple[Target, ...] = tuple(target for targets in asked for target in targets)
+    every: tuple[Target, ...] = tuple(target for targets in sequence for target in targets)
     around = surroundings(arm, every, obstacles, clearance, self_clearance, in_time=True)
     accuracy = checked_accuracy(accuracy)
     begin = _start(arm, start, limits)
     own_plan = start if isinstance(start, Plan) else None
-    given = (around, instants, begin, accuracy, checked_compile(compile), own_plan)
-    question = Question(arm, scene, asked, limits, rates, *given)
+    more = (around, instants, begin, accuracy, checked_compile(compile), own_plan)
+    question = Question(arm, scene, sequence, limits, rates, *more)
     with limited(seconds):
         if contacts(scene):
             check_touching(question)
@@ -172,14 +172,14 @@ def _tip_acceleration(quasi_static: Any, most: Any) -> Any:
 
 def _checked(arm: Arm, path: Iterable[Any]) -> tuple[tuple[Target, ...], ...]:
     """Return the targets of each waypoint; InputError names the one that is not allowed."""
-    found = []
+    checked = []
     for i, target in enumerate(path):
         try:
-            found.append(check_targets(arm, target))
+            checked.append(check_targets(arm, target))
         except InputError as reason:
             name = f"targets[{i}]: {reason.field}"
             raise InputError(name, reason.given, reason.allowed) from None
-    return tuple(found)
+    return tuple(checked)
 
 
 def _start(arm: Arm, start: Any, limits: Limits) -> Array:
@@ -196,12 +196,13 @@ def _start(arm: Arm, start: Any, limits: Limits) -> Array:
 
 def _check_start(question: Question) -> None:
     """Raise InputError where the arm is too near to something before it moves."""
-    line, asked = question.lines()(question.start), question.surroundings.at(0.0)
-    if not asked or line is None or asked.keeps(line):
+    line, surroundings = question.lines()(question.start), question.surroundings.at(0.0)
+    if not surroundings or line is None or surroundings.keeps(line):
         return
-    found = clearances(line, asked.obstacles, asked.least)
-    nearest = min(found.values(), key=lambda clear: clear.gap)
-    kept = f"{1e3 * asked.clearance:g} mm of clearance" if asked.clearance else "clear"
+    gaps = clearances(line, surroundings.obstacles, surroundings.least)
+    nearest = min(gaps.values(), key=lambda clear: clear.gap)
+    distance = 1e3 * surroundings.clearance
+    kept = f"{distance:g} mm of clearance" if distance else "clear"
     allowed = f"a start or obstacles that leave the arm {kept} before it moves: {nearest}"
     raise InputError("start", [round(float(T), 6) for T in question.start], allowed)
 

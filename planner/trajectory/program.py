@@ -1,10 +1,10 @@
 """The waypoints of a motion side by side in one program, coupled by rates of tensions and strokes.
 
-With the unknowns x_k of each waypoint's own program (tensions a_k, states, lengths l_k of tendons)
-and the durations d_m from target to target, of which each waypoint on the way has its share s_k,
+With the unknowns x_k of each waypoint's program (tensions a_k, states, lengths l_k of tendons)
+and the durations d_m from target to target, of which each waypoint on the way has its fraction s_k,
 
     minimise    sum effort(a_k) + w sum d_m
-    subject to  g_k(x_k) within bounds                      each waypoint's own constraints
+    subject to  g_k(x_k) within bounds                      the constraints of each waypoint
                 |a_k - a_(k-1)| <= rate s_k d_m             |l_k - l_(k-1)| <= stroke rate s_k d_m
                 d_m >= the time that is given for it, if any
 
@@ -71,9 +71,9 @@ class Coupling:
         Of tensions [N/s]; may be infinite.
     stroke : float
         Rate of lengths [m/s]; may be infinite.
-    group, shares : (N,)
-        The target to which each waypoint leads; of the time to it, the share in which the arm goes
-        there from the waypoint before.
+    group, fractions : (N,)
+        The target to which each waypoint leads; of the time to it, the fraction in which the arm
+        goes there from the waypoint before.
     steps : (M,) or None
         The time that is given from target to target [s]; then effort is made least, else time.
     """
@@ -84,7 +84,7 @@ class Coupling:
     rate: Array
     stroke: float
     group: Counts
-    shares: Array
+    fractions: Array
     steps: Array | None
 
 
@@ -125,8 +125,8 @@ class MotionProgram:
         places = tuple(matrix.indptr.tolist()), tuple(matrix.indices.tolist())
         program = _stated(tuple(stop.program for stop in stops), M, most.size, places)
         if before is not None:
-            known = before.lam_x, before.lam_g
-            solution = program.solve(_AGAIN, before.x, p, bounds, known)
+            multipliers = before.lam_x, before.lam_g
+            solution = program.solve(_AGAIN, before.x, p, bounds, multipliers)
             check_time()
             if solution.met:
                 return solution
@@ -153,22 +153,22 @@ class MotionProgram:
         needed = np.zeros(of.group[-1] + 1)
         for places, start, rate in self._changes():
             steps = np.abs(np.diff(x[places], axis=0, prepend=start[None])) / rate
-            np.maximum.at(needed, of.group, steps.max(axis=1, initial=0.0) / of.shares)
+            np.maximum.at(needed, of.group, steps.max(axis=1, initial=0.0) / of.fractions)
         return needed
 
     def _coupled(self) -> tuple[csc_array, Array]:
         """Return the matrix of the rows that couple waypoints, and what these are at most."""
         of, size = self.coupling, self.ends[-1]
-        durations, shares = size + of.group[:, None], self.unit * of.shares[:, None]
+        durations, fractions = size + of.group[:, None], self.unit * of.fractions[:, None]
         parts, most = [csc_array((0, size + self.least.size))], [np.zeros(0)]
         for places, start, rate in self._changes():
             rows = np.arange(places.size).reshape(places.shape)
             ones = np.ones(places.shape)
             shape = (places.size, size + self.least.size)
-            moved = _entries(shape, (rows, places, ones), (rows[1:], places[:-1], -ones[1:]))
-            pace = _entries(shape, (rows, durations + 0 * places, rate * shares * ones))
+            changes = _entries(shape, (rows, places, ones), (rows[1:], places[:-1], -ones[1:]))
+            pace = _entries(shape, (rows, durations + 0 * places, rate * fractions * ones))
             begin = np.concatenate([start, np.zeros(rows[1:].size)])
-            parts += [moved - pace, -moved - pace]
+            parts += [changes - pace, -changes - pace]
             most += [begin, -begin]
         matrix = csc_array(vstack(parts))
         matrix.sort_indices()
@@ -177,7 +177,9 @@ class MotionProgram:
 
 def _entries(shape: tuple[int, int], *entries: tuple[Counts, Counts, Array]) -> csc_array:
     """Return the sparse matrix of entries: rows, columns, values of one shape each."""
-    row, column, value = (np.concatenate([np.ravel(own[i]) for own in entries]) for i in range(3))
+    row, column, value = (
+        np.concatenate([np.ravel(entry[i]) for entry in entries]) for i in range(3)
+    )
     return csc_array((value, (row, column)), shape=shape)
 
 
@@ -190,21 +192,21 @@ def _stated(
     Parameters are the weights of effort and time, the matrix of these rows, of which the places of
     nonzeros are given, and the parameters of each waypoint.
     """
-    sizes = [own.size for own in programs]
-    rows = [sum(row.size for row in own.rows) for own in programs]
-    of = {own: functions(own) for own in programs}
-    n_p = [2, len(places[1]), *(own.parts.size for own in programs)]
+    sizes = [program.size for program in programs]
+    rows = [sum(row.size for row in program.rows) for program in programs]
+    of = {program: functions(program) for program in programs}
+    n_p = [2, len(places[1]), *(program.parts.size for program in programs)]
 
     def state(at: SideBySide) -> tuple[list[Part], Part]:
         weights, nonzeros, *ps = ca.vertsplit(at.p, np.cumsum([0, *n_p]).tolist())
         effort, time = ca.vertsplit(weights)
         matrix = ca.MX(ca.Sparsity(coupled, sum(sizes) + M, *map(list, places)), nonzeros)
         parts, none = [], ca.MX(M, M)
-        for own, x, p, lam in zip(programs, at.unknowns, ps, at.multipliers, strict=False):
-            f, g = of[own]["f"](x, p), of[own]["g"](x, p)
-            gradient = ca.vertcat(effort * of[own]["grad_f"](x, p)[1], ca.MX(M, 1))
-            J = ca.horzcat(of[own]["jac_g"](x, p)[1], ca.MX(g.numel(), M))
-            H = of[own]["hess_lag"](x, p, effort * at.sigma, lam)
+        for program, x, p, lam in zip(programs, at.unknowns, ps, at.multipliers, strict=False):
+            f, g = of[program]["f"](x, p), of[program]["g"](x, p)
+            gradient = ca.vertcat(effort * of[program]["grad_f"](x, p)[1], ca.MX(M, 1))
+            J = ca.horzcat(of[program]["jac_g"](x, p)[1], ca.MX(g.numel(), M))
+            H = of[program]["hess_lag"](x, p, effort * at.sigma, lam)
             parts.append(Part(effort * f, gradient, g, J, ca.diagcat(H, none)))
         durations = at.unknowns[-1]
         slope = time * ca.MX.ones(M)

@@ -72,7 +72,7 @@ class Rates:
             "stroke_acceleration_max": acceleration,
             "tip_acceleration_max": tip,
         }
-        most = [np.inf if own is None else positive(key, own) for key, own in given.items()]
+        most = [np.inf if limit is None else positive(key, limit) for key, limit in given.items()]
         warn_of_strokes("stroke_rate_max", [most[0] / arm.length])
         return cls(tuple(np.asarray(tension).tolist()), *most)
 
@@ -128,10 +128,10 @@ class Question:
     @property
     def wider(self) -> Surroundings:
         """What waypoints are planned to keep clear of: by a little more than is asked."""
-        asked = self.surroundings
-        if not asked:
-            return asked
-        return replace(asked, clearance=asked.clearance + _SPARE * self.arm.length)
+        surroundings = self.surroundings
+        if not surroundings:
+            return surroundings
+        return replace(surroundings, clearance=surroundings.clearance + _SPARE * self.arm.length)
 
     def planned(
         self, targets: tuple[Target, ...], near: Plan | None, starts: int | None = None
@@ -175,7 +175,7 @@ def waypoints_of(path: Any, count: int) -> tuple[list[Any], Array | None]:
         if isinstance(count, bool) or not isinstance(count, int) or count < 1:
             raise InputError("waypoints", count, "a whole number from 1")
         places = [path(float(share)) for share in np.linspace(0, 1, count)]
-        return [own if hasattr(own, "terms") else TipPosition(own) for own in places], None
+        return [place if hasattr(place, "terms") else TipPosition(place) for place in places], None
     if not isinstance(path, Iterable):
         allowed = "targets in order, a function, or the name of a .csv file"
         raise InputError("targets", path, allowed)

@@ -65,8 +65,8 @@ class Trajectory:
     @property
     def stops(self) -> tuple[int, ...]:
         """At which of the times each target is met."""
-        found = np.searchsorted(self.times, self.way.starts[list(self.met)] * (1 - 1e-12))
-        return tuple(found.tolist())
+        at = np.searchsorted(self.times, self.way.starts[list(self.met)] * (1 - 1e-12))
+        return tuple(at.tolist())
 
     @property
     def arm(self) -> Arm:

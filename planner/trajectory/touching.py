@@ -78,11 +78,11 @@ def _begin(question: Question) -> HeldPlan | None:
 def _planned(question: Question, targets: tuple[Target, ...], near: HeldPlan | None) -> HeldPlan:
     """Return the plan that is come to from the one before; from any start where that misses."""
     for starts in (1, None) if near is not None else (None,):
-        found = question.planned(targets, near, starts)
-        if found.mode == "exact":
+        plan = question.planned(targets, near, starts)
+        if plan.mode == "exact":
             break
-    assert isinstance(found, HeldPlan)
-    return found
+    assert isinstance(plan, HeldPlan)
+    return plan
 
 
 def certified_touching(
@@ -93,7 +93,7 @@ def certified_touching(
     Of shapes along the motion through tensions (N + 1, n_tendons); raises what settling does.
     """
     shapes = shapes_along(question, tensions)
-    found = tuple(
+    certificates = tuple(
         certify(
             question.arm,
             question.scene,
@@ -106,7 +106,7 @@ def certified_touching(
         )
         for targets, stop in zip(question.targets, met, strict=True)
     )
-    return found, tuple(k for k, shape in enumerate(shapes) if k and shape.snaps)
+    return certificates, tuple(k for k, shape in enumerate(shapes) if k and shape.snaps)
 
 
 def shapes_along(question: Question, tensions: Array) -> tuple[Shape, ...]:
@@ -118,8 +118,8 @@ def shapes_along(question: Question, tensions: Array) -> tuple[Shape, ...]:
     fine, begin = max(question.accuracy / 10, 1e-12), question.begin
     path = begin.load_path if isinstance(begin, HeldPlan) else ()
     first = question.arm, path, tensions[0], question.scene, fine, question.machine_code
-    found = [settled_along(*first)]
+    shapes = [settled_along(*first)]
     for T in told("shapes", list(tensions[1:])):
-        given = question.arm, T, question.scene, fine
-        found.append(settle(*given, compile=question.machine_code, near=found[-1]))
-    return tuple(found)
+        arguments = question.arm, T, question.scene, fine
+        shapes.append(settle(*arguments, compile=question.machine_code, near=shapes[-1]))
+    return tuple(shapes)

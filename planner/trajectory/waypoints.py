@@ -43,14 +43,14 @@ _SHARE, _CORRECTED = 4, 8
 class Waypoint:
     """A place of a motion: the targets there, if any, tensions (n_tendons,) [N], inequalities.
 
-    `share` is that of the time between two targets in which the arm goes there from the waypoint
+    `fraction` is that of the time between two targets in which the arm goes there from the waypoint
     before.
     """
 
     targets: tuple[Target, ...]
     tensions: Array
     avoidance: Avoidance | None = None
-    share: float = 1.0
+    fraction: float = 1.0
 
     @property
     def stated(self) -> tuple[Target, ...]:
@@ -60,7 +60,7 @@ class Waypoint:
 
 
 class Waypoints:
-    """The waypoints of a motion; `ways` are the best so far."""
+    """The waypoints of a motion; `waypoints` are the best so far."""
 
     def __init__(self, question: Question) -> None:
         self.question = question
@@ -73,13 +73,13 @@ class Waypoints:
         )
         self.solve(self._alone(first))
 
-    def solve(self, ways: Sequence[Waypoint]) -> bool:
+    def solve(self, waypoints: Sequence[Waypoint]) -> bool:
         """Put optimal tensions in place of those of waypoints; return whether there are any.
 
         Where the arm would not stand at all of them, it is held to its stability margin, or at
         least to stand.
         """
-        self.ways, planned = self._alike(ways), self.statement
+        self.waypoints, planned = self._alike(waypoints), self.statement
         held = planned.but(modes=1)
         loaded = is_loaded(self.question.scene)
         for statement in dict.fromkeys((planned, *[held, held.but(margin=0.0)] * loaded)):
@@ -92,49 +92,57 @@ class Waypoints:
     @property
     def tensions(self) -> Array:
         """The tensions (N + 1, n_tendons) from where the motion begins [N]."""
-        return np.vstack([self.question.start, *(way.tensions for way in self.ways)])
+        return np.vstack([self.question.start, *(waypoint.tensions for waypoint in self.waypoints)])
 
     @property
     def met_at(self) -> tuple[int, ...]:
         """At which of these each target is met."""
-        return tuple(k for k, way in enumerate(self.ways, start=1) if way.targets)
+        return tuple(k for k, waypoint in enumerate(self.waypoints, start=1) if waypoint.targets)
 
     def _planned(self, i: int) -> Plan:
         """Return the plan for a target by itself; InputError if there is none."""
         try:
-            found = self.question.planned(self.question.targets[i], None)
+            plan = self.question.planned(self.question.targets[i], None)
         except InputError as reason:
             raise InputError(
                 f"targets[{i}]: {reason.field}", reason.given, reason.allowed
             ) from None
-        if found.stopped:
+        if plan.stopped:
             raise OutOfTime
-        if found.mode == "exact":
-            return found
+        if plan.mode == "exact":
+            return plan
         last, targets = i, self.question.targets
         while last + 1 < len(targets) and self._is_missed(targets[last + 1]):
             last += 1
         place = f"targets[{i}]" + (last > i) * f" to [{last}]"
-        raise InputError(place, "out of reach", f"targets that can be met: {found.outcome}")
+        raise InputError(place, "out of reach", f"targets that can be met: {plan.outcome}")
 
     def _is_missed(self, targets: tuple[Target, ...]) -> bool:
         return self.question.planned(targets, None).mode != "exact"
 
-    def _alike(self, ways: Sequence[Waypoint]) -> list[Waypoint]:
+    def _alike(self, waypoints: Sequence[Waypoint]) -> list[Waypoint]:
         """Return waypoints whose inequalities share a structure, so that they share a program."""
-        kept = [way.avoidance.needed(self.question.arm) for way in ways if way.avoidance]
+        kept = [
+            waypoint.avoidance.needed(self.question.arm)
+            for waypoint in waypoints
+            if waypoint.avoidance
+        ]
         room = tuple(max(own) for own in zip(*(own for own in kept if own), strict=True))
         return [
-            replace(way, avoidance=replace(way.avoidance, room=room)) if way.avoidance else way
-            for way in ways
+            replace(waypoint, avoidance=replace(waypoint.avoidance, room=room))
+            if waypoint.avoidance
+            else waypoint
+            for waypoint in waypoints
         ]
 
     def _optimum(self) -> Solution | None:
         """Move the waypoints to the optimum; None without one, or where the arm does not stand."""
-        stops = [self._stop(way) for way in self.ways]
+        stops = [self._stop(waypoint) for waypoint in self.waypoints]
         limits = self.question.limits
-        pairs = zip(stops, self.ways, strict=True)
-        guess = [stop.problem.guess(way.tensions, limits, stop.p, True) for stop, way in pairs]
+        pairs = zip(stops, self.waypoints, strict=True)
+        guess = [
+            stop.problem.guess(waypoint.tensions, limits, stop.p, True) for stop, waypoint in pairs
+        ]
         program, solution = MotionProgram(stops, self._coupling(), guess), None
         for k in range(_CORRECTED):
             tell("program over the waypoints", k, _CORRECTED)
@@ -142,35 +150,37 @@ class Waypoints:
             if not (solution.met and solution.finite):
                 return None
             x = program.waypoints(solution.x)
-            tensions = [s.problem.tensions(own, limits) for s, own in zip(stops, x, strict=True)]
+            tensions = [s.problem.tensions(x_k, limits) for s, x_k in zip(stops, x, strict=True)]
             triples = list(zip(stops, x, tensions, strict=True))
-            if not k and not all(stop.problem.stability(own, T) > 0 for stop, own, T in triples):
+            if not k and not all(stop.problem.stability(x_k, T) > 0 for stop, x_k, T in triples):
                 return None
-            moved = zip(self.ways, tensions, strict=True)
-            self.ways = [replace(way, tensions=T) for way, T in moved]
+            changed = zip(self.waypoints, tensions, strict=True)
+            self.waypoints = [replace(waypoint, tensions=T) for waypoint, T in changed]
             try:
-                stops = [self._corrected(stop, own, T) for stop, own, T in triples]
+                stops = [self._corrected(stop, x_k, T) for stop, x_k, T in triples]
             except OctoplanError:
                 break
-            worst = max(_violation(*own) for own in zip(stops, x, strict=True))
+            worst = max(_violation(*pair) for pair in zip(stops, x, strict=True))
             if worst <= self.question.accuracy / _SHARE:
                 break
         return solution
 
-    def _stop(self, way: Waypoint) -> Stop:
+    def _stop(self, waypoint: Waypoint) -> Stop:
         """Return a waypoint as a program; tendons that may not pull there keep to their minima."""
-        asked = self.question
-        problem = build(asked.arm, way.stated, asked.scene, self.statement, asked.machine_code)
-        lbx, ubx, lbg, ubg = problem.bounds(asked.limits)
-        own = allowed(asked.arm, way.stated, asked.limits)
-        held = np.flatnonzero(np.array(own.upper) <= asked.limits.lower)
+        question = self.question
+        problem = build(
+            question.arm, waypoint.stated, question.scene, self.statement, question.machine_code
+        )
+        lbx, ubx, lbg, ubg = problem.bounds(question.limits)
+        at_targets = allowed(question.arm, waypoint.stated, question.limits)
+        held = np.flatnonzero(np.array(at_targets.upper) <= question.limits.lower)
         ubx, lbg = ubx.copy(), lbg.copy()
         ubx[held] = lbx[held]
         rows = problem.program.outer_rows
         short = np.repeat([row.name == STRETCH for row in rows], [row.size for row in rows])
         lbg[: short.size][short] += _CRUSHED
-        p = problem.parameters(way.stated, asked.limits)
-        return Stop(problem, way.stated, p, (lbx, ubx, lbg, ubg))
+        p = problem.parameters(waypoint.stated, question.limits)
+        return Stop(problem, waypoint.stated, p, (lbx, ubx, lbg, ubg))
 
     def _alone(self, first: Plan) -> list[Waypoint]:
         """Return an optimum of each target by itself, beginning with the plan for the first.
@@ -179,69 +189,76 @@ class Waypoints:
         bisection, at which it is that of the plan; the next is planned.
         """
         targets, plans = self.question.targets, {0: first}
-        ways = list[Waypoint]()
+        waypoints = list[Waypoint]()
 
         def planned(k: int) -> Waypoint:
             plans[k] = plan = plans.get(k) or self._planned(k)
             return Waypoint(targets[k], np.ravel(plan.tensions), plan.avoidance)
 
-        while len(ways) < len(targets):
-            tell("waypoints", len(ways), len(targets))
-            low = len(ways)
-            ways += self._followed(planned(low), targets[low + 1 :])
-            high, k = len(ways), len(ways) - 1
+        while len(waypoints) < len(targets):
+            tell("waypoints", len(waypoints), len(targets))
+            low = len(waypoints)
+            waypoints += self._followed(planned(low), targets[low + 1 :])
+            high, k = len(waypoints), len(waypoints) - 1
             while k > low:
-                if jump(ways[k].tensions, planned(k).tensions):
+                if jump(waypoints[k].tensions, planned(k).tensions):
                     high = k
                 else:
                     low = k
                 k = (low + high) // 2
-            del ways[high:]
-        return ways
+            del waypoints[high:]
+        return waypoints
 
     def _followed(
         self, first: Waypoint, targets: Sequence[tuple[Target, ...]]
     ) -> Iterator[Waypoint]:
         """Yield a waypoint, and those of further targets as far as its optimum leads."""
-        limits, way, stop = self.question.limits, first, self._stop(first)
+        limits, waypoint, stop = self.question.limits, first, self._stop(first)
         optimum: Solution | None = None
-        yield way
-        for own in targets:
-            before, stop = stop, self._stop(replace(way, targets=own))
+        yield waypoint
+        for following in targets:
+            before, stop = stop, self._stop(replace(waypoint, targets=following))
             if optimum is None or stop.problem is not before.problem:
-                x = stop.problem.guess(way.tensions, limits, stop.p, True)
+                x = stop.problem.guess(waypoint.tensions, limits, stop.p, True)
                 optimum = solve(stop.problem, x, stop.p, stop.bounds)
             else:
-                known = optimum.lam_x, optimum.lam_g
-                optimum = solve(stop.problem, optimum.x, stop.p, stop.bounds, known, "follow")
+                multipliers = optimum.lam_x, optimum.lam_g
+                optimum = solve(stop.problem, optimum.x, stop.p, stop.bounds, multipliers, "follow")
             if not (optimum.met and optimum.finite):
                 return
             T = stop.problem.tensions(optimum.x, limits)
-            way = replace(way, targets=own, tensions=T)
-            yield way
+            waypoint = replace(waypoint, targets=following, tensions=T)
+            yield waypoint
 
     def _coupling(self) -> Coupling:
         """Return what couples the waypoints."""
-        asked, begin = self.question, np.zeros(self.unit.size)
-        if np.isfinite(asked.rates.pace):
-            begin = asked.lines().lengths(asked.start)
-        group = np.cumsum([0, *(bool(way.targets) for way in self.ways[:-1])])
-        shares = np.array([way.share for way in self.ways])
-        rate = np.array(asked.rates.tension)
+        question, begin = self.question, np.zeros(self.unit.size)
+        if np.isfinite(question.rates.pace):
+            begin = question.lines().lengths(question.start)
+        group = np.cumsum([0, *(bool(waypoint.targets) for waypoint in self.waypoints[:-1])])
+        fractions = np.array([waypoint.fraction for waypoint in self.waypoints])
+        rate = np.array(question.rates.tension)
         return Coupling(
-            asked.start, begin, self.unit, rate, asked.rates.pace, group, shares, asked.steps
+            question.start,
+            begin,
+            self.unit,
+            rate,
+            question.rates.pace,
+            group,
+            fractions,
+            question.steps,
         )
 
     def _corrected(self, stop: Stop, x: Array, T: Array) -> Stop:
         """Return a waypoint with the defect of its mesh, by the shape that settles."""
-        asked = self.question
-        shape = settled(asked.arm, T, asked.scene, asked.accuracy, asked.machine_code)
+        question = self.question
+        shape = settled(question.arm, T, question.scene, question.accuracy, question.machine_code)
         off = defect(stop.problem, x, stop.targets, shape)
-        return replace(stop, p=stop.problem.parameters(stop.targets, asked.limits, defect=off))
+        return replace(stop, p=stop.problem.parameters(stop.targets, question.limits, defect=off))
 
 
 def _violation(stop: Stop, x: Array) -> float:
     """Return by how much rows besides equilibrium violate their bounds at most."""
     rows = stop.problem.constraints(x, stop.p)[: stop.problem.n_outer]
-    low, high = (own[: rows.size] for own in stop.bounds[2:])
+    low, high = (bounds[: rows.size] for bounds in stop.bounds[2:])
     return float(np.maximum(low - rows, rows - high).max(initial=0.0))
