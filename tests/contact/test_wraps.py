@@ -99,6 +99,7 @@ def test_what_curvature_allows_is_not_said_to_be_too_tight() -> None:
     assert gap.max() < 0.26 * R
 
 
+@pytest.mark.slow
 def test_without_a_limit_no_obstacle_is_too_tight_for_limits() -> None:
     thin = Capsule((0.1, -0.1, -0.02), (0.1, 0.1, -0.02), 0.003)
     p = plan(ARM, Wrap(thin, length=0.1), Scene(), starts=1)

@@ -174,7 +174,7 @@ def test_a_stiffest_arm_is_no_softer_than_any_corner_of_the_bounds() -> None:
     assert found.feasible, found.outcome
     parameters = Parameters.of(_arm(), PAPER, unknowns)
     for corner in product(*((own.lower, own.upper) for own in unknowns)):
-        p = plan(parameters.built(np.array(corner))[0], [task, up], PAPER, 5.0, starts=2)
+        p = plan(parameters.built(np.array(corner))[0], [task, up], PAPER, 5.0, starts=1)
         if p.reached:
             stiff.append(1 / stiffness(p.arm, p.tensions, PAPER).compliance[2, 2])
     assert len(stiff) > 1
