@@ -134,7 +134,7 @@ class MotionCertificate:
             "clearance less asked [mm]": 1e3 * self.clearance,
             "verified at steps of [mm]": 1e3 * self.step,
         }
-        rows = [(name, f"{value:.2e}") for name, value in numbers.items()]
+        rows = [(name, f"{value:.3g}") for name, value in numbers.items()]
         return [("targets met", f"{sum(self.reached)} of {len(self.reached)}"), *rows]
 
     def _repr_html_(self) -> str:

@@ -17,6 +17,7 @@ from planner.targets.fetch import Bend, stretches
 from tests.effects.energy_rod import EnergyRod
 from tests.effects.spatial import LoadedRod, Loads
 from tests.oracles import Array, Rod
+from tests.planner.cases import bend_and_plane
 from tests.random_arms import DENSITY, random_arm, random_pulls
 
 WATER, G = 1000.0, 9.81
@@ -68,15 +69,8 @@ def scene_of(arm: Arm, rng: np.random.Generator) -> tuple[Scene, Loads, str]:
 
 
 def plane_of(shape: Shape) -> BendingPlane | None:
-    """Return the plane in which the tip lies and the bend in it; None for a bend that is not one.
-
-    Planes are counted as in figure 10, towards cos(angle) b - sin(angle) n of the base.
-    """
-    t, n, b = shape.frame(np.zeros(1))[0].T
-    tip, tangent = shape.tip - shape.position(np.zeros(1))[0], shape.tip_frame[:, 0]
-    angle = float(np.arctan2(-tip @ n, tip @ b))
-    e = np.cos(angle) * b - np.sin(angle) * n
-    bend = float(np.arctan2(tangent @ e, tangent @ t))
+    """Return the plane in which the tip lies and the bend in it; None if that is not one."""
+    bend, angle = bend_and_plane(shape.arm, shape)
     return BendingPlane(angle, bend, 1) if bend > 0 else None
 
 
