@@ -10,68 +10,26 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Arm, InputError, OctoplanError, Scene, settle
+from model import Arm, InputError, Scene, settle
 from model.effects import (
     Buoyancy,
     Contact,
-    Current,
-    ExactTendons,
     Extension,
-    Friction,
-    NeoHookean,
-    PointMass,
-    SelfContact,
-    Shear,
     TipLoad,
     Weight,
 )
 from model.obstacles import Sphere
-from planner import stiffness, sweep
+from planner import sweep
 from planner.cli import main
 from planner.io.codec import table_of
-from planner.io.scene_file import question_of, scene_table
 from planner.targets import (
-    Backbone,
-    Bend,
     BendingPlane,
-    Fetch,
-    FetchReach,
-    MinimumStiffness,
-    Softest,
-    Stiffest,
-    TipPointing,
-    TipPose,
-    TipPosition,
 )
 from tests.sweeps.cases import GRID, tensions, written
 
 ARM = Arm.from_paper("table-4")
 PAPER = Scene(Extension())
 TURNED = ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))
-TARGETS = [
-    TipPosition((0.2, 0.15, -0.2)),
-    TipPointing((0.2, 0.15, -0.2), (1.0, 2.0, 3.0), (1.0, 0.5)),
-    TipPose((0.2, 0.15, -0.2), TURNED, (2.0, 1.0)),
-    BendingPlane(np.radians(135.0), np.radians(75.5), 2),
-    Backbone(((0.1, 0.0, 0.0), (0.2, 0.1, 0.0)), (0.1, 0.3), (1.0, 2.0)),
-    Backbone(((0.1, 0.0, 0.0), (0.2, 0.1, 0.0))),
-    Fetch(Bend(1.0, 0.0), Bend(0.5, 0.1), Bend(0.7, np.pi / 2)),
-    FetchReach((0.04, 0.06, -0.05), 1.2, np.pi / 2),
-    FetchReach((0.04, 0.06, -0.05), 1.2),
-    MinimumStiffness((0.0, 0.6, 0.8), 0.5, "length", 1e3),
-    MinimumStiffness(((2.0, 0.5, 0.0), (0.5, 1.0, 0.0), (0.0, 0.0, 1.0)), 0.5),
-    Stiffest((0.0, 0.6, 0.8)),
-    Softest((1.0, 0.0, 0.0), hold="length", tendon_EA=500.0),
-]
-
-
-@pytest.mark.parametrize("target", TARGETS, ids=lambda target: type(target).__name__)
-def test_a_target_is_the_table_that_asks_for_it(target: Any) -> None:
-    table = scene_table(ARM, PAPER) | {"target": table_of(target)}
-    (found,) = question_of(table).targets
-    assert type(found) is type(target)
-    assert found.structure(ARM) == target.structure(ARM)
-    assert found.parameters(ARM) == pytest.approx(target.parameters(ARM), rel=1e-12, abs=1e-15)
 
 
 def test_a_target_without_keys_is_refused() -> None:
@@ -101,11 +59,6 @@ def test_contacts_are_swept_along() -> None:
     with_contact = settle(ARM, T, scene).tip
     assert np.linalg.norm(with_contact - settle(ARM, T, Scene.silicone()).tip) > 1e-3
     assert found.tip.values[0] == pytest.approx(with_contact, abs=1e-6)
-
-
-def test_contact_with_itself_is_written_and_read() -> None:
-    scene = Scene.silicone(SelfContact())
-    assert question_of(scene_table(ARM, scene)).scene == scene
 
 
 def test_plans_and_draws_too(tmp_path: Path) -> None:
@@ -192,46 +145,3 @@ def test_a_time_limit_is_that_of_each_point() -> None:
     assert json.loads(data.attrs["scene"])["time_limit_s"] == 1e-6
     with pytest.raises(InputError, match="time_limit"):
         sweep(ARM, axes={"arm.E_kPa": [100.0]}, time_limit=0.0, **given)
-
-
-EFFECTS = (
-    ExactTendons(),
-    NeoHookean(),
-    Weight(),
-    Buoyancy(),
-    Current((0.02, 0.01, 0.0)),
-    Shear(),
-    PointMass(0.2, 0.01),
-    TipLoad((0.0, 2e-3, -1e-3)),
-    Friction(0.1),
-)
-
-
-def _random_scene(rng: np.random.Generator) -> Scene:
-    chosen = [effect for effect in EFFECTS if rng.uniform() < 0.35]
-    kinds = {type(effect) for effect in chosen}
-    if Buoyancy in kinds:
-        chosen = [*chosen, Weight()] if Weight not in kinds else chosen
-    return Scene(Extension(), *chosen)
-
-
-@pytest.mark.quick("0", "1", "2")
-@pytest.mark.parametrize("seed", range(40))
-def test_a_sweep_of_one_point_gives_what_the_function_gives(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    while True:
-        T = rng.uniform(0.0, 0.5, (3, 4)) * (rng.random((3, 4)) < 0.4)
-        try:
-            scene = _random_scene(rng)
-            shape = settle(ARM, T, scene)
-        except OctoplanError:
-            continue
-        break
-    given: dict[str, Any] = {"scene": scene, "tensions": T, "axes": {"tensions[0][0]": [T[0, 0]]}}
-    point = sweep(ARM, **given).isel({"tensions[0][0]": 0})
-    assert point.tip.values == pytest.approx(shape.tip, abs=1e-9)
-    assert point.tip_frame.values == pytest.approx(shape.tip_frame, abs=1e-8)
-    assert point.tensions.values == pytest.approx(shape.tensions, abs=1e-12)
-    k = stiffness(ARM, T, scene)
-    point = sweep(ARM, compute="stiffness", **given).isel({"tensions[0][0]": 0})
-    assert point.compliance.values == pytest.approx(k.compliance, rel=1e-6, abs=1e-9)
