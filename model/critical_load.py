@@ -9,7 +9,8 @@ import numpy as np
 
 from model.arm import Arm
 from model.checks import positive
-from model.equilibrium.newton import follow
+from model.equilibrium.linearised import Linearised
+from model.equilibrium.newton import Followed, follow_on
 from model.errors import InputError
 from model.forward import collocation_map
 from model.loads import check_loads, is_loaded
@@ -58,7 +59,9 @@ def critical_load_factor(
     refinement, before = _REFINEMENT, Critical(np.inf, "")
     while True:
         forward = collocation_map(arm, scene, "gauss6", refinement)
-        end = follow(forward.system, T, forward.without_loads(T), most, accuracy / 4)
+        x = forward.system.x(T, 0.0, forward.without_loads(T))
+        rest = Followed(Linearised(forward.system, x), 0.0, "")
+        end = follow_on(rest, most, accuracy / 4)
         found = Critical(end.load, end.why)
         gap = abs(found.load_factor - before.load_factor)
         if gap <= accuracy * found.load_factor or refinement >= _FINEST:

@@ -95,7 +95,7 @@ class Lines:
         found: list[Array | None] = [None] * len(tensions)
         if self._states:
             guesses = np.array([self._guess(T) for T in tensions])
-            ends = newton_many(system, tensions, 1.0, guesses, TURN).solutions
+            ends = newton_many(system, tensions, 1.0, guesses, TURN)
             found = [None if own is None else own.states for own in ends]
         left = [i for i, own in enumerate(found) if own is None]
         for i, end in zip(left, self._forward.from_rest_many(tensions[left]), strict=True):

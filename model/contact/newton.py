@@ -14,7 +14,7 @@ from model.centreline import Centreline
 from model.contact.touches import Touches, forces
 from model.effects import NeoHookean
 from model.equilibrium.linearised import Linearised
-from model.equilibrium.newton import CLOSE, KEPT, TURN, step_size
+from model.equilibrium.newton import CLOSE, KEPT, TURN, step_sizes
 from model.equilibrium.stability import rest_stiffness
 from model.errors import SingularError
 from model.loads import contacts
@@ -60,7 +60,7 @@ def newton(
             return None
         turn = float(np.abs(change[system.of.nodes[:, :4]]).max())
         states = states + min(1.0, TURN / max(turn, TURN)) * change
-        size = max(step_size(system, change, states), _rubbed(system, change, states))
+        size = max(float(step_sizes(system, change, states)[1]), _rubbed(system, change, states))
         if turn <= TURN and (size < _CONVERGED or size**2 < _CONVERGED * last):
             widened = _widened(system, states)
             return Linearised(widened, widened.x(tensions, load, states))

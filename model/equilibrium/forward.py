@@ -8,8 +8,16 @@ import numpy as np
 
 from model.arm import Arm
 from model.equilibrium.equilibrium import Collocated, Equilibrium
-from model.equilibrium.linearised import Linearised
-from model.equilibrium.newton import NEAR, by_load_steps, near, newton_many
+from model.equilibrium.linearised import Linearised, linearised
+from model.equilibrium.newton import (
+    LEAST_STEP,
+    NEAR,
+    SNAPS,
+    Followed,
+    follow_on_many,
+    newton,
+    newton_many,
+)
 from model.errors import OctoplanError, SnapError, UnsettledSectionError
 from model.loads import is_loaded
 from model.paths import Array
@@ -73,76 +81,76 @@ class Collocation:
         return Collocated(self.found(tensions, known), self.refinement)
 
     def found(self, tensions: Array, known: Linearised | None = None) -> Linearised:
-        """Return the equilibrium under tensions, near one that another mesh has, if any does."""
-        loaded = is_loaded(self.system.scene)
-        here = self.near(tensions, known) if loaded and known is not None else None
-        return here or self.from_rest(tensions)
+        """Return the equilibrium under tensions (n_tendons,), near that of another mesh if any is.
+
+        Else the one from rest. Raises what `many` returns in place of one.
+        """
+        (end,) = self.many(tensions[None], [known])
+        if isinstance(end, OctoplanError):
+            raise end
+        return end
+
+    def near(self, tensions: Array, known: Linearised) -> Linearised | None:
+        """Return the equilibrium near that of another mesh; None if there is none."""
+        return newton(self.system, tensions, 1.0, self.carried(tensions, known), NEAR)
 
     def many(
         self, tensions: Array, known: Sequence[Linearised | None]
     ) -> list[Linearised | OctoplanError]:
-        """Return the equilibria under tensions (N, n_tendons), each near what is known of it.
+        """Return the equilibria under tensions (N, n_tendons), each near one of another mesh.
 
-        Or why there is none, as from_rest_many.
+        From rest where there is none, or why not: see from_rest_many.
         """
-        found: list[Linearised | OctoplanError | None] = [None] * len(tensions)
-        for before in dict.fromkeys(own.system for own in known if own is not None):
-            some = [i for i, own in enumerate(known) if own is not None and own.system is before]
-            states = np.array([own.states for own in known if own and own.system is before])
-            guesses = self._carried(tensions[some], before, states)
-            given = self.system, tensions[some], 1.0, guesses, NEAR
-            for i, here in zip(some, newton_many(*given).solutions, strict=True):
-                found[i] = here
-        left = [i for i, here in enumerate(found) if here is None]
-        for i, end in zip(left, self.from_rest_many(tensions[left]), strict=True):
-            found[i] = end
-        return [own for own in found if own is not None]
+        ends: list[Linearised | OctoplanError | None] = [None] * len(tensions)
+        loaded = is_loaded(self.system.scene)
+        warm = [(i, here) for i, here in enumerate(known) if here is not None and loaded]
+        for before in dict.fromkeys(here.system for _, here in warm):
+            some = [i for i, here in warm if here.system is before]
+            T = tensions[some]
+            guesses = self._carried(T, [here for _, here in warm if here.system is before])
+            for i, here in zip(some, newton_many(self.system, T, 1.0, guesses, NEAR), strict=True):
+                ends[i] = here
+        cold = [i for i, end in enumerate(ends) if end is None]
+        if cold:
+            for i, end in zip(cold, self.from_rest_many(tensions[cold]), strict=True):
+                ends[i] = end
+        return [end for end in ends if end is not None]
 
-    def near(self, tensions: Array, known: Linearised) -> Linearised | None:
-        """Return the equilibrium near one that another mesh has; None if there is none."""
-        return near(self.system, tensions, self.carried(tensions, known))
-
-    def from_rest(self, tensions: Array, steps: float = np.inf) -> Linearised:
-        """Return the equilibrium that the unloaded arm comes to; see from_rest_many.
-
-        Raises what that returns in place of one.
-        """
-        (found,) = self.from_rest_many(tensions[None], steps)
-        if isinstance(found, OctoplanError):
-            raise found
-        return found
-
-    def from_rest_many(
-        self, tensions: Array, steps: float = np.inf
-    ) -> list[Linearised | OctoplanError]:
+    def from_rest_many(self, tensions: Array) -> list[Linearised | OctoplanError]:
         """Return the equilibria that the unloaded arm comes to under tensions (N, n_tendons).
 
-        In place of one a SnapError as of by_load_steps, and an UnsettledSectionError where tensions
-        that leave a tendon no length keep loads from being applied in steps. Without loads the
-        states that loads would begin from are the equilibrium.
+        In place of one a SnapError that says where its branch ends or loses its stability, and an
+        UnsettledSectionError where tensions that leave a tendon no length keep loads from being
+        applied in steps. Without loads the states that loads would begin from are the equilibrium.
         """
         at, sections = self.system, unloaded_sections(self.system)
         strains = sections.of_many(tensions)
-        found: list[Linearised | OctoplanError] = []
-        going, limits, places = list[int](), list[float](), list[float | None]()
+        ends: list[Linearised | OctoplanError] = []
+        going, steps, crushed = list[int](), list[float](), list[bool]()
         for i, v in enumerate(strains):
-            lost, crushed = np.isnan(v).any(axis=1), sections.crushed(v)
-            refused = lost | crushed
-            places.append(float(at.s[np.argmax(refused)]) if refused.any() else None)
-            found.append(UnsettledSectionError(places[-1] or 0.0))
+            lost = np.isnan(v).any(axis=1)
+            refused = lost | sections.crushed(v)
+            ends.append(UnsettledSectionError(float(at.s[np.argmax(refused)])))
             if not lost.any():
                 going.append(i)
-                limits.append(min(steps, _SOON_IF_CRUSHED) if crushed.any() else steps)
+                crushed.append(bool(refused.any()))
+                steps.append(_SOON_IF_CRUSHED if crushed[-1] else np.inf)
         states = at.starts(tensions[going], strains[going])
-        if not is_loaded(at.scene):
-            for i, own in zip(going, states, strict=True):
-                found[i] = Linearised(at, at.x(tensions[i], 1.0, own))
-            return found
-        ends = by_load_steps(at, tensions[going], states, np.array(limits))
-        for i, end in zip(going, ends, strict=True):
-            if places[i] is None or not isinstance(end, SnapError):
-                found[i] = end
-        return found
+        loaded = is_loaded(at.scene)
+        x = [at.x(tensions[i], 1.0 - loaded, y) for i, y in zip(going, states, strict=True)]
+        starts = linearised(at, np.array(x)) if loaded and x else [Linearised(at, y) for y in x]
+        if not loaded:
+            for i, here in zip(going, starts, strict=True):
+                ends[i] = here
+            return ends
+        branches = [Followed(here, 0.0, "") for here in starts]
+        followed = follow_on_many(branches, 1.0, LEAST_STEP, np.array(steps))
+        for i, end, folds in zip(going, followed, crushed, strict=True):
+            if end.load >= 1:
+                ends[i] = end.here
+            elif not folds:
+                ends[i] = SnapError(end.load, end.why or SNAPS)
+        return ends
 
     def without_loads(self, tensions: Array) -> Array:
         """Return the states under tensions without loads; raises UnsettledSectionError."""
@@ -151,14 +159,16 @@ class Collocation:
     def carried(self, tensions: Array, known: Linearised) -> Array:
         """Return the states of this mesh by the polynomials of another's strains.
 
-        Where tensions differ, of those that it moves to by its derivatives.
+        Where tensions differ, of the states at these by its derivatives.
         """
-        change, states = tensions - known.tensions, known.states
-        if change.any():
-            states = states + known.by_tensions @ change
-        return np.asarray(self._carried(tensions[None], known.system, states[None])[0])
+        return np.asarray(self._carried(tensions[None], [known])[0])
 
-    def _carried(self, tensions: Array, before: System, states: Array) -> Array:
+    def _carried(self, tensions: Array, known: Sequence[Linearised]) -> Array:
+        """Return `carried` of tensions (N, n_tendons) and N equilibria of one other mesh."""
+        before, states = known[0].system, np.array([here.states for here in known])
+        for y, here, T in zip(states, known, tensions, strict=True):
+            if not np.array_equal(T, here.tensions):
+                y += here.by_tensions @ (T - here.tensions)
         if before.of is self.system.of and np.array_equal(before.mesh.s, self.mesh.s):
             return states
         strains = np.moveaxis(states[:, before.of.stages], 0, -1)

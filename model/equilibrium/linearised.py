@@ -84,11 +84,6 @@ class Linearised:
         return Linearised, (self.system, self.x)
 
     @cached_property
-    def refreshed(self) -> Linearised:
-        """The same point with a Jacobian of its own."""
-        return Linearised(self.system, self.x) if self.near else self
-
-    @cached_property
     def residual(self) -> Array:
         """What vanishes at equilibrium (n_states,)."""
         return self.system.residual(self.x)
@@ -99,11 +94,6 @@ class Linearised:
         if self.near:
             return self.near.nonzeros
         return self.system.jacobian(self.x) if self.jacobian is None else self.jacobian
-
-    @property
-    def has_own_jacobian(self) -> bool:
-        """Whether the nonzeros at this very point are worked out already."""
-        return self.near is None and (self.jacobian is not None or "nonzeros" in vars(self))
 
     @property
     def tensions(self) -> Array:
@@ -217,20 +207,11 @@ def linearised(system: System, x: Array) -> list[Linearised]:
 
 def with_jacobians(heres: Sequence[Linearised]) -> list[Linearised]:
     """Return points of one system, those without any Jacobian that does with one of their own."""
-    return _worked_out(heres, [here.near or here.has_own_jacobian for here in heres])
-
-
-def refreshed(heres: Sequence[Linearised]) -> list[Linearised]:
-    """Return points of one system with Jacobians of their own, worked out side by side."""
-    return _worked_out(heres, [here.has_own_jacobian for here in heres])
-
-
-def _worked_out(heres: Sequence[Linearised], done: Sequence[object]) -> list[Linearised]:
-    """Return points of one system, those that are not done linearised side by side."""
-    found = list(heres)
-    late = [i for i, does in enumerate(done) if not does]
-    if late:
-        fresh = linearised(heres[0].system, np.array([heres[i].x for i in late]))
-        for i, here in zip(late, fresh, strict=True):
-            found[i] = here
-    return found
+    late = [
+        i
+        for i, here in enumerate(heres)
+        if here.near is None and here.jacobian is None and "nonzeros" not in vars(here)
+    ]
+    fresh = linearised(heres[0].system, np.array([heres[i].x for i in late])) if late else []
+    there = dict(zip(late, fresh, strict=True))
+    return [there.get(i, here) for i, here in enumerate(heres)]

@@ -10,13 +10,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from contextlib import suppress
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
 from model.equilibrium.linearised import Linearised, linearised, with_jacobians
 from model.equilibrium.stability import stand
-from model.errors import SingularError, SnapError
+from model.errors import SingularError
 from model.paths import Array
 from model.progress import tell
 from model.time_limit import check_time
@@ -25,8 +26,8 @@ from model.transcription.layout import Layout
 from model.transcription.system import System
 
 STEPS = 14
-# Steps are done with that leave so much of strains and quaternions: of the step itself if its
-# factorisation is its own, as the next one would be its square.
+# The size of the last step: larger where its factorisation is of the same point, as the next one
+# would be its square.
 SETTLED, LEFT = 1e-10, 1e-13
 # A step counts as safe if it is so much smaller than the last; below SMALL rounding may be felt.
 CONTRACTION, SMALL = 0.5, 1e-3
@@ -36,45 +37,20 @@ TURN, NEAR = 0.3, 0.02
 # The factorisation is kept after a step so small, and as long as steps contract so fast: a residual
 # costs a tenth of a factorised Jacobian.
 CLOSE, KEPT = 0.02, 0.1
-# Where an equilibrium is so near to where it was linearised, that does for its derivatives.
+# An equilibrium as near to where the equations were linearised has their derivatives.
 AS_GOOD = 1e-5
 
 Solution = Linearised | None
 
 
-class Solutions(NamedTuple):
-    """What Newton's method comes to from N guesses.
-
-    Attributes
-    ----------
-    solutions : list of Linearised
-        The equilibria; None where steps are not small or do not shrink.
-    last : list of Linearised
-        The equations as they were linearised last, on the way there.
-    turned : (N,)
-        How far the first step would turn a frame, as a change of its quaternion; inf if there is
-        none.
-    """
-
-    solutions: list[Solution]
-    last: list[Solution]
-    turned: Array
-
-
 def newton(
-    system: System,
-    tensions: Array,
-    load: float,
-    states: Array,
-    farthest: float = TURN,
-    kept: Linearised | None = None,
+    system: System, tensions: Array, load: float, states: Array, farthest: float = TURN
 ) -> Solution:
     """Return the equilibrium near given states (n_states,) under tensions (n_tendons,).
 
     As `newton_many` does, of which it is the case of one set.
     """
-    given = tensions[None], load, states[None], farthest, [kept]
-    return newton_many(system, *given).solutions[0]
+    return newton_many(system, tensions[None], load, states[None], farthest)[0]
 
 
 def newton_many(
@@ -84,67 +60,56 @@ def newton_many(
     guesses: Array,
     farthest: float = TURN,
     kept: Sequence[Solution] | None = None,
-    looser: float | Array = 1.0,
-) -> Solutions:
+    looser: float = 1.0,
+) -> list[Solution]:
     """Return the equilibria near guesses (N, n_states) under tensions (N, n_tendons).
 
-    None where steps are not small or do not shrink: that keeps to the branch that a guess is on.
+    None where steps are not small or do not contract: that keeps to the branch that a guess is on.
 
     Parameters
     ----------
     load : float or (N,)
         The load factor.
     farthest : float
-        How far a step may turn a frame; one that is farther leads nowhere.
+        How far a step may rotate a frame, as a change of its quaternion.
     kept : sequence of Linearised
         The equations linearised nearby, for the first steps of each; None where there are none.
-    looser : float or (N,)
-        How many times larger the steps are that are done with; the root of that for how far from
-        where they were linearised the equations count as such.
+    looser : float
+        How many times larger the last steps may be; the root of that for how far from where they
+        were linearised the equations count as such.
     """
     N, of = len(guesses), system.of
-    at, x = _measures(of, system.arm.length), np.empty((N, of.n_x))
+    x, last, path = np.empty((N, of.n_x)), np.zeros(N), np.full(N, np.inf)
     x[:, : of.n_tendons], x[:, of.n_tendons], x[:, of.first :] = tensions, load, guesses
-    slack = np.broadcast_to(looser, N).tolist()
-    here: list[Solution] = [own and (own.near or own) for own in kept or [None] * N]
-    last_used, solutions = list(here), list[Solution]([None]) * N
-    begun, chord = np.array([own is not None for own in here]), np.full(N, True)
-    last, moved, turned = np.zeros(N), np.full(N, np.inf), np.full(N, np.inf)
-    alive = list(range(N))
+    here = [near and (near.near or near) for near in kept or [None] * N]
+    solutions, alive, chord = list[Solution]([None]) * N, np.arange(N), np.full(N, True)
+    far = np.array([CLOSE if near is None else np.inf for near in here])
     for _ in range(STEPS):
-        if not alive:
+        if not alive.size:
             break
         check_time()
-        fresh = [i for i in alive if here[i] is None]
-        if fresh:
-            chord[fresh], moved[fresh] = False, 0.0
-            for i, nonzeros in zip(fresh, system.jacobians(x[fresh]), strict=True):
-                here[i] = last_used[i] = Linearised(system, x[i].copy(), jacobian=nonzeros)
-        states = _steps(system, x[alive], [here[i] for i in alive])
-        x[alive, of.first :] += states
-        turns = np.abs(states[:, at.frames]).max(axis=1)
-        now = np.abs(x[alive, of.first :][:, at.stages])
-        changes = np.abs(states[:, at.stages]) / (at.scale + now)
-        sizes, going = np.maximum(turns, changes.max(axis=1)).tolist(), []
-        for i, turn, size in zip(alive, turns.tolist(), sizes, strict=True):
-            before, by_chord = float(last[i]), bool(chord[i])
-            if not before and math.isfinite(turn):
-                turned[i] = turn
-            if not turn <= farthest:
-                continue
-            last[i], chord[i], moved[i] = size, True, moved[i] + size
-            if before and size > max(CONTRACTION * before, SMALL):
-                continue
-            settled = (LEFT if by_chord else SETTLED) * slack[i]
-            if size < settled or size**2 < settled * before:
-                near = here[i] if moved[i] < AS_GOOD * math.sqrt(slack[i]) else None
-                solutions[i] = Linearised(system, x[i].copy(), near)
-                continue
-            if size > (KEPT * before if before else CLOSE) and (before or not begun[i]):
-                here[i] = None
-            going.append(i)
-        alive = going
-    return Solutions(solutions, last_used, turned)
+        stale = [i for i in alive.tolist() if here[i] is None]
+        if stale:
+            chord[stale], path[stale] = False, 0.0
+            for i, fresh in zip(stale, linearised(system, x[stale]), strict=True):
+                here[i] = fresh
+        steps = _steps(system, x[alive], [here[i] for i in alive.tolist()])
+        x[alive, of.first :] += steps
+        rotation, size = step_sizes(system, steps, x[alive, of.first :])
+        before, level = last[alive], looser * np.where(chord[alive], LEFT, SETTLED)
+        first = before == 0
+        last[alive], chord[alive], path[alive] = size, True, path[alive] + size
+        contracts = first | ~(size > np.maximum(CONTRACTION * before, SMALL))
+        contracts &= rotation <= farthest
+        converged = contracts & ((size < level) | (size**2 < level * before))
+        for i in alive[converged].tolist():
+            near = here[i] if path[i] < AS_GOOD * math.sqrt(looser) else None
+            solutions[i] = Linearised(system, x[i].copy(), near)
+        going = contracts & ~converged
+        for i in alive[going & (size > np.where(first, far[alive], KEPT * before))].tolist():
+            here[i] = None
+        alive = alive[going]
+    return solutions
 
 
 def _steps(system: System, x: Array, here: Sequence[Solution]) -> Array:
@@ -152,36 +117,31 @@ def _steps(system: System, x: Array, here: Sequence[Solution]) -> Array:
 
     At unknowns x (N, n_x), by equations linearised there or nearby.
     """
-    found = np.full((len(x), system.of.n_states), np.nan)
-    for row, residual, own in zip(found, system.residuals(x), here, strict=True):
-        if own is not None and math.isfinite(residual.sum()):
+    steps = np.full((len(x), system.of.n_states), np.nan)
+    for row, residual, near in zip(steps, system.residuals(x), here, strict=True):
+        if near is not None and math.isfinite(residual.sum()):
             with suppress(SingularError):
-                row[:] = -own.solve(residual)
-    return found
+                row[:] = -near.solve(residual)
+    return steps
 
 
-class _Measures(NamedTuple):
-    """Places of strains (n,) and quaternions (m,) among the states, and units of the strains.
+def step_sizes(system: System, steps: Array, states: Array) -> tuple[Array, Array]:
+    """Return how far steps (..., n_states) rotate a frame at most, as a change of its quaternion.
 
-    Curvatures are counted in 1 / L.
+    And their sizes (...), of that and of strains relative to these, curvatures to 1 / L at least.
     """
+    quaternions, strains, units = _measured(system.of, system.arm.length)
+    rotation = np.abs(steps[..., quaternions]).max(axis=-1)
+    changes = np.abs(steps[..., strains]) / (units + np.abs(states[..., strains]))
+    return rotation, np.maximum(rotation, changes.max(axis=-1))
 
-    stages: Places
-    frames: Places
-    scale: Array
 
-
-def _measures(of: Layout, length: float) -> _Measures:
+@lru_cache(maxsize=32)
+def _measured(of: Layout, length: float) -> tuple[Places, Places, Array]:
+    """Return the places of quaternions and of strains among the states, and units of the latter."""
     curvatures = np.arange(of.form.strains) < 2 + of.form.law.torsion
-    scale = np.tile(np.where(curvatures, 1 / length, 1.0), of.elements * of.form.stages)
-    return _Measures(of.stages.ravel(), of.nodes[:, :4].ravel(), scale)
-
-
-def step_size(system: System, change: Array, states: Array) -> float:
-    """Return the size of a step, relative to strains and quaternions or to 1 / L and 1."""
-    at = _measures(system.of, system.arm.length)
-    moved = np.abs(change[at.stages]) / (at.scale + np.abs(states[at.stages]))
-    return max(float(moved.max()), float(np.abs(change[at.frames]).max()))
+    units = np.tile(np.where(curvatures, 1 / length, 1.0), len(of.stages))
+    return of.nodes[:, :4].ravel(), of.stages.ravel(), units
 
 
 # The least step in the load factor over what is reached; before the first step, over a millionth.
@@ -197,37 +157,6 @@ class Followed(NamedTuple):
     here: Linearised
     load: float
     why: str
-
-
-def near(system: System, tensions: Array, states: Array) -> Solution:
-    """Return the equilibrium under the full loads near states that may be of another mesh."""
-    return newton(system, tensions, 1.0, states, NEAR)
-
-
-def by_load_steps(
-    system: System, tensions: Array, unloaded: Array, steps: Array
-) -> list[Linearised | SnapError]:
-    """Return the equilibria under the full loads that are connected with the unloaded arm's states.
-
-    Of tensions (N, n_tendons) and states (N, n_states). A SnapError says where a branch ends or
-    loses its stability before, or takes more than its `steps` (N,).
-    """
-    found = list[Linearised | SnapError]()
-    x = [system.x(T, 0.0, states) for T, states in zip(tensions, unloaded, strict=True)]
-    starts = linearised(system, np.array(x)) if x else []
-    branches = [Followed(start, 0.0, "") for start in starts]
-    for end in follow_on_many(branches, 1.0, LEAST_STEP, steps):
-        found.append(end.here if end.load >= 1 else SnapError(end.load, end.why or SNAPS))
-    return found
-
-
-def follow(system: System, tensions: Array, unloaded: Array, most: float, least: float) -> Followed:
-    """Follow the branch that begins at the unloaded arm's states, up to a load factor.
-
-    See follow_on.
-    """
-    start = Linearised(system, system.x(tensions, 0.0, unloaded))
-    return follow_on(Followed(start, 0.0, ""), most, least)
 
 
 def follow_on(at: Followed, most: float, least: float) -> Followed:
@@ -259,12 +188,12 @@ def follow_on_many(
         tried += 1
         tell("percent of the loads", round(100 * min(loads) / most), 100)
         system, given = at[going[0]].here.system, (np.array(tensions), np.array(loads))
-        heres = newton_many(system, *given, np.array(guesses)).solutions
+        heres = newton_many(system, *given, np.array(guesses))
         for k, (i, here) in enumerate(zip(going, heres, strict=True)):
             if here is not None and not is_near(system, at[i].here.states, here.states):
                 heres[k] = None
-        linear = iter(with_jacobians([here for here in heres if here is not None]))
-        heres = [here and next(linear) for here in heres]
+        fresh = iter(with_jacobians([here for here in heres if here is not None]))
+        heres = [here and next(fresh) for here in heres]
         firm = iter(stand([here for here in heres if here is not None]))
         for i, load, here in zip(going, loads, heres, strict=True):
             stable = here is not None and next(firm)

@@ -225,7 +225,7 @@ class Setting:
             guesses = np.array(
                 [on.carried(tensions, equilibrium) for tensions, equilibrium in pairs]
             )
-        solutions = newton_many(self.system, T, 1.0, guesses, kept=kept, looser=_LOOSER).solutions
+        solutions = newton_many(self.system, T, 1.0, guesses, kept=kept, looser=_LOOSER)
         jumps = OctoplanError("it jumps")
         return [
             self._held(shape, equilibrium or jumps)
