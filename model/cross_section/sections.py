@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -40,6 +41,24 @@ def _with_shear(arm: Arm, scene: Scene, body: Array, rest: Array) -> Array:
     shear = scene.find(Shear)
     GA = body[0] * (shear.k_s * arm.material.G / arm.material.E if shear else 0.0)
     return np.vstack([body, GA, rest])
+
+
+class Balance(NamedTuple):
+    """The wrenches of N cross-sections' bodies and tendons at strains, with P crossings.
+
+    Attributes
+    ----------
+    wrench : (N, n)
+        Local moments [N m] and forces [N]; 0 in equilibrium without loads.
+    jacobian : (N, n, n)
+        Its derivatives by the strains.
+    units : (P, n)
+        The wrench per newton of the tendon of each crossing.
+    """
+
+    wrench: Array
+    jacobian: Array
+    units: Array
 
 
 class Sections:
@@ -79,18 +98,19 @@ class Sections:
         """The derivatives of `paths` along s (4, P)."""
         return tendon_path_rates(self._arm, self._at, self.place, self.tendon)
 
-    def wrench(self, v: Array, tensions: Array) -> tuple[Array, Array]:
-        """Return what body and tendons balance (N, n) at strains v (N, n), and its derivatives.
+    def balance(self, v: Array, tensions: Array) -> Balance:
+        """Return the wrenches of body and tendons at strains v (N, n), and their derivatives.
 
-        These are (N, n, n); `tensions` (P,) are those of the crossings.
+        `tensions` (P,) are those of the crossings.
         """
-        N, n = v.shape
-        found = self._mapped(body_kernel, v, self.body.T)
+        (N, n), units = v.shape, np.zeros((0, v.shape[1]))
+        rows = self._mapped(body_kernel, v, self.body.T)
         if self.place.size:
-            rows = self._mapped(tendon_kernel, v[self.place], self.paths.T)
-            first = np.flatnonzero(np.diff(self.place, prepend=-1))
-            found[self.place[first]] += np.add.reduceat(rows * tensions[:, None], first)
-        return found[:, :n], found[:, n:].reshape(N, n, n).transpose(0, 2, 1)
+            tendons = self._mapped(tendon_kernel, v[self.place], self.paths.T)
+            first, units = np.flatnonzero(np.diff(self.place, prepend=-1)), tendons[:, :n]
+            rows[self.place[first]] += np.add.reduceat(tendons * tensions[:, None], first)
+        jacobian = rows[:, n:].reshape(N, n, n).transpose(0, 2, 1)
+        return Balance(rows[:, :n], jacobian, units)
 
     def _mapped(self, kernel_of: Callable[[CrossSection], ca.Function], *given: Array) -> Array:
         """Return what a kernel of the law has of arguments (N, n), a row each."""
@@ -103,8 +123,8 @@ class Sections:
     def solve(self, v: Array, wrench: Array, tensions: Array) -> Array:
         """Return the strains (N, n) near v that balance a wrench (N, n); NaN where none do."""
         for _ in range(_STEPS):
-            found, jacobian = self.wrench(v, tensions)
-            step = np.linalg.solve(jacobian, (wrench - found)[:, :, None])[:, :, 0]
+            now = self.balance(v, tensions)
+            step = np.linalg.solve(now.jacobian, (wrench - now.wrench)[:, :, None])[:, :, 0]
             v = v + step
             if not np.any(np.abs(step) > _SETTLED * (1 + np.abs(v))):
                 break
@@ -121,21 +141,11 @@ class Sections:
         found = self._mapped(_turning, *given)
         return found[:, 0], found[:, 1:]
 
-    def by_tensions(self, v: Array, jacobian: Array) -> Array:
-        """Return how strains v (N, n) in equilibrium move with each tension (N, n, n_tendons).
-
-        By the Jacobian of their wrench (N, n, n).
-        """
-        rows = np.zeros((*v.shape, self._n_tendons))
-        rows[self.place, :, self.tendon] = self.unit_wrenches(v)
-        return np.asarray(-np.linalg.solve(jacobian, rows))
-
-    def unit_wrenches(self, v: Array) -> Array:
-        """Return the wrench per newton of each crossing's tendon (P, n) at strains v (N, n)."""
-        if not self.place.size:
-            return np.zeros((0, v.shape[1]))
-        found = self._mapped(tendon_kernel, v[self.place], self.paths.T)
-        return found[:, : v.shape[1]]
+    def by_tensions(self, at: Balance) -> Array:
+        """Return the derivatives (N, n, n_tendons) of strains in equilibrium by each tension."""
+        rows = np.zeros((*at.wrench.shape, self._n_tendons))
+        rows[self.place, :, self.tendon] = at.units
+        return np.asarray(-np.linalg.solve(at.jacobian, rows))
 
     def length_jacobian(self, v: Array, weights: Array) -> tuple[Array, Array]:
         """Return the lengths (n_tendons,) [m], and their Jacobian in the strains (n_tendons, N, n).

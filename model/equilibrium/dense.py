@@ -127,13 +127,15 @@ class _Parts:
             J = np.zeros((N, r.shape[1], y.shape[1])) if last == 0 else None
             for press in pressed:
                 press.add(r, J, v.reshape(N, -1), first)
-            found, by_strains = sections.wrench(v, pulls)
-            r[:, w : w + m * n] += found.reshape(N, -1)
+            local = sections.balance(v, pulls)
+            r[:, w : w + m * n] += local.wrench.reshape(N, -1)
             if J is not None:
                 J[:, i, j] += jacobian(y, c)[0]
                 for k in range(m):
                     rows = w + k * n + np.arange(n)
-                    J[:, rows[:, None], free[0] + rows - w] += by_strains.reshape(N, m, n, n)[:, k]
+                    J[:, rows[:, None], free[0] + rows - w] += local.jacobian.reshape(N, m, n, n)[
+                        :, k
+                    ]
                 inverse = np.asarray(np.linalg.inv(J[:, :, free]))
             step = -(inverse @ r[:, :, None])[:, :, 0]
             v, next_node = v + step[:, : m * n].reshape(N * m, n), next_node + step[:, m * n :]

@@ -242,16 +242,16 @@ class _Part:
             pulls = sliding_tensions(
                 self.system, self.x, sections.s, sections.place, sections.tendon
             )
-        wrench, jacobian = sections.wrench(flat, pulls)
+        at = sections.balance(flat, pulls)
         parts = [
             flat,
-            wrench,
-            _inverse(jacobian).transpose(0, 2, 1).reshape(len(flat), -1),
+            at.wrench,
+            _inverse(at.jacobian).transpose(0, 2, 1).reshape(len(flat), -1),
             self.at.dead,
             self.at.drag,
         ]
         if self.form.friction:
-            parts += self._sliding(v, flat, pulls)
+            parts += self._sliding(flat, pulls, at.units)
         if self.form.pressed:
             parts += [self._pressures(), self._tractions()]
         rows = np.hstack(parts).reshape(*self.shape, -1)
@@ -265,13 +265,13 @@ class _Part:
         after, strains = step(y, numbers)
         return after, strains.reshape(self.N, self.shape[1], -1).transpose(1, 0, 2)
 
-    def _sliding(self, v: Array, flat: Array, pulls: Array) -> list[Array]:
+    def _sliding(self, flat: Array, pulls: Array, units: Array) -> list[Array]:
         """Return wrench per newton, tension, turning and its Jacobian of tendons at all places."""
         sections, n = self.at.sections, self.of.n_tendons
         unit, slope = np.zeros((2, len(flat), n, flat.shape[1]))
         tensions, turning = np.zeros((2, len(flat), n))
         at = sections.place, sections.tendon
-        unit[at], tensions[at] = sections.unit_wrenches(flat), pulls
+        unit[at], tensions[at] = units, pulls
         weights = [hermite(self.form.stages, x, 1) for x in self.at.x.ravel().tolist()]
         values, jacobian = (np.array(part) for part in zip(*weights, strict=True))
         m, h = self.form.stages, np.diff(self.system.mesh.s)

@@ -150,7 +150,7 @@ def stability(here: Linearised) -> float:
 def _by_sections(here: Linearised) -> float:
     """Return the stability without loads, where no wrench couples the cross-sections."""
     at, sections = here.system, unloaded_sections(here.system).sections
-    _, jacobian = sections.wrench(at.strains(here.states), sections.pulls(here.tensions))
+    jacobian = sections.balance(at.strains(here.states), sections.pulls(here.tensions)).jacobian
     root = np.sqrt(_at_rest(sections.law, sections.body).T)
     H = jacobian / root[:, :, None] / root[:, None, :]
     even = (H + H.transpose(0, 2, 1)) / 2

@@ -59,7 +59,7 @@ class MarchDerivative:
         poses, v = here.poses, here.strains[:count]
         self._weights, self._point = np.outer(h, weights).ravel(), poses[node, 4:]
         v = v if law == march.law else strains_of(law, reported(march.law, v))
-        self._v, self._stiffness = v, at.wrench(v, at.pulls(self.tensions))[1]
+        self._v, self._balance = v, at.balance(v, at.pulls(self.tensions))
         twist, slopes = mapped(_kinematics, law)(v)
         call = _step_twists(march.scheme, h.size, march.machine_code)
         (z,) = call(poses[:-1].ravel(), twist.ravel(), h)
@@ -97,7 +97,7 @@ class MarchDerivative:
     @property
     def stable(self) -> bool:
         """Whether each cross-section is at a minimum of its energy, tensions held."""
-        K = self._stiffness
+        K = self._balance.jacobian
         values = np.linalg.eigvalsh((K + K.transpose(0, 2, 1)) / 2)
         # Where a tendon has no length left it is stiff beyond all digits of the rest.
         return bool(np.all(values[:, 0] > -_ROUNDING * values[:, -1]))
@@ -105,7 +105,7 @@ class MarchDerivative:
     @property
     def _by_tensions(self) -> Array:
         """How strains change with the tensions (P, n, n_tendons)."""
-        return self._at.by_tensions(self._v, self._stiffness)
+        return self._at.by_tensions(self._balance)
 
     @property
     def _by_wrench(self) -> Array:
@@ -114,7 +114,7 @@ class MarchDerivative:
         about_base = np.block([[turned, np.eye(3)], [np.eye(3), np.zeros((3, 3))]])
         local = self._twists @ about_base / self._weights[:, None, None]
         own = [*moments(law), *(3 + k for k in forces(law))]
-        return np.asarray(np.linalg.solve(self._stiffness, local[:, own]))
+        return np.asarray(np.linalg.solve(self._balance.jacobian, local[:, own]))
 
     @property
     def _length_jacobian(self) -> Array:
