@@ -14,8 +14,8 @@ from model.arm import PAPER_ARMS, PAPER_FRAME, Arm
 from model.errors import InputError
 from model.quantities import Vector
 from planner.io.annotations import arguments, hints_of, quantity, suffix, unit_of_type
-from planner.io.codec import READ, Form, Table, arguments_of, read, table_of
-from planner.io.tables import TABLES, fields_of, table, type_in_file
+from planner.io.codec import READ, Form, arguments_of, read, table_of
+from planner.io.tables import TABLES, fields_of, struct, table, type_in_file
 
 Frame = tuple[tuple[float, ...], ...]
 Numbers = tuple[float, ...]
@@ -59,14 +59,15 @@ def frame_form(tangent: str, normal: str, *default: Numbers) -> Form:
     return Form(keys, frame, columns_of)
 
 
-class FrameTable(Table, frozen=True):
-    """A frame by two of its columns (t, n, b); b is their cross product."""
+_COLUMNS = frame_form("t, along the arm", "n, across the arm and towards tendon 1")
+FrameTable: Any = struct(
+    "FrameTable",
+    [(key, *held) for key, held in _COLUMNS.keys.items()],
+    "A frame by two of its columns (t, n, b); b is their cross product.",
+)
 
-    tangent: Annotated[VECTOR, Meta(description="t, along the arm")]
-    normal: Annotated[VECTOR, Meta(description="n, across the arm; tendon 1 is on its side")]
 
-
-def _base(given: FrameTable | None, rotation_deg: Numbers) -> Frame:
+def _base(given: Any, rotation_deg: Numbers) -> Frame:
     base: Frame = PAPER_FRAME if given is None else frame(given.tangent, given.normal)
     if not any(rotation_deg):
         return base

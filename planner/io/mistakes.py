@@ -1,7 +1,7 @@
 """Mistakes in files, told in plain words: where, what is there, and what is allowed.
 
 What a table may not hold by its type (`checked`), what a TOML parser does not understand
-(`no_toml`), and what a class refuses, at the key of its argument (`as_written`).
+(`no_toml`), and what a class refuses, at the key of its argument (`_as_written`).
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import operator
 import re
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from itertools import chain
 from typing import Any, Literal, NamedTuple, get_args, get_origin
 
@@ -17,6 +17,7 @@ import msgspec
 import numpy as np
 
 from model.errors import FileError, InputError, as_given, shortened
+from model.units import millimetres
 from planner.io.annotations import ENDS, about_type, choice
 from planner.io.codec import in_si
 from planner.io.key_paths import Kind, Step, alternatives, chosen, hint, places, steps, type_inside
@@ -46,14 +47,18 @@ def checked(table: Any, kind: Any, name: str) -> Any:
 
 
 @contextmanager
-def told_in(name: str, where: str) -> Iterator[None]:
-    """Let what is not allowed inside the block be an error of a file, at a place in it."""
+def told_in(name: str, where: str, part: Any = None) -> Iterator[None]:
+    """Let what is not allowed inside the block be an error of a file, at a place in it.
+
+    With the part that the file holds there, it is told at the key of the argument, lengths in mm.
+    """
     try:
-        yield
+        with nullcontext() if part is None else millimetres():
+            yield
     except FileError:
         raise
     except InputError as reason:
-        raise FileError.of(reason, name, where) from None
+        raise _as_written(reason, name, where, part) from None
 
 
 class _Part(NamedTuple):
@@ -217,7 +222,7 @@ def no_toml(reason: str, text: bytes, name: str) -> FileError:
     return FileError(name, f"line {number}", message)
 
 
-def as_written(reason: InputError, name: str, key: str, part: Any) -> FileError:
+def _as_written(reason: InputError, name: str, key: str, part: Any) -> FileError:
     """Return what a class refuses as an error of the file that said so, at the argument's key.
 
     Parameters
@@ -246,7 +251,7 @@ def as_written(reason: InputError, name: str, key: str, part: Any) -> FileError:
     return FileError(name, path, f"got {held}, allowed is {reason.allowed}")
 
 
-_FIELD = re.compile(r"[\w.\[\]]+")
+_FIELD = re.compile(r"\w[\w.\[\]]*")
 _EFFECTS: dict[Step, str] = {kind.__name__: key for kind, key in KEYS.items()}
 
 

@@ -18,14 +18,14 @@ from model.effects import SelfContact
 from model.errors import FileError
 from model.loads import check_loads
 from model.machine.compiled import Compile
-from model.units import length_text, millimetres, warn_of_strokes
+from model.units import length_text, warn_of_strokes
 from model.winches import Winches, rest_lengths
 from planner.avoidance.asked import surroundings
 from planner.io.arm_tables import ArmTable, arm_of
 from planner.io.codec import arguments_of, in_si, table_of, value_of, written
 from planner.io.files import read_file, why
 from planner.io.key_paths import steps, value_at
-from planner.io.mistakes import as_written, checked, no_toml
+from planner.io.mistakes import checked, no_toml, told_in
 from planner.io.object_tables import EffectsTable, inlined, scene_of
 from planner.io.scene_tables import (
     LimitsTable,
@@ -155,11 +155,8 @@ _TARGETS = ("target", "targets")
 
 def _built(raw: dict[str, Any], name: str, key: str, build: Callable[[Any], R], of: Any) -> R:
     """Return what is built from a table; an error is told with the file and the table's key."""
-    try:
-        with millimetres():
-            return build(of)
-    except InputError as reason:
-        raise as_written(reason, name, key, value_at(raw, steps(key))) from None
+    with told_in(name, key, value_at(raw, steps(key)) or {}):
+        return build(of)
 
 
 def _targets(
