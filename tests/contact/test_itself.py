@@ -76,23 +76,6 @@ def test_what_makes_no_progress_ends_with_a_sentence(monkeypatch: pytest.MonkeyP
         settle(ARM, curled(3.0), SCENE)
 
 
-@pytest.mark.slow
-def test_coils_side_by_side_are_complementary_and_balanced_by_numpy_alone() -> None:
-    shape = settle(ARM, curled(3.5, 0.105), SCENE, compile=True)
-    touches = shape.contacts
-    assert len(touches) == 4
-    forces = np.array([touch.force for touch in touches])
-    places = shape.position(np.array([touch.s for touch in touches]))
-    assert np.abs(forces.sum(axis=0)).max() < 1e-15
-    assert np.abs(np.cross(places, forces).sum(axis=0)).max() < 1e-9 * np.abs(forces).max()
-    assert max(abs(touch.gap) for touch in touches) < 1e-8 * L
-    s = np.linspace(0, L, 601)
-    x = shape.position(s)
-    gap = np.linalg.norm(x[:, None] - x, axis=2) - 2 * R
-    gap[np.abs(s[:, None] - s) < 6 * R] = np.inf
-    assert gap.min() > -1e-8 * L
-
-
 def test_an_arm_that_does_not_meet_itself_is_settled_as_without() -> None:
     shape = settle(ARM, curled(1.0), SCENE)
     assert shape.contacts == ()
