@@ -52,8 +52,8 @@ class _Clear:
 class Around:
     """A planning question with surroundings; `searched` tells whether all guesses were tried."""
 
-    def __init__(self, task: Task, asked: Surroundings) -> None:
-        self.task, self.asked = task, asked
+    def __init__(self, task: Task, surroundings: Surroundings) -> None:
+        self.task, self.surroundings = task, surroundings
         self.trials: list[Trial] = []
         self.searched = False
 
@@ -70,29 +70,29 @@ class Around:
             if led is not None:
                 return led
         search, self.searched = Search(self.task), True
-        found = search.run(seconds)
-        if found.stopped:
-            return found, None
+        result = search.run(seconds)
+        if result.stopped:
+            return result, None
         self.task = search.task
         try:
             with time_limit(seconds and max(seconds - (monotonic() - began), 1e-3)):
-                in_the_way = self._in_the_way(found)
+                in_the_way = self._in_the_way(result)
                 if in_the_way is None:
-                    return found, None
-                led = self._led(search, found)
+                    return result, None
+                led = self._led(search, result)
         except OutOfTime:
-            return replace(found, stopped=True), None
-        reached = found.statement.mode == "exact" and led[0].statement.mode != "exact"
+            return replace(result, stopped=True), None
+        reached = result.statement.mode == "exact" and led[0].statement.mode != "exact"
         return (replace(led[0], in_the_way=in_the_way), led[1]) if reached else led
 
-    def _in_the_way(self, found: SearchResult) -> str | None:
+    def _in_the_way(self, result: SearchResult) -> str | None:
         """Return what a plan comes nearest to in words, None where it keeps clear."""
-        line = line_of(self.task, found.statement, np.ravel(found.tensions), finished=True)
+        line = line_of(self.task, result.statement, np.ravel(result.tensions), finished=True)
         if line is None:
             return ""
-        if self.asked.keeps(line):
+        if self.surroundings.keeps(line):
             return None
-        return told(clearances(line, self.asked.obstacles, self.asked.least))
+        return told(clearances(line, self.surroundings.obstacles, self.surroundings.least))
 
     def _near(self, near: SearchResult) -> tuple[SearchResult, Avoidance | None] | None:
         """Return a plan that keeps clear near one without surroundings."""
@@ -101,24 +101,24 @@ class Around:
         clear = self.coarse(np.ravel(near.tensions), "exact")
         return None if clear is None else self.fine(clear, "exact")
 
-    def _led(self, search: Search, found: SearchResult) -> tuple[SearchResult, Avoidance | None]:
+    def _led(self, search: Search, result: SearchResult) -> tuple[SearchResult, Avoidance | None]:
         """Return the best of what is led around."""
-        mode, task = found.statement.mode, self.task
-        optima = [np.ravel(found.tensions)]
+        mode, task = result.statement.mode, self.task
+        optima = [np.ravel(result.tensions)]
         optima += [task.tensions(solution) for solution in search.met]
         optima = _distinct(optima)[:_OPTIMA]
-        possible = mode == "nearest" or self.asked.allows(task.arm, task.targets)
+        possible = mode == "nearest" or self.surroundings.allows(task.arm, task.targets)
         best, clear = None, list[Array]()
         if possible:
-            best = self._best(optima, mode, self._effort(np.ravel(found.tensions)))
+            best = self._best(optima, mode, self._effort(np.ravel(result.tensions)))
             best = best or self._best(islice(search.guesses(), 1, None), mode)
         if best is None:
-            clear = clear_arms(task, self.asked)
+            clear = clear_arms(task, self.surroundings)
         if best is None and possible:
             best = self._best(clear, mode)
         if best is None and mode != "nearest":
             best = self._best([*clear, *optima[:1]], "nearest")
-        return (found, None) if best is None else best
+        return (result, None) if best is None else best
 
     def _best(
         self, starts: Iterable[Array], mode: Mode, least: float | None = None
@@ -131,12 +131,12 @@ class Around:
             if least is not None and mode == "exact" and self._effort(T) > best:
                 break
             clear = self.coarse(T, mode)
-            found = None if clear is None else self.fine(clear, mode)
-            if clear is not None and found is not None:
-                done.append((clear.solution.f, found))
+            result = None if clear is None else self.fine(clear, mode)
+            if clear is not None and result is not None:
+                done.append((clear.solution.f, result))
             if least is None and len(done) >= _ENOUGH:
                 break
-        return min(done, key=lambda own: own[0])[1] if done else None
+        return min(done, key=lambda pair: pair[0])[1] if done else None
 
     def _effort(self, T: Array) -> float:
         """Return the objective of tensions (n_tendons,), as the program counts it."""
@@ -153,11 +153,11 @@ class Around:
             line = line_of(self.task, self.task.coarse(mode), T)
             if line is None:
                 return None
-            near = (watched_places if clear is None else near_places)(line, self.asked)
+            near = (watched_places if clear is None else near_places)(line, self.surroundings)
             enough = avoidance is None or all(row.is_lasting for row in avoidance.rows)
             if clear is not None and enough and all(place.gap >= self._enough for place in near):
                 return clear
-            avoidance = updated(avoidance, near, line, self.asked)
+            avoidance = updated(avoidance, near, line, self.surroundings)
             clear = self._solved(avoidance, T, mode, clear is not None)
             if clear is None:
                 return None
@@ -173,11 +173,11 @@ class Around:
             line = line_of(self.task, fine.statement, fine.tensions, finished=True)
             if line is None:
                 return None
-            if self.asked.keeps(line):
-                found = fine.result(clear.task, tuple(self.trials))
-                return found, clear.avoidance if clear.avoidance and clear.avoidance.rows else None
-            near = near_places(line, self.asked)
-            avoidance = updated(clear.avoidance, near, line, self.asked)
+            if self.surroundings.keeps(line):
+                result = fine.result(clear.task, tuple(self.trials))
+                return result, clear.avoidance if clear.avoidance and clear.avoidance.rows else None
+            near = near_places(line, self.surroundings)
+            avoidance = updated(clear.avoidance, near, line, self.surroundings)
             clear = _with_more(clear, fine, avoidance)
         return None
 
@@ -187,27 +187,27 @@ class Around:
         An optimum `near` them, of the same with fewer inequalities, if they are one.
         """
         search = Search(keeping(self.task, avoidance))
-        found = search.from_tensions(mode, T, near)
+        end = search.from_tensions(mode, T, near)
         self.trials += search.trials
-        if found is None:
+        if end is None:
             return None
-        task, statement, solution = found
+        task, statement, solution = end
         return _Clear(task, statement, solution, avoidance)
 
     @property
     def _enough(self) -> float:
-        return self.asked.clearance + _CLEAR * self.asked.spare(self.task.arm)
+        return self.surroundings.clearance + _CLEAR * self.surroundings.spare(self.task.arm)
 
 
 def _with_more(clear: _Clear, fine: Refined, avoidance: Avoidance) -> _Clear:
     """Return a refined optimum, with its multipliers, as a guess with other inequalities."""
-    targets = tuple(own for own in clear.task.targets if not isinstance(own, Avoidance))
+    targets = tuple(one for one in clear.task.targets if not isinstance(one, Avoidance))
     task = keeping(replace(clear.task, targets=targets), avoidance)
-    before, after = (own.problem(fine.statement).rows for own in (clear.task, task))
+    before, after = (one.problem(fine.statement).rows for one in (clear.task, task))
     lam, parts = fine.solution.lam_g, list[Array]()
     for row, other in zip(before, after, strict=True):
-        own, lam = lam[: row.size], lam[row.size :]
-        parts.append(own if row.size == other.size else np.zeros(other.size))
+        one, lam = lam[: row.size], lam[row.size :]
+        parts.append(one if row.size == other.size else np.zeros(other.size))
     solution = replace(fine.solution, lam_g=np.concatenate(parts))
     return _Clear(task, fine.statement, solution, avoidance)
 

@@ -50,7 +50,7 @@ class Surroundings:
         """Return the surroundings at a time [s], where nothing moves."""
         if not self.moving:
             return self
-        placed = tuple(own.at(t) for own in self.moving)
+        placed = tuple(obstacle.at(t) for obstacle in self.moving)
         return replace(self, obstacles=self.obstacles + placed, moving=())
 
     @property
@@ -81,8 +81,8 @@ class Surroundings:
 
     def keeps(self, line: Centreline) -> bool:
         """Return whether the arm of a centreline is verified to keep clear."""
-        found = clearances(line, self.obstacles, self.least, self.clearance)
-        return all(found[name].gap >= gap for name, gap in self.least.items())
+        gaps = clearances(line, self.obstacles, self.least, self.clearance)
+        return all(gaps[name].gap >= gap for name, gap in self.least.items())
 
 
 NOTHING = Surroundings()
@@ -102,40 +102,46 @@ def surroundings(
     a place that the targets prescribe, and a clearance from nothing.
     """
     given = list(obstacles) if in_time and isinstance(obstacles, Sequence) else []
-    moving = tuple(own for own in given if isinstance(own, Moving))
-    found = check_obstacles([own for own in given if own not in moving] if moving else obstacles)
+    moving = tuple(obstacle for obstacle in given if isinstance(obstacle, Moving))
+    obstacles_there = check_obstacles(
+        [obstacle for obstacle in given if obstacle not in moving] if moving else obstacles
+    )
     if not isinstance(of_itself, bool | np.bool_):
         raise InputError("self_clearance", of_itself, "True or False")
-    asked = Surroundings(found, not_negative("clearance", clearance), bool(of_itself), moving)
-    if asked.clearance and not asked:
+    checked = Surroundings(
+        obstacles_there, not_negative("clearance", clearance), bool(of_itself), moving
+    )
+    if checked.clearance and not checked:
         allowed = "0, or obstacles to be clear of, or self_clearance=True"
         raise InputError("clearance", clearance, allowed)
-    if not asked.obstacles:
-        return asked
+    if not checked.obstacles:
+        return checked
     base, allowed = np.array(arm.base_position), "an obstacle away from the base"
-    _check_place(asked, "the arm's base", base, _radius(arm, 0.0), allowed)
+    _check_place(checked, "the arm's base", base, _radius(arm, 0.0), allowed)
     allowed = "an obstacle away from the target, or a target away from the obstacle"
     for place in _tips(arm, targets):
-        _check_place(asked, "the tip at its target", place, _radius(arm, arm.length), allowed)
-    return asked
+        _check_place(checked, "the tip at its target", place, _radius(arm, arm.length), allowed)
+    return checked
 
 
 def _tips(arm: Arm, targets: tuple[Target, ...]) -> list[Array]:
     """Return the places (3,) that targets prescribe for the tip."""
-    found = [target.prescribed(arm) for target in targets]
-    return [own["tip position"] for own in found if "tip position" in own]
+    prescribed = [target.prescribed(arm) for target in targets]
+    return [places["tip position"] for places in prescribed if "tip position" in places]
 
 
 def _radius(arm: Arm, s: float) -> float:
     return float(arm.radius.evaluate(np.array([s]), arm.length)[0][0])
 
 
-def _check_place(asked: Surroundings, name: str, place: Array, radius: float, allowed: str) -> None:
+def _check_place(
+    surroundings: Surroundings, name: str, place: Array, radius: float, allowed: str
+) -> None:
     """Raise InputError if an obstacle holds a place (3,) that the arm takes in any case."""
-    gaps = Bodies(asked.obstacles).at(place[None])[0] - radius - asked.clearance
+    gaps = Bodies(surroundings.obstacles).at(place[None])[0] - radius - surroundings.clearance
     for i in np.flatnonzero(gaps < 0):
-        told = f"{allowed}: {name} would be {-1e3 * gaps[i]:.3g} mm too near"
-        raise InputError(f"obstacles[{i}]", asked.obstacles[i], told)
+        sentence = f"{allowed}: {name} would be {-1e3 * gaps[i]:.3g} mm too near"
+        raise InputError(f"obstacles[{i}]", surroundings.obstacles[i], sentence)
 
 
 def told(found: Mapping[str, Clearance]) -> str:

@@ -55,19 +55,19 @@ def line_of(
         return None
 
 
-def clear_arms(task: Task, asked: Surroundings) -> list[Array]:
+def clear_arms(task: Task, surroundings: Surroundings) -> list[Array]:
     """Return tensions of arms that touch nothing, the nearest to the targets first."""
-    task, found = task.simple, list[Array]()
-    for k, T in enumerate(_likely_clear(task, asked)):
+    task, clear = task.simple, list[Array]()
+    for k, T in enumerate(_likely_clear(task, surroundings)):
         line = line_of(task, task.coarse("exact"), T)
-        if line is not None and all(near.gap >= 0 for near in near_places(line, asked)):
-            found.append(T)
-        if len(found) == _MOST or k == _LOOKED_AT:
+        if line is not None and all(near.gap >= 0 for near in near_places(line, surroundings)):
+            clear.append(T)
+        if len(clear) == _MOST or k == _LOOKED_AT:
             break
-    return found
+    return clear
 
 
-def _likely_clear(task: Task, asked: Surroundings) -> Iterator[Array]:
+def _likely_clear(task: Task, surroundings: Surroundings) -> Iterator[Array]:
     """Yield tensions of arms that touch no obstacle, the nearest to the targets first.
 
     Looked at on the coarsest mesh, for a scene without loads, so that some may touch after all.
@@ -78,9 +78,9 @@ def _likely_clear(task: Task, asked: Surroundings) -> Iterator[Array]:
     tensions = bends.tensions(bends.draw(_DRAWN))
     off = residuals(arm, task.scene, targets, tensions, task.machine_code)
     order = np.argsort(np.linalg.norm(off, axis=1), kind="stable")
-    bodies = Bodies(asked.obstacles)
+    bodies = Bodies(surroundings.obstacles)
     for some in np.split(order, np.arange(_TOGETHER, _DRAWN, _TOGETHER)):
         points, radius = many_places(arm, task.scene, tensions[some], task.machine_code)
-        found = bodies.at(points[:, :, None])[0]
-        clear = (found - radius[:, None] >= asked.clearance).all(axis=(1, 2))
+        distances = bodies.at(points[:, :, None])[0]
+        clear = (distances - radius[:, None] >= surroundings.clearance).all(axis=(1, 2))
         yield from (tensions[i] for i in some[clear])

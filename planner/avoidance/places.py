@@ -51,24 +51,24 @@ class Near:
     is_part: bool = False
 
 
-def watched_places(line: Centreline, asked: Surroundings) -> list[Near]:
+def watched_places(line: Centreline, surroundings: Surroundings) -> list[Near]:
     """Return the places where an arm is near; also those not so near, of one that is clear."""
-    far = near_places(line, asked, _WATCHED)
-    touches = any(place.gap < asked.clearance for place in far)
-    return near_places(line, asked) if touches else far
+    far = near_places(line, surroundings, _WATCHED)
+    touches = any(place.gap < surroundings.clearance for place in far)
+    return near_places(line, surroundings) if touches else far
 
 
-def near_places(line: Centreline, asked: Surroundings, within: float = _NEAR) -> list[Near]:
+def near_places(line: Centreline, surroundings: Surroundings, within: float = _NEAR) -> list[Near]:
     """Return the places where an arm is about as near as is allowed, or nearer."""
     each = max(1, -(-_POINTS // (line.s.size - 1)))
     s = np.interp(np.arange((line.s.size - 1) * each + 1) / each, np.arange(line.s.size), line.s)
     sampled = _Sampled(s, *line.at(s), line.turned(s))
-    most = asked.clearance + within * line.arm.length
-    found = _of_bodies(line, sampled, Bodies(asked.obstacles), 0.0, most)
-    if asked.of_itself:
-        found += _of_bodies(line, sampled, Bodies([base_plane(line.arm)]), np.pi / 2, most)
-        found += _of_pairs(line, sampled, most)
-    return found
+    most = surroundings.clearance + within * line.arm.length
+    near = _of_bodies(line, sampled, Bodies(surroundings.obstacles), 0.0, most)
+    if surroundings.of_itself:
+        near += _of_bodies(line, sampled, Bodies([base_plane(line.arm)]), np.pi / 2, most)
+        near += _of_pairs(line, sampled, most)
+    return near
 
 
 class _Sampled(NamedTuple):
@@ -102,8 +102,8 @@ def _of_bodies(
         low, high = s[rows, np.maximum(k - 1, 0)], s[rows, np.minimum(k + 1, _AROUND - 1)]
     obstacles = [bodies.obstacles[b] for b in body]
     return [
-        Near(float(s), own.nearest_part(x), float(gap), not isinstance(own, Convex))
-        for s, own, x, gap in zip(best, obstacles, line.at(best)[0], least, strict=True)
+        Near(float(s), obstacle.nearest_part(x), float(gap), not isinstance(obstacle, Convex))
+        for s, obstacle, x, gap in zip(best, obstacles, line.at(best)[0], least, strict=True)
     ]
 
 
@@ -121,9 +121,9 @@ def _of_pairs(line: Centreline, sampled: _Sampled, most: float) -> list[Near]:
         for _ in range(_ROUNDS):
             offsets = np.linspace(-step, step, _AROUND)
             a, b = (np.clip(at + offsets, 0, line.arm.length) for at in (one, other))
-            points, own = line.at(np.concatenate([a, b]))
+            points, radii = line.at(np.concatenate([a, b]))
             gap = np.linalg.norm(points[:_AROUND, None] - points[None, _AROUND:], axis=2)
-            gap = gap - own[:_AROUND, None] - own[None, _AROUND:]
+            gap = gap - radii[:_AROUND, None] - radii[None, _AROUND:]
             k, m = np.unravel_index(int(np.argmin(gap)), gap.shape)
             one, other, step = a[k], b[m], 2 * step / (_AROUND - 1)
         found.append(Near(float(one), float(other), float(gap[k, m])))
@@ -131,13 +131,13 @@ def _of_pairs(line: Centreline, sampled: _Sampled, most: float) -> list[Near]:
 
 
 def updated(
-    before: Avoidance | None, near: Sequence[Near], line: Centreline, asked: Surroundings
+    before: Avoidance | None, near: Sequence[Near], line: Centreline, surroundings: Surroundings
 ) -> Avoidance:
     """Return inequalities at places that are near, and those from before where these are not.
 
     Of parts of meshes not more than some between two stations.
     """
-    margin = asked.clearance + asked.spare(line.arm)
+    margin = surroundings.clearance + surroundings.spare(line.arm)
     rows = [_row(line, own.s, own.other, margin, own.is_part) for own in near]
     for row in before.rows if before else ():
         k = element_of(line.arm, row.place.s)
@@ -168,8 +168,8 @@ def _row(line: Centreline, s: float, other: float | Array, margin: float, is_par
     """Return the inequality of a place and a body, or of two places."""
     place, radius = _place(line, s)
     if isinstance(other, float):
-        second, own = _place(line, other)
-        return Apart(place, second, radius + own + margin)
+        second, other_radius = _place(line, other)
+        return Apart(place, second, radius + other_radius + margin)
     return Apart(place, tuple(other.tolist()), radius + margin, is_part)
 
 

@@ -97,7 +97,9 @@ class Avoidance(Free):
         if not count and not self.room:
             return ()
         least = self.room or (1,) * (grid(arm).size - 1)
-        return tuple(-(-max(count[k], own) // _SLOTS) * _SLOTS for k, own in enumerate(least))
+        return tuple(
+            -(-max(count[k], least_k) // _SLOTS) * _SLOTS for k, least_k in enumerate(least)
+        )
 
     @property
     def bodies(self) -> list[Apart]:
@@ -124,8 +126,8 @@ class Avoidance(Free):
         nothing = np.concatenate([np.zeros(7), far, [-3 * _FAR * arm.length]])
         held: dict[int, list[Array]] = {}
         for row in self.bodies:
-            own = np.concatenate([_weights(arm, row.place), np.array(row.other), [row.keep]])
-            held.setdefault(element_of(arm, row.place.s), []).append(own)
+            numbers = np.concatenate([_weights(arm, row.place), np.array(row.other), [row.keep]])
+            held.setdefault(element_of(arm, row.place.s), []).append(numbers)
         parts = [np.zeros(0)]
         for k in sorted(set(slots)):
             rows = held.get(k, [])
@@ -161,7 +163,7 @@ class Avoidance(Free):
 
     def _slots(self, arm: Arm) -> list[int]:
         """Return the element of each slot for a body."""
-        return [k for k, own in enumerate(self.needed(arm)) for _ in range(own)]
+        return [k for k, count in enumerate(self.needed(arm)) for _ in range(count)]
 
     def _elements(self, arm: Arm) -> list[tuple[int, int]]:
         """Return the elements of each pair of places."""
