@@ -9,10 +9,10 @@ import numpy as np
 
 from model.arm import Arm
 from model.contact.friction import History
-from model.contact.gaps import check_outside, least_gaps
+from model.contact.gaps import check_outside
 from model.contact.newton import newton
 from model.contact.path import Continuation, by_lengths, close, follow
-from model.contact.sharp import Request, Settled, sharpened, with_places
+from model.contact.sharp import Request, Settled, sharpened
 from model.contact.touches import places_of
 from model.equilibrium.equilibrium import Collocated, Equilibrium
 from model.equilibrium.forward import Collocation
@@ -27,8 +27,8 @@ from model.transcription.neighbours import landmarks
 from model.transcription.system import System
 from model.winches import Winches
 
-# Elements of a mesh over those of one without contact, and how long the longest may be: a share of
-# the arm's length, or of obstacle and arm together, but no shorter than a share of the length.
+# Elements of a mesh over those of one without contact, and how long the longest may be: a part of
+# the arm's length, or of obstacle and arm together, but no shorter than a part of the length.
 _FINER, _LONGEST, _SHORTEST = 2, 1 / 16, 1 / 100
 # From rest meshes that are finer begin with the equilibrium on the coarsest.
 _COARSE = 2
@@ -41,7 +41,7 @@ class Touching(Collocated):
     Attributes
     ----------
     snaps : tuple of float
-        At which shares of the way the arm jumped.
+        The load factors at which the arm jumped.
     before : Linearised or None
         With friction of contacts, the equilibrium before the last step: what has slipped since.
     """
@@ -117,18 +117,6 @@ class TouchingMap(Collocation):
                 return replace(coarse, settled=there)
         rest = Linearised(self.system, self.system.x(0 * T, 0.0, self._rest))
         return follow(request, 0 * T, 0.0, Settled(rest, ()))
-
-    def with_nodes(self, here: Linearised, below: float) -> Linearised:
-        """Return an equilibrium on a mesh with nodes where gaps are least, and `below` that.
-
-        Over the arm's length; they tell the gap there. The same equilibrium where none is.
-        """
-        places = places_of(here.system)
-        near = [s for _, s in least_gaps(here.system, here.x, places, below)]
-        request = self._request(here.tensions)
-        request = replace(request, fixed=np.union1d(self._fixed, near))
-        there = with_places(request, here, places) if near else here
-        return here if there is None else there
 
     def by_lengths(self, winches: Winches) -> Linearised | None:
         """Return the equilibrium about where winches hold the tendons; None if none is found."""

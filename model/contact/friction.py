@@ -79,7 +79,7 @@ def _by_history(before: Linearised, earlier: Array, here: Linearised, by_step: A
     by_before = _by_positions(here, nodes.tolist())
     by_history = by_before @ were.reshape(3 * nodes.size, -1)
     point, j = np.nonzero(touches.point[nodes])
-    rolled = _tangents(here, s[point]) - _tangents(before, s[point])
+    rolled = tangents(here, s[point]) - tangents(before, s[point])
     by_shift = -np.einsum("nki,ki->nk", by_before.reshape(-1, nodes.size, 3)[:, point], rolled)
     shifts = system.of.touches[nodes[point], j, 1]
     right = (by_step + by_history)[shifts]
@@ -87,7 +87,7 @@ def _by_history(before: Linearised, earlier: Array, here: Linearised, by_step: A
     return np.asarray(by_history + by_shift @ shifted)
 
 
-def _tangents(here: Linearised, s: Array) -> Array:
+def tangents(here: Linearised, s: Array) -> Array:
     """Return the derivatives (k, 3) of the midline by arc length, on the base side of s (k,)."""
     positions, step = History(here).positions, _ALONG * here.system.arm.length
     return np.asarray((positions(s) - positions(s - step)) / step)

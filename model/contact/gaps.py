@@ -39,9 +39,9 @@ def along(system: System, x: Array, s: Array, obstacles: Array | Index) -> Array
     poses, v = poses_and_strains(system, x, s)
     m, step = of.form.stages, np.clip(np.searchsorted(mesh.s, s) - 1, 0, mesh.steps - 1)
     h = np.diff(mesh.s)[step]
-    share = (s - mesh.s[step]) / h
+    fraction = (s - mesh.s[step]) / h
     p = np.arange(1, m)
-    weights = p * share[:, None] ** (p - 1) @ gauss(m).powers[1:] / h[:, None]
+    weights = p * fraction[:, None] ** (p - 1) @ gauss(m).powers[1:] / h[:, None]
     stages = x[of.first + of.stages].reshape(-1, m, of.form.strains)[step]
     rate = np.einsum("km,kmn->kn", weights, stages)
     bodies = system.p[of.equations.numbers_of("touch")].reshape(-1, of.form.contacts, TOUCH)
@@ -89,20 +89,17 @@ def gaps_along(system: System, states: Array) -> tuple[Array, Array]:
     return s, distances(bodies, points)[0] - line.radius(element, fraction)[:, None]
 
 
-def least_gaps(
-    system: System, x: Array, places: Places = (), below: float = -THROUGH
-) -> list[tuple[int, float]]:
-    """Return obstacle and arc length [m] where gaps over the length are least, and `below` that.
+def least_gaps(system: System, x: Array, places: Places = ()) -> list[tuple[int, float]]:
+    """Return obstacle and arc length [m] where gaps are least, and below 0.
 
-    But for where the arm touches already. Gaps change at most twice as fast as arc length, so that
-    they may be below 0 beside samples which are nearer than that.
+    But for `places`, where the arm touches already. Gaps change at most twice as fast as arc
+    length, so that they may be below 0 beside samples which are nearer than that.
     """
     s, gap = gaps_along(system, x[system.of.first :])
     apart = np.diff(s, prepend=0.0)
     reach = np.maximum(apart, np.append(apart[1:], 0.0))
     wide = np.pad(gap, ((1, 1), (0, 0)), constant_values=np.inf)
-    near = reach[:, None] + max(below, 0.0) * s[-1]
-    least, same = (gap < near) & (gap <= wide[:-2]) & (gap <= wide[2:]), SAME * s[-1]
+    least, same = (gap < reach[:, None]) & (gap <= wide[:-2]) & (gap <= wide[2:]), SAME * s[-1]
     for place in places:
         least[(s >= place.start - same) & (s <= place.end + same), place.obstacle] = False
     k, j = np.nonzero(least)
@@ -117,7 +114,7 @@ def least_gaps(
         )
         at = np.take_along_axis(stations, gaps.argmin(axis=1)[:, None], axis=1)[:, 0]
         reach = (ends[1] - ends[0]) / (_AMONG - 1)
-    low = gaps.min(axis=1) < below * most
+    low = gaps.min(axis=1) < -THROUGH * most
     return sorted(set(zip(j[low].tolist(), at[low].tolist(), strict=True)))
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from model.contact.friction import History
 from model.contact.gaps import along, least_gaps
 from model.contact.newton import newton
-from model.contact.stability import held_stands, unstable_mode
+from model.contact.stability import is_stable, unstable_mode
 from model.contact.touches import (
     SAME,
     Place,
@@ -129,7 +129,7 @@ def stable(request: Request, at: Settled) -> Settled | None:
     """
     system, unstable = at.here.system, unstable_mode(at.here)
     if unstable is None:
-        return at if held_stands(at.here) else None
+        return at if is_stable(at.here) else None
     value, mode = unstable
     states, damping, places = at.here.states.copy(), -_DAMPED * value, at.places
     strains = system.strains(states) + _ASIDE * mode
@@ -145,7 +145,7 @@ def stable(request: Request, at: Settled) -> Settled | None:
         if angle < _RESTS:
             break
     end = sharpened(request, near, places)
-    return end if end is not None and held_stands(end.here) else None
+    return end if end is not None and is_stable(end.here) else None
 
 
 def turned(one: Linearised, other: Linearised) -> float:
@@ -289,7 +289,7 @@ def _exchanged(of: Request, here: Linearised, places: Places) -> Places:
 
 
 def _rounding(system: System, pressed: Array) -> Array:
-    """Return what forces (N + 1,) are rounding [N]: a share of the largest of those that press.
+    """Return what forces (N + 1,) are rounding [N]: a part of the largest of those that press.
 
     Or what bends the elements beside a node by the last digit of its place.
     """

@@ -23,7 +23,7 @@ _NONE = 1e-4
 _BASIS, _ROUGH, _RESTARTS = 32, 1e-2, 30
 
 
-def held_stands(here: Linearised) -> bool:
+def is_stable(here: Linearised) -> bool:
     """Return whether an equilibrium is stable with its contacts closed."""
     try:
         return _extreme(here, "SR", _ROUGH)[0] > -_NONE
@@ -51,7 +51,7 @@ def unstable_mode(here: Linearised) -> tuple[float, Array] | None:
 
 
 def held_stability(here: Linearised) -> float:
-    """Return the least eigenvalue of the scaled Hessian; below 0 it does not stand.
+    """Return the least eigenvalue of the scaled Hessian; below 0 it is unstable.
 
     Of a Hessian that is not symmetric the least real part. 0 where the arm is about to buckle.
     """
@@ -81,9 +81,9 @@ def _extreme(
 
     operator = LinearOperator((n, n), matvec=inverse, dtype=float)
     start = np.random.default_rng(0).standard_normal(n)
-    given = {"v0": start, "ncv": min(_BASIS, n - 1), "tol": tol, "maxiter": _RESTARTS}
+    options = {"v0": start, "ncv": min(_BASIS, n - 1), "tol": tol, "maxiter": _RESTARTS}
     try:
-        values, vectors = eigs(operator, 1, which=which, **given)
+        values, vectors = eigs(operator, 1, which=which, **options)
     except ArpackNoConvergence:  # as where many eigenvalues are one
         values, vectors = np.linalg.eig(inverse(np.eye(n)))
     k = int(np.argmin(values.real) if which == "SR" else np.argmax(values.real))

@@ -66,20 +66,6 @@ def touch(law: CrossSection, m: int) -> Kernel:
     return Kernel("touch", ca.vertcat(ca.vec(v), q, u, P, p), c, ca.vertcat(*rows))
 
 
-@lru_cache(maxsize=32)
-def gap_function(law: CrossSection, m: int) -> ca.Function:
-    """Return (strains of the element before; q, u; numbers of a touch) -> gap, gap', normal (3,).
-
-    And the derivatives of the gap by the strains and u.
-    """
-    v, q, u = ca.SX.sym("v", size(law), m), ca.SX.sym("q", 4), ca.SX.sym("u", 3)
-    c = ca.SX.sym("c", TOUCH)
-    gap, slope, _, normal = _gap(law, m, v, q, u, c)
-    by_strains = ca.densify(ca.gradient(gap, ca.vec(v)))
-    given = [ca.vec(v), ca.vertcat(q, u), c]
-    return ca.Function("gap", given, [gap, slope, normal, by_strains], {"cse": True})
-
-
 def _gap(
     law: CrossSection, m: int, v: ca.SX, q: ca.SX, u: ca.SX, c: ca.SX
 ) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:

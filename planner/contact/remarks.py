@@ -22,7 +22,7 @@ from planner.targets.wrap import Wrap
 
 # Where a part is looked at, and the step of differences [m].
 _LOOKS, _STEP = 201, 1e-6
-# What stands for no limit of tensions, in those that bend the arm by 1 rad.
+# What is taken for no limit of tensions, in those that bend the arm by 1 rad.
 _STRONG = 20.0
 _CLOSE = 1e-6
 
@@ -58,7 +58,7 @@ def _curvatures(wrap: Wrap, shape: Shape, limits: Limits) -> str:
     k = int(np.argmax(over))
     if over[k] <= _CLOSE * arm.length:
         return ""
-    asked = curvature_along(wrap, shape, s)
+    needed = curvature_along(wrap, shape, s)
     most, is_most = attainable_curvature(arm, shape.scene, limits, s)
     allow = "allow" if is_most else "allow at least"
     bent = _bend_towards(wrap, shape, float(s[k]))
@@ -66,14 +66,14 @@ def _curvatures(wrap: Wrap, shape: Shape, limits: Limits) -> str:
     along = _part_along(wrap, shape, s, gaps)
     short = curvature_along(wrap, shape, s, wrap.tolerance) - most
     if is_most and _too_tight(short, s, wrap.tolerance * radius):
-        worst = int(np.argmax(asked - most))
-        found = f"it asks for {asked[worst]:.3g} /m, the limits allow {most[worst]:.3g} /m"
+        worst = int(np.argmax(needed - most))
+        numbers = f"it asks for {needed[worst]:.3g} /m, the limits allow {most[worst]:.3g} /m"
         place = f"at {1e3 * s[worst]:.4g} mm, in the direction of the shape found"
-        return f"The obstacle is too tight for the arm {place}: {found}. {along}"
-    if bent > asked[k]:
-        more = f"the arm bends by {bent:.3g} /m, more than the {asked[k]:.3g} /m of the obstacle"
+        return f"The obstacle is too tight for the arm {place}: {numbers}. {along}"
+    if bent > needed[k]:
+        more = f"the arm bends by {bent:.3g} /m, more than the {needed[k]:.3g} /m of the obstacle"
         return f"In the shape found the obstacle is too slack for the arm {where}: {more}. {along}"
-    numbers = f"it asks for {asked[k]:.3g} /m, the limits {allow} {most[k]:.3g} /m there"
+    numbers = f"it asks for {needed[k]:.3g} /m, the limits {allow} {most[k]:.3g} /m there"
     less = f"the arm bends by {bent:.3g} /m {where}; {numbers}"
     cause = "no shape along the whole part was found, though its curvature may be within the limits"
     return f"In the shape found {less}: {cause}. {along}"
@@ -147,7 +147,7 @@ def attainable_curvature(arm: Arm, scene: Scene, limits: Limits, s: Array) -> tu
 
     All tendons of one side pull as hard as they may, the others as little: of all sides the best.
     Then whether limits of single tensions are all that bounds it: of tendons without limit no more
-    is looked at than 20 times what bends the arm by 1 rad, of those with a sum a share for each.
+    is looked at than 20 times what bends the arm by 1 rad, of those with a sum a part for each.
     """
     strong = _STRONG * natural_tensions(arm)
     upper = np.minimum(np.array(limits.upper), strong)

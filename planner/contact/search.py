@@ -11,7 +11,7 @@ from time import monotonic
 import numpy as np
 
 from model.contact.forward import TouchingMap
-from model.equilibrium.forward import STAGES, Collocation
+from model.equilibrium.forward import STAGES
 from model.equilibrium.linearised import Linearised
 from model.errors import InputError, OctoplanError
 from model.loads import contacts, is_loaded, without_friction
@@ -20,30 +20,30 @@ from model.progress import tell
 from model.scene import Scene
 from model.shape import Shape
 from model.time_limit import OutOfTime, check_time, end, time_limit
-from planner.contact.exchange import Exchange, Optimum
 from planner.contact.load_path import LoadPath, rubs
-from planner.contact.program import Program
-from planner.contact.rubbing import Sliding, against_friction
+from planner.contact.optimum import Equilibria, Optimum
 from planner.initial_guess.guesses import initial_guesses
 from planner.initial_guess.many_arms import bend_coordinates, many_places
 from planner.program.limits import natural_tensions
 from planner.program.statement import Mode
-from planner.program.terms import compliance_requests, stations_of
+from planner.program.terms import compliance_requests
 from planner.solve.task import SearchResult, Task, Trial
 from planner.targets.base import Target
 from planner.targets.hold import Hold
 from planner.targets.wrap import Wrap
 
-# Meshes on which optima are searched for, and the best is found; which are one, by their efforts.
+# Meshes for the search and for the best optimum; the relative difference in effort of one optimum.
 ROUGH, FINE, _SAME = 1, 2, 1e-3
-# The share of a time limit that the search may take, the rest is for the fine mesh.
+# The fraction of a time limit that the search may take, the rest is for the fine mesh.
 _SEARCHED = 0.6
 # Where the arm would snap it is held to so much stability.
 _FLOOR = 1e-2
 # How far the tip may be from where a load path leads, over the arm's length.
 _ELSEWHERE = 1e-2
-# Products of forces and gaps that are allowed, one after the other; the mesh.
-_RELAXED, _MESH = (1e-1, 1e-3), 3
+# The fraction of a stability margin that an optimum has to have.
+_CLOSE = 1 - 1e-6
+# What is taken of the way to tensions without friction, and beyond.
+_SLID = (1.0, 1.5, 2.5)
 # Bends towards targets, in natural tensions, and towards what is held, harder and harder.
 _BENDS, _HARDER = (0.3, 1.0, 2.0), 0.25 * 1.5 ** np.arange(8)
 # Arms that are drawn, and those that are tried, no deeper in what they hold, over their length.
@@ -99,18 +99,16 @@ class ContactSearch:
 
     def __init__(self, task: Task, begin: LoadPath | None = None) -> None:
         self.task, self.begin = task, begin
-        self.found = list[Local]()
+        self.optima = list[Local]()
 
     def run(self, seconds: float | None) -> SearchResult:
         """Return the best optimum from the guesses, or the best so far after so long."""
-        if rubs(self.task.scene):
-            return self._against_friction(seconds)
         stopped, best = False, None
         with time_limit(seconds):
             try:
                 left = end() - monotonic()
                 with time_limit(_SEARCHED * left if isfinite(left) else None):
-                    self._search()
+                    self._slide() if rubs(self.task.scene) else self._search()
                     check_time()
             except OutOfTime:
                 stopped = True
@@ -121,22 +119,31 @@ class ContactSearch:
                 stopped = True
         return self._result(best, stopped)
 
-    def _against_friction(self, seconds: float | None) -> SearchResult:
-        """Return the plan from where the arm is, by what it takes without friction."""
+    def _slide(self) -> None:
+        """Find optima against friction, by what the targets take without.
+
+        Where the arm still sticks no tensions tell how to move it: steps begin at those that it
+        takes without friction, and beyond.
+        """
         assert self.begin is not None
         scene = without_friction(self.task.scene)
         smooth, T = replace(self.task, scene=scene, starts=1), np.array(self.begin[-1])
-        with time_limit(seconds):
-            for begin in (self.begin, None):
-                smooth_plan = ContactSearch(smooth, begin).run(None)
-                T = np.ravel(smooth_plan.tensions)
-                if smooth_plan.statement.mode == "exact" or smooth_plan.stopped:
-                    break
-            return against_friction(self.task, self.begin, T, None)
+        free = T
+        for begin in (self.begin, None):
+            smooth_plan = ContactSearch(smooth, begin).run(None)
+            free = np.ravel(smooth_plan.tensions)
+            if smooth_plan.statement.mode == "exact" or smooth_plan.stopped:
+                break
+        fine, low = Equilibria(self.task, FINE), np.array(self.task.allowed.lower)
+        here = fine.along(self.begin)
+        for factor in _SLID[: self.task.starts]:
+            with suppress(OctoplanError):
+                start = np.maximum(T + factor * (free - T), low)
+                self.optima.append(Local(fine.optimum(here, start), self.begin))
 
     def _search(self) -> None:
         """Find optima until two agree on the best, or there are as many as are asked for."""
-        rough, ends = Exchange(self.task, ROUGH), list[tuple[Array, Local | None]]()
+        rough, ends = Equilibria(self.task, ROUGH), list[tuple[Array, Local | None]]()
         close = _SAME * float(np.max(natural_tensions(self.task.arm)))
         for tried, (before, T) in enumerate(self._begun(rough), 1):
             tell("initial guesses", tried - 1, self.task.most)
@@ -146,37 +153,44 @@ class ContactSearch:
             )
             ends.append((T, local))
             if local is not None:
-                self.found.append(local)
-            met = sorted(one.optimum.effort for one in self.found if not one.optimum.violation)
+                self.optima.append(local)
+            met = sorted(one.optimum.effort for one in self.optima if not one.optimum.violation)
             agreed = len(met) > 1 and met[1] < met[0] * (1 + _SAME)
             followed = self.begin is not None and tried == len(met) == 1
             if followed or (agreed and self.task.starts is None) or tried == self.task.most:
                 return
 
-    def _begun(self, rough: Exchange) -> Iterator[tuple[LoadPath, Array]]:
+    def _begun(self, rough: Equilibria) -> Iterator[tuple[LoadPath, Array]]:
         """Yield load paths and the tensions at their ends: what is near, then others from rest."""
         if self.begin is not None:
             yield self.begin[:-1], np.array(self.begin[-1])
         yield from (((), T) for T in guesses(self.task, rough))
 
-    def _from(self, rough: Exchange, load_path: LoadPath) -> Local | None:
+    def _from(self, rough: Equilibria, load_path: LoadPath) -> Local | None:
         """Return the optimum that a load path leads to; None where the arm comes to no rest."""
+        least = max(self.task.statement.margin, _FLOOR)
         try:
             here = rough.along(load_path)
-            margin, optimum = self.task.statement.margin, rough.optimum(here)
-            snaps = optimum is None or (not optimum.violation and not rough.is_stable(optimum))
-            stable = rough.optimum(here, max(margin, _FLOOR)) if snaps else None
+            optimum = rough.optimum(here)
+            if optimum.stability < least and not self._is_stable(optimum):
+                optimum = rough.optimum(here, least=least)
         except OctoplanError:
             return None
-        optimum = stable if stable is not None else optimum
-        return None if optimum is None else Local(optimum, load_path[:-1])
+        return Local(optimum, load_path[:-1])
+
+    def _is_stable(self, optimum: Optimum) -> bool:
+        """Return whether an optimum meets the targets and is as stable as it has to be."""
+        margin = max(self.task.statement.margin * _CLOSE, 0.0)
+        return not optimum.violation and optimum.stability >= margin
 
     def _best(self) -> Local | None:
         """Return the best optimum on the fine mesh to which a load path leads."""
         order = sorted(
-            self.found, key=lambda local: (local.optimum.violation, local.optimum.effort)
+            self.optima, key=lambda local: (local.optimum.violation, local.optimum.effort)
         )
-        fine = Exchange(self.task, FINE) if order else None
+        if rubs(self.task.scene):
+            return order[0] if order else None
+        fine = Equilibria(self.task, FINE) if order else None
         for rough in order:
             assert fine is not None
             for path in rough.load_paths():
@@ -185,12 +199,14 @@ class ContactSearch:
                     return local
         return order[0] if order else None
 
-    def _on_fine(self, fine: Exchange, rough: Local, path: LoadPath) -> Local | None:
+    def _on_fine(self, fine: Equilibria, rough: Local, path: LoadPath) -> Local | None:
         """Return the optimum on the fine mesh if a load path leads there."""
         old, far = rough.optimum, _ELSEWHERE * self.task.arm.length
         try:
             start = fine.along((*path, old.steps[-1]))
-            optimum = fine.optimum(start, old.least) if _apart(start, old.here) < far else None
+            optimum = (
+                fine.optimum(start, least=old.least) if _apart(start, old.here) < far else None
+            )
             if optimum is None or bool(optimum.violation) != bool(old.violation):
                 return None
             there = fine.along((*path, optimum.steps[-1]))
@@ -200,7 +216,7 @@ class ContactSearch:
 
     def _result(self, best: Local | None, stopped: bool) -> SearchResult:
         """Return what is told of the best; of where the search began where there is none."""
-        ends = [local.optimum for local in self.found]
+        ends = [local.optimum for local in self.optima]
         trials = tuple(Trial(optimum.effort, not optimum.violation, 0) for optimum in ends)
         exact = best is not None and not best.optimum.violation
         mode: Mode = "exact" if exact else "nearest"
@@ -234,66 +250,48 @@ def optimality_of(task: Task, tensions: Array, shape: Shape, load_path: LoadPath
 
     Of the shape that a load path leads to.
     """
+    fine = Equilibria(task, FINE)
     try:
         if rubs(task.scene):
-            return Sliding(task, load_path).optimality(tensions)[0]
-        fine = Exchange(task, FINE)
-        here = fine.map.found(tensions, shape.known)
-        return fine.optimality(here, task.statement.least * task.statement.modes).residual
+            end = fine.near(fine.along(load_path))(tensions)
+            return fine.optimality(end[0], lambda _: end, 0.0).residual
+        here, least = fine.map.found(tensions, shape.known), task.statement.least
+        least *= task.statement.modes
+        return fine.optimality(here, fine.near(here), least).residual
     except OctoplanError:
         return np.inf
 
 
-def guesses(task: Task, exchange: Exchange) -> Iterator[Array]:
+def guesses(task: Task, rough: Equilibria) -> Iterator[Array]:
     """Yield tensions (n_tendons,) [N], the likeliest first."""
     towards = _towards(task)
     if any(isinstance(target, Hold) for target in task.targets):
-        yield from _pressing(task, exchange, towards)
+        yield from _pressing(task, rough, towards)
         return
-    yield from _relaxed(task)
-    yield from (share * tensions for tensions in towards for share in _BENDS)
-
-
-def _relaxed(task: Task) -> Iterator[Array]:
-    """Yield the tensions of optima by complementarity, from the guesses of a free arm."""
-    smooth = without_friction(task.scene)
-    form = (STAGES, _MESH, stations_of(task.arm, task.targets), True, task.machine_code)
-    free = Collocation(task.arm, smooth, *form)
-    program = Program(free.system, task.targets, task.allowed)
     question = task.arm, task.simple.scene, task.targets, task.allowed, task.machine_code
-    for T in initial_guesses(*question, is_loaded(task.simple.scene)):
-        check_time()
-        with suppress(OctoplanError):
-            z = program.guess(T, free.without_loads(T))
-            for eps in _RELAXED:
-                point = program.solve(z, eps)
-                if not point.met:
-                    break
-                z = point.x
-            else:
-                yield program.tensions(z)
+    yield from initial_guesses(*question, is_loaded(task.simple.scene))
+    yield from (factor * tensions for tensions in towards for factor in _BENDS)
 
 
-def _pressing(task: Task, exchange: Exchange, towards: list[Array]) -> Iterator[Array]:
+def _pressing(task: Task, rough: Equilibria, towards: list[Array]) -> Iterator[Array]:
     """Yield tensions of arms that press on what they hold."""
     low, high = np.array(task.allowed.lower), np.array(task.allowed.upper)
     holds = [target for target in task.targets if isinstance(target, Hold)]
     yield from (
-        _pressed(exchange, [np.clip(c * natural, low, high) for c in _HARDER])
-        for natural in towards
+        _pressed(rough, [np.clip(c * natural, low, high) for c in _HARDER]) for natural in towards
     )
     for hold in holds:
         yield from _reaching(task, hold)
 
 
-def _pressed(exchange: Exchange, row: list[Array]) -> Array:
+def _pressed(rough: Equilibria, row: list[Array]) -> Array:
     """Return those of growing tensions that leave least of the wrenches, up to where it snaps."""
     trials, here = [(np.inf, row[0])], None
     with suppress(OctoplanError):
         for T in row:
             check_time()
-            here = exchange.settled(T, here)
-            trials.append((exchange.wrench_left(here), T))
+            here = rough.settled(T, here)
+            trials.append((rough.wrench_left(here), T))
     return min(trials, key=lambda trial: trial[0])[1]
 
 

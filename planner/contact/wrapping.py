@@ -24,10 +24,10 @@ from planner.solve.task import Task
 from planner.targets.base import Target
 from planner.targets.wrap import Wrap
 
-# Plans with which a part's length is found, how much longer than is thought they make it, and what
+# Plans from which a part's length follows, how much longer than estimated they make it, and what
 # is to spare; arc lengths at which turns are taken.
 _ROUNDS, _LONGER, _SPARE, _SAMPLES = 4, 0.03, 5e-3, 201
-# The share of a time limit for plans beside what the arm may lean on.
+# The fraction of a time limit for plans beside what the arm may lean on.
 _SHARE = 0.25
 P = TypeVar("P", bound=Answer)
 
