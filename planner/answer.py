@@ -26,9 +26,9 @@ from planner.program.limits import Limits
 from planner.program.optimality import Point
 from planner.program.problem import Problem, build, units
 from planner.program.program import STABILITY, STROKES
-from planner.program.statement import Mode, Statement, effort
+from planner.program.statement import Mode, effort
 from planner.solve.refine import defect, settled
-from planner.solve.task import SearchResult, Task, Trial, agreed, allowed
+from planner.solve.task import SearchResult, Task, allowed
 from planner.targets.base import Target
 from planner.tendon_lengths import strokes
 
@@ -46,8 +46,8 @@ class Optimum(NamedTuple):
     residual: float
 
 
-@dataclass(frozen=True, eq=False)
-class Answer:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Answer(SearchResult):
     """Tensions for a target. Numbers only; shape, certificate and outcome are derived from them.
 
     An answer whose tensions are changed (dataclasses.replace) is checked afresh.
@@ -55,30 +55,9 @@ class Answer:
     Attributes
     ----------
     arm, scene, targets, limits
-        What was asked.
-    statement : Statement
-        How it was stated in the end: its `mode` is "nearest" if the targets could not be met.
-    tensions : (n_sections, n), or (n_tendons,) where sections differ in number
-        [N].
-    lam_x, lam_g : tuple of float
-        Multipliers of bounds and constraints of the problem, scaled, CasADi's signs.
+        What was asked; what was found is told in SearchResult.
     accuracy : float
         What residuals and tip errors are held to, over the arm's length.
-    starts : tuple of Trial
-        The initial guesses tried, in order.
-    stopped : bool
-        Whether the time limit ended the search: these are the best tensions it had come to.
-    jump : float
-        How far the tensions are from those of the plan that was to be followed, over their norm,
-        where its branch was left; 0 where it was not, or none was given.
-    lost : float
-        By what share of the effort the coarse mesh of the search had a cheaper optimum that was
-        lost on finer ones; 0 if none.
-    in_the_way : str
-        The obstacle that the plan without obstacles comes nearest to, where only obstacles keep the
-        targets from being met; empty else.
-    unstable : bool
-        Whether the search met the targets by shapes less stable than asked alone.
     machine_code : bool
         Whether compiled kernels found it, and find what is derived from it; no part of the answer.
     surroundings : Surroundings
@@ -91,39 +70,16 @@ class Answer:
     scene: Scene
     targets: tuple[Target, ...]
     limits: Limits
-    statement: Statement
-    tensions: Array
-    lam_x: tuple[float, ...]
-    lam_g: tuple[float, ...]
     accuracy: float
-    starts: tuple[Trial, ...]
-    stopped: bool = False
-    jump: float = 0.0
-    lost: float = 0.0
-    in_the_way: str = ""
-    unstable: bool = False
     machine_code: bool = field(default=False, compare=False)
     surroundings: Surroundings = NOTHING
     avoidance: Avoidance | None = None
 
     @classmethod
-    def of(cls, task: Task, found: SearchResult, **more: Any) -> Self:
+    def of(cls, task: Task, result: SearchResult, **more: Any) -> Self:
         """Return the answer to a task that a search found; `more` are further fields."""
-        asked = ("arm", "scene", "targets", "limits", "accuracy", "machine_code")
-        answer = (
-            "statement",
-            "tensions",
-            "lam_x",
-            "lam_g",
-            "starts",
-            "stopped",
-            "jump",
-            "lost",
-            "in_the_way",
-            "unstable",
-        )
-        own = {name: getattr(task, name) for name in asked}
-        return cls(**own, **{name: getattr(found, name) for name in answer}, **more)
+        shared = ("arm", "scene", "targets", "limits", "accuracy", "machine_code")
+        return cls(**{name: getattr(task, name) for name in shared}, **vars(result), **more)
 
     @cached_property
     def shape(self) -> Shape:
@@ -152,9 +108,9 @@ class Answer:
     def certificate(self) -> Certificate:
         """The check of the tensions by another integrator; see planner.certificate."""
         T = np.ravel(self.tensions)
-        asked = (self.arm, self.scene, self.targets, self.limits)
+        question = (self.arm, self.scene, self.targets, self.limits)
         more = (self.statement.margin, self.surroundings)
-        return certify(*asked, T, lambda: self.shape, self._kkt(), self.accuracy, *more)
+        return certify(*question, T, lambda: self.shape, self._kkt(), self.accuracy, *more)
 
     @property
     def mode(self) -> Mode:
@@ -172,16 +128,11 @@ class Answer:
         return float(effort(np.ravel(self.tensions), self.statement.norm))
 
     @property
-    def agreed(self) -> int:
-        """How many starts ended at the best objective, to a thousandth."""
-        return agreed(self.starts)
-
-    @property
     def outcome(self) -> str:
         """What happened, what holds it, and what to try: a sentence."""
-        found = (self.certificate, self.mode, self.effort, len(self.starts), self.agreed)
+        facts = (self.certificate, self.mode, self.effort, len(self.starts), self.agreed)
         held = tuple(self.holding()), self.arm.length, self.stopped, self.in_the_way, self.unstable
-        said = sentence(Facts(*found, *held))
+        said = sentence(Facts(*facts, *held))
         if self.jump:
             more = f"left the branch of the plan before: tensions jump by {100 * self.jump:.0f} %"
             said = f"{said.removesuffix('.')}; {more}."
@@ -207,8 +158,10 @@ class Answer:
         """
         if not self.reached or self.mode != "exact" or self.surroundings:
             return ()
-        asked = (self.arm, self.scene, self.targets, self.limits, self.shape, self.accuracy)
-        return tuple((mirror.angle, self.arm.by_section(T)) for mirror, T in mirror_images(*asked))
+        question = (self.arm, self.scene, self.targets, self.limits, self.shape, self.accuracy)
+        return tuple(
+            (mirror.angle, self.arm.by_section(T)) for mirror, T in mirror_images(*question)
+        )
 
     def holding(self) -> list[str]:
         """Return the names of the limits that hold the tensions back, hardest first."""
@@ -217,28 +170,28 @@ class Answer:
         T, lam = np.ravel(self.tensions), np.array(self.lam_x)
         limits = allowed(self.arm, self.targets, self.limits)
         near = 1e-6 * units(self.arm, limits)
-        found = []
+        active = []
         for j, upper in enumerate(self.limits.upper):
             if limits.upper[j] == upper and T[j] >= upper - near[j] and lam[j] > 1e-9:
                 name = f"{self.arm.tendon_name(j)} at its maximum of {upper:g} N"
-                found.append((float(lam[j]), name))
+                active.append((float(lam[j]), name))
         if np.ravel(self._rows("stretch")).min(initial=0.0) < -1e-9:
-            found.append((np.inf, "the body, which would be crushed (1 + q at its least)"))
+            active.append((np.inf, "the body, which would be crushed (1 + q at its least)"))
         if np.ravel(self._rows(STABILITY)).min(initial=0.0) < -1e-9:
             least = self.statement.least
-            found.append((np.inf, f"stability, at its margin of {least:g}"))
+            active.append((np.inf, f"stability, at its margin of {least:g}"))
         if np.ravel(self._rows("inequality")).min(initial=0.0) < -1e-9 and self.surroundings:
-            found.append((0.0, "what the arm is to keep clear of"))
+            active.append((0.0, "what the arm is to keep clear of"))
         if self.limits.strokes is not None:
             lam_strokes = np.ravel(self._rows(STROKES))
             for j in np.flatnonzero(np.abs(lam_strokes) > 1e-9).tolist():
                 end = self.limits.strokes[int(lam_strokes[j] < 0)][j]
                 name = f"the stroke of {self.arm.tendon_name(j)}, at {1e3 * end:g} mm"
-                found.append((abs(float(lam_strokes[j])), name))
+                active.append((abs(float(lam_strokes[j])), name))
         total = self.limits.total
         if total is not None and T.sum() >= total * (1 - 1e-6):
-            found.append((np.inf, f"the total pull at its maximum of {total:g} N"))
-        return [name for _, name in sorted(found, key=lambda item: -item[0])]
+            active.append((np.inf, f"the total pull at its maximum of {total:g} N"))
+        return [name for _, name in sorted(active, key=lambda item: -item[0])]
 
     @property
     def stated(self) -> tuple[Target, ...]:
@@ -257,9 +210,9 @@ class Answer:
 
     @cached_property
     def optimum(self) -> Optimum | None:
-        """The tensions as a point of their program; None where multipliers are of another one.
+        """The tensions as a point of their program.
 
-        Raises what settling does.
+        None where they do not settle, and where the multipliers are of another program.
         """
         problem = self._problem()
         n, m = problem.n_free, problem.n_outer
@@ -269,18 +222,18 @@ class Answer:
             return None
         limits = allowed(self.arm, self.targets, self.limits)
         p = problem.parameters(self.stated, limits)
-        x = problem.settled(np.ravel(self.tensions), limits, p, self.shape.known)
-        off = defect(problem, x, self.stated, self.shape)
-        point = Point(problem, x, problem.parameters(self.stated, limits, defect=off))
+        try:
+            x = problem.settled(np.ravel(self.tensions), limits, p, self.shape.known)
+            error = defect(problem, x, self.stated, self.shape)
+            point = Point(problem, x, problem.parameters(self.stated, limits, defect=error))
+        except (OctoplanError, np.linalg.LinAlgError):
+            return None
         residual = point.residual(lam_x, lam_g, problem.bounds(limits))
         lam_x = np.append(lam_x, np.zeros(x.size - n))
-        return Optimum(x, lam_x, point.all_multipliers(lam_g), off, residual)
+        return Optimum(x, lam_x, point.all_multipliers(lam_g), error, residual)
 
     def _kkt(self) -> float:
-        try:
-            return np.inf if self.optimum is None else self.optimum.residual
-        except (OctoplanError, np.linalg.LinAlgError):
-            return np.inf
+        return np.inf if self.optimum is None else self.optimum.residual
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Answer):

@@ -41,7 +41,7 @@ class OnRequest:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, OnRequest):
             return NotImplemented
-        mine, theirs = ((own.clearances, own.load_factor) for own in (self, other))
+        mine, theirs = ((request.clearances, request.load_factor) for request in (self, other))
         return mine == theirs
 
     __hash__ = None  # type: ignore[assignment]
@@ -117,7 +117,7 @@ class Certificate:
 
         See model.clearance; found when it is asked for.
         """
-        return {name: own.gap for name, own in self.on_request.clearances.items()}
+        return {name: clearance.gap for name, clearance in self.on_request.clearances.items()}
 
     @property
     def nearest(self) -> str:
@@ -143,19 +143,21 @@ class Certificate:
     @property
     def too_near(self) -> Mapping[str, float]:
         """By how much less than asked the arm is clear of things that were asked about [m]."""
-        lacks = {name: least - self.gaps_asked[name] for name, least in self.least_gaps.items()}
-        return {name: lack for name, lack in lacks.items() if lack > 0}
+        missing = {name: least - self.gaps_asked[name] for name, least in self.least_gaps.items()}
+        return {name: distance for name, distance in missing.items() if distance > 0}
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What was not asked about and yet cannot be, a sentence each."""
         gaps = self.gaps.items()
-        found = [(name, gap) for name, gap in gaps if gap < 0 and name not in self.least_gaps]
-        told = [f"the arm passes through {name} by {-1e3 * gap:.3g} mm" for name, gap in found]
+        negative = [(name, gap) for name, gap in gaps if gap < 0 and name not in self.least_gaps]
+        sentences = [
+            f"the arm passes through {name} by {-1e3 * gap:.3g} mm" for name, gap in negative
+        ]
         slack = self.stability < BRINK and not self.stability_margin
         if self.stability >= 0 and (slack or (self.load_factor or np.inf) < 1 + BRINK):
-            told.append(f"it stands on the brink: it {self.bears}")
-        return tuple(told)
+            sentences.append(f"it stands on the brink: it {self.bears}")
+        return tuple(sentences)
 
     @property
     def residual(self) -> float:
@@ -189,7 +191,7 @@ class Certificate:
         if self.complementarity is not None:
             checks.append((self.complementarity, COMPLEMENTARY, "complementarity missed by"))
         near = self.too_near.items()
-        checks += [(1e3 * lack, 0.0, f"too near {name} by [mm]") for name, lack in near]
+        checks += [(1e3 * distance, 0.0, f"too near {name} by [mm]") for name, distance in near]
         failed = [check for check in checks if not check[0] <= check[1]]
         return tuple(f"{name} {value:.2g}, allowed {limit:.2g}" for value, limit, name in failed)
 
@@ -200,7 +202,7 @@ class Certificate:
 
     @property
     def _stable(self) -> float:
-        """What the stability may lack: digits of a mesh, nothing where the arm has to stand."""
+        """How far below its margin stability may be: digits of a mesh, 0 without a margin."""
         return STABILITY_TOLERANCE if self.stability_margin > 0 else 0.0
 
     @property
@@ -228,7 +230,7 @@ class Certificate:
 
     def __str__(self) -> str:
         head = f"certificate: {'PASSED' if self.passed else 'FAILED'} (checked by {self.scheme})"
-        lines = columns([["  " + name, told, note] for name, told, note in self.rows], left=3)
+        lines = columns([["  " + name, value, note] for name, value, note in self.rows], left=3)
         lines += [f"  beware: {warning}" for warning in self.warnings]
         return "\n".join([head, *lines, *(f"  failed: {failure}" for failure in self.failures)])
 
@@ -236,11 +238,13 @@ class Certificate:
     def rows(self) -> list[tuple[str, str, str]]:
         """Return what was checked: name with unit, value, what is allowed."""
         most = f"at most {self.tolerance:.0e}"
-        found = [(name, value, most) for name, value in self.equality.items()]
+        measured = [(name, value, most) for name, value in self.equality.items()]
         least = "as small as the limits allow"
-        found += [(name, value, least) for name, value in self.soft_residual.items()]
-        found += [(name, value, "at least 0") for name, value in self.inequality.items()]
-        rows = [(f"{name} [{self.units.get(name, '-')}]", v, told) for name, v, told in found]
+        measured += [(name, value, least) for name, value in self.soft_residual.items()]
+        measured += [(name, value, "at least 0") for name, value in self.inequality.items()]
+        rows = [
+            (f"{name} [{self.units.get(name, '-')}]", v, allowed) for name, v, allowed in measured
+        ]
         rows += [
             ("limits violated by [N]", self.bounds, "at most 0"),
             ("optimality residual [-]", self.kkt, f"at most {KKT_TOLERANCE:.0e}"),
@@ -254,7 +258,7 @@ class Certificate:
             rows.append(("complementarity missed by", self.complementarity, ""))
         nearest = self.nearest or "can meet nothing"
         rows.append(("clearance [mm]", 1e3 * self.clearance, nearest))
-        return [(name, _digits(value), told) for name, value, told in rows]
+        return [(name, _digits(value), allowed) for name, value, allowed in rows]
 
 
 def _digits(value: float) -> str:

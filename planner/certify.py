@@ -75,7 +75,7 @@ def certify(
         stations, sharp = stations_of(arm, targets), max(_SHARPER * tolerance, FINEST_ACCURACY)
         check = _printed if printed else _integrated
         poses, tip, error, least, line = check(shape, stations, sharp)
-        asked = _asked(line, surroundings)
+        gaps = _asked(line, surroundings)
     except (OctoplanError, OutOfTime) as reason:
         why = _LATE if isinstance(reason, OutOfTime) else str(reason)
         return Certificate(bounds=excess, scheme=scheme, tolerance=tolerance, problem=why)
@@ -95,10 +95,10 @@ def certify(
         stability_margin,
         scheme,
         tolerance,
-        gaps_asked={name: clear.gap for name, clear in asked.items()},
+        gaps_asked={name: clear.gap for name, clear in gaps.items()},
         least_gaps=surroundings.least,
         on_request=OnRequest(
-            lambda: asked | clearances(line(), surroundings.obstacles, KINDS - asked.keys()),
+            lambda: gaps | clearances(line(), surroundings.obstacles, KINDS - gaps.keys()),
             lambda: _load_factor(shape),
         ),
         units=measured_units(arm, targets),
@@ -111,10 +111,10 @@ def _held(targets: tuple[Target, ...], shape: Shape) -> dict[str, Array]:
     """Return what is left of the wrenches that are held, over their sizes, by name."""
     holds = [target for target in targets if isinstance(target, Hold)]
     sizes = [hold.size(shape.arm) for hold in holds]
-    found = [left_of(shape.arm, shape, hold) for hold in holds]
-    for left in found:
+    residuals = [left_of(shape.arm, shape, hold) for hold in holds]
+    for left in residuals:
         left[3:] /= LEVER * shape.arm.length
-    rows = [left / size for left, size in zip(found, sizes, strict=True)]
+    rows = [left / size for left, size in zip(residuals, sizes, strict=True)]
     return {WRENCH: np.concatenate(rows)} if rows else {}
 
 
@@ -131,8 +131,8 @@ def _stroke_excess(shape: Shape, limits: Limits) -> float:
     """Return the largest violation of a limit of strokes, over the arm's length."""
     if limits.strokes is None:
         return 0.0
-    (least, most), found = limits.strokes, strokes(shape, limits.stroke_zero)
-    over = max(float((least - found).max()), float((found - most).max()), 0.0)
+    (least, most), lengths = limits.strokes, strokes(shape, limits.stroke_zero)
+    over = max(float((least - lengths).max()), float((lengths - most).max()), 0.0)
     return over / shape.arm.length
 
 
@@ -154,15 +154,15 @@ def _integrated(shape: Shape, stations: tuple[float, ...], accuracy: float) -> C
     for mesh in sorted({min(shape.refinement, coarser), shape.refinement}):
         form = (STAGES, mesh, stations, is_loaded(shape.scene), shape.machine_code)
         forward = Collocation(shape.arm, shape.scene, *form)
-        here = forward.found(shape.tensions, shape.known)
-        found = verified(here, accuracy)
-        poses = forward.system.poses(found.here.states)
+        equilibrium = forward.found(shape.tensions, shape.known)
+        check = verified(equilibrium, accuracy)
+        poses = forward.system.poses(check.here.states)
         gap = np.abs(poses[-1] - shape.poses(shape.arm.length)) / scale
         if gap.max() <= _CLOSE * accuracy:
             break
     places = [forward.mesh.node(s) for s in stations]
-    line = partial(Centreline.at_states, forward.system, found.here.states)
-    return poses[places], poses[-1, 4:], found.error, stability(found.here), line
+    line = partial(Centreline.at_states, forward.system, check.here.states)
+    return poses[places], poses[-1, 4:], check.error, stability(check.here), line
 
 
 def _rough(shape: Shape) -> Linearised:
@@ -174,12 +174,12 @@ def _rough(shape: Shape) -> Linearised:
 def _in_contact(shape: Shape, stations: tuple[float, ...], accuracy: float) -> Checked:
     """Return what initial value integration makes of a shape in contact."""
     form = (STAGES, shape.refinement, stations, True, shape.machine_code)
-    here = by_collocation(shape.arm, shape.scene, *form).found(shape.tensions, shape.known)
-    found = verified(here, accuracy)
-    system, states = here.system, found.here.states
+    equilibrium = by_collocation(shape.arm, shape.scene, *form).found(shape.tensions, shape.known)
+    check = verified(equilibrium, accuracy)
+    system, states = equilibrium.system, check.here.states
     poses, line = system.poses(states), partial(Centreline.at_states, system, states)
     places = [system.mesh.node(s) for s in stations]
-    return poses[places], poses[-1, 4:], found.error, held_stability(here), line
+    return poses[places], poses[-1, 4:], check.error, held_stability(equilibrium), line
 
 
 def _violation(shape: Shape, line: Centreline) -> float:
@@ -208,7 +208,7 @@ def _load_factor(shape: Shape) -> float | None:
 
 def _printed(shape: Shape, stations: tuple[float, ...], accuracy: float) -> Checked:
     """Return what another integrator makes of a scene as printed."""
-    asked = (shape.arm, shape.tensions, shape.scene, accuracy, _PRINTED)
-    check = settle(*asked, compile=shape.machine_code)
+    question = (shape.arm, shape.tensions, shape.scene, accuracy, _PRINTED)
+    check = settle(*question, compile=shape.machine_code)
     poses, line = check.poses(np.array(stations)), partial(Centreline.of, check)
     return poses, check.tip, check.error, np.inf, line

@@ -183,12 +183,12 @@ def _without(scene: Scene, effect: Effect) -> Scene:
 
 def _richer(scene: Scene) -> list[tuple[Effect, Scene]]:
     """Return each of the known effects that the scene lacks and can have, and the scene with it."""
-    found = []
+    effects = []
     for effect, *needs in () if scene.has(PrintedStatics) else _KNOWN:
         if not scene.has(type(effect)):
             added = [effect, *(need for need in needs if not scene.has(type(need)))]
-            found.append((effect, Scene(*scene.effects, *added)))
-    return found
+            effects.append((effect, Scene(*scene.effects, *added)))
+    return effects
 
 
 def _compare(

@@ -126,15 +126,15 @@ def _failed(
 ) -> FailedPlan:
     rows = arm.by_section(np.zeros(arm.n_tendons))
     return FailedPlan(
-        arm,
-        scene,
-        targets,
-        limits,
         Statement(),
         np.full_like(rows, np.nan),
         (),
         (),
-        float(others.get("accuracy", 1e-6)),
         (),
+        arm=arm,
+        scene=scene,
+        targets=targets,
+        limits=limits,
+        accuracy=float(others.get("accuracy", 1e-6)),
         reason=reason,
     )

@@ -30,18 +30,20 @@ _STIFF_ACCURACY = 1e-8
 
 
 def measure(
-    arm: Arm, targets: tuple[Target, ...], poses: Array, given: Array
+    arm: Arm, targets: tuple[Target, ...], poses: Array, compliances: Array
 ) -> tuple[dict[str, Array], dict[str, Array], dict[str, Array]]:
     """Return the targets' equality, soft residual and inequality terms by name.
 
     Of poses (K, 7) at the targets' stations, and of what `compliances_along` returns.
     """
     terms, numbers = _terms(arm, targets), _numbers(arm, targets)
-    found: list[dict[str, Array]] = []
-    for kind, value in zip(terms.names, terms.function(poses.ravel(), numbers, given), strict=True):
-        flat, own = value.ravel(), np.array(kind)
-        found.append({name: flat[own == name] for name in dict.fromkeys(kind)})
-    return found[0], found[1], found[2]
+    measured: list[dict[str, Array]] = []
+    for kind, value in zip(
+        terms.names, terms.function(poses.ravel(), numbers, compliances), strict=True
+    ):
+        flat, names = value.ravel(), np.array(kind)
+        measured.append({name: flat[names == name] for name in dict.fromkeys(kind)})
+    return measured[0], measured[1], measured[2]
 
 
 def measured_units(arm: Arm, targets: tuple[Target, ...]) -> dict[str, str]:
@@ -64,12 +66,12 @@ def _terms(arm: Arm, targets: tuple[Target, ...]) -> _Measured:
 
 @lru_cache(maxsize=64)
 def _of_structure(arm: Arm, structure: tuple[object, ...], targets: Same) -> _Measured:
-    own = targets.value
-    function = terms_function(arm, own)
+    value = targets.value
+    function = terms_function(arm, value)
     dense = ca.Function(
         "terms", function.mx_in(), [ca.densify(v) for v in function.call(function.mx_in())]
     )
-    return _Measured(Buffered(dense), term_names(arm, own), term_units(arm, own))
+    return _Measured(Buffered(dense), term_names(arm, value), term_units(arm, value))
 
 
 def _numbers(arm: Arm, targets: tuple[Target, ...]) -> Array:
@@ -87,7 +89,7 @@ def compliances_along(
     requests, numbers = compliance_requests(targets), _numbers(arm, targets)
     if not requests:
         return np.zeros(0)
-    found = []
+    compliances = []
     for request, along in zip(
         requests, directions_function(arm, targets).call([numbers]), strict=True
     ):
@@ -102,8 +104,8 @@ def compliances_along(
             compile=shape.machine_code,
         )
         D = np.array(along)
-        found.append((D.T @ k.compliance[:3, :3] @ D).ravel("F"))
-    return np.concatenate(found)
+        compliances.append((D.T @ k.compliance[:3, :3] @ D).ravel("F"))
+    return np.concatenate(compliances)
 
 
 def remark_on_slack(arm: Arm, targets: tuple[Target, ...], shape: Shape) -> str:
@@ -113,23 +115,23 @@ def remark_on_slack(arm: Arm, targets: tuple[Target, ...], shape: Shape) -> str:
     all tendons pull.
     """
     slack = np.flatnonzero(~pulls(arm, shape.tensions))
-    asked = [(own, own.compliance_request()) for own in targets]
-    requests = [(own, request) for own, request in asked if request is not None]
+    pairs = [(item, item.compliance_request()) for item in targets]
+    requests = [(item, request) for item, request in pairs if request is not None]
     if not slack.size or all(request.hold == "tension" for _, request in requests):
         return ""
     ends = np.cumsum([request.width**2 for _, request in requests])[:-1]
-    both = [np.split(compliances_along(arm, targets, shape, own), ends) for own in (False, True)]
-    told = []
+    both = [np.split(compliances_along(arm, targets, shape, item), ends) for item in (False, True)]
+    sentences = []
     for (target, request), locked, released in zip(requests, *both, strict=True):
         if request.hold == "length":
             wanted = isinstance(target, MinimumStiffness)
             unit = "times what is wanted" if wanted else "N/m"
-            values = [_least_stiffness(own) for own in (locked, released)]
-            told.append(f"{values[0]:.4g} {unit} locked, {values[1]:.4g} released")
+            values = [_least_stiffness(item) for item in (locked, released)]
+            sentences.append(f"{values[0]:.4g} {unit} locked, {values[1]:.4g} released")
     names = ", ".join(arm.tendon_name(int(j)) for j in slack)
     return (
         " With lengths held all tendons are counted as locked, also those without tension, "
-        f"{names}: the tip's stiffness is {'; '.join(told)}, as stiffness() has it by default."
+        f"{names}: the tip's stiffness is {'; '.join(sentences)}, as stiffness() has it by default."
     )
 
 

@@ -68,14 +68,14 @@ def _by_half_turn(axis: Array, side: int) -> Array:
 @lru_cache(maxsize=32)
 def mirrors(arm: Arm, limits: Limits) -> tuple[Mirror, ...]:
     """Return the planes that map the tendons to others of the same path and limits."""
-    found: list[Mirror] = []
+    planes: list[Mirror] = []
     first, phi = arm.tendons[0]
     sums = {(phi + other) % (2 * np.pi) for i, other in arm.tendons if i == first}
     for double in sorted(sums):
         images = [_image(arm, limits, j, double) for j in range(arm.n_tendons)]
         if None not in images:
-            found.append(Mirror(double / 2, np.array(images)))
-    return tuple(found)
+            planes.append(Mirror(double / 2, np.array(images)))
+    return tuple(planes)
 
 
 def _image(arm: Arm, limits: Limits, j: int, double: float) -> int | None:
@@ -84,15 +84,15 @@ def _image(arm: Arm, limits: Limits, j: int, double: float) -> int | None:
     None where there is none.
     """
     section, phi = arm.tendons[j]
-    own = arm.tendons_of(section + 1)
+    tendons = arm.tendons_of(section + 1)
     anchorage = arm.sections[section]
     if anchorage.turn is not None:
         return None
-    for k in own:
-        off = (double - phi - arm.tendons[k][1] + np.pi) % (2 * np.pi) - np.pi
-        paths = [anchorage.offsets[i - own[0]] for i in (j, k)]
+    for k in tendons:
+        apart = (double - phi - arm.tendons[k][1] + np.pi) % (2 * np.pi) - np.pi
+        paths = [anchorage.offsets[i - tendons[0]] for i in (j, k)]
         bounds = [(limits.lower[i], limits.upper[i]) for i in (j, k)]
-        if abs(off) < _SAME_ANGLE and paths[0] == paths[1] and bounds[0] == bounds[1]:
+        if abs(apart) < _SAME_ANGLE and paths[0] == paths[1] and bounds[0] == bounds[1]:
             return k
     return None
 

@@ -72,8 +72,10 @@ def _happened(facts: Facts) -> str:
         parts = [_success(facts), f"effort {facts.effort:.4g} N", *_bears(certificate), tried]
         return f"{'; '.join(parts)}."
     if certificate.strokes > certificate.tolerance:
-        found = f"the nearest one found passes them by {_length(facts, certificate.strokes)}"
-        return f"Not reached: no shape within the limits of strokes is found; {found}; {tried}."
+        nearest_one = f"the nearest one found passes them by {_length(facts, certificate.strokes)}"
+        return (
+            f"Not reached: no shape within the limits of strokes is found; {nearest_one}; {tried}."
+        )
     if facts.mode != "exact" and not certificate.attained:
         gaps = _gaps(facts)
         nearest = "attainable shape" if facts.is_nearest else "shape found"
@@ -82,8 +84,10 @@ def _happened(facts: Facts) -> str:
         advice = "move it or the target, raise the limits or ask for less clearance"
         return f"Not clear: {certificate.nearest}; no way around it was found: {advice} ({tried})."
     if certificate.lacks_stability:
-        asked = f"stability {certificate.stability:.3g}, asked {certificate.stability_margin:g}"
-        return f"Not stable enough: {asked}; raise the limits or ask for a lower margin ({tried})."
+        stability = f"stability {certificate.stability:.3g}, asked {certificate.stability_margin:g}"
+        return (
+            f"Not stable enough: {stability}; raise the limits or ask for a lower margin ({tried})."
+        )
     failures = "; ".join(certificate.failures)
     return f"Not certified: {failures}; ask for a finer accuracy or more starts ({tried})."
 
@@ -106,17 +110,18 @@ def _success(facts: Facts) -> str:
 
 def _gaps(facts: Facts) -> str:
     certificate = facts.certificate
-    off = [item for item in certificate.equality.items() if item[1] > certificate.tolerance]
-    lacks = [item for item in certificate.inequality.items() if item[1] < -certificate.tolerance]
+    missed = [item for item in certificate.equality.items() if item[1] > certificate.tolerance]
+    short = [item for item in certificate.inequality.items() if item[1] < -certificate.tolerance]
     gaps = [
-        f"{name} by {_amount(facts, certificate.units.get(name, ''), value)}" for name, value in off
+        f"{name} by {_amount(facts, certificate.units.get(name, ''), value)}"
+        for name, value in missed
     ]
-    gaps += [_lack(name, value) for name, value in lacks]
+    gaps += [_lack(name, value) for name, value in short]
     return "off in " + ", ".join(gaps)
 
 
 def _lack(name: str, value: float) -> str:
-    """Return what an inequality lacks; of a share of what is wanted, the most that can be had."""
+    """Return by how much an inequality is violated; of a ratio to what is wanted, its maximum."""
     if not name.endswith(OVER_WANTED):
         return f"{name} (short by {-value:.3g})"
     most = f"at most {1 + value:.4g} times what is wanted can be had"
@@ -138,12 +143,14 @@ def _holders(facts: Facts) -> str:
     if facts.stopped:
         return "the search was not at its end, a longer time limit may bring it nearer"
     if facts.in_the_way:
-        told = f"obstacles are in the way: without them it is met, and {facts.in_the_way}"
-        return f"{told}; move them or the target, or ask for less clearance"
+        reason = f"obstacles are in the way: without them it is met, and {facts.in_the_way}"
+        return f"{reason}; move them or the target, or ask for less clearance"
     if facts.unstable:
         least = facts.certificate.stability_margin
-        told = f"less stable than the margin of {least:g}" if least else "unstable under the loads"
-        return f"what meets it is {told}; stiffen the arm, lower the loads or move the target"
+        reason = (
+            f"less stable than the margin of {least:g}" if least else "unstable under the loads"
+        )
+        return f"what meets it is {reason}; stiffen the arm, lower the loads or move the target"
     if not facts.holders and not facts.is_nearest:
         return "no limit is active, more starts may find a nearer one"
     if not facts.holders:

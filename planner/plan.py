@@ -114,21 +114,14 @@ class Plan(Answer):
 class HeldPlan(Plan):
     """A plan for an arm in contact; see planner.contact.
 
-    Attributes
-    ----------
-    load_path : tuple of (n_tendons,)
-        Tensions by which the arm comes to the shape: from rest tensions and loads grow in
-        proportion to the first, then they change in straight lines to the next and to the plan's.
-        Empty where it comes there from rest. `shape.snaps` tells where the arm jumps at last.
+    Its load path is told in SearchResult; `shape.snaps` tells where the arm jumps at last.
     """
-
-    load_path: tuple[tuple[float, ...], ...] = ()
 
     @cached_property
     def shape(self) -> Shape:
         """See Answer.shape: the one to which its load path leads."""
-        asked = (self.arm, self.load_path, np.ravel(self.tensions), self.scene)
-        return settled_along(*asked, max(self.accuracy / 10, 1e-12), self.machine_code)
+        arguments = (self.arm, self.load_path, np.ravel(self.tensions), self.scene)
+        return settled_along(*arguments, max(self.accuracy / 10, 1e-12), self.machine_code)
 
     @cached_property
     def grips(self) -> tuple[Grip, ...]:
@@ -146,9 +139,9 @@ class HeldPlan(Plan):
         return np.array(self.lam_g[-1:] if name == STABILITY and self.statement.modes else ())
 
     def _kkt(self) -> float:
-        asked = (self.arm, self.targets, self.scene, self.limits, self.statement, self.accuracy)
+        question = (self.arm, self.targets, self.scene, self.limits, self.statement, self.accuracy)
         T = np.ravel(self.tensions)
-        return optimality_of(Task(*asked, self.machine_code), T, self.shape, self.load_path)
+        return optimality_of(Task(*question, self.machine_code), T, self.shape, self.load_path)
 
 
 @with_progress
@@ -290,15 +283,17 @@ def _with_turns(
     """
     free, bodies = beside_contacts(task, around)
 
-    def planned(found: tuple[Target, ...], before: Plan | None) -> Plan:
-        leads = isinstance(before, HeldPlan) or (before is not None and before.mode == "exact")
-        return _planned(replace(task, targets=found), around, before if leads else near, None)
+    def planned(targets: tuple[Target, ...], previous: Plan | None) -> Plan:
+        leads = isinstance(previous, HeldPlan) or (
+            previous is not None and previous.mode == "exact"
+        )
+        return _planned(replace(task, targets=targets), around, previous if leads else near, None)
 
-    def measured(found: tuple[Target, ...], before: Plan | None) -> Plan:
-        own = None if isinstance(before, HeldPlan) else before
+    def measured(targets: tuple[Target, ...], previous: Plan | None) -> Plan:
+        own = None if isinstance(previous, HeldPlan) else previous
         most = None if free is task else share_left()
-        there = _planned(replace(free, targets=found), bodies, own, most)
-        return there if there.mode == "exact" or free is task else planned(found, before)
+        nearby = _planned(replace(free, targets=targets), bodies, own, most)
+        return nearby if nearby.mode == "exact" or free is task else planned(targets, previous)
 
     with time_limit(seconds):
         return with_turns(task.arm, task.targets, wrap, planned, measured)
@@ -307,8 +302,8 @@ def _with_turns(
 def _planned(task: Task, around: Surroundings, near: Plan | None, seconds: float | None) -> Plan:
     if contacts(task.scene):
         return _held(task, near, seconds)
-    found, avoidance = searched(task, around, near, seconds)
-    return Plan.of(task, found, surroundings=around, avoidance=avoidance)
+    result, avoidance = searched(task, around, near, seconds)
+    return Plan.of(task, result, surroundings=around, avoidance=avoidance)
 
 
 def _held(task: Task, near: Plan | None, seconds: float | None) -> HeldPlan:
@@ -317,8 +312,8 @@ def _held(task: Task, near: Plan | None, seconds: float | None) -> HeldPlan:
     begin = None if near is None else (*load_path, tuple(np.ravel(near.tensions).tolist()))
     if begin is None and rubs(task.scene):
         begin = from_rest(task.arm, np.array(task.allowed.lower), task.scene)
-    found = ContactSearch(task, begin).run(seconds)
-    return HeldPlan.of(task, found, load_path=found.load_path)
+    result = ContactSearch(task, begin).run(seconds)
+    return HeldPlan.of(task, result)
 
 
 def _check_near(near: Plan, task: Task) -> None:
@@ -344,13 +339,13 @@ def searched(
         avoidance, left = None, not followed
         if around and not (followed and followed.stopped):
             led = Around(task, around)
-            found, avoidance = led.run(seconds, followed)
+            result, avoidance = led.run(seconds, followed)
             left = led.searched
         else:
-            found = followed or Search(task).run()
-    if not left or found.stopped or found.statement.mode != "exact":
-        return found, avoidance
-    return replace(found, jump=jump(near.tensions, found.tensions)), avoidance
+            result = followed or Search(task).run()
+    if not left or result.stopped or result.statement.mode != "exact":
+        return result, avoidance
+    return replace(result, jump=jump(near.tensions, result.tensions)), avoidance
 
 
 def _kept_clear(near: Answer, task: Task, around: Surroundings) -> SearchResult | None:
@@ -360,8 +355,8 @@ def _kept_clear(near: Answer, task: Task, around: Surroundings) -> SearchResult 
     """
     if near.avoidance is None or near.surroundings != around:
         return None
-    found = warm_start(near, keeping(task, near.avoidance))
-    if found is None or found.stopped or found.jump:
+    result = warm_start(near, keeping(task, near.avoidance))
+    if result is None or result.stopped or result.jump:
         return None
-    line = line_of(task, found.statement, np.ravel(found.tensions), finished=True)
-    return found if line is not None and around.keeps(line) else None
+    line = line_of(task, result.statement, np.ravel(result.tensions), finished=True)
+    return result if line is not None and around.keeps(line) else None

@@ -57,15 +57,15 @@ def warn_of_form(form: Any) -> None:
         return
     if form not in _FORMS:
         raise InputError("form", form, f"{', '.join(_FORMS)}; it is deprecated and has no effect")
-    told = "form has no effect: there is one program; solver= tells what solves it"
-    warn(told, DeprecationWarning)
+    warning = "form has no effect: there is one program; solver= tells what solves it"
+    warn(warning, DeprecationWarning)
 
 
 def stated(limits: Limits, norm: Any, solver: Any, margin: Any) -> Statement:
     """Return the statement of a plan, checked; see plan."""
     limited, wound = limits.total is not None, limits.strokes is not None
-    own = Statement(check_solver(solver), check_norm(norm), limited=limited, wound=wound)
-    return own.but(margin=checked_margin(margin))
+    statement = Statement(check_solver(solver), check_norm(norm), limited=limited, wound=wound)
+    return statement.but(margin=checked_margin(margin))
 
 
 def checked_starts(starts: int | None) -> int | None:

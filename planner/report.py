@@ -29,8 +29,8 @@ def tension_table(arm: Arm, tensions: Array, upper: Array) -> str:
 
 def length_table(shape: Shape) -> str:
     """Return a table of the tendons' lengths [mm], a line a section."""
-    own = shape.arm.tendons_by_section
-    return tendon_table("tendon lengths [mm]", own, 1e3 * shape.tendon_lengths)
+    tendon = shape.arm.tendons_by_section
+    return tendon_table("tendon lengths [mm]", tendon, 1e3 * shape.tendon_lengths)
 
 
 def stroke_table(shape: Shape, zero: Any = None) -> str:
@@ -42,14 +42,14 @@ def stroke_table(shape: Shape, zero: Any = None) -> str:
     title = f"strokes [mm] from the {'straight arm at rest' if zero is None else 'zero given'}"
     lines = [tendon_table(title, arm.tendons_by_section, 1e3 * strokes(shape, zero))]
     slack = [arm.tendon_name(int(j)) for j in np.flatnonzero(shape.slack)]
-    told = f"{', '.join(slack)}; their strokes are at most those above" if slack else "none"
-    lines.append(f"  slack: {told}")
+    slack_text = f"{', '.join(slack)}; their strokes are at most those above" if slack else "none"
+    lines.append(f"  slack: {slack_text}")
     if shape.undetermined:
         lines.append(f"  tensions not determined by lengths: {', '.join(shape.undetermined)}")
-    found = length_error(shape)
-    if found.names:
-        cells = ", ".join(f"{n} {x:.3g}" for n, x in zip(found.names, found.each, strict=True))
-        lines.append(f"  tip error by a wrong length [mm per mm]: {cells}; worst {found.worst}")
+    error = length_error(shape)
+    if error.names:
+        cells = ", ".join(f"{n} {x:.3g}" for n, x in zip(error.names, error.each, strict=True))
+        lines.append(f"  tip error by a wrong length [mm per mm]: {cells}; worst {error.worst}")
     return "\n".join(lines)
 
 
@@ -90,11 +90,11 @@ def switch_table(switches: tuple[Switch, ...], accuracy: float) -> str:
     head = ["effect", "in scene", "tip change [L]", "states", "unknowns", "instructions", "time"]
     rows = [[*head, f"matters at {accuracy:.0e}"], *map(_switch_row, switches)]
     notes = ["States, unknowns, instructions and time: of the scene with the effect, over without."]
-    fewer = [own.effect for own in switches if own.unknowns_added < 0]
+    fewer = [switch.effect for switch in switches if switch.unknowns_added < 0]
     if fewer:
         names = ", ".join(fewer)
         notes.append(f"Fewer unknowns with {names}: a coarser mesh is as accurate there.")
-    notes += [f"{own.effect}: {own.problem}" for own in switches if own.problem]
+    notes += [f"{switch.effect}: {switch.problem}" for switch in switches if switch.problem]
     return "\n".join([*columns(rows), "", *notes])
 
 

@@ -36,10 +36,10 @@ class LengthError:
 
 def length_error(shape: Shape) -> LengthError:
     """Return how the tip of a shape answers to wrong lengths; see model.compliance."""
-    found = length_response(shape)
-    taut = np.flatnonzero(found.taut)
+    response = length_response(shape)
+    taut = np.flatnonzero(response.taut)
     names = tuple(shape.arm.tendon_name(int(j)) for j in taut)
-    return LengthError(names, np.linalg.norm(found.tip[:, taut], axis=0))
+    return LengthError(names, np.linalg.norm(response.tip[:, taut], axis=0))
 
 
 def strokes(shape: Shape, zero: Any = None) -> Array:

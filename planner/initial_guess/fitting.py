@@ -1,10 +1,10 @@
 """First guesses fitted to what is wanted: least squares over the bends of the sections.
 
 Where a target prescribes turns, directions or several points, each section's bend is as good as
-given, but not in closed form: tendons of the sections beyond bend a section too, and there are many
-ways to wind up. So some of very many drawn bends, those nearest to what is wanted, are driven to it
-by least squares, all together, on the coarsest mesh, in a scene without loads whose strains are
-closed forms. What is met in several ways is met by several of them.
+given, but not in closed form: tendons of the sections beyond bend a section too, and an arm may
+wind up in many ways. So some of very many drawn bends, those nearest to what is wanted, are driven
+to it by least squares, all together, on the coarsest mesh, in a scene without loads whose strains
+are closed forms. What is met in several ways is met by several of them.
 """
 
 from __future__ import annotations
@@ -45,17 +45,19 @@ class Fitting:
 
     def gaps(self, points: Array) -> Array:
         """Return residuals of targets, and of a body that is crushed, at bends (m, n)."""
-        asked = self.arm, self.scene, self.targets
-        return residuals(*asked, self.bends.tensions(points), self.machine_code)
+        question = self.arm, self.scene, self.targets
+        return residuals(*question, self.bends.tensions(points), self.machine_code)
 
     def fit(self) -> tuple[Array, Array]:
         """Return bends (m, n) fitted from drawn ones; residuals (m,)."""
         drawn = self.bends.draw(_DRAWN)
-        off = self.gaps(drawn)
-        nearest = np.argsort(np.linalg.norm(off, axis=1), kind="stable")
+        residuals_drawn = self.gaps(drawn)
+        nearest = np.argsort(np.linalg.norm(residuals_drawn, axis=1), kind="stable")
         points = drawn[nearest[: max(4, min(_FITTED, _DIFFERENCES // self.bends.width))]]
         points, residual = least_squares(self.gaps, points)
-        redundant = self.bends.width > off.shape[1] - 1 and bool((residual < _MET).any())
+        redundant = self.bends.width > residuals_drawn.shape[1] - 1 and bool(
+            (residual < _MET).any()
+        )
         if self.scene.has(Extension) and not redundant:
             points = self._squeezed(points, residual)
         return points, residual
@@ -100,10 +102,10 @@ def fitted(
 
 def _distances(T: Array) -> Array:
     """Return the largest differences (m, m) between rows (m, n)."""
-    found = np.zeros((len(T), len(T)))
+    largest = np.zeros((len(T), len(T)))
     for column in T.T:
-        np.maximum(found, np.abs(column[:, None] - column), out=found)
-    return found
+        np.maximum(largest, np.abs(column[:, None] - column), out=largest)
+    return largest
 
 
 _STEPS, _DONE = 16, 1e-6
@@ -127,8 +129,8 @@ def least_squares(gaps: Callable[[Array], Array], U: Array) -> tuple[Array, Arra
     for _ in range(_STEPS):
         check_time()
         size = sizes[-1][on]
-        before = sizes[-1 - _STUCK][on] if len(sizes) > _STUCK else np.inf
-        on = on[(size > _DONE) & (size < (1 - _NEARER) * before)]
+        earlier = sizes[-1 - _STUCK][on] if len(sizes) > _STUCK else np.inf
+        on = on[(size > _DONE) & (size < (1 - _NEARER) * earlier)]
         most = max(_FEWEST, round((1 - _LEFT) ** (len(sizes) - 1) * len(U)))
         on = np.sort(on[np.argsort(sizes[-1][on], kind="stable")[:most]])
         if not on.size:

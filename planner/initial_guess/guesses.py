@@ -79,9 +79,9 @@ def drawn_arms(
     tendons = frozenset.intersection(*(target.tendons(arm) for target in targets))
     bends = bend_coordinates(arm, tendons, limits)
     drawn = _within_total(bends.tensions(bends.draw(_DRAWN)), limits)
-    off = np.linalg.norm(residuals(arm, scene, targets, drawn, machine_code), axis=1)
-    cheap = off + _CHEAP * np.linalg.norm(drawn / unit, axis=1)
-    orders = (np.argsort(cheap, kind="stable"), np.argsort(off, kind="stable"))
+    distance = np.linalg.norm(residuals(arm, scene, targets, drawn, machine_code), axis=1)
+    cheap = distance + _CHEAP * np.linalg.norm(drawn / unit, axis=1)
+    orders = (np.argsort(cheap, kind="stable"), np.argsort(distance, kind="stable"))
     taken = np.zeros((0, unit.size))
     for T in drawn[np.ravel(orders, "F")]:
         apart = np.linalg.norm((taken - T) / unit, axis=1)

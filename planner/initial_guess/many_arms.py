@@ -29,10 +29,10 @@ _FAR = 1e3
 def residuals(
     arm: Arm, scene: Scene, targets: tuple[Target, ...], tensions: Array, machine_code: bool
 ) -> Array:
-    """Return what tensions (m, n_tendons) [N] are off by, in a scene without loads (m, k).
+    """Return the residuals of tensions (m, n_tendons) [N] in a scene without loads (m, k).
 
-    The targets' residuals, what inequalities lack, and last by how much the arm is crushed.
-    Whether it is stiff enough is left out: as if it gave way just as much as is wanted.
+    Those of the targets, violations of inequalities, and last by how much the arm is crushed.
+    Stiffness is left out: compliances are taken to be those that are wanted.
     """
     scheme, at = "magnus4" if "magnus4" in schemes_of(scene) else "rk4", stations_of(arm, targets)
     forward = explicit_map(arm, scene, scheme, 1, at, machine_code)
@@ -40,8 +40,8 @@ def residuals(
     numbers = np.concatenate([target.parameters(arm) for target in targets])
     poses, least = forward.many(tensions, [forward.mesh.node(s) for s in at])
     seen = poses.reshape(len(tensions), -1)
-    off_by = _off_by(arm, structure, Same(targets))
-    (gaps,) = off_by(seen, np.tile(numbers, (len(tensions), 1)))
+    miss = _residuals_of(arm, structure, Same(targets))
+    (gaps,) = miss(seen, np.tile(numbers, (len(tensions), 1)))
     crushed = _bounded(_FEASIBLE - least, 0.0)
     return np.hstack([_bounded(gaps, -_FAR), 10 * crushed[:, None]])
 
@@ -51,19 +51,19 @@ def _bounded(values: Array, low: float) -> Array:
 
 
 @lru_cache(maxsize=16)
-def _off_by(arm: Arm, structure: tuple[object, ...], given: Same) -> Mapped:
+def _residuals_of(arm: Arm, structure: tuple[object, ...], structured: Same) -> Mapped:
     """Return (poses (7 K,), target numbers) -> residuals (k,), as one list of instructions."""
-    terms = terms_function(arm, given.value)
+    terms = terms_function(arm, structured.value)
     poses, numbers = (ca.MX.sym("given", *terms.size_in(i)) for i in range(2))
-    requests = compliance_requests(given.value)
+    requests = compliance_requests(structured.value)
     compliances = ca.vertcat(
         ca.DM(0, 1), *(ca.vec(ca.DM.eye(request.width)) for request in requests)
     )
     equality, soft_residual, inequality, _ = terms(poses, numbers, compliances)
     gaps = ca.densify(ca.vertcat(equality, soft_residual, ca.fmin(inequality, 0)))
     function = ca.Function("gaps", [poses, numbers], [gaps])
-    own = function.sx_in()
-    return Mapped(ca.Function("gaps", own, function.call(own), {"cse": True}))
+    arguments = function.sx_in()
+    return Mapped(ca.Function("gaps", arguments, function.call(arguments), {"cse": True}))
 
 
 # Where between two nodes an arm is looked at.
@@ -131,9 +131,9 @@ class BendCoordinates:
     def squeezes(self) -> Array:
         """Tensions (n, n_tendons) by which all tendons of a section pull."""
         unit = natural_tensions(self.arm)
-        own = [[i == k for i, _ in self.arm.tendons] for k in self.sections]
+        of_section = [[i == k for i, _ in self.arm.tendons] for k in self.sections]
         pulls = [j in self.tendons for j in range(self.arm.n_tendons)]
-        return np.asarray(np.array(own) * np.array(pulls) * unit)
+        return np.asarray(np.array(of_section) * np.array(pulls) * unit)
 
     def tensions(self, bends: Array) -> Array:
         """Return tensions (m, n_tendons) of bends (m, 2 n), within the limits of each tendon.
@@ -175,7 +175,7 @@ def section_tensions(arm: Arm, section: int, angle: float, tendons: frozenset[in
     """
     unit = natural_tensions(arm)
     sides = np.array([np.exp(1j * (phi - angle)) for _, phi in arm.tendons])
-    own = np.array([i == section and j in tendons for j, (i, _) in enumerate(arm.tendons)])
-    share = np.where(own, np.maximum(sides.real, 0.0), 0.0)
-    reach = abs(np.sum(share * sides))
-    return share * unit / reach if reach > 0 else share
+    of_section = np.array([i == section and j in tendons for j, (i, _) in enumerate(arm.tendons)])
+    fraction = np.where(of_section, np.maximum(sides.real, 0.0), 0.0)
+    reach = abs(np.sum(fraction * sides))
+    return fraction * unit / reach if reach > 0 else fraction

@@ -97,7 +97,7 @@ def load_plan(path: str | Path) -> Plan:
         around = surroundings(task.arm, task.targets, *arguments)
     more: dict[str, Any] = {"surroundings": around, "avoidance": avoidance}
     if contacts(task.scene):
-        plan: Plan = HeldPlan.of(task, result, load_path=result.load_path, **more)
+        plan: Plan = HeldPlan.of(task, result, **more)
     else:
         plan = Plan.of(task, result, **more)
     _check_multipliers(plan, name)

@@ -112,7 +112,7 @@ def plan_record(plan: Any) -> PlanRecord:
     certificate = plan.certificate
     keys = CertificateRecord.__struct_fields__
     checks = {key: getattr(certificate, _RENAMED.get(key, key)) for key in keys}
-    result = attributes_of(plan, [x for x in arguments(SearchResult) if hasattr(plan, x)])
+    result = attributes_of(plan, arguments(SearchResult))
     avoidance = None if plan.avoidance is None else plain(plan.avoidance)
     return record_of(
         PlanRecord,
@@ -130,7 +130,6 @@ def plan_record(plan: Any) -> PlanRecord:
             self_clearance=plan.surroundings.of_itself,
         ),
         answer={
-            "load_path": [],
             **result,
             "tensions": plain(np.ravel(plan.tensions)),
             "avoidance": avoidance,

@@ -76,9 +76,9 @@ class Limits:
             return self
         high = _each(arm, "stroke_max", np.inf if most is None else most)
         paid_out = high if least is None else _each(arm, "stroke_min", _negated(least))
-        for name, own in (("stroke_max", high), ("stroke_min", paid_out)):
+        for name, bound in (("stroke_max", high), ("stroke_min", paid_out)):
             if name == "stroke_max" or least is not None:
-                warn_of_strokes(name, (own / arm.length).tolist())
+                warn_of_strokes(name, (bound / arm.length).tolist())
         return replace(self, strokes=(tuple((-paid_out).tolist()), tuple(high.tolist())))
 
     @property
@@ -87,8 +87,8 @@ class Limits:
         least, most = self.strokes or (None, None)
         ends = {"tension_min": np.array(self.lower), "tension_max": np.array(self.upper)}
         zero = "straight" if self.stroke_zero is None else self.stroke_zero
-        found = {"total_pull": self.total, "stroke_min": least, "stroke_max": most}
-        return ends | found | {"stroke_zero": zero}
+        others = {"total_pull": self.total, "stroke_min": least, "stroke_max": most}
+        return ends | others | {"stroke_zero": zero}
 
     def restricted(self, tendons: frozenset[int]) -> Limits:
         """Return the limits with all other tendons held at their lower bounds."""
@@ -111,10 +111,10 @@ def _each(arm: Arm, name: str, values: Any) -> Array:
 def _negated(least: Any) -> Array:
     """Return how much may be paid out, of the least strokes, which are 0 or below."""
     allowed = "0 or a number below it, or one for each tendon"
-    found = numbers("stroke_min", least, allowed)
-    if not np.all(found <= 0):
+    values = numbers("stroke_min", least, allowed)
+    if not np.all(values <= 0):
         raise InputError("stroke_min", least, allowed)
-    return np.asarray(np.abs(found))
+    return np.asarray(np.abs(values))
 
 
 def _finite(values: Any) -> Any:

@@ -8,9 +8,9 @@ Targets have equalities and soft residuals, which are to be 0 as well as the lim
 are three readings of them, tried in this order:
 
     exact      equalities = 0 and soft residuals = 0; effort is made least
-    closest    equalities = 0; soft residuals, and what inequalities of low priority lack, are made
+    closest    equalities = 0; soft residuals, and slacks of inequalities of low priority, are made
                least, with a regularisation weight on effort
-    nearest    equalities, soft residuals and what all inequalities lack are made least, those of
+    nearest    equalities, soft residuals and slacks of all inequalities are made least, those of
                high priority first
 """
 
@@ -60,7 +60,7 @@ class Objective:
     Attributes
     ----------
     function : casadi.Function
-        Tensions [N], peak, lack, parameters, poses (7, K) at the stations that count, least
+        Tensions [N], peak, slacks, parameters, poses (7, K) at the stations that count, least
         stretches, compliances -> f, g without gaps.
     seen : list of int
         Which stations count.
@@ -74,8 +74,8 @@ class Objective:
         trace; and of the first.
     rows : tuple of Rows
         What the rows of g are, in order, with those of the gaps.
-    lack_rows : list of int
-        The rows of inequalities that may lack something.
+    slack_rows : list of int
+        The rows of inequalities with a slack.
     """
 
     def __init__(
@@ -100,15 +100,15 @@ class Objective:
         p = ca.MX.sym("p", self.n_numbers)
         compliances = ca.MX.sym("compliances", self.terms.numel_in(2))
         soft = self._soft_rows(inequality_weights(arm, targets))
-        lack = ca.MX.sym("lack", len(soft))
-        f, blocks, peak = self._stated(arm, targets, soft, (T, lack, p, poses, least, compliances))
+        slack = ca.MX.sym("slack", len(soft))
+        f, blocks, peak = self._stated(arm, targets, soft, (T, slack, p, poses, least, compliances))
         self.rows = tuple(Rows(name, g.numel(), lo, hi) for name, g, lo, hi in blocks)
         self.rows = (*self.rows[:2], Rows("clear", n_gaps, 0.0, np.inf), *self.rows[2:])
-        self.n_peak, self.n_lack = peak.numel(), lack.numel()
-        self.lack_rows = [self.rows[0].size + row for row in soft]
+        self.n_peak, self.n_slack = peak.numel(), slack.numel()
+        self.slack_rows = [self.rows[0].size + row for row in soft]
         g = ca.vertcat(*(g for _, g, _, _ in blocks))
-        given = [T, peak, lack, p, poses, least, compliances]
-        self.function = ca.Function("objective", given, [f, g])
+        arguments = [T, peak, slack, p, poses, least, compliances]
+        self.function = ca.Function("objective", arguments, [f, g])
 
     def gaps(self, poses: ca.MX, p: ca.MX) -> ca.MX:
         """Return how much farther off than they have to be places are, over L.
@@ -128,20 +128,24 @@ class Objective:
         return ca.vertcat(rows[:k, :], gaps, rows[k:, :])
 
     def _stated(
-        self, arm: Arm, targets: tuple[Target, ...], soft_rows: list[int], given: tuple[ca.MX, ...]
+        self,
+        arm: Arm,
+        targets: tuple[Target, ...],
+        soft_rows: list[int],
+        symbols: tuple[ca.MX, ...],
     ) -> tuple[ca.MX, list[tuple[str, ca.MX, float, float]], ca.MX]:
-        T, lack, p, poses, thin, compliances = given
+        T, slack, p, poses, thin, compliances = symbols
         target, (reference, total, trace) = p[: self.n_own], ca.vertsplit(p[-3:])
         equality, soft_residual, inequality, least = self.terms(poses, target, compliances)
         for row, place in shares(arm, targets):
             inequality[row] = 1 - compliances[place]
         effort, peak, peaks = smooth_norm(T / reference, self.statement.norm)
         mode, none = self.statement.mode, ca.MX(0, 1)
-        weights, lacking = (
+        weights, slack_weights = (
             equality_weights(arm, targets),
             inequality_weights(arm, targets)[soft_rows],
         )
-        soft = ca.vertcat(weights * equality, lacking * lack) if mode == "nearest" else lack
+        soft = ca.vertcat(weights * equality, slack_weights * slack) if mode == "nearest" else slack
         met = {"exact": ca.vertcat(equality, soft_residual), "closest": equality, "nearest": none}[
             mode
         ]
@@ -150,7 +154,7 @@ class Objective:
             ("equality", met, 0.0, 0.0),
             (
                 "inequality",
-                inequality + ca.DM.eye(inequality.numel())[:, soft_rows] @ lack,
+                inequality + ca.DM.eye(inequality.numel())[:, soft_rows] @ slack,
                 0.0,
                 np.inf,
             ),
@@ -163,10 +167,10 @@ class Objective:
         aim = ca.sum1(least) + trace * effort if least.numel() else effort
         return aim if mode == "exact" else gaps + trace * aim, blocks, peak
 
-    def _soft_rows(self, lacking: ca.DM) -> list[int]:
-        """Return which inequalities may lack something: none, those that yield, or all."""
+    def _soft_rows(self, row_weights: ca.DM) -> list[int]:
+        """Return which inequalities have a slack: none, those of low priority, or all."""
         kept = {"exact": (), "closest": (LOW_PRIORITY,), "nearest": (LOW_PRIORITY, HIGH_PRIORITY)}
-        weights = np.array(lacking).ravel()
+        weights = np.array(row_weights).ravel()
         return [row for row, w in enumerate(weights) if w in kept[self.statement.mode]]
 
 

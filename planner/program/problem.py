@@ -30,7 +30,7 @@ Bounds = tuple[Array, Array, Array, Array]
 # and in the end, where it keeps shapes away from points that they could meet by half the default
 # accuracy; with less of it the effort is lost in the solver's tolerance.
 SEARCHED, REGULARISATION = 1e-7, 3e-11
-# Over what bends the arm by some rad: maxima below this share do nothing, those above are none.
+# Over what bends the arm by some rad: maxima below this fraction do nothing, those above are none.
 _NOTHING, _NO_LIMIT = 1e-7, 1e12
 # Strains of an arm from which on the least eigenvalue is sooner found by iteration.
 _DENSE = 120
@@ -84,7 +84,7 @@ class Problem:
 
     @property
     def n_free(self) -> int:
-        """How many unknowns come before the states: tensions, peak, lack."""
+        """How many unknowns come before the states: tensions, peak, slacks."""
         return self.program.n_free
 
     @property
@@ -93,9 +93,9 @@ class Problem:
         return sum(row.size for row in self.program.outer_rows)
 
     @property
-    def n_lack(self) -> int:
-        """How many inequalities may lack something."""
-        return self.program.objective.n_lack
+    def n_slack(self) -> int:
+        """How many inequalities have a slack."""
+        return self.program.objective.n_slack
 
     def parameters(
         self,
@@ -111,9 +111,9 @@ class Problem:
         unit, states = units(self.arm, limits), self.states
         numbers = np.concatenate([target.parameters(self.arm) for target in targets])
         given = np.concatenate([numbers, [unit.max(), limits.total or 0.0, weight], unit])
-        own = [np.array([states.force]), states.numbers(self.directions(targets))]
-        off = np.zeros(sum(self.program.measured)) if defect is None else defect
-        return np.concatenate([given, *own, states.scale, states.row_scale, off])
+        states_numbers = [np.array([states.force]), states.numbers(self.directions(targets))]
+        error = np.zeros(sum(self.program.measured)) if defect is None else defect
+        return np.concatenate([given, *states_numbers, states.scale, states.row_scale, error])
 
     def bounds(self, limits: Limits) -> Bounds:
         """Return lower and upper bounds of unknowns and constraints, not to be written to.
@@ -123,8 +123,8 @@ class Problem:
         kept = self._bounds
         if kept is None or kept[0] != limits:
             kept = self._bounds = limits, self._bounded(limits)
-            for own in kept[1]:
-                own.setflags(write=False)
+            for bound in kept[1]:
+                bound.setflags(write=False)
         return kept[1]
 
     def _bounded(self, limits: Limits) -> Bounds:
@@ -140,16 +140,16 @@ class Problem:
         ubg = np.concatenate([np.full(r.size, r.upper) for r in self.rows])
         if limits.strokes is not None:
             at = [r.name == STROKES for r in self.rows for _ in range(r.size)]
-            least, most = (np.array(own) for own in limits.strokes)
+            least, most = (np.array(bound) for bound in limits.strokes)
             rest = np.array(limits.stroke_zero or rest_lengths(self.arm))
             lbg[at], ubg[at] = (rest - most) / self.arm.length, (rest - least) / self.arm.length
         return lbx, ubx, lbg, ubg
 
     def free(self, tensions: Array, limits: Limits) -> Array:
-        """Return the unknowns before the states for tensions; nothing lacks yet."""
+        """Return the unknowns before the states for tensions; slacks are 0."""
         unit = units(self.arm, limits)
         peak = np.full(self.program.objective.n_peak, tensions.max() / unit.max())
-        return np.concatenate([tensions / unit, peak, np.zeros(self.n_lack)])
+        return np.concatenate([tensions / unit, peak, np.zeros(self.n_slack)])
 
     def tensions(self, x: Array, limits: Limits) -> Array:
         """Return the tensions in unknowns x, within the limits to the last digit [N]."""
@@ -167,8 +167,8 @@ class Problem:
             states = self.forward.without_loads(tensions)
             if soon and is_loaded(self.scene):
                 try:
-                    here = newton(system, tensions, 1.0, states)
-                    states = states if here is None else here.states
+                    equilibrium = newton(system, tensions, 1.0, states)
+                    states = states if equilibrium is None else equilibrium.states
                 except (OctoplanError, np.linalg.LinAlgError):
                     pass
             return self.closed(free, states, p)
@@ -194,8 +194,8 @@ class Problem:
     def closed(self, a: Array, states: Array, p: Array) -> Array:
         """Return all unknowns for those before the states, and states of the arm (n_states,).
 
-        Responses, modes and lengths are what their equations make of these; what inequalities lack
-        is what they do.
+        Responses, modes and lengths are what their equations make of these; slacks are the
+        violations of their inequalities.
         """
         program, blocks, scale = self.program, self.program.blocks, self.states.scale
         x = np.zeros(program.size)
@@ -203,27 +203,27 @@ class Problem:
         x[blocks.states] = states / scale[1 : 1 + states.size]
         if blocks.responses:
             start, stop = blocks.response(0).start, blocks.response(len(blocks.responses)).start
-            first, here = self.n_outer + states.size, program.evaluate(x, p)
+            first, point = self.n_outer + states.size, program.evaluate(x, p)
             rows = slice(first, first + stop - start)
-            responds = here.jacobian.tocsr()[rows].tocsc()[:, start:stop]
-            x[start:stop] = -factorised(responds).solve(here.g[rows])
+            responds = point.jacobian.tocsr()[rows].tocsc()[:, start:stop]
+            x[start:stop] = -factorised(responds).solve(point.g[rows])
         if blocks.modes:
             self._add_modes(x, states, p)
         if blocks.wound:
             system = self.forward.system
-            found = system.lengths(system.x(np.zeros(system.of.n_tendons), 1.0, states))
-            x[blocks.lengths] = found / system.arm.length
-        if self.n_lack:
-            lack = np.maximum(-self.constraints(x, p)[program.objective.lack_rows], 0.0)
-            x[self.n_free - self.n_lack : self.n_free] += lack
+            lengths = system.lengths(system.x(np.zeros(system.of.n_tendons), 1.0, states))
+            x[blocks.lengths] = lengths / system.arm.length
+        if self.n_slack:
+            slack = np.maximum(-self.constraints(x, p)[program.objective.slack_rows], 0.0)
+            x[self.n_free - self.n_slack : self.n_free] += slack
         return x
 
     def _add_modes(self, x: Array, states: Array, p: Array) -> None:
         """Put the least stable modes at states into unknowns x."""
         blocks, system = self.program.blocks, self.forward.system
         unit = p[self.program.parts.unit]
-        here = Linearised(system, system.x(x[: unit.size] * unit, 1.0, states))
-        values, y = least_modes(here, blocks.modes)
+        equilibrium = Linearised(system, system.x(x[: unit.size] * unit, 1.0, states))
+        values, y = least_modes(equilibrium, blocks.modes)
         y = self.states.mode_size(y)
         for k, value in enumerate(values):
             x[blocks.mode(k)] = y[:, k] / self.states.scale[1 : 1 + states.size]
@@ -254,13 +254,13 @@ class Problem:
         """Return the tip's compliances in unknowns x along the requests' directions, stacked."""
         blocks, scale, k = self.program.blocks, self.states.scale, 0
         tip = blocks.of.first + blocks.of.nodes[-1, 4:7]
-        found = [np.zeros(0)]
+        blocks_of = [np.zeros(0)]
         for D in directions:
             places = [blocks.response(k + i).start + tip for i in range(D.shape[1])]
-            moved = np.stack([x[own] * scale[own - self.n_free] for own in places], axis=1)
-            found.append((D.T @ moved / self.states.force).ravel("F"))
+            displaced = np.stack([x[at] * scale[at - self.n_free] for at in places], axis=1)
+            blocks_of.append((D.T @ displaced / self.states.force).ravel("F"))
             k += D.shape[1]
-        return np.concatenate(found)
+        return np.concatenate(blocks_of)
 
     def constraints(self, x: Array, p: Array) -> Array:
         """Return the constraints at unknowns x."""
@@ -281,9 +281,9 @@ class Problem:
 def units(arm: Arm, limits: Limits) -> Array:
     """Return the tension that each unknown is counted in [N]: what bends the arm by some rad."""
     most, upper = 5 * natural_tensions(arm), np.array(limits.upper)
-    found = np.where(_does_nothing(arm, upper), most, np.minimum(upper, most))
-    found.setflags(write=False)
-    return found
+    result = np.where(_does_nothing(arm, upper), most, np.minimum(upper, most))
+    result.setflags(write=False)
+    return result
 
 
 def _does_nothing(arm: Arm, upper: Array) -> Array:

@@ -97,7 +97,7 @@ def factorised(matrix: csc_array) -> SuperLU:
 class Program:
     """The program of a structure with the states as unknowns: multiple shooting, all in one.
 
-    Unknowns are scaled: tensions, peak, lack, load factor, states, responses. In CasADi's symbols,
+    Unknowns are scaled: tensions, peak, slacks, load factor, states, responses. In CasADi symbols,
     as its solvers take it, and as functions of numbers.
 
     Attributes
@@ -122,7 +122,7 @@ class Program:
     ) -> None:
         self.objective = Objective(arm, targets, statement, len(seen.slim))
         n = arm.n_tendons
-        self.n_free = n + self.objective.n_peak + self.objective.n_lack
+        self.n_free = n + self.objective.n_peak + self.objective.n_slack
         self.blocks, self._seen = blocks(self.n_free), seen
         self.size, machine_code = self.n_free + self.blocks.size, self.blocks.of.form.machine_code
         self.equations = Equations(self.size, self.blocks.n_rows, self.blocks.terms(), machine_code)
@@ -130,8 +130,8 @@ class Program:
         wound = [Rows(STROKES, n, -np.inf, np.inf)] * self.blocks.wound
         self.outer_rows = (*self.objective.rows, *modes, *wound)
         self.rows = (*self.outer_rows, Rows("equilibrium", self.blocks.n_rows, 0.0, 0.0))
-        own = (1, self.equations.n_p, self.blocks.size, self.blocks.n_rows, sum(self.measured))
-        self.parts = Parts.of((self.objective.n_numbers, n, *own))
+        sizes = (1, self.equations.n_p, self.blocks.size, self.blocks.n_rows, sum(self.measured))
+        self.parts = Parts.of((self.objective.n_numbers, n, *sizes))
         self.x, self.p = ca.MX.sym("x", self.size), ca.MX.sym("p", self.parts.size)
         self.sigma = ca.MX.sym("sigma")
         self.outer_lam = ca.MX.sym("lam", sum(row.size for row in self.outer_rows))
@@ -149,16 +149,18 @@ class Program:
         """The objective, and the constraints besides equilibrium."""
         of, first, objective = self.blocks.of, self.blocks.states.start, self.objective
         n, n_peak, K = of.n_tendons, objective.n_peak, len(self._seen.nodes)
-        off, softer, eigenvalues, lengths = split(self.p[self.parts.defect], self.measured)
-        x, given = self.x, self.p[self.parts.given]
+        pose_error, compliance_error, eigenvalues, lengths = split(
+            self.p[self.parts.defect], self.measured
+        )
+        x, numbers = self.x, self.p[self.parts.given]
         places = first + of.nodes[list(self._seen.nodes), :POSE]
-        poses = ca.reshape(self._at(places.ravel()) + off, POSE, K)
+        poses = ca.reshape(self._at(places.ravel()) + pose_error, POSE, K)
         thin = ca.vertcat(ca.MX(0, 1), *(self._stretch(k, end) for k, end in self._seen.slim))
         tensions = x[:n] * self.p[self.parts.unit]
-        parts = (tensions, x[n : n + n_peak], x[n + n_peak : self.n_free], given)
-        compliances = self._compliances(given) + softer
+        parts = (tensions, x[n : n + n_peak], x[n + n_peak : self.n_free], numbers)
+        compliances = self._compliances(numbers) + compliance_error
         f, g = objective.function.call([*parts, poses[:, objective.seen], thin, compliances], True)
-        g = objective.with_gaps(g, objective.gaps(poses, given))
+        g = objective.with_gaps(g, objective.gaps(poses, numbers))
         eigenvalues += x[self.blocks.eigenvalues]
         return f, ca.vertcat(g, eigenvalues, x[self.blocks.lengths] + lengths)
 
@@ -191,8 +193,8 @@ class Program:
     @cached_property
     def g(self) -> ca.MX:
         """All constraints; the equations of equilibrium come last."""
-        own = self.equations.value(self.x * self.scale, self.p[self.parts.numbers])
-        return ca.vertcat(self.outer, own / self.p[self.parts.row_scale])
+        balance = self.equations.value(self.x * self.scale, self.p[self.parts.numbers])
+        return ca.vertcat(self.outer, balance / self.p[self.parts.row_scale])
 
     @cached_property
     def jacobian(self) -> ca.MX:
@@ -212,10 +214,10 @@ class Program:
         m = self.outer.numel()
         nonzeros = function(self.x * scale, self.p[self.parts.numbers], self.lam[m:] / row_scale)
         row, column = places.row(), places.get_col()
-        given = [self.x, self.p, self.sigma]
-        outer = ca.Function("outer", [*given, self.outer_lam], [self.outer_hessian])
-        own = outer(*given, self.lam[:m])
-        return own + ca.MX(places, nonzeros * scale[column] * scale[row])
+        arguments = [self.x, self.p, self.sigma]
+        outer = ca.Function("outer", [*arguments, self.outer_lam], [self.outer_hessian])
+        H = outer(*arguments, self.lam[:m])
+        return H + ca.MX(places, nonzeros * scale[column] * scale[row])
 
     @property
     def scale(self) -> ca.MX:
@@ -232,15 +234,15 @@ class Program:
     def _function(self) -> tuple[Buffered, tuple[Index, Index]]:
         """x, p -> f, its gradient, g, nonzeros of its Jacobian; and where these are."""
         values = [self.f, self.gradient, self.g, self.jacobian.nz[:]]
-        dense = [ca.densify(own) for own in values]
-        own = self.jacobian.sparsity()
-        places = np.array(own.row(), np.int32), np.array(own.colind(), np.int32)
+        dense = [ca.densify(J) for J in values]
+        J = self.jacobian.sparsity()
+        places = np.array(J.row(), np.int32), np.array(J.colind(), np.int32)
         return Buffered(ca.Function("program", [self.x, self.p], dense)), places
 
     def evaluate(self, x: Array, p: Array) -> Evaluated:
         """Return objective and constraints at unknowns x, with derivatives."""
         function, places = self._function
-        f, gradient, g, nonzeros = (own.ravel() for own in function(x, p))
+        f, gradient, g, nonzeros = (value.ravel() for value in function(x, p))
         J = csc_array((nonzeros, *places), shape=(g.size, x.size))
         return Evaluated(float(f[0]), gradient, g, J)
 
@@ -257,15 +259,15 @@ class Program:
         weights = ca.DM(gauss(m).at(float(end)))
         return ca.dot(weights, self._at(places)) + 1 - of.form.law.along_at_rest
 
-    def _compliances(self, given: ca.MX) -> ca.MX:
+    def _compliances(self, numbers: ca.MX) -> ca.MX:
         """Return the compliances along the requests' directions, column by column."""
         of, compliances, k = self.blocks.of, [ca.MX(0, 1)], 0
         tip, force = of.first + of.nodes[-1, 4:POSE], self.p[self.parts.force]
-        directions = self.objective.directions.call([given[: self.objective.n_own]])
+        directions = self.objective.directions.call([numbers[: self.objective.n_own]])
         for request, D in zip(self.objective.requests, directions, strict=True):
             starts = [self.blocks.response(k + i).start for i in range(request.width)]
-            moved = ca.horzcat(*(self._at(start + tip) for start in starts))
-            compliances.append(ca.vec(D.T @ moved / force))
+            displaced = ca.horzcat(*(self._at(start + tip) for start in starts))
+            compliances.append(ca.vec(D.T @ displaced / force))
             k += request.width
         return ca.vertcat(*compliances)
 
@@ -283,7 +285,7 @@ def program(
 
 
 @lru_cache(maxsize=16)
-def _built(key: Hashable, of: Layout, seen: Stations, given: Same) -> Program:
-    arm, targets, statement = given.value
+def _built(key: Hashable, of: Layout, seen: Stations, value: Same) -> Program:
+    arm, targets, statement = value.value
     requests, more = compliance_requests(targets), (statement.modes, statement.wound)
     return Program(arm, targets, statement, lambda first: Blocks(of, requests, first, *more), seen)

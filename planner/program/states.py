@@ -95,8 +95,8 @@ class Blocks:
     @property
     def n_answers(self) -> int:
         """Number of unknowns that are neither load factor nor states."""
-        own = len(self.responses) * self.of.n_x
-        return own + self.modes * (self.of.n_states + 1) + self.wound * self.of.n_tendons
+        size = len(self.responses) * self.of.n_x
+        return size + self.modes * (self.of.n_states + 1) + self.wound * self.of.n_tendons
 
     @property
     def n_rows(self) -> int:
@@ -143,11 +143,11 @@ class Blocks:
     def terms(self) -> list[Term]:
         """Return the terms of all equations, in the places of the program."""
         place = self.places()
-        own = self.of.equations.terms
-        terms = [Term(term.kernel, place[term.unknowns], term.rows) for term in own]
+        equilibrium = self.of.equations.terms
+        terms = [Term(term.kernel, place[term.unknowns], term.rows) for term in equilibrium]
         for k, request in enumerate(self.responses):
             shift, row = self.response(k).start, self.response_rows(k).start
-            for term in own:
+            for term in equilibrium:
                 unknowns = np.vstack([place[term.unknowns], shift + term.unknowns])
                 terms.append(Term(tangent(term.kernel), unknowns, row + term.rows))
             terms += self._held(request, place, shift, row + self.of.n_states)
@@ -249,16 +249,16 @@ class States:
     def numbers(self, directions: list[Array]) -> Array:
         """Return the numbers (n_p,) with the directions (3, width) of the requests."""
         at, of = self.at, self.at.of
-        own = [
+        of_terms = [
             at.p[numbers].reshape(term.count, -1).T
             for term, numbers in zip(of.equations.terms, of.equations.slices, strict=True)
         ]
-        columns = list(own)
+        columns = list(of_terms)
         pairs = [
             (request, d) for request, D in zip(self.requests, directions, strict=True) for d in D.T
         ]
         for request, d in pairs:
-            for term, numbers in zip(of.equations.terms, own, strict=True):
+            for term, numbers in zip(of.equations.terms, of_terms, strict=True):
                 change = np.zeros_like(numbers)
                 if term.kernel.name == "element":
                     change[1:4] = self.force * d[:, None]
@@ -272,7 +272,7 @@ class States:
             columns.append(np.vstack([lengths, np.full((1, lengths.shape[1]), stretch)]))
             columns.append(np.full((1, of.n_tendons), -self.compliance))
         for _ in range(self.modes):
-            columns += [*own, *mode_numbers(at, self._stages)]
+            columns += [*of_terms, *mode_numbers(at, self._stages)]
         if self.wound:
             columns += [at.length_numbers.reshape(-1, 5).T, np.full((1, of.n_tendons), -1.0)]
         return np.concatenate([np.ravel(column, "F") for column in columns])
@@ -306,10 +306,10 @@ def mode_terms(of: Layout, place: Places, shift: int, row: int) -> list[Term]:
     """
     terms = []
     for term in of.equations.terms:
-        moved = term.unknowns >= of.first
-        if not np.all(moved == moved[:, :1]):
+        is_state = term.unknowns >= of.first
+        if not np.all(is_state == is_state[:, :1]):
             raise AssertionError("tensions and states in one row of a term")
-        rows = tuple(np.flatnonzero(moved[:, 0]).tolist())
+        rows = tuple(np.flatnonzero(is_state[:, 0]).tolist())
         change = shift + term.unknowns[list(rows)] - of.first
         kernel = mode(term.kernel, rows)
         terms.append(Term(kernel, np.vstack([place[term.unknowns], change]), row + term.rows))
@@ -324,8 +324,8 @@ def mode_terms(of: Layout, place: Places, shift: int, row: int) -> list[Term]:
 def mode_numbers(at: System, scale: Array) -> list[Array]:
     """Return the numbers (n_c, N) of the last two terms of a mode; `scale` (n,) of the strains."""
     weight, stiff = rest_stiffness(at)
-    share = weight / at.arm.length / scale**2
-    return [-stiff[None, :], np.stack([share, np.full(share.size, 1 / share.size)])]
+    weights = weight / at.arm.length / scale**2
+    return [-stiff[None, :], np.stack([weights, np.full(weights.size, 1 / weights.size)])]
 
 
 def mode_size(at: System, scale: Array, y: Array) -> Array:
@@ -344,6 +344,6 @@ def _inertia() -> Kernel:
 
 @lru_cache(maxsize=1)
 def _square() -> Kernel:
-    """Return the kernel of a share of a mode's size, less what it has to be."""
+    """Return the kernel of a part of a mode's size, less the size that it is scaled to."""
     y, c = ca.SX.sym("y"), ca.SX.sym("c", 2)
     return Kernel("size", y, c, c[0] * y**2 - c[1])

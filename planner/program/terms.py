@@ -26,7 +26,7 @@ class Same:
 
 
 HIGH_PRIORITY, LOW_PRIORITY = 1e2, 3e-4
-# Of inequalities that may lack nothing.
+# Of inequalities without a slack.
 HARD = float("inf")
 KINDS = ("equality", "soft_residual", "inequality", "objective")
 
@@ -38,16 +38,18 @@ def stations_of(arm: Arm, targets: tuple[Target, ...]) -> tuple[float, ...]:
 
 def compliance_requests(targets: tuple[Target, ...]) -> tuple[ComplianceRequest, ...]:
     """Return the looks at the tip's compliance of the targets that have one, in their order."""
-    found = (target.compliance_request() for target in targets)
-    return tuple(request for request in found if request is not None)
+    requests = (target.compliance_request() for target in targets)
+    return tuple(request for request in requests if request is not None)
 
 
 def directions_function(arm: Arm, targets: tuple[Target, ...]) -> ca.Function:
     """Return target numbers -> the directions (3, width) of each request."""
     numbers = _numbers(arm, targets)
     pairs = zip(targets, numbers, strict=True)
-    found = [target.directions(p) for target, p in pairs if target.compliance_request() is not None]
-    return ca.Function("directions", [ca.vertcat(*numbers)], found)
+    directions = [
+        target.directions(p) for target, p in pairs if target.compliance_request() is not None
+    ]
+    return ca.Function("directions", [ca.vertcat(*numbers)], directions)
 
 
 def terms_function(arm: Arm, targets: tuple[Target, ...]) -> ca.Function:
@@ -60,12 +62,12 @@ def terms_function(arm: Arm, targets: tuple[Target, ...]) -> ca.Function:
     poses = ca.MX.sym("poses", 7, len(stations))
     seen = {s: poses[:, i] for i, s in enumerate(stations)}
     numbers, compliances = _numbers(arm, targets), _compliances(targets)
-    found = [
+    terms = [
         target.terms(View(arm, seen, compliance), p)
         for target, p, compliance in zip(targets, numbers, compliances, strict=True)
     ]
     flat = ca.vertcat(*(ca.vec(compliance) for compliance in compliances if compliance is not None))
-    stacks = [_stack(found, kind) for kind in KINDS]
+    stacks = [_stack(terms, kind) for kind in KINDS]
     return ca.Function("terms", [poses, ca.vertcat(*numbers), flat], stacks)
 
 
@@ -98,7 +100,7 @@ def equality_weights(arm: Arm, targets: tuple[Target, ...]) -> ca.DM:
 
 
 def inequality_weights(arm: Arm, targets: tuple[Target, ...]) -> ca.DM:
-    """Return the weight of what each inequality lacks where not all can be had."""
+    """Return the weight of each inequality's slack where not all can be met."""
     weights: dict[str, float] = {}
     for term in _symbolic_terms(arm, targets):
         weights |= dict.fromkeys(term.low_priority, LOW_PRIORITY) | dict.fromkeys(term.hard, HARD)
@@ -110,13 +112,13 @@ def shares(arm: Arm, targets: tuple[Target, ...]) -> list[tuple[int, int]]:
 
     And the place among compliances of that over what is wanted, which may pass through 0.
     """
-    names, found, place = iter(enumerate(term_names(arm, targets)[2])), [], 0
+    names, pairs, place = iter(enumerate(term_names(arm, targets)[2])), [], 0
     for target, term in zip(targets, _symbolic_terms(arm, targets), strict=True):
         rows = [next(names) for value in term.inequality.values() for _ in range(value.numel())]
-        found += [(row, place) for row, name in rows if name in term.shares]
+        pairs += [(row, place) for row, name in rows if name in term.shares]
         request = target.compliance_request()
         place += request.width**2 if request else 0
-    return found
+    return pairs
 
 
 def _symbolic_terms(arm: Arm, targets: tuple[Target, ...]) -> list[Terms]:
@@ -125,8 +127,8 @@ def _symbolic_terms(arm: Arm, targets: tuple[Target, ...]) -> list[Terms]:
 
 
 @lru_cache(maxsize=4)
-def _terms_of(arm: Arm, structure: tuple[object, ...], given: Same) -> list[Terms]:
-    targets = given.value
+def _terms_of(arm: Arm, structure: tuple[object, ...], structured: Same) -> list[Terms]:
+    targets = structured.value
     poses = {s: ca.MX.sym("pose", 7) for s in stations_of(arm, targets)}
     parts = zip(targets, _numbers(arm, targets), _compliances(targets), strict=True)
     return [target.terms(View(arm, poses, compliance), p) for target, p, compliance in parts]

@@ -71,8 +71,8 @@ class Stages:
         ties = np.delete(np.arange(self.same + self.node), self.same + np.arange(POSE))
         self._of_row = np.concatenate([outer, k - gives])
         stage = np.concatenate([self._of_row, np.repeat(np.arange(self.count), ties.size), [0]])
-        own = np.where(gives, self.same + part, self.width), np.tile(ties, self.count)
-        place = np.concatenate([np.full(m, self.width), *own, [self.width]])
+        places = np.where(gives, self.same + part, self.width), np.tile(ties, self.count)
+        place = np.concatenate([np.full(m, self.width), *places, [self.width]])
         self.order, self._ties = np.lexsort([place, stage]), ties
         near = self.stage[column] - self._of_row[row]
         fits = np.where(row < m, near == 0, near <= 1) | (self.stage[column] < 0)
@@ -87,7 +87,7 @@ class Stages:
     @cached_property
     def tied(self) -> ca.DM:
         """The matrix of the rows that tie copies, and the load factor last."""
-        j, k = (own.ravel() for own in np.meshgrid(self._ties, np.arange(self.count)))
+        j, k = (index.ravel() for index in np.meshgrid(self._ties, np.arange(self.count)))
         copy = np.where(j < self.same, j, j + self.step - POSE) + k * self.width
         places = np.concatenate([(k + 1) * self.width + j, copy, [self.same - 1]])
         rows = np.concatenate([np.arange(k.size), np.arange(k.size), [k.size]])
@@ -154,7 +154,7 @@ def _fatrop(
     at, all_of = [x, p], [x, p, sigma, lam]
     gradient = sigma * slope + J.T @ lam
     names, every = ["x", "p"], ["x", "p", "lam_f", "lam_g"]
-    known = {
+    derivatives = {
         "nlp_grad_f": ca.Function("nlp_grad_f", at, [slope], names, ["grad_f_x"]),
         "nlp_jac_g": ca.Function("nlp_jac_g", at, [g, J], names, ["g", "jac_g_x"]),
         "nlp_hess_l": ca.Function(
@@ -171,7 +171,7 @@ def _fatrop(
     options: dict[str, Any] = {
         "structure_detection": "auto",
         "equality": equality,
-        "cache": known,
+        "cache": derivatives,
         "print_time": False,
         "error_on_fail": False,
         "show_eval_warnings": False,
@@ -194,8 +194,8 @@ def solve(problem: Problem, x: Array, p: Array, bounds: Bounds) -> Solution | No
     tied = np.append(np.zeros(of.order.size - lbg.size - 1), 1.0)
     rows = [np.concatenate([own, tied])[of.order] for own in (lbg, ubg)]
     none = np.zeros(low.size), np.zeros(of.order.size)
-    found = of.solver(x[of.unknown], p, low, high, *rows, *none)
-    z, f, g, lam_x, lam_g, _ = (value.ravel() for value in found)
+    result = of.solver(x[of.unknown], p, low, high, *rows, *none)
+    z, f, g, lam_x, lam_g, _ = (value.ravel() for value in result)
     stats, back = of.solver.stats(), np.argsort(of.order)[: lbg.size]
     met, why = bool(stats["success"]), "the iteration limit was reached"
     lam_x = np.concatenate([lam_x[:n], np.zeros(x.size - n)]) / MAGNIFIED

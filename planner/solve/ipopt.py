@@ -64,18 +64,18 @@ class Watch(ca.Callback):
     @contextmanager
     def held(self) -> Iterator[None]:
         """Hold Ctrl-C back until the solver has stopped, and hand it on then."""
-        before = signal.getsignal(signal.SIGINT)
-        if not _is_main() or not callable(before):
+        previous = signal.getsignal(signal.SIGINT)
+        if not _is_main() or not callable(previous):
             yield
             return
         signal.signal(signal.SIGINT, self._interrupt)
         try:
             yield
         finally:
-            signal.signal(signal.SIGINT, before)
+            signal.signal(signal.SIGINT, previous)
         if self.interrupted:
             self.interrupted = False
-            before(signal.SIGINT, None)
+            previous(signal.SIGINT, None)
 
     def _interrupt(self, *_: Any) -> None:
         self.interrupted = True
@@ -179,7 +179,7 @@ class Solution:
     def finite(self) -> bool:
         """Whether every number is finite."""
         numbers = (self.x, self.g, self.lam_x, self.lam_g)
-        return all(bool(np.all(np.isfinite(own))) for own in numbers)
+        return all(bool(np.all(np.isfinite(values))) for values in numbers)
 
 
 _WATCH = Watch()
@@ -200,10 +200,10 @@ def solver(problem: Problem, purpose: Purpose, talks: bool = False) -> Buffered:
 def nlp_solver(
     nlp: dict[str, ca.MX],
     derivatives: dict[str, ca.Function],
-    way: Options,
+    purpose_options: Options,
     talks: bool = False,
 ) -> Buffered:
-    """Return ipopt for a nonlinear program in symbols, with its own derivatives, one of the ways.
+    """Return ipopt for a nonlinear program in symbols, with its own derivatives, and options.
 
     It takes x0, p, lbx, ubx, lbg, ubg, lam_x0, lam_g0 and returns x, f, g, lam_x, lam_g, lam_p.
     Each thread solves in memory of its own: CasADi's plain call of a solver has one for all.
@@ -216,7 +216,7 @@ def nlp_solver(
         "error_on_fail": False,
         "iteration_callback": _WATCH,
         **derivatives,
-        "ipopt": _QUIET | way | {"print_level": 5 if talks else 0},
+        "ipopt": _QUIET | purpose_options | {"print_level": 5 if talks else 0},
     }
     return Buffered(ca.nlpsol("ipopt", "ipopt", nlp, options))
 
@@ -227,8 +227,8 @@ def _relaxed(of: Program, m: int) -> tuple[dict[str, ca.MX], dict[str, ca.Functi
     Unknowns are those of the program, then t (m,).
     """
     n, k, p, sigma, lam = of.x.numel(), of.g.numel(), of.p, of.sigma, of.lam
-    own = [of.f, of.gradient, of.g, of.jacobian, ca.triu(of.hessian)]
-    program = ca.Function("program", [of.x, p, sigma, lam], own)
+    values = [of.f, of.gradient, of.g, of.jacobian, ca.triu(of.hessian)]
+    program = ca.Function("program", [of.x, p, sigma, lam], values)
     x = ca.MX.sym("x", n + m)
     f, gradient, g, jacobian, hessian = program.call([x[:n], p, sigma, lam], True, False)
     t, slack = x[n:], ca.DM(ca.Sparsity.diag(k, m), RELAXED)
@@ -244,12 +244,12 @@ def _relaxed(of: Program, m: int) -> tuple[dict[str, ca.MX], dict[str, ca.Functi
 
 def derivatives(of: Program) -> dict[str, ca.Function]:
     """Return a program's own derivatives in the form that nlpsol takes them."""
-    given = (of.x, of.p, of.sigma, of.lam)
-    return named(given, (of.f, of.gradient), (of.g, of.jacobian), ca.triu(of.hessian))
+    symbols = (of.x, of.p, of.sigma, of.lam)
+    return named(symbols, (of.f, of.gradient), (of.g, of.jacobian), ca.triu(of.hessian))
 
 
 def named(
-    given: tuple[ca.MX, ...],
+    symbols: tuple[ca.MX, ...],
     objective: tuple[ca.MX, ca.MX],
     constraints: tuple[ca.MX, ca.MX],
     hessian: ca.MX,
@@ -259,13 +259,13 @@ def named(
     Of unknowns, parameters, and weights of objective and constraints: the objective and its
     gradient, the constraints and their Jacobian, the upper half of the Lagrangian's Hessian.
     """
-    at, names = list(given[:2]), ["x", "p"]
+    at, names = list(symbols[:2]), ["x", "p"]
     weights = ["lam:f", "lam:g"]
-    own = ["triu:hess:gamma:x:x"]
+    result = ["triu:hess:gamma:x:x"]
     return {
         "grad_f": ca.Function("nlp_grad_f", at, list(objective), names, ["f", "grad:f:x"]),
         "jac_g": ca.Function("nlp_jac_g", at, list(constraints), names, ["g", "jac:g:x"]),
-        "hess_lag": ca.Function("nlp_hess_l", list(given), [hessian], names + weights, own),
+        "hess_lag": ca.Function("nlp_hess_l", list(symbols), [hessian], names + weights, result),
     }
 
 
@@ -283,13 +283,13 @@ def solve(
     none, t = np.zeros(m), -RELAXED * lam_g[:m]
     relaxed = np.append(lbx, none - np.inf), np.append(ubx, none + np.inf), lbg, ubg
     run = solver(problem, purpose, LOG.isEnabledFor(logging.DEBUG))
-    found = solved(run, np.append(x, t), p, relaxed, (np.append(lam_x, none), lam_g))
-    t = found.x[n:]
-    f, g = found.f - float(t @ t) / 2, found.g + RELAXED * np.pad(t, (0, found.g.size - m))
-    found = replace(found, x=found.x[:n], lam_x=found.lam_x[:n], f=f, g=g)
+    solution = solved(run, np.append(x, t), p, relaxed, (np.append(lam_x, none), lam_g))
+    t = solution.x[n:]
+    f, g = solution.f - float(t @ t) / 2, solution.g + RELAXED * np.pad(t, (0, solution.g.size - m))
+    solution = replace(solution, x=solution.x[:n], lam_x=solution.lam_x[:n], f=f, g=g)
     if np.abs(g[:m]).max(initial=0.0) <= MISSED:
-        return found
-    return replace(found, met=False, reason=STOPPED["Infeasible_Problem_Detected"])
+        return solution
+    return replace(solution, met=False, reason=STOPPED["Infeasible_Problem_Detected"])
 
 
 def solved(

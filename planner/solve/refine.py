@@ -69,7 +69,7 @@ class Refined:
 
 
 def refine(
-    task: Task, statement: Statement, solution: Solution, known: Array | None = None
+    task: Task, statement: Statement, solution: Solution, corrected: Array | None = None
 ) -> Refined | None:
     """Return the optimum whose settled shape is what its program measures, to the last digits.
 
@@ -78,13 +78,13 @@ def refine(
     `known` to its program.
     """
     try:
-        return _refined(task, statement, solution, known)
+        return _refined(task, statement, solution, corrected)
     except (OctoplanError, np.linalg.LinAlgError):
         return None
 
 
 def _refined(
-    task: Task, statement: Statement, solution: Solution, known: Array | None
+    task: Task, statement: Statement, solution: Solution, corrected: Array | None
 ) -> Refined | None:
     """Return what refine does; raises where the arm does not settle, and where it buckles."""
     for _ in range(_CORRECTIONS):
@@ -92,16 +92,16 @@ def _refined(
         problem = task.problem(statement)
         T = problem.tensions(solution.x, task.allowed)
         shape = settled(task.arm, T, task.scene, task.accuracy, task.machine_code)
-        found = defect(problem, solution.x, task.targets, shape)
+        error = defect(problem, solution.x, task.targets, shape)
         part = _PART if statement.mode == "exact" else _SMALL_PART
         enough = max(min(task.accuracy, KKT_TOLERANCE) / part, _ROUNDING)
-        if known is not None and _defect_size(problem, found - known) <= enough:
+        if corrected is not None and _defect_size(problem, error - corrected) <= enough:
             stated = statement.but(solver=solution.solver, iterations=solution.iterations)
             return Refined(stated, solution, T, shape)
-        rough = _defect_size(problem, found)
+        rough = _defect_size(problem, error)
         if not rough <= _ELSEWHERE:
             return None
-        known = found
+        corrected = error
         if rough > _ROUGH:
             order = collocation_order(STAGES, task.scene.has(Friction))
             finer = next_refinement(statement.refinement, rough, _ROUGH, order)
@@ -110,8 +110,8 @@ def _refined(
             statement = statement.but(refinement=finer)
             solution = settled_on(task, problem, statement, solution)
             problem = task.problem(statement)
-            known = defect(problem, solution.x, task.targets, shape)
-        p, bounds = task.parameters(statement, defect=known), task.bounds(statement)
+            corrected = defect(problem, solution.x, task.targets, shape)
+        p, bounds = task.parameters(statement, defect=corrected), task.bounds(statement)
         solution = polish(problem, solution, p, bounds)
         if not (solution.met and solution.finite):
             return None
@@ -158,26 +158,26 @@ def polish(
         low[:n] = np.where(at_high & ~at_low, ubx[:n], lbx[:n])
         guess = np.clip(solution.x, low, high)
         lam = solution.lam_x, solution.lam_g
-        found = solve(problem, guess, p, (low, high, lbg, ubg), lam, "polish")
-        if not (found.met and found.finite):
+        trial = solve(problem, guess, p, (low, high, lbg, ubg), lam, "polish")
+        if not (trial.met and trial.finite):
             if not (at_low | at_high).any():
-                last = found if warm else solve(problem, solution.x, p, bounds)
+                last = trial if warm else solve(problem, solution.x, p, bounds)
                 return last if last.met or solution is begun else solution
             at_low[:] = at_high[:] = False
             continue
-        point = Point(problem, found.x, p)
+        point = Point(problem, trial.x, p)
         lam_x, lam_g, rest = point.multipliers(bounds)
         optimal = bool(np.abs(rest).max() <= _OPTIMAL)
         if not optimal:
-            lam_g = found.lam_g[: problem.n_outer]
-            lam_x = found.lam_x[: problem.n_free].copy()
+            lam_g = trial.lam_g[: problem.n_outer]
+            lam_x = trial.lam_x[: problem.n_free].copy()
             held = at_low | at_high | even
             lam_x[:n] = np.where(held, -point.slope(lam_g)[:n], lam_x[:n])
         solution = replace(
-            found,
-            lam_x=np.append(lam_x, np.zeros(found.x.size - lam_x.size)),
+            trial,
+            lam_x=np.append(lam_x, np.zeros(trial.x.size - lam_x.size)),
             lam_g=point.all_multipliers(lam_g),
-            iterations=solution.iterations + found.iterations,
+            iterations=solution.iterations + trial.iterations,
             solver=solution.solver,
         )
         wrong = ~even & ((at_low & (lam_x[:n] > 0)) | (at_high & (lam_x[:n] < 0)))
@@ -189,12 +189,12 @@ def polish(
 
 def defect(problem: Problem, x: Array, targets: tuple[Target, ...], shape: Shape) -> Array:
     """Return what is measured of the shape less what is of unknowns x: see Program.measured."""
-    blocks, here = problem.program.blocks, problem.poses(x)
-    there = shape.poses(np.array(problem.stations))
-    there[:, :4] *= np.where((there * here)[:, :4].sum(axis=1) < 0, -1.0, 1.0)[:, None]
-    softer = compliances_along(problem.arm, targets, shape)
-    softer = softer - problem.compliances(x, problem.directions(targets))
-    parts = [(there - here).ravel(), softer]
+    blocks, own_poses = problem.program.blocks, problem.poses(x)
+    poses = shape.poses(np.array(problem.stations))
+    poses[:, :4] *= np.where((poses * own_poses)[:, :4].sum(axis=1) < 0, -1.0, 1.0)[:, None]
+    compliances = compliances_along(problem.arm, targets, shape)
+    compliances = compliances - problem.compliances(x, problem.directions(targets))
+    parts = [(poses - own_poses).ravel(), compliances]
     if blocks.modes:
         parts.append(shape.stability - x[blocks.eigenvalues])
     if blocks.wound:

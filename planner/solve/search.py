@@ -118,25 +118,25 @@ class Search:
         """
         unstable, missed = False, None
         for mode in self._readings():
-            self._now = here = _Reading(mode, self.guesses())
+            self._now = reading = _Reading(mode, self.guesses())
             hasty = mode == "exact" and self.task.starts is None
             self._try(_ENOUGH if hasty else None)
-            if hasty and not here.optima:
-                missed = here
+            if hasty and not reading.optima:
+                missed = reading
                 continue
-            if missed is not None and here.optima and here.optima[0][1].f <= _MET:
-                nearly = self.task.tensions(here.optima[0][1])
+            if missed is not None and reading.optima and reading.optima[0][1].f <= _MET:
+                nearly = self.task.tensions(reading.optima[0][1])
                 missed.guesses = chain([nearly], missed.guesses)
                 self._now, missed = missed, None
-                found = self._finished()
-                if found is not None:
-                    return found
+                result = self._finished()
+                if result is not None:
+                    return result
                 unstable |= bool(self._now.unstable)
-                self._now = here
-            found = self._finished()
-            if found is not None:
-                return replace(found, unstable=unstable)
-            unstable |= bool(here.unstable)
+                self._now = reading
+            result = self._finished()
+            if result is not None:
+                return replace(result, unstable=unstable)
+            unstable |= bool(reading.unstable)
         return replace(self._so_far(stopped=False), unstable=unstable)
 
     def _readings(self) -> Iterator[Mode]:
@@ -144,25 +144,25 @@ class Search:
         if self.task.can_be_exact:
             yield "exact"
         closest = self.task.problem(self.task.coarse("closest"))
-        if closest.terms.numel_out(1) > 0 or closest.n_lack > 0:
+        if closest.terms.numel_out(1) > 0 or closest.n_slack > 0:
             yield "closest"
         yield "nearest"
 
     def _finished(self) -> SearchResult | None:
         """Return the best optimum of a reading of the targets, None where there is none."""
         self._try()
-        found = self._best()
-        if found is None and self._now.unstable and self.task.best_margin:
-            found = self._without_margin()
-        return found
+        result = self._best()
+        if result is None and self._now.unstable and self.task.best_margin:
+            result = self._without_margin()
+        return result
 
     def _without_margin(self) -> SearchResult | None:
         """Return the best optimum that is stable at all, where its margin cannot be had."""
         stated = self.task.statement.but(margin=0.0)
         self.task, self._margin = replace(self.task, statement=stated, best_margin=False), 0.0
-        known, here = [*self._now.met, *self._now.unstable], self._now
-        self._now = replace(here, met=[], unstable=[])
-        for statement, solution in known:
+        optima, reading = [*self._now.met, *self._now.unstable], self._now
+        self._now = replace(reading, met=[], unstable=[])
+        for statement, solution in optima:
             self._sort(statement.but(margin=0.0), solution)
         return self._best()
 
@@ -179,11 +179,11 @@ class Search:
 
     def _try(self, most: int | None = None) -> None:
         """Solve from guesses until enough of them agree, or from so many."""
-        here, statement = self._now, self.task.coarse(self._now.mode)
-        for T in islice(here.guesses, most):
+        reading, statement = self._now, self.task.coarse(self._now.mode)
+        for T in islice(reading.guesses, most):
             if self._enough():
                 return
-            tell(_PHASES[here.mode], len(here.trials), self.task.most)
+            tell(_PHASES[reading.mode], len(reading.trials), self.task.most)
             self._keep(statement, self.solve(statement, T))
 
     def solve(self, statement: Statement, T: Array, near: bool = False) -> Solution:
@@ -269,18 +269,18 @@ class Search:
         different = {float(f"{s.f:.3g}"): (st, s) for st, s in self._now.unstable if s.f < limit}
         beside = [different[f] for f in sorted(different)[:_HELD]]
         for before, solution in beside:
-            found = self._refined_with_mode(before, solution.x, limit)
-            if found is not None:
-                return found
+            fine = self._refined_with_mode(before, solution.x, limit)
+            if fine is not None:
+                return fine
         return None
 
     def _refined_with_mode(self, before: Statement, x: Array, limit: float) -> Refined | None:
         """Return the optimum held to the lowest floor from which the arm comes there from rest."""
         for floor in self._floors():
-            found = self._with_mode(before, x, floor)
-            if found is None or found[1].f >= limit:
+            held = self._with_mode(before, x, floor)
+            if held is None or held[1].f >= limit:
                 return None
-            fine = refine(self.task.held(floor), *found)
+            fine = refine(self.task.held(floor), *held)
             if fine is not None:
                 return fine
         return None
@@ -299,12 +299,12 @@ class Search:
             x = problem.carried(x, self.task.problem(before), task.allowed, p)
         except (OctoplanError, np.linalg.LinAlgError):
             return None
-        found = solve(problem, x, p, task.bounds(statement))
+        solution = solve(problem, x, p, task.bounds(statement))
         check_time()
-        if not (found.met and found.finite):
+        if not (solution.met and solution.finite):
             return None
-        stable = problem.stability(found.x, task.tensions(found)) >= floor - _COARSE * floor
-        return (statement, found) if stable else None
+        stable = problem.stability(solution.x, task.tensions(solution)) >= floor - _COARSE * floor
+        return (statement, solution) if stable else None
 
     def _so_far(self, stopped: bool = True) -> SearchResult:
         """Return the best that was seen: of optima that of least effort, else what came last."""
@@ -331,5 +331,5 @@ def _is_same(one: Solution, other: Solution) -> bool:
     return bool(np.abs(one.x[:n] - other.x[:n]).max() <= _SAME)
 
 
-def _objective(found: tuple[Statement, Solution]) -> float:
-    return found[1].f
+def _objective(optimum: tuple[Statement, Solution]) -> float:
+    return optimum[1].f

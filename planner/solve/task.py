@@ -141,14 +141,35 @@ class Trial:
 
 @dataclass(frozen=True, eq=False)
 class SearchResult:
-    """What a search ends with: how the question was stated, tensions, multipliers, starts.
+    """What a search ends with.
 
-    `stopped` says that the time limit ended it, `jump` by how much the tensions differ from those
-    of the optimum that was to be followed, over their norm, where its branch was left, `lost` by
-    what share of the effort the coarse mesh had a cheaper optimum that no fine mesh has;
-    `in_the_way` is the obstacle that a plan without obstacles comes nearest to, where only
-    obstacles keep the targets from being met; `unstable` says that only shapes less stable than
-    asked meet them; `load_path` are tensions on that of an arm in contact.
+    Attributes
+    ----------
+    statement : Statement
+        How it was stated in the end: its `mode` is "nearest" if the targets could not be met.
+    tensions : (n_sections, n), or (n_tendons,) where sections differ in number
+        [N].
+    lam_x, lam_g : tuple of float
+        Multipliers of bounds and constraints of the problem, scaled, CasADi's signs.
+    starts : tuple of Trial
+        The initial guesses tried, in order.
+    stopped : bool
+        Whether the time limit ended the search: these are the best tensions it had come to.
+    jump : float
+        How far the tensions are from those of the plan that was to be followed, over their norm,
+        where its branch was left; 0 where it was not, or none was given.
+    lost : float
+        By what fraction of the effort the coarse mesh of the search had a cheaper optimum that was
+        lost on finer ones; 0 if none.
+    in_the_way : str
+        The obstacle that the plan without obstacles comes nearest to, where only obstacles keep the
+        targets from being met; empty else.
+    unstable : bool
+        Whether the search met the targets by shapes less stable than asked alone.
+    load_path : tuple of (n_tendons,)
+        Of an arm in contact, tensions by which it comes to the shape: from rest tensions and loads
+        grow in proportion to the first, then they change in straight lines to the next and to the
+        plan's. Empty where it comes there from rest.
     """
 
     statement: Statement
@@ -162,6 +183,11 @@ class SearchResult:
     in_the_way: str = ""
     unstable: bool = False
     load_path: tuple[tuple[float, ...], ...] = ()
+
+    @property
+    def agreed(self) -> int:
+        """How many starts ended at the best objective, to a thousandth."""
+        return agreed(self.starts)
 
 
 def agreed(starts: Sequence[Trial]) -> int:

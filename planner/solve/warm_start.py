@@ -13,7 +13,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from model.errors import OctoplanError
 from model.paths import Array
 from model.time_limit import OutOfTime, check_time
 from planner.answer import Answer, Optimum
@@ -27,7 +26,7 @@ from planner.targets.base import Target
 # of one step, smaller ones tell whether they jump.
 _LITTLE = 0.25
 _LEAST_STEP = 1 / 64
-# What the stability of what is followed may lack.
+# How much less stable than its margin a followed optimum may be.
 _SLACK = 1e-5
 
 
@@ -47,22 +46,19 @@ def warm_start(near: Answer, task: Task) -> SearchResult | None:
     statement = near.statement.but(iterations=0)
     problem = task.problem(statement)
     try:
-        try:
-            start = near.optimum
-        except (OctoplanError, np.linalg.LinAlgError):
+        start = near.optimum
+        continued = None if start is None else _continued(problem, start, near, task)
+        if start is None or continued is None:
             return None
-        moved = None if start is None else _moved(problem, start, near, task)
-        if start is None or moved is None:
-            return None
-        found, apart = moved
-        fine = refine(task, statement, found, start.defect)
+        optimum, apart = continued
+        fine = refine(task, statement, optimum, start.defect)
         if fine is None:
             return None
         last = task.problem(fine.statement)
         least = margin - _SLACK if margin else 0.0
         if last.stability(fine.solution.x, fine.tensions) < least:
             return None
-        return fine.result(task, (Trial(found.f, True, found.iterations),), apart)
+        return fine.result(task, (Trial(optimum.f, True, optimum.iterations),), apart)
     except OutOfTime:
         T = np.clip(np.ravel(near.tensions), limits.lower, limits.upper)
         return SearchResult(near.statement, task.arm.by_section(T), (), (), (), stopped=True)
@@ -79,52 +75,52 @@ def _structure(targets: tuple[Target, ...], task: Task) -> tuple[object, ...]:
     return tuple((target.structure(task.arm), target.tendons(task.arm)) for target in targets)
 
 
-def _moved(
-    problem: Problem, optimum: Optimum, near: Answer, task: Task
+def _continued(
+    problem: Problem, origin: Optimum, near: Answer, task: Task
 ) -> tuple[Solution, float] | None:
     """Return the optimum for a task, by steps in target numbers and minima from one nearby.
 
     And by how much the tensions jump, 0 where they change little by little.
     """
     limits, n = task.allowed, problem.arm.n_tendons
-    x, lam_x, lam_g, off, _ = optimum
+    x, lam_x, lam_g, error, _ = origin
     start = Solution(x, lam_x, lam_g, 0, np.zeros(0), True, "", 0)
     first, last = (
-        problem.parameters(which, limits, defect=off) for which in (near.stated, task.targets)
+        problem.parameters(which, limits, defect=error) for which in (near.stated, task.targets)
     )
     lbx, ubx, lbg, ubg = problem.bounds(limits)
     unit = units(problem.arm, limits)
     rise = np.zeros(lbx.size)
     rise[:n] = (np.array(limits.lower) - near.limits.lower) / unit
 
-    def at(share: float) -> tuple[Array, Bounds]:
-        left = (1 - share) * rise
+    def at(fraction: float) -> tuple[Array, Bounds]:
+        left = (1 - fraction) * rise
         upper = np.where(lbx == ubx, ubx - left, ubx)
-        return first + share * (last - first), (lbx - left, upper, lbg, ubg)
+        return first + fraction * (last - first), (lbx - left, upper, lbg, ubg)
 
     def stepped(step: float, most: float) -> Solution | None:
         """Follow by steps whose tensions change by no more than `most`; None where that ends."""
-        here, share = start, 0.0
-        while share < 1:
+        current, fraction = start, 0.0
+        while fraction < 1:
             check_time()
-            trial = min(1.0, share + step)
+            trial = min(1.0, fraction + step)
             p, bounds = at(trial)
-            found = polish(problem, here, p, bounds, warm=True)
-            apart = float(np.linalg.norm((found.x - here.x)[:n] * unit))
-            if found.met and found.finite and apart <= most:
-                here, share, step = found, trial, 2 * step
+            following = polish(problem, current, p, bounds, warm=True)
+            apart = float(np.linalg.norm((following.x - current.x)[:n] * unit))
+            if following.met and following.finite and apart <= most:
+                current, fraction, step = following, trial, 2 * step
             elif step <= _LEAST_STEP:
                 return None
             else:
                 step /= 2
-        return here
+        return current
 
-    found = stepped(1.0, np.inf)
-    if found is None:
+    optimum = stepped(1.0, np.inf)
+    if optimum is None:
         return None
-    ends = [s.x[:n] * unit for s in (start, found)]
+    ends = [s.x[:n] * unit for s in (start, optimum)]
     apart = jump(*ends)
     if not apart:
-        return found, 0.0
+        return optimum, 0.0
     kept = stepped(0.5, _LITTLE * max(float(np.linalg.norm(T)) for T in ends))
-    return (found, apart) if kept is None else (kept, 0.0)
+    return (optimum, apart) if kept is None else (kept, 0.0)

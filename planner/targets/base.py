@@ -212,10 +212,10 @@ class Free:
 
 def check_near(arm: Arm, field: str, points: Any) -> None:
     """Raise InputError if points (..., 3) are so far off that no digit tells shapes apart."""
-    off = np.abs(np.asarray(points) / arm.length - np.array(arm.base_position) / arm.length)
-    if not off.max() <= _FAR:
+    distance = np.abs(np.asarray(points) / arm.length - np.array(arm.base_position) / arm.length)
+    if not distance.max() <= _FAR:
         raise InputError(field, points, f"within {_FAR:g} arm lengths of the base, in m")
-    warn_of_distance(field, float(np.linalg.norm(off, axis=-1).max()))
+    warn_of_distance(field, float(np.linalg.norm(distance, axis=-1).max()))
 
 
 def toward(arm: Arm, angle: float) -> Array:

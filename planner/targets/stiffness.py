@@ -169,8 +169,8 @@ class MinimumStiffness(Free):
         """See Target.terms: the stiffness over that wanted, less 1; or minors of a matrix."""
         if np.ndim(self.direction) == 1:
             inequality = {SHARE: 1 / view.compliance - 1}
-            own = frozenset({SHARE})
-            return Terms(inequality=inequality, low_priority=own, shares=own)
+            weights = frozenset({SHARE})
+            return Terms(inequality=inequality, low_priority=weights, shares=weights)
         name = "stiffness above that wanted"
         return Terms(inequality={name: _minors()(view.compliance)}, low_priority=frozenset({name}))
 

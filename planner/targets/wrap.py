@@ -121,14 +121,14 @@ class Wrap(Free):
             most = L / (2 * np.pi * (self._wide + float(arm.outer_radius(np.array([L]))[0][0])))
             allowed = f"fewer: all of the arm goes {most:.3g} times round the obstacle at most"
             raise InputError("Wrap.turns", self.turns, allowed)
-        off = float(self.obstacle.distance(np.array(arm.base_position)))
+        distance = float(self.obstacle.distance(np.array(arm.base_position)))
         near = (1 + self.tolerance) * float(arm.outer_radius(np.array([start]))[0][0])
-        if self.length is not None and off - near > start:
-            allowed = f"an obstacle within reach: it is {1e3 * off:.4g} mm from the base, "
+        if self.length is not None and distance - near > start:
+            allowed = f"an obstacle within reach: it is {1e3 * distance:.4g} mm from the base, "
             allowed += f"and the part begins at {1e3 * start:.4g} mm"
             raise InputError("Wrap.obstacle", self.obstacle, allowed)
-        if off > L:
-            allowed = f"an obstacle within reach: it is {1e3 * off:.4g} mm from the base"
+        if distance > L:
+            allowed = f"an obstacle within reach: it is {1e3 * distance:.4g} mm from the base"
             raise InputError("Wrap.obstacle", self.obstacle, allowed)
 
     def structure(self, arm: Arm) -> Hashable:
@@ -138,8 +138,8 @@ class Wrap(Free):
     def stations(self, arm: Arm) -> tuple[float, ...]:
         """See Target.stations."""
         start, end = self.part(arm)
-        found = np.linspace(start, min(end, arm.length), PLACES)
-        return tuple(found[found > 0].tolist())
+        places = np.linspace(start, min(end, arm.length), PLACES)
+        return tuple(places[places > 0].tolist())
 
     def parameters(self, arm: Arm) -> Array:
         """See Target.parameters: the obstacle's numbers, tolerance, turns, radii at the places."""
@@ -149,13 +149,13 @@ class Wrap(Free):
     def terms(self, view: View, p: ca.MX) -> Terms:
         """See Target.terms."""
         stations, body = self.stations(view.arm), p[:SIZE]
-        found = [with_gradient()(view.position(s), body) for s in stations]
+        rows = [with_gradient()(view.position(s), body) for s in stations]
         radii = p[SIZE + 2 :]
-        gap = ca.vertcat(*(distance for distance, _ in found)) - radii
+        gap = ca.vertcat(*(distance for distance, _ in rows)) - radii
         L = view.arm.length
         inequality = {NEAR: (p[SIZE] * radii - gap) / L, CLEAR: gap / L}
         if self.turns is not None:
-            normals = [normal for _, normal in found]
+            normals = [normal for _, normal in rows]
             angle = sum((_angle()(*pair) for pair in pairwise(normals)), ca.MX(0))
             inequality[TURNS] = angle / (2 * np.pi * p[SIZE + 1]) - 1
         return Terms(inequality=inequality, units={NEAR: "L", CLEAR: "L"})
