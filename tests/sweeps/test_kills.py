@@ -19,7 +19,7 @@ from planner.sweeps.workers import WorkersLostError
 from tests.sweeps.cases import DRAWN, GRID, STIFFNESS, written
 
 ROOT = Path(__file__).parents[2]
-# 66 chunks of compliances, and 30: enough to be hit in the middle.
+# 64 chunks of compliances, and 30: enough to be hit in the middle.
 AXES = GRID + STIFFNESS + DRAWN
 MORE, FEW = "draws = 32", "draws = 5"
 
