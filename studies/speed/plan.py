@@ -12,8 +12,9 @@ median with its quartiles.
 
 Command: python -m studies.speed plan [--rows cold scenes path sections first] [--plans 20]
 
-Answer: cold certified plans 48 times as fast, plans along a path 11 times as fast as the cold ones.
-A plan grows as n^1.3 with the sections.
+Answer: cold certified plans 191 times as fast (135 to 244, of three), plans along a path of ten
+points twice as fast as the cold ones. A plan grows as n^1.3 with the sections. Of 12 tips each all
+are certified: in the paper's scene in 0.09 s, in silicone in 0.14, in it under water in 0.24.
 """
 
 from __future__ import annotations
