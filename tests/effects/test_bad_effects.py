@@ -191,7 +191,7 @@ ARMS: Refused = {
     "a number for a curvature": (lambda: RestCurvature(3.0), "RestCurvature.n", ""),  # type: ignore[arg-type]
     "samples that end early": (
         lambda: replace(ARM, rest_curvature=RestCurvature(SAMPLES)),
-        "Sampled.s",
+        "Arm.rest_curvature.n.s",
         "samples from 0 to 0.45",
     ),
     "paths of three": (
