@@ -17,7 +17,7 @@ from model.equilibrium.forward import Collocation, collocation_order
 from model.errors import InputError
 from model.integrators import MAGNUS2, MAGNUS4, MAGNUS6, RK4, RK6, RK8
 from model.loads import contacts, is_loaded
-from model.mesh import IMPLICIT, ROUNDING, graded
+from model.mesh import IMPLICIT, ROUNDING, estimate, graded
 from model.paths import Array
 from model.scene import Scene
 from model.unloaded.closed_form import ClosedForm, Geometry, geometry_on_mesh
@@ -173,6 +173,10 @@ class Maps:
         base = float(arm.radius.evaluate(np.zeros(1), arm.length)[0][0])
         self.lever, self.by_sections = base * is_loaded(scene), not scene.has(PrintedStatics)
         self._kept: dict[int, ForwardMap] = {}
+
+    def error(self, gap: Any, coarse: Any, fine: int) -> Any:
+        """Return the tip error over L of the finer of two meshes whose tips are a gap [m] apart."""
+        return estimate(gap / self.arm.length, coarse, fine, self.least_order, self.rounding)
 
     def on(self, refinement: int) -> ForwardMap:
         """Return the forward map on the mesh of a refinement."""

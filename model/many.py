@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from model.arm import Arm
 from model.checks import finite_array
 from model.equilibrium.equilibrium import check_stretch, stretch_of
+from model.equilibrium.forward import Collocation
 from model.equilibrium.linearised import Linearised
 from model.errors import ConvergenceError, InputError, OctoplanError, UnsettledSectionError
-from model.forward import COLLOCATIONS, check_scheme, collocation_map, explicit_map, order_of
-from model.loads import is_loaded
+from model.forward import Maps, maps_of
 from model.machine.compiled import Compile, checked_compile
-from model.mesh import IMPLICIT, ROUNDING, checked_accuracy, estimate, first_pair, next_refinement
+from model.mesh import checked_accuracy, first_pair, next_refinement
 from model.paths import Array
 from model.rotations import matrices
 from model.scene import Scene
@@ -101,19 +101,19 @@ class Problems:
         """Return whether something went wrong at each of some sets."""
         return np.isin(i, self.rows)
 
-    def kept(self, found: Shapes) -> Shapes:
+    def kept(self, shapes: Shapes) -> Shapes:
         """Return shapes with nan and the reason where something went wrong."""
+        reasons = tuple(self._told.get(i, "") for i in range(len(shapes.tip)))
         if not self._told:
-            return replace(found, problems=("",) * len(found.tip))
-        told = tuple(self._told.get(i, "") for i in range(len(found.tip)))
-        lost = self.at(np.arange(len(told)))
+            return replace(shapes, problems=reasons)
+        lost = self.at(np.arange(len(reasons)))
         return Shapes(
-            np.where(lost[:, None], np.nan, found.tip),
-            np.where(lost[:, None, None], np.nan, found.tip_frame),
-            np.where(lost, np.nan, found.error),
-            np.where(lost[:, None], np.nan, found.tensions),
-            found.slack & ~lost[:, None],
-            told,
+            np.where(lost[:, None], np.nan, shapes.tip),
+            np.where(lost[:, None, None], np.nan, shapes.tip_frame),
+            np.where(lost, np.nan, shapes.error),
+            np.where(lost[:, None], np.nan, shapes.tensions),
+            shapes.slack & ~lost[:, None],
+            reasons,
         )
 
 
@@ -121,37 +121,13 @@ class Problems:
 _AT_ONCE = 256
 
 
-class Tips(Protocol):
-    """What settles sets of tensions on a mesh."""
-
-    def __call__(self, now: Any, refinement: int) -> tuple[Array, Array]:
-        """Return tip poses (7, k) and the least 1 + q (k,) of sets by number; NaN where none is."""
-        ...
-
-
 class ManySets:
     """Sets of tensions (M, n_tendons) [N] of an arm in a scene, on their way to an accuracy."""
 
-    def __init__(
-        self,
-        arm: Arm,
-        T: Array,
-        scene: Scene,
-        accuracy: float,
-        machine_code: bool,
-        problems: Problems,
-    ) -> None:
-        self.problems = problems
-        self.arm, self.T, self.scene, self.accuracy = arm, T, scene, accuracy
-        self.machine_code, self.scheme = machine_code, check_scheme(scene, None)
-        self.order, self.lever = order_of(self.scheme, scene), 0.0
-        self.rounding = IMPLICIT if self.scheme in COLLOCATIONS else ROUNDING
-        self._tips: Tips = self._in_closed_form
-        if is_loaded(scene):
-            self.lever = float(arm.radius.evaluate(np.zeros(1), arm.length)[0][0])
-            self._tips = self._under_loads
-        self._known: list[Linearised | None] = [None] * len(T)
-        self.coarse, self.fine = first_pair(accuracy, self.order)
+    def __init__(self, maps: Maps, T: Array, accuracy: float, problems: Problems) -> None:
+        self.maps, self.T, self.accuracy, self.problems = maps, T, accuracy, problems
+        self._near: list[Linearised | None] = [None] * len(T)
+        self.coarse, self.fine = first_pair(accuracy, maps.order)
         self.poses, self.errors = np.zeros((len(T), 7)), np.full(len(T), np.inf)
         self.last, self.wanted = np.zeros(len(T), int), np.full(len(T), self.coarse)
 
@@ -165,9 +141,9 @@ class ManySets:
             left = self._left(left)
         lost = self.problems.rows
         self.poses[lost, 0] = 1.0  # what has no frame is not made one of
-        slack = ~pulls(self.arm, self.T)
-        found = Shapes(self.poses[:, 4:], matrices(self.poses[:, :4]), self.errors, self.T, slack)
-        return self.problems.kept(found)
+        slack = ~pulls(self.maps.arm, self.T)
+        tips, frames = self.poses[:, 4:], matrices(self.poses[:, :4])
+        return self.problems.kept(Shapes(tips, frames, self.errors, self.T, slack))
 
     def _left(self, among: Any) -> Any:
         """Return those sets that are neither settled nor lost."""
@@ -175,18 +151,17 @@ class ManySets:
 
     def _step(self, now: Any, refinement: int) -> None:
         """Settle the sets `now` on a mesh, and say which they want next."""
-        found, least = self._tips(now, refinement)
+        maps, (poses, least) = self.maps, self._tips(now, refinement)
         if refinement == self.coarse:
             self.wanted[now] = self.fine
         else:
-            moved = found.T - self.poses[now]
-            gap = np.linalg.norm(moved[:, 4:], axis=1)
-            if self.lever:  # of points a lever off the tip too
-                gap = np.maximum(gap, 2 * self.lever * np.linalg.norm(moved[:, :4], axis=1))
-            coarse, gap = self.last[now], gap / self.arm.length
-            self.errors[now] = estimate(gap, coarse, refinement, self.order, self.rounding)
-        self.poses[now], self.last[now] = found.T, refinement
-        lost = np.isnan(found).any(axis=0)
+            change = poses - self.poses[now]
+            gap = np.linalg.norm(change[:, 4:], axis=1)
+            if maps.lever:  # of points a lever off the tip too
+                gap = np.maximum(gap, 2 * maps.lever * np.linalg.norm(change[:, :4], axis=1))
+            self.errors[now] = maps.error(gap, self.last[now], refinement)
+        self.poses[now], self.last[now] = poses, refinement
+        lost = np.isnan(poses).any(axis=1)
         settled = self.errors[now] <= self.accuracy
         for i in now[settled & ~(least > LEAST_STRETCH)]:
             with self.problems.of(int(i)):
@@ -197,43 +172,38 @@ class ManySets:
             with self.problems.of(int(i)):
                 self._settle_alone(int(i))
 
-    def _in_closed_form(self, now: Any, refinement: int) -> tuple[Array, Array]:
-        mesh = self.scheme, refinement, (), self.machine_code
-        forward = explicit_map(self.arm, self.scene, *mesh)
-        poses, least = forward.many(self.T[now], [forward.mesh.steps])
-        return poses[:, 0].T, least
-
-    def _under_loads(self, now: Any, refinement: int) -> tuple[Array, Array]:
-        """Return tips of sets whose equations couple the sections; some at a time."""
-        mesh = (self.scheme, refinement, (), self.machine_code)
-        forward = collocation_map(self.arm, self.scene, *mesh)
+    def _tips(self, now: Any, refinement: int) -> tuple[Array, Array]:
+        """Return tip poses (k, 7) and the least 1 + q (k,) of sets by number; NaN where none is."""
+        forward = self.maps.on(refinement)
+        if not isinstance(forward, Collocation):
+            poses, least = forward.many(self.T[now], [forward.mesh.steps])
+            return poses[:, 0], least
         system = forward.system
         states = np.full((len(now), system.of.n_states), np.nan)
         for first in range(0, len(now), _AT_ONCE):
             check_time()
             some = now[first : first + _AT_ONCE]
-            heres = forward.many(self.T[some], [self._known[i] for i in some.tolist()])
-            for k, (i, here) in enumerate(zip(some.tolist(), heres, strict=True), first):
-                if isinstance(here, OctoplanError):
-                    self._known[i] = None
+            ends = forward.many(self.T[some], [self._near[i] for i in some.tolist()])
+            for k, (i, end) in enumerate(zip(some.tolist(), ends, strict=True), first):
+                if isinstance(end, OctoplanError):
+                    self._near[i] = None
                     continue
-                self._known[i] = Linearised(system, here.x)
-                states[k] = here.states
-        tips = states[:, system.of.nodes[-1, :POSE]]
-        return tips.T, stretch_of(system, states).min(axis=1)
+                self._near[i] = Linearised(system, end.x)
+                states[k] = end.states
+        return states[:, system.of.nodes[-1, :POSE]], stretch_of(system, states).min(axis=1)
 
     def _settle_alone(self, i: int) -> None:
         """Settle a set that wants more than what is done side by side, or refuse it."""
         try:
-            given = (self.arm, self.T[i], self.scene, self.accuracy)
-            shape = settle(*given, compile=self.machine_code)
+            given = self.maps.arm, self.T[i], self.maps.scene, self.accuracy
+            shape = settle(*given, compile=self.maps.machine_code)
         except UnsettledSectionError as error:
             raise UnsettledSectionError(error.s, f"tensions[{i}]") from None
         self.poses[i], self.errors[i] = shape.equilibrium.poses[-1], shape.error
 
     def _choose(self, now: Any, refinement: int) -> None:
         self.wanted[now] = [
-            next_refinement(refinement, error, self.accuracy, self.order)
+            next_refinement(refinement, error, self.accuracy, self.maps.order)
             for error in self.errors[now].tolist()
         ]
         for i in now[self.wanted[now] == 0]:
@@ -243,11 +213,11 @@ class ManySets:
                 raise ConvergenceError(self.accuracy, float(self.errors[i]), remedy)
 
     def _refuse_collapsed(self, i: int, refinement: int) -> None:
-        if is_loaded(self.scene):
+        forward = self.maps.on(refinement)
+        if isinstance(forward, Collocation):
             self._settle_alone(i)
-            return
-        forward = explicit_map(self.arm, self.scene, self.scheme, refinement)
-        check_stretch(Marched.under(forward, self.T[i]), f"tensions[{i}]")
+        else:
+            check_stretch(Marched.under(forward, self.T[i]), f"tensions[{i}]")
 
 
 def settle_many(
@@ -291,7 +261,8 @@ def settle_many(
         options = {**winches, "compile": machine_code}
         return _by_lengths(arm, held, scene, accuracy, options, problems)
     T = _stack(arm, tensions, problems)
-    return ManySets(arm, T, scene, accuracy, machine_code, problems).shapes()
+    maps = maps_of(arm, scene, None, machine_code)
+    return ManySets(maps, T, accuracy, problems).shapes()
 
 
 def _by_lengths(
@@ -323,22 +294,13 @@ def _by_lengths(
 
 def _of(arm: Arm, shapes: list[Shape | None], problems: Problems) -> Shapes:
     m, n = len(shapes), arm.n_tendons
-    found = Shapes(
-        np.zeros((m, 3)),
-        np.zeros((m, 3, 3)),
-        np.zeros(m),
-        np.zeros((m, n)),
-        np.zeros((m, n), dtype=bool),
-    )
+    tips, frames, errors = np.zeros((m, 3)), np.zeros((m, 3, 3)), np.zeros(m)
+    tensions, slack = np.zeros((m, n)), np.zeros((m, n), dtype=bool)
     for i, shape in enumerate(shapes):
         if shape is not None:
-            found.tip[i], found.tip_frame[i], found.error[i] = (
-                shape.tip,
-                shape.tip_frame,
-                shape.error,
-            )
-            found.tensions[i], found.slack[i] = shape.tensions, shape.slack.ravel()
-    return problems.kept(found)
+            tips[i], frames[i], errors[i] = shape.tip, shape.tip_frame, shape.error
+            tensions[i], slack[i] = shape.tensions, shape.slack.ravel()
+    return problems.kept(Shapes(tips, frames, errors, tensions, slack))
 
 
 def _stack(arm: Arm, tensions: Any, problems: Problems) -> Array:

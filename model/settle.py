@@ -32,12 +32,7 @@ from model.errors import (
 from model.forward import Maps, equilibrium_on, maps_of
 from model.loads import check_loads, contacts, is_loaded, without_friction
 from model.machine.compiled import Compile, checked_compile
-from model.mesh import (
-    checked_accuracy,
-    estimate,
-    first_pair,
-    next_refinement,
-)
+from model.mesh import checked_accuracy, first_pair, next_refinement
 from model.paths import Array
 from model.progress import with_progress
 from model.scene import Scene
@@ -254,7 +249,7 @@ def _settled(
 ) -> Shape:
     """Return the shape on the first mesh that is accurate enough."""
     coarse, fine = first_pair(accuracy, maps.order)
-    refinement, L = coarse, maps.arm.length
+    refinement = coarse
     before: tuple[int, Array] | None = None
     snaps: tuple[float, ...] = ()
     begun = time.process_time() if maps.contacts else 0.0
@@ -286,7 +281,7 @@ def _settled(
             gap = math.dist(tip[4:], before[1][4:])
             if maps.lever:
                 gap = max(gap, 2 * maps.lever * math.dist(tip[:4], before[1][:4]))
-            error = estimate(gap / L, before[0], refinement, maps.least_order, maps.rounding)
+            error = maps.error(gap, before[0], refinement)
             LOG.debug("%s, mesh %d: estimated tip error %.1e of L", maps.scheme, refinement, error)
             if error <= accuracy:
                 winches = None

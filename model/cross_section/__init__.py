@@ -1,6 +1,23 @@
 """Laws of a cross-section, one file each: strains to the wrench that body and tendons balance."""
 
-from model.cross_section.choice import cross_section_of
+from __future__ import annotations
+
+from model.cross_section.energy import ExactSection, RubberSection
 from model.cross_section.law import CrossSection
+from model.cross_section.paper import PaperSection
+from model.effects import ExactTendons, Extension, NeoHookean, Shear
+from model.scene import Scene
 
 __all__ = ["CrossSection", "cross_section_of"]
+
+
+def cross_section_of(scene: Scene, curved: bool = False, torsion: bool = True) -> CrossSection:
+    """Return the law of a scene's cross-sections; without loads none of them is twisted.
+
+    `curved` says whether they are curved at rest.
+    """
+    shape = (scene.has(Extension), torsion, scene.has(Shear), curved)
+    rubber = scene.find(NeoHookean)
+    if rubber is not None:
+        return RubberSection(*shape, anticlastic=rubber.anticlastic)
+    return ExactSection(*shape) if scene.has(ExactTendons) else PaperSection(*shape)

@@ -1,7 +1,7 @@
 """The equations of equilibrium linearised at a point, and their factorisation.
 
-One factorisation serves Newton's steps, and by the implicit function theorem whatever else is asked
-about the equilibrium. The states stand in the order of the arm, so the matrix is a narrow band.
+One factorisation serves Newton's steps, and by the implicit function theorem all derivatives of the
+equilibrium. The states stand in the order of the arm, so the matrix is a narrow band.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def band(of: Layout) -> Band:
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """The equations linearised at a point; what is asked of them is computed then.
+    """The equations linearised at a point; derivatives and factors are computed when needed.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ class Linearised:
 
     @cached_property
     def residual(self) -> Array:
-        """What vanishes at equilibrium (n_states,)."""
+        """The residuals of the equations (n_states,)."""
         return self.system.residual(self.x)
 
     @cached_property
@@ -131,17 +131,17 @@ class Linearised:
         return np.asarray(np.bincount(at.rows[inside], products, states.size), dtype=float)
 
     def solve(self, right: Array, transposed: bool = False) -> Array:
-        """Return the states (n_states, ...) that right-hand sides ask for.
+        """Return the changes of the states (n_states, ...) by right-hand sides.
 
         With `transposed` the multipliers of right-hand sides in the states.
         """
         factors, pivots = self.factor
         at = self.band
-        found, _ = dgbtrs(factors, at.below, at.above, right, pivots, trans=int(transposed))
-        return np.asarray(found)
+        solution, _ = dgbtrs(factors, at.below, at.above, right, pivots, trans=int(transposed))
+        return np.asarray(solution)
 
     def newton_step(self) -> Array | None:
-        """Return the change of the states (n_states,) that Newton's method asks for; None if none.
+        """Return the change of the states (n_states,) by Newton's method; None if there is none.
 
         There is none where the equations are singular or no numbers.
         """
@@ -157,7 +157,7 @@ class Linearised:
 
     @cached_property
     def by_parameters(self) -> Array:
-        """How the states move with tensions and load factor (n_states, n_tendons + 1)."""
+        """The derivatives of the states by tensions and load factor (n_states, n_tendons + 1)."""
         if self.near:
             return self.near.by_parameters
         at, outside = self.band, self.band.outside
@@ -167,12 +167,12 @@ class Linearised:
 
     @property
     def by_tensions(self) -> Array:
-        """How the states move with the tensions (n_states, n_tendons)."""
+        """The derivatives of the states by the tensions (n_states, n_tendons)."""
         return self.by_parameters[:, :-1]
 
     @property
     def by_load(self) -> Array:
-        """How the states move with the load factor (n_states,); nan where that is not known."""
+        """The derivatives of the states by the load factor (n_states,), nan where singular."""
         if self.near:
             return self.near.by_load
         at, right = self.band, np.zeros(self.system.of.n_states)
@@ -190,12 +190,12 @@ class Linearised:
 
     @cached_property
     def length_jacobian(self) -> Array:
-        """How these change with the states (n_tendons, n_states)."""
+        """Their derivatives by the states (n_tendons, n_states)."""
         return self.near.length_jacobian if self.near else self.system.length_jacobian(self.x)
 
     @property
     def length_tension(self) -> Array:
-        """How these change with the tensions (n_tendons, n_tendons) [m/N]."""
+        """Their derivatives by the tensions (n_tendons, n_tendons) [m/N]."""
         return np.asarray(self.length_jacobian @ self.by_tensions)
 
 

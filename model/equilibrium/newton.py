@@ -31,7 +31,7 @@ STEPS = 14
 SETTLED, LEFT = 1e-10, 1e-13
 # A step counts as safe if it is so much smaller than the last; below SMALL rounding may be felt.
 CONTRACTION, SMALL = 0.5, 1e-3
-# The farthest that one step turns a frame, as a change of its quaternion; from guesses by another
+# The farthest that one step rotates a frame, as a change of its quaternion; from guesses by another
 # mesh.
 TURN, NEAR = 0.3, 0.02
 # The factorisation is kept after a step so small, and as long as steps contract so fast: a residual
@@ -146,7 +146,7 @@ def _measured(of: Layout, length: float) -> tuple[Places, Places, Array]:
 
 # The least step in the load factor over what is reached; before the first step, over a millionth.
 LEAST_STEP, FIRST = 1 / 8192, 1e-6
-# The farthest that a frame may turn in one step [rad].
+# The farthest that a frame may rotate in one step of the load factor [rad].
 FOLLOWED = 1.2
 SNAPS, BUCKLES = "it snaps or folds", "it buckles"
 
@@ -169,11 +169,12 @@ def follow_on_many(
 ) -> list[Followed]:
     """Follow branches of one arm on from equilibria, up to a load factor.
 
-    A step is halved where nothing is found that it leads to; the end is where it is down to `least`
+    A step that leads to no equilibrium is halved; the end is where it is down to `least`
     of the load factor that is reached, or where so many `steps`, for each, were tried.
     """
     at, step, tried = list(branches), np.full(len(branches), min(1.0, most)), 0
-    stood, limit = list[bool | None]([None]) * len(at), np.broadcast_to(steps, len(at))
+    begins_stable = list[bool | None]([None]) * len(at)
+    limit = np.broadcast_to(steps, len(at))
     while True:
         going, tensions, loads, guesses = list[int](), [], [], []
         for i, (last, load, _) in enumerate(at):
@@ -194,13 +195,13 @@ def follow_on_many(
                 heres[k] = None
         fresh = iter(with_jacobians([here for here in heres if here is not None]))
         heres = [here and next(fresh) for here in heres]
-        firm = iter(stand([here for here in heres if here is not None]))
+        are_stable = iter(stand([here for here in heres if here is not None]))
         for i, load, here in zip(going, loads, heres, strict=True):
-            stable = here is not None and next(firm)
-            if here is not None and not stable and stood[i] is None:
+            stable = here is not None and next(are_stable)
+            if here is not None and not stable and begins_stable[i] is None:
                 # What is unstable without loads, or where it begins, is not their doing.
-                (stood[i],) = stand([branches[i].here])
-            if here is None or (not stable and stood[i]):
+                (begins_stable[i],) = stand([branches[i].here])
+            if here is None or (not stable and begins_stable[i]):
                 why = SNAPS if here is None else BUCKLES
                 at[i], step[i] = at[i]._replace(why=why), (load - at[i].load) / 2
             else:
@@ -208,6 +209,6 @@ def follow_on_many(
 
 
 def is_near(system: System, before: Array, after: Array) -> bool:
-    """Return whether no frame turns by more than is followed in one step."""
+    """Return whether no frame rotates by more than is followed in one step."""
     places = system.of.nodes[:, :4]
     return bool(np.abs((before[places] * after[places]).sum(axis=1)).min() > np.cos(FOLLOWED / 2))

@@ -1,4 +1,4 @@
-"""Whether an equilibrium stands: the Hessian of its potential energy, tensions held.
+"""Whether an equilibrium is stable: the Hessian of its potential energy, tensions held.
 
 With the nodes eliminated the equations' Jacobian is, times the stages' weights, the Hessian of the
 potential energy in the strains. Scaled by the stiffness of the body at rest its eigenvalues are
