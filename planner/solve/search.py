@@ -149,9 +149,13 @@ class Search:
         yield "nearest"
 
     def _finished(self) -> SearchResult | None:
-        """Return the best optimum of a reading of the targets, None where there is none."""
+        """Return the best optimum of a reading of the targets, None where there is none.
+
+        That a default margin of stability cannot be had counts less than that targets are missed.
+        """
         self._try()
-        result = self._best()
+        met = self._now.mode != "exact" and any(s.f <= _MET for _, s in self._now.unstable)
+        result = self._best(_MET if met and self.task.best_margin else np.inf)
         if result is None and self._now.unstable and self.task.best_margin:
             result = self._without_margin()
         return result
@@ -251,17 +255,17 @@ class Search:
         since = len(efforts) - 1 - int(np.argmin(efforts)) if efforts else 0
         return agreed(trials) >= _AGREED or (exact and since >= _ENOUGH)
 
-    def _best(self) -> SearchResult | None:
-        """Return the best optimum that is stable, and not lost on a finer mesh."""
-        lost = None
-        for statement, solution in sorted(self._now.met, key=_objective):
+    def _best(self, limit: float = np.inf) -> SearchResult | None:
+        """Return the best optimum up to a limit that is stable, and not lost on a finer mesh."""
+        lost, optima = None, [optimum for optimum in self._now.met if optimum[1].f <= limit]
+        for statement, solution in sorted(optima, key=_objective):
             fine = self._held(solution.f) if self._now.unstable else None
             fine = fine or refine(self.task, statement, solution)
             if fine is not None:
                 cheaper = 0.0 if lost is None else 1 - float(np.sqrt(lost / fine.solution.f))
                 return replace(self._result(fine), lost=cheaper if cheaper > 10 * _COARSE else 0.0)
             lost = solution.f if lost is None else lost
-        held = self._held(np.inf)
+        held = self._held(limit)
         return None if held is None else self._result(held)
 
     def _held(self, limit: float) -> Refined | None:

@@ -65,6 +65,20 @@ def test_unknowns_are_carried_to_another_mesh_as_they_are() -> None:
     assert accuracies[1] < 1e-2
 
 
+def test_a_target_is_not_missed_for_a_margin_that_is_not_asked_for() -> None:
+    """Used to be missed by 5 mm: the one shape at the tip is less stable than the default."""
+    arm, upright = Arm.from_paper("section-5.2"), Scene(Extension(), Weight((-12.7, 0.0, 0.0)))
+    shape = settle(arm, np.array([0.531, 0.0, 0.0, 0.958]), upright)
+    assert 0.05 < shape.stability < 0.1
+    found = plan(arm, TipPosition(tuple(shape.tip.tolist())), upright, 20.0)
+    assert found.certificate.passed
+    assert "stands on the brink" in found.outcome
+    assert found.certificate.stability == pytest.approx(shape.stability, rel=1e-3)
+    missed = plan(arm, TipPosition(tuple(shape.tip.tolist())), upright, 20.0, stability_margin=0.1)
+    assert not missed.reached
+    assert missed.certificate.stability >= 0.1 - 1e-4
+
+
 @pytest.mark.slow
 def test_a_margin_that_no_shape_has_is_said_to_lack() -> None:
     found = hanging(1.0)
