@@ -50,10 +50,10 @@ class Anchorage:
 
     def __post_init__(self) -> None:
         warn_of_angles("Anchorage.angles", self.angles, usual=2)
-        for name, own in (("offset", self.offset), ("turn", self.turn)):
-            if isinstance(own, tuple) and len(own) != len(self.angles):
+        for name, each in (("offset", self.offset), ("turn", self.turn)):
+            if isinstance(each, tuple) and len(each) != len(self.angles):
                 allowed = f"one for each of {len(self.angles)} tendons"
-                raise InputError(f"Anchorage.{name}", f"{len(own)} paths", allowed)
+                raise InputError(f"Anchorage.{name}", f"{len(each)} paths", allowed)
 
     @property
     def offsets(self) -> tuple[Path, ...]:
@@ -68,12 +68,12 @@ class Anchorage:
     @property
     def paths(self) -> tuple[Path, ...]:
         """All paths that were given, each once."""
-        given = (self.offset, self.turn)
-        rows = [own if isinstance(own, tuple) else (own,) for own in given]
+        arguments = (self.offset, self.turn)
+        rows = [each if isinstance(each, tuple) else (each,) for each in arguments]
         return tuple(path for row in rows for path in row if path is not None)
 
-    def _each(self, given: Path | tuple[Path, ...]) -> tuple[Path, ...]:
-        return given if isinstance(given, tuple) else (given,) * len(self.angles)
+    def _each(self, argument: Path | tuple[Path, ...]) -> tuple[Path, ...]:
+        return argument if isinstance(argument, tuple) else (argument,) * len(self.angles)
 
 
 STRAIGHT = Linear(0.0, 0.0)

@@ -228,12 +228,12 @@ class Arm:
 
     def outer_radius(self, s: Array) -> tuple[Array, Array, Array]:
         """Return the radius of body or hull, whichever is wider, and two derivatives at s (N,)."""
-        own = self.radius.evaluate(s, self.length)
+        values = self.radius.evaluate(s, self.length)
         if self.hull is None:
-            return own
+            return values
         hull = self.hull.evaluate(s, self.length)
-        wide = hull[0] > own[0]
-        return tuple(np.where(wide, b, a) for a, b in zip(own, hull, strict=True))  # type: ignore[return-value]
+        wide = hull[0] > values[0]
+        return tuple(np.where(wide, b, a) for a, b in zip(values, hull, strict=True))  # type: ignore[return-value]
 
     @property
     def anchorages(self) -> tuple[float, ...]:
@@ -243,22 +243,22 @@ class Arm:
     @cached_property
     def offset_paths(self) -> tuple[tuple[int, Path], ...]:
         """(section index from 0, offset) of each section, or of each tendon where these differ."""
-        found: list[tuple[int, Path]] = []
+        results: list[tuple[int, Path]] = []
         for i, section in enumerate(self.sections):
-            own = section.offset if isinstance(section.offset, tuple) else (section.offset,)
-            found += [(i, path) for path in own]
-        return tuple(found)
+            values = section.offset if isinstance(section.offset, tuple) else (section.offset,)
+            results += [(i, path) for path in values]
+        return tuple(results)
 
     @cached_property
     def offset_of(self) -> tuple[int, ...]:
         """Which of `offset_paths` each tendon has."""
-        found: list[int] = []
+        results: list[int] = []
         first = 0
         for section in self.sections:
-            count, own = len(section.angles), isinstance(section.offset, tuple)
-            found += [first + j * own for j in range(count)]
-            first += count if own else 1
-        return tuple(found)
+            count, values = len(section.angles), isinstance(section.offset, tuple)
+            results += [first + j * values for j in range(count)]
+            first += count if values else 1
+        return tuple(results)
 
     @cached_property
     def turns(self) -> tuple[Path | None, ...]:
@@ -268,8 +268,8 @@ class Arm:
     @property
     def tendons_by_section(self) -> list[tuple[float, list[str]]]:
         """Arc length of each anchorage [m], tip first, and the names of its tendons."""
-        own = [self.tendons_of(i + 1) for i in range(len(self.sections))]
-        names = [[self.tendon_name(j) for j in tendons] for tendons in own]
+        parts = [self.tendons_of(i + 1) for i in range(len(self.sections))]
+        names = [[self.tendon_name(j) for j in tendons] for tendons in parts]
         return list(zip(self.anchorages, names, strict=True))
 
     def __repr__(self) -> str:

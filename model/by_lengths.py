@@ -70,10 +70,10 @@ def least_by_lengths(program: LeastEnergy, winches: Winches) -> Minimum | None:
 
     Raises InputError where no shape has the lengths, naming the tendon that is farthest from it.
     """
-    found = program.least(program.at_rest(), winches.tensions, 1.0, winches, rounds=1)
-    if found is None and program.conservative:
+    result = program.least(program.at_rest(), winches.tensions, 1.0, winches, rounds=1)
+    if result is None and program.conservative:
         refuse(program, winches)
-    return found
+    return result
 
 
 _At = TypeVar("_At", bound=AtLengths)
@@ -99,30 +99,30 @@ class UnloadedLengths:
                 return 0 * winches.tensions
         if near is not None:
             T = np.where(winches.held, near, winches.tensions)
-            found = tightened(self._lengths(T), winches, self._beside, arm)
-            if found is not None:
-                return found.tensions
-        program, found = LeastEnergy(self._system), None
+            result = tightened(self._lengths(T), winches, self._beside, arm)
+            if result is not None:
+                return result.tensions
+        program, result = LeastEnergy(self._system), None
         least = least_by_lengths(program, winches)
         if least is not None:
             left = winches.lacks(program.lengths(least), least.tensions)
             T = slackened(least.tensions, left, winches, arm)
-            found = tightened(self._lengths(T), winches, self._beside, arm)
-        if found is None:
-            found = followed(self._lengths(winches.tensions), winches, self._beside, arm)
-        if found is None:
+            result = tightened(self._lengths(T), winches, self._beside, arm)
+        if result is None:
+            result = followed(self._lengths(winches.tensions), winches, self._beside, arm)
+        if result is None:
             raise self._crushed or unknown_least(arm, winches)
-        return found.tensions
+        return result.tensions
 
     def _beside(self, at: Lengths, tensions: Array) -> Lengths | None:
         try:
-            found = self._lengths(tensions)
+            result = self._lengths(tensions)
         except UnsettledSectionError:
             return None
-        if found.crushed:
-            self._crushed = found.crushed
+        if result.crushed:
+            self._crushed = result.crushed
             return None
-        return found
+        return result
 
 
 def equilibrium_beside(at: Linearised, tensions: Array) -> Linearised | None:
@@ -191,9 +191,9 @@ def followed(
     while share < 1:
         after = min(1.0, share + step)
         part = replace(winches, lengths=winches.lengths + (1 - after) * longer)
-        found = tightened(at, part, beside, arm)
-        if found is not None:
-            at, share, step = found, after, 2 * step
+        result = tightened(at, part, beside, arm)
+        if result is not None:
+            at, share, step = result, after, 2 * step
         elif step > _LEAST_STEP:
             step /= 2
         else:
@@ -204,9 +204,9 @@ def followed(
 def _stepped(at: _At, tensions: Array, beside: Callable[[_At, Array], _At | None]) -> _At | None:
     """Return the equilibrium that a step of the tensions, or a part of it, leads to."""
     for halved in range(_HALVINGS):
-        found = beside(at, at.tensions + 0.5**halved * (tensions - at.tensions))
-        if found is not None:
-            return found
+        result = beside(at, at.tensions + 0.5**halved * (tensions - at.tensions))
+        if result is not None:
+            return result
     return None
 
 
@@ -251,17 +251,17 @@ class GivenLengths:
                 begun = forward.equilibrium(T, near).here
             else:
                 begun = forward.near(T, near.states)
-        found = begun and tightened(begun, winches, beside, self.arm, _ON_THE_WAY)
-        if found is not None:
-            return found
+        result = begun and tightened(begun, winches, beside, self.arm, _ON_THE_WAY)
+        if result is not None:
+            return result
         begun = self._from_rest(forward)
-        found = begun and tightened(begun, winches, beside, self.arm, _ON_THE_WAY)
-        if found is None:
+        result = begun and tightened(begun, winches, beside, self.arm, _ON_THE_WAY)
+        if result is None:
             free = forward.found(winches.tensions)
-            found = followed(free, winches, beside, self.arm)
-        if found is None:
+            result = followed(free, winches, beside, self.arm)
+        if result is None:
             raise unknown_least(self.arm, winches)
-        return found
+        return result
 
     def _from_rest(self, forward: Collocation) -> Linearised | None:
         """Return the equilibrium under about the tensions by lengths; None if none is found."""
@@ -283,8 +283,8 @@ class GivenLengths:
 
 
 def _of(forward: Collocation, here: Linearised) -> Equilibrium:
-    own = Touching if isinstance(forward, TouchingMap) else Collocated
-    return own(here, forward.refinement)
+    values = Touching if isinstance(forward, TouchingMap) else Collocated
+    return values(here, forward.refinement)
 
 
 def _beside(forward: Collocation) -> Callable[[Linearised, Array], Linearised | None]:

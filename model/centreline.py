@@ -95,8 +95,8 @@ class Centreline:
         """Return that of the states (n_states,) of a system with three stages to an element."""
         at = (system.arm, system.scene, system.mesh.s, system.poses(states))
         form = system.of.form
-        found = cls.at_strains(*at, form.law, system.strains(states))
-        return replace(found, machine_code=form.machine_code)
+        result = cls.at_strains(*at, form.law, system.strains(states))
+        return replace(result, machine_code=form.machine_code)
 
     @classmethod
     def at_strains(
@@ -115,10 +115,10 @@ class Centreline:
         first = lines[0]
 
         def together(parts: list[Array]) -> Array:
-            return np.concatenate([np.concatenate([own, own[-1:]]) for own in parts])
+            return np.concatenate([np.concatenate([part, part[-1:]]) for part in parts])
 
-        kappa, nu = together([own.kappa for own in lines]), together([own.nu for own in lines])
-        s, poses = np.tile(first.s, len(lines)), np.concatenate([own.poses for own in lines])
+        kappa, nu = together([line.kappa for line in lines]), together([line.nu for line in lines])
+        s, poses = np.tile(first.s, len(lines)), np.concatenate([line.poses for line in lines])
         return cls(first.arm, first.scene, s, poses, kappa, nu, first.machine_code)
 
     @cached_property
@@ -163,8 +163,8 @@ class Centreline:
         if not element.size:
             return np.zeros((0, 3)), np.zeros(0), np.zeros(0)
         h = np.diff(self.s)[element]
-        given = (self.poses[element], self.kappa[element], self.nu[element], h, start, end)
-        position, length, turn = _part(self.machine_code)(*given)
+        arguments = (self.poses[element], self.kappa[element], self.nu[element], h, start, end)
+        position, length, turn = _part(self.machine_code)(*arguments)
         return position, length[:, 0], turn[:, 0]
 
     def radius(self, element: Counts, share: Array) -> Array:
@@ -206,6 +206,6 @@ def _part(machine_code: bool) -> Mapped:
         k, v = strains(a + (b - a) * c)
         length += h * (b - a) * weight * ca.norm_2(v)
         turned += h * (b - a) * weight * ca.sqrt(k[1] ** 2 + k[2] ** 2)
-    given = [g, ca.vec(kappa), ca.vec(nu), h, a, b]
-    found = ca.Function("part", given, [position, length, turned], {"cse": True})
-    return Mapped(found, machine_code)
+    arguments = [g, ca.vec(kappa), ca.vec(nu), h, a, b]
+    result = ca.Function("part", arguments, [position, length, turned], {"cse": True})
+    return Mapped(result, machine_code)

@@ -52,7 +52,7 @@ def such(kind: Any) -> str:
         return SUCH[kind]
     if get_origin(kind) is Literal:
         return " or ".join(
-            f'"{own}"' if isinstance(own, str) else f"{own}" for own in get_args(kind)
+            f'"{each}"' if isinstance(each, str) else f"{each}" for each in get_args(kind)
         )
     return f"a{'n' * (kind.__name__[0] in 'AEIO')} {kind.__name__}"
 
@@ -99,13 +99,13 @@ def within(field: str, value: Any, low: float, high: float) -> float:
 
 def unit_vector(field: str, value: Any) -> tuple[float, ...]:
     """Return value as three floats of length 1; what has that to rounding stays as it is."""
-    given = finite_array(field, value, (3,))
-    scaled = given / (np.abs(given).max() or 1.0)
+    argument = finite_array(field, value, (3,))
+    scaled = argument / (np.abs(argument).max() or 1.0)
     length = np.linalg.norm(scaled)
     if not length > 0:
         raise InputError(field, value, "a vector that is not 0")
-    is_unit = abs(np.linalg.norm(given) - 1) < _ROUNDING
-    return tuple((given if is_unit else scaled / length).tolist())
+    is_unit = abs(np.linalg.norm(argument) - 1) < _ROUNDING
+    return tuple((argument if is_unit else scaled / length).tolist())
 
 
 def orthonormal(

@@ -61,13 +61,13 @@ def compliance_of(shape: Shape, at: float, accuracy: float) -> Compliance:
     refinement, error = coarse, np.inf
     while refinement:
         check_time()
-        found = sensitivities(shape, at, refinement)
-        scaled = found.pose_wrench / scale
+        result = sensitivities(shape, at, refinement)
+        scaled = result.pose_wrench / scale
         if before is not None:
             gap = np.abs(scaled - before[1]).max() / np.abs(scaled).max()
             error = estimate(gap, before[0], refinement, _ORDER)
             if error <= accuracy:
-                return Compliance(found, refinement, error)
+                return Compliance(result, refinement, error)
         before = refinement, scaled
         if refinement < fine:
             refinement = fine
@@ -80,8 +80,8 @@ def sensitivities(shape: Shape, at: float, refinement: int) -> Response:
     """Return the sensitivities of a shape at arc length `at` on the mesh of a refinement."""
     arm, scene, T = shape.arm, shape.scene, shape.tensions
     if not is_loaded(scene):
-        given = arm, scene, _SCHEME, refinement, (at,), shape.machine_code
-        here = Marched.under(explicit_map(*given), T)
+        arguments = arm, scene, _SCHEME, refinement, (at,), shape.machine_code
+        here = Marched.under(explicit_map(*arguments), T)
         return MarchDerivative(here, here.mesh.node(at))
     forward = by_collocation(arm, scene, STAGES, refinement, (at,), True, shape.machine_code)
     return Sensitivities(forward.found(T, shape.known), forward.mesh.node(at))
@@ -149,16 +149,16 @@ def length_response(shape: Shape) -> LengthResponse:
     length + stretch T - l(T) = 0. Of a shape by tensions all tendons that pull are taken as held.
     Slack tendons stay slack and taut ones taut: it holds for changes that are small enough.
     """
-    found, T = sensitivities(shape, shape.arm.length, shape.refinement), shape.tensions
+    result, T = sensitivities(shape, shape.arm.length, shape.refinement), shape.tensions
     pulling = pulls(shape.arm, T)
     winches = shape.winches
     held = np.ones(T.size, dtype=bool) if winches is None else winches.held
     stretch = np.zeros(T.size) if winches is None else winches.stretch
     longer = 1 + T / (np.inf if winches is None else winches.tendon_EA)
     taut = np.flatnonzero(held & pulling)
-    own = stretch[taut] + least_compliance(shape.arm)
-    M = np.diag(own) - found.length_tension[np.ix_(taut, taut)]
+    values = stretch[taut] + least_compliance(shape.arm)
+    M = np.diag(values) - result.length_tension[np.ix_(taut, taut)]
     tension = np.zeros((T.size, T.size))
     tension[np.ix_(taut, taut)] = -np.linalg.solve(M, np.diag(longer[taut]))
-    pose = found.pose_tension @ tension
+    pose = result.pose_tension @ tension
     return LengthResponse(held & pulling, tension, pose[:3], pose[3:])

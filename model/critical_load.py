@@ -62,8 +62,8 @@ def critical_load_factor(
         x = forward.system.x(T, 0.0, forward.without_loads(T))
         rest = Followed(Linearised(forward.system, x), 0.0, "")
         end = follow_on(rest, most, accuracy / 4)
-        found = Critical(end.load, end.why)
-        gap = abs(found.load_factor - before.load_factor)
-        if gap <= accuracy * found.load_factor or refinement >= _FINEST:
-            return found if found.load_factor < most else Critical(found.load_factor, "")
-        before, refinement = found, 2 * refinement
+        result = Critical(end.load, end.why)
+        gap = abs(result.load_factor - before.load_factor)
+        if gap <= accuracy * result.load_factor or refinement >= _FINEST:
+            return result if result.load_factor < most else Critical(result.load_factor, "")
+        before, refinement = result, 2 * refinement

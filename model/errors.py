@@ -40,9 +40,9 @@ class InputError(OctoplanError, ValueError):
         What would have been accepted.
     """
 
-    def __init__(self, field: str, given: object, allowed: str) -> None:
-        self.field, self.given, self.allowed = field, given, allowed
-        super().__init__(f"{shortened(field)}: got {as_given(given)}, allowed is {allowed}")
+    def __init__(self, field: str, value: object, allowed: str) -> None:
+        self.field, self.given, self.allowed = field, value, allowed
+        super().__init__(f"{shortened(field)}: got {as_given(value)}, allowed is {allowed}")
 
     def __reduce__(self) -> tuple[type, tuple[str, object, str]]:
         return type(self), (self.field, self.given, self.allowed)
@@ -91,9 +91,9 @@ class FileError(InputError):
     def of(cls, reason: InputError, path: str, where: str) -> FileError:
         """Return what is not allowed as an error of the file that said so."""
         named = reason.field == where.rsplit(".", 1)[-1]
-        given = float(f"{reason.given:.9g}") if isinstance(reason.given, float) else reason.given
-        told = f"got {as_given(given)}, allowed is {reason.allowed}"
-        return cls(path, where, told if named else f"{reason.field}: {told}")
+        value = float(f"{reason.given:.9g}") if isinstance(reason.given, float) else reason.given
+        message = f"got {as_given(value)}, allowed is {reason.allowed}"
+        return cls(path, where, message if named else f"{reason.field}: {message}")
 
 
 class CollapsedError(OctoplanError):
@@ -130,9 +130,9 @@ class ConvergenceError(OctoplanError):
         Tip error over arm length.
     """
 
-    def __init__(self, asked: float, reached: float, remedy: str) -> None:
-        self.asked, self.reached, self.remedy = asked, reached, remedy
-        how = f"settled to {reached:.2g} of its length, {asked:.2g} was asked"
+    def __init__(self, request: float, reached: float, remedy: str) -> None:
+        self.asked, self.reached, self.remedy = request, reached, remedy
+        how = f"settled to {reached:.2g} of its length, {request:.2g} was asked"
         super().__init__(
             f"the arm was {how if math.isfinite(reached) else 'not settled'}; {remedy}"
         )

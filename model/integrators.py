@@ -67,17 +67,17 @@ def series(coefficients: list[ca.SX], h: ca.SX, bracket: Bracket, order: int) ->
     equation of the expansion, Omega' = sum_j B_j / j! ad_Omega^j A with Bernoulli's numbers B_j,
     degree by degree: what is left out is of order h^(order + 1).
     """
-    rate = [h * own for own in coefficients]
+    rate = [h * coefficient for coefficient in coefficients]
     powers, omega = [[_sum(rate[d : d + 1]) for d in range(order)]], [ca.SX()]
     powers += [[] for _ in _BERNOULLI[1:]]
     for d in range(order):
-        for lower, own in pairwise(powers):
+        for lower, each in pairwise(powers):
             # The first coefficient of Omega is that of A, and commutes with it.
             inner = range(1, d + 1) if lower is not powers[0] or d > 1 else range(0)
             terms = [bracket(omega[i], lower[d - i]) for i in inner if lower[d - i].numel()]
-            own.append(_sum(terms))
+            each.append(_sum(terms))
         parts = zip(_BERNOULLI, powers, strict=True)
-        omega.append(_sum([b * own[d] for b, own in parts if b and own[d].numel()]) / (d + 1))
+        omega.append(_sum([b * each[d] for b, each in parts if b and each[d].numel()]) / (d + 1))
     return omega[1:]
 
 

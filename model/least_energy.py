@@ -168,12 +168,12 @@ class LeastEnergy:
 
     def __init__(self, system: System) -> None:
         self.system, arm, scene, mesh = system, system.arm, system.scene, system.mesh
-        own, m, L = system.of.form, system.of.form.stages, arm.length
-        law = own.law if isinstance(own.law, EnergySection) else _with_energy(own.law)
+        form, m, L = system.of.form, system.of.form.stages, arm.length
+        law = form.law if isinstance(form.law, EnergySection) else _with_energy(form.law)
         self.of = of = layout(
             Form(law, m, loaded=False), system.of.ends, mesh.steps, system.of.levers
         )
-        self.conservative = law == own.law and _is_conservative(scene)
+        self.conservative = law == form.law and _is_conservative(scene)
         radius = float(arm.radius.evaluate(np.zeros(1), L)[0][0])
         self.force_unit = F = float(arm.material.E * np.pi * radius**4 / 4) / L**2
         self._unit = np.ones(of.n_states)
@@ -205,9 +205,9 @@ class LeastEnergy:
 
     def near(self, tensions: Array, strains: Array) -> Minimum:
         """Return where to begin near strains of the equations' law (N stages, strains)."""
-        law, own = self.of.form.law, self.system.of.form.law
+        law, values = self.of.form.law, self.system.of.form.law
         return self._at(
-            strains if law == own else strains_of(law, reported(own, strains)), tensions
+            strains if law == values else strains_of(law, reported(values, strains)), tensions
         )
 
     def _at(self, v: Array, tensions: Array) -> Minimum:
@@ -226,8 +226,8 @@ class LeastEnergy:
         return self._of_system(self._states(here)[self.of.stages])
 
     def _of_system(self, v: Array) -> Array:
-        law, own = self.of.form.law, self.system.of.form.law
-        return v if law == own else strains_of(own, reported(law, v))
+        law, values = self.of.form.law, self.system.of.form.law
+        return v if law == values else strains_of(values, reported(law, v))
 
     def states(self, here: Minimum, load: float = 1.0) -> Array:
         """Return the states of the equations of equilibrium (n_states,)."""
@@ -382,8 +382,8 @@ def _solver(of: Layout, obstacles: int) -> Buffered:
     sigma, pf, pg = ca.MX.sym("sigma"), p[: f.n_p], p[f.n_p :]
     value, rows = f.value(z, pf), g.value(z, pg)
 
-    def matrix(derivative: tuple[ca.Function, ca.Sparsity], *given: ca.MX) -> ca.MX:
-        return ca.MX(derivative[1], derivative[0](*given))
+    def matrix(derivative: tuple[ca.Function, ca.Sparsity], *value: ca.MX) -> ca.MX:
+        return ca.MX(derivative[1], derivative[0](*value))
 
     gradient, J = ca.densify(matrix(f.jacobian, z, pf)).T, matrix(g.jacobian, z, pg)
     H = ca.triu(matrix(f.hessian, z, pf, sigma) + matrix(g.hessian, z, pg, lam))

@@ -63,8 +63,8 @@ def check_loads(arm: Arm, scene: Scene, contact: bool = False) -> None:
         )
         raise InputError("scene", "with SelfContact", allowed)
     if scene.has(PrintedStatics) and arm.is_curved:
-        told = "an arm that is straight at rest: eqs. (10) and (11) are written for that"
-        raise InputError("Arm.rest_curvature", arm.rest_curvature, told)
+        message = "an arm that is straight at rest: eqs. (10) and (11) are written for that"
+        raise InputError("Arm.rest_curvature", arm.rest_curvature, message)
     if not is_loaded(scene) and any(arm.turns):
         allowed = f"none in a scene without loads, or one of {', '.join(sorted(_NAMES))} in it"
         raise InputError("Anchorage.turn", "tendons that turn", allowed)
@@ -91,21 +91,21 @@ class Acting(NamedTuple):
 
 def acting(scene: Scene) -> tuple[Acting, ...]:
     """Return the scene's point loads, and the weights of its point masses."""
-    found, weight = list[Acting](), scene.find(Weight)
+    results, weight = list[Acting](), scene.find(Weight)
     for effect in scene.effects:
         if isinstance(effect, PointLoad):
-            found.append(Acting(effect.s, effect.force, None, "PointLoad"))
+            results.append(Acting(effect.s, effect.force, None, "PointLoad"))
         if isinstance(effect, PointMass) and weight:
             force = tuple(effect.mass * g for g in weight.g)
-            found.append(Acting(effect.s, force, effect.offset, "PointMass"))
-    return tuple(found)
+            results.append(Acting(effect.s, force, effect.offset, "PointMass"))
+    return tuple(results)
 
 
 def levers(scene: Scene) -> tuple[Array, Array]:
     """Return the forces that act off the midline: arc lengths (n,), offsets and forces (n, 6)."""
-    own = [load for load in acting(scene) if load.offset is not None]
-    rows = [(*load.offset, *load.force) for load in own if load.offset is not None]
-    return np.array([load.s for load in own]), np.array(rows).reshape(-1, 6)
+    parts = [load for load in acting(scene) if load.offset is not None]
+    rows = [(*load.offset, *load.force) for load in parts if load.offset is not None]
+    return np.array([load.s for load in parts]), np.array(rows).reshape(-1, 6)
 
 
 @lru_cache(maxsize=256)
@@ -199,7 +199,7 @@ def _crossings(arm: Arm, others: list[float]) -> list[float]:
 
     Each once, and none at the places of others.
     """
-    found: list[float] = []
+    results: list[float] = []
     for section, path in arm.offset_paths:
         end = arm.sections[section].at
         s = np.linspace(0.0, end, 401)
@@ -210,10 +210,10 @@ def _crossings(arm: Arm, others: list[float]) -> list[float]:
                 middle = (low + high) / 2
                 same = path.evaluate(np.array([middle]), end)[0][0] * y[i] > 0
                 low, high = (middle, high) if same else (low, middle)
-            found.append((low + high) / 2)
-        found += s[1:-1][y[1:-1] == 0].tolist() if y.any() else []
+            results.append((low + high) / 2)
+        results += s[1:-1][y[1:-1] == 0].tolist() if y.any() else []
     kept: list[float] = []
-    for place in sorted(found):
+    for place in sorted(results):
         if all(abs(place - other) > 1e-9 * arm.length for other in [*others, *kept]):
             kept.append(place)
     return kept

@@ -195,8 +195,8 @@ class ManySets:
     def _settle_alone(self, i: int) -> None:
         """Settle a set that wants more than what is done side by side, or refuse it."""
         try:
-            given = self.maps.arm, self.T[i], self.maps.scene, self.accuracy
-            shape = settle(*given, compile=self.maps.machine_code)
+            arguments = self.maps.arm, self.T[i], self.maps.scene, self.accuracy
+            shape = settle(*arguments, compile=self.maps.machine_code)
         except UnsettledSectionError as error:
             raise UnsettledSectionError(error.s, f"tensions[{i}]") from None
         self.poses[i], self.errors[i] = shape.equilibrium.poses[-1], shape.error

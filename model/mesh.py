@@ -84,9 +84,9 @@ def graded(
     total = np.zeros(fine.shape)
     np.cumsum(weight, axis=1, out=total[:, 1:])
     nodes = [breaks[:1]]
-    for own, places, right in zip(total, fine, breaks[1:], strict=True):
-        count = refinement * max(1, int(np.ceil(2 * own[-1])))
-        inner = np.interp(own[-1] * np.arange(1, count + 1) / count, own, places)
+    for each, places, right in zip(total, fine, breaks[1:], strict=True):
+        count = refinement * max(1, int(np.ceil(2 * each[-1])))
+        inner = np.interp(each[-1] * np.arange(1, count + 1) / count, each, places)
         inner[-1] = right
         nodes.append(inner)
     return with_nodes(arm, np.concatenate(nodes))

@@ -64,9 +64,9 @@ class Scene:
         `Scene.silicone(Weight(), Buoyancy())`. An effect of its own kinds that is given, such as
         `NeoHookean(anticlastic=True)`, takes the place of the plain one.
         """
-        own = (Extension(), ExactTendons(), NeoHookean())
-        given = {type(effect) for effect in more}
-        return cls(*(effect for effect in own if type(effect) not in given), *more)
+        parts = (Extension(), ExactTendons(), NeoHookean())
+        replaced = {type(effect) for effect in more}
+        return cls(*(effect for effect in parts if type(effect) not in replaced), *more)
 
     def __add__(self, other: Effect | Scene) -> Scene:
         """Return the scene with one more effect, or with all of another scene's.
@@ -78,9 +78,9 @@ class Scene:
         return Scene(*self.effects, other)
 
     def __repr__(self) -> str:
-        told = [repr(effect) for effect in self.effects]
-        line = f"Scene({', '.join(told)})"
-        lines = ["Scene(", *(f"    {effect}," for effect in told), ")"]
+        messages = [repr(effect) for effect in self.effects]
+        line = f"Scene({', '.join(messages)})"
+        lines = ["Scene(", *(f"    {effect}," for effect in messages), ")"]
         return line if len(line) <= _WIDTH else "\n".join(lines)
 
     def _repr_html_(self) -> str:
@@ -97,11 +97,11 @@ class Scene:
 
 def _place(effect: Effect) -> tuple[str, float, tuple[float, ...]]:
     """Return what no two effects of a scene share, and by which they are in order."""
-    own = effect if isinstance(effect, PointLoad | PointMass) else None
-    offset = own.offset if isinstance(own, PointMass) else None
+    values = effect if isinstance(effect, PointLoad | PointMass) else None
+    offset = values.offset if isinstance(values, PointMass) else None
     if isinstance(effect, Contact):
         offset = tuple(effect.obstacle.numbers.tolist())
-    return type(effect).__name__, own.s if own else 0.0, offset or ()
+    return type(effect).__name__, values.s if values else 0.0, offset or ()
 
 
 _LOADS = (

@@ -169,30 +169,30 @@ def _checked(
     scene = checked_scene(arm, scene, contact=True)
     begin = _near(near, arm, scene)
     machine_code = checked_compile(compile)
-    given = _given(arm, scene, tensions, lengths, tendon_EA, tendon_outside)
+    held = _given(arm, scene, tensions, lengths, tendon_EA, tendon_outside)
     maps = maps_of(arm, scene, scheme, machine_code)
-    if not isinstance(given, GivenLengths):
-        return _settled(maps, given, accuracy, begin)
+    if not isinstance(held, GivenLengths):
+        return _settled(maps, held, accuracy, begin)
     near_by = None if begin is None else begin.tensions
-    given = replace(given, machine_code=machine_code, near=near_by)
+    held = replace(held, machine_code=machine_code, near=near_by)
     try:
-        return _settled(maps, given, accuracy, begin)
+        return _settled(maps, held, accuracy, begin)
     except (CollapsedError, UnsettledSectionError, UnknownLeastError) as problem:
-        told = _told(maps_of(arm, scene, None, machine_code), given, problem)
-        raise told from None
+        reason = _told(maps_of(arm, scene, None, machine_code), held, problem)
+        raise reason from None
 
 
-def _told(maps: Maps, given: GivenLengths, problem: OctoplanError) -> OctoplanError:
+def _told(maps: Maps, value: GivenLengths, problem: OctoplanError) -> OctoplanError:
     """Return what to tell of lengths that the arm does not settle by."""
 
     def problem_of(winches: Winches) -> OctoplanError | None:
         try:
-            _settled(maps, replace(given, winches=winches, near=None), _ROUGHLY, None)
+            _settled(maps, replace(value, winches=winches, near=None), _ROUGHLY, None)
         except OctoplanError as error:
             return error
         return None
 
-    return too_short(maps.arm, given.winches, problem, problem_of)
+    return too_short(maps.arm, value.winches, problem, problem_of)
 
 
 def _on_itself(arm: Arm, tensions: Any, scene: Scene, accuracy: float, machine_code: bool) -> Shape:
@@ -237,13 +237,13 @@ def _near(near: Any, arm: Arm, scene: Scene) -> Equilibrium | None:
     kind("near", near, Shape, "a Shape of the same arm and scene, or None")
     if near.arm != arm or without_friction(near.scene) != without_friction(scene):
         raise InputError("near", "a shape of another arm or scene", "one of the same")
-    found: Equilibrium = near.equilibrium
-    return found
+    equilibrium: Equilibrium = near.equilibrium
+    return equilibrium
 
 
 def _settled(
     maps: Maps,
-    given: Array | GivenLengths,
+    value: Array | GivenLengths,
     accuracy: float,
     near: Equilibrium | None,
 ) -> Shape:
@@ -258,10 +258,10 @@ def _settled(
         forward = maps.on(refinement)
         try:
             with _before_long() if maps.contacts else nullcontext():
-                if isinstance(given, GivenLengths):
-                    here = given.on(forward, near)
+                if isinstance(value, GivenLengths):
+                    here = value.on(forward, near)
                 else:
-                    here = equilibrium_on(forward, given, near)
+                    here = equilibrium_on(forward, value, near)
             check_sections(here)
         except (SnapError, UnsettledContactError, UnsettledSectionError) as problem:
             in_closed_form = isinstance(problem, UnsettledSectionError) and maps.by_sections
@@ -285,8 +285,8 @@ def _settled(
             LOG.debug("%s, mesh %d: estimated tip error %.1e of L", maps.scheme, refinement, error)
             if error <= accuracy:
                 winches = None
-                if isinstance(given, GivenLengths):
-                    here, winches = given.finished(forward, here), given.winches
+                if isinstance(value, GivenLengths):
+                    here, winches = value.finished(forward, here), value.winches
                 check_stretch(here)
                 return Shape(maps.arm, maps.scene, error, here, winches, snaps)
         before, last = (refinement, tip), refinement

@@ -126,8 +126,8 @@ class Shape:
             return ()
         here = self._linearised(is_loaded(self.scene))
         taut = np.flatnonzero(self.winches.held & ~self.slack.ravel())
-        found = here.length_tension[np.ix_(taut, taut)]
-        idle = unfelt(np.diag(self.winches.stretch[taut]) - found, _FELT)
+        result = here.length_tension[np.ix_(taut, taut)]
+        idle = unfelt(np.diag(self.winches.stretch[taut]) - result, _FELT)
         return tuple(
             self.arm.tendon_name(int(j)) for j in taut[np.abs(idle).max(axis=0, initial=0) > _PART]
         )
@@ -193,10 +193,10 @@ class Shape:
         return self._at(s, lambda _, strain: strain[:, :4], strains=True)
 
     def __repr__(self) -> str:
-        own, lengths = self.arm.tendons_by_section, 1e3 * self.tendon_lengths
+        tendons_by_section, lengths = self.arm.tendons_by_section, 1e3 * self.tendon_lengths
         tables = [
-            tendon_table("tensions [N]", own, self.tensions),
-            tendon_table("tendon lengths [mm]", own, lengths),
+            tendon_table("tensions [N]", tendons_by_section, self.tensions),
+            tendon_table("tendon lengths [mm]", tendons_by_section, lengths),
         ]
         return shape_text(tables, self.tip, self.tip_frame, self.error, self.remarks)
 
@@ -219,10 +219,10 @@ class Shape:
         place = finite_array("s", np.atleast_1d(s), (1,))
         crosses = np.array([self.arm.sections[i].at >= place[0] for i, _ in self.arm.tendons])
         tendons = np.flatnonzero(crosses)
-        found = np.zeros(crosses.size)
-        given = (place, np.zeros(tendons.size, dtype=int), tendons)
-        found[tendons] = self.equilibrium.tensions_at(*given)
-        return found
+        values = np.zeros(crosses.size)
+        arguments = (place, np.zeros(tendons.size, dtype=int), tendons)
+        values[tendons] = self.equilibrium.tensions_at(*arguments)
+        return values
 
     @property
     def tendon_lengths(self) -> Array:
@@ -316,13 +316,13 @@ class Bent(Settled, Protocol):
 def remarks(shape: Bent) -> tuple[str, ...]:
     """Return what is not to be believed of a shape, a sentence each; see sharp and crosses."""
     folded = shape.folded
-    told = [sharp(shape), crosses(shape)]
+    messages = [sharp(shape), crosses(shape)]
     if folded is not None:
-        told.append(
+        messages.append(
             f"no arm bends so far: at s = {folded:.6g} m a tendon has no length left; "
             "lower the tensions that cross it"
         )
-    return tuple(sentence for sentence in told if sentence)
+    return tuple(sentence for sentence in messages if sentence)
 
 
 def sharp(shape: Bent) -> str:
@@ -342,21 +342,21 @@ def sharp(shape: Bent) -> str:
         return ""
     lengths, rest = shape.tendon_lengths, rest_lengths(arm)
     j = int(np.argmax(lengths - rest))
-    told = (
+    message = (
         f"the arm bends sharper than its own radius: by a radius of {1e3 / curvature[worst]:.3g} "
         f"mm at s = {s[worst]:.6g} m, where its body has one of {1e3 * radius[worst]:.3g} mm"
     )
     if lengths[j] > rest[j]:
-        told += (
+        message += (
             f", and tendon {arm.tendon_name(j)} would have to be {1e3 * lengths[j]:.4g} mm long, "
             f"{1e3 * rest[j]:.4g} mm at rest"
         )
-    return f"{told}; lower the tensions or the loads"
+    return f"{message}; lower the tensions or the loads"
 
 
 def crosses(shape: Bent) -> str:
     """Return where the arm passes through itself; empty where it does not."""
-    found: Any = clearances(Centreline.of(shape), (), {ITSELF})[ITSELF]
-    if found.gap >= -_TOUCHES * shape.arm.length:
+    result: Any = clearances(Centreline.of(shape), (), {ITSELF})[ITSELF]
+    if result.gap >= -_TOUCHES * shape.arm.length:
         return ""
-    return f"{found}; SelfContact among the effects keeps its parts apart"
+    return f"{result}; SelfContact among the effects keeps its parts apart"

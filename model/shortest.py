@@ -37,8 +37,8 @@ def unknown_least(arm: Arm, winches: Winches) -> UnknownLeastError:
     """Return what to raise where no shape is found: of the tendon that most is taken in of."""
     rest = rest_lengths(arm)
     j = int(np.argmax(np.where(winches.held, (rest - winches.lengths) / rest, -np.inf)))
-    told = "more, beside the other lengths: no shape of the arm is found that has these"
-    return UnknownLeastError(_name(arm, j), float(winches.lengths[j]), told)
+    message = "more, beside the other lengths: no shape of the arm is found that has these"
+    return UnknownLeastError(_name(arm, j), float(winches.lengths[j]), message)
 
 
 def refuse(program: LeastEnergy, winches: Winches) -> None:
@@ -59,10 +59,10 @@ def refuse(program: LeastEnergy, winches: Winches) -> None:
     held, T = winches.held.copy(), winches.tensions.copy()
     held[j], T[j] = False, min(nearest.tensions[j], L / arm_compliance(arm))
     pulled = program.least(nearest, T, 1.0, replace(winches, held=held, tensions=T))
-    told = f"lengths that go together, the nearest that a shape has is {lengths[j]:.9g} m"
+    message = f"lengths that go together, the nearest that a shape has is {lengths[j]:.9g} m"
     if pulled is not None:
-        told = f"from {program.lengths(pulled)[j]:.7g} m on"
-    allowed = f"{told}, beside the other lengths: no shape of the arm has these"
+        message = f"from {program.lengths(pulled)[j]:.7g} m on"
+    allowed = f"{message}, beside the other lengths: no shape of the arm has these"
     raise InputError(_name(arm, j), float(winches.lengths[j]), allowed)
 
 
@@ -95,10 +95,10 @@ def too_short(
         return problem
     alone, all_of_them = np.arange(rest.size) == j, taken > 0
     for longer, beside in ((alone, ", beside the other lengths"), (all_of_them, "")):
-        found = _least(winches, np.where(longer, rest, winches.lengths), problem, problem_of)
-        if found is None:
+        result = _least(winches, np.where(longer, rest, winches.lengths), problem, problem_of)
+        if result is None:
             continue
-        lengths, last = found
+        lengths, last = result
         why = "shorter ones are found no shape for"
         if isinstance(last, CollapsedError):
             why = f"shorter ones crush the arm at s = {last.s:.6g} m"

@@ -97,7 +97,7 @@ def tendon_path_rates(arm: Arm, at: Stations, place: Counts, tendon: Counts) -> 
 def _offsets(arm: Arm, at: Stations, place: Counts, tendon: Counts) -> Array:
     """Return Y = y d and its first two derivatives (3, 2, P); d' = phi' d_perp where d turns."""
     row = np.array(arm.offset_of)[tendon]
-    y, rate, curve = (own[row, place] for own in (at.y, at.y_rate, at.y_curve))
+    y, rate, curve = (each[row, place] for each in (at.y, at.y_rate, at.y_curve))
     d = np.stack(sides(arm))[:, tendon]
     if not any(arm.turns):
         return np.stack([y * d, rate * d, curve * d])
@@ -112,12 +112,12 @@ def _offsets(arm: Arm, at: Stations, place: Counts, tendon: Counts) -> Array:
 
 def _turned(arm: Arm, at: Stations, place: Counts, tendon: Counts) -> Array:
     """Return by how much tendons (P,) have turned at stations (3, P) [rad]."""
-    found = np.zeros((3, place.size))
+    values = np.zeros((3, place.size))
     for j, turn in enumerate(arm.turns):
         if turn is not None:
             mine, end = tendon == j, arm.sections[arm.tendons[j][0]].at
-            found[:, mine] = turn.evaluate(np.minimum(at.s[place[mine]], end), end)
-    return found
+            values[:, mine] = turn.evaluate(np.minimum(at.s[place[mine]], end), end)
+    return values
 
 
 def tendon_offset(arm: Arm, tendon: int, s: Array) -> Array:

@@ -224,8 +224,8 @@ def stiffness(
         if lengths is not None:
             held["tendon_EA"] = tendon_EA
         shape = settle(arm, tensions, scene, accuracy, **held)
-        found, T = compliance_of(shape, place, accuracy), shape.tensions
-        here, pulling = found.sensitivities, pulls(arm, T)
+        result, T = compliance_of(shape, place, accuracy), shape.tensions
+        here, pulling = result.sensitivities, pulls(arm, T)
         slack = tuple(arm.tendon_name(int(j)) for j in np.flatnonzero(~pulling))
         C, response, locked = here.pose_wrench, np.zeros((T.size, 6)), np.zeros(0, int)
         if hold == "length":
@@ -234,9 +234,9 @@ def stiffness(
             if shape.winches is not None:
                 locked = np.flatnonzero(shape.winches.held & pulling)
                 stretch = shape.winches.stretch[locked]
-            own = here.length_tension[np.ix_(locked, locked)] - np.diag(stretch)
-            own -= least_compliance(arm) * np.eye(locked.size)
-            response[locked] = -np.linalg.solve(own, here.length_wrench[locked])
+            values = here.length_tension[np.ix_(locked, locked)] - np.diag(stretch)
+            values -= least_compliance(arm) * np.eye(locked.size)
+            response[locked] = -np.linalg.solve(values, here.length_wrench[locked])
             C = C + here.pose_tension @ response
         return Stiffness(
             shape,
@@ -246,8 +246,8 @@ def stiffness(
             response,
             tuple(locked.tolist()),
             slack,
-            found.refinement,
-            found.error,
+            result.refinement,
+            result.error,
         )
 
 
@@ -302,5 +302,5 @@ def tip_jacobian_function(arm: Arm, scene: Scene, scheme: str, refinement: int) 
     T = ca.MX.sym("T", arm.n_tendons)
     pose = explicit_map(arm, scene, scheme, refinement).function(T)[0][:, -1]
     jacobian = ca.jacobian(pose, T)
-    found = ca.vertcat(jacobian[4:, :], small_turns()(pose[:4]) @ jacobian[:4, :])
-    return ca.Function("tip_jacobian", [T], [ca.densify(found)])
+    result = ca.vertcat(jacobian[4:, :], small_turns()(pose[:4]) @ jacobian[:4, :])
+    return ca.Function("tip_jacobian", [T], [ca.densify(result)])

@@ -165,12 +165,12 @@ def arm_text(
     """
     cells = [["  section", "at [mm]", "offset [mm]"]]
     angles = ["tendons at [deg]"]
-    for i, (at, offsets, own) in enumerate(sections):
+    for i, (at, offsets, each) in enumerate(sections):
         ends = ", ".join(_ends(offset, at) for offset in offsets)
         cells.append([f"  {i + 1}", f"{1e3 * at:g}", ends])
-        angles.append(" ".join(f"{angle:.4g}" for angle in np.degrees(own)))
-    rows = [f"{line}   {told}" for line, told in zip(columns(cells), angles, strict=True)]
-    tendons = sum(len(own) for _, _, own in sections)
+        angles.append(" ".join(f"{angle:.4g}" for angle in np.degrees(each)))
+    rows = [f"{line}   {angle}" for line, angle in zip(columns(cells), angles, strict=True)]
+    tendons = sum(len(each) for _, _, each in sections)
     head = f"Arm of {1e3 * length:g} mm, radius {_ends(radius, length)} mm, {tendons} tendons"
     return "\n".join([f"{head}; {material}", *shortened_lines(rows)])
 

@@ -77,8 +77,8 @@ def warn_of_length(field: str, metres: float) -> None:
         _warn(f"{field} is {metres:g} m; if millimetres were meant, give {metres / 1e3:g} (m)")
     elif metres < _SHORT:
         mm = 1e3 * metres
-        told = f"if {mm:g} m were meant, give {mm:g} (m), or {1e3 * mm:g} in a key in mm"
-        _warn(f"{field} is {metres:g} m, {mm:g} mm; {told}")
+        message = f"if {mm:g} m were meant, give {mm:g} (m), or {1e3 * mm:g} in a key in mm"
+        _warn(f"{field} is {metres:g} m, {mm:g} mm; {message}")
 
 
 def warn_of_width(field: str, metres: float) -> None:
@@ -92,18 +92,20 @@ def warn_of_width(field: str, metres: float) -> None:
 def warn_of_modulus(field: str, pascals: float) -> None:
     """Warn of a modulus that is likely in kPa, or pascals taken for kilopascals."""
     if pascals < _SOFT:
-        told = f"if kilopascals were meant, give {1e3 * pascals:g} (Pa)"
-        _warn(f"{field} is {pascals:g} Pa, softer than any elastomer; {told}")
+        message = f"if kilopascals were meant, give {1e3 * pascals:g} (Pa)"
+        _warn(f"{field} is {pascals:g} Pa, softer than any elastomer; {message}")
     elif pascals > _HARD:
-        told = f"if that was in pascals already, give {pascals / 1e3:g} Pa, {pascals / 1e6:g} kPa"
-        _warn(f"{field} is {pascals:g} Pa, harder than diamond; {told}")
+        message = (
+            f"if that was in pascals already, give {pascals / 1e3:g} Pa, {pascals / 1e6:g} kPa"
+        )
+        _warn(f"{field} is {pascals:g} Pa, harder than diamond; {message}")
 
 
 def warn_of_density(field: str, density: float) -> None:
     """Warn of a body's density that is likely in g/cm3."""
     if density < _LIGHTEST:
-        told = f"if g/cm3 were meant, give {1e3 * density:g} (kg/m3)"
-        _warn(f"{field} is {density:g} kg/m3, lighter than any elastomer; {told}")
+        message = f"if g/cm3 were meant, give {1e3 * density:g} (kg/m3)"
+        _warn(f"{field} is {density:g} kg/m3, lighter than any elastomer; {message}")
 
 
 def warn_of_angles(field: str, radians: Iterable[float], usual: int = 1) -> None:
@@ -111,8 +113,8 @@ def warn_of_angles(field: str, radians: Iterable[float], usual: int = 1) -> None
     for angle in radians:
         if abs(angle) > 2 * math.pi * usual * (1 + 1e-9):
             turns = abs(angle) / (2 * math.pi)
-            told = f"if degrees were meant, give {math.radians(angle):.6g} (rad)"
-            _warn(f"{field} is {angle:g} rad, {turns:.3g} turns; {told}")
+            message = f"if degrees were meant, give {math.radians(angle):.6g} (rad)"
+            _warn(f"{field} is {angle:g} rad, {turns:.3g} turns; {message}")
             return
 
 
@@ -126,11 +128,11 @@ def likely_degrees(radians: float) -> str:
 def warn_of_distance(field: str, share: float) -> None:
     """Warn of a place whose distance from the base over the arm's length is out of proportion."""
     if share > _FAR:
-        told = "if millimetres were meant for metres, it is 1000 times too far"
-        _warn(f"{field} is {share:.3g} arm lengths from the base; {told}")
+        message = "if millimetres were meant for metres, it is 1000 times too far"
+        _warn(f"{field} is {share:.3g} arm lengths from the base; {message}")
     elif 0 < share < _NEAR:
-        told = "if metres were meant in a key in mm, it is 1000 times too near"
-        _warn(f"{field} is {share:.2g} arm lengths from the base; {told}")
+        message = "if metres were meant in a key in mm, it is 1000 times too near"
+        _warn(f"{field} is {share:.2g} arm lengths from the base; {message}")
 
 
 def warn_of_lengths(field: str, shares: Iterable[float]) -> None:
@@ -138,23 +140,23 @@ def warn_of_lengths(field: str, shares: Iterable[float]) -> None:
     shares = list(shares)
     least, most = min(shares, default=0.0), max(shares, default=0.0)
     if least > _FAR:
-        told = "if millimetres were meant for metres, they are 1000 times too long"
-        _warn(f"{field} are all {least:.3g} arm lengths or more; {told}")
+        message = "if millimetres were meant for metres, they are 1000 times too long"
+        _warn(f"{field} are all {least:.3g} arm lengths or more; {message}")
     elif 0 < most < _NEAR:
-        told = "if metres were meant in a key in mm, they are 1000 times too short"
-        _warn(f"{field} are all {most:.2g} arm lengths or less; {told}")
+        message = "if metres were meant in a key in mm, they are 1000 times too short"
+        _warn(f"{field} are all {most:.2g} arm lengths or less; {message}")
 
 
 def warn_of_strokes(field: str, shares: Iterable[float]) -> None:
     """Warn of strokes, or limits of these, over the arm's length, that are out of proportion."""
     most = max((abs(share) for share in shares if math.isfinite(share)), default=0.0)
     if 0 < most < _STROKE:
-        told = "if metres were meant in a key in mm, it is 1000 times too little"
-        _warn(f"{field} is {most:.2g} arm lengths or less; {told}")
+        message = "if metres were meant in a key in mm, it is 1000 times too little"
+        _warn(f"{field} is {most:.2g} arm lengths or less; {message}")
     elif most > _FAR:
-        told = "if millimetres were meant for metres, it is 1000 times too much"
-        _warn(f"{field} is up to {most:.3g} arm lengths; {told}")
+        message = "if millimetres were meant for metres, it is 1000 times too much"
+        _warn(f"{field} is up to {most:.3g} arm lengths; {message}")
 
 
-def _warn(told: str) -> None:
-    warn(told, UnitWarning)
+def _warn(message: str) -> None:
+    warn(message, UnitWarning)

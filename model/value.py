@@ -74,20 +74,20 @@ def value(cls: Any = None, **options: bool) -> Any:
 def _convert_first(cls: Any) -> None:
     """Let arguments be converted before they are assigned."""
     assign = cls.__init__
-    positional = tuple(own.name for own in fields(cls) if own.init and not own.kw_only)
+    positional = tuple(each.name for each in fields(cls) if each.init and not each.kw_only)
 
     @wraps(assign)
     def init(self: Any, *args: Any, **keywords: Any) -> None:
-        given = dict(zip(positional, args, strict=False))
-        if len(given) < len(args) or given.keys() & keywords.keys():
+        arguments = dict(zip(positional, args, strict=False))
+        if len(arguments) < len(args) or arguments.keys() & keywords.keys():
             assign(self, *args, **keywords)  # a TypeError, in Python's words
         converters = _converters(cls)
-        for name, own in (given | keywords).items():
+        for name, each in (arguments | keywords).items():
             if name in converters:
                 label, convert = converters[name]
-                own = convert(label, own)
-            given[name] = own
-        assign(self, **given)
+                each = convert(label, each)
+            arguments[name] = each
+        assign(self, **arguments)
 
     cls.__init__ = init
 
@@ -97,7 +97,8 @@ def _converters(cls: Any) -> dict[str, tuple[str, Convert]]:
     """Return the name in messages and the converter of each argument of a class."""
     hints = get_type_hints(cls, include_extras=True)
     return {
-        own.name: (f"{cls.__name__}.{own.name}", converter(hints[own.name])) for own in fields(cls)
+        each.name: (f"{cls.__name__}.{each.name}", converter(hints[each.name]))
+        for each in fields(cls)
     }
 
 
@@ -115,7 +116,7 @@ def _remember_hash(cls: Any) -> None:
         return int(known)
 
     def state(self: Any) -> dict[str, Any]:
-        return {name: own for name, own in self.__dict__.items() if name != key}
+        return {name: each for name, each in self.__dict__.items() if name != key}
 
     cls.__hash__, cls.__getstate__ = remembered, state
 
@@ -126,16 +127,16 @@ def _remember_hash(cls: Any) -> None:
 def converter(hint: Any) -> Convert:
     """Return what converts arguments of an annotation; TypeError for one that says too little."""
     metadata = getattr(hint, "__metadata__", ())
-    convert = _of_type(bare(hint), [own for own in metadata if isinstance(own, Meta)])
-    rules = [own.apply for own in metadata if isinstance(own, Rule)]
+    convert = _of_type(bare(hint), [each for each in metadata if isinstance(each, Meta)])
+    rules = [each.apply for each in metadata if isinstance(each, Rule)]
     if not rules:
         return convert
 
-    def ruled(name: str, given: Any) -> Any:
-        given = convert(name, given)
+    def ruled(name: str, argument: Any) -> Any:
+        argument = convert(name, argument)
         for rule in rules:
-            given = rule(name, given)
-        return given
+            argument = rule(name, argument)
+        return argument
 
     return ruled
 
@@ -162,38 +163,38 @@ def _of_type(hint: Any, metas: list[Meta]) -> Convert:
     if origin is Literal:
         return _literal(hint, inside)
     if hint is Any:
-        return lambda name, given: given
+        return lambda name, argument: argument
     if isinstance(hint, type):
-        return lambda name, given: kind(name, given, hint)
+        return lambda name, inputs: kind(name, inputs, hint)
     raise TypeError(f"{hint} does not say how it is converted")
 
 
 def _bounds(metas: list[Meta], *names: str) -> dict[str, Any]:
     """Return those of several bounds that annotations have."""
-    pairs = ((name, getattr(own, name)) for own in metas for name in names)
-    return {name: own for name, own in pairs if own is not None}
+    pairs = ((name, getattr(meta, name)) for meta in metas for name in names)
+    return {name: each for name, each in pairs if each is not None}
 
 
 def _choice(kinds: tuple[Any, ...], metas: list[Meta]) -> Convert:
     """Return the converter of one value, a sequence of them, or None, as far as each is allowed."""
-    others = [own for own in kinds if own is not type(None)]
-    several = [converter(own) for own in others if get_origin(bare(own)) is tuple]
+    others = [each for each in kinds if each is not type(None)]
+    several = [converter(other) for other in others if get_origin(bare(other)) is tuple]
     single = [
-        converter(Annotated[own, *metas] if metas else own)
-        for own in others
-        if get_origin(bare(own)) is not tuple
+        converter(Annotated[other, *metas] if metas else other)
+        for other in others
+        if get_origin(bare(other)) is not tuple
     ]
     if len(several) > 1 or len(single) > 1:
         raise TypeError(f"which of {kinds} an argument is cannot be told")
 
-    def convert(name: str, given: Any) -> Any:
-        if given is None and len(others) < len(kinds):
+    def convert(name: str, argument: Any) -> Any:
+        if argument is None and len(others) < len(kinds):
             return None
-        is_sequence = isinstance(given, Sequence | np.ndarray) and not isinstance(given, str)
+        is_sequence = isinstance(argument, Sequence | np.ndarray) and not isinstance(argument, str)
         if several and (is_sequence or not single):
-            return several[0](name, given)
+            return several[0](name, argument)
         try:
-            return single[0](name, given)
+            return single[0](name, argument)
         except InputError as reason:
             if not several:
                 raise
@@ -206,7 +207,7 @@ def _choice(kinds: tuple[Any, ...], metas: list[Meta]) -> Convert:
 def _number(is_whole: bool, metas: list[Meta]) -> Convert:
     """Return the converter of a number within bounds."""
     bounds = _bounds(metas, "gt", "ge", "lt", "le")
-    units = {(own.extra or {}).get("unit") for own in metas}
+    units = {(meta.extra or {}).get("unit") for meta in metas}
     number: Convert = partial(_bounded, bounds, "deg" in units)
     if bounds == {"gt": 0}:
         number = positive
@@ -215,11 +216,11 @@ def _number(is_whole: bool, metas: list[Meta]) -> Convert:
     if not is_whole:
         return number
 
-    def whole(name: str, given: Any) -> int:
-        found = number(name, given)
-        if found != round(found):
-            raise InputError(name, given, "a whole number")
-        return int(found)
+    def whole(name: str, argument: Any) -> int:
+        result = number(name, argument)
+        if result != round(result):
+            raise InputError(name, argument, "a whole number")
+        return int(result)
 
     return whole
 
@@ -227,17 +228,19 @@ def _number(is_whole: bool, metas: list[Meta]) -> Convert:
 _BOUNDS = {"gt": "above {}", "ge": "from {}", "lt": "below {}", "le": "up to {}"}
 
 
-def _bounded(bounds: dict[str, Any], is_angle: bool, name: str, given: Any) -> float:
+def _bounded(bounds: dict[str, Any], is_angle: bool, name: str, argument: Any) -> float:
     """Return a number within any bounds."""
-    number = finite(name, given)
+    number = finite(name, argument)
     low, high = bounds.get("ge", -math.inf), bounds.get("le", math.inf)
     above, below = bounds.get("gt", -math.inf), bounds.get("lt", math.inf)
     if low <= number <= high and above < number < below:
         return number
-    ends = ((_BOUNDS[key], "pi" if own == math.pi else f"{own:g}") for key, own in bounds.items())
-    told = f"{'an angle in rad' if is_angle else 'a number'} "
-    told += ", ".join(words.format(end) for words, end in ends)
-    raise InputError(name, given, told + (likely_degrees(number) if is_angle else ""))
+    ends = (
+        (_BOUNDS[key], "pi" if each == math.pi else f"{each:g}") for key, each in bounds.items()
+    )
+    message = f"{'an angle in rad' if is_angle else 'a number'} "
+    message += ", ".join(words.format(end) for words, end in ends)
+    raise InputError(name, argument, message + (likely_degrees(number) if is_angle else ""))
 
 
 def _parts(hint: Any) -> tuple[list[Any], bool]:
@@ -253,13 +256,13 @@ def _shape(hint: Any, metas: list[Meta]) -> tuple[int | None, ...] | None:
     if hint in (float, int):
         return ()
     parts, is_endless = _parts(hint)
-    shapes = {_shape(bare(own), [*getattr(own, "__metadata__", ())]) for own in parts}
+    shapes = {_shape(bare(part), [*getattr(part, "__metadata__", ())]) for part in parts}
     if len(shapes) != 1 or None in shapes:
         return None
-    sizes = _bounds([own for own in metas if isinstance(own, Meta)], "min_length", "max_length")
+    sizes = _bounds([meta for meta in metas if isinstance(meta, Meta)], "min_length", "max_length")
     least, most = sizes.get("min_length"), sizes.get("max_length")
-    own = (most if least == most else None) if is_endless else len(parts)
-    return own, *(shapes.pop() or ())
+    values = (most if least == most else None) if is_endless else len(parts)
+    return values, *(shapes.pop() or ())
 
 
 def _array(hint: Any, shape: tuple[int | None, ...], metas: list[Meta]) -> Convert:
@@ -268,16 +271,18 @@ def _array(hint: Any, shape: tuple[int | None, ...], metas: list[Meta]) -> Conve
     make = getattr(hint, "_make", tuple)
     leaves = _leaves(hint)
     is_whole = bare(leaves[0]) is int
-    each = [converter(own) for own in leaves] if any(bare(own) != own for own in leaves) else []
+    each = (
+        [converter(leaf) for leaf in leaves] if any(bare(leaf) != leaf for leaf in leaves) else []
+    )
 
-    def convert(name: str, given: Any) -> Any:
-        if len(shape) == 1 and not each and not is_whole and _is_kept(given, shape[0], least):
-            return given
-        array = finite_array(name, given, shape)
+    def convert(name: str, argument: Any) -> Any:
+        if len(shape) == 1 and not each and not is_whole and _is_kept(argument, shape[0], least):
+            return argument
+        array = finite_array(name, argument, shape)
         if len(array) < least:
-            raise InputError(name, given, f"at least {'one' if least == 1 else least}")
+            raise InputError(name, argument, f"at least {'one' if least == 1 else least}")
         if is_whole and not np.array_equal(array, array.astype(int)):
-            raise InputError(name, given, "whole numbers")
+            raise InputError(name, argument, "whole numbers")
         for i, x in enumerate(array.ravel().tolist() if each else ()):
             each[i % len(each)](name, x)
         return make(_tuples((array.astype(int) if is_whole else array).tolist()))
@@ -288,15 +293,15 @@ def _array(hint: Any, shape: tuple[int | None, ...], metas: list[Meta]) -> Conve
 def _leaves(hint: Any) -> list[Any]:
     """Return the annotations of the numbers in nested tuples, in turn."""
     parts, _ = _parts(bare(hint))
-    return [leaf for own in parts for leaf in _leaves(own)] if parts else [hint]
+    return [leaf for part in parts for leaf in _leaves(part)] if parts else [hint]
 
 
-def _is_kept(given: Any, size: int | None, least: int) -> bool:
+def _is_kept(argument: Any, size: int | None, least: int) -> bool:
     """Return whether numbers are a tuple of finite floats already."""
     return (
-        type(given) is tuple
-        and (len(given) >= least if size is None else len(given) == size)
-        and all(type(own) is float and -LARGEST <= own <= LARGEST for own in given)
+        type(argument) is tuple
+        and (len(argument) >= least if size is None else len(argument) == size)
+        and all(type(each) is float and -LARGEST <= each <= LARGEST for each in argument)
     )
 
 
@@ -308,13 +313,13 @@ def _items(hint: Any, least: int) -> Convert:
     """Return the converter of a sequence of what are no numbers."""
     each = converter(hint)
 
-    def convert(name: str, given: Any) -> Any:
-        if isinstance(given, str) or not isinstance(given, Sequence | np.ndarray):
-            raise InputError(name, given, f"a tuple of which each is {such(bare(hint))}")
-        if len(given) < least:
-            told = f"at least {'one' if least == 1 else least}: {such(bare(hint))}"
-            raise InputError(name, given, told)
-        return tuple(each(f"{name}[{i}]", own) for i, own in enumerate(given))
+    def convert(name: str, argument: Any) -> Any:
+        if isinstance(argument, str) or not isinstance(argument, Sequence | np.ndarray):
+            raise InputError(name, argument, f"a tuple of which each is {such(bare(hint))}")
+        if len(argument) < least:
+            message = f"at least {'one' if least == 1 else least}: {such(bare(hint))}"
+            raise InputError(name, argument, message)
+        return tuple(each(f"{name}[{i}]", item) for i, item in enumerate(argument))
 
     return convert
 
@@ -322,13 +327,13 @@ def _items(hint: Any, least: int) -> Convert:
 def _named(hint: Any) -> Convert:
     """Return the converter of a named tuple."""
     parts, _ = _parts(hint)
-    each = [(own, converter(part)) for own, part in zip(hint._fields, parts, strict=True)]
+    each = [(item, converter(part)) for item, part in zip(hint._fields, parts, strict=True)]
 
-    def convert(name: str, given: Any) -> Any:
-        if not isinstance(given, Sequence | np.ndarray) or len(given) != len(each):
-            raise InputError(name, given, such(hint))
-        pairs = zip(each, given, strict=True)
-        return hint(*(part(f"{name}.{own}", x) for (own, part), x in pairs))
+    def convert(name: str, argument: Any) -> Any:
+        if not isinstance(argument, Sequence | np.ndarray) or len(argument) != len(each):
+            raise InputError(name, argument, such(hint))
+        pairs = zip(each, argument, strict=True)
+        return hint(*(part(f"{name}.{item}", x) for (item, part), x in pairs))
 
     return convert
 
@@ -336,10 +341,10 @@ def _named(hint: Any) -> Convert:
 def _literal(hint: Any, allowed: tuple[Any, ...]) -> Convert:
     """Return the converter of what is one of several texts or whole numbers."""
 
-    def convert(name: str, given: Any) -> Any:
-        is_one = isinstance(given, str | int | np.integer) and not isinstance(given, bool)
-        if is_one and given in allowed:
-            return allowed[allowed.index(given)]
-        raise InputError(name, given, such(hint))
+    def convert(name: str, argument: Any) -> Any:
+        is_one = isinstance(argument, str | int | np.integer) and not isinstance(argument, bool)
+        if is_one and argument in allowed:
+            return allowed[allowed.index(argument)]
+        raise InputError(name, argument, such(hint))
 
     return convert

@@ -78,9 +78,9 @@ class Winches:
             T, pulled = _given(arm, tensions, "tensions")
         for j in np.flatnonzero(held == pulled):
             both, field = bool(held[j]), f"lengths[{j}] ({arm.tendon_name(int(j))})"
-            given = f"{left[j]:g} m and a tension of {T[j]:g} N" if both else None
+            value = f"{left[j]:g} m and a tension of {T[j]:g} N" if both else None
             allowed = "a length or a tension for each tendon, None or nan in place of the other"
-            raise InputError(field, given, allowed)
+            raise InputError(field, value, allowed)
         if tendon_EA is None:
             return cls(held, left, T, outside=not_negative("tendon_outside", outside))
         return cls(held, left, T, checked_EA(tendon_EA), not_negative("tendon_outside", outside))
@@ -102,8 +102,8 @@ def checked_EA(value: Any) -> float:
 def _given(arm: Arm, values: Any, name: str) -> tuple[Array, NDArray[np.bool_]]:
     """Return a number for each tendon, 0 where there is None or nan, and where there is one."""
     if isinstance(values, np.ndarray) and values.dtype == float:
-        given = ~np.isnan(values)
-        return arm.flat(np.where(given, values, 0.0), name), given.ravel()
+        value = ~np.isnan(values)
+        return arm.flat(np.where(value, values, 0.0), name), value.ravel()
     if not hasattr(values, "__iter__") or isinstance(values, str | bytes):
         return arm.flat(values, name), np.ones(arm.n_tendons, dtype=bool)
     rows = [_filled(row) for row in values]
@@ -131,8 +131,8 @@ def _rest_lengths(arm: Arm) -> tuple[float, ...]:
     n, b, *slope = tendon_paths(arm, at, place, tendon)
     bent = at.rest[0, place] * b - at.rest[1, place] * n if arm.is_curved else np.zeros(place.size)
     speed = np.sqrt((1 + bent) ** 2 + slope[0] ** 2 + slope[1] ** 2)
-    found = np.bincount(tendon, weight[place] * speed, arm.n_tendons)
-    return tuple(found.tolist())
+    result = np.bincount(tendon, weight[place] * speed, arm.n_tendons)
+    return tuple(result.tolist())
 
 
 def rest_lengths(arm: Arm) -> Array:
@@ -221,23 +221,23 @@ def least(M: Array, w: Array, z: Array, rounding: float) -> Step:
     """
     if not z.size:
         return Step(z, True, True)
-    found, well = _least(M, w, z, rounding)
-    own = np.ones(z.size, dtype=bool)
+    result, well = _least(M, w, z, rounding)
+    values = np.ones(z.size, dtype=bool)
     nothing = _TINY * float(z.max())
-    while found.min() < 0:
-        below = found < 0
-        blocked = own & below & (z <= nothing)
+    while result.min() < 0:
+        below = result < 0
+        blocked = values & below & (z <= nothing)
         if not blocked.any():
             shares = np.ones(z.size)
-            shares[below] = z[below] / (z[below] - found[below])
+            shares[below] = z[below] / (z[below] - result[below])
             share = float(shares.min())
-            return Step(np.where(shares <= share, 0.0, z + share * (found - z)), well, False)
-        own &= ~blocked
-        if not own.any():
+            return Step(np.where(shares <= share, 0.0, z + share * (result - z)), well, False)
+        values &= ~blocked
+        if not values.any():
             return Step(np.zeros(z.size), well, True)
-        found = np.zeros(z.size)
-        found[own], well = _least(M[np.ix_(own, own)], w[own], z[own], rounding)
-    return Step(found, well, True)
+        result = np.zeros(z.size)
+        result[values], well = _least(M[np.ix_(values, values)], w[values], z[values], rounding)
+    return Step(result, well, True)
 
 
 def _least(M: Array, w: Array, z: Array, rounding: float) -> tuple[Array, bool]:
@@ -250,20 +250,20 @@ def _least(M: Array, w: Array, z: Array, rounding: float) -> tuple[Array, bool]:
     felt = values * most > rounding
     count = int(np.count_nonzero(felt))  # the largest are the first
     well = count == 0 or bool(values[count - 1] > _WELL * values[0])
-    found = z + right[:count].T @ ((w @ -left[:, :count]) / values[:count])
+    result = z + right[:count].T @ ((w @ -left[:, :count]) / values[:count])
     idle = right[count:]
     if not len(idle):
-        return found, well
-    found = found - idle.T @ (idle @ found)
-    if found.min() >= 0:
-        return found, well
-    size = float(np.abs(found).max())
-    E = np.vstack([idle, -found / size])
+        return result, well
+    result = result - idle.T @ (idle @ result)
+    if result.min() >= 0:
+        return result, well
+    size = float(np.abs(result).max())
+    E = np.vstack([idle, -result / size])
     f = np.eye(len(E))[-1]
     r = E @ scipy.optimize.nnls(E, f)[0] - f
     if np.linalg.norm(r) <= _APART:
-        return found, well
-    raised = found + idle.T @ (r[:-1] / (r @ r) * size)  # the last of r is -r.r, but for rounding
+        return result, well
+    raised = result + idle.T @ (r[:-1] / (r @ r) * size)  # the last of r is -r.r, but for rounding
     return np.where(np.abs(raised) <= _TINY * size, 0.0, raised), well
 
 

@@ -142,13 +142,13 @@ def switch_effects(
     """
     _check_repeats(repeats)
     settle(arm, tensions, scene, accuracy)
-    own = [(_without(scene, effect), scene, effect, True) for effect in scene.effects]
+    parts = [(_without(scene, effect), scene, effect, True) for effect in scene.effects]
     others = [(scene, richer, effect, False) for effect, richer in _richer(scene)]
-    found = []
-    for without, with_it, effect, enabled in told("effects switched", [*own, *others]):
+    results = []
+    for without, with_it, effect, enabled in told("effects switched", [*parts, *others]):
         pair = (without, with_it)
-        found.append(_compare(arm, tensions, pair, effect, enabled, accuracy, repeats))
-    return tuple(found)
+        results.append(_compare(arm, tensions, pair, effect, enabled, accuracy, repeats))
+    return tuple(results)
 
 
 def switch_on(

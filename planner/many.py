@@ -104,8 +104,8 @@ def plan_many(
             error = _named(reason, i)
             if errors == "raise":
                 raise error from None
-            asked: Any = target if isinstance(target, tuple | list) else (target,)
-            plans.append(_failed(arm, scene, tuple(asked), limits, str(error), others))
+            request: Any = target if isinstance(target, tuple | list) else (target,)
+            plans.append(_failed(arm, scene, tuple(request), limits, str(error), others))
     return plans
 
 

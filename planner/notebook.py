@@ -64,58 +64,60 @@ def _trajectory(motion: Trajectory, ax: Any = None) -> Any:
 def _scene_table(scene: Scene) -> str:
     rows = [["effect", "settings"]]
     for effect in scene.effects:
-        own = ", ".join(f"{f.name} = {getattr(effect, f.name)!r}" for f in fields(effect))
-        rows.append([type(effect).__name__, own])
+        values = ", ".join(f"{f.name} = {getattr(effect, f.name)!r}" for f in fields(effect))
+        rows.append([type(effect).__name__, values])
     return html_table(rows if scene.effects else [*rows, ["none: the bare arm", ""]])
 
 
-def _certificate_table(found: Certificate) -> str:
-    return _verdict(found, html_table([["checked", "value", "allowed"], *found.rows]))
+def _certificate_table(certificate: Certificate) -> str:
+    return _verdict(certificate, html_table([["checked", "value", "allowed"], *certificate.rows]))
 
 
-def _motion_table(found: MotionCertificate) -> str:
-    return _verdict(found, html_table([["checked", "value"], *found.rows]))
+def _motion_table(certificate: MotionCertificate) -> str:
+    return _verdict(certificate, html_table([["checked", "value"], *certificate.rows]))
 
 
-def _verdict(found: Any, table: str) -> str:
-    lines = [f"<b>{'PASSED' if found.passed else 'FAILED'}</b>", table]
-    lines += [f"failed: {escape(own)}<br/>" for own in found.failures]
-    return "".join(lines + [f"beware: {escape(own)}<br/>" for own in _warnings(found)])
+def _verdict(result: Any, table: str) -> str:
+    lines = [f"<b>{'PASSED' if result.passed else 'FAILED'}</b>", table]
+    lines += [f"failed: {escape(failure)}<br/>" for failure in result.failures]
+    return "".join(lines + [f"beware: {escape(each)}<br/>" for each in _warnings(result)])
 
 
-def _warnings(found: Any) -> tuple[str, ...]:
-    return found.warnings if isinstance(found, Certificate) else ()
+def _warnings(result: Any) -> tuple[str, ...]:
+    return result.warnings if isinstance(result, Certificate) else ()
 
 
-def _plan_table(found: Plan) -> str:
-    return f"{preformatted(repr(found))}{_certificate_table(found.certificate)}"
+def _plan_table(result: Plan) -> str:
+    return f"{preformatted(repr(result))}{_certificate_table(result.certificate)}"
 
 
-def _trajectory_table(found: Trajectory) -> str:
-    names = [found.arm.tendon_name(j) for j in range(found.arm.n_tendons)]
+def _trajectory_table(motion: Trajectory) -> str:
+    names = [motion.arm.tendon_name(j) for j in range(motion.arm.n_tendons)]
     rows = [["t [s]", *(f"{name} [N]" for name in names)]]
-    step = -(-len(found.times) // _MOST)
-    for t, T in zip(found.times[::step], found.flat[::step], strict=True):
-        rows.append([f"{t:.4g}", *(f"{own:.3g}" for own in T)])
+    step = -(-len(motion.times) // _MOST)
+    for t, T in zip(motion.times[::step], motion.flat[::step], strict=True):
+        rows.append([f"{t:.4g}", *(f"{each:.3g}" for each in T)])
     table = html_table(rows, f"every {step}th time" if step > 1 else "")
-    return f"<p>{escape(found.outcome)}</p>{table}{_motion_table(found.certificate)}"
+    return f"<p>{escape(motion.outcome)}</p>{table}{_motion_table(motion.certificate)}"
 
 
-def _calibration_table(found: Calibration) -> str:
+def _calibration_table(fit: Calibration) -> str:
     rows = [["unknown", "value", "std", "unit"]]
-    for own, value, std in zip(found.unknowns, found.values, found.std, strict=True):
-        rows.append([own.name, f"{value:.6g}", f"{std:.2g}", found.parameters.unit(own)])
-    return f"<p>{escape(found.outcome)}</p>{html_table(rows)}"
+    for unknown, value, std in zip(fit.unknowns, fit.values, fit.std, strict=True):
+        rows.append([unknown.name, f"{value:.6g}", f"{std:.2g}", fit.parameters.unit(unknown)])
+    return f"<p>{escape(fit.outcome)}</p>{html_table(rows)}"
 
 
-def _design_table(found: Design) -> str:
+def _design_table(result: Design) -> str:
     rows = [["unknown", "designed", "given", "unit"]]
-    for own, value, old in zip(found.unknowns, found.values, found.parameters.start, strict=True):
-        rows.append([own.name, f"{value:.5g}", f"{old:.5g}", found.parameters.unit(own)])
+    for unknown, value, old in zip(
+        result.unknowns, result.values, result.parameters.start, strict=True
+    ):
+        rows.append([unknown.name, f"{value:.5g}", f"{old:.5g}", result.parameters.unit(unknown)])
     tasks = [["task", "effort [N]", "of the given arm [N]"]]
-    for i, (now, before) in enumerate(zip(found.plans, found.before, strict=True)):
+    for i, (now, before) in enumerate(zip(result.plans, result.before, strict=True)):
         tasks.append([str(i + 1), f"{now.effort:.4g}", f"{before.effort:.4g}"])
-    return f"<p>{escape(found.outcome)}</p>{html_table(rows)}{html_table(tasks)}"
+    return f"<p>{escape(result.outcome)}</p>{html_table(rows)}{html_table(tasks)}"
 
 
 shown_by(Arm, _arm)
@@ -128,4 +130,4 @@ shown_by(Trajectory, _trajectory, _trajectory_table)
 shown_by(Calibration, table=_calibration_table)
 shown_by(Design, table=_design_table)
 shown_by(Plan, _plan, _plan_table)
-shown_by(FailedPlan, table=lambda found: preformatted(repr(found)))
+shown_by(FailedPlan, table=lambda result: preformatted(repr(result)))

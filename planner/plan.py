@@ -290,9 +290,9 @@ def _with_turns(
         return _planned(replace(task, targets=targets), around, previous if leads else near, None)
 
     def measured(targets: tuple[Target, ...], previous: Plan | None) -> Plan:
-        own = None if isinstance(previous, HeldPlan) else previous
+        values = None if isinstance(previous, HeldPlan) else previous
         most = None if free is task else share_left()
-        nearby = _planned(replace(free, targets=targets), bodies, own, most)
+        nearby = _planned(replace(free, targets=targets), bodies, values, most)
         return nearby if nearby.mode == "exact" or free is task else planned(targets, previous)
 
     with time_limit(seconds):

@@ -115,12 +115,12 @@ def front(arm: Arm, scene: Scene, point: Array, factors: Array) -> list[tuple[fl
     free = plan(arm, target, scene, 10.0)
     along = (0.0, 0.0, 1.0)
     rest = 1 / stiffness(arm, free.tensions, scene).compliance[2, 2]
-    found = [(1.0, free.effort)]
+    results = [(1.0, free.effort)]
     for factor in factors:
         p = plan(arm, [target, MinimumStiffness(along, factor * rest)], scene, 10.0, starts=2)
         if p.certificate.passed:
-            found.append((float(factor), p.effort))
-    return found
+            results.append((float(factor), p.effort))
+    return results
 
 
 def contracted(
@@ -222,8 +222,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     name, target = SHAPES["90 degree bend"]
     bent = plan(Arm.from_paper(name), target, Scene.silicone(), 20.0)
     places = np.linspace(0.25, 1.0, 4) * bent.arm.length
-    found = [stiffness(bent.arm, bent.tensions, bent.scene, at=float(s)) for s in places]
-    plot_ellipsoids(found, 2e-2).savefig(args.out / "compliance_ellipsoids.png", dpi=110)
+    results = [stiffness(bent.arm, bent.tensions, bent.scene, at=float(s)) for s in places]
+    plot_ellipsoids(results, 2e-2).savefig(args.out / "compliance_ellipsoids.png", dpi=110)
 
 
 if __name__ == "__main__":

@@ -96,12 +96,12 @@ class ScipyArm:
 
     def least_stretch(self, T: Array) -> float:
         """Return the least 1 + q at both ends of each segment, where it is least as arms taper."""
-        found, start = [], 0.0
+        results, start = [], 0.0
         for end in [*self.ends[::-1], self.arm.length]:
             crossing = T * (self.ends[self.section] >= end)
-            found += [1 + self.strains(s, crossing)[2] for s in (start, end)]
+            results += [1 + self.strains(s, crossing)[2] for s in (start, end)]
             start = end
-        return min(found)
+        return min(results)
 
     def tip_jacobian(self, T: Array, rtol: float, steps: Array, central: bool) -> Array:
         """Return how the tip moves with each tension (3, n) [m/N], by differences of `steps`."""
@@ -129,7 +129,7 @@ class ScipyArm:
         Success is SLSQP's word, a tip within that share of L, and an arm that is not crushed.
         """
         L = self.arm.length
-        found: Any = minimize(
+        result: Any = minimize(
             lambda T: T @ T,
             start,
             method="SLSQP",
@@ -137,9 +137,9 @@ class ScipyArm:
             constraints={"type": "eq", "fun": lambda T: (self.tip(T, rtol=rtol) - point) / L},
             options={"maxiter": 200, "eps": 1e-6, "ftol": ftol},
         )
-        gap = float(np.linalg.norm(self.tip(found.x) - point))
-        solved = found.success and gap < within * L and self.least_stretch(found.x) > 0
-        return found.x, gap, bool(solved)
+        gap = float(np.linalg.norm(self.tip(result.x) - point))
+        solved = result.success and gap < within * L and self.least_stretch(result.x) > 0
+        return result.x, gap, bool(solved)
 
     def plan_tip_from(
         self, point: Array, upper: float, starts: Iterable[Array]
@@ -232,11 +232,11 @@ class ScipyLoadedArm:
 
             def off(w: Array, tip: Array = tip, share: float = share) -> Array:
                 turned = Rotation.from_rotvec(w).as_matrix() @ tip
-                found = self._sweep(turned, T, share, rtol, method)[:9].reshape(3, 3)
-                return Rotation.from_matrix(found @ self.base.T).as_rotvec()
+                result = self._sweep(turned, T, share, rtol, method)[:9].reshape(3, 3)
+                return Rotation.from_matrix(result @ self.base.T).as_rotvec()
 
-            found: Any = root(off, np.zeros(3), tol=rtol, options={"eps": rtol**0.5})
-            tip = Rotation.from_rotvec(found.x).as_matrix() @ tip
+            result: Any = root(off, np.zeros(3), tol=rtol, options={"eps": rtol**0.5})
+            tip = Rotation.from_rotvec(result.x).as_matrix() @ tip
         end = self._sweep(tip, T, 1.0, rtol, method)
         return np.asarray(np.array(self.arm.base_position) - end[12:])
 
@@ -263,10 +263,10 @@ class ScipyLoadedArm:
         z = np.linspace(0, 1, nodes)
         guess = self._unloaded(T, z, unit[:, 0])
         for share in np.linspace(0, 1, self.steps + 1)[1:]:
-            found: Any = solve_bvp(
+            result: Any = solve_bvp(
                 lambda z, x, share=share: rate(z, x, share), ends, z, guess, tol=tol, max_nodes=4000
             )
-            z, guess = found.x, found.y
+            z, guess = result.x, result.y
         return np.asarray(guess[-3:, -1] * unit[-3:, 0])
 
     def _unloaded(self, T: Array, z: Array, unit: Array) -> Array:

@@ -61,7 +61,7 @@ def _marker(point: int, axis: int, session: str | None = None) -> Unknown:
 
 # By session what moved between them (the second marker), and of the others what a hand misplaces.
 MARKERS = [
-    *(_marker(*own) for own in ((0, 2), (2, 2), (3, 0), (3, 2))),
+    *(_marker(*each) for each in ((0, 2), (2, 2), (3, 0), (3, 2))),
     *(_marker(1, 0, session) for session in "AB"),
     _marker(1, 1, "B"),
     *(_marker(3, 1, session) for session in "AB"),
@@ -106,12 +106,12 @@ def shapes() -> tuple[Arm, list[Measured]]:
     places = list(zip(markers["s_m"], markers["offset_local_tnb_m"], strict=True))
     measured = [
         Measured(
-            own["tensions_N"],
-            [(*place, seen) for place, seen in zip(places, own["markers_m"], strict=True)],
-            session=own["session"],
-            name=own["file"],
+            each["tensions_N"],
+            [(*place, seen) for place, seen in zip(places, each["markers_m"], strict=True)],
+            session=each["session"],
+            name=each["file"],
         )
-        for own in data["shapes"]
+        for each in data["shapes"]
     ]
     return arm, measured
 
@@ -120,27 +120,27 @@ def row(model: str, leave_out: bool) -> tuple[Row, Calibration]:
     """Return the errors of a model, and its calibration with all shapes."""
     scene, unknowns, loss = MODELS[model]
     arm, measured = shapes()
-    found = calibrate(arm, scene, measured, unknowns, loss=loss)
+    result = calibrate(arm, scene, measured, unknowns, loss=loss)
     single = [shape for shape in measured if min(shape.tensions) == 0]
     both = [shape for shape in measured if min(shape.tensions) > 0]
     trained = calibrate(arm, scene, single, unknowns, loss=loss)
-    left = found.leave_out() if leave_out else None
+    left = result.leave_out() if leave_out else None
     errors = (
-        found.mean_error,
+        result.mean_error,
         left.mean_error if left else np.nan,
         float(np.mean(left.held)) if left else np.nan,
         mean_distance(trained.errors(both)),
     )
-    return Row(model, len(unknowns), *errors), found
+    return Row(model, len(unknowns), *errors), result
 
 
-def figure(found: Sequence[Calibration], names: Sequence[str]) -> Figure:
+def figure(result: Sequence[Calibration], names: Sequence[str]) -> Figure:
     """Draw the residuals of each marker in each shape, a panel for each model."""
-    whole = Figure(figsize=(7.0, 2.4 * len(found)), layout="constrained")
-    panels = whole.subplots(len(found), 1, squeeze=False)[:, 0]
-    for own, name, ax in zip(found, names, panels, strict=True):
-        own.plot(ax)
-        ax.set_title(f"{name}: {1e3 * own.mean_error:.3g} mm in the mean", fontsize=9)
+    whole = Figure(figsize=(7.0, 2.4 * len(result)), layout="constrained")
+    panels = whole.subplots(len(result), 1, squeeze=False)[:, 0]
+    for each, name, ax in zip(result, names, panels, strict=True):
+        each.plot(ax)
+        ax.set_title(f"{name}: {1e3 * each.mean_error:.3g} mm in the mean", fontsize=9)
     return whole
 
 
@@ -152,13 +152,13 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--out", type=Path, default=Path("out"))
     args = parser.parse_args(argv)
     title = ("mean error [mm]", "unknowns", "in sample", "left out", "in band", "two by one")
-    print(f"{title[0]:<24}" + "".join(f"{own:>12}" for own in title[1:]))
+    print(f"{title[0]:<24}" + "".join(f"{each:>12}" for each in title[1:]))
     all_found = []
     for model in args.models:
-        own, found = row(model, not args.no_leave_out)
-        numbers = (1e3 * own.inside, 1e3 * own.left_out, own.held, 1e3 * own.both)
-        print(f"{own.model:<24}{own.unknowns:>12}" + "".join(f"{x:>12.2f}" for x in numbers))
-        all_found.append(found)
+        values, result = row(model, not args.no_leave_out)
+        numbers = (1e3 * values.inside, 1e3 * values.left_out, values.held, 1e3 * values.both)
+        print(f"{values.model:<24}{values.unknowns:>12}" + "".join(f"{x:>12.2f}" for x in numbers))
+        all_found.append(result)
     args.out.mkdir(parents=True, exist_ok=True)
     path = args.out / "calibration.png"
     figure(all_found, args.models).savefig(path, dpi=110)

@@ -48,7 +48,7 @@ def gap(shape: Shape, obstacles: Sequence[Obstacle], count: int = 20_000) -> flo
     """Return the least distance of the arm's surface from obstacles at so many places [m]."""
     s = np.linspace(0.0, shape.arm.length, 401)
     fine = np.linspace(0.0, shape.arm.length, count)
-    x = np.column_stack([np.interp(fine, s, own) for own in shape.position(s).T])
+    x = np.column_stack([np.interp(fine, s, each) for each in shape.position(s).T])
     radius = shape.arm.radius.evaluate(fine, shape.arm.length)[0]
     return min(float((obstacle.distance(x) - radius).min()) for obstacle in obstacles)
 
@@ -57,30 +57,30 @@ def clutter(
     arm: Arm, witness: Shape, free: Shape, count: int, rng: np.random.Generator
 ) -> list[Obstacle]:
     """Return random obstacles about two shapes that one of them, the witness, does not touch."""
-    found: list[Obstacle] = []
-    while len(found) < count:
-        shape = (witness, free)[len(found) % 2]
+    results: list[Obstacle] = []
+    while len(results) < count:
+        shape = (witness, free)[len(results) % 2]
         place = shape.position(rng.uniform(0.1, 1.0) * arm.length)
         center, radius = place + _SPREAD * rng.normal(size=3), rng.uniform(*_SIZES)
         end = center + 0.1 * rng.normal(size=3)
         other = Sphere(center, radius) if rng.random() < 0.5 else Capsule(center, end, radius)
         if gap(witness, [other], 400) > _ROOM and other.distance(np.zeros(3)) > 0.02:
-            found.append(other)
-    return found
+            results.append(other)
+    return results
 
 
 def timed(arm: Arm, tip: Array, **others: object) -> tuple[Plan, float]:
     """Return the plan for a tip, and the seconds that it took."""
     begin = time.process_time()
-    found = plan(arm, TipPosition(tuple(tip)), SCENE, MAXIMUM, **others)  # type: ignore[arg-type]
-    return found, time.process_time() - begin
+    result = plan(arm, TipPosition(tuple(tip)), SCENE, MAXIMUM, **others)  # type: ignore[arg-type]
+    return result, time.process_time() - begin
 
 
-def among_obstacles(arm: Arm, found: list[Shape], count: int, rng: np.random.Generator) -> None:
+def among_obstacles(arm: Arm, results: list[Shape], count: int, rng: np.random.Generator) -> None:
     """Print how many tips are solved among so many obstacles, and at what cost."""
     solved, wrong, touched, ratios, efforts = [], 0, 0, [], []
     with keep_finished():
-        for shape in found:
+        for shape in results:
             free, before = timed(arm, shape.tip)
             obstacles = clutter(arm, shape, free.shape, count, rng)
             p, after = timed(arm, shape.tip, obstacles=obstacles)
@@ -92,24 +92,24 @@ def among_obstacles(arm: Arm, found: list[Shape], count: int, rng: np.random.Gen
                 efforts.append(p.effort / free.effort)
     print(f"{count} obstacles, {len(solved)} tips, touched by the free plan {touched}")
     print(f"  solved {np.mean(solved):.1%}, wrongly {wrong}")
-    told = f"{np.median(ratios):.2f} median, {np.quantile(ratios, 0.9):.1f} of 90 %"
-    print(f"  time over that without obstacles {told}, {np.max(ratios):.0f} most")
+    message = f"{np.median(ratios):.2f} median, {np.quantile(ratios, 0.9):.1f} of 90 %"
+    print(f"  time over that without obstacles {message}, {np.max(ratios):.0f} most")
     if efforts:
         print(f"  effort of touched ones over that without {np.median(efforts):.2f} median")
 
 
-def around_itself(arm: Arm, found: list[Shape]) -> None:
+def around_itself(arm: Arm, results: list[Shape]) -> None:
     """Print how many plans pass through the arm or its base plane, and what others cost."""
-    told = {"the far side of its base plane": 0, "itself": 0}
+    passing = {"the far side of its base plane": 0, "itself": 0}
     otherwise, efforts, ratios, unsaid, total = 0, [], [], 0, 0
     with keep_finished():
-        for shape in found:
+        for shape in results:
             free, before = timed(arm, shape.tip)
             total += 1
             certificate = free.certificate
-            touches = [name for name, own in certificate.gaps.items() if own < 0]
+            touches = [name for name, value in certificate.gaps.items() if value < 0]
             for name in touches:
-                told[name] += 1
+                passing[name] += 1
             unsaid += bool(touches) and "Beware" not in free.outcome
             if touches:
                 p, after = timed(arm, shape.tip, self_clearance=True)
@@ -117,7 +117,8 @@ def around_itself(arm: Arm, found: list[Shape]) -> None:
                 if p.certificate.passed:
                     otherwise += 1
                     efforts.append(p.effort / free.effort)
-    print(f"{total} tips: through itself {told['itself']}, behind the base {max(told.values())}")
+    itself, behind = passing["itself"], max(passing.values())
+    print(f"{total} tips: through itself {itself}, behind the base {behind}")
     print(f"  of these without a word {unsaid}, reached otherwise {otherwise} of {len(ratios)}")
     if efforts:
         print(f"  at an effort of {np.median(efforts):.2f} times (median), {max(efforts):.1f} most")
@@ -136,8 +137,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     arm, rng = Arm.from_paper("table-4"), np.random.default_rng(args.seed)
     timed(arm, np.array([0.3, 0.1, 0.1]), obstacles=[Sphere((0.2, 0.05, 0.05), 0.02)])
     for count in args.obstacles:
-        found = [draws.shape(arm, SCENE, rng, i % 3) for i in range(args.targets)]
-        among_obstacles(arm, found, count, rng)
+        results = [draws.shape(arm, SCENE, rng, i % 3) for i in range(args.targets)]
+        among_obstacles(arm, results, count, rng)
     if args.itself:
         around_itself(arm, [draws.shape(arm, SCENE, rng, i % 3) for i in range(args.itself)])
 

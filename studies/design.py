@@ -65,31 +65,31 @@ def tips(count: int, seed: int = 0) -> list[TipPosition]:
     return [TipPosition(tuple(settle(arm, T, SCENE).tip.tolist())) for T in pulls]
 
 
-def effort_of(found: Design, values: Array, starts: int) -> float:
+def effort_of(result: Design, values: Array, starts: int) -> float:
     """Return the effort of the tasks by plans of an arm [N]; infinite unless it meets them all."""
     try:
-        arm = found.parameters.built(values, "")[0]
+        arm = result.parameters.built(values, "")[0]
         if MAKING.room(arm).min() < -_ROUNDING:
             return float("inf")
-        plans = [plan(arm, p.targets, SCENE, MOST, starts=starts) for p in found.plans]
+        plans = [plan(arm, p.targets, SCENE, MOST, starts=starts) for p in result.plans]
     except OctoplanError:
         return float("inf")
     met = all(p.certificate.passed for p in plans)
     return float(np.linalg.norm([p.effort for p in plans])) if met else float("inf")
 
 
-def searched(found: Design, count: int, starts: int = 1) -> tuple[float, Array, int]:
+def searched(outcome: Design, count: int, starts: int = 1) -> tuple[float, Array, int]:
     """Return the least effort [N] that differential evolution finds over three numbers, and these.
 
     Others are as designed; `count` arms are tried, of which the number that meet all tasks is told.
     """
-    own, efforts = found.parameters, list[float]()
-    kept = [k for k in SEARCHED if k < len(found.values)]
+    parameters, efforts = outcome.parameters, list[float]()
+    kept = [k for k in SEARCHED if k < len(outcome.values)]
 
     def effort(share: Array) -> float:
-        values = found.array
-        values[kept] = own.lower[kept] + share * own.range[kept]
-        efforts.append(effort_of(found, values, starts))
+        values = outcome.array
+        values[kept] = parameters.lower[kept] + share * parameters.range[kept]
+        efforts.append(effort_of(outcome, values, starts))
         return min(efforts[-1], _LOST)
 
     population = max(5, count // _GENERATIONS)
@@ -101,17 +101,17 @@ def searched(found: Design, count: int, starts: int = 1) -> tuple[float, Array, 
         seed=0,
         polish=False,
     )
-    values = own.lower[kept] + result.x * own.range[kept]
+    values = parameters.lower[kept] + result.x * parameters.range[kept]
     return min(efforts), values, int(np.isfinite(efforts).sum())
 
 
-def figure(found: Design) -> Figure:
+def figure(result: Design) -> Figure:
     """Draw the effort of each task, before and after."""
     whole = Figure(figsize=(5.6, 3.2), layout="constrained")
     ax = whole.add_subplot()
-    at = np.arange(len(found.plans))
-    ax.bar(at - 0.2, [own.effort for own in found.before], 0.4, label="the paper's arm")
-    ax.bar(at + 0.2, [own.effort for own in found.plans], 0.4, label="designed")
+    at = np.arange(len(result.plans))
+    ax.bar(at - 0.2, [each.effort for each in result.before], 0.4, label="the paper's arm")
+    ax.bar(at + 0.2, [each.effort for each in result.plans], 0.4, label="designed")
     ax.set_xlabel("task (0: the fetch)")
     ax.set_yscale("log")
     ax.set_ylabel("effort [N]")
@@ -130,26 +130,28 @@ def main(argv: Sequence[str] | None = None) -> None:
     args = parser.parse_args(argv)
     arm, unknowns = Arm.from_paper("table-4"), UNKNOWNS[: args.unknowns]
     targets = [FETCH, *tips(args.tips)]
-    found = design(arm, targets, unknowns, SCENE, MOST, making=MAKING, begins=args.begins, starts=4)
-    print(found.outcome)
-    jacobian = found.sensitivity if found.feasible else np.full(len(unknowns), np.nan)
-    rows = zip(unknowns, found.values, found.parameters.start, jacobian, strict=True)
-    for own, value, before, slope in rows:
-        unit = found.parameters.unit(own)
-        told = f"{before:>9.3g} -> {value:.4g} {unit}, effort {slope:+.2g} N per {unit} more"
-        print(f"  {own.name:<32}{told}")
-    certified = sum(own.certificate.passed for own in found.plans)
-    print(f"  {certified} of {len(found.plans)} plans certified")
+    result = design(
+        arm, targets, unknowns, SCENE, MOST, making=MAKING, begins=args.begins, starts=4
+    )
+    print(result.outcome)
+    jacobian = result.sensitivity if result.feasible else np.full(len(unknowns), np.nan)
+    rows = zip(unknowns, result.values, result.parameters.start, jacobian, strict=True)
+    for each, value, before, slope in rows:
+        unit = result.parameters.unit(each)
+        message = f"{before:>9.3g} -> {value:.4g} {unit}, effort {slope:+.2g} N per {unit} more"
+        print(f"  {each.name:<32}{message}")
+    certified = sum(each.certificate.passed for each in result.plans)
+    print(f"  {certified} of {len(result.plans)} plans certified")
     if args.search:
-        best, values, met = searched(found, args.search)
-        names = [own.name for k, own in enumerate(unknowns) if k in SEARCHED]
+        best, values, met = searched(result, args.search)
+        names = [unknown.name for k, unknown in enumerate(unknowns) if k in SEARCHED]
         at = ", ".join(f"{name} {x:.4g}" for name, x in zip(names, values, strict=True))
         print(
             f"  differential evolution: {met} arms meet all tasks, least effort {best:.4g} N: {at}"
         )
     args.out.mkdir(parents=True, exist_ok=True)
     path = args.out / "design.png"
-    figure(found).savefig(path, dpi=110)
+    figure(result).savefig(path, dpi=110)
     print(f"figure: {path}")
 
 

@@ -58,9 +58,9 @@ def paper_shape(name: str, scene: Scene) -> Shape:
     return settle(Arm.from_paper("table-4"), T, scene)
 
 
-def distance(found: Plan) -> float:
+def distance(result: Plan) -> float:
     """Return how far the tip is from the mouth [mm]."""
-    return float(1e3 * np.linalg.norm(found.shape.tip - np.array(MOUTH)))
+    return float(1e3 * np.linalg.norm(result.shape.tip - np.array(MOUTH)))
 
 
 def least_pull(kind: str) -> Plan:
@@ -72,8 +72,8 @@ def least_pull(kind: str) -> Plan:
 def equal_bends(bend: float, planes: Sequence[float]) -> float:
     """Return the least total pull [N] for three bends of a size in planes [deg], base to tip."""
     bends = [Bend(float(np.radians(bend)), float(np.radians(plane))) for plane in planes]
-    found = plan(Arm.from_paper("table-4"), Fetch(*bends), SCENE, PAPERS, norm="1")
-    return found.effort if found.reached else float("nan")
+    result = plan(Arm.from_paper("table-4"), Fetch(*bends), SCENE, PAPERS, norm="1")
+    return result.effort if result.reached else float("nan")
 
 
 def nearest(kind: str, budget: float) -> Plan:
@@ -119,8 +119,8 @@ def main(argv: Sequence[str] | None = None) -> None:
             print(f"{name} {statics:<11} tip [mm]", *(f"{1e3 * x:9.4f}" for x in tip), end="")
             print(f"   {1e3 * gap:6.1f} mm from the mouth")
     for kind in KINDS:
-        found = least_pull(kind)
-        print(f"least total pull {kind:<10} {found.effort:7.3f} N: {found.outcome}")
+        result = least_pull(kind)
+        print(f"least total pull {kind:<10} {result.effort:7.3f} N: {result.outcome}")
     for bend in args.bends:
         pulls = [equal_bends(bend, planes) for planes in ((90, -90, 90), (0, -90, 90))]
         print(f"three bends of {bend:3.0f} degrees: in a plane {pulls[0]:6.3f} N", end="")

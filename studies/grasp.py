@@ -113,23 +113,25 @@ def laid_along(radius: float, end: float, share: float) -> Row:
 
 def up_to_longest(radius: float, end: float, shares: Sequence[float]) -> list[Row]:
     """Return plans of longer and longer parts on a cylinder, up to one that is missed."""
-    found = list[Row]()
+    results = list[Row]()
     for share in sorted(shares):
-        found.append(laid_along(radius, end, share))
-        print(line(found[-1]), flush=True)
-        if not found[-1].plan.reached:
+        results.append(laid_along(radius, end, share))
+        print(line(results[-1]), flush=True)
+        if not results[-1].plan.reached:
             break
-    return found
+    return results
 
 
 def line(row: Row) -> str:
     """Return what was found for a cylinder and a part, as a line of the table."""
     start, end = (1e3 * s for s in row.wrap.part(ARM))
     pulls = row.plan.tensions[:, [ABOVE, BELOW]].ravel()
-    curved = [own for c in (row.object_curvature, row.arm_curvature) for own in (c.min(), c.max())]
+    curved = [
+        each for c in (row.object_curvature, row.arm_curvature) for each in (c.min(), c.max())
+    ]
     return (
         f"{1e3 * row.rod.radius:4.0f} mm  {start:3.0f} to {end:3.0f} {row.plan.effort:8.3f} N  "
-        + " ".join(f"{own:6.3f}" for own in pulls)
+        + " ".join(f"{pull:6.3f}" for pull in pulls)
         + "  {:5.1f} to {:5.1f} {:7.1f} to {:5.1f}  ".format(*curved)
         + row.told
     )
@@ -140,7 +142,7 @@ def gripped(row: Row) -> Array:
 
     Until it snaps, or is not settled.
     """
-    scene, found, near = STATICS + Contact(row.rod), list[tuple[float, float, float]](), None
+    scene, results, near = STATICS + Contact(row.rod), list[tuple[float, float, float]](), None
     for factor in HARDER:
         try:
             near = settle(ARM, factor * row.plan.tensions, scene, 1e-5, compile="auto", near=near)
@@ -149,8 +151,8 @@ def gripped(row: Row) -> Array:
         if near.snaps:
             break
         forces = [float(np.linalg.norm(touch.force)) for touch in near.contacts]
-        found.append((factor * row.plan.effort, sum(forces), max(forces, default=0.0)))
-    return np.array(found).reshape(-1, 3)
+        results.append((factor * row.plan.effort, sum(forces), max(forces, default=0.0)))
+    return np.array(results).reshape(-1, 3)
 
 
 def grip_lines(row: Row, grips: Array) -> Iterable[str]:
@@ -180,14 +182,14 @@ def figure(longest: Sequence[tuple[Row, Array]], rows: Sequence[Row]) -> Figure:
     passed = [row for row in rows if row.plan.reached]
     for end in sorted({row.wrap.part(ARM)[1] for row in passed}):
         for share in sorted({_share(row) for row in passed}):
-            own = [
+            parts = [
                 (1e3 * row.rod.radius, row.plan.effort)
                 for row in passed
                 if row.wrap.part(ARM)[1] == end and _share(row) == share
             ]
-            if own:
+            if parts:
                 label = f"{share:g} L up to {1e3 * end:.0f} mm"
-                effort.plot(*np.transpose(sorted(own)), "o-" if end == L else "s--", label=label)
+                effort.plot(*np.transpose(sorted(parts)), "o-" if end == L else "s--", label=label)
     titles = (
         "the longest part found on each cylinder",
         "least effort to lie along",
@@ -237,9 +239,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     rows, longest = list[Row](), list[tuple[Row, Array]]()
     for end in (ARM.anchorages[k] for k in args.ends):
         for radius in args.radii:
-            own = up_to_longest(1e-3 * radius, end, args.shares)
-            rows += own
-            if passed := [row for row in own if row.plan.reached]:
+            values = up_to_longest(1e-3 * radius, end, args.shares)
+            rows += values
+            if passed := [row for row in values if row.plan.reached]:
                 grips = gripped(passed[-1])
                 longest.append((passed[-1], grips))
                 print("\n".join(grip_lines(passed[-1], grips)), flush=True)

@@ -77,8 +77,10 @@ def family(name: str, members: int) -> Family:
         options = ("--members", str(members), "--junitxml", str(report))
         # Of the kinds of report that pytest writes, the one that has properties of a test.
         _pytest(f"{_TEST}[{name}]", *options, "-o", "junit_family=xunit1")
-        kept = {own.get("name"): own.get("value", "") for own in ET.parse(report).iter("property")}
-    verdicts = (Verdict(*own) for own in json.loads(kept["verdicts"]))
+        kept = {
+            each.get("name"): each.get("value", "") for each in ET.parse(report).iter("property")
+        }
+    verdicts = (Verdict(*each) for each in json.loads(kept["verdicts"]))
     return Family(name, float(kept["tolerance"]), tuple(verdicts))
 
 
@@ -91,14 +93,14 @@ def _pytest(*words: str) -> str:
     return done.stdout
 
 
-def told(own: Family) -> str:
+def told(each: Family) -> str:
     """Return a family's line of the table."""
-    settled = [verdict.error for verdict in own.verdicts if not verdict.refusal]
-    wrong = sum(not verdict.passes for verdict in own.verdicts)
-    worst, refused = max(settled, default=0.0), len(own.verdicts) - len(settled)
-    seconds = sum(verdict.seconds for verdict in own.verdicts)
+    settled = [verdict.error for verdict in each.verdicts if not verdict.refusal]
+    wrong = sum(not verdict.passes for verdict in each.verdicts)
+    worst, refused = max(settled, default=0.0), len(each.verdicts) - len(settled)
+    seconds = sum(verdict.seconds for verdict in each.verdicts)
     return (
-        f"{own.name:<24}{len(own.verdicts):>8}{worst:>13.1e}{own.tolerance:>11.0e}"
+        f"{each.name:<24}{len(each.verdicts):>8}{worst:>13.1e}{each.tolerance:>11.0e}"
         f"{refused:>9}{wrong:>7}{seconds:>9.1f}"
     )
 
@@ -115,17 +117,17 @@ def draw(table: list[Family], grown: Sweeps) -> Figure:
 
 
 def _draw_families(ax: Axes, table: list[Family]) -> None:
-    for i, own in enumerate(table):
-        errors = [max(one.error, _LEAST) for one in own.verdicts if not one.refusal]
+    for i, each in enumerate(table):
+        errors = [max(one.error, _LEAST) for one in each.verdicts if not one.refusal]
         spread = i + np.linspace(-0.25, 0.25, len(errors))
         ax.plot(errors, spread, "o", color="#1f6fb4", ms=4, alpha=0.6)
-        ax.plot([own.tolerance] * 2, [i - 0.4, i + 0.4], color="#b3123f", lw=2)
-        refused = len(own.verdicts) - len(errors)
+        ax.plot([each.tolerance] * 2, [i - 0.4, i + 0.4], color="#b3123f", lw=2)
+        refused = len(each.verdicts) - len(errors)
         if refused:
             ax.text(3e-6, i, f"{refused} refused", va="center", fontsize="small")
     ax.plot([], [], "o", color="#1f6fb4", ms=4, label="a member")
     ax.plot([], [], color="#b3123f", lw=2, label="allowed")
-    ax.set_yticks(range(len(table)), [own.name for own in table])
+    ax.set_yticks(range(len(table)), [each.name for each in table])
     ax.set(xscale="log", xlim=(_LEAST / 2, 1e-3), xlabel="error")
     ax.invert_yaxis()
     ax.legend(fontsize="small", loc="upper right", frameon=False)
@@ -157,10 +159,10 @@ def main(argv: Sequence[str] | None = None) -> None:
         for name in args.family or names():
             table.append(family(name, args.members))
             print(told(table[-1]), flush=True)
-    for own in table:
-        for seed, verdict in enumerate(own.verdicts):
+    for each in table:
+        for seed, verdict in enumerate(each.verdicts):
             if not verdict.passes:
-                print(f"{own.name}, seed {seed}: {verdict.refusal or verdict.error}")
+                print(f"{each.name}, seed {seed}: {verdict.refusal or verdict.error}")
     grown = sweeps()
     print(f"an error at the beginning grows {grown.up:.3g} times from tip to base,", end=" ")
     print(f"{grown.down:.4g} times from base to tip; by D {grown.ratio:.4g}")
@@ -220,8 +222,8 @@ def sweeps() -> Sweeps:
         places = s if begin < end else s[::-1]
         start = [np.interp(begin, s, wanted) + _OFF / BASE]
         tight = {"rtol": 1e-13, "atol": 1e-16}
-        found = solve_ivp(rate, (begin, end), start, "DOP853", t_eval=places, **tight).y[0]
-        return np.asarray(found if begin < end else found[::-1])
+        result = solve_ivp(rate, (begin, end), start, "DOP853", t_eval=places, **tight).y[0]
+        return np.asarray(result if begin < end else result[::-1])
 
     up, down = run(L, 0.0), run(0.0, L)
     from_tip, from_base = np.abs(up - wanted) * BASE, np.abs(down - wanted) * BASE

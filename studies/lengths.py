@@ -52,12 +52,12 @@ _AWAY = 0.05
 
 def shapes(count: int, seed: int = 0) -> list[Shape]:
     """Return the shapes of plans for random reachable tips."""
-    rng, found = np.random.default_rng(seed), []
+    rng, results = np.random.default_rng(seed), []
     for _ in range(count):
         T = rng.uniform(0, 1, 12) * np.repeat([0.5, 1.0, 2.5], 4) * (rng.uniform(0, 1, 12) < 0.4)
         goal = settle(ARM, T, SCENE).tip
-        found.append(plan(ARM, TipPosition(tuple(goal)), SCENE, 20.0).shape)
-    return found
+        results.append(plan(ARM, TipPosition(tuple(goal)), SCENE, 20.0).shape)
+    return results
 
 
 def control_errors(shape: Shape, draws: int, seed: int = 1) -> Array:
@@ -98,10 +98,10 @@ def draw(table: Array, x: Array, rows: list[Row]) -> Figure:
         table, tick_labels=["1 % force", "0.1 mm", "payload,\nforces", "payload,\nlengths"]
     )
     left.set(ylabel="tip error [mm]", yscale="log", title="plans, table 2 in silicone")
-    found, goal = 1e3 * tips(x, rows), 1e3 * np.array([row.tip for row in rows])
+    result, goal = 1e3 * tips(x, rows), 1e3 * np.array([row.tip for row in rows])
     right.plot(*goal[:, :2].T, "ko", mfc="none", label="measured")
-    right.plot(*found[:, :2].T, "r.", label="settled by lengths")
-    right.plot(*np.stack([goal[:, :2], found[:, :2]], 1).transpose(2, 1, 0), "r-", lw=0.6)
+    right.plot(*result[:, :2].T, "r.", label="settled by lengths")
+    right.plot(*np.stack([goal[:, :2], result[:, :2]], 1).transpose(2, 1, 0), "r-", lw=0.6)
     right.set(xlabel="x [mm]", ylabel="y [mm]", title="measured robot, mixed rows", aspect="equal")
     right.legend()
     return figure
@@ -132,8 +132,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     known, others = mixed[:: args.several], [r for i, r in enumerate(mixed) if i % args.several]
     x = fitted([*single[:: args.every], *known], x, args.steps)
     off = robot_errors(x, others)
-    told = f"by one tendon and {len(known)} mixed rows: mean {off.mean():.2f} mm"
-    print(f"{told}, worst {off.max():.2f} mm, of the {len(others)} others")
+    message = f"by one tendon and {len(known)} mixed rows: mean {off.mean():.2f} mm"
+    print(f"{message}, worst {off.max():.2f} mm, of the {len(others)} others")
     print(f"{NAMES[1]:<34}{x[1]:12.5g}")
     for row, off in zip(mixed, robot_errors(x, mixed), strict=True):
         print(f"{row.label:<28}{off:8.2f} mm   slack: {slack_names(x, row)}")
@@ -217,16 +217,16 @@ def tips(x: Array, rows: list[Row]) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _tips(own: tuple[float, ...], pulls: tuple[tuple[float, ...], ...]) -> Array:
+def _tips(each: tuple[float, ...], pulls: tuple[tuple[float, ...], ...]) -> Array:
     """Return tips (N, 3) in the arm's own frame: its n, b and t are the markers' x, y and z."""
-    x, found = np.array(own), []
+    x, results = np.array(each), []
     arm = robot(x)
     for pull in pulls:
         try:
-            found.append(settled(arm, x, np.array(pull)).tip)
+            results.append(settled(arm, x, np.array(pull)).tip)
         except OctoplanError:
-            found.append(np.zeros(3))
-    return np.array(found)[:, [1, 2, 0]]
+            results.append(np.zeros(3))
+    return np.array(results)[:, [1, 2, 0]]
 
 
 def fitted(rows: list[Row], first: Array = FIRST, steps: int = 12) -> Array:
@@ -241,8 +241,8 @@ def fitted(rows: list[Row], first: Array = FIRST, steps: int = 12) -> Array:
         return np.ravel(tips(z * UNITS + FIRST, rows) - goal) / 5e-3
 
     start = (first - FIRST) / UNITS
-    found = least_squares(off, start, loss="soft_l1", diff_step=1e-3, max_nfev=steps)
-    return np.asarray(found.x * UNITS + FIRST)
+    fit = least_squares(off, start, loss="soft_l1", diff_step=1e-3, max_nfev=steps)
+    return np.asarray(fit.x * UNITS + FIRST)
 
 
 if __name__ == "__main__":

@@ -48,8 +48,8 @@ _SIDES = {"x": (-150.0, 450.0), "y": (0.0, 400.0)}
 
 def axis(key: str, name: str, **others: object) -> str:
     """Return the text of an axis of a sweep file."""
-    own = {"key": key, "name": name, **others}
-    lines = [f'{k} = "{v}"' if isinstance(v, str) else f"{k} = {v}" for k, v in own.items()]
+    entries = {"key": key, "name": name, **others}
+    lines = [f'{k} = "{v}"' if isinstance(v, str) else f"{k} = {v}" for k, v in entries.items()]
     return "\n".join(["[[sweep.axes]]", *lines, ""])
 
 

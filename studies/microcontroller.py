@@ -138,8 +138,8 @@ def build(folder: Path, main: Path) -> Path:
         _BOARD / "layout.ld",
         "-Wl,--gc-sections",
     )
-    own = [path for part in ("arm", "arm_plan") if (path := folder / f"{part}.c").exists()]
-    sources = (main, *own, _BOARD / "start.c")
+    parts = [path for part in ("arm", "arm_plan") if (path := folder / f"{part}.c").exists()]
+    sources = (main, *parts, _BOARD / "start.c")
     options = (
         *_TARGET,
         *_STRICT[:4],
@@ -177,9 +177,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     if missing():
         print(f"not measured, not installed: {missing()}")
         return
-    asked = load(args.scene)
+    request = load(args.scene)
     if args.inverse:
-        _print_inverse(asked.arm, asked.scene, args.precision)
+        _print_inverse(request.arm, request.scene, args.precision)
         return
     print(
         f"{'numbers':<8}{'accuracy':>9}{'flash':>9}{'static':>9}{'stack':>7}"
@@ -187,7 +187,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     )
     for precision in args.precision:
         for accuracy in args.accuracy:
-            cost = measured(asked.arm, asked.scene, asked.tensions, accuracy, precision)
+            cost = measured(request.arm, request.scene, request.tensions, accuracy, precision)
             cells = [
                 f"{cost.instructions[what]:>8} = {HERTZ / cost.instructions[what] / 1e3:>4.1f} kHz"
                 for what in ("tip", "jacobian")
@@ -207,10 +207,10 @@ def _print_inverse(arm: Arm, scene: Scene, precisions: Sequence[Any]) -> None:
         return
     for precision in precisions:
         accuracy = 1e-4 if precision == "float" else 1e-6
-        found = measured_inverse(p, accuracy, precision)
-        sizes = f"{found.flash / 1e3:>6.1f} kB{found.static / 1e3:>6.1f} kB{found.stack:>5} B"
-        rate = f"{found.mean:>9} = {HERTZ / found.mean:>4.0f} Hz"
-        print(f"{precision:<8}{accuracy:>9.0e}{sizes}{rate:>20}{found.most:>10}")
+        result = measured_inverse(p, accuracy, precision)
+        sizes = f"{result.flash / 1e3:>6.1f} kB{result.static / 1e3:>6.1f} kB{result.stack:>5} B"
+        rate = f"{result.mean:>9} = {HERTZ / result.mean:>4.0f} Hz"
+        print(f"{precision:<8}{accuracy:>9.0e}{sizes}{rate:>20}{result.most:>10}")
 
 
 if __name__ == "__main__":

@@ -61,16 +61,16 @@ def motion(rate: float, names: Sequence[str] = tuple(STAGES), times: object = No
     return trajectory(arm, targets, SCENE, MAXIMUM, rate_max=rate, times=times)
 
 
-def effort(found: Trajectory) -> float:
+def effort(result: Trajectory) -> float:
     """Return the root mean square over time of the tensions' norm [N]."""
-    T = found.at(np.linspace(0.0, found.duration, 1001))
+    T = result.at(np.linspace(0.0, result.duration, 1001))
     return float(np.sqrt((T**2).sum(axis=1).mean()))
 
 
-def excess(found: Trajectory, rate: float) -> float:
+def excess(result: Trajectory, rate: float) -> float:
     """Return the largest share of a limit or rate that is taken up at very many instants."""
-    t = np.linspace(0.0, found.duration, _INSTANTS)
-    T = found.at(t)
+    t = np.linspace(0.0, result.duration, _INSTANTS)
+    T = result.at(t)
     speed = np.abs(np.diff(T, axis=0)).max() / (t[1] - t[0])
     return float(max(T.max() / MAXIMUM, speed / rate))
 
@@ -83,14 +83,14 @@ def path(share: float) -> tuple[float, float, float]:
 
 def cost(count: int) -> tuple[float, float, bool]:
     """Return the times of a waypoint and of its certificate [s], and whether that passed."""
-    arm, given = Arm.from_paper("table-4"), {"obstacles": PASSED, "clearance": 0.002}
+    arm, options = Arm.from_paper("table-4"), {"obstacles": PASSED, "clearance": 0.002}
     for _ in range(2):
         begin = time.process_time()
-        found = trajectory(
-            arm, path, SCENE, MAXIMUM, rate_max=5.0, waypoints=count, compile="auto", **given
+        result = trajectory(
+            arm, path, SCENE, MAXIMUM, rate_max=5.0, waypoints=count, compile="auto", **options
         )
         middle = time.process_time()
-        passed = found.certificate.passed
+        passed = result.certificate.passed
         end = time.process_time()
     return (middle - begin) / count, (end - middle) / count, passed
 
@@ -111,16 +111,16 @@ def main(argv: Sequence[str] | None = None) -> None:
     for more in args.longer:
         times = (more * best.times[list(best.stops)]).tolist()
         shown[f"in {more:g} times the time"] = motion(args.rate, times=times)
-    for name, found in shown.items():
-        numbers = f"{found.duration:9.3f} {effort(found):10.3f} {excess(found, args.rate):16.6f}"
-        print(f"{name:<26} {numbers}  {found.certificate.passed}")
-    bound = max(found.duration for found in alone)
+    for name, value in shown.items():
+        numbers = f"{value.duration:9.3f} {effort(value):10.3f} {excess(value, args.rate):16.6f}"
+        print(f"{name:<26} {numbers}  {value.certificate.passed}")
+    bound = max(result.duration for result in alone)
     print(f"least time over the bound {best.duration / bound:.3f}")
     print(best.outcome)
     for count in args.waypoints:
-        own, check, passed = cost(count)
-        told = f"{1e3 * own:.1f} ms each, certificate {1e3 * check:.1f} ms, passed {passed}"
-        print(f"{count} waypoints among {len(PASSED)} obstacles: {told}")
+        values, check, passed = cost(count)
+        message = f"{1e3 * values:.1f} ms each, certificate {1e3 * check:.1f} ms, passed {passed}"
+        print(f"{count} waypoints among {len(PASSED)} obstacles: {message}")
     args.out.mkdir(parents=True, exist_ok=True)
     save(plot_trajectory(best), args.out / "motion.png")
 

@@ -132,38 +132,38 @@ def run(job: tuple[int, int, int, Sequence[str]]) -> Case:
     case = {"number": number, "kind": kind, "scene": name, "target": target, "drawn": T}
     begin = time.process_time()
     try:
-        found = plan(ARM, target, scene, MAXIMUM)
-        passed, outcome = found.reached, found.outcome
+        result = plan(ARM, target, scene, MAXIMUM)
+        passed, outcome = result.reached, result.outcome
     except OctoplanError as problem:
         return Case(**case, outcome=f"{type(problem).__name__}: {problem}")
     seconds = time.process_time() - begin
     try:
         scheme = None if is_loaded(scene) else schemes_of(scene)[1]
-        error = off(settle(ARM, found.tensions, scene, 1e-9, scheme), target)
+        error = off(settle(ARM, result.tensions, scene, 1e-9, scheme), target)
     except OctoplanError:
         error = np.inf
-    near = max(found.certificate.soft_residual.values(), default=0.0) <= _NEAR
-    cost = max(float(found.effort / np.linalg.norm(T)), _over_best(found, scene, best_of, rng))
-    done = (passed and near, error, cost, seconds, len(found.starts), outcome)
+    near = max(result.certificate.soft_residual.values(), default=0.0) <= _NEAR
+    cost = max(float(result.effort / np.linalg.norm(T)), _over_best(result, scene, best_of, rng))
+    done = (passed and near, error, cost, seconds, len(result.starts), outcome)
     return Case(**case, **dict(zip(_RESULTS, done, strict=True)))
 
 
 _RESULTS = ("reached", "error", "cost", "seconds", "starts", "outcome")
 
 
-def _over_best(found: Plan, scene: Scene, count: int, rng: np.random.Generator) -> float:
+def _over_best(result: Plan, scene: Scene, count: int, rng: np.random.Generator) -> float:
     """Return a plan's effort over the least that random starts lead to, on the coarse mesh."""
     heavy = is_loaded(scene) or scene.has(ExactTendons)
-    if heavy or not count or found.mode != "exact":
+    if heavy or not count or result.mode != "exact":
         return 0.0
-    limits, statement = Limits.of(ARM, MAXIMUM), Statement(norm=found.statement.norm)
-    search = Search(Task(ARM, found.targets, scene, limits, statement, found.accuracy))
+    limits, statement = Limits.of(ARM, MAXIMUM), Statement(norm=result.statement.norm)
+    search = Search(Task(ARM, result.targets, scene, limits, statement, result.accuracy))
     coarse, scale = search.task.coarse("exact"), np.repeat([0.6, 5.0, 15.0], 4)
     tried = (
         search.solve(coarse, rng.uniform() * rng.uniform(size=12) * scale) for _ in range(count)
     )
     best = min((np.linalg.norm(search.task.tensions(s)) for s in tried if s.met), default=np.inf)
-    return float(found.effort / best) if 0 < best < np.inf else 0.0
+    return float(result.effort / best) if 0 < best < np.inf else 0.0
 
 
 def report(cases: Sequence[Case]) -> None:
@@ -339,10 +339,10 @@ def _apart(a: Array, b: object) -> float:
 
 
 def _off_bend(shape: Shape, start: float, end: float, bend: Bend) -> float:
-    found = np.array(_components(shape.frame(start), shape.frame(end)[:, 0]))
+    values = np.array(_components(shape.frame(start), shape.frame(end)[:, 0]))
     across = np.sin(bend.angle)
     wanted = [np.cos(bend.angle), across * np.cos(bend.plane), across * np.sin(bend.plane)]
-    return float(np.linalg.norm(found - np.array(wanted)))
+    return float(np.linalg.norm(values - np.array(wanted)))
 
 
 if __name__ == "__main__":

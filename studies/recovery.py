@@ -77,15 +77,15 @@ class Question:
     def guess(self, keys: Sequence[str], rng: np.random.Generator) -> tuple[Arm, Scene]:
         """Return arm and scene with modulus, density and payload off by up to 15 %."""
         off = 1 + rng.uniform(-0.15, 0.15, 3)
-        own = self.arm.material
-        E = own.E * (off[0] if "arm.E_kPa" in keys else 1.0)
-        density = own.density * (off[1] if "arm.density" in keys else 1.0)
+        values = self.arm.material
+        E = values.E * (off[0] if "arm.E_kPa" in keys else 1.0)
+        density = values.density * (off[1] if "arm.density" in keys else 1.0)
         lighter = off[2] if MASS in keys else 1.0
         effects = [
             replace(effect, mass=lighter * effect.mass) if isinstance(effect, PointMass) else effect
             for effect in self.scene.effects
         ]
-        material = replace(own, E=E, density=density)
+        material = replace(values, E=E, density=density)
         return replace(self.arm, material=material), Scene(*effects)
 
 
@@ -121,9 +121,9 @@ def shapes_of(
     arm: Arm, scene: Scene, noise: float, rng: np.random.Generator, count: int = SHAPES
 ) -> list[Measured]:
     """Return what markers of an arm show under random tensions that bend it by some 1 rad."""
-    found, R = list[Measured](), arm.radius.evaluate(np.zeros(1), arm.length)[0][0]
+    results, R = list[Measured](), arm.radius.evaluate(np.zeros(1), arm.length)[0][0]
     usual = arm.material.E * np.pi * R**3 / (2 * arm.length)
-    while len(found) < count:
+    while len(results) < count:
         T = usual * rng.uniform(0, 1, arm.n_tendons) ** 3
         try:
             shape = settle(arm, T, scene, accuracy=1e-7)
@@ -134,8 +134,8 @@ def shapes_of(
             s, offset = share * arm.length, (0.0, 0.5 * R, R)
             place = shape.position(s) + shape.frame(s) @ np.array(offset)
             points.append((s, offset, place + noise * rng.normal(size=3)))
-        found.append(Measured(T, points, name=f"shape {len(found)}"))
-    return found
+        results.append(Measured(T, points, name=f"shape {len(results)}"))
+    return results
 
 
 def question(rng: np.random.Generator, payload: bool = True) -> Question:
@@ -161,7 +161,7 @@ def question(rng: np.random.Generator, payload: bool = True) -> Question:
     if loads:
         truth["arm.density"] = arm.material.density
     if scene.has(PointMass):
-        truth[MASS] = MM * next(own.mass for own in loads if isinstance(own, PointMass))
+        truth[MASS] = MM * next(load.mass for load in loads if isinstance(load, PointMass))
     return Question(arm, scene, 10 ** rng.uniform(-4, -2.7), truth)
 
 
@@ -172,13 +172,13 @@ def recovered(seed: int) -> Recovered:
     count = int(rng.integers(1, 9))
     keys = rng.permutation(list(of.truth))[:count].tolist()
     measured = shapes_of(of.arm, of.scene, of.noise, rng)
-    found = calibrate(*of.guess(keys, rng), measured, of.unknowns(keys))
-    off = (found.array - [of.truth[key] for key in keys]) / found.std
-    correlation = found.covariance / np.outer(found.std, found.std)
+    result = calibrate(*of.guess(keys, rng), measured, of.unknowns(keys))
+    off = (result.array - [of.truth[key] for key in keys]) / result.std
+    correlation = result.covariance / np.outer(result.std, result.std)
     distance = off @ np.linalg.solve(correlation, off) / off.size
-    freedom = found.degrees_of_freedom
+    freedom = result.degrees_of_freedom
     return Recovered(
-        tuple(tuple((np.abs(off) <= found.quantile(p)).tolist()) for p in LEVELS),
+        tuple(tuple((np.abs(off) <= result.quantile(p)).tolist()) for p in LEVELS),
         tuple(bool(distance <= fisher.ppf(p, off.size, freedom)) for p in LEVELS),
     )
 
@@ -191,8 +191,8 @@ def trade_told(seed: int) -> bool:
     keys = [*wanted, "arm.sections[0].offset_mm[0]", "points[1].offset_mm[2]"]
     scale = Unknown(tuple(f"tension_scale[{j}]" for j in range(of.arm.n_tendons)), 0.5, 2.0)
     measured = shapes_of(of.arm, of.scene, of.noise, rng)
-    found = calibrate(of.arm, of.scene, measured, [*of.unknowns(keys), scale])
-    names = {name for own in found.unidentified if np.isinf(own.std) for name in own.names}
+    result = calibrate(of.arm, of.scene, measured, [*of.unknowns(keys), scale])
+    names = {name for each in result.unidentified if np.isinf(each.std) for name in each.names}
     return wanted <= names and scale.name in names
 
 
@@ -206,8 +206,8 @@ def outlier_told(seed: int) -> bool:
     wrong, far = measured[which], OUTLIER * of.noise * away / np.linalg.norm(away)
     (s, offset, place), *points = wrong.points
     measured[which] = replace(wrong, points=[(s, offset, np.array(place) + far), *points])
-    found = calibrate(*of.guess(keys, rng), measured, of.unknowns(keys), loss="soft_l1")
-    return wrong.name in found.outcome
+    result = calibrate(*of.guess(keys, rng), measured, of.unknowns(keys), loss="soft_l1")
+    return wrong.name in result.outcome
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -218,16 +218,19 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args(argv)
     first = 1000 * args.seed
-    found = [recovered(first + i) for i in range(args.arms)]
+    results = [recovered(first + i) for i in range(args.arms)]
     for k, level in enumerate(LEVELS):
-        held = [own for row in found for own in row.intervals[k]]
-        regions = np.mean([row.regions[k] for row in found])
+        held = [interval for row in results for interval in row.intervals[k]]
+        regions = np.mean([row.regions[k] for row in results])
         print(
             f"{100 * level:.0f} %: {100 * np.mean(held):.1f} % of {len(held)} intervals hold the "
-            f"truth, {100 * regions:.1f} % of {len(found)} regions"
+            f"truth, {100 * regions:.1f} % of {len(results)} regions"
         )
-    for what, told in (("trades with the unit of tension", trade_told), ("outliers", outlier_told)):
-        count = sum(told(first + i) for i in range(args.cases))
+    for what, is_told in (
+        ("trades with the unit of tension", trade_told),
+        ("outliers", outlier_told),
+    ):
+        count = sum(is_told(first + i) for i in range(args.cases))
         print(f"{what} told: {count} of {args.cases}")
 
 

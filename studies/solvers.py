@@ -45,8 +45,8 @@ Solver = Callable[[Search, Array, Array], Array | None]
 
 def by_shooting(search: Search, tip: Array, guess: Array) -> Array | None:
     """Return the tensions that the planner's program leads to."""
-    found = search.solve(search.task.coarse("exact"), guess)
-    return search.task.tensions(found) if found.met else None
+    solution = search.solve(search.task.coarse("exact"), guess)
+    return search.task.tensions(solution) if solution.met else None
 
 
 def by_tensions(method: str) -> Solver:
@@ -59,11 +59,11 @@ def by_tensions(method: str) -> Solver:
             return np.asarray(settle(arm, np.clip(T, 0, MAXIMUM), scene, _ROUGH).tip - tip)
 
         def slope(T: Array) -> Array:
-            found = tip_jacobian(arm, np.clip(T, 0, MAXIMUM), scene, _ROUGH)
-            return np.asarray(found[:3] / arm.length)
+            result = tip_jacobian(arm, np.clip(T, 0, MAXIMUM), scene, _ROUGH)
+            return np.asarray(result[:3] / arm.length)
 
         held = NonlinearConstraint(lambda T: gap(T) / arm.length, 0.0, 0.0, jac=slope)
-        found = minimize(
+        optimum = minimize(
             lambda T: (T @ T / 2, T),
             guess,
             jac=True,
@@ -72,7 +72,7 @@ def by_tensions(method: str) -> Solver:
             method=method,
             options={"maxiter": _STEPS},
         )
-        return np.asarray(found.x)
+        return np.asarray(optimum.x)
 
     return solved
 
@@ -108,18 +108,18 @@ def compare(name: str, scene: Scene, targets: int, guesses: int, seed: int) -> N
         limits, target = Limits.of(arm, MAXIMUM), (TipPosition(tuple(tip)),)
         search = Search(Task(arm, target, scene, limits, Statement(), 1e-6))
         begins = list(islice(search.guesses(), guesses))
-        found = {
+        entries = {
             name: [attempt(solver, search, tip, T) for T in begins]
             for name, solver in SOLVERS.items()
         }
-        best = min(effort for own in found.values() for effort, _ in own)
-        for solver, own in found.items():
-            rows[solver] += [(e < np.inf, e <= _BEST * best < np.inf, s) for e, s in own]
+        best = min(effort for value in entries.values() for effort, _ in value)
+        for solver, value in entries.items():
+            rows[solver] += [(e < np.inf, e <= _BEST * best < np.inf, s) for e, s in value]
     print(f"{name}, {targets} tips from {guesses} guesses each")
-    for solver, own in rows.items():
-        met, good, seconds = np.array(own, dtype=float).T
-        told = f"{met.mean():>8.1%}{good.mean():>8.1%}{1e3 * np.median(seconds):>11.1f}"
-        print(f"  {solver:<32}{told}", flush=True)
+    for solver, value in rows.items():
+        met, good, seconds = np.array(value, dtype=float).T
+        message = f"{met.mean():>8.1%}{good.mean():>8.1%}{1e3 * np.median(seconds):>11.1f}"
+        print(f"  {solver:<32}{message}", flush=True)
 
 
 def main(argv: Sequence[str] | None = None) -> None:

@@ -56,21 +56,21 @@ def run(number: int, seed: int, best_of: int) -> Case:
     rng = np.random.default_rng([seed, number])
     kind, scene = KINDS[number % len(KINDS)], (Scene(), Scene(Extension()))[rng.integers(2)]
     target, maxima = beyond(rng, kind, scene)
-    found = plan(ARM, target, scene, maxima)
-    if found.reached and max(found.certificate.soft_residual.values(), default=0.0) <= _NEAR:
-        wrong = off(settle(ARM, found.tensions, scene, 1e-9), target) > _WRONG
+    result = plan(ARM, target, scene, maxima)
+    if result.reached and max(result.certificate.soft_residual.values(), default=0.0) <= _NEAR:
+        wrong = off(settle(ARM, result.tensions, scene, 1e-9), target) > _WRONG
         return Case(number, kind, np.nan, wrong)
     limits = Limits.of(ARM, maxima)
-    search = Search(Task(ARM, found.targets, scene, limits, Statement(), found.accuracy))
-    statement = search.task.coarse(found.mode)
+    search = Search(Task(ARM, result.targets, scene, limits, Statement(), result.accuracy))
+    statement = search.task.coarse(result.mode)
     scale = np.minimum(np.repeat([0.6, 5.0, 15.0], 4), limits.upper)
     tried = (
         search.solve(statement, rng.uniform() * rng.uniform(size=12) * scale)
         for _ in range(best_of)
     )
     best = min((s.f for s in tried if s.met), default=np.inf)
-    own = min((s.objective for s in found.starts if s.met), default=np.inf)
-    return Case(number, kind, float(np.sqrt(own / best)) if own < np.inf else np.inf)
+    values = min((s.objective for s in result.starts if s.met), default=np.inf)
+    return Case(number, kind, float(np.sqrt(values / best)) if values < np.inf else np.inf)
 
 
 def beyond(rng: np.random.Generator, kind: str, scene: Scene) -> tuple[Target, Array | float]:

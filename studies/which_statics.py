@@ -42,9 +42,9 @@ SCENES = {
 
 def cases() -> list[dict[str, Any]]:
     """Return the cases with tendons pulled to one side, by bend."""
-    found = json.loads(REFERENCE.read_text())["cases"]
+    result = json.loads(REFERENCE.read_text())["cases"]
     return sorted(
-        (case for case in found if "tendons" in case["params"]), key=lambda case: case["theta"]
+        (case for case in result if "tendons" in case["params"]), key=lambda case: case["theta"]
     )
 
 

@@ -123,17 +123,17 @@ class _Time(NamedTuple):
 
     def some(self, which: Mask | Counts) -> _Time:
         """Return some of the parts."""
-        return _Time._make(own[which] for own in self)
+        return _Time._make(each[which] for each in self)
 
     def halved(self) -> _Time:
         """Return the first halves, then the second ones."""
         middle = (self.start + self.end) / 2
         ends = (self.start, middle), (middle, self.end)
-        return _Time(np.tile(self.stretch, 2), *(np.concatenate(own) for own in ends))
+        return _Time(np.tile(self.stretch, 2), *(np.concatenate(end) for end in ends))
 
     def joined(self, other: _Time) -> _Time:
         """Return these parts, then others."""
-        return _Time._make(np.concatenate(own) for own in zip(self, other, strict=True))
+        return _Time._make(np.concatenate(each) for each in zip(self, other, strict=True))
 
 
 class _Rows(NamedTuple):
@@ -146,7 +146,7 @@ class _Rows(NamedTuple):
 
     def some(self, which: Mask | Counts) -> _Rows:
         """Return some of the rows."""
-        return _Rows._make(own[which] for own in self)
+        return _Rows._make(each[which] for each in self)
 
     def halved(self, column: Counts) -> _Rows:
         """Return both halves of rows, each of the piece in a column (K,)."""
@@ -158,7 +158,7 @@ class _Rows(NamedTuple):
 
     def joined(self, other: _Rows) -> _Rows:
         """Return these rows, then others."""
-        return _Rows._make(np.concatenate(own) for own in zip(self, other, strict=True))
+        return _Rows._make(np.concatenate(each) for each in zip(self, other, strict=True))
 
 
 def closest(way: Way, count: int, around: Around, enough: float = 0.0) -> Found:
@@ -181,7 +181,7 @@ class _Search:
 
     def run(self) -> Found:
         """Look at elements, or pairs of them, until none is open."""
-        found, count = self.found, self.found.bound.size
+        result, count = self.found, self.found.bound.size
         left = self._there(_Time(np.arange(count), np.zeros(count), np.ones(count)))
         parts, time = self._parts(left) if left.stretch.size else None, left
         if parts is not None and not parts.known.all():
@@ -189,7 +189,7 @@ class _Search:
             parts = self._parts(time) if time.stretch.size else None
         if parts is not None:
             self._refined(time, parts)
-        return replace(found, bound=np.minimum(found.bound, found.seen))
+        return replace(result, bound=np.minimum(result.bound, result.seen))
 
     def _known(self, left: _Time, parts: Parts) -> _Time:
         """Return parts so short that it is known how far strains are from straight lines."""
@@ -266,24 +266,24 @@ class _Search:
         """Return rows whose part is to be halved, and the halves of pieces of others."""
         columns = zip(rows.element.T, rows.low.T, rows.high.T, strict=True)
         pieces = [parts.pieces(rows.part, *column) for column in columns]
-        found, stretch, keep = self.found, time.stretch[rows.part], self.around.keep
+        result, stretch, keep = self.found, time.stretch[rows.part], self.around.keep
         moved = self._moved(time, pieces[0])
         lower = self._lower(stretch, moved, pieces) - keep
         known = parts.known[rows.part]
-        near = (lower < np.minimum(self.enough, found.seen[stretch])) | ~known
+        near = (lower < np.minimum(self.enough, result.seen[stretch])) | ~known
         if near.any():
-            self._saw(time, rows.some(near), moved[near], [own[near] for own in pieces])
-        seen = found.seen[stretch]
+            self._saw(time, rows.some(near), moved[near], [each[near] for each in pieces])
+        seen = result.seen[stretch]
         least = np.where(seen < np.inf, seen, 0.0)
         slack = np.maximum(_CLOSE * parts.lines.arm.length, _RELATIVE * np.abs(least + keep))
         enough = np.minimum(self.enough, np.where(seen < np.inf, least - slack, np.inf))
         # Infinite bounds are of what cannot meet, whatever happens in between.
         open_ = ((lower < enough) | ~known) & (lower < np.inf)
         done = ~open_ if not last and rows.part.size <= _MOST else np.full(open_.size, True)
-        np.minimum.at(found.bound, stretch[done], np.where(known, lower, -np.inf)[done])
-        sizes = np.column_stack([own.size for own in pieces])
-        travel = np.max([own.travel for own in pieces], axis=0)
-        np.maximum.at(found.step, stretch[done], travel[done] / 2)
+        np.minimum.at(result.bound, stretch[done], np.where(known, lower, -np.inf)[done])
+        sizes = np.column_stack([each.size for each in pieces])
+        travel = np.max([each.travel for each in pieces], axis=0)
+        np.maximum.at(result.step, stretch[done], travel[done] / 2)
         passing = np.linalg.norm(moved[:, -1] - moved[:, 0], axis=2).max(axis=1, initial=0.0)
         by_time = (travel + passing > sizes.max(axis=1)) | ~known
         piece = ~done & ~by_time
@@ -318,7 +318,7 @@ class _Search:
 
     def _saw(self, time: _Time, rows: _Rows, moved: Array, pieces: list[Pieces]) -> None:
         """Keep the least distances of the ends of pieces that are seen where parts begin or end."""
-        found, bodies = self.found, self.around.bodies
+        result, bodies = self.found, self.around.bodies
         one, other = pieces[0], pieces[-1]
         if bodies is not None:
             d = bodies.at(one.ends[:, :, :, None] - moved[:, :, None])[0]
@@ -335,13 +335,13 @@ class _Search:
         instant, end, which = np.unravel_index(at, gaps.shape[1:])
         stretch = time.stretch[rows.part]
         order = np.argsort(-least, kind="stable")
-        k = order[least[order] < found.seen[stretch[order]]]
+        k = order[least[order] < result.seen[stretch[order]]]
         # The last that is put down is the least.
         to = stretch[k]
-        found.seen[to], found.body[to] = least[k], which[k]
-        found.share[to] = np.column_stack(time[1:])[rows.part[k], instant[k]]
-        found.s[to, 0] = one.places[k, end[k]]
-        found.s[to, 1] = other.places[k, which[k] if bodies is None else end[k]]
+        result.seen[to], result.body[to] = least[k], which[k]
+        result.share[to] = np.column_stack(time[1:])[rows.part[k], instant[k]]
+        result.s[to, 0] = one.places[k, end[k]]
+        result.s[to, 1] = other.places[k, which[k] if bodies is None else end[k]]
 
 
 def apart(one: Pieces, other: Pieces) -> Array:

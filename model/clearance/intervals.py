@@ -102,13 +102,15 @@ class Bounded:
             for k in range(function.n_instructions())
         ]
 
-    def __call__(self, *given: Interval) -> Interval:
+    def __call__(self, *value: Interval) -> Interval:
         """Return bounds (N, n_out) of the first result for arguments in boxes (N, n_in)."""
-        shape = given[0].low.shape[0]
+        shape = value[0].low.shape[0]
         low, high = np.zeros((self.size, shape)), np.zeros((self.size, shape))
         columns = [
-            Interval(*[own.low.T] * 2) if own.low is own.high else Interval(own.low.T, own.high.T)
-            for own in given
+            Interval(*[each.low.T] * 2)
+            if each.low is each.high
+            else Interval(each.low.T, each.high.T)
+            for each in value
         ]
         work: dict[int, Interval] = {}
         for operation, out, inputs, constant in self.steps:

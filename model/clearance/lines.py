@@ -58,15 +58,15 @@ class Lines:
         if self.loaded:
             system = forward.system
             return [
-                None if own is None else Centreline.at_states(system, own)
-                for own in self._equilibria(tensions)
+                None if each is None else Centreline.at_states(system, each)
+                for each in self._equilibria(tensions)
             ]
-        law, own = forward.law, slice(forward.mesh.steps * STAGES)
+        law, values = forward.law, slice(forward.mesh.steps * STAGES)
         at = self.arm, self.scene, forward.mesh.s
         return [
             None
-            if np.isnan(v[own]).any()
-            else Centreline.at_strains(*at, forward.poses(v), law, v[own])
+            if np.isnan(v[values]).any()
+            else Centreline.at_strains(*at, forward.poses(v), law, v[values])
             for v in forward.strains_of_many(tensions)
         ]
 
@@ -92,18 +92,18 @@ class Lines:
     def _equilibria(self, tensions: Array) -> list[Array | None]:
         """Return the states (n_states,) under tensions (K, n_tendons), side by side."""
         system = self._forward.system
-        found: list[Array | None] = [None] * len(tensions)
+        results: list[Array | None] = [None] * len(tensions)
         if self._states:
             guesses = np.array([self._guess(T) for T in tensions])
             ends = newton_many(system, tensions, 1.0, guesses, TURN)
-            found = [None if own is None else own.states for own in ends]
-        left = [i for i, own in enumerate(found) if own is None]
+            results = [None if each is None else each.states for each in ends]
+        left = [i for i, each in enumerate(results) if each is None]
         for i, end in zip(left, self._forward.from_rest_many(tensions[left]), strict=True):
-            found[i] = getattr(end, "states", None)
-        there = [i for i, own in enumerate(found) if own is not None]
+            results[i] = getattr(end, "states", None)
+        there = [i for i, each in enumerate(results) if each is not None]
         self._tensions = np.vstack([self._tensions, tensions[there]])
-        self._states += [own for own in found if own is not None]
-        return found
+        self._states += [each for each in results if each is not None]
+        return results
 
     def _guess(self, T: Array) -> Array:
         """Return states by those under the two nearest tensions, in proportion between these."""

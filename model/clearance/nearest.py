@@ -58,7 +58,7 @@ def clearance(shape: Settled, obstacles: Sequence[Obstacle] | Obstacle = ()) -> 
 
 def clearance_of(line: Centreline, obstacles: Sequence[Obstacle] = ()) -> Clearance:
     """Return how clear the arm of a centreline is of all that it can meet."""
-    return min(clearances(line, obstacles).values(), key=lambda found: found.gap)
+    return min(clearances(line, obstacles).values(), key=lambda result: result.gap)
 
 
 def clearances(
@@ -92,9 +92,9 @@ def around(arm: Arm, kind: str, obstacles: Sequence[Obstacle], keep: float = 0.0
 def _closest(
     line: Centreline, kind: str, obstacles: Sequence[Obstacle], enough: float
 ) -> Clearance:
-    found = closest(Still(line), 1, around(line.arm, kind, obstacles), enough)
-    gap, (one, other) = float(found.bound[0]), found.s[0].tolist()
-    if found.seen[0] == np.inf:
+    result = closest(Still(line), 1, around(line.arm, kind, obstacles), enough)
+    gap, (one, other) = float(result.bound[0]), result.s[0].tolist()
+    if result.seen[0] == np.inf:
         return Clearance(gap)
-    named = f"{OBSTACLES}[{found.body[0]}]" if kind == OBSTACLES else kind
+    named = f"{OBSTACLES}[{result.body[0]}]" if kind == OBSTACLES else kind
     return Clearance(gap, named, (one, other) if kind == ITSELF else (one,))

@@ -67,9 +67,9 @@ class Parts:
     @cached_property
     def turned(self) -> Array:
         """How far tangents have turned from the base to each node (P, I, N + 1) [rad]."""
-        own = np.append(self.lines.sizes[1], 0.0).reshape(-1, self.elements + 1)
-        own = np.hstack([np.zeros((len(own), 1)), own[:, :-1]])
-        return np.asarray(np.cumsum(own, axis=1)[self.rows])
+        values = np.append(self.lines.sizes[1], 0.0).reshape(-1, self.elements + 1)
+        values = np.hstack([np.zeros((len(values), 1)), values[:, :-1]])
+        return np.asarray(np.cumsum(values, axis=1)[self.rows])
 
     @cached_property
     def off(self) -> tuple[Array, Array]:
@@ -80,10 +80,10 @@ class Parts:
         if self.spread is None:
             none = np.zeros((len(self.rows), self.elements))
             return none, none
-        kappa, nu = (self._integrated(own) for own in self.spread[:2])
+        kappa, nu = (self._integrated(each) for each in self.spread[:2])
         turn, slide = (
-            self._integrated(np.linalg.norm(own[:, -1] - own[:, 0], axis=2))
-            for own in (self._at_stages(self.lines.kappa), self._at_stages(self.lines.nu))
+            self._integrated(np.linalg.norm(each[:, -1] - each[:, 0], axis=2))
+            for each in (self._at_stages(self.lines.kappa), self._at_stages(self.lines.nu))
         )
         long = np.linalg.norm(self._at_stages(self.lines.nu), axis=3).max(axis=1)
         long = self._integrated(long)
@@ -129,8 +129,8 @@ class Parts:
             turned = turned + np.stack([0 * turns[rows], turns[rows]], axis=2)
             return Pieces(self, part, element, start, end, ends, turned, lengths[rows])
         a, b = (np.repeat(share, rows.shape[1]) for share in (start, end))
-        given = np.tile(rows.ravel(), 2), np.append(0 * a, a), np.append(a, b)
-        at, long, swept = (np.split(own, 2) for own in self.lines.moved(*given))
+        arguments = np.tile(rows.ravel(), 2), np.append(0 * a, a), np.append(a, b)
+        at, long, swept = (np.split(each, 2) for each in self.lines.moved(*arguments))
         turned = turned + np.stack([swept[0], swept[0] + swept[1]], -1).reshape(*rows.shape, 2)
         ends = np.stack(at, axis=1).reshape(*rows.shape, 2, 3)
         return Pieces(self, part, element, start, end, ends, turned, long[1].reshape(rows.shape))
@@ -213,8 +213,8 @@ class Pieces:
         rows = self.of.rows[self.part] * (self.of.elements + 1) + self.element[:, None]
         shares = np.array([self.start, (self.start + self.end) / 2, self.end])
         repeated = np.repeat(shares, rows.shape[1], axis=1)
-        found = self.of.lines.radius(np.tile(rows.ravel(), 3), repeated.ravel())
-        return np.moveaxis(found.reshape(3, *rows.shape), 0, 2)
+        result = self.of.lines.radius(np.tile(rows.ravel(), 3), repeated.ravel())
+        return np.moveaxis(result.reshape(3, *rows.shape), 0, 2)
 
     @cached_property
     def wide(self) -> Array:

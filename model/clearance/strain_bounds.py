@@ -62,7 +62,7 @@ def proven(sections: Sections, T: tuple[Array, Array], y: tuple[Array, Array]) -
     Strains are curvatures about n and b [1/m] and the tangent's length, per unit reference length.
     """
     n = 2 + sections.law.extension
-    start, end = (own[..., :n] for own in y)
+    start, end = (each[..., :n] for each in y)
     curvature = np.sqrt(sections.body[0] / sections.body[1])
     unit = np.column_stack([curvature, curvature, np.ones(curvature.size)])[:, :n]
     change = np.abs(end - start)
@@ -82,7 +82,7 @@ def estimated(start: Array, halfway: Array, end: Array, length: float) -> Spread
     Of an arm of a `length` [m]; known where that is small beside the change, and the change small.
     """
     bent = _FARTHER * np.abs(halfway - (start + end) / 2)
-    kappa, nu = (np.linalg.norm(own, axis=2) for own in np.split(bent, 2, axis=2))
+    kappa, nu = (np.linalg.norm(each, axis=2) for each in np.split(bent, 2, axis=2))
     change = np.linalg.norm((end - start)[..., :3], axis=2).mean(axis=1) * length
     known = kappa.mean(axis=1) * length <= _BENT * change + _NONE
     return Spread(kappa, nu, known & (change <= _TURN))
@@ -104,21 +104,21 @@ def _rates(sections: Sections, T: tuple[Array, Array], box: Interval) -> Interva
         return Interval(tiled, tiled)
 
     everywhere = np.arange(N)
-    at_body = Interval(*(rows(own, everywhere) for own in box))
-    at_tendons = Interval(*(rows(own, place) for own in box))
+    at_body = Interval(*(rows(each, everywhere) for each in box))
+    at_tendons = Interval(*(rows(each, place) for each in box))
     D = body(at_body, fixed(sections.body))
     wrench = tendon(at_tendons, fixed(sections.paths[:, used]))
-    a, b = (own[:, which].reshape(-1, 1) for own in T)
+    a, b = (each[:, which].reshape(-1, 1) for each in T)
     pull, change = Interval(np.minimum(a, b), np.maximum(a, b)), Interval(b - a, b - a)
     into = (np.arange(P)[:, None] * N + place).ravel()
-    jacobian = [own.copy() for own in D]
+    jacobian = [each.copy() for each in D]
     right = [np.zeros((P * N, n)) for _ in D]
-    for k, own in enumerate(Interval(*(w[:, n:] for w in wrench)).times(pull)):
-        np.add.at(jacobian[k], into, own)
-    for k, own in enumerate(Interval(*(w[:, :n] for w in wrench)).times(change)):
-        np.add.at(right[k], into, own)
-    found = _solved(Interval(*(own.reshape(-1, n, n) for own in jacobian)), Interval(*right))
-    return Interval(*(-own.reshape(P, N, n) for own in found[::-1]))
+    for k, each in enumerate(Interval(*(w[:, n:] for w in wrench)).times(pull)):
+        np.add.at(jacobian[k], into, each)
+    for k, each in enumerate(Interval(*(w[:, :n] for w in wrench)).times(change)):
+        np.add.at(right[k], into, each)
+    result = _solved(Interval(*(each.reshape(-1, n, n) for each in jacobian)), Interval(*right))
+    return Interval(*(-each.reshape(P, N, n) for each in result[::-1]))
 
 
 def _solved(D: Interval, right: Interval) -> Interval:
@@ -160,8 +160,8 @@ def _functions(law: CrossSection) -> tuple[Bounded, Bounded]:
     wrench = law.tendon(v, path)
     of_body = ca.vec(ca.densify(ca.jacobian(law.body(v, body), y)))
     both = ca.densify(ca.vertcat(wrench, ca.vec(ca.jacobian(wrench, y))))
-    given = {"cse": True}
+    options = {"cse": True}
     return (
-        Bounded(ca.Function("body", [y, body], [of_body], given)),
-        Bounded(ca.Function("tendon", [y, path], [both], given)),
+        Bounded(ca.Function("body", [y, body], [of_body], options)),
+        Bounded(ca.Function("tendon", [y, path], [both], options)),
     )

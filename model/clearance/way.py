@@ -30,8 +30,8 @@ class Moving:
         new = sorted({key for key in keys if key not in self._known})
         if new:
             which, shares = np.array([i for i, _ in new]), np.array([u for _, u in new])
-            found = self._lines.many(self._tensions(which, shares))
-            self._known.update(zip(new, found, strict=True))
+            result = self._lines.many(self._tensions(which, shares))
+            self._known.update(zip(new, result, strict=True))
         return [self._known[key] for key in keys]
 
     def spread(self, stretch: Counts, start: Array, end: Array) -> Spread:
@@ -44,15 +44,15 @@ class Moving:
             T = self._tensions(stretch, start), self._tensions(stretch, end)
             return proven(self._lines.sections, T, (first[..., 1:4], last[..., 1:4]))
         halfway = self.lines(stretch, (start + end) / 2)
-        there = np.array([own is not None for own in halfway])
+        there = np.array([each is not None for each in halfway])
         pairs = zip(halfway, self.lines(stretch, start), strict=True)
-        filled = _strains([own or known for own, known in pairs])
-        found = estimated(first, filled, last, self._lines.arm.length)
-        return found._replace(known=found.known & there)
+        filled = _strains([each or known for each, known in pairs])
+        result = estimated(first, filled, last, self._lines.arm.length)
+        return result._replace(known=result.known & there)
 
 
 def _strains(lines: list[Centreline | None]) -> Array:
     """Return kappa and nu (K, N, 6) at the stages of arms."""
-    known = [own for own in lines if own is not None]
-    kappa, nu = (np.array([getattr(own, name) for own in known]) for name in ("kappa", "nu"))
+    known = [line for line in lines if line is not None]
+    kappa, nu = (np.array([getattr(each, name) for each in known]) for name in ("kappa", "nu"))
     return np.concatenate([kappa, nu], axis=3).reshape(len(known), -1, 6)

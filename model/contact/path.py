@@ -201,7 +201,7 @@ def _by_energy(
 
     def solve(factor: float, near: Minimum) -> Minimum | None:
         there = least(factor, near)
-        frames = [program.nodes(own)[:, :4] for own in (near, there or near)]
+        frames = [program.nodes(each)[:, :4] for each in (near, there or near)]
         return there if angle_between(*frames) < _TURN else None
 
     def over(before: float, factor: float, near: Minimum) -> Minimum:

@@ -163,8 +163,8 @@ def strains_of(law: CrossSection, rows: Array) -> Array:
 
 def kinematics(law: CrossSection, v: Array) -> tuple[Array, Array]:
     """Return kappa and nu (N, 3) per unit reference length of a law's strains v (N, n)."""
-    (found,) = mapped(_twist, law)(v)
-    return found[:, :3], found[:, 3:]
+    (result,) = mapped(_twist, law)(v)
+    return result[:, :3], result[:, 3:]
 
 
 def _twist(law: CrossSection) -> ca.Function:

@@ -112,9 +112,9 @@ class Sections:
         jacobian = rows[:, n:].reshape(N, n, n).transpose(0, 2, 1)
         return Balance(rows[:, :n], jacobian, units)
 
-    def _mapped(self, kernel_of: Callable[[CrossSection], ca.Function], *given: Array) -> Array:
+    def _mapped(self, kernel_of: Callable[[CrossSection], ca.Function], *value: Array) -> Array:
         """Return what a kernel of the law has of arguments (N, n), a row each."""
-        return mapped(kernel_of, self.law, self.machine_code)(*given)[0]
+        return mapped(kernel_of, self.law, self.machine_code)(*value)[0]
 
     def pulls(self, tensions: Array) -> Array:
         """Return the tensions of the crossings (P,) of constant tensions (n_tendons,)."""
@@ -137,9 +137,9 @@ class Sections:
         """
         if not self.place.size:
             return np.zeros(0), np.zeros((0, v.shape[1]))
-        given = (v[self.place], rate[self.place], self.paths.T, self.path_rates.T)
-        found = self._mapped(_turning, *given)
-        return found[:, 0], found[:, 1:]
+        arguments = (v[self.place], rate[self.place], self.paths.T, self.path_rates.T)
+        result = self._mapped(_turning, *arguments)
+        return result[:, 0], result[:, 1:]
 
     def by_tensions(self, at: Balance) -> Array:
         """Return the derivatives (N, n, n_tendons) of strains in equilibrium by each tension."""
@@ -156,9 +156,9 @@ class Sections:
         if not self.place.size:
             return np.zeros(self._n_tendons), jacobian
         weight = weights[self.place]
-        found = self._mapped(_run, v[self.place], self.paths.T)
-        jacobian[self.tendon, self.place] = found[:, 1:] * weight[:, None]
-        lengths = np.bincount(self.tendon, found[:, 0] * weight, self._n_tendons)
+        result = self._mapped(_run, v[self.place], self.paths.T)
+        jacobian[self.tendon, self.place] = result[:, 1:] * weight[:, None]
+        lengths = np.bincount(self.tendon, result[:, 0] * weight, self._n_tendons)
         return np.asarray(lengths, dtype=float), jacobian
 
     def lengths(self, v: Array, weights: Array) -> Array:

@@ -42,8 +42,8 @@ class ExactTendons(Effect):
 
     def __post_init__(self) -> None:
         if self.robust:
-            told = "ExactTendons(robust=) has no effect: sections take the steps that they need"
-            warn(told, DeprecationWarning)
+            message = "ExactTendons(robust=) has no effect: sections take the steps that they need"
+            warn(message, DeprecationWarning)
 
 
 @value

@@ -44,9 +44,9 @@ def poses_and_strains(system: System, x: Array, s: Array) -> tuple[Array, Array]
 @lru_cache(maxsize=32)
 def _element(form: Form) -> tuple[Mapped, Mapped]:
     """Return the residuals of an element and the nonzeros of their Jacobian, of many at once."""
-    own = element(form)
+    values = element(form)
     by = form.machine_code
-    return Mapped(own.value, by), Mapped(own.jacobian[0], by)
+    return Mapped(values.value, by), Mapped(values.jacobian[0], by)
 
 
 @lru_cache(maxsize=32)
@@ -74,8 +74,8 @@ class _Pressures:
             return
         (nonzeros,) = of_jacobian(y, self.numbers)
         _, i, j = self.kernel.jacobian
-        own = (j >= POSE) & (j < POSE + n)
-        J[:, i[own], first + j[own] - POSE] += nonzeros[:, own]
+        values = (j >= POSE) & (j < POSE + n)
+        J[:, i[values], first + j[values] - POSE] += nonzeros[:, values]
 
 
 class _Parts:
@@ -95,10 +95,10 @@ class _Parts:
     def ends(self) -> tuple[Array, Array]:
         """Return poses (N, 7) and wrenches (N, n_w) at s, on the base side."""
         between = np.flatnonzero(self.share < 1)
-        found = self.states[self.system.of.nodes[self.step + 1, : POSE + self.form.wrench]]
+        result = self.states[self.system.of.nodes[self.step + 1, : POSE + self.form.wrench]]
         if between.size:
-            found[between] = _Parts(self.system, self.x, self.s[between])._solved()
-        return found[:, :POSE], found[:, POSE:]
+            result[between] = _Parts(self.system, self.x, self.s[between])._solved()
+        return result[:, :POSE], result[:, POSE:]
 
     def _solved(self) -> Array:
         """Return poses and wrenches (N, 7 + n_w) where the parts end."""
@@ -148,12 +148,12 @@ class _Parts:
 
     def _pressures(self, node: Array) -> list[_Pressures]:
         """Return the pressure on the parts from each obstacle, from nodes (N, ...) on."""
-        of, found = self.system.of, list[_Pressures]()
-        own = self.system.p[of.equations.numbers_of("pressure")]
-        own = own.reshape(of.elements, of.form.contacts, -1)[self.step]
+        of, results = self.system.of, list[_Pressures]()
+        values = self.system.p[of.equations.numbers_of("pressure")]
+        values = values.reshape(of.elements, of.form.contacts, -1)[self.step]
         p, rubbed = self.states[of.touches[:, :, 1]], self.states[of.tractions]
         for j in range(of.form.contacts):
-            numbers = own[:, j].copy()
+            numbers = values[:, j].copy()
             numbers[:, -2] = self.h
             before, after = p[self.step, j], p[self.step + 1, j]
             ends = np.column_stack([before, before + self.share * (after - before)])
@@ -162,8 +162,8 @@ class _Parts:
                 there = before + self.share[:, None] * (after - before)
                 ends = np.hstack([ends, before, there])
             kernel = pressure(of.form.law, of.form.stages, of.form.contact_friction)
-            found.append(_Pressures(kernel, node[:, :POSE], ends, numbers))
-        return found
+            results.append(_Pressures(kernel, node[:, :POSE], ends, numbers))
+        return results
 
     def strains(self, g: Array, w: Array) -> Array:
         """Return the strains (N, n) where pose and wrench are known."""

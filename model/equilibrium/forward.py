@@ -66,10 +66,10 @@ class Collocation:
     @classmethod
     def on(cls, stated: System) -> Collocation:
         """Return the forward map of equations that are stated already."""
-        found = cls.__new__(cls)
-        found.refinement = 0
-        found._state(stated)
-        return found
+        result = cls.__new__(cls)
+        result.refinement = 0
+        result._state(stated)
+        return result
 
     def _state(self, stated: System) -> None:
         self.system, self.mesh = stated, stated.mesh

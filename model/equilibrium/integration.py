@@ -76,16 +76,16 @@ def integrated_step(form: Form, n_tendons: int) -> Mapped:
     """Return (a node's unknowns, numbers) -> these after a step, the strains at SCHEME's nodes."""
     numbers = Symbols(form, n_tendons)
     y = ca.SX.sym("y", POSE + form.wrench + n_tendons)
-    found: dict[float, ca.SX] = {}
+    entries: dict[float, ca.SX] = {}
 
     def rate(i: int, inner: ca.SX) -> ca.SX:
         c = SCHEME.nodes[i]
         along, v = _rate(form, numbers, numbers.at[SCHEME.samples.index(c)], inner)
-        found[c] = v  # the last stage at a node is the most accurate
+        entries[c] = v  # the last stage at a node is the most accurate
         return along
 
     after = SCHEME.step(rate, y, numbers.h)
-    strains = ca.vertcat(*(found[c] for c in SCHEME.samples))
+    strains = ca.vertcat(*(entries[c] for c in SCHEME.samples))
     step = ca.Function("integrated", [y, numbers.all], [after, strains], {"cse": True})
     return Mapped(step, form.machine_code)
 
@@ -97,11 +97,11 @@ def _rate(form: Form, numbers: Symbols, node: Node, y: ca.SX) -> tuple[ca.SX, ca
     frame, F, w = unit_matrix(q), numbers.load * node.dead, POSE + form.wrench
     F = F + y[POSE + 3 : w] if form.moving else F
     local = frame.T @ F
-    lack = join(form.law, frame.T @ M, local[0], local[1:]) - node.wrench
+    violation = join(form.law, frame.T @ M, local[0], local[1:]) - node.wrench
     if form.friction:
         pulls = numbers.T * ca.exp(-numbers.load * numbers.mu * y[w:])
-        lack -= node.unit @ (pulls - node.pulls)
-    v = node.v + node.inverse @ lack
+        violation -= node.unit @ (pulls - node.pulls)
+    v = node.v + node.inverse @ violation
     kappa, nu = form.law.twist(v)
     along = frame @ nu
     rates = [multiply(q, ca.vertcat(0, kappa)) / 2, along]
@@ -114,14 +114,14 @@ def _rate(form: Form, numbers: Symbols, node: Node, y: ca.SX) -> tuple[ca.SX, ca
 
 def _pushed(form: Form, numbers: Symbols, node: Node, u: ca.SX, frame: ca.SX, nu: ca.SX) -> ca.SX:
     """Return the force per reference length that depends on the shape (3,) [N/m]."""
-    found, t = ca.SX.zeros(3), frame[:, 0]
+    values, t = ca.SX.zeros(3), frame[:, 0]
     if form.current:
         across = numbers.velocity - t * ca.dot(t, numbers.velocity)
         speed = ca.sqrt(ca.sumsqr(across) + _TINY)
-        found += numbers.load * node.drag * nu[0] * speed * across
+        values += numbers.load * node.drag * nu[0] * speed * across
     for k in range(node.pressure.numel()):
-        found += node.pressure[k] * with_gradient()(u, numbers.bodies[:, k])[1]
-    return found + frame @ node.traction if node.pressure.numel() else found
+        values += node.pressure[k] * with_gradient()(u, numbers.bodies[:, k])[1]
+    return values + frame @ node.traction if node.pressure.numel() else values
 
 
 # Strains that differ by less, relative to their size and 1, are linearised well enough: what that
@@ -150,14 +150,14 @@ class Integration:
         part = _Part(self.system, self.x, substeps)
         v = part.by_stages() if self._known is None else part.by_nodes(self._known)
         for _ in range(_PASSES):
-            numbers, found, y = part.numbers(v), np.empty_like(v), self.y
+            numbers, result, y = part.numbers(v), np.empty_like(v), self.y
             for k in range(substeps):
-                y, found[k] = part.step(y, numbers[k])
-            change = np.abs(found - v) / (1 + np.abs(v))
+                y, result[k] = part.step(y, numbers[k])
+            change = np.abs(result - v) / (1 + np.abs(v))
             if not np.all(np.isfinite(change)) or change.max() <= _LINEAR:
-                self._known = found[0] if substeps == 1 else self._known
+                self._known = result[0] if substeps == 1 else self._known
                 return y
-            v = found
+            v = result
         return np.full_like(self.y, np.nan)
 
 
@@ -215,7 +215,7 @@ class _Part:
         once = [h, np.full((self.N, 1), x[self.of.n_tendons]), np.tile(velocity, (self.N, 1))]
         if self.form.friction:
             each = x[: self.of.n_tendons], coefficients(system)
-            once += [np.tile(own, (self.N, 1)) for own in each]
+            once += [np.tile(item, (self.N, 1)) for item in each]
         if self.form.pressed:
             once.append(self._pressing()[:, :, :SIZE].reshape(self.N, -1))
         self.once = np.hstack(once)
@@ -284,8 +284,8 @@ class _Part:
 
     def _pressing(self) -> Array:
         """Return the numbers of what presses (N, contacts, n)."""
-        own = self.system.p[self.of.equations.numbers_of("pressure")]
-        return np.asarray(own.reshape(self.N, self.form.contacts, -1))
+        values = self.system.p[self.of.equations.numbers_of("pressure")]
+        return np.asarray(values.reshape(self.N, self.form.contacts, -1))
 
     def _pressures(self) -> Array:
         """Return the force per length of each contact at all places (places, contacts) [N/m]."""
@@ -302,8 +302,8 @@ class _Part:
         """Return what is linear between nodes (N + 1, contacts, n) where parts lie, 0 elsewhere."""
         x = self.at.x[:, :, None, None, None]
         lies = self._pressing()[:, :, -1:]
-        found = lies * ((1 - x) * at_nodes[:-1] + x * at_nodes[1:])
-        return np.asarray(found.reshape(self.at.x.size * self.N, -1))
+        result = lies * ((1 - x) * at_nodes[:-1] + x * at_nodes[1:])
+        return np.asarray(result.reshape(self.at.x.size * self.N, -1))
 
 
 def _powers() -> Array:

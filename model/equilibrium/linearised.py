@@ -176,8 +176,8 @@ class Linearised:
         if self.near:
             return self.near.by_load
         at, right = self.band, np.zeros(self.system.of.n_states)
-        own = at.columns == at.first - 1
-        right[at.rows[own]] = self.nonzeros[own]
+        values = at.columns == at.first - 1
+        right[at.rows[values]] = self.nonzeros[values]
         try:
             return -self.solve(right)
         except SingularError:

@@ -188,8 +188,8 @@ def follow_on_many(
         check_time()
         tried += 1
         tell("percent of the loads", round(100 * min(loads) / most), 100)
-        system, given = at[going[0]].here.system, (np.array(tensions), np.array(loads))
-        heres = newton_many(system, *given, np.array(guesses))
+        system, arguments = at[going[0]].here.system, (np.array(tensions), np.array(loads))
+        heres = newton_many(system, *arguments, np.array(guesses))
         for k, (i, here) in enumerate(zip(going, heres, strict=True)):
             if here is not None and not is_near(system, at[i].here.states, here.states):
                 heres[k] = None

@@ -107,23 +107,23 @@ class ByNumbers:
         if self.moved is not None:
             return self.moved
         at = self.here.system
-        (found,) = at.of.equations.moved_by_numbers(self.here.x[None], at.p, self.jacobian.p)
-        return np.asarray(found)
+        (result,) = at.of.equations.moved_by_numbers(self.here.x[None], at.p, self.jacobian.p)
+        return np.asarray(result)
 
     @cached_property
     def states(self) -> Array:
         """Of the states (n_states, K)."""
-        found = -self.here.solve(np.asfortranarray(self.right))
-        return found + self.here.by_tensions @ self.tensions if self.tensions.any() else found
+        result = -self.here.solve(np.asfortranarray(self.right))
+        return result + self.here.by_tensions @ self.tensions if self.tensions.any() else result
 
     def poses(self, nodes: Index) -> Array:
         """Displacement [m] and rotation [rad] at the arc lengths of nodes (n, 6, K), base frame."""
         places = self.here.system.of.nodes[nodes, :POSE]
-        found = displaced(self.here.states[places], self.states[places])
+        result = displaced(self.here.states[places], self.states[places])
         shifts = self.jacobian.s[nodes]
         if shifts.any():
-            found -= along(self.here, nodes)[:, :, None] * shifts[:, None, :]
-        return np.asarray(found)
+            result -= along(self.here, nodes)[:, :, None] * shifts[:, None, :]
+        return np.asarray(result)
 
     @property
     def lengths(self) -> Array:
@@ -135,8 +135,8 @@ class ByNumbers:
     def direct_lengths(self) -> Array:
         """Of the lengths of the tendons in a shape that stays (n_tendons, K) [m]."""
         at, change = self.here.system, self.jacobian.lengths
-        (found,) = at.of.lengths.moved_by_numbers(self.here.x[None], at.length_numbers, change)
-        return np.asarray(found)
+        (result,) = at.of.lengths.moved_by_numbers(self.here.x[None], at.length_numbers, change)
+        return np.asarray(result)
 
 
 def by_numbers(
@@ -164,5 +164,5 @@ def along(here: Linearised, nodes: Index) -> Array:
     poses, v = poses_and_strains(system, here.x, system.mesh.s[nodes])
     kappa, nu = kinematics(system.of.form.law, v)
     local = np.stack([nu, kappa], axis=1)
-    found = np.einsum("nij,nkj->nki", matrices(poses[:, :4]), local)
-    return np.asarray(found.reshape(-1, 6))
+    result = np.einsum("nij,nkj->nki", matrices(poses[:, :4]), local)
+    return np.asarray(result.reshape(-1, 6))

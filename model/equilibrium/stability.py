@@ -73,20 +73,20 @@ def stand(heres: Sequence[Linearised]) -> list[bool]:
     on = np.concatenate([by_turn, -back @ quaternion[..., v]], axis=3)
     weight = np.repeat(gauss(of.form.stages).b, of.form.strains)
     counted = J[:, :, : w + n] * np.concatenate([np.ones(w), weight])[:, None]
-    own = np.concatenate([counted[..., :4] @ turned, counted[..., v]], axis=3)
+    values = np.concatenate([counted[..., :4] @ turned, counted[..., v]], axis=3)
     beyond = counted[..., after]
     held = -np.linalg.inv(moment[..., POSE : POSE + w])
     P = -np.linalg.solve(tip[:, :, 4:], tip[:, :, :4]) @ small[:, -1]
     positive = np.full(len(heres), True)
     for k in range(of.elements)[::-1]:
-        both = own[:, k] + beyond[:, k] @ (P @ on[:, k])
+        both = values[:, k] + beyond[:, k] @ (P @ on[:, k])
         S = both[:, w:, 3:]
         positive &= _definite(S)
         if not positive.any():
             break
         P = held[:, k] @ (both[:, :w, :3] - both[:, :w, 3:] @ np.linalg.solve(S, both[:, w:, :3]))
     # What is no number once stays so.
-    return [bool(own) for own in positive & np.isfinite(P).all(axis=(1, 2))]
+    return [bool(each) for each in positive & np.isfinite(P).all(axis=(1, 2))]
 
 
 def _definite(S: Array) -> NDArray[np.bool_]:
@@ -188,9 +188,9 @@ def _least(
         return shifted.solve(right)
 
     operator = LinearOperator((n, n), matvec=lambda bends: inverse(bends)[places], dtype=float)
-    given = {"v0": np.ones(n), "ncv": min(_VECTORS * count, n), "maxiter": _RESTARTS}
+    options = {"v0": np.ones(n), "ncv": min(_VECTORS * count, n), "maxiter": _RESTARTS}
     try:
-        values, vectors = eigs(operator, count, tol=tolerance, **given)
+        values, vectors = eigs(operator, count, tol=tolerance, **options)
     except ArpackNoConvergence:
         values, vectors = np.linalg.eig(inverse(np.eye(n))[places])
     order = np.argsort(-values.real)[:count]

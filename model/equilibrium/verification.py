@@ -66,9 +66,9 @@ def verified(here: Linearised, accuracy: float) -> Verified:
 def _before(here: Linearised) -> Array:
     """Return the unknowns of the nodes before the elements (N, n), wrenches beyond the nodes."""
     of = here.system.of
-    found = here.states[of.nodes[:-1, : of.node_size - of.touching]].copy()
-    found[:, POSE : POSE + of.form.wrench] = here.system.wrenches_beyond(here.x)[:-1]
-    return found
+    result = here.states[of.nodes[:-1, : of.node_size - of.touching]].copy()
+    result[:, POSE : POSE + of.form.wrench] = here.system.wrenches_beyond(here.x)[:-1]
+    return result
 
 
 def _defects(here: Linearised, y: Array) -> Array:
@@ -93,8 +93,8 @@ def _defects(here: Linearised, y: Array) -> Array:
 def _kinks(here: Linearised) -> Array:
     """Return by how much each tendon turns at the far node of each element (N, n_tendons)."""
     of = here.system.of
-    found = np.zeros((of.elements, of.n_tendons * of.form.friction))
+    values = np.zeros((of.elements, of.n_tendons * of.form.friction))
     k, j = of.kinks
     if of.form.friction and k.size:
-        found[k, j] = -kink_angles(here.system, here.x)
-    return found
+        values[k, j] = -kink_angles(here.system, here.x)
+    return values

@@ -21,14 +21,14 @@ class Buffered:
         self.function = function
         self._local = threading.local()
 
-    def __call__(self, *given: Array) -> list[Array]:
+    def __call__(self, *inputs: Array) -> list[Array]:
         """Return the results, each transposed: (columns, rows)."""
         try:
             held, results, run, _ = self._local.prepared
         except AttributeError:
             held, results, run, _ = self._local.prepared = self.prepared()
-        for own, value in zip(held, given, strict=True):
-            own[:] = value
+        for each, value in zip(held, inputs, strict=True):
+            each[:] = value
         run()
         return [result.copy() for result in results]
 
@@ -39,14 +39,14 @@ class Buffered:
     def prepared(self) -> tuple[list[Array], list[Array], Any, Any]:
         """Return arguments, results, what runs the function on these, and its buffer."""
         f = self.function
-        given = [np.zeros(f.nnz_in(i)) for i in range(f.n_in())]
+        arguments = [np.zeros(f.nnz_in(i)) for i in range(f.n_in())]
         results = [np.zeros((f.size2_out(i), f.size1_out(i))) for i in range(f.n_out())]
         buffer, run = f.buffer()
-        for i, held in enumerate(given):
+        for i, held in enumerate(arguments):
             buffer.set_arg(i, memoryview(held))  # type: ignore[call-arg,arg-type]
         for i, result in enumerate(results):
             buffer.set_res(i, memoryview(result))  # type: ignore[call-arg,arg-type]
-        return given, results, run, buffer
+        return arguments, results, run, buffer
 
 
 class Mapped:
@@ -66,22 +66,22 @@ class Mapped:
         self._most = self._many if function.is_a("SXFunction") else self._few
         self._sized = lru_cache(maxsize=self._kept)(self._of)
 
-    def __call__(self, *given: Array) -> list[Array]:
+    def __call__(self, *value: Array) -> list[Array]:
         """Return the results (N, n_out) of arguments (N, n_in) or (N,)."""
-        f, count = self._function, len(given[0])
+        f, count = self._function, len(value[0])
         by_columns = self._machine_code or count > self._most
         if count and by_columns and self._columns is not None:
-            return self._columns(*given)
+            return self._columns(*value)
         if 0 < count <= self._most:
-            rows = [v if len(v) == count else part_of(v, count, slice(0, count)) for v in given]
-            found = self._sized(count)(*[v.ravel() for v in rows])
-            return [result.reshape(count, -1) for result in found]
+            rows = [v if len(v) == count else part_of(v, count, slice(0, count)) for v in value]
+            outcome = self._sized(count)(*[v.ravel() for v in rows])
+            return [result.reshape(count, -1) for result in outcome]
         results = [np.empty((count, f.numel_out(i))) for i in range(f.n_out())]
         for start in range(0, count, self._most):
-            own = slice(start, min(start + self._most, count))
-            parts = self(*(part_of(v, count, own) for v in given))
+            values = slice(start, min(start + self._most, count))
+            parts = self(*(part_of(v, count, values) for v in value))
             for result, part in zip(results, parts, strict=True):
-                result[own] = part
+                result[values] = part
         return results
 
     @cached_property

@@ -64,8 +64,8 @@ Instruction = tuple[int, Sequence[int], Sequence[int], float]
 
 def unknown(function: ca.Function) -> list[int]:
     """Return the operations of an SX function that are not in OPERATIONS."""
-    own = (function.instruction_id(k) for k in range(function.n_instructions()))
-    return [op for op in own if op not in OPERATIONS and op not in _MOVES]
+    values = (function.instruction_id(k) for k in range(function.n_instructions()))
+    return [op for op in values if op not in OPERATIONS and op not in _MOVES]
 
 
 def instructions(function: ca.Function) -> list[Instruction]:
@@ -99,9 +99,9 @@ class Columns:
             self._places = (at * function.n_in(), at * function.n_out())
             self._counts = ctypes.c_long * function.n_in()
 
-    def __call__(self, *given: Array) -> list[Array]:
+    def __call__(self, *value: Array) -> list[Array]:
         """Return the results of many sets, a row each."""
-        rows = [np.asarray(values, dtype=float).reshape(len(values), -1) for values in given]
+        rows = [np.asarray(values, dtype=float).reshape(len(values), -1) for values in value]
         N = len(rows[0])
         if self._run is None:
             cuts = [slice(i, min(i + _AT_ONCE, N)) for i in range(0, N, _AT_ONCE)]

@@ -52,8 +52,8 @@ class Compiler:
 
     def compile(self, source: str, library: Path, flag: str) -> None:
         """Write the shared library of C source; raises CompilerError."""
-        given = ("-x", "c", "-", "-o", str(library), "-lm")
-        _run((*self.command, *FLAGS, flag, *given), source)
+        arguments = ("-x", "c", "-", "-o", str(library), "-lm")
+        _run((*self.command, *FLAGS, flag, *arguments), source)
 
 
 def compiler() -> Compiler:
@@ -111,8 +111,8 @@ def library(source: str, flag: str, prepare: Callable[[str], str] | None = None)
     """
     by = compiler()
     how = inspect.getsource(sys.modules[prepare.__module__]) if prepare else ""
-    told = (source, how, by.command, by.identity, FLAGS, flag)
-    key, folder = hashlib.sha256(repr(told).encode()).hexdigest(), cache_folder()
+    values = (source, how, by.command, by.identity, FLAGS, flag)
+    key, folder = hashlib.sha256(repr(values).encode()).hexdigest(), cache_folder()
     for path in folder.glob(f"{key}-*.so"):
         if path.name == _name(key, path):
             return path
@@ -142,8 +142,8 @@ def _writable(folder: Path) -> Path:
         with tempfile.TemporaryFile(dir=folder):
             return folder
     except OSError as reason:
-        told = f"compiled code is not kept, and compiled again by each process: {reason}"
-        warn(told, RuntimeWarning)
+        message = f"compiled code is not kept, and compiled again by each process: {reason}"
+        warn(message, RuntimeWarning)
         return _scratch()
 
 
@@ -188,9 +188,9 @@ def cut(
     """
     pieces = [lines[i : i + _LINES] for i in range(0, len(lines), _LINES)]
     written, later = [], set[str]()
-    given = ", ".join(f"{kind} {own}" for own, kind in arguments.items())
+    value = ", ".join(f"{kind} {value}" for value, kind in arguments.items())
     for k, piece in reversed(list(enumerate(pieces))):
-        head = f"static void {name}{k}({given}, {number}* kept)"
+        head = f"static void {name}{k}({value}, {number}* kept)"
         written.append(_piece(head, piece, later, number))
         later = (later - _assigned(piece)) | _read(piece)
     size = 1 + max(int(v[1:]) for line in lines for v in _VARIABLE.findall(line))

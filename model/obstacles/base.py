@@ -69,13 +69,13 @@ class Obstacle(ABC):
 
     def distance(self, points: Any) -> Array:
         """Return signed distances (...) of points (..., 3) [m], below 0 inside."""
-        found = _points(points)
-        return self.at(found.reshape(-1, 3))[0].reshape(found.shape[:-1])
+        result = _points(points)
+        return self.at(result.reshape(-1, 3))[0].reshape(result.shape[:-1])
 
     def gradient(self, points: Any) -> Array:
         """Return the derivatives (..., 3) of the signed distance at points (..., 3) [m]."""
-        found = _points(points)
-        return self.at(found.reshape(-1, 3))[1].reshape(found.shape)
+        result = _points(points)
+        return self.at(result.reshape(-1, 3))[1].reshape(result.shape)
 
 
 class Convex(Obstacle):
@@ -93,8 +93,8 @@ class Convex(Obstacle):
 
     def at(self, points: Array) -> tuple[Array, Array]:
         """See Obstacle.at."""
-        found, gradient = distances(self.numbers[None], points)
-        return found[:, 0], gradient[:, 0]
+        result, gradient = distances(self.numbers[None], points)
+        return result[:, 0], gradient[:, 0]
 
     def nearest_part(self, point: Array) -> Array:
         """See Obstacle.nearest_part: itself."""
@@ -119,9 +119,9 @@ class Translated(Convex):
     @property
     def numbers(self) -> Array:
         """See Convex.numbers."""
-        found = self.obstacle.numbers.copy()
-        found[:3] += self.by
-        return found
+        result = self.obstacle.numbers.copy()
+        result[:3] += self.by
+        return result
 
     @property
     def outline(self) -> tuple[Array, Array]:
@@ -148,8 +148,8 @@ def distances(bodies: Array, points: Array) -> tuple[Array, Array]:
     n, m = len(points), len(bodies)
     if not n * m:
         return np.zeros((n, m)), np.zeros((n, m, 3))
-    found, gradient = pair_distances(np.tile(bodies, (n, 1)), np.repeat(points, m, axis=0))
-    return found.reshape(n, m), gradient.reshape(n, m, 3)
+    result, gradient = pair_distances(np.tile(bodies, (n, 1)), np.repeat(points, m, axis=0))
+    return result.reshape(n, m), gradient.reshape(n, m, 3)
 
 
 def pair_distances(bodies: Array, points: Array) -> tuple[Array, Array]:
@@ -178,8 +178,8 @@ def with_gradient() -> ca.Function:
     """Return point (3,), numbers (17,) of a body -> signed distance, its gradient (3,)."""
     x, p = ca.SX.sym("x", 3), ca.SX.sym("p", SIZE)
     d = signed_distance()(x, p)
-    found = [d, ca.densify(ca.gradient(d, x))]
-    return ca.Function("with_gradient", [x, p], found, {"cse": True})
+    results = [d, ca.densify(ca.gradient(d, x))]
+    return ca.Function("with_gradient", [x, p], results, {"cse": True})
 
 
 @lru_cache(maxsize=1)
@@ -189,17 +189,17 @@ def _mapped() -> Mapped:
 
 def check_obstacles(obstacles: Any) -> tuple[Obstacle, ...]:
     """Return obstacles as a tuple; a single one may stand for itself. InputError for others."""
-    found = (obstacles,) if isinstance(obstacles, Obstacle) else obstacles
-    if not isinstance(found, Sequence):
+    result = (obstacles,) if isinstance(obstacles, Obstacle) else obstacles
+    if not isinstance(result, Sequence):
         raise InputError("obstacles", obstacles, "a list of obstacles")
-    for i, obstacle in enumerate(found):
+    for i, obstacle in enumerate(result):
         if not isinstance(obstacle, Obstacle):
             allowed = (
                 "an obstacle such as Sphere(center=(x, y, z), radius=r); what is Moving only in a "
                 "trajectory, as all else has no time"
             )
             raise InputError(f"obstacles[{i}]", obstacle, allowed)
-    return tuple(found)
+    return tuple(result)
 
 
 def rounded(
@@ -219,7 +219,7 @@ def axes_with(direction: Array) -> Array:
 
 
 def _points(points: Any) -> Array:
-    found = numbers("points", points, "points (..., 3) in m")
-    if found.ndim == 0 or found.shape[-1] != 3:
-        raise InputError("points", f"shape {found.shape}", "shape (..., 3)")
-    return found
+    result = numbers("points", points, "points (..., 3) in m")
+    if result.ndim == 0 or result.shape[-1] != 3:
+        raise InputError("points", f"shape {result.shape}", "shape (..., 3)")
+    return result

@@ -19,10 +19,12 @@ class Bodies:
 
     def __init__(self, obstacles: Sequence[Obstacle]) -> None:
         self.obstacles = tuple(obstacles)
-        convex = [own for own in self.obstacles if isinstance(own, Convex)]
+        convex = [obstacle for obstacle in self.obstacles if isinstance(obstacle, Convex)]
         self._numbers = numbers_of(convex)
-        self._by_numbers = np.array([isinstance(own, Convex) for own in self.obstacles], dtype=bool)
-        self._convex = np.array([own.is_convex for own in self.obstacles], dtype=bool)
+        self._by_numbers = np.array(
+            [isinstance(obstacle, Convex) for obstacle in self.obstacles], dtype=bool
+        )
+        self._convex = np.array([obstacle.is_convex for obstacle in self.obstacles], dtype=bool)
 
     def __len__(self) -> int:
         return len(self.obstacles)
@@ -34,24 +36,24 @@ class Bodies:
         """
         M = len(self)
         shape = (*points.shape[:-2], M)
-        given = np.broadcast_to(points, (*shape, 3)).reshape(math.prod(shape[:-1]), M, 3)
-        d, g = np.zeros(given.shape[:2]), np.zeros(given.shape)
+        value = np.broadcast_to(points, (*shape, 3)).reshape(math.prod(shape[:-1]), M, 3)
+        d, g = np.zeros(value.shape[:2]), np.zeros(value.shape)
         some = self._by_numbers
-        if some.any() and len(given):
-            numbers = np.tile(self._numbers, (len(given), 1))
-            found, gradient = pair_distances(numbers, given[:, some].reshape(-1, 3))
-            d[:, some] = found.reshape(len(given), -1)
-            g[:, some] = gradient.reshape(len(given), -1, 3)
+        if some.any() and len(value):
+            numbers = np.tile(self._numbers, (len(value), 1))
+            result, gradient = pair_distances(numbers, value[:, some].reshape(-1, 3))
+            d[:, some] = result.reshape(len(value), -1)
+            g[:, some] = gradient.reshape(len(value), -1, 3)
         for i in np.flatnonzero(~some):
-            d[:, i], g[:, i] = self.obstacles[i].at(given[:, i])
+            d[:, i], g[:, i] = self.obstacles[i].at(value[:, i])
         return d.reshape(shape), g.reshape((*shape, 3))
 
     def of(self, which: Counts, points: Array) -> Array:
         """Return the signed distances (N,) [m] of points (N, 3), each from one body (N,)."""
-        found = np.zeros(len(points))
+        values = np.zeros(len(points))
         for i in np.unique(which):
-            found[which == i] = self.obstacles[i].at(points[which == i])[0]
-        return found
+            values[which == i] = self.obstacles[i].at(points[which == i])[0]
+        return values
 
     def change(self, gradients: Array, offsets: Array) -> Array:
         """Return lower bounds (..., M) of how distances change by offsets (..., M, 3) [m].

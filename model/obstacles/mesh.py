@@ -43,9 +43,9 @@ class Mesh(Obstacle):
     def __post_init__(self) -> None:
         vertices, faces = np.array(self.vertices), np.array(self.faces)
         if faces.min() < 0 or faces.max() >= len(vertices):
-            told = f"numbers of vertices, from 0 to {len(vertices) - 1}"
+            message = f"numbers of vertices, from 0 to {len(vertices) - 1}"
             worst = faces.min() if faces.min() < 0 else faces.max()
-            raise InputError("Mesh.faces", int(worst), told)
+            raise InputError("Mesh.faces", int(worst), message)
         check_closed(vertices, faces)
         warn_of_width("the mesh", float(np.ptp(vertices, axis=0).max()))
 
@@ -73,10 +73,10 @@ class Mesh(Obstacle):
         axes = np.array(orthonormal("frame", frame))
         trimesh = needed("trimesh", "mesh")
         try:
-            found: Any = trimesh.load(path, force="mesh")
-            found.merge_vertices(merge_tex=True, merge_norm=True)
-            found.update_faces(found.nondegenerate_faces(height=0))
-            vertices, faces = np.array(found.vertices, float), np.array(found.faces, np.int64)
+            result: Any = trimesh.load(path, force="mesh")
+            result.merge_vertices(merge_tex=True, merge_norm=True)
+            result.update_faces(result.nondegenerate_faces(height=0))
+            vertices, faces = np.array(result.vertices, float), np.array(result.faces, np.int64)
         except Exception as reason:  # readers of formats raise what they like
             raise FileError(str(path), "", f"cannot be read as a mesh: {reason}") from None
         if not len(faces):
@@ -92,7 +92,7 @@ class Mesh(Obstacle):
         return hash((len(self.faces), self.vertices[:8], self.faces[-8:]))
 
     def __repr__(self) -> str:
-        low, high = (np.round(own, 4).tolist() for own in self._bounds)
+        low, high = (np.round(bound, 4).tolist() for bound in self._bounds)
         return f"Mesh({len(self.faces)} triangles, from {low} to {high} m)"
 
     @property
@@ -158,9 +158,9 @@ class TranslatedMesh(Obstacle):
 
     def nearest_part(self, point: Array) -> Array:
         """See Obstacle.nearest_part."""
-        found = self.mesh.nearest_part(point - np.array(self.by))
-        found[:3] += self.by
-        return found
+        result = self.mesh.nearest_part(point - np.array(self.by))
+        result[:3] += self.by
+        return result
 
     def moved(self, by: tuple[float, ...]) -> Obstacle:
         """See Obstacle.moved."""

@@ -41,7 +41,7 @@ class Moving:
     def moved(self, t: Any) -> Array:
         """Return how far it has moved (..., 3) [m] at times (...) [s]."""
         path = np.array(self.path)
-        return np.stack([np.interp(t, self.times, own) for own in path.T], axis=-1)
+        return np.stack([np.interp(t, self.times, each) for each in path.T], axis=-1)
 
     def at(self, t: float) -> Obstacle:
         """Return the obstacle where it is at a time [s]."""

@@ -31,21 +31,21 @@ def check_closed(vertices: Array, faces: Faces) -> None:
     size = float(np.ptp(vertices, axis=0).max(initial=0.0))
     areas = np.linalg.norm(_normals(vertices, faces), axis=1) / 2
     for i in np.flatnonzero(areas <= (_TINY * size) ** 2)[:1]:
-        told = f"triangles that have an area; {np.sum(areas <= (_TINY * size) ** 2)} have none"
-        raise InputError(f"Mesh.faces[{i}]", faces[i].tolist(), told)
+        message = f"triangles that have an area; {np.sum(areas <= (_TINY * size) ** 2)} have none"
+        raise InputError(f"Mesh.faces[{i}]", faces[i].tolist(), message)
     edges = np.vstack([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     key, back = edges @ [len(vertices), 1], edges @ [1, len(vertices)]
     _, counts = np.unique(np.sort(edges, axis=1), axis=0, return_counts=True)
     if (counts != 2).any():
-        given = f"{np.sum(counts != 2)} of {counts.size} edges with one triangle, or three"
-        told = "a closed (watertight) surface, two triangles at each edge: fill its holes"
-        raise InputError("Mesh.faces", given, told)
+        value = f"{np.sum(counts != 2)} of {counts.size} edges with one triangle, or three"
+        message = "a closed (watertight) surface, two triangles at each edge: fill its holes"
+        raise InputError("Mesh.faces", value, message)
     if not np.array_equal(np.sort(key), np.sort(back)):
-        told = "triangles whose corners all go round counter-clockwise, seen from outside"
-        raise InputError("Mesh.faces", "some turned over", told)
+        message = "triangles whose corners all go round counter-clockwise, seen from outside"
+        raise InputError("Mesh.faces", "some turned over", message)
     if volume(vertices, faces) <= 0:
-        told = "triangles turned outwards: corners counter-clockwise, seen from outside"
-        raise InputError("Mesh.faces", "turned inwards", told)
+        message = "triangles turned outwards: corners counter-clockwise, seen from outside"
+        raise InputError("Mesh.faces", "turned inwards", message)
 
 
 def volume(vertices: Array, faces: Faces) -> float:
@@ -77,8 +77,8 @@ class Triangles:
         """Return signed distances (N,) [m], gradients (N, 3), triangles (N,), places (N, 3)."""
         if not len(points):
             return np.zeros(0), np.zeros((0, 3)), np.zeros(0, dtype=np.int64), np.zeros((0, 3))
-        given = np.ascontiguousarray(points)
-        _, face, place = self._tree.squared_distance(self.vertices, self.faces, given)
+        value = np.ascontiguousarray(points)
+        _, face, place = self._tree.squared_distance(self.vertices, self.faces, value)
         way, normal = points - place, self._normal(face, place)
         size = np.linalg.norm(way, axis=1)
         sign = np.where(np.einsum("ki,ki->k", way, normal) < 0, -1.0, 1.0)
@@ -92,14 +92,14 @@ class Triangles:
         crossed = np.cross(b - a, c - a)
         square = np.einsum("ki,ki->k", crossed, crossed)
         parts = (np.cross(c - b, place - b), np.cross(a - c, place - c), np.cross(b - a, place - a))
-        weights = np.column_stack([np.einsum("ki,ki->k", crossed, own) for own in parts])
+        weights = np.column_stack([np.einsum("ki,ki->k", crossed, part) for part in parts])
         inside = weights > _EDGE * square[:, None]
         count = inside.sum(axis=1)
         on_edge = self._edges[face, inside.argmin(axis=1)]
         at_corner = self._corners[self.faces[face, inside.argmax(axis=1)]]
-        found = np.where((count == 3)[:, None], self.normals[face], on_edge)
-        found = np.where((count <= 1)[:, None], at_corner, found)
-        return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))
+        result = np.where((count == 3)[:, None], self.normals[face], on_edge)
+        result = np.where((count <= 1)[:, None], at_corner, result)
+        return np.asarray(result / np.linalg.norm(result, axis=1, keepdims=True))
 
     @property
     def is_convex(self) -> bool:
@@ -115,7 +115,7 @@ class Triangles:
     def box(self) -> tuple[Array, Array, Array]:
         """A box around it, along the axes of its vertices: center, axes (3, 3), half sizes."""
         axes = np.linalg.svd(self.vertices - self.vertices.mean(axis=0), full_matrices=False)[2].T
-        low, high = (own(self.vertices @ axes, axis=0) for own in (np.min, np.max))
+        low, high = (each(self.vertices @ axes, axis=0) for each in (np.min, np.max))
         return axes @ (low + high) / 2, axes, (high - low) / 2
 
     def rectangle(self, face: int, place: Array) -> tuple[Array, Array, Array]:
@@ -128,7 +128,9 @@ class Triangles:
         a, b, c = np.roll(corners, -int(lengths.argmax()), axis=0)
         x = (b - a) / np.linalg.norm(b - a)
         axes = np.column_stack([x, np.cross(self.normals[face], x), self.normals[face]])
-        (width, _), (foot, top), (x0, y0) = (own @ axes[:, :2] for own in (b - a, c - a, place - a))
+        (width, _), (foot, top), (x0, y0) = (
+            each @ axes[:, :2] for each in (b - a, c - a, place - a)
+        )
         # Where the sides over the place are.
         over = min(x0 / max(foot, _TINY), (width - x0) / max(width - foot, _TINY), 1.0)
         high = max(min(top / 2, over * top), min(y0, top), 0.0)

@@ -78,19 +78,19 @@ def rotation_vectors(kappa: list[ca.SX], h: ca.SX, name: Name = ca.densify) -> l
 
     k = [name(weighted_sum(method.powers[p], kappa)) for p in range(m)]
     if m > 3:
-        omega = [name(own) for own in series(k, h, bracket, 2 * m)]
+        omega = [name(each) for each in series(k, h, bracket, 2 * m)]
         at = [*method.c.tolist(), 1.0]
         return [weighted_sum(x ** np.arange(1, 2 * m + 1), omega) for x in at]
     pairs = [(p, q) for p in range(m) for q in range(p + 1, m)]
     brackets = {(p, q): bracket(k[p], k[q]) for p, q in pairs}
-    found, fifth = [], name(_fifth(k, brackets, h, bracket)) if m > 2 else ca.SX.zeros(3)
+    results, fifth = [], name(_fifth(k, brackets, h, bracket)) if m > 2 else ca.SX.zeros(3)
     for c, row in zip(method.c, method.a, strict=True):
         turn = h * weighted_sum(row, kappa)
         for (p, q), single in brackets.items():
             share = (p - q) / (2 * (p + 1) * (q + 1) * (p + q + 2))
             turn += h**2 * float(c ** (p + q + 2)) * share * single
-        found.append(turn + float(c**5) * fifth)
-    return [*found, expansion(kappa, h, bracket)]
+        results.append(turn + float(c**5) * fifth)
+    return [*results, expansion(kappa, h, bracket)]
 
 
 def _fifth(

@@ -124,12 +124,12 @@ class Kernel:
         y, none = ca.vertcat(self.y, self.c), ca.SX.sym("none", 0)
         return Kernel(f"{self.name}_in_numbers", y, none, self._r, self._through)
 
-    def _named(self, what: str, given: list[ca.SX], A: ca.SX) -> tuple[ca.Function, Places, Places]:
+    def _named(self, what: str, value: list[ca.SX], A: ca.SX) -> tuple[ca.Function, Places, Places]:
         rows, columns = (np.array(v, dtype=np.int64) for v in A.sparsity().get_triplet())
         values = A.nz[:] if rows.size else ca.SX(0, 1)
         # What is there twice, a tenth of the operations, stays: to look for it takes as long as all
         # else that is built, and evaluations take no longer.
-        return ca.Function(f"{self.name}_{what}", given, [values]), rows, columns
+        return ca.Function(f"{self.name}_{what}", value, [values]), rows, columns
 
 
 class Tangent(Kernel):
@@ -188,12 +188,12 @@ class Tangent(Kernel):
 
     def _changed(self, values: ca.SX) -> tuple[ca.SX, Places]:
         """Return the derivatives of values that may be other than zero, and whose they are."""
-        found = ca.sparsify(self._along(values))
-        return found.nz[:] if found.nnz() else ca.SX(0, 1), np.array(found.sparsity().row(), int)
+        result = ca.sparsify(self._along(values))
+        return result.nz[:] if result.nnz() else ca.SX(0, 1), np.array(result.sparsity().row(), int)
 
-    def _function(self, what: str, given: list[ca.SX], values: ca.SX) -> ca.Function:
+    def _function(self, what: str, value: list[ca.SX], values: ca.SX) -> ca.Function:
         """Return a function; what the kernel's own share, their derivatives share already."""
-        return ca.Function(f"{self.name}_{what}", given, [ca.densify(values)])
+        return ca.Function(f"{self.name}_{what}", value, [ca.densify(values)])
 
 
 @lru_cache(maxsize=32)

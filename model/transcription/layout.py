@@ -88,8 +88,8 @@ class Layout:
         self.stages, self.rates = by_stage[:, :n], by_stage[:, n:]
         first = POSE + form.wrench
         self.turned, touching = self.nodes[:, first : first + turning], first + turning
-        own = self.nodes[:, touching : touching + 2 * K]
-        self.touches: Places = own.reshape(elements + 1, K, 2)
+        values = self.nodes[:, touching : touching + 2 * K]
+        self.touches: Places = values.reshape(elements + 1, K, 2)
         self._frictions: Places = self.nodes[:, touching + 2 * K :].reshape(elements + 1, -1, 6)
         self.friction_forces, self.tractions = self._frictions[:, :, :3], self._frictions[:, :, 3:]
         self.passages = _pairs(np.arange(elements)[:, None] < np.array(ends))
@@ -114,8 +114,8 @@ class Layout:
         form, N, at = self.form, self.elements, self.first
         nodes = self.nodes[:, : POSE + form.wrench]
         load = np.full((1, N), self.n_tendons)[: int(form.loaded)]
-        own = at + np.vstack([nodes[:-1].T, self.inside])
-        unknowns = np.vstack([load, own, at + nodes[1:].T])
+        values = at + np.vstack([nodes[:-1].T, self.inside])
+        unknowns = np.vstack([load, values, at + nodes[1:].T])
         # Of a node the pose is an equation of the element before it, the wrench of that beyond.
         rows = np.vstack([nodes[:-1, POSE:].T, self.inside, nodes[1:, :POSE].T])
         terms = [
@@ -127,9 +127,11 @@ class Layout:
             ends = np.concatenate([[self.n_tendons], at + last[:4], at + last[POSE:]])
             terms.append(Term(tip(form), ends[:, None], last[POSE:, None]))
         if self.levers:
-            own = nodes[list(self.levers)].T
+            values = nodes[list(self.levers)].T
             loads = np.full((1, len(self.levers)), self.n_tendons)
-            terms.append(Term(lever(), np.vstack([loads, at + own[:4]]), own[POSE : POSE + 3]))
+            terms.append(
+                Term(lever(), np.vstack([loads, at + values[:4]]), values[POSE : POSE + 3])
+            )
         return (
             terms
             + (self._sliding() if form.friction else self._tendons())
@@ -138,13 +140,13 @@ class Layout:
 
     def _contact(self) -> list[Term]:
         """Return the contact of the nodes, each with all obstacles, and of the elements."""
-        form, at, own, nodes = self.form, self.first, self.touches, self.nodes
+        form, at, touches, nodes = self.form, self.first, self.touches, self.nodes
         law, m, K = form.law, form.stages, form.contacts
         inside = np.repeat(self.inside.T, K, axis=0)
         before, after = (np.repeat(part[:, :POSE], K, axis=0) for part in (nodes[:-1], nodes[1:]))
         wrench = np.repeat(nodes[:, POSE : POSE + 6], K, axis=0)
-        here = own[1:].reshape(self.elements * K, -1)
-        none = own[0].reshape(1, -1)
+        here = touches[1:].reshape(self.elements * K, -1)
+        none = touches[0].reshape(1, -1)
         terms = [
             Term(
                 touch(law, m),
@@ -154,7 +156,7 @@ class Layout:
             Term(no_touch(), at + none, none),
         ]
         if form.pressed:
-            both = np.stack([own[:-1, :, 1], own[1:, :, 1]], axis=2).reshape(-1, 2)
+            both = np.stack([touches[:-1, :, 1], touches[1:, :, 1]], axis=2).reshape(-1, 2)
             rubbed = np.concatenate([self.tractions[:-1], self.tractions[1:]], axis=2)
             both = np.hstack([both, rubbed.reshape(len(both), -1)])
             unknowns = at + np.hstack([before, inside, both]).T
@@ -163,7 +165,7 @@ class Layout:
         if form.contact_friction:
             # No part begins at the tip, so that what is beyond it does not matter.
             beyond = [*range(2, self.elements + 1), -2]
-            rubbed = np.concatenate([own[:, :, 1:], self.tractions], axis=2)
+            rubbed = np.concatenate([touches[:, :, 1:], self.tractions], axis=2)
             near = np.concatenate([rubbed[:-1], rubbed[beyond]], axis=2)
             Q = self._frictions[1:].reshape(-1, 6)
             unknowns = np.hstack([inside, after, here, near.reshape(-1, 8), Q]).T

@@ -55,11 +55,11 @@ def neighbour(
     """
     old, form = landmarks(system.arm, system.scene, before), system.of.form
     mesh = moved_mesh(system.mesh, old, landmarks(arm, scene, after))
-    found = System(arm, scene, mesh, form.stages, form.loaded, form.machine_code)
+    result = System(arm, scene, mesh, form.stages, form.loaded, form.machine_code)
     # A quaternion has either sign.
-    if found.base[:4] @ system.base[:4] < 0:
-        found.base[:4] *= -1
-    return found
+    if result.base[:4] @ system.base[:4] < 0:
+        result.base[:4] *= -1
+    return result
 
 
 def moved_mesh(mesh: Mesh, old: Array, new: Array) -> Mesh:

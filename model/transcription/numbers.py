@@ -85,11 +85,11 @@ def contact_numbers(arm: Arm, scene: Scene, form: Form, mesh: Mesh) -> list[Arra
     h, s = np.diff(mesh.s), mesh.s[1:]
     bodies = numbers_of([contact.obstacle for contact in contacts(scene)]).T
     K = bodies.shape[1]
-    told = np.zeros((TOLD, h.size * K))
+    values = np.zeros((TOLD, h.size * K))
     nodes = np.vstack([np.repeat(row, K) for row in (*arm.outer_radius(s)[:2], h)])
-    found = [np.vstack([np.tile(bodies, h.size), nodes, told])]
+    results = [np.vstack([np.tile(bodies, h.size), nodes, values])]
     if form.pressed:
-        found.append(np.vstack([np.tile(bodies, h.size), np.repeat(h, K), np.zeros(h.size * K)]))
+        results.append(np.vstack([np.tile(bodies, h.size), np.repeat(h, K), np.zeros(h.size * K)]))
     if form.contact_friction:
         mu = [contact.friction for contact in contacts(scene)]
         radius = float(arm.outer_radius(np.zeros(1))[0][0])
@@ -97,12 +97,12 @@ def contact_numbers(arm: Arm, scene: Scene, form: Form, mesh: Mesh) -> list[Arra
         r = _RESISTS * arm.material.E * np.pi * radius**4 / 4 / arm.length**3
         by_length = np.repeat(r / h, K)
         scales = np.vstack([np.tile(mu, h.size), np.full(h.size * K, r), by_length])
-        found.append(
+        results.append(
             np.vstack(
                 [np.tile(bodies, h.size), scales, np.zeros((FRICTION_TOLD + BEFORE, h.size * K))]
             )
         )
-    return found
+    return results
 
 
 def sliding_numbers(
@@ -114,8 +114,8 @@ def sliding_numbers(
     mu = friction.mu * np.array(directions(arm, friction))[j]
     rows = [h[k], mu]
     for stage in range(m):
-        given = arm, at, k * m + stage, j
-        rows += [tendon_paths(*given), tendon_path_rates(*given)[2:]]
+        arguments = arm, at, k * m + stage, j
+        rows += [tendon_paths(*arguments), tendon_path_rates(*arguments)[2:]]
     return np.vstack(rows)
 
 

@@ -86,8 +86,8 @@ class System:
         self.arm, self.scene, self.mesh = arm, scene, mesh
         form = form_of(scene, arm.is_curved, stages, loaded, machine_code, pressed)
         self.of = structure(arm, scene, mesh, form)
-        found = numbers(arm, scene, mesh, self.of)
-        self.p, self.s, self.length_numbers = found.p, found.s, found.lengths
+        result = numbers(arm, scene, mesh, self.of)
+        self.p, self.s, self.length_numbers = result.p, result.s, result.lengths
 
     def __reduce__(self) -> tuple[Any, ...]:
         form = self.of.form
@@ -95,9 +95,9 @@ class System:
         return _restored, (self.arm, self.scene, self.mesh, *structure, self.p)
 
     def __copy__(self) -> System:
-        found = object.__new__(System)
-        vars(found).update(vars(self))
-        return found
+        result = object.__new__(System)
+        vars(result).update(vars(self))
+        return result
 
     @property
     def base(self) -> Array:
@@ -139,17 +139,17 @@ class System:
 
     def length_jacobian(self, x: Array) -> Array:
         """Return the derivatives of the lengths against the states (n_tendons, n_states)."""
-        found = np.zeros((self.of.n_tendons, self.of.n_x))
+        values = np.zeros((self.of.n_tendons, self.of.n_x))
         nonzeros = self.of.lengths.call("jacobian")(x, self.length_numbers)[0][0]
-        found[self.of.lengths.triplet("jacobian")] = nonzeros
-        return found[:, self.of.first :]
+        values[self.of.lengths.triplet("jacobian")] = nonzeros
+        return values[:, self.of.first :]
 
     def by_wrench(self, x: Array, node: int) -> Array:
         """Return how residuals change with a dead force and moment at a node (n_states, 6).
 
         They enter as numbers of the elements on its base side and of the node beyond the last one.
         """
-        still, found = self.residual(x), []
+        still, results = self.residual(x), []
         for component in range(6):
             p = self.p.copy()
             elements = p[self.of.equations.numbers_of("element")].reshape(self.mesh.steps, -1)
@@ -159,8 +159,8 @@ class System:
                 elements[node - 1, 1 + component] += 1.0
             else:
                 p[self.of.equations.numbers_of("tip")][3 + component] += 1.0
-            found.append(self.of.equations.call("value")(x, p)[0][0] - still)
-        return np.stack(found, axis=1)
+            results.append(self.of.equations.call("value")(x, p)[0][0] - still)
+        return np.stack(results, axis=1)
 
     def pushed(self, force: Array) -> System:
         """Return the same equations with a dead force (3,) [N] more at the tip."""
@@ -178,25 +178,25 @@ class System:
         """Return moments, and forces that are unknown, on the tip side of the nodes (N + 1, w)."""
         of = self.of
         states = x[of.first :]
-        found = states[of.nodes[:, POSE : POSE + of.form.wrench]]
+        result = states[of.nodes[:, POSE : POSE + of.form.wrench]]
         if of.levers:
             nodes = list(of.levers)
-            given, frames = levers(self.scene)[1], matrices(states[of.nodes[nodes, :4]])
-            arms = np.einsum("nij,nj->ni", frames, given[:, :3])
-            moments = x[of.n_tendons] * np.cross(arms, given[:, 3:])
-            np.subtract.at(found[:, :3], nodes, moments)
-        return np.asarray(found - self.touched(x) if of.form.contacts else found)
+            value, frames = levers(self.scene)[1], matrices(states[of.nodes[nodes, :4]])
+            arms = np.einsum("nij,nj->ni", frames, value[:, :3])
+            moments = x[of.n_tendons] * np.cross(arms, value[:, 3:])
+            np.subtract.at(result[:, :3], nodes, moments)
+        return np.asarray(result - self.touched(x) if of.form.contacts else result)
 
     def touched(self, x: Array) -> Array:
         """Return the moment and force that contact adds at each node (N + 1, 6)."""
-        found = np.zeros((self.mesh.steps + 1, 6))
+        values = np.zeros((self.mesh.steps + 1, 6))
         for term in self.of.equations.terms:
             name = term.kernel.name
             if name in ("touch", "contact_friction"):
                 c = self.p[self.of.equations.numbers_of(name)].reshape(term.count, -1)
                 (rows,) = _repeated(term.kernel, self.of.form.machine_code)(x[term.unknowns].T, c)
-                found[1:] -= rows[:, :6].reshape(self.mesh.steps, -1, 6).sum(axis=1)
-        return found
+                values[1:] -= rows[:, :6].reshape(self.mesh.steps, -1, 6).sum(axis=1)
+        return values
 
     def strains(self, states: Array) -> Array:
         """Return the strains at the stages (N stages, strains)."""
@@ -205,8 +205,8 @@ class System:
     def marched(self, strains: Array) -> Array:
         """Return the poses at the nodes (N + 1, 7) of strains at the stages (N stages, strains)."""
         call = _march(self.of.form, self.mesh.steps)
-        (found,) = call(self.base, strains.ravel(), np.diff(self.mesh.s))
-        return np.vstack([self.base, found])
+        (result,) = call(self.base, strains.ravel(), np.diff(self.mesh.s))
+        return np.vstack([self.base, result])
 
     def start(
         self, tensions: Array, strains: Array, load: float = 0.0, pressed: Array | None = None
@@ -229,8 +229,8 @@ class System:
         states[:, of.stages] = strains
         if pressed is not None:
             states[:, of.touches[1:, :, 0]] = pressed
-        for row, own in zip(states, strains, strict=True):
-            row[of.nodes[:, :POSE]] = self.marched(own)
+        for row, strain in zip(states, strains, strict=True):
+            row[of.nodes[:, :POSE]] = self.marched(strain)
         if of.form.friction:
             powers, m = gauss(of.form.stages).powers, of.form.stages
             slope = np.arange(1, m) * gauss(m).c[:, None] ** np.arange(m - 1) @ powers[1:]
@@ -246,11 +246,11 @@ class System:
         return np.asarray(states)
 
 
-def _restored(*given: Any) -> System:
+def _restored(*value: Any) -> System:
     """Return equations with numbers of their own: the last that is given."""
-    found = System(*given[:-1])
-    found.p = given[-1]
-    return found
+    result = System(*value[:-1])
+    result.p = value[-1]
+    return result
 
 
 def structure(arm: Arm, scene: Scene, mesh: Mesh, form: Form) -> Layout:
@@ -283,17 +283,17 @@ def system(
 @lru_cache(maxsize=64)
 def _march(form: Form, N: int) -> Buffered:
     """Return (pose, strains of each of N elements, h (1, N)) -> pose at the end of each."""
-    own = element(replace(form, friction=False))
+    values = element(replace(form, friction=False))
     g, v, h = ca.SX.sym("g", POSE), ca.SX.sym("v", form.stages * form.strains), ca.SX.sym("h")
     none = ca.SX.zeros(form.wrench)
     y = ca.vertcat(ca.SX.zeros(int(form.loaded)), g, none, v, ca.SX.zeros(POSE), none)
-    numbers_of = ca.vertcat(h, ca.SX.zeros(own.c.numel() - 1))
-    after = -own.value(y, numbers_of)[-POSE:]
+    numbers_of = ca.vertcat(h, ca.SX.zeros(values.c.numel() - 1))
+    after = -values.value(y, numbers_of)[-POSE:]
     step = ca.Function("march", [g, v, h], [after], {"cse": True})
     return Buffered(kernel(step, form.machine_code).mapaccum(N))
 
 
 @lru_cache(maxsize=32)
-def _repeated(own: Kernel, machine_code: bool) -> Mapped:
+def _repeated(each: Kernel, machine_code: bool) -> Mapped:
     """Return a kernel's residuals of many repetitions at once."""
-    return Mapped(own.value, machine_code)
+    return Mapped(each.value, machine_code)

@@ -112,8 +112,8 @@ class Equations:
         """The same equations with the numbers among the unknowns, behind the others."""
         terms = []
         for term, of in zip(self.terms, self.slices, strict=True):
-            own = np.arange(of.start, of.stop).reshape((-1, term.count), order="F")
-            places = np.vstack([term.unknowns, self.n_x + own])
+            values = np.arange(of.start, of.stop).reshape((-1, term.count), order="F")
+            places = np.vstack([term.unknowns, self.n_x + values])
             terms.append(Term(term.kernel.in_numbers, places, term.rows))
         return Equations(self.n_x + self.n_p, self.n_g, terms)
 
@@ -137,11 +137,11 @@ class Equations:
         """Return how residuals move with numbers (n_p, K), at many x (N, n_x): (N, n_g, K)."""
         rows, columns = self.triplet("by_numbers")
         order = np.argsort(rows, kind="stable")
-        own, starts = np.unique(rows[order], return_index=True)
+        parts, starts = np.unique(rows[order], return_index=True)
         products = self.many("by_numbers")(x, p)[:, order, None] * change[columns[order]]
-        found = np.zeros((len(x), self.n_g, change.shape[1]))
-        found[:, own] = np.add.reduceat(products, starts, axis=1)
-        return found
+        values = np.zeros((len(x), self.n_g, change.shape[1]))
+        values[:, parts] = np.add.reduceat(products, starts, axis=1)
+        return values
 
     def _once(self, kind: str, what: What, make: Callable[[], T]) -> T:
         """Return what is made when it is asked for first."""
@@ -165,13 +165,13 @@ class Equations:
 
     def _derived(self, what: What) -> _Sum:
         """Return the sum of what derivatives of the kernels add to the nonzeros of the whole."""
-        found, rows, columns = [], [], []
+        results, rows, columns = [], [], []
         for term, numbers in zip(self.terms, self.slices, strict=True):
             function, i, j = getattr(term.kernel, what)
-            own = np.arange(numbers.start, numbers.stop).reshape((-1, term.count), order="F")
+            values = np.arange(numbers.start, numbers.stop).reshape((-1, term.count), order="F")
             rows.append((term.unknowns if what == "hessian" else term.rows)[i])
-            columns.append((own if what == "by_numbers" else term.unknowns)[j])
-            found.append((function, term, numbers.start))
+            columns.append((values if what == "by_numbers" else term.unknowns)[j])
+            results.append((function, term, numbers.start))
         shape = {
             "jacobian": (self.n_g, self.n_x),
             "by_numbers": (self.n_g, self.n_p),
@@ -180,7 +180,7 @@ class Equations:
         places, index = _sparse(rows, columns, shape)
         parts = [
             _Part(function, term, at, start)
-            for (function, term, start), at in zip(found, index, strict=True)
+            for (function, term, start), at in zip(results, index, strict=True)
             if at.size
         ]
         return _Sum(parts, places)
@@ -188,15 +188,15 @@ class Equations:
     def _added(self, what: What) -> ca.Function:
         of = self._sum(what)
         sizes = [("x", self.n_x), ("p", self.n_p), ("lam", self.n_g)]
-        given = [ca.MX.sym(name, size) for name, size in sizes[: 3 if what == "hessian" else 2]]
+        arguments = [ca.MX.sym(name, size) for name, size in sizes[: 3 if what == "hessian" else 2]]
         functions = kernels((part.function for part in of.parts), self.machine_code)
-        found = [
-            ca.vec(function.map(part.term.count)(*_own(part, given)))
+        results = [
+            ca.vec(function.map(part.term.count)(*_own(part, arguments)))
             for function, part in zip(functions, of.parts, strict=True)
         ]
         at = [part.places.ravel("F") for part in of.parts]
         add = _added(np.concatenate([np.zeros(0, np.int64), *at]), of.places.nnz())
-        return ca.Function(what, given, [add @ ca.vertcat(ca.MX(0, 1), *found)])
+        return ca.Function(what, arguments, [add @ ca.vertcat(ca.MX(0, 1), *results)])
 
 
 class Many:
@@ -214,19 +214,19 @@ class Many:
 
     def __call__(self, x: Array, p: Array) -> Array:
         """See the class."""
-        found = [np.zeros((len(x), 0))]
+        results = [np.zeros((len(x), 0))]
         for part, call in self._parts:
             term = part.term
             y = x[:, term.unknowns.T].reshape(-1, term.unknowns.shape[0])
             numbers = p[part.numbers : part.numbers + term.n_numbers]
             numbers = numbers.reshape(term.count, term.kernel.c.numel())
-            found.append(call(y, numbers)[0].reshape(len(x), part.places.size))
-        return np.ascontiguousarray((self._add @ np.concatenate(found, axis=1).T).T)
+            results.append(call(y, numbers)[0].reshape(len(x), part.places.size))
+        return np.ascontiguousarray((self._add @ np.concatenate(results, axis=1).T).T)
 
 
-def _own(part: _Part, given: list[ca.MX]) -> list[ca.MX]:
+def _own(part: _Part, value: list[ca.MX]) -> list[ca.MX]:
     """Return what a kernel takes of unknowns, numbers and multipliers, repetitions as columns."""
-    (x, p, *lam), term = given, part.term
+    (x, p, *lam), term = value, part.term
     numbers = p[part.numbers : part.numbers + term.n_numbers]
     gathered = [x[term.unknowns.ravel("F").tolist()], numbers]
     gathered += [weights[term.rows.ravel("F").tolist()] for weights in lam]

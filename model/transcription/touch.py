@@ -99,7 +99,7 @@ def pressure(law: CrossSection, m: int, friction: bool = False) -> Kernel:
     p, c, method = ca.SX.sym("p", 2), ca.SX.sym("c", PRESSURE), gauss(m)
     tau = ca.SX.sym("tau", 3 * friction, 2)
     h, lies = c[SIZE], c[SIZE + 1]
-    twists = [law.twist(own) for own in ca.horzsplit(v)]
+    twists = [law.twist(each) for each in ca.horzsplit(v)]
     turns = rotation_vectors([kappa for kappa, _ in twists], h)[:-1]
     R = [unit_matrix(multiply(q, half_turn(turn))) for turn in turns]
     along = [frame @ nu for frame, (_, nu) in zip(R, twists, strict=True)]
@@ -108,7 +108,7 @@ def pressure(law: CrossSection, m: int, friction: bool = False) -> Kernel:
     f = [x * with_gradient()(at, c[:SIZE])[1] for x, at in zip(shares, places, strict=True)]
     if friction:
         between = [lies * ((1 - x) * tau[:, 0] + x * tau[:, 1]) for x in method.c.tolist()]
-        f = [own + frame @ t for own, frame, t in zip(f, R, between, strict=True)]
+        f = [each + frame @ t for each, frame, t in zip(f, R, between, strict=True)]
     F = [h * weighted_sum(method.b - row, f) for row in method.a]
     levers = [ca.cross(t, force) for t, force in zip(along, F, strict=True)]
     M = [h * weighted_sum(method.b - row, levers) for row in method.a]
@@ -139,21 +139,21 @@ def contact_friction(law: CrossSection, m: int) -> Kernel:
     see FRICTION. Rows: its contributions to M and F, and the residuals of Q and tau.
     """
     v, q, u = ca.SX.sym("v", size(law), m), ca.SX.sym("q", 4), ca.SX.sym("u", 3)
-    own, near = ca.SX.sym("own", 2), ca.SX.sym("near", 4, 2)
+    values, near = ca.SX.sym("own", 2), ca.SX.sym("near", 4, 2)
     Q, tau, c = ca.SX.sym("Q", 3), ca.SX.sym("tau", 3), ca.SX.sym("c", FRICTION)
     cuts = [0, SIZE, SIZE + 1, SIZE + 2, SIZE + 3, FRICTION - 3, FRICTION]
-    body, mu, r, by_length, told, before = ca.vertsplit(c, cuts)
-    held, inside, as_before, as_beyond, moves = ca.vertsplit(told)
-    P, p, *around = ca.vertsplit(ca.vertcat(own, near[0, :].T))
+    body, mu, r, by_length, history, before = ca.vertsplit(c, cuts)
+    held, inside, as_before, as_beyond, moves = ca.vertsplit(history)
+    P, p, *around = ca.vertsplit(ca.vertcat(values, near[0, :].T))
     _, normal = with_gradient()(u, body)
     frame = unit_matrix(q)
     along = frame @ law.twist(v @ ca.DM(gauss(m).at(1.0)))[1]
-    shift = moves * own[1]
+    shift = moves * values[1]
 
     def within(w: ca.SX, pressed: ca.SX) -> ca.SX:
         w -= normal * ca.dot(normal, w)
-        most, found = mu * ca.fmax(pressed, 0), ca.sqrt(ca.sumsqr(w) + _TINY)
-        return ca.if_else(found > most, most / found, 1) * w
+        most, result = mu * ca.fmax(pressed, 0), ca.sqrt(ca.sumsqr(w) + _TINY)
+        return ca.if_else(result > most, most / result, 1) * w
 
     slip = u - before
     traction = inside * (frame.T @ within(frame @ tau - by_length * slip, p))
@@ -162,5 +162,5 @@ def contact_friction(law: CrossSection, m: int) -> Kernel:
         traction += is_end * p / ca.fmax(pressed, _LEAST) * rubs
     rows = [-shift * ca.cross(along, Q), -Q, Q - held * within(Q - r * slip, P)]
     rows.append(tau - traction)
-    unknowns = ca.vertcat(ca.vec(v), q, u, own, ca.vec(near), Q, tau)
+    unknowns = ca.vertcat(ca.vec(v), q, u, values, ca.vec(near), Q, tau)
     return Kernel("contact_friction", unknowns, c, ca.vertcat(*rows))

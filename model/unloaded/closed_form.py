@@ -135,8 +135,8 @@ class _Steps:
         """Return the same for so many steps one after another: the poses at all nodes."""
         if count not in self._along:
             march = self.step.mapaccum(count)
-            g, *given = march.mx_in()
-            nodes = ca.Function("marched", [g, *given], [ca.horzcat(g, march(g, *given))])
+            g, *value = march.mx_in()
+            nodes = ca.Function("marched", [g, *value], [ca.horzcat(g, march(g, *value))])
             few = count <= _WRITTEN_OUT and self.step.is_a("SXFunction")
             self._along[count] = Buffered(nodes.expand() if few else nodes)
         return self._along[count]
@@ -190,11 +190,11 @@ class ClosedForm:
     @cached_property
     def sections(self) -> Sections:
         """The cross-sections at the nodes of the steps, which wrenches may twist."""
-        law, own = (
+        law, values = (
             cross_section_of(self.scene, self.arm.is_curved),
             slice(self.mesh.steps * len(self.scheme.nodes)),
         )
-        where = self.stretch_at[own], self.stretch_active[own]
+        where = self.stretch_at[values], self.stretch_active[values]
         return Sections(self.arm, self.scene, law, *where, self.machine_code)
 
     @cached_property

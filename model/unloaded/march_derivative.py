@@ -113,8 +113,8 @@ class MarchDerivative:
         law, turned = self._at.law, _skew(self._point)
         about_base = np.block([[turned, np.eye(3)], [np.eye(3), np.zeros((3, 3))]])
         local = self._twists @ about_base / self._weights[:, None, None]
-        own = [*moments(law), *(3 + k for k in forces(law))]
-        return np.asarray(np.linalg.solve(self._balance.jacobian, local[:, own]))
+        parts = [*moments(law), *(3 + k for k in forces(law))]
+        return np.asarray(np.linalg.solve(self._balance.jacobian, local[:, parts]))
 
     @property
     def _length_jacobian(self) -> Array:

@@ -58,8 +58,8 @@ def strain_jump(outer: ca.SX, inner: ca.SX, body: ca.SX) -> ca.SX:
 
     `outer` and `inner` are the sums on its tip side and on its base side.
     """
-    own = inner - outer
-    return ca.vertcat(0, -own[2] / (own[5] + body[1]), own[1] / (own[3] + body[1]))
+    values = inner - outer
+    return ca.vertcat(0, -values[2] / (values[5] + body[1]), values[1] / (values[3] + body[1]))
 
 
 def stretch(extension: bool, strain: ca.SX, sums: ca.SX, body: ca.SX) -> ca.SX:
@@ -102,8 +102,8 @@ def _jump_function() -> ca.Function:
 
 def _rates_of_resultants() -> ca.Function:
     path, rate = ca.SX.sym("path", 4), ca.SX.sym("rate", 4)
-    found = ca.jtimes(ca.vertcat(*resultants(path[0], path[1])), path, rate)
-    return ca.Function("rates", [path, rate], [ca.densify(found)])
+    result = ca.jtimes(ca.vertcat(*resultants(path[0], path[1])), path, rate)
+    return ca.Function("rates", [path, rate], [ca.densify(result)])
 
 
 def section_numbers(arm: Arm, s: Array, active: Counts, T: ca.MX) -> ca.MX:
@@ -112,8 +112,8 @@ def section_numbers(arm: Arm, s: Array, active: Counts, T: ca.MX) -> ca.MX:
     place, tendon = np.nonzero(crossing(arm, at))
     rates = np.zeros((s.size, 6, arm.n_tendons))
     if place.size:
-        given = (f(arm, at, place, tendon) for f in (tendon_paths, tendon_path_rates))
-        rates[place, :, tendon] = np.array(_rates_of_resultants().map(place.size)(*given)).T
+        value = (f(arm, at, place, tendon) for f in (tendon_paths, tendon_path_rates))
+        rates[place, :, tendon] = np.array(_rates_of_resultants().map(place.size)(*value)).T
     both = np.concatenate([resultant_maps(arm, at), rates], axis=1)
     sums = ca.sparsify(ca.DM(both.reshape(-1, arm.n_tendons))) @ T
     return ca.vertcat(ca.reshape(sums, 12, s.size), ca.DM(np.vstack([at.body, at.body_rate])))
@@ -202,8 +202,8 @@ class PrintedMap:
         x = step_function(self.extension, self.scheme).map(s.size)(ca.DM(states[step + 1].T), d, h)
         here = section_numbers(self.arm, s, active, T)
         strains = _read_function(self.extension).map(s.size)(x[7:, :], here)
-        poses, found = ca.Function("dense", [T], [x[:7, :], strains])(tensions)
-        return np.array(poses).T, np.array(found).T
+        poses, result = ca.Function("dense", [T], [x[:7, :], strains])(tensions)
+        return np.array(poses).T, np.array(result).T
 
 
 def _anchored(arm: Arm, states: ca.MX) -> ca.MX:

@@ -120,10 +120,10 @@ class UnloadedSections:
 
     def crushed(self, strains: Array) -> NDArray[np.bool_]:
         """Return where strains (N, n) leave a tendon no length (N,)."""
-        at, found = self.sections, np.full(len(strains), False)
+        at, values = self.sections, np.full(len(strains), False)
         if self._exact:
-            found[at.place[at.speeds(strains) <= LEAST_STRETCH]] = True
-        return found
+            values[at.place[at.speeds(strains) <= LEAST_STRETCH]] = True
+        return values
 
 
 @lru_cache(maxsize=32)

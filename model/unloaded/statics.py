@@ -94,11 +94,11 @@ class EnergyStatics:
 
     def wrench(self, v: ca.SX, pull: ca.SX, data: ca.SX) -> ca.SX:
         """See ClosedStatics.wrench: the gradient of the energy."""
-        found = self.law.body(v, self._body(data))
+        result = self.law.body(v, self._body(data))
         for j, side in enumerate(zip(self.cos, self.sin, strict=True)):
             path = ca.vec(ca.vertcat(*side) @ self.offset(j, data).T)
-            found += pull[j] * self.law.tendon(v, path)
-        return found
+            result += pull[j] * self.law.tendon(v, path)
+        return result
 
     def solve(self, pull: ca.SX, data: ca.SX) -> ca.SX:
         """See ClosedStatics.solve: a fixed number of steps."""
@@ -186,8 +186,8 @@ def _newton(statics: EnergyStatics) -> ca.Function:
         step = step / ca.fmax(1, change / u[2])
     turned = ca.horzcat(*(tendon.turned(step) for tendon in tendons))
     after = u + step
-    found = [after, ca.vec(turned), size, ca.densify(statics.strains(after))]
-    return ca.Function("newton", [u, W, pull, data], found, {"cse": True})
+    results = [after, ca.vec(turned), size, ca.densify(statics.strains(after))]
+    return ca.Function("newton", [u, W, pull, data], results, {"cse": True})
 
 
 class _Tendon:

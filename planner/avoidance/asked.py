@@ -101,10 +101,10 @@ def surroundings(
     Raises InputError for what is no obstacle, a negative clearance, obstacles that hold the base or
     a place that the targets prescribe, and a clearance from nothing.
     """
-    given = list(obstacles) if in_time and isinstance(obstacles, Sequence) else []
-    moving = tuple(obstacle for obstacle in given if isinstance(obstacle, Moving))
+    value = list(obstacles) if in_time and isinstance(obstacles, Sequence) else []
+    moving = tuple(obstacle for obstacle in value if isinstance(obstacle, Moving))
     obstacles_there = check_obstacles(
-        [obstacle for obstacle in given if obstacle not in moving] if moving else obstacles
+        [obstacle for obstacle in value if obstacle not in moving] if moving else obstacles
     )
     if not isinstance(of_itself, bool | np.bool_):
         raise InputError("self_clearance", of_itself, "True or False")
@@ -144,6 +144,6 @@ def _check_place(
         raise InputError(f"obstacles[{i}]", surroundings.obstacles[i], sentence)
 
 
-def told(found: Mapping[str, Clearance]) -> str:
+def told(result: Mapping[str, Clearance]) -> str:
     """Return the nearest of all in words."""
-    return str(min(found.values(), key=lambda clear: clear.gap))
+    return str(min(result.values(), key=lambda clear: clear.gap))

@@ -115,7 +115,7 @@ def _of_pairs(line: Centreline, sampled: _Sampled, most: float) -> list[Near]:
     padded = np.pad(gaps, 1, constant_values=np.inf)
     n = len(gaps)
     around = [padded[a : a + n, b : b + n] for a in range(3) for b in range(3)]
-    found = []
+    results = []
     for i, j in np.argwhere((gaps < most) & (gaps <= np.min(around, axis=0))):
         one, other, step = s[i], s[j], line.arm.length / n
         for _ in range(_ROUNDS):
@@ -126,8 +126,8 @@ def _of_pairs(line: Centreline, sampled: _Sampled, most: float) -> list[Near]:
             gap = gap - radii[:_AROUND, None] - radii[None, _AROUND:]
             k, m = np.unravel_index(int(np.argmin(gap)), gap.shape)
             one, other, step = a[k], b[m], 2 * step / (_AROUND - 1)
-        found.append(Near(float(one), float(other), float(gap[k, m])))
-    return found
+        results.append(Near(float(one), float(other), float(gap[k, m])))
+    return results
 
 
 def updated(
@@ -138,11 +138,11 @@ def updated(
     Of parts of meshes not more than some between two stations.
     """
     margin = surroundings.clearance + surroundings.spare(line.arm)
-    rows = [_row(line, own.s, own.other, margin, own.is_part) for own in near]
+    rows = [_row(line, each.s, each.other, margin, each.is_part) for each in near]
     for row in before.rows if before else ():
         k = element_of(line.arm, row.place.s)
-        beside = sum(element_of(line.arm, own.place.s) == k for own in rows) if row.is_part else 0
-        is_new = not any(_alike(line.arm, row, own) for own in rows)
+        beside = sum(element_of(line.arm, each.place.s) == k for each in rows) if row.is_part else 0
+        is_new = not any(_alike(line.arm, row, each) for each in rows)
         if row.is_lasting and beside < _PARTS and is_new:
             other = row.other.s if isinstance(row.other, Place) else np.array(row.other)
             rows.append(_row(line, row.place.s, other, margin, row.is_part))

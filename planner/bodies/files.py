@@ -83,8 +83,8 @@ def _mjcf(shape: Shape, name: str, links: int) -> dict[str, bytes]:
 
 
 def _urdf(shape: Shape, name: str, links: int) -> dict[str, bytes]:
-    messages = to_json(ros_messages(shape, links))
-    return {f"{name}.urdf": urdf(shape, links, name).encode(), f"{name}.ros.json": messages}
+    ros = to_json(ros_messages(shape, links))
+    return {f"{name}.urdf": urdf(shape, links, name).encode(), f"{name}.ros.json": ros}
 
 
 def _mesh(shape: Shape, suffix: str, along: int, around: int) -> bytes:

@@ -12,8 +12,8 @@ def inside(parent: ET.Element, tag: str, **attributes: object) -> ET.Element:
 
     An attribute that is a word of Python's ends in _ here.
     """
-    told = {key.rstrip("_"): _text(value) for key, value in attributes.items()}
-    return ET.SubElement(parent, tag, told)
+    texts = {key.rstrip("_"): _text(value) for key, value in attributes.items()}
+    return ET.SubElement(parent, tag, texts)
 
 
 def written(root: ET.Element) -> str:

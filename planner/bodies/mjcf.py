@@ -116,10 +116,10 @@ def _controls(chain: Chain, shape: Shape) -> list[float]:
 
 def _joints(chain: Chain) -> list[float]:
     """Return the positions of all joints in the model's order."""
-    found = list(chain.angles[0])
+    results = list(chain.angles[0])
     for slide, angles in zip(chain.slides, chain.angles[1:], strict=True):
-        found += [slide, *angles]
-    return [float(q) for q in found]
+        results += [slide, *angles]
+    return [float(q) for q in results]
 
 
 def _quaternion(frame: Array) -> Array:

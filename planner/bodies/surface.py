@@ -51,15 +51,15 @@ def tendon_lines(arm: Arm, s: Array, poses: Array) -> list[Array]:
     """
     place, across, lines = poses[:, 4:], matrices(poses[:, :4])[:, :, 1:], []
     for j, (i, _) in enumerate(arm.tendons):
-        own = s <= arm.sections[i].at
-        off = tendon_offset(arm, j, s[own])
-        lines.append(place[own] + np.einsum("nij,nj->ni", across[own], off))
+        values = s <= arm.sections[i].at
+        off = tendon_offset(arm, j, s[values])
+        lines.append(place[values] + np.einsum("nij,nj->ni", across[values], off))
     return lines
 
 
 def along(arm: Arm, count: int) -> Array:
     """Return arc lengths [m] from base to tip, evenly spread, and the anchorages among them."""
-    return np.union1d(np.linspace(0.0, arm.length, count), [own.at for own in arm.sections])
+    return np.union1d(np.linspace(0.0, arm.length, count), [section.at for section in arm.sections])
 
 
 def _faces(along: int, around: int) -> NDArray[np.int64]:

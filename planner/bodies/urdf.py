@@ -55,33 +55,33 @@ def _jointed(
 ) -> str:
     """Hang a link on another by a joint; return its name."""
     child = f"link_{joint}"
-    own = inside(root, "joint", name=joint, type=kind)
-    inside(own, "parent", link=parent)
-    inside(own, "child", link=child)
-    inside(own, "origin", xyz=xyz, rpy=rpy)
-    inside(own, "axis", xyz=axis)
+    values = inside(root, "joint", name=joint, type=kind)
+    inside(values, "parent", link=parent)
+    inside(values, "child", link=child)
+    inside(values, "origin", xyz=xyz, rpy=rpy)
+    inside(values, "axis", xyz=axis)
     most = 1.0 if kind == "prismatic" else np.pi
-    inside(own, "limit", lower=-most, upper=most, effort=1000, velocity=1000)
+    inside(values, "limit", lower=-most, upper=most, effort=1000, velocity=1000)
     inside(root, "link", name=child)
     return child
 
 
 def _solid(root: ET.Element, name: str, chain: Chain, i: int) -> None:
     """Give a link its body and mass."""
-    link = next(own for own in root if own.tag == "link" and own.get("name") == name)
+    link = next(each for each in root if each.tag == "link" and each.get("name") == name)
     length, radius, mass = (float(x[i]) for x in (chain.chords, chain.radii, chain.masses))
     # Cylinders stand along z; the link's own axis is x.
     place = {"xyz": (length / 2, 0, 0), "rpy": (0, np.pi / 2, 0)}
     for tag in ("visual", "collision"):
-        own = inside(link, tag)
-        inside(own, "origin", **place)
-        inside(inside(own, "geometry"), "cylinder", radius=radius, length=length)
-    own = inside(link, "inertial")
-    inside(own, "origin", **place)
-    inside(own, "mass", value=mass)
+        values = inside(link, tag)
+        inside(values, "origin", **place)
+        inside(inside(values, "geometry"), "cylinder", radius=radius, length=length)
+    values = inside(link, "inertial")
+    inside(values, "origin", **place)
+    inside(values, "mass", value=mass)
     across, along = mass * (3 * radius**2 + length**2) / 12, mass * radius**2 / 2
     off = {"ixy": 0, "ixz": 0, "iyz": 0}
-    inside(own, "inertia", ixx=across, iyy=across, izz=along, **off)
+    inside(values, "inertia", ixx=across, iyy=across, izz=along, **off)
 
 
 def ros_messages(shape: Shape, links: int = 30) -> dict[str, Any]:

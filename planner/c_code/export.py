@@ -171,18 +171,18 @@ def _template(name: str) -> str:
 
 def _check_free(folder: Path, name: str) -> None:
     """Refuse a folder with another export, whose main.c and Makefile would be lost."""
-    own = [file for file in _TEMPLATES if not file.startswith("@")]
+    parts = [file for file in _TEMPLATES if not file.startswith("@")]
     try:
-        shared = [file for file in own if (folder / file).exists()]
+        shared = [file for file in parts if (folder / file).exists()]
         again = (folder / f"{name}.h").exists()
     except (OSError, ValueError):  # a folder that cannot be: writing says why
         return
     if shared and not again:
-        told = (
+        message = (
             f"another export is there ({', '.join(shared)} would be overwritten); "
             f"name another folder, such as {folder / name}"
         )
-        raise FileError(str(folder), "", told)
+        raise FileError(str(folder), "", message)
 
 
 def _checked(arm: Arm, scene: Scene | None, precision: Any, name: Any, accuracy: float) -> Scene:

@@ -43,20 +43,22 @@ def own_step(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
     by_strains, nodes = gradient.T @ along, range(m)
     strain = strain_function(statics)
     strains = [strain(pull[:, i], data[:, i])[1:] for i in nodes]
-    given = [(strains[i], pull[:, i], data[:, i]) for i in nodes]
-    jacobian = [strain_jacobian(statics)(*of) for of in given]
+    arguments = [(strains[i], pull[:, i], data[:, i]) for i in nodes]
+    jacobian = [strain_jacobian(statics)(*of) for of in arguments]
     parts = [slice(3 * i, 3 * i + 3) for i in nodes]
     blocks = [[ca.SX()] * m for _ in nodes]
     for i in nodes:
         for j in range(i + 1):
             blocks[i][j] = jacobian[i].T @ bent[parts[i], parts[j]] @ jacobian[j]
             blocks[j][i] = blocks[i][j].T
-        blocks[i][i] = blocks[i][i] + _strain_hessian(statics)(*given[i], by_strains[parts[i]].T)
+        blocks[i][i] = blocks[i][i] + _strain_hessian(statics)(
+            *arguments[i], by_strains[parts[i]].T
+        )
     at_nodes = [along[:, part] @ slope for part, slope in zip(parts, jacobian, strict=True)]
     turned = ca.horzcat(*(sum((basis[t, i] * at_nodes[i] for i in nodes), 0) for t in range(TERMS)))
-    found = [ca.densify(value) for value in (moved, turned, ca.blockcat(blocks))]
-    found = ca.substitute(found, [e], [ca.vertcat(*strains)])
-    return ca.Function("own_step", [g, pull, data, h, basis, wrench], found, {"cse": True})
+    results = [ca.densify(value) for value in (moved, turned, ca.blockcat(blocks))]
+    results = ca.substitute(results, [e], [ca.vertcat(*strains)])
+    return ca.Function("own_step", [g, pull, data, h, basis, wrench], results, {"cse": True})
 
 
 @lru_cache(maxsize=1)
@@ -72,8 +74,8 @@ def _move() -> ca.Function:
     rotation = 2 * moved[1:4]
     shift = moved[4:] - ca.cross(rotation, moved[4:]) / 2
     work = ca.hessian(ca.dot(wrench, ca.vertcat(rotation, shift)), omega)
-    found = [ca.densify(value) for value in ca.substitute(list(work), [here], [pose])]
-    return ca.Function("move", [omega, wrench], found, {"cse": True})
+    results = [ca.densify(value) for value in ca.substitute(list(work), [here], [pose])]
+    return ca.Function("move", [omega, wrench], results, {"cse": True})
 
 
 @lru_cache(maxsize=64)
@@ -94,6 +96,6 @@ def _strain_hessian(statics: ClosedStatics) -> ca.Function:
     along = ca.vertcat(changes, ca.SX.eye(pull.numel()))
     kappa = ca.vertcat(0, (1 + e[2]) * e[:2])
     strains = law.strains(kappa, ca.vertcat(1 + e[2], 0, 0))
-    found = ca.substitute([along.T @ hessian @ along], [v], [strains])[0]
-    given = [e, pull, data, weights]
-    return ca.Function("strain_hessian", given, [ca.densify(found)], {"cse": True})
+    result = ca.substitute([along.T @ hessian @ along], [v], [strains])[0]
+    arguments = [e, pull, data, weights]
+    return ca.Function("strain_hessian", arguments, [ca.densify(result)], {"cse": True})

@@ -41,9 +41,9 @@ def check_inverse(p: Plan) -> None:
         (p.statement.norm != "2", "norm", p.statement.norm, "2"),
         (bool(p.surroundings), "obstacles", p.surroundings, "nothing to keep clear of"),
     ]
-    for wrong, field, given, allowed in checks:
+    for wrong, field, value, allowed in checks:
         if wrong:
-            raise InputError(field, given, f"{allowed}; {exported}")
+            raise InputError(field, value, f"{allowed}; {exported}")
     if p.mode != "exact" or not p.reached:
         raise InputError("target", p.targets[0], f"a target within reach; {p.outcome}")
 
@@ -95,7 +95,7 @@ def inverse_values(p: Plan, shape: Shape, precision: Precision) -> dict[str, str
 
 def _followed(p: Plan) -> _Followed:
     """Return the plan for targets about that of a plan, each near the one before."""
-    start, found, targets = p.targets[0].parameters(p.arm), [], []
+    start, results, targets = p.targets[0].parameters(p.arm), [], []
     options: dict[str, Any] = {"tension_min": p.limits.lower, "accuracy": p.accuracy}
     upper, near = p.limits.upper, p
     for move in _MOVES:
@@ -106,5 +106,5 @@ def _followed(p: Plan) -> _Followed:
             continue
         near = moved
         targets.append(place)
-        found.append(np.ravel(moved.tensions))
-    return _Followed(np.array(targets).reshape(-1, 3), np.array(found))
+        results.append(np.ravel(moved.tensions))
+    return _Followed(np.array(targets).reshape(-1, 3), np.array(results))

@@ -43,13 +43,13 @@ class PullPolynomials:
         """Return the polynomials of an arm, None where an offset is not linear."""
         if not all(isinstance(path, Linear) for _, path in arm.offset_paths):
             return None
-        own = []
+        parts = []
         for i, section in enumerate(arm.sections):
             s = section.at * np.array([0.0, 0.5, 1.0])
             maps = statics.pulls(arm, stations(arm, s, np.full(TERMS, i + 1)))
             maps = maps[:, :, list(arm.tendons_of(i + 1))]
-            own.append(_coefficients(maps, section.at / arm.length))
-        return cls(arm.length, tuple(own))
+            parts.append(_coefficients(maps, section.at / arm.length))
+        return cls(arm.length, tuple(parts))
 
     def basis(self, s: Array) -> Array:
         """Return the three terms at arc lengths s: (3, N)."""
@@ -59,13 +59,13 @@ class PullPolynomials:
 
     def carried(self, T: ca.MX) -> list[ca.MX]:
         """Return the coefficients (n_pull, 3) where 0, 1, .. sections cross, of tensions T."""
-        found = [ca.MX(self.own[0].shape[0] // TERMS, TERMS)]
+        results = [ca.MX(self.own[0].shape[0] // TERMS, TERMS)]
         start = 0
-        for own in self.own:
-            added = ca.sparsify(ca.DM(own)) @ T[start : start + own.shape[1]]
-            found.append(found[-1] + ca.reshape(added, -1, TERMS))
-            start += own.shape[1]
-        return found
+        for each in self.own:
+            added = ca.sparsify(ca.DM(each)) @ T[start : start + each.shape[1]]
+            results.append(results[-1] + ca.reshape(added, -1, TERMS))
+            start += each.shape[1]
+        return results
 
     def pull(self, T: ca.MX, s: Array, active: Counts) -> ca.MX:
         """Return pull (n_pull, N) at arc lengths s (N,), from the base to the tip."""

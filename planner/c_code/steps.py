@@ -51,8 +51,8 @@ def steps_source(shape: Shape, precision: Precision, twice: bool = False) -> CSo
     functions = _functions(forward, statics, polynomials)
     if not twice:
         return CSource("steps.c", functions, places, coefficients + states + sums)
-    own = [np.array(part).T for part in polynomials.own]
-    places["OWN"] = numbers(np.vstack(own), precision)
+    parts = [np.array(part).T for part in polynomials.own]
+    places["OWN"] = numbers(np.vstack(parts), precision)
     places["SECTION_OF"] = whole_numbers([i for i, _ in arm.tendons])
     functions = (*functions, _own_step(forward, statics))
     at_nodes = statics.n_pull * len(forward.scheme.nodes)
@@ -114,15 +114,17 @@ def _own_step(forward: ClosedForm, statics: ClosedStatics) -> ca.Function:
     data, h = ca.SX.sym("data", statics.n_data, m), ca.SX.sym("h")
     g, wrench = ca.SX.sym("g", 7), ca.SX.sym("wrench", 6)
     pull = ca.reshape(c, statics.n_pull, TERMS) @ basis
-    found = own_step(statics, forward.scheme).call([g, pull, data, h, basis, wrench], True)
-    return ca.Function("own_step", [g, c, basis, data, h, wrench], found, {"cse": True})
+    result = own_step(statics, forward.scheme).call([g, pull, data, h, basis, wrench], True)
+    return ca.Function("own_step", [g, c, basis, data, h, wrench], result, {"cse": True})
 
 
 def _rows(polynomials: PullPolynomials) -> ca.Function:
     """Return (pose, sums up to each section's end) -> derivatives of the tip, row by row."""
     n = 6 * polynomials.own[0].shape[0]
     pose, sums = ca.SX.sym("pose", 7), ca.SX.sym("sums", n, len(polynomials.own))
-    columns = [ca.reshape(sums[:, i], 6, -1) @ ca.DM(own) for i, own in enumerate(polynomials.own)]
+    columns = [
+        ca.reshape(sums[:, i], 6, -1) @ ca.DM(each) for i, each in enumerate(polynomials.own)
+    ]
     jacobian = shifts_and_turns(pose, ca.horzcat(*columns))
     return ca.Function("tip_rows", [pose, sums], [ca.densify(jacobian).T], {"cse": True})
 

@@ -49,8 +49,8 @@ def strain_jacobian(statics: ClosedStatics) -> ca.Function:
     changes = -ca.inv_minor(ca.jacobian(wrench, v)) @ ca.jacobian(wrench, pull)
     jacobian = ca.densify(ca.jacobian(strain, v) @ changes)
     kappa = ca.vertcat(0, (1 + e[2]) * e[:2])
-    found = ca.substitute([jacobian], [v], [law.strains(kappa, ca.vertcat(1 + e[2], 0, 0))])
-    return ca.Function("jacobian", [e, pull, data], found, {"cse": True})
+    result = ca.substitute([jacobian], [v], [law.strains(kappa, ca.vertcat(1 + e[2], 0, 0))])
+    return ca.Function("jacobian", [e, pull, data], result, {"cse": True})
 
 
 @lru_cache(maxsize=64)

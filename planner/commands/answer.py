@@ -49,9 +49,9 @@ class Answer:
     tables: Mapping[str, Callable[[], bytes]] = field(default_factory=dict)
 
 
-def figure(module: str, function: str, *given: Any) -> Callable[[], Any]:
+def figure(module: str, function: str, *value: Any) -> Callable[[], Any]:
     """Return what draws a figure by a function of planner.plots, which is loaded only then."""
-    return lambda: getattr(import_module(f"planner.plots.{module}"), function)(*given)
+    return lambda: getattr(import_module(f"planner.plots.{module}"), function)(*value)
 
 
 class OutputError(OctoplanError):

@@ -184,8 +184,8 @@ def _design_text(result: Design) -> str:
     width = max(len(item.name) for item in result.unknowns)
     rows = zip(result.unknowns, result.values, result.parameters.start, strict=True)
     lines = [
-        f"  {own.name:<{width}}  {value:.5g} (was {old:.5g}) {result.parameters.unit(own)}".rstrip()
-        for own, value, old in rows
+        f"  {x.name:<{width}}  {value:.5g} (was {old:.5g}) {result.parameters.unit(x)}".rstrip()
+        for x, value, old in rows
     ]
     efforts = ", ".join(f"{item.effort:.4g}" for item in result.plans)
     return "\n".join([result.outcome, *lines, f"  efforts of the tasks [N]: {efforts}"])

@@ -147,17 +147,17 @@ class Reduced:
         along = [tangents(here, system.mesh.s[nodes]) for _, _, nodes in at]
 
         def grasps(states: Array) -> list[Grasp]:
-            pressed, found = resultants(system, states, touches), []
+            pressed, results = resultants(system, states, touches), []
             shifts = second(system, states) * touches.moves
             for (hold, j, nodes), tangent in zip(at, along, strict=True):
                 numbers = hold.obstacle.numbers
                 places = system.poses(states)[nodes, 4:] + shifts[nodes, j, None] * tangent
-                distance, normals = (own[:, 0] for own in distances(numbers[None], places))
+                distance, normals = (each[:, 0] for each in distances(numbers[None], places))
                 points = places - distance[:, None] * normals - numbers[:3]
                 wrench, lever = np.array(hold.wrench), LEVER * arm.length
                 size = pressed[nodes, j]
-                found.append(Grasp(points, normals, size, wrench, hold.friction, lever))
-            return found
+                results.append(Grasp(points, normals, size, wrench, hold.friction, lever))
+            return results
 
         return grasps
 
@@ -169,8 +169,8 @@ class Reduced:
         left, cones = [np.zeros(0)], [np.zeros(0)]
         for hold, grasp in zip(self._holds, grasps, strict=True):
             size, count = hold.size(self.task.arm), 2 * grasp.normal.size
-            own, forces = forces[:count], forces[count:]
-            z = np.pad(own, (0, count - own.size)).reshape(-1, 2)
+            values, forces = forces[:count], forces[count:]
+            z = np.pad(values, (0, count - values.size)).reshape(-1, 2)
             tangential = size * np.einsum("kij,kj->ki", grasp.bases, z)
             left.append(grasp.scaled(grasp.left(tangential)) / size)
             blunt = np.sqrt((z**2).sum(axis=1) + _BLUNT**2) - _BLUNT
@@ -185,7 +185,7 @@ class Reduced:
             pushed = y[n:] + step * np.eye(y.size - n)
             still = grasps(here.states)
             ends.append(
-                [self._balance(own, y[n:]) for own in moved]
+                [self._balance(each, y[n:]) for each in moved]
                 + [self._balance(still, forces) for forces in pushed]
             )
         values = self._balance(grasps(here.states), y[n:])
@@ -208,13 +208,15 @@ class Reduced:
         here, by_tensions = self._settle(self.unit * y[:n])
         system, total = here.system, self.task.allowed.total
         places = system.of.nodes[[system.mesh.node(s) for s in self._stations], :POSE]
-        parts = [np.array(own) for own in self._terms(here.states[places].T, self._numbers)]
+        parts = [np.array(each) for each in self._terms(here.states[places].T, self._numbers)]
         by_poses = self.unit * by_tensions[places.ravel()]
         even, over = ([(parts[k].ravel(), parts[2 + k] @ by_poses)] for k in range(2))
         if self.least:
             steps = self.unit * _CHANGE * np.eye(n)
             high, low = (
-                np.array([held_stability(self._settle(self.unit * y[:n] + own)[0]) for own in side])
+                np.array(
+                    [held_stability(self._settle(self.unit * y[:n] + each)[0]) for each in side]
+                )
                 for side in (steps, -steps)
             )
             rates = (high - low) / (2 * _CHANGE)

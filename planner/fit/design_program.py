@@ -108,7 +108,7 @@ class Program:
     def system(self, i: int, arm: Arm, scene: Scene) -> System:
         """Return the equations of a task's arm, on nodes that move along with it."""
         of = self.problems[i].forward.system
-        ends = (stations_of(own, self.tasks[i]) for own in (of.arm, arm))
+        ends = (stations_of(each, self.tasks[i]) for each in (of.arm, arm))
         return neighbour(of, arm, scene, *ends)
 
     def numbers(self, values: Array) -> list[Array]:
@@ -180,7 +180,7 @@ class Program:
         off = np.concatenate([bounds[2] - g, g - bounds[3], [0.0]]).max()
         *each, z = self.stated.split(x)
         pairs = zip(self.problems, each, strict=True)
-        T = np.array([problem.tensions(own, self.limits) for problem, own in pairs])
+        T = np.array([problem.tensions(item, self.limits) for problem, item in pairs])
         missed = float(off) if np.isfinite(off) else np.inf
         values = self.parameters.from_fractions(np.clip(z, 0.0, 1.0))
         return Optimum(values, T, steps, missed, self.worth * float(f[0]))
@@ -206,12 +206,12 @@ class Program:
     def _second_differences(self, z: tuple[float, ...]) -> Array:
         at = np.array(z)
         steps = np.diag(np.where(at < 0.5, _STEP, -_STEP))
-        here, *beside = (self.all_numbers(own) for own in (at, *(at + steps)))
-        found = np.zeros((here.size, *steps.shape))
+        here, *beside = (self.all_numbers(each) for each in (at, *(at + steps)))
+        values = np.zeros((here.size, *steps.shape))
         for i, j in combinations_with_replacement(range(self.K), 2):
             change = self.all_numbers(at + steps[i] + steps[j]) - beside[i] - beside[j] + here
-            found[:, i, j] = found[:, j, i] = change / (steps[i, i] * steps[j, j])
-        return found.reshape(here.size, -1)
+            values[:, i, j] = values[:, j, i] = change / (steps[i, i] * steps[j, j])
+        return values.reshape(here.size, -1)
 
     @cached_property
     def stated(self) -> Stated:
@@ -227,14 +227,14 @@ class Stated(SideBySide):
         room, K = cuts[-1] - cuts[-2], of.K
         # CasADi does not keep the closed forms that a program calls.
         closed = [of.all_numbers, of.first_derivatives, of.second_derivatives]
-        self._closed = [ClosedForm(own, K, (cuts[-1], K**i)) for i, own in enumerate(closed)]
+        self._closed = [ClosedForm(each, K, (cuts[-1], K**i)) for i, each in enumerate(closed)]
 
         def state(at: SideBySide) -> tuple[list[Part], Part]:
             *xs, z = at.unknowns
             *lams, room_lam = at.multipliers
             # Apart, so that none is worked out where it is not asked for.
             *numbers, of_room = zip(
-                *(ca.vertsplit(own(z), cuts) for own in self._closed), strict=True
+                *(ca.vertsplit(each(z), cuts) for each in self._closed), strict=True
             )
             tasks = zip(of.problems, of.tasks, of.weights, xs, numbers, lams, strict=True)
             parts = [
@@ -266,13 +266,13 @@ def _part(
     n); the chain rule takes them to (x, z).
     """
     program, (numbers, by_z, curved) = problem.program, closed
-    own, equations, K = program, program.equations.in_numbers, by_z.size2()
+    values, equations, K = program, program.equations.in_numbers, by_z.size2()
     whole, scale = ca.DM(program.scale_at(p)), ca.DM(p[program.parts.row_scale])
-    given, m, n = [own.x, own.p], own.outer.numel(), program.size
-    first = [own.f, own.gradient, own.outer, own.outer_jacobian]
-    f, gradient, outer, outer_J = ca.Function("outer", given, first)(x, ca.DM(p))
-    given += [own.sigma, own.outer_lam]
-    second = ca.Function("outer_hessian", given, [own.outer_hessian])
+    arguments, m, n = [values.x, values.p], values.outer.numel(), program.size
+    first = [values.f, values.gradient, values.outer, values.outer_jacobian]
+    f, gradient, outer, outer_J = ca.Function("outer", arguments, first)(x, ca.DM(p))
+    arguments += [values.sigma, values.outer_lam]
+    second = ca.Function("outer_hessian", arguments, [values.outer_hessian])
     outer_H = second(x, ca.DM(p), weight * sigma, lam[:m])
     y, none = ca.vertcat(whole * x, numbers), ca.MX(0, 1)
     chain = ca.diagcat(ca.MX(ca.diag(whole)), by_z)

@@ -242,7 +242,7 @@ class Sensed:
         rows = [m for m, k in enumerate(setting.family.shape.tolist()) if k in order]
         self._shape = np.array([order[setting.family.shape[m]] for m in rows], dtype=np.int64)
         self._rows, self._turns = rows, setting.family.point[rows] == FRAME
-        self._poses = self._at(np.array([own.states for own in equilibria]))
+        self._poses = self._at(np.array([each.states for each in equilibria]))
         self._arms = np.einsum(
             "mij,mj->mi", matrices(self._poses[:, :4]), setting.numbers.offsets[rows]
         )
@@ -290,7 +290,7 @@ class Sensed:
         """Derivatives of `residuals` by the unknowns, each (size, K)."""
         numbers, by = self.setting.derivatives, self.derivatives
         nodes = self.setting.nodes[self._rows]
-        moved = displaced(self._poses, self._at(np.array([own.states for own in by])))
+        moved = displaced(self._poses, self._at(np.array([each.states for each in by])))
         # Of what is looked at, which need not move along with its node.
         slip = numbers.s[self._rows] - numbers.nodes[nodes]
         for m in np.flatnonzero(slip.any(axis=1)):

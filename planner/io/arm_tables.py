@@ -67,8 +67,8 @@ FrameTable: Any = struct(
 )
 
 
-def _base(given: Any, rotation_deg: Numbers) -> Frame:
-    base: Frame = PAPER_FRAME if given is None else frame(given.tangent, given.normal)
+def _base(value: Any, rotation_deg: Numbers) -> Frame:
+    base: Frame = PAPER_FRAME if value is None else frame(value.tangent, value.normal)
     if not any(rotation_deg):
         return base
     rotated = np.array(base) @ Rotation.from_rotvec(np.radians(rotation_deg)).as_matrix()
@@ -99,7 +99,7 @@ def _inline(kind: Any) -> Form:
     }
     hints = [hints_of(kind)[name] for name in arguments(kind)]
     table(kind)
-    return Form(keys, lambda *own: kind(*map(read, hints, own)), table_of)
+    return Form(keys, lambda *each: kind(*map(read, hints, each)), table_of)
 
 
 Preset: Any = Literal[tuple(PAPER_ARMS)]
@@ -122,19 +122,19 @@ ArmTable: Any = table(
 )
 
 
-def arm_of(given: Any) -> Arm:
+def arm_of(argument: Any) -> Arm:
     """Return the arm of a table; raises InputError that names a key, or a field of Arm."""
-    required = {key: getattr(given, key) for key in ("length_mm", "radius_mm", "sections")}
+    required = {key: getattr(argument, key) for key in ("length_mm", "radius_mm", "sections")}
     missing = [key for key, value in required.items() if not value]
-    if given.preset is not None and len(missing) < len(required):
+    if argument.preset is not None and len(missing) < len(required):
         allowed = "either a preset, or length_mm, radius_mm and sections of an arm of your own"
-        raise InputError("preset", given.preset, allowed)
-    if given.preset is None and missing:
+        raise InputError("preset", argument.preset, allowed)
+    if argument.preset is None and missing:
         allowed = f"a preset ({', '.join(PAPER_ARMS)}), or length_mm, radius_mm and sections"
         raise InputError("arm", f"no {', no '.join(missing)}", allowed)
-    result = arguments_of(given)
-    if given.preset is not None:
-        like = Arm.from_paper(given.preset)
+    result = arguments_of(argument)
+    if argument.preset is not None:
+        like = Arm.from_paper(argument.preset)
         result |= {"length": like.length, "radius": like.radius, "sections": like.sections}
     return Arm(**result)
 

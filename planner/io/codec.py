@@ -60,25 +60,25 @@ def sample_keys(unit: str) -> tuple[str, str]:
 # Reading
 
 
-def value_of(given: msgspec.Struct) -> Any:
+def value_of(value: msgspec.Struct) -> Any:
     """Return the value of a table; InputError that names a key, or an argument of the class."""
-    return READ[type(given)](given)
+    return READ[type(value)](value)
 
 
-def arguments_of(given: Table, kind: type[Table] | None = None) -> dict[str, Any]:
+def arguments_of(value: Table, kind: type[Table] | None = None) -> dict[str, Any]:
     """Return what the keys of a table hold in SI units: the arguments of the class that it writes.
 
     Of a table that is no class's, by the names of its keys without the unit. It may be read as one
     of a kind of which it has all keys.
     """
-    kind = kind or type(given)
+    kind = kind or type(value)
     keys, hints, forms = KEYS.get(kind) or (_without_units(kind), None, {})
     result = {
-        name: read(hints[name] if hints else hints_of(kind)[key], getattr(given, key), key)
+        name: read(hints[name] if hints else hints_of(kind)[key], getattr(value, key), key)
         for name, key in keys.items()
     }
     for name, form in forms.items():
-        result[name] = form.read(*(getattr(given, key) for key in form.keys))
+        result[name] = form.read(*(getattr(value, key) for key in form.keys))
     return result
 
 

@@ -135,14 +135,14 @@ def chosen(kinds: list[Kind], table: Any) -> list[Kind]:
     return [item for item in kinds if item.tag and table.get(item.tag[0]) == item.tag[1]] or kinds
 
 
-def hint(given: Any, known: Sequence[Any]) -> str:
+def hint(value: Any, known: Sequence[Any]) -> str:
     """Return "; did you mean ...?" where something known is close to what was given."""
     texts = [text for text in known if isinstance(text, str)]
-    if not isinstance(given, str):
+    if not isinstance(value, str):
         return ""
-    starts = [text for text in texts if text.startswith(f"{given}_")]
-    near = starts or difflib.get_close_matches(given.lower().replace("-", "_"), texts, 1, 0.6)
-    near = near or difflib.get_close_matches(given, texts, 1, 0.6)
+    starts = [text for text in texts if text.startswith(f"{value}_")]
+    near = starts or difflib.get_close_matches(value.lower().replace("-", "_"), texts, 1, 0.6)
+    near = near or difflib.get_close_matches(value, texts, 1, 0.6)
     return f'; did you mean "{near[0]}"?' if near else ""
 
 

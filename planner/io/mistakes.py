@@ -136,7 +136,7 @@ def _is_list(kind: Kind) -> bool:
     return get_origin(kind.type) in (list, tuple)
 
 
-def _words(kind: Kind, given: Any) -> str:
+def _words(kind: Kind, value: Any) -> str:
     """Return a type in words, of its bounds those that a value is not within."""
     if kind.is_table:
         return f"a table {{ ... }} of the keys {', '.join(kind.keys)}"
@@ -146,18 +146,18 @@ def _words(kind: Kind, given: Any) -> str:
         if kind.size is not None:
             return f"a list of {kind.size}"
         least = kind.bounds.get("min_length", 0)
-        is_short = isinstance(given, list) and len(given) < least
+        is_short = isinstance(value, list) and len(value) < least
         return f"a list of at least {least}" if is_short else "a list [...]"
     result = _WORDS.get(kind.type, "something else")
     for key, bound in kind.bounds.items():
         holds, words = _SIGNS[key]
-        if isinstance(given, int | float) and not holds(given, bound):
+        if isinstance(value, int | float) and not holds(value, bound):
             result += f" {words} {bound if isinstance(bound, int) else f'{bound:g}'}"
     return result
 
 
 def _wrong_keys(
-    name: str, path: str, given: dict[str, Any], tables: list[Kind], root: Any
+    name: str, path: str, entries: dict[str, Any], tables: list[Kind], root: Any
 ) -> FileError:
     """Return which key of a table is not known, or missing."""
     tags = [item.tag for item in tables if item.tag]
@@ -165,7 +165,7 @@ def _wrong_keys(
         dict.fromkeys([*(tag[0] for tag in tags), *(k for item in tables for k in item.keys)])
     )
     strict = not any(item.takes_any_key for item in tables)
-    unknown = next((key for key in given if strict and key not in allowed), None)
+    unknown = next((key for key in entries if strict and key not in allowed), None)
     where = f"{path}.".removeprefix(".")
     if unknown is not None:
         elsewhere = places(root, unknown)
@@ -177,11 +177,11 @@ def _wrong_keys(
             more = hint(unknown, allowed)
         text = f"no such key{more} (known here: {', '.join(allowed)})"
         return FileError(name, f"{where}{shortened(unknown)}", text)
-    if tags and given.get(tags[0][0]) is None:
+    if tags and entries.get(tags[0][0]) is None:
         text = f"missing, allowed is one of {', '.join(tag[1] for tag in tags)}"
         return FileError(name, f"{where}{tags[0][0]}", text)
     required = (f for item in tables for f in msgspec.structs.fields(item.type) if f.required)
-    missing = next((item.name for item in required if item.name not in given), "")
+    missing = next((item.name for item in required if item.name not in entries), "")
     text = f"missing; {f'[{path}]' if path else 'the file'} needs it"
     return FileError(name, f"{where}{missing}", text)
 
@@ -255,10 +255,10 @@ _FIELD = re.compile(r"\w[\w.\[\]]*")
 _EFFECTS: dict[Step, str] = {kind.__name__: key for kind, key in KEYS.items()}
 
 
-def _is_same(written: tuple[str, str, Any], given: Any) -> bool:
+def _is_same(written: tuple[str, str, Any], argument: Any) -> bool:
     """Return whether a number that a file holds, or a list of them, is a value in SI units."""
     _, unit, value = written
-    a, b = np.array(in_si(value, unit)), np.array(given)
+    a, b = np.array(in_si(value, unit)), np.array(argument)
     return {a.dtype.kind, b.dtype.kind} <= {"i", "f"} and np.array_equal(a, b, equal_nan=True)
 
 

@@ -39,9 +39,9 @@ def tag_of(kind: type) -> str:
     return re.sub(r"(?<!^)(?=[A-Z])", "-", kind.__name__).lower()
 
 
-def _vertices(given: list[Numbers] | None, position: Numbers, t: Numbers, n: Numbers) -> Any:
+def _vertices(values: list[Numbers] | None, position: Numbers, t: Numbers, n: Numbers) -> Any:
     axes, origin = np.array(frame(t, n)), np.array(in_si(position, "mm"))
-    places = np.array(in_si(given or [], "mm")).reshape(-1, 3)
+    places = np.array(in_si(values or [], "mm")).reshape(-1, 3)
     return tuple(map(tuple, (places @ axes.T + origin).tolist()))
 
 
@@ -75,14 +75,14 @@ _KINDS = public(model.obstacles, Obstacle)
 _SHAPES = {kind: table(kind, tag=tag_of(kind), **_OBSTACLE_FORMS.get(kind, {})) for kind in _KINDS}
 
 
-def inlined(given: Any, folder: Path) -> Any:
+def inlined(value: Any, folder: Path) -> Any:
     """Return the table of an obstacle with the numbers of its file, looked for from a folder.
 
     Raises InputError for both or neither of them, FileError for a file that cannot be read.
     """
-    if not isinstance(given, _SHAPES[Mesh]):
-        return given
-    mesh: Any = given
+    if not isinstance(value, _SHAPES[Mesh]):
+        return value
+    mesh: Any = value
     numbers = (mesh.vertices_mm is not None, mesh.faces is not None)
     if numbers != ((mesh.file is None,) * 2):
         there = [key for key in ("file", "vertices_mm", "faces") if getattr(mesh, key) is not None]
@@ -128,9 +128,9 @@ TABLES[Contact] = choice(
 )
 
 
-def _moving(own: Moving) -> dict[str, Any]:
-    rows = zip(own.times, written(own.path, "mm"), strict=True)
-    return {**table_of(own.obstacle), "path_s_mm": [[t, *x] for t, x in rows]}
+def _moving(each: Moving) -> dict[str, Any]:
+    rows = zip(each.times, written(each.path, "mm"), strict=True)
+    return {**table_of(each.obstacle), "path_s_mm": [[t, *x] for t, x in rows]}
 
 
 WRITE[Moving] = _moving
@@ -176,8 +176,8 @@ def _fields() -> list[Any]:
     return result
 
 
-def _switch_keys(own: Effect) -> dict[str, Any]:
-    return {KEYS[type(own)]: True, **{name: getattr(own, name) for name in arguments(type(own))}}
+def _switch_keys(each: Effect) -> dict[str, Any]:
+    return {KEYS[type(each)]: True, **{name: getattr(each, name) for name in arguments(type(each))}}
 
 
 EffectsTable: Any = struct(
@@ -187,25 +187,25 @@ EffectsTable: Any = struct(
 )
 
 
-def scene_of(given: Any) -> Scene:
+def scene_of(value: Any) -> Scene:
     """Return the scene of a table; raises InputError that names a key, or an effect's field."""
     implied = {
-        type(item) for key, of in BUNDLES.items() if getattr(given, key) for item in of.effects
+        type(item) for key, of in BUNDLES.items() if getattr(value, key) for item in of.effects
     }
     result: list[Effect] = []
     for kind, key in KEYS.items():
-        item = getattr(given, key)
+        item = getattr(value, key)
         if kind in _SWITCHES:
-            result += _switched(given, kind, kind in implied if item is None else item)
+            result += _switched(value, kind, kind in implied if item is None else item)
             continue
         several = item if isinstance(item, tuple) else () if item is None else (item,)
         result += map(value_of, several)
     return Scene(*result)
 
 
-def _switched(given: Any, kind: Any, on: bool) -> list[Effect]:
+def _switched(value: Any, kind: Any, on: bool) -> list[Effect]:
     """Return an effect that is a switch if it is on, with the switches that are its arguments."""
-    more = {name: getattr(given, name) for name in arguments(kind)}
+    more = {name: getattr(value, name) for name in arguments(kind)}
     if any(more.values()) and not on:
         name = next(name for name, item in more.items() if item)
         allowed = f"{name} = true with silicone = true or {KEYS[kind]} = true only"
@@ -236,8 +236,8 @@ def _stiffness(direction: Numbers | None, matrix: Any) -> Any:
     return matrix if direction is None else direction
 
 
-def _stiffness_keys(own: Any) -> dict[str, Any]:
-    return {"matrix" if np.ndim(own) == 2 else "direction": np.array(own).tolist()}
+def _stiffness_keys(each: Any) -> dict[str, Any]:
+    return {"matrix" if np.ndim(each) == 2 else "direction": np.array(each).tolist()}
 
 
 _MATRIX = "symmetric and positive definite, in place of a direction"
@@ -253,8 +253,8 @@ _WRENCH: dict[str, Any] = {
 }
 
 
-def _wrench_keys(own: Numbers) -> dict[str, Any]:
-    return {"force": list(own[:3])} | ({"moment": list(own[3:])} if own[3:] else {})
+def _wrench_keys(each: Numbers) -> dict[str, Any]:
+    return {"force": list(each[:3])} | ({"moment": list(each[3:])} if each[3:] else {})
 
 
 _TARGET_FORMS: dict[Any, dict[str, Any]] = {

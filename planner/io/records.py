@@ -171,15 +171,15 @@ class TrajectoryRecord(Record, kw_only=True):
     certificate: dict[str, Any]
 
 
-def trajectory_record(found: Any) -> TrajectoryRecord:
+def trajectory_record(result: Any) -> TrajectoryRecord:
     """Return the record of a motion."""
-    checked = found.certificate
+    checked = result.certificate
     return record_of(
         TrajectoryRecord,
-        found,
+        result,
         certified=checked.passed,
-        tensions_N=found.flat,
-        tendons=[found.arm.tendon_name(j) for j in range(found.arm.n_tendons)],
+        tensions_N=result.flat,
+        tendons=[result.arm.tendon_name(j) for j in range(result.arm.n_tendons)],
         certificate={name: getattr(checked, name) for name in arguments(type(checked))},
     )
 

@@ -142,9 +142,9 @@ def _draw_floor(scene: Any, arm: Arm, colours: Colours) -> None:
             place = centre.copy()
             place[axis] += k
             place[1 - axis] += half if axis == 0 else -half
-            told = f"{name} {1e3 * place[axis]:.0f} mm"
+            message = f"{name} {1e3 * place[axis]:.0f} mm"
             at = (*place.tolist(), z)
-            scene.add_label(f"/scale/{name}{k:.3f}", told, position=at, font_screen_scale=0.75)
+            scene.add_label(f"/scale/{name}{k:.3f}", message, position=at, font_screen_scale=0.75)
 
 
 def background(colours: Colours) -> NDArray[np.uint8]:

@@ -145,10 +145,10 @@ class Follower:
         right, (gaps, ways) = missed * min(1.0, most), self._clear(shape)
         at, which = np.nonzero(gaps > 0)
         nodes = [int(np.abs(shape.s - goal.s).argmin()), *(at + 1).tolist()]
-        moved = [own.pose_tension for own in at_nodes(shape, nodes)]
+        moved = [each.pose_tension for each in at_nodes(shape, nodes)]
         matrix, room = goal.jacobian(shape, moved[0]), gaps[at, which]
         keep = np.reshape(
-            [way @ own[:3] for way, own in zip(ways[at, which], moved[1:], strict=True)],
+            [way @ each[:3] for way, each in zip(ways[at, which], moved[1:], strict=True)],
             (room.size, shape.tensions.size),
         )
         T = shape.tensions
@@ -160,9 +160,9 @@ class Follower:
         worth, share = self._merit(goal, shape), min(1.0, 4 * self._share)
         for _ in range(_HALVED):
             wanted = np.clip(T + share * change, self._low, self._high)
-            found = self._settled(wanted)
-            if found is not None and self._merit(goal, found) < worth:
-                self.shape, self._share = found, share
+            result = self._settled(wanted)
+            if result is not None and self._merit(goal, result) < worth:
+                self.shape, self._share = result, share
                 return bool(np.abs(change).max() > _STILL * max(np.abs(wanted).max(), 1e-9))
             share /= 4
         self._share = 1.0

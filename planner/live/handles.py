@@ -114,13 +114,13 @@ def _bending(arm: Arm, wanted: BendingPlane) -> Handle:
         return Goal(arm.sections[section - 1].at, None, axes)
 
     def read(pose: Array) -> Array:
-        asked = target(pose)
-        return np.degrees([asked.angle, asked.bend])
+        request = target(pose)
+        return np.degrees([request.angle, request.bend])
 
     def write(pose: Array, degrees: Array) -> Array:
         angle, bend = np.radians(degrees)
-        asked = BendingPlane(float(angle), float(min(max(bend, _LEAST), np.pi)), section)
-        return np.concatenate([_UPRIGHT, _end(arm, asked)])
+        request = BendingPlane(float(angle), float(min(max(bend, _LEAST), np.pi)), section)
+        return np.concatenate([_UPRIGHT, _end(arm, request)])
 
     start = np.concatenate([_UPRIGHT, _end(arm, wanted)])
     return Handle(False, start, target, goal, (Numbers("Plane, bend [deg]", read, write),))

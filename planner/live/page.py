@@ -96,8 +96,8 @@ class Page:
 
         def dragged(_: Any) -> None:
             self.move()
-            for own, box in zip(handle.numbers, self._boxes, strict=True):
-                box.value = tuple(own.read(self.session.pose).tolist())
+            for number, box in zip(handle.numbers, self._boxes, strict=True):
+                box.value = tuple(number.read(self.session.pose).tolist())
 
         control.on_update(dragged)
         return control
@@ -108,7 +108,7 @@ class Page:
         gui.add_html(words.TITLE)
         self._said = gui.add_markdown("Settling the arm ...")
         self._places = gui.add_html("")
-        self._boxes = [self._add_numbers(own) for own in session.handle.numbers]
+        self._boxes = [self._add_numbers(number) for number in session.handle.numbers]
         self._bars = gui.add_html("")
         gui.add_button("Save the plan").on_click(lambda event: self._save(event.client))
         with gui.add_folder("Effects and loads"):
@@ -128,17 +128,17 @@ class Page:
             self._shows = gui.add_checkbox("Compliance ellipsoid", initial_value=False)
             self._shows.on_update(lambda _: self._work.put(lambda: None))
 
-    def _add_numbers(self, own: Numbers) -> Any:
+    def _add_numbers(self, each: Numbers) -> Any:
         """Add boxes in which numbers of the target are typed."""
-        gui, start = self._server.gui, own.read(self.session.handle.start)
+        gui, start = self._server.gui, each.read(self.session.handle.start)
         add = gui.add_vector3 if start.size == 3 else gui.add_vector2
-        box = add(own.label, tuple(start.tolist()), step=1.0)
+        box = add(each.label, tuple(start.tolist()), step=1.0)
 
         def typed(event: Any) -> None:
             if event.client is None:
                 return  # written by the handle itself
             now = np.concatenate([self._control.wxyz, self._control.position])
-            pose = own.write(now, np.array(event.target.value))
+            pose = each.write(now, np.array(event.target.value))
             self._control.wxyz, self._control.position = pose[:4], pose[4:]
             self.move()
 

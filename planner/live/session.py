@@ -65,7 +65,9 @@ class Session:
     @property
     def there(self) -> tuple[Obstacle, ...]:
         """The obstacles that are present."""
-        return tuple(own for own, here in zip(self.obstacles, self.present, strict=True) if here)
+        return tuple(
+            obstacle for obstacle, here in zip(self.obstacles, self.present, strict=True) if here
+        )
 
     @property
     def missed(self) -> float:
@@ -103,16 +105,16 @@ class Session:
         """
         if self._follower is None or self.is_planned:
             return self.last
-        asked = self._options | {"obstacles": self.there}
-        if not self.there and not asked.get("self_clearance"):
-            asked["clearance"] = 0.0  # there is nothing left to be clear of
+        request = self._options | {"obstacles": self.there}
+        if not self.there and not request.get("self_clearance"):
+            request["clearance"] = 0.0  # there is nothing left to be clear of
         target, scene = self.handle.target(self.pose), self.scene
-        found = plan(self.arm, target, scene, near=self._near(scene), progress=False, **asked)
+        result = plan(self.arm, target, scene, near=self._near(scene), progress=False, **request)
         check_time()  # what was cut short is no plan to go on with
-        self.last = found
-        if found.mode == "exact" or not self.is_there:
-            self.shape = self._follower.shape = found.shape
-        return found
+        self.last = result
+        if result.mode == "exact" or not self.is_there:
+            self.shape = self._follower.shape = result.shape
+        return result
 
     def ellipsoid(self, p: Plan) -> tuple[Array, Array]:
         """Return the half axes (3,) of a plan's compliance at the tip [m/N], and directions."""
@@ -138,11 +140,11 @@ class Session:
     def _limits(self) -> Limits:
         if self._follower is not None:
             return self._follower.limits
-        given = self._options
-        ends = (given.get("stroke_max"), given.get("stroke_min"))
-        most, least = given.get("tension_max", np.inf), given.get("tension_min", 0.0)
-        limits = checked_limits(self.arm, most, least, given.get("total_pull"), ends)
-        zero = zeroed_at(self.arm, self.scene, given.get("stroke_zero", "straight"))
+        options = self._options
+        ends = (options.get("stroke_max"), options.get("stroke_min"))
+        most, least = options.get("tension_max", np.inf), options.get("tension_min", 0.0)
+        limits = checked_limits(self.arm, most, least, options.get("total_pull"), ends)
+        zero = zeroed_at(self.arm, self.scene, options.get("stroke_zero", "straight"))
         return replace(limits, stroke_zero=zero)
 
     def _ready(self) -> Follower:
@@ -150,18 +152,18 @@ class Session:
         scene, around = self.scene, (self.there, self._options.get("clearance", 0.0))
         before, self._follower = self._follower, None
         if before is None or (before.shape.scene, before.around) != (scene, around):
-            asked = (self.arm, scene, self._limits, around, bool(self._options.get("compile")))
+            arguments = (self.arm, scene, self._limits, around, bool(self._options.get("compile")))
             try:
-                before = Follower(*asked, None if before is None else before.shape.tensions)
+                before = Follower(*arguments, None if before is None else before.shape.tensions)
             except OctoplanError:
-                before = Follower(*asked)
+                before = Follower(*arguments)
         self._follower = before
         return before
 
     def _is_current(self, p: Plan) -> bool:
         """Whether a plan is for what is asked now."""
-        asked = ((self.handle.target(self.pose),), self.scene, self.there)
-        return (p.targets, p.scene, p.surroundings.obstacles) == asked
+        arguments = ((self.handle.target(self.pose),), self.scene, self.there)
+        return (p.targets, p.scene, p.surroundings.obstacles) == arguments
 
     def _near(self, scene: Scene) -> Plan | None:
         """Return the arm as it is now, as a plan that the next one begins with."""

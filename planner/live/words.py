@@ -34,11 +34,11 @@ def planned(session: Session) -> str:
     p = session.last
     if p is None:
         return ""
-    told = html.escape(p.outcome)
+    message = html.escape(p.outcome)
     if session.is_planned:
-        return told
+        return message
     here = "by tensions that are not verified: shown is the arm as it was dragged"
-    return f"**There** ({_missed(session)} off), {here}. The planner says: {told}"
+    return f"**There** ({_missed(session)} off), {here}. The planner says: {message}"
 
 
 def places(session: Session) -> str:
@@ -58,8 +58,8 @@ def tendons(session: Session) -> str:
     if shape is None:
         return ""
     rows, slack = [], np.ravel(shape.slack)
-    told = zip(shape.tensions, session.most, 1e3 * session.strokes, strict=True)
-    for j, (T, limit, stroke) in enumerate(told):
+    tendons = zip(shape.tensions, session.most, 1e3 * session.strokes, strict=True)
+    for j, (T, limit, stroke) in enumerate(tendons):
         colour = "rgb" + str(tension_colour(float(T), float(limit)))
         width = 100 * min(float(T / limit), 1.0)
         bar = f"<div style='background:{colour};height:7px;width:{width:.1f}%'></div>"

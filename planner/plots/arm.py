@@ -94,23 +94,23 @@ def mark_nearest(
         points = MM * np.array([touch.point for touch in touching])
         _mark(points, "leans on it", _OBSTACLE, ax, mfc=_OBSTACLE, ms=SIZE / 2)
     free = [obstacle for obstacle in obstacles if obstacle not in held]
-    found = clearance(shape, free) if nearest is None else nearest
+    result = clearance(shape, free) if nearest is None else nearest
     pressed = [touch for touch in shape.contacts if touch.gap < -COMPLEMENTARY]
     if pressed:
         deepest = min(pressed, key=lambda touch: touch.gap)
-        found = Clearance(deepest.gap, type(deepest.obstacle).__name__, (deepest.s,))
-    if found.what == ITSELF and (shape.on_itself or shape.scene.has(SelfContact)):
+        result = Clearance(deepest.gap, type(deepest.obstacle).__name__, (deepest.s,))
+    if result.what == ITSELF and (shape.on_itself or shape.scene.has(SelfContact)):
         return
-    through = found.gap < 0
-    if not (through or (free and found.gap < _NEAR * shape.arm.length)):
+    through = result.gap < 0
+    if not (through or (free and result.gap < _NEAR * shape.arm.length)):
         return
-    told = f"passes through {found.what}" if through else f"{1e3 * found.gap:.2g} mm clear"
-    points = MM * shape.position(np.array(found.s))
-    _mark(points, told, _WARNING if through else _OBSTACLE, ax, mfc="none", ms=SIZE)
+    message = f"passes through {result.what}" if through else f"{1e3 * result.gap:.2g} mm clear"
+    points = MM * shape.position(np.array(result.s))
+    _mark(points, message, _WARNING if through else _OBSTACLE, ax, mfc="none", ms=SIZE)
 
 
-def _mark(points: Array, told: str, colour: str, ax: Any, **style: Any) -> None:
-    ax.plot(*points.T, "o", ls="", label=told, color=colour, mew=1.8, zorder=9, **style)
+def _mark(points: Array, label: str, colour: str, ax: Any, **style: Any) -> None:
+    ax.plot(*points.T, "o", ls="", label=label, color=colour, mew=1.8, zorder=9, **style)
 
 
 def look(ax: Any, shape: Shape, points: Array) -> None:
@@ -201,10 +201,10 @@ def _tendons(shape: Shape, ax: Any, lines: list[Array]) -> None:
 
 def _shared_norm(ax: Any, tensions: Array) -> Normalize:
     """Return one scale of colours for tensions [N] and for all that the axes show already."""
-    drawn = [own for own in ax.collections if own.get_cmap().name == PULL.name]
-    shared = Normalize(0.0, max([pull_norm(tensions).vmax, *(own.norm.vmax for own in drawn)]))
-    for own in drawn:
-        own.set_norm(shared)
+    drawn = [collection for collection in ax.collections if collection.get_cmap().name == PULL.name]
+    shared = Normalize(0.0, max([pull_norm(tensions).vmax, *(each.norm.vmax for each in drawn)]))
+    for each in drawn:
+        each.set_norm(shared)
     return shared
 
 

@@ -84,8 +84,10 @@ def plot_trajectory(motion: Moving) -> Figure:
     """Draw a motion: its last shape and where the tip goes, and tensions with their maxima."""
     figure = Figure(figsize=(10, 5.0), dpi=DPI)
     ax: Any = figure.add_axes((0.0, 0.06, 0.52, 0.86), projection="3d")
-    asked, last = motion.question, motion.shape(motion.duration)
-    points = draw_arm(last, ax, asked.targets[-1], asked.surroundings.at(motion.duration).obstacles)
+    question, last = motion.question, motion.shape(motion.duration)
+    points = draw_arm(
+        last, ax, question.targets[-1], question.surroundings.at(motion.duration).obstacles
+    )
     tips = np.array([motion.shape(t).tip for t in np.linspace(0, motion.times[-1], _SHOWN)])
     ax.plot(*(MM * tips).T, "-", color=INK, lw=1.0, label="path of the tip", zorder=8)
     seen = np.vstack([points, tips])
@@ -94,13 +96,18 @@ def plot_trajectory(motion: Moving) -> Figure:
     ax.legend(loc="upper left", frameon=False, fontsize=SIZE)
     over = figure.add_axes((0.60, 0.14, 0.37, 0.74))
     most = float(motion.flat.max())
-    upper = np.array(asked.limits.upper)
+    upper = np.array(question.limits.upper)
     for j in np.flatnonzero(motion.flat.max(axis=0) > _PULLS * most):
         section = last.arm.tendons[j][0]
         style = _STYLES[(j - last.arm.tendons_of(section + 1)[0]) % len(_STYLES)]
         name = last.arm.tendon_name(int(j))
-        given: dict[str, Any] = {"color": f"C{section % 10}", "ls": style, "lw": 1.4, "label": name}
-        over.plot(motion.times, motion.flat[:, j], **given)
+        entries: dict[str, Any] = {
+            "color": f"C{section % 10}",
+            "ls": style,
+            "lw": 1.4,
+            "label": name,
+        }
+        over.plot(motion.times, motion.flat[:, j], **entries)
     for level in np.unique(upper[upper <= 3 * most]):
         over.axhline(level, color=INK, lw=0.8, ls="--")
     labelled(over, "time [s]", "tension [N]")
@@ -153,11 +160,11 @@ def animate_trajectory(
     shown = motion.duration if seconds is None else within("seconds", seconds, 0.01, 3600.0)
     count = min(max(round(shown * fps), 1), _MOST) + 1
     times = np.linspace(0.0, motion.duration, count)
-    ends, asked = motion.times[list(motion.stops)], motion.question
+    ends, question = motion.times[list(motion.stops)], motion.question
     after = np.minimum(np.searchsorted(ends, times - 1e-9 * motion.duration), ends.size - 1)
-    around = asked.surroundings
+    around = question.surroundings
     steps = [
-        _Step(motion.shape(float(t)), int(k) + 1, asked.targets[k], around.at(t).obstacles)
+        _Step(motion.shape(float(t)), int(k) + 1, question.targets[k], around.at(t).obstacles)
         for t, k in zip(times, after, strict=True)
     ]
     return _animation(steps, [f"{t:.2f} s" for t in times], ax, (count - 1) / shown)
@@ -235,12 +242,12 @@ def _steps(arm: Arm, scene: Scene, plans: Sequence[Plan], frames: int) -> list[_
     pulls: list[Array] = [np.zeros(arm.n_tendons), *(plan.shape.tensions for plan in plans)]
     shares = (1 - np.cos(np.pi * np.arange(1, frames + 1) / frames)) / 2
     things = [(plan.targets, plan.surroundings.obstacles) for plan in plans]
-    found = [_Step(settle(arm, pulls[0], scene, _SEEN), 1, *things[0])]
+    results = [_Step(settle(arm, pulls[0], scene, _SEEN), 1, *things[0])]
     for i, (start, end) in enumerate(pairwise(pulls)):
         for share in shares:
             shape = settle(arm, start + share * (end - start), scene, _SEEN)
-            found.append(_Step(shape, i + 1, *things[i]))
-    return found
+            results.append(_Step(shape, i + 1, *things[i]))
+    return results
 
 
 def _drawn(step: _Step, ax: Any) -> Array:

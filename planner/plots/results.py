@@ -24,28 +24,28 @@ _MATTERS, _IDLE, _COST = "#b3123f", "#9aa0a6", "#1f6fb4"
 _FLOOR = 1e-12
 
 
-def plot_calibration(found: Any, ax: Axes | None = None) -> Figure | Axes:
+def plot_calibration(result: Any, ax: Axes | None = None) -> Figure | Axes:
     """Draw measured markers over settled arms, residuals in order, and standard errors as bars.
 
     Only residuals in `ax`, if it is given. Returns a new Figure, or the axes.
     """
     if ax is not None:
-        return plot_residuals(found, ax)
+        return plot_residuals(result, ax)
     figure = Figure(figsize=(10.0, 6.4), layout="constrained")
     grid = figure.add_gridspec(2, 2, width_ratios=(1.2, 1.0))
-    _arms(found, figure.add_subplot(grid[:, 0], projection="3d"))
-    plot_residuals(found, figure.add_subplot(grid[0, 1]))
-    _errors(found, figure.add_subplot(grid[1, 1]))
+    _arms(result, figure.add_subplot(grid[:, 0], projection="3d"))
+    plot_residuals(result, figure.add_subplot(grid[0, 1]))
+    _errors(result, figure.add_subplot(grid[1, 1]))
     return figure
 
 
-def _arms(found: Any, ax: Any) -> None:
+def _arms(result: Any, ax: Any) -> None:
     """Draw settled midlines, predicted markers as lines to the measured ones."""
-    here = found.evaluation
+    here = result.evaluation
     present = list(here.equilibria)
     which = present[:: max(1, -(-len(present) // _SHAPES))]
     for k, i in enumerate(which):
-        equilibrium, shape = here.equilibria[i], found.measured[i]
+        equilibrium, shape = here.equilibria[i], result.measured[i]
         places, miss = shape.places, here.residuals[i]
         midline = MM * equilibrium.system.poses(equilibrium.states)[:, 4:]
         ax.plot(*midline.T, color=f"C{k % 10}", lw=1.2)
@@ -61,21 +61,21 @@ def _arms(found: Any, ax: Any) -> None:
     ax.tick_params(labelsize=SIZE)
 
 
-def plot_residuals(found: Any, ax: Axes | None = None) -> Figure | Axes:
+def plot_residuals(result: Any, ax: Axes | None = None) -> Figure | Axes:
     """Draw the distance of each marker of each shape of a Calibration from its prediction [mm].
 
     In the order of measurement. Returns a new Figure, or the axes if given.
     """
     shown, ax = axes_of(ax)
-    names = [shape.name for shape in found.measured]
-    rows = [row for row in found.residuals if row.is_place]
+    names = [shape.name for shape in result.measured]
+    rows = [row for row in result.residuals if row.is_place]
     for what in dict.fromkeys(row.what for row in rows):
-        own = [row for row in rows if row.what == what]
-        sizes = [MM * row.size for row in own]
-        ax.plot([names.index(row.shape) for row in own], sizes, "o-", ms=4, lw=0.8, label=what)
+        parts = [row for row in rows if row.what == what]
+        sizes = [MM * row.size for row in parts]
+        ax.plot([names.index(row.shape) for row in parts], sizes, "o-", ms=4, lw=0.8, label=what)
     ax.set_xticks(range(len(names)), names, rotation=90, fontsize=SIZE)
     labelled(
-        ax, y="off by [mm]", title=f"{MM * found.mean_error:.3g} mm off in the mean" * bool(rows)
+        ax, y="off by [mm]", title=f"{MM * result.mean_error:.3g} mm off in the mean" * bool(rows)
     )
     if rows:
         ax.set_ylim(bottom=0)
@@ -83,15 +83,15 @@ def plot_residuals(found: Any, ax: Axes | None = None) -> Figure | Axes:
     return shown  # type: ignore[no-any-return]
 
 
-def _errors(found: Any, ax: Axes) -> None:
+def _errors(result: Any, ax: Axes) -> None:
     """Draw values between their bounds, with standard errors as bars; none where inf."""
-    of = found.parameters
-    std = np.where(np.isfinite(found.std), found.std, np.nan) / of.range
-    at = np.arange(len(found.values))
-    ax.errorbar(of.fractions(found.array), at, xerr=std, fmt="o", ms=4, capsize=3)
+    of = result.parameters
+    std = np.where(np.isfinite(result.std), result.std, np.nan) / of.range
+    at = np.arange(len(result.values))
+    ax.errorbar(of.fractions(result.array), at, xerr=std, fmt="o", ms=4, capsize=3)
     labels = [
-        f"{own.name}\n{value:.4g} +- {error:.2g} {of.unit(own)}".rstrip()
-        for own, value, error in zip(found.unknowns, found.values, found.std, strict=True)
+        f"{unknown.name}\n{value:.4g} +- {error:.2g} {of.unit(unknown)}".rstrip()
+        for unknown, value, error in zip(result.unknowns, result.values, result.std, strict=True)
     ]
     ax.set_yticks(at, labels, fontsize=SIZE)
     ax.invert_yaxis()
@@ -102,29 +102,29 @@ def _errors(found: Any, ax: Axes) -> None:
 
 
 def plot_ellipsoids(
-    found: Sequence[Stiffness], force: float = 1e-3, ax: Axes3D | None = None
+    result: Sequence[Stiffness], force: float = 1e-3, ax: Axes3D | None = None
 ) -> Figure | Axes3D:
     """Draw where a force of any direction would move points of the arm, on the arm, in mm.
 
     Parameters
     ----------
-    found : sequence of Stiffness
+    result : sequence of Stiffness
         Of one shape, at the points to be shown.
     force : float
         The force [N]; half axes are its displacements, to scale.
 
     Returns a new Figure, or the axes if given; raises InputError for none.
     """
-    if not found:
+    if not result:
         raise InputError("found", (), "at least one Stiffness")
     shown, ax = axes_of(ax, (6.4, 4.8), "3d")
-    shape = found[0].shape
+    shape = result[0].shape
     points = [draw_arm(shape, ax)]
-    for k in found:
+    for k in result:
         surface = _surface(k, force)
         ax.plot_surface(*(MM * surface), color=_SKIN, alpha=0.25, linewidth=0)
         points.append(surface.reshape(3, -1).T)
-    held = "held tensions" if found[0].hold == "tension" else "locked lengths"
+    held = "held tensions" if result[0].hold == "tension" else "locked lengths"
     ax.set_title(f"where {1e3 * force:g} mN push it, with {held}", fontsize=SIZE)
     look(ax, shape, np.vstack(points))
     return shown

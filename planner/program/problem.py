@@ -110,10 +110,10 @@ class Problem:
         """
         unit, states = units(self.arm, limits), self.states
         numbers = np.concatenate([target.parameters(self.arm) for target in targets])
-        given = np.concatenate([numbers, [unit.max(), limits.total or 0.0, weight], unit])
+        values = np.concatenate([numbers, [unit.max(), limits.total or 0.0, weight], unit])
         states_numbers = [np.array([states.force]), states.numbers(self.directions(targets))]
         error = np.zeros(sum(self.program.measured)) if defect is None else defect
-        return np.concatenate([given, *states_numbers, states.scale, states.row_scale, error])
+        return np.concatenate([values, *states_numbers, states.scale, states.row_scale, error])
 
     def bounds(self, limits: Limits) -> Bounds:
         """Return lower and upper bounds of unknowns and constraints, not to be written to.

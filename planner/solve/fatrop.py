@@ -104,8 +104,8 @@ class Stages:
             "program", [of.x, p, sigma, of.lam], [of.f, of.gradient, of.g, of.jacobian, of.hessian]
         )
         weights = lam[np.argsort(self.order)[: of.lam.numel()].tolist()]
-        given = z[self.origin.tolist()], p, MAGNIFIED * sigma, weights
-        f, gradient, g, J, H = program.call(given, True, False)
+        arguments = z[self.origin.tolist()], p, MAGNIFIED * sigma, weights
+        f, gradient, g, J, H = program.call(arguments, True, False)
         row, column = np.array(J.row()), np.array(J.sparsity().get_col())
         J = _placed(J, row, self._seen(column, self._of_row[row]), (row.max() + 1, n))
         row, column = np.array(H.row()), np.array(H.sparsity().get_col())
@@ -192,7 +192,7 @@ def solve(problem: Problem, x: Array, p: Array, bounds: Bounds) -> Solution | No
     low, high = (np.full(of.unknown.size, side * np.inf) for side in (-1, 1))
     low[:n], high[:n] = lbx[:n], ubx[:n]
     tied = np.append(np.zeros(of.order.size - lbg.size - 1), 1.0)
-    rows = [np.concatenate([own, tied])[of.order] for own in (lbg, ubg)]
+    rows = [np.concatenate([each, tied])[of.order] for each in (lbg, ubg)]
     none = np.zeros(low.size), np.zeros(of.order.size)
     result = of.solver(x[of.unknown], p, low, high, *rows, *none)
     z, f, g, lam_x, lam_g, _ = (value.ravel() for value in result)

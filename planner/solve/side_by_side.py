@@ -85,7 +85,7 @@ class SideBySide:
         """Return the program as CasADi's solvers take it, and its derivatives."""
         f, gradient, g, jacobian, hessian = zip(*parts, strict=True)
         n, common = self.ends[-1], self.x.numel() - self.ends[-1]
-        ends = [[0, own.numel() - common, own.numel()] for own in gradient]
+        ends = [[0, each.numel() - common, each.numel()] for each in gradient]
         gradients = zip(*map(ca.vertsplit, gradient, ends), strict=True)
         jacobians = zip(*map(ca.horzsplit, jacobian, ends), strict=True)
         blocks = map(ca.blocksplit, hessian, ends, ends)
@@ -130,6 +130,6 @@ def joined(
     each: Sequence[Bounds], common: tuple[Array, Array], coupled: tuple[Array, Array]
 ) -> Bounds:
     """Return the bounds of all from those of each, of the unknowns in common and the coupling."""
-    lbx, ubx, lbg, ubg = (list(own) for own in zip(*each, strict=True))
+    lbx, ubx, lbg, ubg = (list(item) for item in zip(*each, strict=True))
     pairs = (lbx, common[0]), (ubx, common[1]), (lbg, coupled[0]), (ubg, coupled[1])
-    return tuple(np.concatenate([*own, last]) for own, last in pairs)  # type: ignore[return-value]
+    return tuple(np.concatenate([*item, last]) for item, last in pairs)  # type: ignore[return-value]

@@ -223,34 +223,34 @@ def _axes(table: SweepTable, scene: dict[str, Any], scene_name: str, name: str) 
     return tuple(sorted(axes, key=lambda axis: axis.drawn))
 
 
-def _axis(own: AxisTable, table: SweepTable, scene: dict[str, Any]) -> Axis:
-    key = checked_key(scene, own.key)
-    name = key if own.name is None else own.name
+def _axis(each: AxisTable, table: SweepTable, scene: dict[str, Any]) -> Axis:
+    key = checked_key(scene, each.key)
+    name = key if each.name is None else each.name
     if name in RESERVED or not _NAME.fullmatch(name) or len(name.encode()) > _LONGEST:
         allowed = (
             "a name without / and \\ that begins with a letter, a digit or _, of up to "
             f"{_LONGEST} bytes, and none of {', '.join(sorted(RESERVED))}"
         )
         raise InputError("name", name, allowed)
-    values = values_of(own, table.draws, table.seed)
-    return Axis(key, name, values, unit_of(scene, key), own.distribution is not None)
+    values = values_of(each, table.draws, table.seed)
+    return Axis(key, name, values, unit_of(scene, key), each.distribution is not None)
 
 
-def _check_compute(asked: Question, compute: str) -> None:
+def _check_compute(request: Question, compute: str) -> None:
     """Raise InputError, naming it, for what a scene has that a sweep does not take.
 
     Or lacks: a plan needs targets and limits, the others tensions or lengths.
     """
-    if asked.scene.has(PrintedStatics):
+    if request.scene.has(PrintedStatics):
         raise InputError("compute", f"{compute} as printed", "a scene without as_printed")
     if compute == "plan":
-        if not asked.targets or "tension_max" not in asked.options:
+        if not request.targets or "tension_max" not in request.options:
             raise InputError("compute", "plan", "plan for a scene with [target] and [limits]")
-    elif asked.tensions is None and not asked.winches:
+    elif request.tensions is None and not request.winches:
         text = f"{compute} for a scene with tensions, lengths_mm or strokes_mm"
         raise InputError("compute", compute, text)
     if compute != "settle":
-        check_loads(asked.arm, asked.scene, contact=True)
+        check_loads(request.arm, request.scene, contact=True)
 
 
 # Sweeps of objects
@@ -280,12 +280,12 @@ def sweep_table(
         raise InputError("axes", axes, text)
     arguments = {"tensions": tensions, "tension_max": tension_max}
     table = scene_table(arm, scene, target, **arguments, **keys)
-    asked: dict[str, Any] = {
+    entries: dict[str, Any] = {
         "compute": compute or ("settle" if target is None else "plan"),
         "axes": [_axis_table(key, values) for key, values in axes.items()],
         "seed": seed,
     }
-    return {"scene": table, "sweep": asked | ({} if draws is None else {"draws": draws})}
+    return {"scene": table, "sweep": entries | ({} if draws is None else {"draws": draws})}
 
 
 def _axis_table(key: str, values: Any) -> dict[str, Any]:

@@ -174,10 +174,10 @@ def gathered(sweep: Sweep, read: Read) -> Any:
     return xarray.Dataset(variables, coords, made)
 
 
-def _array(sweep: Sweep, read: Read, name: str, own: Variable, width: int) -> Any:
+def _array(sweep: Sweep, read: Read, name: str, each: Variable, width: int) -> Any:
     """Return a variable as an array of Dask's, of blocks of neighbouring points."""
-    points, kind = tuple(sweep.dims.values()), dtype_of(own, width)
-    shape = (*points, *own.sizes(len(sweep.job.tendons)))
+    points, kind = tuple(sweep.dims.values()), dtype_of(each, width)
+    shape = (*points, *each.sizes(len(sweep.job.tendons)))
     box = (*box_sizes(points, _BLOCK), *shape[len(points) :])
     array = needed("dask.array", "sweep")
     chunks = array.core.normalize_chunks(box, shape)

@@ -31,7 +31,7 @@ _log = logging.getLogger("planner.sweeps")
 
 @with_progress
 def sweep(
-    asked: str | Path | Arm,
+    request: str | Path | Arm,
     out: str | Path | None = None,
     *,
     jobs: int = 1,
@@ -51,7 +51,7 @@ def sweep(
 
     Parameters
     ----------
-    asked : path or Arm
+    request : path or Arm
         The sweep file, see planner.sweeps.definition; or an arm, with `axes` and what follows.
     out : path
         Where to write the Dataset, .nc or .zarr. Memory does not grow with the number of points
@@ -91,13 +91,13 @@ def sweep(
         If something cannot be written; what is finished is kept.
     """
     seconds = None if time_limit is None else positive("time_limit", time_limit)
-    if isinstance(asked, Arm):
-        wanted = sweep_of(sweep_table(asked, axes, **others), seconds)
+    if isinstance(request, Arm):
+        wanted = sweep_of(sweep_table(request, axes, **others), seconds)
     elif axes is not None or others:
         surplus = ", ".join([*(["axes"] if axes is not None else []), *others])
         raise InputError(surplus, "given beside a sweep file", "with an Arm in place of the file")
     else:
-        wanted = load_sweep(asked, seconds)
+        wanted = load_sweep(request, seconds)
     if out is not None:
         _, is_earlier = written(wanted, out, jobs=jobs, scheduler=scheduler)
         if is_earlier:

@@ -55,9 +55,11 @@ class VersionsError(OctoplanError):
         Versions of the worker, and of whoever asks.
     """
 
-    def __init__(self, own: dict[str, str], wanted: dict[str, str]) -> None:
-        self.own, self.wanted = own, wanted
-        super().__init__(f"a worker of the cluster has {own}, this process {wanted}; install alike")
+    def __init__(self, entries: dict[str, str], wanted: dict[str, str]) -> None:
+        self.own, self.wanted = entries, wanted
+        super().__init__(
+            f"a worker of the cluster has {entries}, this process {wanted}; install alike"
+        )
 
     def __reduce__(self) -> tuple[type, tuple[dict[str, str], dict[str, str]]]:
         return type(self), (self.own, self.wanted)

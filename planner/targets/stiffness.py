@@ -102,13 +102,13 @@ class Softest(_Directed):
         return Terms(objective={"stiffness": -_log_compliance(view, p)})
 
 
-def _direction_or_matrix(name: str, given: Any) -> tuple[Any, ...]:
+def _direction_or_matrix(name: str, argument: Any) -> tuple[Any, ...]:
     """Return a direction (3,), or a symmetric positive definite matrix (3, 3), row by row."""
-    if np.ndim(given) != 2:
-        return unit_vector(name, given)
-    matrix = finite_array(name, given, (3, 3))
+    if np.ndim(argument) != 2:
+        return unit_vector(name, argument)
+    matrix = finite_array(name, argument, (3, 3))
     if not np.allclose(matrix, matrix.T) or np.linalg.eigvalsh(matrix)[0] <= 0:
-        raise InputError(name, given, "a direction, or a symmetric positive definite matrix")
+        raise InputError(name, argument, "a direction, or a symmetric positive definite matrix")
     return tuple(map(tuple, matrix.tolist()))
 
 
@@ -159,11 +159,11 @@ class MinimumStiffness(Free):
 
     def parameters(self, arm: Arm) -> Array:
         """See Target.parameters: the direction, or the matrix's root; times the value's root."""
-        given = np.array(self.direction)
-        if given.ndim == 2:
-            values, vectors = np.linalg.eigh(given)
-            given = vectors @ np.diag(np.sqrt(values)) @ vectors.T
-        return np.ravel(given * np.sqrt(self.value))
+        argument = np.array(self.direction)
+        if argument.ndim == 2:
+            values, vectors = np.linalg.eigh(argument)
+            argument = vectors @ np.diag(np.sqrt(values)) @ vectors.T
+        return np.ravel(argument * np.sqrt(self.value))
 
     def terms(self, view: View, p: ca.MX) -> Terms:
         """See Target.terms: the stiffness over that wanted, less 1; or minors of a matrix."""

@@ -69,8 +69,8 @@ class Wrap(Free):
 
     def __post_init__(self) -> None:
         if (self.turns is None) == (self.length is None):
-            given = "neither" if self.turns is None else "both"
-            raise InputError("Wrap", given, "turns, or the length of the part in m")
+            argument = "neither" if self.turns is None else "both"
+            raise InputError("Wrap", argument, "turns, or the length of the part in m")
         if self.turns is not None and isinstance(self.obstacle, HalfSpace):
             raise InputError("Wrap.turns", self.turns, "a length: there are no turns round a plane")
 

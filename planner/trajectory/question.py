@@ -67,12 +67,12 @@ class Rates:
             tension = arm.flat(tension, "rate_max")
             if not tension.min() > 0:
                 raise InputError("rate_max", tension.tolist(), "numbers above 0 N/s")
-        given = {
+        options = {
             "stroke_rate_max": stroke,
             "stroke_acceleration_max": acceleration,
             "tip_acceleration_max": tip,
         }
-        most = [np.inf if limit is None else positive(key, limit) for key, limit in given.items()]
+        most = [np.inf if limit is None else positive(key, limit) for key, limit in options.items()]
         warn_of_strokes("stroke_rate_max", [most[0] / arm.length])
         return cls(tuple(np.asarray(tension).tolist()), *most)
 

@@ -125,20 +125,20 @@ class Trajectory:
     @property
     def outcome(self) -> str:
         """What happened, and what to try: a sentence or two."""
-        found, certificate = (
+        result, certificate = (
             f"{self.duration:.4g} s for {len(self.stops)} targets",
             self.certificate,
         )
         if certificate.passed:
-            told = [f"Reached: {found}, every target met, limits, rates and clearance kept."]
+            messages = [f"Reached: {result}, every target met, limits, rates and clearance kept."]
         else:
             advice = "give it more time, room or tension, or move what is missed"
-            told = [f"Not certified ({found}): {'; '.join(certificate.failures)}; {advice}."]
+            messages = [f"Not certified ({result}): {'; '.join(certificate.failures)}; {advice}."]
         share = f"the tip accelerates by some {self.inertia:.2g} times gravity"
         slow = self.inertia <= QUASI_STATIC * (1 + SAMPLED)
         words = f"{'Slow' if slow else 'Not slow'} enough to be quasi-static"
-        told.append(f"{words}: {share}, the arm's slowest period {self.period:.2g} s.")
-        return " ".join(told)
+        messages.append(f"{words}: {share}, the arm's slowest period {self.period:.2g} s.")
+        return " ".join(messages)
 
     def at(self, t: Any) -> Array:
         """Return the tensions at a time [s], by section, or at times (M,), flat (M, n_tendons) [N].
@@ -148,17 +148,19 @@ class Trajectory:
         wanted = finite_array("t", np.atleast_1d(t), (None,))
         if wanted.size and (wanted.min() < 0 or wanted.max() > self.duration * (1 + 1e-12)):
             raise InputError("t", t, f"times from 0 to {self.duration:g} s")
-        found = self.way.at(wanted)
-        return self.arm.by_section(found[0]) if np.ndim(t) == 0 else found
+        result = self.way.at(wanted)
+        return self.arm.by_section(result[0]) if np.ndim(t) == 0 else result
 
     def shape(self, t: float) -> Shape:
         """Return the settled shape at a time [s]."""
-        T, asked = np.ravel(self.at(t)), self.question
-        if contacts(asked.scene):
+        T, question = np.ravel(self.at(t)), self.question
+        if contacts(question.scene):
             before = int(np.searchsorted(self.times, t, side="right")) - 1
-            fine = max(asked.accuracy / 10, 1e-12)
+            fine = max(question.accuracy / 10, 1e-12)
             near = self.shapes[min(before, len(self.times) - 1)]
-            return settle(self.arm, T, asked.scene, fine, compile=asked.machine_code, near=near)
+            return settle(
+                self.arm, T, question.scene, fine, compile=question.machine_code, near=near
+            )
         return self._shape(T)
 
     def save(self, path: str | Path) -> Path:
@@ -191,9 +193,9 @@ class Trajectory:
         return ("\n".join(lines) + "\n").encode()
 
     def _shape(self, T: Array) -> Shape:
-        asked = self.question
-        fine = max(asked.accuracy / 10, 1e-12)
-        return settle(self.arm, T, asked.scene, fine, compile=asked.machine_code)
+        question = self.question
+        fine = max(question.accuracy / 10, 1e-12)
+        return settle(self.arm, T, question.scene, fine, compile=question.machine_code)
 
 
 def slowest_period(shape: Shape) -> float:

@@ -44,7 +44,7 @@ class Timed:
         rates, steps = question.rates, np.abs(np.diff(tensions, axis=0))
         change = steps.max(axis=1) / max(float(steps.max()), _INSTANT)
         least = np.maximum((steps / rates.tension).max(axis=1), _INSTANT * np.maximum(change, 1e-3))
-        laws = [TimeLaw.steady(own) for own in least]
+        laws = [TimeLaw.steady(each) for each in least]
         looked = stretches(question, tensions) if rates.of_strokes or rates.at_rest else []
         if looked:
             ends = zip(laws, looked, np.diff(tensions, axis=0), strict=True)
@@ -84,9 +84,9 @@ class Timed:
         which = np.clip(np.searchsorted(self.starts, t, side="right") - 1, 0, last)
         tensions = np.zeros((t.size, self.tensions.shape[1]))
         for k in np.unique(which):
-            own = which == k
-            share = self.laws[k].at(t[own] - self.starts[k])[0].clip(0.0, 1.0)[:, None]
-            tensions[own] = self.tensions[k] + share * (self.tensions[k + 1] - self.tensions[k])
+            values = which == k
+            share = self.laws[k].at(t[values] - self.starts[k])[0].clip(0.0, 1.0)[:, None]
+            tensions[values] = self.tensions[k] + share * (self.tensions[k + 1] - self.tensions[k])
         return tensions
 
 

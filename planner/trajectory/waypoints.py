@@ -127,7 +127,7 @@ class Waypoints:
             for waypoint in waypoints
             if waypoint.avoidance
         ]
-        room = tuple(max(own) for own in zip(*(own for own in kept if own), strict=True))
+        room = tuple(max(each) for each in zip(*(each for each in kept if each), strict=True))
         return [
             replace(waypoint, avoidance=replace(waypoint.avoidance, room=room))
             if waypoint.avoidance

@@ -127,17 +127,17 @@ def measured(name: str, kind: str, works: Iterable[Work], error: Error, size: Si
     curve = Curve(name, kind)
     for number, work in enumerate(works):
         try:
-            found = [timed(partial(work, i)) for i in range(size.cases)]
+            results = [timed(partial(work, i)) for i in range(size.cases)]
         except FAILURES:
             curve.failed.append(number)
             continue
         # The first call builds; where the others are long enough they are the measurement.
-        times = [taken for taken, _ in found[1:]]
+        times = [taken for taken, _ in results[1:]]
         if sum(times) < size.budget:
             many = calls_for(partial(work, 0))
             turns = while_budget(size.cases, size.repeats, size.budget)
             times = [seconds(partial(work, k % size.cases), many) for k in turns]
-        errors = [error(i, value) for i, (_, value) in enumerate(found)]
+        errors = [error(i, value) for i, (_, value) in enumerate(results)]
         curve.times.append(1e3 * np.percentile(times, [25, 50, 75]))
         curve.errors.append(np.percentile(errors, [25, 50, 75]))
         if kind == "own" and curve.errors[-1][1] < _FINE:
@@ -157,11 +157,11 @@ def settling(scene: Scene, size: Size, rng: np.random.Generator) -> list[Curve]:
     curves = []
     for name in CLOSED_FORMS if scene == EXACT else schemes_of(scene):
         maps = (forward_map(ARM, scene, name, refinement) for refinement in size.meshes)
-        curves.append(measured(name, "own", (partial(_tip, own, T) for own in maps), off, size))
+        curves.append(measured(name, "own", (partial(_tip, each, T) for each in maps), off, size))
     chosen = (partial(_settled, scene, T, a) for a in KNOB[: size.settings])
     curves.append(measured("settle's choice", "choice", chosen, off, size))
     for name, tip, settings in others(scene):
-        works = (partial(_by_others, tip, T, own) for own in settings[: size.settings])
+        works = (partial(_by_others, tip, T, setting) for setting in settings[: size.settings])
         curves.append(measured(name, "other", works, off, size))
     return curves
 
@@ -245,10 +245,10 @@ def plans(size: Size, rng: np.random.Generator) -> list[Curve]:
 
 
 def _planned(scene: Scene, points: list[Array], accuracy: float, i: int) -> Array:
-    found = plan(ARM, TipPosition(tuple(points[i])), scene, draws.MAXIMUM, accuracy=accuracy)
-    if not found.reached:
-        raise RuntimeError(found.outcome)
-    return np.ravel(found.tensions)
+    result = plan(ARM, TipPosition(tuple(points[i])), scene, draws.MAXIMUM, accuracy=accuracy)
+    if not result.reached:
+        raise RuntimeError(result.outcome)
+    return np.ravel(result.tensions)
 
 
 TIP = "verified tip error [L]"
@@ -274,7 +274,7 @@ FIGURES: dict[str, tuple[Panel, ...]] = {
 def draw(ax: Axes, curves: Sequence[Curve], error: str) -> None:
     """Draw errors over times with quartiles; a scheme has one colour in all panels."""
     choices = iter(("black", "#b3123f"))
-    for curve in (own for own in curves if own.times):
+    for curve in (each for each in curves if each.times):
         x, y = np.array(curve.times).T, np.maximum(np.array(curve.errors).T, 1e-13)
         colour = {"color": next(choices) if curve.kind == "choice" else _COLOURS.get(curve.name)}
         style = colour | {"label": curve.name, "lw": 1.2, "elinewidth": 0.6} | _STYLES[curve.kind]

@@ -40,7 +40,7 @@ def question(count: int) -> tuple[Arm, list[Measured]]:
     arm, measured = shapes()
     section = arm.sections[0]
     straight = Anchorage(section.at, section.offset, section.angles)
-    measured += [replace(own, name=f"{own.name} again") for own in measured[:AGAIN]]
+    measured += [replace(each, name=f"{each.name} again") for each in measured[:AGAIN]]
     return replace(arm, sections=(straight,)), measured[:count]
 
 
@@ -52,15 +52,15 @@ def by_scipy(arm: Arm, measured: Sequence[Measured], compile: bool) -> Array:  #
 
     def off(z: Array) -> Array:
         scaled = replace(body, E=body.E * z[0], density=body.density * z[1])
-        own, rows = replace(arm, material=scaled), []
+        values, rows = replace(arm, material=scaled), []
         for one in measured:
-            shape = settle(own, one.tensions, LINEAR, compile=compile)
+            shape = settle(values, one.tensions, LINEAR, compile=compile)
             places = shape.position(at) + np.einsum("nij,nj->ni", shape.frame(at), offsets)
             rows.append(np.ravel(places - one.places))
         return np.concatenate(rows)
 
-    found = least_squares(off, [1.0, 1.0], xtol=1e-6, ftol=1e-8).x
-    return np.array([body.E / 1e3, body.density]) * found
+    result = least_squares(off, [1.0, 1.0], xtol=1e-6, ftol=1e-8).x
+    return np.array([body.E / 1e3, body.density]) * result
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -83,9 +83,9 @@ def main(argv: Sequence[str] | None = None) -> None:
         settle(arm, measured[0].tensions, LINEAR, compile=compiled)
         theirs, other = timed(lambda on=compiled: by_scipy(arm, measured, on))  # type: ignore[misc]
         ours = [timed(own) for _ in range(args.repeats)]
-        median, found = float(np.median([t for t, _ in ours])), ours[-1][1]
+        median, result = float(np.median([t for t, _ in ours])), ours[-1][1]
         print(
             f"{'compiled' if compiled else 'interpreted'}: SciPy {theirs:.2f} s, calibrate "
-            f"{median:.3f} s, {theirs / median:.1f} times as fast; modulus {found[0]:.3f} kPa, "
+            f"{median:.3f} s, {theirs / median:.1f} times as fast; modulus {result[0]:.3f} kPa, "
             f"by SciPy {other[0]:.3f}"
         )

@@ -117,32 +117,34 @@ def run(count: int, rng: np.random.Generator) -> list[Case]:
     Loads are drawn anew for every third case of a scene only, as each builds its own functions.
     """
     kinds = [(name, kind) for name in ARMS for kind in SCENES]
-    found: list[Case] = []
+    results: list[Case] = []
     for i, (name, kind) in enumerate(kinds):
         arm, wanted = Arm.from_paper(name), len(range(i, count, len(kinds)))
         cases: list[Case] = []
         scene = Scene(*SCENES[kind](rng, arm))
         while len(cases) < wanted:
             T = draws.tensions(arm, rng, rng.uniform(0.2, 1.5), slack=rng.choice([0.0, 0.5]))
-            asked = float(10 ** rng.uniform(-9, -3))
+            request = float(10 ** rng.uniform(-9, -3))
             try:
                 true = tightest(arm, T, scene)
             except (SnapError, CollapsedError):
                 scene = Scene(*SCENES[kind](rng, arm))
                 continue
-            cases.append(Case(name, kind, scene, T, asked, *settled(arm, T, scene, asked, true)))
+            cases.append(
+                Case(name, kind, scene, T, request, *settled(arm, T, scene, request, true))
+            )
             if len(cases) % 3 == 0:
                 scene = Scene(*SCENES[kind](rng, arm))
-        found += cases
-    return found
+        results += cases
+    return results
 
 
 def settled(
-    arm: Arm, T: Array, scene: Scene, asked: float, true: Array
+    arm: Arm, T: Array, scene: Scene, request: float, true: Array
 ) -> tuple[float, float, str]:
     """Return the stated error of a settle, the true one, and by which scheme and mesh it was."""
     try:
-        shape = settle(arm, T, scene, asked)
+        shape = settle(arm, T, scene, request)
     except OctoplanError as problem:
         return np.nan, np.inf, f"{type(problem).__name__}: {problem}"
     error = float(np.linalg.norm(shape.tip - true)) / arm.length

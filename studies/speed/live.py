@@ -118,22 +118,22 @@ def main(argv: Sequence[str] | None = None) -> None:
     args = parser.parse_args(argv)
     from playwright.sync_api import sync_playwright
 
-    asked = load(args.scene)
-    options = asked.options | {"accuracy": asked.accuracy, "compile": args.compile}
+    request = load(args.scene)
+    options = request.options | {"accuracy": request.accuracy, "compile": args.compile}
     options["tension_max"] = np.maximum(options["tension_max"], _PULL)
     bare = {name: value for name, value in options.items() if "clear" not in name}
     free = bare | {"obstacles": ()}
     cases = [
         ("paper", Scene(Extension()), free),
-        ("ball", asked.scene, options),
+        ("ball", request.scene, options),
         ("silicone_in_water", Scene.silicone(Weight(), Buoyancy()), free),
         ("silicone_in_air", Scene.silicone(Weight()), free),
     ]
     print("scene              pictures/s   delay [ms], 99 %   there after [s]")
     with sync_playwright() as play:
         browser = play.chromium.launch(executable_path=shutil.which("chromium"), args=_OPTIONS)
-        for name, scene, own in cases:
-            session = Session(asked.arm, scene, handle_of(asked.arm, asked.targets), own)
+        for name, scene, each in cases:
+            session = Session(request.arm, scene, handle_of(request.arm, request.targets), each)
             picture = args.screenshots / f"{name}.png" if args.screenshots else None
             print(f"{name:18s} {measured(browser, session, args.seconds, picture)}", flush=True)
         browser.close()

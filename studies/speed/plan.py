@@ -57,28 +57,30 @@ def planned(
     scene: Scene = PAPER,
 ) -> Plan:
     """Return the plan of a tip position, with its certificate."""
-    found = plan(arm, TipPosition(tuple(point)), scene, upper, near=near)
-    _ = found.certificate
-    return found
+    result = plan(arm, TipPosition(tuple(point)), scene, upper, near=near)
+    _ = result.certificate
+    return result
 
 
 def cold_rows(plans: int, rng: np.random.Generator) -> list[Row]:
     """Return cold, certified plans against SLSQP from random starts until one leads there."""
     arm = Arm.from_paper("table-4")
-    scipy, found, ours, theirs = ScipyArm(arm), [], [], []
+    scipy, results, ours, theirs = ScipyArm(arm), [], [], []
     points = [draws.shape(arm, PAPER, rng, i % 3).tip for i in range(plans)]
     planned(arm, points[0])
     for point in points:
         starts = rng.uniform(size=(_SCIPY_STARTS, 12)) * np.repeat([0.1, 0.5, 1.5], 4)
 
-        own, mine = timed(partial(planned, arm, point))
+        values, mine = timed(partial(planned, arm, point))
         other, (_, solved) = timed(partial(scipy.plan_tip_from, point, draws.MAXIMUM, starts))
         ours.append(mine.reached)
         theirs.append(solved)
-        found.append(other / own)
+        results.append(other / values)
     shares = f"{np.mean(ours):.1%} and {np.mean(theirs):.1%}"
     return [
-        Row("plan of a tip, certified", "SLSQP, differences, DOP853", "300", f"{Spread.of(found)}"),
+        Row(
+            "plan of a tip, certified", "SLSQP, differences, DOP853", "300", f"{Spread.of(results)}"
+        ),
         Row(f"  solved of {plans}, ours and SciPy's", "", "no fewer", shares),
     ]
 
@@ -89,9 +91,9 @@ def scene_rows(plans: int, rng: np.random.Generator) -> list[Row]:
     for name, scene in draws.SCENES.items():
         points = [draws.shape(arm, scene, rng, i % 3).tip for i in range(plans)]
         planned(arm, points[0], scene=scene)
-        found = [timed(partial(planned, arm, point, scene=scene)) for point in points]
-        good = sum(own.reached for _, own in found)
-        took = Spread.of([seconds for seconds, _ in found])
+        results = [timed(partial(planned, arm, point, scene=scene)) for point in points]
+        good = sum(each.reached for _, each in results)
+        took = Spread.of([seconds for seconds, _ in results])
         rows.append(Row(f"{name}: a certified plan [s]", "", "", f"{took}; {good} of {plans}"))
     return rows
 
@@ -100,14 +102,14 @@ def warm_row(points: int, rng: np.random.Generator) -> Row:
     """Return plans along a path of the tip, each near the one before, against cold ones."""
     arm = Arm.from_paper("table-4")
     path = tip_path(arm, points, rng)
-    before, found = planned(arm, path[0]), []
+    before, results = planned(arm, path[0]), []
     for point in path[1:]:
         cold = seconds(partial(planned, arm, point))
         warm, before = timed(partial(planned, arm, point, near=before))
         if not before.certificate.passed:
             raise RuntimeError(f"no plan for the tip {point.tolist()} of the path")
-        found.append(cold / warm)
-    return Row(f"plans along {points} points, warm", "cold plans", "5", f"{Spread.of(found)}")
+        results.append(cold / warm)
+    return Row(f"plans along {points} points, warm", "cold plans", "5", f"{Spread.of(results)}")
 
 
 def tip_path(arm: Arm, count: int, rng: np.random.Generator) -> Array:
@@ -137,11 +139,11 @@ def growth_of_plan(counts: Sequence[int], plans: int, rng: np.random.Generator) 
 def first_row(repeats: int) -> Row:
     """Return the time of the first plan in a fresh process, import and build included."""
     command = [sys.executable, "-c", _FIRST]
-    found = [
+    results = [
         float(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
         for _ in range(repeats)
     ]
-    return Row("first plan in a process [s]", "", "1.5", f"{Spread.of(found)}")
+    return Row("first plan in a process [s]", "", "1.5", f"{Spread.of(results)}")
 
 
 def tables(args: argparse.Namespace) -> Parts:

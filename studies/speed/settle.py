@@ -60,12 +60,12 @@ def loosest(tip: Callable[[float], Array], true: Array, length: float) -> float 
 
     One that is good where a tighter one is not is so by luck, which nobody can rely on.
     """
-    found = None
+    result = None
     for rtol in reversed(RTOLS):
         if np.linalg.norm(tip(rtol) - true) > ACCURACY * length:
             break
-        found = rtol
-    return found
+        result = rtol
+    return result
 
 
 def settle_rows(arms: int, repeats: int, batch: int, rng: np.random.Generator) -> list[Row]:
@@ -84,12 +84,12 @@ def settle_rows(arms: int, repeats: int, batch: int, rng: np.random.Generator) -
     for machine_code, wanted in ((False, "300"), (True, "1500")):
         many = partial(settle_many, arm, sets, PAPER, ACCURACY, compile=machine_code)
         many()
-        found = []
+        results = []
         for _ in range(repeats):
             one = np.mean([seconds(work) for work in works])
-            found.append(one * batch / seconds(many))
+            results.append(one * batch / seconds(many))
         name = f"settle_many, an arm of {batch}" + ", compiled" * machine_code
-        rows.append(Row(name, "SciPy DOP853", wanted, f"{Spread.of(found)}"))
+        rows.append(Row(name, "SciPy DOP853", wanted, f"{Spread.of(results)}"))
     return [*rows, Row("  worst verified error of settle [L]", "", "1e-6", f"{max(errors):.1e}")]
 
 
@@ -97,19 +97,19 @@ def jacobian_rows(arms: int, repeats: int, rng: np.random.Generator) -> list[Row
     """Return the tip Jacobian against the cheapest differences over SciPy that are as good."""
     arm = Arm.from_paper("table-4")
     scale, errors = draws.most(arm), []
-    found: dict[bool, list[float]] = {False: [], True: []}
+    entries: dict[bool, list[float]] = {False: [], True: []}
     for T in draws.rows(arm, rng, arms):
         true = tip_jacobian(arm, T, PAPER, 1e-11)[:3]
         errors.append(_off(tip_jacobian(arm, T, PAPER, ACCURACY)[:3], true, scale))
         limit = max(errors[-1], ACCURACY)
         theirs = _differences(ScipyArm(arm), T, scale, true, limit)
-        for machine_code, values in found.items():
+        for machine_code, values in entries.items():
             exact = partial(tip_jacobian, arm, T, PAPER, ACCURACY, compile=machine_code)
             values += ratios(exact, theirs, repeats)
     name = f"tip Jacobian, {arm.n_tendons} tensions"
     rows = [
         Row(name + ", compiled" * c, "differences of DOP853", "1000", f"{Spread.of(values)}")
-        for c, values in found.items()
+        for c, values in entries.items()
     ]
     return [*rows, Row("  its worst error, relative", "", "", f"{max(errors):.1e}")]
 
@@ -134,8 +134,8 @@ def loaded_rows(arms: int, repeats: int, rng: np.random.Generator) -> list[Row]:
     """Return loaded settles against shooting and collocation by SciPy, whichever is faster."""
     arm, rows = Arm.from_paper("table-4"), []
     for name, (scene, force, gravity, fluid) in LOADS.items():
-        found: list[float] = []
-        while len(found) < arms * repeats:
+        results: list[float] = []
+        while len(results) < arms * repeats:
             T = draws.tensions(arm, rng)
             try:
                 true = settle(arm, T, scene, 1e-10).tip
@@ -147,9 +147,9 @@ def loaded_rows(arms: int, repeats: int, rng: np.random.Generator) -> list[Row]:
                 print(f"  {name}: SciPy did not settle {np.round(T, 3).tolist()}")
                 continue
             theirs = min(works, key=seconds)
-            found += ratios(partial(settle, arm, T, scene, ACCURACY), theirs, repeats)
+            results += ratios(partial(settle, arm, T, scene, ACCURACY), theirs, repeats)
         against = "SciPy shooting or solve_bvp"
-        rows.append(Row(f"settle, {name}, 1e-6 L", against, "200", f"{Spread.of(found)}"))
+        rows.append(Row(f"settle, {name}, 1e-6 L", against, "200", f"{Spread.of(results)}"))
     return rows
 
 

@@ -68,8 +68,8 @@ def timed(file: Path, out: Path, jobs: int) -> tuple[float, float]:
 def peak(file: Path, out: Path) -> float:
     """Run a sweep; return the most memory that it takes [MB]."""
     command = [sys.executable, "-c", _PEAK, *_words(file, out, 1)]
-    told = subprocess.run(command, cwd=ROOT, env=_alone(), capture_output=True, check=True)
-    return float(told.stdout.split()[-1]) / 1024
+    process = subprocess.run(command, cwd=ROOT, env=_alone(), capture_output=True, check=True)
+    return float(process.stdout.split()[-1]) / 1024
 
 
 def main(argv: Sequence[str] | None = None) -> None:

@@ -48,8 +48,8 @@ def seconds(work: Work, calls: int = 1, clock: Clock = time.process_time) -> flo
 def timed(work: Callable[[], T], clock: Clock = time.process_time) -> tuple[float, T]:
     """Return the time of a call [s], and what it returned."""
     begin = clock()
-    found = work()
-    return clock() - begin, found
+    result = work()
+    return clock() - begin, result
 
 
 def while_budget(least: int, most: int, budget: float) -> Iterator[int]:
