@@ -41,7 +41,7 @@ from planner.targets.base import Target
 # Corrections and meshes that are tried; the part of the accuracy that a defect may be off by, and
 # of what optimality is held to; that in least squares, whose gradient it changes; what rounding
 # leaves of it.
-_CORRECTIONS, _PART, _SMALL_PART, _ROUNDING = 8, 3, 100, 1e-12
+_CORRECTIONS, _PART, _SMALL_PART, _ROUNDING = 8, 3, 1000, 1e-12
 # Defects above this, over L, ask for a finer mesh; what is farther off comes to another shape.
 _ROUGH, _ELSEWHERE = 1e-3, 0.1
 # How often bounds that turn out not to hold are let go, and what gradient is left at an optimum.
@@ -74,8 +74,8 @@ def refine(
     """Return the optimum whose settled shape is what its program measures, to the last digits.
 
     To a part of the accuracy. None where the optimum is lost on the way, and where the arm comes to
-    another shape from rest. A solution that is polished already comes with the defect that is
-    `known` to its program.
+    another shape from rest. A solution that is polished already comes with the defect that its
+    program was `corrected` for.
     """
     try:
         return _refined(task, statement, solution, corrected)
