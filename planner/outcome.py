@@ -154,5 +154,8 @@ def _holders(facts: Facts) -> str:
     if not facts.holders and not facts.is_nearest:
         return "no limit is active, more starts may find a nearer one"
     if not facts.holders:
-        return "no limit is active: the target is out of reach of these tendons, move it"
+        return (
+            "no limit is active and no initial guess leads nearer: the target is likely out of "
+            "reach of these tendons; move it, or try more starts"
+        )
     return f"held by {', '.join(facts.holders[:3])}; raise these limits or move the target"

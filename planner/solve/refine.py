@@ -39,9 +39,8 @@ from planner.solve.task import SearchResult, Task, Trial
 from planner.targets.base import Target
 
 # Corrections and meshes that are tried; the part of the accuracy that a defect may be off by, and
-# of what optimality is held to; that in least squares, whose gradient it changes; what rounding
-# leaves of it.
-_CORRECTIONS, _PART, _SMALL_PART, _ROUNDING = 8, 3, 1000, 1e-12
+# of what optimality is held to.
+_CORRECTIONS, _PART = 8, 3
 # Defects above this, over L, ask for a finer mesh; what is farther off comes to another shape.
 _ROUGH, _ELSEWHERE = 1e-3, 0.1
 # How often bounds that turn out not to hold are let go, and what gradient is left at an optimum.
@@ -87,17 +86,19 @@ def _refined(
     task: Task, statement: Statement, solution: Solution, corrected: Array | None
 ) -> Refined | None:
     """Return what refine does; raises where the arm does not settle, and where it buckles."""
+    last = None
+    enough = max(min(task.accuracy, KKT_TOLERANCE) / _PART, FINEST_ACCURACY)
     for _ in range(_CORRECTIONS):
         check_time()
         problem = task.problem(statement)
         T = problem.tensions(solution.x, task.allowed)
         shape = settled(task.arm, T, task.scene, task.accuracy, task.machine_code)
         error = defect(problem, solution.x, task.targets, shape)
-        part = _PART if statement.mode == "exact" else _SMALL_PART
-        enough = max(min(task.accuracy, KKT_TOLERANCE) / part, _ROUNDING)
         if corrected is not None and _defect_size(problem, error - corrected) <= enough:
             stated = statement.but(solver=solution.solver, iterations=solution.iterations)
-            return Refined(stated, solution, T, shape)
+            last = Refined(stated, solution, T, shape)
+            if statement.mode == "exact" or _is_optimal(task, statement, solution, error):
+                return last
         rough = _defect_size(problem, error)
         if not rough <= _ELSEWHERE:
             return None
@@ -114,8 +115,16 @@ def _refined(
         p, bounds = task.parameters(statement, defect=corrected), task.bounds(statement)
         solution = polish(problem, solution, p, bounds)
         if not (solution.met and solution.finite):
-            return None
-    return None
+            return last
+    return last
+
+
+def _is_optimal(task: Task, statement: Statement, solution: Solution, error: Array) -> bool:
+    """Return whether least squares are optimal with a defect, which enters their gradient."""
+    problem, p = task.problem(statement), task.parameters(statement, defect=error)
+    lam = solution.lam_x[: problem.n_free], solution.lam_g[: problem.n_outer]
+    residual = Point(problem, solution.x, p).residual(*lam, task.bounds(statement))
+    return residual <= KKT_TOLERANCE / _PART
 
 
 def settled_on(task: Task, problem: Problem, statement: Statement, solution: Solution) -> Solution:

@@ -144,7 +144,7 @@ def test_a_target_far_beyond_the_arm_is_answered_with_the_nearest_shape(norm: An
 @pytest.mark.parametrize(
     ("facts", "advice"),
     [
-        ({}, "no limit is active: the target is out of reach of these tendons, move it"),
+        ({}, "no initial guess leads nearer: the target is likely out of reach of these tendons"),
         ({"in contact": True}, "no limit is active, more starts may find a nearer one"),
         ({"holders": ("T_11 at its maximum",)}, "held by T_11 at its maximum; raise these limits"),
         ({"stopped": True}, "a longer time limit may bring it nearer"),
