@@ -220,7 +220,7 @@ class Waypoints:
             before, stop = stop, self._stop(replace(waypoint, targets=following))
             if optimum is None or stop.problem is not before.problem:
                 x = stop.problem.guess(waypoint.tensions, limits, stop.p, True)
-                optimum = solve(stop.problem, x, stop.p, stop.bounds)
+                optimum = solve(stop.problem, x, stop.p, stop.bounds, purpose="follow")
             else:
                 multipliers = optimum.lam_x, optimum.lam_g
                 optimum = solve(stop.problem, optimum.x, stop.p, stop.bounds, multipliers, "follow")
