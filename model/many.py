@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from model.arm import Arm
 from model.checks import finite_array
-from model.equilibrium.equilibrium import check_stretch, stretch_of
+from model.equilibrium.equilibrium import check_stretch
 from model.equilibrium.forward import Collocation
-from model.equilibrium.linearised import Linearised
 from model.errors import ConvergenceError, InputError, OctoplanError, UnsettledSectionError
 from model.forward import Maps, maps_of
+from model.loads import is_loaded
 from model.machine.compiled import Compile, checked_compile
 from model.mesh import checked_accuracy, first_pair, next_refinement
 from model.paths import Array
@@ -26,8 +26,7 @@ from model.settle import ACCURACY, checked_scene, settle
 from model.shape import Shape
 from model.text import MOST_LINES, columns, counted, shortened_lines
 from model.time_limit import check_time
-from model.transcription.layout import POSE
-from model.unloaded.marched import Marched
+from model.unloaded.marched import March, Marched
 from model.unloaded.sections import LEAST_STRETCH
 from model.winches import pulls
 
@@ -117,16 +116,11 @@ class Problems:
         )
 
 
-# Sets of a loaded arm that are settled side by side: factors of more would fill the memory.
-_AT_ONCE = 256
-
-
 class ManySets:
-    """Sets of tensions (M, n_tendons) [N] of an arm in a scene, on their way to an accuracy."""
+    """Sets of tensions (M, n_tendons) [N] of an unloaded arm, on their way to an accuracy."""
 
     def __init__(self, maps: Maps, T: Array, accuracy: float, problems: Problems) -> None:
         self.maps, self.T, self.accuracy, self.problems = maps, T, accuracy, problems
-        self._near: list[Linearised | None] = [None] * len(T)
         self.coarse, self.fine = first_pair(accuracy, maps.order)
         self.poses, self.errors = np.zeros((len(T), 7)), np.full(len(T), np.inf)
         self.last, self.wanted = np.zeros(len(T), int), np.full(len(T), self.coarse)
@@ -151,73 +145,50 @@ class ManySets:
 
     def _step(self, now: Any, refinement: int) -> None:
         """Settle the sets `now` on a mesh, and say which they want next."""
-        maps, (poses, least) = self.maps, self._tips(now, refinement)
+        maps, forward = self.maps, self.maps.on(refinement)
+        assert not isinstance(forward, Collocation)
+        poses, least = forward.many(self.T[now], [forward.mesh.steps])
+        poses = poses[:, 0]
         if refinement == self.coarse:
             self.wanted[now] = self.fine
         else:
             change = poses - self.poses[now]
             gap = np.linalg.norm(change[:, 4:], axis=1)
-            if maps.lever:  # of points a lever off the tip too
-                gap = np.maximum(gap, 2 * maps.lever * np.linalg.norm(change[:, :4], axis=1))
             self.errors[now] = maps.error(gap, self.last[now], refinement)
         self.poses[now], self.last[now] = poses, refinement
         lost = np.isnan(poses).any(axis=1)
         settled = self.errors[now] <= self.accuracy
         for i in now[settled & ~(least > LEAST_STRETCH)]:
             with self.problems.of(int(i)):
-                self._refuse_collapsed(int(i), refinement)
+                check_stretch(Marched.under(forward, self.T[i]), f"tensions[{i}]")
         if refinement != self.coarse:
-            self._choose(now[~settled & ~lost], refinement)
+            self._choose(now[~settled & ~lost], forward)
         for i in now[lost]:
             with self.problems.of(int(i)):
-                self._settle_alone(int(i))
+                arguments = maps.arm, self.T[i], maps.scene, self.accuracy, maps.machine_code
+                shape = _settled(*arguments, int(i))
+                self.poses[i], self.errors[i] = shape.equilibrium.poses[-1], shape.error
 
-    def _tips(self, now: Any, refinement: int) -> tuple[Array, Array]:
-        """Return tip poses (k, 7) and the least 1 + q (k,) of sets by number; NaN where none is."""
-        forward = self.maps.on(refinement)
-        if not isinstance(forward, Collocation):
-            poses, least = forward.many(self.T[now], [forward.mesh.steps])
-            return poses[:, 0], least
-        system = forward.system
-        states = np.full((len(now), system.of.n_states), np.nan)
-        for first in range(0, len(now), _AT_ONCE):
-            check_time()
-            some = now[first : first + _AT_ONCE]
-            ends = forward.many(self.T[some], [self._near[i] for i in some.tolist()])
-            for k, (i, end) in enumerate(zip(some.tolist(), ends, strict=True), first):
-                if isinstance(end, OctoplanError):
-                    self._near[i] = None
-                    continue
-                self._near[i] = Linearised(system, end.x)
-                states[k] = end.states
-        return states[:, system.of.nodes[-1, :POSE]], stretch_of(system, states).min(axis=1)
-
-    def _settle_alone(self, i: int) -> None:
-        """Settle a set that wants more than what is done side by side, or refuse it."""
-        try:
-            arguments = self.maps.arm, self.T[i], self.maps.scene, self.accuracy
-            shape = settle(*arguments, compile=self.maps.machine_code)
-        except UnsettledSectionError as error:
-            raise UnsettledSectionError(error.s, f"tensions[{i}]") from None
-        self.poses[i], self.errors[i] = shape.equilibrium.poses[-1], shape.error
-
-    def _choose(self, now: Any, refinement: int) -> None:
+    def _choose(self, now: Any, forward: March) -> None:
         self.wanted[now] = [
-            next_refinement(refinement, error, self.accuracy, self.maps.order)
+            next_refinement(forward.refinement, error, self.accuracy, self.maps.order)
             for error in self.errors[now].tolist()
         ]
         for i in now[self.wanted[now] == 0]:
             with self.problems.of(int(i)):
-                self._refuse_collapsed(int(i), refinement)
+                check_stretch(Marched.under(forward, self.T[i]), f"tensions[{i}]")
                 remedy = f"ask for less accuracy, or look at set {i}"
                 raise ConvergenceError(self.accuracy, float(self.errors[i]), remedy)
 
-    def _refuse_collapsed(self, i: int, refinement: int) -> None:
-        forward = self.maps.on(refinement)
-        if isinstance(forward, Collocation):
-            self._settle_alone(i)
-        else:
-            check_stretch(Marched.under(forward, self.T[i]), f"tensions[{i}]")
+
+def _settled(
+    arm: Arm, tensions: Array, scene: Scene, accuracy: float, machine_code: bool, i: int
+) -> Shape:
+    """Return the shape of a set by itself, or raise what is wrong with it."""
+    try:
+        return settle(arm, tensions, scene, accuracy, compile=machine_code)
+    except UnsettledSectionError as error:
+        raise UnsettledSectionError(error.s, f"tensions[{i}]") from None
 
 
 def settle_many(
@@ -234,9 +205,9 @@ def settle_many(
 ) -> Shapes:
     """Return the tips for many sets of tensions (m, n_sections, n) or (m, n_tendons) [N].
 
-    As settle, but for rounding: side by side, and only those that a mesh does not settle to the
-    accuracy go on to a finer one. With
-    `lengths`, of the same form [m], tendons are held by these: one set after the other.
+    As settle, but for rounding: without loads side by side, and only those that a mesh does not
+    settle to the accuracy go on to a finer one; with loads one set after the other. With `lengths`,
+    of the same form [m], tendons are held by these.
 
     Parameters
     ----------
@@ -261,8 +232,15 @@ def settle_many(
         options = {**winches, "compile": machine_code}
         return _by_lengths(arm, held, scene, accuracy, options, problems)
     T = _stack(arm, tensions, problems)
-    maps = maps_of(arm, scene, None, machine_code)
-    return ManySets(maps, T, accuracy, problems).shapes()
+    if not is_loaded(scene):
+        maps = maps_of(arm, scene, None, machine_code)
+        return ManySets(maps, T, accuracy, problems).shapes()
+    shapes: list[Shape | None] = [None] * len(T)
+    for i, row in enumerate(T):
+        with problems.of(i):
+            if not problems.at(i):
+                shapes[i] = _settled(arm, row, scene, accuracy, machine_code, i)
+    return _of(arm, shapes, problems)
 
 
 def _by_lengths(

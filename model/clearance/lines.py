@@ -12,8 +12,8 @@ from model.centreline import Centreline
 from model.cross_section.sections import Sections
 from model.effects import PrintedStatics
 from model.equilibrium.forward import STAGES, Collocation
-from model.equilibrium.newton import TURN, newton_many
-from model.errors import InputError
+from model.equilibrium.newton import newton
+from model.errors import InputError, OctoplanError
 from model.forward import explicit_map
 from model.loads import is_loaded
 from model.paths import Array
@@ -56,10 +56,10 @@ class Lines:
         """Return the centrelines under tensions (K, n_tendons); None without an equilibrium."""
         forward = self._forward
         if self.loaded:
-            system = forward.system
+            states = [self._equilibrium(T) for T in tensions]
             return [
-                None if each is None else Centreline.at_states(system, each)
-                for each in self._equilibria(tensions)
+                None if each is None else Centreline.at_states(forward.system, each)
+                for each in states
             ]
         law, values = forward.law, slice(forward.mesh.steps * STAGES)
         at = self.arm, self.scene, forward.mesh.s
@@ -74,7 +74,7 @@ class Lines:
         """Return the lengths of the tendons (n_tendons,) [m]; NaN without an equilibrium."""
         if not self.loaded:
             return tendon_lengths(self.arm, self.scene, self._machine_code)(tensions).lengths
-        (states,) = self._equilibria(tensions[None])
+        states = self._equilibrium(tensions)
         if states is None:
             return np.full(self.arm.n_tendons, np.nan)
         system = self._forward.system
@@ -89,21 +89,22 @@ class Lines:
         active = np.repeat(forward.mesh.active, STAGES)
         return Sections(self.arm, self.scene, forward.law, at, active)
 
-    def _equilibria(self, tensions: Array) -> list[Array | None]:
-        """Return the states (n_states,) under tensions (K, n_tendons), side by side."""
-        system = self._forward.system
-        results: list[Array | None] = [None] * len(tensions)
+    def _equilibrium(self, tensions: Array) -> Array | None:
+        """Return the states (n_states,) under tensions (n_tendons,); None without an equilibrium.
+
+        Near those of other tensions, and from rest where it is not there.
+        """
+        forward, here = self._forward, None
         if self._states:
-            guesses = np.array([self._guess(T) for T in tensions])
-            ends = newton_many(system, tensions, 1.0, guesses, TURN)
-            results = [None if each is None else each.states for each in ends]
-        left = [i for i, each in enumerate(results) if each is None]
-        for i, end in zip(left, self._forward.from_rest_many(tensions[left]), strict=True):
-            results[i] = getattr(end, "states", None)
-        there = [i for i, each in enumerate(results) if each is not None]
-        self._tensions = np.vstack([self._tensions, tensions[there]])
-        self._states += [each for each in results if each is not None]
-        return results
+            here = newton(forward.system, tensions, 1.0, self._guess(tensions))
+        if here is None:
+            try:
+                here = forward.from_rest(tensions)
+            except OctoplanError:
+                return None
+        self._tensions = np.vstack([self._tensions, tensions])
+        self._states.append(here.states)
+        return self._states[-1]
 
     def _guess(self, T: Array) -> Array:
         """Return states by those under the two nearest tensions, in proportion between these."""

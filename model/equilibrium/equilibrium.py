@@ -72,7 +72,10 @@ class Collocated:
     @cached_property
     def stretch(self) -> Array:
         """The stretch 1 + q (K,) at `stretch_at`."""
-        return stretch_of(self.system, self.here.states)
+        of, m = self.system.of, self.system.of.form.stages
+        stages = reported(of.form.law, self.system.strains(self.here.states))[:, 3] + 1
+        ends = [stages.reshape(-1, m) @ gauss(m).at(x) for x in (0.0, 1.0)]
+        return np.concatenate([stages, *ends])
 
     @property
     def bend(self) -> float:
@@ -114,16 +117,6 @@ class Collocated:
         With friction they fall along the arm.
         """
         return sliding_tensions(self.system, self.here.x, s, place, tendon)
-
-
-def stretch_of(system: System, states: Array) -> Array:
-    """Return 1 + q (..., K) at the stages, then at both ends of the elements."""
-    of, sets = system.of, states.shape[:-1]
-    strains = states[..., of.stages].reshape(-1, of.form.strains)
-    stages = reported(of.form.law, strains)[:, 3].reshape(*sets, -1) + 1
-    inside = stages.reshape(*sets, of.elements, -1)
-    ends = [inside @ gauss(of.form.stages).at(x) for x in (0.0, 1.0)]
-    return np.asarray(np.concatenate([stages, *ends], axis=-1))
 
 
 Equilibrium = Collocated | Marched

@@ -6,7 +6,6 @@ equilibrium. The states stand in the order of the arm, so the matrix is a narrow
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
@@ -72,7 +71,7 @@ class Linearised:
     near : Linearised
         The equations linearised so near that their Jacobian and its factors are as good.
     jacobian : (nnz,)
-        The nonzeros, where they were worked out beforehand, with those of other points.
+        The nonzeros, where they are not those of the system: of a body that resists more.
     """
 
     system: System
@@ -197,21 +196,3 @@ class Linearised:
     def length_tension(self) -> Array:
         """Their derivatives by the tensions (n_tendons, n_tendons) [m/N]."""
         return np.asarray(self.length_jacobian @ self.by_tensions)
-
-
-def linearised(system: System, x: Array) -> list[Linearised]:
-    """Return the equations linearised at many points x (N, n_x), their Jacobians side by side."""
-    pairs = zip(x.copy(), system.jacobians(x), strict=True)
-    return [Linearised(system, row, jacobian=nonzeros) for row, nonzeros in pairs]
-
-
-def with_jacobians(heres: Sequence[Linearised]) -> list[Linearised]:
-    """Return points of one system, those without any Jacobian that does with one of their own."""
-    late = [
-        i
-        for i, here in enumerate(heres)
-        if here.near is None and here.jacobian is None and "nonzeros" not in vars(here)
-    ]
-    fresh = linearised(heres[0].system, np.array([heres[i].x for i in late])) if late else []
-    there = dict(zip(late, fresh, strict=True))
-    return [there.get(i, here) for i, here in enumerate(heres)]

@@ -7,7 +7,6 @@ and for each number theta of arm and scene, dx = - (dg/dx)^-1 dg/dp dp/dtheta.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -92,23 +91,17 @@ class ByNumbers:
         Of the numbers of its equations.
     tensions : (n_tendons, K)
         Of its tensions [N].
-    moved : (n_states, K)
-        `right`, where it was worked out beforehand, with those of other equilibria.
     """
 
     here: Linearised
     jacobian: NumberDerivatives
     tensions: Array
-    moved: Array | None = None
 
-    @property
+    @cached_property
     def right(self) -> Array:
         """Of the residuals at states that stay (n_states, K)."""
-        if self.moved is not None:
-            return self.moved
         at = self.here.system
-        (result,) = at.of.equations.moved_by_numbers(self.here.x[None], at.p, self.jacobian.p)
-        return np.asarray(result)
+        return at.of.equations.along_numbers(self.here.x, at.p, self.jacobian.p)
 
     @cached_property
     def states(self) -> Array:
@@ -134,22 +127,8 @@ class ByNumbers:
     @property
     def direct_lengths(self) -> Array:
         """Of the lengths of the tendons in a shape that stays (n_tendons, K) [m]."""
-        at, change = self.here.system, self.jacobian.lengths
-        (result,) = at.of.lengths.moved_by_numbers(self.here.x[None], at.length_numbers, change)
-        return np.asarray(result)
-
-
-def by_numbers(
-    heres: Sequence[Linearised], jacobian: NumberDerivatives, tensions: Sequence[Array]
-) -> list[ByNumbers]:
-    """Return the derivatives of equilibria of one system, worked out side by side."""
-    if not heres:
-        return []
-    system = heres[0].system
-    x = np.array([here.x for here in heres])
-    right = system.of.equations.moved_by_numbers(x, system.p, jacobian.p)
-    rows = zip(heres, tensions, right, strict=True)
-    return [ByNumbers(here, jacobian, T, moved) for here, T, moved in rows]
+        at = self.here.system
+        return at.of.lengths.along_numbers(self.here.x, at.length_numbers, self.jacobian.lengths)
 
 
 def displaced(poses: Array, moved: Array) -> Array:

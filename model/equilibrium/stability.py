@@ -10,12 +10,11 @@ spread along the tendons are held as they are.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
@@ -41,12 +40,7 @@ _LOWEST = -1e6
 
 
 def stands(here: Linearised) -> bool:
-    """Return whether an equilibrium is stable; see stand."""
-    return stand([here])[0]
-
-
-def stand(heres: Sequence[Linearised]) -> list[bool]:
-    """Return whether equilibria of one layout are stable: all pivots of their energies positive.
+    """Return whether an equilibrium is stable: all pivots of its energy's Hessian positive.
 
     Elements are eliminated from tip to base. With w_k = P_k theta_k what the part beyond a node
     needs to be turned there by theta_k, P = 0 at the tip under dead loads, the strains of the next
@@ -54,50 +48,41 @@ def stand(heres: Sequence[Linearised]) -> list[bool]:
     then, all of the energy's Hessian is. Source: inertia is additive (Haynsworth, Linear Algebra
     and its Applications 1, 1968).
     """
-    if not heres:
-        return []
-    of, at = heres[0].system.of, _block_places(heres[0].system.of)
-    # The last is the place -1, of none.
-    nonzeros = np.stack([np.append(here.nonzeros, 0.0) for here in heres])
-    J, tip = nonzeros[:, at.elements], nonzeros[:, at.tip]
-    states = np.stack([here.states for here in heres])
-    w, n, nodes = of.form.wrench, of.form.stages * of.form.strains, states[:, of.nodes[:, :4]]
-    small = turns(nodes.reshape(-1, 4)).reshape(len(heres), -1, 4, 3)
+    of, at = here.system.of, _block_places(here.system.of)
+    nonzeros = np.append(here.nonzeros, 0.0)  # the last is the place -1, of none
+    J, tip = nonzeros[at.elements], nonzeros[at.tip]
+    w, n = of.form.wrench, of.form.stages * of.form.strains
+    small = turns(here.states[of.nodes[:, :4]])
     v, nxt = slice(POSE + w, POSE + w + n), POSE + w + n
     after = slice(nxt + POSE, nxt + POSE + w)
-    moment, quaternion = J[:, :, :w], J[:, :, w + n : w + n + 4]
-    back, turned = 4 * np.swapaxes(small[:, 1:], 2, 3), small[:, :-1]
+    moment, quaternion = J[:, :w], J[:, w + n : w + n + 4]
+    back, turned = 4 * small[1:].swapaxes(1, 2), small[:-1]
     # By the turn at the first node and the strains: the turn at the last, then the balances of the
     # node and of the stages, these two without what lies beyond. Stages count by their weights.
     by_turn = -back @ (quaternion[..., :4] @ turned)
-    on = np.concatenate([by_turn, -back @ quaternion[..., v]], axis=3)
+    on = np.concatenate([by_turn, -back @ quaternion[..., v]], axis=2)
     weight = np.repeat(gauss(of.form.stages).b, of.form.strains)
-    counted = J[:, :, : w + n] * np.concatenate([np.ones(w), weight])[:, None]
-    values = np.concatenate([counted[..., :4] @ turned, counted[..., v]], axis=3)
+    counted = J[:, : w + n] * np.concatenate([np.ones(w), weight])[:, None]
+    values = np.concatenate([counted[..., :4] @ turned, counted[..., v]], axis=2)
     beyond = counted[..., after]
     held = -np.linalg.inv(moment[..., POSE : POSE + w])
-    P = -np.linalg.solve(tip[:, :, 4:], tip[:, :, :4]) @ small[:, -1]
-    positive = np.full(len(heres), True)
+    P = -np.linalg.solve(tip[:, 4:], tip[:, :4]) @ small[-1]
     for k in range(of.elements)[::-1]:
-        both = values[:, k] + beyond[:, k] @ (P @ on[:, k])
-        S = both[:, w:, 3:]
-        positive &= _definite(S)
-        if not positive.any():
-            break
-        P = held[:, k] @ (both[:, :w, :3] - both[:, :w, 3:] @ np.linalg.solve(S, both[:, w:, :3]))
-    # What is no number once stays so.
-    return [bool(each) for each in positive & np.isfinite(P).all(axis=(1, 2))]
+        both = values[k] + beyond[k] @ (P @ on[k])
+        S = both[w:, 3:]
+        if not _is_definite(S):
+            return False
+        P = held[k] @ (both[:w, :3] - both[:w, 3:] @ np.linalg.solve(S, both[w:, :3]))
+    return bool(np.isfinite(P).all())  # what is no number once stays so
 
 
-def _definite(S: Array) -> NDArray[np.bool_]:
-    """Return whether all eigenvalues of pivots (N, n, n) have positive real parts (N,)."""
+def _is_definite(S: Array) -> bool:
+    """Return whether all eigenvalues of a pivot (n, n) have positive real parts."""
     try:
-        np.linalg.cholesky(S + S.swapaxes(1, 2))
+        np.linalg.cholesky(S + S.T)
     except np.linalg.LinAlgError:
-        numbers = np.isfinite(S).all(axis=(1, 2), keepdims=True)
-        values = np.linalg.eigvals(np.where(numbers, S, -np.eye(S.shape[1])))
-        return np.asarray((values.real > 0).all(axis=1))
-    return np.full(len(S), True)
+        return bool(np.isfinite(S).all() and (np.linalg.eigvals(S).real > 0).all())
+    return True
 
 
 def turns(q: Array) -> Array:

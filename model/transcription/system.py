@@ -28,7 +28,6 @@ from model.transcription.element import Form, element
 from model.transcription.kernel import Kernel
 from model.transcription.layout import POSE, Layout, layout
 from model.transcription.numbers import numbers
-from model.transcription.terms import What
 
 
 def form_of(
@@ -116,19 +115,6 @@ class System:
         """Return the nonzeros of the residuals' Jacobian, see Equations.jacobian."""
         return np.asarray(self.of.equations.call("jacobian")(x, self.p)[0][0])
 
-    def residuals(self, x: Array) -> Array:
-        """Return `residual` of many x (N, n_x), by row."""
-        return self._many("value", x)
-
-    def jacobians(self, x: Array) -> Array:
-        """Return `jacobian` of many x (N, n_x), by row."""
-        return self._many("jacobian", x)
-
-    def _many(self, what: What, x: Array) -> Array:
-        if len(x) == 1:
-            return np.asarray(self.of.equations.call(what)(x[0], self.p)[0])
-        return self.of.equations.many(what)(x, self.p)
-
     def hessian(self, x: Array, multipliers: Array) -> Array:
         """Return the nonzeros of the Hessian of multipliers . residuals, see Equations.hessian."""
         return np.asarray(self.of.equations.call("hessian")(x, self.p, multipliers)[0][0])
@@ -211,39 +197,27 @@ class System:
     def start(
         self, tensions: Array, strains: Array, load: float = 0.0, pressed: Array | None = None
     ) -> Array:
-        """Return the states of given strains at the stages (N stages, strains); see starts."""
-        return np.asarray(self.starts(tensions[None], strains[None], load, pressed)[0])
-
-    def starts(
-        self, tensions: Array, strains: Array, load: float = 0.0, pressed: Array | None = None
-    ) -> Array:
-        """Return the states (M, n_states) of strains at the stages (M, N stages, strains).
+        """Return the states (n_states,) of strains at the stages (N stages, strains).
 
         Poses follow from the base on, forces and moments from the tip on; with the forces `pressed`
         (N, contacts) of obstacles on the nodes but the base, if given [N].
         """
-        M, of, N = len(tensions), self.of, self.mesh.steps
-        x = np.zeros((M, of.n_x))
-        x[:, : of.n_tendons], x[:, of.n_tendons] = tensions, load
-        states = x[:, of.first :]
-        states[:, of.stages] = strains
+        of, m = self.of, self.of.form.stages
+        x = self.x(tensions, load, np.zeros(of.n_states))
+        states = x[of.first :]
+        states[of.stages], states[of.nodes[:, :POSE]] = strains, self.marched(strains)
         if pressed is not None:
-            states[:, of.touches[1:, :, 0]] = pressed
-        for row, strain in zip(states, strains, strict=True):
-            row[of.nodes[:, :POSE]] = self.marched(strain)
+            states[of.touches[1:, :, 0]] = pressed
         if of.form.friction:
-            powers, m = gauss(of.form.stages).powers, of.form.stages
-            slope = np.arange(1, m) * gauss(m).c[:, None] ** np.arange(m - 1) @ powers[1:]
-            by_stage = strains.reshape(M, N, m, -1) / np.diff(self.mesh.s)[:, None, None]
-            rates = np.einsum("ij,anjk->anik", slope, by_stage)
-            states[:, of.rates] = rates.reshape(M, N * m, -1)
-            grows = -self.residuals(x)[:, of.turned]
-            states[:, of.turned] = np.cumsum(grows, axis=1)
+            slope = np.arange(1, m) * gauss(m).c[:, None] ** np.arange(m - 1)
+            by_stage = strains.reshape(self.mesh.steps, m, -1)
+            rates = slope @ gauss(m).powers[1:] @ by_stage / np.diff(self.mesh.s)[:, None, None]
+            states[of.rates] = rates.reshape(len(strains), -1)
+            states[of.turned] = np.cumsum(-self.residual(x)[of.turned], axis=0)
         for first in range(POSE, POSE + of.form.wrench, 3)[::-1]:
             places = of.nodes[:, first : first + 3]
-            drops = -self.residuals(x)[:, places]
-            states[:, places] = np.cumsum(drops[:, ::-1], axis=1)[:, ::-1]
-        return np.asarray(states)
+            states[places] = np.cumsum(-self.residual(x)[places][::-1], axis=0)[::-1]
+        return states
 
 
 def _restored(*value: Any) -> System:

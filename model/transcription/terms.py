@@ -7,7 +7,7 @@ added up in the sparse Jacobian and Hessian, in CasADi's symbols: by `map` and a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 from scipy.sparse import csr_array
 
-from model.machine.buffered import Buffered, Mapped
+from model.machine.buffered import Buffered
 from model.machine.compiled import kernels
 from model.paths import Array
 from model.transcription.kernel import Kernel, Places
@@ -52,24 +52,6 @@ class Term:
     def n_numbers(self) -> int:
         """How many numbers all repetitions have together."""
         return int(self.kernel.c.numel() * self.count)
-
-
-@dataclass(frozen=True, eq=False)
-class _Part:
-    """What a term, whose numbers begin at `numbers`, adds by a function at `places` (n_out, N)."""
-
-    function: ca.Function
-    term: Term
-    places: Places
-    numbers: int
-
-
-@dataclass(frozen=True, eq=False)
-class _Sum:
-    """What repeated kernels add up to: the nonzeros of a matrix at `places`."""
-
-    parts: Sequence[_Part]
-    places: ca.Sparsity
 
 
 class Equations:
@@ -119,7 +101,7 @@ class Equations:
 
     def places(self, what: What) -> ca.Sparsity:
         """Return where the nonzeros of one of the above, or of "by_numbers", dg/dp, are."""
-        return self._sum(what).places
+        return self._places(what)[0]
 
     def triplet(self, what: What) -> tuple[Places, Places]:
         """Return rows and columns of these nonzeros."""
@@ -129,19 +111,11 @@ class Equations:
         """Return one of the above to be called with numbers, for a row of values."""
         return self._once("call", what, lambda: Buffered(self._function(what)))
 
-    def many(self, what: What) -> Many:
-        """Return the same for many x (N, n_x) with one p: values (N, n)."""
-        return self._once("many", what, lambda: Many(self._sum(what), self.machine_code))
-
-    def moved_by_numbers(self, x: Array, p: Array, change: Array) -> Array:
-        """Return how residuals move with numbers (n_p, K), at many x (N, n_x): (N, n_g, K)."""
-        rows, columns = self.triplet("by_numbers")
-        order = np.argsort(rows, kind="stable")
-        parts, starts = np.unique(rows[order], return_index=True)
-        products = self.many("by_numbers")(x, p)[:, order, None] * change[columns[order]]
-        values = np.zeros((len(x), self.n_g, change.shape[1]))
-        values[:, parts] = np.add.reduceat(products, starts, axis=1)
-        return values
+    def along_numbers(self, x: Array, p: Array, change: Array) -> Array:
+        """Return the derivatives of residuals (n_g, K) along changes of the numbers (n_p, K)."""
+        nonzeros = self.call("by_numbers")(x, p)[0][0]
+        J = csr_array((nonzeros, self.triplet("by_numbers")), (self.n_g, self.n_p))
+        return np.asarray(J @ change)
 
     def _once(self, kind: str, what: What, make: Callable[[], T]) -> T:
         """Return what is made when it is asked for first."""
@@ -150,98 +124,59 @@ class Equations:
         made: T = self._made[kind, what]
         return made
 
-    def _sum(self, what: What) -> _Sum:
-        make = self._value if what == "value" else lambda: self._derived(what)
-        return self._once("sum", what, make)
+    def _places(self, what: What) -> tuple[ca.Sparsity, list[Places]]:
+        """Return where the nonzeros of the sum are, and to which of them each term's add."""
+        return self._once("places", what, lambda: self._placed(what))
 
-    def _function(self, what: What) -> ca.Function:
-        """Return in symbols what is added up. Raises CompilerError."""
-        return self._once("function", what, lambda: self._added(what))
-
-    def _value(self) -> _Sum:
-        pairs = zip(self.terms, self.slices, strict=True)
-        parts = [_Part(t.kernel.value, t, t.rows, p.start) for t, p in pairs]
-        return _Sum(parts, ca.Sparsity.dense(self.n_g))
-
-    def _derived(self, what: What) -> _Sum:
-        """Return the sum of what derivatives of the kernels add to the nonzeros of the whole."""
-        results, rows, columns = [], [], []
+    def _placed(self, what: What) -> tuple[ca.Sparsity, list[Places]]:
+        if what == "value":
+            return ca.Sparsity.dense(self.n_g), [term.rows for term in self.terms]
+        rows, columns = [], []
         for term, numbers in zip(self.terms, self.slices, strict=True):
-            function, i, j = getattr(term.kernel, what)
+            _, i, j = getattr(term.kernel, what)
             values = np.arange(numbers.start, numbers.stop).reshape((-1, term.count), order="F")
             rows.append((term.unknowns if what == "hessian" else term.rows)[i])
             columns.append((values if what == "by_numbers" else term.unknowns)[j])
-            results.append((function, term, numbers.start))
-        shape = {
+        shapes = {
             "jacobian": (self.n_g, self.n_x),
             "by_numbers": (self.n_g, self.n_p),
             "hessian": (self.n_x, self.n_x),
-        }[what]
-        places, index = _sparse(rows, columns, shape)
-        parts = [
-            _Part(function, term, at, start)
-            for (function, term, start), at in zip(results, index, strict=True)
-            if at.size
-        ]
-        return _Sum(parts, places)
+        }
+        return _sparse(rows, columns, shapes[what])
+
+    def _function(self, what: What) -> ca.Function:
+        """Return the sum in symbols. Raises CompilerError."""
+        return self._once("function", what, lambda: self._added(what))
 
     def _added(self, what: What) -> ca.Function:
-        of = self._sum(what)
+        places, index = self._places(what)
         sizes = [("x", self.n_x), ("p", self.n_p), ("lam", self.n_g)]
         arguments = [ca.MX.sym(name, size) for name, size in sizes[: 3 if what == "hessian" else 2]]
-        functions = kernels((part.function for part in of.parts), self.machine_code)
+        added = [k for k, at in enumerate(index) if at.size]
+        derivatives = (getattr(self.terms[k].kernel, what) for k in added)
+        functions = kernels(
+            [each if what == "value" else each[0] for each in derivatives], self.machine_code
+        )
         results = [
-            ca.vec(function.map(part.term.count)(*_own(part, arguments)))
-            for function, part in zip(functions, of.parts, strict=True)
+            ca.vec(f.map(self.terms[k].count)(*self._arguments_of(k, arguments)))
+            for f, k in zip(functions, added, strict=True)
         ]
-        at = [part.places.ravel("F") for part in of.parts]
-        add = _added(np.concatenate([np.zeros(0, np.int64), *at]), of.places.nnz())
-        return ca.Function(what, arguments, [add @ ca.vertcat(ca.MX(0, 1), *results)])
+        at = np.concatenate([np.zeros(0, np.int64), *(index[k].ravel("F") for k in added)])
+        add = ca.Sparsity(places.nnz(), at.size, list(range(at.size + 1)), at.tolist())
+        sum_of = ca.DM(add, 1.0) @ ca.vertcat(ca.MX(0, 1), *results)
+        return ca.Function(what, arguments, [sum_of])
 
-
-class Many:
-    """What repeated kernels add up to at many unknowns: x (N, n_x), p (n_p,) -> values (N, n).
-
-    Each kernel is taken through the repetitions of all sets at once.
-    """
-
-    def __init__(self, of: _Sum, machine_code: bool) -> None:
-        self._parts = [(part, Mapped(part.function, machine_code)) for part in of.parts]
-        at = [np.zeros(0, np.int64), *(part.places.ravel("F") for part in of.parts)]
-        places = np.concatenate(at)
-        ones, columns = np.ones(places.size), np.arange(places.size)
-        self._add = csr_array((ones, (places, columns)), (of.places.nnz(), places.size))
-
-    def __call__(self, x: Array, p: Array) -> Array:
-        """See the class."""
-        results = [np.zeros((len(x), 0))]
-        for part, call in self._parts:
-            term = part.term
-            y = x[:, term.unknowns.T].reshape(-1, term.unknowns.shape[0])
-            numbers = p[part.numbers : part.numbers + term.n_numbers]
-            numbers = numbers.reshape(term.count, term.kernel.c.numel())
-            results.append(call(y, numbers)[0].reshape(len(x), part.places.size))
-        return np.ascontiguousarray((self._add @ np.concatenate(results, axis=1).T).T)
-
-
-def _own(part: _Part, value: list[ca.MX]) -> list[ca.MX]:
-    """Return what a kernel takes of unknowns, numbers and multipliers, repetitions as columns."""
-    (x, p, *lam), term = value, part.term
-    numbers = p[part.numbers : part.numbers + term.n_numbers]
-    gathered = [x[term.unknowns.ravel("F").tolist()], numbers]
-    gathered += [weights[term.rows.ravel("F").tolist()] for weights in lam]
-    return [ca.reshape(values, -1, term.count) for values in gathered]
+    def _arguments_of(self, k: int, arguments: list[ca.MX]) -> list[ca.MX]:
+        """Return a term's unknowns, numbers and any multipliers, repetitions as columns."""
+        (x, p, *lam), term = arguments, self.terms[k]
+        gathered = [x[term.unknowns.ravel("F").tolist()], p[self.slices[k]]]
+        gathered += [weights[term.rows.ravel("F").tolist()] for weights in lam]
+        return [ca.reshape(values, -1, term.count) for values in gathered]
 
 
 def _triplet(places: ca.Sparsity) -> tuple[Places, Places]:
     rows, columns = (np.array(part, dtype=np.int64) for part in places.get_triplet())
     return rows, columns
-
-
-def _added(places: Places, size: int) -> ca.DM:
-    """Return the matrix that adds values up at their places."""
-    at = ca.Sparsity(size, places.size, list(range(places.size + 1)), places.tolist())
-    return ca.DM(at, 1.0)
 
 
 def _sparse(

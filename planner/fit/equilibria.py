@@ -21,9 +21,9 @@ from model import Arm, InputError, OctoplanError, Scene, settle
 from model.by_lengths import equilibrium_beside, tightened
 from model.equilibrium.equilibrium import Collocated, check_stretch
 from model.equilibrium.forward import Collocation
-from model.equilibrium.linearised import Linearised, with_jacobians
-from model.equilibrium.newton import CLOSE, newton_many
-from model.equilibrium.sensitivities import ByNumbers, by_numbers
+from model.equilibrium.linearised import Linearised
+from model.equilibrium.newton import CLOSE, newton
+from model.equilibrium.sensitivities import ByNumbers
 from model.paths import Array
 from model.transcription.layout import POSE
 from model.transcription.neighbours import NumberDerivatives, neighbour
@@ -184,12 +184,10 @@ class Setting:
 
     def from_rest(self) -> list[Reached]:
         """Return all shapes as they are reached from rest, or why there is none."""
-        begun = [self._tensions(shape) for shape in self.family.shapes]
-        tensions = np.array([T for T in begun if isinstance(T, np.ndarray)])
-        settled = iter(self._settled(tensions.reshape(-1, self.system.arm.n_tendons)))
+        tensions = [self._tensions(shape) for shape in self.family.shapes]
         return [
-            self._held(shape, next(settled)) if isinstance(T, np.ndarray) else T
-            for shape, T in zip(self.family.shapes, begun, strict=True)
+            self._held(shape, self._settled(T)) if isinstance(T, np.ndarray) else T
+            for shape, T in zip(self.family.shapes, tensions, strict=True)
         ]
 
     def near(
@@ -211,11 +209,11 @@ class Setting:
                 for shape, equilibrium, change in rows
             ]
         )
-        kept: list[Linearised | None] = [None] * len(T)
+        nearby: list[Linearised | None] = [None] * len(T)
         if of is before[0].system.of:
             guesses = np.array([equilibrium.states for equilibrium in before]) + ahead
             turns = np.abs(ahead[:, of.nodes[:, :4].ravel()]).max(axis=1)
-            kept = [
+            nearby = [
                 equilibrium if turn < CLOSE else None
                 for equilibrium, turn in zip(before, turns, strict=True)
             ]
@@ -225,8 +223,11 @@ class Setting:
             guesses = np.array(
                 [on.carried(tensions, equilibrium) for tensions, equilibrium in pairs]
             )
-        solutions = newton_many(self.system, T, 1.0, guesses, kept=kept, looser=_LOOSER)
         jumps = OctoplanError("it jumps")
+        solutions = [
+            newton(self.system, tensions, 1.0, guess, near=near, looser=_LOOSER)
+            for tensions, guess, near in zip(T, guesses, nearby, strict=True)
+        ]
         return [
             self._held(shape, equilibrium or jumps)
             for shape, equilibrium in zip(shapes, solutions, strict=True)
@@ -238,16 +239,16 @@ class Setting:
         """Return the derivatives of equilibria of some shapes, and of their tensions."""
         numbers, derivatives = self.derivatives, list[ByNumbers]()
         jacobian = NumberDerivatives(numbers.p, numbers.lengths, numbers.nodes)
-        fresh = with_jacobians(equilibria)
         still = np.zeros((self.system.of.n_tendons, len(self.values)))
-        for i, by in zip(which, by_numbers(fresh, jacobian, [still] * len(fresh)), strict=True):
+        for i, here in zip(which, equilibria, strict=True):
+            by = ByNumbers(here, jacobian, still)
             shape, tensions = self.family.shapes[i], still
             if shape.by_length:
                 left = numbers.rest if shape.strokes is not None else 0.0
-                tensions = self.tensions_by_lengths(by.here) @ (left - by.lengths)
+                tensions = self.tensions_by_lengths(here) @ (left - by.lengths)
             else:
                 tensions = np.array(shape.tensions)[:, None] * numbers.scale
-            derivatives.append(ByNumbers(by.here, by.jacobian, tensions, by.moved))
+            derivatives.append(ByNumbers(here, jacobian, tensions))
         return derivatives
 
     @staticmethod
@@ -276,16 +277,14 @@ class Setting:
         except OctoplanError as reason:
             return reason
 
-    def _settled(self, tensions: Array) -> list[Reached]:
-        """Return the equilibria under tensions (N, n_tendons) from rest, or why there is none."""
-        ends = Collocation.on(self.system).from_rest_many(tensions)
-        for i, end in enumerate(ends):
-            if isinstance(end, Linearised):
-                try:
-                    check_stretch(Collocated(end, 0))
-                except OctoplanError as reason:
-                    ends[i] = reason
-        return ends
+    def _settled(self, tensions: Array) -> Reached:
+        """Return the equilibrium under tensions (n_tendons,) from rest, or why there is none."""
+        try:
+            end = Collocation.on(self.system).from_rest(tensions)
+            check_stretch(Collocated(end, 0))
+        except OctoplanError as reason:
+            return reason
+        return end
 
     def _held(self, shape: Measured, equilibrium: Reached) -> Reached:
         """Return the equilibrium of a shape by lengths with tensions under which they hold."""

@@ -1,4 +1,4 @@
-"""Many sets of tensions under loads settle side by side as each does alone."""
+"""Many sets of tensions under loads settle as each does alone, compiled or not."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def sets(count: int, seed: int) -> Array:
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=[] if n in QUICK else pytest.mark.slow) for n in SCENES]
 )
-def test_sets_side_by_side_are_those_settled_alone(name: str) -> None:
+def test_many_sets_are_those_settled_alone(name: str) -> None:
     arm, scene, T = Arm.from_paper("table-4"), SCENES[name], sets(11, 3)
     many = settle_many(arm, T, scene, compile=True)
     for i, row in enumerate(T):
