@@ -301,6 +301,11 @@ class Arm:
         """The number of tendons."""
         return len(self.tendons)
 
+    @property
+    def tendon_names(self) -> list[str]:
+        """The names of all tendons, in tendon order."""
+        return list(map(self.tendon_name, range(self.n_tendons)))
+
     def tendon_name(self, index: int) -> str:
         """Return the paper's name of a tendon, T_ij: section i and place j in it, both from 1."""
         return self._order.name(index)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+from contextlib import suppress
 from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -40,7 +41,8 @@ _SAID = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 def main() -> int:
     """Run the command line and return its exit code; see planner.cli.
 
-    Ctrl-C and SIGTERM end it at once, while it is being loaded too.
+    Ctrl-C and SIGTERM end it at once, while it is being loaded too. A KeyboardInterrupt would not:
+    CasADi makes a warning of it in the middle of ipopt, which goes on.
     """
     for number in _SAID:
         if signal.getsignal(number) is not signal.SIG_IGN:
@@ -77,7 +79,11 @@ def _helped() -> bool:
 
 
 def _end(number: int, _: object) -> None:
-    os.write(2, f"octoplan: {_SAID[signal.Signals(number)]}; nothing was written\n".encode())
+    """End at once; what is being written is removed, what is written is told."""
+    end = getattr(sys.modules.get("planner.io.files"), "end", None)
+    kept = "nothing was written" if end is None else end()
+    with suppress(OSError):
+        os.write(2, f"octoplan: {_SAID[signal.Signals(number)]}; {kept}\n".encode())
     os._exit(128 + number)
 
 
@@ -98,6 +104,9 @@ def __getattr__(name: str) -> Any:
 
     near = difflib.get_close_matches(name, [] if name.startswith("_") else _names(), n=1)
     advice = f"; did you mean {near[0]!r}?" if near else ""
+    if near and sys._getframe(1).f_code.co_name == "_handle_fromlist":
+        # Of an AttributeError `from octoplan import ...` would drop the advice.
+        raise ImportError(f"cannot import name {name!r} from 'octoplan'{advice}", name="octoplan")
     raise AttributeError(f"module 'octoplan' has no attribute {name!r}{advice}")
 
 

@@ -22,7 +22,6 @@ from planner.commands.answer import (
     OutputError,
     deliver,
     discard,
-    ended_from_outside,
     say,
 )
 from planner.commands.options import GRACE, Options, UsageError, parse
@@ -34,8 +33,7 @@ _LONG = 2000
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code."""
     try:
-        with ended_from_outside():
-            return _run(sys.argv[1:] if argv is None else argv)
+        return _run(sys.argv[1:] if argv is None else argv)
     except OutputError as reason:
         discard()
         return _told(reason, NO_OUTPUT)
@@ -101,7 +99,3 @@ def _reported(options: Options) -> Iterator[None]:
         for logger in loggers:
             logger.removeHandler(handler)
             logger.setLevel(logging.NOTSET)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -92,7 +92,7 @@ def _plan_table(result: Plan) -> str:
 
 
 def _trajectory_table(motion: Trajectory) -> str:
-    names = [motion.arm.tendon_name(j) for j in range(motion.arm.n_tendons)]
+    names = motion.arm.tendon_names
     rows = [["t [s]", *(f"{name} [N]" for name in names)]]
     step = -(-len(motion.times) // _MOST)
     for t, T in zip(motion.times[::step], motion.flat[::step], strict=True):

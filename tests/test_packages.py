@@ -96,6 +96,9 @@ def test_a_name_that_is_nearly_one_is_suggested() -> None:
         octoplan.TipPostion  # noqa: B018
     with pytest.raises(AttributeError, match=r"no attribute 'nothing_like_it'$"):
         octoplan.nothing_like_it  # noqa: B018
+    # Python drops what an AttributeError advises.
+    with pytest.raises(ImportError, match="'Extention' from 'octoplan'; did you mean 'Extension'"):
+        from octoplan import Extention  # type: ignore[attr-defined]  # noqa: F401
 
 
 def test_warnings_point_at_the_line_of_the_caller() -> None:

@@ -40,7 +40,7 @@ def _run(command: str, folder: Path) -> None:
             (folder / name).symlink_to(ROOT / name)
     command, _, target = command.partition(" > ")
     words = shlex.split(command)
-    programs = {"octoplan": "planner.cli", "sphinx-build": "sphinx"}
+    programs = {"octoplan": "octoplan", "sphinx-build": "sphinx"}
     if words[0] in programs:
         words = [sys.executable, "-m", programs[words[0]], *words[1:]]
     alone = {**os.environ, "PYTHONPATH": str(ROOT), "MPLBACKEND": "Agg"}

@@ -100,7 +100,7 @@ def ros_messages(shape: Shape, links: int = 30) -> dict[str, Any]:
         joints |= {f"{letter}_{i}": float(angle) for letter, angle in angles}
     header = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": BASE}
     stamped = [{"header": header, "pose": pose} for pose in _poses(shape)]
-    names = [arm.tendon_name(j) for j in range(arm.n_tendons)]
+    names = arm.tendon_names
     return {
         "tendons": {
             "header": header,

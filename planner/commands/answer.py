@@ -1,13 +1,10 @@
-"""What a command answers, its exit codes, how it is handed out, and what ends it from outside."""
+"""What a command answers, its exit codes, and how it is handed out."""
 
 from __future__ import annotations
 
 import os
-import signal
 import sys
-import threading
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
@@ -15,10 +12,10 @@ from typing import Any
 
 from model import OctoplanError
 from planner.commands.options import FIGURES, FileOptions, Options
-from planner.io.files import abandon, remembered, to_json, told_kept, why, write_together
+from planner.io.files import to_json, why, write_together
 
 OK, NOT_REACHED, BAD_INPUT = 0, 1, 2
-NO_OUTPUT, INTERRUPTED, BROKEN_PIPE, TERMINATED = 74, 130, 141, 143
+NO_OUTPUT, BROKEN_PIPE = 74, 141
 
 
 @dataclass(frozen=True)
@@ -99,35 +96,3 @@ def discard() -> None:
     """Let what is left in the buffer go nowhere, so that Python does not complain at its end."""
     if sys.stdout is not None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-_CODES = {signal.SIGINT: INTERRUPTED, signal.SIGTERM: TERMINATED}
-SAID = {INTERRUPTED: "interrupted", TERMINATED: "terminated"}
-
-
-@contextmanager
-def ended_from_outside() -> Iterator[None]:
-    """Let Ctrl-C and SIGTERM end the program from inside the block, at once.
-
-    A KeyboardInterrupt would not: CasADi makes a warning of it in the middle of ipopt, which goes
-    on. What is being written is staged beside where it goes; that is removed.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    heard = [number for number in _CODES if signal.getsignal(number) is not signal.SIG_IGN]
-    before = {number: signal.signal(number, _end) for number in heard}
-    try:
-        with remembered():
-            yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-def _end(number: int, _: Any) -> None:
-    code, kept = _CODES[signal.Signals(number)], told_kept()
-    abandon()
-    with suppress(OSError):
-        os.write(2, f"octoplan: {SAID[code]}; {kept}\n".encode())
-    os._exit(code)

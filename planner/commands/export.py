@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from model import settle
+from model import Shape
 from planner.bodies.files import What, export_shape
 from planner.c_code.export import TAKEN, Exported, export_plan
 from planner.c_code.export import export as export_map
@@ -19,15 +21,12 @@ from planner.commands.options import (
     Folder,
     Options,
     SceneFile,
-    check_plannable,
-    held,
-    plan_arguments,
-    tensions_of,
 )
-from planner.io.records import export_record
+from planner.io.calls import check_complete, planned, settled
+from planner.io.records import ExportRecord, record
 from planner.io.scene_file import Question
-from planner.plan import plan
 
+_DEFAULT = Options()
 # Of the plan that an inverse begins from, where its code is to be less accurate.
 _PLANNED = 1e-6
 _WHAT = (
@@ -45,7 +44,7 @@ def export(
     links: int = 30,
     precision: Precision = "double",
     accuracy: Accuracy | None = None,
-    options: Options | None = None,
+    options: Options = _DEFAULT,
 ) -> Answer:
     """Write the scene's map from tensions to shape or its inverse as C, or its settled arm.
 
@@ -58,39 +57,36 @@ def export(
     precision
         Of the C code (double).
     """
-    options = options or Options()
     question, name = options.loaded(scene, accuracy), c_name(scene)
     if what == "map":
-        tensions = tensions_of(question, scene)
-        arguments = (question.arm, question.scene, to, tensions, question.accuracy)
+        check_complete(question, "tensions")
+        arguments = (question.arm, question.scene, to, question.tensions, question.accuracy)
         result = export_map(*arguments, precision, name)
     elif what == "plan":
-        check_plannable(question, scene)
-        given_plan = plan_arguments(question, options)
-        given_plan["accuracy"] = min(question.accuracy, _PLANNED)
-        planned = plan(question.arm, question.targets, question.scene, **given_plan)
-        result = export_plan(planned, to, question.accuracy, precision, name)
+        fine = replace(question, accuracy=min(question.accuracy, _PLANNED))
+        result = export_plan(planned(fine), to, question.accuracy, precision, name)
     else:
-        return _bodies(question, options, scene, to, what, links)
-    record = export_record(result.files, result.shape, result.static_bytes)
-    return Answer(OK, lambda: _text(result, to), record, name)
+        return _bodies(question, name, to, what, links)
+    return Answer(
+        OK,
+        lambda: _text(result, to),
+        _record(result.files, result.shape, result.static_bytes),
+        name,
+    )
 
 
-def _bodies(
-    question: Question, options: Options, scene: Path, to: Path, what: What, links: int
-) -> Answer:
+def _bodies(question: Question, name: str, to: Path, what: What, links: int) -> Answer:
     """Write the arm as it settles under the scene's tensions, by its lengths, or by its plan."""
-    if question.tensions is None and not question.winches and question.targets:
-        check_plannable(question, scene)
-        arguments = plan_arguments(question, options)
-        shape = plan(question.arm, question.targets, question.scene, **arguments).shape
-    else:
-        arguments = {"accuracy": question.accuracy, "compile": question.compile}
-        shape = settle(question.arm, scene=question.scene, **arguments, **held(question, scene))
-    name = c_name(scene)
+    by_plan = question.tensions is None and not question.winches and question.targets
+    shape = planned(question).shape if by_plan else settled(question)
     files = export_shape(shape, to, what, name, links)
     text = f"{', '.join(file.name for file in files)} in {to}"
-    return Answer(OK, lambda: text, export_record(files, shape), name)
+    return Answer(OK, lambda: text, _record(files, shape), name)
+
+
+def _record(files: Sequence[Path], shape: Shape, static_bytes: int = 0) -> ExportRecord:
+    names = list(map(str, files))
+    return record(ExportRecord, shape, files=names, static_bytes=static_bytes)
 
 
 def _text(result: Exported, to: Path) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
 from typing import Annotated, Literal
@@ -16,12 +17,13 @@ from planner.fit.calibration import Calibration
 from planner.fit.designed import Design
 from planner.io.files import to_json, write_together
 from planner.io.fit_files import load_asked, run_design
-from planner.io.records import SweepRecord, sweep_record
-from planner.io.saved_records import calibration_record, design_record
+from planner.io.records import SweepRecord, record
+from planner.io.saved_records import CalibrationRecord, DesignRecord
 from planner.io.schemas import SCHEMAS, schema_of
 from planner.sweeps.definition import load_sweep
 from planner.sweeps.sweep import written
 
+_DEFAULT = FileOptions()
 # A commented file for each kind, that runs as it is.
 TEMPLATES = Path(__file__).with_name("templates")
 Kind = Literal["plan", "trajectory", "sweep", "calibrate", "design"]
@@ -84,7 +86,7 @@ def sweep(
     out: Path | None = None,
     jobs: int = 1,
     scheduler: str | None = None,
-    options: Options | None = None,
+    options: Options = _DEFAULT,
 ) -> Answer:
     """Find shapes, plans or stiffness at many values of a scene, and go on where it was killed.
 
@@ -99,7 +101,6 @@ def sweep(
     scheduler
         tcp://HOST:PORT of a Dask scheduler, whose workers work on it.
     """
-    options = options or Options()
     to = file.with_suffix(".nc") if out is None else out
     try:
         with time_limit(options.time_limit):
@@ -109,8 +110,9 @@ def sweep(
         kept = "what is finished is kept: start the sweep again, and it goes on"
         limit = f"the time limit of {options.time_limit:g} s was reached"
         raise OctoplanError(f"{limit}; {kept}") from None
-    record = sweep_record(wanted, attributes, to, is_earlier)
-    return Answer(OK, lambda: _sweep_text(record), record)
+    more = {"met": int(attributes["met"]), "failures": json.loads(attributes["failures"])}
+    result = record(SweepRecord, wanted, file=str(to), earlier=is_earlier, **more)
+    return Answer(OK, lambda: _sweep_text(result), result)
 
 
 def _sweep_text(record: SweepRecord) -> str:
@@ -131,7 +133,7 @@ def calibrate(
     /,
     *,
     leave_out: bool = False,
-    options: FileOptions | None = None,
+    options: FileOptions = _DEFAULT,
 ) -> Answer:
     """Find numbers of an arm from measured shapes.
 
@@ -141,10 +143,12 @@ def calibrate(
         Also tell how well fits predict shapes left out.
     """
     result = load_asked(file).run()
-
-    record = calibration_record(result)
     return Answer(
-        OK, lambda: _calibration_text(result, leave_out), record, "calibration", result.plot
+        OK,
+        lambda: _calibration_text(result, leave_out),
+        record(CalibrationRecord, result),
+        "calibration",
+        result.plot,
     )
 
 
@@ -165,16 +169,15 @@ def design(
     file: Annotated[Path, Parameter(help="design file, FILE.toml")],
     /,
     *,
-    options: FileOptions | None = None,
+    options: FileOptions = _DEFAULT,
 ) -> Answer:
     """Find the arm for which several tasks take least effort."""
     result = run_design(file)
     code = OK if result.feasible else NOT_REACHED
-    record = design_record(result)
     return Answer(
         code,
         lambda: _design_text(result),
-        record,
+        record(DesignRecord, result),
         "design",
         figure("plan", "plot_together", result.plans),
     )

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args, get_type_hints
+from typing import Annotated, Any, Literal, get_args
 
 from cyclopts import CycloptsError, Parameter
 
 from model import InputError, OctoplanError
 from model.checks import positive
-from model.errors import FileError
+from model.machine.compiled import Compile
 from model.mesh import checked_accuracy
 from model.time_limit import shorten
 from octoplan.command_line import COMMANDS, app, printed
@@ -38,16 +39,18 @@ def _held_to(check: Callable[[Any], Any], **more: Any) -> Parameter:
     return Parameter(validator=validate, **more)
 
 
-def _checked_folder(_: Any, folder: Path | None) -> None:
+def _check_folder(folder: Path) -> None:
     try:
-        if folder is not None and folder.exists() and not folder.is_dir():
-            raise ValueError("Allowed is a folder to write to, or one to make.")
+        if not folder.exists() or folder.is_dir():
+            return
+        allowed = "a folder to write to, or one to make"
     except OSError as reason:
-        raise ValueError(f"Allowed is a folder to write to: {why(reason)}.") from None
+        allowed = f"a folder to write to: {why(reason)}"
+    raise InputError("folder", str(folder), allowed)
 
 
 SceneFile = Annotated[Path, Parameter(help="Scene file, SCENE.toml.")]
-Folder = Annotated[Path, Parameter(validator=_checked_folder)]
+Folder = Annotated[Path, _held_to(_check_folder)]
 Seconds = Annotated[float, _held_to(partial(positive, "--time-limit"))]
 _ACCURACY = "Tip error over arm length; else the scene's."
 Accuracy = Annotated[float, _held_to(checked_accuracy, help=_ACCURACY)]
@@ -73,7 +76,7 @@ class Options:
     verbose: Annotated[bool, Parameter(alias="-v")] = False
 
     def loaded(
-        self, scene: Path, accuracy: float | None = None, compiled: bool = False
+        self, scene: Path, accuracy: float | None = None, compiled: Compile = False
     ) -> Question:
         """Return the question of a scene file, with what these options have in place of its own.
 
@@ -84,7 +87,8 @@ class Options:
             self.time_limit = question.time_limit
             shorten(question.time_limit + GRACE)
         accuracy = question.accuracy if accuracy is None else accuracy
-        return replace(question, accuracy=accuracy, compile=compiled or question.compile)
+        compiled = compiled or question.compile
+        return replace(question, accuracy=accuracy, compile=compiled, time_limit=self.time_limit)
 
 
 @Parameter(name="*")
@@ -129,43 +133,6 @@ class SceneOptions(FileOptions):
         return self.loaded(scene, self.accuracy, self.compile)
 
 
-_TARGET = 'a [target] table, such as [target] type = "tip-position", position_mm = [250, 0, -150]'
-_LIMITS = "a [limits] table, such as [limits] tension_max = 20.0 (N, each tendon)"
-
-
-def check_plannable(question: Question, name: Path) -> None:
-    """Raise FileError for a scene file that asks for no plan."""
-    if not question.targets:
-        raise FileError(str(name), "target", f"missing; needed is {_TARGET}")
-    if "tension_max" not in question.options:
-        raise FileError(str(name), "limits", f"missing; needed is {_LIMITS}")
-
-
-def plan_arguments(question: Question, options: Options) -> dict[str, Any]:
-    """Return the further arguments of plan that a scene file and options give."""
-    more = {"accuracy": question.accuracy, "compile": question.compile}
-    return {**question.options, **more, "time_limit": options.time_limit}
-
-
-def held(question: Question, name: Path) -> dict[str, Any]:
-    """Return what holds a scene file's tendons, as arguments of settle; FileError if nothing."""
-    if question.winches:
-        return {"tensions": question.tensions, **question.winches}
-    return {"tensions": tensions_of(question, name)}
-
-
-def tensions_of(question: Question, name: Path) -> Any:
-    """Return the tensions of a scene file; FileError if it has none."""
-    if question.tensions is None:
-        rows = ", ".join(
-            f"[{', '.join('0.0' for _ in section.angles)}]" for section in question.arm.sections
-        )
-        place = "at the top of the file, above the first [table]"
-        needed = f"missing; needed is tensions = [{rows}] (N) {place}"
-        raise FileError(str(name), "tensions", needed)
-    return question.tensions
-
-
 class UsageError(OctoplanError):
     """The command line is not one that the program knows."""
 
@@ -190,8 +157,8 @@ def parse(argv: Sequence[str]) -> tuple[Callable[[], Any], Options]:
         raise UsageError(f"{reason} (see {where} --help)") from None
     if call.__name__ not in COMMANDS:
         return partial(printed, line, partial(call, *bound.args, **bound.kwargs)), Options()
-    kinds = get_type_hints(call)
-    if "options" in kinds and "options" not in bound.arguments:
-        bound.arguments["options"] = get_args(kinds["options"])[0]()
-    options = bound.arguments.get("options", Options())
+    bound.apply_defaults()
+    options = copy(bound.arguments.get("options", Options()))
+    if "options" in bound.arguments:
+        bound.arguments["options"] = options
     return partial(call, *bound.args, **bound.kwargs), options

@@ -4,28 +4,21 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
-from typing import Any
 
 from model import OctoplanError
-from model import settle as find_shape
-from model.errors import FileError
-from model.stiffness import stiffness as find_stiffness
 from model.time_limit import OutOfTime
-from planner import plan as find_plan
 from planner.commands.answer import NOT_REACHED, OK, Answer, figure
-from planner.commands.options import (
-    Accuracy,
-    FileOptions,
-    SceneFile,
-    SceneOptions,
-    check_plannable,
-    held,
-    plan_arguments,
-    tensions_of,
-)
+from planner.commands.options import Accuracy, FileOptions, SceneFile, SceneOptions
 from planner.effect_ablation import switch_effects
+from planner.io.calls import check_complete, in_motion, planned, settled, stiff
 from planner.io.csv_files import plan_csv, shape_csv
-from planner.io.records import effects_record, shape_record, stiffness_record, trajectory_record
+from planner.io.records import (
+    EffectsRecord,
+    ShapeRecord,
+    StiffnessRecord,
+    TrajectoryRecord,
+    record,
+)
 from planner.io.saved_records import plan_record
 from planner.io.scene_file import load
 from planner.live.handles import handle_of
@@ -34,17 +27,14 @@ from planner.live.session import Session
 from planner.notebook import force_to_show
 from planner.plan import Plan
 from planner.report import settled_text, switch_table
-from planner.trajectory.motion import trajectory as find_trajectory
 from planner.trajectory.result import Trajectory
 
+_DEFAULT = SceneOptions()
 
-def plan(scene: SceneFile, /, *, options: SceneOptions | None = None) -> Answer:
+
+def plan(scene: SceneFile, /, *, options: SceneOptions = _DEFAULT) -> Answer:
     """Find the tensions of least effort for the scene's target."""
-    options = options or SceneOptions()
-    question = options.asked(scene)
-    check_plannable(question, scene)
-    arguments = (question.arm, question.targets, question.scene)
-    result = find_plan(*arguments, **plan_arguments(question, options))
+    result = planned(options.asked(scene))
     return Answer(
         OK if result.certificate.passed else NOT_REACHED,
         lambda: str(result),
@@ -63,39 +53,13 @@ def _shape_csv(result: Plan) -> bytes:
         return b""
 
 
-_WAYPOINTS = """[[waypoints]] tables, such as type = "tip-position", position_mm = [250, 0, -150]"""
-_MOTION = "a [motion] table, such as [motion] rate_max = 5.0 (N/s), or times_s"
-_LIMIT_KEYS = (
-    "tension_max",
-    "tension_min",
-    "total_pull",
-    "stroke_max",
-    "stroke_min",
-    "stroke_zero",
-)
-_TRAJECTORY_KEYS = (*_LIMIT_KEYS, "obstacles", "clearance", "self_clearance")
-
-
-def trajectory(scene: SceneFile, /, *, options: SceneOptions | None = None) -> Answer:
+def trajectory(scene: SceneFile, /, *, options: SceneOptions = _DEFAULT) -> Answer:
     """Find tensions over time through the scene's waypoints."""
-    options = options or SceneOptions()
-    question = options.asked(scene)
-    needed = {
-        "waypoints": (question.waypoints, _WAYPOINTS),
-        "motion": (any(item is not None for item in question.motion.values()), _MOTION),
-        "limits": ("tension_max" in question.options, "a [limits] table with tension_max (N)"),
-    }
-    for key, (there, such) in needed.items():
-        if not there:
-            raise FileError(str(scene), key, f"missing; needed is {such}")
-    taken = {key: item for key, item in question.options.items() if key in _TRAJECTORY_KEYS}
-    more: dict[str, Any] = {"accuracy": question.accuracy, "compile": question.compile}
-    ways = list(question.waypoints)
-    result = find_trajectory(question.arm, ways, question.scene, **more, **taken, **question.motion)
+    result = in_motion(options.asked(scene))
     return Answer(
         OK if result.certificate.passed else NOT_REACHED,
         lambda: _trajectory_text(result),
-        trajectory_record(result),
+        record(TrajectoryRecord, result),
         "trajectory",
         figure("motion", "plot_trajectory", result),
         {"trajectory.csv": lambda: result.csv},
@@ -113,47 +77,38 @@ def _trajectory_text(result: Trajectory) -> str:
     return "\n".join([result.outcome, "", f"{head}  [N]", *rows, "", str(result.certificate)])
 
 
-def settle(scene: SceneFile, /, *, options: SceneOptions | None = None) -> Answer:
+def settle(scene: SceneFile, /, *, options: SceneOptions = _DEFAULT) -> Answer:
     """Find the shape under the scene's tensions or lengths."""
-    options = options or SceneOptions()
-    question = options.asked(scene)
-    arguments = {
-        "accuracy": question.accuracy,
-        "compile": question.compile,
-        **held(question, scene),
-    }
-    shape = find_shape(question.arm, scene=question.scene, **arguments)
+    shape = settled(options.asked(scene))
     return Answer(
         OK,
         lambda: settled_text(shape),
-        shape_record(shape),
+        record(ShapeRecord, shape),
         "shape",
         figure("plan", "plot_shape", shape),
         {"shape.csv": lambda: shape_csv(shape)},
     )
 
 
-def stiffness(scene: SceneFile, /, *, options: SceneOptions | None = None) -> Answer:
+def stiffness(scene: SceneFile, /, *, options: SceneOptions = _DEFAULT) -> Answer:
     """Find the compliance that the scene's [stiffness] table asks for."""
-    options = options or SceneOptions()
-    question = options.asked(scene)
-    arguments = {**question.stiffness, "compile": question.compile, **held(question, scene)}
-    k = find_stiffness(question.arm, scene=question.scene, accuracy=question.accuracy, **arguments)
+    k = stiff(options.asked(scene))
     ellipsoids = figure("results", "plot_ellipsoids", [k], force_to_show(k))
-    return Answer(OK, lambda: repr(k), stiffness_record(k), "stiffness", ellipsoids)
+    return Answer(OK, lambda: repr(k), record(StiffnessRecord, k), "stiffness", ellipsoids)
 
 
 def effects(
-    scene: SceneFile, /, *, accuracy: Accuracy | None = None, options: FileOptions | None = None
+    scene: SceneFile, /, *, accuracy: Accuracy | None = None, options: FileOptions = _DEFAULT
 ) -> Answer:
     """Settle the scene with each effect switched in turn."""
-    question = (options or FileOptions()).loaded(scene, accuracy)
-    accuracy, tensions = question.accuracy, tensions_of(question, scene)
-    switches = switch_effects(question.arm, tensions, question.scene, accuracy)
+    question = options.loaded(scene, accuracy)
+    check_complete(question, "tensions")
+    accuracy = question.accuracy
+    switches = switch_effects(question.arm, question.tensions, question.scene, accuracy)
     return Answer(
         OK,
         lambda: switch_table(switches, accuracy),
-        effects_record(switches, accuracy),
+        record(EffectsRecord, switches, accuracy=accuracy),
         "effects",
         figure("results", "plot_effects", switches, accuracy),
     )
@@ -182,7 +137,7 @@ def live(
         Work by machine code, see octoplan plan.
     """
     question = load(scene)
-    check_plannable(question, scene)
+    check_complete(question, "target", "limits")
     if accuracy is not None:
         question = replace(question, accuracy=accuracy)
     machine_code = compile or question.compile

@@ -28,7 +28,8 @@ from planner.fit.least_squares import fit
 from planner.fit.measured import Measured, Point
 from planner.fit.residuals import Evaluation, Residual, UnsettledShapeError, mean_distance
 from planner.io.files import to_json, write_named
-from planner.io.saved_records import calibration_record
+from planner.io.records import record
+from planner.io.saved_records import CalibrationRecord
 from planner.plan import Plan, plan
 
 _ORIGIN = (0.0, 0.0, 0.0)
@@ -296,7 +297,7 @@ class Calibration(Fitted):
 
     def save(self, path: str | Path) -> Path:
         """Write the calibration to a .json file, which `load_calibration` reads."""
-        return write_named(path, ".json", to_json(calibration_record(self)))
+        return write_named(path, ".json", to_json(record(CalibrationRecord, self)))
 
     def _repr_html_(self) -> str:
         return in_notebook(self)

@@ -61,9 +61,8 @@ def plan_csv(plan: Any) -> bytes:
     slack = [T <= 0 for T in tensions] if shape["slack"] is None else shape["slack"].ravel()
     lengths, strokes = _mm(arm, shape["lengths_m"]), _mm(arm, shape["strokes_m"])
     states = ["slack" if item else "taut" for item in slack]
-    names = [arm.tendon_name(j) for j in range(arm.n_tendons)]
     sections = [section + 1 for section, _ in arm.tendons]
-    rows = zip(sections, names, tensions, lengths, strokes, states, strict=True)
+    rows = zip(sections, arm.tendon_names, tensions, lengths, strokes, states, strict=True)
     return _lines(PLAN_COLUMNS, rows)
 
 

@@ -9,6 +9,7 @@ import platform
 import secrets
 import shutil
 import time
+from collections import deque
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from importlib.metadata import version
@@ -27,8 +28,8 @@ _DAY = 86400.0
 _staging: set[Path] = set()
 # Folders that take finished parts of long work, as files that are there whole or not at all.
 _folders: set[Path] = set()
-# What a command has finished writing, in words, for whoever interrupts it; None outside of one.
-_kept: list[str] | None = None
+# What this process has written last, in words, for whoever ends it.
+_kept: deque[str] = deque(maxlen=9)
 
 
 @contextmanager
@@ -55,42 +56,18 @@ def placed(path: Path) -> Iterator[Path]:
         keep(f"{path} is written")
 
 
-@contextmanager
-def remembered() -> Iterator[None]:
-    """Remember, inside the block, what is kept of the work in it."""
-    global _kept
-    _kept = []
-    try:
-        yield
-    finally:
-        _kept = None
-        _folders.clear()
-
-
 def keep(what: str) -> None:
-    """Say what stays where it is should the work be interrupted from now on."""
-    if _kept is not None:
-        _kept.append(what)
-
-
-def told_kept() -> str:
-    """Return what is kept of a command's work, in words."""
-    text = [
-        f"what is finished is kept in {folder}: the same command goes on from there"
-        for folder in _folders
-        if any(folder.glob("*.npz"))
-    ]
-    return "; ".join([*text, *(_kept or ())]) or "nothing was written"
+    """Say what stays where it is should the process be ended from now on."""
+    _kept.append(what)
 
 
 def keep_folder(folder: Path) -> None:
-    """Say that a folder takes finished parts, should the work be interrupted from now on."""
-    if _kept is not None:
-        _folders.add(folder)
+    """Say that a folder takes finished parts, should the process be ended from now on."""
+    _folders.add(folder)
 
 
-def abandon() -> None:
-    """Remove what this process has staged, and parts that are not whole, before it ends at once."""
+def end() -> str:
+    """Remove what is not whole, as the process ends at once; return what is kept, in words."""
     for folder in tuple(_staging):
         shutil.rmtree(folder, ignore_errors=True)
     for folder in tuple(_folders):
@@ -98,6 +75,12 @@ def abandon() -> None:
             part.unlink(missing_ok=True)
         with suppress(OSError):
             folder.rmdir()
+    text = [
+        f"what is finished is kept in {folder}: the same command goes on from there"
+        for folder in _folders
+        if any(folder.glob("*.npz"))
+    ]
+    return "; ".join([*text, *_kept]) or "nothing was written"
 
 
 def _remove_orphans(folder: Path) -> None:

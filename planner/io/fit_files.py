@@ -187,7 +187,7 @@ class _Columns:
         self, name: str, arm: Arm, points: Sequence[PointTable], std: float, header: list[str]
     ) -> None:
         self.name, self.points, self.std, self.header = name, points, std, header
-        tendons = [arm.tendon_name(j) for j in range(arm.n_tendons)]
+        tendons = arm.tendon_names
         self.tensions = [f"{tendon}_N" for tendon in tendons]
         self.places = {what: [f"{what}_{x}_mm" for x in "xyz"] for what in self._seen}
         self.runs = {k: [f"{k}_{tendon}_mm" for tendon in tendons] for k in ("length", "stroke")}

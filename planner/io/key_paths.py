@@ -122,6 +122,8 @@ def type_inside(kind: Kind, step: Step) -> Any:
     """Return the type of a table's key or a list's item."""
     if isinstance(step, str) and step in kind.keys:
         return hints_of(kind.type)[step]
+    if kind.tag and step == kind.tag[0]:
+        return Literal[kind.tag[1]]
     if get_origin(kind.type) in (list, tuple) and isinstance(step, int):
         items = get_args(kind.type)
         return items[min(step, len(items) - 1)] if items[-1] is not Ellipsis else items[0]

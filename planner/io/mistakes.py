@@ -10,17 +10,16 @@ import operator
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
-from itertools import chain
-from typing import Any, Literal, NamedTuple, get_args, get_origin
+from typing import Any, Literal, get_args, get_origin
 
 import msgspec
 import numpy as np
 
 from model.errors import FileError, InputError, as_given, shortened
 from model.units import millimetres
-from planner.io.annotations import ENDS, about_type, choice
+from planner.io.annotations import ENDS, about_type
 from planner.io.codec import in_si
-from planner.io.key_paths import Kind, Step, alternatives, chosen, hint, places, steps, type_inside
+from planner.io.key_paths import Kind, Step, hint, kinds_at, places, steps, type_at, value_at
 from planner.io.object_tables import KEYS
 
 _LONG = 60
@@ -42,8 +41,9 @@ def checked(table: Any, kind: Any, name: str) -> Any:
     """Return what a file holds as a table of a kind; FileError where a key is missing or wrong."""
     try:
         return msgspec.convert(table, kind)
-    except msgspec.ValidationError:
-        raise _mistake(name, table, kind) from None
+    except msgspec.ValidationError as reason:
+        _, _, path = str(reason).rstrip("`").partition(" - at `$")
+        raise _mistake(name, table, kind, path.removeprefix(".")) from None
 
 
 @contextmanager
@@ -61,69 +61,26 @@ def told_in(name: str, where: str, part: Any = None) -> Iterator[None]:
         raise _as_written(reason, name, where, part) from None
 
 
-class _Part(NamedTuple):
-    """A part of what a file holds: its path, value and types, and that of the key that it is in."""
-
-    path: str
-    value: Any
-    kinds: list[Kind]
-    key: Any
-
-
-def _mistake(name: str, table: Any, root: Any) -> FileError:
-    """Return what is wrong with what a file holds, which is not of its type `root`.
+def _mistake(name: str, table: Any, root: Any, path: str) -> FileError:
+    """Return what is wrong at a path in what a file holds, which is not of its type `root`.
 
     The error names the file, the key and its like.
     """
-    path, value, kinds, key = _wrong_part(_part("", table, root, root))
+    where = steps(path)
+    value, kinds = value_at(table, where), kinds_at(root, table, where)
     if isinstance(value, dict) and any(kind.is_table for kind in kinds):
         return _wrong_keys(name, path, value, [kind for kind in kinds if kind.is_table], root)
-    allowed = " or ".join(dict.fromkeys(_words(kind, value) for kind in kinds))
-    if any(_is_list(kind) for kind in kinds) and about_type(key):
-        allowed = f"{allowed}: {about_type(key)}"
-    options = (get_args(kind.type) for kind in kinds if get_origin(kind.type) is Literal)
-    text = f"got {shown(value)}, allowed is {allowed}{hint(value, [*chain(*options)])}"
+    options = [
+        item for kind in kinds if get_origin(kind.type) is Literal for item in get_args(kind.type)
+    ]
+    words = [f"one of {', '.join(map(str, options))}"] if options else []
+    words += [_words(kind, value) for kind in kinds if get_origin(kind.type) is not Literal]
+    allowed = " or ".join(dict.fromkeys(words))
+    about = about_type(type_at(table, where, root))
+    if any(_is_list(kind) for kind in kinds) and about:
+        allowed = f"{allowed}: {about}"
+    text = f"got {shown(value)}, allowed is {allowed}{hint(value, options)}"
     return FileError(name, path or "the file", text)
-
-
-def _part(path: str, value: Any, kind: Any, key: Any) -> _Part:
-    return _Part(path.removeprefix("."), value, chosen([*alternatives(kind)], value), key)
-
-
-def _wrong_part(whole: _Part) -> _Part:
-    """Return the innermost part that alone makes a value be not of its type.
-
-    That is the value itself where its parts are allowed: a number out of bounds, a list of another
-    length, a table of which keys are missing or not known.
-    """
-    path, value, kinds, key = whole
-    items: Any = ()
-    if isinstance(value, dict):
-        tags = [item.tag for item in kinds if item.tag]
-        tag = tags[0][0] if tags else None
-        if tag in value and (tag, value[tag]) not in tags:
-            allowed: Any = Literal[tuple(item for _, item in tags)]
-            return _part(f"{path}.{tag}", value[tag], allowed, allowed)
-        named = {tag, *chain(*(item.keys for item in kinds))}
-        all_known = named >= value.keys() or any(item.takes_any_key for item in kinds)
-        items = value.items() if all_known and (tag is None or tag in value) else ()
-    elif isinstance(value, list) and any(item.size in (None, len(value)) for item in kinds):
-        items = enumerate(value)
-    for step, item in items:
-        inside = [type_inside(of, step) for of in kinds]
-        if any(of is not type(None) for of in inside) and not _fits(item, choice(inside)):
-            where = f"{path}[{step}]" if isinstance(step, int) else f"{path}.{step}"
-            of_key = key if isinstance(step, int) else choice(inside)
-            return _wrong_part(_part(where, item, choice(inside), of_key))
-    return whole
-
-
-def _fits(value: Any, kind: Any) -> bool:
-    try:
-        msgspec.convert(value, kind)
-    except msgspec.ValidationError:
-        return False
-    return True
 
 
 def shown(value: Any) -> str:
@@ -140,8 +97,6 @@ def _words(kind: Kind, value: Any) -> str:
     """Return a type in words, of its bounds those that a value is not within."""
     if kind.is_table:
         return f"a table {{ ... }} of the keys {', '.join(kind.keys)}"
-    if get_origin(kind.type) is Literal:
-        return f"one of {', '.join(map(str, get_args(kind.type)))}"
     if _is_list(kind):
         if kind.size is not None:
             return f"a list of {kind.size}"

@@ -2,12 +2,12 @@
 
 SI units, angles in rad; keys name the unit of numbers that have one. Keys are added, never renamed
 or removed, while the number at the end of `schema` stays. A key is an attribute of the result, but
-for the unit at its end; what is not, is handed over by name.
+for the unit at its end, or says `By` what function of the result it is.
 """
 
-from __future__ import annotations
-
-from typing import Annotated, Any, Literal, TypeVar, get_args, get_type_hints
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, TypeVar, get_args
 
 import msgspec
 import numpy as np
@@ -17,49 +17,65 @@ from model.effects import PrintedStatics
 from model.errors import OctoplanError
 from model.time_limit import OutOfTime
 from planner.effect_ablation import ProblemSize
-from planner.io.annotations import arguments
+from planner.io.annotations import hints_of
 from planner.io.files import versions
 from planner.tendon_lengths import length_error, strokes
 
 POINTS, _SECTIONS = 101, 21
-_UNITS = ("_m_per_N", "_N_m2", "_m", "_N", "_s")
 
 Rows = Annotated[Any, Meta(description="a row a section, tip first, or flat")]
 Floats = list[float]
 Matrix = list[list[float]]
 Schema = Meta(description="what this is")
-R = TypeVar("R", bound="Record")
+R = TypeVar("R", bound=msgspec.Struct)
+
+
+@dataclass(frozen=True)
+class By:
+    """The annotation of a key that is no attribute of a result: what it is, as a function of it.
+
+    Annotations are evaluated where they stand in these files, so that they can name functions.
+    """
+
+    of: Callable[[Any], Any]
 
 
 class Record(msgspec.Struct, kw_only=True):
     """What a command found."""
 
-    versions: Annotated[dict[str, str], Meta(description="of what computed it")]
+    versions: Annotated[
+        dict[str, str], Meta(description="of what computed it"), By(lambda _: versions())
+    ]
 
 
-def record_of(kind: type[R], of: Any, **others: Any) -> R:
-    """Return the record of a result, whose attributes its keys name; others by name."""
-    (schema,) = get_args(get_type_hints(kind)["schema"])
-    result = {"schema": schema, "versions": versions()}
-    for key in kind.__struct_fields__:
-        if key in others:
-            result[key] = others[key]
-        elif key not in ("schema", "versions"):
-            result[key] = getattr(of, _attribute(of, key))
-    return kind(**result)
+def record(kind: type[R], result: Any, **others: Any) -> R:
+    """Return the record of a result; keys that are nothing of it are handed over by name."""
+    keys = [key for key in kind.__struct_fields__ if key not in others]
+    return kind(**others, **{key: _value(hints_of(kind)[key], key, result) for key in keys})
 
 
-def _attribute(of: Any, key: str) -> str:
-    if hasattr(of, key):
-        return key
-    return next(
-        key.removesuffix(unit)
-        for unit in _UNITS
-        if key.endswith(unit) and hasattr(of, key.removesuffix(unit))
-    )
+def records(kind: type[R], results: Any) -> list[R]:
+    """Return the record of each of several results."""
+    return [record(kind, result) for result in results]
 
 
-# Shapes, stiffness, motions, effects, exports, sweeps
+def _value(hint: Any, key: str, result: Any) -> Any:
+    if key == "schema":
+        return get_args(hint.__origin__)[0]
+    for item in getattr(hint, "__metadata__", ()):
+        if isinstance(item, By):
+            return item.of(result)
+    while not hasattr(result, key):
+        key = key.rpartition("_")[0]
+    return getattr(result, key)
+
+
+def _stations(shape: Any) -> Any:
+    return np.linspace(0.0, shape.arm.length, POINTS)
+
+
+def _sections(k: Any) -> Any:
+    return np.linspace(0.0, k.shape.arm.length, _SECTIONS)
 
 
 class ShapeRecord(Record, kw_only=True):
@@ -68,26 +84,24 @@ class ShapeRecord(Record, kw_only=True):
     schema: Annotated[Literal["octoplan shape 1"], Schema]
     tip_m: Floats
     tip_frame: Annotated[Matrix, Meta(description="columns t, n, b")]
-    tensions_N: Rows
+    tensions_N: Annotated[Rows, By(lambda shape: shape.arm.by_section(shape.tensions))]
     error: Annotated[float, Meta(description="estimated tip error over arm length")]
     tendon_lengths_m: Annotated[Floats, Meta(description="in tendon order")]
-    strokes_m: Annotated[Floats, Meta(description="taken in from the straight arm at rest")]
-    slack: Annotated[list[bool], Meta(description="in tendon order")]
-    s_m: Annotated[Floats, Meta(description="arc lengths from the base")]
-    position_m: Annotated[Matrix, Meta(description="at s_m")]
-    strain: Annotated[Matrix, Meta(description="tau, xi, k [1/m] and q [-] at s_m")]
-
-
-def shape_record(shape: Any) -> ShapeRecord:
-    """Return the record of a settled shape."""
-    s = np.linspace(0.0, shape.arm.length, POINTS)
-    along = {"s_m": s, "position_m": shape.position(s), "strain": shape.strain(s)}
-    held = {
-        "tensions_N": shape.arm.by_section(shape.tensions),
-        "strokes_m": strokes(shape),
-        "slack": shape.slack.ravel(),
-    }
-    return record_of(ShapeRecord, shape, **along, **held)
+    strokes_m: Annotated[
+        Floats, Meta(description="taken in from the straight arm at rest"), By(strokes)
+    ]
+    slack: Annotated[
+        list[bool], Meta(description="in tendon order"), By(lambda shape: shape.slack.ravel())
+    ]
+    s_m: Annotated[Floats, Meta(description="arc lengths from the base"), By(_stations)]
+    position_m: Annotated[
+        Matrix, Meta(description="at s_m"), By(lambda shape: shape.position(_stations(shape)))
+    ]
+    strain: Annotated[
+        Matrix,
+        Meta(description="tau, xi, k [1/m] and q [-] at s_m"),
+        By(lambda shape: shape.strain(_stations(shape))),
+    ]
 
 
 def of_shape(plan: Any) -> dict[str, Any]:
@@ -114,45 +128,47 @@ class StiffnessRecord(Record, kw_only=True):
     """The compliance of a settled shape at a point, and the stiffness of its sections."""
 
     schema: Annotated[Literal["octoplan stiffness 1"], Schema]
-    tensions_N: Rows
-    tendon_lengths_m: Annotated[Floats, Meta(description="in tendon order")]
-    tip_m: Floats
+    tensions_N: Annotated[Rows, By(lambda k: k.shape.arm.by_section(k.shape.tensions))]
+    tendon_lengths_m: Annotated[
+        Floats, Meta(description="in tendon order"), By(lambda k: k.shape.tendon_lengths)
+    ]
+    tip_m: Annotated[Floats, By(lambda k: k.shape.tip)]
     hold: Annotated[Literal["tension", "length"], Meta(description="what holds the tendons")]
     at_m: Annotated[float, Meta(description="arc length of the point")]
-    position_m: Annotated[Floats, Meta(description="of the point, base frame")]
+    position_m: Annotated[
+        Floats,
+        Meta(description="of the point, base frame"),
+        By(lambda k: k.shape.position(k.at)),
+    ]
     compliance: Annotated[
         Matrix,
         Meta(description="[displacement m; rotation rad] per [force N; moment N m], base frame"),
     ]
-    half_axes_m_per_N: Annotated[Floats, Meta(description="of displacements, softest first")]
-    directions: Annotated[Matrix, Meta(description="of the half axes, as columns")]
+    half_axes_m_per_N: Annotated[
+        Floats,
+        Meta(description="of displacements, softest first"),
+        By(lambda k: k.ellipsoid()[0]),
+    ]
+    directions: Annotated[
+        Matrix,
+        Meta(description="of the half axes, as columns"),
+        By(lambda k: k.ellipsoid()[1]),
+    ]
     tension_response: Annotated[Matrix, Meta(description="of each tendon per force and moment")]
-    locked: Annotated[list[str], Meta(description="tendons whose length is held")]
+    locked: Annotated[
+        list[str],
+        Meta(description="tendons whose length is held"),
+        By(lambda k: [k.shape.arm.tendon_name(j) for j in k.locked]),
+    ]
     slack: Annotated[list[str], Meta(description="tendons without tension")]
-    stable: Annotated[bool, Meta(description="at held tensions")]
+    stable: Annotated[bool, Meta(description="at held tensions"), By(lambda k: bool(k.stable))]
     error: Annotated[float, Meta(description="estimated relative error of the compliance")]
-    s_m: Floats
-    section_N_m2: Annotated[Matrix, Meta(description="flexural stiffness about n and b at s_m")]
-
-
-def stiffness_record(k: Any) -> StiffnessRecord:
-    """Return the record of a stiffness."""
-    shape, arm = k.shape, k.shape.arm
-    s, (axes, directions) = np.linspace(0.0, arm.length, _SECTIONS), k.ellipsoid()
-    return record_of(
-        StiffnessRecord,
-        k,
-        tensions_N=arm.by_section(shape.tensions),
-        tendon_lengths_m=shape.tendon_lengths,
-        tip_m=shape.tip,
-        position_m=shape.position(k.at),
-        half_axes_m_per_N=axes,
-        directions=directions,
-        locked=[arm.tendon_name(j) for j in k.locked],
-        stable=bool(k.stable),
-        s_m=s,
-        section_N_m2=k.section(s),
-    )
+    s_m: Annotated[Floats, By(_sections)]
+    section_N_m2: Annotated[
+        Matrix,
+        Meta(description="flexural stiffness about n and b at s_m"),
+        By(lambda k: k.section(_sections(k))),
+    ]
 
 
 class TrajectoryRecord(Record, kw_only=True):
@@ -160,28 +176,23 @@ class TrajectoryRecord(Record, kw_only=True):
 
     schema: Annotated[Literal["octoplan trajectory 1"], Schema]
     outcome: Annotated[str, Meta(description="what happened and what to try")]
-    certified: bool
+    certified: Annotated[bool, By(lambda motion: motion.certificate.passed)]
     duration_s: float
     times_s: Annotated[Floats, Meta(description="between which tensions change linearly")]
-    tensions_N: Annotated[Matrix, Meta(description="at each time, in tendon order")]
+    tensions_N: Annotated[
+        Matrix,
+        Meta(description="at each time, in tendon order"),
+        By(lambda motion: motion.flat),
+    ]
     lengths_m: Annotated[Matrix, Meta(description="of the tendons, at each time")]
-    tendons: Annotated[list[str], Meta(description="their names, in tendon order")]
+    tendons: Annotated[
+        list[str],
+        Meta(description="their names, in tendon order"),
+        By(lambda motion: motion.arm.tendon_names),
+    ]
     stops: Annotated[list[int], Meta(description="at which of the times each target is met")]
     reached: list[bool]
     certificate: dict[str, Any]
-
-
-def trajectory_record(result: Any) -> TrajectoryRecord:
-    """Return the record of a motion."""
-    checked = result.certificate
-    return record_of(
-        TrajectoryRecord,
-        result,
-        certified=checked.passed,
-        tensions_N=result.flat,
-        tendons=[result.arm.tendon_name(j) for j in range(result.arm.n_tendons)],
-        certificate={name: getattr(checked, name) for name in arguments(type(checked))},
-    )
 
 
 class EffectRecord(msgspec.Struct, kw_only=True):
@@ -192,7 +203,11 @@ class EffectRecord(msgspec.Struct, kw_only=True):
     tip_change: Annotated[float | None, Meta(description="over arm length")]
     sizes: ProblemSize
     sizes_without: ProblemSize
-    time_factor: Annotated[float | None, Meta(description="of a settle, with over without")]
+    time_factor: Annotated[
+        float | None,
+        Meta(description="of a settle, with over without"),
+        By(lambda switch: None if switch.problem else switch.time_factor),
+    ]
     matters: bool
     problem: Annotated[str, Meta(description="why one does not settle, if so")]
 
@@ -202,16 +217,7 @@ class EffectsRecord(Record, kw_only=True):
 
     schema: Annotated[Literal["octoplan effects 1"], Schema]
     accuracy: Annotated[float, Meta(description="tip change over arm length that matters")]
-    effects: list[EffectRecord]
-
-
-def effects_record(switches: Any, accuracy: float) -> EffectsRecord:
-    """Return the record of a scene's switched effects."""
-    names = EffectRecord.__struct_fields__
-    rows = [EffectRecord(**{name: getattr(item, name) for name in names}) for item in switches]
-    for row in rows:
-        row.time_factor = None if row.problem else row.time_factor
-    return record_of(EffectsRecord, None, accuracy=accuracy, effects=rows)
+    effects: Annotated[list[EffectRecord], By(lambda switches: records(EffectRecord, switches))]
 
 
 class ExportRecord(Record, kw_only=True):
@@ -219,15 +225,13 @@ class ExportRecord(Record, kw_only=True):
 
     schema: Annotated[Literal["octoplan export 1"], Schema]
     files: list[str]
-    nodes: Annotated[int, Meta(description="at which a map gives the pose, or of the shape's mesh")]
+    nodes: Annotated[
+        int,
+        Meta(description="at which a map gives the pose, or of the shape's mesh"),
+        By(lambda shape: shape.s.size),
+    ]
     error: Annotated[float, Meta(description="estimated tip error over arm length")]
     static_bytes: Annotated[int, Meta(description="of work arrays of C; 0 of other files")]
-
-
-def export_record(files: Any, shape: Any, static_bytes: int = 0) -> ExportRecord:
-    """Return the record of a map, or of a settled arm, that is written for other programs."""
-    values = {"files": list(map(str, files)), "nodes": shape.s.size, "static_bytes": static_bytes}
-    return record_of(ExportRecord, shape, **values)
 
 
 class SweepRecord(Record, kw_only=True):
@@ -235,26 +239,12 @@ class SweepRecord(Record, kw_only=True):
 
     schema: Annotated[Literal["octoplan sweep 1"], Schema]
     file: Annotated[str, Meta(description="where the Dataset is")]
-    compute: Literal["settle", "plan", "stiffness"]
+    compute: Annotated[Literal["settle", "plan", "stiffness"], By(lambda sweep: sweep.job.compute)]
     dims: Annotated[dict[str, int], Meta(description="what points lie along, and how many there")]
-    points: int
+    points: Annotated[int, By(lambda sweep: sweep.size)]
     met: Annotated[int, Meta(description="points that settled, or whose targets are reached")]
     failures: Annotated[
         dict[str, int],
         Meta(description="outcomes of the others: one of each kind, that differ by numbers alone"),
     ]
     earlier: Annotated[bool, Meta(description="whether an earlier run had found it all")] = False
-
-
-def sweep_record(sweep: Any, attributes: dict[str, Any], file: Any, earlier: bool) -> SweepRecord:
-    """Return the record of a sweep whose Dataset, with these attributes, is written to a file."""
-    return record_of(
-        SweepRecord,
-        sweep,
-        file=str(file),
-        compute=sweep.job.compute,
-        points=sweep.size,
-        met=int(attributes["met"]),
-        failures=msgspec.json.decode(attributes["failures"]),
-        earlier=earlier,
-    )

@@ -3,8 +3,7 @@
 Of these `question` and `answer`, or `fit`, are what is read; all else is derived of them.
 """
 
-from __future__ import annotations
-
+from operator import attrgetter
 from typing import Annotated, Any, Literal
 
 import msgspec
@@ -22,7 +21,7 @@ from planner.fit.unknowns import Unknown
 from planner.io.annotations import arguments, choice, hints_of
 from planner.io.codec import READ, WRITE, attributes_of, plain
 from planner.io.object_tables import TARGETS
-from planner.io.records import Floats, Matrix, Record, Rows, Schema, of_shape, record_of
+from planner.io.records import By, Floats, Matrix, Record, Rows, Schema, of_shape, record, records
 from planner.io.tables import Number, exact, exact_choices, struct
 from planner.program.limits import Limits
 from planner.solve.task import SearchResult
@@ -57,11 +56,14 @@ AnswerRecord: Any = struct(
 )
 READ[AnswerRecord] = READ[_FOUND]
 
-# Certificates keep the keys that their files had; what is worked out on request is told as well.
+# Keys of certificates that are named otherwise than what they hold, as files had them before.
 _RENAMED = {"match": "equality", "approach": "soft_residual", "margin": "inequality"}
 _LEFT_OUT = {"on_request", "gaps_asked", *_RENAMED.values()}
 _WORKED_OUT: dict[str, Any] = {
-    **dict.fromkeys(_RENAMED, dict[str, float | None]),
+    **{
+        key: Annotated[dict[str, float | None], By(attrgetter(name))]
+        for key, name in _RENAMED.items()
+    },
     "passed": bool,
     "clearance": float | None,
     "gaps": dict[str, float | None],
@@ -82,15 +84,34 @@ CertificateRecord: Any = msgspec.defstruct(
 )
 
 
+def _question(plan: Any) -> QuestionRecord:
+    around = plan.surroundings
+    return QuestionRecord(
+        **attributes_of(plan, ("arm", "scene", "targets", "limits", "accuracy")),
+        obstacles=plain(around.obstacles),
+        clearance=around.clearance,
+        self_clearance=around.of_itself,
+    )
+
+
+def _answer(plan: Any) -> dict[str, Any]:
+    result = attributes_of(plan, (*arguments(SearchResult), "avoidance"))
+    return result | {"tensions": plain(np.ravel(plan.tensions))}
+
+
 class PlanRecord(Record, kw_only=True):
     """A plan. `question` and `answer` are what it is loaded from, the rest is derived of them."""
 
     schema: Annotated[Literal["octoplan plan 1"], Schema]
     outcome: Annotated[str, Meta(description="what happened, what holds it, what to try")]
-    certified: bool
+    certified: Annotated[bool, By(lambda plan: plan.certificate.passed)]
     mode: Literal["exact", "closest", "nearest"]
     tensions_N: Rows
-    tendons: Annotated[list[str], Meta(description="their names, in tendon order")]
+    tendons: Annotated[
+        list[str],
+        Meta(description="their names, in tendon order"),
+        By(lambda plan: plan.arm.tendon_names),
+    ]
     lengths_m: Annotated[Any, Meta(description="of the tendons, like tensions_N")] = None
     strokes_m: Annotated[Any, Meta(description="taken in from where winches are zeroed")] = None
     tip_error_per_length: Annotated[
@@ -99,9 +120,11 @@ class PlanRecord(Record, kw_only=True):
     effort_N: float
     tip_m: Floats | None
     tip_frame: Annotated[Matrix | None, Meta(description="columns t, n, b")]
-    certificate: CertificateRecord
-    question: QuestionRecord
-    answer: AnswerRecord
+    certificate: Annotated[
+        CertificateRecord, By(lambda plan: record(CertificateRecord, plan.certificate))
+    ]
+    question: Annotated[QuestionRecord, By(_question)]
+    answer: Annotated[AnswerRecord, By(_answer)]
 
 
 def plan_record(plan: Any) -> PlanRecord:
@@ -109,32 +132,8 @@ def plan_record(plan: Any) -> PlanRecord:
 
     Raises InputError where arm, scene or targets are of kinds that could not be read back.
     """
-    certificate = plan.certificate
-    keys = CertificateRecord.__struct_fields__
-    checks = {key: getattr(certificate, _RENAMED.get(key, key)) for key in keys}
-    result = attributes_of(plan, arguments(SearchResult))
-    avoidance = None if plan.avoidance is None else plain(plan.avoidance)
-    return record_of(
-        PlanRecord,
-        plan,
-        certified=certificate.passed,
-        tendons=[plan.arm.tendon_name(j) for j in range(plan.arm.n_tendons)],
-        **{key: item for key, item in of_shape(plan).items() if key != "slack"},
-        certificate=CertificateRecord(**checks),
-        question=QuestionRecord(
-            **{name: plain(getattr(plan, name)) for name in ("arm", "scene", "targets")},
-            limits=plain(plan.limits),
-            accuracy=plan.accuracy,
-            obstacles=plain(plan.surroundings.obstacles),
-            clearance=plan.surroundings.clearance,
-            self_clearance=plan.surroundings.of_itself,
-        ),
-        answer={
-            **result,
-            "tensions": plain(np.ravel(plan.tensions)),
-            "avoidance": avoidance,
-        },
-    )
+    shape = {key: item for key, item in of_shape(plan).items() if key != "slack"}
+    return record(PlanRecord, plan, **shape)
 
 
 # Calibrations and designs
@@ -149,6 +148,14 @@ class ValueRecord(msgspec.Struct, kw_only=True):
     unit: str
 
 
+def _values(fit: Any) -> list[ValueRecord]:
+    rows = zip(fit.unknowns, fit.values, fit.std.tolist(), strict=True)
+    return [
+        ValueRecord(name=item.name, value=x, std=plain(std), unit=fit.parameters.unit(item))
+        for item, x, std in rows
+    ]
+
+
 class ResidualRecord(msgspec.Struct, kw_only=True):
     """What is predicted less what was measured [m], of frames [rad]."""
 
@@ -160,10 +167,10 @@ class ResidualRecord(msgspec.Struct, kw_only=True):
 class CalibrationQuestion(msgspec.Struct, kw_only=True):
     """What was asked: arm and scene as they were given, what was measured, and what is unknown."""
 
-    arm: ArmKind
-    scene: SceneKind
-    measured: list[ShapeKind]
-    unknowns: list[UnknownKind]
+    arm: Annotated[ArmKind, By(lambda fit: plain(fit.given_arm))]
+    scene: Annotated[SceneKind, By(lambda fit: plain(fit.given_scene))]
+    measured: Annotated[list[ShapeKind], By(lambda fit: plain(fit.measured))]
+    unknowns: Annotated[list[UnknownKind], By(lambda fit: plain(fit.unknowns))]
 
 
 _ASKED = ("given_arm", "given_scene", "measured", "unknowns")
@@ -177,49 +184,28 @@ FitRecord: Any = struct(
 )
 
 
+def _scene_of(of: Any) -> dict[str, Any]:
+    table = of.parameters.table_at(of.array, "")
+    return {key: table[key] for key in ("arm", "effects")}
+
+
+_SCENE = Meta(description="arm and effects as a scene file has them")
+
+
 class CalibrationRecord(Record, kw_only=True):
     """A calibration; `question` and `fit` are what it is loaded from, the rest is derived."""
 
     schema: Annotated[Literal["octoplan calibration 1"], Schema]
     outcome: Annotated[str, Meta(description="what was found, and how well it is known")]
-    values: list[ValueRecord]
-    unidentified: list[str]
+    values: Annotated[list[ValueRecord], By(_values)]
+    unidentified: Annotated[list[str], By(lambda fit: list(map(str, fit.unidentified)))]
     mean_error_m: float | None
-    residuals: list[ResidualRecord]
-    scene: Annotated[dict[str, Any], Meta(description="arm and effects as a scene file has them")]
-    question: CalibrationQuestion
-    fit: FitRecord
-
-
-def calibration_record(of: Any) -> CalibrationRecord:
-    """Return the record of a Calibration."""
-    rows = zip(of.unknowns, of.values, of.std.tolist(), strict=True)
-    return record_of(
-        CalibrationRecord,
-        of,
-        values=[
-            ValueRecord(name=item.name, value=x, std=plain(std), unit=of.parameters.unit(item))
-            for item, x, std in rows
-        ],
-        unidentified=list(map(str, of.unidentified)),
-        residuals=[
-            ResidualRecord(shape=item.shape, what=item.what, miss=list(item.miss))
-            for item in of.residuals
-        ],
-        scene=_scene_of(of),
-        question={
-            "arm": plain(of.given_arm),
-            "scene": plain(of.given_scene),
-            "measured": plain(of.measured),
-            "unknowns": plain(of.unknowns),
-        },
-        fit=attributes_of(of, _FIT),
-    )
-
-
-def _scene_of(of: Any) -> dict[str, Any]:
-    table = of.parameters.table_at(of.array, "")
-    return {key: table[key] for key in ("arm", "effects")}
+    residuals: Annotated[
+        list[ResidualRecord], By(lambda fit: records(ResidualRecord, fit.residuals))
+    ]
+    scene: Annotated[dict[str, Any], _SCENE, By(_scene_of)]
+    question: Annotated[CalibrationQuestion, By(lambda fit: record(CalibrationQuestion, fit))]
+    fit: Annotated[FitRecord, By(lambda fit: attributes_of(fit, _FIT))]
 
 
 class DesignedRecord(msgspec.Struct, kw_only=True):
@@ -230,6 +216,11 @@ class DesignedRecord(msgspec.Struct, kw_only=True):
     before: float
 
 
+def _designed(design: Any) -> list[DesignedRecord]:
+    rows = zip(design.unknowns, design.values, design.parameters.start.tolist(), strict=True)
+    return [DesignedRecord(name=item.name, value=x, before=old) for item, x, old in rows]
+
+
 class DesignRecord(Record, kw_only=True):
     """A designed arm and its plans."""
 
@@ -237,25 +228,16 @@ class DesignRecord(Record, kw_only=True):
     outcome: str
     feasible: Annotated[bool, Meta(description="whether every plan is certified")]
     effort_N: Annotated[float, Meta(description="root of the sum of the squared efforts")]
-    objective: Annotated[str, Meta(description="effort, Stiffest, Softest or Reach")]
+    objective: Annotated[
+        str,
+        Meta(description="effort, Stiffest, Softest or Reach"),
+        By(lambda d: d.objective if d.objective == "effort" else type(d.objective).__name__),
+    ]
     value: Annotated[float, Meta(description="of the objective: [N], [N/m] or [m]")]
     value_before: Annotated[float, Meta(description="the same of the given arm")]
     gain: Annotated[
         float | None, Meta(description="share of effort saved, or by which stiffness or reach grow")
     ]
-    values: list[DesignedRecord]
-    scene: Annotated[dict[str, Any], Meta(description="arm and effects as a scene file has them")]
-    plans: list[PlanRecord]
-
-
-def design_record(of: Any) -> DesignRecord:
-    """Return the record of a Design."""
-    rows = zip(of.unknowns, of.values, of.parameters.start.tolist(), strict=True)
-    return record_of(
-        DesignRecord,
-        of,
-        objective="effort" if of.objective == "effort" else type(of.objective).__name__,
-        values=[DesignedRecord(name=item.name, value=x, before=old) for item, x, old in rows],
-        scene=_scene_of(of),
-        plans=[plan_record(item) for item in of.plans],
-    )
+    values: Annotated[list[DesignedRecord], By(_designed)]
+    scene: Annotated[dict[str, Any], _SCENE, By(_scene_of)]
+    plans: Annotated[list[PlanRecord], By(lambda design: list(map(plan_record, design.plans)))]

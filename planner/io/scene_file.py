@@ -69,6 +69,8 @@ class Question:
         Further arguments of trajectory: rates and times.
     time_limit : float or None
         After how long an answer has to be there [s].
+    name : str
+        Of the file.
     """
 
     arm: Arm
@@ -83,6 +85,7 @@ class Question:
     waypoints: tuple[Target, ...] = ()
     motion: dict[str, Any] = field(default_factory=dict)
     time_limit: float | None = None
+    name: str = "scene"
 
 
 def load(path: str | Path) -> Question:
@@ -147,7 +150,7 @@ def question_of(raw: dict[str, Any], name: str = "scene") -> Question:
     if not motion["quasi_static"]:
         del motion["quasi_static"]
     held = (table.tensions, winches, table.accuracy, options, stiff, table.compile)
-    return Question(arm, scene, targets, *held, ways, motion, table.time_limit_s)
+    return Question(arm, scene, targets, *held, ways, motion, table.time_limit_s, name)
 
 
 _TARGETS = ("target", "targets")

@@ -23,6 +23,7 @@ from model.effects import PrintedStatics
 from model.errors import FileError
 from model.loads import check_loads, is_loaded
 from model.scene import Scene
+from planner.io.calls import check_complete, check_held
 from planner.io.codec import Table, identity, written
 from planner.io.key_paths import changed, checked_key, unit_of
 from planner.io.mistakes import told_in
@@ -178,6 +179,10 @@ def _sweep(
     try:
         scene = filled(scene, scene_name)
         question = question_of(scene, scene_name)
+        if file.sweep.compute == "plan":
+            check_complete(question, "target", "limits")
+        else:
+            check_held(question)
     except FileError as reason:
         raise FileError(reason.path, f"{prefix}{reason.where}", reason.problem) from None
     scene |= {} if time_limit is None else {"time_limit_s": time_limit}
@@ -188,7 +193,7 @@ def _sweep(
         file.sweep.compute == "settle" and not is_loaded(question.scene) and not question.winches
     )
     together = closed and all(axis.key.startswith("tensions") for axis in axes)
-    tendons = tuple(question.arm.tendon_name(j) for j in range(question.arm.n_tendons))
+    tendons = tuple(question.arm.tendon_names)
     keys = tuple(axis.key for axis in axes)
     job = Job(file.sweep.compute, scene, scene_name, keys, tendons, together)
     sweep = Sweep(job, axes, file.sweep.draws or 0, texts)
@@ -236,21 +241,12 @@ def _axis(each: AxisTable, table: SweepTable, scene: dict[str, Any]) -> Axis:
     return Axis(key, name, values, unit_of(scene, key), each.distribution is not None)
 
 
-def _check_compute(request: Question, compute: str) -> None:
-    """Raise InputError, naming it, for what a scene has that a sweep does not take.
-
-    Or lacks: a plan needs targets and limits, the others tensions or lengths.
-    """
-    if request.scene.has(PrintedStatics):
+def _check_compute(question: Question, compute: str) -> None:
+    """Raise InputError, naming it, for what a scene has that a sweep does not take."""
+    if question.scene.has(PrintedStatics):
         raise InputError("compute", f"{compute} as printed", "a scene without as_printed")
-    if compute == "plan":
-        if not request.targets or "tension_max" not in request.options:
-            raise InputError("compute", "plan", "plan for a scene with [target] and [limits]")
-    elif request.tensions is None and not request.winches:
-        text = f"{compute} for a scene with tensions, lengths_mm or strokes_mm"
-        raise InputError("compute", compute, text)
     if compute != "settle":
-        check_loads(request.arm, request.scene, contact=True)
+        check_loads(question.arm, question.scene, contact=True)
 
 
 # Sweeps of objects

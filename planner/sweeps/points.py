@@ -10,13 +10,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from model import InputError, OctoplanError, settle, settle_many
+from model import InputError, OctoplanError, settle_many
 from model.progress import listening
-from model.stiffness import stiffness
 from model.time_limit import OutOfTime, check_time, limited
+from planner.io.calls import planned, settled, stiff
 from planner.io.key_paths import changed
 from planner.io.scene_file import Question, question_of
-from planner.plan import plan
 
 Compute = Literal["settle", "plan", "stiffness"]
 Point = tuple[Any, ...]
@@ -176,20 +175,11 @@ def _row(job: Job, point: Point) -> Rows:
 
 
 def _settle(question: Question) -> dict[str, Any]:
-    arguments = (question.arm, question.tensions, question.scene, question.accuracy)
-    with limited(question.time_limit):
-        shape = settle(*arguments, compile=question.compile, **question.winches)
-    return _shape(shape) | {"settled": True, "outcome": SETTLED}
+    return _shape(settled(question)) | {"settled": True, "outcome": SETTLED}
 
 
 def _plan(question: Question) -> dict[str, Any]:
-    options = {
-        **question.options,
-        "accuracy": question.accuracy,
-        "compile": question.compile,
-        "time_limit": question.time_limit,
-    }
-    result = plan(question.arm, question.targets, question.scene, **options)
+    result = planned(question)
     values: dict[str, Any] = {"effort": result.effort, "reached": result.reached}
     # Where the tensions do not settle, the certificate says so and the outcome tells it.
     with suppress(OctoplanError):
@@ -198,10 +188,8 @@ def _plan(question: Question) -> dict[str, Any]:
 
 
 def _stiffness(question: Question) -> dict[str, Any]:
-    options = {**question.stiffness, **question.winches, "compile": question.compile}
-    arguments = (question.arm, question.tensions, question.scene)
     with limited(question.time_limit):
-        result = stiffness(*arguments, accuracy=question.accuracy, **options)
+        result = stiff(question)
         results = {"stable": result.stable, "compliance": result.compliance}
     return _shape(result.shape) | results | {"settled": True, "outcome": SETTLED}
 

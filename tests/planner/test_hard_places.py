@@ -18,7 +18,7 @@ from model.effects import Extension
 from model.errors import FileError
 from planner import export, load_plan
 from planner.cli import main
-from planner.io.files import abandon, staged, write_together, write_whole
+from planner.io.files import end, staged, write_together, write_whole
 from planner.io.scene_file import load, read
 from planner.sweeps.definition import load_sweep
 
@@ -222,5 +222,5 @@ def test_what_other_runs_are_writing_stays() -> None:
 def test_a_process_that_ends_at_once_takes_away_what_it_was_writing() -> None:
     with staged(Path()) as folder:
         (folder / "half").write_text("half")
-        abandon()
+        end()
         assert not folder.exists()

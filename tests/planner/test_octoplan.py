@@ -132,7 +132,7 @@ def test_help_tells_the_exit_codes(command: str, capsys: pytest.CaptureFixture[s
 
 def _octoplan(*argv: str, **options: Any) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        [sys.executable, "-u", "-m", "planner.cli", *argv],
+        [sys.executable, "-u", "-m", "octoplan", *argv],
         cwd=ROOT,
         stdout=subprocess.PIPE,
         stderr=options.get("stderr", subprocess.PIPE),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -56,8 +57,9 @@ def ended(command: str, number: signal.Signals, after: float, folder: Path) -> i
         (folder / "out").mkdir(exist_ok=True)
     argv, files = COMMANDS[command]
     begun = folder / "begun"
-    begin = f"import sys; sys.path.insert(0, {str(ROOT)!r}); import octoplan; octoplan.main; "
-    begin += f"open({str(begun)!r}, 'w').close(); "
+    # It has begun when signals are heard: what comes next is that its own packages are looked for.
+    begin = f"import sys; sys.path.insert(0, {str(ROOT)!r}); import octoplan; "
+    begin += f"octoplan.check_own = lambda *_: open({str(begun)!r}, 'w').close(); "
     process = subprocess.Popen(
         [sys.executable, "-c", begin + "sys.exit(octoplan.main())", command, *argv],
         cwd=folder,
@@ -95,6 +97,26 @@ def test_a_command_that_is_ended_leaves_all_or_nothing(
     command: str, number: signal.Signals, after: float, tmp_path: Path
 ) -> None:
     ended(command, number, after, tmp_path)
+
+
+LAST = """
+import os, signal, sys
+import octoplan, planner.cli
+run = planner.cli.main
+planner.cli.main = lambda: (run(), os.kill(os.getpid(), signal.SIGTERM))
+sys.exit(octoplan.main())
+"""
+
+
+def test_what_was_written_before_a_signal_is_told(tmp_path: Path) -> None:
+    """Used to say that nothing was written."""
+    (tmp_path / "scene.toml").write_text(SCENE)
+    command = [sys.executable, "-c", LAST, "settle", "scene.toml", "--out", "out"]
+    there = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(command, cwd=tmp_path, env=there, capture_output=True, text=True)
+    assert done.returncode == 143
+    told = "octoplan: terminated; shape.csv, shape.json, shape.png in out are written\n"
+    assert done.stderr == told
 
 
 @pytest.mark.slow

@@ -159,7 +159,9 @@ def test_a_scene_in_the_sweep_file_is_told_with_its_place(tmp_path: Path) -> Non
         load_sweep(path)
 
 
-@pytest.mark.parametrize(("compute", "told"), [("settle", "with tensions"), ("plan", "target")])
+@pytest.mark.parametrize(
+    ("compute", "told"), [("settle", "scene.tensions: missing"), ("plan", "scene.target: missing")]
+)
 def test_a_scene_must_have_what_is_computed_of_it(tmp_path: Path, compute: str, told: str) -> None:
     path = tmp_path / "sweep.toml"
     path.write_text(f'scene.arm.preset = "table-4"\n[sweep]\ncompute = "{compute}"\n{STIFFNESS}')

@@ -11,7 +11,7 @@ import pytest
 from model import InputError
 from planner import sweep
 from planner.cli import main
-from planner.io.files import abandon, remembered, told_kept
+from planner.io import files as files_of_io
 from planner.sweeps.definition import load_sweep
 from planner.sweeps.points import Rows, blank
 from planner.sweeps.store import ChunkFiles, FullDiskError, folder_of
@@ -72,16 +72,16 @@ def test_the_chunks_of_another_sweep_are_refused_and_kept(tmp_path: Path) -> Non
 
 @pytest.mark.parametrize("chunks", [0, 1])
 def test_what_ends_a_command_at_once_leaves_no_folder_of_nothing(
-    tmp_path: Path, chunks: int
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, chunks: int
 ) -> None:
-    with remembered():
-        files = _files(tmp_path)
-        for chunk in range(chunks):
-            files.write(chunk, _rows(chunk))
-        files.folder.mkdir(exist_ok=True)
-        (files.folder / "x.1.part").touch()
-        told = told_kept()
-        abandon()
+    monkeypatch.setattr(files_of_io, "_kept", [])
+    monkeypatch.setattr(files_of_io, "_folders", set())
+    files = _files(tmp_path)
+    for chunk in range(chunks):
+        files.write(chunk, _rows(chunk))
+    files.folder.mkdir(exist_ok=True)
+    (files.folder / "x.1.part").touch()
+    told = files_of_io.end()
     assert ("nothing" in told) == (chunks == 0)
     assert files.folder.exists() == (chunks > 0)
     assert not list(tmp_path.rglob("*.part"))

@@ -25,7 +25,7 @@ MORE, FEW = "draws = 32", "draws = 5"
 
 
 def _started(path: Path, out: Path, jobs: int) -> "subprocess.Popen[bytes]":
-    command = [sys.executable, "-m", "planner.cli", "sweep", str(path), "--out", str(out)]
+    command = [sys.executable, "-m", "octoplan", "sweep", str(path), "--out", str(out)]
     return subprocess.Popen(
         [*command, "--jobs", str(jobs)],
         cwd=ROOT,

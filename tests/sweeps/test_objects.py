@@ -81,7 +81,7 @@ def test_plans_and_draws_too(tmp_path: Path) -> None:
         ({"axes": {"arm.E_MPa": [1.0]}, "tensions": [0.0] * 12}, 'did you mean "E_kPa"'),
         ({"axes": {"arm.E_kPa": [1.0]}, "scene": "silicone"}, "scene"),
         ({"axes": {"arm.E_kPa": [1.0]}, "tension": 3}, "no such key"),
-        ({"axes": {"arm.E_kPa": [1.0]}}, "tensions, lengths_mm or strokes_mm"),
+        ({"axes": {"arm.E_kPa": [1.0]}}, "scene.tensions: missing; needed is tensions = [[0.0"),
         ({"axes": {"arm.E_kPa": [1.0]}, "target": 3}, "others have no keys"),
     ],
 )

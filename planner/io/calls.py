@@ -1,0 +1,87 @@
+"""What a scene file asks, handed to the functions that compute it, with its time limit."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from model import Shape, settle
+from model.errors import FileError
+from model.stiffness import Stiffness, stiffness
+from model.time_limit import limited
+from planner.io.scene_file import Question
+from planner.plan import Plan, plan
+from planner.trajectory.motion import trajectory
+from planner.trajectory.result import Trajectory
+
+_EXAMPLES = {
+    "target": 'a [target] table, such as [target] type = "tip-position", '
+    "position_mm = [250, 0, -150]",
+    "limits": "a [limits] table, such as [limits] tension_max = 20.0 (N, each tendon)",
+    "waypoints": '[[waypoints]] tables, such as type = "tip-position", '
+    "position_mm = [250, 0, -150]",
+    "motion": "a [motion] table, such as [motion] rate_max = 5.0 (N/s), or times_s",
+}
+# Options of plans that motions have none of.
+_OF_PLANS = ("norm", "solver", "stability_margin")
+
+
+def check_complete(question: Question, *keys: str) -> None:
+    """Raise FileError for the first of some keys that a scene file needs and lacks."""
+    has = {
+        "target": question.targets,
+        "limits": "tension_max" in question.options,
+        "waypoints": question.waypoints,
+        "motion": any(item is not None for item in question.motion.values()),
+        "tensions": question.tensions is not None,
+    }
+    for key in keys:
+        if not has[key]:
+            example = _EXAMPLES.get(key) or _tensions_example(question)
+            raise FileError(question.name, key, f"missing; needed is {example}")
+
+
+def _tensions_example(question: Question) -> str:
+    rows = (f"[{', '.join(['0.0'] * len(item.angles))}]" for item in question.arm.sections)
+    place = "at the top of the file, above the first [table]"
+    return f"tensions = [{', '.join(rows)}] (N) {place}"
+
+
+def check_held(question: Question) -> None:
+    """Raise FileError for a scene file that has neither tensions nor lengths."""
+    if not question.winches:
+        check_complete(question, "tensions")
+
+
+def _common(question: Question) -> dict[str, Any]:
+    return {"accuracy": question.accuracy, "compile": question.compile}
+
+
+def settled(question: Question) -> Shape:
+    """Return the shape under a scene file's tensions or lengths; FileError without any."""
+    check_held(question)
+    more = question.winches | _common(question)
+    with limited(question.time_limit):
+        return settle(question.arm, question.tensions, question.scene, **more)
+
+
+def stiff(question: Question) -> Stiffness:
+    """Return the stiffness that a scene file asks for; FileError without tensions or lengths."""
+    check_held(question)
+    more = question.stiffness | question.winches | _common(question)
+    with limited(question.time_limit):
+        return stiffness(question.arm, question.tensions, question.scene, **more)
+
+
+def planned(question: Question) -> Plan:
+    """Return the plan that a scene file asks for; FileError without target or limits."""
+    check_complete(question, "target", "limits")
+    more = {**question.options, **_common(question), "time_limit": question.time_limit}
+    return plan(question.arm, question.targets, question.scene, **more)
+
+
+def in_motion(question: Question) -> Trajectory:
+    """Return the motion that a scene file asks for; FileError for what it lacks."""
+    check_complete(question, "waypoints", "motion", "limits")
+    options = {key: item for key, item in question.options.items() if key not in _OF_PLANS}
+    more = {**options, **question.motion, **_common(question), "time_limit": question.time_limit}
+    return trajectory(question.arm, list(question.waypoints), question.scene, **more)
