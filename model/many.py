@@ -102,9 +102,9 @@ class Problems:
 
     def kept(self, shapes: Shapes) -> Shapes:
         """Return shapes with nan and the reason where something went wrong."""
-        reasons = tuple(self._told.get(i, "") for i in range(len(shapes.tip)))
         if not self._told:
-            return replace(shapes, problems=reasons)
+            return replace(shapes, problems=("",) * len(shapes.tip))
+        reasons = tuple(self._told.get(i, "") for i in range(len(shapes.tip)))
         lost = self.at(np.arange(len(reasons)))
         return Shapes(
             np.where(lost[:, None], np.nan, shapes.tip),
@@ -170,10 +170,8 @@ class ManySets:
                 self.poses[i], self.errors[i] = shape.equilibrium.poses[-1], shape.error
 
     def _choose(self, now: Any, forward: March) -> None:
-        self.wanted[now] = [
-            next_refinement(forward.refinement, error, self.accuracy, self.maps.order)
-            for error in self.errors[now].tolist()
-        ]
+        refinement, order = forward.refinement, self.maps.order
+        self.wanted[now] = next_refinement(refinement, self.errors[now], self.accuracy, order)
         for i in now[self.wanted[now] == 0]:
             with self.problems.of(int(i)):
                 check_stretch(Marched.under(forward, self.T[i]), f"tensions[{i}]")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import bisect
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -165,18 +164,13 @@ def estimate(gap: Any, coarse: Any, fine: int, order: int, rounding: float = ROU
     return CAUTION * gap / ((fine / coarse) ** order - 1) + rounding
 
 
-def next_refinement(refinement: int, error: float, accuracy: float, order: int) -> int:
+def next_refinement(refinement: int, error: Any, accuracy: float, order: int) -> Any:
     """Return the refinement that should do after one that left an error, 0 past the finest.
 
     Where an error is far off its estimate says little: no more than four times as fine at once,
-    twice where there is no estimate.
+    twice where there is no estimate. Of errors (n,) the refinements (n,).
     """
-    finer = _finer(refinement)
-    if not finer:
-        return 0
-    more = (error / accuracy) ** (1 / order) if math.isfinite(error) else 2.0
-    return finer[min(bisect.bisect_left(finer, refinement * more), len(finer) - 1)]
-
-
-def _finer(refinement: int) -> list[int]:
-    return [r for r in REFINEMENTS if refinement < r <= 4 * refinement]
+    finer = np.array([r for r in REFINEMENTS if refinement < r <= 4 * refinement] or [0])
+    more = np.where(np.isfinite(error), error / accuracy, 2.0**order) ** (1 / order)
+    result = finer[np.minimum(np.searchsorted(finer, refinement * more), finer.size - 1)]
+    return result if result.ndim else int(result)

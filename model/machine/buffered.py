@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from model.machine.columns import Columns, part_of, unknown
+from model.machine.columns import Columns, unknown
 from model.machine.compiled import is_short
 from model.paths import Array
 
@@ -68,27 +68,35 @@ class Mapped:
 
     def __call__(self, *value: Array) -> list[Array]:
         """Return the results (N, n_out) of arguments (N, n_in) or (N,)."""
-        f, count = self._function, len(value[0])
+        count = len(value[0])
         by_columns = self._machine_code or count > self._most
-        if count and by_columns and self._columns is not None:
-            return self._columns(*value)
+        if count and by_columns and self.columns is not None:
+            some = [v if len(v) in (1, count) else _repeated(v, count) for v in value]
+            results = self.columns(*(v.reshape(len(v), -1).T for v in some))
+            return [np.ascontiguousarray(result.T) for result in results]
+        rows = [v if len(v) == count else _repeated(v, count) for v in value]
         if 0 < count <= self._most:
-            rows = [v if len(v) == count else part_of(v, count, slice(0, count)) for v in value]
             outcome = self._sized(count)(*[v.ravel() for v in rows])
             return [result.reshape(count, -1) for result in outcome]
-        results = [np.empty((count, f.numel_out(i))) for i in range(f.n_out())]
-        for start in range(0, count, self._most):
-            values = slice(start, min(start + self._most, count))
-            parts = self(*(part_of(v, count, values) for v in value))
-            for result, part in zip(results, parts, strict=True):
-                result[values] = part
-        return results
+        sizes = [self._function.numel_out(i) for i in range(self._function.n_out())]
+        parts = [
+            self(*(v[start : start + self._most] for v in rows))
+            for start in range(0, count, self._most)
+        ]
+        columns = zip(*parts, strict=True) if parts else ([np.zeros((0, n))] for n in sizes)
+        return [np.concatenate(column) for column in columns]
 
     @cached_property
-    def _columns(self) -> Columns | None:
+    def columns(self) -> Columns | None:
+        """The function of arguments (n_in, N) with results (n_out, N), of scalar operations."""
         if not self._function.is_a("SXFunction") or unknown(self._function):
             return None
         return Columns(self._function, self._machine_code)
 
     def _of(self, size: int) -> Buffered:
         return Buffered(self._function if size == 1 else self._function.map(size))
+
+
+def _repeated(rows: Array, count: int) -> Array:
+    """Return so many rows, of fewer that are taken again and again."""
+    return rows[np.arange(count) % len(rows)]

@@ -5,6 +5,7 @@
 
 #define LANES LANES_
 typedef double lanes __attribute__((vector_size(8 * LANES)));
+typedef lanes unaligned __attribute__((aligned(8)));
 typedef long long mask __attribute__((vector_size(8 * LANES)));
 
 #define EACH(name) \
@@ -12,46 +13,45 @@ typedef long long mask __attribute__((vector_size(8 * LANES)));
     for (int i = 0; i < LANES; ++i) a[i] = name(a[i]); \
     return a; \
   }
-#define EACH_PAIR(name) \
-  static inline lanes each_##name(lanes a, lanes b) { \
-    for (int i = 0; i < LANES; ++i) a[i] = name(a[i], b[i]); \
-    return a; \
-  }
-EACH(sqrt) EACH(sin) EACH(cos) EACH(exp) EACH(asin) EACH(fabs) EACH_PAIR(fmin) EACH_PAIR(fmax)
+EACH(sqrt) EACH(sin) EACH(cos) EACH(exp) EACH(asin) EACH(fabs)
 static inline lanes all(double a) { return (lanes){0} + a; }
 static inline lanes truth(mask c) { return (lanes)((mask)all(1.0) & c); }
 static inline lanes where(lanes c, lanes a) { return (lanes)((mask)a & (c != 0.0)); }
+static inline lanes either(mask c, lanes a, lanes b) { return (lanes)((mask)a & c | (mask)b & ~c); }
+static inline lanes each_fmin(lanes a, lanes b) { return either((a < b) | (b != b), a, b); }
+static inline lanes each_fmax(lanes a, lanes b) { return either((a > b) | (b != b), a, b); }
 
 FUNCTIONS_
 static inline void function(const lanes *y, lanes *r) {
 CALLS_
 }
 
-/* in[i] is (rows[i], size), rows that are taken again and again, and out[i] (n, size), row by row.
-   The last sets stand in for those beyond them. */
-void columns(long n, const long *rows, const double *const *in, double *const *out) {
+/* in[i] is (steps, size, n), or (steps, size, 1) of what is the same for all sets, out[i] (steps,
+   size, n); but for in[0], which is that of the first step alone: others go on from out[0]. Of less
+   than LANES sets the rest of the lanes is 0; the last sets of more are done again. */
+void columns(long n, long steps, const long *same, const double *const *in, double *const *out) {
   static const int sizes_in[] = {SIZES_IN_, 0}, sizes_out[] = {SIZES_OUT_, 0};
-  int n_y = 0, n_r = 0;
-  for (int i = 0; i < N_IN_; ++i) n_y += sizes_in[i];
-  for (int i = 0; i < N_OUT_; ++i) n_r += sizes_out[i];
-  lanes y[n_y + 1], r[n_r + 1];
-  long next[N_IN_ + 1] = {0};
-  for (long first = 0; first < n; first += LANES) {
-    const long some = n - first < LANES ? n - first : LANES;
-    lanes *to = y;
-    for (int i = 0; i < N_IN_; ++i) {
-      const double *from[LANES];
-      for (long l = 0; l < LANES; ++l) {
-        from[l] = l < some ? in[i] + next[i] * sizes_in[i] : from[some - 1];
-        if (l < some && ++next[i] == rows[i]) next[i] = 0;
-      }
-      for (int j = 0; j < sizes_in[i]; ++j, ++to)
-        for (long l = 0; l < LANES; ++l) (*to)[l] = from[l][j];
+  const long some = n < LANES ? n : LANES;
+  lanes y[N_Y_ + 1], r[N_R_ + 1];
+  for (long next = 0; next < n; next += LANES) {
+    const long first = next + some <= n ? next : n - some;
+    for (long k = 0; k < steps; ++k) {
+      lanes *to = y, *from = r;
+      for (int i = 0; i < N_IN_; ++i)
+        for (long j = 0; j < sizes_in[i]; ++j, ++to) {
+          const double *set = in[i] + (k * sizes_in[i] + j) * (same[i] ? 1 : n) + !same[i] * first;
+          if (i == 0 && k > 0) *to = r[j];
+          else if (same[i]) *to = all(*set);
+          else if (some == LANES) *to = *(const unaligned *)set;
+          else for (long l = 0; l < LANES; ++l) (*to)[l] = l < some ? set[l] : 0.0;
+        }
+      function(y, r);
+      for (int i = 0; i < N_OUT_; ++i)
+        for (long j = 0; j < sizes_out[i]; ++j, ++from) {
+          double *set = out[i] + (k * sizes_out[i] + j) * n + first;
+          if (some == LANES) *(unaligned *)set = *from;
+          else for (long l = 0; l < some; ++l) set[l] = (*from)[l];
+        }
     }
-    function(y, r);
-    const lanes *from = r;
-    for (int i = 0; i < N_OUT_; ++i)
-      for (int j = 0; j < sizes_out[i]; ++j, ++from)
-        for (long l = 0; l < some; ++l) out[i][(first + l) * sizes_out[i] + j] = (*from)[l];
   }
 }

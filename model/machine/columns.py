@@ -82,62 +82,70 @@ def instructions(function: ca.Function) -> list[Instruction]:
 
 
 class Columns:
-    """An SX function of arguments (N, n_in) with results (N, n_out), by NumPy or C; any thread.
+    """An SX function of many sets of arguments, by NumPy or C, from any thread; columns are sets.
 
-    The first argument has all N rows; others may have fewer, which are taken again and again. Of
+    Arguments are (n_in, N), or (n_in, 1) where all sets have the same; results are (n_out, N). Of
     operations that OPERATIONS has. Raises CompilerError.
     """
 
     def __init__(self, function: ca.Function, machine_code: bool) -> None:
+        self._sizes_in = [function.numel_in(i) for i in range(function.n_in())]
         self._sizes = [function.numel_out(i) for i in range(function.n_out())]
         self._lines, self._n_registers = instructions(function), function.sz_w()
         self._run = None
         if machine_code:
             self._run = ctypes.CDLL(str(library(written(function), "-O2"))).columns
-            at = ctypes.c_void_p
-            self._run.argtypes, self._run.restype = [ctypes.c_long, at, at, at], None
+            at, count = ctypes.c_void_p, ctypes.c_long
+            self._run.argtypes, self._run.restype = [count, count, at, at, at], None
             self._places = (at * function.n_in(), at * function.n_out())
-            self._counts = ctypes.c_long * function.n_in()
+            self._same = count * function.n_in()
 
-    def __call__(self, *value: Array) -> list[Array]:
-        """Return the results of many sets, a row each."""
-        rows = [np.asarray(values, dtype=float).reshape(len(values), -1) for values in value]
-        N = len(rows[0])
+    def __call__(self, *columns: Array, steps: int = 1) -> list[Array]:
+        """Return the results of N sets, as many as one of the arguments has columns at the most.
+
+        Of several steps, each of which has the first result of the one before as its first
+        argument, the other arguments are (steps n_in, N) and results (steps n_out, N).
+        """
+        N = max(each.shape[1] for each in columns)
+        results = [np.empty((steps * size, N)) for size in self._sizes]
         if self._run is None:
-            cuts = [slice(i, min(i + _AT_ONCE, N)) for i in range(0, N, _AT_ONCE)]
-            parts = [self._interpreted([part_of(row, N, cut) for row in rows]) for cut in cuts]
-            return [np.concatenate(part) for part in zip(*parts, strict=True)]
-        rows = [np.ascontiguousarray(values) for values in rows]
-        results = [np.empty((N, size)) for size in self._sizes]
-        places = zip(self._places, (rows, results), strict=True)
-        at = (kind(*(values.ctypes.data for values in arrays)) for kind, arrays in places)
-        self._run(N, self._counts(*map(len, rows)), *at)
+            for i in range(0, N, _AT_ONCE):
+                part = slice(i, i + _AT_ONCE)
+                some = [each if each.shape[1] == 1 else each[:, part] for each in columns]
+                self._interpret_steps(steps, some, [result[:, part] for result in results])
+            return results
+        arguments = [np.ascontiguousarray(each, dtype=float) for each in columns]
+        places = zip(self._places, (arguments, results), strict=True)
+        at = (kind(*(each.ctypes.data for each in arrays)) for kind, arrays in places)
+        self._run(N, steps, self._same(*(each.shape[1] < N for each in columns)), *at)
         return results
 
-    def _interpreted(self, rows: Sequence[Array]) -> list[Array]:
-        columns, N = [np.ascontiguousarray(values.T) for values in rows], len(rows[0])
-        results, work = (
-            [np.empty((size, N)) for size in self._sizes],
-            np.empty((self._n_registers, N)),
-        )
-        registers, held = list(work), [*work]
+    def _interpret_steps(self, steps: int, columns: list[Array], results: list[Array]) -> None:
+        """Fill in the results of some sets, step by step."""
+        state, *others = columns
+        for k in range(steps):
+            sizes = zip(others, self._sizes_in[1:], strict=True)
+            values = [each[k * size : (k + 1) * size] for each, size in sizes]
+            now = zip(results, self._sizes, strict=True)
+            after = [each[k * size : (k + 1) * size] for each, size in now]
+            self._interpret([state, *values], after)
+            state = after[0]
+
+    def _interpret(self, columns: Sequence[Array], results: Sequence[Array]) -> None:
+        """Fill in the results of some sets, one operation after the other."""
+        work = np.empty((self._n_registers, results[0].shape[1]))
+        registers = [*work]
         with np.errstate(all="ignore"):
             for op, read, to, value in self._lines:
                 if op == ca.OP_INPUT:
-                    held[to[0]] = columns[read[0]][read[1]]
+                    registers[to[0]] = columns[read[0]][read[1]]
                 elif op == ca.OP_OUTPUT:
-                    results[to[0]][to[1]] = held[read[0]]
+                    results[to[0]][to[1]] = registers[read[0]]
                 elif op == ca.OP_CONST:
-                    held[to[0]] = np.float64(value)
+                    registers[to[0]] = np.float64(value)
                 else:
-                    into = registers[to[0]]
-                    held[to[0]] = OPERATIONS[op].numpy(*(held[i] for i in read), into)
-        return [result.T for result in results]
-
-
-def part_of(rows: Array, N: int, part: slice) -> Array:
-    """Return a part of N rows, of which fewer are taken again and again."""
-    return rows[part] if len(rows) == N else rows[np.arange(part.start, part.stop) % len(rows)]
+                    arguments = (registers[i] for i in read)
+                    registers[to[0]] = OPERATIONS[op].numpy(*arguments, work[to[0]])
 
 
 def written(function: ca.Function) -> str:
@@ -162,6 +170,8 @@ def written(function: ca.Function) -> str:
         "SIZES_OUT_": ", ".join(map(str, sizes_out)),
         "N_IN_": len(sizes_in),
         "N_OUT_": len(sizes_out),
+        "N_Y_": begins_in[-1],
+        "N_R_": begins_out[-1],
         "FUNCTIONS_": functions,
         "CALLS_": calls,
     }

@@ -156,7 +156,7 @@ def _scratch() -> Path:
 
 # Longer pieces take the compiler longer, shorter ones hand on more: the code of 64 to 250 lines
 # takes as long to run, within a tenth.
-_LINES = 128
+_LINES, _WHOLE = 128, 512
 _BEGIN = re.compile(r"^static int \w+\(const casadi_real\*\* arg, .*\{$", re.MULTILINE)
 _END = "\n  return 0;\n}"
 _DECLARED = "  casadi_real a"
@@ -171,8 +171,6 @@ def in_pieces(source: str) -> str:
     head, name = source[: begin.start()], begin.group()
     body, tail = source[begin.end() :].split(_END, 1)
     lines = [line for line in body.strip("\n").split("\n") if not line.startswith(_DECLARED)]
-    if len(lines) <= 2 * _LINES:
-        return source
     arguments = {"arg": "const casadi_real**", "res": "casadi_real**"}
     functions, calls = cut(lines, "piece", arguments, "casadi_real")
     return "".join([head, functions, name, "\n", calls, _END, tail])
@@ -186,7 +184,8 @@ def cut(
     They are named after `name`; `arguments` are those of the whole, with their types, and `number`
     is the type of the variables.
     """
-    pieces = [lines[i : i + _LINES] for i in range(0, len(lines), _LINES)]
+    size = len(lines) if len(lines) <= _WHOLE else _LINES
+    pieces = [lines[i : i + size] for i in range(0, len(lines), size)]
     written, later = [], set[str]()
     value = ", ".join(f"{kind} {value}" for value, kind in arguments.items())
     for k, piece in reversed(list(enumerate(pieces))):

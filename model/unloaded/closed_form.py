@@ -19,6 +19,7 @@ from model.cross_section.law import CrossSection, reported, size
 from model.cross_section.sections import Sections
 from model.integrators import Magnus
 from model.machine.buffered import Buffered, Mapped
+from model.machine.columns import Columns
 from model.machine.compiled import kernel
 from model.mesh import Mesh, graded, roughly
 from model.paths import Array
@@ -26,7 +27,12 @@ from model.rotations import compose
 from model.scene import Scene
 from model.stations import Counts, base_pose, stations
 from model.unloaded.sections import section_solver
-from model.unloaded.statics import ClosedStatics, EnergyStatics, balance_function
+from model.unloaded.statics import (
+    ClosedStatics,
+    EnergyStatics,
+    PaperStatics,
+    balance_function,
+)
 
 # E A, E J and G I come first among the data of a cross-section.
 _BODY = 3
@@ -112,8 +118,8 @@ def nodes_of(scheme: Magnus, left: Array, right: Array) -> Array:
     return np.ravel(left[:, None] + (right - left)[:, None] * np.array(scheme.nodes))
 
 
-# Arms at a time.
-_ARMS, _ALL = 1024, slice(None)
+# Arms at a time, interpreted and by machine code: their numbers stay in the processor's cache.
+_ARMS, _ALL = (2048, 512), slice(None)
 # So few steps are one list of operations, which CasADi runs sooner than a function time and again.
 _WRITTEN_OUT = 64
 
@@ -121,18 +127,34 @@ _WRITTEN_OUT = 64
 class _Steps:
     """(pose, strains at the nodes of a step, h) -> pose across it, of a structure, any numbers."""
 
-    def __init__(self, law: CrossSection, scheme: Magnus, machine_code: bool) -> None:
-        n = size(law)
-        g, h = ca.SX.sym("g", 7), ca.SX.sym("h")
-        v = ca.SX.sym("v", n * len(scheme.nodes))
-        twists = [ca.vertcat(*law.twist(one)) for one in ca.vertsplit(v, n)]
-        after = compose(g, scheme.step(twists, h))
-        step = ca.Function("marched", [g, v, h], [after], {"cse": True})
-        self.many = Mapped(step, machine_code)
+    def __init__(self, statics: ClosedStatics, scheme: Magnus, machine_code: bool) -> None:
+        self._statics, self._scheme, self._machine_code = statics, scheme, machine_code
+        g, v, h = self._symbols()
+        step = ca.Function("marched", [g, ca.vec(v), h], [self._after(g, v, h)], {"cse": True})
         self.step, self._along = kernel(step, machine_code), dict[int, Buffered]()
+        self.some = Mapped(self.step)
+
+    @cached_property
+    def many(self) -> Columns:
+        """The same of sets in columns, which tells the least 1 + q at the nodes besides.
+
+        Pull and data of the nodes stand for strains that are an expression of these.
+        """
+        (g, v, h), statics = self._symbols(), self._statics
+        arguments = [ca.vec(v)]
+        if isinstance(statics, PaperStatics):
+            m = v.shape[1]
+            pull, data = ca.SX.sym("pull", statics.n_pull, m), ca.SX.sym("data", statics.n_data, m)
+            pairs = zip(ca.horzsplit(pull), ca.horzsplit(data), strict=True)
+            v = ca.horzcat(*(statics.solve(*pair) for pair in pairs))
+            arguments = [ca.vec(pull), ca.vec(data)]
+        stretch = [1 + statics.law.reported(each)[3] for each in ca.horzsplit(v)]
+        results = [self._after(g, v, h), ca.mmin(ca.vertcat(*stretch))]
+        step = ca.Function("marched_by_many", [g, *arguments, h], results, {"cse": True})
+        return Columns(step, self._machine_code)
 
     def along(self, count: int) -> Buffered:
-        """Return the same for so many steps one after another: the poses at all nodes."""
+        """Return so many steps one after another: the poses at all nodes."""
         if count not in self._along:
             march = self.step.mapaccum(count)
             g, *value = march.mx_in()
@@ -141,11 +163,20 @@ class _Steps:
             self._along[count] = Buffered(nodes.expand() if few else nodes)
         return self._along[count]
 
+    def _symbols(self) -> tuple[ca.SX, ca.SX, ca.SX]:
+        n, m = size(self._statics.law), len(self._scheme.nodes)
+        return ca.SX.sym("g", 7), ca.SX.sym("v", n, m), ca.SX.sym("h")
+
+    def _after(self, g: ca.SX, v: ca.SX, h: ca.SX) -> ca.SX:
+        """Return the pose after a step from g."""
+        twists = [ca.vertcat(*self._statics.law.twist(one)) for one in ca.horzsplit(v)]
+        return compose(g, self._scheme.step(twists, h))
+
 
 @lru_cache(maxsize=32)
-def _steps(law: CrossSection, scheme: Magnus, machine_code: bool) -> _Steps:
+def _steps(statics: ClosedStatics, scheme: Magnus, machine_code: bool) -> _Steps:
     """Return the steps of a structure, made once."""
-    return _Steps(law, scheme, machine_code)
+    return _Steps(statics, scheme, machine_code)
 
 
 class ClosedForm:
@@ -179,7 +210,7 @@ class ClosedForm:
         self._base, self._h, self._statics = places.base, places.h, statics
         self._solver = section_solver(self._statics, machine_code)
         self._flat, self._pull = self.maps.reshape(-1, arm.n_tendons), self.maps.shape[:2]
-        self._steps = _steps(self._statics.law, scheme, machine_code)
+        self._steps = _steps(statics, scheme, machine_code)
         self._march = self._steps.along(places.mesh.steps)
 
     @property
@@ -237,22 +268,27 @@ class ClosedForm:
 
     def many(self, tensions: Array, nodes: Sequence[int]) -> tuple[Array, Array]:
         """See March.many: so many arms at a time that their numbers stay at hand."""
-        parts = [self._many(tensions[i : i + _ARMS], nodes) for i in range(0, len(tensions), _ARMS)]
+        some = _ARMS[self.machine_code]
+        parts = [self._many(tensions[i : i + some], nodes) for i in range(0, len(tensions), some)]
         poses, least = zip(*parts, strict=True) if parts else ((), ())
         whole = np.concatenate([np.zeros((0, len(nodes), 7)), *poses])
         return whole, np.concatenate([np.zeros(0), *least])
 
     def _many(self, tensions: Array, nodes: Sequence[int]) -> tuple[Array, Array]:
-        M, S, m = len(tensions), self.mesh.steps, len(self.scheme.nodes)
-        poses, least = np.empty((S + 1, M, 7)), np.full(M, np.inf)
-        poses[0] = self._base
-        for k, h in enumerate(self._h):
-            v = self.strains_of_many(tensions, slice(m * k, m * k + m))
-            (poses[k + 1],) = self._steps.many(poses[k], v.reshape(M, -1), h[None])
-            least = np.minimum(least, np.minimum.reduce(self._along(v).T))
-        ends = self._along(self.strains_of_many(tensions, slice(m * S, None)))
-        least = np.minimum(least, np.minimum.reduce(ends.T))
-        return poses[nodes].swapaxes(0, 1), least
+        M, S, K = len(tensions), self.mesh.steps, self.mesh.steps * len(self.scheme.nodes)
+        if isinstance(self._statics, PaperStatics):
+            pull = self.maps[:K].reshape(-1, tensions.shape[1]) @ tensions.T
+            arguments = [pull, self.data[:K].reshape(-1, 1)]
+        else:
+            parts = [slice(k, k + K // S) for k in range(0, K, K // S)]
+            strains = [self.strains_of_many(tensions, part).reshape(M, -1).T for part in parts]
+            arguments = [np.concatenate(strains)]
+        base = np.tile(self._base[:, None], M)
+        poses, stretch = self._steps.many(base, *arguments, self._h[:, None], steps=S)
+        poses = np.concatenate([base[None], poses.reshape(S, 7, M)])
+        ends = self._along(self.strains_of_many(tensions, slice(K, None)))
+        least = np.minimum(stretch.min(axis=0), ends.min(axis=1))
+        return poses[nodes].transpose(2, 0, 1), least
 
     def poses(self, v: Array) -> Array:
         """Return the poses at the nodes (S + 1, 7) of strains at `stretch_at` (K, n)."""
@@ -273,7 +309,7 @@ class ClosedForm:
         law = self._statics.law
         inside = nodes_of(self.scheme, left, s)
         v = self._settled(inside, np.repeat(active, m), tensions).reshape(s.size, -1)
-        (pose,) = self._steps.many(poses[step], v, s - left)
+        (pose,) = self._steps.some(poses[step], v, s - left)
         strains = reported(law, self._settled(s, active, tensions))
         at_node = (s == self.mesh.s[step + 1])[:, None]
         return np.where(at_node, poses[step + 1], pose), strains
